@@ -52,7 +52,7 @@ def of_log(arm: jounce.Robot, noise: float, rng: np.random.Generator) -> Iterato
     q = motion(t, 0)[0] + rng.normal(0, noise, Q.shape)
     for name, path in {"smoothed": jounce.Motion.fit(t, q), "spline through": jounce.Motion.through(t, q, 5)}.items():
         for method in METHODS:
-            found = jounce.identify(model, path, Q, t=t, method=method, band=BAND)
+            found = model.identify(path, Q, t=t, method=method, band=BAND)
             off = found.forces_along(other, t) - true
             yield (name, method), float(np.sqrt((off**2).mean() / (true**2).mean()))
 

@@ -1,4 +1,4 @@
-"""``python -m benchmarks.identification``: `jounce.identify` on a simulated Panda, whose parameters are known.
+"""``python -m benchmarks.identification``: `robot.identify` on a simulated Panda, whose parameters are known.
 
 Bodies and drives are drawn at random, and forces along an exciting motion get white noise. What is found is compared
 with what was drawn: estimates by their own covariance, bodies by the audit, and forces along another motion.
@@ -74,7 +74,7 @@ def compared(robot: jounce.Robot, motion: jounce.Motion, far: float, prior: floa
         with catch_warnings():
             simplefilter("ignore", jounce.JounceWarning)  # of parameters that the data do not see
             given = deviations if known else None
-            found = jounce.identify(robot, motion, Q, t=t, drives=TERMS, prior=prior, deviations=given)
+            found = robot.identify(motion, Q, t=t, drives=TERMS, prior=prior, deviations=given)
         seconds.append(perf_counter() - start)
         true = _values(truth.robot, truth.offsets)
         data, bodies = np.array([row.value for row in found.table]), _values(found.robot, found.offsets)
@@ -107,7 +107,7 @@ def _values(robot: jounce.Robot, offsets: np.ndarray) -> np.ndarray:
 def main() -> None:
     """Identify, and write IDENTIFICATION.md."""
     robot = jounce.load("panda", lock={"panda_finger_joint1": 0.0})
-    excited = jounce.excite(robot, drives=TERMS)
+    excited = robot.excite(drives=TERMS)
     rows = []
     size = robot.base_parameters().count + len(TERMS) * robot.mechanism.nb
     cases = [(*case, known) for case in ((0.1, 0.1), (0.3, 0.3), (0.3, 10.0)) for known in (True, False)]
@@ -121,9 +121,9 @@ def main() -> None:
     text = [
         "# Identification", "",
         *paragraph(
-            f"""`jounce.identify` on {SEEDS} Pandas in each row, whose bodies and drives are drawn: factors of the
+            f"""`robot.identify` on {SEEDS} Pandas in each row, whose bodies and drives are drawn: factors of the
             pseudo-inertias are off from the model's by the share in the first column. The second is the prior that
-            `identify` got. The motion is that of `jounce.excite`, {excited.motion.duration:g} s at {RATE} Hz; forces
+            `identify` got. The motion is that of `robot.excite`, {excited.motion.duration:g} s at {RATE} Hz; forces
             have white noise of {NOISE:.0%} of their standard deviation, which `identify` is told or not."""
         ),
         *paragraph(

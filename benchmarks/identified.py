@@ -29,7 +29,7 @@ def main(log: Path, span: tuple[float, float], prior: float, output: Path) -> No
     """Identify the Panda of LOG; print what is left of its torques, in the band of the motion and of all samples."""
     robot = loaded(hand=False)
     motion = jounce.load_motion(log, robot, order=0)
-    found = jounce.identify(robot, motion, span=span, prior=prior)
+    found = robot.identify(motion, span=span, prior=prior)
     click.echo(str(found))
     for part in ("used", "rest"):
         rows = [row for row in found.residuals if row.part == part]

@@ -12,7 +12,7 @@ from time import perf_counter
 
 from benchmarks.peers.skidy import expressions
 from benchmarks.robots import start_of_iiwa
-from jounce import Robot, codegen, symbolic
+from jounce import Robot
 
 SIZES = (2, 3, 7)  # joints of the iiwa
 LIMIT = 150.0  # s
@@ -28,17 +28,17 @@ def _skidy(robot: Robot) -> int:
 def _symbolic(robot: Robot) -> int:
     import sympy
 
-    S = symbolic(robot)
+    S = robot.symbolic()
     shared, results = sympy.cse([*S.Q, *S.Qd, *S.Q2d])
     return int(sympy.count_ops([*(value for _, value in shared), *results], visual=False))
 
 
 def _codegen(robot: Robot) -> int:
     with TemporaryDirectory() as folder:
-        return sum(codegen(robot, "c", 2, folder, prefix="arm").operations.values())
+        return sum(robot.codegen("c", 2, folder, prefix="arm").operations.values())
 
 
-WAYS = {"skidy's expressions, cse": _skidy, "jounce.symbolic, cse": _symbolic, "jounce codegen, C": _codegen}
+WAYS = {"skidy's expressions, cse": _skidy, "robot.symbolic, cse": _symbolic, "jounce codegen, C": _codegen}
 
 
 def made() -> Iterator[tuple[str, ...]]:

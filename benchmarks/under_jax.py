@@ -22,7 +22,7 @@ from benchmarks import machine
 from benchmarks.measure import Case, seconds
 from benchmarks.robots import states
 from benchmarks.tables import batch, figure, paragraph, share, table
-from jounce import Robot, casadi_function, load
+from jounce import Robot, load
 from jounce.io.files import written_whole
 
 COUNT = 1_000
@@ -166,7 +166,7 @@ def gradient_error(robot: Robot) -> float:
 
     q = [x[0] for x in states(robot.n, 1, 2)]
     symbols = [casadi.SX.sym("q", robot.n) for _ in q]
-    Q2d = casadi_function(robot, order=2)(*symbols)[2]
+    Q2d = robot.casadi_function(order=2)(*symbols)[2]
     gradient = casadi.gradient(casadi.dot(Q2d, Q2d), casadi.vertcat(*symbols))
     expected = casadi.Function("gradient", symbols, [gradient])(*q).full().ravel()
     found = np.concatenate(ready(laws(robot, 2)["gradient"], *q))

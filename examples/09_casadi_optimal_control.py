@@ -9,7 +9,7 @@ robot = jounce.load("planar2r")
 n, degree, count, seconds, largest = robot.n, 9, 25, 1.5, 40.0  # N m
 begin, end = np.array([-1.5, 0.3]), np.array([0.6, 0.9])  # rad
 
-forces = jounce.casadi_function(robot, order=1).map(count)  # Q and Qd from q to q3d, at all times
+forces = robot.casadi_function(order=1).map(count)  # Q and Qd from q to q3d, at all times
 opti, s = casadi.Opti(), np.linspace(0, 1, count)
 c = opti.variable(n, degree + 1)  # polynomials of time, as multiples of powers of s = t / seconds
 

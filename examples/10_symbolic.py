@@ -6,7 +6,7 @@ import jounce
 
 L1, L2, m1, m2, g = sympy.symbols("L1 L2 m1 m2 g", positive=True)
 robot = jounce.load("planar2r", L1=L1, L2=L2, m1=m1, m2=m2, g=g)
-S = jounce.symbolic(robot)
+S = robot.symbolic()
 sympy.pprint(S.M)  # the mass matrix
 print(sympy.latex(S.Q[1]))  # a force
 print(S.Qd[1])  # and its time derivative

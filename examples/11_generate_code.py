@@ -8,8 +8,7 @@ import jounce
 
 out = Path(sys.argv[1]) if sys.argv[1:] else Path(tempfile.mkdtemp())
 robot = jounce.load("iiwa14")
-made = jounce.codegen(
-    robot,
+made = robot.codegen(
     "c",  # or cpp, cuda, julia, latex, matlab, python, rust
     order=2,
     directory=out / "iiwa14-c",

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import jounce
 from jounce.cli import main
-from jounce.core.errors import MOST, escaped, listed, no_such, one_line, quoted, shortened
+from jounce.core.errors import MOST, MOST_OF_MESSAGE, escaped, listed, no_such, one_line, quoted, shortened
 
 ODD = "\x1b[31m\u202edrow\u2066\n\u2028\x00\x7f\x85\xad\ud800\u200b"  # colour, directions, ends of lines, half a pair
 TEXTS = st.text(st.characters(), max_size=3 * MOST)
@@ -29,6 +29,17 @@ def test_every_error_and_warning_is_one_printable_line(text):
         assert str(kind(str(said))) == str(said)
         assert str(copy.copy(said)) == str(pickle.loads(pickle.dumps(said))) == str(said)
         assert not text.isprintable() or str(said) == text
+
+
+def test_an_endless_message_keeps_its_ends():
+    for kind in (jounce.JounceError, jounce.JounceWarning):
+        said = str(kind(f"what came {'1' * 5000} what cures it"))
+        assert len(said) <= MOST_OF_MESSAGE
+        assert said.startswith("what came 1")
+        assert said.endswith("1 what cures it")
+        assert str(kind(said)) == said
+        longest = "1" * MOST_OF_MESSAGE
+        assert str(kind(longest)) == longest
 
 
 @given(VALUES)

@@ -33,6 +33,23 @@ def test_the_citation_is_of_this_version_and_of_the_paper():
     assert PROJECT["project"]["urls"]["Paper"] == f"https://doi.org/{paper['doi']}"
 
 
+@pytest.mark.parametrize(("file", "mark"), [("pyproject.toml", "ADDRESS"), ("SECURITY.md", "CONTACT")])
+def test_what_has_no_address_yet_has_one_marked_place_for_it(file, mark):
+    text = (ROOT / file).read_text(encoding="utf-8")
+    assert text.count(f"{mark}: ") == text.count(mark) == 1
+
+
+def test_the_changelog_has_one_heading_of_this_version_and_no_item_twice():
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    versions = re.findall(r"^## \[([^]]+)\]", text, re.MULTILINE)
+    assert versions[0] == jounce.__version__
+    newest = text.split("\n## ")[1]
+    for heading in ("### .*", "[^-#|].*:", "- .*"):
+        found = re.findall(f"^{heading}$", newest, re.MULTILINE)
+        assert len(found) == len(set(found)), heading
+    assert len(versions) == len(set(versions))
+
+
 def test_a_package_index_shows_no_broken_picture_and_no_dead_link():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     for substitution in PROJECT["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]["substitutions"]:

@@ -49,7 +49,7 @@ def test_a_file_that_is_replaced_keeps_its_mode(tmp_path, umask, kept):
 def test_a_new_file_follows_the_umask(tmp_path, umask, mask, expected):
     umask(mask)
     write(tmp_path / "out.csv")
-    folders.write_folder(tmp_path / "out", {"a": MARK}, MARK, force=False)
+    folders.write_folder(tmp_path / "out", {"a": MARK}, MARK, overwrite=False)
     assert mode(tmp_path / "out.csv") == mode(tmp_path / "out" / "a") == expected
 
 
@@ -61,7 +61,7 @@ def test_folders_and_their_files_keep_their_modes(tmp_path, umask, empty):
     if not empty:
         (folder / "a").write_text(MARK)
         (folder / "a").chmod(0o600)
-    folders.write_folder(folder, {"a": MARK, "b": MARK}, MARK, force=True)
+    folders.write_folder(folder, {"a": MARK, "b": MARK}, MARK, overwrite=True)
     assert (mode(folder), mode(folder / "a"), mode(folder / "b")) == (0o700, 0o644 if empty else 0o600, 0o644)
 
 
@@ -78,7 +78,7 @@ if sys.argv[1] == "file":
         part.write_text("half of")
         killed()
 folders.mode_of = lambda path: killed() if path.name == "a" else None
-folders.write_folder(pathlib.Path("out"), {"a": "half of"}, "mark", force=False)
+folders.write_folder(pathlib.Path("out"), {"a": "half of"}, "mark", overwrite=False)
 """
     subprocess.run([sys.executable, "-c", code, kind], cwd=tmp_path, check=False, timeout=60)
     [part] = tmp_path.iterdir()

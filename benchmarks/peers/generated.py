@@ -5,7 +5,7 @@ from tempfile import TemporaryDirectory
 
 from benchmarks.c import library, over_states
 from benchmarks.peers import Peer, Prepared
-from jounce import Robot, codegen
+from jounce import Robot
 
 LOOP = """
 #include "arm.h"
@@ -21,7 +21,7 @@ def _build(robot: Robot, order: int) -> Prepared:
         [f"{name}[{k}] + {n} * i" for k in range(count)] for name, count in (("in", order + 3), ("out", order + 1))
     )
     with TemporaryDirectory() as folder:
-        codegen(robot, "c", order, folder, prefix="arm")
+        robot.codegen("c", order, folder, prefix="arm")
         return over_states(
             library([Path(folder, "arm.c"), LOOP.format(arguments=", ".join(taken + given))], f"-I{folder}")
         )

@@ -6,22 +6,12 @@ TYPE_CHECKING = False  # typing is not imported: until the command begins, Ctrl-
 if TYPE_CHECKING:
     from typing import Any
 
-    from jounce._codegen import codegen
-    from jounce._codegen.casadi import casadi_function
-    from jounce._codegen.symbolic import symbolic
-    from jounce._report import Report, report
+    from jounce._report import Report
     from jounce.actuators.along import ElasticAlong
     from jounce.core.errors import JounceError, JounceWarning, UncertainError
     from jounce.dynamics.base_parameters import BaseParameters
     from jounce.engine.along import Along
-    from jounce.identification import (
-        Excitation,
-        ForceResidual,
-        Identification,
-        IdentifiedParameter,
-        excite,
-        identify,
-    )
+    from jounce.identification import Excitation, ForceResidual, Identification, IdentifiedParameter
     from jounce.io.models.states import RobotState
     from jounce.limits.check import Check, CheckedLimit
     from jounce.limits.retime import Retiming
@@ -41,95 +31,48 @@ if TYPE_CHECKING:
     from jounce.robot.elastic import ElasticRobot as ElasticRobot  # for one release
     from jounce.robot.loading import load
     from jounce.robot.motions import load_motion
+    from jounce.robot.old import casadi_function, codegen, excite, identify, report, symbolic  # noqa: F401
     from jounce.robot.saving import save
     from jounce.spatial.inertia import inertia_matrix
 
 __all__ = [
-    "Along",
-    "AntagonisticSprings",
-    "BaseParameters",
-    "Check",
-    "CheckedLimit",
-    "Closure",
-    "CubicSpring",
-    "Drives",
-    "ElasticAlong",
-    "Elasticity",
-    "Excitation",
-    "ForceResidual",
-    "Identification",
-    "IdentifiedParameter",
-    "JounceError",
-    "JounceWarning",
-    "Kernel",
-    "Limits",
-    "Loop",
-    "Mechanism",
-    "Motion",
-    "Motor",
-    "Report",
-    "Retiming",
-    "Robot",
-    "RobotState",
-    "Slowdown",
-    "SpringFunction",
-    "SpringTable",
-    "UncertainError",
-    "__version__",
-    "casadi_function",
-    "codegen",
-    "excite",
-    "identify",
-    "inertia_matrix",
-    "load",
-    "load_motion",
-    "report",
-    "save",
-    "symbolic",
-]
-_LATER = {  # what is imported when it is first asked for, so that whatever needs little of it starts at once
-    "Along": "jounce.engine.along",
-    "AntagonisticSprings": "jounce.model.antagonists",
-    "BaseParameters": "jounce.dynamics.base_parameters",
-    "Check": "jounce.limits.check",
-    "CheckedLimit": "jounce.limits.check",
-    "Closure": "jounce.model.loops",
-    "CubicSpring": "jounce.model.springs",
-    "Drives": "jounce.model.drives",
-    "ElasticAlong": "jounce.actuators.along",
-    "ElasticRobot": "jounce.robot.elastic",  # for one release
-    "Elasticity": "jounce.model.elasticity",
-    "Excitation": "jounce.identification",
-    "ForceResidual": "jounce.identification",
-    "Identification": "jounce.identification",
-    "IdentifiedParameter": "jounce.identification",
-    "JounceError": "jounce.core.errors",
-    "UncertainError": "jounce.core.errors",
-    "JounceWarning": "jounce.core.errors",
-    "Kernel": "jounce.native.kernel",
-    "Limits": "jounce.model.limits",
-    "Loop": "jounce.model.loops",
-    "Mechanism": "jounce.model.mechanism",
-    "Motion": "jounce.motion",
-    "Motor": "jounce.model.motors",
-    "Report": "jounce._report",
-    "Retiming": "jounce.limits.retime",
-    "Robot": "jounce.robot",
-    "RobotState": "jounce.io.models.states",
-    "Slowdown": "jounce.limits.slowdown",
-    "SpringFunction": "jounce.model.springs",
-    "SpringTable": "jounce.model.spring_table",
-    "casadi_function": "jounce._codegen.casadi",
-    "codegen": "jounce._codegen",
-    "excite": "jounce.identification",
-    "identify": "jounce.identification",
-    "inertia_matrix": "jounce.spatial.inertia",
-    "load": "jounce.robot.loading",
-    "load_motion": "jounce.robot.motions",
-    "report": "jounce._report",
-    "save": "jounce.robot.saving",
-    "symbolic": "jounce._codegen.symbolic",
+    "Along", "AntagonisticSprings", "BaseParameters", "Check", "CheckedLimit", "Closure", "CubicSpring", "Drives",
+    "ElasticAlong", "Elasticity", "Excitation", "ForceResidual", "Identification",
+    "IdentifiedParameter", "JounceError", "JounceWarning", "Kernel", "Limits", "Loop", "Mechanism", "Motion",
+    "Motor", "Report", "Retiming", "Robot", "RobotState", "Slowdown", "SpringFunction", "SpringTable",
+    "UncertainError", "__version__", "inertia_matrix", "load", "load_motion", "save",
+]  # fmt: skip
+_NAMES = {  # of modules, imported when first asked for one of them, so that whatever needs little of it starts at once
+    "_report": "Report",
+    "actuators.along": "ElasticAlong",
+    "core.errors": "JounceError JounceWarning UncertainError",
+    "dynamics.base_parameters": "BaseParameters",
+    "engine.along": "Along",
+    "identification": "Excitation ForceResidual Identification IdentifiedParameter",
+    "io.models.states": "RobotState",
+    "limits.check": "Check CheckedLimit",
+    "limits.retime": "Retiming",
+    "limits.slowdown": "Slowdown",
+    "model.antagonists": "AntagonisticSprings",
+    "model.drives": "Drives",
+    "model.elasticity": "Elasticity",
+    "model.limits": "Limits",
+    "model.loops": "Closure Loop",
+    "model.mechanism": "Mechanism",
+    "model.motors": "Motor",
+    "model.spring_table": "SpringTable",
+    "model.springs": "CubicSpring SpringFunction",
+    "motion": "Motion",
+    "native.kernel": "Kernel",
+    "robot": "Robot",
+    "robot.elastic": "ElasticRobot",
+    "robot.loading": "load",
+    "robot.motions": "load_motion",
+    "robot.old": "casadi_function codegen excite identify report symbolic",
+    "robot.saving": "save",
+    "spatial.inertia": "inertia_matrix",
 }
+_LATER = {name: f"jounce.{module}" for module, names in _NAMES.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> "Any":

@@ -229,7 +229,7 @@ def test_native_code_is_that_of_the_springs_it_was_compiled_for(arm):
 
 
 def test_the_head_of_generated_code_states_springs_and_motors(tmp_path):
-    jounce.codegen(DRIVEN.elastic([80, np.inf]), "c", 0, tmp_path / "c", outputs=["motor_torques"])
+    DRIVEN.elastic([80, np.inf]).codegen("c", 0, tmp_path / "c", outputs=["motor_torques"])
     head = (tmp_path / "c" / "robot.h").read_text()
     assert "By coordinate: stiffness K 80 inf; rotor inertia B 0.3 0.2." in head
     assert "These terms of the robot's drive trains are omitted: damping, friction, spring." in head  # not the armature
@@ -286,9 +286,7 @@ def test_other_refusals(arm):
     missing = "joint 'joint1' has no armature to take as the inertia of its rotor; robot.elastic(stiffness, rotor=...)"
     refusal(lambda: rigid.elastic(K), missing)
     refusal(lambda: rigid.compile("motor_torques", 0), "its joints are rigid; robot.elastic(stiffness) makes them")
-    refusal(
-        lambda: jounce.codegen(rigid, "c", outputs=["motor_torques"]), "its joints are rigid; robot.elastic(stiffness)"
-    )
+    refusal(lambda: rigid.codegen("c", outputs=["motor_torques"]), "its joints are rigid; robot.elastic(stiffness)")
     refusal(lambda: arm.motor_torques(two, two, two, two, None), "q4d is None; expected every rate up to the last")
     refusal(lambda: arm.elastic_forward_dynamics(two, two, None, two, two), "theta is None, yet thetad is given")
     refusal(lambda: arm.motor_torques(*[two] * 5, wrench=np.zeros((2, 6))), "order 0 takes a tuple (W, Wd, W2d)")
@@ -380,7 +378,7 @@ def test_rows_of_motors_are_computed_by_every_way(name):
         found = np.asarray(getattr(arm, name)(*q, method=method)).reshape(-1, 3, 7)
         close(found / scale, expected / scale)
     close(np.asarray(arm.compile(name, order=0)(*q)), np.asarray(getattr(arm, name)(*q)), 0)
-    function = jounce.casadi_function(arm, name, 0)
+    function = arm.casadi_function(name, 0)
     found = np.array(casadi.horzcat(*function.call([casadi.DM(x[0]) for x in q])).full()).T
     close(found / scale, expected[:, 0] / scale)
 
@@ -388,12 +386,12 @@ def test_rows_of_motors_are_computed_by_every_way(name):
 def test_motors_without_data_are_missing_in_numbers_and_refused_in_expressions(tmp_path):
     arm = DRIVEN.elastic(K, motors=WOUND | {"joint2": jounce.Motor(inertia=1e-2)})
     assert np.isnan(arm.motor_voltages(*[SPOILT] * 6)).tolist() == [False, True]
-    refusal(lambda: jounce.symbolic(arm).i, "a number is missing, as those of motors that do not state all")
-    refusal(lambda: jounce.codegen(arm, "c", 0, tmp_path / "c", outputs=["motor_currents"]), "would contain nan")
+    refusal(lambda: arm.symbolic().i, "a number is missing, as those of motors that do not state all")
+    refusal(lambda: arm.codegen("c", 0, tmp_path / "c", outputs=["motor_currents"]), "would contain nan")
 
 
 def test_symbols_are_the_equations_of_the_model():
-    S = jounce.symbolic(jounce.load("planar2r", g=10).elastic([80, np.inf], rotor=3))
+    S = jounce.load("planar2r", g=10).elastic([80, np.inf], rotor=3).symbolic()
     assert sympy.expand(S.theta[0] - S.q[0] - S.Q[0] / 80) == 0
     assert S.theta[1] == S.q[1]
     assert sympy.expand(S.tau[0] - S.Q[0] - 3 * (S.q2d[0] + S.Q2d[0] / 80)) == 0

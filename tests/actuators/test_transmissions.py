@@ -84,7 +84,7 @@ def test_native_code_has_cubic_springs_and_linear_ones_beside_others(tmp_path):
     said = "stiffen cubically from a stiffness k above 0; that of joint 'joint1' is another"
     refusal(lambda: other.motor_torques(*q, method="kernel"), said)
     refusal(
-        lambda: jounce.codegen(other, "c", 0, tmp_path / "c", outputs=["motor_torques"]),
+        lambda: other.codegen("c", 0, tmp_path / "c", outputs=["motor_torques"]),
         "needs NumPy arrays of floats",
     )
     assert pickle.loads(pickle.dumps(other)) == other
@@ -125,7 +125,7 @@ def test_a_spring_without_stiffness_at_rest_has_positions_and_refuses_infinite_r
     refusal(lambda: arm.motor_positions(upright, zero, zero, method="kernel"), native)
     refusal(lambda: arm.compile("motor_positions", order=0), native)
     refusal(
-        lambda: jounce.codegen(arm, "c", 0, tmp_path / "c", outputs=["motor_positions"]),
+        lambda: arm.codegen("c", 0, tmp_path / "c", outputs=["motor_positions"]),
         "has no stiffness k at rest needs NumPy arrays",
     )
     refusal(lambda: ROBOT.elastic(spring=spring, rotor=0.1, damping=1.0), "'joint1' has no stiffness at rest")

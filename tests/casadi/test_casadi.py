@@ -33,7 +33,7 @@ def dense(x, shape=(-1,)):
 @pytest.mark.parametrize("name", ["mixed5", "tree7", "iiwa"])
 def test_functions_agree_with_the_recursion(name):
     robot, q, W = case(name)
-    F = jounce.casadi_function(robot, wrench=True)
+    F = robot.casadi_function(wrench=True)
     assert F.name_in() == ["q", "qd", "q2d", "q3d", "q4d", "W", "Wd", "W2d"]
     assert F.name_out() == ["Q", "Qd", "Q2d"]
     found = F(**inputs("q", q), **inputs("W", W))
@@ -48,7 +48,7 @@ def test_the_motion_of_the_base_is_an_input(quantity, afloat):
     rng = np.random.default_rng(1)
     m = golden("planar2r")[0]
     robot = jounce.Robot(floating(m, rng) if afloat else m)
-    F = jounce.casadi_function(robot, quantity, 1, base=True, parameters=["masses"] if afloat else [])
+    F = robot.casadi_function(quantity, 1, moving_base=True, parameters=["masses"] if afloat else [])
     q = rng.uniform(-1, 1, (sum(name.startswith("q") for name in F.name_in()), 2))
     base = (random_pose(rng), *rng.uniform(-1, 1, (len(q) - 1, 6)))
     names = ["base_pose", *(f"base_twist{rate}" for rate in RATES[: len(q) - 1])]
@@ -65,10 +65,10 @@ def test_every_quantity_with_its_rates(quantity, keywords):
     """Of a forest with all kinds of joints, drives and merged links; a matrix has two axes, so three need a body."""
     if quantity.of_bodies and len(quantity.shape) == 3 and "body" not in keywords:
         with pytest.raises(JounceError, match=r"of all bodies: .* 2 axes, not 3; body= selects one of: body1, body2"):
-            jounce.casadi_function(ROBOT, quantity.name, **keywords)
+            ROBOT.casadi_function(quantity.name, **keywords)
         return
     order = affordable(quantity, 2)
-    F = jounce.casadi_function(ROBOT, quantity.name, order, **keywords)
+    F = ROBOT.casadi_function(quantity.name, order, **keywords)
     assert F.name_out() == list(quantity.names(order))
     q = np.random.default_rng(4).uniform(-1, 1, (quantity.rates + order, ROBOT.n))
     expected = method_of(ROBOT, quantity)(*q, method="recursion", **keywords)
@@ -83,7 +83,7 @@ def test_wrenches_enter_every_quantity_that_takes_them(quantity):
     order = affordable(quantity, 1)
     q = rng.uniform(-1, 1, (quantity.rates + order, ROBOT.n))
     W = rng.uniform(-1, 1, (quantity.wrench_rates + order, len(ROBOT.body_names), 6))
-    found = jounce.casadi_function(ROBOT, quantity.name, order, True)(*q, *W)
+    found = ROBOT.casadi_function(quantity.name, order, True)(*q, *W)
     expected = method_of(ROBOT, quantity)(*q, wrench=tuple(W), method="recursion")
     for x, y in zip(tupled(found), tupled(expected), strict=True):
         assert relative_error(dense(x, y.shape), y) < TOLERANCE
@@ -92,9 +92,9 @@ def test_wrenches_enter_every_quantity_that_takes_them(quantity):
 def test_a_function_is_named_after_what_it_computes():
     m = golden("mixed5")[0]
     robot = jounce.Robot(replace(m, bodies=("a_-_b", "größe", *m.bodies[2:])))
-    assert jounce.casadi_function(robot, order=0).name() == "inverse_dynamics"
-    assert jounce.casadi_function(robot, "poses", 0, body="a_-_b").name() == "poses_a_b"
-    assert jounce.casadi_function(robot, "jacobian", 0, body="größe", frame="world").name() == "jacobian_gr_e_world"
+    assert robot.casadi_function(order=0).name() == "inverse_dynamics"
+    assert robot.casadi_function("poses", 0, body="a_-_b").name() == "poses_a_b"
+    assert robot.casadi_function("jacobian", 0, body="größe", frame="world").name() == "jacobian_gr_e_world"
 
 
 def test_derivatives_by_casadi_are_quantities_themselves():
@@ -103,7 +103,7 @@ def test_derivatives_by_casadi_are_quantities_themselves():
     q, qd, q2d = x = [casadi.MX.sym(name, robot.n) for name in ("q", "qd", "q2d")]
 
     def derivative(name, by, **keywords):
-        F = jounce.casadi_function(robot, name, 0, **keywords)
+        F = robot.casadi_function(name, 0, **keywords)
         return casadi.jacobian(F(*x[: F.n_in()]), by)
 
     place = {"body": "tool", "frame": "world"}
@@ -124,7 +124,7 @@ def test_derivatives_by_casadi_are_quantities_themselves():
 def test_any_order(order):
     robot = jounce.load("planar2r", L1=1.1, m2=0.3)
     q = np.random.default_rng(0).uniform(-1, 1, (order + 3, 2))
-    found = jounce.casadi_function(robot, order=order)(*q)
+    found = robot.casadi_function(order=order)(*q)
     expected = robot.inverse_dynamics(*q)
     assert (
         relative_error(dense(found if order == 0 else found[-1]), expected if order == 0 else expected[-1]) < TOLERANCE
@@ -134,7 +134,7 @@ def test_any_order(order):
 def test_the_jacobian_with_respect_to_the_state_and_the_hessian():
     """Of Q2d by MX, against central differences of the recursion over nine points."""
     robot, q, _ = case("iiwa")
-    F = jounce.casadi_function(robot)
+    F = robot.casadi_function()
     x = [casadi.MX.sym(name, 7) for name in F.name_in()]
     Q2d = F(*x)[2]
     jacobian = casadi.Function("J", x, [casadi.jacobian(Q2d, casadi.vertcat(*x[:2]))])
@@ -161,7 +161,7 @@ def test_the_jacobian_with_respect_to_the_state_and_the_hessian():
 
 def test_parameters_without_effect_are_warned_of():
     with pytest.warns(jounce.JounceWarning, match="^parameters without effect on mass_matrix: gravity$"):
-        jounce.casadi_function(ROBOT, "mass_matrix", 0, parameters=["gravity", "masses"])
+        ROBOT.casadi_function("mass_matrix", 0, parameters=["gravity", "masses"])
 
 
 PARAMETERS = ("gravity", "masses", "lengths", "payload:link5")
@@ -170,7 +170,7 @@ PARAMETERS = ("gravity", "masses", "lengths", "payload:link5")
 def test_sensitivities_to_masses_lengths_gravity_and_payload():
     robot = jounce.load("iiwa14")
     m, rng = robot.mechanism, np.random.default_rng(1)
-    F = jounce.casadi_function(robot, order=1, parameters=PARAMETERS)
+    F = robot.casadi_function(order=1, parameters=PARAMETERS)
     q = rng.uniform(-1, 1, (4, 7))
     own = {
         "gravity": m.gravity,
@@ -237,40 +237,36 @@ def test_a_matrix_of_sx_is_a_wrench_on_every_body():
             r"^q is a CasADi MX; expected SX, or .*casadi_function",
         ),
         (lambda r: r.inverse_dynamics(*[casadi.SX.sym("x", 3)] * 3), r"^q has shape \(3,\); expected \(\.\.\., 2\)"),
+        (lambda r: r.casadi_function(order=-1), r"^order is -1; expected 0 to 100$"),
         (
-            lambda r: jounce.casadi_function("iiwa14"),
-            r"^casadi_function\(\) expects a jounce\.Robot, got str; try jounce\.load$",
-        ),
-        (lambda r: jounce.casadi_function(r, order=-1), r"^order is -1; expected 0 to 100$"),
-        (
-            lambda r: jounce.casadi_function(r, "mass_matrx"),
+            lambda r: r.casadi_function("mass_matrx"),
             r"^unknown quantity 'mass_matrx'; did you mean 'mass_matrix'",
         ),
         (
-            lambda r: jounce.casadi_function(r, ["mass_matrix"]),
+            lambda r: r.casadi_function(["mass_matrix"]),
             r"^unknown quantity \['mass_matrix'\]; available",
         ),
-        (lambda r: jounce.casadi_function(r, wrench=1), r"^wrench is 1; expected True or False"),
-        (lambda r: jounce.casadi_function(r, 2), r"^unknown quantity 2; available: inverse_dynamics, "),
-        (lambda r: jounce.casadi_function(r, "mass_matrix", wrench=True), "^mass_matrix takes no wrenches; these do: "),
+        (lambda r: r.casadi_function(wrench=1), r"^wrench is 1; expected True or False"),
+        (lambda r: r.casadi_function(2), r"^unknown quantity 2; available: inverse_dynamics, "),
+        (lambda r: r.casadi_function("mass_matrix", wrench=True), "^mass_matrix takes no wrenches; these do: "),
         (
-            lambda r: jounce.casadi_function(r, "mass_matrix", body="body1"),
+            lambda r: r.casadi_function("mass_matrix", body="body1"),
             "^mass_matrix takes no body; these",
         ),
-        (lambda r: jounce.casadi_function(r, "poses", body="body3"), r"^unknown body 'body3'; did you mean 'body\d'\?"),
+        (lambda r: r.casadi_function("poses", body="body3"), r"^unknown body 'body3'; did you mean 'body\d'\?"),
         (
-            lambda r: jounce.casadi_function(r, "poses", body="body1", frame="world"),
+            lambda r: r.casadi_function("poses", body="body1", frame="world"),
             "^unknown frame 'world'; .*: body$",
         ),
         (
-            lambda r: jounce.casadi_function(r, "jacobian", frame="world"),
+            lambda r: r.casadi_function("jacobian", frame="world"),
             "^jacobian of all bodies: .*; body=",
         ),
         (
-            lambda r: jounce.casadi_function(r, parameters=["gravty"]),
+            lambda r: r.casadi_function(parameters=["gravty"]),
             r"^unknown parameter 'gravty'; did you mean 'gravity'",
         ),
-        (lambda r: jounce.casadi_function(r, parameters=["payload:x"]), r"^unknown body 'x'"),
+        (lambda r: r.casadi_function(parameters=["payload:x"]), r"^unknown body 'x'"),
     ],
 )
 def test_refusals(attempt, message):

@@ -41,7 +41,8 @@ def test_it_writes_what_the_library_computes(tmp_path, motion, suffix):
         for name, column in zip(("theta", "thetad", "tau"), (*along.positions[:2], *along.torques), strict=True):
             np.testing.assert_allclose(found[f"{joint}.{name}"], column[:, j], rtol=0, atol=1e-12 * abs(column).max())
             assert summary["peaks"][joint][name] == pytest.approx(abs(column[:, j]).max())
-    assert (summary["units"], summary["states"], summary["breaks"]) == ({"joint1": "rad", "joint2": "rad"}, 41, [])
+    units = {"theta": "rad", "thetad": "rad/s", "tau": "N m"}
+    assert (summary["units"], summary["states"], summary["breaks"]) == ({"joint1": units, "joint2": units}, 41, [])
 
 
 def test_a_measured_motion_brings_its_deviations(tmp_path):

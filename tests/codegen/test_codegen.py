@@ -151,7 +151,7 @@ CASES = {  # the robot, what is asked for, how many states, and in which languag
         "floating", {"order": 1, "wrench": True, "outputs": FLOATING, "parameters": ("masses", "payload:base")},
         6, "all",
     ),
-    "moving ground, single": ("planar2r", {"order": 1, "base": True, "float32": True}, 6, "c python rust"),
+    "moving ground, single": ("planar2r", {"order": 1, "moving_base": True, "float32": True}, 6, "c python rust"),
 }  # fmt: skip
 languages = pytest.mark.parametrize("lang", LANGUAGES)
 programs = pytest.mark.parametrize("lang", [pytest.param(x, marks=needs(*LANGUAGES[x][0])) for x in PROGRAMS])
@@ -163,10 +163,10 @@ def robot_of(name):
 
 
 def requested(
-    robot, lang, order=2, outputs=("inverse_dynamics",), wrench=False, parameters=(), float32=False, base=False
+    robot, lang, order=2, outputs=("inverse_dynamics",), wrench=False, parameters=(), float32=False, moving_base=False
 ):
     """A request, checked."""
-    return check_options(robot_of(robot), lang, order, outputs, wrench, parameters, float32, None, base)
+    return check_options(robot_of(robot), lang, order, outputs, wrench, parameters, float32, None, moving_base)
 
 
 @cache
@@ -242,7 +242,7 @@ def test_the_code_says_what_it_holds_of_drive_trains(lang, robot, holds, left):
 def test_the_test_beside_the_code_proves_it(lang, tmp_path):
     """Written as users get it, it passes; with one constant of the code changed by a part in 10^9 it fails."""
     outputs = ["inverse_dynamics", "mass_matrix", "twists:body2:world"]
-    made = jounce.codegen(robot_of("planar2r"), lang, 1, tmp_path / "arm", outputs=outputs, wrench=True)
+    made = robot_of("planar2r").codegen(lang, 1, tmp_path / "arm", outputs=outputs, wrench=True)
     passed, output = passes(made.directory, lang)
     assert passed, output
     assert output.count("10 states") == len(outputs)
@@ -258,7 +258,7 @@ def test_the_test_beside_the_code_proves_it(lang, tmp_path):
 def test_the_test_beside_the_code_knows_the_size_of_deflections(lang, tmp_path):
     """Written as users get it, with states whose forces deflect springs far beyond where they are linear."""
     robot = stiffening((1e2, 1e4), (1e-3, 1e4))
-    made = jounce.codegen(robot, lang, 0, tmp_path / "arm", outputs=["motor_positions", "motor_torques"])
+    made = robot.codegen(lang, 0, tmp_path / "arm", outputs=["motor_positions", "motor_torques"])
     passed, output = passes(made.directory, lang)
     assert passed, output
 
@@ -480,7 +480,7 @@ def test_clang_warns_of_nothing(tmp_path):
 @languages
 def test_golden_files(lang, tmp_path, request):
     """`pytest --refresh-golden` writes them anew."""
-    made = jounce.codegen(jounce.load("planar2r"), lang, directory=tmp_path / lang)
+    made = jounce.load("planar2r").codegen(lang, directory=tmp_path / lang)
     files = {name: (tmp_path / lang / name).read_text().replace(jounce.__version__, "VERSION") for name in made.files}
     folder = GOLDEN / "codegen" / lang
     if request.config.getoption("--refresh-golden"):
@@ -572,7 +572,7 @@ def test_texts_are_tidy_and_marked(lang):
 )
 def test_refusals(options, words, tmp_path):
     given = {"lang": "c", "directory": tmp_path / "new"} | options
-    refusal(lambda: jounce.codegen(jounce.load("iiwa14"), **given), *words)
+    refusal(lambda: jounce.load("iiwa14").codegen(**given), *words)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -588,7 +588,6 @@ def test_refusals(options, words, tmp_path):
             lambda: jounce.load("planar2r", m1=SYMBOLS["m1"], m2=sympy.Symbol("m1", positive=True)),
             ["the robot contains two symbols named m1"],
         ),
-        (lambda: jounce.load("iiwa14").mechanism, ["codegen() expects a jounce.Robot, got Mechanism"]),
         (
             lambda: jounce.Robot.from_screws([np.eye(4)] * 200, [[0, 0, 1, 0, 0, 0]] * 200, [np.eye(6)] * 200),
             ["robot has 200 bodies; code of order 2 is generated for at most 166"],
@@ -596,14 +595,14 @@ def test_refusals(options, words, tmp_path):
     ],
 )
 def test_robots_that_cannot_be_written_are_refused(robot, words, tmp_path):
-    refusal(lambda: jounce.codegen(robot(), "c", directory=tmp_path / "new"), *words)
+    refusal(lambda: robot().codegen("c", directory=tmp_path / "new"), *words)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_numbers_beyond_single_precision_are_refused(tmp_path):
     robot = jounce.load("planar2r", m1=1e39)
-    assert jounce.codegen(robot, "c", directory=tmp_path / "double").operations
-    call = partial(jounce.codegen, robot, "c", directory=tmp_path / "single", float32=True)
+    assert robot.codegen("c", directory=tmp_path / "double").operations
+    call = partial(robot.codegen, "c", directory=tmp_path / "single", float32=True)
     refusal(call, "the generated code would contain ", "e+39, which overflows float32")
     assert not (tmp_path / "single").exists()
 
@@ -633,7 +632,7 @@ def test_what_depends_on_nothing_has_batch_axes_in_python():
 
 def test_too_many_operations_are_refused(monkeypatch, tmp_path):
     monkeypatch.setattr("jounce._codegen.options.language", lambda name: replace(language(name), largest=2000))
-    refusal(lambda: jounce.codegen(jounce.load("iiwa14"), "c", directory=tmp_path / "new"), "2213 operations", "2000")
+    refusal(lambda: jounce.load("iiwa14").codegen("c", directory=tmp_path / "new"), "2213 operations", "2000")
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if language(name).reserved])
@@ -681,7 +680,7 @@ def test_symbols_may_have_any_name(lang, tmp_path):
     ("lang", "prefix"), [(x, y) for x in ("c", "cpp", "javascript", "python", "rust") for y in ("q", "k", "main_")]
 )
 def test_prefixes_may_be_names_of_arguments(lang, prefix, tmp_path):
-    made = jounce.codegen(robot_of("planar2r"), lang, 0, tmp_path / "arm", prefix=prefix)
+    made = robot_of("planar2r").codegen(lang, 0, tmp_path / "arm", prefix=prefix)
     passed, output = passes(made.directory, lang)
     assert passed, output
 
@@ -745,8 +744,8 @@ def test_the_verb_writes_what_the_function_does(tmp_path):
         "gravity, payload",
     ]
     done = run("planar2r", "--lang", "c", *options, "--float32", "--prefix", "arm", "-o", tmp_path / "verb", "--json")
-    made = jounce.codegen(
-        jounce.load("planar2r"), "c", 1, tmp_path / "function", outputs=["inverse_dynamics", "mass_matrix"],
+    made = jounce.load("planar2r").codegen(
+        "c", 1, tmp_path / "function", outputs=["inverse_dynamics", "mass_matrix"],
         wrench=True, parameters=["gravity", "payload"], float32=True, prefix="arm",
     )  # fmt: skip
     summary = json.loads(done.output)
@@ -759,16 +758,16 @@ def test_the_verb_writes_what_the_function_does(tmp_path):
 def test_parameters_without_effect_are_warned_of(tmp_path):
     given = {"outputs": ["mass_matrix", "poses:body2"], "parameters": ["gravity", "lengths"]}
     with pytest.warns(jounce.JounceWarning, match="^parameters without effect on mass_matrix, poses_body2: gravity$"):
-        jounce.codegen(jounce.load("planar2r"), "c", 0, tmp_path / "code", **given)
+        jounce.load("planar2r").codegen("c", 0, tmp_path / "code", **given)
 
 
 @pytest.mark.parametrize("lang", LANGUAGES)
-def test_force_leaves_no_file_of_another_robot_or_output(lang, tmp_path):
+def test_overwrite_leaves_no_file_of_another_robot_or_output(lang, tmp_path):
     folder = tmp_path / "code"
     robot = jounce.load("planar2r")
-    jounce.codegen(robot, lang, 0, folder, parameters=["masses"], prefix="old", outputs=["momentum", "gravity_forces"])
+    robot.codegen(lang, 0, folder, parameters=["masses"], prefix="old", outputs=["momentum", "gravity_forces"])
     (folder / "mine.txt").write_text("mine")
-    made = jounce.codegen(robot, lang, 0, folder, prefix="second", force=True)
+    made = robot.codegen(lang, 0, folder, prefix="second", overwrite=True)
     assert sorted(path.name for path in folder.iterdir()) == sorted([*made.files, "mine.txt"])
 
 
@@ -782,5 +781,5 @@ def test_the_verb_says_what_it_wrote_and_refuses_in_one_line(tmp_path):
     assert again.exit_code == 2
     assert "is not empty" in again.output
     assert len(again.output.splitlines()) == 1
-    assert run("planar2r", "--lang", "c", "--order", 0, "-o", tmp_path / "arm", "--force").exit_code == 0
+    assert run("planar2r", "--lang", "c", "--order", 0, "-o", tmp_path / "arm", "--overwrite").exit_code == 0
     assert "order 0" in (tmp_path / "arm" / "planar2r.h").read_text()

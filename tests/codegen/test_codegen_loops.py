@@ -31,7 +31,7 @@ def fivebar():
     ],
 )
 def test_generated_code_passes_its_own_tests(fivebar, lang, asked, tmp_path):
-    jounce.codegen(fivebar, lang, directory=tmp_path / lang, **asked)
+    fivebar.codegen(lang, directory=tmp_path / lang, **asked)
     passed, output = passes(tmp_path / lang, lang)
     assert passed, output
 
@@ -41,14 +41,14 @@ def test_generated_code_passes_its_own_tests(fivebar, lang, asked, tmp_path):
 )
 def test_code_of_a_closed_robot_has_its_motors(fivebar, lang, tmp_path):
     arm = fivebar.elastic({"left_shoulder": 90.0}, spring={"right_shoulder": jounce.CubicSpring(70.0, 5.0)}, rotor=0.01)
-    jounce.codegen(arm, lang, 0, tmp_path / lang, outputs=["motor_torques", "motor_positions"])
+    arm.codegen(lang, 0, tmp_path / lang, outputs=["motor_torques", "motor_positions"])
     passed, output = passes(tmp_path / lang, lang)
     assert passed, output
 
 
 @pytest.mark.parametrize("lang", PROGRAMS)
 def test_every_language_explains_the_dependent_coordinates(fivebar, lang, tmp_path):
-    jounce.codegen(fivebar, lang, 0, tmp_path / lang)
+    fivebar.codegen(lang, 0, tmp_path / lang)
     [explained] = [text for text in texts(tmp_path / lang) if TITLE in text][:1]
     assert "left_elbow, rad" in explained
     assert "left_tip and right_tip (spherical). Motors: left_shoulder, right_shoulder." in explained
@@ -70,7 +70,7 @@ def test_vectors_have_closed_loops(fivebar):
 
 def test_casadi_function_takes_the_dependent_coordinates(fivebar):
     casadi = pytest.importorskip("casadi")
-    F = jounce.casadi_function(fivebar, order=0, parameters=["gravity"])
+    F = fivebar.casadi_function(order=0, parameters=["gravity"])
     assert F.name_in() == ["q", "qd", "q2d", "q_dependent", "gravity"]
     q = fivebar.coordinates([2.2, 0.9])
     u, d, qd, q2d = q[[0, 2]], q[[1, 3]], [1.0, 0.5], [0.2, 0.3]
@@ -89,4 +89,4 @@ def test_symbols_are_refused_where_loops_need_numbers(fivebar):
     heavy = jounce.Robot(replace(m, M=M)).closed(loops, motors, start=start)
     assert heavy.gravity_forces(start)[0].free_symbols == {L}
     with pytest.raises(JounceError, match="has closed loops, and its equations are no sums of products"):
-        jounce.symbolic(fivebar)
+        fivebar.symbolic()

@@ -18,7 +18,7 @@ CASES = {
     "all": ("planar2r", {"order": 1, "outputs": in_equations(ALL), "wrench": True, "parameters": PARAMETERS}),
     "numbers": ("planar2r", {"order": 4}),
     "floating": ("floating", {"order": 0, "wrench": True}),
-    "moving ground": ("planar2r", {"order": 1, "outputs": ("momentum", "poses:body2"), "base": True}),
+    "moving ground": ("planar2r", {"order": 1, "outputs": ("momentum", "poses:body2"), "moving_base": True}),
     "mimic": ("mimic", {"order": 0, "wrench": True, "parameters": ("payload:body1", "gravity")}),
 }
 RATES = {"dot": "d", "ddot": "2d", "dddot": "3d", "ddddot": "4d"}
@@ -115,11 +115,11 @@ def test_text_is_escaped():
     ],
 )
 def test_refusals(robot, options, words, tmp_path):
-    refusal(lambda: jounce.codegen(robot_of(robot), "latex", directory=tmp_path / "new", **options), *words)
+    refusal(lambda: robot_of(robot).codegen("latex", directory=tmp_path / "new", **options), *words)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_symbols_that_would_look_alike_are_refused(tmp_path):
     robot = jounce.load("planar2r", L1=sympy.Symbol("c_x"))
     given = {"directory": tmp_path / "new", "parameters": ["payload"]}
-    refusal(lambda: jounce.codegen(robot, "latex", **given), "would both be printed as c_{x}")
+    refusal(lambda: robot.codegen("latex", **given), "would both be printed as c_{x}")

@@ -43,7 +43,7 @@ def cupy(request):
 
 
 CASES = {  # arrays of few numbers, of one, and wider than a tile; with wrenches and the motion of the base
-    "forces": ("inverse_dynamics", {"order": 1, "wrench": True, "base": True}),
+    "forces": ("inverse_dynamics", {"order": 1, "wrench": True, "moving_base": True}),
     "matrix": ("mass_matrix", {"order": 0}),
     "poses": ("poses", {"order": 0}),
     "energy": ("kinetic_energy", {"order": 1}),

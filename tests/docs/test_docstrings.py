@@ -2,10 +2,12 @@
 
 import inspect
 import re
+from collections import ChainMap
 
 import pytest
 
 import jounce
+from jounce.robot.applications import Applications
 
 
 def members():
@@ -15,7 +17,8 @@ def members():
         if callable(member):
             yield name, member
         if inspect.isclass(member):
-            for key, static in vars(member).items():
+            own = [vars(base) for base in member.__mro__ if base in (member, Applications)]
+            for key, static in ChainMap(*own).items():
                 if (not key.startswith("_") or key == "__call__") and not isinstance(static, property):
                     method = getattr(member, key)
                     if callable(method):

@@ -23,7 +23,7 @@ def expressions():
 
 def test_formulas_of_the_planar_2r():
     names = ("L1", "L2", "m1", "m2", "g")
-    S = jounce.symbolic(jounce.load("planar2r", **dict(zip(names, sympy.symbols(names), strict=True))))
+    S = jounce.load("planar2r", **dict(zip(names, sympy.symbols(names), strict=True))).symbolic()
     q1, q2 = S.q
     short = {f(sum(angle)): sympy.Symbol(f"{f.__name__[0]}{name}") for f in (sympy.sin, sympy.cos)
              for name, angle in (("1", [q1]), ("2", [q2]), ("12", [q1, q2]))}  # fmt: skip

@@ -67,7 +67,7 @@ def package(tmp_path_factory):
     for kind, text, _ in blocks(PAGE):
         if kind.startswith("iiwa14_feedforward/"):
             (folder / Path(kind).name).write_text(text)
-    jounce.codegen(jounce.load("iiwa14"), "cpp", directory=folder / "iiwa14")
+    jounce.load("iiwa14").codegen("cpp", directory=folder / "iiwa14")
     for name in ("controller_interface/controller_interface.hpp", "pluginlib/class_list_macros.hpp"):
         header = folder / "include" / name
         header.parent.mkdir(parents=True)

@@ -277,8 +277,8 @@ def test_the_acceleration_of_a_floating_base_is_not_given():
 def test_symbolic_form_names_the_quantities_to_solve_with():
     robot = jounce.load("planar2r")
     with pytest.raises(AttributeError, match=r"forward_dynamics has no symbolic form, .* mass_matrix"):
-        jounce.symbolic(robot).forward_dynamics  # noqa: B018
-    refusal(lambda: jounce.codegen(robot, "latex", outputs=["forward_dynamics"]), "forward_dynamics", "mass_matrix")
+        robot.symbolic().forward_dynamics  # noqa: B018
+    refusal(lambda: robot.codegen("latex", outputs=["forward_dynamics"]), "forward_dynamics", "mass_matrix")
 
 
 def test_forces_are_named_where_they_are_wrong():

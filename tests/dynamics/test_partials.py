@@ -191,7 +191,7 @@ def test_they_are_jacobians_by_jax():
 def test_they_are_jacobians_by_casadi():
     m = tree()
     robot, (q, W) = jounce.Robot(m), state(m, 2)
-    forces = jounce.casadi_function(robot, order=2, wrench=True)
+    forces = robot.casadi_function(order=2, wrench=True)
     symbols = [casadi.SX.sym("x", *x.shape) for x in (*q, *W)]
     Q = forces(*symbols)
     jacobian = casadi.Function("J", symbols, [casadi.jacobian(casadi.vertcat(*Q), casadi.vertcat(*symbols[:5]))])
@@ -201,7 +201,7 @@ def test_they_are_jacobians_by_casadi():
 
 
 def test_the_planar_2r_by_sympy():
-    S = jounce.symbolic(jounce.load("planar2r"))
+    S = jounce.load("planar2r").symbolic()
     for k, (P, Q) in enumerate(((S.P, S.Q), (S.Pd, S.Qd))):
         for j, x in enumerate((S.q, S.qd, S.q2d, S.q3d)[: k + 3]):
             assert (Q.jacobian(x) - sympy.Matrix(P[j])).expand() == sympy.zeros(2, 2)

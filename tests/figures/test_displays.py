@@ -96,7 +96,7 @@ def test_without_matplotlib_the_tables_remain(arm, monkeypatch):
 
 
 def test_symbols_show_a_table_of_formulas():
-    rows = jounce.symbolic(jounce.load("planar2r"))._repr_markdown_().splitlines()
+    rows = jounce.load("planar2r").symbolic()._repr_markdown_().splitlines()
     assert all(re.fullmatch(r"\|[^|]+\|[^|]+\|[^|]+\|", row) for row in rows)
     assert any("`S.M`" in row for row in rows)
     assert any("`S.jacobian(body)`" in row for row in rows)

@@ -1,4 +1,4 @@
-"""How long the attacks run: one round from a fixed seed in `make test`, until the time is over in `make fuzz`."""
+"""How long the attacks run: part of a round from a fixed seed in `make test`, until the time is over in `make fuzz`."""
 
 import os
 

@@ -44,7 +44,7 @@ def test_mutations_reach_a_planted_fault_and_the_file_is_kept(monkeypatch, tmp_p
     monkeypatch.setattr(jounce, "load", planted)
     monkeypatch.setitem(readers.ROBOTS, "urdf", readers.ROBOTS["urdf"][:1])  # the short one
     with pytest.raises(ValueError, match="planted") as caught:
-        readers.attack_robots(Budget(seed=0), "urdf", 2000)
+        readers.attack_robots(Budget(seed=0, seconds=1e-3), "urdf", 2000)
     assert any("make fuzz SEED=0" in note for note in caught.value.__notes__)
     [kept] = tmp_path.glob("urdf-ValueError-*/*.urdf")
     assert fault.search(kept.read_bytes().decode("utf-8", "replace"))
@@ -57,7 +57,7 @@ def test_command_lines_reach_a_planted_fault(tmp_path):
         return 0, "{}", ""
 
     with pytest.raises(ValueError, match="planted"):
-        commands.attack(Budget(seed=0), "info", commands.LINES["info"], planted, 2000)
+        commands.attack(Budget(seed=0, seconds=1e-3), "info", commands.LINES["info"], planted, 2000)
     [line] = tmp_path.glob("info-ValueError-*/line.txt")
     assert "nan" in line.read_text()
 

@@ -46,7 +46,8 @@ LINES = {
     ),
     "plot": ("plot rates.csv -o out.svg --quantity q", "plot samples.npz -o out.png --joint joint1 --json"),
     "codegen": (
-        "codegen planar2r --lang c -o out --order 1 --wrench", "codegen arm.urdf --lang python -o out --force --json",
+        "codegen planar2r --lang c -o out --order 1 --wrench",
+        "codegen arm.urdf --lang python -o out --overwrite --json",
         "codegen planar2r --lang rust -o out --order 0 --outputs gravity_forces,mass_matrix --prefix arm",
         "codegen planar2r-saved.yaml --lang cpp -o out --order 0 --parameters gravity,masses --float32",
     ),

@@ -19,7 +19,7 @@ COLUMNS = ("damping", "friction", "offset")
 
 @pytest.fixture(scope="module")
 def found():
-    return jounce.excite(LIMITED, **ASKED, starts=2)
+    return LIMITED.excite(**ASKED, starts=2)
 
 
 def information(robot, motion, weights, drives=False):
@@ -45,7 +45,7 @@ def test_it_starts_and_ends_at_rest_to_q4d(found):
         assert all(np.abs(rate).max() < 1e-8 * found.motion.curve.terms[0].cosines[3].frequency ** k
                    for k, rate in enumerate(rates) if k)  # fmt: skip
     assert found.motion.breaks == ()
-    twice = jounce.excite(LIMITED, **ASKED, starts=1, periods=2)
+    twice = LIMITED.excite(**ASKED, starts=1, periods=2)
     assert twice.motion.duration == 8
     assert np.allclose(twice.motion(5.0)[4], twice.motion(1.0)[4])
 
@@ -79,9 +79,9 @@ def test_it_beats_random_motions_within_the_same_limits(found):
 
 
 def test_a_seed_gives_the_same_motion_again(found):
-    again = jounce.excite(LIMITED, **ASKED, starts=2)
+    again = LIMITED.excite(**ASKED, starts=2)
     assert again.motion.curve == found.motion.curve
-    assert jounce.excite(LIMITED, **ASKED, starts=1, seed=3).motion.curve != found.motion.curve
+    assert LIMITED.excite(**ASKED, starts=1, seed=3).motion.curve != found.motion.curve
 
 
 @pytest.mark.parametrize("limits", [{}, {"power": 40.0}, {"stall_effort": 100.0, "no_load_velocity": 3.0}], ids=str)
@@ -98,7 +98,7 @@ def test_gradients_are_those_of_differences(limits):
 
 
 def test_drive_terms_that_no_motion_tells_apart_are_named():
-    found = jounce.excite(LIMITED, **ASKED, starts=1, drives=("armature", "friction"), weights=[1.0, 2.0])
+    found = LIMITED.excite(**ASKED, starts=1, drives=("armature", "friction"), weights=[1.0, 2.0])
     assert found.unseen == ("joint1 armature",)  # it turns as the inertia of both bodies about joint 1 does
     assert found.parameters[6:] == ("joint2 armature", "joint1 friction", "joint2 friction")
     H = information(LIMITED, found.motion, np.array([1.0, 2.0]), ("armature", "friction"))
@@ -108,7 +108,7 @@ def test_drive_terms_that_no_motion_tells_apart_are_named():
 
 def test_a_joint_that_cannot_move_hides_parameters():
     still = LIMITED.with_limits(velocity={"joint1": 0.0})
-    found = jounce.excite(still, **ASKED, starts=1)
+    found = still.excite(**ASKED, starts=1)
     assert found.check.ok
     q, _ = found.motion(np.linspace(0, 4, 9), 1)
     assert np.ptp(q[:, 0]) == 0 < np.ptp(q[:, 1])
@@ -118,7 +118,7 @@ def test_a_joint_that_cannot_move_hides_parameters():
 
 def test_ranges_that_a_robot_does_not_state_are_taken_and_named():
     free = ARM.with_limits(velocity=3, lower={"joint2": -1.0})
-    found = jounce.excite(free, **ASKED, starts=1, reach=0.5)
+    found = free.excite(**ASKED, starts=1, reach=0.5)
     q, _ = found.motion(np.linspace(0, 4, 200), 1)
     assert (np.abs(q - [0, -0.5]) <= 0.5).all()
     assert found.notes == (
@@ -132,7 +132,7 @@ def test_friction_that_acts_enters_the_limits():
     data = ARM.mechanism
     rough = jounce.Robot(replace(data, drives=replace(data.drives, friction=np.array([4.0, 1.0]))))
     acting = rough.with_drives(["friction"]).with_limits(lower=-2, upper=2, effort=[60, 15], effort_rate=400)
-    found = jounce.excite(acting, **ASKED, starts=1)
+    found = acting.excite(**ASKED, starts=1)
     assert acting.check(found.motion.with_step(1e-3)).ok
 
 
@@ -150,7 +150,6 @@ def test_it_is_shown_as_a_table(found):
 @pytest.mark.parametrize(
     ("robot", "options", "said"),
     [
-        (3, {}, "excite() expects a jounce.Robot, got int"),
         (ARM, {}, "states no limit of a rate or a force"),
         (jounce.load("solo12", base="floating"), {}, "floats; expected one at rest, load(..., base='fixed') (--base)"),
         (LIMITED, {"period": 0}, "period is 0; expected a number of s > 0"),
@@ -175,6 +174,6 @@ def test_it_is_shown_as_a_table(found):
 )  # fmt: skip
 def test_what_cannot_be_is_refused(robot, options, said):
     with pytest.raises(jounce.JounceError) as refused:
-        jounce.excite(robot, **{**ASKED, "starts": 1, **options})
+        robot.excite(**{**ASKED, "starts": 1, **options})
     assert said in str(refused.value)
     assert "\n" not in str(refused.value)

@@ -126,12 +126,12 @@ def error(found, true):
 @pytest.mark.parametrize("method", ["momentum", "power"])
 def test_exact_forces_give_the_true_parameters_without_accelerations(arm, method):
     model, motion, true, Q = arm
-    found = jounce.identify(model, motion, Q, t=T, method=method)
+    found = model.identify(motion, Q, t=T, method=method)
     assert (found.rank, found.unseen) == (12, ())
     assert error(found, true) < 1e-4
     rows = np.arange(len(T))[:, None]
     gaps = (abs(T[:, None] - 3.5) < 0.5) & [True, False] | (rows % 17 == 0) & [True, True]  # a long one, and short ones
-    found = jounce.identify(model, motion, np.where(gaps, np.nan, Q), t=T, method=method)
+    found = model.identify(motion, np.where(gaps, np.nan, Q), t=T, method=method)
     assert (found.rank, found.unseen) == (12, ())
     assert error(found, true) < 1e-3
 
@@ -142,7 +142,7 @@ def test_noise_that_accelerations_amplify_matters_less_to_momentum(arm):
     q = motion(T, 0)[0] + np.random.default_rng(1).normal(0, 1e-4, (len(T), 2))
     rough = jounce.Motion.through(T, q, 5)
     errors = {
-        method: error(jounce.identify(model, rough, Q, t=T, method=method, band=3.0), true)
+        method: error(model.identify(rough, Q, t=T, method=method, band=3.0), true)
         for method in ("inverse_dynamics", "momentum")
     }
     assert errors["momentum"] < 0.2 * errors["inverse_dynamics"]
@@ -164,14 +164,14 @@ def test_deviations_of_smoothed_positions_enter(arm):
 def test_what_power_cannot_do_is_refused_in_one_line(arm):
     model, motion, _, Q = arm
     refusal(
-        lambda: jounce.identify(model, motion, Q, t=T, method="energy"),
+        lambda: model.identify(motion, Q, t=T, method="energy"),
         "unknown method 'energy'; available: inverse_dynamics, momentum, power",
     )
     missing = np.where([True, False], np.nan, Q)
     refusal(
-        lambda: jounce.identify(model, motion, missing, t=T, method="power"),
+        lambda: model.identify(motion, missing, t=T, method="power"),
         "method='power' needs all forces, and joint1 is not measured; use method='momentum'",
     )
     moving = motion.with_base(None, np.eye(4))
-    refusal(lambda: jounce.identify(model, moving, Q, t=T, method="power"), "method='power' needs a base at rest")
+    refusal(lambda: model.identify(moving, Q, t=T, method="power"), "method='power' needs a base at rest")
     refusal(lambda: low_pass(T[:3], 1.0), "a filter needs 4 samples or more, got 3")

@@ -48,7 +48,7 @@ def values(found):
 
 
 def test_exact_forces_give_the_true_parameters(arm, true, motion, Q):
-    found = jounce.identify(arm, motion, Q + OFFSET, t=T, prior=10.0)
+    found = arm.identify(motion, Q + OFFSET, t=T, prior=10.0)
     expected = [*true.base_parameters().values, *true.drives.damping, *true.drives.friction, *OFFSET]
     assert values(found) == pytest.approx(expected, abs=1e-6)
     assert (found.rank, found.unseen, found.notes) == (24, (), ())
@@ -71,18 +71,18 @@ def correlated(rng, time):
 @pytest.mark.parametrize(("time", "largest"), [(1e-9, 1.4), (0.1, 2.5)])
 def test_errors_are_as_large_as_their_deviations(arm, motion, Q, time, largest):
     """Mean squares of errors over deviations; as if samples were independent, correlated ones would give 50."""
-    rng, expected = np.random.default_rng(1), values(jounce.identify(arm, motion, Q, t=T))
+    rng, expected = np.random.default_rng(1), values(arm.identify(motion, Q, t=T))
     chi = []
     for _ in range(4):
-        found = jounce.identify(arm, motion, Q + 0.2 * correlated(rng, time), t=T)
+        found = arm.identify(motion, Q + 0.2 * correlated(rng, time), t=T)
         chi.append((values(found) - expected) @ np.linalg.solve(found.covariance, values(found) - expected) / 24)
     assert 0.6 < np.mean(chi) < largest
 
 
 def test_known_deviations_are_taken_as_they_are(arm, motion, Q):
     sizes = np.array([1.0, 0.1, 0.3])
-    found = jounce.identify(arm, motion, Q, t=T, deviations=sizes)
-    twice = jounce.identify(arm, motion, Q, t=T, deviations=np.broadcast_to(2 * sizes, Q.shape))
+    found = arm.identify(motion, Q, t=T, deviations=sizes)
+    twice = arm.identify(motion, Q, t=T, deviations=np.broadcast_to(2 * sizes, Q.shape))
     assert found.deviations == pytest.approx(sizes / np.sqrt(COUNT / found.cells))
     assert twice.covariance == pytest.approx(4 * found.covariance)
 
@@ -91,15 +91,15 @@ def test_samples_of_weight_zero_do_not_count(arm, motion, Q):
     wrong, weights = Q.copy(), np.ones_like(Q)
     wrong[100:200, 1], weights[100:200, 1] = 1000.0, 0.0
     missing = np.where(weights > 0, Q, np.nan)
-    found = jounce.identify(arm, motion, wrong, t=T, weights=weights)
-    other = jounce.identify(arm, motion, missing, t=T)
+    found = arm.identify(motion, wrong, t=T, weights=weights)
+    other = arm.identify(motion, missing, t=T)
     assert values(found) == pytest.approx(values(other))
     assert np.isnan(found.measured[150, 1])
 
 
 def test_a_force_that_is_not_measured_is_left_out(arm, motion, Q):
     with pytest.warns(jounce.JounceWarning, match="not measured|do not see"):
-        found = jounce.identify(arm, motion, Q, t=T, weights=[1, 0, 1])
+        found = arm.identify(motion, Q, t=T, weights=[1, 0, 1])
     assert found.notes[0] == "forces of shoulder_lift_joint are not measured: no column, NaN or a weight of 0"
     assert [row.force for row in found.residuals] == [arm.joint_names[0], arm.joint_names[2]]
     assert np.isinf(found.deviations[1])
@@ -109,7 +109,7 @@ def test_a_force_that_is_not_measured_is_left_out(arm, motion, Q):
 def test_what_the_data_do_not_see_is_named(arm):
     one = jounce.Motion.fourier([0, 0.5, 0.2], [[0.4, 0, 0]], [[0.1, 0, 0]], 2.0, SECONDS)
     with pytest.warns(jounce.JounceWarning, match=r"do not see .*elbow_joint friction.*rank \d+ of 24"):
-        found = jounce.identify(arm, one, arm.forces_along(one, T, order=0).forces[0], t=T)
+        found = arm.identify(one, arm.forces_along(one, T, order=0).forces[0], t=T)
     assert found.rank < 24
     unseen = {row.name: row for row in found.table if not row.seen}
     assert np.isinf(unseen["elbow_joint friction"].deviation)
@@ -121,13 +121,13 @@ def test_what_the_data_do_not_see_is_named(arm):
 def test_the_model_decides_where_the_data_say_nothing(arm):
     still = jounce.Motion.polynomial([[0.1], [0.2], [0.3]], SECONDS)
     with pytest.warns(jounce.JounceWarning):
-        found = jounce.identify(arm, still, arm.forces_along(still, T, order=0).forces[0], t=T)
+        found = arm.identify(still, arm.forces_along(still, T, order=0).forces[0], t=T)
     assert found.robot.inertial_parameters == pytest.approx(arm.inertial_parameters, abs=1e-6)
 
 
 def test_a_part_of_the_samples_tests_the_rest(arm, motion, Q):
     noisy = Q + 0.1 * np.random.default_rng(2).normal(size=Q.shape)
-    found = jounce.identify(arm, motion, noisy, t=T, span=(0.0, 4.0))
+    found = arm.identify(motion, noisy, t=T, span=(0.0, 4.0))
     assert found.samples == np.sum(T <= 4)
     assert [row.part for row in found.residuals] == ["used"] * 3 + ["rest"] * 3
     for row in found.residuals:
@@ -142,7 +142,7 @@ def test_a_part_of_the_samples_tests_the_rest(arm, motion, Q):
 def test_a_wrong_sign_or_unit_is_suspected(arm, motion, factor, words):
     forces = arm.forces_along(motion, T, order=0).forces[0] + 0.1 * np.random.default_rng(6).normal(size=(COUNT, 3))
     with pytest.warns(jounce.JounceWarning, match=f"{words}|does not explain"):
-        found = jounce.identify(arm, motion, factor * forces, t=T, drives=False)
+        found = arm.identify(motion, factor * forces, t=T, drives=False)
     assert words in found.notes[0]
 
 
@@ -158,7 +158,7 @@ def test_forces_that_are_late_are_reported(arm, motion, Q, delay, noise, words):
     """Parameters hide some of a delay, and cannot hide all of it; noise of 6 N m hides half of what it leaves."""
     noisy = delayed(Q, delay) + noise * np.random.default_rng(3).normal(size=Q.shape)
     with pytest.warns(jounce.JounceWarning, match="seem to come|do not see"):
-        found = jounce.identify(arm, motion, noisy, t=T)
+        found = arm.identify(motion, noisy, t=T)
     assert found.notes[0].startswith(f"measured forces seem to come {words} the positions")
 
 
@@ -166,14 +166,14 @@ def test_forces_that_are_late_are_reported(arm, motion, Q, delay, noise, words):
 def test_forces_in_time_raise_no_suspicion_of_a_delay(arm, motion, Q, seed):
     rng = np.random.default_rng(seed)
     ripple = 0.3 * np.sin(40 * motion(T, 0)[0] + rng.uniform(0, 6, Q.shape[1]))
-    found = jounce.identify(arm, motion, Q + ripple + 0.2 * rng.normal(size=Q.shape), t=T)
+    found = arm.identify(motion, Q + ripple + 0.2 * rng.normal(size=Q.shape), t=T)
     assert not [note for note in found.notes if "seem to come" in note]
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-3])
 def test_forces_that_are_zero_are_reported(arm, motion, Q, size):
     with pytest.warns(jounce.JounceWarning, match="are constant|does not explain"):
-        jounce.identify(arm, motion, size * np.random.default_rng(5).normal(size=Q.shape), t=T)
+        arm.identify(motion, size * np.random.default_rng(5).normal(size=Q.shape), t=T)
 
 
 def test_forces_that_no_robot_of_this_kind_makes_are_reported(arm, motion, Q):
@@ -182,10 +182,10 @@ def test_forces_that_no_robot_of_this_kind_makes_are_reported(arm, motion, Q):
     wild[100, 1], dead[:, 1] = 1e6, 3.0
     for forces, joints in ((Q[:, [1, 0, 2]], "shoulder_pan_joint, shoulder_lift_joint"), (wild, "shoulder_lift_joint")):
         with pytest.warns(jounce.JounceWarning):
-            found = jounce.identify(arm, motion, forces, t=T)
+            found = arm.identify(motion, forces, t=T)
         assert f"does not explain the forces of {joints}: it leaves" in found.notes[-1]
     with pytest.warns(jounce.JounceWarning):
-        found = jounce.identify(arm, motion, dead, t=T)
+        found = arm.identify(motion, dead, t=T)
     assert found.notes[0].startswith("forces of shoulder_lift_joint are constant, and those of the model are not")
 
 
@@ -197,7 +197,7 @@ def test_terms_that_act_and_loads_are_no_parameters(arm, motion):
         replace(arm.mechanism, drives=replace(arm.drives, stiffness=np.full(3, 9.0)), acting=("spring",))
     )
     t = np.linspace(0, 4.9, 1000)
-    found = jounce.identify(held, loaded, held.forces_along(loaded, t, order=0).forces[0], t=t)
+    found = held.identify(loaded, held.forces_along(loaded, t, order=0).forces[0], t=t)
     assert values(found) == pytest.approx([*arm.base_parameters().values, *np.zeros(9)], abs=1e-6)
     assert found.robot.mechanism.acting == ("damping", "friction", "spring")
 
@@ -206,7 +206,7 @@ def test_forces_count_less_where_accelerations_are_uncertain(arm, true, motion, 
     """At the ends of a log: weighed as all others, the samples there make errors ten times as large."""
     rng = np.random.default_rng(3)
     smoothed = jounce.Motion.fit(T, motion(T, 0)[0] + 1e-3 * rng.normal(size=Q.shape), joint_names=arm.joint_names)
-    found = jounce.identify(arm, smoothed, Q + 0.1 * rng.normal(size=Q.shape), t=T)
+    found = arm.identify(smoothed, Q + 0.1 * rng.normal(size=Q.shape), t=T)
     off = values(found) - [*true.base_parameters().values, *true.drives.damping, *true.drives.friction, 0, 0, 0]
     assert np.mean((off / np.sqrt(np.diag(found.covariance))) ** 2) < 4
     assert np.abs(off[:15]).max() < 0.05
@@ -218,7 +218,7 @@ def test_a_robot_on_moving_ground_feels_more(arm, motion):
     C[:, :3, 3] = 0.1 * np.sin(np.linspace(0, 6, 40))[:, None] * [1, 2, 3]
     moved = motion.with_base(np.linspace(0, SECONDS, 40), C, degree=7)
     forces = arm.forces_along(moved, T, order=0).forces[0]
-    found = jounce.identify(arm, moved, forces, t=T)
+    found = arm.identify(moved, forces, t=T)
     assert values(found)[:15] == pytest.approx(arm.base_parameters().values, abs=1e-6)
 
 
@@ -250,11 +250,7 @@ def test_a_robot_on_moving_ground_feels_more(arm, motion):
 )  # fmt: skip
 def test_refuses(arm, motion, Q, given, words):
     kept = {"forces": Q, "t": None if given.get("forces", Q) is None else T} | given
-    refusal(lambda: jounce.identify(arm, motion, kept.pop("forces"), **kept), *words)
-
-
-def test_no_one_but_a_robot_is_identified(motion):
-    refusal(lambda: jounce.identify({}, motion), "expects a jounce.Robot, got dict")
+    refusal(lambda: arm.identify(motion, kept.pop("forces"), **kept), *words)
 
 
 def test_the_shortest_solution_of_what_is_not_determined():

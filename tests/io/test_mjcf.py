@@ -177,9 +177,9 @@ def test_robots_of_other_libraries_float_as_in_mujoco(name):
         getattr(model, train)[:] = 0
     data, rng = mujoco.MjData(model), np.random.default_rng(5)
     rates, base = rng.uniform(-1, 1, (3, robot.n)), (random_pose(rng), *rng.normal(size=(2, 6)))
-    data.qpos[:], data.qvel[:], data.qacc[:] = robot.state_to_mujoco(*rates, base=base, model=model)
+    data.qpos[:], data.qvel[:], data.qacc[:] = robot.state_to("mujoco", *rates, base=base, model=model)
     mujoco.mj_inverse(model, data)
-    Q = robot.forces_from_mujoco(data.qfrc_inverse, data.qpos, model=model)
+    Q = robot.state_from("mujoco", data.qpos, forces=data.qfrc_inverse, model=model).Q
     assert relative_error(robot.inverse_dynamics(*rates, base=base, method="recursion"), Q) < 1e-12
 
 

@@ -8,7 +8,7 @@ from files import refusal
 from scipy.interpolate import CubicSpline
 
 import jounce
-from jounce.limits import peaks
+from jounce.limits import pieces, search
 from jounce.limits.bounded import Bounded
 from jounce.limits.pieces import pieces_of
 from jounce.limits.validation import bounded
@@ -453,6 +453,20 @@ def test_rows_a_step_of_doubles_from_a_break_hide_no_peaks():
     assert (found.verdict, found.worst.value) == ("broken", pytest.approx(0.25))
 
 
+@pytest.mark.parametrize("first", [0.9, 0.991, 0.995, 0.999, 0.99999])
+@pytest.mark.parametrize(("share", "verdict"), [(1 - 1e-5, "broken"), (1 + 1e-5, "kept")])
+def test_a_peak_higher_than_one_of_an_earlier_block_is_found_between_points_of_the_grid(
+    monkeypatch, first, share, verdict
+):
+    """Quintics from rest to rest: accelerations reach 10 / sqrt(3), 1 % more than at any sixteenth of the way."""
+    monkeypatch.setattr(pieces, "BLOCK", 1)
+    arm = jounce.load("planar2r").locked({"joint2": 0.0})
+    table = {"joint1.q": [0, first, first + 1], "joint1.qd": np.zeros(3), "joint1.q2d": np.zeros(3)}
+    motion = jounce.load_motion({"t": [0.0, 1.0, 2.0], **table}, arm, 0)
+    found = arm.with_limits(acceleration=share * 10 / np.sqrt(3)).check(motion)
+    assert (found.verdict, abs(found.worst.value)) == (verdict, pytest.approx(10 / np.sqrt(3), rel=1e-9))
+
+
 @pytest.mark.parametrize(("share", "exact"), [(1.1e-3, True), (0.9e-3, False)])
 def test_peaks_below_a_thousandth_of_a_limit_are_those_of_rows(share, exact):
     motion = jounce.Motion.fourier([0], [[0.0]], [[1.0]], 1.0, 6.0).with_step(0.7)  # qd is 1 at most, at pi too
@@ -465,7 +479,7 @@ def test_peaks_below_a_thousandth_of_a_limit_are_those_of_rows(share, exact):
 def test_a_peak_between_neighbouring_doubles_is_found():
     low = np.array([3600.0, 1.7e9])
     high = np.nextafter(low, np.inf)
-    t = peaks.narrowed(lambda t: -((t - low[:, None]) ** 2), low, high)
+    t = search.largest(lambda t: -((t - low[:, None]) ** 2), low, high)
     assert ((low <= t) & (t <= high)).all()
 
 
@@ -475,8 +489,9 @@ def test_zeros_are_found_to_rounding_each_at_its_own_pace():
     def f(t, at):
         return np.choose(at, [t - 0.1, (t - 0.25) ** 3, np.sign(t - 0.9), np.exp(9 * t) - np.exp(4.5)])
 
-    np.testing.assert_allclose(peaks.root(f, np.zeros(4), np.ones(4)), zeros, atol=1e-5)
-    np.testing.assert_allclose(peaks.root(f, np.zeros(4), np.ones(4))[[0, 2, 3]], zeros[[0, 2, 3]], atol=1e-14)
+    np.testing.assert_allclose(search.root(f, np.zeros(4), np.ones(4)), zeros, atol=1e-5)
+    np.testing.assert_allclose(search.root(f, np.zeros(4), np.ones(4))[[0, 2, 3]], zeros[[0, 2, 3]], atol=1e-14)
     ends = np.stack([f(np.full(4, t), np.arange(4)) for t in (0.0, 1.0)])
-    np.testing.assert_array_equal(peaks.root(f, np.zeros(4), np.ones(4), ends), peaks.root(f, np.zeros(4), np.ones(4)))
-    assert peaks.root(lambda t, at: t + 1, np.zeros(1), np.ones(1)) == 0
+    low, high = np.zeros(4), np.ones(4)
+    np.testing.assert_array_equal(search.root(f, low, high, ends), search.root(f, low, high))
+    assert search.root(lambda t, at: t + 1, np.zeros(1), np.ones(1)) == 0

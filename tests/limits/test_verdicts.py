@@ -96,7 +96,7 @@ def test_where_samples_do_not_decide_the_verdict_is_undecided(measured):
 def test_verdicts_agree_with_the_truth(seed, kind):
     rng = np.random.default_rng(seed)
     t = T[: rng.integers(900, len(T))] + rng.uniform(-5, 5)
-    motion = jounce.Motion.fit(t, log(seed, 10 ** rng.uniform(-5, -3.5))[: len(t)], force=True)
+    motion = jounce.Motion.fit(t, log(seed, 10 ** rng.uniform(-5, -3.5))[: len(t)], allow_noise=True)
     at = DENSE[t[-1] - t[0] >= DENSE]
     rates = dict(zip(("position", "velocity", "acceleration", "jerk"), (truth(at, k) for k in range(4)), strict=True))
     rates |= dict(zip(("effort", "effort_rate"), true_rates(at)[:2], strict=True))

@@ -195,7 +195,7 @@ def test_symbolic_form_has_the_drives_that_act():
     rng = np.random.default_rng(9)
     base = jounce.load("planar2r").mechanism
     robot, q = driven(base, stated(rng, 2)), rng.uniform(-1, 1, (5, 2))
-    S = jounce.symbolic(robot)
+    S = robot.symbolic()
     values = dict(zip([x for name in ("q", "qd", "q2d", "q3d", "q4d") for x in getattr(S, name)], q.flat, strict=True))
     for name, expected in zip(("Q", "Qd", "Q2d"), robot.inverse_dynamics(*q), strict=True):
         found = [float(x.subs(values)) for x in getattr(S, name)]
@@ -209,7 +209,7 @@ def test_symbolic_form_has_the_drives_that_act():
 def test_generated_code_has_the_drives_that_act(tmp_path, lang):
     base = jounce.load("planar2r").mechanism
     robot = driven(base, stated(np.random.default_rng(10), 2))
-    made = jounce.codegen(robot, lang, directory=tmp_path / lang, outputs=["inverse_dynamics", "mass_matrix"])
+    made = robot.codegen(lang, directory=tmp_path / lang, outputs=["inverse_dynamics", "mass_matrix"])
     require("make", *["cc"] * (lang == "c"))
     command = ["make", "-C", str(made.directory), "test", f"PYTHON={sys.executable}"]
     done = subprocess.run(command, capture_output=True, text=True)

@@ -1,5 +1,7 @@
 """States and forces of Pinocchio and MuJoCo: poses, velocities, accelerations and forces agree with the libraries."""
 
+from functools import partial
+
 import mujoco
 import numpy as np
 import pinocchio
@@ -9,6 +11,7 @@ from peer import REAL
 from robots import random_pose, relative_error
 
 import jounce
+from jounce.engine.generic import as_tuple
 from jounce.spatial import lie
 
 PLACED = origin((0.3, -0.2, 0.5), (0.1, 0.7, -0.4))
@@ -21,6 +24,7 @@ URDF = (  # the joints of Pinocchio are in another order than those of the file
     joint("leg_a", "trunk", "a", "continuous", inner=PLACED),
     joint("glue", "trunk", "eye", "fixed", inner=PLACED),
 )  # fmt: skip
+NAMES = {"pin": "pinocchio", "muj": "mujoco"}
 MJCF = """<mujoco model='m'><option gravity='1 2 -9'/><worldbody>
 <body name='box' pos='3 0 0'><freejoint/><geom size='.1'/></body>
 <body name='trunk' pos='1 2 3' quat='.6 0 .8 0'><freejoint/><inertial pos='.1 .2 .3' quat='.8 .6 0 0' mass='3'
@@ -53,7 +57,7 @@ def test_poses_velocities_and_accelerations_are_those_of_pinocchio(pin):
     rng = np.random.default_rng(2)
     q = pinocchio.integrate(model, pinocchio.neutral(model), rng.normal(size=model.nv))
     v, a = rng.normal(size=(2, model.nv))
-    state = robot.state_from_pinocchio(q, v, a, model=model)
+    state = robot.state_from("pinocchio", q, v, a, model=model)
     data = model.createData()
     pinocchio.forwardKinematics(model, data, q, v, a)
     pinocchio.updateFramePlacements(model, data)
@@ -70,11 +74,11 @@ def test_poses_velocities_and_accelerations_are_those_of_pinocchio(pin):
 def test_forces_are_those_of_pinocchio(pin):
     robot, model = pin
     rates, base = states(robot, np.random.default_rng(3))
-    q, v, a = robot.state_to_pinocchio(*rates, base=base, model=model)
+    q, v, a = robot.state_to("pinocchio", *rates, base=base, model=model)
     tau = pinocchio.rnea(model, model.createData(), q, v, a)
     Q = robot.inverse_dynamics(*rates, base=base, method="recursion")
-    assert relative_error(robot.forces_from_pinocchio(tau, model=model), Q) < 1e-14
-    assert relative_error(robot.forces_to_pinocchio(Q, model=model), tau) < 1e-14
+    assert relative_error(robot.state_from("pinocchio", q, forces=tau, model=model).Q, Q) < 1e-14
+    assert relative_error(robot.state_to("pinocchio", Q=Q, model=model), tau) < 1e-14
     assert tau @ v == pytest.approx(Q @ np.concatenate([base[1], rates[1]]), rel=1e-13)
 
 
@@ -84,7 +88,7 @@ def test_poses_are_those_of_mujoco(muj):
     data = mujoco.MjData(model)
     mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), 1.0)
     data.qpos[-1] = 0.2 - 2 * (data.qpos[-3] - model.qpos0[-3])
-    state = robot.state_from_mujoco(data.qpos, model=model)
+    state = robot.state_from("mujoco", data.qpos, model=model)
     mujoco.mj_kinematics(model, data)
     C = robot.poses(state.q, base=state.base)
     for i, name in enumerate(robot.body_names):
@@ -103,19 +107,19 @@ def test_velocities_and_accelerations_are_rates_of_positions(request, library):
     """Differences of the libraries' own vectors along a motion of the base, whose rates there are V and Vd."""
     robot, model = request.getfixturevalue(library)
     (q, qd, q2d), (C, V, Vd) = states(robot, np.random.default_rng(5))
-    to = robot.state_to_pinocchio if library == "pin" else robot.state_to_mujoco
+    to = partial(robot.state_to, NAMES[library], model=model)
     h = 1e-4
 
     def at(t):
         base = moved(C, V * t + Vd * t * t / 2), V + t * Vd
-        return to(q + t * qd + t * t * q2d / 2, qd + t * q2d, base=base, model=model)
+        return to(q + t * qd + t * t * q2d / 2, qd + t * q2d, base=base)
 
     (before, v0), (after, v1) = at(-h), at(h)
     if library == "pin":
         difference = pinocchio.difference(model, before, after)
     else:
         mujoco.mj_differentiatePos(model, difference := np.empty(model.nv), 1, before, after)
-    _, v, a = to(q, qd, q2d, base=(C, V, Vd), model=model)
+    _, v, a = to(q, qd, q2d, base=(C, V, Vd))
     assert relative_error(difference / (2 * h), v) < 1e-7
     assert relative_error((v1 - v0) / (2 * h), a) < 1e-7
 
@@ -126,13 +130,13 @@ def test_forces_are_those_of_mujoco(muj):
     rates, base = states(robot, np.random.default_rng(6))
     data = mujoco.MjData(model)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    data.qpos[:], data.qvel[:], data.qacc[:] = robot.state_to_mujoco(*rates, base=base, model=model)
+    data.qpos[:], data.qvel[:], data.qacc[:] = robot.state_to("mujoco", *rates, base=base, model=model)
     assert data.qpos[:7].tolist() == model.qpos0[:7].tolist()
     mujoco.mj_inverse(model, data)
     Q = robot.inverse_dynamics(*rates, base=base, method="recursion")
-    assert relative_error(robot.forces_from_mujoco(data.qfrc_inverse, data.qpos, model=model), Q) < 1e-13
-    qfrc = robot.forces_to_mujoco(Q, base=base[0], model=model)
-    assert relative_error(robot.forces_from_mujoco(qfrc, data.qpos, model=model), Q) < 1e-14
+    assert relative_error(robot.state_from("mujoco", data.qpos, forces=data.qfrc_inverse, model=model).Q, Q) < 1e-13
+    qfrc = robot.state_to("mujoco", Q=Q, base=base[0], model=model)
+    assert relative_error(robot.state_from("mujoco", data.qpos, forces=qfrc, model=model).Q, Q) < 1e-14
     model.opt.disableflags = 0
     assert qfrc @ data.qvel == pytest.approx(Q @ np.concatenate([base[1], rates[1]]), rel=1e-12)
 
@@ -141,13 +145,12 @@ def test_forces_are_those_of_mujoco(muj):
 @pytest.mark.parametrize("library", ["pin", "muj"])
 def test_states_come_back(request, library, batch):
     robot, model = request.getfixturevalue(library)
-    name = {"pin": "pinocchio", "muj": "mujoco"}[library]
-    to, back = (getattr(robot, f"state_{way}_{name}") for way in ("to", "from"))
+    to, back = (partial(way, NAMES[library], model=model) for way in (robot.state_to, robot.state_from))
     rates, base = states(robot, np.random.default_rng(7), batch)
     for count in (1, 2, 3):
-        vectors = to(*rates[:count], base=base[:count], model=model)
+        vectors = as_tuple(to(*rates[:count], base=base[:count]))
         assert [x.shape for x in vectors] == [(*batch, model.nq), *[(*batch, model.nv)] * (count - 1)]
-        state = back(*vectors, model=model)
+        state = back(*vectors)
         assert (len(state.rates), len(state.base)) == (count, count)
         for ours, expected in zip((*state.rates, *state.base), (*rates[:count], *base[:count]), strict=True):
             assert np.abs(ours - expected).max() < 1e-13
@@ -155,13 +158,13 @@ def test_states_come_back(request, library, batch):
 
 def test_both_quaternions_of_a_pose_are_that_pose(pin, muj):
     for (robot, model), name, at in ((pin, "pinocchio", slice(3, 7)), (muj, "mujoco", slice(10, 14))):
-        to, back = (getattr(robot, f"state_{way}_{name}") for way in ("to", "from"))
+        to, back = (partial(way, name, model=model) for way in (robot.state_to, robot.state_from))
         rates, base = states(robot, np.random.default_rng(8), (20,))
-        [q] = to(rates[0], base=base[:1], model=model)
+        q = to(rates[0], base=base[:1])
         other = q.copy()
         other[:, at] *= -1
-        np.testing.assert_array_equal(back(other, model=model).base[0], back(q, model=model).base[0])
-        [again] = to(rates[0], base=back(other, model=model).base, model=model)
+        np.testing.assert_array_equal(back(other).base[0], back(q).base[0])
+        again = to(rates[0], base=back(other).base)
         assert np.abs(again - q).max() < 1e-14
 
 
@@ -170,10 +173,10 @@ def test_robots_that_stand_are_matched_by_name():
     robot = jounce.Robot.from_pinocchio(model)
     m, names = robot.mechanism, robot.joint_names
     swapped = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, joint_names=names, G=np.eye(6)[::-1], name="swapped")
-    state = robot.state_from_pinocchio(np.arange(6.0), model=model)
+    state = robot.state_from("pinocchio", np.arange(6.0), model=model)
     assert (state.q.tolist(), state.base, state.qd) == (list(range(6)), None, None)
     assert robot.inverse_dynamics(state.q, state.q, state.q, base=state.base).shape == (6,)
-    refusal(lambda: swapped.state_from_pinocchio(np.arange(6.0), model=model), "no joint")
+    refusal(lambda: swapped.state_from("pinocchio", np.arange(6.0), model=model), "no joint")
 
 
 def test_a_wheel_that_follows_another_is_where_both_are_turned(tmp_path):
@@ -182,48 +185,51 @@ def test_a_wheel_that_follows_another_is_where_both_are_turned(tmp_path):
     wheels = (joint("one", "world", "a", "continuous"), joint("two", "world", "b", "continuous", inner=mimic))
     path = robot_file(tmp_path, link("world"), link("a", BODY), link("b", BODY), *wheels)
     robot, model = jounce.load(path), pinocchio.buildModelFromUrdf(str(path))
-    q, v = robot.state_to_pinocchio([2.5], [0.3], model=model)
+    q, v = robot.state_to("pinocchio", [2.5], [0.3], model=model)
     assert sorted(v.tolist()) == [0.3, 0.6]
-    assert robot.state_from_pinocchio(q, v, model=model).q == pytest.approx([2.5])
-    assert robot.forces_from_pinocchio([1.0, 1.0], model=model).tolist() == [3.0]
+    assert robot.state_from("pinocchio", q, v, model=model).q == pytest.approx([2.5])
+    assert robot.state_from("pinocchio", q, forces=[1.0, 1.0], model=model).Q.tolist() == [3.0]
     q[2:] = 1, 0
-    refusal(lambda: robot.state_from_pinocchio(q, model=model), "'two' at 0; it follows one, expected 5")
+    refusal(lambda: robot.state_from("pinocchio", q, model=model), "'two' at 0; it follows one, expected 5")
 
 
 def refusals(pin, muj):
     robot, model = pin
     mobile, scene = muj
     q, qpos, v, C = pinocchio.neutral(model), scene.qpos0, np.zeros(model.nv), np.eye(4)
-    bad, late, off = q.copy(), np.stack([q, q]), qpos.copy()
-    bad[3:7], late[1, 3], off[-1] = 1, 0.2, off[-1] + 0.5
+    bad, late, off, held = q.copy(), np.stack([q, q]), qpos.copy(), qpos.copy()
+    bad[3:7], late[1, 3], off[-1], held[-1] = 1, 0.2, off[-1] + 0.5, 0.2
     part = jounce.Robot.from_pinocchio(model, base="floating", root="z")
-    still = jounce.Robot.from_pinocchio(pinocchio.buildSampleModelManipulator())
+    standing = pinocchio.buildSampleModelManipulator()
+    still = jounce.Robot.from_pinocchio(standing)
     simple = mujoco.MjModel.from_xml_string(
         "<mujoco><worldbody><body><joint/><geom size='1'/></body></worldbody></mujoco>"
     )
     arm = jounce.Robot.from_mujoco(simple)
-    of_model = still.state_to_pinocchio
-    yield lambda: robot.state_from_pinocchio(q[:3], model=model), ["q has shape (3,)", f"(..., {model.nq})"]
-    yield lambda: robot.state_from_pinocchio(q, q, model=model), ["v has shape", f"(..., {model.nv})"]
-    yield lambda: robot.state_from_pinocchio(q, None, v, model=model), ["v is None", "expected an array"]
-    yield lambda: robot.state_from_pinocchio(bad, model=model), ["q: the quaternion has norm 2", "expected 1 within"]
-    yield lambda: robot.state_from_pinocchio(late, model=model), ["quaternion of sample 1 has norm 1.0198"]
-    yield lambda: robot.state_from_pinocchio(q, model=scene), ["model= expects a pinocchio.Model"]
-    yield lambda: robot.state_from_mujoco(q, model=model), ["model= expects a mujoco.MjModel"]
-    yield lambda: robot.state_from_mujoco(qpos, model=scene), ["has no joint 'leg_z'", "turn"]
-    yield lambda: robot.locked({"leg_z": 0.3}).state_from_pinocchio(q, model=model), ["'leg_z' moves", "holds"]
-    yield lambda: still.state_from_pinocchio(q, model=model), ["has no joint"]
-    yield lambda: part.state_from_pinocchio(q, model=model), ["no floating joint moves 'z'", "trunk"]
-    yield lambda: mobile.state_from_mujoco(off, model=scene), ["'follow' at", "it follows turn", "within 0.01"]
-    yield lambda: mobile.state_to_mujoco([0, 0], model=scene), ["base is None", "floats"]
-    yield lambda: mobile.state_to_mujoco([0, 0], [0, 0], base=(C,), model=scene), ["base gives C alone"]
-    yield lambda: mobile.state_to_mujoco([0, 0], base=2 * C, model=scene), ["no pose"]
-    yield lambda: mobile.state_to_mujoco(np.zeros((2, 2)), base=np.stack([C] * 3), model=scene), ["(2,), (3,)"]
-    yield lambda: of_model([0] * 6, base=C, model=pinocchio.buildSampleModelManipulator()), ["does not float"]
-    yield lambda: mobile.forces_from_mujoco(np.zeros(scene.nv), model=scene), ["qpos is None"]
-    yield lambda: mobile.forces_to_mujoco(np.zeros(8), model=scene), ["base is None"]
-    yield lambda: arm.forces_to_mujoco([0], base=C, model=simple), ["does not float"]
-    yield lambda: mobile.forces_to_mujoco(np.zeros(2), base=C, model=scene), ["Q has shape (2,)", "(..., 8)"]
+    yield lambda: robot.state_from("pinocchio", q[:3], model=model), ["q has shape (3,)", f"(..., {model.nq})"]
+    yield lambda: robot.state_from("pinocchio", q, q, model=model), ["v has shape", f"(..., {model.nv})"]
+    yield lambda: robot.state_from("pinocchio", q, None, v, model=model), ["v is None", "expected an array"]
+    yield lambda: robot.state_from("pinocchio", bad, model=model), ["q: the quaternion has norm 2", "expected 1 within"]
+    yield lambda: robot.state_from("pinocchio", late, model=model), ["quaternion of sample 1 has norm 1.0198"]
+    yield lambda: robot.state_from("pinocchio", q, model=scene), ["model= expects a pinocchio.Model"]
+    yield lambda: robot.state_from("mujoco", q, model=model), ["model= expects a mujoco.MjModel"]
+    yield lambda: robot.state_from("mujoco", qpos, model=scene), ["has no joint 'leg_z'", "turn"]
+    yield lambda: robot.locked({"leg_z": 0.3}).state_from("pinocchio", q, model=model), ["'leg_z' moves", "holds"]
+    yield lambda: still.state_to("pinocchio", Q=[0] * 6, base=C, model=standing), ["does not float"]
+    yield lambda: still.state_to("pinocchio", model=standing), ["q"]
+    yield lambda: still.state_from("drake", q, model=model), ["unknown library 'drake'", "pinocchio, mujoco"]
+    yield lambda: still.state_from("pinocchio", q, model=model), ["has no joint"]
+    yield lambda: part.state_from("pinocchio", q, model=model), ["no floating joint moves 'z'", "trunk"]
+    yield lambda: mobile.state_from("mujoco", off, model=scene), ["'follow' at", "it follows turn", "within 0.01"]
+    yield lambda: mobile.state_to("mujoco", [0, 0], model=scene), ["base is None", "floats"]
+    yield lambda: mobile.state_to("mujoco", [0, 0], [0, 0], base=(C,), model=scene), ["base gives C alone"]
+    yield lambda: mobile.state_to("mujoco", [0, 0], base=2 * C, model=scene), ["no pose"]
+    yield lambda: mobile.state_to("mujoco", np.zeros((2, 2)), base=np.stack([C] * 3), model=scene), ["(2,), (3,)"]
+    yield lambda: still.state_to("pinocchio", [0] * 6, base=C, model=standing), ["does not float"]
+    yield lambda: mobile.state_from("mujoco", held, forces=v, model=scene), ["qfrc has shape", f"(..., {scene.nv})"]
+    yield lambda: mobile.state_to("mujoco", Q=np.zeros(8), model=scene), ["base is None"]
+    yield lambda: arm.state_to("mujoco", Q=[0], base=C, model=simple), ["does not float"]
+    yield lambda: mobile.state_to("mujoco", Q=np.zeros(2), base=C, model=scene), ["Q has shape (2,)", "(..., 8)"]
 
 
 def test_refuses(pin, muj):
@@ -235,7 +241,7 @@ def test_a_robot_that_stands_does_not_take_the_state_of_one_that_floats(pin):
     with pytest.warns(jounce.JounceWarning):
         robot = jounce.Robot.from_pinocchio(pin[1], base="fixed")
     q = pinocchio.neutral(pin[1])
-    refusal(lambda: robot.state_from_pinocchio(q, model=pin[1]), "'flight' moves", "load it with base='floating'")
+    refusal(lambda: robot.state_from("pinocchio", q, model=pin[1]), "'flight' moves", "load it with base='floating'")
 
 
 NOT_LOADED = ("alex_psyonic_hands.urdf", "quadrotor_base.urdf", "iris_simple.urdf", "ur3.urdf")  # nor with a fixed base
@@ -247,7 +253,7 @@ def test_robots_of_example_robot_data_float_as_in_pinocchio(name):
     robot = jounce.load(REAL[name], base="floating")
     model = pinocchio.buildModelFromUrdf(str(REAL[name]), pinocchio.JointModelFreeFlyer())
     rates, base = states(robot, np.random.default_rng(1))
-    q, v, a = robot.state_to_pinocchio(*rates, base=base, model=model)
+    q, v, a = robot.state_to("pinocchio", *rates, base=base, model=model)
     tau = pinocchio.rnea(model, model.createData(), q, v, a)
     Q = robot.inverse_dynamics(*rates, base=base, method="recursion")
-    assert relative_error(robot.forces_from_pinocchio(tau, model=model), Q) < 1e-12
+    assert relative_error(robot.state_from("pinocchio", q, forces=tau, model=model).Q, Q) < 1e-12

@@ -149,3 +149,14 @@ def test_the_interpolation_error_of_an_encoder_is_said_with_its_count_per_turn(c
     q[:, 1] += amplitude * np.sin(count * q[:, 1] + 1)
     [note] = [note for note in fit(t, encoder(q, 17)).notes if "per turn" in note]
     assert note.startswith(f"column 2 is off by a wave of about {count} per turn")
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_half_a_second_of_loud_noise_does_not_hide_the_error_of_an_encoder(seed):
+    rng = np.random.default_rng(seed)
+    truth, t = harmonics(rng, base=0.05, amplitude=0.5), np.arange(0, 10, 1e-3)
+    q = truth(t)[:, :2]
+    q[:, 1] += 2e-5 * np.sin(128 * q[:, 1] + 1)
+    q += rng.standard_normal(q.shape) * np.where((t > 4) & (t < 4.5), 3e-4, 1e-5)[:, None]
+    [note] = [note for note in fit(t, encoder(q, 17)).notes if "per turn" in note]
+    assert note.startswith("column 2 is off by a wave of about 128 per turn")

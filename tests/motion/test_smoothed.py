@@ -42,23 +42,23 @@ def test_a_log_of_encoders_is_smoothed_by_default(tmp_path):
     assert np.array_equal(tables.read(tmp_path / "out.npz")["joint1.Q2d"], along.forces[2][:, 0])
 
 
-def test_samples_that_cannot_carry_the_highest_rate_are_refused_but_for_force(tmp_path):
-    words = ("do not carry", "--force (force=)", "--bandwidth HZ (bandwidth=)")
+def test_samples_that_cannot_carry_the_highest_rate_are_refused_unless_noise_is_allowed(tmp_path):
+    words = ("do not carry", "--allow-noise (allow_noise=)", "--bandwidth HZ (bandwidth=)")
     refusal(lambda: jounce.load_motion(NOISE, PLANAR), *words)
-    assert any("do not carry" in note for note in jounce.load_motion(NOISE, PLANAR, force=True).notes)
+    assert any("do not carry" in note for note in jounce.load_motion(NOISE, PLANAR, allow_noise=True).notes)
     tables.write(tmp_path / "log.npz", NOISE)
     asked = ("run", "planar2r", tmp_path / "log.npz", "-o", tmp_path / "out.npz")
     refused = call(*asked)
     assert refused.exit_code == 2
     assert all(word in refused.stderr for word in words)
     assert len(refused.stderr.splitlines()) == 1
-    assert call(*asked, "--force").exit_code == 0
+    assert call(*asked, "--allow-noise").exit_code == 0
 
 
 RATES = {"t": T} | {
     f"joint{j + 1}.{rate}": EXACT[k][:, j] for j in (0, 1) for k, rate in enumerate(("q", "qd", "q2d", "q3d", "q4d"))
 }
-OPTIONS = {"degree": 7, "intervals": 5, "bandwidth": 2.0, "force": True}
+OPTIONS = {"degree": 7, "intervals": 5, "bandwidth": 2.0, "allow_noise": True}
 NAMING = {"time": "t", "columns": "{joint}", "angles": "rad", "time_unit": "s"}
 NO_EFFECT = {
     **{f"{name} of terms": ("paper", {name: value}, "exact") for name, value in (OPTIONS | NAMING).items()},

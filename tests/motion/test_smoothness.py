@@ -63,7 +63,7 @@ def test_a_kink_is_told_however_samples_are_smoothed(count, written):
     t = np.linspace(0, 1, count)
     q = np.stack([np.abs(t - 0.5), 0.3 * np.sin(2 * t)], axis=1)
     with pytest.warns(jounce.JounceWarning, match="velocity jumps at 1 knot"):
-        jounce.Motion.fit(t, written(q), force=True)
+        jounce.Motion.fit(t, written(q), allow_noise=True)
 
 
 def test_rates_of_a_table_are_judged_as_they_are():

@@ -58,7 +58,7 @@ KERNELS = {
     "a matrix of many coordinates": lambda: chain().compile(order=0, quantity="mass_matrix"),
     "a matrix": lambda: jounce.load("planar2r").compile(order=1, quantity="mass_matrix"),
     "gravity": lambda: forest().compile(order=0, quantity="gravity_forces"),
-    "one coordinate on moving ground": lambda: pendulum().compile(order=1, base=True),
+    "one coordinate on moving ground": lambda: pendulum().compile(order=1, moving_base=True),
     "many coordinates on a floating base in a loop": lambda: afloat(chain()).compile(order=4, wrench=True),
 }
 

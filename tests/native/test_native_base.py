@@ -41,7 +41,7 @@ def motion(of, order, *batch):
 def test_many_bodies_agree_with_the_recursion(afloat):
     of, order = robot(afloat), 4
     q, base, W = motion(of, order, 3)
-    kernel = of.compile(order=order, wrench=True, base=True)
+    kernel = of.compile(order=order, wrench=True, moving_base=True)
     assert not is_straight(kernel.computation, kernel.mechanism)
     expected = of.inverse_dynamics(*q, base=base, wrench=W, method="recursion")
     for x, y in zip(kernel(*q, *W, *base), expected, strict=True):
@@ -63,14 +63,16 @@ def test_a_kernel_with_a_base_is_bound_and_pickled():
     out = [np.empty_like(x) for x in expected]
     kernel.bind(*arrays, out=out)()
     np.testing.assert_array_equal(out, expected)
-    moving = robot(False, bodies=4).compile(order=0, base=True)
-    assert moving.computation.keywords() == ["'inverse_dynamics'", "order=0", "base=True"]
-    with pytest.raises(JounceError, match=r"^robot\.compile\('inverse_dynamics', order=0, base=True\) fixed what"):
+    moving = robot(False, bodies=4).compile(order=0, moving_base=True)
+    assert moving.computation.keywords() == ["'inverse_dynamics'", "order=0", "moving_base=True"]
+    with pytest.raises(
+        JounceError, match=r"^robot\.compile\('inverse_dynamics', order=0, moving_base=True\) fixed what"
+    ):
         moving(*arrays, body="x")
     with pytest.raises(JounceError, match=r"without base=: it takes q, qd, q2d, base_pose, base_twist, base_twistd$"):
         moving(*q[:3], base=base)
     fixed = robot(False, bodies=4).compile(order=0)
-    with pytest.raises(JounceError, match=r"compile another one with base=True$"):
+    with pytest.raises(JounceError, match=r"compile another one with moving_base=True$"):
         fixed(*q[:3], base=base)
     with pytest.raises(JounceError, match=r"compile another one with wrench=True$"):
         fixed(*q[:3], wrench=W)

@@ -114,7 +114,7 @@ def test_products_agree_with_jax():
 def test_products_by_a_pose_are_those_of_displacements(floats):
     """Steps C exp(wedge(d)), and transposes of each other."""
     robot = jounce.Robot(floating(TWO.mechanism, np.random.default_rng(0))) if floats else TWO
-    kernel, rng = robot.compile("base_wrench", order=1, base=True), np.random.default_rng(1)
+    kernel, rng = robot.compile("base_wrench", order=1, moving_base=True), np.random.default_rng(1)
     C, *rest = random_base(rng, 4)
     x, given = [*rng.uniform(-1, 1, (4, 2)), C, *rest], kernel.signature.inputs
     directions, weights = [rng.uniform(-1, 1, (3, *port.displacement)) for port in given], rng.uniform(-1, 1, (2, 3, 6))

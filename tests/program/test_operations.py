@@ -194,9 +194,7 @@ def generated(tmp_path, monkeypatch, lang, float32=False):
     program, count = mass_matrix_of_operations()
     with monkeypatch.context() as patch:
         patch.setattr(forms, "program", lambda *_: program)
-        jounce.codegen(
-            jounce.load("iiwa14"), lang, 0, tmp_path / lang, outputs=["mass_matrix"], prefix="arm", float32=float32
-        )
+        jounce.load("iiwa14").codegen(lang, 0, tmp_path / lang, outputs=["mass_matrix"], prefix="arm", float32=float32)
     return program, count
 
 

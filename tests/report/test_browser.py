@@ -41,7 +41,8 @@ def subject():
 
 @pytest.fixture(scope="module")
 def report(subject):
-    return jounce.report(*subject, 0)
+    robot, motion = subject
+    return robot.report(motion, 0)
 
 
 @pytest.fixture(scope="module")

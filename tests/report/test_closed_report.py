@@ -69,7 +69,7 @@ def _bytes(packed):
 def test_sliders_close_the_loops_on_the_branch_or_stop(fivebar, tmp_path):
     api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     robot, motion = fivebar
-    jounce.report(robot, motion, 0).save(tmp_path / "fivebar.html")
+    robot.report(motion, 0).save(tmp_path / "fivebar.html")
     with api.sync_playwright() as p:
         browser = p.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         page = browser.new_page()

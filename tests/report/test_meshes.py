@@ -31,7 +31,7 @@ def arm(folder, *meshes):
 def page_of(file):
     robot = jounce.load(file)
     motion = jounce.Motion.polynomial([[0.0, 0.5]] * robot.n, 1.0)
-    report = jounce.report(robot, motion, 0, visuals=file)
+    report = robot.report(motion, 0, visuals=file)
     page, data = parsed(report)
     return report, words(page, panel("robot_data")), data["robot"]
 
@@ -103,7 +103,7 @@ def test_links_whose_meshes_cannot_be_read_are_capsules_and_the_page_says_why(tm
     (tmp_path / "odd.stl").write_bytes(b"solid nothing")
     file = arm(tmp_path, "package://description/" + 80 * "x" + "/no&lt;b&gt;.stl", "odd.stl", "box.stl")
     _, text, data = page_of(file)
-    bare = parsed(jounce.report(jounce.load(file), jounce.Motion.polynomial([[0.0, 0.5]] * 3, 1.0), 0))[1]["robot"]
+    bare = parsed(jounce.load(file).report(jounce.Motion.polynomial([[0.0, 0.5]] * 3, 1.0), 0))[1]["robot"]
     for body in (0, 1):
         found, capsules = (points_of(some["solids"], body)[0] for some in (data, bare))
         np.testing.assert_array_equal(sorted_rows(found), sorted_rows(capsules))
@@ -120,9 +120,9 @@ def test_a_urdf_without_visuals_and_files_of_other_types(tmp_path):
     file = robot_file(tmp_path, link("base"), link("arm", BODY), joint("turn", "base", "arm"))
     assert "robot.urdf has no visuals of the links; capsules stand for them." in page_of(file)[1]
     robot, motion = jounce.load("planar2r"), jounce.Motion.polynomial([[0, 1], [0, 1]], 1.0)
-    refusal(lambda: jounce.report(robot, motion, 0, visuals="arm.xml"), "visuals are read from .urdf files")
-    refusal(lambda: jounce.report(robot, motion, 0, visuals=tmp_path / "no.urdf"), "no such file")
-    refusal(lambda: jounce.report(robot, motion, 0, visuals=3), "3 is not a path")
+    refusal(lambda: robot.report(motion, 0, visuals="arm.xml"), "visuals are read from .urdf files")
+    refusal(lambda: robot.report(motion, 0, visuals=tmp_path / "no.urdf"), "no such file")
+    refusal(lambda: robot.report(motion, 0, visuals=3), "3 is not a path")
 
 
 def test_the_command_draws_the_meshes_of_its_robot(tmp_path):

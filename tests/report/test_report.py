@@ -58,7 +58,7 @@ def test_a_tripping_motion_and_the_retimed_one_have_opposite_verdicts(panda, rec
     tripping = jounce.Motion.trapezoidal([HOME, HOME + 0.4], 2.0, 7.0).blended(0.02).with_step(0.01)
     retimed = panda.retime(tripping).motion
     for motion, kind in ((tripping, "broken"), (retimed, "kept")):
-        report = jounce.report(panda, motion, 1)
+        report = panda.report(motion, 1)
         page, _ = parsed(report)
         assert page.xpath(f"//*[@class='verdict {kind}']")
         assert report.check.ok == (kind == "kept")
@@ -83,7 +83,7 @@ def test_the_report_of_the_tutorials_log_is_small_and_has_bands_and_dots(tmp_pat
         exec(example.source, names)
         if "motion" in names:
             break
-    report = jounce.report(names["robot"], names["motion"])
+    report = names["robot"].report(names["motion"])
     assert len(report.html.encode()) < LARGEST
     page, data = parsed(report)
     looks = [(trace["mode"], trace.get("fill")) for trace in data["curves"]["data"]]
@@ -100,7 +100,7 @@ def test_a_spike_of_one_sample_among_a_hundred_thousand_is_drawn_and_is_the_wors
     width = 2.0**-11  # s: a power of two, so that polynomials meet exactly
     bump *= 0.5 * width ** -np.arange(10, -1.0, -1)[:, None, None]
     motion = jounce.Motion.piecewise([0, 5.5, 5.5 + width, 10], bump).with_step(1e-4)
-    report = jounce.report(planar, motion)
+    report = planar.report(motion)
     assert len(report.html.encode()) < LARGEST
     _, data = parsed(report)
     of = [trace for trace in data["curves"]["data"] if (trace["yaxis"], trace["meta"]) == ("y2", 0)]
@@ -112,7 +112,7 @@ def test_a_spike_of_one_sample_among_a_hundred_thousand_is_drawn_and_is_the_wors
 
 
 def test_a_robot_without_limits_says_so_and_draws_none():
-    report = jounce.report(jounce.load("planar2r"), swing())
+    report = jounce.load("planar2r").report(swing())
     page, data = parsed(report)
     assert "states none, so that nothing is checked" in words(page, "//p[@class='verdict']")
     assert "states no limits" in words(page, panel("limits"))
@@ -124,7 +124,7 @@ def test_a_robot_without_limits_says_so_and_draws_none():
 
 def test_breaks_are_listed_and_drawn_from_both_sides(planar):
     motion = jounce.Motion.trapezoidal([[0, 0], [1, 1]], 0.9, 2.0)
-    page, data = parsed(jounce.report(planar, motion))
+    page, data = parsed(planar.report(motion))
     assert len(page.xpath(panel("motion") + "//tbody/tr")) == len(motion.breaks) == 4
     assert [shape["x0"] for shape in data["curves"]["layout"]["shapes"]] == sorted({found.t for found in motion.breaks})
     [q2d] = [trace for trace in data["curves"]["data"] if (trace["yaxis"], trace["meta"]) == ("y3", 0)]
@@ -135,7 +135,7 @@ def test_breaks_are_listed_and_drawn_from_both_sides(planar):
 
 def test_there_is_a_reason_where_there_is_no_factor():
     robot = jounce.load("planar2r").with_limits(acceleration=1.0, jerk=1.0)
-    report = jounce.report(robot, jounce.Motion.trapezoidal([[0, 0], [1, 1]], 0.9, 2.0))
+    report = robot.report(jounce.Motion.trapezoidal([[0, 0], [1, 1]], 0.9, 2.0))
     assert report.slowdown is None
     assert "no slow-down factor: break at t = 0.45 s" in words(parsed(report)[0], panel("limits"))
 
@@ -144,17 +144,15 @@ def test_order_0_draws_Q_alone_and_needs_no_higher_rate(planar):
     t = np.linspace(0, 1, 101)
     rates = {f"joint{j}.{name}": np.sin(t + k * np.pi / 2) for j in (1, 2) for k, name in enumerate(("q", "qd", "q2d"))}
     motion = jounce.load_motion({"t": t, **rates}, planar, 0)
-    heads = [
-        cell.text.strip() for cell in parsed(jounce.report(planar, motion))[0].xpath("//table[@id='values']/thead//th")
-    ]
+    heads = [cell.text.strip() for cell in parsed(planar.report(motion))[0].xpath("//table[@id='values']/thead//th")]
     assert heads == ["joint", "q", "qd", "q2d", "Q"]
-    assert "q4d is not known" in refusal(lambda: jounce.report(planar, motion, 2))
+    assert "q4d is not known" in refusal(lambda: planar.report(motion, 2))
 
 
 def test_elastic_joints_show_their_motors(planar):
     arm = planar.elastic([800, 600], rotor=0.1).with_limits(motor_torque=[20.0, 20.0])
     motion = swing()
-    report = jounce.report(arm, motion)
+    report = arm.report(motion)
     page, data = parsed(report)
     heads = [cell.text.strip() for cell in page.xpath("//table[@id='values']/thead//th")]
     assert heads[-3:] == ["theta", "thetad", "tau"]
@@ -171,9 +169,9 @@ def test_hostile_names_stay_text():
     names = {"names": [f"body {name}" for name in HOSTILE], "joint_names": HOSTILE, "name": HOSTILE[0]}
     X = [[0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 1, 0, 0, 0, 0]]
     robot = jounce.Robot.from_screws([np.eye(4)] * 3, X, [M] * 3, limits={"velocity": [0.1] * 3}, **names)
-    report = jounce.report(robot, swing(3))
+    report = robot.report(swing(3))
     page, _ = parsed(report)
-    harmless = jounce.report(jounce.load("planar2r"), swing())
+    harmless = jounce.load("planar2r").report(swing())
     assert len(page.xpath("//script")) == len(parsed(harmless)[0].xpath("//script"))
     shown = [label.text_content().strip() for label in page.xpath("//table[@id='values']//label")]
     assert shown == [*HOSTILE[:2], r"{{ 7 * 7 }}<!--\u202e\n"]
@@ -183,18 +181,17 @@ def test_hostile_names_stay_text():
 
 
 def test_a_page_links_to_nothing():
-    page, _ = parsed(jounce.report(jounce.load("planar2r"), swing()))
+    page, _ = parsed(jounce.load("planar2r").report(swing()))
     assert page.xpath("//@href | //@src") == []
     assert "default-src 'none'" in page.xpath("//meta[@http-equiv]/@content")[0]
 
 
 def test_bad_input_is_one_line_and_leaves_files_as_they_were(planar, tmp_path, monkeypatch):
     other = jounce.Motion.polynomial([[0.0], [1.0]], 1.0, joint_names=["a", "b"])
-    assert "unknown 'a', 'b'" in refusal(lambda: jounce.report(planar, other))
-    refusal(lambda: jounce.report("planar2r", swing()), "report() expects a jounce.Robot, got str; try jounce.load")
-    refusal(lambda: jounce.report(planar, "paper"), "report() expects a jounce.Motion, got str; try jounce.load_motion")
-    refusal(lambda: jounce.report(planar, swing(), 3), "order is 3; expected 0, 1 or 2")
-    report = jounce.report(planar, swing())
+    assert "unknown 'a', 'b'" in refusal(lambda: planar.report(other))
+    refusal(lambda: planar.report("paper"), "report() expects a jounce.Motion, got str; try jounce.load_motion")
+    refusal(lambda: planar.report(swing(), 3), "order is 3; expected 0, 1 or 2")
+    report = planar.report(swing())
     assert "no folder" in refusal(lambda: report.save(tmp_path / "none" / "r.html"))
     assert "available: .html, .htm" in refusal(lambda: report.save(tmp_path / "r.pdf"))
     refusal(lambda: report.save(3), "save() expects a path, got int")
@@ -210,7 +207,7 @@ def test_bad_input_is_one_line_and_leaves_files_as_they_were(planar, tmp_path, m
 def test_without_plotly_the_extra_is_named(planar, monkeypatch):
     monkeypatch.setitem(sys.modules, "plotly", None)
     monkeypatch.setitem(sys.modules, "plotly.offline", None)
-    assert refusal(lambda: jounce.report(planar, swing())).endswith("pip install 'jounce[report]'")
+    assert refusal(lambda: planar.report(swing())).endswith("pip install 'jounce[report]'")
 
 
 def test_the_command_writes_the_page_and_tells_of_it(tmp_path):

@@ -16,6 +16,7 @@ import jounce
 from jounce import JounceError
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.limits import KEYS
+from jounce.robot.old import OldMethods
 
 URDF = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -25,7 +26,7 @@ ROBOT = jounce.load("planar2r")
 FIVEBAR = jounce.load("fivebar")
 ARM = ROBOT.elastic([800, 600], rotor=0.1)
 KERNEL = ROBOT.compile("gravity_forces", order=0)
-SYMBOLIC = jounce.symbolic(ROBOT)
+SYMBOLIC = ROBOT.symbolic()
 B, X, M = (getattr(ROBOT.mechanism, name) for name in "BXM")
 TREE = {"parent": [-1, 0], "names": ["a", "b"], "gravity": [0, 0, -9.81], "joint_names": ["c", "d"], "name": "r"}
 TREE |= {"limits": {"lower": [-1, -1]}, "drives": {"damping": [1, 1]}}
@@ -76,20 +77,15 @@ def screws(**data: Any) -> Any:
 
 def of_library(name: str, robot: jounce.Robot, model: Any) -> dict[str, Case]:
     """States and forces from and to another library."""
-    state_from, state_to, forces_from, forces_to = (
-        getattr(robot, f"{what}_{way}_{name}") for what in ("state", "forces") for way in ("from", "to")
-    )
     motion = dict(zip(("q", "qd", "q2d"), np.zeros((3, robot.n)), strict=True))
-    base, forces = (np.eye(4), *np.zeros((2, 6))), np.zeros(robot.nv)
-    vectors = state_to(*motion.values(), base=base, model=model)
-    keys = [key for key in inspect.signature(state_from).parameters if key != "model"]
-    tau, *more = (key for key in inspect.signature(forces_from).parameters if key != "model")
+    of, base, forces = {"library": name, "model": model}, (np.eye(4), *np.zeros((2, 6))), np.zeros(robot.nv)
+    vectors = robot.state_to(name, *motion.values(), base=base, model=model)
     return {
-        state_from.__name__: (state_from, {**dict(zip(keys, vectors, strict=True)), "model": model}),
-        state_to.__name__: (state_to, {**motion, "base": base, "model": model}),
-        forces_from.__name__: (forces_from, {tau: forces, **dict.fromkeys(more, vectors[0]), "model": model}),
-        forces_to.__name__: (forces_to, {"Q": forces, "model": model} | ({"base": base[0]} if more else {})),
-    }
+        f"state_from {name}": (
+            robot.state_from, of | dict(zip(("q", "v", "a"), vectors, strict=True)) | {"forces": forces}
+        ),
+        f"state_to {name}": (robot.state_to, of | motion | {"Q": forces, "base": base}),
+    }  # fmt: skip
 
 
 HUMANOID = pinocchio.buildSampleModelHumanoid()
@@ -106,20 +102,20 @@ CASES: dict[str, Case] = {
     "load bundled": (jounce.load, {"source": "iiwa14", **READ, "gravity": [0, 0, -9.81]}),
     "load planar2r": (jounce.load, {"source": "planar2r", "L1": 1, "L2": 1, "m1": 1, "m2": 1, "g": 9.81}),
     "save": (jounce.save, {"robot": ROBOT, "path": "r.yaml"}),
-    "symbolic": (jounce.symbolic, {"robot": ROBOT, "base": False}),
+    "symbolic": (ROBOT.symbolic, {"moving_base": False}),
     "Symbolic.dot": (SYMBOLIC.dot, {"x": SYMBOLIC.q[0]}),
     "codegen": (
-        jounce.codegen,
+        ROBOT.codegen,
         {
-            "robot": ROBOT, "lang": "python", "order": 0, "directory": "code", "outputs": ["gravity_forces"],
-            "wrench": False, "parameters": (), "float32": False, "prefix": "r", "force": True,
-            "base": True,
+            "lang": "python", "order": 0, "directory": "code", "outputs": ["gravity_forces"],
+            "wrench": False, "parameters": (), "float32": False, "prefix": "r", "overwrite": True,
+            "moving_base": True,
         },
     ),
     "casadi_function": (
-        jounce.casadi_function,
-        {"robot": ROBOT, "quantity": "jacobian", "order": 0, "wrench": False, "body": "body1", "frame": "world"}
-        | {"parameters": (), "base": False},
+        ROBOT.casadi_function,
+        {"quantity": "jacobian", "order": 0, "wrench": False, "body": "body1", "frame": "world"}
+        | {"parameters": (), "moving_base": False},
     ),
     "inertia_matrix": (
         jounce.inertia_matrix,
@@ -129,7 +125,7 @@ CASES: dict[str, Case] = {
         jounce.load_motion,
         {"source": {"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, "robot": ROBOT}
         | {"order": 1, "degree": 7, "intervals": None, "time": "t", "columns": "{joint}", "angles": "rad"}
-        | {"bandwidth": None, "force": False}
+        | {"bandwidth": None, "allow_noise": False}
         | {"time_unit": "s", "topic": None, "torques": None},
     ),
     "Motion": (MOTION, {"t": [0.1, 0.2], "order": 2, "side": "left"}),
@@ -145,7 +141,7 @@ CASES: dict[str, Case] = {
     "Motion.through": (jounce.Motion.through, {"t": SAMPLES, "q": TWO, "degree": 7, **NAMED}),
     "Motion.fit": (
         jounce.Motion.fit,
-        {"t": SAMPLES, "q": TWO, "degree": 7, "intervals": 1, "bandwidth": None, "force": False, **NAMED},
+        {"t": SAMPLES, "q": TWO, "degree": 7, "intervals": 1, "bandwidth": None, "allow_noise": False, **NAMED},
     ),
     "Motion.polynomial": (
         jounce.Motion.polynomial, {"coefficients": np.ones((2, 3)), "duration": 1.0, "start": 0.0, **NAMED}
@@ -255,7 +251,7 @@ CASES: dict[str, Case] = {
     "retime": (ROBOT.with_limits(velocity=99, acceleration=99).retime, {"motion": SAMPLED, "margin": 0.01}),
     "motors of check": (ARM.with_limits(motor_velocity=99).check, {"motion": SAMPLED}),
     "motors of slowdown": (ARM.with_limits(motor_velocity=99).slowdown, {"motion": SAMPLED}),
-    "report": (jounce.report, {"robot": ROBOT, "motion": SAMPLED, "order": 0, "visuals": None, "mesh_folders": []}),
+    "report": (ROBOT.report, {"motion": SAMPLED, "order": 0, "visuals": None, "mesh_folders": []}),
     "locked": (ROBOT.locked, {"values": {"joint1": 0.0}}),
     "joint of locked": (lambda joint1: ROBOT.locked({"joint1": joint1}), {"joint1": 0.0}),
     "audit": (ROBOT.audit, {}),
@@ -273,7 +269,7 @@ CASES: dict[str, Case] = {
     "compile": (
         ROBOT.compile,
         {"quantity": "jacobian", "order": 0, "wrench": False, "body": "body1", "frame": "world", "product": None}
-        | {"base": False},
+        | {"moving_base": False},
     ),
     "kernel": (KERNEL, {"arrays": [0.1, 0.2], "out": None, "threads": 1}),
     "kernel in threads": (KERNEL, {"arrays": np.ones((4, 2)), "out": np.ones((4, 2)), "threads": 2}),
@@ -304,20 +300,20 @@ CASES: dict[str, Case] = {
         SAMPLED.with_base,
         {
             "t": SAMPLES, "C": np.tile(np.eye(4), (20, 1, 1)),
-            "degree": 7, "intervals": None, "bandwidth": None, "force": False,
+            "degree": 7, "intervals": None, "bandwidth": None, "allow_noise": False,
         },
     ),
     "excite": (
-        jounce.excite,
+        ROBOT.with_limits(velocity=2.0).excite,
         {
-            "robot": ROBOT.with_limits(velocity=2.0), "period": 2.0, "periods": 1, "harmonics": 3, "drives": False,
+            "period": 2.0, "periods": 1, "harmonics": 3, "drives": False,
             "weights": None, "reach": 1.0, "margin": 0.01, "starts": 1, "seed": 0,
         },
     ),
     "identify": (
-        jounce.identify,
+        ROBOT.identify,
         {
-            "robot": ROBOT, "motion": SAMPLED, "forces": ROBOT.forces_along(SAMPLED, order=0).forces[0], "t": SAMPLES,
+            "motion": SAMPLED, "forces": ROBOT.forces_along(SAMPLED, order=0).forces[0], "t": SAMPLES,
             "drives": False, "eps": None, "span": None, "band": 9.0, "weights": None, "deviations": 1e-4, "prior": 0.3,
             "method": "inverse_dynamics",
         },
@@ -384,11 +380,12 @@ def test_hostile_values_work_or_are_refused_in_one_line(name):
     assert not failures
 
 
+OLD = vars(OldMethods)
 OBJECTS = ("Motion.from_ruckig", "Motion.from_toppra")  # take what a planner computes, and refuse all else
 
 
 def test_every_argument_of_every_public_function_is_attacked():
-    methods = {name: getattr(jounce.Robot, name) for name in dir(jounce.Robot) if not name.startswith("_")}
+    methods = {name: getattr(jounce.Robot, name) for name in dir(jounce.Robot) if name[0] != "_" and name not in OLD}
     made = {
         "Along",
         "BaseParameters",

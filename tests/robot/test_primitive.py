@@ -109,7 +109,7 @@ def arrays_of(given):
 def test_the_gradient_of_a_cost_of_Q2d_is_that_of_casadi():
     q = states(*[()] * 5)
     symbols = [casadi.SX.sym("q", 2) for _ in q]
-    *_, Q2d = jounce.casadi_function(ROBOT, order=2)(*symbols)
+    *_, Q2d = ROBOT.casadi_function(order=2)(*symbols)
     gradient = casadi.gradient(casadi.dot(Q2d, Q2d), casadi.vertcat(*symbols))
     expected = casadi.Function("gradient", symbols, [gradient])(*q).full().reshape(5, 2)
     found = jax.jit(jax.grad(lambda q: jnp.sum(ROBOT.inverse_dynamics(*q)[2] ** 2)))(q)
@@ -140,7 +140,10 @@ def test_a_pose_of_the_base_is_differentiated_along_displacements():
         return robot.potential_energy(q[0][0], base=moved(d), method=method)
 
     at, along = jnp.zeros(6), np.arange(6.0)
-    kernel, both = robot.compile(order=0, base=True), lambda d, t: (jax.jvp(forces, (d,), (t,)), jax.jacrev(forces)(d))
+    kernel, both = (
+        robot.compile(order=0, moving_base=True),
+        lambda d, t: (jax.jvp(forces, (d,), (t,)), jax.jacrev(forces)(d)),
+    )
     (values, tangents), jacobian = jax.jit(both)(at, along)
     same(values, robot.inverse_dynamics(*q, base=tuple(base)))
     close(tangents, kernel.jvp((*q, *base), (None, None, None, along, None, None)))

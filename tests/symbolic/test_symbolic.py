@@ -112,7 +112,7 @@ def evaluated(x, known):
 def test_the_planar_2r_is_the_papers():
     """Identical to the six printed expressions, and with as many terms as they have."""
     start = time.perf_counter()
-    S = jounce.symbolic(planar2r())
+    S = planar2r().symbolic()
     state = [list(x) for x in (S.q, S.qd, S.q2d, S.q3d, S.q4d)]
     on_paper = printed_symbolically(*PARAMETERS, *state)
     for matrix, taus, terms in zip((S.Q, S.Qd, S.Q2d), on_paper, ((11, 5), (15, 8), (25, 16)), strict=True):
@@ -131,7 +131,7 @@ def printed_symbolically(*arguments):
 
 
 def test_what_is_shared_stands_in_front_as_the_paper_prints_it():
-    S = jounce.symbolic(planar2r())
+    S = planar2r().symbolic()
     q1, q2 = S.q
     v1, v2 = S.qd
     a1, a2 = S.q2d
@@ -145,7 +145,7 @@ def test_what_is_shared_stands_in_front_as_the_paper_prints_it():
 
 
 def test_symbols_print_as_the_paper_writes_them():
-    S = jounce.symbolic(planar2r())
+    S = planar2r().symbolic()
     latex = [sympy.latex(x[0]) for x in (S.q, S.qd, S.q2d, S.q3d, S.q4d)]
     assert latex == [r"q_{1}", r"\dot{q}_{1}", r"\ddot{q}_{1}", r"\dddot{q}_{1}", r"\ddddot{q}_{1}"]
     assert S.q == sympy.Matrix(sympy.symbols("q1 q2"))
@@ -158,7 +158,7 @@ def test_symbols_print_as_the_paper_writes_them():
 @pytest.mark.parametrize(("name", "order"), [("planar3r", 1), ("spatial3r", 2), ("wrist3r", 0)])
 def test_chains_of_three_joints_have_the_values_of_numbers(name, order):
     robot = CHAINS[name]()
-    S = jounce.symbolic(robot)
+    S = robot.symbolic()
     mechanism = robot.mechanism
     data = [x for label in ("B", "M", "gravity") for x in sympy.Matrix(getattr(mechanism, label).ravel())]
     parameters = sorted(set().union(*(x.free_symbols for x in data)), key=str)
@@ -178,7 +178,7 @@ def test_the_planar_2r_with_drives_has_the_values_of_numbers():
         m = jounce.load("planar2r", **data).mechanism
         return jounce.Robot.from_screws(m.B, m.X, m.M, gravity=m.gravity, drives=drives).with_drives(eps=0.5)
 
-    S = jounce.symbolic(driven(L1=L1, L2=L2, m1=m1, m2=m2, g=g))
+    S = driven(L1=L1, L2=L2, m1=m1, m2=m2, g=g).symbolic()
     equal(S, driven(**values), list(values.values()), PARAMETERS, bodies=("body1", "body2"))
 
 
@@ -187,7 +187,7 @@ def test_a_prismatic_and_a_helical_joint_and_links_merged_into_bodies():
     robot = jounce.Robot.from_screws(*(x[1:3] for x in (m.B, m.X, m.M)), gravity=m.gravity)
     frames = (Frame("tool", 1, random_pose(rng)), Frame("stand", -1, random_pose(rng)))
     robot = jounce.Robot(replace(robot.mechanism, frames=frames))
-    S = jounce.symbolic(robot)
+    S = robot.symbolic()
     equal(S, robot, order=1, bodies=("tool", "stand"))
     for name in (row.name for row in QUANTITIES.values() if row.of_bodies):  # of all bodies along the first axis
         both = sympy.Array(getattr(S, name)())
@@ -197,17 +197,17 @@ def test_a_prismatic_and_a_helical_joint_and_links_merged_into_bodies():
 def test_joints_that_follow_others_with_offset():
     m = jounce.load("planar2r", L1=1.1, m2=0.3).mechanism
     robot = jounce.Robot.from_screws(m.B, m.X, m.M, gravity=m.gravity, G=[[1.0], [-0.5]], g=[0.25, 0.3])
-    S = jounce.symbolic(robot)
+    S = robot.symbolic()
     equal(S, robot)
     assert S.q.shape == (1, 1)
     assert cos(S.q[0] / 2 + sympy.Float(0.55)) in S.Qgrav[0].atoms(cos)
 
 
 def test_numbers_are_read_as_the_decimals_they_print_as():
-    S = jounce.symbolic(jounce.load("planar2r", L1=0.1))
+    S = jounce.load("planar2r", L1=0.1).symbolic()
     assert S.Qgrav[1] == sympy.Float(9.81) * cos(sum(S.q))
     assert S.M[0, 1] == sympy.Float(0.1) * cos(S.q[1]) + 1
-    exact = jounce.symbolic(jounce.load("planar2r", g=sympy.Rational(981, 100)))
+    exact = jounce.load("planar2r", g=sympy.Rational(981, 100)).symbolic()
     assert not (exact.Q2d.atoms(sympy.Float) | exact.M.atoms(sympy.Float))
     assert exact.Qgrav[1] == sympy.Rational(981, 100) * cos(sum(exact.q))
 
@@ -215,7 +215,7 @@ def test_numbers_are_read_as_the_decimals_they_print_as():
 @pytest.mark.parametrize("exponent", [-40_000, -3, 3, 99, 100, 40_000])
 def test_powers_keep_their_exponents(exponent):
     m = sympy.Symbol("m")
-    assert jounce.symbolic(jounce.load("planar2r", m1=m**exponent)).M.diff(m)[0, 0] == sympy.diff(m**exponent, m)
+    assert jounce.load("planar2r", m1=m**exponent).symbolic().M.diff(m)[0, 0] == sympy.diff(m**exponent, m)
 
 
 def test_angles_in_the_data_are_waves_too():
@@ -224,7 +224,7 @@ def test_angles_in_the_data_are_waves_too():
     R = np.array([[1, 0, 0], [0, cos(a), -sin(a)], [0, sin(a), cos(a)]], dtype=object)
     B = [np.eye(4, dtype=int), pose(R, np.array([[1], [0], [0]]))]
     M = jounce.inertia_matrix(1, [1, 0, 0], np.zeros((3, 3), dtype=int))
-    S = jounce.symbolic(jounce.Robot.from_screws(np.stack(B), [[0, 0, 1, 0, 0, 0]] * 2, [M, M]))
+    S = jounce.Robot.from_screws(np.stack(B), [[0, 0, 1, 0, 0, 0]] * 2, [M, M]).symbolic()
     assert S.M[1, 1] == 1
     assert S.M.subs({a: 0, S.q[1]: 0}) == sympy.Matrix([[5, 2], [2, 1]])
     assert sin(a).args[0] in S.Qgrav[1].free_symbols
@@ -235,11 +235,11 @@ def test_a_joint_direction_may_be_a_symbol():
     M = [jounce.inertia_matrix(2.0, [0.1, 0.2, 0.3], np.eye(3) * 0.1)]
     turned = jounce.Robot.from_screws([np.eye(4)], [[cos(h), sin(h), 0, 0, 0, 0]], M)
     number = jounce.Robot.from_screws([np.eye(4)], [[np.cos(0.3), np.sin(0.3), 0, 0, 0, 0]], M)
-    equal(jounce.symbolic(turned), number, [0.3], [h])
+    equal(turned.symbolic(), number, [0.3], [h])
 
 
 def test_each_rate_is_the_derivative_of_the_one_below():
-    S = jounce.symbolic(planar2r())
+    S = planar2r().symbolic()
     for quantity, terms, _ in members(S, 2, ("body2",), partials=1):
         for below, above in pairwise(terms):
             found = rate_of(quantity, np.array(below), np.array(above))
@@ -249,7 +249,7 @@ def test_each_rate_is_the_derivative_of_the_one_below():
 
 
 def test_identities_of_the_matrices():
-    S = jounce.symbolic(CHAINS["spatial3r"]())
+    S = CHAINS["spatial3r"]().symbolic()
     assert S.M == S.M.T
     assert (S.M * S.q2d + S.C * S.qd + S.Qgrav - S.Q).expand(trig=False).applyfunc(vanishing).is_zero_matrix
     skew = S.Md - 2 * S.Cbar
@@ -262,7 +262,7 @@ def vanishing(x):
 
 
 def test_matrices_are_kept_and_frozen():
-    S = jounce.symbolic(planar2r())
+    S = planar2r().symbolic()
     assert S.Q2d is S.Q2d
     assert isinstance(S.Q, sympy.ImmutableMatrix)
     assert {"q4d", "Q2d", "Cbar2d", "W2d", "dot"} <= set(dir(S))
@@ -285,16 +285,16 @@ def test_what_is_too_large_says_so_and_names_the_way_out(monkeypatch):
     monkeypatch.setattr(
         "jounce._codegen.symbolic.expressions.MOST_OPERATIONS", 200_000
     )  # a page of the documentation waits for all of it
-    S = jounce.symbolic(jounce.load("iiwa14"))
+    S = jounce.load("iiwa14").symbolic()
     assert len(S.Qgrav) == 7
-    with pytest.raises(JounceError, match=r"^Q of 'iiwa14': too large for symbolic form: .*jounce\.codegen") as refused:
+    with pytest.raises(JounceError, match=r"^Q of 'iiwa14': too large for symbolic form: .*robot\.codegen") as refused:
         _ = S.Q2d
     assert "\n" not in str(refused.value)
 
 
 def test_an_order_too_high_says_so(monkeypatch):
     monkeypatch.setattr("jounce._codegen.symbolic.expressions.MOST_OPERATIONS", 20_000)
-    S = jounce.symbolic(planar2r())
+    S = planar2r().symbolic()
     assert S.Q2d.shape == (2, 1)
     with pytest.raises(
         JounceError, match=r"^Q[4-9]d of 'planar2r': too large .* more than 20,000 operations on terms;"
@@ -312,7 +312,6 @@ def with_data(**data):
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: "iiwa14", r"^symbolic\(\) expects a jounce\.Robot, got str; try jounce\.load$"),
         (
             lambda: with_data(gravity=[0, sympy.nan, 0]),
             r"^gravity\[1\] of 'robot': it is nan; expected a real expression$",
@@ -331,7 +330,7 @@ def with_data(**data):
 )
 def test_refusals(build, message):
     with pytest.raises(JounceError, match=message):
-        jounce.symbolic(build())
+        build().symbolic()
 
 
 def casadi_robot():
@@ -346,7 +345,7 @@ def test_numeric_paths_refuse_symbols_in_one_line(tmp_path):
         lambda: robot.compile(),
         lambda: robot.inverse_dynamics(*state, method="kernel"),
         lambda: jounce.save(robot, tmp_path / "arm.yaml"),
-        lambda: jounce.casadi_function(robot),
+        lambda: robot.casadi_function(),
     ]
     for attempt in attempts:
         with pytest.raises(JounceError, match=r"symbols?\b") as refused:
@@ -361,7 +360,7 @@ def test_the_base_moves_as_its_symbols_say(afloat):
     m, rng = jounce.load("planar2r").mechanism, np.random.default_rng(3)
     base = FloatingBase("base", jounce.inertia_matrix(2.0, [0.0, 0.1, 0.2], np.diag([0.3, 0.4, 0.5])))
     robot = jounce.Robot(replace(m, base=base) if afloat else m)
-    S = jounce.symbolic(robot, base=True)
+    S = robot.symbolic(moving_base=True)
     q, W = rng.uniform(-1, 1, (3, robot.n)), rng.uniform(-1, 1, (len(robot.body_names), 6))
     base = (random_pose(rng), *rng.uniform(-1, 1, (2, 6)))
     known = dict(zip([*S.base_pose[:3, :]], base[0][:3].ravel(), strict=True))
@@ -376,8 +375,8 @@ def test_the_base_moves_as_its_symbols_say(afloat):
 
 
 def test_a_fixed_robot_has_no_symbols_of_a_base_that_it_was_not_asked_for():
-    S = jounce.symbolic(planar2r())
+    S = planar2r().symbolic()
     with pytest.raises(AttributeError, match=r"^Symbolic has no member 'base_pose'"):
         _ = S.base_pose
     with pytest.raises(JounceError, match="R_11, which is the name of a coordinate, wrench or base motion"):
-        jounce.symbolic(jounce.load("planar2r", L1=sympy.Symbol("R_11")), base=True)
+        jounce.load("planar2r", L1=sympy.Symbol("R_11")).symbolic(moving_base=True)

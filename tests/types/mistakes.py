@@ -32,8 +32,8 @@ robot.compile("mass_matrx")  # mistake
 kernel = robot.compile("jacobian", order=1, body="panda_hand")
 J, Jd, J2d = kernel(q, qd)  # mistake: J and Jd
 kernel(q, qd, frame="world")  # mistake: robot.compile has fixed it
-jounce.codegen(robot, "fortran")  # mistake
-jounce.casadi_function(robot, "inertia_matrix")  # mistake
+robot.codegen("fortran")  # mistake
+robot.casadi_function("inertia_matrix")  # mistake
 jounce.inertia_matrix("2 kg", [0, 0, 0], np.eye(3))  # mistake
 
 jounce.load_motion("paper")  # mistake: robot

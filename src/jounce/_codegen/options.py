@@ -40,18 +40,18 @@ def check_options(
     parameters: Sequence[str],
     float32: bool,
     prefix: str | None,
-    base: bool = False,
+    moving_base: bool = False,
 ) -> Options:
     """Check the arguments of `codegen`; raise `JounceError` if one is invalid."""
     target = language(lang)
     true_or_false("wrench", wrench, "whether functions take any")
-    true_or_false("base", base, "whether functions take the motion of the base")
+    true_or_false("moving_base", moving_base, "whether functions take the motion of the base")
     true_or_false("float32", float32, "whether the code is in single precision")
     if float32 and not target.single:
         others = languages_where(lambda x: x.single)
         raise JounceError(f"{target.title} has no single precision; float32 works with {others}")
     order = checked_order(order, HIGHEST_CODE_ORDER)
-    computations = _computations(robot.mechanism, target, outputs, order, wrench, base)
+    computations = _computations(robot.mechanism, target, outputs, order, wrench, moving_base)
     check_size(robot.mechanism, order)
     found = parametric(robot.mechanism, parameters)
     for name in found.shapes:
@@ -73,7 +73,7 @@ def check_size(mechanism: Mechanism, order: int) -> None:
 
 
 def _computations(
-    mechanism: Mechanism, target: Language, outputs: Sequence[str], order: int, wrench: bool, base: bool
+    mechanism: Mechanism, target: Language, outputs: Sequence[str], order: int, wrench: bool, moving_base: bool
 ) -> list[Computation]:
     """Return the computations of the outputs, with wrenches and the motion of the base if they depend on them."""
     texts = several(outputs)
@@ -93,9 +93,9 @@ def _computations(
             )
     if wrench and not any(asked.quantity.wrenches for asked in found):
         parse_computation(mechanism, texts[0], order, wrench)  # says which ones do
-    moving = [asked.base or (base and takes_base(asked.name, asked.frame)) for asked in found]
-    if base and not any(moving):
-        raise JounceError(f"base=True has no effect: the motion of the base does not enter {listed(texts)}")
+    moving = [asked.base or (moving_base and takes_base(asked.name, asked.frame)) for asked in found]
+    if moving_base and not any(moving):
+        raise JounceError(f"moving_base=True has no effect: the motion of the base does not enter {listed(texts)}")
     return [
         replace(asked, wrench=wrench and asked.quantity.wrenches, base=moves)
         for asked, moves in zip(found, moving, strict=True)

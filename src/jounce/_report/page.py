@@ -32,7 +32,7 @@ SUFFIXES = (".html", ".htm")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Report:
-    """A page about a robot along a motion. `jounce.report` makes one.
+    """A page about a robot along a motion. `Robot.report` makes one.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Report:
     --------
     >>> import jounce
     >>> robot = jounce.load("planar2r").with_limits(velocity=1.0)
-    >>> jounce.report(robot, jounce.Motion.polynomial([[0, 2], [0, 0.5]], duration=1.0)).check.worst.ratio
+    >>> robot.report(jounce.Motion.polynomial([[0, 2], [0, 0.5]], duration=1.0)).check.worst.ratio
     2.0
     """
 
@@ -74,7 +74,7 @@ class Report:
         Examples
         --------
         >>> import pathlib, tempfile, jounce
-        >>> report = jounce.report(jounce.load("planar2r"), jounce.Motion.polynomial([[0, 2], [0, 0.5]], duration=1.0))
+        >>> report = jounce.load("planar2r").report(jounce.Motion.polynomial([[0, 2], [0, 0.5]], duration=1.0))
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     report.save(pathlib.Path(folder, "report.html"))
         ...     pathlib.Path(folder, "report.html").read_text(encoding="utf-8")[:15]
@@ -91,50 +91,12 @@ class Report:
 def report(
     robot: Engine,
     motion: Motion,
-    order: int | None = None,
-    visuals: str | os.PathLike[str] | None = None,
-    mesh_folders: Sequence[str | os.PathLike[str]] = (),
+    order: int | None,
+    visuals: str | os.PathLike[str] | None,
+    mesh_folders: Sequence[str | os.PathLike[str]],
 ) -> Report:
-    """A page about a robot along a motion: the moving robot, its curves, its limits, in one file.
-
-    Parameters
-    ----------
-    robot : Robot
-        A robot of numbers; limits that it states are checked. With elastic joints and at order 2, the page shows motor
-        positions, velocities and torques too.
-    motion : Motion
-        A motion of its joints.
-    order : int, optional
-        The highest rate of Q on the page: 0, 1 or 2; by default 2, or as high as the rates of the motion are known.
-    visuals : str or path, optional
-        A URDF whose visuals show the links: boxes, cylinders, spheres and meshes, which trimesh reads; it is the file
-        of the robot as a rule. Capsules stand for links without any.
-    mesh_folders : sequence of str or path, optional
-        Folders in which its meshes may be, besides that of the file and its packages.
-
-    Returns
-    -------
-    Report
-        With the page as `html`, and `save(path)`.
-
-    Raises
-    ------
-    JounceError
-        If the motion is of other joints, a rate is not known or overflows, `visuals` is not a readable URDF, or plotly
-        is not installed.
-
-    Examples
-    --------
-    >>> import jounce
-    >>> robot = jounce.load("planar2r").with_limits(effort=[60, 15])
-    >>> motion = jounce.Motion.trapezoidal([[0, 0], [1, 1]], 2.0, 10.0)
-    >>> page = jounce.report(robot, motion)
-    >>> page.check.ok, round(page.slowdown.factor, 4)
-    (False, 0.4159)
-    """
+    """A page about a robot along a motion, see `Robot.report`."""
     check_installed()
-    if not isinstance(robot, Engine):
-        raise JounceError(f"report() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     if not isinstance(motion, Motion):
         raise JounceError(f"report() expects a jounce.Motion, got {type(motion).__name__}; try jounce.load_motion")
     file = None if visuals is None else _visuals_file(visuals)

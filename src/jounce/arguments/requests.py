@@ -19,11 +19,11 @@ def computation(
     body: str | None = None,
     frame: str = "body",
     product: str | None = None,
-    base: bool = False,
+    moving_base: bool = False,
 ) -> Computation:
     """Return the computation of a quantity by name, or of a product of its derivatives.
 
-    The motion of the base belongs to the inputs if `base` asks for it, and wherever it enters if the robot floats.
+    The motion of the base belongs to the inputs if `moving_base` is true, and wherever it enters if the robot floats.
 
     Raises
     ------
@@ -34,8 +34,8 @@ def computation(
         takers = listed(name for name, other in QUANTITIES.items() if other.wrenches)
         raise JounceError(f"{quantity} takes no wrenches; these do: {takers}")
     place(mechanism, quantity, body, frame)
-    true_or_false("base", base, "whether the motion of the base is taken")
-    check_existence(mechanism, quantity, base or mechanism.base is not None)
+    true_or_false("moving_base", moving_base, "whether the motion of the base is taken")
+    check_existence(mechanism, quantity, moving_base or mechanism.base is not None)
     check_invertible(mechanism, quantity)
     if row.takes_stiffness and mechanism.elasticity and mechanism.elasticity.pairs:
         raise JounceError(
@@ -46,7 +46,7 @@ def computation(
     check_rates(quantity, order)
     if product is not None:
         one_of("product", product, PRODUCTS)
-    moving = (base or mechanism.base is not None) and takes_base(quantity, frame)
+    moving = (moving_base or mechanism.base is not None) and takes_base(quantity, frame)
     return Computation(quantity, order, wrench, body, frame, product, more_rates(mechanism, quantity), moving)
 
 

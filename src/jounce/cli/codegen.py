@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.options import Asked, on_robot
+from jounce.cli.options import Asked, on_robot, renamed_flag
 from jounce.cli.output import tell
 
 if TYPE_CHECKING:
@@ -73,29 +73,15 @@ def _names(_: click.Context, __: click.Parameter, given: str | None) -> list[str
 )
 @click.option("--float32", is_flag=True, help="Single precision.")
 @click.option("--prefix", help="Prefix of all names in the code (default: the robot's name).")
-@click.option("--force", is_flag=True, help="Replace what an earlier run generated there; other files stay.")
+@click.option("--overwrite", is_flag=True, help="Replace what an earlier run generated there; other files stay.")
+@renamed_flag("--force", "--overwrite")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def codegen(
-    robot: Asked,
-    lang: "Language",
-    order: int,
-    output: Path,
-    outputs: list[str] | None,
-    wrench: bool,
-    moving_base: bool,
-    parameters: list[str],
-    float32: bool,
-    prefix: str | None,
-    force: bool,
-    as_json: bool,
+    robot: Asked, lang: "Language", order: int, output: Path, outputs: list[str] | None, as_json: bool, **options: Any
 ) -> None:
     """Generate source code, with tests, of the equations of ROBOT: a file or the name of a bundled robot."""
-    from jounce._codegen import generate
-
-    made = generate.codegen(
-        robot.load(), lang, order, output, outputs=generate.DEFAULT if outputs is None else outputs,
-        wrench=wrench, base=moving_base, parameters=parameters, float32=float32, prefix=prefix, force=force,
-    )  # fmt: skip
+    options |= {} if outputs is None else {"outputs": outputs}
+    made = robot.load().codegen(lang, order, output, **options)
     summary = {
         "robot": str(robot.path), "language": lang, "order": order, "output": str(made.directory),
         "files": list(made.files), "operations": made.operations,

@@ -69,7 +69,6 @@ def excite(
     It starts and ends at rest, so that it may be repeated. ROBOT needs limits: its own, or --limits.
     """
     from jounce.figures import canvas
-    from jounce.identification import excite as excitation
     from jounce.io import files, tables
     from jounce.io.motions import SUFFIXES
     from jounce.io.motions import terms as analytic
@@ -83,7 +82,7 @@ def excite(
     arm = load_robot(robot, limits)
     columns = False if terms is None else drive_terms(terms)
     with progress("starts") as show:
-        found = excitation(arm, drives=columns, progress=show, **options)
+        found = arm.excite(drives=columns, progress=show, **options)
     motion = found.motion if step is None else found.motion.with_step(step)
     if in_terms:
         analytic.write(output, motion, arm.joint_names)

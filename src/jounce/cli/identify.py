@@ -13,7 +13,6 @@ from jounce.cli.output import check_distinct, tell
 from jounce.core.errors import JounceError, collected_warnings, warn
 
 if TYPE_CHECKING:
-    from jounce.core.typing import Equations
     from jounce.identification import Identification
 
 DEFAULT = "damping,friction,offset"
@@ -55,7 +54,9 @@ Deviations are those of the data alone; what they do not see is named.
     help="Highest frequency of the forces to use; default: nearly all the model's power is below.",
 )
 @click.option("--eps", type=float, metavar="SPEED", help="Smoothing velocity of Coulomb friction, rad/s or m/s.")
-@click.option("--deviation", type=float, metavar="N", help="Standard deviation of the torques; default: residuals.")
+@click.option(
+    "--deviation", "deviations", type=float, metavar="N", help="Standard deviation of the torques; default: residuals."
+)
 @click.option("--prior", type=float, default=0.3, show_default=True, help="Relative deviation of the robot's own data.")
 @click.option(
     "--method",
@@ -74,19 +75,13 @@ def identify(
     motion: AskedMotion,
     output: Path,
     terms: str,
-    span: tuple[float, float] | None,
-    band: float | None,
-    eps: float | None,
-    deviation: float | None,
-    prior: float,
-    method: "Equations",
     table: Path | None,
     plot: Path | None,
     as_json: bool,
+    **options: Any,
 ) -> None:
     """Identify ROBOT from MOTION, a log with measured torques: its inertial parameters and friction."""
     from jounce.figures import canvas
-    from jounce.identification import identify as identified
     from jounce.io import files
     from jounce.robot import saving
 
@@ -102,17 +97,7 @@ def identify(
     arm = robot.load()
     log = motion.load(arm, 0)
     with collected_warnings() as said:
-        found = identified(
-            arm,
-            log,
-            drives=drive_terms(terms),
-            eps=eps,
-            span=span,
-            band=band,
-            deviations=deviation,
-            prior=prior,
-            method=method,
-        )
+        found = arm.identify(log, drives=drive_terms(terms), **options)
     for text in said:
         if text not in found.notes:  # which are printed
             warn(text)
@@ -128,12 +113,12 @@ def _write_table(found: "Identification", table: Path) -> None:
     """Write the parameters as a table of texts and numbers; deviations may be infinite."""
     import numpy as np
 
-    from jounce.io import csv, files
+    from jounce.io import files, tables
 
     rows = [asdict(row) for row in found.table]
     columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     with files.written_whole(table) as part:
-        csv.write(part, [columns | {"seen": columns["seen"].astype(int)}])
+        tables.CSV.write(part, [columns | {"seen": columns["seen"].astype(int)}])
 
 
 def _draw(found: "Identification", picture: Path) -> None:

@@ -8,19 +8,20 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.options import MOTION
+from jounce.cli.options import MOTION, Decorator, renamed_flag
 from jounce.core.errors import JounceError
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
     from jounce.robot import Robot
 
-OPTIONS = (
+OPTIONS: tuple[Decorator, ...] = (
     click.option(
         "--bandwidth", type=float, metavar="HZ",
         help="Bandwidth of the smoothing of samples in HZ; default: as far as the motion exceeds the noise.",
     ),
-    click.option("--force", is_flag=True, help="Accept samples even if noise dominates the highest rate."),
+    click.option("--allow-noise", is_flag=True, help="Accept samples even if noise dominates the highest rate."),
+    renamed_flag("--force", "--allow-noise"),
     click.option("--degree", type=int, metavar="K", help="Interpolate samples by a spline of degree 5 or 7 instead."),
     click.option("--intervals", type=int, metavar="N", help="Least-squares fit of such a spline with N intervals."),
     click.option("--time", metavar="COLUMN", help="Name of the time column; default: t, time or timestamp."),
@@ -43,7 +44,7 @@ OPTIONS = (
     ),
 )  # fmt: skip
 NAMES = (  # of the options of `jounce.load_motion`
-    "degree", "intervals", "bandwidth", "force", "time", "columns", "torques", "angles", "time_unit", "topic",
+    "degree", "intervals", "bandwidth", "allow_noise", "time", "columns", "torques", "angles", "time_unit", "topic",
 )  # fmt: skip
 
 
@@ -86,6 +87,7 @@ def _with_options(verb: Callable[..., None]) -> Callable[..., None]:
         else:
             verb(motion=AskedMotion(motion, options, blend, step), **others)
 
+    command: Callable[..., None] = asked
     for option in reversed(OPTIONS):
-        asked = option(asked)
-    return asked
+        command = option(command)
+    return command

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
+from jounce.core.deprecated import warn_of_old
 from jounce.core.errors import JounceError, quoted
 
 if TYPE_CHECKING:
@@ -135,6 +136,18 @@ def _with_options(verb: Callable[..., None], options: Sequence[Decorator]) -> Ca
     for option in reversed(options):
         command = option(command)
     return command
+
+
+def renamed_flag(old: str, new: str) -> Decorator:
+    """The old name of a flag, which works for one release and warns with the new one."""
+
+    def told(ctx: click.Context, _: click.Parameter, given: bool) -> None:
+        if given:
+            warn_of_old(old, new)
+            ctx.default_map = {**(ctx.default_map or {}), new[2:].replace("-", "_"): True}
+
+    options: dict[str, Any] = {"is_flag": True, "is_eager": True, "hidden": True, "expose_value": False}
+    return click.option(old, **options, callback=told, help=f"Old name of {new}.")
 
 
 def drive_terms(given: str) -> Any:

@@ -12,13 +12,14 @@ from typing import Any
 
 PACKAGE = Path(__file__).parents[1]
 MOST = 80  # characters of one thing in a message, be it a cell, a name or a value
+MOST_OF_MESSAGE = 3000  # characters: a path that came has up to 4096, and may stand in it twice
 
 
 class JounceError(Exception):
     """Base class of all errors of jounce. The message says what was given, what was expected, and what exists."""
 
     def __init__(self, text: object = "") -> None:
-        super().__init__(escaped(str(text)))
+        super().__init__(_message(str(text)))
 
 
 class UncertainError(JounceError):
@@ -46,7 +47,7 @@ class JounceWarning(UserWarning):
     """Base class of all warnings of jounce."""
 
     def __init__(self, text: object = "") -> None:
-        super().__init__(escaped(str(text)))
+        super().__init__(_message(str(text)))
 
 
 for _public in (JounceError, UncertainError, JounceWarning):  # as tracebacks name them
@@ -141,6 +142,13 @@ def quoted(given: object) -> str:
 def one_line(error: object, most: int = 300) -> str:
     """Return the message of another library's error on one line."""
     return shortened(" ".join(str(error).split()), most)
+
+
+def _message(text: str) -> str:
+    """A message that a terminal shows as it is; of an endless one the ends, which say what came and what cures it."""
+    text = escaped(text)
+    half = (MOST_OF_MESSAGE - 3) // 2
+    return text if len(text) <= MOST_OF_MESSAGE else f"{text[:half]}...{text[-half:]}"
 
 
 def shortened(text: str, most: int = MOST) -> str:

@@ -125,7 +125,7 @@ def _of_casadi(x: Any, what: str) -> np.ndarray:
     """The entries of a CasADi matrix, `SX` or numbers: (n,) of a column or a row, else (m, n)."""
     if type(x).__name__ not in ("SX", "DM"):
         raise JounceError(
-            f"{what} is a CasADi {type(x).__name__}; expected SX, or call with it what jounce.casadi_function returns"
+            f"{what} is a CasADi {type(x).__name__}; expected SX, or call with it what robot.casadi_function returns"
         )
     array = np.empty(x.shape, dtype=object)
     for index in np.ndindex(*x.shape):

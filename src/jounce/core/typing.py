@@ -60,6 +60,7 @@ Equations: TypeAlias = Literal["inverse_dynamics", "momentum", "power"]
 Frame: TypeAlias = Literal["body", "world", "spatial"]
 LimitValues: TypeAlias = ArrayLike | Mapping[str, ArrayLike] | None
 Coupling: TypeAlias = Literal["spong"] | int
+Library: TypeAlias = Literal["pinocchio", "mujoco"]
 LoadFrame: TypeAlias = Literal["world", "body"]
 JointType: TypeAlias = Literal["revolute", "prismatic"]
 Language: TypeAlias = Literal["c", "cpp", "cuda", "javascript", "julia", "latex", "matlab", "python", "rust"]

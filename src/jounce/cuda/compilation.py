@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments import requests
+from jounce.core.deprecated import renamed_keywords
 from jounce.core.errors import JounceError, one_of, quoted
 from jounce.core.typing import Frame, Product, QuantityName
 from jounce.cuda.kernel import Kernel
@@ -14,6 +15,7 @@ from jounce.engine.engine import Engine
 DTYPES = ("float64", "float32")
 
 
+@renamed_keywords(base="moving_base")
 def compile(  # noqa: A001  # what Robot.compile is to processors
     robot: Engine,
     quantity: QuantityName = "inverse_dynamics",
@@ -23,12 +25,12 @@ def compile(  # noqa: A001  # what Robot.compile is to processors
     body: str | None = None,
     frame: Frame = "body",
     product: Product | None = None,
-    base: bool = False,
+    moving_base: bool = False,
     dtype: Any = "float64",
 ) -> Kernel:
     """Compile a quantity and its rates up to an order for a GPU.
 
-    The code is that of `jounce.codegen`, straight-line CUDA for this robot, one state per thread. NVRTC compiles it
+    The code is that of `Robot.codegen`, straight-line CUDA for this robot, one state per thread. NVRTC compiles it
     through CuPy, which keeps it on disk.
 
     Parameters
@@ -45,7 +47,7 @@ def compile(  # noqa: A001  # what Robot.compile is to processors
         Body or merged link, and frame, of poses, twists and Jacobians; all bodies by default.
     product : {"vjp", "jvp"}, optional
         Products of the derivatives by all inputs instead of the values, see `Robot.compile`.
-    base : bool, optional
+    moving_base : bool, optional
         Whether the motion of the base, C, V, Vd, ..., follows in its calls; it always does if the robot floats.
     dtype : {"float64", "float32"}, optional
         Precision of the arrays and of the computation.
@@ -70,7 +72,7 @@ def compile(  # noqa: A001  # what Robot.compile is to processors
     """
     if not isinstance(robot, Engine):
         raise JounceError(f"jounce.cuda.compile() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
-    asked = requests.computation(robot.mechanism, quantity, order, wrench, body, frame, product, base)
+    asked = requests.computation(robot.mechanism, quantity, order, wrench, body, frame, product, moving_base)
     if not robot.mechanism.is_numeric:
         raise JounceError("CUDA code needs a robot of numbers; this one contains symbols")
     if asked.quantity.elastic and (refusal := elastic.native_obstacle(robot.mechanism)):

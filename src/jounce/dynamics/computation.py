@@ -135,9 +135,9 @@ class Computation:
     def keywords(self) -> list[str]:
         """The arguments of `Robot.compile` that compile it, as strings."""
         named = {"wrench": self.wrench, "body": self.body, "frame": self.frame, "product": self.product}
-        named |= {"base": self.base}
         default = Computation(self.name, self.order)
         others = [f"{key}={value!r}" for key, value in named.items() if value != getattr(default, key)]
+        others += ["moving_base=True"] * self.base
         return [repr(self.name), f"order={self.order}", *others]
 
     def describe(self, robot: str) -> str:

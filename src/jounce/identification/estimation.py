@@ -31,90 +31,18 @@ FIRMEST = 1e-9  # prior: no model is better, and squares of smaller ones overflo
 def identify(
     robot: R,
     motion: Motion,
-    forces: ArrayLike | None = None,
-    *,
-    t: ArrayLike | None = None,
-    drives: DriveColumns = DRIVES,
-    eps: float | None = None,
-    span: tuple[float, float] | None = None,
-    band: float | None = None,
-    weights: ArrayLike | None = None,
-    deviations: ArrayLike | None = None,
-    prior: float = PRIOR,
-    method: Equations = "inverse_dynamics",
+    forces: ArrayLike | None,
+    t: ArrayLike | None,
+    drives: DriveColumns,
+    eps: float | None,
+    span: tuple[float, float] | None,
+    band: float | None,
+    weights: ArrayLike | None,
+    deviations: ArrayLike | None,
+    prior: float,
+    method: Equations,
 ) -> Identification[R]:
-    """Identify the inertial parameters and drive terms of a robot from a motion and the forces measured along it.
-
-    Q = Y p is linear in the inertial parameters p and in those of drive terms. Weighted least squares find the base
-    parameters, the combinations that the forces depend on, with standard deviations; each force has the variance of its
-    residuals. Regressor and forces are averaged over cells of half a period of the motion's highest frequency, and
-    the variances are those of the residuals at the frequencies of the motion, so that serially correlated noise
-    does not make the deviations too small. The identified robot has bodies that can exist: the nearest to the data, and
-    to the model's own values where the data say little.
-
-    Parameters
-    ----------
-    robot : Robot
-        With a first guess of its inertial parameters, such as those of its CAD model.
-    motion : Motion
-        As for `Robot.forces_along`, with q, qd, q2d; of a log, `jounce.load_motion` smooths it. Wrenches that it holds
-        act, and if its positions have standard deviations, what follows from these weighs the forces.
-    forces : (N, nv), optional
-        Measured forces at `t`, N m or N, NaN for those not measured; by default the torques of the motion's log.
-    t : (N,), optional
-        Times of the forces, s; by default ``motion.times``.
-    drives : bool, str or iterable of str, optional
-        Drive terms to identify: "armature", "damping", "friction", "spring", "offset". Others that act in the robot
-        keep their values.
-    eps : float, optional
-        Smoothing velocity of Coulomb friction, rad/s or m/s; by default that of each joint.
-    span : (float, float), optional
-        Times in s between which the data are used; the others test the result. By default all are used.
-    band : float, optional
-        Highest frequency of the forces in Hz; by default the one below which 99 % of the power of the model's is.
-    weights : (nv,) or (N, nv), optional
-        Factors of the inverse variances, 0 or more; 0 leaves forces out.
-    deviations : float, (nv,) or (N, nv), optional
-        Standard deviations of independent errors of the forces, N m or N; by default residuals tell them.
-    prior : float, optional
-        Relative standard deviation of the model's own inertial parameters: how near to them the bodies stay.
-    method : {"inverse_dynamics", "momentum", "power"}, optional
-        The equations. Those of momentum and power need no q2d: the balance of the generalized momentum, one row per
-        force, and that of the energy, one row for all forces, which must all be measured. Both sides are filtered.
-
-    Returns
-    -------
-    Identification
-
-    Raises
-    ------
-    JounceError
-        If there are no forces, a shape is wrong, a force is infinite, times do not increase or are outside of the
-        motion, a weight is negative, or there are fewer measurements than parameters.
-
-    Warns
-    -----
-    JounceWarning
-        If the data do not see some of the parameters, or forces seem to have the wrong sign or unit.
-
-    References
-    ----------
-    M. Gautier, W. Khalil, "On the Identification of the Inertial Parameters of Robots", IEEE Conference on Decision and
-    Control, 1988. C. Gaz, M. Cognetti, A. Oliva, P. Robuffo Giordano, A. De Luca, "Dynamic Identification of the Franka
-    Emika Panda Robot With Retrieval of Feasible Parameters Using Penalty-Based Optimization", IEEE Robotics and
-    Automation Letters 4(4), 2019.
-
-    Examples
-    --------
-    >>> import jounce
-    >>> robot = jounce.load("iiwa14")
-    >>> motion = jounce.load_motion("paper", robot)
-    >>> p = robot.inertial_parameters
-    >>> Q = robot.with_inertial_parameters(1.2 * p).forces_along(motion, order=0).forces[0]
-    >>> found = jounce.identify(robot, motion, Q)
-    >>> found.rank, len(found.names)
-    (64, 64)
-    """
+    """Identify a robot from a motion and measured forces, see `Robot.identify`."""
     one_of("method", method, get_args(Equations))
     terms = select_columns(drives)
     model = model_of(robot, terms, eps)

@@ -22,7 +22,7 @@ LEAST = 1e-4  # of its size, by which it is drawn at first
 
 @dataclass(frozen=True, repr=False)
 class Excitation:
-    """A motion that excites the parameters of a robot. `jounce.excite` makes one.
+    """A motion that excites the parameters of a robot. `Robot.excite` makes one.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Excitation:
     --------
     >>> import jounce
     >>> robot = jounce.load("planar2r").with_limits(lower=-2, upper=2, velocity=3, effort=[60, 20])
-    >>> found = jounce.excite(robot, period=4, harmonics=4, starts=2)
+    >>> found = robot.excite(period=4, harmonics=4, starts=2)
     >>> found.check.ok, found.unseen, len(found.parameters)
     (True, (), 6)
     """
@@ -88,79 +88,18 @@ class Excitation:
 
 def excite(
     robot: Engine,
-    *,
-    period: float = 10.0,
-    periods: int = 1,
-    harmonics: int = 5,
-    drives: DriveColumns = False,
-    weights: ArrayLike | None = None,
-    reach: float = np.pi,
-    margin: float = 0.01,
-    starts: int = 5,
-    seed: int = 0,
-    progress: Progress | None = None,
+    period: float,
+    periods: int,
+    harmonics: int,
+    drives: DriveColumns,
+    weights: ArrayLike | None,
+    reach: float,
+    margin: float,
+    starts: int,
+    seed: int,
+    progress: Progress | None,
 ) -> Excitation:
-    """Find a motion whose forces tell most about the base parameters of a robot, within all its limits.
-
-    ``q(t) = c + sum_k a_k cos(k w t) + b_k sin(k w t)``, ``w = 2 pi / period``, for every coordinate, with all rates up
-    to q4d zero at the ends of each period: the robot starts and stops at rest, and Q2d has no jump. The amplitudes
-    maximize log det H of the information matrix H, the time mean of ``Y^T W Y`` with the regressor Y of the base
-    parameters and weights W of the forces: the confidence ellipsoid of identified parameters has the least volume,
-    whatever their units. All limits that the robot states hold, between samples too. Obstacles and the robot's own
-    links are not seen: position limits keep it from them.
-
-    Parameters
-    ----------
-    robot : Robot
-        With limits, see `Robot.with_limits`. Drive terms that act enter its effort limits.
-    period : float, optional
-        Of the series, s.
-    periods : int, optional
-        How often the motion repeats it.
-    harmonics : int, optional
-        Of the series, 3 to 50.
-    drives : bool, str or iterable of str, optional
-        Drive terms that are to be identified too, as `Robot.regressor` takes them: "armature", "damping", "friction",
-        "spring", "offset"; True for all.
-    weights : (n,), optional
-        Relative inverse variances of the measured forces; 0 leaves one out. By default the inverse squares of the
-        effort limits; equal if a coordinate has none.
-    reach : float, optional
-        How far a revolute joint without position limits moves to either side of 0 (or away from its only limit, twice
-        as far), rad.
-    margin : float, optional
-        Share of each limit that is left.
-    starts, seed : int, optional
-        Number of random series to start from, and the seed of their generator.
-    progress : callable, optional
-        It is called with the number of starts that are done, and of all.
-
-    Returns
-    -------
-    Excitation
-        The `motion`, the `criterion`, the `condition` number, the parameters seen and unseen, and the `check` of all
-        limits.
-
-    Raises
-    ------
-    JounceError
-        If the robot floats, has closed loops or states no limit of a rate or force, an argument is out of range, a
-        prismatic joint has no position limits, limits leave no room to move, or the motion does not tell the parameters
-        from each other.
-
-    References
-    ----------
-    J. Swevers, C. Ganseman, D. B. Tukel, J. De Schutter, H. Van Brussel, "Optimal Robot Excitation and Identification",
-    IEEE Transactions on Robotics and Automation 13(5), 1997.
-
-    Examples
-    --------
-    >>> import jounce
-    >>> robot = jounce.load("planar2r").with_limits(lower=-2, upper=2, velocity=3, effort=[60, 20])
-    >>> found = jounce.excite(robot, period=4, harmonics=4, starts=2, drives="friction")
-    >>> found.check.ok, found.parameters[-1]
-    (True, 'joint2 friction')
-    """
+    """Find the motion that excites a robot within its limits, see `Robot.excite`."""
     count, rng = whole("starts", starts, 1, MANY), np.random.default_rng(whole("seed", seed, 0))
     times = number("period", period, "s"), whole("periods", periods, 1, MANY)
     series = Harmonics(*times, whole("harmonics", harmonics, FEWEST, MOST))

@@ -125,10 +125,8 @@ def model_of(robot: R, terms: Sequence[DriveColumn], eps: float | None) -> R:
 
     Raises
     ------
-    JounceError : if it is no robot, its drives act on motors behind elastic joints, or eps has no use.
+    JounceError : if its drives act on motors behind elastic joints, or eps has no use.
     """
-    if not isinstance(robot, Engine):
-        raise JounceError(f"identify() expects a jounce.Robot, got {type(robot).__name__}; jounce.load makes one")
     if robot.mechanism.elasticity is not None and set(terms) - {"spring", OFFSET}:
         raise JounceError(
             f"{robot.name} has elastic joints: its drives act on motors, not on links; drives=False (--drives none)"

@@ -32,7 +32,7 @@ class ForceResidual:
     >>> import jounce
     >>> robot = jounce.load("planar2r")
     >>> motion = jounce.Motion.fourier([0, 0], [[0.5, 0.2], [0.1, 0.4]], [[0.1, 0.3], [0.5, 0.2]], 3.0, 4.0)
-    >>> found = jounce.identify(robot, motion, 2 * robot.forces_along(motion, order=0).forces[0], prior=1.0)
+    >>> found = robot.identify(motion, 2 * robot.forces_along(motion, order=0).forces[0], prior=1.0)
     >>> row = found.residuals[0]
     >>> row.force, row.part, row.identified < 0.01 * row.model
     ('joint1', 'used', True)

@@ -61,7 +61,7 @@ class Identification(Generic[R]):
     >>> import jounce
     >>> robot = jounce.load("planar2r")
     >>> motion = jounce.Motion.fourier([0, 0], [[0.5, 0.2], [0.1, 0.4]], [[0.1, 0.3], [0.5, 0.2]], 3.0, 4.0)
-    >>> jounce.identify(robot, motion, robot.forces_along(motion, order=0).forces[0])
+    >>> robot.identify(motion, robot.forces_along(motion, order=0).forces[0])
     <Identification of planar2r: 12 of 12 parameters seen>
     """
 
@@ -119,7 +119,7 @@ class Identification(Generic[R]):
         >>> import jounce
         >>> robot = jounce.load("planar2r")
         >>> motion = jounce.Motion.fourier([0, 0], [[0.5, 0.2], [0.1, 0.4]], [[0.1, 0.3], [0.5, 0.2]], 3.0, 4.0)
-        >>> found = jounce.identify(robot, motion, robot.forces_along(motion, order=0).forces[0])
+        >>> found = robot.identify(motion, robot.forces_along(motion, order=0).forces[0])
         >>> found.forces_along(motion, [0.0, 1.0]).shape
         (2, 2)
         """

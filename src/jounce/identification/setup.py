@@ -19,7 +19,7 @@ TYPICAL = 4  # rows of typical states per column of the regressor, by which colu
 
 
 def search_of(
-    robot: object,
+    robot: Engine,
     series: Harmonics,
     terms: tuple[DriveColumn, ...],
     weights: ArrayLike | None,
@@ -28,8 +28,6 @@ def search_of(
     rng: np.random.Generator,
 ) -> tuple[Search, tuple[str, ...]]:
     """What is searched for the arguments of a caller, checked, and notes on what is assumed."""
-    if not isinstance(robot, Engine):
-        raise JounceError(f"excite() expects a jounce.Robot, got {type(robot).__name__}")
     if robot.mechanism.base:
         raise JounceError(
             f"the base of {quoted(robot.name)} floats; expected one at rest, load(..., base='fixed') (--base)"

@@ -39,7 +39,7 @@ class IdentifiedParameter:
     >>> import jounce
     >>> robot = jounce.load("planar2r")
     >>> motion = jounce.Motion.fourier([0, 0], [[0.5, 0.2], [0.1, 0.4]], [[0.1, 0.3], [0.5, 0.2]], 3.0, 4.0)
-    >>> found = jounce.identify(robot, motion, robot.forces_along(motion, order=0).forces[0])
+    >>> found = robot.identify(motion, robot.forces_along(motion, order=0).forces[0])
     >>> row = found.table[0]
     >>> row.name, row.unit, round(row.value, 6), row.seen
     ('body1 mcx', 'kg m', 2.0, True)

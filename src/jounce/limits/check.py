@@ -13,10 +13,10 @@ from jounce.limits.bounded import Bounded, Span, rate_of_forces
 from jounce.limits.deviations import deviations_of
 from jounce.limits.joints import joint_units
 from jounce.limits.pieces import pieces_of
-from jounce.limits.uncertain import Spans, take_uncertain
+from jounce.limits.uncertain import take_uncertain
 from jounce.limits.validation import bounded
 from jounce.limits.verdicts import Verdict, join_spans, overall, verdict_in_words, verdict_of
-from jounce.limits.worst import Worst
+from jounce.limits.worst import Spans, Worst
 from jounce.model.coordinates import following_efforts
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, in_words, unit_of
 from jounce.spatial.series import rate_name
@@ -48,7 +48,8 @@ class CheckedLimit:
         When the limit is broken, s.
     undecided : tuple of (start, stop)
         When measured samples do not decide, s: towards their ends, where rates are uncertain, the value lies less than
-        two standard deviations from the limit, or its deviation is not known.
+        two standard deviations from the limit, or its deviation is not known. Also where a value changes too fast
+        between samples to be followed, as `Check.notes` say.
 
     Examples
     --------
@@ -157,14 +158,26 @@ def check(robot: Engine, motion: object) -> Check:
     for pieces in pieces_of(b):
         worst.take(pieces)
     undecided = take_uncertain(b, worst)
+    for of, spans in worst.unresolved.items():
+        undecided[of] = undecided.get(of, []) + spans
     breaks = breaks_of(b)
     worst.take_jumps(breaks)
-    return Check(_table(b, worst, undecided), breaks, notes_of(b, breaks), _shares(b, undecided))
+    notes = (*notes_of(b, breaks), *unresolved_notes(worst))
+    return Check(_table(b, worst, undecided), breaks, notes, _shares(b, undecided))
 
 
 def breaks_of(b: Bounded) -> tuple[ForceBreak, ...]:
     """Where the forces that are limited are not smooth."""
     return force_breaks(b.robot, b.motion, b.motion.times, b.force_order, row=b.efforts) if b.forces else ()
+
+
+def unresolved_notes(worst: Worst) -> tuple[str, ...]:
+    """Which values change too fast between samples for a verdict, and where that begins."""
+    return tuple(
+        f"the {kind.replace('_', ' ')} of joint {quoted(worst.b.joints[j])} may be beyond its limit between samples"
+        f" from t = {min(spans)[0]:.9g} s on: it changes too fast there to be followed"
+        for (kind, j), spans in worst.unresolved.items()
+    )
 
 
 def _table(b: Bounded, worst: Worst, undecided: Spans) -> tuple[CheckedLimit, ...]:

@@ -19,12 +19,14 @@ import numpy as np
 
 from jounce.limits import pace
 from jounce.limits.path import Terms
-from jounce.limits.peaks import root
+from jounce.limits.search import root
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
 
 HIGHEST = {"effort": 0, "stall_effort": 0, "power": 0, "effort_rate": 1, "second_effort_rate": 2}  # derivative of x
 NEAR_TURNS = 0.5 ** np.arange(8, 20, 0.25)  # of the duration: from a turn so far away friction is looked at
+HALVINGS = 0.5 ** np.arange(1, 44)  # of the time from a turn to the next row, down to the rounding of times
+STEEP = (1 / 16, 32.0)  # times eps: between these velocities tanh changes; beyond, by less than rounding
 
 
 class Smooth(NamedTuple):
@@ -70,6 +72,29 @@ class Friction:
         turns = root(velocity, t[at], t[at + 1])[:, None]
         near = turns + motion.duration * np.concatenate([-NEAR_TURNS, [0.0], NEAR_TURNS])
         return near[(near >= motion.start) & (near <= motion.stop)]
+
+    def reversals(self, motion: Motion, t: np.ndarray) -> np.ndarray:
+        """Times between which friction is smooth as a polynomial is, where its sign changes between two of the times t.
+
+        Its rates have peaks there as narrow as eps is small.
+        """
+        steepness = self.ratios.T * self.slope.T
+
+        def velocity(t: np.ndarray) -> np.ndarray:
+            return np.asarray(motion(t, 1)[1] @ steepness)
+
+        v = velocity(t)
+        turns = (np.sign(v[1:]) != np.sign(v[:-1])) & (np.maximum(np.abs(v[1:]), np.abs(v[:-1])) > STEEP[0])
+        at, joint = np.nonzero(turns)
+        low, high = t[at], t[at + 1]
+
+        def of_joint(t: np.ndarray, places: np.ndarray) -> np.ndarray:
+            return velocity(t)[np.arange(len(t)), joint[places]]
+
+        turn = root(of_joint, low, high)[:, None]
+        near = np.concatenate([turn - (turn - low[:, None]) * HALVINGS, turn + (high[:, None] - turn) * HALVINGS], 1)
+        v = np.abs(velocity(near.ravel())[np.arange(near.size), np.repeat(joint, near.shape[1])]).reshape(near.shape)
+        return np.concatenate([turn.ravel(), near[(v >= STEEP[0]) & (v <= STEEP[1])]])
 
     def along(self, rates: tuple[np.ndarray, ...], kinds: tuple[str, ...]) -> "FrictionAlong":
         """The friction along a path with q', q'', ... (N, n), as limits of some kinds take it."""

@@ -14,6 +14,7 @@ from math import comb
 import numpy as np
 
 from jounce.limits.bounded import DERIVATIVE, SMOOTH, Bounded, Series, Span
+from jounce.limits.friction import friction_of
 from jounce.limits.ratios import STILL, Scale, scale_of
 from jounce.motion.hermite import coefficients
 
@@ -40,7 +41,8 @@ Values = Mapping[str, np.ndarray]  # by kind, (K, n)
 class Pieces:
     """Pieces from `start` to `stop` (K,), with what limits bound at both ends, (K, n) each, and in between.
 
-    `polynomials` are the coefficients (degree + 1, K, n), highest power of u = (t - start) / width first.
+    `polynomials` are the coefficients (degree + 1, K, n), highest power of u = (t - start) / width first. `missed` is
+    by how much they miss a value inside, (K, n), where a piece may not be split once more; elsewhere 0.
     """
 
     start: np.ndarray
@@ -48,6 +50,7 @@ class Pieces:
     left: Values
     right: Values
     polynomials: Values
+    missed: Values
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -61,9 +64,11 @@ class Pieces:
 
     def taken(self, which: np.ndarray) -> "Pieces":
         """Some of the pieces."""
-        left, right = ({kind: x[which] for kind, x in side.items()} for side in (self.left, self.right))
+        left, right, missed = (
+            {kind: x[which] for kind, x in values.items()} for values in (self.left, self.right, self.missed)
+        )
         polynomials = {kind: c[:, which] for kind, c in self.polynomials.items()}
-        return Pieces(self.start[which], self.stop[which], left, right, polynomials)
+        return Pieces(self.start[which], self.stop[which], left, right, polynomials, missed)
 
 
 def parts_of(b: Bounded) -> list[tuple[Bounded, Span]]:
@@ -91,7 +96,7 @@ def part_pieces(b: Bounded, span: Span) -> Iterator[Pieces]:
     knots, is_break = knots_of(b, span)
     if len(knots) == 1:  # a motion of one state
         state = b.values(knots)
-        yield Pieces(knots, knots, state, state, {})
+        yield Pieces(knots, knots, state, state, {}, {})
     for first in range(0, len(knots) - 1, BLOCK):
         t, jumps = knots[first : first + BLOCK + 1], is_break[first : first + BLOCK + 1]
         right = b.series(t)
@@ -114,6 +119,8 @@ def knots_of(b: Bounded, span: Span) -> tuple[np.ndarray, np.ndarray]:
         breaks += [jump.t for jump in curve.jumps(SMOOTH if known is None else min(SMOOTH, known))]
     jumps = np.unique([t for t in breaks if start < t <= stop])
     every = np.unique([start, *motion.times[(motion.times > start) & (motion.times < stop)], stop])
+    if b.forces and (friction := friction_of(b.robot.mechanism)) and not b.robot.mechanism.closure:
+        every = np.union1d(every, friction.reversals(motion, every))
     if not jumps.size:
         return every, np.zeros(len(every), dtype=bool)
     apart = np.abs(every - jumps[np.abs(np.searchsorted(jumps, every)).clip(0, len(jumps) - 1)])
@@ -154,7 +161,7 @@ def _of_rates(start: np.ndarray, stop: np.ndarray, left: Series, right: Series) 
                 c = c[:-1] * np.arange(len(c) - 1, 0, -1)[:, None, None] / width
             found[kind] = c
     first, last = ({kind: series[DERIVATIVE.get(kind, 0)] for kind, series in side.items()} for side in (left, right))
-    return Pieces(start, stop, first, last, found)
+    return Pieces(start, stop, first, last, found, {kind: np.zeros_like(x) for kind, x in first.items()})
 
 
 def _through(b: Bounded, pieces: Pieces, scales: Values) -> Iterator[Pieces]:
@@ -180,12 +187,15 @@ def _through(b: Bounded, pieces: Pieces, scales: Values) -> Iterator[Pieces]:
             wrong[wrong] = np.any(
                 [(beyond[kind][wrong] > ROUNDING_MARGIN * rounding[kind]).any(axis=1) for kind in b.kinds], axis=0
             )
-        wrong &= (pieces.start < middle) & (middle < pieces.stop) & (depth + 1 < DEEPEST)
+        wrong &= (pieces.start < middle) & (middle < pieces.stop)
         yield pieces.taken(~wrong)
         if not wrong.any():
             break
-        first = Pieces(pieces.start, middle, pieces.left, exact, polynomials)
-        second = Pieces(middle, pieces.stop, exact, pieces.right, polynomials)
+        if depth + 1 == DEEPEST:
+            yield replace(pieces, missed=missed).taken(wrong)
+            break
+        first = replace(pieces, stop=middle, right=exact)
+        second = replace(pieces, start=middle, left=exact)
         pieces = _joined([first.taken(wrong), second.taken(wrong)])
 
 
@@ -212,16 +222,16 @@ def _rounding(b: Bounded, t: np.ndarray, width: np.ndarray) -> dict[str, np.ndar
 def _joined(parts: list[Pieces]) -> Pieces:
     """Pieces of several lists as one, in the order of time."""
     start, stop = (np.concatenate([getattr(part, name) for part in parts]) for name in ("start", "stop"))
-    left, right = (
-        {kind: np.concatenate([getattr(part, side)[kind] for part in parts]) for kind in parts[0].kinds}
-        for side in ("left", "right")
+    left, right, missed = (
+        {kind: np.concatenate([getattr(part, values)[kind] for part in parts]) for kind in parts[0].kinds}
+        for values in ("left", "right", "missed")
     )
     polynomials = {}
     for kind in parts[0].kinds:
         found = [part.polynomials[kind] for part in parts if len(part.start)]
         degree = max(map(len, found))
         polynomials[kind] = np.concatenate([np.pad(c, ((degree - len(c), 0), (0, 0), (0, 0))) for c in found], axis=1)
-    return Pieces(start, stop, left, right, polynomials).taken(np.argsort(start, kind="stable"))
+    return Pieces(start, stop, left, right, polynomials, missed).taken(np.argsort(start, kind="stable"))
 
 
 def values_at(c: np.ndarray, u: np.ndarray) -> np.ndarray:

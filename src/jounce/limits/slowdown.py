@@ -12,7 +12,7 @@ from jounce.engine.along import ForceBreak
 from jounce.engine.engine import Engine
 from jounce.limits.bounded import Bounded
 from jounce.limits.bracketing import Place, bracketed_factor, is_polynomial, worst_of
-from jounce.limits.check import breaks_of, notes_of
+from jounce.limits.check import breaks_of, notes_of, unresolved_notes
 from jounce.limits.feasible import Feasible
 from jounce.limits.uncertain import take_uncertain
 from jounce.limits.validation import bounded
@@ -52,7 +52,7 @@ class Slowdown(Displayed):
         Largest factor at which all limits are kept, larger than `factor` where some between them are not: a torque rate
         does not grow with speed alone. None where it is not sought: friction acts, or uncertain samples decide.
     notes : tuple of str
-        Which limits nothing is checked against, in words.
+        Which limits nothing is checked against, and which values change too fast to be followed, in words.
 
     Examples
     --------
@@ -91,6 +91,7 @@ def slowdown(robot: Engine, motion: object) -> Slowdown:
     if found := _slower(b, factor):
         (factor, place), largest = found, None
     kind, joint, t = place
+    notes += unresolved_notes(worst_of(b, factor))
     return Slowdown(factor, Binding(b.joints[joint], kind, t), b.motion.scaled(1 / factor), largest, notes)
 
 

@@ -5,17 +5,15 @@ from functools import partial
 
 import numpy as np
 
-from jounce.limits.bounded import Bounded, Span
+from jounce.limits.bounded import Bounded
 from jounce.limits.deviations import deviations_of
 from jounce.limits.peaks import peaks_of
 from jounce.limits.pieces import Pieces, part_pieces
 from jounce.limits.ratios import scale_of
-from jounce.limits.worst import SIGNS, Worst, runs
+from jounce.limits.worst import SIGNS, Spans, Worst, runs
 
 DECISIVE_DEVIATIONS = 2.0  # between a value and its limit: from there on it is known on which side the value lies
 BLOCK = 2000  # times worked on at a time
-
-Spans = dict[tuple[str, int], list[Span]]  # by kind and joint
 
 
 def take_uncertain(b: Bounded, worst: Worst) -> Spans:

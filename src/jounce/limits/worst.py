@@ -8,9 +8,10 @@ import numpy as np
 from jounce.engine.along import ForceBreak
 from jounce.limits.bounded import Bounded, rate_of_forces
 from jounce.limits.joints import columns_of, in_columns, of_joints
-from jounce.limits.peaks import Peaks, peaks_of, picked, root
-from jounce.limits.pieces import NEGLIGIBLE, TRUST, Pieces
+from jounce.limits.peaks import Peaks, peaks_of, picked
+from jounce.limits.pieces import NEGLIGIBLE, TRUST, Pieces, hull
 from jounce.limits.ratios import Scale, scale_of
+from jounce.limits.search import root
 from jounce.model.limits import MOTION_KINDS
 from jounce.motion.motion import Break
 
@@ -18,10 +19,14 @@ ROUNDING = 1e-9  # of the reach of a limit: less beyond it is rounding
 SIGNS = (1, -1)  # of values: against the upper bound, and against the lower one
 
 Span = tuple[float, float]
+Spans = dict[tuple[str, int], list[Span]]  # by kind and joint
 
 
 class Worst:
-    """For each kind and sign the largest signed values (n,), their times, and the spans beyond the bounds."""
+    """For each kind and sign the largest signed values (n,), their times, and the spans beyond the bounds.
+
+    `unresolved` are spans in which values within their bounds change too fast to be known between the ends of pieces.
+    """
 
     def __init__(self, b: Bounded) -> None:
         self.b = b
@@ -32,6 +37,7 @@ class Worst:
         self.t = {side: np.full(n, b.motion.start) for side in sides}
         self.largest = {kind: np.zeros(n) for kind in b.kinds}
         self.spans: dict[tuple[str, int], list[list[Span]]] = {side: [[] for _ in range(n)] for side in sides}
+        self.unresolved: Spans = {}
 
     def take(self, pieces: Pieces) -> None:
         """Look at pieces of the motion, which follow those taken before."""
@@ -49,7 +55,21 @@ class Worst:
         peaks = peaks_of(self.b, pieces, self._floor)
         for kind, joint, sign, t, value in zip(*peaks, strict=True):
             self._update(str(kind), int(sign), np.array([joint]), np.array([t]), np.array([sign * value]))
+        self._take_unresolved(pieces)
         return peaks
+
+    def _take_unresolved(self, pieces: Pieces) -> None:
+        """Note where polynomials and what they miss, together, reach a bound."""
+        for kind, missed in pieces.missed.items():
+            coarse = pieces.taken(np.flatnonzero(missed.any(axis=1)))
+            ends = hull(coarse.polynomials[kind]) if len(coarse.start) else np.zeros((1, 0, missed.shape[1]))
+            for sign in SIGNS:
+                reach = (sign * ends).max(axis=0) + coarse.missed[kind]
+                known = np.maximum(sign * coarse.left[kind], sign * coarse.right[kind])
+                bound = self.tolerant(kind, sign)
+                for i, j in np.argwhere((known <= bound) & (reach > bound)).tolist():
+                    span = float(coarse.start[i]), float(coarse.stop[i])
+                    self.unresolved.setdefault((kind, j), []).append(span)
 
     def take_values(self, kind: str, sign: int, t: np.ndarray, values: np.ndarray, beyond: np.ndarray) -> None:
         """Count signed values (N, n) of a kind at times (N,), and the times at which they are beyond their bounds."""

@@ -101,7 +101,7 @@ def _data(x: Array, label: str) -> np.ndarray:
     if is_symbolic(array) and any(
         type(x).__module__.startswith("casadi") and type(x).__name__ == "MX" for x in array.flat
     ):
-        cure = "jounce.casadi_function(robot, parameters=...) is called with MX"
+        cure = "robot.casadi_function(parameters=...) is called with MX"
         raise JounceError(f"{label} holds a CasADi MX; a robot's data may be SX: {cure}")
     try:
         return np.array(array if isinstance(array, np.ndarray) else np.asarray(array, dtype=np.float64))

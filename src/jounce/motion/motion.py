@@ -8,6 +8,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from jounce.arguments.rates import checked_order
+from jounce.core.deprecated import renamed_keywords
 from jounce.core.display import Displayed
 from jounce.core.errors import JounceError, listed, one_of, quoted, warn
 from jounce.core.scalars import asarray, is_finite
@@ -129,12 +130,13 @@ class Motion(Displayed):
         return Motion(**constructors.through(t, q, Spline(degree), joint_names)._asdict())
 
     @staticmethod
+    @renamed_keywords(force="allow_noise")
     def fit(
         t: ArrayLike,
         q: ArrayLike,
         *,
         bandwidth: float | None = None,
-        force: bool = False,
+        allow_noise: bool = False,
         degree: int | None = None,
         intervals: int | None = None,
         joint_names: Sequence[str] | None = None,
@@ -149,7 +151,7 @@ class Motion(Displayed):
             Measured coordinates, rad or m.
         bandwidth : float, optional
             Frequency in Hz up to which samples are followed; by default as far as the motion stands out of the noise.
-        force : bool, optional
+        allow_noise : bool, optional
             Accept samples whose noise drowns q4d, which are refused otherwise.
         degree, intervals : int, optional
             A least-squares spline of this degree (7 by default, or 5) with this number of intervals in place of
@@ -179,7 +181,8 @@ class Motion(Displayed):
         from jounce.motion import constructors
         from jounce.motion.spline import way_of
 
-        return Motion(**constructors.through(t, q, way_of(degree, intervals, bandwidth, force), joint_names)._asdict())
+        way = way_of(degree, intervals, bandwidth, allow_noise)
+        return Motion(**constructors.through(t, q, way, joint_names)._asdict())
 
     @staticmethod
     def polynomial(
@@ -641,6 +644,7 @@ class Motion(Displayed):
         self._check_finite(found, times, "the motion", lambda j: "the base")
         return tuple(term.reshape(*times.shape, *term.shape[1:]) for term in found)
 
+    @renamed_keywords(force="allow_noise")
     def with_base(
         self,
         t: ArrayLike | None,
@@ -649,7 +653,7 @@ class Motion(Displayed):
         degree: int | None = None,
         intervals: int | None = None,
         bandwidth: float | None = None,
-        force: bool = False,
+        allow_noise: bool = False,
     ) -> "Motion":
         """The same motion with poses of the base: of a robot that floats, or of the ground on which another stands.
 
@@ -669,7 +673,7 @@ class Motion(Displayed):
             Fit such a spline by least squares over this number of intervals.
         bandwidth : float, optional
             Bandwidth of the smoothing in Hz; by default as far as the motion exceeds the noise.
-        force : bool, optional
+        allow_noise : bool, optional
             Accept poses even if noise dominates the highest rate.
 
         Returns
@@ -691,7 +695,7 @@ class Motion(Displayed):
         from jounce.motion import poses
         from jounce.motion.spline import way_of
 
-        way = way_of(degree, intervals, bandwidth, force)
+        way = way_of(degree, intervals, bandwidth, allow_noise)
         curve, notes = poses.curve_of_poses(t, C, way, self.start, self.stop)
         return replace(self, base_curve=curve, notes=(*self.notes, *notes))
 

@@ -77,8 +77,8 @@ def found_from(
     exact = (off.max(axis=0) <= ROUNDING * np.finfo(float).eps * np.abs(q).max(axis=0)).all()
     if exact and way.bandwidth is None:
         return _by_hand(t, q, Spline(), highest, place, symbol)
-    if shortfall and not way.force:
-        cures = "--bandwidth HZ (bandwidth=) smooths them more, --force (force=) accepts them"
+    if shortfall and not way.allow_noise:
+        cures = "--bandwidth HZ (bandwidth=) smooths them more, --allow-noise (allow_noise=) accepts them"
         raise JounceError(f"{place}: {shortfall}; {cures}")
     if jumps := _jumps(t, q, off, fitted, symbol):
         warn(f"{place}: {jumps}")

@@ -23,7 +23,7 @@ class Smoothing:
     """The default way from samples to a curve: smoothing by `fit`, optionally with a bandwidth in Hz."""
 
     bandwidth: float | None = None
-    force: bool = False  # whether samples count that cannot carry the highest rate
+    allow_noise: bool = False  # whether samples count that cannot carry the highest rate
 
 
 @dataclass(frozen=True)
@@ -119,14 +119,14 @@ def curve_of(
     return curve
 
 
-def way_of(degree: int | None, intervals: int | None, bandwidth: float | None, force: bool) -> Smoothing | Spline:
+def way_of(degree: int | None, intervals: int | None, bandwidth: float | None, allow_noise: bool) -> Smoothing | Spline:
     """Return the way from samples to a curve that a caller selects."""
-    true_or_false("force", force, "whether to accept samples whose noise dominates the highest rate")
+    true_or_false("allow_noise", allow_noise, "whether to accept samples whose noise dominates the highest rate")
     check_bandwidth(bandwidth)
     by_hand = degree is not None or intervals is not None
-    if by_hand and (bandwidth is not None or force):
-        raise JounceError("bandwidth and force are for samples that are smoothed; leave degree and intervals out")
-    return Spline(7 if degree is None else degree, intervals) if by_hand else Smoothing(bandwidth, force)
+    if by_hand and (bandwidth is not None or allow_noise):
+        raise JounceError("bandwidth and allow_noise are for samples that are smoothed; leave degree and intervals out")
+    return Spline(7 if degree is None else degree, intervals) if by_hand else Smoothing(bandwidth, allow_noise)
 
 
 def refuse_way(way: Smoothing | Spline, place: str, reason: str) -> None:

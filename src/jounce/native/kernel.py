@@ -320,7 +320,8 @@ class Kernel(Generic[Results]):
     def _fixed_at_compile_time(self, asked: Mapping[str, Any]) -> JounceError:
         if name := next((name for name in asked if self.signature.of_role(name)), None):
             return JounceError(f"{self!r} takes arrays one after the other, without {name}=: {self._order_of_inputs()}")
-        asked = {name: given if name not in ("base", "wrench") else True for name, given in asked.items()}
+        flags = {"base": {"moving_base": True}, "wrench": {"wrench": True}}  # what is given selects arrays by a flag
+        asked = {key: x for name, given in asked.items() for key, x in flags.get(name, {name: given}).items()}
         own, other = ", ".join(self.computation.keywords()), ", ".join(f"{k}={quoted(x)}" for k, x in asked.items())
         return JounceError(f"robot.compile({own}) fixed what {self!r} computes; compile another one with {other}")
 

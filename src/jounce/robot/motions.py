@@ -9,6 +9,7 @@ import numpy as np
 
 from jounce.arguments import names
 from jounce.arguments.rates import checked_order
+from jounce.core.deprecated import renamed_keywords
 from jounce.core.errors import JounceError, at, quoted
 from jounce.core.typing import Angles, ArrayLike, Shaped, TimeUnit
 from jounce.engine.dispatch import compute
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 PLACE = "the motion"  # where columns without a file stand, in messages
 
 
+@renamed_keywords(force="allow_noise")
 def load_motion(
     source: str | os.PathLike[str] | Shaped | Mapping[str, ArrayLike],
     /,
@@ -31,7 +33,7 @@ def load_motion(
     intervals: int | None = None,
     *,
     bandwidth: float | None = None,
-    force: bool = False,
+    allow_noise: bool = False,
     time: str | None = None,
     columns: str | None = None,
     torques: str | None = None,
@@ -60,7 +62,7 @@ def load_motion(
         Fit such a spline by least squares over this number of intervals.
     bandwidth : float, optional
         Bandwidth of the smoothing in Hz; by default as far as the motion exceeds the noise.
-    force : bool, optional
+    allow_noise : bool, optional
         Accept samples even if noise dominates the highest rate.
     time : str, optional
         The column of times; by default t, else time or timestamp.
@@ -105,7 +107,8 @@ def load_motion(
     from jounce.motion.columns import Options
     from jounce.motion.spline import way_of
 
-    mechanism, highest, way = robot.mechanism, checked_order(order) + 2, way_of(degree, intervals, bandwidth, force)
+    mechanism, highest = robot.mechanism, checked_order(order) + 2
+    way = way_of(degree, intervals, bandwidth, allow_noise)
     options = Options(time, columns, angles, time_unit, torques)
     if topic is not None and not isinstance(topic, str):
         raise JounceError(f"topic is {quoted(topic)}; expected a text")

@@ -76,7 +76,7 @@ class _Place(TypedDict, total=False):
 
 
 class _Compiled(_Place, total=False):
-    base: bool
+    moving_base: bool
 
 
 class _Body(Options, total=False):

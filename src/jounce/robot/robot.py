@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 from jounce.arguments import requests
 from jounce.arguments.limits import with_limits
 from jounce.arguments.loops import with_locked, with_loops
+from jounce.core.deprecated import renamed_keywords
 from jounce.core.display import Displayed
 from jounce.core.errors import JounceError, listed, one_of
 from jounce.core.typing import (
@@ -21,6 +22,7 @@ from jounce.core.typing import (
     Form,
     Frame,
     JointType,
+    Library,
     LimitValues,
     LoadFrame,
     Method,
@@ -35,7 +37,6 @@ from jounce.core.typing import (
 from jounce.engine.backends import compile_ahead
 from jounce.engine.dispatch import compute
 from jounce.engine.drives import drive_forces, regressor
-from jounce.engine.engine import Engine
 from jounce.engine.loads import wrench_of_load
 from jounce.model import dh, equality, inertial, screws
 from jounce.model.drives import Drives, select_columns, select_terms, warn_of_idle, with_eps
@@ -43,7 +44,9 @@ from jounce.model.limits import Limits
 from jounce.model.mechanism import GRAVITY
 from jounce.native.kernel import Kernel
 from jounce.robot import overloads
+from jounce.robot.applications import Applications
 from jounce.robot.elastic import check_side, compiled_name, renamed
+from jounce.robot.old import OldMethods
 from jounce.robot.overloads import typed
 
 if TYPE_CHECKING:
@@ -65,7 +68,7 @@ FORMS = {"paper": "coriolis_matrix", "skew": "skew_coriolis_matrix"}  # of the C
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Robot(Engine, Displayed):
+class Robot(Applications, OldMethods, Displayed):
     """A robot: its mechanism, and the quantities of its equations of motion along a motion.
 
     `jounce.load` makes one from a file, the constructors `Robot.from_...` from numbers or from other libraries' models.
@@ -472,308 +475,121 @@ class Robot(Engine, Displayed):
 
         return cls(mujoco.mechanism(model, gravity, base, root))
 
-    def state_from_pinocchio(
-        self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None, *, model: Any
+    def state_from(
+        self,
+        library: Library,
+        q: ArrayLike,
+        v: ArrayLike | None = None,
+        a: ArrayLike | None = None,
+        *,
+        forces: ArrayLike | None = None,
+        model: Any,
     ) -> "RobotState":
-        """The state of the robot from q, v, a of a Pinocchio model: joints by name, the base in jounce's conventions.
+        """The state of the robot, and its forces, from vectors of Pinocchio or MuJoCo: joints by name.
 
-        Pinocchio has the quaternion of a free-flyer as (x, y, z, w), its velocity as (linear; angular) in the axes of
-        the body, and in a the rates of these components: ``V = (v[3:6]; v[:3])``, ``Vd = (a[3:6]; a[:3])``. Joints that
-        turn freely have a cosine and a sine in q; here they are angles from -pi to pi.
+        A base that floats has a pose C, a twist V and its rate Vd from its joint. Of the vectors of this joint,
+        Pinocchio has the quaternion as (x, y, z, w) and the velocity as (linear; angular) in the axes of the body:
+        ``V = (v[3:6]; v[:3])``, ``Vd = (a[3:6]; a[:3])``. MuJoCo has the quaternion as (w, x, y, z), and the linear
+        velocity and force in world axes: with the rotation R of the base, ``V = (v[3:6]; R^T v[:3])`` and
+        ``Vd = (a[3:6]; R^T a[:3] - v[3:6] x R^T v[:3])``. Joints that turn freely have a cosine and a sine in
+        Pinocchio's q; here they are angles from -pi to pi.
 
         Parameters
         ----------
+        library : {"pinocchio", "mujoco"}
+            Whose vectors they are.
         q : (..., nq)
-            Configuration of the model; quaternions of unit norm within 1e-6.
+            q of Pinocchio, qpos of MuJoCo; quaternions of unit norm within 1e-6.
         v, a : (..., nv), optional
-            Velocity and acceleration.
-        model : pinocchio.Model
-            The model whose vectors they are: its order of joints may differ from that of the robot.
+            Velocity and acceleration: v and a, or qvel and qacc.
+        forces : (..., nv), optional
+            Generalized forces, such as tau of Pinocchio's rnea, or qfrc_inverse of MuJoCo.
+        model : pinocchio.Model or mujoco.MjModel
+            The model whose vectors they are: its order of joints may differ from that of the robot. Joints that move
+            none of the robot's bodies are ignored.
 
         Returns
         -------
         RobotState
-            To use as ``robot.inverse_dynamics(*state.rates, base=state.base)``.
+            To use as ``robot.inverse_dynamics(*state.rates, base=state.base)``. Its Q are the forces, if given: the
+            wrench (moment; force) on a base that floats first, in its axes; forces of joints that follow others are
+            added to these.
 
         Raises
         ------
         JounceError
-            If a shape is wrong, a quaternion is not of unit norm, a joint of the robot is not in the model, or another
-            joint of the model moves its bodies, such as one that is locked.
+            If a shape is wrong, a quaternion is not of unit norm, a joint of the robot is not in the model, another
+            joint of the model moves its bodies, such as one that is locked, or a joint is not where those that it
+            follows place it, within 0.01.
 
         Examples
         --------
         >>> import jounce, pinocchio
         >>> model = pinocchio.buildSampleModelHumanoid()
         >>> robot = jounce.Robot.from_pinocchio(model, base="floating")
-        >>> state = robot.state_from_pinocchio(pinocchio.neutral(model), model=model)
+        >>> state = robot.state_from("pinocchio", pinocchio.neutral(model), model=model)
         >>> state.q.shape, state.base[0].shape
         ((28,), (4, 4))
         """
-        from jounce.io.models import states
+        from jounce.io.models import states  # what few programs need
 
-        return states.state_from(self.mechanism, states.of_pinocchio(model), (q, v, a), ("q", "v", "a"))
+        return states.state_from(self.mechanism, states.layout_of(library, model), (q, v, a), forces)
 
-    def state_to_pinocchio(
-        self, q: Named, qd: Named | None = None, q2d: Named | None = None, *, model: Any, base: Rates | None = None
-    ) -> tuple[Array, ...]:
-        """The vectors q, v, a of a Pinocchio model, the inverse of `state_from_pinocchio`.
+    def state_to(
+        self,
+        library: Library,
+        q: Named | None = None,
+        qd: Named | None = None,
+        q2d: Named | None = None,
+        *,
+        Q: Named | None = None,
+        base: Rates | None = None,
+        model: Any,
+    ) -> Results:
+        """The vectors of Pinocchio or MuJoCo that state the robot, and its forces: the inverse of `state_from`.
 
         Parameters
         ----------
-        q, qd, q2d : (..., n)
-            Coordinates, and optionally velocities and accelerations.
-        model : pinocchio.Model
-            The model whose vectors they become.
+        library : {"pinocchio", "mujoco"}
+            Whose vectors they become.
+        q, qd, q2d : (..., n), optional
+            Coordinates, velocities and accelerations.
+        Q : (..., nv), optional
+            Generalized forces, the wrench on the base first if the robot floats.
         base : tuple, optional
-            C, V, Vd of the base of a robot that floats, as many as there are of q, qd and q2d.
-
-        Returns
-        -------
-        tuple of arrays
-            q (..., nq), and v, a (..., nv) if qd and q2d are given. Of the two quaternions of a pose it is that with
-            w >= 0; joints of the model that move none of the robot's bodies are at rest in their neutral position.
-
-        Raises
-        ------
-        JounceError
-            If a shape is wrong, the pose is not a pose, or the joints of the model are not those of the robot.
-
-        Examples
-        --------
-        >>> import jounce, pinocchio
-        >>> model = pinocchio.buildSampleModelManipulator()
-        >>> robot = jounce.Robot.from_pinocchio(model)
-        >>> q, v = robot.state_to_pinocchio([0.1] * 6, [0.2] * 6, model=model)
-        >>> bool((q == 0.1).all())
-        True
-        """
-        from jounce.io.models import states
-
-        return states.state_to(self.mechanism, states.of_pinocchio(model), (q, qd, q2d), base)
-
-    def forces_from_pinocchio(self, tau: ArrayLike, *, model: Any) -> Array:
-        """The generalized forces Q of the robot from tau of a Pinocchio model, such as that of its rnea.
-
-        The wrench on a base that floats is (force; moment) there, (moment; force) here, both in the axes of the base.
-
-        Parameters
-        ----------
-        tau : (..., nv)
-            Generalized forces of the model.
-        model : pinocchio.Model
-            The model whose forces they are.
-
-        Returns
-        -------
-        Q : (..., nv)
-            The wrench on the base first if the robot floats; forces of joints that follow others are added to these.
-
-        Raises
-        ------
-        JounceError
-            If a shape is wrong, or the joints of the model are not those of the robot.
-
-        Examples
-        --------
-        >>> import jounce, pinocchio
-        >>> model = pinocchio.buildSampleModelManipulator()
-        >>> robot = jounce.Robot.from_pinocchio(model)
-        >>> q = pinocchio.neutral(model)
-        >>> tau = pinocchio.computeGeneralizedGravity(model, model.createData(), q)
-        >>> Q = robot.forces_from_pinocchio(tau, model=model)
-        >>> bool(abs(Q - robot.gravity_forces([0.0] * 6)).max() < 1e-12)
-        True
-        """
-        from jounce.io.models import states
-
-        return states.forces_from(self.mechanism, states.of_pinocchio(model), tau, "tau")
-
-    def forces_to_pinocchio(self, Q: ArrayLike, *, model: Any) -> Array:
-        """The generalized forces tau of a Pinocchio model, the inverse of `forces_from_pinocchio`.
-
-        Parameters
-        ----------
-        Q : (..., nv)
-            Generalized forces of the robot, the wrench on its base first if it floats.
-        model : pinocchio.Model
-            The model whose forces they become.
-
-        Returns
-        -------
-        tau : (..., nv)
-            Zero at joints that follow others, and at those that the robot does not have.
-
-        Raises
-        ------
-        JounceError
-            If a shape is wrong, or the joints of the model are not those of the robot.
-
-        Examples
-        --------
-        >>> import jounce, pinocchio
-        >>> model = pinocchio.buildSampleModelManipulator()
-        >>> robot = jounce.Robot.from_pinocchio(model)
-        >>> robot.forces_to_pinocchio([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], model=model)
-        array([1., 2., 3., 4., 5., 6.])
-        """
-        from jounce.io.models import states
-
-        return states.forces_to(self.mechanism, states.of_pinocchio(model), Q)
-
-    def state_from_mujoco(
-        self, qpos: ArrayLike, qvel: ArrayLike | None = None, qacc: ArrayLike | None = None, *, model: Any
-    ) -> "RobotState":
-        """The state of the robot from qpos, qvel, qacc of MuJoCo: joints by name, the base in jounce's conventions.
-
-        MuJoCo has the quaternion of a free joint as (w, x, y, z), its linear velocity in world axes, its angular
-        velocity in the axes of the body, and in qacc the rates of these components: with the rotation R of the base,
-        ``V = (qvel[3:6]; R^T qvel[:3])`` and ``Vd = (qacc[3:6]; R^T qacc[:3] - qvel[3:6] x R^T qvel[:3])``.
-
-        Parameters
-        ----------
-        qpos : (..., nq)
-            Positions; quaternions of unit norm within 1e-6.
-        qvel, qacc : (..., nv), optional
-            Velocities and accelerations.
-        model : mujoco.MjModel
-            The model whose vectors they are. Joints that move none of the robot's bodies are ignored.
-
-        Returns
-        -------
-        RobotState
-            To use as ``robot.inverse_dynamics(*state.rates, base=state.base)``.
-
-        Raises
-        ------
-        JounceError
-            If a shape is wrong, a quaternion is not of unit norm, a joint of the robot is not in the model, another
-            joint of the model moves its bodies, or a joint is not where those that it follows place it, within 0.01.
-
-        Examples
-        --------
-        >>> import jounce, mujoco
-        >>> arm = "<body name='arm'><joint name='tilt'/><geom size='.1'/></body>"
-        >>> xml = f"<body name='trunk'><freejoint/><geom size='.2'/>{arm}</body>"
-        >>> model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{xml}</worldbody></mujoco>")
-        >>> robot = jounce.Robot.from_mujoco(model, base="floating")
-        >>> data = mujoco.MjData(model)
-        >>> state = robot.state_from_mujoco(data.qpos, data.qvel, data.qacc, model=model)
-        >>> [x.shape for x in (*state.rates, *state.base)]
-        [(1,), (1,), (1,), (4, 4), (6,), (6,)]
-        """
-        from jounce.io.models import states
-
-        given = (qpos, qvel, qacc)
-        return states.state_from(self.mechanism, states.of_mujoco(model), given, ("qpos", "qvel", "qacc"))
-
-    def state_to_mujoco(
-        self, q: Named, qd: Named | None = None, q2d: Named | None = None, *, model: Any, base: Rates | None = None
-    ) -> tuple[Array, ...]:
-        """The vectors qpos, qvel, qacc of a MuJoCo model, the inverse of `state_from_mujoco`.
-
-        Parameters
-        ----------
-        q, qd, q2d : (..., n)
-            Coordinates, and optionally velocities and accelerations.
-        model : mujoco.MjModel
+            C, V, Vd of the base of a robot that floats, as many as there are of q, qd and q2d. Forces of MuJoCo alone
+            need C, those of Pinocchio none.
+        model : pinocchio.Model or mujoco.MjModel
             The model whose vectors they become.
-        base : tuple, optional
-            C, V, Vd of the base of a robot that floats, as many as there are of q, qd and q2d.
 
         Returns
         -------
-        tuple of arrays
-            qpos (..., nq), and qvel, qacc (..., nv) if qd and q2d are given. Of the two quaternions of a pose it is
-            that with w >= 0; joints that move none of the robot's bodies are at rest at qpos0.
+        array, or tuple of arrays
+            What is given, in this order: q (..., nq), of a pose the quaternion with w >= 0; v and a (..., nv); forces
+            (..., nv), zero at joints that follow others. Joints that move none of the robot's bodies are at rest, in
+            Pinocchio's neutral position or at MuJoCo's qpos0, without forces.
 
         Raises
         ------
         JounceError
-            If a shape is wrong, the pose is not a pose, or the joints of the model are not those of the robot.
+            If a shape is wrong, the pose is missing or not a pose, or the joints of the model are not those of the
+            robot.
 
         Examples
         --------
         >>> import jounce, mujoco
         >>> arm = "<body name='arm'><joint name='tilt'/><geom size='.1'/></body>"
         >>> model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{arm}</worldbody></mujoco>")
-        >>> jounce.Robot.from_mujoco(model).state_to_mujoco([0.4], [2.0], model=model)
+        >>> robot = jounce.Robot.from_mujoco(model)
+        >>> robot.state_to("mujoco", [0.4], [2.0], model=model)
         (array([0.4]), array([2.]))
-        """
-        from jounce.io.models import states
-
-        return states.state_to(self.mechanism, states.of_mujoco(model), (q, qd, q2d), base)
-
-    def forces_from_mujoco(self, qfrc: ArrayLike, qpos: ArrayLike | None = None, *, model: Any) -> Array:
-        """The generalized forces Q of the robot from those of MuJoCo, such as its qfrc_inverse.
-
-        The wrench on a free joint is the force in world axes, then the moment in the axes of the body, about its
-        origin; here (moment; force), both in the axes of the base.
-
-        Parameters
-        ----------
-        qfrc : (..., nv)
-            Generalized forces of the model.
-        qpos : (..., nq), optional
-            Positions of the model, needed if the robot floats.
-        model : mujoco.MjModel
-            The model whose forces they are.
-
-        Returns
-        -------
-        Q : (..., nv)
-            The wrench on the base first if the robot floats; forces of joints that follow others are added to these.
-
-        Raises
-        ------
-        JounceError
-            If a shape is wrong, qpos is missing, or the joints of the model are not those of the robot.
-
-        Examples
-        --------
-        >>> import jounce, mujoco
-        >>> arm = "<body name='arm'><joint name='tilt'/><geom size='.1'/></body>"
-        >>> model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{arm}</worldbody></mujoco>")
-        >>> jounce.Robot.from_mujoco(model).forces_from_mujoco([3.0], model=model)
+        >>> robot.state_to("mujoco", Q=[3.0], model=model)
         array([3.])
         """
-        from jounce.io.models import states
+        from jounce.io.models import states  # what few programs need
 
-        return states.forces_from(self.mechanism, states.of_mujoco(model), qfrc, "qfrc", qpos)
-
-    def forces_to_mujoco(self, Q: ArrayLike, *, model: Any, base: Rates | None = None) -> Array:
-        """The generalized forces of a MuJoCo model, the inverse of `forces_from_mujoco`.
-
-        Parameters
-        ----------
-        Q : (..., nv)
-            Generalized forces of the robot, the wrench on its base first if it floats.
-        model : mujoco.MjModel
-            The model whose forces they become.
-        base : (..., 4, 4), optional
-            Pose of the base, needed if the robot floats.
-
-        Returns
-        -------
-        qfrc : (..., nv)
-            Zero at joints that follow others, and at those that the robot does not have.
-
-        Raises
-        ------
-        JounceError
-            If a shape is wrong, the pose is missing, or the joints of the model are not those of the robot.
-
-        Examples
-        --------
-        >>> import jounce, mujoco
-        >>> arm = "<body name='arm'><joint name='tilt'/><geom size='.1'/></body>"
-        >>> model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{arm}</worldbody></mujoco>")
-        >>> jounce.Robot.from_mujoco(model).forces_to_mujoco([3.0], model=model)
-        array([3.])
-        """
-        from jounce.io.models import states
-
-        return states.forces_to(self.mechanism, states.of_mujoco(model), Q, base)
+        vectors = states.state_to(self.mechanism, states.layout_of(library, model), (q, qd, q2d), base, Q)
+        return vectors[0] if len(vectors) == 1 else vectors
 
     def with_drives(self, terms: DriveTerms = True, eps: float | None = None) -> Self:
         """The robot whose inverse dynamics includes the selected drive terms: armature, damping, friction, spring.
@@ -1046,6 +862,7 @@ class Robot(Engine, Displayed):
         return audit(self.mechanism)
 
     @typed(overloads.Compile)
+    @renamed_keywords(base="moving_base")
     def compile(
         self,
         quantity: QuantityName | None = None,
@@ -1055,7 +872,7 @@ class Robot(Engine, Displayed):
         body: str | None = None,
         frame: Frame = "body",
         product: Product | None = None,
-        base: bool = False,
+        moving_base: bool = False,
     ) -> Kernel:
         """Compile a quantity to native code before its first call.
 
@@ -1076,7 +893,7 @@ class Robot(Engine, Displayed):
         product : {"vjp", "jvp"}, optional
             Products of the derivatives by all inputs instead of the values: the kernel that `Kernel.vjp` or
             `Kernel.jvp` compiles at its first call, which takes the weights or directions after the other arrays.
-        base : bool, optional
+        moving_base : bool, optional
             Whether the motion of the base, C, V, Vd, ..., follows in its calls; it always does if the robot floats.
 
         Returns
@@ -1104,7 +921,7 @@ class Robot(Engine, Displayed):
         True
         """
         name = compiled_name(self, quantity)
-        asked = requests.computation(self.mechanism, name, order, wrench, body, frame, product, base)
+        asked = requests.computation(self.mechanism, name, order, wrench, body, frame, product, moving_base)
         return compile_ahead(self, asked)
 
     @typed(overloads.OfAcceleration)

@@ -27,7 +27,7 @@ OF_WRENCHES = {row.symbol + EXTERNAL: row for row in OF_ROBOT.values() if row.wr
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Symbolic:
-    """The equations of motion of a robot as SymPy expressions; `jounce.symbolic` makes it.
+    """The equations of motion of a robot as SymPy expressions; `Robot.symbolic` makes it.
 
     * ``S.q, S.qd, S.q2d, ...`` are the symbols q1, qdot1, qddot1, ... of the coordinates, in the order of
       `joint_names`, as columns; ``S.W, S.Wd, ...``, (nb, 6), are those of the wrenches that the bodies exert: m_x1 ..
@@ -77,7 +77,7 @@ class Symbolic:
         Examples
         --------
         >>> import jounce
-        >>> S = jounce.symbolic(jounce.load("planar2r"))
+        >>> S = jounce.load("planar2r").symbolic()
         >>> (S.dot(S.Q) - S.Qd).expand()
         Matrix([
         [0],
@@ -105,59 +105,15 @@ def quotient(row: Quantity) -> str:
     )
 
 
-def symbolic(robot: Engine, base: bool = False) -> Symbolic:
-    """The equations of motion of a robot as SymPy expressions: every quantity, and its rates.
-
-    Expressions are multiplied out in sines and cosines of sums of angles, so that equal ones look equal; the common
-    factors of all terms stand in front. The robot may hold SymPy symbols, polynomials of them, sines and cosines; its
-    numbers are read as the decimals that they print as.
-
-    Parameters
-    ----------
-    robot : Robot
-        A robot of symbols or of numbers.
-    base : bool, optional
-        Whether the ground of a fixed robot moves as symbols say: its pose and twist enter then. The base of a floating
-        robot always does; its six rows come first.
-
-    Returns
-    -------
-    Symbolic
-        ``S.q, S.qd, ..., S.Q, S.Qd, S.Q2d, S.M, ..., S.poses("tool0")``, see `Symbolic`.
-
-    Raises
-    ------
-    JounceError
-        If the robot contains anything but numbers and real SymPy expressions, or a symbol with the name of a
-        coordinate, or SymPy is missing. An expression that is too large raises it on access.
-
-    References
-    ----------
-    Müller & Kumar, Section 6.1, for the results of the planar 2R.
-
-    Examples
-    --------
-    >>> import jounce, sympy
-    >>> L1, L2, m1, m2, g = sympy.symbols("L1 L2 m1 m2 g")
-    >>> S = jounce.symbolic(jounce.load("planar2r", L1=L1, L2=L2, m1=m1, m2=m2, g=g))
-    >>> S.M[0, 1]
-    L2*m2*(L1*cos(q2) + L2)
-    >>> S.Qgravd[1]
-    -L2*g*m2*(qdot1*sin(q1 + q2) + qdot2*sin(q1 + q2))
-    >>> S.twists("body2", frame="world")[3]
-    -L1*qdot1*sin(q1)
-    >>> print(sympy.latex(S.q4d.T))
-    \\left[\\begin{matrix}\\ddddot{q}_{1} & \\ddddot{q}_{2}\\end{matrix}\\right]
-    """
+def symbolic(robot: Engine, moving_base: bool) -> Symbolic:
+    """The equations of motion of a robot as SymPy expressions, see `Robot.symbolic`."""
     try:
         import sympy  # noqa: F401
     except ModuleNotFoundError:
         raise JounceError("symbolic() needs SymPy; install it by: pip install 'jounce[sympy]'") from None
-    if not isinstance(robot, Engine):
-        raise JounceError(f"symbolic() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
-    true_or_false("base", base, "whether the ground moves")
-    found = expressions(robot.mechanism, base or robot.mechanism.base is not None)
+    true_or_false("moving_base", moving_base, "whether the ground moves")
     m = robot.mechanism
+    found = expressions(m, moving_base or m.base is not None)
     series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if not requests.missing(m, row)}
     series |= {symbol: found.external(row, symbol) for symbol, row in OF_WRENCHES.items()}
 

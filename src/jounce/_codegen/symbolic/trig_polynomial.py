@@ -53,7 +53,7 @@ class Variables:
         if self.work > self.limit:
             raise JounceError(
                 f"too large for symbolic form: it takes more than {self.limit:,} operations on terms; "
-                "jounce.codegen writes it as a program in C, Python, Rust and others"
+                "robot.codegen writes it as a program in C, Python, Rust and others"
             )
 
 

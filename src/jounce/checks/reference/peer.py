@@ -49,7 +49,7 @@ class Converter:
 
     def forces(self, tau: np.ndarray, q: np.ndarray) -> np.ndarray:
         """The forces of the mechanism from those of the model at q."""
-        return states.forces_from(self.mechanism, self.layout, tau, "tau", q)
+        return states.forces_from(self.mechanism, self.layout, tau, q)
 
     def mass_matrix(self, M: np.ndarray, q: np.ndarray) -> np.ndarray:
         """The mass matrix of the mechanism from that of the model at q: both sides of it are forces."""

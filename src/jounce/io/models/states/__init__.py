@@ -6,9 +6,7 @@
 | MuJoCo | w, x, y, z | world axes | base axes | rates of the components of qvel |
 """
 
-from jounce.io.models.states.conversion import RobotState, forces_from, forces_to, state_from, state_to
+from jounce.io.models.states.conversion import RobotState, forces_from, forces_to, layout_of, state_from, state_to
 from jounce.io.models.states.layout import Layout
-from jounce.io.models.states.mujoco import layout as of_mujoco
-from jounce.io.models.states.pinocchio import layout as of_pinocchio
 
-__all__ = ["Layout", "RobotState", "forces_from", "forces_to", "of_mujoco", "of_pinocchio", "state_from", "state_to"]
+__all__ = ["Layout", "RobotState", "forces_from", "forces_to", "layout_of", "state_from", "state_to"]

@@ -2,17 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from jounce.arguments.base import base_of
+from jounce.arguments.base import base_of, terms_of
 from jounce.arguments.rates import rates_of
-from jounce.core.errors import JounceError, listed, quoted
+from jounce.core.errors import JounceError, listed, one_of, quoted
 from jounce.core.scalars import asarray, is_numeric
+from jounce.io.models.states import mujoco, pinocchio
 from jounce.io.models.states.free_joint import check_unit, motion_from, put_motion, wrench_from, wrench_to
 from jounce.io.models.states.layout import Layout, Place, match
 from jounce.model.mechanism import Mechanism
 
+LAYOUTS = {"pinocchio": pinocchio.layout, "mujoco": mujoco.layout}  # of a model, by library
 APART = 1e-2  # rad or m: how far a joint may be from what it follows; MuJoCo's constraints are soft
 
 
@@ -27,6 +30,8 @@ class RobotState:
     base : tuple of arrays, or None
         Pose C (..., 4, 4) of the base, its twist V (..., 6), (angular; linear) in its own axes, and the rate Vd of
         these components, as many as there are of q, qd and q2d; None if the robot does not float.
+    Q : (..., nv), or None
+        Generalized forces, the wrench on the base first if the robot floats; None where they were not given.
 
     Examples
     --------
@@ -34,7 +39,7 @@ class RobotState:
     >>> model = pinocchio.buildSampleModelHumanoid()
     >>> robot = jounce.Robot.from_pinocchio(model, base="floating")
     >>> v = a = [0.0] * model.nv
-    >>> state = robot.state_from_pinocchio(pinocchio.neutral(model), v, a, model=model)
+    >>> state = robot.state_from("pinocchio", pinocchio.neutral(model), v, a, model=model)
     >>> Q = robot.inverse_dynamics(*state.rates, base=state.base)
     >>> float(Q[5].round(6)) == round(9.81 * sum(body.mass for body in model.inertias), 6)  # its weight
     True
@@ -44,6 +49,7 @@ class RobotState:
     qd: np.ndarray | None
     q2d: np.ndarray | None
     base: tuple[np.ndarray, ...] | None
+    Q: np.ndarray | None = None
 
     @property
     def rates(self) -> tuple[np.ndarray, ...]:
@@ -51,9 +57,14 @@ class RobotState:
         return tuple(x for x in (self.q, self.qd, self.q2d) if x is not None)
 
 
-def state_from(mechanism: Mechanism, layout: Layout, given: Sequence[object], labels: Sequence[str]) -> RobotState:
-    """The state of a robot from q, v, a of a library, called by labels in messages."""
-    found = match(mechanism, layout)
+def layout_of(library: str, model: Any) -> Layout:
+    """Where a model of a library, by its name, has its joints."""
+    return LAYOUTS[one_of("library", library, LAYOUTS)](model)
+
+
+def state_from(mechanism: Mechanism, layout: Layout, given: Sequence[object], tau: object = None) -> RobotState:
+    """The state of a robot from q, v, a of a library, and its forces where tau is given."""
+    found, labels = match(mechanism, layout), layout.labels
     count = max(k for k, term in enumerate(given) if term is not None or k == 0) + 1
     sizes = (layout.nq, layout.nv, layout.nv)
     terms = [_vector(layout, *item) for item in zip(given[:count], labels[:count], sizes[:count], strict=True)]
@@ -63,13 +74,23 @@ def state_from(mechanism: Mechanism, layout: Layout, given: Sequence[object], la
     for i, place in found.joints.items():
         _check_follower(mechanism, i, place, theta[i], q, labels[0])
     qd, q2d = [*(x[..., [found.joints[i].v for i in own]] for x in terms[1:]), None, None][:2]
+    Q = None if tau is None else forces_from(mechanism, layout, tau, terms[0])
     if found.base is None or mechanism.base is None:
-        return RobotState(q, qd, q2d, None)
-    return RobotState(q, qd, q2d, motion_from(layout, found.base, mechanism.base.name, terms, labels[0]))
+        return RobotState(q, qd, q2d, None, Q)
+    return RobotState(q, qd, q2d, motion_from(layout, found.base, mechanism.base.name, terms, labels[0]), Q)
 
 
-def state_to(mechanism: Mechanism, layout: Layout, given: Sequence[object], base: object) -> tuple[np.ndarray, ...]:
-    """The vectors q, v, a of a library, as many as rates of q are given; joints that the robot lacks are at rest."""
+def state_to(
+    mechanism: Mechanism, layout: Layout, given: Sequence[object], base: object, Q: object = None
+) -> tuple[np.ndarray, ...]:
+    """The vectors q, v, a of a library, as many as rates of q are given, and its forces where Q is given."""
+    alone = Q is not None and all(x is None for x in given)
+    vectors = () if alone else _motion_to(mechanism, layout, given, base)
+    return vectors if Q is None else (*vectors, forces_to(mechanism, layout, Q, terms_of(base)[:1] or None))
+
+
+def _motion_to(mechanism: Mechanism, layout: Layout, given: Sequence[object], base: object) -> tuple[np.ndarray, ...]:
+    """The vectors q, v, a of a library; joints that the robot lacks are at rest."""
     found = match(mechanism, layout)
     rates = [_numbers(x, "q") for x in rates_of(given, 1, mechanism)]
     motion = _base(mechanism, base, len(rates))
@@ -89,14 +110,14 @@ def state_to(mechanism: Mechanism, layout: Layout, given: Sequence[object], base
     return tuple(out)
 
 
-def forces_from(mechanism: Mechanism, layout: Layout, tau: object, label: str, q: object = None) -> np.ndarray:
+def forces_from(mechanism: Mechanism, layout: Layout, tau: object, q: object = None) -> np.ndarray:
     """The forces Q of a robot from those of a library; its q, where they are in world axes."""
-    found, x = match(mechanism, layout), _vector(layout, tau, label, layout.nv)
+    found, x = match(mechanism, layout), _vector(layout, tau, layout.labels[3], layout.nv)
     Q = x[..., [place.v for place in found.joints.values()]] @ mechanism.G[list(found.joints)]
     if found.base is None or mechanism.base is None:
         return np.asarray(Q)
-    at = _vector(layout, q, "qpos", layout.nq) if layout.linear_in_world else None
-    W = wrench_from(layout, found.base, mechanism.base.name, x, at, "qpos")
+    at = _vector(layout, q, layout.labels[0], layout.nq) if layout.linear_in_world else None
+    W = wrench_from(layout, found.base, mechanism.base.name, x, at, layout.labels[0])
     batch = _common([W.shape[:-1], Q.shape[:-1]])
     return np.concatenate([np.broadcast_to(part, (*batch, part.shape[-1])) for part in (W, Q)], axis=-1)
 
@@ -106,7 +127,7 @@ def forces_to(mechanism: Mechanism, layout: Layout, Q: object, base: object = No
     found = match(mechanism, layout)
     [forces] = rates_of([Q], 1, mechanism, named=lambda _: ["Q"], coordinates=0)
     forces = _numbers(forces, "Q")
-    motion = _base(mechanism, base, 1) if layout.linear_in_world else []
+    motion = _base(mechanism, base, 1) if layout.linear_in_world or base is not None else []
     C = motion[0] if motion else None
     batch = _common([forces.shape[:-1], () if C is None else C.shape[:-2]])
     tau = np.zeros((*batch, layout.nv))

@@ -33,6 +33,7 @@ class Layout:
     """The vectors of a model: sizes, joints by name, and how a floating joint is stated."""
 
     what: str  # for messages
+    labels: tuple[str, str, str, str]  # of position, velocity, acceleration and forces
     nq: int
     nv: int
     rest: np.ndarray  # q of joints that a robot does not have

@@ -8,6 +8,8 @@ from jounce.io.models.mujoco.arrays import arrays
 from jounce.io.models.mujoco.joints import FLOATING, moves_along_one_screw
 from jounce.io.models.states.layout import FreeJoint, Layout, Place
 
+LABELS = ("qpos", "qvel", "qacc", "qfrc")
+
 
 def layout(model: Any) -> Layout:
     """Return where a model has its joints."""
@@ -30,4 +32,5 @@ def layout(model: Any) -> Layout:
             elif m.of["jnt_type"][j] == FLOATING:
                 free[name] = FreeJoint(q, v, ground=np.eye(4), moved={m.bodies[i]: np.eye(4)})
     rest = np.array(m.of["qpos0"], dtype=float)
-    return Layout(m.place, len(rest), int(model.nv), rest, places, free, carries, (0, 1, 2, 3), linear_in_world=True)
+    sizes = len(rest), int(model.nv)
+    return Layout(m.place, LABELS, *sizes, rest, places, free, carries, (0, 1, 2, 3), linear_in_world=True)

@@ -9,6 +9,8 @@ from jounce.io.models.states.layout import FreeJoint, Layout, Place
 
 BODIES = ("BODY", "OP_FRAME", "SENSOR", "JOINT")  # frames that may be the base
 
+LABELS = ("q", "v", "a", "tau")
+
 
 def layout(model: Any) -> Layout:
     """Return where a model has its joints."""
@@ -40,7 +42,7 @@ def layout(model: Any) -> Layout:
         beyond[model.parents[i]] |= beyond[i] | {*own[i]}
     carries = {name: frozenset(beyond[i]) for i in range(1, len(joints)) for name in own[i] if joints[i].nv}
     what = f"model {model.name or 'robot'!r}"
-    return Layout(what, model.nq, model.nv, rest, places, free, carries, (3, 0, 1, 2), linear_in_world=False)
+    return Layout(what, LABELS, model.nq, model.nv, rest, places, free, carries, (3, 0, 1, 2), linear_in_world=False)
 
 
 def _names_a_body(frame: Any) -> bool:
