@@ -22,10 +22,9 @@ import numpy as np
 
 import jounce
 from benchmarks import machine
-from jounce.io import parquet
 from jounce.io.columns import Columns
 from jounce.io.files import written_whole
-from jounce.io.spans import format_of
+from jounce.io.tables import PARQUET
 from jounce.spatial.series import rate_name
 
 ROBOT = jounce.load("iiwa14")
@@ -111,7 +110,7 @@ def generate(folder: Path, rows: int) -> None:
     """Write files of smooth motions of all joints, with all rates."""
     folder.mkdir()
     for number, first in enumerate(range(0, rows, OF_FILE)):
-        parquet.write(folder / f"motion{number:04d}.parquet", states(number, min(OF_FILE, rows - first)))
+        PARQUET.write(folder / f"motion{number:04d}.parquet", states(number, min(OF_FILE, rows - first)))
 
 
 def states(seed: int, rows: int) -> Iterator[Columns]:
@@ -160,13 +159,13 @@ def written(source: Path, folder: Path) -> Times:
     names = [f"{joint}.{rate_name('Q', k)}" for joint in ROBOT.joint_names for k in range(ORDER + 1)]
     total = Times(0.0, 0.0)
     for path in sorted(source.iterdir()):
-        table = format_of(path)
+        table = PARQUET
         spans = table.spans(path, 1 << 40)
         some = [
             chunk for span in spans for chunk in table.chunks(path, table.names(path)[: len(names) + 1], None, span)
         ]
         columns = [dict(zip(["t", *names], chunk.columns.values(), strict=True)) for chunk in some]
-        total = total.plus(timed(lambda: parquet.write(folder / path.name, columns)))  # noqa: B023
+        total = total.plus(timed(lambda: PARQUET.write(folder / path.name, columns)))  # noqa: B023
     rmtree(folder)
     return total
 

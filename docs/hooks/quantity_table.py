@@ -3,7 +3,6 @@
 from typing import Any
 
 from jounce.dynamics.quantities import QUANTITIES, Quantity
-from jounce.robot.elastic import ElasticRobot
 from jounce.robot.robot import FORMS, Robot
 
 HEAD = ("", "method", "rates", "shape", "unit", "what it is", "options")
@@ -22,11 +21,8 @@ def table() -> str:
 
 def method(quantity: Quantity) -> tuple[type, str, str]:
     """The class and the method that compute a quantity, and how it is called for it, without the rates."""
-    for owner in (Robot, ElasticRobot):
-        if hasattr(owner, quantity.name):
-            return owner, quantity.name, quantity.name
-    if quantity.elastic:
-        return ElasticRobot, "inverse_dynamics", "inverse_dynamics"
+    if hasattr(Robot, quantity.name):
+        return Robot, quantity.name, quantity.name
     [form] = [form for form, name in FORMS.items() if name == quantity.name]
     return Robot, FORMS["paper"], f'{FORMS["paper"]}(form="{form}")'
 

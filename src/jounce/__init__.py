@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from jounce.motion import Motion
     from jounce.native.kernel import Kernel
     from jounce.robot import Robot
-    from jounce.robot.elastic import ElasticRobot
+    from jounce.robot.elastic import ElasticRobot as ElasticRobot  # for one release
     from jounce.robot.loading import load
     from jounce.robot.motions import load_motion
     from jounce.robot.old import casadi_function, codegen, excite, identify, report, symbolic  # noqa: F401
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Along", "AntagonisticSprings", "BaseParameters", "Check", "CheckedLimit", "Closure", "CubicSpring", "Drives",
-    "ElasticAlong", "ElasticRobot", "Elasticity", "Excitation", "ForceResidual", "Identification",
+    "ElasticAlong", "Elasticity", "Excitation", "ForceResidual", "Identification",
     "IdentifiedParameter", "JounceError", "JounceWarning", "Kernel", "Limits", "Loop", "Mechanism", "Motion",
     "Motor", "Report", "Retiming", "Robot", "RobotState", "Slowdown", "SpringFunction", "SpringTable",
     "UncertainError", "__version__", "inertia_matrix", "load", "load_motion", "save",

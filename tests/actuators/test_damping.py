@@ -103,7 +103,7 @@ def test_each_term_of_the_series_has_the_error_of_the_next(spring):
 def test_a_series_whose_terms_do_not_fall_is_refused():
     Q = Series.of(force(CUBIC, 80.0, np.linspace(0, 1, 30), 6))
     sums = deflections.of_damped_spring(CUBIC, 80.0, Q, 4)
-    with pytest.raises(JounceError, match=r"does not converge: term 4 is .*; the time constant D/K is 0.16 s; use alo"):
+    with pytest.raises(JounceError, match=r"does not converge: term 4 is .*; the time constant D/K is 0.16 s; use mot"):
         deflections.check_series(sums, 80 / 500)
 
 

@@ -50,7 +50,7 @@ def mixed():
 
 
 def states(arm, count, batch=(4,), seed=0):
-    return list(np.random.default_rng(seed).uniform(-1, 1, (count, *batch, arm.robot.n)))
+    return list(np.random.default_rng(seed).uniform(-1, 1, (count, *batch, arm.n)))
 
 
 def test_the_2r_obeys_lagranges_equations():
@@ -74,34 +74,34 @@ def test_the_2r_obeys_lagranges_equations():
     here = {**dict(zip(q, state[0], strict=True)), **dict(zip(theta, moved[0], strict=True))}
     torques = [x.subs(y.diff(t, 2), a).subs(here) for x, y, a in zip(motors, theta, moved[2], strict=True)]
     close(arm.motor_positions(*state), moved)
-    close(arm.inverse_dynamics(*state), np.array(torques, dtype=float) + DRIVES["damping"] * moved[1])
+    close(arm.motor_torques(*state), np.array(torques, dtype=float) + DRIVES["damping"] * moved[1])
 
 
 def test_rates_are_derivatives_with_loads_too(arm):
     motion = harmonic(np.random.default_rng(2), 2, 7)
     load = lambda t: [np.full((2, 6), 3.0**k * np.cos(3 * t + k * np.pi / 2)) for k in range(5)]  # noqa: E731
-    found = arm.inverse_dynamics(*motion(0.0)[:7], wrench=tuple(load(0.0)))
+    found = arm.motor_torques(*motion(0.0)[:7], wrench=tuple(load(0.0)))
     for k in (0, 1):
-        before = lambda t, k=k: arm.inverse_dynamics(*motion(t)[:7], wrench=tuple(load(t)))[k]  # noqa: E731
+        before = lambda t, k=k: arm.motor_torques(*motion(t)[:7], wrench=tuple(load(t)))[k]  # noqa: E731
         close(differentiated(before), found[k + 1], 1e-7)
 
 
 @pytest.mark.parametrize("name", ["arm", "mixed"])
-def test_forward_dynamics_inverts_inverse_dynamics(name, request):
+def test_forward_dynamics_inverts_motor_torques(name, request):
     arm = request.getfixturevalue(name)
     q, way = states(arm, 5), {"method": "recursion"}
-    W = tuple(np.random.default_rng(1).uniform(-1, 1, (3, 4, arm.robot.mechanism.nb, 6)))
+    W = tuple(np.random.default_rng(1).uniform(-1, 1, (3, 4, arm.mechanism.nb, 6)))
     theta, thetad, theta2d = arm.motor_positions(*q, wrench=W, **way)
-    tau = arm.inverse_dynamics(*q, wrench=W, **way)
-    found = arm.forward_dynamics(*q[:2], theta, thetad, tau, wrench=W[0], **way)
-    close(found.q2d, q[2], 1e-11)
-    close(found.theta2d, theta2d, 1e-10)
+    tau = arm.motor_torques(*q, wrench=W, **way)
+    found = arm.elastic_forward_dynamics(*q[:2], theta, thetad, tau, wrench=W[0], **way)
+    close(found[0], q[2], 1e-11)
+    close(found[1], theta2d, 1e-10)
     rigid = arm.elasticity.is_rigid
     unread = [np.where(rigid, 7.0, x) for x in (theta, thetad)]
-    close(arm.forward_dynamics(*q[:2], *unread, tau, wrench=W[0], **way), found)
-    close(arm.energy(*q[:2], *unread), arm.energy(*q[:2], theta, thetad))
-    out = np.empty((4, arm.robot.n)), np.empty((4, arm.robot.n))
-    assert arm.forward_dynamics(*q[:2], theta, thetad, tau, wrench=W[0], out=out, **way).q2d is out[0]
+    close(arm.elastic_forward_dynamics(*q[:2], *unread, tau, wrench=W[0], **way), found)
+    close(arm.elastic_energy(*q[:2], *unread), arm.elastic_energy(*q[:2], theta, thetad))
+    out = np.empty((4, arm.n)), np.empty((4, arm.n))
+    assert arm.elastic_forward_dynamics(*q[:2], theta, thetad, tau, wrench=W[0], out=out, **way)[0] is out[0]
     close(out, found, 0)
 
 
@@ -110,15 +110,15 @@ def test_the_torques_of_stiff_springs_reach_those_of_a_rigid_robot_as_1_over_k()
     Q, _, Q2d = DRIVEN.inverse_dynamics(*q, **way)
     expected = rigid.inverse_dynamics(*q[:3], **way)
     for k in (1e2, 1e4, 1e6):
-        tau = DRIVEN.elastic(k).inverse_dynamics(*q, **way)
+        tau = DRIVEN.elastic(k).motor_torques(*q, **way)
         close((tau - expected) * k, B * Q2d, 1e-8)
         close((DRIVEN.elastic(k).motor_positions(*q[:3], **way) - q[0]) * k, Q, 1e-8)
     stiff = DRIVEN.elastic(np.inf)
-    close(stiff.inverse_dynamics(*q, **way), expected)
+    close(stiff.motor_torques(*q, **way), expected)
     close(stiff.motor_positions(*q, **way), q[:3], 0)
-    found = stiff.forward_dynamics(q[0], q[1], q[0], q[1], expected, **way)
+    found = stiff.elastic_forward_dynamics(q[0], q[1], q[0], q[1], expected, **way)
     close(found, [rigid.forward_dynamics(*q[:2], expected, **way)] * 2)
-    close(found.q2d, q[2])
+    close(found[0], q[2])
 
 
 def test_energy_is_what_motors_give_and_friction_takes(arm):
@@ -129,8 +129,8 @@ def test_energy_is_what_motors_give_and_friction_takes(arm):
     theta, thetad, _ = arm.motor_positions(*q, method="recursion")
     e = arm.elasticity
     lost = e.viscous * thetad + e.friction * np.tanh(thetad / e.eps)
-    total = arm.energy(q[0], q[1], theta, thetad).total
-    power = (thetad * (arm.inverse_dynamics(*q, method="recursion") - lost)).sum(-1)
+    total = arm.elastic_energy(q[0], q[1], theta, thetad).total
+    power = (thetad * (arm.motor_torques(*q, method="recursion") - lost)).sum(-1)
     tolerance = 1e-10 * np.ptp(total)
     assert abs(weights @ power[1:-1] - (total[-1] - total[0])) < tolerance
     assert abs(weights @ (thetad * lost).sum(-1)[1:-1]) > 1e3 * tolerance
@@ -145,13 +145,13 @@ def test_the_error_of_the_linearised_loop_obeys_the_equation_that_was_placed(arm
     def errors(t, x):
         """q to q3d less those of the motion, from the state."""
         q, qd, theta, thetad = x.reshape(4, 2)
-        rates = q, qd, *arm.robot.forward_dynamics(q, qd, K * (theta - q), K * (thetad - qd))
+        rates = q, qd, *arm.forward_dynamics(q, qd, K * (theta - q), K * (thetad - qd), side="links")
         return np.array(rates) - motion(t)[:4]
 
     def rate(t, x):
         q, qd, theta, thetad = x.reshape(4, 2)
         tau = arm.feedback_linearization(q, qd, theta, thetad, motion(t)[4] - gains @ errors(t, x))
-        q2d, theta2d = arm.forward_dynamics(q, qd, theta, thetad, tau)
+        q2d, theta2d = arm.elastic_forward_dynamics(q, qd, theta, thetad, tau)
         return np.concatenate([qd, q2d, thetad, theta2d])
 
     off = [a + b for a, b in zip(motion(0.0), [[0.1, -0.05], [0.2, 0.3], [0.5, -1.0], [2.0, 1.0]], strict=False)]
@@ -164,21 +164,21 @@ def test_the_error_of_the_linearised_loop_obeys_the_equation_that_was_placed(arm
 
 
 def test_forward_dynamics_and_feedback_take_every_scalar_type(arm, mixed):
-    one = jounce.ElasticRobot(arm.robot.locked({"joint2": 0.3}))
-    for a, names in ((one, "forward_dynamics feedback_linearization"), (mixed, "forward_dynamics")):
+    one = arm.locked({"joint2": 0.3})
+    for a, names in ((one, "elastic_forward_dynamics feedback_linearization"), (mixed, "elastic_forward_dynamics")):
         x = states(a, 5, ())
         for call in (getattr(a, name) for name in names.split()):
             expected = np.asarray(call(*x, method="recursion"))
             exact = np.asarray(call(*(v.astype(np.longdouble) for v in x)))
             assert exact.dtype == np.longdouble
             close(exact, expected)
-            symbols = [casadi.SX.sym("x", a.robot.n) for _ in x]
+            symbols = [casadi.SX.sym("x", a.n) for _ in x]
             found = casadi.vertcat(*np.ravel(call(*symbols)))
             close(casadi.Function("f", symbols, [found])(*x).full().ravel(), expected.ravel())
     x = states(one, 5, ())
     with jax.enable_x64(True):
-        close(jax.jit(one.forward_dynamics)(*x), one.forward_dynamics(*x))
-        close(jax.jit(one.energy)(*x[:4]), one.energy(*x[:4]))
+        close(jax.jit(one.elastic_forward_dynamics)(*x), one.elastic_forward_dynamics(*x))
+        close(jax.jit(one.elastic_energy)(*x[:4]), one.elastic_energy(*x[:4]))
 
 
 def test_elastic_joints_start_from_the_drives_of_a_file():
@@ -188,14 +188,14 @@ def test_elastic_joints_start_from_the_drives_of_a_file():
     assert not plain.elasticity.viscous.any()
     close(acting.elasticity.viscous, DRIVES["damping"])
     close(acting.elasticity.friction, DRIVES["friction"])
-    assert acting.robot.mechanism.acting == ("spring",)
+    assert acting.mechanism.acting == ("spring",)
     close(acting.elasticity.rotor, B)
-    again = acting.robot.elastic({"joint1": 90.0}, rotor={"joint2": 0.7})
+    again = acting.elastic({"joint1": 90.0}, rotor={"joint2": 0.7})
     close(again.elasticity.stiffness, [90.0, np.inf])
     close(again.elasticity.rotor, [0.3, 0.7])
     close(again.elasticity.viscous, DRIVES["damping"])
-    refusal(acting.robot.with_drives, "damping, friction would act on the links", "select drive terms before elastic()")
-    assert acting.robot.with_drives("spring").mechanism.elasticity is acting.elasticity
+    refusal(acting.with_drives, "damping, friction would act on the links", "select drive terms before elastic()")
+    assert acting.with_drives("spring").mechanism.elasticity is acting.elasticity
 
 
 def test_joints_that_follow_one_coordinate_add_up():
@@ -209,7 +209,7 @@ def test_joints_that_follow_one_coordinate_add_up():
 
 
 def test_locked_joints_take_their_springs_away_and_copies_keep_them(arm):
-    left = arm.robot.locked({"joint1": 0.3}).mechanism.elasticity
+    left = arm.locked({"joint1": 0.3}).mechanism.elasticity
     close(left.stiffness, K[1:])
     assert pickle.loads(pickle.dumps(arm)) == arm != DRIVEN.elastic(K)
     assert hash(arm) == hash(pickle.loads(pickle.dumps(arm)))
@@ -218,18 +218,18 @@ def test_locked_joints_take_their_springs_away_and_copies_keep_them(arm):
 
 
 def test_native_code_is_that_of_the_springs_it_was_compiled_for(arm):
-    other = DRIVEN.with_drives("spring").elastic(2 * K).robot.mechanism
+    other = DRIVEN.with_drives("spring").elastic(2 * K).mechanism
     for name, same in (("motor_torques", False), ("motor_positions", False), ("inverse_dynamics", True)):
-        keys = {cache.key(m, Computation(name, 0), host()) for m in (arm.robot.mechanism, other)}
+        keys = {cache.key(m, Computation(name, 0), host()) for m in (arm.mechanism, other)}
         assert (len(keys) == 1) is same
     q = states(arm, 6)
-    kernel = arm.compile(order=1)
-    close(kernel(*q), arm.inverse_dynamics(*q, method="recursion"))
+    kernel = arm.compile("motor_torques", order=1)
+    close(kernel(*q), arm.motor_torques(*q, method="recursion"))
     assert arm.compile("motor_positions").signature.outputs[0].name == "theta"
 
 
 def test_the_head_of_generated_code_states_springs_and_motors(tmp_path):
-    DRIVEN.elastic([80, np.inf]).robot.codegen("c", 0, tmp_path / "c", outputs=["motor_torques"])
+    DRIVEN.elastic([80, np.inf]).codegen("c", 0, tmp_path / "c", outputs=["motor_torques"])
     head = (tmp_path / "c" / "robot.h").read_text()
     assert "By coordinate: stiffness K 80 inf; rotor inertia B 0.3 0.2." in head
     assert "These terms of the robot's drive trains are omitted: damping, friction, spring." in head  # not the armature
@@ -238,7 +238,7 @@ def test_the_head_of_generated_code_states_springs_and_motors(tmp_path):
 def test_torques_take_hardly_more_operations_than_forces_to_order_2():
     robot = jounce.load("panda")
     forces = len(program(robot.mechanism, Computation("inverse_dynamics", 2)).steps)
-    torques = len(program(robot.elastic(1e4, rotor=0.5).robot.mechanism, Computation("motor_torques", 0)).steps)
+    torques = len(program(robot.elastic(1e4, rotor=0.5).mechanism, Computation("motor_torques", 0)).steps)
     assert torques < 1.05 * forces
 
 
@@ -246,9 +246,9 @@ def test_torques_along_a_motion_jump_where_snap_does():
     arm, coefficients = DRIVEN.elastic(K), np.zeros((5, 2, 2))
     coefficients[0, 1] = [1.0, 2.0]  # (t - 0.5)^4 from 0.5 on
     motion = jounce.Motion.piecewise([0, 0.5, 1], coefficients)
-    found = arm.along(motion, [0.2, 0.8], order=1)
+    found = arm.motors_along(motion, [0.2, 0.8], order=1)
     assert [len(x) for x in (found.rates, found.positions, found.torques)] == [6, 4, 2]
-    close(found.torques, arm.inverse_dynamics(*found.rates))
+    close(found.torques, arm.motor_torques(*found.rates))
     close(found.positions, arm.motor_positions(*found.rates))
     [jump] = found.breaks
     assert (jump.t, jump.order, found.deviations) == (0.5, 0, None)
@@ -287,16 +287,111 @@ def test_other_refusals(arm):
     refusal(lambda: rigid.elastic(K), missing)
     refusal(lambda: rigid.compile("motor_torques", 0), "its joints are rigid; robot.elastic(stiffness) makes them")
     refusal(lambda: rigid.codegen("c", outputs=["motor_torques"]), "its joints are rigid; robot.elastic(stiffness)")
-    refusal(lambda: jounce.ElasticRobot(rigid), "its joints are rigid; robot.elastic(stiffness) makes them elastic")
-    refusal(lambda: arm.inverse_dynamics(two, two, two, two, None), "q4d is None; expected every rate up to the last")
-    refusal(lambda: arm.forward_dynamics(two, two, None, two, two), "theta is None, yet thetad is given")
-    refusal(lambda: arm.inverse_dynamics(*[two] * 5, wrench=np.zeros((2, 6))), "order 0 takes a tuple (W, Wd, W2d)")
+    refusal(lambda: arm.motor_torques(two, two, two, two, None), "q4d is None; expected every rate up to the last")
+    refusal(lambda: arm.elastic_forward_dynamics(two, two, None, two, two), "theta is None, yet thetad is given")
+    refusal(lambda: arm.motor_torques(*[two] * 5, wrench=np.zeros((2, 6))), "order 0 takes a tuple (W, Wd, W2d)")
     half = DRIVEN.elastic({"joint1": 80})
     refusal(lambda: half.feedback_linearization(*[two] * 5), "needs elastic joints, but joint2 is rigid")
 
 
+SPOILT = np.array([0.1, 0.2])
+WOUND = {
+    "joint1": jounce.Motor(gear=100, inertia=1e-5, resistance=0.5, inductance=2e-3, constant=0.05),
+    "joint2": jounce.Motor(gear=-80, inertia=2e-5, resistance=0.8, constant=0.04),
+}
+
+
+def test_what_meant_the_motors_is_refused_with_both_names_for_this_release(arm):
+    """So that no call returns another number than before in silence; positional arguments fit both."""
+    five, Q = [SPOILT] * 5, arm.inverse_dynamics(*[SPOILT] * 3, side="links")
+    links = jounce.Robot(replace(arm.mechanism, elasticity=None))
+    close(Q, links.inverse_dynamics(*[SPOILT] * 3), 0)
+    close(arm.forward_dynamics(*[SPOILT] * 2, Q, side="links"), SPOILT, 1e-11)
+    close(links.inverse_dynamics(*[SPOILT] * 3, side="links"), Q, 0)
+    both = "motor_torques(...) is what it was", "inverse_dynamics(..., side='links') is that of the links"
+    refusal(lambda: arm.inverse_dynamics(*five), *both)
+    both = "elastic_forward_dynamics(...) is what it was", "forward_dynamics(..., side='links') is that of the links"
+    refusal(lambda: arm.forward_dynamics(*five), *both)
+    both = "compile('motor_torques', order=0) is what it was", "compile('inverse_dynamics') is that of the links"
+    refusal(lambda: arm.compile(), *both)
+    refusal(lambda: arm.compile(order=1), *both)
+    refusal(lambda: arm.inverse_dynamics(*five, side="motors"), "inverse_dynamics has no side 'motors'", "links")
+    close(arm.compile("inverse_dynamics", order=0)(*[SPOILT] * 3), Q)
+    with pytest.raises(jounce.JounceError):
+        arm.compile("motor_torques")(*five)  # whose order was 0
+
+
+def test_old_names_of_elastic_robots_warn_with_the_new_ones():
+    arm, q = DRIVEN.elastic(K, rotor=0.1, damping=2.0), [SPOILT] * 9
+    wound, motion = DRIVEN.elastic(K, motors=WOUND), jounce.Motion.fourier([0, 0], [[0.1, 0.2]], [[0, 0]], 2.0, 3.0)
+    calls = {
+        "energy": (arm, "elastic_energy", lambda call: call(*q[:4])),
+        "along": (arm, "motors_along", lambda call: call(motion, [0.5]).torques),
+        "currents": (wound, "motor_currents", lambda call: call(*q[:5])),
+        "voltages": (wound, "motor_voltages", lambda call: call(*q[:6])),
+    }
+    for old, (robot, new, run) in calls.items():
+        with pytest.warns(jounce.JounceWarning, match=rf"^arm.{old}\(...\) is arm.{new}\(...\) now$"):
+            call = getattr(robot, old)
+        close(run(call), run(getattr(robot, new)), 0)
+        assert not hasattr(DRIVEN, old)
+    with pytest.warns(jounce.JounceWarning, match=r"^arm.robot is arm itself now, .*; leave .robot out$"):
+        assert arm.robot is arm
+    with pytest.raises(AttributeError, match="'Robot' object has no attribute 'robot'"):
+        DRIVEN.robot  # noqa: B018
+    with pytest.warns(jounce.JounceWarning, match="leave ElasticRobot out"):
+        assert jounce.ElasticRobot(arm) is arm
+    with pytest.warns(jounce.JounceWarning, match=r"^jounce.ElasticRobot is jounce.Robot now; robot.elasticity"):
+        assert [isinstance(x, jounce.ElasticRobot) for x in (arm, DRIVEN, 3)] == [True, False, False]
+    refusal(lambda: jounce.ElasticRobot(DRIVEN), "its joints are rigid; robot.elastic(stiffness) makes them elastic")
+    refusal(lambda: jounce.ElasticRobot(3), "ElasticRobot() expects a Robot, got int")
+
+
+def test_what_only_elastic_joints_have_refuses_rigid_ones():
+    motion, q = jounce.Motion.fourier([0, 0], [[0.1, 0.2]], [[0, 0]], 2.0, 3.0), [SPOILT] * 5
+    rows = "motor_positions motor_torques motor_currents motor_voltages elastic_forward_dynamics feedback_linearization"
+    calls = [lambda name=name: getattr(DRIVEN, name)(*q) for name in rows.split()]
+    calls += [
+        lambda: DRIVEN.motors_along(motion),
+        lambda: DRIVEN.elastic_energy(*q[:4]),
+        lambda: DRIVEN.damping_error(*q),
+    ]
+    for call in calls:
+        refusal(call, "its joints are rigid; robot.elastic(stiffness) makes them elastic")
+    assert DRIVEN.elasticity is None
+
+
+@pytest.mark.parametrize(
+    "name", ["elastic_forward_dynamics", "feedback_linearization", "motor_currents", "motor_voltages"]
+)
+def test_rows_of_motors_are_computed_by_every_way(name):
+    """Methods, a kernel, a CasADi function; voltages with an inductance take q5d."""
+    robot = jounce.load("iiwa14")
+    motors = [
+        jounce.Motor(gear=60.0 + j, inertia=1e-4, resistance=0.4, inductance=1e-3, constant=0.1) for j in range(7)
+    ]
+    arm = robot.elastic(1e4, motors=dict(zip(robot.joint_names, motors, strict=True)))
+    q = np.random.default_rng(8).uniform(-1, 1, (6 if name == "motor_voltages" else 5, 3, 7))
+    expected = np.asarray(getattr(arm, name)(*q, method="recursion"))
+    expected, scale = expected.reshape(-1, 3, 7), np.abs(expected).max()
+    for method in ("closed_form", "kernel"):
+        found = np.asarray(getattr(arm, name)(*q, method=method)).reshape(-1, 3, 7)
+        close(found / scale, expected / scale)
+    close(np.asarray(arm.compile(name, order=0)(*q)), np.asarray(getattr(arm, name)(*q)), 0)
+    function = arm.casadi_function(name, 0)
+    found = np.array(casadi.horzcat(*function.call([casadi.DM(x[0]) for x in q])).full()).T
+    close(found / scale, expected[:, 0] / scale)
+
+
+def test_motors_without_data_are_missing_in_numbers_and_refused_in_expressions(tmp_path):
+    arm = DRIVEN.elastic(K, motors=WOUND | {"joint2": jounce.Motor(inertia=1e-2)})
+    assert np.isnan(arm.motor_voltages(*[SPOILT] * 6)).tolist() == [False, True]
+    refusal(lambda: arm.symbolic().i, "a number is missing, as those of motors that do not state all")
+    refusal(lambda: arm.codegen("c", 0, tmp_path / "c", outputs=["motor_currents"]), "would contain nan")
+
+
 def test_symbols_are_the_equations_of_the_model():
-    S = jounce.load("planar2r", g=10).elastic([80, np.inf], rotor=3).robot.symbolic()
+    S = jounce.load("planar2r", g=10).elastic([80, np.inf], rotor=3).symbolic()
     assert sympy.expand(S.theta[0] - S.q[0] - S.Q[0] / 80) == 0
     assert S.theta[1] == S.q[1]
     assert sympy.expand(S.tau[0] - S.Q[0] - 3 * (S.q2d[0] + S.Q2d[0] / 80)) == 0

@@ -66,7 +66,7 @@ def drift(links, motion, theta, torques, force, rotor=ROTOR, tolerance=1e-10):
 
 
 def test_links_on_linear_springs_follow(robot, links, motion):
-    along = robot.elastic(STIFFNESS, rotor=ROTOR).along(motion, T)
+    along = robot.elastic(STIFFNESS, rotor=ROTOR).motors_along(motion, T)
     theta, tau = along.positions[0][:1], along.torques[0][:, None]
     assert drift(links, motion, theta, tau, lambda d, _: STIFFNESS * d) < 1e-10
     without = robot.inverse_dynamics(*along.rates[:3]) + ROTOR * along.rates[2]
@@ -75,14 +75,14 @@ def test_links_on_linear_springs_follow(robot, links, motion):
 
 
 def test_links_on_cubic_springs_follow(robot, links, motion):
-    along = robot.elastic(spring=jounce.CubicSpring(3e3, 1e7), rotor=ROTOR).along(motion, T)
+    along = robot.elastic(spring=jounce.CubicSpring(3e3, 1e7), rotor=ROTOR).motors_along(motion, T)
     theta, tau = along.positions[0][:1], along.torques[0][:, None]
     assert drift(links, motion, theta, tau, lambda d, _: 3e3 * d + 1e7 * d**3) < 1e-10
 
 
 def test_links_on_damped_springs_follow(robot, links, motion):
     damping = STIFFNESS / 500
-    along = robot.elastic(STIFFNESS, rotor=ROTOR, damping=damping).along(motion, T)
+    along = robot.elastic(STIFFNESS, rotor=ROTOR, damping=damping).motors_along(motion, T)
     theta, tau = along.positions[0][:1], along.torques[0][:, None]
     assert drift(links, motion, theta, tau, lambda d, rate: STIFFNESS * d + damping * rate) < 1e-10
 
@@ -94,6 +94,6 @@ def test_links_on_springs_of_two_motors_follow_while_their_stiffness_changes(rob
     rise = [rate[:, :1] * np.ones(7) for rate in motion(T, 2)]  # of joint 1, from 0 to 1
     wanted = (8e3 + 4e3 * rise[0], 4e3 * rise[1], 4e3 * rise[2])
     arm = robot.elastic(spring=jounce.AntagonisticSprings(tendon, tendon), rotor=0.2)
-    along = arm.along(motion, T, stiffness=wanted)
+    along = arm.motors_along(motion, T, stiffness=wanted)
     pairs = [x.reshape(-1, 7, 2).swapaxes(1, 2) for x in (along.positions[0], along.torques[0])]
     assert drift(links, motion, pairs[0][0], pairs[1], lambda d, _: k * d + k3 * d**3, rotor=0.2) < 1e-10

@@ -277,16 +277,16 @@ def test_springs_say_nothing_of_deflections_beyond_their_ends(spring):
     arm = jounce.load("planar2r").elastic(spring=spring, rotor=0.1)
     inside, rest = [[low * (1 + 1e-12), high], [high, np.nan]], np.zeros(2)
     assert np.isfinite(spring.force(inside)).tolist() == [[True, True], [True, False]]
-    assert np.isfinite(arm.energy(rest, rest, inside[0], rest).total)
+    assert np.isfinite(arm.elastic_energy(rest, rest, inside[0], rest).total)
     said = r"a deflection of -?[\d.]+ is beyond the ends of the spring, -"
     for beyond in (1.0001 * low, 1.0001 * high):
         theta = np.array([[0.0, 0.1 * high], [0.0, beyond]])
         for call in (spring.force, spring.stiffness):
             with pytest.raises(JounceError, match=f"^{said}"):
                 call(theta)
-        for call in (arm.energy, arm.forward_dynamics, arm.feedback_linearization):
+        for call in (arm.elastic_energy, arm.elastic_forward_dynamics, arm.feedback_linearization):
             with pytest.raises(JounceError, match=f"^joint 'joint2': {said}"):
-                call(rest, rest, theta, rest, *[rest] * (call != arm.energy))
+                call(rest, rest, theta, rest, *[rest] * (call != arm.elastic_energy))
 
 
 def test_forces_that_are_not_known_have_no_deflection():

@@ -110,7 +110,8 @@ def test_run_sums_up(tmp_path, panda_motion, order):
     names = [rate_name("Q", k) for k in range(order + 1)]
     largest = {joint: {Q: np.abs(found[f"{joint}.{Q}"]).max() for Q in names} for joint in robot.joint_names}
     assert summary["peaks"] == largest
-    assert summary["units"] == {joint: "N" if "finger" in joint else "N m" for joint in robot.joint_names}
+    units = [dict(zip(names, (u, f"{u}/s", f"{u}/s^2"), strict=False)) for u in ("N m", "N")]
+    assert summary["units"] == {joint: units["finger" in joint] for joint in robot.joint_names}
     assert summary["t"] == [found["t"][0], found["t"][-1]]
     assert (summary["robot"], summary["states"], summary["order"]) == ("panda", len(found["t"]), order)
     assert (summary["motion"], summary["output"]) == (str(panda_motion), str(out))

@@ -33,7 +33,7 @@ def test_it_writes_what_the_library_computes(tmp_path, motion, suffix):
     assert result.exit_code == 0, result.output
     summary = json.loads(result.stdout)
     robot = jounce.load("planar2r")
-    along = robot.elastic(STIFFNESS, rotor=ROTOR).along(jounce.load_motion(motion, robot))
+    along = robot.elastic(STIFFNESS, rotor=ROTOR).motors_along(jounce.load_motion(motion, robot))
     found = tables.read(out)
     columns = [f"{joint}.{name}" for joint in robot.joint_names for name in ("theta", "thetad", "tau")]
     assert set(found) == {"t", *columns}
@@ -41,7 +41,8 @@ def test_it_writes_what_the_library_computes(tmp_path, motion, suffix):
         for name, column in zip(("theta", "thetad", "tau"), (*along.positions[:2], *along.torques), strict=True):
             np.testing.assert_allclose(found[f"{joint}.{name}"], column[:, j], rtol=0, atol=1e-12 * abs(column).max())
             assert summary["peaks"][joint][name] == pytest.approx(abs(column[:, j]).max())
-    assert (summary["units"], summary["states"], summary["breaks"]) == ({"joint1": "rad", "joint2": "rad"}, 41, [])
+    units = {"theta": "rad", "thetad": "rad/s", "tau": "N m"}
+    assert (summary["units"], summary["states"], summary["breaks"]) == ({"joint1": units, "joint2": units}, 41, [])
 
 
 def test_a_measured_motion_brings_its_deviations(tmp_path):
@@ -53,7 +54,7 @@ def test_a_measured_motion_brings_its_deviations(tmp_path):
     assert result.exit_code == 0, result.output
     found = tables.read(tmp_path / "motors.csv")
     smooth = 0.4 * np.stack([w**k * np.sin(w * t + k * np.pi / 2) for k in range(5) for w in (2.0, 3.0)])
-    exact = jounce.load("planar2r").elastic(STIFFNESS, rotor=ROTOR).inverse_dynamics(*smooth.reshape(5, 2, -1).mT)
+    exact = jounce.load("planar2r").elastic(STIFFNESS, rotor=ROTOR).motor_torques(*smooth.reshape(5, 2, -1).mT)
     middle = slice(500, 1500)
     for j in (0, 1):
         error = np.abs(found[f"joint{j + 1}.tau"] - exact[:, j])[middle]
@@ -64,10 +65,10 @@ def test_a_measured_motion_brings_its_deviations(tmp_path):
 def test_currents_and_voltages_follow_from_the_data_of_motors(tmp_path, motion):
     motors = {"joint1": jounce.Motor(gear=50, inertia=1e-4, resistance=0.5, inductance=1e-3, constant=0.05)}
     arm = jounce.load("planar2r").elastic(STIFFNESS, rotor={"joint2": 0.3}, motors=motors)
-    jounce.save(arm.robot, tmp_path / "arm.yaml")
+    jounce.save(arm, tmp_path / "arm.yaml")
     result = call(tmp_path / "arm.yaml", motion, "-o", tmp_path / "motors.csv")
     assert result.exit_code == 0, result.output
-    found, along = tables.read(tmp_path / "motors.csv"), arm.along(jounce.load_motion(motion, arm.robot), order=1)
+    found, along = tables.read(tmp_path / "motors.csv"), arm.motors_along(jounce.load_motion(motion, arm), order=1)
     np.testing.assert_allclose(found["joint1.i"], along.currents[0][:, 0], rtol=1e-12)
     np.testing.assert_allclose(found["joint1.u"], along.voltages[0][:, 0], rtol=1e-9)
     assert not {"joint2.i", "joint2.u"} & set(found)

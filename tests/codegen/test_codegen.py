@@ -61,7 +61,7 @@ def driven(terms):
 def stiffening(*springs):
     """The planar 2R on cubic springs (k, k3), some of which its forces deflect far beyond where they are linear."""
     laws = dict(zip(("joint1", "joint2"), (jounce.CubicSpring(*numbers) for numbers in springs), strict=True))
-    return jounce.load("planar2r").elastic(spring=laws, rotor=0.1).robot
+    return jounce.load("planar2r").elastic(spring=laws, rotor=0.1)
 
 
 ROBOTS = {
@@ -72,6 +72,9 @@ ROBOTS = {
     "mixed5": lambda: jounce.Robot(golden("mixed5")[0]),
     "driven": lambda: driven(True),
     "elastic": lambda: jounce.Robot(replace(driven(True).mechanism, elasticity=springs(2))),
+    "wound": lambda: jounce.load("planar2r").elastic(
+        500.0, motors=jounce.Motor(gear=50, inertia=4e-5, friction=1e-3, resistance=0.5, inductance=2e-3, constant=0.1)
+    ),
     "stiffening": lambda: stiffening((1e-3, 1e4), (1e2, 1e4)),
     "damped": lambda: driven(["damping"]),
     "balanced": on_its_axis,
@@ -109,6 +112,7 @@ def in_equations(spelled):
 
 ALL, PARAMETERS = every("body2"), ("gravity", "masses", "lengths", "payload", "payload:body1")
 PRODUCTS = ("inverse_dynamics.vjp", "inverse_dynamics.jvp", "forward_dynamics.vjp", "base_wrench.jvp")
+OF_MOTORS = tuple(row.name for row in QUANTITIES.values() if row.elastic)
 FLOATING = ("inverse_dynamics", "jacobian:body1:world", "momentum.vjp")
 PROGRAMS = [lang for lang in LANGUAGES if lang != "latex"]
 CASES = {  # the robot, what is asked for, how many states, and in which languages: in all what differs between them
@@ -119,6 +123,10 @@ CASES = {  # the robot, what is asked for, how many states, and in which languag
     "elastic, order 1": (
         "elastic", {"order": 1, "wrench": True, "outputs": ("motor_positions", "motor_torques")}, 20, "c python",
     ),
+    "elastic, all of motors": (
+        "wound", {"order": 0, "wrench": True, "outputs": OF_MOTORS}, 20, "c javascript python rust",
+    ),
+    "elastic, all of motors, single": ("wound", {"order": 0, "float32": True, "outputs": OF_MOTORS}, 20, "c"),
     "stiffening springs": (
         "stiffening", {"order": 2, "outputs": ("motor_positions", "motor_torques")}, 20, "c cpp javascript python rust",
     ),

@@ -41,7 +41,7 @@ def test_generated_code_passes_its_own_tests(fivebar, lang, asked, tmp_path):
 )
 def test_code_of_a_closed_robot_has_its_motors(fivebar, lang, tmp_path):
     arm = fivebar.elastic({"left_shoulder": 90.0}, spring={"right_shoulder": jounce.CubicSpring(70.0, 5.0)}, rotor=0.01)
-    arm.robot.codegen(lang, 0, tmp_path / lang, outputs=["motor_torques", "motor_positions"])
+    arm.codegen(lang, 0, tmp_path / lang, outputs=["motor_torques", "motor_positions"])
     passed, output = passes(tmp_path / lang, lang)
     assert passed, output
 

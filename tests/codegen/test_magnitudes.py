@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from quantities import REQUESTS, branched
+from quantities import REQUESTS, branched, served
 from robots import mechanisms, on_its_axis, springs
 
 import jounce
@@ -34,7 +34,7 @@ def elastic(m):
 @given(mechanisms(6))
 def test_magnitudes_are_about_as_large_as_results(quantity, drawn):
     """Hence errors relative to them are no more forgiving than those relative to the largest entry."""
-    m, rng = elastic(drawn[0]), drawn[1]
+    m, rng = served(jounce.Robot(elastic(drawn[0])), quantity).mechanism, drawn[1]
     asked = Computation(quantity.name, quantity.highest(3), quantity.wrenches)
     q = states(rng, m, asked)
     results = compute_by_method(asked, "recursion", m, q)
@@ -43,7 +43,7 @@ def test_magnitudes_are_about_as_large_as_results(quantity, drawn):
     for k, (size, result) in enumerate(zip(sizes, results, strict=True)):
         largest = np.abs(result).max()
         assert 0.1 * largest <= size.max(), k
-        near_zero = quantity.forces or "rates" in quantity.shape  # as is a mass matrix that hardly changes
+        near_zero = quantity.inverts or "rates" in quantity.shape  # as is a mass matrix that hardly changes
         if quantity.wrenches and not near_zero:
             assert size.max() <= 10 * 5**k * largest, k
 
@@ -87,7 +87,7 @@ def test_magnitudes_stay_where_results_cancel():
 @pytest.mark.parametrize("name", ["motor_positions", "motor_torques"])
 def test_deflections_of_stiffening_springs_are_about_as_large_as_what_causes_them(name, k, k3):
     """However many steps lead to them: a change P of Q moves a spring by P / phi'."""
-    m = jounce.load("planar2r").elastic(spring=jounce.CubicSpring(k, k3), rotor=0.1).robot.mechanism
+    m = jounce.load("planar2r").elastic(spring=jounce.CubicSpring(k, k3), rotor=0.1).mechanism
     asked = Computation(name, 2)
     q = states(np.random.default_rng(0), m, asked)
     for size, result in zip(magnitudes(m, asked, q), compute_by_method(asked, "recursion", m, q), strict=True):

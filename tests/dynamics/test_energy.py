@@ -3,13 +3,13 @@
 import jax
 import numpy as np
 import pytest
-from quantities import branched
+from quantities import branched, rigid
 from robots import Interpreted, harmonic, relative_error
 
 import jounce
 from jounce.spatial import lie
 
-ROBOTS = {"a forest with drives": Interpreted(branched()), "iiwa14": Interpreted(jounce.load("iiwa14"))}
+ROBOTS = {"a forest with drives": Interpreted(rigid(branched())), "iiwa14": Interpreted(jounce.load("iiwa14"))}
 named = pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
 
 

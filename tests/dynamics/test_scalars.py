@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import recursion
 import sympy
-from quantities import affordable, method_of, tupled
+from quantities import affordable, method_of, served, tupled
 from robots import GOLDEN_NAMES, golden, rates_of, relative_error, springs
 
 import casadi
@@ -306,7 +306,7 @@ EVERY = [(row, method) for row in TABLE.values() if not row.closed for method in
 def test_every_quantity_by_every_method_of_symbols(quantity, method):
     """Springs and armature included; a result without axes is a symbol. Dense products of symbols grow fast."""
     order = affordable(quantity, 2 if method == "recursion" and not quantity.elastic else 0)
-    robot = sprung()
+    robot = served(sprung(), quantity)
     q = np.random.default_rng(3).uniform(-1, 1, (quantity.rates + order, 2))
     compute = method_of(robot, quantity)
     symbols = symbols_of(robot, casadi.SX.sym, len(q) - 3)

@@ -81,6 +81,19 @@ def test_dialects_of_csv(read, content):
     assert {name: column.tolist() for name, column in found.items()} == {"t": [1, 3], "a b": [2, 4.5]}
 
 
+@pytest.mark.parametrize("size", [1, 7, 1000])
+def test_lines_of_csv_end_anywhere_and_in_any_way(read, monkeypatch, size):
+    """Within quotes too, and with the carriage return alone of spreadsheets."""
+    monkeypatch.setattr(csv, "BLOCK", size)
+    for end in ("\n", "\r\n", "\r"):
+        rows = ['"t",a,"of, which"', "1,2,3", '"4","5","', '6"', "", "7,8,9"]
+        found = read(end.join(rows))
+        assert [column.tolist() for column in found.values()] == [[1, 4, 7], [2, 5, 8], [3, 6, 9]]
+    rows[5] = "7,8,x"
+    for end in ("\n", "\r\n", "\r"):
+        refusal(lambda end=end: read(end.join(rows)), ":6: column 'of, which' holds 'x'")
+
+
 def test_what_numpy_writes(tmp_path, read):
     x, text = np.random.default_rng(2).normal(size=(9, 2)), StringIO()
     np.savetxt(text, x, delimiter=",", header="t,a")
@@ -91,15 +104,16 @@ def test_what_numpy_writes(tmp_path, read):
     assert found["a"].tolist() == (np.arange(3, dtype=np.float32) / 3).tolist()
 
 
-@pytest.mark.parametrize("cells", [1, 6, 1000])
-def test_pieces_are_of_some_rows_and_make_the_whole(tmp_path, monkeypatch, cells):
-    monkeypatch.setattr(csv, "CELLS", cells)
+@pytest.mark.parametrize("size", [1, 150, 100_000])
+def test_pieces_are_of_some_rows_and_make_the_whole(tmp_path, monkeypatch, size):
+    monkeypatch.setattr(csv, "BLOCK", size)
     x = np.random.default_rng(3).normal(size=(3, 50))
     columns, path = dict(zip("tab", x, strict=True)), tmp_path / "table.csv"
     tables.write(path, columns)
     rows = [len(piece["t"]) for piece in tables.pieces(path)]
     assert sum(rows) == 50
-    assert max(rows) == max(1, min(50, cells // 3))
+    lines = [len(line) for line in path.read_text().splitlines()[1:]]
+    assert max(rows) <= 1 + size // min(lines)
     found = tables.read(path)
     assert np.array_equal([found[name] for name in columns], x)
     path.write_text(path.read_text() + "1,2,bad\n")

@@ -8,7 +8,7 @@ from files import refusal
 from scipy.interpolate import CubicSpline
 
 import jounce
-from jounce.limits import search
+from jounce.limits import pieces, search
 from jounce.limits.bounded import Bounded
 from jounce.limits.pieces import pieces_of
 from jounce.limits.validation import bounded
@@ -451,6 +451,20 @@ def test_rows_a_step_of_doubles_from_a_break_hide_no_peaks():
     arm = jounce.load("planar2r").locked({"joint2": 0.0})
     found = arm.with_limits(upper=0.24).check(motion)
     assert (found.verdict, found.worst.value) == ("broken", pytest.approx(0.25))
+
+
+@pytest.mark.parametrize("first", [0.9, 0.991, 0.995, 0.999, 0.99999])
+@pytest.mark.parametrize(("share", "verdict"), [(1 - 1e-5, "broken"), (1 + 1e-5, "kept")])
+def test_a_peak_higher_than_one_of_an_earlier_block_is_found_between_points_of_the_grid(
+    monkeypatch, first, share, verdict
+):
+    """Quintics from rest to rest: accelerations reach 10 / sqrt(3), 1 % more than at any sixteenth of the way."""
+    monkeypatch.setattr(pieces, "BLOCK", 1)
+    arm = jounce.load("planar2r").locked({"joint2": 0.0})
+    table = {"joint1.q": [0, first, first + 1], "joint1.qd": np.zeros(3), "joint1.q2d": np.zeros(3)}
+    motion = jounce.load_motion({"t": [0.0, 1.0, 2.0], **table}, arm, 0)
+    found = arm.with_limits(acceleration=share * 10 / np.sqrt(3)).check(motion)
+    assert (found.verdict, abs(found.worst.value)) == (verdict, pytest.approx(10 / np.sqrt(3), rel=1e-9))
 
 
 @pytest.mark.parametrize(("share", "exact"), [(1.1e-3, True), (0.9e-3, False)])

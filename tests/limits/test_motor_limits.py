@@ -26,7 +26,7 @@ def arm(friction=0.0, **limits):
 def motors(elastic, rates):
     """What limits of motors bound."""
     theta, thetad = elastic.motor_positions(*rates[:4])
-    return {"motor_position": theta, "motor_velocity": thetad, "motor_torque": elastic.inverse_dynamics(*rates[:5])}
+    return {"motor_position": theta, "motor_velocity": thetad, "motor_torque": elastic.motor_torques(*rates[:5])}
 
 
 def test_worst_values_are_those_of_a_dense_grid():
@@ -35,19 +35,19 @@ def test_worst_values_are_those_of_a_dense_grid():
     found = rows(elastic.check(MOTION))
     t = np.linspace(MOTION.start, MOTION.stop, 20001)
     for kind, values in motors(elastic, MOTION(t)).items():
-        for joint, column in zip(elastic.robot.joint_names, values.T, strict=True):
+        for joint, column in zip(elastic.joint_names, values.T, strict=True):
             row = found[joint, kind]
             assert abs(row.value) == pytest.approx(np.abs(column).max(), rel=1e-6)
             assert row.ratio == pytest.approx(abs(row.value) / bounds[kind])
             beyond = sum(stop - start for start, stop in row.violations)
             assert beyond == pytest.approx((np.abs(column) > bounds[kind]).mean() * MOTION.duration, abs=5e-4)
-    assert [found[elastic.robot.joint_names[0], kind].unit for kind in bounds] == ["rad", "rad/s", "N m"]
+    assert [found[elastic.joint_names[0], kind].unit for kind in bounds] == ["rad", "rad/s", "N m"]
 
 
 def test_motors_are_polynomials_of_the_speed():
     elastic = arm(motor_position=9, motor_velocity=9, motor_torque=900)
     t = np.linspace(MOTION.start, MOTION.stop, 7)
-    found = polynomials(bounded(elastic.robot, MOTION), t)
+    found = polynomials(bounded(elastic, MOTION), t)
     assert {kind: len(c) - 1 for kind, c in found.items()} == {
         "motor_position": 2,
         "motor_velocity": 3,
@@ -81,7 +81,7 @@ def test_what_no_slow_down_cures_is_refused():
     elastic = arm(motor_torque=1e6)
     assert np.isinf(elastic.check(jerky).worst.ratio)
     refusal(lambda: elastic.slowdown(jerky), "break at", "motor torque", "infinite")
-    refusal(lambda: elastic.robot.retime(MOTION), "retime does not know limits of motors (motor_torque)")
+    refusal(lambda: elastic.retime(MOTION), "retime does not know limits of motors (motor_torque)")
 
 
 def test_rigid_joints_have_no_limits_of_motors():
@@ -108,14 +108,14 @@ def test_currents_and_voltages_are_limits_too():
     motor = jounce.Motor(gear=-50, inertia=1e-4, resistance=0.5, inductance=2e-3, constant=0.05)
     robot = jounce.load("planar2r").elastic(STIFFNESS, motors=motor).with_limits(motor_current=20, motor_voltage=9)
     found = rows(robot.check(MOTION))
-    along = robot.along(MOTION, np.linspace(MOTION.start, MOTION.stop, 4001), order=1)
+    along = robot.motors_along(MOTION, np.linspace(MOTION.start, MOTION.stop, 4001), order=1)
     for kind, values in (("motor_current", along.currents), ("motor_voltage", along.voltages)):
-        for joint, column in zip(robot.robot.joint_names, values[0].T, strict=True):
+        for joint, column in zip(robot.joint_names, values[0].T, strict=True):
             assert abs(found[joint, kind].value) == pytest.approx(np.abs(column).max(), rel=1e-5)
     slow = robot.slowdown(MOTION)
     assert robot.check(slow.motion).worst.ratio == pytest.approx(1, abs=1e-8)
     refusal(
-        lambda: arm().robot.with_limits(motor_voltage={"joint2": 9}).check(MOTION),
+        lambda: arm().with_limits(motor_voltage={"joint2": 9}).check(MOTION),
         "joint 'joint2' has a limit of motor_voltage",
         "no constant and no resistance",
     )
@@ -132,7 +132,7 @@ def test_springs_that_bend_and_dampers_are_bounded_as_well():
 def test_deviations_of_motors_follow_from_those_of_the_joints():
     motor = jounce.Motor(gear=-50, inertia=1e-4, resistance=0.5, inductance=2e-3, constant=0.05)
     limits = dict.fromkeys(("motor_position", "motor_velocity", "motor_torque", "motor_current", "motor_voltage"), 1e3)
-    robot = jounce.load("planar2r").elastic(STIFFNESS, motors=motor).robot.with_limits(**limits)
+    robot = jounce.load("planar2r").elastic(STIFFNESS, motors=motor).with_limits(**limits)
     truth, t = fourier(3, 2, duration=4.0), np.linspace(0, 4, 2001)
     measured = jounce.Motion.fit(t, truth(t, 0)[0] + np.random.default_rng(0).normal(0, 1e-5, (2001, 2)))
     b, middle = bounded(robot, measured), np.linspace(1, 3, 41)

@@ -15,7 +15,7 @@ from jounce.cli import main
 from jounce.limits.barrier import Program, fastest
 from jounce.limits.problem import problem_of
 from jounce.limits.retime import FINER, GAP, Grid
-from jounce.limits.samples import worst_sample
+from jounce.limits.samples import worst_broken
 from jounce.model.coordinates import coordinate_limits
 
 PLANAR = jounce.load("planar2r")
@@ -164,6 +164,6 @@ def test_files_samples_commands_and_reports_know_the_line(tmp_path):
     assert "no load velocity" in found.output
     motion = fourier(2, 2).with_step(0.01)
     along = robot.forces_along(motion, order=0)
-    worst = worst_sample(robot.limits, along.t, along.rates, along.forces)
+    worst = worst_broken(robot.limits, along.t, along.rates, along.forces)
     assert worst.kind == "stall_effort"
     assert worst.ratio == pytest.approx(shares(robot, motion, 201).max(), rel=1e-2)

@@ -48,7 +48,7 @@ def test_native_products_follow_the_motion(kernel, given):
 def test_products_of_motor_torques_follow_the_motion():
     """With wrenches, by the complex step, and by q along differences whose loops are closed at every step."""
     arm, rng = ROBOT.elastic([90.0, 70.0], rotor=[0.01, 0.02]), np.random.default_rng(1)
-    kernel = arm.compile(wrench=True)
+    kernel = arm.compile("motor_torques", 0, wrench=True)
     q, *rates = [x[0] for x in motion_near_start(ROBOT, rng, 4)(np.zeros(1))]
     W, dq, weights = rng.uniform(-1, 1, (3, 4, 6)), rng.uniform(-1, 1, 2), rng.uniform(-1, 1, 2)
     x = [q, *rates, *W, ROBOT.coordinates(q, method="recursion")[DEPENDENT]]
@@ -56,13 +56,13 @@ def test_products_of_motor_torques_follow_the_motion():
     gradients, tangents = kernel.vjp(x, weights), kernel.jvp(x, directions)
     for name, others, found in (("vjp", [weights], gradients), ("jvp", directions, [tangents])):
         asked = replace(kernel.computation, product=name)
-        for a, b in zip(found, product(asked, "closed_form", arm.robot.mechanism, [*x, *others]), strict=True):
+        for a, b in zip(found, product(asked, "closed_form", arm.mechanism, [*x, *others]), strict=True):
             assert relative_error(a, b) < 1e-12
 
     def along(t):
         states = [q + np.multiply.outer(t, dq), *(np.broadcast_to(rate, (len(t), 2)) for rate in rates)]
         wrench = tuple(np.broadcast_to(w, (len(t), 4, 6)) for w in W)
-        return arm.inverse_dynamics(*states, wrench=wrench, method="recursion")
+        return arm.motor_torques(*states, wrench=wrench, method="recursion")
 
     assert relative_error(gradients[0] @ dq, differentiated_at_once(along, 0.01) @ weights) < 1e-8
 

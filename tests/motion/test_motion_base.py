@@ -177,9 +177,9 @@ def test_springs_with_dampers_take_the_base():
     motion = LINEAR.with_base(T, C, degree=7)
     arm = ARM.elastic(1e5, 1e-6, damping=1.0)
     rigid = ARM.forces_along(motion, order=0).forces[0]
-    assert abs(arm.along(motion).torques[0] - rigid).max() < 1e-2 * abs(rigid).max()
+    assert abs(arm.motors_along(motion).torques[0] - rigid).max() < 1e-2 * abs(rigid).max()
     level = ARM.elastic(80, motors=jounce.Motor(gear=9.0, inertia=1e-3, body="body1"), coupling=0)
-    assert "coupling=" in refusal(lambda: level.along(motion))
+    assert "coupling=" in refusal(lambda: level.motors_along(motion))
 
 
 @pytest.mark.parametrize("missing", ["base.y", "base.qx"])

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from files import refusal
-from quantities import branched
+from quantities import branched, rigid
 from robots import relative_error
 
 import jounce
 from jounce.engine import along
 
-ROBOT = branched()
+ROBOT = rigid(branched())
 T = np.linspace(0, 1, 50)
 
 

@@ -46,7 +46,7 @@ BROKEN = jounce.Motion.piecewise([0, 0.5, 1], [[[1], [2]], [[0], [0.5]]])
 READ = {"lock": None, "drives": False, "gravity": None}
 PART = {"base": None, "root": None}
 OPTIONS = {"wrench": None, "body": "body1", "frame": "world", "form": "skew"}
-OPTIONS |= {"base": None, "method": "recursion", "out": None, "threads": 1, "stiffness": None}
+OPTIONS |= {"base": None, "method": "recursion", "out": None, "threads": 1, "stiffness": None, "side": None}
 
 MOTOR = jounce.Motor(gear=9.0, inertia=1e-3, body="body1", resistance=1.0, constant=1.0)
 WINDING = ROBOT.elastic(80, motors=MOTOR)
@@ -238,39 +238,19 @@ CASES: dict[str, Case] = {
     "joint of elastic": (
         lambda K, B: ROBOT.elastic({"joint1": K}, rotor={"joint1": B, "joint2": 0.1}), {"K": 800, "B": 0.1},
     ),
-    "ElasticRobot": (jounce.ElasticRobot, {"robot": ARM.robot}),
-    **{
-        f"ElasticRobot.{name}": along(getattr(ARM, name))
-        for name in ("motor_positions", "inverse_dynamics")
-    },
-    "ElasticRobot.forward_dynamics": along(ARM.forward_dynamics),
-    "ElasticRobot.feedback_linearization": along(ARM.feedback_linearization),
-    "ElasticRobot.energy": along(ARM.energy),
-    "ElasticRobot.along": (
-        ARM.along, {"motion": SAMPLED, "t": None, "order": 0, "method": "recursion", "stiffness": None}
+    "elastic_energy": along(ARM.elastic_energy),
+    "motors_along": (
+        ARM.motors_along, {"motion": SAMPLED, "t": None, "order": 0, "method": "recursion", "stiffness": None}
     ),
-    **{
-        f"ElasticRobot.{name}": (
-            lambda rates, wrench, stiffness, method=method: method(
-                rates, *np.ones((5, 2)), wrench=wrench, stiffness=stiffness
-            ),
-            {"rates": (0.1, 0.2), "wrench": None, "stiffness": None},
-        )
-        for name, method in {"currents": WINDING.currents, "voltages": WINDING.voltages}.items()
-    },
-    "ElasticRobot.damping_error": (
+    "damping_error": (
         lambda rates, wrench: DAMPED.damping_error(rates, *np.ones((3, 2)), wrench=wrench),
         {"rates": (0.1, 0.2), "wrench": None},
     ),
-    "ElasticRobot.compile": (ARM.compile, {"quantity": "motor_positions", "order": 0, "wrench": False, "base": False}),
     "check": (ROBOT.with_limits(effort=99).check, {"motion": SAMPLED}),
     "slowdown": (ROBOT.with_limits(effort=99).slowdown, {"motion": SAMPLED}),
     "retime": (ROBOT.with_limits(velocity=99, acceleration=99).retime, {"motion": SAMPLED, "margin": 0.01}),
-    "ElasticRobot.with_limits": (ARM.with_limits, {"source": None}),
-    **{
-        f"ElasticRobot.{name}": (getattr(ARM.with_limits(motor_velocity=99), name), {"motion": SAMPLED})
-        for name in ("check", "slowdown")
-    },
+    "motors of check": (ARM.with_limits(motor_velocity=99).check, {"motion": SAMPLED}),
+    "motors of slowdown": (ARM.with_limits(motor_velocity=99).slowdown, {"motion": SAMPLED}),
     "report": (ROBOT.report, {"motion": SAMPLED, "order": 0, "visuals": None, "mesh_folders": []}),
     "locked": (ROBOT.locked, {"values": {"joint1": 0.0}}),
     "joint of locked": (lambda joint1: ROBOT.locked({"joint1": joint1}), {"joint1": 0.0}),
@@ -295,7 +275,9 @@ CASES: dict[str, Case] = {
     "kernel in threads": (KERNEL, {"arrays": np.ones((4, 2)), "out": np.ones((4, 2)), "threads": 2}),
     "kernel.bind": (KERNEL.bind, {"arrays": np.ones(2), "out": np.ones(2)}),
     **{
-        name: along(getattr(FIVEBAR, name), method=None) if row.closed else along(getattr(ROBOT, name))
+        name: along(getattr(FIVEBAR, name), method=None)
+        if row.closed
+        else along(getattr(WINDING if row.elastic else ROBOT, name))
         for name, row in QUANTITIES.items()
         if hasattr(ROBOT, name)
     },
@@ -431,8 +413,7 @@ def test_every_argument_of_every_public_function_is_attacked():
     named = {name for name in jounce.__all__ if not name.startswith("Jounce")} - made
     public = {name: getattr(jounce, name) for name in named} | methods
     public |= {f"Motion.{name}": getattr(jounce.Motion, name) for name in dir(jounce.Motion) if name[0] != "_"}
-    of_joints = {f"ElasticRobot.{name}": member for name, member in vars(jounce.ElasticRobot).items() if name[0] != "_"}
-    for name, function in (public | of_joints).items():
+    for name, function in public.items():
         if callable(function) and name not in OBJECTS:
             expected = [
                 p.name

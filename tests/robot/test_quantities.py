@@ -48,7 +48,7 @@ def test_each_further_rate_returns_one_more_time_derivative(quantity, keywords):
     def path(t):
         """Rates of the coordinates along a motion, or two of them and those of the forces that it takes."""
         rates = motion(t)
-        return [*rates[:2], *Interpreted(ROBOT).inverse_dynamics(*rates)] if quantity.forces else rates
+        return [*rates[:2], *Interpreted(ROBOT).inverse_dynamics(*rates, side="links")] if quantity.forces else rates
 
     plain = compute(*path(0.0)[: quantity.rates], **keywords)
     assert [np.shape(x) for x in tupled(plain)] == expected_shapes(quantity, keywords, 0)

@@ -3,22 +3,21 @@
 from dataclasses import replace
 
 import numpy as np
-from robots import Interpreted, random_mechanism, random_pose, springs
+from robots import random_mechanism, random_pose, springs
 
 import jounce
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.frame import Frame
-from jounce.robot.elastic import ElasticRobot
 
 FACADE = {  # where a method is not named as its quantity
     "skew_coriolis_matrix": ("coriolis_matrix", {"form": "skew"}),
-    "motor_torques": ("inverse_dynamics", {}),
 }
 
 
 def requests():
     """(quantity, keywords): what may be asked of every quantity."""
-    for quantity in (row for row in QUANTITIES.values() if not row.closed):  # these have tests of their own
+    own = [row for row in QUANTITIES.values() if row.closed or (row.obstacle and row.inputs)]  # have tests of their own
+    for quantity in (row for row in QUANTITIES.values() if row not in own):
         for body in (None, "body3", "tool", "stand") if quantity.of_bodies else (None,):
             for frame in quantity.frames or (None,):
                 chosen = {"body": body, "frame": frame}
@@ -59,16 +58,22 @@ IDS = ids(REQUESTS)
 def method_of(robot, quantity):
     """The method of a robot that computes a quantity."""
     name, form = FACADE.get(quantity.name, (quantity.name, {}))
-    if quantity.elastic:
-        robot, form = _elastic(robot)
-    return lambda *rates, **keywords: getattr(robot, name)(*rates, **form, **keywords)
+    side = {"side": "links"} if quantity.of_motors else {}
+    return lambda *rates, **keywords: getattr(robot, name)(*rates, **form, **side, **keywords)
 
 
-def _elastic(robot):
-    """A robot as one with elastic joints, and the keywords by which an interpreted one is computed."""
-    if isinstance(robot, Interpreted):
-        return ElasticRobot(robot.robot), {"method": "recursion"}
-    return ElasticRobot(robot), {}
+def served(robot, quantity):
+    """The robot, or one with springs at all joints where the quantity needs these."""
+    e = robot.mechanism.elasticity
+    if not (quantity.obstacle and quantity.obstacle(robot.mechanism)):
+        return robot
+    soft = replace(e, stiffness=np.where(e.is_rigid, 4000.0, e.stiffness))
+    return jounce.Robot(replace(robot.mechanism, elasticity=soft))
+
+
+def rigid(robot):
+    """The robot with rigid joints."""
+    return jounce.Robot(replace(robot.mechanism, elasticity=None))
 
 
 def branched(parent=(-1, 0, 1, 0, -1)):

@@ -118,9 +118,11 @@ def springs(n: int) -> Elasticity:
     """Springs and motors for n coordinates, some of them without friction; the second joint is rigid."""
     k = np.arange(n)
     stiffness = np.where(k == 1, np.inf, 5000.0 + 100 * k)
+    motors = tuple(jounce.Motor(gear=50.0 + j, resistance=0.5, constant=0.04 + 0.01 * j) for j in range(n))
     return Elasticity(
-        stiffness=stiffness, rotor=0.3 + 0.1 * k, viscous=0.2 * k, friction=0.5 * (k > 1), eps=np.full(n, 0.5)
-    )
+        stiffness=stiffness, rotor=0.3 + 0.1 * k, viscous=0.2 * k, friction=0.5 * (k > 1), eps=np.full(n, 0.5),
+        motors=motors,
+    )  # fmt: skip
 
 
 class Interpreted:

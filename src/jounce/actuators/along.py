@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from jounce.actuators import damping
-from jounce.actuators.variable import spring_inputs, stiffnesses_of
 from jounce.arguments.rates import checked_order, rates_in
+from jounce.arguments.requests import check_existence
+from jounce.arguments.stiffness import stiffnesses_of
 from jounce.core.errors import JounceError, quoted
 from jounce.core.typing import ArrayLike
 from jounce.dynamics import elastic, electrical
 from jounce.dynamics.quantities import QUANTITIES, row_of
-from jounce.dynamics.stretch import elasticity_of
+from jounce.dynamics.stretch import elasticity_of, with_stiffness
 from jounce.engine.along import Along, ForceBreak, Progress, forces_along
 from jounce.engine.engine import Engine
 from jounce.model.elasticity import Elasticity
@@ -31,7 +32,7 @@ POSITIONS, TORQUES = QUANTITIES["motor_positions"], QUANTITIES["motor_torques"]
 
 @dataclass(frozen=True, eq=False)
 class ElasticAlong:
-    """Motor positions and torques along a motion, and the states that they belong to. `ElasticRobot.along` makes one.
+    """Motor positions and torques along a motion, and the states that they belong to. `Robot.motors_along` makes one.
 
     Attributes
     ----------
@@ -55,7 +56,7 @@ class ElasticAlong:
     --------
     >>> import jounce
     >>> arm = jounce.load("iiwa14").elastic(1e4, rotor=0.4)
-    >>> along = arm.along(jounce.load_motion("paper", arm.robot), [0.0, 1.0])
+    >>> along = arm.motors_along(jounce.load_motion("paper", arm), [0.0, 1.0])
     >>> theta, thetad, theta2d = along.positions
     >>> along.torques[0].shape
     (2, 7)
@@ -81,12 +82,11 @@ def motors_along(
     progress: Progress | None = None,
 ) -> ElasticAlong:
     """Motor positions, and motor torques up to an order, along a motion of a robot with elastic joints."""
+    moves = isinstance(motion, Motion) and motion.base_curve is not None
+    check_existence(robot.mechanism, POSITIONS.name, moves or robot.mechanism.base is not None)
     e, options = elasticity_of(robot.mechanism), (method, progress)
-    if isinstance(motion, Motion) and motion.base_curve and e.level is not None:
-        raise JounceError(
-            "rotors that links carry (coupling=) know no base that moves; leave coupling out: their inertia counts"
-            " about their own axes then"
-        )
+    if not e.pairs:
+        stiffnesses_of(robot.mechanism, stiffness, 1)  # none, or an error
     if (e.dampers and e.level is None) or e.pairs:
         links, theta, tau = _of_integrals(robot, motion, t, checked_order(order), stiffness, *options)
         return ElasticAlong(links.t, links.rates, theta, tau, *electrical.outputs(e, theta, tau), breaks=links.breaks)
@@ -120,8 +120,7 @@ def _check_stiffness_between(m: Mechanism, t: np.ndarray, deflections: np.ndarra
 
 def order_of_voltages(e: Elasticity, known: int | None) -> int:
     """The rate of the torques that voltages take: the first with inductances, if rates of q are known so far."""
-    inductive = any(motor and motor.inductance for motor in e.motors)
-    return int(inductive and (known is None or known >= 5 + e.more_rates))
+    return int(e.is_inductive and (known is None or known >= 5 + e.more_rates))
 
 
 def _of_integrals(
@@ -138,11 +137,11 @@ def _of_integrals(
     shift = 1 if len(e.dampers) == m.n else 2
     links = forces_along(robot, motion, t, order + shift, method, progress)
     q, Q = columns(links.rates), columns([force[:, -m.n :] for force in links.forces])
-    inputs = spring_inputs(m, _stiffness_over_time(robot, stiffness, len(links.t), order + 3))
+    inputs = with_stiffness(m, columns(_stiffness_over_time(robot, stiffness, len(links.t), order + 3)))
     try:
         inputs = replace(inputs, deflections=damping.integrate_deflections(robot, motion, links.t, method))
-        theta = elastic.motor_positions(m, q, lambda _: Q, inputs)
-        tau = elastic.motor_torques(m, q, lambda _: Q, inputs)
+        theta, phi = elastic.motor_positions(m, q, lambda _: Q, inputs)
+        tau = elastic.motor_torques(m, q, theta, phi)
         found = [[x[..., 0] for x in series.upto(k)] for series, k in ((theta, order + 2), (tau, order))]
     except UnreachableError as error:
         raise JounceError(f"{error}, at t = {links.t[error.state]:g} s") from None

@@ -1,6 +1,7 @@
 """Rates of the coordinates that a caller gives, q, qd, q2d, ... or q, qd, Q, Qd, ..., checked, as arrays."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from jounce.core.scalars import (
     is_symbolic,
     namespace,
 )
+from jounce.model.elasticity import motor_names
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import rate_name
 
@@ -77,6 +79,15 @@ def rates_of(
         else _column(term, k, mechanism, terms, labels, *tails[k])
         for k, term in enumerate(terms)
     ]
+
+
+def state_of(given: Sequence[Any], mechanism: Mechanism, named: Sequence[str]) -> list[Array]:
+    """Return q, qd, then theta, thetad, ... (..., m) of the m motors, with the names of all."""
+    e, least = mechanism.elasticity, len(named) - 2
+    pairs = e is not None and e.pairs
+    motors = replace(mechanism, coordinates=motor_names(e, mechanism.coordinates)) if e and pairs else mechanism
+    links = rates_of(given[:2], 2, mechanism, lambda count: named[:count])
+    return [*links, *rates_of(given[2:], least, motors, lambda count: named[2 : 2 + count])]
 
 
 def is_unbatched(q: Sequence[Array]) -> bool:

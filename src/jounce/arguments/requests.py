@@ -5,8 +5,9 @@ from functools import lru_cache
 from jounce.arguments.rates import checked_order
 from jounce.core.errors import JounceError, listed, no_such, one_of, true_or_false
 from jounce.dynamics.computation import PRODUCTS, Computation
+from jounce.dynamics.elastic import with_rigid_rotors
 from jounce.dynamics.mobility import idle_coordinates
-from jounce.dynamics.quantities import QUANTITIES
+from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.model.mechanism import Mechanism
 
 
@@ -34,8 +35,13 @@ def computation(
         raise JounceError(f"{quantity} takes no wrenches; these do: {takers}")
     place(mechanism, quantity, body, frame)
     true_or_false("moving_base", moving_base, "whether the motion of the base is taken")
-    check_invertible(mechanism, quantity)
     check_existence(mechanism, quantity, moving_base or mechanism.base is not None)
+    check_invertible(mechanism, quantity)
+    if row.takes_stiffness and mechanism.elasticity and mechanism.elasticity.pairs:
+        raise JounceError(
+            f"{quantity} of {mechanism.name!r}: joints with two motors take a stiffness, as native and generated code"
+            f" do not; robot.{quantity}(..., stiffness=...) does"
+        )
     order = checked_order(order)
     check_rates(quantity, order)
     if product is not None:
@@ -80,9 +86,9 @@ def check_rates(quantity: str, order: int) -> None:
 
 def check_invertible(mechanism: Mechanism, quantity: str) -> None:
     """Raise `JounceError` if a quantity takes the inverse of a mass matrix that is singular everywhere."""
-    if not QUANTITIES[quantity].forces or not mechanism.is_numeric:
+    if not QUANTITIES[quantity].inverts or not mechanism.is_numeric:
         return
-    rank, idle = idle_coordinates(mechanism)
+    rank, idle = idle_coordinates(inverted(mechanism, quantity))
     if idle:
         size = f"{mechanism.nv} velocities" if mechanism.base else f"{mechanism.n} coordinates"
         raise JounceError(
@@ -92,30 +98,43 @@ def check_invertible(mechanism: Mechanism, quantity: str) -> None:
         )
 
 
+def inverted(mechanism: Mechanism, quantity: str) -> Mechanism:
+    """The mechanism whose mass matrix a quantity inverts: with the rotors of rigid joints where motors move it."""
+    return with_rigid_rotors(mechanism) if QUANTITIES[quantity].inputs else mechanism
+
+
 def check_existence(mechanism: Mechanism, quantity: str, moving: bool) -> None:
     """Raise `JounceError` if a quantity is one of closed loops and the robot has none, or one of elastic joints.
 
-    These may not have two motors on one, and rotors that links carry take a base at rest.
+    Rotors that links carry take a base at rest, as do quantities that take the state of motors.
     """
-    if QUANTITIES[quantity].closed and mechanism.closure is None:
-        raise JounceError(
-            f"{quantity} of {mechanism.name!r}: no loop is closed; robot.closed(loops, actuated) closes some"
-        )
-    if not QUANTITIES[quantity].elastic:
+    row = QUANTITIES[quantity]
+    if reason := missing(mechanism, row):
+        raise JounceError(f"{quantity} of {mechanism.name!r}{reason}")
+    if not row.elastic or mechanism.elasticity is None:
         return
-    if mechanism.elasticity is None:
+    if moving and row.inputs:
         raise JounceError(
-            f"{quantity} of {mechanism.name!r}: its joints are rigid; robot.elastic(stiffness) makes them elastic"
-        )
-    if mechanism.elasticity.pairs:
-        raise JounceError(
-            f"{quantity} of {mechanism.name!r}: joints with two motors take a stiffness; use ElasticRobot's methods"
+            f"{quantity}: the base of {mechanism.name!r} moves; expected one at rest. motor_positions and motor_torques"
+            " take base="
         )
     if moving and mechanism.elasticity.level is not None:
         raise JounceError(
             f"{quantity} of {mechanism.name!r}: its base moves, and coupling={mechanism.elasticity.level} of rotors and"
             " links takes a base at rest; coupling='spong' neglects what rotors feel of their carriers"
         )
+
+
+def missing(mechanism: Mechanism, row: Quantity) -> str | None:
+    """Return why a robot has nothing of a quantity, as the end of a sentence that begins with both, or None."""
+    if row.closed and mechanism.closure is None:
+        return ": no loop is closed; robot.closed(loops, actuated) closes some"
+    if not row.elastic:
+        return None
+    if mechanism.elasticity is None:
+        return ": its joints are rigid; robot.elastic(stiffness) makes them elastic"
+    reason = row.obstacle and row.obstacle(mechanism)
+    return reason and f" {reason}"
 
 
 def takes_base(quantity: str, frame: str) -> bool:
@@ -126,7 +145,9 @@ def takes_base(quantity: str, frame: str) -> bool:
 def more_rates(mechanism: Mechanism, quantity: str) -> int:
     """How many rates of the motion a quantity takes in addition to those of its row."""
     row, e = QUANTITIES[quantity], mechanism.elasticity
-    return e.more_rates if e is not None and row.elastic else 0
+    if e is None or not row.takes_stiffness:
+        return 0
+    return e.more_rates + (row.inductive and e.is_inductive)
 
 
 def place(mechanism: Mechanism, quantity: str, body: str | None, frame: str) -> None:

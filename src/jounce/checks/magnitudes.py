@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 
 from jounce.core.scalars import Array
+from jounce.dynamics import elastic
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.deflections import of_spring, solution
-from jounce.dynamics.quantities import FORCES
+from jounce.dynamics.quantities import FORCES, QUANTITIES
 from jounce.engine.generic import compute_by_method
 from jounce.model.functions import inverse
 from jounce.model.mechanism import Mechanism
@@ -35,6 +36,8 @@ def magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequence[
     The larger ones of two, by the closed form and by the recursion. Those of accelerations are what the magnitudes of
     the forces cause.
     """
+    if computation.quantity.inputs:
+        return _of_motors(mechanism, computation, arrays)
     if computation.quantity.results:
         return _of_forward_partials(mechanism, computation, arrays)
     if computation.quantity.forces:
@@ -66,6 +69,24 @@ def _of_forward_partials(
     squares = _inverse_squared(mechanism, arrays)[..., None, :, :]
     by = squares @ np.square(P)
     return tuple(np.sqrt(x) for x in (by[..., 0, :, :], by[..., 1, :, :], (by[..., 2:, :, :] @ squares)[..., 0, :, :]))
+
+
+def _of_motors(mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]) -> tuple[np.ndarray, ...]:
+    """What the state of motors causes: the forces of springs are differences of positions many times as large."""
+    x, sized = (computation.state(mechanism, given) for given in (arrays, [_make_sized(x) for x in arrays]))
+    plant, count = elastic.with_rigid_rotors(mechanism), computation.rates
+    Q, phi, drive = elastic.plant_forces(mechanism, sized.q, sized.motors, sized.motors[2])
+    if len(computation.quantity.results) == 1:  # the torques of motors
+        x = replace(x, Q=elastic.spring_forces(mechanism, x.q, x.motors))
+        found = QUANTITIES["forward_dynamics"].law("recursion", mechanism)(mechanism, x).upto(1)
+        moving = [*arrays[:2], *found, *arrays[count - 1 :]]
+        (tau,) = magnitudes(mechanism, replace(computation, name="motor_torques"), moving)
+        return (np.sqrt(tau**2 + phi.square[..., 0]),)
+    q2d, _ = compute_by_method(computation, "recursion", mechanism, arrays)
+    (forces,) = magnitudes(plant, replace(computation, name=FORCES.name), [*arrays[:2], q2d, *arrays[count:]])
+    squares = _inverse_squared(plant, arrays) @ (forces[..., None] ** 2 + Q.square)
+    theta2d = elastic.rotor_accelerations(mechanism, _Sized(q2d[..., None], squares), drive - phi)
+    return np.sqrt(squares[..., 0]), np.sqrt(theta2d.square[..., 0])
 
 
 def _with_accelerations(

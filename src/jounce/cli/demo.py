@@ -46,6 +46,7 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
     from jounce._report.demo.gallery import gallery
     from jounce.figures import canvas
     from jounce.io import files, tables
+    from jounce.io.motions.writing import named
 
     formats = list(dict.fromkeys(formats))
     canvas.check_installed()
@@ -59,7 +60,8 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
         examples = {}
         for name, motion in (("forces", "paper"), ("forces-wrench", "paper-wrench")):
             found = examples[name] = example.example(motion, states)
-            tables.write(output / f"{name}.csv", tables.of_rates(found.t, found.robot.joint_names, "Q", found.forces))
+            forces = named("Q", found.robot.joint_names, found.forces, None)
+            tables.write(output / f"{name}.csv", {"t": found.t} | forces)
             advance()
         alone, loaded = examples.values()
         errors, steiner = example.step_errors(alone.robot), example.without_steiner(alone)

@@ -113,12 +113,12 @@ def _write_table(found: "Identification", table: Path) -> None:
     """Write the parameters as a table of texts and numbers; deviations may be infinite."""
     import numpy as np
 
-    from jounce.io import csv, files
+    from jounce.io import files, tables
 
     rows = [asdict(row) for row in found.table]
     columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     with files.written_whole(table) as part:
-        csv.write(part, [columns | {"seen": columns["seen"].astype(int)}])
+        tables.CSV.write(part, [columns | {"seen": columns["seen"].astype(int)}])
 
 
 def _draw(found: "Identification", picture: Path) -> None:

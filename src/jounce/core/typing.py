@@ -60,12 +60,12 @@ Equations: TypeAlias = Literal["inverse_dynamics", "momentum", "power"]
 Frame: TypeAlias = Literal["body", "world", "spatial"]
 LimitValues: TypeAlias = ArrayLike | Mapping[str, ArrayLike] | None
 Coupling: TypeAlias = Literal["spong"] | int
-MotorQuantity: TypeAlias = Literal["motor_positions", "motor_torques"]
 Library: TypeAlias = Literal["pinocchio", "mujoco"]
 LoadFrame: TypeAlias = Literal["world", "body"]
 JointType: TypeAlias = Literal["revolute", "prismatic"]
 Language: TypeAlias = Literal["c", "cpp", "cuda", "javascript", "julia", "latex", "matlab", "python", "rust"]
 Method: TypeAlias = Literal["kernel", "recursion", "closed_form", "paper"]
+Side: TypeAlias = Literal["links"]
 Product: TypeAlias = Literal["vjp", "jvp"]
 QuantityName: TypeAlias = Literal[
     "inverse_dynamics",
@@ -92,6 +92,10 @@ QuantityName: TypeAlias = Literal[
     "potential_energy",
     "motor_positions",
     "motor_torques",
+    "motor_currents",
+    "motor_voltages",
+    "elastic_forward_dynamics",
+    "feedback_linearization",
     "coordinates",
     "actuator_forces",
     "loop_wrenches",

@@ -13,7 +13,7 @@ from jounce.core.typing import Frame, Method, QuantityName
 from jounce.dask.kept import Kept, keep
 from jounce.dynamics.quantities import QUANTITIES, row_of
 from jounce.engine.dispatch import checked_arguments, compute
-from jounce.engine.engine import Engine, WithLinks
+from jounce.engine.engine import Engine
 from jounce.engine.generic import as_tuple
 from jounce.model.mechanism import Mechanism
 
@@ -22,7 +22,7 @@ Pattern = int | dict[Any, Any] | tuple[Any, ...] | None  # an argument with the 
 
 
 def apply(
-    robot: Engine | WithLinks,
+    robot: Engine,
     quantity: QuantityName,
     *rates: Any,
     wrench: Any = None,
@@ -38,7 +38,7 @@ def apply(
 
     Parameters
     ----------
-    robot : Robot or ElasticRobot
+    robot : Robot
         A robot. It is sent to other processes, functions in it included.
     quantity : str
         The name of the method: "inverse_dynamics", "mass_matrix", "jacobian", "motor_torques", ...
@@ -79,27 +79,26 @@ def apply(
         import dask.array  # noqa: F401
     except ImportError:
         raise JounceError("jounce.dask needs Dask; install it by: pip install 'jounce[cluster]'") from None
-    arm = getattr(robot, "robot", robot)  # the links of an elastic robot
-    if not isinstance(arm, Engine):
+    if not isinstance(robot, Engine):
         raise JounceError(f"jounce.dask.apply() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     arrays = _Arrays()
     frames = [x for x in rates if _is_frame(x)]
-    given = tuple(arrays.pattern(_columns(x, arm.mechanism) if _is_frame(x) else x, 1) for x in rates)
+    given = tuple(arrays.pattern(_columns(x, robot.mechanism) if _is_frame(x) else x, 1) for x in rates)
     patterns = given, arrays.pattern_of_rates(wrench, 2, 2), arrays.pattern_of_rates(base, 2, 1)
     one_of("quantity", quantity, QUANTITIES)
-    row = row_of(quantity, requests.more_rates(arm.mechanism, quantity))
+    row = row_of(quantity, requests.more_rates(robot.mechanism, quantity))
     if len(rates) < row.rates:
         takes = ", ".join(row.input_names(row.rates))
-        raise JounceError(f"{quantity} of {arm.name!r} takes {takes}, and further rates; got {len(rates)} of them")
+        raise JounceError(f"{quantity} of {robot.name!r} takes {takes}, and further rates; got {len(rates)} of them")
     q, W, C = (fill(pattern, arrays.samples()) for pattern in patterns)
-    if arm.mechanism.closure:  # at positions that are not known yet, where no loop has to close
+    if robot.mechanism.closure:  # at positions that are not known yet, where no loop has to close
         q = (_unknown(q[0]), *q[1:])
-    asked, _ = checked_arguments(arm.mechanism, quantity, q, W, C, body, frame, method)
-    shapes = [port.shape for port in asked.signature(arm.mechanism).outputs]
-    blocks = arrays.blocks(Block(keep(arm), quantity, *patterns, body, frame, method))
+    asked, _ = checked_arguments(robot.mechanism, quantity, q, W, C, body, frame, method)
+    shapes = [port.shape for port in asked.signature(robot.mechanism).outputs]
+    blocks = arrays.blocks(Block(keep(robot), quantity, *patterns, body, frame, method))
     results = [_result(blocks, k, shape) for k, shape in enumerate(shapes)]
     if frames:
-        results = [_frame(x, frames[0], arm) for x in results]
+        results = [_frame(x, frames[0], robot) for x in results]
     return tuple(results) if len(results) > 1 else results[0]
 
 

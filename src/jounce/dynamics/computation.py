@@ -10,6 +10,7 @@ from jounce.core.scalars import Array
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.quantities import Quantity, row_of
 from jounce.dynamics.state import State
+from jounce.dynamics.stretch import elasticity_of
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.inertia import PARAMETERS
@@ -27,7 +28,7 @@ class Port:
 
     name: str  # q, qd, W, Wd, masses, Q, Qd
     shape: Shape
-    role: str  # "parameter", "state", "wrench", "base", "dependent", "weight" or "result"
+    role: str  # "parameter", "state", "wrench", "base", "stiffness", "dependent", "weight" or "result"
     rate: int = 0  # which time derivative it is
     first_order: int = 0  # of an input, the lowest order of the results that depend on it
     start: int = 0
@@ -112,6 +113,11 @@ class Computation:
         return self.quantity.rates + self.order
 
     @property
+    def loads(self) -> int:
+        """The number of wrenches W, Wd, ..., and of stiffnesses, where they are given."""
+        return self.quantity.wrench_rates + self.order
+
+    @property
     def count(self) -> int:
         """The number of results: the quantity and its rates, or the several results that it has."""
         return len(self.quantity.names(self.order))
@@ -146,13 +152,15 @@ class Computation:
         """The ports for a robot, of which some data are parameters."""
         inputs = [Port(name, shape, "parameter") for name, shape in (parameters or {}).items()]
         inputs += self.state_ports(mechanism)
-        own = self.quantity.wrench_rates
-        for k in range(own + self.order if self.wrench else 0):
-            of_bodies = (len(mechanism.body_names), 6)
+        own, of_bodies = self.quantity.wrench_rates, (len(mechanism.body_names), 6)
+        for k in range(self.loads if self.wrench else 0):
             inputs.append(Port(rate_name("W", k), of_bodies, "wrench", k, max(0, k + 1 - own)))
         for k in range(self.base_terms(mechanism) if self.base else 0):
             shape: Shape = (6,) if k else (4, 4)
             inputs.append(Port(base_name(k), shape, "base", k, max(0, k + 1 - self.quantity.rates)))
+        for k in range(self.loads if self.takes_stiffness(mechanism) else 0):
+            pairs = (len(elasticity_of(mechanism).pairs),)
+            inputs.append(Port(rate_name("stiffness", k), pairs, "stiffness", k, max(0, k + 1 - own)))
         if mechanism.closure:
             inputs.append(Port(DEPENDENT, (len(mechanism.closure.dependent),), "dependent"))
         rates = [0] * self.count if self.quantity.results else range(self.count)
@@ -163,12 +171,18 @@ class Computation:
         return Signature(in_a_row(inputs), in_a_row(outputs))
 
     def state_ports(self, mechanism: Mechanism) -> list[Port]:
-        """The ports of q, qd, ..., and of Q, Qd, ..."""
+        """The ports of q, qd, ..., and of Q, Qd, ..., or of theta, thetad, ..."""
         least, own = self.quantity.rates, self.quantity.coordinate_inputs(self.rates)
         names = self.quantity.input_names(self.rates)
-        sizes = [mechanism.n if k < own else mechanism.nv for k in range(self.rates)]
+        of_motors = self.quantity.inputs and mechanism.elasticity
+        others = len(of_motors.joints_of_motors) if of_motors else mechanism.nv
+        sizes = [mechanism.n if k < own else others for k in range(self.rates)]
         both = enumerate(zip(names, sizes, strict=True))
         return [Port(name, (size,), "state", k, max(0, k + 1 - least)) for k, (name, size) in both]
+
+    def takes_stiffness(self, mechanism: Mechanism) -> bool:
+        """Whether joints with two motors take their stiffness."""
+        return self.quantity.takes_stiffness and mechanism.elasticity is not None and bool(mechanism.elasticity.pairs)
 
     def base_terms(self, mechanism: Mechanism) -> int:
         """The number of terms C, V, Vd, ... of the motion of the base, where it enters: as many as q has."""
@@ -187,18 +201,26 @@ class Computation:
     def state(self, mechanism: Mechanism, arrays: Sequence[Array]) -> State:
         """Build the argument of a law from arrays q, qd, ..., Q, Qd, ..., then W, Wd, ..., then C, V, Vd, ...
 
-        Those of a closed robot end with the dependent coordinates.
+        Those of joints with two motors go on with their stiffness, those of a closed robot end with the dependent
+        coordinates.
         """
         tree = None
         if mechanism.closure:
             *arrays, dependent = arrays
             tree = all_coordinates(mechanism.closure, arrays[0], dependent)[..., None]
-        loads = self.rates + (self.quantity.wrench_rates + self.order if self.wrench else 0)
+        stiffness = None
+        if self.takes_stiffness(mechanism):
+            arrays, stiffness = arrays[: -self.loads], columns(arrays[-self.loads :])
+        loads = self.rates + (self.loads if self.wrench else 0)
         given, W, base = arrays[: self.rates], arrays[self.rates : loads], arrays[loads:]
         own = self.quantity.coordinate_inputs(self.rates)
-        q, Q = columns(given[:own]), columns(given[own:])
+        q, others = columns(given[:own]), columns(given[own:])
+        behind = {"motors" if self.quantity.inputs else "Q": others}
         moving = BaseMotion(pose(rotation(base[0]), position(base[0])), columns(base[1:])) if self.base else None
-        return State(q, wrench_columns(W) if W else None, Q, moving, self.body, self.frame, tree)
+        return State(
+            q, wrench_columns(W) if W else None, base=moving, body=self.body, frame=self.frame, position=tree,
+            stiffness=stiffness, **behind,
+        )  # fmt: skip
 
     def series(self, method: str, mechanism: Mechanism, arrays: Sequence[Array]) -> Series:
         """The quantity by a method, from the arrays of `state`; its terms are the results."""

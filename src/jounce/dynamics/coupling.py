@@ -15,12 +15,14 @@ from operator import add
 
 import numpy as np
 
-from jounce.core.scalars import Array
+from jounce.core.scalars import Array, reciprocal
 from jounce.dynamics.base import STILL
 from jounce.dynamics.recursion import bodies
 from jounce.dynamics.recursion.joints import rows
+from jounce.dynamics.stretch import elasticity_of
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import hat, rotation
+from jounce.spatial.linear import Factors
 from jounce.spatial.series import Series
 
 GROUND = "world"  # as a carrier
@@ -70,6 +72,28 @@ def motor_reactions(m: Mechanism, q: Series) -> Series:
         unit = np.eye(m.n, dtype=int)[:, rotor.coordinate : rotor.coordinate + 1]
         total = total + unit @ (rotor.momentum.mT @ _angular_velocity(V, rotor.body).dot)
     return total
+
+
+def accelerations(m: Mechanism, q: Series, M: Array, force: Array, free: Array) -> tuple[Array, Array]:
+    """q2d and theta2d (..., n, 1), coupled by the inertia of the whole, at q, qd and q2d = 0.
+
+    [ M    S ] [ q2d     ]   [ force               ]
+    [ S^T  B ] [ theta2d ] = [ free - r J a . w_p' ]
+
+    Column j of S is the force by which the spin of rotor j, per theta2d, acts on the links. The force on them is that
+    of springs less that of q2d = theta2d = 0, gyroscopic moments included; `free` is what motors have left for rotors.
+    """
+    S, inverse_B = _spin_forces(m, q), reciprocal(elasticity_of(m).rotor)[:, None]
+    left = inverse_B * (free - motor_reactions(m, q)[0])
+    q2d = Factors.of(M - S * inverse_B.mT @ S.mT).solve(force - S @ left)
+    return q2d, left - inverse_B * (S.mT @ q2d)
+
+
+def _spin_forces(m: Mechanism, q: Series) -> Array:
+    """S (..., n, n): the generalized forces of the momenta of rotors."""
+    J, unit = bodies.jacobians(m, q, STILL, None)[0], np.eye(m.n, dtype=int)
+    parts = [J[..., x.body, :3, :].mT @ x.momentum @ unit[x.coordinate : x.coordinate + 1] for x in rotors(m)]
+    return reduce(add, parts, 0 * J[..., 0, :1, :] * unit)
 
 
 def spin_energy(m: Mechanism, q: Series, theta: Series) -> Series:

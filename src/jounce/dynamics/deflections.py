@@ -76,5 +76,5 @@ def check_series(sums: Sequence[Series], time_constant: float) -> None:
     if len(sizes) > 1 and sizes[-1] >= max(sizes[1:-1] or sizes[:1]) and sizes[-1] > NEGLIGIBLE * sizes[0]:
         raise JounceError(
             f"the series of the damper does not converge: term {len(sizes)} is {sizes[-1]:.2g}, not below the one"
-            f" before; the time constant D/K is {time_constant:.3g} s; use along(motion), which is exact"
+            f" before; the time constant D/K is {time_constant:.3g} s; use motors_along(motion), which is exact"
         )

@@ -1,17 +1,29 @@
-"""Elastic joints over series: motor positions and motor torques from the motion of the links, by Spong's model.
+"""Elastic joints over series, by Spong's model: motors from the motion of the links, and both from motor torques.
 
 All are columns (..., n, 1). Q is the force of the links' inverse dynamics, theta the position of a motor seen from its
-link. A rigid joint has an infinite stiffness, hence no deflection: its motor moves as the link does.
+link. A rigid joint has an infinite stiffness, hence no deflection: its motor moves as the link does, its rotor counts
+in the mass matrix of the links, and the motor torque, less the friction of the motor, acts on the link. theta and
+thetad that are given of such a joint are not read: q and qd are.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
-from jounce.core.errors import quoted
+from jounce.core.errors import JounceError, listed, quoted
 from jounce.core.scalars import Array, reciprocal
 from jounce.dynamics import coupling
-from jounce.dynamics.stretch import NO_INPUTS, SpringInputs, at_motors, elasticity_of, stretch
+from jounce.dynamics.stretch import (
+    NO_INPUTS,
+    SpringInputs,
+    at_motors,
+    elasticity_of,
+    on_joints,
+    spring_force,
+    stretch,
+)
 from jounce.model import drives
 from jounce.model.mechanism import Mechanism
 from jounce.model.springs import CubicSpring
@@ -20,20 +32,15 @@ from jounce.spatial.series import Series
 Forces = Callable[[Series | None], Series]  # Q of the links' motion, with further wrenches that the bodies exert
 
 
-def motor_positions(m: Mechanism, q: Series, forces: Forces, inputs: SpringInputs = NO_INPUTS) -> Series:
-    """theta = q + delta, where the springs exert Q."""
-    return _motion(m, q, forces, inputs)[0]
-
-
-def motor_torques(m: Mechanism, q: Series, forces: Forces, inputs: SpringInputs = NO_INPUTS) -> Series:
-    """tau = phi + B theta2d + F_m(thetad), phi = Q, and what rotors feel of the links that carry them."""
-    e, (theta, phi) = elasticity_of(m), _motion(m, q, forces, inputs)
+def motor_torques(m: Mechanism, q: Series, theta: Series, phi: Series) -> Series:
+    """tau = phi + B theta2d + F_m(thetad), and what rotors feel of the links that carry them."""
+    e = elasticity_of(m)
     tau = phi + _column(e.of_motors.rotor) * theta.dot.dot + motor_friction(m, theta)
     return tau if e.level is None else tau + coupling.motor_reactions(m, q)
 
 
-def _motion(m: Mechanism, q: Series, forces: Forces, inputs: SpringInputs) -> tuple[Series, Series]:
-    """The motor positions, and the forces of the springs on the links, one row per motor.
+def motor_positions(m: Mechanism, q: Series, forces: Forces, inputs: SpringInputs = NO_INPUTS) -> tuple[Series, Series]:
+    """The motor positions theta = q + delta, and the forces phi = Q of the springs on the links, one row per motor.
 
     With rotors that links carry, Q holds their moments: at level 0 those of rotors that turn as their joints do, at
     each further level those of the motor positions of the level below.
@@ -47,6 +54,60 @@ def _motion(m: Mechanism, q: Series, forces: Forces, inputs: SpringInputs) -> tu
         delta, phi = stretch(m, forces(coupling.reaction_wrenches(m, q, theta)), inputs)
         theta = q + delta
     return theta, phi
+
+
+@lru_cache(maxsize=64)
+def with_rigid_rotors(m: Mechanism) -> Mechanism:
+    """The mechanism whose mass matrix holds the rotors of rigid joints: as armature that acts, there is no other."""
+    e = elasticity_of(m)
+    armature = np.zeros(m.nb, dtype=np.result_type(e.rotor, m.G))
+    for j in np.flatnonzero(e.is_rigid & (e.rotor > 0)):
+        alone = np.flatnonzero((m.G[:, j] != 0) & (np.count_nonzero(m.G, axis=1) == 1))
+        if not alone.size:
+            raise JounceError(
+                f"rigid joint {quoted(m.coordinates[j])} moves no joint alone, which its rotor takes;"
+                " state a finite stiffness"
+            )
+        armature[alone[0]] = e.rotor[j] / m.G[alone[0], j] ** 2
+    acting = (*m.acting, *["armature"] * bool(armature.any()))
+    return replace(m, drives=replace(m.drives, armature=armature), acting=acting)
+
+
+def spring_forces(m: Mechanism, q: Series, theta: Series) -> Series:
+    """phi(theta - q) of the motors, and its rate, where there is no damper."""
+    return spring_force(m, theta - at_motors(m, q))
+
+
+def plant_forces(m: Mechanism, q: Series, theta: Series, tau: Array) -> tuple[Array, Array, Array]:
+    """The forces on the links, those of the springs, and what motors have to move their rotors and their springs."""
+    rigid, joints, phi = _rigid(m), at_motors(m, q), spring_forces(m, q, theta)[0]
+    turning = Series.of([theta[0], theta[1] + rigid * (joints[1] - theta[1])])
+    drive = tau - motor_friction(m, turning)[0]
+    return on_joints(m, phi + rigid * drive), phi, drive
+
+
+def rotor_accelerations(m: Mechanism, q2d: Array, free: Array) -> Array:
+    """theta2d, from the torques that are left to turn rotors; of a rigid joint, which may have no rotor, its q2d."""
+    rigid = _rigid(m)
+    own = reciprocal(_column(elasticity_of(m).of_motors.rotor) + rigid) * (1 - rigid)
+    return own * free + rigid * at_motors(m, Series.of([q2d]))[0]
+
+
+def _rigid(m: Mechanism) -> Array:
+    return _column(elasticity_of(m).of_motors.is_rigid) * 1
+
+
+def no_linearization(m: Mechanism) -> str | None:
+    """Why tau does not decide q4d alone, by static feedback, as the end of a sentence, or None."""
+    e = elasticity_of(m)
+    if e.level is not None or e.dampers or e.pairs:
+        reason = "dampers, or joints with two motors" if e.level is None else f"coupling={e.level}"
+        return f"is not available with {reason}; use coupling='spong' and springs without dampers"
+    if not e.is_rigid.any():
+        return None
+    joints = listed(name for name, held in zip(m.coordinates, e.is_rigid, strict=True) if held)
+    are = "are" if e.is_rigid.sum() > 1 else "is"
+    return f"needs elastic joints, but {joints} {are} rigid; robot.elastic(stiffness) states finite stiffnesses"
 
 
 def native_obstacle(m: Mechanism) -> str | None:

@@ -1,32 +1,26 @@
-"""Currents and voltages of motors from their torques and positions, with rates."""
+"""Currents and voltages of motors from their torques and positions, series (..., m) with an entry per motor."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from jounce.core.errors import JounceError
 from jounce.core.scalars import Array
+from jounce.dynamics.stretch import elasticity_of
 from jounce.model.elasticity import Elasticity
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.series import Series
 
 
-def currents(e: Elasticity, tau: Sequence[Array]) -> tuple[Array, ...]:
-    """i = tau / (r k) and its rates, as many as those of the torques."""
-    gear, constant = _data(e, "gear"), _data(e, "constant")
-    if np.isnan(constant).all():
-        raise JounceError("currents need the torque constant of a motor: motors=jounce.Motor(constant=..., gear=...)")
-    per_torque = 1 / (gear * constant)
-    return tuple(x * per_torque for x in tau)
+def currents(e: Elasticity, tau: Series) -> Series:
+    """i = tau / (r k)."""
+    return _times(1 / (_data(e, "gear") * _data(e, "constant")), tau)
 
 
-def voltages(e: Elasticity, theta: Sequence[Array], tau: Sequence[Array]) -> tuple[Array, ...]:
-    """u = R i + L di/dt + k r thetad and its rates: one less than of the torques, unless there is no inductance."""
-    i, R, L = currents(e, tau), _data(e, "resistance"), _data(e, "inductance")
-    back = _data(e, "constant") * _data(e, "gear")
-    if np.isnan(R).all():
-        raise JounceError("voltages need the resistance of a motor: motors=jounce.Motor(resistance=..., constant=...)")
-    if not np.nansum(L):
-        return tuple(R * i_k + back * v for i_k, v in zip(i, theta[1:], strict=False))
-    return tuple(R * i_k + L * i_next + back * v for i_k, i_next, v in zip(i, i[1:], theta[1:], strict=False))
+def voltages(e: Elasticity, theta: Series, tau: Series) -> Series:
+    """u = R i + L di/dt + k r thetad: a rate takes one more of the torques, unless there is no inductance."""
+    i, back = currents(e, tau), _data(e, "constant") * _data(e, "gear")
+    u = _times(_data(e, "resistance"), i) + _times(back, theta.dot)
+    return u + _times(_data(e, "inductance"), i.dot) if e.is_inductive else u
 
 
 def outputs(
@@ -34,10 +28,36 @@ def outputs(
 ) -> tuple[tuple[Array, ...] | None, tuple[Array, ...] | None]:
     """Currents and voltages as far as the data of motors and the rates of tau go; None if they do not."""
     lacking = [np.isnan(_data(e, name)).all() for name in ("constant", "resistance")]
+    i, u = currents(e, Series.of(tau)), voltages(e, Series.of(theta), Series.of(tau))
+    known = min(len(tau) - e.is_inductive, len(theta) - 1)
     return (
-        None if lacking[0] else currents(e, tau),
-        None if any(lacking) else voltages(e, theta, tau) or None,
+        None if lacking[0] else i.upto(len(tau) - 1),
+        None if any(lacking) or known < 1 else u.upto(known - 1),
     )
+
+
+def no_currents(m: Mechanism) -> str | None:
+    """Why motors have no currents, as the end of a sentence, or None."""
+    if np.isnan(_data(elasticity_of(m), "constant")).all():
+        return "needs the torque constant of a motor: motors=jounce.Motor(constant=..., gear=...)"
+    return None
+
+
+def no_voltages(m: Mechanism) -> str | None:
+    """Why motors have no voltages, as the end of a sentence, or None."""
+    if np.isnan(_data(elasticity_of(m), "resistance")).all():
+        return "needs the resistance of a motor: motors=jounce.Motor(resistance=..., constant=...)"
+    return no_currents(m)
+
+
+def _times(factors: Array, x: Series) -> Series:
+    """The product, without NumPy's warning where a factor is not stated and x are symbols."""
+
+    def product(x: Array) -> Array:
+        with np.errstate(invalid="ignore"):
+            return factors * x
+
+    return x.map(product)
 
 
 def _data(e: Elasticity, name: str) -> np.ndarray:

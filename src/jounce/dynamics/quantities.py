@@ -13,7 +13,17 @@ import numpy as np
 
 from jounce.core.scalars import Array, element
 from jounce.dynamics import closed_form as dense
-from jounce.dynamics import drive_terms, elastic, forward, kinematics, loop_partials, loops, partials
+from jounce.dynamics import (
+    coupling,
+    drive_terms,
+    elastic,
+    electrical,
+    forward,
+    kinematics,
+    loop_partials,
+    loops,
+    partials,
+)
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.paper import Paper
 from jounce.dynamics.recursion import (
@@ -28,7 +38,9 @@ from jounce.dynamics.recursion import (
 )
 from jounce.dynamics.recursion.forces import Sweep
 from jounce.dynamics.state import Law, State
+from jounce.dynamics.stretch import NO_INPUTS, elasticity_of, with_stiffness
 from jounce.model.drives import TERMS
+from jounce.model.elasticity import Elasticity
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import Factors
 from jounce.spatial.series import Series, rate_name
@@ -56,6 +68,7 @@ class Quantity:
     first_rate: int = 0  # of the symbol, which the quantity itself is: 2 of accelerations
     rates: int  # how many of q, qd, ... the quantity itself takes
     forces: bool = False  # whether the last of these, and what follows, are generalized forces Q, Qd, ...
+    inputs: tuple[str, ...] = ()  # their names where motors have a state of their own: q, qd, theta, thetad, ...
     shape: tuple[Axis, ...]  # of one state; the axis "nb" is absent where one body is named
     methods: Mapping[str, Method]
     unit: str
@@ -67,6 +80,9 @@ class Quantity:
     wrench_tex: str = ""
     wrench_rates: int = 1  # how many of W, Wd, ... the quantity itself takes, where they enter
     elastic: bool = False  # whether it is one of robots with elastic joints only
+    inductive: bool = False  # whether it takes a rate more if a motor has an inductance
+    obstacle: Callable[[Mechanism], str | None] | None = None  # why a robot has none of it, the end of a sentence
+    of_motors: str = ""  # the quantity that release 0.1 had under its name for robots with elastic joints
     closed: bool = False  # whether it is one of robots with closed loops only
     all_constraints: bool = False  # whether constraints are solved for followers with constant ratios too
     drive_terms: tuple[str, ...] = ()  # which of those that act enter
@@ -81,6 +97,16 @@ class Quantity:
     def wrenches(self) -> bool:
         """Whether wrenches on the bodies enter."""
         return bool(self.wrench_term)
+
+    @property
+    def inverts(self) -> bool:
+        """Whether it takes the inverse of the mass matrix."""
+        return self.forces or bool(self.inputs)
+
+    @property
+    def takes_stiffness(self) -> bool:
+        """Whether the stiffness of joints with two motors enters, as often as wrenches."""
+        return self.elastic and not self.inputs
 
     @property
     def everywhere(self) -> bool:
@@ -106,11 +132,13 @@ class Quantity:
         return 0 if self.results else order
 
     def coordinate_inputs(self, count: int) -> int:
-        """How many of its first inputs are q, qd, ...; the others are forces."""
-        return min(count, self.rates - 1) if self.forces else count
+        """How many of its first inputs are q, qd, ...; the others are forces, or the state of the motors."""
+        return min(count, 2 if self.inputs else self.rates - 1) if self.inverts else count
 
     def input_names(self, count: int) -> tuple[str, ...]:
         """The names of its first inputs: q, qd, q2d, ..., or q, qd, Q, Qd, ..."""
+        if self.inputs:
+            return (*self.inputs, *(rate_name(self.inputs[-1], k + 1) for k in range(count)))[:count]
         own = self.coordinate_inputs(count)
         return tuple(rate_name("q", k) if k < own else rate_name("Q", k - own) for k in range(count))
 
@@ -199,17 +227,54 @@ def _forward_partials(m: Mechanism, x: State, method: str) -> Series:
     return Series.of(partials.of_accelerations(P[0]))
 
 
-def _of_motors(law: Callable[[Mechanism, Series, elastic.Forces], Series], method: str) -> Law:
-    """A law of elastic joints, with the forces on the links by a method."""
+Choice = Callable[[Elasticity, Series, Callable[[], Series]], Series]  # from the positions and torques of motors
+
+
+def _of_motors(choose: Choice, method: str) -> Law:
+    """A law of theta and tau, the positions and torques of motors, with the forces on the links by a method."""
 
     def motors(m: Mechanism, x: State) -> Series:
         def forces(added: Series | None) -> Series:
             W = x.W if added is None else added if x.W is None else x.W + added
             return FORCES.law(method, m)(m, replace(x, W=W)).map(lambda Q: Q[..., -m.n :, None])
 
-        return _row(law(m, x.q, forces))
+        inputs = NO_INPUTS if x.stiffness is None else with_stiffness(m, x.stiffness)
+        theta, phi = elastic.motor_positions(m, x.q, forces, inputs)
+        return choose(elasticity_of(m), _row(theta), lambda: _row(elastic.motor_torques(m, x.q, theta, phi)))
 
     return motors
+
+
+def _methods_of_motors(choose: Choice) -> Mapping[str, Method]:
+    return {
+        "recursion": Method(_of_motors(choose, "recursion"), _column),
+        "closed_form": Method(_of_motors(choose, "closed_form")),
+    }
+
+
+def _elastic_forward(m: Mechanism, x: State, method: str) -> Series:
+    """q2d and theta2d of links and motors, which the forces of the springs couple, or the inertia of the whole too."""
+    theta, thetad, tau = x.motors.upto(2)
+    Q, phi, drive = elastic.plant_forces(m, x.q, Series.of([theta, thetad]), tau)
+    e = elasticity_of(m)
+    if e.level is not None and e.motors:
+        q, motors = (Series.of([*rates, 0 * rates[0]]) for rates in (x.q.upto(1), (theta, thetad)))
+        W = coupling.reaction_wrenches(m, q, motors)
+        still = replace(x, q=q, W=W if x.W is None else W + x.W)
+        M, bias = (QUANTITIES[name].law(method, m)(m, still)[0] for name in ("mass_matrix", FORCES.name))
+        return _row(Series.of(coupling.accelerations(m, q, M, phi - bias[..., None], drive - phi)))
+    plant = elastic.with_rigid_rotors(m)
+    q2d = QUANTITIES["forward_dynamics"].law(method, plant)(plant, replace(x, Q=Series.of([Q])))[0][..., None]
+    return _row(Series.of([q2d, elastic.rotor_accelerations(m, q2d, drive - phi)]))
+
+
+def _linearizing_torques(m: Mechanism, x: State, method: str) -> Series:
+    """tau that makes q4d what is given; q2d and q3d follow from the forces of the springs."""
+    theta, thetad, q4d = x.motors.upto(2)
+    Q = elastic.spring_forces(m, x.q, Series.of([theta, thetad]))
+    found = QUANTITIES["forward_dynamics"].law(method, m)(m, replace(x, Q=Q))
+    q = Series.of([*x.q.upto(1), *(x[..., None] for x in found.upto(1)), q4d])
+    return QUANTITIES["motor_torques"].law(method, m)(m, replace(x, q=q))
 
 
 def _actuator_forces(m: Mechanism, x: State, method: str) -> Series:
@@ -248,6 +313,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             symbol="Q",
             rates=3,
             shape=("nv",),
+            of_motors="motor_torques",
             wrench_term="J^T W",
             wrench_tex="J^T W",
             drive_terms=TERMS,
@@ -270,6 +336,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             rates=3,
             forces=True,
             shape=("nv",),
+            of_motors="elastic_forward_dynamics",
             wrench_term="-M^-1 J^T W",
             wrench_tex="-M^{-1} J^T W",
             drive_terms=TERMS,
@@ -611,10 +678,7 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="theta = q + K^-1 Q: positions of the motors behind elastic joints.",
             tex_symbol=r"\theta",
             tex=r"\theta = q + K^{-1} Q",
-            methods={
-                "recursion": Method(_of_motors(elastic.motor_positions, "recursion"), _column),
-                "closed_form": Method(_of_motors(elastic.motor_positions, "closed_form")),
-            },
+            methods=_methods_of_motors(lambda e, theta, tau: theta),
         ),
         Quantity(
             name="motor_torques",
@@ -631,9 +695,87 @@ QUANTITIES: Mapping[str, Quantity] = {
             meaning="tau = Q + B theta2d + F_m(thetad): torques of the motors behind elastic joints.",
             tex_symbol=r"\tau",
             tex=r"\tau = Q + B\,\ddot{\theta} + F_m(\dot{\theta})",
+            methods=_methods_of_motors(lambda e, theta, tau: tau()),
+        ),
+        Quantity(
+            name="motor_currents",
+            symbol="i",
+            rates=5,
+            shape=("n",),
+            wrench_term="what they add to tau, over r k",
+            wrench_tex=r"\tau(W) / (r k)",
+            wrench_rates=3,
+            drive_terms=TERMS,
+            elastic=True,
+            obstacle=electrical.no_currents,
+            unit="A",
+            caption="motor currents",
+            meaning="i = tau / (r k): currents of the motors, with gear ratios r and torque constants k.",
+            tex=r"i = \tau / (r k)",
+            methods=_methods_of_motors(lambda e, theta, tau: electrical.currents(e, tau())),
+        ),
+        Quantity(
+            name="motor_voltages",
+            symbol="u",
+            rates=5,
+            shape=("n",),
+            wrench_term="what they add",
+            wrench_tex="u(W)",
+            wrench_rates=3,
+            drive_terms=TERMS,
+            elastic=True,
+            inductive=True,
+            obstacle=electrical.no_voltages,
+            unit="V",
+            caption="motor voltages",
+            meaning="u = R i + L di/dt + k r thetad: voltages of the motors.",
+            tex=r"u = R\,i + L\,\dot{i} + k r\,\dot{\theta}",
+            methods=_methods_of_motors(lambda e, theta, tau: electrical.voltages(e, theta, tau())),
+        ),
+        Quantity(
+            name="elastic_forward_dynamics",
+            symbol="q",
+            results=("q2d", "theta2d"),
+            rates=5,
+            inputs=("q", "qd", "theta", "thetad", "tau"),
+            shape=("n",),
+            wrench_term="-M^-1 J^T W to q2d",
+            wrench_tex="-M^{-1} J^T W",
+            drive_terms=TERMS,
+            elastic=True,
+            unit="rad/s^2 or, for coordinates in m, m/s^2",
+            caption="accelerations of links and motors",
+            meaning="q2d = M^-1 (K (theta - q) - C qd - Qgrav), theta2d = (tau - F_m - K (theta - q)) / B.",
+            tex_symbol=r"(\ddot{q},\ \ddot{\theta})",
+            tex=r"\ddot{q} = M^{-1} \left(K (\theta - q) - C\,\dot{q} - Q_{\mathrm{grav}}\right),\quad"
+            r" \ddot{\theta} = B^{-1} \left(\tau - F_m(\dot{\theta}) - K (\theta - q)\right)",
             methods={
-                "recursion": Method(_of_motors(elastic.motor_torques, "recursion"), _column),
-                "closed_form": Method(_of_motors(elastic.motor_torques, "closed_form")),
+                "recursion": Method(lambda m, x: _elastic_forward(m, x, "recursion"), _columns),
+                "closed_form": Method(lambda m, x: _elastic_forward(m, x, "closed_form")),
+            },
+        ),
+        Quantity(
+            name="feedback_linearization",
+            symbol="tau",
+            results=("tau",),
+            rates=5,
+            inputs=("q", "qd", "theta", "thetad", "q4d"),
+            shape=("n",),
+            wrench_term="what they add to tau",
+            wrench_tex=r"\tau(W)",
+            wrench_rates=3,
+            drive_terms=TERMS,
+            elastic=True,
+            obstacle=elastic.no_linearization,
+            unit="N m or, for coordinates in m, N",
+            caption="motor torques for a wanted snap",
+            meaning="tau that makes q4d what is given in the state q, qd, theta, thetad.",
+            tex_symbol=r"\tau",
+            tex=r"\tau = \tau(q, \dot{q}, \ddot{q}, q^{(3)}, q^{(4)}),\quad M\,\ddot{q}"
+            r" = K (\theta - q) - C\,\dot{q} - Q_{\mathrm{grav}}",
+            methods={
+                "recursion": Method(lambda m, x: _linearizing_torques(m, x, "recursion"), _columns),
+                "closed_form": Method(lambda m, x: _linearizing_torques(m, x, "closed_form")),
             },
         ),
         Quantity(

@@ -21,9 +21,11 @@ class State:
     q: Series
     W: Series | None = None
     Q: Series = _NOTHING  # generalized forces, where a quantity takes them
+    motors: Series = _NOTHING  # theta, thetad, and tau or q4d, where a quantity takes them: no rates of each other
     base: BaseMotion | None = None  # None: the ground of a fixed robot, at rest, or of no effect
     body: str | None = None  # a body or a link merged into one; None: all bodies
     frame: str = "body"  # of twists: "body", "world" or "spatial"
+    stiffness: Series | None = None  # of joints with two motors, (..., k, 1)
     position: Array | None = None  # of a closed robot, all coordinates (..., N, 1) of its tree, with loops closed
 
     @property

@@ -38,6 +38,11 @@ class SpringInputs:
 NO_INPUTS = SpringInputs()
 
 
+def with_stiffness(m: Mechanism, S: Series) -> SpringInputs:
+    """What decides the deflections together with the forces, from the stiffness of joints with two motors."""
+    return SpringInputs(stiffness={j: rows(S, i, i + 1) for i, j in enumerate(elasticity_of(m).pairs)})
+
+
 def elasticity_of(m: Mechanism) -> Elasticity:
     """The springs and motors of a mechanism that has some: requests are refused for others."""
     assert m.elasticity is not None, m.name

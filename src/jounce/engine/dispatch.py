@@ -8,6 +8,7 @@ import numpy as np
 
 from jounce.arguments import positions, rates, requests, wrenches
 from jounce.arguments.base import base_of
+from jounce.arguments.stiffness import stiffnesses_of
 from jounce.core.errors import JounceError, one_of
 from jounce.core.scalars import Array, is_numeric
 from jounce.dynamics.computation import Computation
@@ -16,7 +17,7 @@ from jounce.dynamics.newton import Step
 from jounce.dynamics.quantities import row_of
 from jounce.engine import digits
 from jounce.engine.backends import BACKENDS, NATIVE, Call, closing_step, default_method, with_constraints
-from jounce.engine.engine import Engine
+from jounce.engine.engine import Engine, like
 from jounce.engine.generic import as_tuple, is_fit, results_into
 from jounce.model.mechanism import Mechanism
 from jounce.native.poses import are_poses
@@ -31,6 +32,7 @@ def compute(
     base: Any = None,
     body: str | None = None,
     frame: str = "body",
+    stiffness: Any = None,
     method: str | None = None,
     out: Any = None,
     threads: int = 1,
@@ -41,6 +43,8 @@ def compute(
     form = (name, body, frame, method, type(threads), threads, *map(type, given), type(wrench), *map(type, terms))
     if moved:
         form = (*form, type(base), *map(type, moved))
+    if stiffness is not None:
+        form = ()  # no native code takes it
     try:  # the short way, of calls like an earlier one: NumPy itself checks shapes and kinds of numbers
         kernel, count, limit = robot._kernels.ready[form]
         arrays = (*given[:count], *terms, *moved)
@@ -57,10 +61,11 @@ def compute(
         raise
     except Exception:  # the long way serves all others, and says what is wrong with them
         pass
-    plain = {type(x) for x in (*given, *terms, *moved)} <= {np.ndarray, NoneType} and type(threads) is int
+    plain = bool(form) and {type(x) for x in (*given, *terms, *moved)} <= {np.ndarray, NoneType}
+    plain = plain and type(threads) is int
     natively = isinstance(method, str | None) and method in (None, NATIVE)
     step = closing_step(robot) if robot.mechanism.closure and natively else None
-    asked, given = checked_arguments(robot.mechanism, name, given, wrench, base, body, frame, method, step)
+    asked, given = checked_arguments(robot.mechanism, name, given, wrench, base, body, frame, method, step, stiffness)
     lasting = plain and threads == 1 and asked.base == bool(moved) and not _needs_inverse(robot, asked)
     return _run(Call(robot, asked, given, method, out, threads, form if lasting else None))
 
@@ -95,12 +100,19 @@ def checked_arguments(
     frame: str,
     method: str | None,
     step: Step | None = None,
+    stiffness: Any = None,
 ) -> tuple[Computation, list[Array]]:
     """Check the arguments of a call, and return its computation and input arrays; `step` closes the loops."""
     more = requests.more_rates(mechanism, name)
     quantity = row_of(name, more)
     given, whole = positions.split_rates(mechanism, given)
-    q = rates.rates_of(given, quantity.rates, mechanism, quantity.input_names, quantity.coordinate_inputs(len(given)))
+    if quantity.inputs:
+        requests.check_existence(mechanism, name, moving=False)
+        requests.check_rates(name, len(given) - quantity.rates)
+        q = rates.state_of(given, mechanism, quantity.inputs)
+    else:
+        own = quantity.coordinate_inputs(len(given))
+        q = rates.rates_of(given, quantity.rates, mechanism, quantity.input_names, own)
     order = len(q) - quantity.rates
     requests.check_rates(name, order)
     W = wrenches.wrenches_of(mechanism, wrench, order, q, quantity.wrench_rates)
@@ -112,11 +124,13 @@ def checked_arguments(
     if body is not None or frame != "body":
         requests.place(mechanism, name, body, frame)
     requests.check_existence(mechanism, name, moves)
-    if quantity.forces:
+    if quantity.inverts:
         requests.check_invertible(mechanism, name)
     enters = moves and requests.takes_base(name, frame)
     asked = requests.known(name, order, bool(W), body, frame, more, enters)
     d = positions.dependent_arrays(mechanism, q[0], whole, step)
+    if quantity.takes_stiffness:
+        d = [*stiffnesses_of(mechanism, stiffness, asked.loads), *d]
     if base is None and not enters:
         return asked, [*q, *W, *d]
     C = base_of(mechanism, base, asked.base_terms(mechanism), f"{name} of order {order}")  # wrong ones never pass
@@ -154,7 +168,8 @@ def _run_by_backend(call: Call) -> Any:
 
 def _needs_inverse(robot: Engine, computation: Computation) -> bool:
     """Whether a quantity takes the inverse of a mass matrix that may be singular at some positions."""
-    return bool(computation.quantity.forces) and robot.mechanism.is_numeric and may_be_singular(robot.mechanism)
+    m, name = robot.mechanism, computation.name
+    return computation.quantity.inverts and m.is_numeric and may_be_singular(requests.inverted(m, name))
 
 
 def _infinite_where_singular(call: Call, found: Any) -> Any:
@@ -163,7 +178,8 @@ def _infinite_where_singular(call: Call, found: Any) -> Any:
     at = [call.arrays[0], *(call.arrays[-1:] if m.closure else [])]
     if not all(map(is_numeric, call.arrays)):
         return found
-    M = _run_by_backend(Call(call.robot, Computation("mass_matrix", 0), at, None, None, 1, None))
+    plant = like(call.robot, requests.inverted(m, call.computation.name)) if call.computation.quantity.inputs else None
+    M = _run_by_backend(Call(plant or call.robot, Computation("mass_matrix", 0), at, None, None, 1, None))
     regular = 1.0 - is_singular(M)
     if not regular.all():
         for array, port in zip(as_tuple(found), call.computation.signature(m).outputs, strict=True):

@@ -1,7 +1,7 @@
 """An engine: a mechanism and its native code, which is all that a computation needs of a robot."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
 
 from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Computation
@@ -90,11 +90,3 @@ else:
 def like(robot: R, mechanism: Mechanism) -> R:
     """A robot of the same type with another mechanism, without native code."""
     return type(robot)(mechanism)
-
-
-class WithLinks(Protocol):
-    """A robot with elastic joints."""
-
-    @property
-    def robot(self) -> Engine:
-        """Its links."""

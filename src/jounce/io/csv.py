@@ -1,27 +1,29 @@
 """CSV tables, read and written some rows at a time: a whole table takes far more memory as text than as numbers."""
 
 import csv
+import itertools
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from functools import partial
-from io import TextIOWrapper
-from itertools import chain, islice
 from pathlib import Path
-from typing import NamedTuple, TextIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from jounce.core.errors import JounceError, one_line, quoted
+from jounce.core.errors import JounceError, one_line
 from jounce.core.scalars import finite
-from jounce.io.columns import CellError, Columns, Select, check_distinct
+from jounce.io.columns import About, check_distinct
 from jounce.io.files import opened
 from jounce.io.remainders import remainder_of, remainders_of_texts, split_names
+from jounce.io.rows import Chunk, Format, Pieces, Span
 
-BLOCK = 1 << 20  # bytes that are copied at a time
-CELLS = 1 << 16  # in a piece
+BLOCK = 1 << 19  # bytes that are read at a time
+CELLS = 1 << 16  # that are written at a time
+DIGITS = 16  # bytes of a cell, about
+LONGEST = 1 << 20  # bytes of a line
 SEPARATORS = (",", ";", "\t", " ")  # of cells, the first that stands between column names
 BLANK = " ,;\t\r\n"
-Row = tuple[int, list[str]]  # its line, its cells
 
 
 class Layout(NamedTuple):
@@ -32,91 +34,168 @@ class Layout(NamedTuple):
     start: int
 
 
-def layout(path: Path) -> Layout:
-    """The layout of a table, whose rows are not read."""
-    with opened(path) as file:
-        try:
-            line = next((line for line in iter(file.readline, b"") if line.decode("utf-8-sig").strip(BLANK)), b"")
-            text = line.decode("utf-8-sig")
-            mark = _separator(text)
-            reader = csv.reader([text.strip()], delimiter=mark, skipinitialspace=True, strict=True)
-            cells = next(reader, [])
-        except (UnicodeDecodeError, csv.Error) as error:
-            raise JounceError(f"{path}: not a CSV table: {one_line(error)}") from None
-        if not cells:
-            raise JounceError(f"{path}: the table is empty; expected a row of column names and rows of numbers")
-        return Layout(_header(path, [cell.strip() for cell in cells], mark), mark, file.tell())
-
-
-def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
-    """Yield the table of a file in pieces of some rows; it has at least one row.
+class Csv(Format):
+    """Tables of text, of which places are bytes: spans go from the beginning of one line to the end of another.
 
     The separator is that of the column names: a comma, or else a semicolon, tab or space. If it is not the comma, a
     comma in a number is the decimal point.
     """
-    with opened(path) as content, TextIOWrapper(content, encoding="utf-8-sig", newline="") as file:
+
+    FIRST = 0, 1
+
+    def names(self, path: Path) -> list[str]:
+        """The names of the columns."""
+        return layout(path).header
+
+    def size(self, path: Path) -> int:
+        """The bytes of the text."""
+        with opened(path):
+            return path.stat().st_size
+
+    def check_numbers(self, path: Path, names: Sequence[str]) -> None:
+        """Nothing: a text does not tell what its cells hold."""
+
+    def spans(self, path: Path, cells: int) -> list[Span]:
+        """Spans of whole lines, of about as many bytes each."""
+        first, step = layout(path).start, cells * DIGITS
+        with opened(path) as file:
+            end = path.stat().st_size
+            cuts = [first, *(_line_after(file, place) for place in range(first + step, end, step)), end]
+        return [Span(start, stop) for start, stop in itertools.pairwise(cuts) if start < stop]
+
+    def chunks(self, path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
+        """The rows of a span, in chunks."""
+        form, place = layout(path), span.start
+        with opened(path) as file:
+            file.seek(place)
+            for block in _blocks(file, span.stop - place):
+                if (chunk := self._chunk(path, form, block, place, names, texts)) is not None:
+                    yield chunk
+                place += len(block)
+
+    def row_before(self, path: Path, place: int) -> Span | None:
+        """The span of the line that ends at a place, if there is one."""
+        first = layout(path).start
+        if place <= first:
+            return None
+        begin = max(first, place - LONGEST)
+        with opened(path) as file:
+            file.seek(begin)
+            text = file.read(place - 1 - begin)
+        return Span(begin + text.rfind(b"\n") + 1, place)
+
+    def next_row(self, path: Path, place: int) -> Span | None:
+        """The span of the line that begins at a place, if there is one."""
+        with opened(path) as file:
+            stop = _line_after(file, place + 1)
+        return Span(place, stop) if stop > place else None
+
+    def number(self, path: Path, place: int, known: tuple[int, int]) -> int:
+        """The number of the line that begins at a place; `known` are a place before it and the number of its line."""
+        (start, line), feeds, returns = known, 0, 0
+        with opened(path) as file:
+            file.seek(start)
+            while start < place and (block := file.read(min(BLOCK, place - start))):
+                start, feeds, returns = start + len(block), feeds + block.count(b"\n"), returns + block.count(b"\r")
+        return line + (feeds or returns)
+
+    def row(self, path: Path, number: int) -> str:
+        """A line in words."""
+        return f"{path}:{number}"
+
+    def write(self, path: Path, pieces: Pieces, about: About | None = None) -> None:
+        """Write a table at full precision, piece by piece."""
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            for number, columns in enumerate(pieces):
+                if number == 0:
+                    writer.writerow(columns)
+                arrays = list(columns.values())
+                size = max(1, CELLS // len(arrays))
+                for i in range(0, max(map(len, arrays)), size):
+                    rows = zip(*(array[i : i + size].tolist() for array in arrays), strict=True)
+                    writer.writerows(rows)  # repr of a double: it reads back the same
+
+    def join(self, path: Path, parts: Iterable[Path]) -> None:
+        """Write the tables of several files, whose columns are the same, as one."""
+        with path.open("wb") as file:
+            file.writelines(_bytes(parts))
+
+    def _chunk(
+        self, path: Path, form: Layout, block: bytes, place: int, names: Sequence[str], texts: str | None
+    ) -> Chunk | None:
+        """The rows of a block of lines; None without any."""
+        lines = block.splitlines(keepends=True)
+        rows, first, line = list[list[str]](), list[int](), 0  # the rows, and the lines that they begin with
         try:
-            yield from _pieces(path, file, select)
+            reader = _reader(map(bytes.decode, lines), form.mark)
+            for row in reader:
+                if any(map(str.strip, row)):
+                    rows.append(row)
+                    first.append(line)
+                line = reader.line_num
+        except (UnicodeDecodeError, csv.Error) as error:
+            where = self.row(path, self.number(path, place, self.FIRST) + line)
+            raise JounceError(f"{where}: not a CSV table: {one_line(error)}") from None
+        if not rows:
+            return None
+        count = len(form.header)
+        broken = {
+            i: f"{len(cells)} cells; expected {count}, one for each column"
+            for i, cells in enumerate(rows)
+            if len(cells) != count
+        }
+        for i in broken:
+            rows[i] = [*rows[i], *[""] * count][:count]
+        names, bases = split_names(names)
+        at = [form.header.index(name) for name in names]
+        cells = [row[i] for row in rows for i in at]
+        if form.mark != ",":  # decimal commas
+            cells = [cell.replace(",", ".") for cell in cells]
+        numbers, bad = _numbers(cells), dict[tuple[int, str], str]()
+        if np.isnan(numbers).any():
+            bad = {
+                (k // len(at), names[k % len(at)]): cells[k].strip() for k in np.flatnonzero(np.isnan(numbers)).tolist()
+            }
+        columns = {name: x.copy() for name, x in zip(names, numbers.reshape(len(rows), -1).T, strict=True)}
+        for name in bases:
+            columns[remainder_of(name)] = remainders_of_texts(cells[names.index(name) :: len(at)], columns[name])
+        motions = (
+            None if texts is None else np.array([row[form.header.index(texts)].strip() for row in rows], dtype=str)
+        )
+        places = place + np.cumsum([0, *map(len, lines)])
+        return Chunk(columns, motions, places[[*first, -1]], bad, broken)
+
+
+def layout(path: Path) -> Layout:
+    """The layout of a table, whose rows are not read."""
+    start = 0
+
+    def lines(file: BinaryIO) -> Iterator[str]:
+        nonlocal start
+        while block := file.readline():
+            for line in block.splitlines(keepends=True):
+                text = line.decode("utf-8" if start else "utf-8-sig")
+                start += len(line)
+                yield text
+
+    with opened(path) as file:
+        try:
+            following = lines(file)
+            first = next((line for line in following if line.strip(BLANK)), "")
+            mark = _separator(first)
+            cells: list[str] = next(_reader(itertools.chain([first], following), mark), [])
         except (UnicodeDecodeError, csv.Error) as error:
             raise JounceError(f"{path}: not a CSV table: {one_line(error)}") from None
-
-
-def write(path: Path, pieces: Iterable[Mapping[str, np.ndarray]]) -> None:
-    """Write a table at full precision, piece by piece."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        for number, columns in enumerate(pieces):
-            if number == 0:
-                writer.writerow(columns)
-            arrays = list(columns.values())
-            size = _rows(len(arrays))
-            for i in range(0, max(map(len, arrays)), size):
-                rows = zip(*(array[i : i + size].tolist() for array in arrays), strict=True)
-                writer.writerows(rows)  # repr of a double: it reads back the same
-
-
-def join(path: Path, parts: Iterable[Path]) -> None:
-    """Write the tables of several files, whose columns are the same, as one."""
-    with path.open("wb") as file:
-        file.writelines(_bytes(parts))
-
-
-def _bytes(parts: Iterable[Path]) -> Iterator[bytes]:
-    """The bytes of several files one below the other, with the header of the first."""
-    for number, part in enumerate(parts):
-        with opened(part) as content:
-            header = content.readline()
-            if number == 0:
-                yield header
-            yield from iter(partial(content.read, BLOCK), b"")
-
-
-def _rows(columns: int) -> int:
-    """The rows of a piece."""
-    return max(1, CELLS // columns)
-
-
-def _pieces(path: Path, file: TextIO, select: Select | None) -> Iterator[Columns]:
-    head: list[str] = []  # blank lines, and the one of column names
-    for line in iter(file.readline, ""):
-        head.append(line)
-        if line.strip(BLANK):
-            break
-    mark = _separator(head[-1] if head else "")
-    lines = (line.strip() for line in chain(head, file)) if mark == " " else chain(head, file)
-    reader = csv.reader(lines, delimiter=mark, skipinitialspace=True, strict=True)
-    rows = ((reader.line_num, row) for row in reader if any(map(str.strip, row)))
-    first = next(rows, None)
-    if first is None:
+    if not cells:
         raise JounceError(f"{path}: the table is empty; expected a row of column names and rows of numbers")
-    header = _header(path, [cell.strip() for cell in first[1]], mark)
-    names, bases = split_names(header if select is None else select(header))
-    piece = list(islice(rows, _rows(len(header))))
-    if not piece:
-        raise JounceError(f"{path}: no rows of numbers under the column names")
-    while piece:
-        yield _columns(path, header, (names, bases), piece, mark)
-        piece = list(islice(rows, _rows(len(header))))
+    return Layout(_header(path, [cell.strip() for cell in cells], mark), mark, start)
+
+
+def _reader(lines: Iterable[str], mark: str) -> Any:
+    """The rows of lines as lists of cells."""
+    lines = (line.strip() for line in lines) if mark == " " else lines
+    return csv.reader(lines, delimiter=mark, skipinitialspace=True, strict=True)
 
 
 def _separator(line: str) -> str:
@@ -134,39 +213,44 @@ def _header(path: Path, cells: Sequence[str], mark: str) -> list[str]:
     return header
 
 
-def _columns(
-    path: Path, header: Sequence[str], asked: tuple[list[str], list[str]], piece: Sequence[Row], mark: str
-) -> Columns:
-    names, bases = asked
-    wanted = [header.index(name) for name in names]
-    for line, row in piece:
-        if len(row) != len(header):
-            raise JounceError(f"{path}:{line}: {len(row)} cells; expected {len(header)}, one for each column")
-    if mark != ",":  # decimal commas
-        piece = [(line, [cell.replace(",", ".") for cell in row]) for line, row in piece]
-    numbers = parse_numbers([row[i] for _, row in piece for i in wanted])
-    if numbers is None:
-        cells = ((line, header[i], row[i]) for line, row in piece for i in wanted)
-        numbers = np.array([_number(cell.strip(), f"{path}:{line}", name) for line, name, cell in cells])
-    columns = {name: column.copy() for name, column in zip(names, numbers.reshape(len(piece), -1).T, strict=True)}
-    for name in bases:
-        texts = [row[header.index(name)] for _, row in piece]
-        columns[remainder_of(name)] = remainders_of_texts(texts, columns[name])
-    return columns
+def _blocks(file: BinaryIO, size: int) -> Iterator[bytes]:
+    """Whole lines of the next bytes of a file, about as many at a time, none of which ends within quotes."""
+    rest = b""
+    while size and (block := file.read(min(BLOCK, size))):
+        size -= len(block)
+        rest += block
+        end = max(rest.rfind(b"\n"), rest.rfind(b"\r", 0, -1)) + 1  # what follows the last byte is not known
+        if size and end and rest.count(b'"', 0, end) % 2 == 0:
+            yield rest[:end]
+            rest = rest[end:]
+    if rest:
+        yield rest
 
 
-def parse_numbers(cells: Sequence[str]) -> np.ndarray | None:
-    """Convert cells to numbers all at once; None if a cell needs the slower check by `finite`."""
-    try:
-        numbers = np.array([float(cell) for cell in cells])
-    except ValueError:
-        return None
-    text = "".join(cells)
-    return numbers if text.isascii() and "_" not in text and np.isfinite(numbers).all() else None
+def _line_after(file: BinaryIO, place: int) -> int:
+    """Where the first line begins that does not begin before a place."""
+    file.seek(place - 1)
+    while block := file.readline(BLOCK):
+        if block.endswith(b"\n"):
+            break
+    return file.tell()
 
 
-def _number(cell: str, place: str, column: str) -> float:
-    number = finite(cell)
-    if number is None:
-        raise CellError(f"{place}: column {quoted(column)} holds {quoted(cell)}; expected a finite number")
-    return number
+def _numbers(cells: Sequence[str]) -> np.ndarray:
+    """Cells as finite numbers, NaN where they are not; all at once if none needs the slower look."""
+    with suppress(ValueError):
+        numbers, text = np.fromiter(map(float, cells), float, len(cells)), "".join(cells)
+        if text.isascii() and "_" not in text and np.isfinite(numbers).all():
+            return numbers
+    found = (finite(cell.strip()) for cell in cells)
+    return np.array([np.nan if number is None else number for number in found])
+
+
+def _bytes(parts: Iterable[Path]) -> Iterator[bytes]:
+    """The bytes of several files one below the other, with the header of the first."""
+    for number, part in enumerate(parts):
+        with opened(part) as content:
+            header = content.readline()
+            if number == 0:
+                yield header
+            yield from iter(partial(content.read, BLOCK), b"")

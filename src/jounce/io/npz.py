@@ -1,68 +1,147 @@
 """NPZ tables: an archive with an array for each column, as `numpy.savez` writes it."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
+from struct import unpack_from
 from typing import BinaryIO
-from zipfile import ZipFile
+from zipfile import ZIP_STORED, ZipFile, ZipInfo
 
 import numpy as np
 
-from jounce.arguments import names
+from jounce.arguments.names import entries
 from jounce.core.errors import JounceError, one_line, quoted
-from jounce.io.columns import Columns, Select, check_distinct, checked, select_columns
+from jounce.io.columns import About, Columns, Select, check_distinct, checked, flatten, select_columns
 from jounce.io.files import opened
-from jounce.io.spans.npz import columns_of
+from jounce.io.remainders import split_names, with_remainders
+from jounce.io.rows import Chunk, Format, Pieces, Span, rows_of
+
+LOCAL = 30  # bytes of the fixed part of a member's header, which ends in the lengths of its name and of what follows
 
 
-def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
-    """The table of an archive, in one piece: it stands there column by column."""
-    with opened(path) as file:
-        found = _arrays(path, file)
-    check_distinct(path, [name for name, _ in found])
-    yield checked(path, select_columns(dict(found), select))
+class Npz(Format):
+    """Archives, whose arrays lie in the file as they are in memory unless they are compressed."""
+
+    def names(self, path: Path) -> list[str]:
+        """The names of the columns."""
+        return list(_columns_of(path))
+
+    def size(self, path: Path) -> int:
+        """The bytes of the table in memory."""
+        return sum(column.nbytes for column in _columns_of(path).values())
+
+    def check_numbers(self, path: Path, names: Sequence[str]) -> None:
+        """Raise `JounceError` where a column does not hold numbers."""
+        columns = _columns_of(path)
+        for name in names:
+            if columns[name].dtype.kind not in "fiu":
+                raise JounceError(f"{path}: column {quoted(name)} holds {columns[name].dtype}; expected numbers")
+
+    def spans(self, path: Path, cells: int) -> list[Span]:
+        """Spans of even numbers of rows."""
+        columns = _columns_of(path)
+        first, *others = columns
+        rows, step = len(columns[first]), max(1, cells // len(columns))
+        for name in others:
+            if len(columns[name]) != rows:
+                came = f"{rows} rows in column {quoted(first)}, {len(columns[name])} in {quoted(name)}"
+                raise JounceError(f"{path}: {came}; expected as many in all")
+        return [Span(start, min(start + step, rows)) for start in range(0, rows, step)]
+
+    def chunks(self, path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
+        """The rows of a span, in chunks."""
+        names, bases = split_names(names)
+        step = rows_of(len(names))
+        for start in range(span.start, span.stop, step):
+            part = slice(start, min(start + step, span.stop))
+            columns = _columns_of(path)  # mapped again, so that the pages that were read do not pile up
+            found = {name: columns[name][part].astype(float) for name in names}
+            yield Chunk(
+                with_remainders(found, bases, {name: columns[name][part] for name in bases}),
+                None if texts is None else columns[texts][part].astype(str),
+                np.arange(part.start, part.stop + 1),
+            )
+
+    def pieces(self, path: Path, select: Select | None = None) -> Iterator[Columns]:
+        """The whole table, in one piece: it stands there column by column, and may be compressed."""
+        yield checked(path, select_columns(_arrays(path, _read), select))
+
+    def write(self, path: Path, pieces: Pieces, about: About | None = None) -> None:
+        """Write a table with all digits of its numbers, as numpy.savez, which takes no column named "file".
+
+        Column by column: the pieces are all held until the last has come.
+        """
+        parts = list(pieces)
+        with ZipFile(path, "w") as archive:
+            for name in parts[0]:
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                    column = np.concatenate([part[name] for part in parts])
+                    np.lib.format.write_array(member, column, allow_pickle=False)
+
+    def join(self, path: Path, parts: Iterable[Path]) -> None:
+        """Write the tables of several files, whose columns are the same, as one; a column of a file at a time."""
+        tables = list(parts)
+        with ZipFile(path, "w") as archive:
+            for name, first in _columns_of(tables[0]).items():
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                    columns = [_columns_of(table)[name] for table in tables]
+                    dtype = np.result_type(first.dtype, *(column.dtype for column in columns))
+                    header = {"shape": (sum(map(len, columns)),), "fortran_order": False, "descr": dtype.str}
+                    np.lib.format.write_array_header_2_0(member, header)
+                    for column in columns:
+                        member.write(np.ascontiguousarray(column, dtype).tobytes())
 
 
-def write(path: Path, pieces: Iterable[Mapping[str, np.ndarray]]) -> None:
-    """Write a table with all digits of its numbers, as numpy.savez, which takes no column named "file".
-
-    Column by column: the pieces are all held until the last has come.
-    """
-    parts = list(pieces)
-    with ZipFile(path, "w") as archive:
-        for name in parts[0]:
-            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                column = np.concatenate([part[name] for part in parts])
-                np.lib.format.write_array(member, column, allow_pickle=False)
+def _columns_of(path: Path) -> dict[str, np.ndarray]:
+    """The columns, mapped from the file: their pages are read when they are used."""
+    found = flatten(_arrays(path, _mapped))
+    columns = {name: column for name, column in found.items() if column.ndim == 1 and column.size}
+    if not columns:
+        raise JounceError(f"{path}: no columns or no rows; expected named columns of numbers")
+    return columns
 
 
-def join(path: Path, parts: Iterable[Path]) -> None:
-    """Write the tables of several files, whose columns are the same, as one; a column of a file is held at a time."""
-    tables = list(parts)
-    with ZipFile(path, "w") as archive:
-        for name, first in columns_of(tables[0]).items():
-            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                columns = [columns_of(table)[name] for table in tables]
-                dtype = np.result_type(first.dtype, *(column.dtype for column in columns))
-                header = {"shape": (sum(map(len, columns)),), "fortran_order": False, "descr": dtype.str}
-                np.lib.format.write_array_header_2_0(member, header)
-                for column in columns:
-                    member.write(np.ascontiguousarray(column, dtype).tobytes())
-
-
-def _arrays(path: Path, file: BinaryIO) -> list[tuple[str, np.ndarray]]:
+def _arrays(path: Path, read: Callable[[Path, BinaryIO, ZipFile, ZipInfo], np.ndarray]) -> dict[str, np.ndarray]:
     """The arrays of all members, and of all fields of those that are tables of their own."""
     found: list[tuple[str, np.ndarray]] = []
-    name = None
-    try:
-        with ZipFile(file) as archive:
-            for member in archive.infolist():
-                name = member.filename.removesuffix(".npy")
-                with archive.open(member) as content:
-                    array = np.lib.format.read_array(content, allow_pickle=False)
-                    if content.read(1):  # at its end the archive checks what was read
-                        raise ValueError("more follows the array")
-                found += [(name, array)] if array.dtype.names is None else names.entries(array).items()
-    except Exception as error:  # damaged archives raise whatever their decoder stumbles over
-        where = "" if name is None else f" column {quoted(name)}:"
-        raise JounceError(f"{path}: not an NPZ table:{where} {one_line(error)}") from None
-    return found
+    where = ""
+    with opened(path) as file:
+        try:
+            with ZipFile(file) as archive:
+                for member in archive.infolist():
+                    name = member.filename.removesuffix(".npy")
+                    where = f" column {quoted(name)}:"
+                    array = read(path, file, archive, member)
+                    found += [(name, array)] if array.dtype.names is None else entries(array).items()
+        except JounceError:
+            raise
+        except Exception as error:  # damaged archives raise whatever their decoder stumbles over
+            raise JounceError(f"{path}: not an NPZ table:{where} {one_line(error)}") from None
+    check_distinct(path, [name for name, _ in found])
+    return dict(found)
+
+
+def _read(_path: Path, _file: BinaryIO, archive: ZipFile, member: ZipInfo) -> np.ndarray:
+    """The array of a member, whose bytes are checked."""
+    with archive.open(member) as content:
+        array = np.lib.format.read_array(content, allow_pickle=False)
+        if content.read(1):  # at its end the archive checks what was read
+            raise ValueError("more follows the array")
+    return array
+
+
+def _mapped(path: Path, file: BinaryIO, _archive: ZipFile, member: ZipInfo) -> np.ndarray:
+    """The array of a member, which lies in the file as it is in memory."""
+    if member.compress_type != ZIP_STORED:
+        raise JounceError(
+            f"{path}: {quoted(member.filename)} is compressed, which is read as a whole only; numpy.savez, not"
+            " savez_compressed, writes tables that are read by rows"
+        )
+    file.seek(member.header_offset)
+    lengths = unpack_from("<HH", file.read(LOCAL), LOCAL - 4)
+    file.seek(member.header_offset + LOCAL + sum(lengths))
+    version = np.lib.format.read_magic(file)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, fortran, dtype = read(file)
+    if not np.prod(shape):
+        return np.empty(0)
+    return np.memmap(path, dtype, "r", file.tell(), shape, "F" if fortran else "C")

@@ -1,62 +1,154 @@
 """Parquet tables, by pyarrow: numbers at full precision, units and what they are of in the metadata of the schema."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from itertools import chain
 from os import fsencode
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce.io.columns import About, Columns, Select, checked
-from jounce.io.remainders import split_names
-from jounce.io.spans.chunk import Span
-from jounce.io.spans.parquet import check_numbers, chunks, names, opened, pyarrow
+from jounce.core.errors import JounceError, one_line, quoted
+from jounce.io.columns import About, check_distinct
+from jounce.io.files import check_readable
+from jounce.io.remainders import split_names, with_remainders
+from jounce.io.rows import Chunk, Format, Pieces, Span, rows_of
+
+if TYPE_CHECKING:
+    from pyarrow.parquet import ParquetFile
 
 GROUP = 1 << 17  # rows of a group that is written
 NAMESPACE = b"jounce"  # of the metadata of a table
 
 
-def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
-    """Yield the table of a file in pieces of some rows."""
-    header = names(path)
-    wanted = header if select is None else list(select(header))
-    check_numbers(path, split_names(wanted)[0])
-    with opened(path) as file:
-        rows = file.metadata.num_rows
-    found = False
-    for chunk in chunks(path, wanted, None, Span(0, rows)):
-        found = True
-        yield checked(path, chunk.columns)
-    if not found:
-        yield checked(path, {})
+class Parquet(Format):
+    """Tables in row groups, each of which is read in chunks of rows."""
+
+    def names(self, path: Path) -> list[str]:
+        """The names of the columns."""
+        with _opened(path) as file:
+            found = [str(name) for name in file.schema_arrow.names]
+        check_distinct(path, found)
+        return found
+
+    def size(self, path: Path) -> int:
+        """The bytes of the table in memory."""
+        with _opened(path) as file:
+            return int(file.metadata.num_rows) * len(file.schema_arrow.names) * 8
+
+    def check_numbers(self, path: Path, names: Sequence[str]) -> None:
+        """Raise `JounceError` where a column does not hold numbers."""
+        with _opened(path) as file:
+            kinds = {name: file.schema_arrow.field(name).type for name in names}
+        types = pyarrow(path).types
+        for name, kind in kinds.items():
+            if not (types.is_floating(kind) or types.is_integer(kind) or types.is_decimal(kind)):
+                raise JounceError(f"{path}: column {quoted(name)} holds {kind}; expected numbers")
+
+    def spans(self, path: Path, cells: int) -> list[Span]:
+        """Spans of one or more row groups."""
+        with _opened(path) as file:
+            about, columns = file.metadata, len(file.schema_arrow.names)
+            counts = [about.row_group(i).num_rows for i in range(about.num_row_groups)]
+        found: list[Span] = []
+        for stop in np.cumsum(counts).tolist():
+            first = found[-1].stop if found else 0
+            if found and (stop - found[-1].start) * columns <= cells:
+                found[-1] = Span(found[-1].start, stop)
+            elif stop > first:
+                found.append(Span(first, stop))
+        return found
+
+    def chunks(self, path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
+        """The rows of a span, in chunks."""
+        names, bases = split_names(names)
+        with _opened(path) as file:
+            wanted = [*names, *([] if texts is None else [texts])]
+            for first, batch in _batches(file, wanted, span):
+                columns = {name: _numbers(batch.column(name)) for name in names}
+                stated = {name: batch.column(name) for name in bases}
+                columns = with_remainders(columns, bases, {name: _as_stated(column) for name, column in stated.items()})
+                motions = None if texts is None else _texts(path, batch.column(texts))
+                yield Chunk(columns, motions, np.arange(first, first + batch.num_rows + 1))
+
+    def write(self, path: Path, pieces: Pieces, about: About | None = None) -> None:
+        """Write a table piece by piece; texts are a dictionary of few values."""
+        arrow, schema = pyarrow(path), None
+
+        def tables() -> Iterator[Any]:
+            nonlocal schema
+            for columns in pieces:
+                table = arrow.table({name: _array(arrow, column) for name, column in columns.items()})
+                schema = _described(arrow, table.schema, about) if schema is None else schema
+                yield table.cast(schema)
+
+        _write_groups(arrow, path, tables())
+
+    def join(self, path: Path, parts: Iterable[Path]) -> None:
+        """Write the tables of several files, whose columns are the same, as one."""
+
+        def tables() -> Iterator[Any]:
+            for part in parts:
+                with _opened(part) as file:
+                    for i in range(file.num_row_groups):
+                        yield file.read_row_group(i)
+
+        _write_groups(pyarrow(path), path, tables())
 
 
-def write(path: Path, pieces: Iterable[Mapping[str, np.ndarray]], about: About | None = None) -> None:
-    """Write a table piece by piece; texts are a dictionary of few values."""
-    arrow, schema = pyarrow(path), None
-
-    def tables() -> Iterator[Any]:
-        nonlocal schema
-        for columns in pieces:
-            table = arrow.table({name: _array(arrow, column) for name, column in columns.items()})
-            schema = _described(arrow, table.schema, about) if schema is None else schema
-            yield table.cast(schema)
-
-    _write_groups(arrow, path, tables())
+def pyarrow(path: object) -> Any:
+    """The modules pyarrow and pyarrow.parquet, or the error that says how to install them."""
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise JounceError(f"{path}: Parquet needs pyarrow; install it by: pip install 'jounce[tables]'") from None
+    return pyarrow
 
 
-def join(path: Path, parts: Iterable[Path]) -> None:
-    """Write the tables of several files, whose columns are the same, as one."""
+@contextmanager
+def _opened(path: Path) -> "Iterator[ParquetFile]":
+    """Open a table; within this context errors of its reader become `JounceError`."""
+    check_readable(path)
+    arrow = pyarrow(path)
+    try:
+        with arrow.OSFile(fsencode(path)) as content, arrow.parquet.ParquetFile(content, pre_buffer=True) as file:
+            yield file
+    except (arrow.ArrowException, OSError, UnicodeDecodeError) as error:
+        raise JounceError(f"{path}: not a Parquet table, or a damaged one: {one_line(error)}") from None
 
-    def tables() -> Iterator[Any]:
-        for part in parts:
-            with opened(part) as file:
-                for i in range(file.num_row_groups):
-                    yield file.read_row_group(i)
 
-    _write_groups(pyarrow(path), path, tables())
+def _batches(file: "ParquetFile", wanted: Sequence[str], span: Span) -> "Iterator[tuple[int, Any]]":
+    """The batches of a span with the numbers of their first rows."""
+    first = 0
+    for i in range(file.metadata.num_row_groups):
+        start, first = first, first + file.metadata.row_group(i).num_rows
+        if first <= span.start or start >= span.stop:
+            continue
+        for batch in file.iter_batches(rows_of(len(wanted)), row_groups=[i], columns=list(wanted), use_threads=False):
+            begin, end = max(span.start - start, 0), min(span.stop - start, batch.num_rows)
+            if begin < end:
+                yield start + begin, batch.slice(begin, end - begin)
+            start += batch.num_rows
+
+
+def _numbers(column: Any) -> np.ndarray:
+    """The cells as float64; missing ones are NaN."""
+    return np.asarray(column.cast("float64", safe=False).to_numpy(zero_copy_only=False))
+
+
+def _as_stated(column: Any) -> np.ndarray:
+    """The cells as integers, if they are and none is missing, or as float64."""
+    kind = str(column.type)
+    return np.asarray(column.to_numpy()) if "int" in kind and not column.null_count else _numbers(column)
+
+
+def _texts(path: Path, column: Any) -> np.ndarray:
+    if column.null_count:
+        raise JounceError(f"{path}: the column of motions has {column.null_count} empty cells; expected a name in each")
+    return np.asarray(column.cast("string").to_numpy(zero_copy_only=False).astype(str))
 
 
 def _write_groups(arrow: Any, path: Path, tables: Iterable[Any]) -> None:

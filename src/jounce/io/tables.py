@@ -1,34 +1,43 @@
 """Tables: named columns of numbers in files, every cell checked when read, written at full precision."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
 from jounce.core.errors import JounceError
-from jounce.io import csv, files, jsonlines, mat, npz, parquet
+from jounce.io import files, jsonlines, mat
 from jounce.io.columns import About, Columns, Select, check_finite
-from jounce.io.spans.parquet import pyarrow
-from jounce.spatial.series import rate_name
+from jounce.io.csv import Csv
+from jounce.io.npz import Npz
+from jounce.io.parquet import Parquet, pyarrow
+from jounce.io.rows import Format, Pieces
 
-Handler = TypeVar("Handler")
-READERS: dict[str, Callable[[Path, Select | None], Iterator[Columns]]] = {
-    ".csv": csv.pieces,
-    ".npz": npz.pieces,
-    ".tsv": csv.pieces,
-    ".txt": csv.pieces,
+Known = TypeVar("Known")
+CSV, NPZ, PARQUET = Csv(), Npz(), Parquet()
+FORMATS: Mapping[str, Format] = {".parquet": PARQUET, ".csv": CSV, ".npz": NPZ, ".tsv": CSV, ".txt": CSV}
+READERS: Mapping[str, Callable[[Path, Select | None], Iterator[Columns]]] = {
+    ".csv": CSV.pieces,
+    ".npz": NPZ.pieces,
+    ".tsv": CSV.pieces,
+    ".txt": CSV.pieces,
     ".mat": mat.pieces,
     ".jsonl": jsonlines.pieces,
     ".ndjson": jsonlines.pieces,
-    ".parquet": parquet.pieces,
+    ".parquet": PARQUET.pieces,
 }
-Pieces = Iterable[Mapping[str, np.ndarray]]
-WRITERS: dict[str, Callable[[Path, Pieces, About | None], None]] = {
-    ".csv": lambda path, pieces, _: csv.write(path, pieces),
-    ".npz": lambda path, pieces, _: npz.write(path, pieces),
-    ".parquet": parquet.write,
-}
+WRITERS: dict[str, Format] = {".csv": CSV, ".npz": NPZ, ".parquet": PARQUET}
+
+
+def format_of(path: Path) -> Format:
+    """The format by which a file is read by rows."""
+    return _by_suffix(path, FORMATS, "read by rows are")
+
+
+def place(path: Path, at: int) -> str:
+    """A place in a file in words."""
+    return format_of(path).place(path, at)
 
 
 def read(path: Path, select: Select | None = None) -> Columns:
@@ -63,7 +72,7 @@ def write_pieces(path: Path, pieces: Pieces, about: About | None = None, missing
     """
     writer = _by_suffix(path, WRITERS)
     with files.written_whole(path) as part:
-        writer(part, _finite(path, pieces, missing), about)
+        writer.write(part, _finite(path, pieces, missing), about)
 
 
 def _finite(path: Path, pieces: Pieces, missing: bool) -> Iterator[Mapping[str, np.ndarray]]:
@@ -74,15 +83,7 @@ def _finite(path: Path, pieces: Pieces, missing: bool) -> Iterator[Mapping[str, 
         rows += len(next(iter(columns.values())))
 
 
-def of_rates(t: np.ndarray, names: Sequence[str], symbol: str, rates: Sequence[np.ndarray]) -> Columns:
-    """The columns t and ``NAME.Q, NAME.Qd, ...`` of a quantity with its rates, each (N, n)."""
-    columns = {"t": t}
-    for j, name in enumerate(names):
-        columns |= {f"{name}.{rate_name(symbol, k)}": rate[:, j] for k, rate in enumerate(rates)}
-    return columns
-
-
-def _by_suffix(path: Path, known: Mapping[str, Handler]) -> Handler:
+def _by_suffix(path: Path, known: Mapping[str, Known], available: str = "available") -> Known:
     if path.suffix.lower() not in known:
-        raise JounceError(f"{path}: unknown type of table {path.suffix!r}; available: {', '.join(known)}")
+        raise JounceError(f"{path}: unknown type of table {path.suffix!r}; {available}: {', '.join(known)}")
     return known[path.suffix.lower()]

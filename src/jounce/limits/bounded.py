@@ -41,6 +41,7 @@ MOTORS: Mapping[str, Mapping[str, int]] = {  # of limits of motors: the quantiti
     "motor_current": {TORQUES: 0},
     "motor_voltage": {POSITIONS: 1, TORQUES: 0},
 }
+ELECTRICAL = ("motor_current", "motor_voltage")
 # A rate of Q is a derivative of the series of Q, and so are motor velocities of positions: kind -> which
 DERIVATIVE = {kind: k for k, kind in enumerate(EFFORT_KINDS)} | {"motor_velocity": 1}
 
@@ -185,10 +186,9 @@ class Bounded:
         """What a limit of motors bounds, with rates, of positions and torques; 0 for motors without data."""
         e = self.robot.mechanism.elasticity
         assert e is not None  # else `known_kinds` has no limits of motors
-        if kind == "motor_current":
-            return [np.nan_to_num(x) for x in electrical.currents(e, values[TORQUES])]
-        if kind == "motor_voltage":
-            return [np.nan_to_num(x) for x in electrical.voltages(e, values[POSITIONS], values[TORQUES])]
+        if kind in ELECTRICAL:
+            both = electrical.outputs(e, values.get(POSITIONS, ()), values[TORQUES])
+            return [np.nan_to_num(x) for x in both[ELECTRICAL.index(kind)] or ()]
         return values[next(iter(MOTORS[kind]))]
 
     def _efforts(
@@ -219,9 +219,8 @@ def quantities_of(robot: Engine, kind: str) -> Mapping[str, int]:
         return {}
     if kind not in MOTORS:
         return {efforts(robot.mechanism).name: DERIVATIVE.get(kind, 0)}
-    motors = robot.mechanism.elasticity.motors if robot.mechanism.elasticity else ()
-    inductive = any(motor and motor.inductance for motor in motors)
-    return {**MOTORS[kind]} | ({TORQUES: 1} if kind == "motor_voltage" and inductive else {})
+    e = robot.mechanism.elasticity
+    return {**MOTORS[kind]} | ({TORQUES: 1} if kind == "motor_voltage" and e and e.is_inductive else {})
 
 
 def rate_of_forces(robot: Engine, kind: str) -> int:

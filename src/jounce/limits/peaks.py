@@ -37,7 +37,9 @@ def peaks_of(b: Bounded, pieces: Pieces, floor: Callable[[Pieces, str, int], np.
                 continue
             near = c[:, i, j]
             y, slope = (sign * _on_grid(x, u) for x in (near, near[:-1] * np.arange(len(c) - 1, 0, -1)[:, None]))
-            inner = (slope[:-1] > 0) & (slope[1:] <= 0) & (np.maximum(y[:-1], y[1:]) > least[i, j])
+            inner = (slope[:-1] > 0) & (slope[1:] <= 0)
+            tangents = np.maximum(y[:-1] + slope[:-1] / (GRID - 1), y[1:] - slope[1:] / (GRID - 1))  # above any peak
+            inner &= tangents > least[i, j]
             inner &= (slope[:-1] - slope[1:]) / GRID > FLAT * np.abs(y).max(axis=0)
             at, which = np.nonzero(inner)
             start, width = pieces.start[i[which]], pieces.width[i[which], 0]

@@ -65,7 +65,9 @@ class Worst:
             ends = hull(coarse.polynomials[kind]) if len(coarse.start) else np.zeros((1, 0, missed.shape[1]))
             for sign in SIGNS:
                 reach = (sign * ends).max(axis=0) + coarse.missed[kind]
-                for i, j in np.argwhere(reach > self.tolerant(kind, sign)).tolist():
+                known = np.maximum(sign * coarse.left[kind], sign * coarse.right[kind])
+                bound = self.tolerant(kind, sign)
+                for i, j in np.argwhere((known <= bound) & (reach > bound)).tolist():
                     span = float(coarse.start[i]), float(coarse.stop[i])
                     self.unresolved.setdefault((kind, j), []).append(span)
 

@@ -52,7 +52,7 @@ class Elasticity:
     --------
     >>> import jounce
     >>> arm = jounce.load("planar2r").elastic([800.0, 600.0], rotor=0.1)
-    >>> arm.robot.mechanism.elasticity.stiffness
+    >>> arm.elasticity.stiffness
     array([800., 600.])
     """
 
@@ -71,6 +71,11 @@ class Elasticity:
         terms = max([0, *(law.terms - 1 for law in self.springs if isinstance(law, DampedSpring))])
         level = self.level or 0
         return (level + 1) * terms + 2 * level
+
+    @property
+    def is_inductive(self) -> bool:
+        """Whether a motor has an inductance, so that voltages take the rate of its torque."""
+        return any(motor and motor.inductance for motor in self.motors)
 
     @property
     def is_rigid(self) -> Array:

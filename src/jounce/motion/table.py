@@ -18,6 +18,7 @@ from jounce.motion.units import check_units
 from jounce.spatial.series import rate_name
 
 SMOOTHED, AS_NAMED = Smoothing(), Options()
+ALL_RATES = "all rates from the table"  # the source of motions without samples
 
 
 def from_table(
@@ -79,8 +80,7 @@ def from_columns(
         _warn_of(smoothness.of_rates(rows), place)
         curve = Hermite(t, rows, _spreads(si, joints, rates), rounding)
         notes = (*of_times, *found.notes, *of_poses, *of_loads)
-        source = "all rates from the table"
-        return Motion(curve, joints, source, W, None, None, t, torques, notes, base, branch)
+        return Motion(curve, joints, ALL_RATES, W, None, None, t, torques, notes, base, branch)
     notes = (*of_times, *found.notes, *samples.notes, *of_poses, *of_loads)
     return Motion(samples.curve, joints, samples.source, W, (t, q), samples.residual, t, torques, notes, base, branch)
 

@@ -54,7 +54,7 @@ def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
     if mechanism.elasticity and computation.quantity.elastic:
         e = mechanism.elasticity
         arrays |= {f"elastic {name}": array for name, array in e.arrays.items()}
-        digest.update(repr((e.springs, e.level)).encode())
+        digest.update(repr((e.springs, e.motors, e.level)).encode())
         arrays |= {f"rotor {x.coordinate} on {x.body}": x.momentum for x in coupling.rotors(mechanism)}
     if c := mechanism.closure:
         arrays |= c.arrays

@@ -23,6 +23,7 @@ from jounce.core.typing import (
     Product,
     QuantityName,
     Rates,
+    Side,
 )
 from jounce.native.kernel import Kernel
 
@@ -57,13 +58,15 @@ class _Form(Options, total=False):
 
 class _Wrench(Options, total=False):
     wrench: Rates | None
+    side: Side | None
 
 
 class _Drives(Options, total=False):
     drives: DriveColumns
 
 
-class _Motors(_Wrench, total=False):
+class _Motors(Options, total=False):
+    wrench: Rates | None
     stiffness: Rates | None
 
 

@@ -32,6 +32,7 @@ from jounce.core.typing import (
     QuantityName,
     Rates,
     Results,
+    Side,
 )
 from jounce.engine.backends import compile_ahead
 from jounce.engine.dispatch import compute
@@ -44,10 +45,13 @@ from jounce.model.mechanism import GRAVITY
 from jounce.native.kernel import Kernel
 from jounce.robot import overloads
 from jounce.robot.applications import Applications
+from jounce.robot.elastic import check_side, compiled_name, renamed
 from jounce.robot.old import OldMethods
 from jounce.robot.overloads import typed
 
 if TYPE_CHECKING:
+    from jounce.actuators.along import ElasticAlong
+    from jounce.actuators.energy import Energy
     from jounce.checks.audit import Finding
     from jounce.dynamics.base_parameters import BaseParameters
     from jounce.engine.along import Along
@@ -55,11 +59,10 @@ if TYPE_CHECKING:
     from jounce.limits.check import Check
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
-    from jounce.model.elasticity import SpringLaw
+    from jounce.model.elasticity import Elasticity, SpringLaw
     from jounce.model.loops import Loop
     from jounce.model.motors import Motor
     from jounce.motion import Motion
-    from jounce.robot.elastic import ElasticRobot
 
 FORMS = {"paper": "coriolis_matrix", "skew": "skew_coriolis_matrix"}  # of the Coriolis matrix
 
@@ -114,7 +117,11 @@ class Robot(Applications, OldMethods, Displayed):
 
     def __repr__(self) -> str:
         floats = ", floating" if self.mechanism.base else ""
-        return f"<Robot {self.name!r}: {self.n} coordinates, {len(self.body_names)} bodies{floats}>"
+        springs = ", elastic joints" if self.mechanism.elasticity else ""
+        return f"<Robot {self.name!r}: {self.n} coordinates, {len(self.body_names)} bodies{floats}{springs}>"
+
+    if not TYPE_CHECKING:
+        __getattr__ = renamed
 
     @property
     def gravity(self) -> Array:
@@ -137,6 +144,14 @@ class Robot(Applications, OldMethods, Displayed):
         ``load(..., drives=True)`` selects them.
         """
         return self.mechanism.drives
+
+    @property
+    def elasticity(self) -> "Elasticity | None":
+        """The springs and motors of elastic joints, one per coordinate: `stiffness`, `rotor`, ..., see `Elasticity`.
+
+        None where all joints are rigid; `elastic` makes them elastic.
+        """
+        return self.mechanism.elasticity
 
     @classmethod
     def from_screws(
@@ -850,7 +865,7 @@ class Robot(Applications, OldMethods, Displayed):
     @renamed_keywords(base="moving_base")
     def compile(
         self,
-        quantity: QuantityName = "inverse_dynamics",
+        quantity: QuantityName | None = None,
         order: int = 2,
         wrench: bool = False,
         *,
@@ -867,7 +882,8 @@ class Robot(Applications, OldMethods, Displayed):
         Parameters
         ----------
         quantity : str, optional
-            The name of the method: "inverse_dynamics", "mass_matrix", "jacobian", ...
+            The name of the method: "inverse_dynamics", "mass_matrix", "jacobian", ... The first is the default, but
+            for this release not of robots with elastic joints.
         order : int, optional
             The highest rate of the quantity: 2 gives Q, Qd, Q2d.
         wrench : bool, optional
@@ -904,7 +920,8 @@ class Robot(Applications, OldMethods, Displayed):
         >>> bool((out[2] == Q2d).all())
         True
         """
-        asked = requests.computation(self.mechanism, quantity, order, wrench, body, frame, product, moving_base)
+        name = compiled_name(self, quantity)
+        asked = requests.computation(self.mechanism, name, order, wrench, body, frame, product, moving_base)
         return compile_ahead(self, asked)
 
     @typed(overloads.OfAcceleration)
@@ -921,6 +938,7 @@ class Robot(Applications, OldMethods, Displayed):
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
+        side: Side | None = None,
     ) -> Results:
         """The generalized forces Q of a motion and their time derivatives Qd, Q2d, ... (RNEA with rates).
 
@@ -939,6 +957,8 @@ class Robot(Applications, OldMethods, Displayed):
             the derivative of those components.
         base, method, out, threads : optional
             See `Robot`.
+        side : "links", optional
+            To be given for this release where joints are elastic: Q is the force of the links, not `motor_torques`.
 
         Returns
         -------
@@ -962,6 +982,8 @@ class Robot(Applications, OldMethods, Displayed):
         >>> Q.round(4), Qd.round(4)
         (array([29.43,  9.81]), array([0., 0.]))
         """
+        if side is not None or self.mechanism.elasticity is not None:
+            check_side(self, "inverse_dynamics", side)
         rates = (q, qd, q2d, q3d, q4d, *higher)
         return compute(
             self, "inverse_dynamics", rates, wrench=wrench, base=base, method=method, out=out, threads=threads
@@ -981,6 +1003,7 @@ class Robot(Applications, OldMethods, Displayed):
         method: Method | None = None,
         out: Out = None,
         threads: int = 1,
+        side: Side | None = None,
     ) -> Results:
         """Accelerations q2d from generalized forces, with as many rates as Q has.
 
@@ -1009,6 +1032,8 @@ class Robot(Applications, OldMethods, Displayed):
             Written into and returned: (..., nv) each.
         threads : int, optional
             Threads of native code that split the batch.
+        side : "links", optional
+            To be given for this release where joints are elastic: Q acts on the links, see `elastic_forward_dynamics`.
 
         Returns
         -------
@@ -1038,6 +1063,8 @@ class Robot(Applications, OldMethods, Displayed):
         array([[1., 1., 1., 1., 1., 1., 1.],
                [1., 1., 1., 1., 1., 1., 1.]])
         """
+        if side is not None or self.mechanism.elasticity is not None:
+            check_side(self, "forward_dynamics", side)
         rates = (q, qd, Q, Qd, Q2d, *higher)
         return compute(
             self, "forward_dynamics", rates, wrench=wrench, base=base, method=method, out=out, threads=threads
@@ -1550,7 +1577,7 @@ class Robot(Applications, OldMethods, Displayed):
         self, stiffness: Named | None = None, rotor: Named | None = None, damping: Named | None = None,
         spring: "SpringLaw | Mapping[str, SpringLaw] | None" = None, coupling: Coupling = "spong",
         motors: "Motor | Mapping[str, Motor] | None" = None, *, damping_terms: int = 4,
-    ) -> "ElasticRobot":  # fmt: skip
+    ) -> Self:  # fmt: skip
         """The robot with elastic joints: each link hangs on its motor by a spring.
 
         The motor positions theta are those seen from the links, rotor angles over gear ratios. Spong's model:
@@ -1568,7 +1595,7 @@ class Robot(Applications, OldMethods, Displayed):
             default, and for a joint that a mapping leaves out, the armature of the file, whether or not it acts.
         damping : number, (n,) or mapping, optional
             Damping D of dampers parallel to the springs, N m s/rad or N s/m: ``phi(delta) + D delta' = Q`` with the
-            deflection delta = theta - q. `ElasticRobot.along` integrates it; at one instant it is a series.
+            deflection delta = theta - q. `motors_along` integrates it; at one instant it is a series.
         spring : spring or mapping, optional
             Springs that are not linear, one for all joints or {joint: spring}: `CubicSpring`, `SpringTable`, a function
             of the deflection as `SpringFunction.of` takes it, or `AntagonisticSprings` with two motors.
@@ -1584,7 +1611,9 @@ class Robot(Applications, OldMethods, Displayed):
 
         Returns
         -------
-        ElasticRobot
+        Robot
+            With the methods of any robot, which are those of the links, and `motor_positions`, `motor_torques`,
+            `motor_currents`, `motor_voltages`, `elastic_forward_dynamics`, `feedback_linearization`, `motors_along`.
 
         Raises
         ------
@@ -1609,14 +1638,13 @@ class Robot(Applications, OldMethods, Displayed):
         >>> arm.motor_positions([0, 0], [0, 0], [0, 0]).round(6)
         array([0.036788, 0.01635 ])
         """
-        from jounce.actuators.parameters import ElasticParameters, with_elasticity
-        from jounce.robot.elastic import ElasticRobot  # what few programs need
+        from jounce.actuators.parameters import ElasticParameters, with_elasticity  # what few programs need
 
         stated = ElasticParameters(
             stiffness=stiffness, rotor=rotor, damping=damping, spring=spring, coupling=coupling, motors=motors,
             damping_terms=damping_terms,
         )  # fmt: skip
-        return ElasticRobot(type(self)(with_elasticity(self.mechanism, stated)))
+        return type(self)(with_elasticity(self.mechanism, stated))
 
     def closed(
         self,
@@ -1838,6 +1866,383 @@ class Robot(Applications, OldMethods, Displayed):
         """
         given = q, qd, q2d, *higher
         return compute(self, "loop_wrenches", given, wrench=wrench, base=base, method=method, out=out, threads=threads)
+
+    @typed(overloads.OfMotorPositions)
+    def motor_positions(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named | None = None, q4d: Named | None = None, *higher: Named,
+        wrench: Rates | None = None, stiffness: Rates | None = None, base: Rates | None = None,
+        method: Method | None = None, out: Out = None, threads: int = 1,
+    ) -> Results:  # fmt: skip
+        """The motor positions theta of a motion of the links behind elastic joints, and their rates.
+
+        ``theta = q + Q / K``, seen from the links: rotor angles over gear ratios. See `elastic`.
+
+        Parameters
+        ----------
+        q, qd, q2d : (..., n)
+            Coordinates, velocities and accelerations of the links: rad or m, per s, per s^2.
+        q3d, q4d, *higher : (..., n), optional
+            Further rates, each for one more time derivative of theta.
+        wrench : (..., nb, 6) or dict, or a tuple of them, optional
+            As in `inverse_dynamics`, with as many rates as theta.
+        stiffness : (..., k) or mapping, or a tuple of them, optional
+            The stiffness S of the k joints with two motors, in their order or by name, with as many rates as theta.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        theta : (..., n), or tuple of (..., n)
+            In rad or m, per s, ...
+
+        Raises
+        ------
+        JounceError
+            If the joints are rigid, an array has a wrong shape, a rate is skipped, or `wrench` has fewer rates than
+            theta.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
+        >>> theta, thetad = arm.motor_positions([0, 0], [1, 0], [0, 0], [0, 0])
+        >>> theta.round(6), thetad.round(6)
+        (array([0.036788, 0.01635 ]), array([1., 0.]))
+        """
+        return compute(
+            self, "motor_positions", (q, qd, q2d, q3d, q4d, *higher),
+            wrench=wrench, stiffness=stiffness, base=base, method=method, out=out, threads=threads,
+        )  # fmt: skip
+
+    @typed(overloads.OfSnap)
+    def motor_torques(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, *higher: Named,
+        wrench: Rates | None = None, stiffness: Rates | None = None, base: Rates | None = None,
+        method: Method | None = None, out: Out = None, threads: int = 1,
+    ) -> Results:  # fmt: skip
+        """The motor torques tau of a motion of the links behind elastic joints, and their rates.
+
+        ``tau = Q + B theta2d + F_m(thetad)`` with ``theta = q + Q / K``, which takes Q2d and thus q4d.
+
+        Parameters
+        ----------
+        q, qd, q2d, q3d, q4d : (..., n)
+            Coordinates of the links and their rates: rad or m, per s, ...
+        *higher : (..., n), optional
+            Further rates, each for one more time derivative of tau.
+        wrench, stiffness : tuple, optional
+            As in `motor_positions`, with two more rates than the torques: (W, Wd, W2d) for tau.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        tau : (..., n), or tuple of (..., n)
+            In N m for revolute and N for prismatic coordinates, per s, ...
+
+        Raises
+        ------
+        JounceError
+            If the joints are rigid, an array has a wrong shape, a rate is skipped, or `wrench` has too few rates.
+
+        References
+        ----------
+        M. W. Spong, Modeling and control of elastic joint robots, J. Dyn. Sys. Meas. Control 109 (1987).
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
+        >>> tau, taud = arm.motor_torques([0, 0], [0, 0], [1, 1], [0, 0], [0, 0], [0, 0])
+        >>> tau.round(6), taud.round(6)
+        (array([36.53, 12.91]), array([0., 0.]))
+        """
+        return compute(
+            self, "motor_torques", (q, qd, q2d, q3d, q4d, *higher),
+            wrench=wrench, stiffness=stiffness, base=base, method=method, out=out, threads=threads,
+        )  # fmt: skip
+
+    @typed(overloads.OfSnap)
+    def motor_currents(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, *higher: Named,
+        wrench: Rates | None = None, stiffness: Rates | None = None, base: Rates | None = None,
+        method: Method | None = None, out: Out = None, threads: int = 1,
+    ) -> Results:  # fmt: skip
+        """The currents i of the motors for a motion of the links behind elastic joints, and their rates.
+
+        ``i = tau / (r k)`` with the gear ratio r and the torque constant k of each `Motor`.
+
+        Parameters
+        ----------
+        q, qd, q2d, q3d, q4d, *higher, wrench, stiffness, base, method, out, threads
+            As in `motor_torques`.
+
+        Returns
+        -------
+        i : (..., n), or tuple of (..., n)
+            In A, per s, ...; NaN for motors that state no torque constant.
+
+        Raises
+        ------
+        JounceError
+            As in `motor_torques`, or if no motor states its torque constant.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> motor = jounce.Motor(gear=100, inertia=1e-5, constant=0.05, resistance=0.5)
+        >>> arm = jounce.load("planar2r").elastic(800, motors=motor)
+        >>> arm.motor_currents(*[[0, 0]] * 5)
+        array([5.886, 1.962])
+        """
+        return compute(
+            self, "motor_currents", (q, qd, q2d, q3d, q4d, *higher),
+            wrench=wrench, stiffness=stiffness, base=base, method=method, out=out, threads=threads,
+        )  # fmt: skip
+
+    def motor_voltages(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, q4d: Named, *higher: Named,
+        wrench: Rates | None = None, stiffness: Rates | None = None, base: Rates | None = None,
+        method: Method | None = None, out: Out = None, threads: int = 1,
+    ) -> Results:  # fmt: skip
+        """The voltages u of the motors for a motion of the links behind elastic joints, and their rates.
+
+        ``u = R i + L di/dt + k r thetad`` takes the rate of tau and thus q5d, unless no motor has an inductance.
+
+        Parameters
+        ----------
+        q, qd, q2d, q3d, q4d, *higher, wrench, stiffness, base, method, out, threads
+            As in `motor_torques`, with the rates that taud takes where a motor has an inductance.
+
+        Returns
+        -------
+        u : (..., n), or tuple of (..., n)
+            In V, per s, ...; NaN for motors that state no torque constant or no resistance.
+
+        Raises
+        ------
+        JounceError
+            As in `motor_torques`, or if no motor states constant and resistance.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> motor = jounce.Motor(gear=100, inertia=1e-5, constant=0.05, resistance=0.5, inductance=1e-3)
+        >>> arm = jounce.load("planar2r").elastic(800, motors=motor)
+        >>> arm.motor_voltages(*[[0, 0]] * 6)
+        array([2.943, 0.981])
+        """
+        return compute(
+            self, "motor_voltages", (q, qd, q2d, q3d, q4d, *higher),
+            wrench=wrench, stiffness=stiffness, base=base, method=method, out=out, threads=threads,
+        )  # fmt: skip
+
+    def elastic_forward_dynamics(
+        self, q: Named, qd: Named, theta: Named, thetad: Named, tau: Named, *, wrench: Rates | None = None,
+        method: Method | None = None, out: Out = None, threads: int = 1,
+    ) -> tuple[Array, Array]:  # fmt: skip
+        """The accelerations q2d of the links and theta2d of the motors behind elastic joints that motor torques cause.
+
+        ``q2d = M^-1 (K (theta - q) - C qd - Qgrav - Qext)``, ``theta2d = (tau - F_m - K (theta - q)) / B``. At a rigid
+        joint B is in M, and theta2d = q2d.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities of the links: rad or m, and per s.
+        theta, thetad : (..., n)
+            Positions and velocities of the motors; those of rigid joints have no effect.
+        tau : (..., n)
+            Motor torques: N m, or N for coordinates in m.
+        wrench : (..., nb, 6) or dict, optional
+            As in `inverse_dynamics`.
+        method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        q2d, theta2d : (..., n)
+            In rad/s^2 or m/s^2.
+
+        Raises
+        ------
+        JounceError
+            If the joints are rigid, an array has a wrong shape, a name is unknown, the base moves, or the mass matrix
+            is singular.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
+        >>> rest, theta = [0, 0], arm.motor_positions([0, 0], [0, 0], [0, 0])
+        >>> q2d, theta2d = arm.elastic_forward_dynamics(rest, rest, theta, rest, [29.43 + 0.1, 9.81])
+        >>> theta2d.round(9) + 0.0
+        array([1., 0.])
+        """
+        given = (q, qd, theta, thetad, tau)
+        return compute(self, "elastic_forward_dynamics", given, wrench=wrench, method=method, out=out, threads=threads)
+
+    def feedback_linearization(
+        self, q: Named, qd: Named, theta: Named, thetad: Named, q4d: Named, *, wrench: Rates | None = None,
+        method: Method | None = None, out: Out = None, threads: int = 1,
+    ) -> Array:  # fmt: skip
+        """The motor torques tau that give the links a wanted snap q4d, from the measured state.
+
+        q2d and q3d follow from the forces of the springs, ``Q = K (theta - q)`` and ``Qd = K (thetad - qd)``; tau is
+        that of `motor_torques`. With ``q4d = q4d_ref + k3 (q3d_ref - q3d) + ...`` the tracking error obeys a linear
+        equation of order four per coordinate.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities of the links: rad or m, and per s.
+        theta, thetad : (..., n)
+            Positions and velocities of the motors.
+        q4d : (..., n)
+            The wanted fourth time derivative of q.
+        wrench : tuple of (..., nb, 6) or dict, optional
+            (W, Wd, W2d), as in `inverse_dynamics`.
+        method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        tau : (..., n)
+            In N m, or N for coordinates in m.
+
+        Raises
+        ------
+        JounceError
+            If a joint is rigid, an array has a wrong shape, the base moves, or the mass matrix is singular.
+
+        References
+        ----------
+        M. W. Spong, Modeling and control of elastic joint robots, J. Dyn. Sys. Meas. Control 109 (1987).
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
+        >>> rest, theta = [0, 0], arm.motor_positions([0, 0], [0, 0], [0, 0])
+        >>> arm.feedback_linearization(rest, rest, theta, rest, [0, 0]).round(9)
+        array([29.43,  9.81])
+        """
+        given = (q, qd, theta, thetad, q4d)
+        return compute(self, "feedback_linearization", given, wrench=wrench, method=method, out=out, threads=threads)
+
+    def motors_along(
+        self,
+        motion: "Motion",
+        t: ArrayLike | None = None,
+        order: int = 0,
+        *,
+        stiffness: Rates | None = None,
+        method: Method | None = None,
+        progress: Callable[[int, int], object] | None = None,
+    ) -> "ElasticAlong":
+        """Positions and torques of the motors behind elastic joints along a motion, with the wrenches that it holds.
+
+        Parameters
+        ----------
+        motion : Motion
+            As for `forces_along`; tau takes q4d.
+        t, method, progress : optional
+            As in `forces_along`.
+        order : int, optional
+            The highest rate of the torques: 1 gives tau and taud.
+        stiffness : (N, k) or mapping, or a tuple of them, optional
+            The stiffness S of the k joints with two motors: constant, or a tuple (S, Sd, S2d, ...) at the times.
+
+        Returns
+        -------
+        ElasticAlong
+            Frozen: the times `t`, the `rates` q, qd, ..., the `positions` theta, thetad, theta2d, ... and the `torques`
+            tau, ..., tuples of (N, m); `currents`, `voltages`; `deviations` and `breaks` of the torques.
+
+        Raises
+        ------
+        JounceError
+            If the joints are rigid, the motion has too few rates for the order or is not this robot's, a time is
+            outside of it, or springs cannot carry a force or have a stiffness, with the joint, the time and the bound.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("iiwa14").elastic(1e4, rotor=0.4)
+        >>> [tau] = arm.motors_along(jounce.load_motion("paper", arm)).torques
+        >>> tau.shape
+        (10000, 7)
+        """
+        from jounce.actuators.along import motors_along  # what few programs need
+
+        return motors_along(self, motion, t, order, stiffness, method, progress)
+
+    def elastic_energy(self, q: Named, qd: Named, theta: Named, thetad: Named) -> "Energy":
+        """The energies of links, rotors and springs of a robot with elastic joints.
+
+        Along a motion without wrenches, the rate of their sum is the power of the motors less what friction takes:
+        ``thetad . (tau - F_m(thetad))``.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities of the links: rad or m, and per s.
+        theta, thetad : (..., n)
+            Positions and velocities of the motors; those of rigid joints have no effect.
+
+        Returns
+        -------
+        Energy
+            `kinetic` of the links, `rotors`, `potential` of gravity and of springs of the file that act, `springs`
+            between motors and links, (...) each, in J; `total` is their sum.
+
+        Raises
+        ------
+        JounceError
+            If the joints are rigid, an array has a wrong shape, or a name is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
+        >>> energy = arm.elastic_energy([0, 0], [0, 0], [0.1, 0], [1, 0])
+        >>> energy.rotors.round(9), energy.springs.round(9)
+        (np.float64(0.05), np.float64(4.0))
+        """
+        from jounce.actuators.energy import energy  # what few programs need
+
+        return energy(self, (q, qd, theta, thetad))
+
+    def damping_error(self, *rates: Named, wrench: Rates | None = None) -> Array:
+        """An estimate of the error of motor positions that dampers leave at one instant: the last term of their series.
+
+        Parameters
+        ----------
+        *rates : (..., n)
+            q, qd, q2d, ..., as `motor_positions` takes them.
+        wrench : optional
+            See `motor_positions`.
+
+        Returns
+        -------
+        error : (..., n)
+            In rad or m; zero at joints without a damper.
+
+        Raises
+        ------
+        JounceError
+            If no joint has a damper, or the terms of the series do not fall.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1, damping=2.0, damping_terms=2)
+        >>> arm.damping_error([0, 0], [1, 0], [0, 0], [0, 0]).round(9)
+        array([0., 0.])
+        """
+        from jounce.actuators.energy import damping_error  # what few programs need
+
+        return damping_error(self, rates, wrench)
 
     @typed(overloads.OfPosition[Array])
     def mass_matrix(

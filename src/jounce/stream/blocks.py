@@ -1,7 +1,7 @@
 """Blocks of results of a part: of its rows as they are, or of whole motions, whose rates follow from samples."""
 
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -9,21 +9,27 @@ from jounce.core.errors import JounceError, at, quoted
 from jounce.dynamics.quantities import FORCES
 from jounce.engine.closed_path import positions_of_rows
 from jounce.io.columns import Columns
-from jounce.io.spans import format_of, place
+from jounce.io.tables import format_of, place
 from jounce.motion import loads, poses
 from jounce.motion.base import terms_at
 from jounce.motion.columns import TIME
 from jounce.motion.motion import Motion
 from jounce.motion.spline import Smoothing
-from jounce.motion.table import from_columns
+from jounce.motion.table import ALL_RATES, from_columns
 from jounce.motion.units import check_units
 from jounce.spatial.series import rate_name
-from jounce.stream.outputs import Block, Output, Rates, Wrenches, along, of_rows
+from jounce.stream.outputs import Block, Output, Rates, Wrenches, alike, along, of_rows
 from jounce.stream.plan import Part, Task
 from jounce.stream.records import Skipped
 from jounce.stream.rows import Rows, Run, read
 
 GLANCE = 4096  # rows of which the units are looked at
+STATED: Mapping[str, Any] = {
+    "source": ALL_RATES,
+    "residual": None,
+    "notes": [],
+    "breaks": [],
+}  # what is known of motions of such rows
 
 
 class Results(NamedTuple):
@@ -40,8 +46,9 @@ def blocks(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[Results]:
             yield Results(rows.runs, _block(task, part, rows, check=number == 0))
         return
     for name, motion in motions(task, part, skipped):
-        for block in along(task.job, motion, list(task.match.torques)):
-            yield Results([Run(name, 0, len(block.t))], block)
+        for block in along(task.job, motion):
+            shown = alike(block, motion, task.job.robot.joint_names, list(task.match.torques))
+            yield Results([Run(name, 0, len(block.t))], shown)
 
 
 def _block(task: Task, part: Part, rows: Rows, check: bool) -> Block:
@@ -65,7 +72,7 @@ def _block(task: Task, part: Part, rows: Rows, check: bool) -> Block:
     ]
     _check_finite(part, rows, outputs, missing=job.robot.mechanism.closure is not None)
     of_base = poses.named(list(si), job.robot.mechanism) if job.with_rates else ()
-    return Block(si[TIME], outputs, {name: si[name] for name in of_base})
+    return Block(si[TIME], outputs, {name: si[name] for name in of_base}, {}, states, STATED)
 
 
 def _positions(

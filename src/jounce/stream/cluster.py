@@ -20,7 +20,7 @@ import numpy as np
 from jounce.core.errors import JounceError, one_line, quoted
 from jounce.core.version import __version__
 from jounce.dask.kept import Kept, keep
-from jounce.io.spans import place
+from jounce.io.tables import place
 from jounce.native.cache import sources
 from jounce.stream.parts import compute
 from jounce.stream.plan import Part, Task

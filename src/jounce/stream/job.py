@@ -16,7 +16,7 @@ from jounce.motion.spline import Smoothing, Spline
 from jounce.motion.table import AS_NAMED
 
 Subject = Literal["forces", "motors", "limits"]
-RECORDS = 2  # raised where records of parts hold other data: those of a run before are computed again
+RECORDS = 3  # raised where records of parts hold other data: those of a run before are computed again
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from jounce.core.errors import JounceError
+from jounce.engine.engine import Engine
 from jounce.io.columns import Columns
-from jounce.io.spans import format_of
-from jounce.limits.check import Check, check
+from jounce.io.tables import format_of
+from jounce.limits.check import check
 from jounce.limits.verdicts import join_spans, overall
 from jounce.motion.motion import Motion
 from jounce.motion.spline import Smoothing
@@ -31,7 +32,7 @@ def checked_limits(task: Task, part: Part, skipped: list[Skipped]) -> dict[str, 
     """The limits of the motions of a part. Rows that state all rates are checked up to the first row behind it."""
     found: dict[str, Aggregate] = {}
     for name, count, motion in _stretches(task, part, skipped) if task.independent else _wholes(task, part, skipped):
-        add_limits(found, name, _aggregate(check(task.job.robot, motion), motion, count))
+        add_limits(found, name, limits_along(task.job.robot, motion, count))
     return found
 
 
@@ -76,15 +77,17 @@ def _ratio(row: Mapping[str, Any]) -> float:
     return _number(row["ratio"])
 
 
-def _aggregate(found: Check, motion: Motion, rows: int) -> Aggregate:
+def limits_along(robot: Engine, motion: Motion, rows: int) -> Aggregate:
+    """The aggregate of the limits along a motion of a number of rows."""
+    found = check(robot, motion)
     limits = [
         {key: None if isinstance(x, float) and np.isinf(x) else x for key, x in asdict(row).items()}
         | {name: [list(span) for span in getattr(row, name)] for name in SPANS}
         | {"verdict": row.verdict}
         for row in found.table
     ]
-    times = {"rows": rows, "t": [motion.start, motion.stop]}
-    return times | {"limits": limits, "judged": dict(found.judged), "notes": list(found.notes)}
+    about = {"rows": rows, "t": [motion.start, motion.stop], "notes": [*motion.notes, *found.notes]}
+    return about | {"limits": limits, "judged": dict(found.judged)}
 
 
 def _wholes(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple[str, int, Motion]]:

@@ -1,7 +1,7 @@
 """What is computed of rows and of whole motions: forces, or what the motors of elastic joints do."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,16 +11,18 @@ from jounce.dynamics import electrical
 from jounce.dynamics.quantities import FORCES, Quantity, row_of
 from jounce.dynamics.stretch import elasticity_of
 from jounce.engine import digits
-from jounce.engine.along import force_breaks, pieces_along
+from jounce.engine.along import ForceBreak, Progress, force_breaks, pieces_along
 from jounce.engine.closed_path import on_tree
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.generic import as_tuple
 from jounce.io.columns import Columns
-from jounce.io.motions.writing import BREAK, MEASURED, break_marks, named, of_base
+from jounce.io.motions.writing import BREAK, MEASURED, break_marks, measured, named, of_base
 from jounce.model.coordinates import force_names
 from jounce.model.elasticity import motor_names
 from jounce.motion import Motion
+from jounce.motion.motion import Break
+from jounce.spatial.series import rate_name
 from jounce.stream.job import Job
 
 Rates = tuple[np.ndarray, ...]
@@ -37,11 +39,17 @@ class Output(NamedTuple):
 
 
 class Block(NamedTuple):
-    """Some rows of the output: their times, quantities with their rates, and further columns."""
+    """Some rows of the output: their times, quantities with their rates, columns of the base and further ones.
+
+    `states` are the rates of q that forces belong to, and `about` is plain data of the motion as a whole.
+    """
 
     t: np.ndarray
     outputs: list[Output]
+    base: Columns
     others: Columns
+    states: Rates
+    about: Mapping[str, Any]
 
 
 def of_rows(
@@ -72,26 +80,41 @@ def of_rows(
     return _of_motors(job.robot, theta, tau, None)
 
 
-def along(job: Job, motion: Motion, torques: Sequence[str]) -> Iterator[Block]:
-    """The quantities along a whole motion at its own times, in blocks of rows; `torques` are joints measured."""
+def along(job: Job, motion: Motion, show: Progress | None = None) -> Iterator[Block]:
+    """The quantities along a whole motion at its own times, in blocks of rows."""
     robot, order = job.robot, job.order
     if job.of_motors:
         order = order_of_voltages(elasticity_of(robot.mechanism), motion.highest)
-        whole = motors_along(robot, motion, order=order, method=job.method)
-        marks = [(found.t, max(found.order, 0)) for found in whole.breaks]
-        off = whole.deviations or tuple(map(np.zeros_like, whole.torques))
-        found = _of_motors(job.robot, whole.positions, whole.torques, off)
-        yield Block(whole.t, found, _others(job, motion, torques, marks, whole.t))
+        whole = motors_along(robot, motion, order=order, method=job.method, progress=show)
+        found = _of_motors(robot, whole.positions, whole.torques, whole.deviations)
+        about = _about(motion, whole.breaks, robot.joint_names, ["tau", "taud"][: order + 1])
+        yield Block(whole.t, found, {}, _others(robot, motion, whole.breaks, whole.t), (), about)
         return
-    marks = [(found.t, max(found.order, 0)) for found in force_breaks(robot, motion, motion.times, order, job.method)]
-    for piece in pieces_along(robot, motion, motion.times, order, job.method):
-        off = piece.deviations or tuple(map(np.zeros_like, piece.forces))
-        outputs = [Output(FORCES.symbol, force_names(robot.mechanism), piece.forces, off)]
+    forces, breaks = force_names(robot.mechanism), force_breaks(robot, motion, motion.times, order, job.method)
+    about = _about(motion, breaks, forces, FORCES.names(order))
+    for piece in pieces_along(robot, motion, motion.times, order, job.method, show):
+        outputs, base = [Output(FORCES.symbol, forces, piece.forces, piece.deviations)], Columns()
         if job.with_rates:
-            of_q = motion.deviations(piece.t, len(piece.rates) - 1) or tuple(map(np.zeros_like, piece.rates))
-            outputs.insert(0, Output("q", robot.joint_names, piece.rates, of_q))
-        base = of_base(motion, piece.t, len(piece.rates) - 1) if job.with_rates else {}
-        yield Block(piece.t, outputs, base | _others(job, motion, torques, marks, piece.t))
+            highest = len(piece.rates) - 1
+            outputs.insert(0, Output("q", robot.joint_names, piece.rates, motion.deviations(piece.t, highest)))
+            base = of_base(motion, piece.t, highest)
+        yield Block(piece.t, outputs, base, _others(robot, motion, breaks, piece.t), piece.rates, about)
+
+
+def alike(block: Block, motion: Motion, joints: Sequence[str], torques: Sequence[str]) -> Block:
+    """A block with the columns of all motions of a table, of which some may have no breaks, deviations or `torques`."""
+    others = {BREAK: np.full(len(block.t), -1.0)} | block.others
+    if motion.torques is not None:
+        at, values = motion.torques
+        columns = {name: values[:, j] for j, name in enumerate(joints) if name in torques}
+        others = {f"{name}.Q{MEASURED}": np.interp(block.t, at, column) for name, column in columns.items()} | others
+    outputs = [
+        output._replace(deviations=output.deviations or tuple(map(np.zeros_like, output.rates)))
+        if output.symbol in ("q", FORCES.symbol, "tau")
+        else output
+        for output in block.outputs
+    ]
+    return block._replace(outputs=outputs, others=others)
 
 
 def columns_of(block: Block) -> Columns:
@@ -99,6 +122,7 @@ def columns_of(block: Block) -> Columns:
     found: Columns = {"t": block.t}
     for output in block.outputs:
         found |= named(output.symbol, output.names, output.rates, output.deviations)
+        found |= block.base if output.symbol == "q" else {}
     return found | block.others
 
 
@@ -114,13 +138,36 @@ def _of_motors(robot: Engine, theta: Rates, tau: Rates, off: Rates | None) -> li
     return found
 
 
-def _others(
-    job: Job, motion: Motion, torques: Sequence[str], marks: Sequence[tuple[float, int]], t: np.ndarray
-) -> Columns:
-    """The columns of measured torques, NaN where one is missing, and of breaks, -1 where there is no break."""
-    found: Columns = {}
-    for j, name in enumerate(job.robot.joint_names):
-        if name in torques and motion.torques is not None:
-            at, values = motion.torques
-            found[f"{name}.Q{MEASURED}"] = np.interp(t, at, values[:, j])
-    return found | {BREAK: break_marks(motion, marks, t).get(BREAK, np.full(len(t), -1.0))}
+def _others(robot: Engine, motion: Motion, breaks: Sequence[ForceBreak], t: np.ndarray) -> Columns:
+    """The columns of measured torques and of breaks, of motions that have some."""
+    marks = [(found.t, max(found.order, 0)) for found in breaks]
+    return measured(motion, robot.joint_names, t) | break_marks(motion, marks, t)
+
+
+def _about(motion: Motion, breaks: Sequence[ForceBreak], rows: Sequence[str], names: Sequence[str]) -> dict[str, Any]:
+    """What its rows do not tell of a motion, as plain data: where its rates come from, notes, and breaks of forces."""
+    return {
+        "source": motion.source,
+        "residual": None if motion.residual is None else float(motion.residual.max()),
+        "notes": list(motion.notes),
+        "breaks": [_break_data(found, rows, names) for found in breaks],
+    }
+
+
+def _break_data(found: ForceBreak, rows: Sequence[str], names: Sequence[str]) -> dict[str, Any]:
+    """A break: the rate of Q that jumps, by how much, and the joints and rates that cause it."""
+    return {
+        "t": found.t,
+        "jumps": names[found.order] if found.order >= 0 else None,
+        "by": None if found.jump is None else dict(zip(rows, found.jump.tolist(), strict=True)),
+        "missing": list(names[found.order + 1 :]),
+        "causes": {
+            str(cause.joint): {"rate": rate_name(_symbol(cause), cause.order), "by": cause.jump}
+            for cause in found.causes
+        },
+    }
+
+
+def _symbol(cause: Break) -> str:
+    """q, W or, of the base, the entry that jumps: x of base.x."""
+    return str(cause.joint).rpartition(".")[2] if cause.symbol == "base" else cause.symbol

@@ -16,7 +16,7 @@ from jounce.stream.outputs import columns_of
 from jounce.stream.plan import MOTION, Part, Task
 from jounce.stream.records import Record, Skipped, checksum, keep, rows_path, written
 from jounce.stream.rows import Run
-from jounce.stream.tally import Aggregate, add, tally
+from jounce.stream.tally import Aggregate, add, limits_of, tally
 
 
 def compute(task: Task, part: Part, folder: Path) -> Record:
@@ -40,10 +40,11 @@ def compute(task: Task, part: Part, folder: Path) -> Record:
 
 def _pieces(task: Task, part: Part, aggregates: dict[str, Aggregate], skipped: list[Skipped]) -> Iterator[Columns]:
     """The rows of the output, whose aggregates are gathered meanwhile."""
+    limits = limits_of(task.job)
     for runs, block in blocks(task, part, skipped):
         with at(part.path):
             for run in runs:
-                add(aggregates, run.motion, tally(block, slice(run.start, run.stop)))
+                add(aggregates, run.motion, tally(block, slice(run.start, run.stop), limits))
         yield (_names(runs) if task.named else {}) | columns_of(block)
 
 
@@ -62,5 +63,5 @@ def _write(task: Task, part: Part, folder: Path, pieces: Iterator[Columns]) -> s
     if first is None:
         return ""
     with written(rows_path(folder, part, form)) as path:
-        WRITERS[form](path, chain([first], pieces), about(task.job.robot.mechanism, task.job.order))
+        WRITERS[form].write(path, chain([first], pieces), about(task.job.robot.mechanism, task.job.order))
         return checksum(path)

@@ -12,9 +12,9 @@ from jounce.core.errors import JounceError, at, listed, quoted
 from jounce.dynamics.stretch import elasticity_of
 from jounce.engine.engine import Engine
 from jounce.io.remainders import remainder_of
-from jounce.io.spans import FORMATS, format_of
-from jounce.io.spans import place as place_in_words
-from jounce.io.spans.chunk import Span
+from jounce.io.rows import Span
+from jounce.io.tables import FORMATS, format_of
+from jounce.io.tables import place as place_in_words
 from jounce.motion import loads, poses
 from jounce.motion.columns import DEVIATION, TIME, Match, followers, match
 from jounce.motion.origin import Origin, origin_of
@@ -92,7 +92,7 @@ def make_plan(job: Job, source: Path, highest: int) -> Plan:
         spans = list(_spans(path, first, independent, named)) if path in whole else [Span(0, 0)]
         origin = _origin(path, first, spans[0]) if path in whole else None
         parts += [_part(job, len(parts) + i, path, span, stem, origin) for i, span in enumerate(spans)]
-    notes = (*first.notes, *notes, *_notes_of_origins([part.origin for part in parts], len(paths)))
+    notes = (*_notes_of_origins([part.origin for part in parts], len(paths)), *first.notes, *notes)
     return Plan(Task(job, first, independent, named or source.is_dir()), tuple(parts), notes)
 
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 from jounce.core.errors import JounceError, listed
 from jounce.core.parts import PART, part_in, remove_abandoned
-from jounce.io import csv, files, npz, parquet
+from jounce.io import files
+from jounce.io.tables import WRITERS
 from jounce.stream.plan import Plan
 from jounce.stream.records import CONTINUE, Record, is_valid, line_of, parse, rows_folder, rows_path
 
 OURS = re.compile(r"part-\d{6}\.(parquet|csv|npz|json)|_jounce\.jsonl")  # names of tables and records
 RECORDS = "_jounce.jsonl"  # the records of all parts, in a folder of tables
-JOINS = {".parquet": parquet.join, ".csv": csv.join, ".npz": npz.join}
 
 
 def work_folder(output: Path) -> Path:
@@ -28,7 +28,9 @@ def check_folder(output: Path) -> None:
         files.check_writable(output)
         return
     if not output.is_dir():
-        raise JounceError(f"{output}: exists and is not a folder; state a file of type {', '.join(JOINS)}, or a folder")
+        raise JounceError(
+            f"{output}: exists and is not a folder; state a file of type {', '.join(WRITERS)}, or a folder"
+        )
     known = {RECORDS, *(f"part-{record.number:06d}.parquet" for record in published(output))}
     foreign = sorted(path.name for path in output.iterdir() if path.name not in known)
     if foreign:
@@ -84,7 +86,7 @@ def publish_file(plan: Plan, folder: Path, form: str, output: Path) -> None:
     tables = [rows_path(folder, part, form) for part in plan.parts]
     try:
         with files.written_whole(output) as path:
-            JOINS[form](path, [table for table in tables if table.exists()])
+            WRITERS[form].join(path, [table for table in tables if table.exists()])
     except JounceError as error:  # of a full disk, above all
         raise JounceError(f"{error}; {CONTINUE}") from None
 

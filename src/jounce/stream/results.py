@@ -8,34 +8,38 @@ from itertools import chain
 from pathlib import Path
 
 from jounce.core.errors import JounceError
+from jounce.engine.along import Progress, checked_motion
 from jounce.io import files, tables
 from jounce.io.columns import Columns
 from jounce.io.motions.writing import about
+from jounce.motion import Motion
 from jounce.stream import publish
 from jounce.stream.job import Job
-from jounce.stream.limits import add_limits, table_of
+from jounce.stream.limits import add_limits, limits_along, table_of
 from jounce.stream.lock import locked
+from jounce.stream.outputs import along, columns_of
 from jounce.stream.plan import Part, Plan, make_plan
 from jounce.stream.records import Record
 from jounce.stream.runner import Runner, Show, here, records, run
-from jounce.stream.tally import Aggregate, add, join, reduced
+from jounce.stream.tally import Aggregate, add, join, limits_of, reduced, tally
 
 HEAD = b"file,row,column,problem"  # of a table of rows that are left out
 
 
 @dataclass(frozen=True)
 class Summary:
-    """What a run has computed.
+    """What a run has computed, of one motion or of many.
 
     `aggregates` are plain data by motion, `computed` is the number of parts that no earlier run had finished, and
     `skipped` the number of rows that are left out.
     """
 
-    plan: Plan
     aggregates: Mapping[str, Aggregate]
-    computed: int
     notes: Sequence[str]
-    skipped: int
+    warnings: Sequence[str] = ()
+    parts: int = 1
+    computed: int = 1
+    skipped: int = 0
 
     @property
     def rows(self) -> int:
@@ -74,9 +78,30 @@ def stream(
             raise
         _write_skipped(skipped_path(output), plan.task.match.names, records(plan, work))
         summary = _summary(plan, records(plan, work), computed)
-        _write(summary, work, reduce, output)
+        _write(plan, summary, work, reduce, output)
         publish.remove_work(work)
         return summary
+
+
+def of_motion(job: Job, motion: Motion, name: str, output: Path | None, show: Progress | None = None) -> Summary:
+    """Compute what a job asks for of a motion in memory, its only part, and write the output."""
+    if job.subject == "limits":
+        limits = {name: limits_along(job.robot, motion, len(motion.times))}
+        if output is not None:
+            _write_table(output, table_of(limits), job)
+        return Summary(limits, _notes(limits))
+    path, found = checked_motion(job.robot.mechanism, motion), dict[str, Aggregate]()
+
+    def pieces() -> Iterator[Columns]:
+        limits = limits_of(job)
+        for block in along(job, path, show):
+            add(found, name, tally(block, slice(None), limits))
+            yield columns_of(block)
+
+    assert output is not None  # whoever asks for rows states where to
+    closed = job.robot.mechanism.closure is not None
+    tables.write_pieces(output, pieces(), about(job.robot.mechanism, job.order), missing=closed)
+    return Summary(found, _notes(found))
 
 
 def check_output(job: Job, source: Path, output: Path | None) -> None:
@@ -116,25 +141,29 @@ def _is_folder(job: Job, output: Path) -> bool:
 
 
 def _summary(plan: Plan, found: Iterable[Record], computed: int) -> Summary:
-    notes: dict[str, None] = dict.fromkeys(plan.notes)
+    warnings: dict[str, None] = {}
     skipped = 0
 
     def aggregates() -> Iterator[tuple[Part, Mapping[str, Aggregate]]]:
         nonlocal skipped
         for part, record in zip(plan.parts, found, strict=True):
-            notes.update(dict.fromkeys(record.notes))
+            warnings.update(dict.fromkeys(record.notes))
             skipped += len(record.skipped)
             yield part, record.aggregates
 
     joined = join(aggregates(), add_limits if plan.task.job.subject == "limits" else add)
     if not joined:
         raise JounceError("no row of the input is good: nothing is written but the table of rows that are left out")
-    return Summary(plan, joined, computed, tuple(notes), skipped)
+    return Summary(joined, _notes(joined, plan.notes), tuple(warnings), len(plan.parts), computed, skipped)
 
 
-def _write(summary: Summary, work: Path, reduce: Sequence[str], output: Path) -> None:
+def _notes(found: Mapping[str, Aggregate], first: Sequence[str] = ()) -> tuple[str, ...]:
+    """The notes of all motions, each once, after those of their table."""
+    return tuple(dict.fromkeys([*first, *(note for of in found.values() for note in of["notes"])]))
+
+
+def _write(plan: Plan, summary: Summary, work: Path, reduce: Sequence[str], output: Path) -> None:
     """Write the output of the parts in the work folder."""
-    plan = summary.plan
     if plan.task.job.subject == "limits":
         _write_table(output, table_of(summary.aggregates), plan.task.job)
     elif plan.task.job.form is None:
@@ -148,7 +177,7 @@ def _write(summary: Summary, work: Path, reduce: Sequence[str], output: Path) ->
 def _write_table(output: Path, columns: Columns, job: Job) -> None:
     """Write a table of few rows; numbers in it may be infinite or missing."""
     with files.written_whole(output) as path:
-        tables.WRITERS[form_of(output)](path, [columns], about(job.robot.mechanism, job.order))
+        tables.WRITERS[form_of(output)].write(path, [columns], about(job.robot.mechanism, job.order))
 
 
 def _write_skipped(path: Path, columns: Sequence[str], found: Iterable[Record]) -> None:

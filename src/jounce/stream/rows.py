@@ -11,8 +11,8 @@ import numpy as np
 from jounce.core.errors import JounceError, quoted
 from jounce.io.columns import Columns
 from jounce.io.remainders import remainder_of
-from jounce.io.spans import format_of
-from jounce.io.spans.chunk import Chunk, Span
+from jounce.io.rows import Chunk, Span
+from jounce.io.tables import format_of
 from jounce.motion.columns import TIME
 from jounce.stream.plan import MOTION, Part, Task
 from jounce.stream.records import Skipped
@@ -92,7 +92,7 @@ def row_before(task: Task, part: Part) -> tuple[str, float] | None:
 
 def _checked(task: Task, part: Part, chunk: Chunk, last: tuple[str, float] | None, skipped: list[Skipped]) -> Rows:
     """The rows of a chunk without the bad ones."""
-    problems = _problems(task, chunk)
+    problems = chunk.problems(dict.fromkeys(task.match.sources.values()))  # measured torques may be missing
     good = np.ones(len(chunk.places) - 1, dtype=bool)
     good[list(problems)] = False
     problems |= _late(task, part, chunk, good, last)
@@ -114,19 +114,6 @@ def _checked(task: Task, part: Part, chunk: Chunk, last: tuple[str, float] | Non
     motions = None if chunk.motions is None else chunk.motions[good]
     columns = {name: column[good] for name, column in chunk.columns.items()}
     return Rows(columns, _runs(part, motions, int(good.sum())), chunk.places[:-1][good])
-
-
-def _problems(task: Task, chunk: Chunk) -> dict[int, tuple[str, str]]:
-    """The bad rows: of each the first bad column, and what is wrong."""
-    found = {i: ("", reason) for i, reason in chunk.broken.items()}
-    for name in dict.fromkeys(task.match.sources.values()):  # measured torques may be missing
-        column = chunk.columns[name]
-        if not np.isfinite(column).all():
-            for i in np.flatnonzero(~np.isfinite(column)).tolist():
-                came = chunk.texts.get((i, name))
-                text = str(column[i]) if came is None else quoted(came)
-                found.setdefault(i, (name, f"holds {text}; expected a finite number"))
-    return found
 
 
 def _late(

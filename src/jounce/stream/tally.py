@@ -4,37 +4,58 @@ Sums are added in the order of the input whatever computes the parts, so that th
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from math import inf, isnan
 from typing import Any
 
 import numpy as np
 
 from jounce.core.errors import JounceError, quoted
 from jounce.io.columns import Columns
-from jounce.io.spans import place
-from jounce.motion.bands import surest_peaks
+from jounce.io.tables import place
+from jounce.limits.samples import worst_broken
+from jounce.model.coordinates import coordinate_limits
+from jounce.model.limits import Limits
+from jounce.motion.bands import COVERS, surest_peaks
 from jounce.spatial.series import rate_name
+from jounce.stream.job import Job
 from jounce.stream.outputs import Block
 from jounce.stream.plan import MOTION, Part
 
-Aggregate = dict[str, Any]  # plain data of a motion: rows, t, peaks and squares by quantity and joint
+Aggregate = dict[str, Any]  # plain data of a motion: rows, t, and values by joint and quantity
 Add = Callable[[dict[str, Aggregate], str, Aggregate], None]  # joins that of further rows to that of a motion
 
 
-def tally(block: Block, rows: slice) -> Aggregate:
-    """The aggregate of rows of one motion; of q and its rates none is wanted."""
-    t = block.t[rows]
-    found: Aggregate = {"rows": len(t), "t": [float(t[0]), float(t[-1])], "peaks": {}, "squares": {}}
-    for output in block.outputs:
-        for k, values in enumerate(rate[rows] for rate in output.rates if output.symbol != "q"):
-            name = rate_name(output.symbol, k)
-            if output.deviations:
-                peak = surest_peaks(values, output.deviations[k][rows])[0]
-            else:
-                peak = np.maximum(values.max(axis=0), -values.min(axis=0))
-            found["peaks"][name] = dict(zip(output.names, peak.tolist(), strict=True))
-            squares = np.einsum("ij,ij->j", values, values)
-            found["squares"][name] = dict(zip(output.names, squares.tolist(), strict=True))
-    return found
+def tally(block: Block, rows: slice, limits: Limits | None) -> Aggregate:
+    """The aggregate of rows of one motion; of q and its rates none is wanted.
+
+    Of each quantity of a joint or motor there are the largest absolute value, its deviation, and the sum of squares.
+    `broken` is the limit that is broken most at the rows, if one is and there are `limits`.
+    """
+    t, values = block.t[rows], dict[str, dict[str, list[float]]]()
+    outputs = [output for output in block.outputs if output.symbol != "q"]
+    for output in outputs:
+        for k, rate in enumerate(output.rates):
+            x, off = np.asfortranarray(rate[rows]), None if output.deviations is None else output.deviations[k][rows]
+            found = np.array([*_peaks(x, off), np.einsum("ij,ij->j", x, x)]).T.tolist()
+            for name, of in zip(output.names, found, strict=True):
+                values.setdefault(name, {})[rate_name(output.symbol, k)] = of
+    forces = tuple(rate[rows] for rate in outputs[0].rates)
+    worst = limits and worst_broken(limits, t, tuple(rate[rows] for rate in block.states), forces)
+    known = {"rows": len(t), "t": [float(t[0]), float(t[-1])], "values": values, "broken": list(worst or ())}
+    return {**block.about, **known}
+
+
+def limits_of(job: Job) -> Limits | None:
+    """The limits that a run tells of if they are broken: those of coordinates, of runs that compute forces."""
+    return coordinate_limits(job.robot.mechanism) if job.subject == "forces" else None
+
+
+def _peaks(x: np.ndarray, deviations: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """The absolute values (N, n) that are largest less their bands, and their deviations; no NaN."""
+    largest = np.maximum(x.max(axis=0), -x.min(axis=0))
+    if deviations is None and not np.isnan(largest).any():
+        return largest, np.zeros_like(largest)
+    return surest_peaks(x, np.zeros_like(x) if deviations is None else deviations)
 
 
 def add(tallies: dict[str, Aggregate], motion: str, more: Aggregate) -> None:
@@ -47,11 +68,16 @@ def add(tallies: dict[str, Aggregate], motion: str, more: Aggregate) -> None:
         raise out_of_order(motion, known, more)
     known["rows"] += more["rows"]
     known["t"] = [known["t"][0], more["t"][1]]
-    for name, peaks in more["peaks"].items():
-        of, squares = known["peaks"][name], known["squares"][name]
-        for joint, peak in peaks.items():
-            of[joint] = max(of[joint], peak)
-            squares[joint] += more["squares"][name][joint]
+    known["broken"] = max(known["broken"], more["broken"])
+    for joint, values in more["values"].items():
+        for name, (peak, off, squares) in values.items():
+            of = known["values"][joint][name]
+            known["values"][joint][name] = [*surest([of[:2], [peak, off]]), of[2] + squares]
+
+
+def surest(peaks: Iterable[Sequence[float]]) -> Sequence[float]:
+    """The first of the peaks with their deviations that are largest less their bands; NaN if all are."""
+    return max(peaks, key=lambda peak: -inf if isnan(peak[0]) else peak[0] - COVERS * peak[1])
 
 
 def join(parts: Iterable[tuple[Part, Mapping[str, Aggregate]]], add: Add = add) -> dict[str, Aggregate]:
@@ -77,31 +103,18 @@ def out_of_order(motion: str, known: Aggregate, more: Aggregate) -> JounceError:
 
 def reduced(tallies: Mapping[str, Aggregate], kinds: Sequence[str]) -> Columns:
     """A table of aggregates with a row per motion and joint: columns ``Q_peak, Qd_peak, ..., Q_rms, ...``."""
-    motions, joints, rows = list[str](), list[str](), list[int]()
-    quantities: dict[str, object] = {}
-    for motion, found in tallies.items():
-        names = list(dict.fromkeys(joint for peaks in found["peaks"].values() for joint in peaks))
-        quantities |= dict.fromkeys(found["peaks"])
-        motions += [motion] * len(names)
-        joints += names
-        rows += [found["rows"]] * len(names)
-    columns: Columns = {MOTION: np.array(motions), "joint": np.array(joints), "rows": np.array(rows)}
+    rows = [
+        (motion, joint, of["rows"], values) for motion, of in tallies.items() for joint, values in of["values"].items()
+    ]
+    columns = dict(zip([MOTION, "joint", "rows"], map(np.array, list(zip(*rows, strict=True))[:3]), strict=True))
     for kind in kinds:
-        for name in quantities:
-            columns[f"{name}_{kind}"] = np.array([
-                KINDS[kind](found, name, joint)
-                for found in tallies.values()
-                for joint in dict.fromkeys(joint for peaks in found["peaks"].values() for joint in peaks)
-            ])  # fmt: skip
+        for name in dict.fromkeys(name for *_, values in rows for name in values):
+            columns[f"{name}_{kind}"] = np.array([KINDS[kind](values.get(name, MISSING), n) for *_, n, values in rows])
     return columns
 
 
-def _peak(found: Aggregate, name: str, joint: str) -> float:
-    return float(found["peaks"][name].get(joint, np.nan))
-
-
-def _rms(found: Aggregate, name: str, joint: str) -> float:
-    return float(np.sqrt(found["squares"][name].get(joint, np.nan) / found["rows"]))
-
-
-KINDS = {"peak": _peak, "rms": _rms}
+MISSING = (np.nan, 0.0, np.nan)
+KINDS: Mapping[str, Callable[[Sequence[float], int], float]] = {
+    "peak": lambda found, rows: found[0],
+    "rms": lambda found, rows: float(np.sqrt(found[2] / rows)),
+}

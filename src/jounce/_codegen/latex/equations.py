@@ -40,7 +40,7 @@ class Document:
         """The equations of each output of a function: the lines of every entry."""
         asked = function.computation
         row, series = asked.quantity, self.form.series
-        if row.forces:
+        if row.inverts:
             raise JounceError(quotient(row))
         if row.of_bodies:
             found = self.form.of_bodies(row.name, asked.body, asked.frame)

@@ -21,7 +21,7 @@ NAMED = 12  # rates of the coordinates that `Symbolic.dot` knows
 SYMBOLS = {"q": NAMED, "W": NAMED, "base_twist": NAMED, "base_pose": 1}  # of a pose, rates are no symbols
 NOTHING: Series = Series.constant(np.empty(0))
 OF_BODIES = {row.name: row for row in QUANTITIES.values() if row.of_bodies}
-OF_ROBOT = {row.symbol: row for row in QUANTITIES.values() if not (row.of_bodies or row.forces or row.closed)}
+OF_ROBOT = {row.symbol: row for row in QUANTITIES.values() if not (row.of_bodies or row.inverts or row.closed)}
 OF_WRENCHES = {row.symbol + EXTERNAL: row for row in OF_ROBOT.values() if row.wrenches and row.everywhere}
 
 
@@ -37,7 +37,8 @@ class Symbolic:
     * Each quantity that belongs to no body is an attribute named after its symbol, ``S.Q``, ``S.M``, ``S.U``, and so
       are its rates, ``S.Qd``, ``S.Q2d``, ``S.Q3d``, ...: a matrix, a column of a vector, or an expression.
     * These are the quantities without wrenches; the part of wrenches has ``ext`` in its name: Q is ``S.Q + S.Qext``.
-    * ``S.theta`` and ``S.tau`` are members only of robots with elastic joints, ``robot.elastic(...).robot``.
+    * ``S.theta`` and ``S.tau`` are members only of robots with elastic joints, ``S.i`` and ``S.u`` where motors state
+      their electrical data.
     * Each quantity of bodies is a method: ``J, Jd = S.jacobian("tool0", frame="world", order=1)``.
     * A quantity that is too large for symbolic form raises `JounceError` on access.
     """
@@ -57,7 +58,7 @@ class Symbolic:
     def __getattr__(self, name: str) -> Any:
         own = vars(self)  # empty while it is copied or unpickled
         found = re.fullmatch(f"({'|'.join(own['series'])}){SUFFIX}", name) if "series" in own else None
-        if name in QUANTITIES and QUANTITIES[name].forces:
+        if name in QUANTITIES and QUANTITIES[name].inverts:
             raise AttributeError(quotient(QUANTITIES[name]))
         if found is None:
             raise AttributeError(str(no_such("member", name, [*own.get("series", ()), *OF_BODIES, "dot"], "Symbolic")))
@@ -111,9 +112,9 @@ def symbolic(robot: Engine, moving_base: bool) -> Symbolic:
     except ModuleNotFoundError:
         raise JounceError("symbolic() needs SymPy; install it by: pip install 'jounce[sympy]'") from None
     true_or_false("moving_base", moving_base, "whether the ground moves")
-    found = expressions(robot.mechanism, moving_base or robot.mechanism.base is not None)
-    rigid = robot.mechanism.elasticity is None
-    series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if not (row.elastic and rigid)}
+    m = robot.mechanism
+    found = expressions(m, moving_base or m.base is not None)
+    series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if not requests.missing(m, row)}
     series |= {symbol: found.external(row, symbol) for symbol, row in OF_WRENCHES.items()}
 
     @cache

@@ -158,6 +158,8 @@ class TrigPolynomial:
 
 def exact(x: Any) -> Fraction:
     """A number as a fraction; a float is read as the decimals that it prints as: 0.1 is 1/10."""
+    if isinstance(x, float) and x != x:
+        raise JounceError("a number is missing, as those of motors that do not state all; expressions need every one")
     return Fraction(repr(float(x))) if isinstance(x, float) else Fraction(x)
 
 

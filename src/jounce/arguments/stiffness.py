@@ -1,0 +1,47 @@
+"""The stiffness of joints with two motors as a caller gives it, with rates, as arrays."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from jounce.arguments.rates import rates_in
+from jounce.core.errors import JounceError, listed, one_of
+from jounce.core.scalars import Array, asarray
+from jounce.dynamics.stretch import elasticity_of
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.series import rate_name
+
+
+def stiffnesses_of(m: Mechanism, given: Any, count: int) -> list[Array]:
+    """S, Sd, ... (..., k) of the k joints with two motors, by name or in their order: `count` of them."""
+    names = [m.coordinates[j] for j in elasticity_of(m).pairs]
+    if not names:
+        if given is None:
+            return []
+        raise JounceError(
+            "stiffness is given; expected None, as no joint has two motors: spring=AntagonisticSprings(...)"
+        )
+    if given is None:
+        raise JounceError(f"stiffness is None; expected the stiffness of the joints with two motors: {listed(names)}")
+    terms = rates_in(given)
+    terms = (given,) if terms is None else terms
+    if len(terms) < count:
+        takes = ", ".join(rate_name("S", k) for k in range(count))
+        raise JounceError(f"stiffness has {len(terms)} terms; expected a tuple ({takes}), one for each rate of Q")
+    return [_of_joints(term, names, rate_name("stiffness", k)) for k, term in enumerate(terms[:count])]
+
+
+def _of_joints(given: Any, names: Sequence[str], label: str) -> Array:
+    if isinstance(given, Mapping):
+        for name in given:
+            one_of("joint with two motors", name, names)
+        if lacking := [name for name in names if name not in given]:
+            raise JounceError(f"{label} has no joint {listed(lacking)}; expected {listed(names)}")
+        parts = np.broadcast_arrays(*(asarray(given[name], label) for name in names))
+        return np.stack(parts, axis=-1)
+    array = np.asarray(asarray(given, label))
+    array = np.broadcast_to(array, (len(names),)) if array.ndim == 0 else array
+    if array.shape[-1] != len(names):
+        raise JounceError(f"{label} has shape {array.shape}; expected (..., {len(names)}), for {listed(names)}")
+    return array
