@@ -152,7 +152,7 @@ def test_order_0_draws_Q_alone_and_needs_no_higher_rate(planar):
 def test_elastic_joints_show_their_motors(planar):
     arm = planar.elastic([800, 600], rotor=0.1).with_limits(motor_torque=[20.0, 20.0])
     motion = swing()
-    report = arm.robot.report(motion)
+    report = arm.report(motion)
     page, data = parsed(report)
     heads = [cell.text.strip() for cell in page.xpath("//table[@id='values']/thead//th")]
     assert heads[-3:] == ["theta", "thetad", "tau"]
