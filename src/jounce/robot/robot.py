@@ -1974,7 +1974,7 @@ class Robot(Applications, OldMethods, Displayed):
 
         Parameters
         ----------
-        q, qd, q2d, q3d, q4d, *higher, wrench, stiffness, base, method, out, threads : see
+        q, qd, q2d, q3d, q4d, *higher, wrench, stiffness, base, method, out, threads : arrays and options
             As in `motor_torques`.
 
         Returns
@@ -2011,7 +2011,7 @@ class Robot(Applications, OldMethods, Displayed):
 
         Parameters
         ----------
-        q, qd, q2d, q3d, q4d, *higher, wrench, stiffness, base, method, out, threads : see
+        q, qd, q2d, q3d, q4d, *higher, wrench, stiffness, base, method, out, threads : arrays and options
             As in `motor_torques`, with the rates that taud takes where a motor has an inductance.
 
         Returns
