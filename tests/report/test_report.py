@@ -158,7 +158,7 @@ def test_elastic_joints_show_their_motors(planar):
     assert heads[-3:] == ["theta", "thetad", "tau"]
     t = decoded(data["frames"]["t"])
     found = [decoded(values).reshape(-1, 2) for values in data["frames"]["values"]]
-    np.testing.assert_allclose(found[heads.index("tau") - 1], arm.inverse_dynamics(*motion(t)), rtol=1e-12)
+    np.testing.assert_allclose(found[heads.index("tau") - 1], arm.motor_torques(*motion(t)), rtol=1e-12)
     assert not report.check.ok
     assert page.xpath("//tr[@class='broken']/td[.='motor torque']")
     assert "tau the motor torques" in words(page, panel("conventions"))

@@ -182,6 +182,7 @@ CALLS = {
     "names": (ROBOT, "gravity_forces", [{"joint2": X[0, ..., 1], "joint1": X[1, ..., 0]}], {}),
     "a method": (ROBOT, "inverse_dynamics", X[:3], {"method": "recursion"}),
     "elastic joints": (ARM, "motor_torques", X[:5], {}),
+    "links and motors": (ARM, "elastic_forward_dynamics", X[:5], {}),
 }
 
 
@@ -203,8 +204,7 @@ def lazy(given):
 def test_arrays_are_what_the_methods_compute(workers, monkeypatch, name):
     robot, quantity, rates, options = CALLS[name]
     plain = [tuple(x) if isinstance(x, tuple) else x for x in rates]
-    method = getattr(robot, quantity if quantity != "motor_torques" else "inverse_dynamics")
-    expected = method(*plain, **options)
+    expected = getattr(robot, quantity)(*plain, **options)
     with monkeypatch.context() as patch:
         patch.setattr("jounce.dask.arrays.compute", None)  # nothing is computed yet
         found = jounce.dask.apply(robot, quantity, *lazy(list(rates)), **lazy(options))

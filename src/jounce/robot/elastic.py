@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from jounce.core.errors import JounceError, one_of, warn
+from jounce.core.deprecated import warn_of_old
+from jounce.core.errors import JounceError, one_of
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.engine import Engine
 
@@ -17,11 +18,11 @@ RENAMED = {
 def renamed(robot: Engine, name: str) -> Any:
     """An attribute of `ElasticRobot` that `Robot` has not, for robots with elastic joints."""
     if name == "robot" and _is_elastic(robot):
-        warn("arm.robot is arm itself now, as robot.elastic(...) returns a Robot; leave .robot out")
+        warn_of_old("arm.robot", "arm itself, as robot.elastic(...) returns a Robot")
         return robot
     if name not in RENAMED or not _is_elastic(robot):
         raise AttributeError(f"{type(robot).__name__!r} object has no attribute {name!r}", name=name, obj=robot)
-    warn(f"arm.{name}(...) is arm.{RENAMED[name]}(...) now")
+    warn_of_old(f"arm.{name}(...)", f"arm.{RENAMED[name]}(...)")
     return getattr(robot, RENAMED[name])
 
 
@@ -52,7 +53,7 @@ def _is_elastic(x: object) -> bool:
 
 class _OfElasticRobots(type):
     def __instancecheck__(cls, x: object) -> bool:
-        warn("jounce.ElasticRobot is jounce.Robot now; robot.elasticity is not None where joints are elastic")
+        warn_of_old("isinstance(arm, jounce.ElasticRobot)", "arm.elasticity is not None")
         return _is_elastic(x)
 
 
@@ -65,5 +66,5 @@ class ElasticRobot(metaclass=_OfElasticRobots):
             raise JounceError(f"ElasticRobot() expects a Robot, got {type(robot).__name__}; try robot.elastic")
         if not _is_elastic(robot):
             raise JounceError(f"{robot.name}: its joints are rigid; robot.elastic(stiffness) makes them elastic")
-        warn("ElasticRobot(robot) is robot itself now, as robot.elastic(...) returns a Robot; leave ElasticRobot out")
+        warn_of_old("ElasticRobot(robot)", "robot itself, as robot.elastic(...) returns a Robot")
         return robot
