@@ -65,6 +65,18 @@ def test_imports_point_inwards():
     assert not outwards
 
 
+def test_no_chain_of_layers_is_longer_than_fifteen():
+    """How many there are to read, at most, from a command down to the core."""
+    below = {layer: set[str]() for layer in LAYERS}
+    for name, path in MODULES.items():
+        layer = name.split(".")[0]
+        below[layer] |= set(imported(ast.parse(path.read_text(encoding="utf-8")))) - {layer}
+    floors: dict[str, int] = {}
+    for layer in TopologicalSorter(below).static_order():
+        floors[layer] = 1 + max((floors[other] for other in below[layer]), default=0)
+    assert max(floors.values()) == floors["__main__"] <= 15
+
+
 def files_imported(name: str) -> set[str]:
     """The files of the package that a file imports."""
     found = set()

@@ -8,7 +8,6 @@ from typing import IO, Any
 
 import click
 
-from jounce import JounceError, __version__
 from jounce.cli.cache import cache
 from jounce.cli.check import check
 from jounce.cli.codegen import codegen
@@ -28,7 +27,8 @@ from jounce.cli.robots import robots
 from jounce.cli.run import run
 from jounce.cli.slowdown import slowdown
 from jounce.cli.view import view
-from jounce.core.errors import escaped, one_line
+from jounce.core.errors import JounceError, escaped, one_line
+from jounce.core.version import __version__
 
 EPILOG = """\b
 Example:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.actuators.parameters import ElasticParameters, with_elasticity
+from jounce.arguments.elasticity import ElasticParameters, with_elasticity
 from jounce.core.errors import JounceError, listed
 from jounce.core.scalars import Array, element
 from jounce.io import entries

@@ -1090,7 +1090,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> arm.motor_positions([0, 0], [0, 0], [0, 0]).round(6)
         array([0.036788, 0.01635 ])
         """
-        from jounce.actuators.parameters import ElasticParameters, with_elasticity  # what few programs need
+        from jounce.arguments.elasticity import ElasticParameters, with_elasticity  # what few programs need
 
         stated = ElasticParameters(
             stiffness=stiffness, rotor=rotor, damping=damping, spring=spring, coupling=coupling, motors=motors,

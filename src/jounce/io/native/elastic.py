@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.actuators.parameters import ElasticParameters, with_elasticity
+from jounce.arguments.elasticity import ElasticParameters, with_elasticity
 from jounce.core.errors import JounceError, at, no_such, quoted
 from jounce.io.entries import Entry
 from jounce.model.antagonists import AntagonisticSprings

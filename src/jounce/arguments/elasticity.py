@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.actuators.drive_trains import elasticity_of_drives
+from jounce.arguments.drive_trains import elasticity_of_drives
 from jounce.core.errors import JounceError, at, listed, one_of, quoted, warn
 from jounce.core.scalars import asarray, is_numeric
 from jounce.dynamics.coupling import GROUND
