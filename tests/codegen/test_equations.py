@@ -28,7 +28,7 @@ def python(text):
     r"""LaTeX as Python: \ddot{q}_{1} is q2d_1, a blank is a product where it can be none else."""
     text = re.sub(r"\\(?:left|right|bigl|bigr|mathrm)\b|\\\\|&", " ", text)
     text = re.sub(r"\\bar\{C\}", "Cbar", text).replace("{grav},", "grav")
-    text = re.sub(r"_\{([GpE]),", r"_{\1", text)
+    text = re.sub(r"_\{([GpEj]),", r"_{\1", text)
     text = re.sub(r"(?<=\d),(?=\d)", "x", text)  # places from 10 on
     text = re.sub(r"\\(d+ot|dot)\{?\\?(\w+)\}?", lambda found: found[2] + RATES.get(found[1], "?"), text)
     text = re.sub(r"\^\{\((\d)\)\}", r"\1d", text)
@@ -87,7 +87,9 @@ def test_the_equations_that_are_printed_are_right(case):
                 for index in np.ndindex(array.shape):
                     row, *rest = index or (0,)  # of the matrices of P, which stand one below the other
                     places = (*divmod(row, array.shape[-1]), *rest) if array.name.startswith("P") else index
-                    letter, part, rate = re.fullmatch(r"(.+?)(grav|G|(?<=Y)[pE]|)((?:\d?d)?)", array.name).groups()
+                    letter, part, rate = re.fullmatch(
+                        r"(.+?)(grav|G|(?<=Y)[pE]|(?<=F)j|)((?:\d?d)?)", array.name
+                    ).groups()
                     below = part + ("x" if max(places, default=0) > 8 else "").join(str(i + 1) for i in places)
                     name = "_".join([letter + rate, below]).rstrip("_")
                     error = found[name] - expected.outputs[array.name][(k, *index)]

@@ -99,7 +99,7 @@ def test_arrays_to_write_into_may_be_listed_and_short(threads):
             {"quantity": "mass_matrx"},
             r"^unknown quantity 'mass_matrx'; did you mean 'mass_matrix'\? available: inverse_",
         ),
-        ({"quantity": None}, r"^unknown quantity None; available: "),
+        ({"quantity": 3}, r"^unknown quantity 3; available: "),
         ({"quantity": ["mass_matrix"]}, r"^unknown quantity \['mass_matrix'\]; available: "),
         ({"body": "body1"}, r"^inverse_dynamics takes no body; these do: poses, twists, jacobian"),
         ({"quantity": "jacobian", "body": "body9"}, r"^unknown body 'body9'; did you mean 'body\d'\? available: "),
