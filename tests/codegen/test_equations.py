@@ -21,6 +21,7 @@ CASES = {
     "moving ground": ("planar2r", {"order": 1, "outputs": ("momentum", "poses:body2"), "moving_base": True}),
     "mimic": ("mimic", {"order": 0, "wrench": True, "parameters": ("payload:body1", "gravity")}),
 }
+INDEXED = r"(.+?)(grav|G|(?<=Y)[pE]|(?<=F)j|)((?:\d?d)?)"  # a name of results: symbol, index, rate
 RATES = {"dot": "d", "ddot": "2d", "dddot": "3d", "ddddot": "4d"}
 
 
