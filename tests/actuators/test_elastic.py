@@ -308,11 +308,11 @@ def test_what_meant_the_motors_is_refused_with_both_names_for_this_release(arm):
     close(Q, links.inverse_dynamics(*[SPOILT] * 3), 0)
     close(arm.forward_dynamics(*[SPOILT] * 2, Q, side="links"), SPOILT, 1e-11)
     close(links.inverse_dynamics(*[SPOILT] * 3, side="links"), Q, 0)
-    both = "motor_torques(...) is what it was", "inverse_dynamics(..., side='links') is that of the links"
+    both = "; motor_torques(...) is what it was of", "inverse_dynamics(..., side='links') is that of the links"
     refusal(lambda: arm.inverse_dynamics(*five), *both)
-    both = "elastic_forward_dynamics(...) is what it was", "forward_dynamics(..., side='links') is that of the links"
+    both = "elastic_forward_dynamics(...) is what it was of", "forward_dynamics(..., side='links') is that of the links"
     refusal(lambda: arm.forward_dynamics(*five), *both)
-    both = "compile('motor_torques', order=0) is what it was", "compile('inverse_dynamics') is that of the links"
+    both = "compile('motor_torques', order), with an order of 0", "compile('inverse_dynamics') is that of the links"
     refusal(lambda: arm.compile(), *both)
     refusal(lambda: arm.compile(order=1), *both)
     refusal(lambda: arm.inverse_dynamics(*five, side="motors"), "inverse_dynamics has no side 'motors'", "links")

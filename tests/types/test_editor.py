@@ -1,6 +1,7 @@
 """What editors show of the methods that are made from the table of quantities."""
 
 import inspect
+import json
 import os
 import re
 import shutil
@@ -39,7 +40,7 @@ def test_the_signature_of_a_method_is_a_line_of_names(row):
     assert list(signature.parameters)[1 : len(names) + 1] == list(names)
     assert all(x.default is None for x in list(signature.parameters.values())[row.rates + 1 : len(names) + 1])
     assert [x.name for x in signature.parameters.values() if x.kind is x.KEYWORD_ONLY] == list(options_of(row))
-    assert method.__qualname__ == f"Methods.{row.name}"
+    assert method.__qualname__ == f"Robot.{row.name}"
 
 
 @pytest.mark.parametrize("row", QUANTITIES.values(), ids=QUANTITIES)
@@ -54,7 +55,8 @@ def server(tmp_path_factory):
     pytest.importorskip("pyright")
     folder = tmp_path_factory.mktemp("user")
     shutil.copy(PROGRAM, folder)
-    settings = {"python": {"pythonPath": sys.executable}, "python.analysis": {"extraPaths": [str(SOURCES)]}}
+    (folder / "pyrightconfig.json").write_text(json.dumps({"extraPaths": [str(SOURCES)]}))
+    settings = {"python": {"pythonPath": sys.executable}}
     try:
         with LanguageServer([sys.executable, "-m", "pyright.langserver", "--stdio"], folder, settings) as running:
             running.open(folder / PROGRAM.name)

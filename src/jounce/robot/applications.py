@@ -90,10 +90,13 @@ class Applications(Engine):
         JounceWarning
             If the data do not see some of the parameters, or forces seem to have the wrong sign or unit.
 
-        References ---------- M. Gautier, W. Khalil, "On the Identification of the Inertial Parameters of Robots", IEEE
-        Conference on Decision and Control, 1988. C. Gaz, M. Cognetti, A. Oliva, P. Robuffo Giordano, A. De Luca,
-        "Dynamic Identification of the Franka Emika Panda Robot With Retrieval of Feasible Parameters Using
-        Penalty-Based Optimization", IEEE Robotics and Automation Letters 4(4), 2019.
+        References
+        ----------
+        M. Gautier, W. Khalil, "On the Identification of the Inertial Parameters of Robots", IEEE Conference on Decision
+        and Control, 1988.
+        C. Gaz, M. Cognetti, A. Oliva, P. Robuffo Giordano, A. De Luca, "Dynamic Identification of the Franka Emika
+        Panda Robot With Retrieval of Feasible Parameters Using Penalty-Based Optimization", IEEE Robotics and
+        Automation Letters 4(4), 2019.
 
         Examples
         --------
@@ -171,8 +174,10 @@ class Applications(Engine):
             prismatic joint has no position limits, limits leave no room to move, or the motion does not tell the
             parameters from each other.
 
-        References ---------- J. Swevers, C. Ganseman, D. B. Tukel, J. De Schutter, H. Van Brussel, "Optimal Robot
-        Excitation and Identification", IEEE Transactions on Robotics and Automation 13(5), 1997.
+        References
+        ----------
+        J. Swevers, C. Ganseman, D. B. Tukel, J. De Schutter, H. Van Brussel, "Optimal Robot Excitation and
+        Identification", IEEE Transactions on Robotics and Automation 13(5), 1997.
 
         Examples
         --------

@@ -18,7 +18,7 @@ RENAMED = {
 def renamed(robot: Engine, name: str) -> Any:
     """An attribute of `ElasticRobot` that `Robot` has not, for robots with elastic joints."""
     if name == "robot" and _is_elastic(robot):
-        warn_of_old("arm.robot", "arm itself, as robot.elastic(...) returns a Robot")
+        warn_of_old("arm.robot", "arm itself; forces of its links are arm.inverse_dynamics(..., side='links')")
         return robot
     if name not in RENAMED or not _is_elastic(robot):
         raise AttributeError(f"{type(robot).__name__!r} object has no attribute {name!r}", name=name, obj=robot)
@@ -32,8 +32,9 @@ def check_side(robot: Engine, name: str, side: str | None) -> None:
         one_of("side", side, ["links"], name)
     elif _is_elastic(robot):
         raise JounceError(
-            f"{name} of {robot.name!r}, whose joints are elastic: {QUANTITIES[name].of_motors}(...) is what it was in"
-            f" release 0.1; {name}(..., side='links') is that of the links, as {name}(...) will be"
+            f"{name} of {robot.name!r}, whose joints are elastic: {name}(..., side='links') is that of the links, as it"
+            f" was of loaded robots and of arm.robot; {QUANTITIES[name].of_motors}(...) is what it was of"
+            " robot.elastic(...) in release 0.1"
         )
 
 
@@ -41,8 +42,9 @@ def compiled_name(robot: Engine, quantity: str | None) -> str:
     """The quantity that `Robot.compile` compiles: forces where none is named, unless joints are elastic."""
     if quantity is None and _is_elastic(robot):
         raise JounceError(
-            f"compile() of {robot.name!r}, whose joints are elastic: compile('motor_torques', order=0) is what it was"
-            " in release 0.1; compile('inverse_dynamics') is that of the links, as compile() will be"
+            f"compile() of {robot.name!r}, whose joints are elastic: compile('inverse_dynamics') is that of the links,"
+            " as it was of loaded robots and of arm.robot; compile('motor_torques', order), with an order of 0 by default,"
+            " is what it was of robot.elastic(...) in release 0.1"
         )
     return "inverse_dynamics" if quantity is None else quantity
 
