@@ -43,8 +43,8 @@ def compiled_name(robot: Engine, quantity: str | None) -> str:
     if quantity is None and _is_elastic(robot):
         raise JounceError(
             f"compile() of {robot.name!r}, whose joints are elastic: compile('inverse_dynamics') is that of the links,"
-            " as it was of loaded robots and of arm.robot; compile('motor_torques', order), with an order of 0 by default,"
-            " is what it was of robot.elastic(...) in release 0.1"
+            " as it was of loaded robots and of arm.robot; compile('motor_torques', order), with an order of 0 by"
+            " default, is what it was of robot.elastic(...) in release 0.1"
         )
     return "inverse_dynamics" if quantity is None else quantity
 
