@@ -312,7 +312,7 @@ def test_what_meant_the_motors_is_refused_with_both_names_for_this_release(arm):
     refusal(lambda: arm.inverse_dynamics(*five), *both)
     both = "elastic_forward_dynamics(...) is what it was of", "forward_dynamics(..., side='links') is that of the links"
     refusal(lambda: arm.forward_dynamics(*five), *both)
-    both = "compile('motor_torques', order), with an order of 0 by default", "compile('inverse_dynamics') is that of the links"
+    both = "compile('motor_torques', order), with an order of 0", "compile('inverse_dynamics') is that of the links"
     refusal(lambda: arm.compile(), *both)
     refusal(lambda: arm.compile(order=1), *both)
     refusal(lambda: arm.inverse_dynamics(*five, side="motors"), "inverse_dynamics has no side 'motors'", "links")
