@@ -139,7 +139,7 @@ def test_parameters_of_the_planar_2r_may_be_symbols_of_casadi(name):
     function = casadi.Function("Q", [symbol], [casadi.vertcat(*Q)])
     expected = jounce.load("planar2r", **{name: 1.7}).inverse_dynamics(*state)
     agree([np.array(function(1.7)).ravel()], [expected])
-    with pytest.raises(JounceError, match=r" holds a CasADi MX; a robot's data may be SX: jounce\.casadi_function"):
+    with pytest.raises(JounceError, match=r" holds a CasADi MX; a robot's data may be SX: robot\.casadi_function"):
         jounce.load("planar2r", **{name: casadi.MX.sym(name)})
 
 

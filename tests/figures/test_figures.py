@@ -283,7 +283,7 @@ def test_a_joint_of_any_name_is_drawn(name):
 
 
 def test_panels_of_a_table(tmp_path):
-    columns = tables.of_rates(T, ("a", "b"), "Q", (np.stack([T, -T], 1), np.stack([T**2, T], 1), np.stack([T, T], 1)))
+    columns = {"t": T, "a.Q": T, "a.Qd": T**2, "a.Q2d": T, "b.Q": -T, "b.Qd": T, "b.Q2d": T}
     run = run_of(columns, "f.csv")
     assert [panel.label for panel in run.panels] == ["Q", "Qd", "Q2d"]
     assert (run.panels[1].curves["a"] == T**2).all()
