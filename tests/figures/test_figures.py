@@ -23,7 +23,6 @@ from jounce.figures.labels import LABEL, outline_points
 from jounce.figures.panels import CROWD, MOST_POINTS, Panel, Run, columns_of, drawn_points
 from jounce.figures.schematic import schematic
 from jounce.figures.table import rows_between, run_of
-from jounce.io import tables
 from jounce.motion.bands import COVERS
 
 ROOT = Path(__file__).parents[2]
