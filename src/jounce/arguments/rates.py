@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -61,7 +62,7 @@ def rates_of(mechanism: Mechanism, given: Sequence[Any], row: Quantity, more: in
             f"{have[-1]} is the last rate given; the springs and motors of {mechanism.name!r} take"
             f" {row.input_names(least)[-1]} too"
         )
-    if any(term is None for term in terms):
+    if NoneType in map(type, terms):
         raise _skipped_rate(terms, labels)
     e = mechanism.elasticity if row.inputs else None
     others = replace(mechanism, coordinates=motor_names(e, mechanism.coordinates)) if e and e.pairs else mechanism
