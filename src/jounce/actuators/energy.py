@@ -5,10 +5,11 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from jounce.arguments import positions
-from jounce.arguments.rates import state_of
+from jounce.arguments.rates import rates_of
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array, broadcast
 from jounce.dynamics import coupling, stretch
+from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.stretch import elasticity_of
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine, like
@@ -16,7 +17,7 @@ from jounce.model.casting import cast_model
 from jounce.model.springs import DampedSpring
 from jounce.spatial.series import columns
 
-STATE = ("q", "qd", "theta", "thetad")
+STATE = replace(QUANTITIES["elastic_forward_dynamics"], rates=4)  # q, qd, theta, thetad, no forces
 
 
 class Energy(NamedTuple):
@@ -37,7 +38,7 @@ def energy(robot: Engine, given: Sequence[Any]) -> Energy:
     """The energies in a state q, qd, theta, thetad."""
     _check_elastic(robot, "elastic_energy")
     given, whole = positions.split_rates(robot.mechanism, given)
-    q, qd, theta, thetad = arrays = broadcast(state_of(given, robot.mechanism, STATE), [1] * len(STATE), STATE)
+    q, qd, theta, thetad = arrays = broadcast(rates_of(robot.mechanism, given, STATE), [1] * 4, STATE.inputs[:4])
     m, at = cast_model(robot.mechanism, arrays), q if whole is None else whole
     e, joints = elasticity_of(m), elasticity_of(m).joints_of_motors
     rigid = elasticity_of(robot.mechanism).of_motors.is_rigid * 1

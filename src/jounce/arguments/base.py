@@ -11,7 +11,7 @@ import numpy as np
 from jounce.arguments import names
 from jounce.arguments.rates import rates_in
 from jounce.core.errors import JounceError, quoted
-from jounce.core.scalars import FLOAT, Array, asarray, is_jax, is_numeric, is_traced
+from jounce.core.scalars import FLOAT, Array, asarray, is_jax, is_numeric, is_traced, shaped
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import hat, rotation
 from jounce.spatial.series import rate_name
@@ -34,10 +34,8 @@ def base_of(mechanism: Mechanism, base: object, count: int, what: str) -> list[A
     for k, (term, array) in enumerate(zip(terms, arrays, strict=True)):
         if any(isinstance(name, str) for name in names.listed_in(term) or ()):
             raise JounceError(f"base: {_label(k)} names its entries; expected an array in the order (angular; linear)")
-        shape, parts = ((6,), "(angular; linear)") if k else ((4, 4), "a pose, body to inertial frame")
-        if array.shape[-len(shape) :] != shape:
-            shown = ", ".join(map(str, shape))
-            raise JounceError(f"base: {_label(k)} has shape {array.shape}; expected (..., {shown}), {parts}")
+        shape, parts = ((6,), ", (angular; linear)") if k else ((4, 4), ", a pose, body to inertial frame")
+        shaped(array, shape, f"base: {_label(k)}", parts)
     check_pose(arrays[0])
     return arrays
 

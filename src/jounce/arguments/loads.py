@@ -9,7 +9,7 @@ import numpy as np
 
 from jounce.arguments.rates import is_unbatched, rates_in
 from jounce.core.errors import JounceError, one_of, warn
-from jounce.core.scalars import Array, asarray, broadcast, concatenate
+from jounce.core.scalars import Array, asarray, broadcast, concatenate, shaped
 from jounce.spatial.series import rate_name
 
 AXES = ("world", "body")
@@ -41,10 +41,7 @@ def _rates(given: object, label: str, order: int, q: Sequence[Array]) -> list[Ar
     if rates is not None and len(rates) != order + 1:
         raise JounceError(f"{label} gives {len(rates)} terms; order {order} takes it and its rates, {order + 1} terms")
     terms = [np.zeros(3) if given is None else given] if rates is None else rates
-    arrays = [asarray(term, rate_name(label, k)) for k, term in enumerate(terms)]
-    for k, array in enumerate(arrays):
-        if array.ndim == 0 or array.shape[-1] != 3:
-            raise JounceError(f"{rate_name(label, k)} has shape {array.shape}; expected (..., 3)")
+    arrays = [shaped(term, (3,), rate_name(label, k)) for k, term in enumerate(terms)]
     if order and isinstance(given, list) and arrays[0].shape == (order + 1, 3) and is_unbatched(q):
         warn(f"{label} is a list of {order + 1} vectors, read as a batch; a tuple gives a vector with its rates")
     return arrays + [0 * arrays[0]] * (order + 1 - len(arrays))

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments import names
-from jounce.arguments.rates import rates_of
+from jounce.arguments.rates import column
 from jounce.core.errors import JounceError, listed
 from jounce.core.scalars import Array, asarray, is_numeric
 from jounce.dynamics import closing, newton
@@ -27,7 +27,7 @@ def split(mechanism: Mechanism, q: Any) -> tuple[Any, Any]:
     if named is not None:
         if not set(closure.coordinates) <= set(named):
             return q, None
-        whole = rates_of([q], 1, mechanism.tree)[0]
+        whole = column(mechanism.tree, q, "q", len(closure.coordinates))
     else:
         whole = asarray(q, "q")
         if whole.ndim == 0 or whole.shape[-1] != len(closure.coordinates) or not closure.dependent:

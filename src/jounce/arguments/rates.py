@@ -1,7 +1,8 @@
 """Rates of the coordinates that a caller gives, q, qd, q2d, ... or q, qd, Q, Qd, ..., checked, as arrays."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,11 @@ from jounce.core.scalars import (
     is_scalar,
     is_symbolic,
     namespace,
+    shaped,
 )
+from jounce.dynamics.quantities import Quantity
 from jounce.model.elasticity import motor_names
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.series import rate_name
 
 HIGHEST_ORDER = 100  # order: beyond it computing takes minutes, and nobody's numbers have the digits
 
@@ -41,53 +43,31 @@ def rates_in(given: object) -> tuple[Any, ...] | None:
     return given if isinstance(given, tuple) and not (given and all(map(is_scalar, given))) else None
 
 
-def coordinate_names(count: int) -> tuple[str, ...]:
-    """Return q, qd, q2d, ..."""
-    return tuple(rate_name("q", k) for k in range(count))
+def rates_of(mechanism: Mechanism, given: Sequence[Any], row: Quantity, more: int = 0) -> list[Array]:
+    """Return what a quantity takes of a caller's q, qd, ..., Q, Qd, ... as arrays: no less, and none skipped.
 
-
-def rates_of(
-    given: Sequence[Any],
-    least: int,
-    mechanism: Mechanism,
-    named: Callable[[int], Sequence[str]] = coordinate_names,
-    coordinates: int | None = None,
-) -> list[Array]:
-    """Return the coordinates and their rates as arrays (..., n): at least `least` of them, none skipped.
-
-    Terms from number `coordinates` on are forces (..., nv).
+    Its row takes `more` rates for springs and motors of the robot than that of other robots.
     """
-    terms = list(given)
-    while len(terms) > least and terms[-1] is None:
+    terms, least = list(given), row.rates
+    while len(terms) > least - more and terms[-1] is None:
         terms.pop()
+    labels, own = row.input_names(len(terms)), row.coordinate_inputs(len(terms))
     if len(terms) > least + HIGHEST_ORDER:
-        last = named(len(terms))[-1]
         raise JounceError(
-            f"{last} is given, for order {len(terms) - least}; expected rates for order 0 to {HIGHEST_ORDER}"
+            f"{labels[-1]} is given, for order {len(terms) - least}; expected rates for order 0 to {HIGHEST_ORDER}"
         )
-    if len(terms) < least:  # where springs and motors of a robot take more rates than others do
-        count = max([1, *(k + 1 for k, term in enumerate(terms) if term is not None)])
-        have, lacking = named(count)[-1], named(least)[-1]
+    if len(terms) < least:
+        have = [label for label, term in zip(labels, terms, strict=True) if term is not None] or labels
         raise JounceError(
-            f"{have} is the last rate given; the springs and motors of {mechanism.name!r} take {lacking} too"
+            f"{have[-1]} is the last rate given; the springs and motors of {mechanism.name!r} take"
+            f" {row.input_names(least)[-1]} too"
         )
-    labels, own = named(len(terms)), len(terms) if coordinates is None else coordinates
-    tails = [(mechanism.n if k < own else mechanism.nv,) for k in range(len(terms))]
-    return [
-        term  # as most are, and some a thousand times a second
-        if type(term) is np.ndarray and term.dtype is FLOAT and term.shape[-1:] == tails[k]
-        else _column(term, k, mechanism, terms, labels, *tails[k])
-        for k, term in enumerate(terms)
-    ]
-
-
-def state_of(given: Sequence[Any], mechanism: Mechanism, named: Sequence[str]) -> list[Array]:
-    """Return q, qd, then theta, thetad, ... (..., m) of the m motors, with the names of all."""
-    e, least = mechanism.elasticity, len(named) - 2
-    pairs = e is not None and e.pairs
-    motors = replace(mechanism, coordinates=motor_names(e, mechanism.coordinates)) if e and pairs else mechanism
-    links = rates_of(given[:2], 2, mechanism, lambda count: named[:count])
-    return [*links, *rates_of(given[2:], least, motors, lambda count: named[2 : 2 + count])]
+    if NoneType in map(type, terms):
+        raise _skipped_rate(terms, labels)
+    e = mechanism.elasticity if row.inputs else None
+    others = replace(mechanism, coordinates=motor_names(e, mechanism.coordinates)) if e and e.pairs else mechanism
+    q = [column(mechanism, *both, mechanism.n) for both in zip(terms[:own], labels, strict=False)]
+    return q + [column(others, *both, others.nv) for both in zip(terms[own:], labels[own:], strict=True)]
 
 
 def is_unbatched(q: Sequence[Array]) -> bool:
@@ -102,20 +82,18 @@ def _skipped_rate(terms: Sequence[Array | None], labels: Sequence[str]) -> Jounc
     return JounceError(f"{labels[k]} is None{skipped}; expected every rate up to the last")
 
 
-def _column(term: Any, k: int, mechanism: Mechanism, terms: Sequence[Any], labels: Sequence[str], size: int) -> Array:
-    if term is None:
-        raise _skipped_rate(terms, labels)
-    label = labels[k]
-    of_base = size > mechanism.n
+def column(mechanism: Mechanism, term: Any, label: str, size: int) -> Array:
+    """Return coordinates, or a rate of them, (..., n), or forces (..., nv), from an array or by joint name."""
+    if type(term) is np.ndarray and term.dtype is FLOAT and term.shape[-1:] == (size,):
+        return term  # as most are, and some a thousand times a second
+    of_base, joints = size > mechanism.n, mechanism.coordinates
     if names.listed_in(term) is not None and not of_base:
         with at(label):
             return _by_name(term, mechanism)
-    array, joints = asarray(term, label), mechanism.coordinates
-    if array.ndim == 0 or array.shape[-1] != size:
-        cure = "" if of_base else _cure(array.shape, label, mechanism)
-        rows = ("moment (3) and force (3) on the base", *joints) if of_base else joints
-        raise JounceError(f"{label} has shape {array.shape}; expected (..., {size}): {', '.join(rows)}{cure}")
-    return array
+    array = asarray(term, label)
+    cure = "" if of_base else _cure(array.shape, label, mechanism)
+    rows = ("moment (3) and force (3) on the base", *joints) if of_base else joints
+    return shaped(array, (size,), label, f": {', '.join(rows)}{cure}")
 
 
 def _cure(shape: tuple[int, ...], label: str, mechanism: Mechanism) -> str:

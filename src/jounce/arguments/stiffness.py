@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce.arguments.rates import rates_in
 from jounce.core.errors import JounceError, listed, one_of
-from jounce.core.scalars import Array, asarray
+from jounce.core.scalars import Array, asarray, shaped
 from jounce.dynamics.stretch import elasticity_of
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import rate_name
@@ -42,6 +42,4 @@ def _of_joints(given: Any, names: Sequence[str], label: str) -> Array:
         return np.stack(parts, axis=-1)
     array = np.asarray(asarray(given, label))
     array = np.broadcast_to(array, (len(names),)) if array.ndim == 0 else array
-    if array.shape[-1] != len(names):
-        raise JounceError(f"{label} has shape {array.shape}; expected (..., {len(names)}), for {listed(names)}")
-    return array
+    return shaped(array, (len(names),), label, f", for {listed(names)}")

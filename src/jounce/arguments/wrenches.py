@@ -10,7 +10,7 @@ import numpy as np
 
 from jounce.arguments.rates import is_unbatched, rates_in
 from jounce.core.errors import JounceError, quoted
-from jounce.core.scalars import Array, asarray, broadcast, exact_integers, is_symbolic
+from jounce.core.scalars import Array, broadcast, exact_integers, is_symbolic, shaped
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import Ad, inverse
 from jounce.spatial.series import rate_name
@@ -43,13 +43,7 @@ def _rates(count: int) -> str:
 def _on_bodies(mechanism: Mechanism, W: object, label: str, at_one_state: bool) -> Array:
     if isinstance(W, Mapping):
         return _from_names(mechanism, W, label, at_one_state)
-    array = asarray(W, label)
-    nb = len(mechanism.body_names)
-    if array.ndim < 2 or array.shape[-2:] != (nb, 6):
-        raise JounceError(
-            f"{label} has shape {array.shape}; expected (..., {nb}, 6), or a dict of body names to (..., 6)"
-        )
-    return array
+    return shaped(W, (len(mechanism.body_names), 6), label, ", or a dict of body names to (..., 6)")
 
 
 def _from_names(mechanism: Mechanism, W: Mapping[str, object], label: str, at_one_state: bool) -> Array:
@@ -58,9 +52,7 @@ def _from_names(mechanism: Mechanism, W: Mapping[str, object], label: str, at_on
     parts: list[Array] = [np.zeros((nb, 6))]
     for name, value in W.items():
         frame, what = mechanism.frame(name), f"{label}[{quoted(name)}]"
-        array = asarray(value, what)
-        if array.ndim == 0 or array.shape[-1] != 6:
-            raise JounceError(f"{what} has shape {array.shape}; expected (..., 6), (moment; force)")
+        array = shaped(value, (6,), what, ", (moment; force)")
         if at_one_state and array.shape == (nb, 6) != (1, 6):
             raise JounceError(
                 f"{what} has shape {array.shape}, as W of all bodies has; expected (6,), or W without names;"

@@ -59,6 +59,14 @@ def asarray(x: Any, what: str = "an array") -> Array:
     return array
 
 
+def shaped(x: Any, shape: tuple[int, ...], what: str, rows: str = "") -> Array:
+    """Convert `x` as `asarray` does, and check its last axes; `rows` says in an error what they are."""
+    array = asarray(x, what)
+    if array.shape[-len(shape) :] != shape:
+        raise JounceError(f"{what} has shape {array.shape}; expected (..., {', '.join(map(str, shape))}){rows}")
+    return array
+
+
 def _is_spatial(x: Any) -> bool:
     """Whether `x` is a motion or force of Pinocchio, or a list of them: NumPy takes them in their own order."""
     entries = x if type(x) in (list, tuple) or type(x).__name__.startswith("StdVec") else (x,)

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from jounce.arguments import positions, rates, requests, wrenches
+from jounce.arguments import positions, requests, wrenches
 from jounce.arguments.base import base_of
+from jounce.arguments.rates import rates_of
 from jounce.arguments.stiffness import stiffnesses_of
 from jounce.core.errors import JounceError, one_of
 from jounce.core.scalars import Array, is_numeric
@@ -103,32 +104,22 @@ def checked_arguments(
     stiffness: Any = None,
 ) -> tuple[Computation, list[Array]]:
     """Check the arguments of a call, and return its computation and input arrays; `step` closes the loops."""
-    more = requests.more_rates(mechanism, name)
-    quantity = row_of(name, more)
+    more, moves = requests.more_rates(mechanism, name), base is not None or mechanism.base is not None
+    quantity, enters = row_of(name, more), moves and requests.takes_base(name, frame)
+    requests.check_existence(mechanism, name, moves)
     given, whole = positions.split_rates(mechanism, given)
-    if quantity.inputs:
-        requests.check_existence(mechanism, name, moving=False)
-        requests.check_rates(name, len(given) - quantity.rates)
-        q = rates.state_of(given, mechanism, quantity.inputs)
-    else:
-        while more and len(given) > quantity.rates - more and given[-1] is None:
-            given = given[:-1]  # named rates that are left out, not rates that are skipped
-        own = quantity.coordinate_inputs(len(given))
-        q = rates.rates_of(given, quantity.rates, mechanism, quantity.input_names, own)
+    q = rates_of(mechanism, given, quantity, more)
     order = len(q) - quantity.rates
     requests.check_rates(name, order)
     W = wrenches.wrenches_of(mechanism, wrench, order, q, quantity.wrench_rates)
-    moves = base is not None or mechanism.base is not None
     if method is not None:
         one_of("method", method, [*quantity.methods, NATIVE], name)
         if moves and method != NATIVE and not quantity.methods[method].base:
             raise JounceError(f"method={method!r} has no base that moves; use method='closed_form'")
     if body is not None or frame != "body":
         requests.place(mechanism, name, body, frame)
-    requests.check_existence(mechanism, name, moves)
     if quantity.inverts:
         requests.check_invertible(mechanism, name)
-    enters = moves and requests.takes_base(name, frame)
     asked = requests.known(name, order, bool(W), body, frame, more, enters)
     d = positions.dependent_arrays(mechanism, q[0], whole, step)
     if quantity.takes_stiffness:

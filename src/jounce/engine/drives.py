@@ -3,7 +3,8 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from jounce.arguments import positions, rates
+from jounce.arguments import positions
+from jounce.arguments.rates import rates_of
 from jounce.core.scalars import Array, broadcast, concatenate
 from jounce.core.typing import DriveColumn
 from jounce.dynamics import drive_terms
@@ -36,7 +37,7 @@ def _of_drives(
 ) -> tuple[Array, ...]:
     """Compute what drives contribute to a quantity, by their law, for given rates of the coordinates."""
     row, (given, whole) = row_of(name), positions.split_rates(mechanism, given)
-    q = rates.rates_of(given, row.rates, mechanism)
+    q = rates_of(mechanism, given, row)
     model, asked = cast_model(mechanism, q), Computation(name, len(q) - row.rates)
 
     def on_tree(m: Mechanism, x: State) -> Series:

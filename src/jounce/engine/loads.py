@@ -3,12 +3,14 @@
 from collections.abc import Sequence
 from typing import Any
 
-from jounce.arguments import loads, positions, rates
+from jounce.arguments import loads, positions
 from jounce.arguments.base import base_of
+from jounce.arguments.rates import rates_of
 from jounce.core.scalars import Array
 from jounce.dynamics.computation import Computation, Port
 from jounce.dynamics.loads import wrench_of
 from jounce.dynamics.loops import closed_motion
+from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine import digits
 from jounce.engine.generic import evaluate, results_into
 from jounce.model.casting import cast_model
@@ -28,7 +30,7 @@ def wrench_of_load(
 ) -> Any:
     """Compute the wrenches W that correspond to a load on a body, for given rates of the coordinates."""
     given, whole = positions.split_rates(mechanism, given)
-    q = rates.rates_of(given, 1, mechanism)
+    q = rates_of(mechanism, given, QUANTITIES["poses"])
     place, load = loads.place_of(frame, point, force), loads.load_of(force, torque, len(q) - 1, q)
     moving = base is not None or (mechanism.base is not None and frame == "world")
     poses = Computation("poses", len(q) - 1, base=moving)

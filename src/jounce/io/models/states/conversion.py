@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments.base import base_of, terms_of
-from jounce.arguments.rates import rates_of
+from jounce.arguments.rates import column, rates_of
 from jounce.core.errors import JounceError, listed, one_of, quoted
-from jounce.core.scalars import asarray, is_numeric
+from jounce.core.scalars import is_numeric, shaped
+from jounce.dynamics.quantities import QUANTITIES
 from jounce.io.models.states import mujoco, pinocchio
 from jounce.io.models.states.free_joint import check_unit, motion_from, put_motion, wrench_from, wrench_to
 from jounce.io.models.states.layout import Layout, Place, match
@@ -92,7 +93,7 @@ def state_to(
 def _motion_to(mechanism: Mechanism, layout: Layout, given: Sequence[object], base: object) -> tuple[np.ndarray, ...]:
     """The vectors q, v, a of a library; joints that the robot lacks are at rest."""
     found = match(mechanism, layout)
-    rates = [_numbers(x, "q") for x in rates_of(given, 1, mechanism)]
+    rates = [_numbers(x, "q") for x in rates_of(mechanism, given, QUANTITIES["poses"])]
     motion = _base(mechanism, base, len(rates))
     batches = [*(x.shape[:-1] for x in rates), *(x.shape[: -1 if k else -2] for k, x in enumerate(motion))]
     batch = _common(batches)
@@ -125,8 +126,7 @@ def forces_from(mechanism: Mechanism, layout: Layout, tau: object, q: object = N
 def forces_to(mechanism: Mechanism, layout: Layout, Q: object, base: object = None) -> np.ndarray:
     """The forces of a library from those of a robot; the pose of the base, where they are in world axes."""
     found = match(mechanism, layout)
-    [forces] = rates_of([Q], 1, mechanism, named=lambda _: ["Q"], coordinates=0)
-    forces = _numbers(forces, "Q")
+    forces = _numbers(column(mechanism, Q, "Q", mechanism.nv), "Q")
     motion = _base(mechanism, base, 1) if layout.linear_in_world or base is not None else []
     C = motion[0] if motion else None
     batch = _common([forces.shape[:-1], () if C is None else C.shape[:-2]])
@@ -143,10 +143,7 @@ def forces_to(mechanism: Mechanism, layout: Layout, Q: object, base: object = No
 def _vector(layout: Layout, given: object, label: str, size: int) -> np.ndarray:
     if given is None:
         raise JounceError(f"{label} is None; expected an array (..., {size}) of {layout.what}")
-    x = _numbers(asarray(given, label), label)
-    if x.ndim == 0 or x.shape[-1] != size:
-        raise JounceError(f"{label} has shape {x.shape}; expected (..., {size}), as {layout.what} has it")
-    return x
+    return _numbers(shaped(given, (size,), label, f", as {layout.what} has it"), label)
 
 
 def _numbers(x: object, label: str) -> np.ndarray:
