@@ -22,6 +22,8 @@ def renamed(old: str, new: str, function: F) -> F:
         warn_of_old(old, new)
         return function(*args, **keywords)
 
+    called.__name__ = called.__qualname__ = old.removesuffix("()")
+    called.__doc__ = f"Do as ``{new}``, whose old name this is."
     return called  # type: ignore[return-value]  # type checkers know the function alone
 
 
