@@ -453,6 +453,19 @@ def test_rows_a_step_of_doubles_from_a_break_hide_no_peaks():
     assert (found.verdict, found.worst.value) == ("broken", pytest.approx(0.25))
 
 
+@pytest.mark.parametrize("peak", [0.05, 0.5, 0.9, 0.93, 0.96, 0.999])
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize(("share", "verdict"), [(1 - 1e-4, "broken"), (1 + 1e-4, "kept")])
+def test_a_peak_near_a_break_is_found_whatever_comes_behind_it(peak, side, share, verdict):
+    """q2d = 1 - (t - peak)^2 in the first second, then it jumps and rises: its slope there has another sign."""
+    first = np.array([-1 / 12, peak / 3, (1 - peak**2) / 2, 0, 0])
+    then = np.array([0, 1 / 6, -1 / 2, np.polyval(np.polyder(first), 1), np.polyval(first, 1)])
+    motion = jounce.Motion.piecewise([0.0, 1, 2], side * np.stack([first, then], axis=1)[:, :, None]).with_step(1.0)
+    arm = jounce.load("planar2r").locked({"joint2": 0.0})
+    found = arm.with_limits(acceleration=[[-share, np.inf] if side < 0 else [-np.inf, share]]).check(motion)
+    assert (found.verdict, found.worst.value) == (verdict, pytest.approx(side, abs=1e-9))
+
+
 @pytest.mark.parametrize("first", [0.9, 0.991, 0.995, 0.999, 0.99999])
 @pytest.mark.parametrize(("share", "verdict"), [(1 - 1e-5, "broken"), (1 + 1e-5, "kept")])
 def test_a_peak_higher_than_one_of_an_earlier_block_is_found_between_points_of_the_grid(

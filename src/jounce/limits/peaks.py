@@ -44,6 +44,7 @@ def peaks_of(b: Bounded, pieces: Pieces, floor: Callable[[Pieces, str, int], np.
             at, which = np.nonzero(inner)
             start, width = pieces.start[i[which]], pieces.width[i[which], 0]
             low, high = (u[at_end.clip(0, GRID - 1)] * width + start for at_end in (at - 1, at + 2))
+            high = np.minimum(high, np.nextafter(pieces.stop[i[which]], start))  # at a break another piece begins
             count = len(which)
             found.append((np.full(count, kind), j[which], np.full(count, sign), low, high))
     if not found:
@@ -63,13 +64,17 @@ def _placed(
 
     series = b.of_kinds(set(kind.tolist())).series(low[:1])
     known = np.array([len(series[k]) > DERIVATIVE.get(k, 0) + 1 for k in kind.tolist()])
-    t = np.empty(len(low))
-    if known.any():
+    t, places = np.empty(len(low)), np.flatnonzero(known)
+    if places.size:
 
         def slope(t: np.ndarray, at: np.ndarray) -> np.ndarray:
-            return sign[known][at] * picked(b, t, kind[known][at], joint[known][at], 1)
+            return sign[at] * picked(b, t, kind[at], joint[at], 1)
 
-        t[known] = root(slope, low[known], high[known])
+        ends = np.stack([slope(end[places], places) for end in (low, high)])
+        crosses = ends[0] * ends[1] <= 0  # else the polynomial and the value do not rise and fall alike
+        known[places[~crosses]] = False
+        places = places[crosses]
+        t[places] = root(lambda t, at: slope(t, places[at]), low[places], high[places], ends[:, crosses])
     if not known.all():
 
         def height(t: np.ndarray) -> np.ndarray:
