@@ -5,6 +5,7 @@ import numpy as np
 from jounce.core.errors import JounceError
 from jounce.limits.bounded import Bounded
 from jounce.limits.feasible import states_of
+from jounce.limits.friction import friction_of
 from jounce.limits.pieces import pieces_of
 from jounce.limits.worst import Worst
 from jounce.model.elasticity import Law
@@ -23,7 +24,7 @@ Place = tuple[str, int, float]  # of a limit: kind, joint, time in the given mot
 def is_polynomial(b: Bounded) -> bool:
     """Whether what is limited is a polynomial of the factor: no Coulomb friction of links or motors, linear springs."""
     mechanism = b.robot.mechanism
-    if b.forces and "friction" in mechanism.acting and mechanism.drives.friction.any():
+    if b.forces and friction_of(mechanism):
         return False
     motors = mechanism.elasticity if set(b.kinds) & set(MOTOR_KINDS) else None
     return motors is None or not (motors.friction.any() or any(map(_bends, motors.springs)))

@@ -62,15 +62,9 @@ class Friction:
 
     def turns(self, motion: Motion, columns: list[int], count: int) -> np.ndarray:
         """Times near which a joint with friction begins to move, stops or turns round, as `count` times show."""
-        ratios = self.ratios[:, columns].T
-        t = np.linspace(motion.start, motion.stop, count)
-        at, joint = np.nonzero(np.diff(np.sign(motion(t, 1)[1] @ ratios), axis=0))
-
-        def velocity(t: np.ndarray, places: np.ndarray) -> np.ndarray:
-            return np.asarray((motion(t, 1)[1] @ ratios)[np.arange(len(t)), joint[places]])
-
-        turns = root(velocity, t[at], t[at + 1])[:, None]
-        near = turns + motion.duration * np.concatenate([-NEAR_TURNS, [0.0], NEAR_TURNS])
+        velocity = _velocity(motion, self.ratios[:, columns].T)
+        turns, _, _ = _zeros(velocity, np.linspace(motion.start, motion.stop, count))
+        near = turns[:, None] + motion.duration * np.concatenate([-NEAR_TURNS, [0.0], NEAR_TURNS])
         return near[(near >= motion.start) & (near <= motion.stop)]
 
     def reversals(self, motion: Motion, t: np.ndarray) -> np.ndarray:
@@ -78,23 +72,12 @@ class Friction:
 
         Its rates have peaks there as narrow as eps is small.
         """
-        steepness = self.ratios.T * self.slope.T
-
-        def velocity(t: np.ndarray) -> np.ndarray:
-            return np.asarray(motion(t, 1)[1] @ steepness)
-
-        v = velocity(t)
-        turns = (np.sign(v[1:]) != np.sign(v[:-1])) & (np.maximum(np.abs(v[1:]), np.abs(v[:-1])) > STEEP[0])
-        at, joint = np.nonzero(turns)
-        low, high = t[at], t[at + 1]
-
-        def of_joint(t: np.ndarray, places: np.ndarray) -> np.ndarray:
-            return velocity(t)[np.arange(len(t)), joint[places]]
-
-        turn = root(of_joint, low, high)[:, None]
-        near = np.concatenate([turn - (turn - low[:, None]) * HALVINGS, turn + (high[:, None] - turn) * HALVINGS], 1)
+        velocity = _velocity(motion, self.ratios.T * self.slope.T)
+        turns, at, joint = _zeros(velocity, t, least=STEEP[0])
+        turn, low, high = (x[:, None] for x in (turns, t[at], t[at + 1]))
+        near = np.concatenate([turn - (turn - low) * HALVINGS, turn + (high - turn) * HALVINGS], axis=1)
         v = np.abs(velocity(near.ravel())[np.arange(near.size), np.repeat(joint, near.shape[1])]).reshape(near.shape)
-        return np.concatenate([turn.ravel(), near[(v >= STEEP[0]) & (v <= STEEP[1])]])
+        return np.concatenate([turns, near[(v >= STEEP[0]) & (v <= STEEP[1])]])
 
     def along(self, rates: tuple[np.ndarray, ...], kinds: tuple[str, ...]) -> "FrictionAlong":
         """The friction along a path with q', q'', ... (N, n), as limits of some kinds take it."""
@@ -175,6 +158,25 @@ class FrictionAlong:
                     rate = bent[2] * A * A + bent[1] * B
                 found.append(rate)
         return found
+
+
+def _velocity(motion: Motion, onto: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Velocities (N, m) of joints at times (N,), of which `onto` (n, m) are the factors."""
+    return lambda t: np.asarray(motion(t, 1)[1] @ onto)
+
+
+def _zeros(
+    velocity: Callable[[np.ndarray], np.ndarray], t: np.ndarray, least: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """When velocities change their sign between neighbours of the times t, one of which is faster than `least`.
+
+    Returns the times, the places in t before them, and the joints.
+    """
+    v = velocity(t)
+    changes = np.sign(v[1:]) != np.sign(v[:-1])
+    at, joint = np.nonzero(changes & (np.maximum(np.abs(v[1:]), np.abs(v[:-1])) > least))
+    zeros = root(lambda t, places: velocity(t)[np.arange(len(t)), joint[places]], t[at], t[at + 1])
+    return zeros, at, joint
 
 
 def friction_of(m: Mechanism) -> Friction | None:

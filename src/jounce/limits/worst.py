@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jounce.engine.along import ForceBreak
-from jounce.limits.bounded import Bounded, rate_of_forces
+from jounce.limits.bounded import Bounded, Span, rate_of_forces
 from jounce.limits.joints import columns_of, in_columns, of_joints
 from jounce.limits.peaks import Peaks, peaks_of, picked
 from jounce.limits.pieces import NEGLIGIBLE, TRUST, Pieces, hull
@@ -18,7 +18,6 @@ from jounce.motion.motion import Break
 ROUNDING = 1e-9  # of the reach of a limit: less beyond it is rounding
 SIGNS = (1, -1)  # of values: against the upper bound, and against the lower one
 
-Span = tuple[float, float]
 Spans = dict[tuple[str, int], list[Span]]  # by kind and joint
 
 
