@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from jounce.arguments import positions
 from jounce.arguments.rates import rates_of
+from jounce.arguments.requests import missing
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array, broadcast
 from jounce.dynamics import coupling, stretch
@@ -69,8 +70,7 @@ def damping_error(robot: Engine, given: Sequence[Any], wrench: Any) -> Array:
 
 def _check_elastic(robot: Engine, what: str) -> None:
     """Raise `JounceError` if joints are rigid or the base moves."""
-    if robot.mechanism.elasticity is None:
-        name = f"{what} of {robot.name!r}"
-        raise JounceError(f"{name}: its joints are rigid; robot.elastic(stiffness) makes them elastic")
+    if reason := missing(robot.mechanism, STATE):
+        raise JounceError(f"{what} of {robot.name!r}{reason}")
     if robot.mechanism.base:
         raise JounceError(f"{what}: the base of {robot.name!r} moves; expected one at rest")

@@ -91,6 +91,8 @@ def column(mechanism: Mechanism, term: Any, label: str, size: int) -> Array:
         with at(label):
             return _by_name(term, mechanism)
     array = asarray(term, label)
+    if array.shape[-1:] == (size,):
+        return array
     cure = "" if of_base else _cure(array.shape, label, mechanism)
     rows = ("moment (3) and force (3) on the base", *joints) if of_base else joints
     return shaped(array, (size,), label, f": {', '.join(rows)}{cure}")
