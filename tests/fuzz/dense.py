@@ -105,7 +105,9 @@ def infinite(robot: jounce.Robot, plan: Plan, kinds: Sequence[str]) -> dict[tupl
     asked = sorted({*rows, *efforts, *MOTION_KINDS[:3]})
     before = values_at(robot, plan, asked, left, np.ones(m - 1))
     after = values_at(robot, plan, asked, right, np.zeros(m - 1))
-    scale = {kind: np.abs(values_at(robot, plan, asked, *grid_of(plan))[kind]).max(axis=0) for kind in asked}
+    total = robot.with_limits(of=dict.fromkeys(EFFORT_KINDS, "Q"))  # efforts less gravity have the rounding of all of Q
+    sizes = [values_at(one, plan, asked, *grid_of(plan)) for one in (robot, total)]
+    scale = {kind: np.maximum(*(np.abs(values[kind]).max(axis=0) for values in sizes)) for kind in asked}
     jumps = {kind: after[kind] - before[kind] for kind in asked}
     for k, kind in enumerate(MOTION_KINDS):
         if kind in asked and k <= plan.smooth:
