@@ -129,7 +129,10 @@ def _rows(rng: np.random.Generator, robot: jounce.Robot, duration: float, start:
         return Plan(
             motion, t[[0, 0]], lambda piece, share, order: [rows[0, [k] * len(piece)] for k in range(order + 1)], known
         )
-    return of_polynomials(motion, t, PPoly.from_bernstein_basis(BPoly.from_derivatives(t - t[0], rows)).c, known, known)
+    c = PPoly.from_bernstein_basis(BPoly.from_derivatives(t - t[0], rows)).c
+    still = np.flatnonzero((rows[1:] == rows[:-1]).all(axis=(1, 2)))
+    c[:-1, still], c[-1, still] = 0, rows[still, 0]  # rests: rounding of the coefficients would be a motion
+    return of_polynomials(motion, t, c, known, known)
 
 
 def _points(rng: np.random.Generator, robot: jounce.Robot, duration: float, start: float) -> Plan:

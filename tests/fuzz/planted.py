@@ -75,8 +75,7 @@ def rounding(plan, kind):
     shortest = max(np.diff(plan.x).min(), 1e-9)
     share = 20 * np.spacing(np.abs(plan.x).max()) / shortest
     k = dense.MOTION_KINDS.index(kind) if kind in dense.MOTION_KINDS else 0
-    size = np.abs(plan.motion(plan.motion.times, 0)[0]).max()
-    return TOLERANCE + share, 1e-12 * size * (10 / shortest) ** k  # a derivative of degree 9 multiplies by about 10
+    return TOLERANCE + share, 1e-12 * np.abs(plan.motion(plan.motion.times, 0)[0]).max() / shortest**k
 
 
 def is_infinite(given, infinite):
