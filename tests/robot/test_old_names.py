@@ -169,3 +169,9 @@ def test_options_of_commands_by_their_old_names_act_and_warn(command, new, tmp_p
     shown = CliRunner().invoke(main, [command.split()[0], "--help"]).output
     assert new in shown
     assert "--force" not in shown
+
+
+def test_old_attributes_cost_calls_of_methods_nothing():
+    """With a `__getattr__` in its class, Python looks up every attribute of a robot by a slower way."""
+    assert not hasattr(jounce.Robot, "__getattr__")
+    assert not hasattr(jounce.load("planar2r"), "along")

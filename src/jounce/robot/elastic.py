@@ -7,23 +7,24 @@ from jounce.core.errors import JounceError, one_of
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.engine import Engine
 
-RENAMED = {
+OLD_NAMES = {  # of attributes of `ElasticRobot`
     "along": "motors_along",
     "currents": "motor_currents",
     "energy": "elastic_energy",
+    "robot": "",
     "voltages": "motor_voltages",
 }
 
 
-def renamed(robot: Engine, name: str) -> Any:
+def renamed_attribute(robot: Engine, old: str) -> Any:
     """An attribute of `ElasticRobot` that `Robot` has not, for robots with elastic joints."""
-    if name == "robot" and _is_elastic(robot):
+    if not _is_elastic(robot):
+        raise AttributeError(f"{type(robot).__name__!r} object has no attribute {old!r}", name=old, obj=robot)
+    if not (new := OLD_NAMES[old]):
         warn_of_old("arm.robot", "arm itself; forces of its links are arm.inverse_dynamics(..., side='links')")
         return robot
-    if name not in RENAMED or not _is_elastic(robot):
-        raise AttributeError(f"{type(robot).__name__!r} object has no attribute {name!r}", name=name, obj=robot)
-    warn_of_old(f"arm.{name}(...)", f"arm.{RENAMED[name]}(...)")
-    return getattr(robot, RENAMED[name])
+    warn_of_old(f"arm.{old}(...)", f"arm.{new}(...)")
+    return getattr(robot, new)
 
 
 def check_side(robot: Engine, name: str, side: str | None) -> None:

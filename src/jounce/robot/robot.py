@@ -29,7 +29,6 @@ from jounce.model.drives import Drives, select_terms, warn_of_idle, with_eps
 from jounce.model.limits import Limits
 from jounce.model.mechanism import GRAVITY
 from jounce.robot.applications import Applications
-from jounce.robot.elastic import renamed
 from jounce.robot.methods import Methods
 from jounce.robot.old import OldMethods
 
@@ -101,9 +100,6 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         floats = ", floating" if self.mechanism.base else ""
         springs = ", elastic joints" if self.mechanism.elasticity else ""
         return f"<Robot {self.name!r}: {self.n} coordinates, {len(self.body_names)} bodies{floats}{springs}>"
-
-    if not TYPE_CHECKING:
-        __getattr__ = renamed
 
     @property
     def gravity(self) -> Array:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from inspect import cleandoc
 from typing import Any, Self
 
@@ -138,10 +139,7 @@ class Quantity(Called, Documented):
 
     def input_names(self, count: int) -> tuple[str, ...]:
         """The names of its first inputs: q, qd, q2d, ..., or q, qd, Q, Qd, ..."""
-        if self.inputs:
-            return (*self.inputs, *(rate_name(self.inputs[-1], k + 1) for k in range(count)))[:count]
-        own = self.coordinate_inputs(count)
-        return tuple(rate_name("q", k) if k < own else rate_name("Q", k - own) for k in range(count))
+        return _input_names(self.inputs, self.coordinate_inputs(count), count)
 
     def law(self, method: str, mechanism: Mechanism) -> Law:
         """Return the law of a method for a mechanism, with the drive terms that act."""
@@ -171,6 +169,13 @@ def quantity(
         return Quantity(name=recursion.__name__, text=cleandoc(recursion.__doc__), methods=methods, **fields)
 
     return row
+
+
+@cache
+def _input_names(inputs: tuple[str, ...], own: int, count: int) -> tuple[str, ...]:
+    if inputs:
+        return (*inputs, *(rate_name(inputs[-1], k + 1) for k in range(count)))[:count]
+    return tuple(rate_name("q", k) if k < own else rate_name("Q", k - own) for k in range(count))
 
 
 def row_vector(columns: Series) -> Series:
