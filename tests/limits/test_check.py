@@ -266,7 +266,6 @@ def test_a_motion_of_one_state_is_checked_and_slowed_down(friction):
     ("call", "words"),
     [
         (lambda: jounce.load("iiwa14").check(fourier(0, 7)), ["states no limits", "with_limits('panda')"]),
-        (lambda: jounce.load("ur5").check("motion.csv"), ["expects a jounce.Motion, got str"]),
         (lambda: jounce.load("ur5").check(fourier(0, 7)), ["7"]),
     ],
 )
