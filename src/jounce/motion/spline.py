@@ -174,7 +174,7 @@ def _warn_of_rounding(
     errors = np.random.default_rng(0).uniform(-1, 1, q.shape) * size
     error = np.abs(spline.of(t, errors)(t, nu=highest)).max(axis=0)
     shares = error / sizes_of(rates, float(np.ptp(t)))[highest]
-    share, worst = float(shares.max()), names[int(shares.argmax())] if names else f"column {shares.argmax()}"
+    share, worst = float(shares.max()), names[int(shares.argmax())] if names else f"joint {shares.argmax()}"
     if share > NOTICEABLE:
         name = rate_name(symbol, highest)
         text = f"{place}: rounding of the samples makes up {min(share, 1):.0%} of the largest {name}, that of {worst}"
