@@ -115,6 +115,11 @@ def one_of(kind: str, given: object, existing: Iterable[str], owner: str = "") -
     return given
 
 
+def option(keyword: str) -> str:
+    """An option of a command, and the keyword of the library: messages name both, for either reader."""
+    return f"--{keyword.replace('_', '-')} ({keyword}=)"
+
+
 def several(given: object) -> list[Any]:
     """Return a list of what a caller gives: the items of an iterable, or the single item."""
     if isinstance(given, str) or not isinstance(given, Iterable):

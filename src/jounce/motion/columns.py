@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from jounce.arguments import names
-from jounce.core.errors import JounceError, listed, no_such, one_line, quoted
+from jounce.core.errors import JounceError, listed, no_such, one_line, option, quoted
 from jounce.model.coordinates import coordinate_units
 from jounce.model.mechanism import Mechanism
 from jounce.motion import loads, poses
@@ -57,7 +57,7 @@ class Options:
         names = {"time": self.time, "columns": self.pattern, "angles": self.angles, "time_unit": self.time_unit}
         given = [name for name, value in names.items() if value is not None]
         if given:
-            raise JounceError(f"{place}: {reason}; {given[0]} is for the columns of a table: leave it out")
+            raise JounceError(f"{place}: {reason}; {option(given[0])} is for the columns of a table: leave it out")
 
 
 @dataclass(frozen=True)

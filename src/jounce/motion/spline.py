@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.core.errors import JounceError, one_line, quoted, true_or_false, warn
+from jounce.core.errors import JounceError, one_line, option, quoted, true_or_false, warn
 from jounce.motion.curves import Jump
 from jounce.motion.smoothness import resolution, sizes_of
 from jounce.spatial.series import rate_name
@@ -130,9 +130,13 @@ def way_of(degree: int | None, intervals: int | None, bandwidth: float | None, a
     """Return the way from samples to a curve that a caller selects."""
     true_or_false("allow_noise", allow_noise, "whether to accept samples whose noise dominates the highest rate")
     check_bandwidth(bandwidth)
-    by_hand = degree is not None or intervals is not None
-    if by_hand and (bandwidth is not None or allow_noise):
-        raise JounceError("bandwidth and allow_noise are for samples that are smoothed; leave degree and intervals out")
+    by_hand = [option(name) for name, x in (("degree", degree), ("intervals", intervals)) if x is not None]
+    smooth = [
+        option(name) for name, x in (("bandwidth", bandwidth), ("allow_noise", allow_noise or None)) if x is not None
+    ]
+    if by_hand and smooth:
+        came = f"{smooth[0]} is for samples that are smoothed, and {by_hand[0]} is for ones that are not"
+        raise JounceError(f"{came}; leave one of them out")
     return Spline(7 if degree is None else degree, intervals) if by_hand else Smoothing(bandwidth, allow_noise)
 
 
@@ -143,7 +147,7 @@ def refuse_way(way: Smoothing | Spline, place: str, reason: str) -> None:
     else:
         given = [name for name, value in vars(way).items() if value]
     if given:
-        raise JounceError(f"{place}: {reason}; {given[0]} is for samples: leave it out")
+        raise JounceError(f"{place}: {reason}; {option(given[0])} is for samples: leave it out")
 
 
 def check_bandwidth(given: object) -> None:
