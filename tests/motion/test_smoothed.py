@@ -73,6 +73,15 @@ def test_an_option_without_effect_is_refused(source, options, reason):
     refusal(lambda: jounce.load_motion(source, PLANAR, **options), reason, *options, "leave it out")
 
 
+@pytest.mark.parametrize(("size", "inside"), [(1e-3, False), (1e-9, True)])
+def test_a_note_on_the_ends_of_a_log_stands_where_they_are_not_trustworthy(size, inside):
+    t = np.arange(0, 4, 0.005)
+    q = np.c_[1.2 * np.sin(1.5 * t), 0.9 * np.cos(2 * t)] + size * np.random.default_rng(1).normal(size=(len(t), 2))
+    motion = jounce.Motion.fit(t, q)
+    assert (motion.curve.fit.ends != (t[0], t[-1])) == inside
+    assert any("trustworthy" in note for note in motion.notes) == inside
+
+
 @pytest.mark.parametrize("smooth", [{"bandwidth": 2.0}, {"allow_noise": True}])
 @pytest.mark.parametrize("by_hand", [{"degree": 7}, {"intervals": 5}])
 def test_options_of_smoothing_and_of_splines_exclude_each_other(smooth, by_hand):

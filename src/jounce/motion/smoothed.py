@@ -83,7 +83,7 @@ def found_from(
     if jumps := _jumps(t, q, off, fitted, symbol):
         warn(f"{place}: {jumps}")
     curve = SmoothedCurve(fitted.spline, float(t[0]), float(t[-1]), fitted)
-    notes = (*_notes(fitted), *([shortfall] if shortfall else []))
+    notes = (*_notes(fitted, t), *([shortfall] if shortfall else []))
     return Found(curve, _source(fitted), notes, off.max(axis=0))
 
 
@@ -121,7 +121,8 @@ def _source(fitted: Fit) -> str:
     return f"samples, smoothed by a spline of degree 9 that holds up to {fitted.bandwidth:.3g} Hz ({kinds})"
 
 
-def _notes(found: Fit) -> tuple[str, ...]:
+def _notes(found: Fit, t: np.ndarray) -> tuple[str, ...]:
     first, last = found.ends
     edges = f"derivatives are trustworthy from t = {first:.6g} to {last:.6g} s: deviations rise towards the ends"
-    return (*found.notes, *([edges] if found.relative.any() else []))
+    inside = found.relative.any() and (first > t[0] or last < t[-1])
+    return (*found.notes, *([edges] if inside else []))
