@@ -240,6 +240,11 @@ def _check(given: Sequence[str], expected: Sequence[str], sampled: bool, mechani
     asked = listed(joints) if sampled else f"for each joint {', '.join(rate_name('q', k) for k in range(highest + 1))}"
     absent = [joint for joint in joints if any(name in (joint, f"{joint}.q") for name in missing)]
     cures = [CURES["t"]] * (TIME in missing) + [CURES["joint"].replace("{joint}=", f"{j}=") for j in absent[:1]]
+    if missing and (forces := [f"{joint}.Q" for joint in joints if f"{joint}.Q" in given]):
+        raise JounceError(
+            f"it holds forces, {quoted(forces[0])}, ..., and not the motion; expected t and {asked}: 'jounce run"
+            " --rates' writes both"
+        )
     others = [name for name in given if not _belongs(name, joints) and name.removesuffix(".q") not in follows]
     told = [name for name in given if name in {*expected, *unfit, *(others if missing else wrong)}]
     names.check(told, expected, unfit, "; ".join([f"t and {asked}", *cures]))
