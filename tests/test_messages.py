@@ -31,6 +31,14 @@ def test_every_error_and_warning_is_one_printable_line(text):
         assert not text.isprintable() or str(said) == text
 
 
+@pytest.mark.parametrize("within", [np.errstate(all="ignore"), np.vectorize])
+def test_a_warning_is_of_the_line_that_calls_jounce_though_numpy_stands_between(within):
+    t = np.linspace(0, 2, 400)
+    with pytest.warns(jounce.JounceWarning, match="rounding of the samples .* of joint 0;") as caught:
+        within(lambda digits: jounce.Motion.through(t, np.sin(t).round(digits)[:, None]).start)(4)
+    assert caught[0].filename == __file__
+
+
 def test_an_endless_message_keeps_its_ends():
     for kind in (jounce.JounceError, jounce.JounceWarning):
         said = str(kind(f"what came {'1' * 5000} what cures it"))

@@ -350,14 +350,10 @@ def test_old_names_of_elastic_robots_warn_with_the_new_ones():
 def test_what_only_elastic_joints_have_refuses_rigid_ones():
     motion, q = jounce.Motion.fourier([0, 0], [[0.1, 0.2]], [[0, 0]], 2.0, 3.0), [SPOILT] * 5
     rows = "motor_positions motor_torques motor_currents motor_voltages elastic_forward_dynamics feedback_linearization"
-    calls = [lambda name=name: getattr(DRIVEN, name)(*q) for name in rows.split()]
-    calls += [
-        lambda: DRIVEN.motors_along(motion),
-        lambda: DRIVEN.elastic_energy(*q[:4]),
-        lambda: DRIVEN.damping_error(*q),
-    ]
-    for call in calls:
-        refusal(call, "its joints are rigid; robot.elastic(stiffness) makes them elastic")
+    given = dict.fromkeys(rows.split(), q) | {"motors_along": [motion], "elastic_energy": q[:4], "damping_error": q}
+    for name, arguments in given.items():
+        why = f"{name} of {DRIVEN.name!r}: its joints are rigid; robot.elastic(stiffness) makes them elastic"
+        refusal(lambda name=name, arguments=arguments: getattr(DRIVEN, name)(*arguments), why)
     assert DRIVEN.elasticity is None
 
 

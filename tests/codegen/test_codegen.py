@@ -263,6 +263,14 @@ def test_the_test_beside_the_code_knows_the_size_of_deflections(lang, tmp_path):
     assert passed, output
 
 
+def test_the_head_says_that_forces_are_those_of_the_links_where_joints_are_elastic(tmp_path):
+    arm = jounce.load("planar2r")
+    for robot, said in ((arm, 0), (arm.elastic(800, rotor=0.1), 1)):
+        made = robot.codegen("c", 0, tmp_path / f"c{said}", outputs=["inverse_dynamics", "mass_matrix"])
+        head = re.sub(r"\s[\s*]*", " ", (made.directory / "planar2r.h").read_text())
+        assert head.count("inverse_dynamics is that of the links; motor_torques is that of the motors.") == said
+
+
 @programs
 def test_what_is_zero_in_exact_arithmetic_is_no_false_alarm(lang, tmp_path):
     """The closed form gives noise for rates of the mass matrix and for gravity, the code gives 0 or other noise."""

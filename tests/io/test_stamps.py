@@ -120,7 +120,7 @@ def test_rounding_of_doubles_is_in_the_deviations_and_is_said():
     motion = jounce.load_motion(columns(stamps, rates(since - since[0])), ROBOT, order=0)
     assert any("stamps are doubles, in steps of 2.4e-07 s" in note for note in motion.notes)
     t = np.linspace(0.01, motion.stop - 0.01, 997)
-    with pytest.warns(jounce.JounceWarning, match="rounding of q or t in the table may make up 100% of q4d between"):
+    with pytest.warns(jounce.JounceWarning, match="rounding of joint2.q or t may make up 100% of joint2.q4d between"):
         found = motion(t, 4)
     off = [np.abs(a - b) for a, b in zip(found, rates(t), strict=True)]
     deviations = motion.deviations(t, 4)

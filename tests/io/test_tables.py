@@ -170,6 +170,7 @@ BAD_CSV = {
     "empty": ("", ["the table is empty", "column names"]),
     "blank": ("\n , \n", ["the table is empty"]),
     "header only": ("t,a\n", ["no rows"]),
+    "no names": ("1,2\n3,4\n", ["no row of column names", "expected one, such as 't,JOINT,...'"]),
     "column twice": ("t,a,b,a\n1,2,3,4\n", ["'a'", "2 times"]),
     "short row": ("t,a\n1,2\n\n3\n", [":4", "1 cells", "expected 2"]),
     "long row": ("t,a\n1,2\n1,2,3\n", [":3", "3 cells", "expected 2"]),

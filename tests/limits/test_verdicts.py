@@ -105,7 +105,7 @@ def test_verdicts_agree_with_the_truth(seed, kind):
     assert ROBOT.with_limits(**{kind: 0.7 * peak}).check(motion).verdict != "kept"
 
 
-@pytest.mark.filterwarnings("ignore:rounding of q or t:jounce.JounceWarning")
+@pytest.mark.filterwarnings("ignore:.*rounding of .* or t:jounce.JounceWarning")
 def test_peaks_between_rows_count_where_stamps_are_uncertain():
     """Deviations of rounded stamps go with the next rate: rows at an end where that is large are outside of windows."""
     t = 1.7e9 + np.pi * np.array([0, 20.1, 40.3, 60.2, 80.4])

@@ -196,6 +196,10 @@ REFUSED = {
         ["--columns 'q_{name}'", "expected {joint}"]
     ),
     "a pattern that fits nothing": (PLANAR, PLAIN, {"columns": "q_{joint}"}, ["no column 'q_joint1', 'q_joint2'"]),
+    "forces": (
+        PLANAR, {"t": T, "joint1.Q": T, "joint2.Q": T}, {},
+        ["holds forces, 'joint1.Q', ..., and not the motion; expected t and joint1, joint2: 'jounce run --rates'"]
+    ),
     "too few samples": (PLANAR, {k: v[:5] for k, v in PLAIN.items()}, {}, ["5 samples", "--degree 7 (degree=7)"]),
 }  # fmt: skip
 

@@ -1,5 +1,6 @@
 """Motions as functions of time: exact rates at any time, on both sides of a break, at any pace, in a row."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -229,10 +230,41 @@ def test_warns_where_the_digits_of_a_table_do_not_carry_its_rates_between_rows()
     }
     motion = from_table({"t": t} | rows, PLANAR.mechanism, 4, "m.csv")
     motion(t)
-    with pytest.warns(
-        jounce.JounceWarning, match="rounding of q or t in the table may make up 100% of q4d between its rows"
-    ):
+    text = r"m.csv: rounding of joint1.q or t may make up 100% of joint1.q4d between its rows, .* more digits or rows"
+    with pytest.warns(jounce.JounceWarning, match=text):
         motion(0.50005)
+
+
+@pytest.mark.parametrize(("step", "warned"), [(3.3e-3, False), (2.9e-3, True)])
+def test_doubles_carry_the_rates_of_a_table_between_rows_that_are_not_too_close(step, warned):
+    """Rounding makes up 1 % of q4d 3.1 ms apart; limits that take lower rates alone hear nothing of it."""
+    t = np.arange(0, 2, step)
+    rates = [0.5**k * np.sin(0.5 * t + k * np.pi / 2) for k in range(5)]
+    columns = {f"joint{j}.{rate}": x * j for j in (1, 2) for rate, x in zip(RATES, rates, strict=True)}
+    motion = from_table({"t": t} | columns, PLANAR.mechanism, 4, "m.csv")
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        PLANAR.with_limits(velocity=3, acceleration=3, jerk=3, effort=300, effort_rate=300).check(motion)
+        assert not said
+        motion(0.5 * step)
+    cure = "expected rows at least 0.0034 s apart"
+    assert [cure in str(w.message) for w in said] == [True] * warned
+
+
+@pytest.mark.parametrize(("turn", "warned"), [(64, False), (1e4, True)])
+def test_rates_of_joints_at_rest_are_held_against_those_of_joints_that_move(turn, warned):
+    """A joint at rest but for some units in the last place has rates that are rounding, and no jump."""
+    t = np.linspace(0, 2, 201)
+    ripple = turn / 4 * np.finfo(float).eps * np.where(np.arange(201) == 90, 1, 0)
+    moves = [3.0**k * np.sin(3 * t + k * np.pi / 2) for k in range(5)]
+    rests = [(k == 0) + 100.0**k * ripple for k in range(5)]
+    both = {"joint1": moves, "joint2": rests}
+    table = {f"{joint}.{rate}": x for joint, rates in both.items() for rate, x in zip(RATES, rates, strict=True)}
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        motion = from_table({"t": t} | table, PLANAR.mechanism, 4, "m.csv")
+        motion(0.005)
+    assert bool(said) == warned
 
 
 def test_forces_at_breaks_jump_as_the_one_sided_forces_do():

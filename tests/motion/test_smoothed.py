@@ -63,7 +63,7 @@ NAMING = {"time": "t", "columns": "{joint}", "angles": "rad", "time_unit": "s"}
 NO_EFFECT = {
     **{f"{name} of terms": ("paper", {name: value}, "exact") for name, value in (OPTIONS | NAMING).items()},
     **{f"{name} of rates": (RATES, {name: value}, "all rates are in the table") for name, value in OPTIONS.items()},
-    "topic of terms": ("paper", {"topic": "x"}, "topic is for bags"),
+    "topic of terms": ("paper", {"topic": "x"}, "--topic (topic=) is for bags"),
     "topic of columns": (LOG, {"topic": "x"}, "topic is for bags"),
 }
 
@@ -73,8 +73,21 @@ def test_an_option_without_effect_is_refused(source, options, reason):
     refusal(lambda: jounce.load_motion(source, PLANAR, **options), reason, *options, "leave it out")
 
 
-def test_degree_and_bandwidth_exclude_each_other():
-    refusal(lambda: jounce.load_motion(LOG, PLANAR, bandwidth=2.0, degree=7), "leave degree and intervals out")
+@pytest.mark.parametrize(("size", "inside"), [(1e-3, False), (1e-9, True)])
+def test_a_note_on_the_ends_of_a_log_stands_where_they_are_not_trustworthy(size, inside):
+    t = np.arange(0, 4, 0.005)
+    q = np.c_[1.2 * np.sin(1.5 * t), 0.9 * np.cos(2 * t)] + size * np.random.default_rng(1).normal(size=(len(t), 2))
+    motion = jounce.Motion.fit(t, q)
+    assert (motion.curve.fit.ends != (t[0], t[-1])) == inside
+    assert any("trustworthy" in note for note in motion.notes) == inside
+
+
+@pytest.mark.parametrize("smooth", [{"bandwidth": 2.0}, {"allow_noise": True}])
+@pytest.mark.parametrize("by_hand", [{"degree": 7}, {"intervals": 5}])
+def test_options_of_smoothing_and_of_splines_exclude_each_other(smooth, by_hand):
+    """The message names those that came, as commands and as the library call them."""
+    words = [f"--{name.replace('_', '-')} ({name}=) is for" for name in (*smooth, *by_hand)]
+    refusal(lambda: jounce.load_motion(LOG, PLANAR, **smooth, **by_hand), *words, "leave one of them out")
 
 
 def test_few_samples_name_the_option_that_takes_them():

@@ -125,7 +125,13 @@ def test_a_motion_without_wrenches_has_none_in_its_forces():
 
 OTHER = jounce.load("planar2r")
 REFUSED = {
-    "a dict": (lambda: ROBOT.forces_along({"t": T}), ["jounce.Motion", "dict", "jounce.load_motion"]),
+    **{
+        f"{name} of a number": (
+            lambda name=name: getattr(ROBOT, name)(3),
+            ["motion is 3; expected a jounce.Motion, as jounce.load_motion makes one"],
+        )
+        for name in ("forces_along", "identify", "check", "slowdown", "retime")
+    },
     "too few rates": (
         lambda: ROBOT.forces_along(jounce.Motion.through(T, np.outer(T, np.ones(ROBOT.n)), 5), order=4),
         ["q6d is not known along this motion (samples, rates from a spline of degree 5 (C^4)); it ends at q5d"],

@@ -14,6 +14,7 @@ from robots import golden, mechanisms, random_state, relative_error
 
 import jounce
 from jounce.core.errors import JounceError
+from jounce.robot.old import OldMethods
 
 METHODS = ("recursion", "closed_form", "paper")
 QUANTITIES = {  # the fewest rates each takes, and the shape of its result for a robot of two joints
@@ -383,6 +384,15 @@ def test_robots_travel_to_other_processes():
     q = np.random.default_rng(0).normal(size=(3, 7))
     assert (copy.inverse_dynamics(*q) == robot.inverse_dynamics(*q)).all()
     assert repr(copy) == "<Robot 'iiwa14': 7 coordinates, 7 bodies>"
+
+
+PUBLIC = [name for name, _ in inspect.getmembers(jounce.Robot, inspect.isfunction) if not name.startswith("_")]
+
+
+@pytest.mark.parametrize("name", [name for name in PUBLIC if name not in vars(OldMethods)])
+def test_python_names_the_class_that_users_know_where_it_refuses_a_call(name):
+    with pytest.raises(TypeError, match=rf"^Robot\.{name}\(\) (got an unexpected keyword|missing \d)"):
+        getattr(jounce.Robot, name)(None, no_such_keyword=1)
 
 
 def test_public_names():

@@ -197,7 +197,7 @@ def test_motors_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypat
     assert pq.read_schema(tmp_path / "parts" / "part-000000.parquet").field("joint1.tau").metadata == {b"unit": b"N m"}
 
 
-@pytest.mark.filterwarnings("ignore:rounding of q or t:jounce.JounceWarning")  # of a stretch of a few rows
+@pytest.mark.filterwarnings("ignore:.*rounding of .* or t:jounce.JounceWarning")  # of a stretch of a few rows
 def test_limits_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypatch):
     monkeypatch.setattr("jounce.stream.limits.STRETCH", 7)
     columns = table(90)

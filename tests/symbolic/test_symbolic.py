@@ -15,7 +15,9 @@ from robots import golden, random_pose
 from sympy import cos, sin
 
 import jounce
+from jounce._codegen.symbolic.trig_polynomial import Variables
 from jounce.core.errors import JounceError
+from jounce.core.scalars import check_recording
 from jounce.model.frame import Frame
 from jounce.model.mechanism import FloatingBase
 from jounce.spatial.lie import pose
@@ -290,6 +292,17 @@ def test_what_is_too_large_says_so_and_names_the_way_out(monkeypatch):
     with pytest.raises(JounceError, match=r"^Q of 'iiwa14': too large for symbolic form: .*robot\.codegen") as refused:
         _ = S.Q2d
     assert "\n" not in str(refused.value)
+
+
+def test_products_of_arrays_go_on_beyond_the_limit_which_is_told_after_them():
+    """NumPy's products of object arrays with batch axes, in which an operator raises, end in segmentation faults."""
+    variables = Variables(1000)
+    A = np.full((3, 4, 4), variables.variable("x") + variables.variable("y"))
+    check_recording(A)
+    A = A @ A
+    with pytest.raises(JounceError, match=r"^too large for symbolic form: .* more than 1,000 operations on terms;"):
+        check_recording(A)
+    assert not any(x.terms for x in (A @ A).flat)
 
 
 def test_an_order_too_high_says_so(monkeypatch):

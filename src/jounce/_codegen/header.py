@@ -143,11 +143,17 @@ def layouts(functions: Sequence[Function]) -> list[str]:
 
 def elastic_joints(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
     """Return sentences on the springs and motors of elastic joints, for functions that depend on them."""
-    if robot.elasticity is None or not any(row.elastic for row in _quantities(functions)):
-        return []
+    rows = _quantities(functions) if robot.elasticity else []
+    of_links = [
+        f"Joints are elastic: {row.name} is that of the links; {row.of_motors} is that of the motors."
+        for row in rows
+        if row.of_motors
+    ]
+    if robot.elasticity is None or not any(row.elastic for row in rows):
+        return of_links
     numbers = ((what, robot.elasticity.arrays[name]) for name, what in OF_MOTORS.items())
     stated = [f"{what} {' '.join(f'{x:g}' for x in array)}" for what, array in numbers if np.any(array != 0)]
-    found = [f"Motors are seen from the links, behind the gears. By coordinate: {'; '.join(stated)}."]
+    found = [*of_links, f"Motors are seen from the links, behind the gears. By coordinate: {'; '.join(stated)}."]
     others = [name for name, law in zip(robot.coordinates, robot.elasticity.springs, strict=False) if law is not None]
     if others:
         named = ", ".join(map(printable, others))

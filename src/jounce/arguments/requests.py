@@ -103,24 +103,25 @@ def inverted(mechanism: Mechanism, quantity: str) -> Mechanism:
     return with_rigid_rotors(mechanism) if QUANTITIES[quantity].inputs else mechanism
 
 
-def check_existence(mechanism: Mechanism, quantity: str, moving: bool) -> None:
+def check_existence(mechanism: Mechanism, quantity: str, moving: bool, call: str | None = None) -> None:
     """Raise `JounceError` if a robot does not have a quantity: loops are open, joints rigid, or the row says why.
 
-    Rotors that links carry take a base at rest, as do quantities that take the state of motors.
+    Rotors that links carry take a base at rest, as do quantities that take the state of motors. Messages name the call
+    for which the quantity is computed, by default that of the quantity.
     """
-    row = QUANTITIES[quantity]
+    row, call = QUANTITIES[quantity], call or quantity
     if reason := missing(mechanism, row):
-        raise JounceError(f"{quantity} of {mechanism.name!r}{reason}")
+        raise JounceError(f"{call} of {mechanism.name!r}{reason}")
     if not row.elastic or mechanism.elasticity is None:
         return
     if moving and row.inputs:
         raise JounceError(
-            f"{quantity}: the base of {mechanism.name!r} moves; expected one at rest. motor_positions and motor_torques"
+            f"{call}: the base of {mechanism.name!r} moves; expected one at rest. motor_positions and motor_torques"
             " take base="
         )
     if moving and mechanism.elasticity.level is not None:
         raise JounceError(
-            f"{quantity} of {mechanism.name!r}: its base moves, and coupling={mechanism.elasticity.level} of rotors and"
+            f"{call} of {mechanism.name!r}: its base moves, and coupling={mechanism.elasticity.level} of rotors and"
             " links takes a base at rest; coupling='spong' neglects what rotors feel of their carriers"
         )
 

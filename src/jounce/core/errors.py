@@ -8,9 +8,11 @@ from contextvars import ContextVar
 from difflib import get_close_matches
 from pathlib import Path
 from reprlib import Repr
+from types import FrameType
 from typing import Any
 
 PACKAGE = Path(__file__).parents[1]
+BETWEEN = ("contextlib", "numpy", "scipy")  # libraries through which jounce calls itself, in decorators and callbacks
 MOST = 80  # characters of one thing in a message, be it a cell, a name or a value
 MOST_OF_MESSAGE = 3000  # characters: a path that came has up to 4096, and may stand in it twice
 
@@ -71,15 +73,20 @@ def collected_warnings() -> Iterator[list[str]]:
 
 
 def warn(text: str) -> None:
-    """Warn, at the line outside of jounce that called into it."""
+    """Warn, at the line outside of jounce, and of what it calls itself through, that called into it."""
     collected = _collected.get()
     if collected is not None:
         collected.append(str(JounceWarning(text)))
         return
     frame, depth = sys._getframe(1), 2
-    while frame.f_back and Path(frame.f_code.co_filename).is_relative_to(PACKAGE):
+    while frame.f_back and _is_inside(frame):
         frame, depth = frame.f_back, depth + 1
     warnings.warn(text, JounceWarning, stacklevel=depth)
+
+
+def _is_inside(frame: FrameType) -> bool:
+    library = str(frame.f_globals.get("__name__")).partition(".")[0]
+    return library in BETWEEN or Path(frame.f_code.co_filename).is_relative_to(PACKAGE)
 
 
 @contextmanager
@@ -106,6 +113,11 @@ def one_of(kind: str, given: object, existing: Iterable[str], owner: str = "") -
     if not isinstance(given, str) or given not in known:  # arrays do not compare to a string
         raise no_such(kind, given, known, owner)
     return given
+
+
+def option(keyword: str) -> str:
+    """An option of a command, and the keyword of the library: messages name both, for either reader."""
+    return f"--{keyword.replace('_', '-')} ({keyword}=)"
 
 
 def several(given: object) -> list[Any]:

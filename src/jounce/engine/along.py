@@ -122,8 +122,7 @@ def forces_along(
 def checked_motion(mechanism: Mechanism, motion: object) -> Motion:
     """Check that a motion is one of the robot's joints, and put it in their order."""
     if not isinstance(motion, Motion):
-        came = type(motion).__name__
-        raise JounceError(f"forces_along() expects a jounce.Motion, got {came}; jounce.load_motion makes one")
+        raise JounceError(f"motion is {quoted(motion)}; expected a jounce.Motion, as jounce.load_motion makes one")
     with at("the motion"):
         if mechanism.base and motion.base_curve is None:
             raise JounceError(

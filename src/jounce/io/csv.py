@@ -208,7 +208,7 @@ def _header(path: Path, cells: Sequence[str], mark: str) -> list[str]:
     header = [cells[0].lstrip("# "), *cells[1:]]  # numpy.savetxt marks its header with #
     header = header[1:] if mark == " " and not header[0] else header
     if all(finite(name) is not None for name in header):
-        raise JounceError(f"{path}: no row of column names above the numbers")
+        raise JounceError(f"{path}: no row of column names above the numbers; expected one, such as 't,JOINT,...'")
     check_distinct(path, header)
     return header
 

@@ -24,6 +24,7 @@ from jounce.limits.joints import (
 )
 from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, MOTOR_KINDS, Limits
 from jounce.model.limits import FORCES as BOUND_FORCES
+from jounce.motion.hermite import counting_to
 from jounce.motion.motion import Motion
 
 SMOOTH = 2  # derivatives that are used where they are known: a quintic between samples has two at each end
@@ -136,7 +137,7 @@ class Bounded:
 
     def series(self, t: np.ndarray, side: Side = "right") -> Series:
         """The quantities that are bounded, with derivatives, at times (N,)."""
-        with named_by_time(t):
+        with named_by_time(t), counting_to(max(motion_order(self.robot, kind) for kind in self.kinds)):
             return self._series(t, side)
 
     def _series(self, t: np.ndarray, side: Side) -> Series:

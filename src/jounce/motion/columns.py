@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from jounce.arguments import names
-from jounce.core.errors import JounceError, listed, no_such, one_line, quoted
+from jounce.core.errors import JounceError, listed, no_such, one_line, option, quoted
 from jounce.model.coordinates import coordinate_units
 from jounce.model.mechanism import Mechanism
 from jounce.motion import loads, poses
@@ -57,7 +57,7 @@ class Options:
         names = {"time": self.time, "columns": self.pattern, "angles": self.angles, "time_unit": self.time_unit}
         given = [name for name, value in names.items() if value is not None]
         if given:
-            raise JounceError(f"{place}: {reason}; {given[0]} is for the columns of a table: leave it out")
+            raise JounceError(f"{place}: {reason}; {option(given[0])} is for the columns of a table: leave it out")
 
 
 @dataclass(frozen=True)
@@ -240,6 +240,11 @@ def _check(given: Sequence[str], expected: Sequence[str], sampled: bool, mechani
     asked = listed(joints) if sampled else f"for each joint {', '.join(rate_name('q', k) for k in range(highest + 1))}"
     absent = [joint for joint in joints if any(name in (joint, f"{joint}.q") for name in missing)]
     cures = [CURES["t"]] * (TIME in missing) + [CURES["joint"].replace("{joint}=", f"{j}=") for j in absent[:1]]
+    if missing and (forces := [f"{joint}.Q" for joint in joints if f"{joint}.Q" in given]):
+        raise JounceError(
+            f"it holds forces, {quoted(forces[0])}, ..., and not the motion; expected t and {asked}: 'jounce run"
+            " --rates' writes both"
+        )
     others = [name for name in given if not _belongs(name, joints) and name.removesuffix(".q") not in follows]
     told = [name for name in given if name in {*expected, *unfit, *(others if missing else wrong)}]
     names.check(told, expected, unfit, "; ".join([f"t and {asked}", *cures]))

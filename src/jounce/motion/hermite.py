@@ -1,7 +1,9 @@
 """Hermite polynomials: curves through rows that state the coordinates and all their rates, exact at every row."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache, cached_property
 
@@ -9,10 +11,22 @@ import numpy as np
 
 from jounce.core.errors import warn
 from jounce.motion.curves import Jump, powers
-from jounce.motion.smoothness import resolution
+from jounce.motion.smoothness import resolution, sizes_of
 from jounce.spatial.series import rate_name
 
 NOTICEABLE = 0.01  # share of rounding in a rate from which on a user should hear of it
+
+_counting: ContextVar[float] = ContextVar("_counting", default=math.inf)
+
+
+@contextmanager
+def counting_to(order: int) -> Iterator[None]:
+    """Within this context, results depend on rates up to an order, and higher ones only help: none warns of these."""
+    token = _counting.set(order)
+    try:
+        yield
+    finally:
+        _counting.reset(token)
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,13 +34,15 @@ class Hermite:
     """Polynomials between rows at t (N,) of q, qd, ... (N, columns) each: m of them make the degree 2 m - 1.
 
     `spreads` are their standard deviations, if the rows come from a fit and not from a plan. `rounding` is the standard
-    deviation of t in s, beyond that of doubles.
+    deviation of t in s, beyond that of doubles. Warnings name the table and its columns of q.
     """
 
     t: np.ndarray
     rows: tuple[np.ndarray, ...]
     spreads: tuple[np.ndarray, ...] | None = None
     rounding: float = 0.0
+    table: str = "the motion"
+    names: tuple[str, ...] = ()
 
     @property
     def start(self) -> float:
@@ -93,27 +109,32 @@ class Hermite:
 
     def _warn_of_rounding(self, order: int) -> None:
         """Warn where the digits of q do not carry the highest rate from row to row."""
-        share = self._shares_of_rounding[order]
+        order = int(min(order, _counting.get()))
+        shares, coarse = self._shares_of_rounding
+        share, j = float(shares[order].max()), int(shares[order].argmax())
         if share > NOTICEABLE:
-            text = f"rounding of q or t in the table may make up {min(share, 1):.0%} of {rate_name('q', order)}"
-            warn(f"{text} between its rows; look at the motion at its rows, or give more digits or wider steps")
+            q = self.names[j] if self.names else "q"
+            came = f"{self.table}: rounding of {q} or t may make up {min(share, 1):.0%} of {rate_name(q, order)}"
+            apart = 1.1 * np.diff(self.t).min() * (share / NOTICEABLE) ** (1 / max(order, 1))
+            cures = ["more digits"] * bool(coarse[j]) + [f"rows at least {apart:.2g} s apart"] * (order > 0)
+            warn(f"{came} between its rows, not at them; expected {' or '.join(cures)}")
 
     @cached_property  # it takes all rows, and a check of limits asks for rates hundreds of times
     @np.errstate(all="ignore")
-    def _shares_of_rounding(self) -> tuple[float, ...]:
-        """What share of the largest value of each rate the rounding of q and t may make up between rows.
+    def _shares_of_rounding(self) -> tuple[list[np.ndarray], np.ndarray]:
+        """What share of each rate (columns,) the rounding of q and t may make up between rows, which h^-k magnifies.
 
-        h^-k magnifies it. A rate that is zero at all rows has none.
+        A rate that is zero at all rows has none. And where rounding is coarser than of doubles, so that digits help.
         """
-        peaks = [np.abs(row).max(axis=0) for row in self.rows]
-        size = np.maximum(
-            [resolution(column) for column in self.rows[0].T], self.rounding * peaks[min(1, self.highest)]
-        )
-        step, tiny = np.diff(self.t).min(), np.finfo(float).tiny
-        return tuple(
-            float((size * _gain(len(self.rows), k) / step**k / np.maximum(peak, tiny)).max()) if peak.any() else 0.0
-            for k, peak in enumerate(peaks)
-        )
+        fastest = np.abs(self.rows[min(1, self.highest)]).max(axis=0)
+        size = np.maximum([resolution(column) for column in self.rows[0].T], self.rounding * fastest)
+        step = np.diff(self.t).min()
+        sizes = sizes_of(self.rows, self.stop - self.start)
+        shares = [
+            size * _gain(len(self.rows), k) / step**k / rate * row.any(axis=0)
+            for k, (rate, row) in enumerate(zip(sizes, self.rows, strict=True))
+        ]
+        return shares, size > np.finfo(float).eps * np.abs(self.rows[0]).max(axis=0)
 
 
 def between(

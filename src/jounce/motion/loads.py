@@ -78,16 +78,16 @@ def wrenches(
     found: dict[str, Curve] = {}
     for body in dict.fromkeys(body for body, _ in given):
         components = [component for name, component in given if name == body]
+        names = tuple(f"{body}.{component}" for component in components)
         rows = [_stacked(columns, body, components, k, place) for k in range(1 if sampled else order + 1)]
         curve: Curve
         if sampled:
-            names = tuple(f"{body}.{component}" for component in components)
             samples = found_from(t, rows[0], way, names, order, f"{place}: wrench of {quoted(body)}", "W")
             curve = samples.curve
             if samples.notes:
                 notes += [f"wrench of {quoted(body)}: {text}" for text in (samples.source, *samples.notes)]
         else:
-            curve = Hermite(t, tuple(rows))
+            curve = Hermite(t, tuple(rows), table=place, names=names)
         found[body] = Wrench(curve, tuple(COMPONENTS.index(component) for component in components))
     return found, tuple(notes)
 

@@ -79,7 +79,8 @@ def curve_of_columns(
         return _curve_of_samples(t, samples, way, highest, place)
     rows, spreads = (_rates_in(columns, ending) for ending in ("", "_sd"))
     signs = np.where(np.arange(len(COLUMNS)) < 3, 1.0, neighbouring_signs(rows[0][:, 3:])[:, None])
-    return Hermite(t, tuple(row * signs for row in rows), spreads if len(spreads) == len(rows) else None), ()
+    rows = tuple(row * signs for row in rows)
+    return Hermite(t, rows, spreads if len(spreads) == len(rows) else None, table=place, names=NAMES), ()
 
 
 def _rates_in(columns: Mapping[str, np.ndarray], ending: str) -> tuple[np.ndarray, ...]:

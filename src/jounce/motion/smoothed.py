@@ -61,7 +61,7 @@ def found_from(
     JounceError : where no curve follows from the samples, or they cannot carry that derivative and are not forced to.
     """
     if isinstance(way, Spline):
-        return _by_hand(t, q, way, highest, place, symbol, rounding)
+        return _by_hand(t, q, way, joints, highest, place, symbol, rounding)
     if len(t) < LEAST:
         least = f"smoothing needs at least {LEAST}; {THROUGH} takes them as exact"
         raise JounceError(f"{place}: {len(t)} samples; {least}")
@@ -76,14 +76,14 @@ def found_from(
     off = np.abs(fitted.spline(t) - q)
     exact = (off.max(axis=0) <= ROUNDING * np.finfo(float).eps * np.abs(q).max(axis=0)).all()
     if exact and way.bandwidth is None:
-        return _by_hand(t, q, Spline(), highest, place, symbol)
+        return _by_hand(t, q, Spline(), joints, highest, place, symbol)
     if shortfall and not way.allow_noise:
         cures = "--bandwidth HZ (bandwidth=) smooths them more, --allow-noise (allow_noise=) accepts them"
         raise JounceError(f"{place}: {shortfall}; {cures}")
     if jumps := _jumps(t, q, off, fitted, symbol):
         warn(f"{place}: {jumps}")
     curve = SmoothedCurve(fitted.spline, float(t[0]), float(t[-1]), fitted)
-    notes = (*_notes(fitted), *([shortfall] if shortfall else []))
+    notes = (*_notes(fitted, t), *([shortfall] if shortfall else []))
     return Found(curve, _source(fitted), notes, off.max(axis=0))
 
 
@@ -98,13 +98,20 @@ def _jumps(t: np.ndarray, q: np.ndarray, off: np.ndarray, fitted: Fit, symbol: s
 
 
 def _by_hand(
-    t: np.ndarray, q: np.ndarray, way: Spline, highest: int, place: str, symbol: str, rounding: float = 0.0
+    t: np.ndarray,
+    q: np.ndarray,
+    way: Spline,
+    joints: tuple[str, ...] | None,
+    highest: int,
+    place: str,
+    symbol: str,
+    rounding: float = 0.0,
 ) -> Found:
     if way.intervals is None and (
         jumps := of_samples(t, q, symbol=symbol)
     ):  # what a fit does not follow, its residual tells
         warn(f"{place}: {jumps}")
-    curve = curve_of(t, q, way, place, highest, symbol, rounding)
+    curve = curve_of(t, q, way, place, highest, symbol, rounding, joints)
     residual = None if way.intervals is None else np.abs(curve.rates(t, 0)[0] - q).max(axis=0)
     return Found(curve, f"samples, rates from a {way}", residual=residual)
 
@@ -114,7 +121,8 @@ def _source(fitted: Fit) -> str:
     return f"samples, smoothed by a spline of degree 9 that holds up to {fitted.bandwidth:.3g} Hz ({kinds})"
 
 
-def _notes(found: Fit) -> tuple[str, ...]:
+def _notes(found: Fit, t: np.ndarray) -> tuple[str, ...]:
     first, last = found.ends
     edges = f"derivatives are trustworthy from t = {first:.6g} to {last:.6g} s: deviations rise towards the ends"
-    return (*found.notes, *([edges] if found.relative.any() else []))
+    inside = found.relative.any() and (first > t[0] or last < t[-1])
+    return (*found.notes, *([edges] if inside else []))

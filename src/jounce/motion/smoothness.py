@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jounce.motion.curves import ROUNDING
 from jounce.motion.noise import step_of
 
 NAMES = {
@@ -45,8 +46,25 @@ def of_rates(rates: Sequence[np.ndarray]) -> str | None:
     """What jumps in a motion given with its rates."""
     if len(rates[0]) < FEWEST:
         return None
-    none = np.zeros(len(rates[0]) - 1, bool)
-    return _told([(k, rates[k], 1, np.zeros(rates[k].shape[1]), none) for k in NAMES["q"] if k < len(rates)], "q")
+    none, floors = np.zeros(len(rates[0]) - 1, bool), [OF_THE_PEAK * peak for peak in peaks_of(rates)]
+    return _told([(k, rates[k], 1, floors[k], none) for k in NAMES["q"] if k < len(rates)], "q")
+
+
+def peaks_of(rates: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """The largest value of each rate (N, n), by column; of columns at rest but for rounding, that of all others.
+
+    What their rates are is rounding too, to be held against those that move; infinite where none does.
+    """
+    rest = np.ptp(rates[0], axis=0) <= ROUNDING * np.abs(rates[0]).max(axis=0)
+    peaks = [np.abs(rate).max(axis=0) for rate in rates]
+    return [np.where(rest, np.inf if rest.all() else peak[~rest].max(initial=0), peak) for peak in peaks]
+
+
+def sizes_of(rates: Sequence[np.ndarray], span: float) -> list[np.ndarray]:
+    """How large each rate is over a time, by column: those that are zero as lower ones would make them."""
+    peaks = peaks_of(rates)
+    lower = ([peak / span ** (k - i) for i, peak in enumerate(peaks[: k + 1])] for k in range(len(peaks)))
+    return [np.maximum(np.max(each, axis=0), np.finfo(float).tiny) for each in lower]
 
 
 def resolution(samples: np.ndarray) -> float:

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.core.errors import JounceError, one_line, quoted, true_or_false, warn
+from jounce.core.errors import JounceError, one_line, option, quoted, true_or_false, warn
 from jounce.motion.curves import Jump
-from jounce.motion.smoothness import resolution
+from jounce.motion.smoothness import resolution, sizes_of
 from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
@@ -97,7 +97,14 @@ class SplineCurve:
 
 
 def curve_of(
-    t: np.ndarray, q: np.ndarray, spline: Spline, place: str, highest: int, symbol: str = "q", rounding: float = 0.0
+    t: np.ndarray,
+    q: np.ndarray,
+    spline: Spline,
+    place: str,
+    highest: int,
+    symbol: str = "q",
+    rounding: float = 0.0,
+    names: Sequence[str] | None = None,
 ) -> SplineCurve:
     """The spline of samples q (N, n); a warning where rounding of q or t shows in the rate of order `highest`.
 
@@ -115,7 +122,7 @@ def curve_of(
     for k, rate in enumerate(rates):
         if not np.isfinite(rate).all():
             raise JounceError(f"{place}: {rate_name(symbol, k)} of the {spline} overflows; expected smaller samples")
-    _warn_of_rounding(t, q, rates, spline, place, symbol, rounding)
+    _warn_of_rounding(t, q, rates, spline, place, symbol, rounding, names)
     return curve
 
 
@@ -123,9 +130,13 @@ def way_of(degree: int | None, intervals: int | None, bandwidth: float | None, a
     """Return the way from samples to a curve that a caller selects."""
     true_or_false("allow_noise", allow_noise, "whether to accept samples whose noise dominates the highest rate")
     check_bandwidth(bandwidth)
-    by_hand = degree is not None or intervals is not None
-    if by_hand and (bandwidth is not None or allow_noise):
-        raise JounceError("bandwidth and allow_noise are for samples that are smoothed; leave degree and intervals out")
+    by_hand = [option(name) for name, x in (("degree", degree), ("intervals", intervals)) if x is not None]
+    smooth = [
+        option(name) for name, x in (("bandwidth", bandwidth), ("allow_noise", allow_noise or None)) if x is not None
+    ]
+    if by_hand and smooth:
+        came = f"{smooth[0]} is for samples that are smoothed, and {by_hand[0]} is for ones that are not"
+        raise JounceError(f"{came}; leave one of them out")
     return Spline(7 if degree is None else degree, intervals) if by_hand else Smoothing(bandwidth, allow_noise)
 
 
@@ -136,7 +147,7 @@ def refuse_way(way: Smoothing | Spline, place: str, reason: str) -> None:
     else:
         given = [name for name, value in vars(way).items() if value]
     if given:
-        raise JounceError(f"{place}: {reason}; {given[0]} is for samples: leave it out")
+        raise JounceError(f"{place}: {reason}; {option(given[0])} is for samples: leave it out")
 
 
 def check_bandwidth(given: object) -> None:
@@ -155,6 +166,7 @@ def _warn_of_rounding(
     place: str,
     symbol: str,
     rounding: float,
+    names: Sequence[str] | None,
 ) -> None:
     """Warn where the samples' own rounding shows in the highest rate: differentiation multiplies it by (1/dt)^k.
 
@@ -165,9 +177,9 @@ def _warn_of_rounding(
     size = np.nan_to_num(np.maximum([resolution(column) for column in q.T], of_t))
     errors = np.random.default_rng(0).uniform(-1, 1, q.shape) * size
     error = np.abs(spline.of(t, errors)(t, nu=highest)).max(axis=0)
-    scales = [np.abs(rate).max(axis=0) / np.ptp(t) ** (highest - k) for k, rate in enumerate(rates)]
-    share = float((error / np.maximum(np.max(scales, axis=0), np.finfo(float).tiny)).max())
+    shares = error / sizes_of(rates, float(np.ptp(t)))[highest]
+    share, worst = float(shares.max()), names[int(shares.argmax())] if names else f"joint {shares.argmax()}"
     if share > NOTICEABLE:
         name = rate_name(symbol, highest)
-        text = f"{place}: rounding of the samples makes up {min(share, 1):.0%} of the largest {name}"
+        text = f"{place}: rounding of the samples makes up {min(share, 1):.0%} of the largest {name}, that of {worst}"
         warn(f"{text}; give more digits, wider steps, or all rates")

@@ -78,7 +78,8 @@ def from_columns(
     torques = None if measured is None else (t, measured)
     if samples is None:
         _warn_of(smoothness.of_rates(rows), place)
-        curve = Hermite(t, rows, _spreads(si, joints, rates), rounding)
+        columns_of_q = tuple(f"{joint}.q" for joint in joints)
+        curve = Hermite(t, rows, _spreads(si, joints, rates), rounding, place, columns_of_q)
         notes = (*of_times, *found.notes, *of_poses, *of_loads)
         return Motion(curve, joints, ALL_RATES, W, None, None, t, torques, notes, base, branch)
     notes = (*of_times, *found.notes, *samples.notes, *of_poses, *of_loads)

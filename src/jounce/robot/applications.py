@@ -275,7 +275,8 @@ class Applications(Engine):
             Quantities, each with its rates: the names of methods of `Robot`, "skew_coriolis_matrix" for the form
             "skew". A quantity of bodies needs a body and may have a frame: "poses:tool0", "jacobian:tool0:world". Of
             quantities that are vectors, "inverse_dynamics.vjp" and "inverse_dynamics.jvp" are what `Kernel.vjp` and
-            `Kernel.jvp` compute.
+            `Kernel.jvp` compute. Where joints are elastic, "inverse_dynamics" is that of the links, "motor_torques"
+            that of the motors.
         wrench : bool
             Whether the functions take wrenches W, Wd, ..., (nb, 6), if their quantity depends on them.
         parameters : sequence of str

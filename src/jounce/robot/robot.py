@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from inspect import unwrap
 from os import PathLike
+from types import FunctionType
 from typing import TYPE_CHECKING, Any, Self
 
 from jounce.arguments.limits import with_limits
@@ -1272,3 +1274,9 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         from jounce.actuators.energy import damping_error  # what few programs need
 
         return damping_error(self, rates, wrench)
+
+
+for _part in (Applications, Methods):  # Python's messages on calls name the class that users know
+    for _name, _method in vars(_part).items():
+        if isinstance(_method, FunctionType):
+            unwrap(_method).__qualname__ = _method.__qualname__ = f"{Robot.__name__}.{_name}"

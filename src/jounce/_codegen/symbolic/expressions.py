@@ -73,9 +73,14 @@ class Expressions:
         def term(k: int) -> Any:
             self.variables.work = 0
             with at(f"{rate_name(symbol, k)} of {place!r}"):
-                values = np.asarray(law()[k], dtype=object)
-                terms = sum(len(x.terms) for x in values.flat if isinstance(x, TrigPolynomial))
-                self.variables.spend(PRINTED * terms)
+                try:
+                    values = np.asarray(law()[k], dtype=object)
+                    terms = sum(len(x.terms) for x in values.flat if isinstance(x, TrigPolynomial))
+                    self.variables.spend(PRINTED * terms)
+                    self.variables.check()
+                except JounceError:
+                    law.cache_clear()  # it may hold results beyond the limit
+                    raise
             return _sympy([printer.expression(x) for x in values.flat], values.shape)
 
         return Series(term)
@@ -113,6 +118,7 @@ def expressions(mechanism: Mechanism, base: bool) -> Expressions:
         )
     variables, symbols = Variables(MOST_OPERATIONS), state_symbols(mechanism, base)
     model = cast_mechanism(mechanism, variables)
+    variables.check()
     check_names(variables, symbols)
     model = replace(model, acting=tuple(term for term in model.acting if term != FRICTION))
     return Expressions(mechanism, model, symbols, variables, len(variables.expressions))

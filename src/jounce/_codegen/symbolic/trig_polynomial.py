@@ -12,6 +12,7 @@ from math import prod
 from typing import Any
 
 from jounce.core.errors import JounceError
+from jounce.core.scalars import Recorder
 
 BASE = 2**16  # of the digits, each from -BASE/2 to BASE/2: far from what exponents and multiples grow to
 Term = tuple[int, int, bool]  # powers, angle (never negative; 0: neither sine nor cosine), whether a sine
@@ -20,7 +21,8 @@ Term = tuple[int, int, bool]  # powers, angle (never negative; 0: neither sine n
 class Variables:
     """The variables and angles of a set of polynomials, in the order of their digits, and the operations spent so far.
 
-    Polynomials that are added or multiplied share one of these.
+    Polynomials that are added or multiplied share one of these. Beyond a limit of operations every result is zero, as
+    of a full `Tape` and for its reason: `check` tells between the terms of series.
     """
 
     def __init__(self, limit: int) -> None:
@@ -42,14 +44,13 @@ class Variables:
         sign = -1 if factor < 0 else 1
         return sign * _unit(self.angles, (powers, sign * factor))
 
-    def spend(self, operations: int) -> None:
-        """Count operations on terms.
-
-        Raises
-        ------
-        JounceError : if their number exceeds the limit.
-        """
+    def spend(self, operations: int) -> bool:
+        """Count operations on terms; return whether their number keeps the limit."""
         self.work += operations
+        return self.work <= self.limit
+
+    def check(self) -> None:
+        """Raise `JounceError` if the number of operations exceeds the limit."""
         if self.work > self.limit:
             raise JounceError(
                 f"too large for symbolic form: it takes more than {self.limit:,} operations on terms; "
@@ -57,7 +58,7 @@ class Variables:
             )
 
 
-class TrigPolynomial:
+class TrigPolynomial(Recorder):
     """A sum of terms with their coefficients, none of which is zero. It is never changed in place."""
 
     __slots__ = ("terms", "variables")
@@ -66,12 +67,17 @@ class TrigPolynomial:
     def __init__(self, variables: Variables, terms: Mapping[Term, Fraction]) -> None:
         self.variables, self.terms = variables, terms
 
+    def check_recording(self) -> None:
+        """Raise `JounceError` if the limit of operations is exceeded."""
+        self.variables.check()
+
     def __eq__(self, other: object) -> bool:
         return self.terms == self._cast(other).terms
 
     def __add__(self, other: Any) -> "TrigPolynomial":
         few, many = sorted((self.terms, self._cast(other).terms), key=len)
-        self.variables.spend(len(few))
+        if not self.variables.spend(len(few)):
+            return TrigPolynomial(self.variables, {})
         total = dict(many)
         for term, c in few.items():
             _add(total, term, c)
@@ -91,11 +97,11 @@ class TrigPolynomial:
             number = exact(other)
             if number == 1:
                 return self
-            self.variables.spend(len(self.terms))
-            terms = {term: c * number for term, c in self.terms.items()} if number else {}
-            return TrigPolynomial(self.variables, terms)
-        self.variables.spend(len(self.terms) * len(other.terms))
+            goes_on = self.variables.spend(len(self.terms)) and number
+            return TrigPolynomial(self.variables, {x: c * number for x, c in self.terms.items()} if goes_on else {})
         total: dict[Term, Fraction] = {}
+        if not self.variables.spend(len(self.terms) * len(other.terms)):
+            return TrigPolynomial(self.variables, total)
         for (a, v, sine_v), c in self.terms.items():
             for (b, w, sine_w), d in other.terms.items():
                 sine = sine_v is not sine_w
@@ -115,7 +121,7 @@ class TrigPolynomial:
     def __rtruediv__(self, number: Any) -> "TrigPolynomial":
         """The quotient by a polynomial without sines and cosines; a sum becomes a variable, to the power of -1."""
         if self.is_trigonometric or not self.terms:
-            return NotImplemented
+            return NotImplemented if self.variables.spend(0) else self
         if len(self.terms) > 1:
             return self.variables.variable(self._expression(), -1) * number
         [((powers, _, _), c)] = self.terms.items()

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jounce.core.errors import JounceError, at, no_such
+from jounce.core.errors import JounceError, at, no_such, option
 from jounce.model.mechanism import Mechanism
 
 if TYPE_CHECKING:  # what reads them takes a while to import, and robots need it not
@@ -36,7 +36,7 @@ def read(
         refuse_way(way or SMOOTHED, str(source), reason)
         (options or AS_NAMED).refuse(str(source), reason)
     if topic is not None and not bags.is_bag(source):
-        raise JounceError(f"{source}: topic is for bags of ROS, which it is not: leave it out")
+        raise JounceError(f"{source}: {option('topic')} is for bags of ROS, which it is not: leave it out")
     if str(source) in BUNDLED:
         with at(source):
             return motion_of(bundled(str(source)), mechanism)
