@@ -14,6 +14,8 @@ from fuzz.paths import FORCES, RATES, SEPTIC, random_limits, random_path, smooth
 from fuzz.trees import random_tree, robot_of
 from jounce import JounceError, Motion
 
+# random joints turn as far as they would in degrees
+pytestmark = pytest.mark.filterwarnings("ignore:.* would be within limits if they were degrees:jounce.JounceWarning")
 DENSE = 501  # times, even ones and those that are even on the path
 BETWEEN = 1e-3  # of a limit, by which it may be exceeded between the points that `retime` looks at
 SLOWER, FASTER = 0.006, 0.002  # than toppra at most, whose accelerations jump; the grids of both count besides

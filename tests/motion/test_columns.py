@@ -143,7 +143,7 @@ def test_json_lines(tmp_path, monkeypatch):
 REFUSED = {
     "degrees, by the limits": (
         PANDA, {"t": T} | arm(DEGREES), {},
-        ["as degrees it would be right", "--angles deg or"]
+        ["would be within limits if they were degrees", "--angles deg or"]
     ),
     "degrees, without limits": (
         PLANAR, {"t": T, "joint1": 90 * Q[:, 0], "joint2": T}, {},
@@ -236,11 +236,11 @@ def test_a_joint_that_turns_over_is_not_refused():
         jounce.load_motion(turning(2.0), PLANAR)
     jounce.load_motion(turning(2.0), PLANAR, angles="rad")
     jounce.load_motion(turning(1.2), PLANAR)  # 24 rad are less than four turns
-    refusal(lambda: jounce.load_motion(turning(70.0), PLANAR), "as degrees it would be right")
+    refusal(lambda: jounce.load_motion(turning(70.0), PLANAR), "would be within limits if they were degrees")
     slow = PLANAR.with_limits(velocity=[0.5, np.inf])
-    refusal(lambda: jounce.load_motion(turning(2.0), slow), "as degrees it would be right")
+    refusal(lambda: jounce.load_motion(turning(2.0), slow), "would be within limits if they were degrees")
     bounded = PLANAR.with_limits(lower=[-3, -np.inf], upper=[3, np.inf])
-    refusal(lambda: jounce.load_motion(turning(2.0), bounded), "as degrees it would be right")
+    refusal(lambda: jounce.load_motion(turning(2.0), bounded), "would be within limits if they were degrees")
 
 
 def test_the_command_takes_the_same_options(tmp_path):

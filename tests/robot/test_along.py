@@ -106,7 +106,8 @@ def test_a_motion_in_degrees_is_warned_of(way):
         "piecewise": lambda scale: jounce.Motion.piecewise([0, 6], scale * np.array([[amplitudes], [0 * amplitudes]])),
     }
     with pytest.warns(
-        jounce.JounceWarning, match="^the motion: joint 'joint1' goes from .* as degrees it would be right"
+        jounce.JounceWarning,
+        match="^the motion: joint 'joint1' goes from .* within limits if they were degrees",
     ):
         robot.forces_along(motions[way](1.0), [0.5], order=0)
     robot.forces_along(motions[way](np.pi / 180), [0.5], order=0)

@@ -28,6 +28,7 @@ STILL = 0.02  # rad/s or m/s: nothing moves faster, though something moves
 MOVES = 1e-4  # rad or m
 FEWEST = 32  # samples, below which speeds tell nothing
 APART = 1.5  # times by which changes of q and qd may differ
+IN_DEGREES = "the values would be within limits if they were degrees"
 
 
 def split_unit(name: str) -> tuple[str, str | None]:
@@ -79,7 +80,7 @@ def check_units(
     if not stated[0] and _look_like_degrees(q, speeds, mechanism):
         cure = "state the unit by --angles deg or --angles rad (angles=)"
         if not _only_turn_over(q, speeds, mechanism):
-            raise JounceError(f"{place}: {came}: {allowed}, as degrees it would be right; {cure}")
+            raise JounceError(f"{place}: {came}: {allowed}; {IN_DEGREES}; {cure}")
         warn(f"{place}: {came}: {allowed}, which is right if it turns over, and in degrees if it does not; {cure}")
         return
     if np.isfinite([*_stated_limits(mechanism, int(here.argmax()))]).any():
@@ -91,7 +92,7 @@ def warn_of_degrees(q: np.ndarray, qd: np.ndarray, mechanism: Mechanism, place: 
     speeds = np.abs(qd).max(axis=0)
     if _look_like_degrees(q, speeds, mechanism):
         came, allowed = _described(q, speeds, mechanism, int(_broken(q, speeds, mechanism).argmax()))
-        warn(f"{place}: {came}: {allowed}, as degrees it would be right: numpy.deg2rad makes rad of them")
+        warn(f"{place}: {came}: {allowed}; {IN_DEGREES}: numpy.deg2rad makes rad of them")
 
 
 def warn_of_times(t: np.ndarray, q: np.ndarray, place: str) -> None:
