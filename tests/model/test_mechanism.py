@@ -10,6 +10,7 @@ from robots import golden, random_mechanism, random_rotation, relative_error
 
 import jounce
 from jounce.core.errors import JounceError
+from jounce.model.screws import exact_inertia
 from jounce.spatial.inertia import form_error, principal_moments, triangle_slack
 
 
@@ -185,3 +186,12 @@ def test_wrong_shapes_of_inertia_data_are_refused(given, message):
 def test_golden_mechanisms_are_read_as_they_are():
     mechanism, _ = golden("tree7")
     assert mechanism.parent == (-1, 0, 1, 1, 0, 4, 4)
+
+
+def test_entries_that_are_rounding_become_one_number():
+    """Of [2, 0] and [0, 2] of an inertia matrix, where nothing but rounding is left of either: files hold it once."""
+    rng, whole = np.random.default_rng(0), np.diag([1.0, 1, 1, 2, 2, 2])
+    for _ in range(100):
+        M = exact_inertia(whole + 1e-17 * rng.normal(size=(6, 6)) * 10 ** rng.uniform(-10, 0, (6, 6)), "M")
+        np.testing.assert_array_equal(M, M.T)
+        np.testing.assert_array_equal(M, exact_inertia(M, "M"))

@@ -170,8 +170,10 @@ def restore_form(M: np.ndarray) -> np.ndarray:
 
 
 def _mean(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """The mean of numbers that are the same but for rounding; their sum might overflow."""
-    return x + (y - x) / 2
+    """The mean of numbers that are the same but for rounding, and exactly that of y and x; their sum might overflow."""
+    first = np.abs(x) <= np.abs(y)
+    near, far = np.where(first, x, y), np.where(first, y, x)
+    return near + (far - near) / 2
 
 
 def principal_moments(M: np.ndarray) -> np.ndarray:
