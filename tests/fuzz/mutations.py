@@ -165,7 +165,7 @@ def data(rng: Random, content: bytes) -> bytes:
     """Entries of YAML or JSON, at any depth; written as JSON, which YAML is too."""
     try:
         robot = deepcopy(_parsed(content))
-    except (YAMLError, ValueError, RecursionError):
+    except (YAMLError, TypeError, ValueError, RecursionError):  # TypeError: lists of mappings as keys
         return content
     places = _places(robot)
     if not places:
