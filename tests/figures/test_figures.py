@@ -9,6 +9,7 @@ import pytest
 from files import refusal
 from hypothesis import given
 from lxml import etree
+from matplotlib import rc_context
 from matplotlib.colors import to_rgb
 from paper_robots import iiwa14, planar2r
 from robots import mechanisms
@@ -198,6 +199,23 @@ def test_pictures_of_the_pages_are_dark_on_dark_pages(path):
     """What matplotlib wrote has the rule for dark pages; the others are drawn by hand."""
     content = path.read_bytes()
     assert (b"Matplotlib" in content) == (canvas.DARK in content)
+
+
+def test_paths_of_an_svg_are_short_and_where_they_were(tmp_path):
+    with rc_context(canvas.LOOK):
+        over_time([Run(T, [Panel("Q", CURVES)])]).savefig(tmp_path / "long.svg")
+    canvas.save(over_time([Run(T, [Panel("Q", CURVES)])]), tmp_path / "short.svg")
+
+    def paths(name):
+        return etree.parse(tmp_path / name).xpath("//*/@d")
+
+    def numbers(path):
+        return np.array(re.findall(r"-?[\d.]+", path), dtype=float)
+
+    for long, short in zip(paths("long.svg"), paths("short.svg"), strict=True):
+        assert "\n" not in short
+        assert re.sub(r"[-\d.\s]", "", short) == re.sub(r"[-\d.\s]", "", long)
+        np.testing.assert_allclose(numbers(short), numbers(long), atol=0.00501)
 
 
 def test_no_half_of_a_picture_is_left(tmp_path, monkeypatch):
