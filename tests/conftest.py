@@ -28,7 +28,9 @@ settings.load_profile("jounce")
 
 
 def pytest_addoption(parser):
-    parser.addoption("--refresh-golden", action="store_true", help="Replace the golden files by newly generated code.")
+    parser.addoption(
+        "--refresh-golden", action="store_true", help="Replace the digests of generated code by those of now."
+    )
     parser.addoption("--fuzz-seconds", type=float, default=0, help="Of attacks; a part of a round each if 0.")
     parser.addoption("--fuzz-seed", type=int, help="Of the first round; random where seconds are given, else 0.")
 

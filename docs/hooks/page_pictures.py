@@ -12,12 +12,15 @@ from typing import Any
 
 DOCS = Path(__file__).parents[1]
 PAGES = [
+    "tutorials/my-urdf.md",
     "tutorials/from-a-log-to-torques.md",
     "tutorials/elastic-panda.md",
     "tutorials/humanoid.md",
     "tutorials/delta.md",
     "tutorials/identify-a-robot.md",
     "howto/minimum-torque-change.md",
+    "howto/retime.md",
+    "derivation/examples.md",
 ]
 BLOCK = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
 COMMAND = re.compile(r"^\$ jounce ((?:.*\\\n)*.+)$", re.MULTILINE)

@@ -75,7 +75,7 @@ def test_demo_writes_all_that_it_names(tmp_path, monkeypatch):
     assert summary["formats"] == ["svg"]
     names = [*summary["tables"], *(f"{name}.svg" for name in summary["pictures"])]
     assert sorted(path.name for path in out.iterdir()) == sorted(names)
-    assert {"forces", "forces-wrench", "step-size", "planar2r", "iiwa14", "published-code"} == set(summary["pictures"])
+    assert {"forces", "forces-wrench", "step-size", "published-code"} == set(summary["pictures"])
     alone = example("paper", 200)
     expected = {"t": alone.t} | named("Q", alone.robot.joint_names, alone.forces, None)
     found = tables.read(out / "forces.csv")

@@ -10,7 +10,8 @@ from robots import Interpreted, differentiated_at_once, harmonic, loads, mechani
 import jounce
 from jounce.dynamics.closed_form import closed_form
 from jounce.dynamics.computation import Computation
-from jounce.model.screws import from_screws, spatial_screws
+from jounce.model.mechanism import reference_poses
+from jounce.model.screws import from_screws
 from jounce.spatial import lie
 from jounce.spatial.series import columns
 
@@ -144,7 +145,8 @@ def test_matrices_formed_from_spatial_twists_are_the_same(drawn):
 @given(mechanisms())
 def test_spatial_data_make_the_same_robot(drawn):
     mechanism, rng = drawn
-    A, Y = spatial_screws(mechanism)
+    A = reference_poses(mechanism)
+    Y = [lie.Ad(A_i) @ X for A_i, X in zip(A, mechanism.X, strict=True)]
     data = {"gravity": mechanism.gravity, "G": mechanism.G, "g": mechanism.g}
     same = Interpreted(jounce.Robot.from_spatial_screws(A, Y, mechanism.M, mechanism.parent, **data))
     assert np.abs(same.mechanism.B - mechanism.B).max() < 1e-14 * (1 + mechanism.nb)

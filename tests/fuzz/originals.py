@@ -6,7 +6,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from robots import GOLDEN
 from ruamel.yaml import YAML
 
 import jounce
@@ -43,7 +42,6 @@ ROBOTS = {
     "xacro": [_file(CORPUS / "arm.urdf.xacro")],
     "own": [_file(CORPUS / "robot.yaml"), _json(CORPUS / "robot.yaml"), _saved("planar2r")],
     "dh": [_file(CORPUS / "dh.yaml"), _json(CORPUS / "dh.yaml")],
-    "skidy": [*map(_file, sorted((GOLDEN / "skidy").glob("*.yaml"))), _json(GOLDEN / "skidy/tree4.yaml")],
 }
 MOTIONS = {  # of planar2r
     "csv": [_file(CORPUS / "samples.csv"), _file(CORPUS / "rates.csv")],

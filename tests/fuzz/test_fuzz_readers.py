@@ -13,7 +13,7 @@ from fuzz.originals import MOTIONS, ROBOTS
 PLANAR = jounce.load("planar2r")
 RANDOM = st.randoms(note_method_calls=False, use_true_random=False)
 EXAMPLES = {  # of a round: of a second each; `make fuzz` makes many
-    "urdf": 300, "mjcf": 300, "xacro": 300, "own": 80, "dh": 140, "skidy": 60,
+    "urdf": 300, "mjcf": 300, "xacro": 300, "own": 80, "dh": 140,
     "csv": 400, "npz": 250, "terms": 40,
 }  # fmt: skip
 pytestmark = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")

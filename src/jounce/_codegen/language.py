@@ -24,24 +24,9 @@ def digits(x: float, single: bool) -> str:
     return text if set(text) & set(".e") else f"{text}.0"
 
 
-def c_literal(text: str, single: bool) -> str:
-    """A number in C and its relatives."""
-    return text + "f" if single else text
-
-
-def c_function(kind: str, x: str, single: bool) -> str:
-    """A function of one operand in C and its relatives."""
-    return f"{kind}{'f' if single else ''}({x})"
-
-
 def from_one(port: Port, i: int) -> str:
     """The subscripts of the i-th scalar of an array, row after row, where indices begin with one; 1 of a single one."""
     return ", ".join(str(k + 1) for k in np.unravel_index(i, port.shape)) or "1"
-
-
-def is_identifier(name: str) -> bool:
-    """Return whether a string is an identifier in every language: ASCII letters, digits and _, a letter first."""
-    return name.isascii() and name.isidentifier() and not name.startswith("_")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,8 +42,8 @@ class Language:
     taken: str = ""  # words that can be no prefix, besides
     longest: int = 200  # letters of a name, and of a file
     real: tuple[str, str] = ("double", "float")  # types, in double and single precision
-    literal: Callable[[str, bool], str] = c_literal  # of digits, single
-    function: Callable[[str, str, bool], str] = c_function  # of a kind of step, its operand, single
+    literal: Callable[[str, bool], str] = lambda digits, single: digits + "f" if single else digits
+    function: Callable[[str, str, bool], str] = lambda kind, x, single: f"{kind}{'f' if single else ''}({x})"
     element: Callable[[Port, int], str] = lambda port, i: f"{port.name}[{i}]"  # the i-th scalar of an array
     parameter: Callable[[Port, int], str] = lambda port, i: f"params->{port.name}" + (f"[{i}]" if port.shape else "")
     scratch: Callable[[int], str] = lambda i: f"scratch[{i}]"
@@ -71,7 +56,7 @@ class Language:
 
     def check_name(self, name: str, what: str, added: int = 0) -> None:
         """Raise `JounceError` if a string is not a valid identifier, or not with `added` more characters."""
-        if not isinstance(name, str) or not is_identifier(name):
+        if not isinstance(name, str) or not (name.isascii() and name.isidentifier()) or name.startswith("_"):
             raise JounceError(
                 f"{what} {quoted(name)} is not a valid identifier; expected ASCII letters, digits and _, a letter first"
             )

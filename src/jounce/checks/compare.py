@@ -114,7 +114,8 @@ def _with_peers(robot: Engine, source: Path | None, x: _Motion) -> Iterator[Chec
     G = np.eye(first + m.nb, m.nv)
     G[first:, first:] = m.G
     thetas = zip(q[0] @ m.G.T + m.g, q[1] @ m.G.T, q[2] @ m.G.T, strict=True)
-    at = [(theta, _sample(x.base(3), i)) for i, theta in enumerate(thetas)]
+    base = x.base(3)
+    at = [(theta, base and tuple(term[i] for term in base)) for i, theta in enumerate(thetas)]
     at_rest = [((theta, 0 * theta, 0 * theta), base and (base[0], *np.zeros((2, 6)))) for (theta, *_), base in at]
     for peer in peers(m, source):
         if isinstance(peer, Absence):
@@ -128,10 +129,6 @@ def _with_peers(robot: Engine, source: Path | None, x: _Motion) -> Iterator[Chec
         for name, expected in theirs.items():
             error = _error(ours[name], np.stack(expected), sizes[name])
             yield Check(name, peer.name, error, ALLOWED["exact"], peer.source)
-
-
-def _sample(base: tuple[Any, ...] | None, i: int) -> tuple[Any, ...] | None:
-    return None if base is None else tuple(term[i] for term in base)
 
 
 def _with_paths(robot: Engine, x: _Motion, sizes: Sequence[np.ndarray]) -> Iterator[Check]:

@@ -40,7 +40,7 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
     """Run the paper's example: the KUKA iiwa along a motion of cosines, with and without a wrench at its end.
 
     Writes the forces and their rates as tables, and pictures: q, Q, Qd and Q2d with numerical differentiation laid
-    over, the error of differentiation over its step, both robots of the paper, and the curves of its published code.
+    over, the error of differentiation over its step, and the curves of the authors' published code.
     """
     from jounce._report.demo import example
     from jounce._report.demo.gallery import gallery
@@ -51,7 +51,7 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
     formats = list(dict.fromkeys(formats))
     canvas.check_installed()
     files.make_folder(output)
-    steps, total = count(1), 3 + len(example.methods()) + 6 * len(formats)
+    steps, total = count(1), 3 + len(example.methods()) + 4 * len(formats)
     with progress("the paper's example") as show:
 
         def advance() -> None:

@@ -9,8 +9,6 @@ A base is displaced by a twist d in its own axes, C exp(wedge(d)). With the comp
 displacement changes, d' = -ad(V) d, which adds a term to the derivatives of rates by d: -ad(V) = -a, see `turning`.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate
@@ -68,7 +66,7 @@ def of_all_rates(K: Series, D: Series, M: Series, a: Series | None = None) -> Se
             P = rows[-1]
             first = P[0].dot if a is None else P[0].dot - P[0] @ a
             rows.append([first, *(P[j].dot + P[j - 1] for j in range(1, len(P))), P[-1]])
-        return _stack([x[0] for x in rows[k]])
+        return concatenate([x[0][..., None, :, :] for x in rows[k]], axis=-3)
 
     return Series(term)
 
@@ -79,7 +77,3 @@ def of_accelerations(P: Array) -> tuple[Array, Array, Array]:
     n = M.shape[-1]
     solution = Factors.of(M).solve(concatenate([-K, -D, np.eye(n, dtype=int)], axis=-1))
     return solution[..., :n], solution[..., n : 2 * n], mirrored(solution[..., 2 * n :])
-
-
-def _stack(matrices: Sequence[Array]) -> Array:
-    return concatenate([matrix[..., None, :, :] for matrix in matrices], axis=-3)

@@ -52,9 +52,11 @@ def run_of(
         unit, of_joints = _units(quantity), limits.get(quantity, {})
         if curves:
             drawn.append(Panel(quantity, curves, None, **given, units=unit, joint_units=units, limits=of_joints))
-        if residuals := _residuals(curves, given.get("points", {})) if quantity == "q" else {}:
+        points = given.get("points", {}) if quantity == "q" else {}
+        if residuals := {joint: points[joint] - values for joint, values in curves.items() if joint in points}:
             drawn.append(Panel("residual of q", residuals, units=unit, joint_units=units, style=POINT))
-    return Run(columns["t"], drawn, _breaks(columns), place)
+    breaks = columns["t"][columns["break"] >= 0].tolist() if "break" in columns else []  # as `jounce motion` marks them
+    return Run(columns["t"], drawn, breaks, place)
 
 
 def rows_between(
@@ -120,7 +122,7 @@ def _shown(
     chosen = [joint for joint in known if joint in (joints or known)]
     shown = {
         quantity: {joint: found[quantity][joint] for joint in chosen if joint in found[quantity]}
-        for quantity in sorted(quantities or found, key=_rank)
+        for quantity in sorted(quantities or found, key=lambda name: (name[0] == "Q", _order(name)))
     }
     if not any(shown.values()):
         raise JounceError(f"{place}: none of {listed(joints)} has a column of {listed(quantities)}")
@@ -145,23 +147,8 @@ def _limits(mechanism: Mechanism) -> dict[str, dict[str, tuple[float, float]]]:
     }
 
 
-def _residuals(curves: Mapping[str, np.ndarray], samples: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Samples less the curve, by joint."""
-    return {joint: samples[joint] - values for joint, values in curves.items() if joint in samples}
-
-
-def _breaks(columns: Mapping[str, np.ndarray]) -> list[float]:
-    """The times of the rows before which a derivative jumps, as `jounce motion` marks them."""
-    return [] if "break" not in columns else columns["t"][columns["break"] >= 0].tolist()
-
-
 def _order(quantity: str) -> int:
     return 1 if quantity[1:] == "d" else int(quantity[1:-1] or 0)
-
-
-def _rank(quantity: str) -> tuple[bool, int]:
-    """q, qd, ... before Q, Qd, ..."""
-    return quantity[0] == "Q", _order(quantity)
 
 
 def _units(quantity: str) -> dict[str, str]:

@@ -24,7 +24,6 @@ from jounce.model.inertial import with_parameters
 from jounce.motion.motion import Motion
 
 DRIVES: tuple[DriveColumn, ...] = ("damping", "friction", "offset")
-PRIOR = 0.3  # relative: about as good as models of CAD are
 FIRMEST = 1e-9  # prior: no model is better, and squares of smaller ones overflow
 
 

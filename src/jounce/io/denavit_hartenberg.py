@@ -34,8 +34,13 @@ ANGULAR = ("lower", "upper", *MOTION_KINDS[1:], "no_load_velocity", "rest", "eps
 Number = TypeVar("Number", float, Stated)
 
 
-def read(robot: Entry, gravity: object = None) -> Mechanism:
-    """The mechanism of a file's content, under its own gravity unless another is given."""
+def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mechanism:
+    """The mechanism of a file's content, under its own gravity unless another is given; it stands on the ground."""
+    if base == "floating":
+        raise JounceError(
+            f"{robot.path}: base='floating' needs the inertia of the base, which this format does not state; "
+            "a URDF or MJCF file states it, or jounce's own format with 'base'"
+        )
     robot.keys(("units", "angles", "convention", "dh"), ("name", "gravity", "base", "tool", "limits_of"))
     parts.check_units(robot)
     unit, convention = ANGLES[_choice(robot, "angles", ANGLES)], _choice(robot, "convention", CONVENTIONS)

@@ -3,7 +3,7 @@
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -112,14 +112,14 @@ class Entry:
             raise self.error("a finite number")
         return number
 
-    def numbers(self, *shapes: tuple[int, ...], read: "Callable[[Entry], float] | None" = None) -> np.ndarray:
-        """Finite numbers in one of the shapes: a list, or a list of rows; `read` takes each, as `number` does."""
+    def numbers(self, *shapes: tuple[int, ...]) -> np.ndarray:
+        """Finite numbers in one of the shapes: a list, or a list of rows."""
         words = " or ".join(" rows of ".join(map(str, shape)) + " numbers" for shape in shapes)
         fitting = [inner for length, *inner in shapes if isinstance(self.value, list) and length == len(self.value)]
         if not fitting:
             raise self.error(words)
-        inner, read = tuple(fitting[0]), read or Entry.number
-        return np.array([item.numbers(inner, read=read) if inner else read(item) for item in self.items()])
+        inner = tuple(fitting[0])
+        return np.array([item.numbers(inner) if inner else item.number() for item in self.items()])
 
     def _mapping(self) -> Mapping[Any, Any]:
         if not isinstance(self.value, Mapping):

@@ -10,7 +10,7 @@ from jounce.core.scalars import Array, asarray, is_finite, is_numeric, is_symbol
 from jounce.model.casting import with_exact_integers
 from jounce.model.drives import UNDRIVEN, Drives, drive_error
 from jounce.model.limits import Limits, checked_limits
-from jounce.model.mechanism import GRAVITY, FloatingBase, Mechanism, reference_poses
+from jounce.model.mechanism import GRAVITY, FloatingBase, Mechanism
 from jounce.model.size import check_size
 from jounce.spatial import inertia, lie
 
@@ -87,12 +87,6 @@ def from_spatial_screws(A: Array, Y: Array, M: Array, parent: Sequence[int] | No
     B = [A_i if p < 0 else lie.inverse(A[p]) @ A_i for A_i, p in zip(A, _tree(parent, nb), strict=True)]
     X = [lie.Ad(lie.inverse(A_i)) @ Y_i for A_i, Y_i in zip(A, Y, strict=True)]
     return from_screws(np.stack(B), np.stack(X), M, parent, **data)
-
-
-def spatial_screws(mechanism: Mechanism) -> tuple[Array, Array]:
-    """The absolute reference poses A_i and the joint screws Y_i in the inertial frame: ``Y_i = Ad(A_i) X_i``."""
-    A = reference_poses(mechanism)
-    return np.stack(A), np.stack([lie.Ad(A_i) @ X for A_i, X in zip(A, mechanism.X, strict=True)])
 
 
 def _data(x: Array, label: str) -> np.ndarray:

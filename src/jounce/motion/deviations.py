@@ -1,6 +1,5 @@
 """Standard deviations of a smoothing spline and its derivatives: of noise, of stamps, and of the spline's own error."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -69,7 +68,8 @@ class Spread:
 
     def covariances(self, t: np.ndarray, order: int) -> np.ndarray:
         """Covariances of q, qd, ... with each other at times (P,), (P, n, order + 1, order + 1)."""
-        return np.concatenate([self._covariances(part, order) for part in _portions(t)])
+        starts = range(0, max(1, len(t)), POINTS)
+        return np.concatenate([self._covariances(t[start : start + POINTS], order) for start in starts])
 
     def _covariances(self, t: np.ndarray, order: int) -> np.ndarray:
         unit, place = _unit_covariances(self.solution, self._blocks, t, order)
@@ -157,8 +157,3 @@ def _unit_covariances(
 
 def _quarters(breaks: np.ndarray) -> np.ndarray:
     return (breaks[:-1, None] + np.diff(breaks)[:, None] * np.array([0.125, 0.375, 0.625, 0.875])).ravel()
-
-
-def _portions(t: np.ndarray) -> Iterator[np.ndarray]:
-    for start in range(0, max(1, len(t)), POINTS):
-        yield t[start : start + POINTS]

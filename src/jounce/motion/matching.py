@@ -63,7 +63,8 @@ def matched(motion: Motion, mechanism: Mechanism) -> Motion:
         return motion
     if motion.joint_names == joints:
         return motion
-    check_joints(motion.joint_names, mechanism)
+    expected = f"{listed(joints)}, the joints of {mechanism.name!r}"
+    names.check(motion.joint_names, joints, names.followers(mechanism), expected)
     order = np.array([motion.joint_names.index(joint) for joint in joints])
     samples = motion.samples and (motion.samples[0], motion.samples[1][:, order])
     torques = motion.torques and (motion.torques[0], motion.torques[1][:, order])
@@ -76,9 +77,3 @@ def matched(motion: Motion, mechanism: Mechanism) -> Motion:
         residual=residual,
         torques=torques,
     )
-
-
-def check_joints(given: tuple[str, ...], mechanism: Mechanism) -> None:
-    """Raise `JounceError` where the joints of a motion are not those of a robot."""
-    joints = mechanism.coordinates
-    names.check(given, joints, names.followers(mechanism), f"{listed(joints)}, the joints of {mechanism.name!r}")

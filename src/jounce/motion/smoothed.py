@@ -84,7 +84,9 @@ def found_from(
         warn(f"{place}: {jumps}")
     curve = SmoothedCurve(fitted.spline, float(t[0]), float(t[-1]), fitted)
     notes = (*_notes(fitted, t), *([shortfall] if shortfall else []))
-    return Found(curve, _source(fitted), notes, off.max(axis=0))
+    kinds = ", ".join(sorted({noise.kind for noise in fitted.noise}))
+    source = f"samples, smoothed by a spline of degree 9 that holds up to {fitted.bandwidth:.3g} Hz ({kinds})"
+    return Found(curve, source, notes, off.max(axis=0))
 
 
 def _jumps(t: np.ndarray, q: np.ndarray, off: np.ndarray, fitted: Fit, symbol: str) -> str | None:
@@ -114,11 +116,6 @@ def _by_hand(
     curve = curve_of(t, q, way, place, highest, symbol, rounding, joints)
     residual = None if way.intervals is None else np.abs(curve.rates(t, 0)[0] - q).max(axis=0)
     return Found(curve, f"samples, rates from a {way}", residual=residual)
-
-
-def _source(fitted: Fit) -> str:
-    kinds = ", ".join(sorted({noise.kind for noise in fitted.noise}))
-    return f"samples, smoothed by a spline of degree 9 that holds up to {fitted.bandwidth:.3g} Hz ({kinds})"
 
 
 def _notes(found: Fit, t: np.ndarray) -> tuple[str, ...]:

@@ -77,7 +77,8 @@ def from_columns(
     measured = _torques(columns, found, joints)
     torques = None if measured is None else (t, measured)
     if samples is None:
-        _warn_of(smoothness.of_rates(rows), place)
+        if jumps := smoothness.of_rates(rows):
+            warn(f"{place}: {jumps}")
         columns_of_q = tuple(f"{joint}.q" for joint in joints)
         curve = Hermite(t, rows, _spreads(si, joints, rates), rounding, place, columns_of_q)
         notes = (*of_times, *found.notes, *of_poses, *of_loads)
@@ -123,8 +124,3 @@ def _torques(columns: Mapping[str, np.ndarray], found: Match, joints: Sequence[s
         return None
     missing = np.full(len(columns[found.sources[TIME]]), np.nan)
     return np.stack([columns[found.torques[j]] if j in found.torques else missing for j in joints], axis=1)
-
-
-def _warn_of(jumps: str | None, place: str) -> None:
-    if jumps:
-        warn(f"{place}: {jumps}")

@@ -69,8 +69,9 @@ def check_units(
 
     `stated` tells whether the units of angles and of time are. Limits that are broken all the same are a warning.
     """
-    if len(t) >= FEWEST and not stated[1]:
-        _check_time(t, q, place)
+    if len(t) >= FEWEST and not stated[1] and (unit := _other_unit(t, q)):
+        cure = f"state the unit by --time-unit {unit} or --time-unit s (time_unit=)"
+        raise JounceError(f"{place}: {_slow(t, q)}: t looks like {unit}; {cure}")
     _check_rates(t, q, qd, place)
     speeds = _speeds(t, q) if qd is None or len(t) < FEWEST else _quantile(np.abs(qd))
     here = _broken(q, speeds, mechanism)
@@ -130,13 +131,6 @@ def _described(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism, j: int) 
     unit = coordinate_units(mechanism)[j]
     went = f"goes from {q[:, j].min():.4g} to {q[:, j].max():.4g} {unit} at up to {speeds[j]:.3g} {unit}/s"
     return f"joint {quoted(mechanism.coordinates[j])} {went}", _allowed(mechanism, j)
-
-
-def _check_time(t: np.ndarray, q: np.ndarray, place: str) -> None:
-    """Refuse stamps that are no seconds."""
-    if unit := _other_unit(t, q):
-        cure = f"state the unit by --time-unit {unit} or --time-unit s (time_unit=)"
-        raise JounceError(f"{place}: {_slow(t, q)}: t looks like {unit}; {cure}")
 
 
 def _other_unit(t: np.ndarray, q: np.ndarray) -> str | None:

@@ -34,8 +34,7 @@ def load(
 ) -> Robot:
     """Load a robot from a URDF, MJCF, YAML or JSON file, or a bundled robot by its name.
 
-    YAML and JSON files contain jounce's own format, a Denavit-Hartenberg table or skidy's description, identified by
-    their keys.
+    YAML and JSON files contain jounce's own format or a Denavit-Hartenberg table, identified by their keys.
 
     Links behind fixed joints merge into one body, and their names may be used wherever a body's may; mimic joints
     follow their leaders' coordinates; several root links are all fixed to the ground. Coordinates are in the order of

@@ -184,11 +184,6 @@ def principal_moments(M: np.ndarray) -> np.ndarray:
     return np.linalg.eigvalsh(theta) if np.isfinite(theta).all() else np.full(3, np.nan)
 
 
-def second_moments(principal: np.ndarray) -> np.ndarray:
-    """The principal second moments ``P = tr(Theta)/2 - Theta``, descending, of ascending principal moments: (3,)."""
-    return principal.sum() / 2 - principal
-
-
 def triangle_slack(principal: np.ndarray) -> float:
     """Return the sum of the two smaller principal moments minus the largest, which is never negative physically."""
     return float(principal[0] + principal[1] - principal[2])

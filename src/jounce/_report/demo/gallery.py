@@ -6,14 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jounce._report.demo.example import Example, Forces, StepErrors, published
-from jounce.engine.dispatch import compute
-from jounce.engine.engine import Engine
 from jounce.figures.canvas import INK, legend_above, letter, line_style, painted
 from jounce.figures.curves import over_time
-from jounce.figures.drawing import View, draw
-from jounce.figures.labels import place_labels
 from jounce.figures.panels import Panel, Run, columns_of
-from jounce.figures.schematic import schematic
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,7 +16,6 @@ if TYPE_CHECKING:
 
 EXACT: Any = {"color": INK, "linewidth": 2}
 FORCES = (r"$Q$ [N m]", r"$\dot{Q}$ [N m/s]", r"$\ddot{Q}$ [N m/s²]")
-POSE = np.array([0, -0.2, 0, 0.45, 0, 0.55, 0])  # rad, a little bent, so that its axes can be told apart
 
 
 def gallery(
@@ -33,8 +27,6 @@ def gallery(
         "forces": lambda: forces(alone, "", loaded),
         "forces-wrench": lambda: forces(loaded, wrench, alone),
         "step-size": lambda: errors_over_steps(*errors),
-        "planar2r": schematic,
-        "iiwa14": lambda: portrait(alone.robot),
         "published-code": lambda: overlay(alone, published(alone)),
     }
 
@@ -61,17 +53,6 @@ def _panels(found: Example) -> list[Panel]:
             labels, (found.motion(found.t, 0)[0], *found.forces), differentiated, strict=True
         )
     ]
-
-
-def portrait(robot: Engine) -> "Figure":
-    """The iiwa with its frames, joint axes and centres of mass."""
-
-    def paint(figure: "Figure") -> None:
-        axes = figure.subplots()
-        draw(axes, robot.mechanism, compute(robot, "poses", [POSE]), View(-55, 18))
-        place_labels(figure, axes)
-
-    return painted(paint, 6, 6)
 
 
 def errors_over_steps(of_Qd: StepErrors, of_Q2d: StepErrors) -> "Figure":

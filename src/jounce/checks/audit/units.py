@@ -31,7 +31,7 @@ def densities(mechanism: Mechanism) -> list[Finding]:
         principal = inertia.principal_moments(M)
         if not principal[2] > 0:  # an error already
             continue
-        P = np.maximum(inertia.second_moments(principal), 0) / M[3, 3]
+        P = np.maximum(principal.sum() / 2 - principal, 0) / M[3, 3]  # principal second moments, a unit of mass
         ball, ellipsoid = _ball(P.sum()), _ellipsoid(P)
         if ball > 0 and M[3, 3] / ball > OSMIUM:
             dense[i] = float(M[3, 3] / ball)
@@ -101,7 +101,7 @@ def masses(mechanism: Mechanism) -> list[Finding]:
 
 def sizes(mechanism: Mechanism) -> list[Finding]:
     """A robot of tens of metres or few millimetres, and COMs far beyond a robot's size from their joint."""
-    points = _anchors(mechanism)
+    points = [np.cross(X[:3], X[3:]) for X in mechanism.X]  # of each axis, that nearest to its body's origin
     size, reach = _size(mechanism, points), _reach(mechanism, points)
     span = size or max(reach)
     found = []
@@ -133,11 +133,6 @@ def sizes(mechanism: Mechanism) -> list[Finding]:
             )
         )
     return found
-
-
-def _anchors(mechanism: Mechanism) -> list[np.ndarray]:
-    """A point on each joint's axis in its body frame: the nearest to the origin."""
-    return [np.cross(X[:3], X[3:]) for X in mechanism.X]
 
 
 def _size(mechanism: Mechanism, anchors: Sequence[np.ndarray]) -> float:

@@ -49,7 +49,8 @@ def mechanism(model: Any, gravity: object = None, base: str | None = None, root:
         joints.append(_fixed_joint(f"frame {name}", bodies[frame.parentJoint], name, frame.placement.homogeneous, what))
     given = model.gravity.linear if gravity is None else gravity
     built = tree.mechanism(links, joints, given, called, what, base=base, root=root, world=bodies[0])
-    if built.base is not None and any(model.armature[joint.idx_v : joint.idx_v + 6].any() for joint in _flyers(model)):
+    flyers = [joint for joint in model.joints if joint.shortname() == FREE_FLYER]
+    if built.base is not None and any(model.armature[joint.idx_v : joint.idx_v + 6].any() for joint in flyers):
         warn(f"{what}: ignored, since not part of a tree of rigid bodies: armature of the free-flyer")
     order = [built.coordinates.index(joint.name) for joint in joints if joint.name in built.coordinates]
     return replace(built, G=built.G[:, order], coordinates=tuple(built.coordinates[j] for j in order))
@@ -60,10 +61,6 @@ def check_model(model: Any, what: str) -> None:
     kind = type(model)
     if kind.__name__ != "Model" or not kind.__module__.startswith("pinocchio.pinocchio_pywrap_default"):
         raise JounceError(f"{what} expects a pinocchio.Model of numbers, got {kind.__module__}.{kind.__name__}")
-
-
-def _flyers(model: Any) -> list[Any]:
-    return [joint for joint in model.joints if joint.shortname() == FREE_FLYER]
 
 
 def moved_bodies(model: Any) -> list[str]:

@@ -63,7 +63,7 @@ def _actuators(m: Arrays, j: int) -> tuple[float, float]:
 
 def _drive(m: Arrays, j: int) -> dict[str, float]:
     """Return the drive of a joint, with the actuators' armature and damping times the gear squared."""
-    dof, gears = m.of["jnt_dofadr"][j], _squared_gears(m, j)
+    dof, gears = m.of["jnt_dofadr"][j], _acting(m, j) * m.of["actuator_gear"][:, 0] ** 2
     stated = {
         "armature": m.of["dof_armature"][dof] + np.sum(gears * m.of["actuator_armature"]),
         "damping": m.of["dof_damping"][dof] + np.sum(gears * m.of["actuator_damping"]),
@@ -74,11 +74,6 @@ def _drive(m: Arrays, j: int) -> dict[str, float]:
     if stated["stiffness"]:
         stated["rest"] = m.of["qpos_spring"][m.of["jnt_qposadr"][j]]
     return {key: float(x) for key, x in stated.items()}
-
-
-def _squared_gears(m: Arrays, j: int) -> np.ndarray:
-    """The square of the gear of every actuator that acts on a joint, 0 for the others."""
-    return _acting(m, j) * m.of["actuator_gear"][:, 0] ** 2
 
 
 def _acting(m: Arrays, j: int) -> np.ndarray:
