@@ -15,7 +15,7 @@ from jounce.limits.friction import friction_of
 from jounce.limits.path import path_of
 from jounce.limits.problem import problem_of, without_friction
 from jounce.limits.retime import AGAIN, FINER, GAP, Grid
-from jounce.model.limits import EFFORT_KINDS
+from jounce.model.kinds import EFFORT_KINDS
 from jounce.motion.time_law import Paced, TimeLaw
 
 PANDA = jounce.load("panda", lock={"panda_finger_joint1": 0.0})

@@ -8,10 +8,9 @@ import numpy as np
 from jounce.core.errors import JounceError, listed, one_of, quoted
 from jounce.core.scalars import asarray, is_numeric
 from jounce.model.coordinates import joint_places, leading_joints
-from jounce.model.limits import EFFORT_KINDS, FORCES, KEYS, MOTION_KINDS, Limits, Stated, limits_with
+from jounce.model.kinds import EFFORT_KINDS, ENDS, FORCES, KEYS, MOTION_KINDS
+from jounce.model.limits import Limits, Stated, limits_with
 from jounce.model.mechanism import Mechanism
-
-MOTIONS = ("lower", "upper", *MOTION_KINDS)  # keys of limits that bound motions, not forces or motors
 
 
 def with_limits(mechanism: Mechanism, given: Mapping[str, object], of: object = None) -> Mechanism:
@@ -35,7 +34,7 @@ def _by_joint(mechanism: Mechanism, key: str, given: object) -> dict[int, Stated
             _check_motors(mechanism, key, stated)
         return stated
     numbers, count = np.asarray(asarray(given, key)), len(leaders)
-    pairs = key not in ("lower", "upper")
+    pairs = key not in ENDS
     if not is_numeric(numbers) or numbers.shape not in [(), (count,), *[(count, 2)] * pairs]:
         more = f", ({count}, 2) for (lower, upper)" if pairs else ""
         raise JounceError(
@@ -49,7 +48,7 @@ def _by_joint(mechanism: Mechanism, key: str, given: object) -> dict[int, Stated
 def _limited(mechanism: Mechanism, key: str) -> tuple[str, list[int]]:
     """What a kind of limit is stated for, coordinates or motors, and their joint variables in this order."""
     c = mechanism.closure
-    if c is None or key in MOTIONS:
+    if c is None or key in (*ENDS, *MOTION_KINDS):
         return "coordinate", leading_joints(mechanism)
     order = c.independent if sorted(c.actuated) == sorted(c.independent) else c.actuated
     every = leading_joints(mechanism.tree)
@@ -69,8 +68,8 @@ def _check_motors(mechanism: Mechanism, key: str, stated: Mapping[int, Stated]) 
 
 def _number(key: str, given: object, joint: object) -> Stated:
     number = np.asarray(asarray(given, key))
-    if not is_numeric(number) or number.shape not in [(), *[(2,)] * (key not in ("lower", "upper"))]:
-        pair = "" if key in ("lower", "upper") else " or two, (lower, upper)"
+    if not is_numeric(number) or number.shape not in [(), *[(2,)] * (key not in ENDS)]:
+        pair = "" if key in ENDS else " or two, (lower, upper)"
         raise JounceError(f"{key} of joint {quoted(joint)} is {quoted(given)}; expected a number{pair}")
     return number.tolist()
 

@@ -23,7 +23,8 @@ from jounce.io.native import parts
 from jounce.model import dh
 from jounce.model.dh import CONVENTIONS, PARAMETERS, TYPES
 from jounce.model.drives import UNDRIVEN
-from jounce.model.limits import MOTION_KINDS, Stated, limits_of_joints
+from jounce.model.kinds import MOTION_KINDS
+from jounce.model.limits import Stated, limits_of_joints
 from jounce.model.mechanism import GRAVITY, Mechanism
 
 ANGLES = {"rad": 1.0, "deg": math.pi / 180}

@@ -18,7 +18,7 @@ from jounce.limits.validation import bounded
 from jounce.limits.verdicts import Verdict, join_spans, overall, verdict_in_words, verdict_of
 from jounce.limits.worst import Spans, Worst
 from jounce.model.coordinates import following_efforts
-from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, in_words, unit_of
+from jounce.model.kinds import EFFORT_KINDS, KINDS, in_words
 from jounce.spatial.series import rate_name
 
 
@@ -185,7 +185,7 @@ def _table(b: Bounded, worst: Worst, undecided: Spans) -> tuple[CheckedLimit, ..
     units = joint_units(b.robot.mechanism)
     for j, joint in enumerate(b.joints):
         for kind in b.kinds:
-            scale = worst.scales[kind]
+            scale = b.scales[kind]
             if not np.isfinite(b.limits.bounds(kind)[:, j]).any():
                 continue
             at = np.array([j])
@@ -196,7 +196,7 @@ def _table(b: Bounded, worst: Worst, undecided: Spans) -> tuple[CheckedLimit, ..
                 joint=joint,
                 limit=kind,
                 of=b.limits.of(kind) if kind in EFFORT_KINDS else None,
-                unit=unit_of(kind, units[j]),
+                unit=KINDS[kind].unit(units[j]),
                 value=value,
                 bound=bound,
                 ratio=ratios[sign],
@@ -226,7 +226,7 @@ def _with_deviations(b: Bounded, worst: Worst, rows: list[CheckedLimit]) -> tupl
     found = []
     for i, row in enumerate(rows):
         j = b.joints.index(row.joint)
-        reach = abs(row.bound - float(worst.scales[row.limit].centre[j]))
+        reach = abs(row.bound - float(b.scales[row.limit].centre[j]))
         off = float(deviations[row.limit][i, j]) if row.limit in deviations else np.nan
         found.append(row if np.isnan(off) or not reach else replace(row, deviation=off / reach))
     return tuple(found)
@@ -235,7 +235,7 @@ def _with_deviations(b: Bounded, worst: Worst, rows: list[CheckedLimit]) -> tupl
 def notes_of(b: Bounded, breaks: tuple[ForceBreak, ...]) -> tuple[str, ...]:
     """What the motion cannot meet because it is not smooth, and which limits nothing is checked against."""
     notes = []
-    orders = {kind: rate_of_forces(b.robot, kind) for kind in b.kinds if kind not in MOTION_KINDS}
+    orders = {kind: rate_of_forces(b.robot, kind) for kind in b.kinds if KINDS[kind].of != "q"}
     missed = [found for found in breaks if found.order < max(orders.values(), default=0)]
     if missed:
         first = missed[0]

@@ -26,6 +26,12 @@ if TYPE_CHECKING:
     from jounce.motion import Motion
 
 Terms = dict[int, np.ndarray]  # factors (N, n) by the product of sigma's rates that they multiply
+TIMES_S1 = {
+    pace.S2: pace.S1_S2,
+    pace.S1_2: pace.S1_3,
+    pace.S1: pace.S1_2,
+    pace.ONE: pace.S1,
+}  # products of Q and of s1 Q
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,13 +98,7 @@ class Path:
 
     def power(self) -> Terms:
         """The terms of the drive power, Q times qd for each coordinate."""
-        q = self.q[1]
-        return {
-            pace.S1_S2: q * self.a[0],
-            pace.S1_3: q * self.b[0],
-            pace.S1_2: q * self.v[0],
-            pace.S1: q * self.g[0],
-        }
+        return {TIMES_S1[k]: self.q[1] * term for k, term in self.force(0).items()}
 
 
 def path_of(robot: Engine, motion: "Motion", sigma: np.ndarray, order: int, left: bool = False) -> Path:

@@ -14,7 +14,8 @@ from jounce.io.files import path_of
 from jounce.io.limits import moveit
 from jounce.io.native import parts
 from jounce.model.coordinates import joint_places
-from jounce.model.limits import EFFORT_KINDS, Limits, Stated, limits_with
+from jounce.model.kinds import EFFORT_KINDS
+from jounce.model.limits import Limits, Stated, limits_with
 from jounce.model.mechanism import Mechanism
 
 if TYPE_CHECKING:
