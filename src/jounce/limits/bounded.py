@@ -134,34 +134,31 @@ class Bounded:
     def series(self, t: np.ndarray, side: Side = "right") -> Series:
         """The quantities that are bounded, with derivatives, at times (N,)."""
         with named_by_time(t):
-            return self._series(t, side)
-
-    def _series(self, t: np.ndarray, side: Side) -> Series:
-        rates, m = self.motion(t, self.rate_order, side), self.robot.mechanism
-        near = positions(self.robot, self.motion, t, side)
-        joints = joint_rates(self.robot, rates, near, self.follow)
-        found: dict[str, Sequence[np.ndarray]] = {
-            kind: joints[k : k + SMOOTH + 1] for k, kind in enumerate(MOTION_KINDS) if kind in self.kinds
-        }
-        if not self.forces:
+            rates, m = self.motion(t, self.rate_order, side), self.robot.mechanism
+            near = positions(self.robot, self.motion, t, side)
+            joints = joint_rates(self.robot, rates, near, self.follow)
+            found: dict[str, Sequence[np.ndarray]] = {
+                kind: joints[k : k + SMOOTH + 1] for k, kind in enumerate(MOTION_KINDS) if kind in self.kinds
+            }
+            if not self.forces:
+                return found
+            values = {name: self.quantity(name, order, rates, t, side, near) for name, order in self.orders.items()}
+            found |= {
+                kind: in_columns(m, self.of_motor(kind, values), FORCES) for kind in MOTOR_KINDS if kind in self.kinds
+            }
+            if self.efforts.name not in values:
+                return found
+            forces = {False: in_columns(m, values[self.efforts.name], self.efforts)}
+            order, kinds = len(forces[False]) - 1, [kind for kind in self.kinds if KINDS[kind].force]
+            if any(kind in self.limits.without_gravity for kind in kinds):
+                base = self.motion.base(t, order, side)
+                weight = in_columns(m, gravity(self.robot, rates[: order + 1], base, near), self.efforts)
+                forces[True] = [Q - g for Q, g in zip(forces[False], weight, strict=True)]
+            qd, slope = series.Series.of(joints[1:]), self.limits.effort_slope
+            for kind in kinds:
+                Q = series.Series.of(forces[kind in self.limits.without_gravity])
+                found[kind] = KINDS[kind].law(Q, qd, slope).upto(order)
             return found
-        values = {name: self.quantity(name, order, rates, t, side, near) for name, order in self.orders.items()}
-        found |= {
-            kind: in_columns(m, self.of_motor(kind, values), FORCES) for kind in MOTOR_KINDS if kind in self.kinds
-        }
-        if self.efforts.name not in values:
-            return found
-        forces = {False: in_columns(m, values[self.efforts.name], self.efforts)}
-        order, kinds = len(forces[False]) - 1, [kind for kind in self.kinds if KINDS[kind].force]
-        if any(kind in self.limits.without_gravity for kind in kinds):
-            base = self.motion.base(t, order, side)
-            weight = in_columns(m, gravity(self.robot, rates[: order + 1], base, near), self.efforts)
-            forces[True] = [Q - g for Q, g in zip(forces[False], weight, strict=True)]
-        qd, slope = series.Series.of(joints[1:]), self.limits.effort_slope
-        for kind in kinds:
-            Q = series.Series.of(forces[kind in self.limits.without_gravity])
-            found[kind] = KINDS[kind].law(Q, qd, slope).upto(order)
-        return found
 
     def rates(self, t: np.ndarray, order: int, side: Side = "right") -> Rates:
         """The rates of the joints up to an order, (N, joints) each."""
@@ -214,15 +211,10 @@ def quantities_of(robot: Engine, kind: str) -> Mapping[str, int]:
     return {**row.takes} | ({TORQUES: 1} if kind == "motor_voltage" and e and e.is_inductive else {})
 
 
-def rate_of_forces(robot: Engine, kind: str) -> int:
-    """The highest rate of Q that enters what a kind of limit of forces, of the power or of motors bounds."""
-    rows = quantities_of(robot, kind)
-    return max(_row(robot, name).rates - FORCES.rates + order for name, order in rows.items())
-
-
 def motion_order(robot: Engine, kind: str) -> int:
     """The highest rate of q that enters what a kind of limit bounds."""
-    return KINDS[kind].rate if KINDS[kind].of == "q" else rate_of_forces(robot, kind) + FIRST
+    rows = quantities_of(robot, kind)
+    return max((_row(robot, name).rates - 1 + order for name, order in rows.items()), default=KINDS[kind].rate)
 
 
 def _row(robot: Engine, name: str) -> Quantity:

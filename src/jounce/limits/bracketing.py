@@ -60,8 +60,7 @@ def worst_at(b: Bounded, factor: float) -> tuple[float, Place]:
     """The largest ratio of the motion at a factor of speed, and where it is."""
     worst = worst_of(b, factor)
     found = []
-    for kind, sign in worst.value:
-        ratio = worst.b.scales[kind].ratio(sign * worst.value[kind, sign], sign)
+    for (kind, sign), ratio in worst.ratios.items():
         j = int(np.argmax(ratio))
         t = b.motion.start + (worst.t[kind, sign][j] - b.motion.start) * factor
         found.append((float(ratio[j]), (kind, j, float(t))))

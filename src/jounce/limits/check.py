@@ -7,12 +7,13 @@ import numpy as np
 
 from jounce.core.display import Displayed
 from jounce.core.errors import listed, quoted
-from jounce.engine.along import ForceBreak, force_breaks
+from jounce.engine.along import FIRST, ForceBreak, force_breaks
 from jounce.engine.engine import Engine
-from jounce.limits.bounded import Bounded, Span, rate_of_forces
+from jounce.limits.bounded import Bounded, Span, motion_order
 from jounce.limits.deviations import deviations_of
 from jounce.limits.joints import joint_units
 from jounce.limits.pieces import pieces_of
+from jounce.limits.ratios import SIGNS
 from jounce.limits.uncertain import take_uncertain
 from jounce.limits.validation import bounded
 from jounce.limits.verdicts import Verdict, join_spans, overall, verdict_in_words, verdict_of
@@ -181,16 +182,13 @@ def unresolved_notes(worst: Worst) -> tuple[str, ...]:
 
 
 def _table(b: Bounded, worst: Worst, undecided: Spans) -> tuple[CheckedLimit, ...]:
-    rows = []
-    units = joint_units(b.robot.mechanism)
+    rows, units, ratios = [], joint_units(b.robot.mechanism), worst.ratios
     for j, joint in enumerate(b.joints):
         for kind in b.kinds:
             scale = b.scales[kind]
             if not np.isfinite(b.limits.bounds(kind)[:, j]).any():
                 continue
-            at = np.array([j])
-            ratios = {sign: float(scale.ratio(sign * worst.value[kind, sign][at], sign, at)[0]) for sign in (1, -1)}
-            sign = max(ratios, key=lambda sign: ratios[sign])
+            sign = max(SIGNS, key=lambda sign: ratios[kind, sign][j])
             value, bound = sign * float(worst.value[kind, sign][j]), sign * float(scale.bound(sign)[j])
             rows.append(CheckedLimit(
                 joint=joint,
@@ -199,7 +197,7 @@ def _table(b: Bounded, worst: Worst, undecided: Spans) -> tuple[CheckedLimit, ..
                 unit=KINDS[kind].unit(units[j]),
                 value=value,
                 bound=bound,
-                ratio=ratios[sign],
+                ratio=float(ratios[kind, sign][j]),
                 margin=sign * (bound - value),
                 t=float(worst.t[kind, sign][j]),
                 deviation=None,
@@ -235,7 +233,7 @@ def _with_deviations(b: Bounded, worst: Worst, rows: list[CheckedLimit]) -> tupl
 def notes_of(b: Bounded, breaks: tuple[ForceBreak, ...]) -> tuple[str, ...]:
     """What the motion cannot meet because it is not smooth, and which limits nothing is checked against."""
     notes = []
-    orders = {kind: rate_of_forces(b.robot, kind) for kind in b.kinds if KINDS[kind].of != "q"}
+    orders = {kind: motion_order(b.robot, kind) - FIRST for kind in b.kinds if KINDS[kind].of != "q"}
     missed = [found for found in breaks if found.order < max(orders.values(), default=0)]
     if missed:
         first = missed[0]

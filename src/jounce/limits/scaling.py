@@ -34,30 +34,26 @@ Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # (N, n) each: of c^0, c^1 an
 def polynomials(b: Bounded, t: np.ndarray, side: Side = "right") -> Polynomials:
     """Coefficients (degree + 1, N, n) of what limits bound, lowest power of c first, at times (N,) by kind."""
     with named_by_time(t):
-        return _polynomials(b, t, side)
-
-
-def _polynomials(b: Bounded, t: np.ndarray, side: Side) -> Polynomials:
-    order = max(motion_order(b.robot, kind) for kind in b.kinds)
-    rates, m = b.motion(t, order, side), b.robot.mechanism
-    near = positions(b.robot, b.motion, t, side)
-    joints = joint_rates(b.robot, rates, near, b.follow)
-    found = {kind: _monomial(joints[k], k) for k, kind in enumerate(MOTION_KINDS) if kind in b.kinds}
-    found |= {kind: _of_motors(b, kind, rates, t, side, near) for kind in MOTOR_KINDS if kind in b.kinds}
-    if b.efforts.name not in b.orders:
+        order = max(motion_order(b.robot, kind) for kind in b.kinds)
+        rates, m = b.motion(t, order, side), b.robot.mechanism
+        near = positions(b.robot, b.motion, t, side)
+        joints = joint_rates(b.robot, rates, near, b.follow)
+        found = {kind: _monomial(joints[k], k) for k, kind in enumerate(MOTION_KINDS) if kind in b.kinds}
+        found |= {kind: _of_motors(b, kind, rates, t, side, near) for kind in MOTOR_KINDS if kind in b.kinds}
+        if b.efforts.name not in b.orders:
+            return found
+        kinds = [kind for kind in b.kinds if KINDS[kind].force]
+        parts = _parts(b, rates, t, max(KINDS[kind].rate for kind in kinds), side, near)
+        for kind in kinds:
+            k = KINDS[kind].rate
+            c = np.pad(np.stack(parts[k]), ((k, 0), (0, 0), (0, 0)))
+            if kind in b.limits.without_gravity:
+                c[k] -= gravity(b.robot, rates[: k + 1], b.motion.base(t, k, side), near)[k]
+            [c] = in_columns(m, [c], b.efforts)
+            if kind == "stall_effort":
+                c[1] += b.limits.effort_slope * joints[1]
+            found[kind] = np.concatenate([0 * c[:1], joints[1] * c]) if kind == "power" else c
         return found
-    kinds = [kind for kind in b.kinds if KINDS[kind].force]
-    parts = _parts(b, rates, t, max(KINDS[kind].rate for kind in kinds), side, near)
-    for kind in kinds:
-        k = KINDS[kind].rate
-        c = np.pad(np.stack(parts[k]), ((k, 0), (0, 0), (0, 0)))
-        if kind in b.limits.without_gravity:
-            c[k] -= gravity(b.robot, rates[: k + 1], b.motion.base(t, k, side), near)[k]
-        [c] = in_columns(m, [c], b.efforts)
-        if kind == "stall_effort":
-            c[1] += b.limits.effort_slope * joints[1]
-        found[kind] = np.concatenate([0 * c[:1], joints[1] * c]) if kind == "power" else c
-    return found
 
 
 def _monomial(rate: np.ndarray, k: int) -> np.ndarray:

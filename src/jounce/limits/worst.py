@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce.engine.along import ForceBreak
-from jounce.limits.bounded import Bounded, Span, rate_of_forces
+from jounce.engine.along import FIRST, ForceBreak
+from jounce.limits.bounded import Bounded, Span, motion_order
 from jounce.limits.joints import columns_of, in_columns, of_joints
 from jounce.limits.peaks import Peaks, peaks_of, picked
 from jounce.limits.pieces import NEGLIGIBLE, TRUST, Pieces, hull
@@ -85,7 +85,7 @@ class Worst:
                 for j, jump in self._jumps_with(found).items():
                     for kind, k in above.items():
                         self._jump(kind, j, found.t, jump, either=k > 0)
-        rates = {kind: rate_of_forces(self.b.robot, kind) for kind in self.b.kinds if KINDS[kind].of != "q"}
+        rates = {kind: motion_order(self.b.robot, kind) - FIRST for kind in self.b.kinds if KINDS[kind].of != "q"}
         for met in breaks:
             m, row = self.b.robot.mechanism, self.b.efforts
             unknown = [np.ones(len(columns_of(m, row)))]  # where q or qd jumps: an impulse
@@ -120,6 +120,11 @@ class Worst:
         better = value > self.value[kind, sign][joint]
         self.value[kind, sign][joint[better]] = value[better]
         self.t[kind, sign][joint[better]] = t[better]
+
+    @property
+    def ratios(self) -> dict[tuple[str, int], np.ndarray]:
+        """The ratios (n,) of the largest values, by kind and sign."""
+        return {(kind, sign): self.b.scales[kind].ratio(sign * x, sign) for (kind, sign), x in self.value.items()}
 
     def _floor(self, pieces: Pieces, kind: str, sign: int) -> np.ndarray:
         """What a peak in pieces must reach to matter, (K, n): the worst value, or the bound if an end is within it.
