@@ -9,7 +9,7 @@ from jounce.core.errors import JounceError, listed, one_of, quoted
 from jounce.core.scalars import asarray, is_numeric
 from jounce.model.coordinates import joint_places, leading_joints
 from jounce.model.kinds import EFFORT_KINDS, ENDS, FORCES, KEYS, MOTION_KINDS
-from jounce.model.limits import Limits, Stated, limits_with
+from jounce.model.limits import Stated, limits_with
 from jounce.model.mechanism import Mechanism
 
 
@@ -20,8 +20,8 @@ def with_limits(mechanism: Mechanism, given: Mapping[str, object], of: object = 
     for key, value in stated.items():
         for i, number in _by_joint(mechanism, key, value).items():
             changes.setdefault(i, {})[key] = number
-    changed = limits_with(mechanism.limits, changes, mechanism.joints)
-    return replace(mechanism, limits=replace(changed, without_gravity=_forces(mechanism.limits, stated, of)))
+    limits = limits_with(mechanism.limits, changes, mechanism.joints, _forces(stated, of))
+    return replace(mechanism, limits=limits)
 
 
 def _by_joint(mechanism: Mechanism, key: str, given: object) -> dict[int, Stated]:
@@ -74,8 +74,8 @@ def _number(key: str, given: object, joint: object) -> Stated:
     return number.tolist()
 
 
-def _forces(limits: Limits, stated: Mapping[str, object], of: object) -> tuple[str, ...]:
-    """Those effort limits that bound Q - Qgrav, after a change of some."""
+def _forces(stated: Mapping[str, object], of: object) -> dict[str, str]:
+    """Which forces effort limits bound: those that are stated, or that `of` names."""
     efforts = [key for key in stated if key in EFFORT_KINDS]
     said: Mapping[str, object] = (
         of if isinstance(of, Mapping) else dict.fromkeys(efforts, FORCES[0] if of is None else of)
@@ -84,7 +84,7 @@ def _forces(limits: Limits, stated: Mapping[str, object], of: object) -> tuple[s
         raise JounceError(
             f"of={quoted(of)} says which force effort limits bound; expected one of {', '.join(EFFORT_KINDS)}"
         )
-    known = {kind: limits.of(kind) for kind in EFFORT_KINDS} | dict.fromkeys(efforts, FORCES[0])
-    for kind, force in said.items():
-        known[one_of("effort limit", kind, EFFORT_KINDS)] = one_of("force of a limit", force, FORCES)
-    return tuple(kind for kind, force in known.items() if force == FORCES[1])
+    return dict.fromkeys(efforts, FORCES[0]) | {
+        one_of("effort limit", kind, EFFORT_KINDS): one_of("force of a limit", force, FORCES)
+        for kind, force in said.items()
+    }

@@ -14,12 +14,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from jounce.dynamics.quantities import FORCES
-from jounce.engine.along import FIRST
 from jounce.engine.closed_path import named_by_time, positions
 from jounce.limits.bounded import (
     Bounded,
     Side,
-    at_speed,
     gravity,
     motion_order,
     quantities_of,
@@ -64,10 +62,9 @@ def _parts(
     b: Bounded, rates: "tuple[np.ndarray, ...]", t: np.ndarray, order: int, side: Side, near: np.ndarray | None
 ) -> list[Parts]:
     """S, V, D and their derivatives along the motion up to an order."""
-    wrench, base = b.motion.wrench(t, order, side), b.motion.base(t, order + FIRST, side)
 
     def at(c: float) -> list[np.ndarray]:
-        return at_speed(b.robot, b.efforts.name, rates, wrench, c, order, base, near)
+        return b.quantity(b.efforts.name, order, rates, t, side, near, c)
 
     static, one, back = at(0.0)[0], at(1.0), at(-1.0)
     two, far_back = (at(2.0), at(-2.0)) if order else ([], [])

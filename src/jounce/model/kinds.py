@@ -98,6 +98,11 @@ def unit_of(symbol: str, rate: int, coordinate: str) -> str:
     return UNITS[symbol][coordinate == "m"] + (f"/s^{rate}" if rate > 1 else "/s" * rate)
 
 
+def units_of(kind: str) -> str:
+    """The units of a kind of limit in words: N m or N, W."""
+    return " or ".join(dict.fromkeys(map(KINDS[kind].unit, ("rad", "m"))))
+
+
 def in_words(kind: str, of: str | None) -> str:
     """A kind of limit in words, and the force that it bounds unless that is Q."""
     return kind.replace("_", " ") + (f" of {of}" if of == FORCES[1] else "")

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from jounce.core.errors import JounceError, one_of, quoted
 from jounce.core.scalars import Array, asarray, is_numeric
 from jounce.core.typing import Floats
-from jounce.model.kinds import EFFORT_KINDS, ENDS, FORCES, KEYS, KINDS, LINE, MOTION_KINDS, MOTOR_KINDS, PLACES
+from jounce.model.kinds import EFFORT_KINDS, ENDS, FORCES, KINDS, LINE, MOTION_KINDS, MOTOR_KINDS, PLACES, units_of
 
 Stated = float | Sequence[float]  # one number for both directions, or (lower, upper)
 
@@ -20,9 +21,8 @@ class Bound(property):
     def __init__(self, key: str) -> None:
         row = next(row for row in KINDS.values() if key in row.keys)
         super().__init__(lambda limits: _in_positive_direction(limits.table, key))
-        units = " or ".join(dict.fromkeys(map(row.unit, ("rad", "m"))))
         size = "smallest" if key == ENDS[0] else "largest"
-        self.__doc__ = f"The {size} {row.name.replace('_', ' ')}, {units}."
+        self.__doc__ = f"The {size} {row.name.replace('_', ' ')}, {units_of(row.name)}."
 
     def __get__(self, limits: Any, owner: type | None = None) -> Floats:  # type: ignore[override]  # not of classes
         return super().__get__(limits, owner)
@@ -265,8 +265,8 @@ def checked_limits(given: object, nb: int) -> Limits:
         return replace(given, table=given.table.copy())
     stated = {} if given is None else given
     if not isinstance(stated, Mapping):
-        raise JounceError(f"limits is of type {type(given).__name__}; expected a mapping of {', '.join(KEYS)}")
-    arrays = {one_of("limit", key, KEYS): _numbers(array, key, nb) for key, array in stated.items()}
+        raise JounceError(f"limits is of type {type(given).__name__}; expected a mapping of {', '.join(PLACES)}")
+    arrays = {one_of("limit", key, PLACES): _numbers(array, key, nb) for key, array in stated.items()}
     joints: list[Mapping[str, Any]] = [{key: array[i] for key, array in arrays.items()} for i in range(nb)]
     for i, joint in enumerate(joints):
         if error := limit_error(**joint):
@@ -283,8 +283,16 @@ def _numbers(array: Array, key: str, nb: int) -> np.ndarray:
     return numbers
 
 
-def limits_with(limits: Limits, changes: Mapping[int, Mapping[str, Stated]], names: Sequence[str]) -> Limits:
-    """The limits with those of some joint variables, by their index, in place of the old ones; `names` are theirs."""
+def limits_with(
+    limits: Limits,
+    changes: Mapping[int, Mapping[str, Stated]],
+    names: Sequence[str],
+    forces: Mapping[str, str] = MappingProxyType({}),
+) -> Limits:
+    """The limits with those of some joint variables, by their index, in place of the old ones; `names` are theirs.
+
+    Effort limits that change bound Q, unless `forces` says otherwise.
+    """
     table = limits.table.copy()
     for i, joint in changes.items():
         for key, value in joint.items():
@@ -294,7 +302,9 @@ def limits_with(limits: Limits, changes: Mapping[int, Mapping[str, Stated]], nam
         known = {key: float(_in_positive_direction(table, key)[i]) for key in (*ENDS, *LINE)}
         if error := limit_error(**{**known, **joint}):
             raise JounceError(f"joint {quoted(names[i])}: {error}")
-    return replace(limits, table=table + 0.0)
+    changed = [kind for kind in EFFORT_KINDS if any(kind in joint for joint in changes.values())]
+    of = {kind: limits.of(kind) for kind in EFFORT_KINDS} | dict.fromkeys(changed, FORCES[0]) | {**forces}
+    return Limits(table + 0.0, tuple(kind for kind in EFFORT_KINDS if of[kind] == FORCES[1]))
 
 
 def _in_positive_direction(table: Floats, key: str) -> Floats:
