@@ -14,14 +14,7 @@ from jounce.engine.along import FIRST
 from jounce.engine.closed_path import named_by_time, on_tree, positions
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
-from jounce.limits.joints import (
-    efforts,
-    in_columns,
-    joint_limits,
-    joint_names,
-    joint_rates,
-    of_joints,
-)
+from jounce.limits.joints import efforts, in_columns, joint_limits, joint_names, joint_rates, of_joints
 from jounce.limits.ratios import Scale, scale_of
 from jounce.model.kinds import KINDS, MOTION_KINDS, MOTOR_KINDS
 from jounce.model.limits import Limits

@@ -90,9 +90,7 @@ class Rows:
 
     def nearness(self, jet: np.ndarray) -> np.ndarray:
         """The rows (N, R) at jets (4, N) as shares of the bounds: 1 on a bound."""
-        values = self.values(jet)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.fmax(values / self.upper, values / self.lower)
+        return scale_of(np.stack([self.lower, self.upper])).largest(self.values(jet))
 
 
 def rows_of(path: Path, limits: Limits, share: float, fastest: float, friction: Friction | None = None) -> Rows:

@@ -44,8 +44,9 @@ def values_of(
 ) -> dict[str, np.ndarray]:
     """What limits bound, by kind, of rates q, qd, ..., Q, Qd, ... and Qgrav (N, n); without it not what is less it."""
     found, weight = dict(zip(MOTION_KINDS, rates, strict=False)), dict(zip(EFFORT_KINDS, gravity, strict=False))
+    slope = limits.effort_slope
     for kind, row in KINDS.items():
         if row.force and row.rate < len(forces) and (kind in weight or kind not in limits.without_gravity):
             Q = forces[row.rate] - weight[kind] if kind in limits.without_gravity else forces[row.rate]
-            found[kind] = row.law(Q, rates[1], limits.effort_slope)
+            found[kind] = row.law(Q, rates[1], slope)
     return found

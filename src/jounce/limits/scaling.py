@@ -15,13 +15,7 @@ import numpy as np
 
 from jounce.dynamics.quantities import FORCES
 from jounce.engine.closed_path import named_by_time, positions
-from jounce.limits.bounded import (
-    Bounded,
-    Side,
-    gravity,
-    motion_order,
-    quantities_of,
-)
+from jounce.limits.bounded import Bounded, Side, gravity, motion_order, quantities_of
 from jounce.limits.joints import in_columns, joint_rates
 from jounce.model.kinds import KINDS, MOTION_KINDS, MOTOR_KINDS
 
