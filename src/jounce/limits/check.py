@@ -1,7 +1,7 @@
 """Every limit along a motion: the worst values, between samples too, and when limits are broken."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -182,29 +182,33 @@ def unresolved_notes(worst: Worst) -> tuple[str, ...]:
 
 
 def _table(b: Bounded, worst: Worst, undecided: Spans) -> tuple[CheckedLimit, ...]:
-    rows, units, ratios = [], joint_units(b.robot.mechanism), worst.ratios
-    for j, joint in enumerate(b.joints):
-        for kind in b.kinds:
-            scale = b.scales[kind]
-            if not np.isfinite(b.limits.bounds(kind)[:, j]).any():
-                continue
-            sign = max(SIGNS, key=lambda sign: ratios[kind, sign][j])
-            value, bound = sign * float(worst.value[kind, sign][j]), sign * float(scale.bound(sign)[j])
-            rows.append(CheckedLimit(
-                joint=joint,
-                limit=kind,
-                of=b.limits.of(kind) if kind in EFFORT_KINDS else None,
-                unit=KINDS[kind].unit(units[j]),
-                value=value,
-                bound=bound,
-                ratio=float(ratios[kind, sign][j]),
-                margin=sign * (bound - value),
-                t=float(worst.t[kind, sign][j]),
-                deviation=None,
-                violations=join_spans(worst.spans[kind, 1][j] + worst.spans[kind, -1][j]),
-                undecided=join_spans(undecided.get((kind, j), [])),
-            ))  # fmt: skip
-    return _with_deviations(b, worst, rows)
+    ratios, units = worst.ratios, joint_units(b.robot.mechanism)
+    limited = [
+        (kind, max(SIGNS, key=lambda sign: ratios[kind, sign][j]), j)
+        for j in range(len(b.joints))
+        for kind in b.kinds
+        if np.isfinite(b.limits.bounds(kind)[:, j]).any()
+    ]
+    off = deviations_of(b, np.array([worst.t[kind, sign][j] for kind, sign, j in limited]))
+    rows = []
+    for i, (kind, sign, j) in enumerate(limited):
+        value, bound = (sign * float(x[j]) for x in (worst.value[kind, sign], b.scales[kind].bound(sign)))
+        spread, reach = float(off[kind][i, j]) if kind in off else np.nan, float(abs(b.scales[kind].reach(sign)[j]))
+        rows.append(CheckedLimit(
+            joint=b.joints[j],
+            limit=kind,
+            of=b.limits.of(kind) if kind in EFFORT_KINDS else None,
+            unit=KINDS[kind].unit(units[j]),
+            value=value,
+            bound=bound,
+            ratio=float(ratios[kind, sign][j]),
+            margin=sign * (bound - value),
+            t=float(worst.t[kind, sign][j]),
+            deviation=None if np.isnan(spread) or not reach else spread / reach,
+            violations=join_spans(worst.spans[kind, 1][j] + worst.spans[kind, -1][j]),
+            undecided=join_spans(undecided.get((kind, j), [])),
+        ))  # fmt: skip
+    return tuple(rows)
 
 
 def _shares(b: Bounded, undecided: Spans) -> dict[str, float]:
@@ -216,18 +220,6 @@ def _shares(b: Bounded, undecided: Spans) -> dict[str, float]:
     return {
         kind: 1 - sum(stop - start for start, stop in found) / (b.motion.duration or 1) for kind, found in spans.items()
     }
-
-
-def _with_deviations(b: Bounded, worst: Worst, rows: list[CheckedLimit]) -> tuple[CheckedLimit, ...]:
-    """The rows with standard deviations of their ratios, where these are known."""
-    deviations = deviations_of(b, np.array([row.t for row in rows]))
-    found = []
-    for i, row in enumerate(rows):
-        j = b.joints.index(row.joint)
-        reach = abs(row.bound - float(b.scales[row.limit].centre[j]))
-        off = float(deviations[row.limit][i, j]) if row.limit in deviations else np.nan
-        found.append(row if np.isnan(off) or not reach else replace(row, deviation=off / reach))
-    return tuple(found)
 
 
 def notes_of(b: Bounded, breaks: tuple[ForceBreak, ...]) -> tuple[str, ...]:

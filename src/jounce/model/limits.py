@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -284,10 +283,7 @@ def _numbers(array: Array, key: str, nb: int) -> np.ndarray:
 
 
 def limits_with(
-    limits: Limits,
-    changes: Mapping[int, Mapping[str, Stated]],
-    names: Sequence[str],
-    forces: Mapping[str, str] = MappingProxyType({}),
+    limits: Limits, changes: Mapping[int, Mapping[str, Stated]], names: Sequence[str], forces: Mapping[str, str]
 ) -> Limits:
     """The limits with those of some joint variables, by their index, in place of the old ones; `names` are theirs.
 
@@ -303,7 +299,7 @@ def limits_with(
         if error := limit_error(**{**known, **joint}):
             raise JounceError(f"joint {quoted(names[i])}: {error}")
     changed = [kind for kind in EFFORT_KINDS if any(kind in joint for joint in changes.values())]
-    of = {kind: limits.of(kind) for kind in EFFORT_KINDS} | dict.fromkeys(changed, FORCES[0]) | {**forces}
+    of = {kind: limits.of(kind) for kind in EFFORT_KINDS} | dict.fromkeys(changed, FORCES[0]) | dict(forces)
     return Limits(table + 0.0, tuple(kind for kind in EFFORT_KINDS if of[kind] == FORCES[1]))
 
 
