@@ -9,8 +9,8 @@ from jounce.core.errors import JounceError, listed, one_of, quoted
 from jounce.core.scalars import asarray, is_numeric
 from jounce.model.coordinates import joint_places, leading_joints
 from jounce.model.kinds import EFFORT_KINDS, ENDS, FORCES, KEYS, MOTION_KINDS
-from jounce.model.limits import Stated, limits_with
 from jounce.model.mechanism import Mechanism
+from jounce.model.stated import Stated, limits_with
 
 
 def with_limits(mechanism: Mechanism, given: Mapping[str, object], of: object = None) -> Mechanism:

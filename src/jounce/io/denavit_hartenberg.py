@@ -24,8 +24,8 @@ from jounce.model import dh
 from jounce.model.dh import CONVENTIONS, PARAMETERS, TYPES
 from jounce.model.drives import UNDRIVEN
 from jounce.model.kinds import MOTION_KINDS
-from jounce.model.limits import Stated, limits_of_joints
 from jounce.model.mechanism import GRAVITY, Mechanism
+from jounce.model.stated import Stated, limits_of_joints
 
 ANGLES = {"rad": 1.0, "deg": math.pi / 180}
 ROW = ("name", "body", "type", "limits", "drive", "inertia")  # keys of a row besides its four parameters

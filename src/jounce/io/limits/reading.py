@@ -15,8 +15,9 @@ from jounce.io.limits import moveit
 from jounce.io.native import parts
 from jounce.model.coordinates import joint_places
 from jounce.model.kinds import FORCES
-from jounce.model.limits import Limits, Stated, limits_with
+from jounce.model.limits import Limits
 from jounce.model.mechanism import Mechanism
+from jounce.model.stated import Stated, limits_with
 
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable

@@ -10,8 +10,8 @@ from jounce.io.native import UNITS
 from jounce.io.orientation import direction, from_rpy
 from jounce.model.drives import UNDRIVEN, drive_error
 from jounce.model.kinds import EFFORT_KINDS, ENDS, FORCES, KEYS
-from jounce.model.limits import Stated, limit_error
 from jounce.model.screws import exact_inertia, exact_pose, exact_screw
+from jounce.model.stated import Stated, limit_error
 from jounce.spatial import lie
 from jounce.spatial.inertia import inertia_matrix, symmetric
 
