@@ -141,7 +141,7 @@ class Bounded:
             }
             if self.efforts.name not in values:
                 return found
-            forces = {False: in_columns(m, values[self.efforts.name], self.efforts)}
+            forces = {False: in_columns(m, values[self.efforts.name], self.efforts)}  # by whether gravity is left out
             order, kinds = len(forces[False]) - 1, [kind for kind in self.kinds if KINDS[kind].force]
             if any(kind in self.limits.without_gravity for kind in kinds):
                 base = self.motion.base(t, order, side)

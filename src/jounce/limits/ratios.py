@@ -34,9 +34,11 @@ class Scale:
     @np.errstate(all="ignore")
     def ratio(self, value: np.ndarray, sign: int, joint: np.ndarray | slice = slice(None)) -> np.ndarray:
         """The ratios of values to the bounds of a sign, of all coordinates or of those given."""
-        reach, way = self.reach(sign)[joint], sign * (value - self.centre[joint])
-        ratio = np.where(reach == 0, np.where(way > STILL, np.inf, 0.0), way / reach)
-        return np.where(np.isinf(self.bound(sign)[joint]), -np.inf, ratio)
+        reach, way, free = self.reach(sign)[joint], value - self.centre[joint], np.isinf(self.bound(sign)[joint])
+        ratio = way / (sign * reach)
+        if not reach.all():
+            ratio = np.where(reach == 0, np.where(sign * way > STILL, np.inf, 0.0), ratio)
+        return np.where(free, -np.inf, ratio) if free.any() else ratio
 
     def largest(self, value: np.ndarray) -> np.ndarray:
         """The ratios of values to the bounds that they are nearer to."""
