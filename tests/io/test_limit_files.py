@@ -6,7 +6,7 @@ from files import refusal
 
 import jounce
 from jounce.io.limits.reading import read_table, table_names
-from jounce.model.limits import KEYS
+from jounce.model.kinds import KEYS
 
 MOVEIT = """
 joint_limits:

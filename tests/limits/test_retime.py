@@ -15,7 +15,7 @@ from jounce.limits.friction import friction_of
 from jounce.limits.path import path_of
 from jounce.limits.problem import problem_of, without_friction
 from jounce.limits.retime import AGAIN, FINER, GAP, Grid
-from jounce.model.limits import EFFORT_KINDS
+from jounce.model.kinds import EFFORT_KINDS
 from jounce.motion.time_law import Paced, TimeLaw
 
 PANDA = jounce.load("panda", lock={"panda_finger_joint1": 0.0})
@@ -213,6 +213,12 @@ def test_it_is_never_slower_than_the_slowdown(robot):
         found = robot.retime(motion, margin=0)
         assert found.duration <= slow.motion.duration
         assert robot.check(found.motion).worst.ratio < 1.001
+
+
+def test_an_effort_between_two_bounds_of_one_sign_decides_only_near_one_of_them():
+    robot = jounce.load("planar2r").with_limits(velocity=0.2, acceleration=1.5, effort={"joint1": (5, 300)})
+    found = robot.retime(rest_to_rest(np.array([0.3, 0.2]), np.array([0.3, 0.3])))
+    assert {stretch.limit for stretch in found.binding} == {"velocity", "acceleration"}
 
 
 def test_a_motion_that_moves_at_both_ends_is_fast_between():

@@ -1,6 +1,7 @@
 """Limits of the joint variables: checked at the door, read from URDF, kept by every pass, shown by `jounce info`."""
 
 import copy
+import inspect
 import json
 import pickle
 from pathlib import Path
@@ -17,7 +18,8 @@ from jounce.cli import main
 from jounce.model import equivalent
 from jounce.model.casting import with_exact_integers, with_extended_precision
 from jounce.model.coordinates import coordinate_limits, following_efforts
-from jounce.model.limits import KEYS, Limits
+from jounce.model.kinds import KEYS, KINDS, LINE
+from jounce.model.limits import Limits
 from jounce.model.screws import ROUNDING, exact_inertia, exact_pose, exact_screw
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
@@ -273,3 +275,15 @@ def test_limits_equal_their_copies_and_no_others():
     assert limits != 3
     zero, negative = (Limits(np.full((16, 2, 1), x)) for x in (0.0, -0.0))
     assert (zero == negative, hash(zero) == hash(negative)) == (True, True)
+
+
+def test_rows_of_limits_are_attributes_keywords_and_keys():
+    robot = jounce.load("planar2r")
+    assert {*inspect.signature(robot.with_limits).parameters} == {"source", *KEYS, "of"}
+    assert len({getattr(Limits, key).__doc__ for key in KEYS}) == len(KEYS)
+    for key in KEYS:
+        line = dict.fromkeys(LINE, 1.0) if key in LINE else {}
+        limits = robot.with_limits(**line | {key: 1.5}).limits
+        assert getattr(limits, key).tolist() == [1.5, 1.5]
+        assert limits.stated(1)[key] == 1.5
+        assert key in LINE or limits.kinds == tuple(row.name for row in KINDS.values() if key in row.keys)

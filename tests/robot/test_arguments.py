@@ -15,7 +15,7 @@ from hostile import HOSTILE
 import jounce
 from jounce import JounceError
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.model.limits import KEYS
+from jounce.model.kinds import KEYS
 from jounce.robot.old import OldMethods
 
 URDF = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/>

@@ -13,7 +13,7 @@ from jounce._report.sliders import end_names, sliders_code, sliders_data
 from jounce._report.subject import SLOWED, Subject
 from jounce.core.version import __version__
 from jounce.model.coordinates import leading_joints
-from jounce.model.limits import FORCES
+from jounce.model.kinds import FORCES
 from jounce.model.mechanism import body_name
 from jounce.spatial.series import rate_name
 

@@ -12,7 +12,7 @@ from jounce._report.subject import Subject
 from jounce.dynamics.newton import scales
 from jounce.engine.engine import Engine
 from jounce.model.coordinates import coordinate_limits, coordinate_units
-from jounce.model.limits import unit_of
+from jounce.model.kinds import unit_of
 from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism
 
@@ -42,7 +42,7 @@ def sliders_data(s: Subject) -> dict[str, Any]:
     return {
         "lower": lower.tolist(),
         "upper": upper.tolist(),
-        "units": [unit_of("effort", unit) for unit in units],
+        "units": [unit_of("Q", 0, unit) for unit in units],
         "effort": [
             [x if np.isfinite(x) else None for x in row] for row in s.limits.bounds("effort")[:, s.own].tolist()
         ],

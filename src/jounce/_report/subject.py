@@ -21,8 +21,10 @@ from jounce.engine.generic import as_tuple
 from jounce.limits.bounded import known_kinds
 from jounce.limits.check import Check, check
 from jounce.limits.joints import drives_coordinates, efforts, joint_limits, joint_names, joint_rates, joint_units
+from jounce.limits.samples import values_of
 from jounce.limits.slowdown import Slowdown, slowdown
-from jounce.model.limits import EFFORT_KINDS, FORCES, MOTION_KINDS, MOTOR_KINDS, Limits, unit_of
+from jounce.model.kinds import EFFORT_KINDS, FORCES, KINDS, MOTION_KINDS, MOTOR_KINDS
+from jounce.model.limits import Limits
 from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
 from jounce.spatial.series import rate_name
@@ -32,9 +34,6 @@ FRAMES, LEAST_FRAMES = 1000, 200  # times at which the cursor can stand, before 
 SHOWN_VALUES = 60_000  # under the cursor, of all frames together: they are exact, so that they are most of the page
 SLOWED = 10_000  # states by which the slow-down factor of a longer motion is found; between them it looks closer
 BEFORE = 1e-9  # of the duration: how long before a break its left side is drawn
-NAMES = {kind: rate_name("q", k) for k, kind in enumerate(MOTION_KINDS)}
-NAMES |= {kind: rate_name("Q", k) for k, kind in enumerate(EFFORT_KINDS)} | {"power": "P", "stall_effort": "Q at stall"}
-NAMES |= dict(zip(MOTOR_KINDS, ("theta", "thetad", "tau", "i", "u"), strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,31 +160,22 @@ def _quantities(
     off = [_of_drives(m, rate)[frames] for rate in along.deviations or ()]
     deviations |= dict(zip(EFFORT_KINDS, off, strict=False))
     units = joint_units(m)
-    free = np.full((2, len(units)), [[-np.inf], [np.inf]])
 
-    def quantity(kind: str, values: np.ndarray, symbol: str, bounds: np.ndarray) -> Quantity:
-        of_kind = tuple(unit_of(kind, unit) for unit in units)
-        return Quantity(symbol, kind, of_kind, values, bounds, deviations.get(kind))
+    def quantity(kind: str, values: np.ndarray, symbol: str = "", bounded: bool = True) -> Quantity:
+        bounds = limits.bounds(kind) if bounded else np.full((2, len(units)), [[-np.inf], [np.inf]])
+        of_kind = tuple(map(KINDS[kind].unit, units))
+        return Quantity(symbol or KINDS[kind].symbol, kind, of_kind, values, bounds, deviations.get(kind))
 
-    found = [
-        quantity(kind, value, NAMES[kind], free if kind in limits.without_gravity else limits.bounds(kind))
-        for kind, value in values.items()
-    ]
+    found = [quantity(kind, x, bounded=kind not in limits.without_gravity) for kind, x in values.items()]
     inertial = [kind for kind in limits.without_gravity if kind in limits.kinds and kind in values]
-    if inertial:
-        gravity = as_tuple(compute(robot, "gravity_forces", on_tree(along.rates[:count], near)))
-        for kind in inertial:
-            k = EFFORT_KINDS.index(kind)
-            symbol = " - ".join(rate_name(name, k) for name in FORCES[1].split(" - "))
-            found.append(quantity(kind, forces[k] - _of_drives(m, gravity[k]), symbol, limits.bounds(kind)))
+    gravity = as_tuple(compute(robot, "gravity_forces", on_tree(along.rates[:count], near))) if inertial else ()
+    bounded = values_of(limits, rates, forces, [_of_drives(m, x) for x in gravity])
+    for kind in inertial:
+        symbol = " - ".join(rate_name(name, KINDS[kind].rate) for name in FORCES[1].split(" - "))
+        found.append(quantity(kind, bounded[kind], symbol))
     if m.elasticity is not None and count > HIGHEST:
-        motors = _motors(robot, motion, along.t)
-        found += [quantity(kind, _of_drives(m, x), NAMES[kind], limits.bounds(kind)) for kind, x in motors.items()]
-    if "power" in limits.kinds:
-        found.append(quantity("power", rates[1] * forces[0], NAMES["power"], limits.bounds("power")))
-    if "stall_effort" in limits.kinds:
-        at_stall = forces[0] + limits.effort_slope * rates[1]
-        found.append(quantity("stall_effort", at_stall, NAMES["stall_effort"], limits.bounds("stall_effort")))
+        found += [quantity(kind, _of_drives(m, x)) for kind, x in _motors(robot, motion, along.t).items()]
+    found += [quantity(kind, bounded[kind]) for kind in ("power", "stall_effort") if kind in limits.kinds]
     return tuple(found)
 
 

@@ -8,10 +8,9 @@ import numpy as np
 from jounce.core.errors import JounceError, listed, one_of, quoted
 from jounce.core.scalars import asarray, is_numeric
 from jounce.model.coordinates import joint_places, leading_joints
-from jounce.model.limits import EFFORT_KINDS, FORCES, KEYS, MOTION_KINDS, Limits, Stated, limits_with
+from jounce.model.kinds import EFFORT_KINDS, ENDS, FORCES, KEYS, MOTION_KINDS
 from jounce.model.mechanism import Mechanism
-
-MOTIONS = ("lower", "upper", *MOTION_KINDS)  # keys of limits that bound motions, not forces or motors
+from jounce.model.stated import Stated, limits_with
 
 
 def with_limits(mechanism: Mechanism, given: Mapping[str, object], of: object = None) -> Mechanism:
@@ -21,8 +20,8 @@ def with_limits(mechanism: Mechanism, given: Mapping[str, object], of: object = 
     for key, value in stated.items():
         for i, number in _by_joint(mechanism, key, value).items():
             changes.setdefault(i, {})[key] = number
-    changed = limits_with(mechanism.limits, changes, mechanism.joints)
-    return replace(mechanism, limits=replace(changed, without_gravity=_forces(mechanism.limits, stated, of)))
+    limits = limits_with(mechanism.limits, changes, mechanism.joints, _forces(stated, of))
+    return replace(mechanism, limits=limits)
 
 
 def _by_joint(mechanism: Mechanism, key: str, given: object) -> dict[int, Stated]:
@@ -35,7 +34,7 @@ def _by_joint(mechanism: Mechanism, key: str, given: object) -> dict[int, Stated
             _check_motors(mechanism, key, stated)
         return stated
     numbers, count = np.asarray(asarray(given, key)), len(leaders)
-    pairs = key not in ("lower", "upper")
+    pairs = key not in ENDS
     if not is_numeric(numbers) or numbers.shape not in [(), (count,), *[(count, 2)] * pairs]:
         more = f", ({count}, 2) for (lower, upper)" if pairs else ""
         raise JounceError(
@@ -49,7 +48,7 @@ def _by_joint(mechanism: Mechanism, key: str, given: object) -> dict[int, Stated
 def _limited(mechanism: Mechanism, key: str) -> tuple[str, list[int]]:
     """What a kind of limit is stated for, coordinates or motors, and their joint variables in this order."""
     c = mechanism.closure
-    if c is None or key in MOTIONS:
+    if c is None or key in (*ENDS, *MOTION_KINDS):
         return "coordinate", leading_joints(mechanism)
     order = c.independent if sorted(c.actuated) == sorted(c.independent) else c.actuated
     every = leading_joints(mechanism.tree)
@@ -69,14 +68,14 @@ def _check_motors(mechanism: Mechanism, key: str, stated: Mapping[int, Stated]) 
 
 def _number(key: str, given: object, joint: object) -> Stated:
     number = np.asarray(asarray(given, key))
-    if not is_numeric(number) or number.shape not in [(), *[(2,)] * (key not in ("lower", "upper"))]:
-        pair = "" if key in ("lower", "upper") else " or two, (lower, upper)"
+    if not is_numeric(number) or number.shape not in [(), *[(2,)] * (key not in ENDS)]:
+        pair = "" if key in ENDS else " or two, (lower, upper)"
         raise JounceError(f"{key} of joint {quoted(joint)} is {quoted(given)}; expected a number{pair}")
     return number.tolist()
 
 
-def _forces(limits: Limits, stated: Mapping[str, object], of: object) -> tuple[str, ...]:
-    """Those effort limits that bound Q - Qgrav, after a change of some."""
+def _forces(stated: Mapping[str, object], of: object) -> dict[str, str]:
+    """Which forces effort limits bound: those that are stated, or that `of` names."""
     efforts = [key for key in stated if key in EFFORT_KINDS]
     said: Mapping[str, object] = (
         of if isinstance(of, Mapping) else dict.fromkeys(efforts, FORCES[0] if of is None else of)
@@ -85,7 +84,7 @@ def _forces(limits: Limits, stated: Mapping[str, object], of: object) -> tuple[s
         raise JounceError(
             f"of={quoted(of)} says which force effort limits bound; expected one of {', '.join(EFFORT_KINDS)}"
         )
-    known = {kind: limits.of(kind) for kind in EFFORT_KINDS} | dict.fromkeys(efforts, FORCES[0])
-    for kind, force in said.items():
-        known[one_of("effort limit", kind, EFFORT_KINDS)] = one_of("force of a limit", force, FORCES)
-    return tuple(kind for kind, force in known.items() if force == FORCES[1])
+    return dict.fromkeys(efforts, FORCES[0]) | {
+        one_of("effort limit", kind, EFFORT_KINDS): one_of("force of a limit", force, FORCES)
+        for kind, force in said.items()
+    }

@@ -6,7 +6,7 @@ import numpy as np
 
 from jounce.checks.audit import audit
 from jounce.model.coordinates import coordinate_units
-from jounce.model.limits import KEYS, unit_of
+from jounce.model.kinds import KEYS, KINDS
 from jounce.model.mechanism import Mechanism, body_name
 from jounce.spatial import inertia
 
@@ -95,6 +95,6 @@ def limit_in_words(body: dict[str, Any], kind: str) -> str:
     value = [limits["lower"], limits["upper"]] if kind == "position" else limits[kind]
     if value in (None, [None, None]):
         return "-"
-    unit = unit_of(kind, "m" if body["type"] == "prismatic" else "rad")
+    unit = KINDS[kind].unit("m" if body["type"] == "prismatic" else "rad")
     ends = zip(value, ("-inf", "inf"), strict=True) if isinstance(value, list) else [(value, "")]
     return " .. ".join(free if x is None else f"{x:.5g}" for x, free in ends) + f" {unit}"

@@ -112,7 +112,7 @@ def _verdicts(found: "Mapping[str, Aggregate]") -> dict[str, Any]:
 
 
 def _in_words(summary: dict[str, Any]) -> str:
-    from jounce.model.limits import in_words
+    from jounce.model.kinds import in_words
 
     rows = sorted(summary["limits"], key=lambda row: -_number(row["ratio"]))
     cells: list[tuple[str, ...]] = [

@@ -140,10 +140,10 @@ def _elastic(data: dict[str, Any]) -> list[str]:
 def _limits(bodies: list[dict[str, Any]]) -> list[str]:
     """A table of the limits that are stated of any joint; "-" for those that are not stated of one."""
     from jounce.checks.description import limit_in_words
-    from jounce.model.limits import STATED_KINDS
+    from jounce.model.kinds import KINDS
 
-    rows = {body["joint"]: {kind: limit_in_words(body, kind) for kind in STATED_KINDS} for body in bodies}
-    shown = [kind for kind in STATED_KINDS if kind in COMMON or any(row[kind] != "-" for row in rows.values())]
+    rows = {body["joint"]: {kind: limit_in_words(body, kind) for kind in KINDS} for body in bodies}
+    shown = [kind for kind in KINDS if kind in COMMON or any(row[kind] != "-" for row in rows.values())]
     limited = [(joint, *(row[kind] for kind in shown)) for joint, row in rows.items() if set(row.values()) != {"-"}]
     heads = ("limits", *(kind.replace("_", " ") for kind in shown))
     return ["", *straight_columns([heads, *limited])] if limited else []

@@ -13,7 +13,8 @@ from jounce.limits.joints import joint_limits
 from jounce.limits.path import Path, path_of
 from jounce.limits.problem import FASTEST, without_friction
 from jounce.limits.rows import rows_of
-from jounce.model.limits import KINDS, LINE, STATED_KINDS, unlimited
+from jounce.model.kinds import KINDS, LINE
+from jounce.model.limits import unlimited
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,7 +27,6 @@ SPEEDS = 400  # that are tried at each point for the curve of efforts and accele
 ABOVE = 1.6  # times the largest speed: the height of the axes
 BELOW = 1e-3  # of the largest speed: the lowest that is tried
 CURVE: Any = {"linewidth": 1.0, "linestyle": (0, (5, 2))}
-WORDS = {kind: kind.replace("_", " ") for kind in KINDS}
 
 
 def over_path(robot: Engine, motion: "Motion", found: "Retiming") -> "Figure":
@@ -61,7 +61,9 @@ def over_path(robot: Engine, motion: "Motion", found: "Retiming") -> "Figure":
             inside = (t >= stretch.start) & (t <= stretch.stop)
             axes.plot(way[inside], speed[inside], color=colours[stretch.limit], linewidth=2.4)
         entries |= {
-            f"retimed, at {WORDS[k]} limit": {"color": colours[k], "linewidth": 2.4} for k in KINDS if k in decided
+            f"retimed, at {k.replace('_', ' ')} limit": {"color": colours[k], "linewidth": 2.4}
+            for k in KINDS
+            if k in decided
         }
         axes.set_ylim(0, top)
         axes.set_xlim(0, way[-1])
@@ -75,7 +77,7 @@ def over_path(robot: Engine, motion: "Motion", found: "Retiming") -> "Figure":
 def _curves(robot: Engine, path: Path, reached: np.ndarray) -> dict[str, np.ndarray]:
     """The largest paces (N,) along a path that limits of velocity, and of effort and acceleration, allow."""
     limits = joint_limits(robot.mechanism)
-    drawn = [STATED_KINDS.index(kind) for kind in ("velocity", "effort", "acceleration", *LINE)]
+    drawn = [[*KINDS].index(kind) for kind in ("velocity", "effort", "acceleration", *LINE)]
     table = unlimited(limits.table.shape[-1]).table
     table[drawn] = limits.table[drawn]
     rows, found = rows_of(path, replace(limits, table=table), 1.0, FASTEST, friction_of(robot.mechanism)), {}

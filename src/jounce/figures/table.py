@@ -9,15 +9,13 @@ from jounce.core.errors import JounceError, listed, no_such, quoted, shortened
 from jounce.figures.curves import POINT
 from jounce.figures.panels import Panel, Run
 from jounce.model.coordinates import BASE_FORCES, coordinate_limits, coordinate_units, force_names
-from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS
+from jounce.model.kinds import EFFORT_KINDS, KINDS, MOTION_KINDS, UNITS
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.series import SUFFIX, rate_name
+from jounce.spatial.series import SUFFIX
 
-UNITS = {"q": {"rad": "rad", "m": "m"}, "Q": {"rad": "N m", "m": "N"}}  # by the unit of the joint
-LIMITS = {rate_name("q", k): kind for k, kind in enumerate(MOTION_KINDS)}
-LIMITS |= {rate_name("Q", k): kind for k, kind in enumerate(EFFORT_KINDS)}
+LIMITS = {KINDS[kind].symbol: kind for kind in (*MOTION_KINDS, *EFFORT_KINDS)}  # by the quantity
 LARGEST = 1e300  # beyond it matplotlib cannot number an axis
-KINDS = {"_sd": "deviations", "_sample": "points", "_measured": "points"}
+BESIDE = {"_sd": "deviations", "_sample": "points", "_measured": "points"}
 COLUMN = re.compile(
     rf"(.*)\.([qQ])({SUFFIX})(_sd|_sample|_measured)?", re.DOTALL
 )  # a name may be of any characters, or of none
@@ -87,7 +85,7 @@ def _found(
     for name, values in columns.items():
         if match := COLUMN.fullmatch(name):
             kind = match[len(match.groups())]
-            of = found if kind is None else beside.setdefault(KINDS[kind], {})
+            of = found if kind is None else beside.setdefault(BESIDE[kind], {})
             of.setdefault(match[2] + (match[3] or ""), {})[match[1]] = values
     if not found:
         cure = f"of samples `jounce motion ROBOT {place} -o OUT` makes a table to be drawn"
@@ -155,4 +153,4 @@ def _units(quantity: str) -> dict[str, str]:
     """``N m/s², N/s²`` of Q2d, by the unit of the joint."""
     k = _order(quantity)
     per = "" if not k else "/s" if k == 1 else f"/s$^{{{k}}}$"
-    return {joint_unit: unit + per for joint_unit, unit in UNITS[quantity[0]].items()}
+    return {joint_unit: unit + per for joint_unit, unit in zip(("rad", "m"), UNITS[quantity[0]], strict=True)}

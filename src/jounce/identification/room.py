@@ -19,25 +19,14 @@ from jounce.engine.along import FIRST
 from jounce.engine.backends import compile_ahead
 from jounce.engine.engine import Engine
 from jounce.engine.generic import as_tuple
-from jounce.limits.bounded import DERIVATIVE, rate_of_forces
-from jounce.limits.ratios import scale_of
-from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, Limits
-from jounce.model.limits import FORCES as BOUND_FORCES
+from jounce.limits.bounded import motion_order
+from jounce.limits.ratios import SIGNS, Scale, scale_of
+from jounce.limits.samples import values_of
+from jounce.model.kinds import EFFORT_KINDS, KINDS, MOTION_KINDS
+from jounce.model.limits import Limits
 from jounce.native.kernel import Kernel
 
 Rates = Sequence[np.ndarray]  # q, qd, q2d, ..., (M, n) each
-
-
-class Side(NamedTuple):
-    """The finite bounds on one side: the columns of what they bound, where ratios begin, and the way to the bounds."""
-
-    columns: np.ndarray
-    centre: np.ndarray
-    reach: np.ndarray
-
-    def ratios(self, values: np.ndarray) -> np.ndarray:
-        """The ratios (M, columns) of values to the bounds."""
-        return (values[:, self.columns] - self.centre) / self.reach
 
 
 class Force(NamedTuple):
@@ -63,13 +52,14 @@ class Force(NamedTuple):
 class Room:
     """The bounds of a robot's coordinates, and the forces Q and Qgrav with the rates that they bound, or None.
 
-    `kinds` are those of the limits: what they bound has n columns each, in their order. `order` is that of the highest
-    rate of q that they take.
+    `kinds` are those of the limits: what they bound has n columns each, in their order, with `scale`; `sides` are signs
+    and the columns that have bounds of them. `order` is that of the highest rate of q that they take.
     """
 
     limits: Limits
     kinds: tuple[str, ...]
-    sides: tuple[Side, ...]
+    scale: Scale
+    sides: tuple[tuple[int, np.ndarray], ...]
     order: int
     Q: Force | None
     gravity: Force | None
@@ -77,9 +67,9 @@ class Room:
     def worst(self, rates: Rates) -> tuple[float, str, int]:
         """The largest ratio at states, of which kind and coordinate."""
         values, found = self._stacked(self._values(rates)), []
-        for side in self.sides:
-            ratios = side.ratios(values).max(axis=0)
-            kind, joint = divmod(int(side.columns[ratios.argmax()]), rates[0].shape[1])
+        for sign, columns in self.sides:
+            ratios = self.scale.ratio(values[:, columns], sign, columns).max(axis=0)
+            kind, joint = divmod(int(columns[ratios.argmax()]), rates[0].shape[1])
             found.append((float(ratios.max()), self.kinds[kind], joint))
         return max(found)
 
@@ -88,34 +78,24 @@ class Room:
         by_kind = self._values(rates)
         values, total = self._stacked(by_kind), 0.0
         pushes = np.zeros_like(values)
-        for side in self.sides:
-            z = share - side.ratios(values)
+        for sign, columns in self.sides:
+            z = share - self.scale.ratio(values[:, columns], sign, columns)
             beyond, y = z < delta, z / delta - 2
             inside = np.where(beyond, delta, z)
             total += float(np.where(beyond, (y * y - 1) / 2 - np.log(delta), -np.log(inside)).sum())
-            pushes[:, side.columns] -= np.where(beyond, y / delta, -1 / inside) / (side.reach * len(z))
+            reach = sign * self.scale.reach(sign)[columns]
+            pushes[:, columns] -= np.where(beyond, y / delta, -1 / inside) / (reach * len(z))
         parts = np.split(pushes, len(self.kinds), axis=1)
         return total / len(rates[0]), self._gradients(rates, by_kind, dict(zip(self.kinds, parts, strict=True)))
 
     def _values(self, rates: Rates) -> dict[str, np.ndarray]:
         """What limits bound at states by kind, (M, n) each; Q itself as "Q"."""
-        found = dict(zip(MOTION_KINDS, rates, strict=False))
-        if self.Q is None:
-            return found
-        Q = self.Q.values(rates)
-        found |= dict(zip(EFFORT_KINDS, Q, strict=False)) | {"Q": Q[0], "power": rates[1] * Q[0]}
-        found["stall_effort"] = Q[0] + self.limits.effort_slope * rates[1]
-        for kind, g in zip(EFFORT_KINDS, self.gravity.values(rates) if self.gravity else (), strict=False):
-            if self._is_bare(kind):
-                found[kind] = found[kind] - g
-        return found
+        Q = self.Q.values(rates) if self.Q else ()
+        found = values_of(self.limits, rates, Q, self.gravity.values(rates) if self.gravity else ())
+        return found | ({"Q": Q[0]} if Q else {})
 
     def _stacked(self, by_kind: Mapping[str, np.ndarray]) -> np.ndarray:
         return np.concatenate([by_kind[kind] for kind in self.kinds], axis=1)
-
-    def _is_bare(self, kind: str) -> bool:
-        """Whether an effort limit bounds Q - Qgrav."""
-        return self.limits.of(kind) == BOUND_FORCES[1]
 
     def _gradients(
         self, rates: Rates, values: Mapping[str, np.ndarray], pushes: Mapping[str, np.ndarray]
@@ -128,7 +108,7 @@ class Room:
         onto = [pushes.get(kind, zero) for kind in EFFORT_KINDS[: self.Q.order + 1]]
         parts = []
         if self.gravity:
-            off = [-x if self._is_bare(kind) else zero for kind, x in zip(EFFORT_KINDS, onto, strict=False)]
+            off = [-x * (kind in self.limits.without_gravity) for kind, x in zip(EFFORT_KINDS, onto, strict=False)]
             parts.append(self.gravity.gradients(rates, off[: self.gravity.order + 1]))
         if "power" in pushes:
             found[1] += pushes["power"] * values["Q"]
@@ -144,20 +124,18 @@ class Room:
 
 def room_of(robot: Engine, limits: Limits, kinds: Sequence[str]) -> Room:
     """The room within limits of some kinds of the coordinates of a robot, but bounds of 0 of what stands still."""
-    bounds = np.concatenate([limits.bounds(kind) for kind in kinds], axis=1)
-    centre = np.concatenate([scale_of(limits.bounds(kind), kind).centre for kind in kinds])
-    finite = np.isfinite(bounds) & (bounds != centre)
-    sides = (
-        Side(np.flatnonzero(on), centre[on], (bound - centre)[on]) for bound, on in zip(bounds, finite, strict=True)
-    )
-    forces = [kind for kind in kinds if kind not in MOTION_KINDS]
-    order = max((rate_of_forces(robot, kind) for kind in forces), default=0)
-    bare = [DERIVATIVE[kind] for kind in forces if kind in EFFORT_KINDS and limits.of(kind) == BOUND_FORCES[1]]
+    joined = zip(*(vars(scale_of(limits.bounds(kind), kind)).values() for kind in kinds), strict=True)
+    scale = Scale(*map(np.concatenate, joined))
+    finite = {sign: np.isfinite(scale.bound(sign)) & (scale.reach(sign) != 0) for sign in reversed(SIGNS)}
+    forces = [kind for kind in kinds if KINDS[kind].force]
+    order = max((KINDS[kind].rate for kind in forces), default=0)
+    bare = [KINDS[kind].rate for kind in forces if kind in limits.without_gravity]
     return Room(
         limits,
         tuple(kinds),
-        tuple(side for side in sides if side.columns.size),
-        max([FIRST, order + FIRST, *(MOTION_KINDS.index(kind) for kind in kinds if kind in MOTION_KINDS)]),
+        scale,
+        tuple((sign, np.flatnonzero(on)) for sign, on in finite.items() if on.any()),
+        max([FIRST, *(motion_order(robot, kind) for kind in kinds)]),
         _force(robot, "inverse_dynamics", order, FIRST) if forces else None,
         _force(robot, "gravity_forces", max(bare), 0) if bare else None,
     )

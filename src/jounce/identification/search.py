@@ -15,7 +15,8 @@ from jounce.core.errors import JounceError, quoted
 from jounce.identification.harmonics import Harmonics
 from jounce.identification.information import Information
 from jounce.identification.room import Room
-from jounce.model.limits import MOTION_KINDS, Limits
+from jounce.model.kinds import MOTION_KINDS
+from jounce.model.limits import Limits
 
 STAGES = ((2.5, 0.15), (0.25, 0.015), (0.025, 0.0015))  # weight of the barrier per parameter, room that is kept
 STEPS = 300  # of BFGS in each stage at most

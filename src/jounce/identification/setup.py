@@ -13,7 +13,8 @@ from jounce.identification.information import Information, information
 from jounce.identification.room import room_of
 from jounce.identification.search import Search, reaches_of
 from jounce.model.coordinates import coordinate_limits, coordinate_units
-from jounce.model.limits import KINDS, MOTION_KINDS, MOTOR_KINDS, Limits
+from jounce.model.kinds import KINDS, MOTION_KINDS
+from jounce.model.limits import Limits
 
 TYPICAL = 4  # rows of typical states per column of the regressor, by which columns are found that depend on others
 
@@ -38,7 +39,7 @@ def search_of(
     if robot.mechanism.closure:
         raise JounceError(f"the loops of {quoted(robot.name)} are closed; expected a robot without loops")
     limits, notes = _bounded_positions(robot, number("reach", reach, "rad"))
-    kinds = [kind for kind in limits.kinds if kind not in MOTOR_KINDS]
+    kinds = [kind for kind in limits.kinds if not KINDS[kind].takes]
     _check_limits(robot, limits, kinds)
     room = room_of(robot, limits, kinds)
     reaches = reaches_of(limits, series, room.order)
@@ -64,7 +65,7 @@ def _bounded_positions(robot: Engine, reach: float) -> tuple[Limits, list[str]]:
     first = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper - 2 * reach, -reach))
     last = np.where(np.isfinite(upper), upper, first + 2 * reach)
     table = limits.table.copy()
-    table[KINDS.index("position")] = first, last
+    table[[*KINDS].index("position")] = first, last
     notes = [
         f"joint {quoted(robot.joint_names[j])} states no range of positions; it is kept within"
         f" {first[j]:.6g} to {last[j]:.6g} rad"

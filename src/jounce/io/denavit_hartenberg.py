@@ -23,8 +23,9 @@ from jounce.io.native import parts
 from jounce.model import dh
 from jounce.model.dh import CONVENTIONS, PARAMETERS, TYPES
 from jounce.model.drives import UNDRIVEN
-from jounce.model.limits import MOTION_KINDS, Stated, limits_of_joints
+from jounce.model.kinds import MOTION_KINDS
 from jounce.model.mechanism import GRAVITY, Mechanism
+from jounce.model.stated import Stated, limits_of_joints
 
 ANGLES = {"rad": 1.0, "deg": math.pi / 180}
 ROW = ("name", "body", "type", "limits", "drive", "inertia")  # keys of a row besides its four parameters

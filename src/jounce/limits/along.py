@@ -6,9 +6,7 @@ import numpy as np
 
 from jounce.engine.engine import Engine
 from jounce.limits.pieces import pieces_of, values_at
-from jounce.limits.ratios import scale_of
 from jounce.limits.validation import bounded
-from jounce.limits.worst import SIGNS
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
@@ -28,9 +26,8 @@ def ratios_along(robot: Engine, motion: "Motion") -> tuple[np.ndarray, dict[str,
             if kind not in pieces.kinds:
                 found[kind].append(np.full((3 * len(pieces.start), len(b.joints)), np.nan))
                 continue
-            scale = scale_of(b.limits.bounds(kind), kind)
             left, right = pieces.left[kind], pieces.right[kind]
             middle = values_at(pieces.polynomials[kind], np.array(0.5)) if pieces.width.all() else left
             values = np.stack([left, middle, right], axis=1).reshape(-1, len(b.joints))
-            found[kind].append(np.maximum(*(scale.ratio(values, sign) for sign in SIGNS)))
+            found[kind].append(b.scales[kind].largest(values))
     return np.concatenate(times), {kind: np.concatenate(parts) for kind, parts in found.items()}

@@ -14,18 +14,13 @@ from jounce.engine.along import FIRST
 from jounce.engine.closed_path import named_by_time, on_tree, positions
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
-from jounce.limits.joints import (
-    efforts,
-    in_columns,
-    joint_limits,
-    joint_names,
-    joint_rates,
-    of_joints,
-)
-from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, MOTOR_KINDS, Limits
-from jounce.model.limits import FORCES as BOUND_FORCES
+from jounce.limits.joints import efforts, in_columns, joint_limits, joint_names, joint_rates, of_joints
+from jounce.limits.ratios import Scale, scale_of
+from jounce.model.kinds import KINDS, MOTION_KINDS, MOTOR_KINDS
+from jounce.model.limits import Limits
 from jounce.motion.hermite import counting_to
 from jounce.motion.motion import Motion
+from jounce.spatial import series
 
 SMOOTH = 2  # derivatives that are used where they are known: a quintic between samples has two at each end
 
@@ -33,18 +28,8 @@ Side = Literal["right", "left"]
 Span = tuple[float, float]
 Rates = tuple[np.ndarray, ...]
 Wrenches = Sequence[Mapping[str, np.ndarray]] | None
-Series = Mapping[str, list[np.ndarray]]  # by kind: a quantity and its derivatives, (N, n) each
+Series = Mapping[str, Sequence[np.ndarray]]  # by kind: a quantity and its derivatives, (N, n) each
 POSITIONS, TORQUES = "motor_positions", "motor_torques"
-MOTORS: Mapping[str, Mapping[str, int]] = {  # of limits of motors: the quantities that each takes, to which rate
-    "motor_position": {POSITIONS: 0},
-    "motor_velocity": {POSITIONS: 1},
-    "motor_torque": {TORQUES: 0},
-    "motor_current": {TORQUES: 0},
-    "motor_voltage": {POSITIONS: 1, TORQUES: 0},
-}
-ELECTRICAL = ("motor_current", "motor_voltage")
-# A rate of Q is a derivative of the series of Q, and so are motor velocities of positions: kind -> which
-DERIVATIVE = {kind: k for k, kind in enumerate(EFFORT_KINDS)} | {"motor_velocity": 1}
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +72,11 @@ class Bounded:
         return joint_names(self.robot.mechanism)
 
     @cached_property
+    def scales(self) -> Mapping[str, Scale]:
+        """What ratios to the limits are measured by."""
+        return {kind: scale_of(self.limits.bounds(kind), kind) for kind in self.kinds}
+
+    @cached_property
     def efforts(self) -> Quantity:
         """The row of the forces that effort limits bound."""
         return efforts(self.robot.mechanism)
@@ -102,7 +92,7 @@ class Bounded:
     @property
     def forces(self) -> bool:
         """Whether any limit bounds forces, power or motors."""
-        return any(kind not in MOTION_KINDS for kind in self.kinds)
+        return any(KINDS[kind].of != "q" for kind in self.kinds)
 
     @cached_property
     def orders(self) -> Mapping[str, int]:
@@ -130,7 +120,7 @@ class Bounded:
     def rate_order(self) -> int:
         """The highest rate of q that is used."""
         known = self.motion.highest
-        ways = [MOTION_KINDS.index(kind) for kind in self.kinds if kind in MOTION_KINDS]
+        ways = [KINDS[kind].rate for kind in self.kinds if KINDS[kind].of == "q"]
         smooth = max((k + SMOOTH for k in ways), default=0)
         order = smooth if known is None else max([*ways, min(smooth, known)])
         return max(order, self.force_order + FIRST) if self.forces else order
@@ -138,28 +128,31 @@ class Bounded:
     def series(self, t: np.ndarray, side: Side = "right") -> Series:
         """The quantities that are bounded, with derivatives, at times (N,)."""
         with named_by_time(t), counting_to(max(motion_order(self.robot, kind) for kind in self.kinds)):
-            return self._series(t, side)
-
-    def _series(self, t: np.ndarray, side: Side) -> Series:
-        rates, m = self.motion(t, self.rate_order, side), self.robot.mechanism
-        near = positions(self.robot, self.motion, t, side)
-        joints = joint_rates(self.robot, rates, near, self.follow)
-        found = {kind: list(joints[k : k + SMOOTH + 1]) for k, kind in enumerate(MOTION_KINDS) if kind in self.kinds}
-        if not self.forces:
+            rates, m = self.motion(t, self.rate_order, side), self.robot.mechanism
+            near = positions(self.robot, self.motion, t, side)
+            joints = joint_rates(self.robot, rates, near, self.follow)
+            found: dict[str, Sequence[np.ndarray]] = {
+                kind: joints[k : k + SMOOTH + 1] for k, kind in enumerate(MOTION_KINDS) if kind in self.kinds
+            }
+            if not self.forces:
+                return found
+            values = {name: self.quantity(name, order, rates, t, side, near) for name, order in self.orders.items()}
+            found |= {
+                kind: in_columns(m, self.of_motor(kind, values), FORCES) for kind in MOTOR_KINDS if kind in self.kinds
+            }
+            if self.efforts.name not in values:
+                return found
+            forces = {False: in_columns(m, values[self.efforts.name], self.efforts)}  # by whether gravity is left out
+            order, kinds = len(forces[False]) - 1, [kind for kind in self.kinds if KINDS[kind].force]
+            if any(kind in self.limits.without_gravity for kind in kinds):
+                base = self.motion.base(t, order, side)
+                weight = in_columns(m, gravity(self.robot, rates[: order + 1], base, near), self.efforts)
+                forces[True] = [Q - g for Q, g in zip(forces[False], weight, strict=True)]
+            qd, slope = series.Series.of(joints[1:]), self.limits.effort_slope
+            for kind in kinds:
+                Q = series.Series.of(forces[kind in self.limits.without_gravity])
+                found[kind] = KINDS[kind].law(Q, qd, slope).upto(order)
             return found
-        values = {name: self.quantity(name, order, rates, t, side, near) for name, order in self.orders.items()}
-        found |= {kind: in_columns(m, self.of_motor(kind, values), FORCES) for kind in MOTORS if kind in self.kinds}
-        if self.efforts.name not in values:
-            return found
-        Q, base = values[self.efforts.name], self.motion.base(t, self.orders[self.efforts.name], side)
-        found |= {kind: in_columns(m, own, self.efforts) for kind, own in self._efforts(Q, rates, base, near).items()}
-        Q = in_columns(m, Q, self.efforts)
-        if "power" in self.kinds:
-            found["power"] = power(joints[1:], Q)
-        if "stall_effort" in self.kinds:
-            slope = self.limits.effort_slope
-            found["stall_effort"] = [x + slope * rate for x, rate in zip(Q, joints[1:], strict=False)]
-        return found
 
     def rates(self, t: np.ndarray, order: int, side: Side = "right") -> Rates:
         """The rates of the joints up to an order, (N, joints) each."""
@@ -187,52 +180,35 @@ class Bounded:
         """What a limit of motors bounds, with rates, of positions and torques; 0 for motors without data."""
         e = self.robot.mechanism.elasticity
         assert e is not None  # else `known_kinds` has no limits of motors
-        if kind in ELECTRICAL:
+        if KINDS[kind].data:
             both = electrical.outputs(e, values.get(POSITIONS, ()), values[TORQUES])
-            return [np.nan_to_num(x) for x in both[ELECTRICAL.index(kind)] or ()]
-        return values[next(iter(MOTORS[kind]))]
-
-    def _efforts(
-        self, Q: list[np.ndarray], rates: Rates, base: Rates | None, near: np.ndarray | None
-    ) -> dict[str, list[np.ndarray]]:
-        """What limits of efforts bound, of Q with its rates."""
-        inertial, found = Q, {}
-        if any(self.limits.of(kind) == BOUND_FORCES[1] for kind in self.kinds if kind in EFFORT_KINDS):
-            inertial = [x - g for x, g in zip(Q, gravity(self.robot, rates[: len(Q)], base, near), strict=True)]
-        for kind in EFFORT_KINDS:
-            if kind in self.kinds:
-                found[kind] = Q if self.limits.of(kind) == BOUND_FORCES[0] else inertial
-        return found
+            return [np.nan_to_num(x) for x in both[KINDS[kind].of == "u"] or ()]
+        return values[next(iter(KINDS[kind].takes))]
 
     def values(self, t: np.ndarray, side: Side = "right") -> dict[str, np.ndarray]:
         """The quantities alone."""
-        return {kind: series[DERIVATIVE.get(kind, 0)] for kind, series in self.series(t, side).items()}
+        return {kind: rates[KINDS[kind].derivative] for kind, rates in self.series(t, side).items()}
 
 
 def known_kinds(robot: Engine, limits: Limits) -> tuple[str, ...]:
     """The kinds of limits that a motion of a robot is held against: those of motors where its joints are elastic."""
-    return tuple(kind for kind in limits.kinds if kind not in MOTOR_KINDS or robot.mechanism.elasticity is not None)
+    return tuple(kind for kind in limits.kinds if not KINDS[kind].takes or robot.mechanism.elasticity is not None)
 
 
 def quantities_of(robot: Engine, kind: str) -> Mapping[str, int]:
     """The quantities that a kind of limit takes, and the highest rate of each; none of a limit of the motion."""
-    if kind in MOTION_KINDS:
+    row, e = KINDS[kind], robot.mechanism.elasticity
+    if row.of == "q":
         return {}
-    if kind not in MOTORS:
-        return {efforts(robot.mechanism).name: DERIVATIVE.get(kind, 0)}
-    e = robot.mechanism.elasticity
-    return {**MOTORS[kind]} | ({TORQUES: 1} if kind == "motor_voltage" and e and e.is_inductive else {})
-
-
-def rate_of_forces(robot: Engine, kind: str) -> int:
-    """The highest rate of Q that enters what a kind of limit of forces, of the power or of motors bounds."""
-    rows = quantities_of(robot, kind)
-    return max(_row(robot, name).rates - FORCES.rates + order for name, order in rows.items())
+    if row.force:
+        return {efforts(robot.mechanism).name: row.rate}
+    return {**row.takes} | ({TORQUES: 1} if kind == "motor_voltage" and e and e.is_inductive else {})
 
 
 def motion_order(robot: Engine, kind: str) -> int:
     """The highest rate of q that enters what a kind of limit bounds."""
-    return MOTION_KINDS.index(kind) if kind in MOTION_KINDS else rate_of_forces(robot, kind) + FIRST
+    rows = quantities_of(robot, kind)
+    return max((_row(robot, name).rates - 1 + order for name, order in rows.items()), default=KINDS[kind].rate)
 
 
 def _row(robot: Engine, name: str) -> Quantity:
@@ -270,9 +246,3 @@ def gravity(robot: Engine, rates: Rates, base: Rates | None, near: np.ndarray | 
     """The gravity forces of the joints and their rates."""
     found = compute(robot, "gravity_forces", on_tree(rates, near), base=base)
     return of_joints(robot.mechanism, found, QUANTITIES["gravity_forces"])
-
-
-def power(rates: Rates, Q: list[np.ndarray]) -> list[np.ndarray]:
-    """Qd Q with as many derivatives as Q has, by the product rule; `rates` are qd, q2d, ..."""
-    binomial = ([1], [1, 1], [1, 2, 1])
-    return [sum(c * rates[k - j] * Q[j] for j, c in enumerate(binomial[k])) for k in range(len(Q))]

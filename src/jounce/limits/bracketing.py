@@ -9,7 +9,7 @@ from jounce.limits.friction import friction_of
 from jounce.limits.pieces import pieces_of
 from jounce.limits.worst import Worst
 from jounce.model.elasticity import Law
-from jounce.model.limits import MOTOR_KINDS
+from jounce.model.kinds import KINDS
 from jounce.model.springs import CubicSpring, DampedSpring
 
 STEP = 1 / 32  # between factors that are tried: limits broken only between two of them are not noticed
@@ -26,7 +26,7 @@ def is_polynomial(b: Bounded) -> bool:
     mechanism = b.robot.mechanism
     if b.forces and friction_of(mechanism):
         return False
-    motors = mechanism.elasticity if set(b.kinds) & set(MOTOR_KINDS) else None
+    motors = mechanism.elasticity if any(KINDS[kind].takes for kind in b.kinds) else None
     return motors is None or not (motors.friction.any() or any(map(_bends, motors.springs)))
 
 
@@ -60,8 +60,7 @@ def worst_at(b: Bounded, factor: float) -> tuple[float, Place]:
     """The largest ratio of the motion at a factor of speed, and where it is."""
     worst = worst_of(b, factor)
     found = []
-    for kind, sign in worst.value:
-        ratio = worst.scales[kind].ratio(sign * worst.value[kind, sign], sign)
+    for (kind, sign), ratio in worst.ratios.items():
         j = int(np.argmax(ratio))
         t = b.motion.start + (worst.t[kind, sign][j] - b.motion.start) * factor
         found.append((float(ratio[j]), (kind, j, float(t))))

@@ -1,24 +1,25 @@
 """Every limit along a motion: the worst values, between samples too, and when limits are broken."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from jounce.core.display import Displayed
 from jounce.core.errors import listed, quoted
-from jounce.engine.along import ForceBreak, force_breaks
+from jounce.engine.along import FIRST, ForceBreak, force_breaks
 from jounce.engine.engine import Engine
-from jounce.limits.bounded import Bounded, Span, rate_of_forces
+from jounce.limits.bounded import Bounded, Span, motion_order
 from jounce.limits.deviations import deviations_of
 from jounce.limits.joints import joint_units
 from jounce.limits.pieces import pieces_of
+from jounce.limits.ratios import SIGNS
 from jounce.limits.uncertain import take_uncertain
 from jounce.limits.validation import bounded
 from jounce.limits.verdicts import Verdict, join_spans, overall, verdict_in_words, verdict_of
 from jounce.limits.worst import Spans, Worst
 from jounce.model.coordinates import following_efforts
-from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, in_words, unit_of
+from jounce.model.kinds import EFFORT_KINDS, KINDS, in_words
 from jounce.spatial.series import rate_name
 
 
@@ -181,32 +182,33 @@ def unresolved_notes(worst: Worst) -> tuple[str, ...]:
 
 
 def _table(b: Bounded, worst: Worst, undecided: Spans) -> tuple[CheckedLimit, ...]:
+    ratios, units = worst.ratios, joint_units(b.robot.mechanism)
+    limited = [
+        (kind, max(SIGNS, key=lambda sign: ratios[kind, sign][j]), j)
+        for j in range(len(b.joints))
+        for kind in b.kinds
+        if np.isfinite(b.limits.bounds(kind)[:, j]).any()
+    ]
+    off = deviations_of(b, np.array([worst.t[kind, sign][j] for kind, sign, j in limited]))
     rows = []
-    units = joint_units(b.robot.mechanism)
-    for j, joint in enumerate(b.joints):
-        for kind in b.kinds:
-            scale = worst.scales[kind]
-            if not np.isfinite(b.limits.bounds(kind)[:, j]).any():
-                continue
-            at = np.array([j])
-            ratios = {sign: float(scale.ratio(sign * worst.value[kind, sign][at], sign, at)[0]) for sign in (1, -1)}
-            sign = max(ratios, key=lambda sign: ratios[sign])
-            value, bound = sign * float(worst.value[kind, sign][j]), sign * float(scale.bound(sign)[j])
-            rows.append(CheckedLimit(
-                joint=joint,
-                limit=kind,
-                of=b.limits.of(kind) if kind in EFFORT_KINDS else None,
-                unit=unit_of(kind, units[j]),
-                value=value,
-                bound=bound,
-                ratio=ratios[sign],
-                margin=sign * (bound - value),
-                t=float(worst.t[kind, sign][j]),
-                deviation=None,
-                violations=join_spans(worst.spans[kind, 1][j] + worst.spans[kind, -1][j]),
-                undecided=join_spans(undecided.get((kind, j), [])),
-            ))  # fmt: skip
-    return _with_deviations(b, worst, rows)
+    for i, (kind, sign, j) in enumerate(limited):
+        value, bound = (sign * float(x[j]) for x in (worst.value[kind, sign], b.scales[kind].bound(sign)))
+        spread, reach = float(off[kind][i, j]) if kind in off else np.nan, float(abs(b.scales[kind].reach(sign)[j]))
+        rows.append(CheckedLimit(
+            joint=b.joints[j],
+            limit=kind,
+            of=b.limits.of(kind) if kind in EFFORT_KINDS else None,
+            unit=KINDS[kind].unit(units[j]),
+            value=value,
+            bound=bound,
+            ratio=float(ratios[kind, sign][j]),
+            margin=sign * (bound - value),
+            t=float(worst.t[kind, sign][j]),
+            deviation=None if np.isnan(spread) or not reach else spread / reach,
+            violations=join_spans(worst.spans[kind, 1][j] + worst.spans[kind, -1][j]),
+            undecided=join_spans(undecided.get((kind, j), [])),
+        ))  # fmt: skip
+    return tuple(rows)
 
 
 def _shares(b: Bounded, undecided: Spans) -> dict[str, float]:
@@ -220,22 +222,10 @@ def _shares(b: Bounded, undecided: Spans) -> dict[str, float]:
     }
 
 
-def _with_deviations(b: Bounded, worst: Worst, rows: list[CheckedLimit]) -> tuple[CheckedLimit, ...]:
-    """The rows with standard deviations of their ratios, where these are known."""
-    deviations = deviations_of(b, np.array([row.t for row in rows]))
-    found = []
-    for i, row in enumerate(rows):
-        j = b.joints.index(row.joint)
-        reach = abs(row.bound - float(worst.scales[row.limit].centre[j]))
-        off = float(deviations[row.limit][i, j]) if row.limit in deviations else np.nan
-        found.append(row if np.isnan(off) or not reach else replace(row, deviation=off / reach))
-    return tuple(found)
-
-
 def notes_of(b: Bounded, breaks: tuple[ForceBreak, ...]) -> tuple[str, ...]:
     """What the motion cannot meet because it is not smooth, and which limits nothing is checked against."""
     notes = []
-    orders = {kind: rate_of_forces(b.robot, kind) for kind in b.kinds if kind not in MOTION_KINDS}
+    orders = {kind: motion_order(b.robot, kind) - FIRST for kind in b.kinds if KINDS[kind].of != "q"}
     missed = [found for found in breaks if found.order < max(orders.values(), default=0)]
     if missed:
         first = missed[0]

@@ -4,9 +4,9 @@ import numpy as np
 
 from jounce.dynamics.quantities import FORCES, Quantity
 from jounce.engine.along import pieces_along
-from jounce.limits.bounded import DERIVATIVE, MOTORS, Bounded, Span, motion_order, quantities_of
+from jounce.limits.bounded import Bounded, Span, motion_order, quantities_of
 from jounce.limits.joints import in_columns, of_joints
-from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS
+from jounce.model.kinds import KINDS, MOTION_KINDS, MOTOR_KINDS
 
 MAX_OVER_MEDIAN = 10.0  # of deviations in a window: towards the ends of a fit they rise by powers of ten
 COMPARED_TIMES = 2000  # of a motion, at which deviations are compared with their median
@@ -36,14 +36,14 @@ def deviations_of(b: Bounded, t: np.ndarray) -> Deviations:
 
 def _of_forces(b: Bounded, t: np.ndarray, off: np.ndarray) -> Deviations:
     """Those of efforts with their rates, of the power and of stall efforts; velocities deviate by `off` (N, joints)."""
-    efforts = [kind for kind in b.kinds if kind in EFFORT_KINDS]
-    if not efforts and not {"power", "stall_effort"} & set(b.kinds):
+    kinds = [kind for kind in b.kinds if KINDS[kind].force]
+    if not kinds:
         return {}
-    along = _along(b, t, b.efforts, max((DERIVATIVE[kind] for kind in efforts), default=0))
+    along = _along(b, t, b.efforts, max(KINDS[kind].rate for kind in kinds))
     spread, Q = (in_columns(b.robot.mechanism, x, b.efforts) for x in along)
     if not spread:
         return {}
-    found = {kind: spread[DERIVATIVE[kind]] for kind in efforts}
+    found = {kind: spread[KINDS[kind].rate] for kind in kinds}
     if "power" in b.kinds:
         found["power"] = np.hypot(b.rates(t, 1)[1] * spread[0], Q[0] * off)
     if "stall_effort" in b.kinds:
@@ -54,11 +54,11 @@ def _of_forces(b: Bounded, t: np.ndarray, off: np.ndarray) -> Deviations:
 def _of_motors(b: Bounded, t: np.ndarray) -> Deviations:
     """Those of motors; of voltages the sum of those of their parts, which is at least theirs."""
     found = {}
-    for kind in MOTORS:
+    for kind in MOTOR_KINDS:
         if kind in b.kinds:
             spread = {name: _along(b, t, b.row(name), k)[0] for name, k in quantities_of(b.robot, kind).items()}
             if all(spread.values()):
-                of_motor = b.of_motor(kind, spread)[DERIVATIVE.get(kind, 0)]
+                of_motor = b.of_motor(kind, spread)[KINDS[kind].rate]
                 [found[kind]] = in_columns(b.robot.mechanism, [np.abs(of_motor)], FORCES)
     return found
 

@@ -6,10 +6,9 @@ from jounce.core.errors import JounceError, quoted
 from jounce.limits.bounded import Bounded
 from jounce.limits.joints import joint_units
 from jounce.limits.pieces import part_pieces, parts_of
-from jounce.limits.ratios import Scale, scale_of
+from jounce.limits.ratios import SIGNS
 from jounce.limits.scaling import Polynomials, polynomials, positive_roots
-from jounce.limits.worst import ROUNDING, SIGNS
-from jounce.model.limits import MOTION_KINDS, MOTOR_KINDS, unit_of
+from jounce.model.kinds import KINDS
 
 TINY = 1e-300  # in place of a bound of 0
 NEAR = 0.98  # of a limit: a factor at which samples come as near is looked at between them
@@ -25,7 +24,6 @@ class Feasible:
 
     def __init__(self, b: Bounded) -> None:
         self.b = b
-        self.scales: dict[str, Scale] = {kind: scale_of(b.limits.bounds(kind), kind) for kind in b.kinds}
         self.start = self.stop = self.t = np.empty(0)
         self.kind = np.empty(0, dtype=str)
         self.joint = np.empty(0, dtype=int)
@@ -84,10 +82,10 @@ class Feasible:
         c = np.linspace(0, factor, GRID + 1)
         found = []
         for kind in self.b.kinds:
-            if kind in MOTION_KINDS:
+            if KINDS[kind].of == "q":
                 continue  # which grows with the speed alone
             for sign in SIGNS:
-                scale = self.scales[kind]
+                scale = self.b.scales[kind]
                 highest = np.full((len(c), len(self.b.joints)), -np.inf)
                 for f in (state[kind] for state in self.states if kind in state):
                     most = sum(np.abs(x) * factor**k for k, x in enumerate(f))
@@ -100,7 +98,7 @@ class Feasible:
         return np.unique(np.concatenate(found)) if found else np.empty(0)
 
     def _add_roots(self, kind: str, sign: int, c: np.ndarray, t: np.ndarray, highest: float) -> None:
-        bound = self.scales[kind].bound(sign)
+        bound = self.b.scales[kind].bound(sign)
         finite = np.flatnonzero(np.isfinite(bound))
         f = sign * c[:, :, finite]
         f[0] -= bound[finite]
@@ -123,28 +121,26 @@ class Feasible:
 
 def refuse_static(b: Bounded, found: Polynomials, t: np.ndarray) -> None:
     """Raise where a limit is broken at every speed: of a position, or of the effort or a motor at rest."""
-    for kind in ("position", "effort", "stall_effort", *MOTOR_KINDS):
-        if kind not in found:
-            continue
-        scale, value = scale_of(b.limits.bounds(kind), kind), found[kind][0]
+    for kind in b.kinds:
+        scale, value = b.scales[kind], found[kind][0]
         for sign in SIGNS:
-            bound = scale.bound(sign)
-            beyond = sign * value - bound - ROUNDING * np.abs(bound - sign * scale.centre)
-            beyond = np.where(np.isfinite(bound), beyond, -np.inf)
+            beyond = sign * value - scale.tolerant(sign)
             i, j = np.unravel_index(beyond.argmax(), beyond.shape)
             if beyond[i, j] > 0:
-                raise _static_error(b, kind, int(j), float(value[i, j]), sign * float(bound[j]), float(t[i]))
+                raise _static_error(
+                    b, kind, int(j), float(value[i, j]), sign * float(scale.bound(sign)[j]), float(t[i])
+                )
 
 
 def _static_error(b: Bounded, kind: str, j: int, value: float, bound: float, t: float) -> JounceError:
-    unit = unit_of(kind, joint_units(b.robot.mechanism)[j])
+    unit = KINDS[kind].unit(joint_units(b.robot.mechanism)[j])
     joint, when = f"joint {quoted(b.joints[j])}", f"at t = {t:.6g} s"
     if kind == "position":
         return JounceError(
             f"{joint} is at {value:.6g} {unit} {when}, beyond its limit of {bound:.6g} {unit};"
             " slowing down does not help: change the motion or with_limits(lower=..., upper=...)"
         )
-    if kind in MOTOR_KINDS:
+    if KINDS[kind].takes:
         what, option = kind.removeprefix("motor_"), f"with_limits({kind}=...)"
         return JounceError(
             f"the motor of {joint} has a {what} of {value:.6g} {unit} at rest {when}, beyond its limit of {bound:.6g}"

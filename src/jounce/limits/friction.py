@@ -20,10 +20,10 @@ import numpy as np
 from jounce.limits import pace
 from jounce.limits.path import Terms
 from jounce.limits.search import root
+from jounce.model.kinds import KINDS
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
 
-HIGHEST = {"effort": 0, "stall_effort": 0, "power": 0, "effort_rate": 1, "second_effort_rate": 2}  # derivative of x
 NEAR_TURNS = 0.5 ** np.arange(8, 20, 0.25)  # of the duration: from a turn so far away friction is looked at
 HALVINGS = 0.5 ** np.arange(1, 44)  # of the time from a turn to the next row, down to the rounding of times
 STEEP = (1 / 16, 32.0)  # times eps: between these velocities tanh changes; beyond, by less than rounding
@@ -99,7 +99,7 @@ class FrictionAlong:
     @property
     def highest_jet(self) -> tuple[int, ...]:
         """Of each product, the derivative of x that it takes."""
-        return tuple(np.repeat([HIGHEST[kind] for kind in self.kinds], len(self.friction.slope)).tolist())
+        return tuple(np.repeat([KINDS[kind].rate for kind in self.kinds], len(self.friction.slope)).tolist())
 
     def terms(self, kind: str, rate: np.ndarray) -> Terms:
         """The factors (N, n) of the products in what limits of a kind bound, along a path with q' = `rate`."""
@@ -147,13 +147,13 @@ class FrictionAlong:
         """The products by kind, as arrays or `Smooth`, of derivatives of tanh and of what sums of products are."""
         q, found = self.rates, []
         for kind in self.kinds:
-            if kind in ("effort", "stall_effort"):
-                found.append(bent[0])
-            elif kind == "power":
+            if kind == "power":
                 found.append(bent[0] * combined({pace.S1: np.ones_like(q[0])}))
+            elif not KINDS[kind].rate:
+                found.append(bent[0])
             else:
                 rate = bent[1] * (A := combined({pace.S2: q[0], pace.S1_2: q[1]}))
-                if kind == "second_effort_rate":
+                if KINDS[kind].rate == 2:
                     B = combined({pace.S3: q[0], pace.S1_S2: 3 * q[1], pace.S1_3: q[2]})
                     rate = bent[2] * A * A + bent[1] * B
                 found.append(rate)

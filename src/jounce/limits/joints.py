@@ -17,7 +17,8 @@ from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.generic import as_tuple
 from jounce.model.coordinates import coordinate_limits, coordinate_units
-from jounce.model.limits import MOTION_KINDS, STATED_KINDS, Limits
+from jounce.model.kinds import KINDS, MOTION_KINDS
+from jounce.model.limits import Limits
 from jounce.model.mechanism import Mechanism
 
 
@@ -38,7 +39,7 @@ def joint_limits(m: Mechanism) -> Limits:
         return limits
     table = limits.table.copy()
     passive = [j for j in range(m.tree.n) if j not in m.closure.actuated]
-    forces = [k for k, kind in enumerate(STATED_KINDS) if kind not in MOTION_KINDS]
+    forces = [k for k, kind in enumerate(KINDS) if kind not in MOTION_KINDS]
     table[np.ix_(forces, [0], passive)], table[np.ix_(forces, [1], passive)] = -np.inf, np.inf
     return replace(limits, table=table)
 

@@ -26,6 +26,12 @@ if TYPE_CHECKING:
     from jounce.motion import Motion
 
 Terms = dict[int, np.ndarray]  # factors (N, n) by the product of sigma's rates that they multiply
+TIMES_S1 = {
+    pace.S2: pace.S1_S2,
+    pace.S1_2: pace.S1_3,
+    pace.S1: pace.S1_2,
+    pace.ONE: pace.S1,
+}  # products of Q and of s1 Q
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,13 +98,7 @@ class Path:
 
     def power(self) -> Terms:
         """The terms of the drive power, Q times qd for each coordinate."""
-        q = self.q[1]
-        return {
-            pace.S1_S2: q * self.a[0],
-            pace.S1_3: q * self.b[0],
-            pace.S1_2: q * self.v[0],
-            pace.S1: q * self.g[0],
-        }
+        return {TIMES_S1[k]: self.q[1] * term for k, term in self.force(0).items()}
 
 
 def path_of(robot: Engine, motion: "Motion", sigma: np.ndarray, order: int, left: bool = False) -> Path:
@@ -108,27 +108,23 @@ def path_of(robot: Engine, motion: "Motion", sigma: np.ndarray, order: int, left
     in it, and what is quadratic.
     """
     with named_by_time(sigma):
-        return _path_of(robot, motion, sigma, order, left)
+        side: Literal["left", "right"] = "left" if left else "right"
+        q = motion(sigma, order + 2, side)
+        W, base = motion.wrench(sigma, order, side), motion.base(sigma, order + 2, side)
+        m, near = robot.mechanism, positions(robot, motion, sigma, side)
 
+        def forces(speed: float) -> list[np.ndarray]:
+            found = in_columns(m, at_speed(robot, FORCES.name, q, W, speed, order, base, near), FORCES)
+            return [rate / speed**k for k, rate in enumerate(found)]
 
-def _path_of(robot: Engine, motion: "Motion", sigma: np.ndarray, order: int, left: bool) -> Path:
-    side: Literal["left", "right"] = "left" if left else "right"
-    q = motion(sigma, order + 2, side)
-    W, base = motion.wrench(sigma, order, side), motion.base(sigma, order + 2, side)
-    m, near = robot.mechanism, positions(robot, motion, sigma, side)
-
-    def forces(speed: float) -> list[np.ndarray]:
-        found = in_columns(m, at_speed(robot, FORCES.name, q, W, speed, order, base, near), FORCES)
-        return [rate / speed**k for k, rate in enumerate(found)]
-
-    b, v, g = [], [], []
-    for ahead, back, double in zip(forces(1.0), forces(-1.0), forces(2.0), strict=True):
-        even, odd = (ahead + back) / 2, (ahead - back) / 2
-        b.append((double - 2 * odd - even) / 3)
-        v.append(odd)
-        g.append(even - b[-1])
-    momentum = QUANTITIES["generalized_momentum"]
-    p = compute(robot, momentum.name, on_tree(q[: order + 2], near), base=base and base[: order + 2])
-    weight = gravity(robot, q[: order + 1], base and base[: order + 1], near)
-    a = in_columns(m, of_joints(m, p, momentum), momentum)
-    return Path(joint_rates(robot, q, near), a, b, v, g, in_columns(m, weight, FORCES))
+        b, v, g = [], [], []
+        for ahead, back, double in zip(forces(1.0), forces(-1.0), forces(2.0), strict=True):
+            even, odd = (ahead + back) / 2, (ahead - back) / 2
+            b.append((double - 2 * odd - even) / 3)
+            v.append(odd)
+            g.append(even - b[-1])
+        momentum = QUANTITIES["generalized_momentum"]
+        p = compute(robot, momentum.name, on_tree(q[: order + 2], near), base=base and base[: order + 2])
+        weight = gravity(robot, q[: order + 1], base and base[: order + 1], near)
+        a = in_columns(m, of_joints(m, p, momentum), momentum)
+        return Path(joint_rates(robot, q, near), a, b, v, g, in_columns(m, weight, FORCES))

@@ -5,9 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce.limits.bounded import DERIVATIVE, Bounded
+from jounce.limits.bounded import Bounded
 from jounce.limits.pieces import Pieces, hull
+from jounce.limits.ratios import SIGNS
 from jounce.limits.search import largest, root
+from jounce.model.kinds import KINDS
 
 GRID = 17  # values of a polynomial on its piece, between which a peak is bracketed
 FLAT = 1e-12  # of the values of a polynomial: lower peaks are rounding, and its ends as high
@@ -30,7 +32,7 @@ def peaks_of(b: Bounded, pieces: Pieces, floor: Callable[[Pieces, str, int], np.
     for kind in pieces.kinds if pieces.width.all() else ():
         c = pieces.polynomials[kind]
         bernstein = hull(c)
-        for sign in (1, -1):
+        for sign in SIGNS:
             least = floor(pieces, kind, sign)
             i, j = np.nonzero((sign * bernstein).max(axis=0) > least)
             if not i.size:
@@ -63,7 +65,7 @@ def _placed(
         return picked(b, t, kind, joint, 0)
 
     series = b.of_kinds(set(kind.tolist())).series(low[:1])
-    known = np.array([len(series[k]) > DERIVATIVE.get(k, 0) + 1 for k in kind.tolist()])
+    known = np.array([len(series[k]) > KINDS[k].derivative + 1 for k in kind.tolist()])
     t, places = np.empty(len(low)), np.flatnonzero(known)
     if places.size:
 
@@ -91,7 +93,7 @@ def picked(b: Bounded, t: np.ndarray, kind: np.ndarray, joint: np.ndarray, deriv
     found = np.empty(len(t))
     for name, known in series.items():
         mine = np.flatnonzero(kind == name)
-        found[mine] = known[DERIVATIVE.get(name, 0) + derivative][mine, joint[mine]]
+        found[mine] = known[KINDS[name].derivative + derivative][mine, joint[mine]]
     return found
 
 

@@ -13,9 +13,10 @@ from math import comb
 
 import numpy as np
 
-from jounce.limits.bounded import DERIVATIVE, SMOOTH, Bounded, Series, Span
+from jounce.limits.bounded import SMOOTH, Bounded, Series, Span
 from jounce.limits.friction import friction_of
-from jounce.limits.ratios import STILL, Scale, scale_of
+from jounce.limits.ratios import SIGNS, STILL, Scale
+from jounce.model.kinds import KINDS
 from jounce.motion.hermite import coefficients
 
 SPLIT = (
@@ -140,7 +141,7 @@ def _between(b: Bounded, t: np.ndarray, left: Series, right: Series) -> Pieces:
         for ends in ((start, stop, left, right), (start, middle, left, exact), (middle, stop, exact, right))
     )
     scales = {
-        kind: np.maximum(_negligible(scale_of(b.limits.bounds(kind), kind)), np.abs([*ends]).max(axis=(0, 1)))
+        kind: np.maximum(_negligible(b.scales[kind]), np.abs([*ends]).max(axis=(0, 1)))
         for kind, ends in ((kind, (whole.left[kind], whole.right[kind], halves[0].right[kind])) for kind in b.kinds)
     }
     missed = _missed(whole, middle, halves[0].right)
@@ -157,10 +158,10 @@ def _of_rates(start: np.ndarray, stop: np.ndarray, left: Series, right: Series) 
     with np.errstate(divide="ignore", invalid="ignore"):  # no time between two neighbouring doubles
         for kind in left:
             c = coefficients(left[kind], right[kind], width)
-            for _ in range(DERIVATIVE.get(kind, 0)):
+            for _ in range(KINDS[kind].derivative):
                 c = c[:-1] * np.arange(len(c) - 1, 0, -1)[:, None, None] / width
             found[kind] = c
-    first, last = ({kind: series[DERIVATIVE.get(kind, 0)] for kind, series in side.items()} for side in (left, right))
+    first, last = ({kind: series[KINDS[kind].derivative] for kind, series in side.items()} for side in (left, right))
     return Pieces(start, stop, first, last, found, {kind: np.zeros_like(x) for kind, x in first.items()})
 
 
@@ -208,7 +209,7 @@ def _missed(pieces: Pieces, t: np.ndarray, values: Values) -> dict[str, np.ndarr
 
 def _negligible(scale: Scale) -> np.ndarray:
     """The values (n,) of which polynomials need no digits; infinite where nothing is bounded."""
-    reach = np.minimum(*(np.abs(bound - scale.centre) for bound in (scale.lower, scale.upper)))
+    reach = np.minimum(*(np.abs(scale.reach(sign)) for sign in SIGNS))
     return np.maximum(NEGLIGIBLE * reach, STILL / TOLERANCE)
 
 

@@ -7,21 +7,22 @@ from functools import cached_property
 import numpy as np
 
 from jounce.core.errors import JounceError, listed, quoted
+from jounce.engine.along import FIRST
 from jounce.engine.closed_path import positions
 from jounce.engine.engine import Engine, like
-from jounce.limits.bounded import known_kinds
+from jounce.limits.bounded import known_kinds, motion_order
 from jounce.limits.friction import Friction, friction_of
 from jounce.limits.joints import drives_coordinates, joint_limits, joint_names, joint_units
 from jounce.limits.path import Path, path_of
-from jounce.limits.rows import NEEDS, Rows, rows_of
-from jounce.model.limits import EFFORT_KINDS, KINDS, MOTOR_KINDS, Limits
+from jounce.limits.rows import Rows, rows_of
+from jounce.model.kinds import EFFORT_KINDS, KINDS, unit_of
+from jounce.model.limits import Limits
 from jounce.motion import Motion
 from jounce.spatial.series import rate_name
 
 STILL = 1e-6  # of the largest velocity of a motion: slower is at rest
 SLOWEST, FASTEST = 1e-9, 1e9  # uniform speeds that are tried
 ROUNDING = 1e-9  # of a position, or of the largest value of a rate that jumps
-SUBJECTS = {"effort": "Q", "effort_rate": "Qd", "second_effort_rate": "Q2d"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,12 +121,12 @@ def problem_of(robot: Engine, motion: Motion, share: float) -> Problem:
         )
     limits = joint_limits(robot.mechanism)
     kinds = [kind for kind in known_kinds(robot, limits) if kind != "position"]
-    if motors := [kind for kind in kinds if kind in MOTOR_KINDS]:
+    if motors := [kind for kind in kinds if KINDS[kind].takes]:
         raise JounceError(
             f"retime does not know limits of motors ({listed(motors)}); take them away,"
             f" robot.with_limits({motors[0]}=float('inf')), and check the result with them: robot.slowdown keeps them"
         )
-    forces = [kind for kind in kinds if kind in (*EFFORT_KINDS, "power", "stall_effort")]
+    forces = [kind for kind in kinds if KINDS[kind].force]
     if forces and not drives_coordinates(robot.mechanism):
         bounds, names = limits.bounds(forces[0]), joint_names(robot.mechanism)
         bounded = [name for j, name in enumerate(names) if np.isfinite(bounds[:, j]).any()]
@@ -137,12 +138,13 @@ def problem_of(robot: Engine, motion: Motion, share: float) -> Problem:
     _check_zero(robot, motion, limits, kinds)
     if not kinds:
         raise JounceError(
-            f"{quoted(robot.name)} has no limit of {', '.join(KINDS[1:3])}, ... or effort;"
+            f"{quoted(robot.name)} has no limit of velocity, acceleration, ... or effort;"
             " state them with robot.with_limits(velocity=..., effort=..., ...) (--limits)"
         )
-    highest = max(kinds, key=lambda kind: NEEDS[kind])
-    _check_breaks(motion, robot.joint_names, NEEDS[highest], highest)
-    friction, order = _friction(robot), max(0, NEEDS[highest] - 2)
+    needs = {kind: motion_order(robot, kind) for kind in kinds}
+    highest = max(kinds, key=needs.__getitem__)
+    _check_breaks(motion, robot.joint_names, needs[highest], highest)
+    friction, order = _friction(robot), max(0, needs[highest] - FIRST)
     return Problem(without_friction(robot), motion, limits, share, order, _moving(motion), friction)
 
 
@@ -173,7 +175,7 @@ def _check_static(problem: Problem, kind: str, sigma: np.ndarray, path: Path) ->
     if not len(over):
         return
     i, j = over[0]
-    unit = "N m" if joint_units(problem.robot.mechanism)[j] == "rad" else "N"
+    unit = unit_of("Q", 0, joint_units(problem.robot.mechanism)[j])
     bound = problem.limits.bounds(kind)[int(static[i, j] > 0), j]
     share = f" ({problem.share:.0%} of it are used: margin)" if abs(static[i, j]) < abs(bound) else ""
     joint = quoted(joint_names(problem.robot.mechanism)[j])
@@ -216,7 +218,7 @@ def _check_breaks(motion: Motion, names: Sequence[str], rate: int, kind: str) ->
         what = (
             f"{rate_name('q', first.order)} of joint {joint}" if first.symbol == "q" else f"{joint}, or a rate of it,"
         )
-        subject = SUBJECTS.get(kind, f"the {kind}")
+        subject = KINDS[kind].symbol if kind in EFFORT_KINDS else f"the {kind}"
         raise JounceError(
             f"{what} jumps at t = {first.t:g} s, where {subject}"
             f" of every time law is infinite; retime motion.blended(time, continuity={rate}) (--blend) to meet {kind}"

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 STILL = 1e-12  # against a bound of 0: less counts as 0
+ROUNDING = 1e-9  # of the reach of a limit: less beyond it is rounding
+SIGNS = (1, -1)  # of values: against the upper bound, and against the lower one
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,18 +21,31 @@ class Scale:
         """The upper bound (sign 1), or the negative of the lower one (-1): signed values stay below it."""
         return self.upper if sign > 0 else -self.lower
 
+    @np.errstate(invalid="ignore")
+    def reach(self, sign: int) -> np.ndarray:
+        """How far signed values go from the centre to the bound."""
+        return np.asarray(self.bound(sign) - sign * self.centre)
+
+    def tolerant(self, sign: int) -> np.ndarray:
+        """The bounds of signed values, with room for rounding."""
+        bound = self.bound(sign)
+        return np.where(np.isfinite(bound), bound + ROUNDING * np.abs(self.reach(sign)), np.inf)
+
     @np.errstate(all="ignore")
-    def ratio(self, value: np.ndarray, sign: int, joint: np.ndarray | None = None) -> np.ndarray:
+    def ratio(self, value: np.ndarray, sign: int, joint: np.ndarray | slice = slice(None)) -> np.ndarray:
         """The ratios of values to the bounds of a sign, of all coordinates or of those given."""
-        bound, centre = sign * self.bound(sign), self.centre
-        if joint is not None:
-            bound, centre = bound[joint], centre[joint]
-        reach, way = bound - centre, value - centre
-        ratio = np.where(reach == 0, np.where(sign * way > STILL, np.inf, 0.0), way / reach)
-        return np.where(np.isinf(bound), -np.inf, ratio)
+        reach, way, free = self.reach(sign)[joint], value - self.centre[joint], np.isinf(self.bound(sign)[joint])
+        ratio = way / (sign * reach)
+        if not reach.all():
+            ratio = np.where(reach == 0, np.where(sign * way > STILL, np.inf, 0.0), ratio)
+        return np.where(free, -np.inf, ratio) if free.any() else ratio
+
+    def largest(self, value: np.ndarray) -> np.ndarray:
+        """The ratios of values to the bounds that they are nearer to."""
+        return np.maximum(*(self.ratio(value, sign) for sign in SIGNS))
 
 
-def scale_of(bounds: np.ndarray, kind: str) -> Scale:
+def scale_of(bounds: np.ndarray, kind: str = "") -> Scale:
     """The scale of bounds (2, n): from 0 where it lies between them, positions from their middle.
 
     Where a position has one bound only, ratios are measured from 1 rad or 1 m before it.

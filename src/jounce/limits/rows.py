@@ -7,16 +7,10 @@ import numpy as np
 from jounce.limits import pace
 from jounce.limits.friction import Friction, FrictionAlong
 from jounce.limits.path import Path, Terms
-from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS, Limits
+from jounce.limits.ratios import scale_of
+from jounce.model.kinds import KINDS
+from jounce.model.limits import Limits
 
-RATES = {kind: k for k, kind in enumerate(MOTION_KINDS)}  # which rate of q a limit bounds
-FORCES = {kind: k for k, kind in enumerate(EFFORT_KINDS)}  # which rate of Q
-NEEDS = {
-    **RATES,
-    **{kind: k + 2 for kind, k in FORCES.items()},
-    "power": 2,
-    "stall_effort": 2,
-}  # the rates of q that a limit takes
 ONE_SIDED = 1e6  # times the stated bound stands in for the other one, where that is infinite
 HIGHEST_JET = (0, 0, 0, 1, 0, 1, 2, 0, 1, 1, 2, 3)  # of each product, the derivative of x that it takes
 
@@ -96,9 +90,7 @@ class Rows:
 
     def nearness(self, jet: np.ndarray) -> np.ndarray:
         """The rows (N, R) at jets (4, N) as shares of the bounds: 1 on a bound."""
-        values = self.values(jet)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.fmax(values / self.upper, values / self.lower)
+        return scale_of(np.stack([self.lower, self.upper])).largest(self.values(jet))
 
 
 def rows_of(path: Path, limits: Limits, share: float, fastest: float, friction: Friction | None = None) -> Rows:
@@ -109,12 +101,8 @@ def rows_of(path: Path, limits: Limits, share: float, fastest: float, friction: 
     The velocity limits are one row, (q' / v)^2 x of the joint that is nearest to its own; x itself stays below the
     square of `fastest`, so that a rest of the motion does not make it infinite: that is of the joint -1.
     """
-    kinds = [
-        kind
-        for kind in ("acceleration", "jerk", "snap", *EFFORT_KINDS, "power", "stall_effort")
-        if np.isfinite(limits.bounds(kind)).any()
-    ]
-    forces = tuple(kind for kind in kinds if kind not in RATES)
+    kinds = [kind for kind in limits.kinds if kind not in ("position", "velocity") and not KINDS[kind].takes]
+    forces = tuple(kind for kind in kinds if KINDS[kind].force)
     rubbing = friction.along(path.q[1:], forces) if friction and forces else None
     size = len(pace.PRODUCTS) + (len(rubbing.highest_jet) if rubbing else 0)
     found: list[Part] = [_speed(path, limits.bounds("velocity") * share, fastest, size)]
@@ -130,12 +118,13 @@ def rows_of(path: Path, limits: Limits, share: float, fastest: float, friction: 
 
 
 def _terms(path: Path, kind: str, limits: Limits) -> Terms:
-    if kind in RATES:
-        return path.rate(RATES[kind])
-    if kind == "stall_effort":
-        force = path.force(0)
-        return force | {pace.S1: force[pace.S1] + limits.effort_slope * path.q[1]}
-    return path.power() if kind == "power" else path.force(FORCES[kind], kind in limits.without_gravity)
+    row = KINDS[kind]
+    if row.of == "q":
+        return path.rate(row.rate)
+    if kind == "power":
+        return path.power()
+    force = path.force(row.rate, kind in limits.without_gravity)
+    return force | {pace.S1: force[pace.S1] + limits.effort_slope * path.q[1]} if row.line else force
 
 
 def _rows(kind: str, terms: Terms, bounds: np.ndarray, products: int) -> Part:
@@ -159,8 +148,7 @@ def _rows(kind: str, terms: Terms, bounds: np.ndarray, products: int) -> Part:
 
 def _speed(path: Path, bounds: np.ndarray, fastest: float, products: int) -> Part:
     rate = path.q[1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.where(rate == 0, 0, rate / np.where(rate > 0, bounds[1], bounds[0]))
+    ratio = scale_of(bounds, "velocity").largest(rate)
     factors = np.zeros((len(rate), 1, products))
     factors[:, 0, pace.S1_2] = np.maximum(ratio.max(axis=1), 1 / fastest) ** 2
     joints = np.where(ratio.max(axis=1) * fastest < 1, -1, ratio.argmax(axis=1))

@@ -14,21 +14,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from jounce.dynamics.quantities import FORCES
-from jounce.engine.along import FIRST
 from jounce.engine.closed_path import named_by_time, positions
-from jounce.limits.bounded import (
-    DERIVATIVE,
-    MOTORS,
-    Bounded,
-    Side,
-    at_speed,
-    gravity,
-    quantities_of,
-    rate_of_forces,
-)
+from jounce.limits.bounded import Bounded, Side, gravity, motion_order, quantities_of
 from jounce.limits.joints import in_columns, joint_rates
-from jounce.model.limits import EFFORT_KINDS, MOTION_KINDS
-from jounce.model.limits import FORCES as BOUND_FORCES
+from jounce.model.kinds import KINDS, MOTION_KINDS, MOTOR_KINDS
 
 Polynomials = Mapping[str, np.ndarray]  # by kind
 Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # (N, n) each: of c^0, c^1 and c^2
@@ -37,33 +26,26 @@ Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # (N, n) each: of c^0, c^1 an
 def polynomials(b: Bounded, t: np.ndarray, side: Side = "right") -> Polynomials:
     """Coefficients (degree + 1, N, n) of what limits bound, lowest power of c first, at times (N,) by kind."""
     with named_by_time(t):
-        return _polynomials(b, t, side)
-
-
-def _polynomials(b: Bounded, t: np.ndarray, side: Side) -> Polynomials:
-    motion_orders = [MOTION_KINDS.index(kind) for kind in b.kinds if kind in MOTION_KINDS]
-    order = max((rate_of_forces(b.robot, kind) for kind in b.kinds if kind not in MOTION_KINDS), default=0)
-    rates, m = b.motion(t, max([*motion_orders, (order + FIRST) * b.forces]), side), b.robot.mechanism
-    near = positions(b.robot, b.motion, t, side)
-    joints = joint_rates(b.robot, rates, near, b.follow)
-    found = {kind: _monomial(joints[k], k) for k, kind in enumerate(MOTION_KINDS) if kind in b.kinds}
-    found |= {kind: _of_motors(b, kind, rates, t, side, near) for kind in MOTORS if kind in b.kinds}
-    if b.efforts.name not in b.orders:
-        return found
-    forces = (*EFFORT_KINDS, "power", "stall_effort")
-    order = max(DERIVATIVE.get(kind, 0) for kind in b.kinds if kind in forces)
-    parts = _parts(b, rates, t, order, side, near)
-    for kind in forces:
-        if kind in b.kinds:
-            k = DERIVATIVE.get(kind, 0)
+        order = max(motion_order(b.robot, kind) for kind in b.kinds)
+        rates, m = b.motion(t, order, side), b.robot.mechanism
+        near = positions(b.robot, b.motion, t, side)
+        joints = joint_rates(b.robot, rates, near, b.follow)
+        found = {kind: _monomial(joints[k], k) for k, kind in enumerate(MOTION_KINDS) if kind in b.kinds}
+        found |= {kind: _of_motors(b, kind, rates, t, side, near) for kind in MOTOR_KINDS if kind in b.kinds}
+        if b.efforts.name not in b.orders:
+            return found
+        kinds = [kind for kind in b.kinds if KINDS[kind].force]
+        parts = _parts(b, rates, t, max(KINDS[kind].rate for kind in kinds), side, near)
+        for kind in kinds:
+            k = KINDS[kind].rate
             c = np.pad(np.stack(parts[k]), ((k, 0), (0, 0), (0, 0)))
-            if kind in EFFORT_KINDS and b.limits.of(kind) == BOUND_FORCES[1]:
+            if kind in b.limits.without_gravity:
                 c[k] -= gravity(b.robot, rates[: k + 1], b.motion.base(t, k, side), near)[k]
             [c] = in_columns(m, [c], b.efforts)
             if kind == "stall_effort":
                 c[1] += b.limits.effort_slope * joints[1]
             found[kind] = np.concatenate([0 * c[:1], joints[1] * c]) if kind == "power" else c
-    return found
+        return found
 
 
 def _monomial(rate: np.ndarray, k: int) -> np.ndarray:
@@ -74,10 +56,9 @@ def _parts(
     b: Bounded, rates: "tuple[np.ndarray, ...]", t: np.ndarray, order: int, side: Side, near: np.ndarray | None
 ) -> list[Parts]:
     """S, V, D and their derivatives along the motion up to an order."""
-    wrench, base = b.motion.wrench(t, order, side), b.motion.base(t, order + FIRST, side)
 
     def at(c: float) -> list[np.ndarray]:
-        return at_speed(b.robot, b.efforts.name, rates, wrench, c, order, base, near)
+        return b.quantity(b.efforts.name, order, rates, t, side, near, c)
 
     static, one, back = at(0.0)[0], at(1.0), at(-1.0)
     two, far_back = (at(2.0), at(-2.0)) if order else ([], [])
@@ -100,7 +81,7 @@ def _of_motors(
     values = []
     for speed in c:
         known = {name: b.quantity(name, order, rates, t, side, near, float(speed)) for name, order in orders.items()}
-        values.append(b.of_motor(kind, known)[DERIVATIVE.get(kind, 0)])
+        values.append(b.of_motor(kind, known)[KINDS[kind].rate])
     found = np.tensordot(np.linalg.inv(np.vander(c, increasing=True)), np.stack(values), axes=1)
     return in_columns(b.robot.mechanism, [found], FORCES)[0]
 

@@ -176,10 +176,7 @@ def _finite(states: Feasible) -> float:
 def times_beyond(b: Bounded, factor: float) -> np.ndarray:
     """When, between samples too, the motion at a factor of speed is farthest beyond limits, in the given motion."""
     worst = worst_of(b, factor)
-    found = [
-        worst.t[kind, sign][worst.scales[kind].ratio(sign * worst.value[kind, sign], sign) > 1 + CLOSE]
-        for kind, sign in worst.value
-    ]
+    found = [worst.t[side][ratio > 1 + CLOSE] for side, ratio in worst.ratios.items()]
     return np.asarray(b.motion.start + (np.unique(np.concatenate(found)) - b.motion.start) * factor)
 
 

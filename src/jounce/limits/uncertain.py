@@ -9,8 +9,8 @@ from jounce.limits.bounded import Bounded
 from jounce.limits.deviations import deviations_of
 from jounce.limits.peaks import peaks_of
 from jounce.limits.pieces import Pieces, part_pieces
-from jounce.limits.ratios import scale_of
-from jounce.limits.worst import SIGNS, Spans, Worst, runs
+from jounce.limits.ratios import SIGNS
+from jounce.limits.worst import Spans, Worst, runs
 
 DECISIVE_DEVIATIONS = 2.0  # between a value and its limit: from there on it is known on which side the value lies
 BLOCK = 2000  # times worked on at a time
@@ -52,7 +52,7 @@ def _times(b: Bounded, ends: Sequence[float]) -> np.ndarray:
 
 def _any_peak(b: Bounded, pieces: Pieces, kind: str, sign: int) -> np.ndarray:
     """What peaks must reach: anything where a value is bounded on this side."""
-    bound = scale_of(b.limits.bounds(kind), kind).bound(sign)
+    bound = b.scales[kind].bound(sign)
     return np.where(np.isfinite(bound), -np.inf, np.inf) + np.zeros((len(pieces.start), 1))
 
 
@@ -65,7 +65,7 @@ def _take(worst: Worst, kind: str, t: np.ndarray, values: np.ndarray, off: np.nd
     """Count the values (N, joints) of a kind that are known; returns the intervals (N - 1, joints) with others."""
     unclear, broken = (np.zeros(values.shape, dtype=bool) for _ in range(2))
     for sign in SIGNS:
-        excess = sign * values - worst.tolerant(kind, sign)
+        excess = sign * values - worst.b.scales[kind].tolerant(sign)
         beyond, within = excess > DECISIVE_DEVIATIONS * off, excess <= -DECISIVE_DEVIATIONS * off
         worst.take_values(kind, sign, t, np.where(beyond | within, sign * values, -np.inf), beyond)
         unclear |= ~(beyond | within) & np.isfinite(excess)

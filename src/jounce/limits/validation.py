@@ -8,9 +8,10 @@ import numpy as np
 from jounce.core.errors import JounceError, listed, quoted
 from jounce.engine.along import checked_motion
 from jounce.engine.engine import Engine
-from jounce.limits.bounded import MOTORS, Bounded, known_kinds
+from jounce.limits.bounded import Bounded, known_kinds
 from jounce.limits.deviations import windows_of
 from jounce.limits.joints import drives_coordinates, joint_limits
+from jounce.model.kinds import KINDS
 from jounce.model.limits import Limits
 from jounce.model.mechanism import Mechanism
 
@@ -36,11 +37,11 @@ def _check_data(robot: Engine, limits: Limits, kinds: Sequence[str]) -> None:
     """Raise `JounceError` where currents or voltages of a motor are limited that states no data for them."""
     e, closure = robot.mechanism.elasticity, robot.mechanism.closure
     places = closure.independent if closure else range(robot.n)
-    for kind, needed in {"motor_current": ["constant"], "motor_voltage": ["constant", "resistance"]}.items():
-        limited = np.isfinite(limits.bounds(kind)[:, list(places)]).any(axis=0) & (kind in kinds)
+    for kind in kinds:
+        limited = np.isfinite(limits.bounds(kind)[:, list(places)]).any(axis=0)
         for j in np.flatnonzero(limited).tolist():
             motor = e.motors[j] if e and e.motors else None
-            if lacking := [name for name in needed if motor is None or getattr(motor, name) is None]:
+            if lacking := [name for name in KINDS[kind].data if motor is None or getattr(motor, name) is None]:
                 raise JounceError(
                     f"joint {quoted(robot.joint_names[j])} has a limit of {kind}, and its motor states no"
                     f" {' and no '.join(lacking)}; robot.elastic(motors={{joint: jounce.Motor(...)}}) states it"
@@ -49,7 +50,7 @@ def _check_data(robot: Engine, limits: Limits, kinds: Sequence[str]) -> None:
 
 def _check_stiffness(robot: Engine, kinds: Sequence[str]) -> None:
     """Raise `JounceError` where motors are bounded whose rates may be infinite between the times looked at."""
-    e, of_motors = robot.mechanism.elasticity, [kind for kind in kinds if kind in MOTORS]
+    e, of_motors = robot.mechanism.elasticity, [kind for kind in kinds if KINDS[kind].takes]
     if e and e.slack and of_motors:
         raise JounceError(
             f"joint {quoted(robot.joint_names[e.slack[0]])}: its spring has no stiffness at rest, and its motor moves"

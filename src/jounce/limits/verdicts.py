@@ -6,7 +6,7 @@ from typing import Literal
 
 from jounce.core.errors import listed
 from jounce.limits.bounded import Span
-from jounce.limits.worst import ROUNDING
+from jounce.limits.ratios import ROUNDING
 
 Verdict = Literal["kept", "broken", "undecided"]
 

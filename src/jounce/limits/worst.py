@@ -5,18 +5,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce.engine.along import ForceBreak
-from jounce.limits.bounded import Bounded, Span, rate_of_forces
+from jounce.engine.along import FIRST, ForceBreak
+from jounce.limits.bounded import Bounded, Span, motion_order
 from jounce.limits.joints import columns_of, in_columns, of_joints
 from jounce.limits.peaks import Peaks, peaks_of, picked
 from jounce.limits.pieces import NEGLIGIBLE, TRUST, Pieces, hull
-from jounce.limits.ratios import Scale, scale_of
+from jounce.limits.ratios import ROUNDING, SIGNS
 from jounce.limits.search import root
-from jounce.model.limits import MOTION_KINDS
+from jounce.model.kinds import KINDS, MOTION_KINDS
 from jounce.motion.motion import Break
-
-ROUNDING = 1e-9  # of the reach of a limit: less beyond it is rounding
-SIGNS = (1, -1)  # of values: against the upper bound, and against the lower one
 
 Spans = dict[tuple[str, int], list[Span]]  # by kind and joint
 
@@ -29,7 +26,6 @@ class Worst:
 
     def __init__(self, b: Bounded) -> None:
         self.b = b
-        self.scales: dict[str, Scale] = {kind: scale_of(b.limits.bounds(kind), kind) for kind in b.kinds}
         sides = [(kind, sign) for kind in b.kinds for sign in SIGNS]
         n = len(b.joints)
         self.value = {side: np.full(n, -np.inf) for side in sides}
@@ -65,7 +61,7 @@ class Worst:
             for sign in SIGNS:
                 reach = (sign * ends).max(axis=0) + coarse.missed[kind]
                 known = np.maximum(sign * coarse.left[kind], sign * coarse.right[kind])
-                bound = self.tolerant(kind, sign)
+                bound = self.b.scales[kind].tolerant(sign)
                 for i, j in np.argwhere((known <= bound) & (reach > bound)).tolist():
                     span = float(coarse.start[i]), float(coarse.stop[i])
                     self.unresolved.setdefault((kind, j), []).append(span)
@@ -82,14 +78,14 @@ class Worst:
 
         The rate above the one that jumps has an impulse of the sign of the jump, and those above it of either sign.
         """
-        highest = max((MOTION_KINDS.index(kind) for kind in self.b.kinds if kind in MOTION_KINDS), default=0)
+        highest = max((KINDS[kind].rate for kind in self.b.kinds if KINDS[kind].of == "q"), default=0)
         for found in self.b.motion.breaks_to(highest - 1) if highest else ():
             if found.symbol == "q":
                 above = {kind: k for k, kind in enumerate(MOTION_KINDS[found.order + 1 :])}
                 for j, jump in self._jumps_with(found).items():
                     for kind, k in above.items():
                         self._jump(kind, j, found.t, jump, either=k > 0)
-        rates = {kind: rate_of_forces(self.b.robot, kind) for kind in self.b.kinds if kind not in MOTION_KINDS}
+        rates = {kind: motion_order(self.b.robot, kind) - FIRST for kind in self.b.kinds if KINDS[kind].of != "q"}
         for met in breaks:
             m, row = self.b.robot.mechanism, self.b.efforts
             unknown = [np.ones(len(columns_of(m, row)))]  # where q or qd jumps: an impulse
@@ -116,7 +112,7 @@ class Worst:
     def _jump(self, kind: str, j: int, t: float, jump: float, either: bool) -> None:
         """Count a jump of a lower rate as an infinite value of a kind: of its sign, or of either one."""
         for sign in SIGNS if either else (1 if jump > 0 else -1,):
-            if kind in self.b.kinds and np.isfinite(self.scales[kind].bound(sign)[j]):
+            if kind in self.b.kinds and np.isfinite(self.b.scales[kind].bound(sign)[j]):
                 self._update(kind, sign, np.array([j]), np.array([t]), np.array([np.inf]))
                 self.spans[kind, sign][j].append((t, t))
 
@@ -125,24 +121,23 @@ class Worst:
         self.value[kind, sign][joint[better]] = value[better]
         self.t[kind, sign][joint[better]] = t[better]
 
-    def tolerant(self, kind: str, sign: int) -> np.ndarray:
-        """The bounds of signed values, with room for rounding."""
-        scale = self.scales[kind]
-        bound = scale.bound(sign)
-        reach = np.abs(bound - sign * scale.centre)
-        return np.where(np.isfinite(bound), bound + ROUNDING * reach, np.inf)
+    @property
+    def ratios(self) -> dict[tuple[str, int], np.ndarray]:
+        """The ratios (n,) of the largest values, by kind and sign."""
+        return {(kind, sign): self.b.scales[kind].ratio(sign * x, sign) for (kind, sign), x in self.value.items()}
 
     def _floor(self, pieces: Pieces, kind: str, sign: int) -> np.ndarray:
         """What a peak in pieces must reach to matter, (K, n): the worst value, or the bound if an end is within it.
 
         Less than a negligible share of the bound does not: the rounding of rates of forces has thousands of peaks.
         """
-        bound = self.scales[kind].bound(sign)
+        scale = self.b.scales[kind]
+        bound = scale.bound(sign)
         within = np.minimum(sign * pieces.left[kind], sign * pieces.right[kind]) <= bound
         least = np.where(within, np.minimum(self.value[kind, sign], bound), self.value[kind, sign])
-        centre = sign * self.scales[kind].centre
         with np.errstate(invalid="ignore"):  # of infinite bounds
-            least = np.maximum(least - TRUST * self.largest[kind], centre + NEGLIGIBLE * (bound - centre))
+            negligible = sign * scale.centre + NEGLIGIBLE * scale.reach(sign)
+            least = np.maximum(least - TRUST * self.largest[kind], negligible)
         return np.where(np.isfinite(bound), least, np.inf)
 
     def _add_spans(self, pieces: Pieces, peaks: Peaks) -> None:
@@ -151,7 +146,7 @@ class Worst:
             self._crossing(pieces, peaks, kind, sign, int(j))
             for (kind, sign), worst in self.value.items()
             if kind in pieces.kinds
-            for j in np.flatnonzero(worst > self.tolerant(kind, sign))
+            for j in np.flatnonzero(worst > self.b.scales[kind].tolerant(sign))
         ]
         if not crossings:
             return
@@ -179,8 +174,8 @@ class Worst:
         t = np.concatenate([pieces.stop, peaks.t[mine], pieces.start])
         y = np.concatenate([right[:, j], peaks.value[mine], left[:, j]]) * sign
         order = np.argsort(t, kind="stable")  # at a break what ends there stands before what begins
-        t, y, bound = t[order], y[order], float(self.scales[kind].bound(sign)[j])
-        beyond = y > self.tolerant(kind, sign)[j]
+        t, y, bound = t[order], y[order], float(self.b.scales[kind].bound(sign)[j])
+        beyond = y > self.b.scales[kind].tolerant(sign)[j]
         passes = np.flatnonzero(beyond[1:] != beyond[:-1])
         first, last = [[0, 0]] * bool(beyond[0]), [[-1, -1]] * bool(beyond[-1])
         ends = np.array([*first, *np.column_stack([passes, passes + 1]), *last], dtype=int).reshape(-1, 2)

@@ -10,7 +10,8 @@ from typing import TypeVar
 import numpy as np
 
 from jounce.core.scalars import Array
-from jounce.model.limits import EFFORT_KINDS, LINE, MOTION_KINDS, STATED_KINDS, Limits, unlimited
+from jounce.model.kinds import KINDS, MOTION_KINDS, unit_of
+from jounce.model.limits import Limits, unlimited
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
@@ -72,7 +73,7 @@ def force_names(mechanism: Mechanism) -> tuple[str, ...]:
 
 def force_units(mechanism: Mechanism) -> list[str]:
     """N m or N: the unit of each of the nv entries of Q."""
-    own = ["N m" if unit == "rad" else "N" for unit in coordinate_units(mechanism)]
+    own = [unit_of("Q", 0, unit) for unit in coordinate_units(mechanism)]
     return [*(["N m"] * 3 + ["N"] * 3 if mechanism.base else []), *own]
 
 
@@ -88,13 +89,13 @@ def coordinate_limits(mechanism: Mechanism) -> Limits:
         if len(moved) != 1:
             continue
         [j] = moved
-        for k, kind in enumerate(STATED_KINDS):
-            if kind in MOTION_KINDS:
-                offset = float(mechanism.g[i]) if kind == "position" else 0.0
-                lower, upper = sorted((mechanism.limits.table[k, :, i] - offset) / row[j])
+        for k, kind in enumerate(KINDS.values()):
+            bounds = mechanism.limits.table[k, :, i]
+            if kind.name in MOTION_KINDS:
+                offset = 0.0 if kind.rate else float(mechanism.g[i])
+                lower, upper = sorted((bounds - offset) / row[j])
             elif i == leaders[j]:
-                factor = {LINE[0]: row[j], LINE[1]: 1 / row[j]}.get(kind, row[j] if kind in EFFORT_KINDS else 1.0)
-                lower, upper = sorted(mechanism.limits.table[k, :, i] * factor)
+                lower, upper = sorted(bounds * {"Q": row[j], "q": 1 / row[j]}.get(kind.of, 1.0))
             else:
                 continue
             table[k, 0, j], table[k, 1, j] = max(table[k, 0, j], lower), min(table[k, 1, j], upper)
@@ -104,7 +105,7 @@ def coordinate_limits(mechanism: Mechanism) -> Limits:
 def following_efforts(mechanism: Mechanism) -> list[str]:
     """The joints whose effort limits bound no coordinate: they follow others, and Q does not tell their share."""
     limits, leaders = mechanism.limits, leading_joints(mechanism)
-    kinds = (*EFFORT_KINDS, LINE[0])
+    kinds = [kind.name for kind in KINDS.values() if kind.of == "Q"]
     stated = [any(np.isfinite(limits.bounds(kind)[:, i]).any() for kind in kinds) for i in range(mechanism.nb)]
     return [joint for i, joint in enumerate(mechanism.joints) if stated[i] and i not in leaders]
 

@@ -9,9 +9,10 @@ from jounce.core.errors import JounceError, one_line, one_of, quoted, several, s
 from jounce.core.scalars import Array, asarray, is_finite, is_numeric, is_symbolic
 from jounce.model.casting import with_exact_integers
 from jounce.model.drives import UNDRIVEN, Drives, drive_error
-from jounce.model.limits import Limits, checked_limits
+from jounce.model.limits import Limits
 from jounce.model.mechanism import GRAVITY, FloatingBase, Mechanism
 from jounce.model.size import check_size
+from jounce.model.stated import checked_limits
 from jounce.spatial import inertia, lie
 
 UNIT_TOLERANCE = 1e-9  # how far a direction or rotation may be from unit length before it is taken for a mistake

@@ -17,10 +17,10 @@ import numpy as np
 from jounce.core.errors import JounceError, at, listed, no_such, quoted, shortened, warn
 from jounce.model.drives import UNDRIVEN, drive_error
 from jounce.model.frame import Frame
-from jounce.model.limits import Stated, limit_error, limits_of_joints
 from jounce.model.mechanism import Mechanism
 from jounce.model.screws import from_screws
 from jounce.model.size import check_size
+from jounce.model.stated import Stated, limit_error, limits_of_joints
 from jounce.spatial import inertia
 
 

@@ -28,6 +28,7 @@ from jounce.core.typing import (
 )
 from jounce.model import dh, equality, inertial, screws
 from jounce.model.drives import Drives, select_terms, warn_of_idle, with_eps
+from jounce.model.kinds import KEYS
 from jounce.model.limits import Limits
 from jounce.model.mechanism import GRAVITY
 from jounce.robot.applications import Applications
@@ -695,13 +696,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> robot.limits.velocity[:2]
         array([ 2., inf])
         """
-        given = {
-            "lower": lower, "upper": upper, "velocity": velocity, "acceleration": acceleration, "jerk": jerk,
-            "snap": snap, "effort": effort, "effort_rate": effort_rate, "second_effort_rate": second_effort_rate,
-            "power": power, "stall_effort": stall_effort, "no_load_velocity": no_load_velocity,
-            "motor_position": motor_position, "motor_velocity": motor_velocity, "motor_torque": motor_torque,
-            "motor_current": motor_current, "motor_voltage": motor_voltage,
-        }  # fmt: skip
+        given = {key: value for key, value in locals().items() if key in KEYS}
         from jounce.io.limits.reading import limits_from  # what few programs need
 
         mechanism = self.mechanism

@@ -12,6 +12,7 @@ from jounce.core.errors import escaped, shortened
 from jounce.engine.engine import Engine
 from jounce.figures.canvas import COLOURS
 from jounce.model.coordinates import coordinate_limits, coordinate_units
+from jounce.model.kinds import unit_of
 
 POINTS = 400  # of a curve: it is sent again as time goes by
 MARK = 1e-4  # of the duration: how wide the mark of the time is
@@ -62,7 +63,7 @@ def table_of(robot: Engine, now: Track) -> str:
     for j, (name, unit) in enumerate(zip(robot.joint_names, coordinate_units(robot.mechanism), strict=True)):
         Q, (lower, upper) = float(now.Q[j]), bounds[:, j]
         beyond = " <b>beyond its limit</b>" if not lower <= Q <= upper else ""
-        rows.append((text(shortened(name)), f"{Q:.4g} {'N m' if unit == 'rad' else 'N'}{beyond}"))
+        rows.append((text(shortened(name)), f"{Q:.4g} {unit_of('Q', 0, unit)}{beyond}"))
     moment, force = (", ".join(f"{x:.4g}" for x in part) for part in (now.F[:3], now.F[3:]))
     rows += [("base force", f"({force}) N"), ("base moment", f"({moment}) N m")]
     body = "".join(f"<tr><td>{name}</td><td>{value}</td></tr>" for name, value in rows)

@@ -4,6 +4,7 @@ import numpy as np
 
 from jounce.checks.audit.finding import Finding
 from jounce.model.coordinates import TURNS, leading_joints
+from jounce.model.kinds import units_of
 from jounce.model.mechanism import Mechanism
 
 LARGEST = 720.0  # of limits in degrees; beyond it a number stands for no limit
@@ -13,9 +14,35 @@ def limits(mechanism: Mechanism) -> list[Finding]:
     """Effort and velocity limits that are missing or zero, of the joints that are driven; a finding for each kind."""
     driven = sorted(set(leading_joints(mechanism)))  # what follows others has no drive of its own
     found = []
-    for kind in ("effort", "velocity"):
-        stated = getattr(mechanism.limits, kind)[driven]
-        found += _missing(mechanism, kind, driven, np.isinf(stated)) + _zero(mechanism, kind, driven, stated == 0)
+    for kind, act in (("effort", "exert a force"), ("velocity", "move")):
+        stated, unit = getattr(mechanism.limits, kind)[driven], units_of(kind)
+        missing, zero = np.isinf(stated), stated == 0
+        everywhere = bool(missing.all())
+        others = " on any joint" if everywhere else f", unlike the other {int((~missing).sum())}"
+        if missing.any():
+            found.append(
+                Finding(
+                    severity="note" if everywhere else "warning",
+                    kind=f"{kind} limit",
+                    joints=tuple(mechanism.joints[i] for i in np.compress(missing, driven)),
+                    number=float(missing.sum()),
+                    unit="joints",
+                    text=f"no {kind} limit{others}",
+                    advice=f"nothing checks a motion against it; state {kind}= in {unit}",
+                )
+            )
+        if zero.any():
+            found.append(
+                Finding(
+                    severity="warning",
+                    kind=f"{kind} limit",
+                    joints=tuple(mechanism.joints[i] for i in np.compress(zero, driven)),
+                    number=0.0,
+                    unit=unit,
+                    text=f"{kind} limit 0: the joint could never {act}",
+                    advice=f"state that of the drive in {unit}, or omit it if it is unknown",
+                )
+            )
     return found
 
 
@@ -57,44 +84,3 @@ def axes(mechanism: Mechanism) -> list[Finding]:
             advice='state it: <axis xyz="1 0 0"/>',
         )
     ]
-
-
-def _missing(mechanism: Mechanism, kind: str, driven: list[int], missing: np.ndarray) -> list[Finding]:
-    """Find missing limits: a warning if other joints have one, a note if none has."""
-    if not missing.any():
-        return []
-    everywhere = bool(missing.all())
-    return [
-        Finding(
-            severity="note" if everywhere else "warning",
-            kind=f"{kind} limit",
-            joints=_names(mechanism, driven, missing),
-            number=float(missing.sum()),
-            unit="joints",
-            text=f"no {kind} limit{' on any joint' if everywhere else f', unlike the other {int((~missing).sum())}'}",
-            advice=f"nothing checks a motion against it; state {kind}= in {_UNITS[kind]}",
-        )
-    ]
-
-
-def _zero(mechanism: Mechanism, kind: str, driven: list[int], zero: np.ndarray) -> list[Finding]:
-    if not zero.any():
-        return []
-    return [
-        Finding(
-            severity="warning",
-            kind=f"{kind} limit",
-            joints=_names(mechanism, driven, zero),
-            number=0.0,
-            unit="N m or N" if kind == "effort" else "rad/s or m/s",
-            text=f"{kind} limit 0: the joint could never {'exert a force' if kind == 'effort' else 'move'}",
-            advice=f"state that of the drive in {_UNITS[kind]}, or omit it if it is unknown",
-        )
-    ]
-
-
-_UNITS = {"effort": "N m or N", "velocity": "rad/s or m/s"}
-
-
-def _names(mechanism: Mechanism, driven: list[int], which: np.ndarray) -> tuple[str, ...]:
-    return tuple(mechanism.joints[i] for i, yes in zip(driven, which, strict=True) if yes)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from jounce.core.errors import JounceError
 from jounce.io.entries import Entry
-from jounce.model.limits import Stated, limit_error
+from jounce.model.stated import Stated, limit_error
 
 ABOVE = ("/**", "ros__parameters", "robot_description_planning")  # keys that may stand above the limits
 KINDS = ("velocity", "acceleration", "jerk", "effort")

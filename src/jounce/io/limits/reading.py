@@ -1,7 +1,7 @@
 """Limits for a robot, read from a file or from the table of an arm."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,8 +14,10 @@ from jounce.io.files import path_of
 from jounce.io.limits import moveit
 from jounce.io.native import parts
 from jounce.model.coordinates import joint_places
-from jounce.model.limits import EFFORT_KINDS, Limits, Stated, limits_with
+from jounce.model.kinds import FORCES
+from jounce.model.limits import Limits
 from jounce.model.mechanism import Mechanism
+from jounce.model.stated import Stated, limits_with
 
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
@@ -123,12 +125,7 @@ def _joints(document: Entry, mechanism: Mechanism, keys: Mapping[str, str] | Non
 def _changed(mechanism: Mechanism, document: Entry, stated: ByJoint) -> Limits:
     """The limits of a mechanism with those that are stated of some joints in their place."""
     places = joint_places(mechanism)
-    with at(document.path):
-        changed = limits_with(
-            mechanism.limits, {places[name]: joint for name, joint in stated.items()}, mechanism.joints
-        )
-    efforts = {kind for joint in stated.values() for kind in joint if kind in EFFORT_KINDS}
+    changes = {places[name]: joint for name, joint in stated.items()}
     inertial = parts.without_gravity(document) if "limits_of" in document.value else ()
-    kept = [kind for kind in mechanism.limits.without_gravity if kind not in efforts]
-    without: Sequence[str] = [kind for kind in EFFORT_KINDS if kind in inertial or kind in kept]
-    return Limits(changed.table, tuple(without))
+    with at(document.path):
+        return limits_with(mechanism.limits, changes, mechanism.joints, dict.fromkeys(inertial, FORCES[1]))

@@ -9,6 +9,7 @@ from jounce.core.version import __version__
 from jounce.io.columns import About, Columns
 from jounce.model.coordinates import BASE_FORCES, coordinate_units
 from jounce.model.elasticity import motor_names
+from jounce.model.kinds import unit_of
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
 from jounce.motion.base import NAMES
@@ -76,10 +77,8 @@ def _unit(owners: Mapping[str, str], name: str) -> str:
     rate = RATE.fullmatch(symbol)
     if owner not in owners or rate is None:
         return ""
-    force = "N m" if owners[owner] == "rad" else "N"
-    unit = {"q": owners[owner], "theta": owners[owner], "i": "A", "u": "V"}.get(rate[1], force)
     k = int(rate[2][:-1] or 1) if rate[2] else 0
-    return unit + ("" if k == 0 else "/s" if k == 1 else f"/s^{k}")
+    return unit_of(rate[1], k, owners[owner])
 
 
 def measured(motion: Motion, joints: Sequence[str], t: np.ndarray) -> Columns:

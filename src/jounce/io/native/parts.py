@@ -9,8 +9,9 @@ from jounce.io.entries import Entry
 from jounce.io.native import UNITS
 from jounce.io.orientation import direction, from_rpy
 from jounce.model.drives import UNDRIVEN, drive_error
-from jounce.model.limits import EFFORT_KINDS, FORCES, KEYS, Stated, limit_error
+from jounce.model.kinds import EFFORT_KINDS, ENDS, FORCES, KEYS
 from jounce.model.screws import exact_inertia, exact_pose, exact_screw
+from jounce.model.stated import Stated, limit_error
 from jounce.spatial import lie
 from jounce.spatial.inertia import inertia_matrix, symmetric
 
@@ -91,7 +92,7 @@ def stated_limits(joint: Entry, entry: Entry) -> dict[str, Stated]:
 
 
 def _bound(key: str, entry: Entry) -> Stated:
-    if key in ("lower", "upper") or not isinstance(entry.value, list):
+    if key in ENDS or not isinstance(entry.value, list):
         return entry.number()
     open_ends = (-math.inf, math.inf)
     ends = entry.items()

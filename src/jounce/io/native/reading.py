@@ -10,9 +10,9 @@ from jounce.io.entries import Entry
 from jounce.io.native import BASE, GROUND, elastic, loops, parts
 from jounce.model.drives import UNDRIVEN
 from jounce.model.frame import Frame
-from jounce.model.limits import limits_of_joints
 from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.model.screws import from_screws
+from jounce.model.stated import limits_of_joints
 
 Index = Mapping[str, int]  # names and their places in a row
 

@@ -12,7 +12,7 @@ from jounce.core.errors import JounceError, quoted
 from jounce.core.scalars import is_symbolic
 from jounce.io.native import BASE, GROUND, UNITS, elastic, loops, parts
 from jounce.model.drives import UNDRIVEN
-from jounce.model.limits import FORCES
+from jounce.model.kinds import FORCES
 from jounce.model.mechanism import Mechanism, body_name
 from jounce.spatial.inertia import inertia_matrix, moments, symmetric
 from jounce.spatial.lie import hat, portable_product

@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce.io.models.mujoco.arrays import Arrays
 from jounce.model import tree
-from jounce.model.limits import Stated
+from jounce.model.stated import Stated
 from jounce.spatial import lie
 
 FLOATING = 0  # MuJoCo's types of joints

@@ -1,0 +1,102 @@
+"""Limits that callers and files state: a number or two by the names of their bounds, checked, and as data."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from jounce.core.errors import JounceError, one_of, quoted
+from jounce.core.scalars import Array, asarray, is_numeric
+from jounce.core.typing import Floats
+from jounce.model.kinds import EFFORT_KINDS, ENDS, FORCES, KINDS, LINE, PLACES
+from jounce.model.limits import Limits, in_positive_direction, unlimited
+
+Stated = float | Sequence[float]  # one number for both directions, or (lower, upper)
+
+
+def limits_of_joints(stated: Sequence[Mapping[str, Stated]], without_gravity: Sequence[str] = ()) -> Limits:
+    """The limits that are stated of each joint variable, checked where they are read."""
+    table = unlimited(len(stated)).table
+    for i, joint in enumerate(stated):
+        for key, value in joint.items():
+            _set(table[..., i], key, value)
+    return Limits(table + 0.0, tuple(without_gravity))  # no -0.0 among data
+
+
+def limit_error(**stated: Stated) -> str | None:
+    """What keeps numbers from being the limits of a joint variable, or None."""
+    lower, upper = float(stated.get("lower", -np.inf)), float(stated.get("upper", np.inf))  # type: ignore[arg-type]
+    if not (-np.inf <= lower <= upper <= np.inf) or lower == np.inf or upper == -np.inf:
+        return f"lower and upper limit are {lower:g} and {upper:g}; expected lower <= upper"
+    line = {key: float(np.max(stated.get(key, np.inf))) for key in LINE}
+    if len(set(np.isfinite([*line.values()]))) > 1:
+        words = " and ".join(f"{key} is {value:g}" for key, value in line.items())
+        return (
+            f"{words}; expected both, of the line effort / stall_effort + velocity / no_load_velocity = 1, or neither"
+        )
+    bounds: Mapping[str, Any] = {key: value for key, value in stated.items() if key not in ENDS}
+    for key, value in bounds.items():
+        if key in LINE:
+            if not np.max(value) > 0 or (np.ndim(value) and value[0] != -value[1]):
+                return f"{key} is {value}; expected one number above 0, for both directions"
+        elif np.ndim(value) == 0:
+            if not value >= 0:
+                return f"limit of {key} is {value:g}; expected 0 or more"
+        elif not (value[0] <= value[1] if KINDS[key].any_sign else value[0] <= 0 <= value[1]):
+            expected = "lower <= upper" if KINDS[key].any_sign else "lower <= 0 <= upper"
+            return f"limits of {key} are {value[0]:g} and {value[1]:g}; expected {expected}"
+    return None
+
+
+def checked_limits(given: object, nb: int) -> Limits:
+    """Limits of nb joint variables: those of another robot, or a mapping of arrays (nb,), two-sided ones (nb, 2)."""
+    if isinstance(given, Limits):
+        if given.table.shape[-1] != nb:
+            raise JounceError(f"limits are of {given.table.shape[-1]} joint variables; expected {nb}")
+        return replace(given, table=given.table.copy())
+    stated = {} if given is None else given
+    if not isinstance(stated, Mapping):
+        raise JounceError(f"limits is of type {type(given).__name__}; expected a mapping of {', '.join(PLACES)}")
+    arrays = {one_of("limit", key, PLACES): _numbers(array, key, nb) for key, array in stated.items()}
+    joints: list[Mapping[str, Any]] = [{key: array[i] for key, array in arrays.items()} for i in range(nb)]
+    for i, joint in enumerate(joints):
+        if error := limit_error(**joint):
+            raise JounceError(f"limits of joint {i}: {error}")
+    return limits_of_joints(joints)
+
+
+def _numbers(array: Array, key: str, nb: int) -> np.ndarray:
+    numbers = np.asarray(asarray(array, key))
+    shapes = [(nb,)] if key in ENDS else [(nb,), (nb, 2)]
+    if numbers.shape not in shapes or not is_numeric(numbers):
+        words = " or ".join(map(str, shapes))
+        raise JounceError(f"limits: {key} has shape {numbers.shape}; expected numbers {words}, one per joint")
+    return numbers
+
+
+def limits_with(
+    limits: Limits, changes: Mapping[int, Mapping[str, Stated]], names: Sequence[str], forces: Mapping[str, str]
+) -> Limits:
+    """The limits with those of some joint variables, by their index, in place of the old ones; `names` are theirs.
+
+    Effort limits that change bound Q, unless `forces` says otherwise.
+    """
+    table = limits.table.copy()
+    for i, joint in changes.items():
+        for key, value in joint.items():
+            _set(table[..., i], key, value)
+        if np.isinf(np.max(joint.get(LINE[0], 0))):
+            _set(table[..., i], LINE[1], np.inf)  # which takes the line away
+        known = {key: float(in_positive_direction(table, key)[i]) for key in (*ENDS, *LINE)}
+        if error := limit_error(**{**known, **joint}):
+            raise JounceError(f"joint {quoted(names[i])}: {error}")
+    changed = [kind for kind in EFFORT_KINDS if any(kind in joint for joint in changes.values())]
+    of = {kind: limits.of(kind) for kind in EFFORT_KINDS} | dict.fromkeys(changed, FORCES[0]) | dict(forces)
+    return Limits(table + 0.0, tuple(kind for kind in EFFORT_KINDS if of[kind] == FORCES[1]))
+
+
+def _set(table: Floats, key: str, value: Stated) -> None:
+    """Write what is stated under a key into a table (kinds, 2) of one joint variable."""
+    kind, side = PLACES[key]
+    table[kind, side] = value if isinstance(side, int) or np.ndim(value) else (-value, value)  # type: ignore[operator]
