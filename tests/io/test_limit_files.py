@@ -6,7 +6,7 @@ from files import refusal
 
 import jounce
 from jounce.io.limits.reading import read_table, table_names
-from jounce.model.kinds import KEYS
+from jounce.model.kinds import KEYS, KINDS, LINE
 
 MOVEIT = """
 joint_limits:
@@ -122,3 +122,13 @@ def test_bad_files_are_refused(file, text, words):
 )
 def test_bad_sources_are_refused(source, words):
     refusal(lambda: jounce.load("planar2r").with_limits(source), *words)
+
+
+def test_degrees_are_those_of_every_limit_in_rad(file):
+    """Those of motors too, which are seen from the links; only what is measured in rad is converted."""
+    for kind in KINDS.values():
+        key, turns = kind.keys[-1], "rad" in kind.unit("rad").split("/")
+        line = f", {LINE[1 - LINE.index(key)]}: 1" if key in LINE else ""
+        text = f"units: SI\nangles: deg\njoints:\n  joint1: {{{key}: 90{line}}}\n"
+        found = jounce.load("planar2r").with_limits(file(text)).limits
+        assert getattr(found, key)[0] == pytest.approx(np.pi / 2 if turns else 90.0), key

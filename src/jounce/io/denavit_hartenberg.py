@@ -23,14 +23,14 @@ from jounce.io.native import parts
 from jounce.model import dh
 from jounce.model.dh import CONVENTIONS, PARAMETERS, TYPES
 from jounce.model.drives import UNDRIVEN
-from jounce.model.kinds import MOTION_KINDS
+from jounce.model.kinds import KINDS, UNITS
 from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.model.stated import Stated, limits_of_joints
 
 ANGLES = {"rad": 1.0, "deg": math.pi / 180}
 ROW = ("name", "body", "type", "limits", "drive", "inertia")  # keys of a row besides its four parameters
 # Angles, or rates of them, where a joint turns:
-ANGULAR = ("lower", "upper", *MOTION_KINDS[1:], "no_load_velocity", "rest", "eps")
+ANGULAR = (*(key for row in KINDS.values() if UNITS[row.of][0] == "rad" for key in row.keys), "rest", "eps")
 
 Number = TypeVar("Number", float, Stated)
 
