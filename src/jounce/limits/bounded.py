@@ -95,6 +95,16 @@ class Bounded:
         return any(KINDS[kind].of != "q" for kind in self.kinds)
 
     @cached_property
+    def motion_order(self) -> int:
+        """The highest rate of q that limits take; what is used beyond it only helps between times."""
+        return max(motion_order(self.robot, kind) for kind in self.kinds)
+
+    @cached_property
+    def force_rates(self) -> Mapping[str, int]:
+        """The highest rate of Q that each kind of limit of forces, power or motors takes."""
+        return {kind: motion_order(self.robot, kind) - FIRST for kind in self.kinds if KINDS[kind].of != "q"}
+
+    @cached_property
     def orders(self) -> Mapping[str, int]:
         """The quantities that are used, and of each the highest rate: the second where the motion knows enough."""
         needed: dict[str, int] = {}
@@ -127,7 +137,7 @@ class Bounded:
 
     def series(self, t: np.ndarray, side: Side = "right") -> Series:
         """The quantities that are bounded, with derivatives, at times (N,)."""
-        with named_by_time(t), counting_to(max(motion_order(self.robot, kind) for kind in self.kinds)):
+        with named_by_time(t), counting_to(self.motion_order):
             rates, m = self.motion(t, self.rate_order, side), self.robot.mechanism
             near = positions(self.robot, self.motion, t, side)
             joints = joint_rates(self.robot, rates, near, self.follow)

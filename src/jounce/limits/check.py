@@ -7,9 +7,9 @@ import numpy as np
 
 from jounce.core.display import Displayed
 from jounce.core.errors import listed, quoted
-from jounce.engine.along import FIRST, ForceBreak, force_breaks
+from jounce.engine.along import ForceBreak, force_breaks
 from jounce.engine.engine import Engine
-from jounce.limits.bounded import Bounded, Span, motion_order
+from jounce.limits.bounded import Bounded, Span
 from jounce.limits.deviations import deviations_of
 from jounce.limits.joints import joint_units
 from jounce.limits.pieces import pieces_of
@@ -225,15 +225,14 @@ def _shares(b: Bounded, undecided: Spans) -> dict[str, float]:
 def notes_of(b: Bounded, breaks: tuple[ForceBreak, ...]) -> tuple[str, ...]:
     """What the motion cannot meet because it is not smooth, and which limits nothing is checked against."""
     notes = []
-    orders = {kind: motion_order(b.robot, kind) - FIRST for kind in b.kinds if KINDS[kind].of != "q"}
-    missed = [found for found in breaks if found.order < max(orders.values(), default=0)]
+    missed = [found for found in breaks if found.order < max(b.force_rates.values(), default=0)]
     if missed:
         first = missed[0]
         joints = b.robot.joint_names
         names = listed([joints[j] if isinstance(j := cause.joint, int) else j for cause in first.causes])
         more = f" (and at {len(missed) - 1} more times)" if len(missed) > 1 else ""
         jumps = rate_name("Q", max(first.order, 0)) if first.order >= 0 else "qd"
-        limits = " and ".join(kind.replace("_", " ") for kind, k in orders.items() if k > max(first.order, 0))
+        limits = " and ".join(kind.replace("_", " ") for kind, k in b.force_rates.items() if k > max(first.order, 0))
         came = f"break at t = {first.t:.9g} s{more}: {jumps} jumps because of {names}"
         notes.append(f"{came}; no limit of {limits} can be met there; motion.blended (--blend) replaces breaks")
     if idle := [kind.replace("_", " ") for kind in b.limits.kinds if kind not in b.kinds]:

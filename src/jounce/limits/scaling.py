@@ -15,7 +15,7 @@ import numpy as np
 
 from jounce.dynamics.quantities import FORCES
 from jounce.engine.closed_path import named_by_time, positions
-from jounce.limits.bounded import Bounded, Side, gravity, motion_order, quantities_of
+from jounce.limits.bounded import Bounded, Side, gravity, quantities_of
 from jounce.limits.joints import in_columns, joint_rates
 from jounce.model.kinds import KINDS, MOTION_KINDS, MOTOR_KINDS
 
@@ -26,8 +26,7 @@ Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # (N, n) each: of c^0, c^1 an
 def polynomials(b: Bounded, t: np.ndarray, side: Side = "right") -> Polynomials:
     """Coefficients (degree + 1, N, n) of what limits bound, lowest power of c first, at times (N,) by kind."""
     with named_by_time(t):
-        order = max(motion_order(b.robot, kind) for kind in b.kinds)
-        rates, m = b.motion(t, order, side), b.robot.mechanism
+        rates, m = b.motion(t, b.motion_order, side), b.robot.mechanism
         near = positions(b.robot, b.motion, t, side)
         joints = joint_rates(b.robot, rates, near, b.follow)
         found = {kind: _monomial(joints[k], k) for k, kind in enumerate(MOTION_KINDS) if kind in b.kinds}

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce.engine.along import FIRST, ForceBreak
-from jounce.limits.bounded import Bounded, Span, motion_order
+from jounce.engine.along import ForceBreak
+from jounce.limits.bounded import Bounded, Span
 from jounce.limits.joints import columns_of, in_columns, of_joints
 from jounce.limits.peaks import Peaks, peaks_of, picked
 from jounce.limits.pieces import NEGLIGIBLE, TRUST, Pieces, hull
@@ -85,14 +85,13 @@ class Worst:
                 for j, jump in self._jumps_with(found).items():
                     for kind, k in above.items():
                         self._jump(kind, j, found.t, jump, either=k > 0)
-        rates = {kind: motion_order(self.b.robot, kind) - FIRST for kind in self.b.kinds if KINDS[kind].of != "q"}
         for met in breaks:
             m, row = self.b.robot.mechanism, self.b.efforts
             unknown = [np.ones(len(columns_of(m, row)))]  # where q or qd jumps: an impulse
             known = unknown if met.jump is None else of_joints(m, (met.jump, *met.higher), row)
             for order, force in enumerate(in_columns(m, known, row), start=met.order):
                 for i in np.flatnonzero(np.abs(force) > ROUNDING * np.abs(force).max()).tolist():
-                    for kind, rate in rates.items():
+                    for kind, rate in self.b.force_rates.items():
                         if order < rate:
                             self._jump(kind, i, met.t, float(force[i]), either=met.jump is None or rate > order + 1)
 

@@ -64,7 +64,7 @@ def method_of(row: Quantity) -> FunctionType:
     made: dict[str, FunctionType] = {}
     exec(compile(source, place.co_filename, "exec"), globals(), made)
     method = made[row.name]
-    method.__qualname__, method.__doc__ = f"Robot.{row.name}", docstring(row)
+    method.__doc__ = docstring(row)
     return method
 
 

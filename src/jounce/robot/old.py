@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from jounce.core.deprecated import renamed, warn_of_old
 from jounce.core.errors import JounceError
 from jounce.robot.applications import Applications
-from jounce.robot.elastic import OLD_NAMES, renamed_attribute
+from jounce.robot.elastic import old_attribute
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -45,11 +45,6 @@ def _state_to(self: Any, library: str, *rates: Any, base: Any, model: Any) -> tu
     return vectors if isinstance(vectors, tuple) else (vectors,)
 
 
-def _attribute(old: str) -> property:
-    """An attribute of `ElasticRobot`; a `__getattr__` would slow every call of every robot's methods by 0.1 us."""
-    return property(lambda robot: renamed_attribute(robot, old))
-
-
 class OldMethods:
     """The old names of methods of a robot."""
 
@@ -85,4 +80,8 @@ class OldMethods:
         )
         for library in ("pinocchio", "mujoco")
     )  # fmt: skip
-    along, currents, energy, robot, voltages = map(_attribute, OLD_NAMES)
+    along = old_attribute("along", "motors_along")
+    currents = old_attribute("currents", "motor_currents")
+    energy = old_attribute("energy", "elastic_energy")
+    robot = old_attribute("robot")
+    voltages = old_attribute("voltages", "motor_voltages")
