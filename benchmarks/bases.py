@@ -1,7 +1,6 @@
 """``python -m benchmarks.bases``: forces of robots that float, and of ones on moving ground, against the fixed base."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from time import process_time
 
@@ -15,7 +14,6 @@ from benchmarks.measure import Case
 from benchmarks.robots import states
 from benchmarks.tables import batch, figure, paragraph, table
 from jounce.io.files import written_whole
-from jounce.model.mechanism import FloatingBase
 
 ORDERS, COUNTS = (0, 2), (1, 1_000)
 ROBOTS = ("iiwa14", "solo12", "anymal", "g1")
@@ -32,17 +30,16 @@ def robots() -> Iterator[tuple[str, str, jounce.Robot]]:
     for name in ROBOTS:
         fixed = jounce.load(name)
         if name == "iiwa14":
-            floating = jounce.Robot(_on(fixed.mechanism))
+            floating = _on(fixed.mechanism)
         else:
             fixed, floating = (jounce.load(name, base=base) for base in ("fixed", "floating"))
         yield from zip([name] * 3, BASES, (fixed, fixed, floating), strict=True)
 
 
-def _on(mechanism: jounce.Mechanism) -> jounce.Mechanism:
+def _on(m: jounce.Mechanism) -> jounce.Robot:
     """A robot on a floating body of 3 kg."""
-
     M = jounce.inertia_matrix(3.0, [0.1, 0.0, -0.2], np.diag([0.2, 0.3, 0.4]))
-    return replace(mechanism, base=FloatingBase("base", np.array(M)))
+    return jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, gravity=m.gravity, base=M)
 
 
 def moving(count: int, order: int) -> tuple[np.ndarray, ...]:

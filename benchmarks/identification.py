@@ -41,7 +41,7 @@ class Truth:
 def drawn(robot: jounce.Robot, far: float, rng: np.random.Generator) -> Truth:
     """A robot of bodies that can exist: triangular factors of their pseudo-inertias are off by `far`, relatively."""
     m, n = robot.mechanism, robot.n
-    T = np.linalg.cholesky(inertia.moment_matrix(m.inertias))
+    T = np.linalg.cholesky(inertia.moment_matrix(m.M))
     root = T @ (np.eye(4) + far * np.tril(rng.normal(size=(len(T), 4, 4))))
     p = inertia.parameters(inertia.from_moment_matrix(root @ root.mT)).ravel()
     drives = replace(m.drives, damping=rng.uniform(0.05, 0.5, n), friction=rng.uniform(0.1, 0.6, n))
@@ -109,7 +109,7 @@ def main() -> None:
     robot = jounce.load("panda", lock={"panda_finger_joint1": 0.0})
     excited = robot.excite(drives=TERMS)
     rows = []
-    size = robot.base_parameters().count + len(TERMS) * robot.mechanism.nb
+    size = robot.base_parameters().count + len(TERMS) * len(robot.mechanism.joints)
     cases = [(*case, known) for case in ((0.1, 0.1), (0.3, 0.3), (0.3, 10.0)) for known in (True, False)]
     for case in cases:
         rows.append(compared(robot, excited.motion, *case))

@@ -54,7 +54,7 @@ def test_the_motion_of_the_base_is_an_input(quantity, afloat):
     names = ["base_pose", *(f"base_twist{rate}" for rate in RATES[: len(q) - 1])]
     given = inputs("q", q) | dict(zip(names, base, strict=True))
     if afloat:
-        given["masses"] = robot.mechanism.inertias[:, 3, 3]
+        given["masses"] = robot.mechanism.M[:, 3, 3]
     expected = getattr(robot, quantity)(*q, base=base, method="recursion")
     for name, y in zip(F.name_out(), expected, strict=True):
         assert relative_error(dense(F(**given)[name]), y) < TOLERANCE

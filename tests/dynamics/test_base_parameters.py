@@ -25,7 +25,7 @@ def columns_of_regressor(m, count=40):
     """Of one size each, at random states."""
     rng = np.random.default_rng(1)
     q = rng.uniform(-2, 2, (3, count, m.n))
-    base = random_base(rng, 3) if m.base else None
+    base = random_base(rng, 3) if m.floats else None
     base = base and (base[0], *rng.uniform(-2, 2, (2, count, 6)))
     Y = jounce.Robot(m).regressor(*q, base=base, method="recursion")
     return Y.reshape(-1, Y.shape[-1])
@@ -153,7 +153,7 @@ def test_joints_that_are_locked_leave_fewer():
 def test_the_regrouping_of_the_recursion_leaves_them_as_they_are(m):
     m = equivalent.align_frames(m)
     found, reduced = base_parameters(m), equivalent.base_parameters(m)
-    p = inertia.parameters(reduced.inertias).ravel()
+    p = inertia.parameters(reduced.M).ravel()
     np.testing.assert_allclose(found.matrix @ p, found.values, atol=1e-12 * max(1, np.abs(p).max()))
 
 

@@ -10,7 +10,7 @@ from bases import moved_mechanisms, random_base
 from files import refusal
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from robots import Interpreted, floating, mechanisms, on_its_axis, random_mechanism, relative_error
+from robots import Interpreted, floating, mechanisms, on_base, on_its_axis, random_mechanism, relative_error
 
 import casadi
 import jounce
@@ -20,7 +20,6 @@ from jounce.dynamics.recursion import matrices
 from jounce.dynamics.recursion.articulated import ArticulatedBodies, has_deep_branches
 from jounce.model.casting import with_exact_integers
 from jounce.model.drives import TERMS, Drives
-from jounce.model.mechanism import FloatingBase
 from jounce.program.passes import factor
 from jounce.program.trace import Tape
 from jounce.spatial.linear import Factors, solved
@@ -34,7 +33,8 @@ with warnings.catch_warnings():
 def driven(mechanism, rng):
     """With drives, all terms of which act."""
     names = ("armature", "damping", "friction", "stiffness", "rest")
-    drives = Drives(eps=np.full(mechanism.nb, 0.5), **{name: rng.uniform(0.1, 1, mechanism.nb) for name in names})
+    nc = len(mechanism.joints)
+    drives = Drives(eps=np.full(nc, 0.5), **{name: rng.uniform(0.1, 1, nc) for name in names})
     return Interpreted(jounce.Robot(replace(mechanism, drives=drives, acting=TERMS)))
 
 
@@ -59,7 +59,7 @@ def undoes_inverse_dynamics(robot, rng, order, methods, base=None):
     q, W = rng.uniform(-1, 1, (order + 3, n)), tuple(rng.uniform(-1, 1, (order + 1, nb, 6)))
     M = robot.mass_matrix(q[0])
     Q = robot.inverse_dynamics(*q, wrench=W, base=base)
-    floats = robot.mechanism.base is not None
+    floats = robot.mechanism.floats
     rates = [np.concatenate(x) for x in zip(base[2:], q[2:], strict=True)] if floats else q[2:]
     given = base[:2] if floats else base
     for method in methods:
@@ -111,9 +111,9 @@ def test_articulated_bodies_agree_with_factors(drawn, armature, floats):
     m, rng = driven(*drawn).robot.mechanism, drawn[1]
     m = floating(m, rng) if floats else m
     m = replace(
-        m, acting=("armature",) if armature else ("damping",), G=np.eye(m.nb), coordinates=m.joints
+        m, acting=("armature",) if armature else ("damping",), G=np.eye(len(m.joints)), coordinates=m.joints
     )  # each joint on its own
-    q, b = rng.uniform(-1, 1, (2, 3, m.nb, 1)), rng.uniform(-1, 1, (3, m.nv, 2))
+    q, b = rng.uniform(-1, 1, (2, 3, m.n, 1)), rng.uniform(-1, 1, (3, m.nv, 2))
     M = jounce.Robot(m).mass_matrix(q[0, ..., 0], method="recursion")
     found, expected = ArticulatedBodies.of(m, q[0]).solve(b), Factors.of(M).solve(b)
     assert relative_error(found, expected) < 1e-13 * np.linalg.cond(M).max()
@@ -251,16 +251,15 @@ def test_mass_matrices_are_looked_at_only_where_a_body_does_not_resist_its_joint
     geared = replace(m, M=0 * m.M, drives=replace(m.drives, armature=np.ones(1)))
     assert not may_be_singular(replace(geared, acting=("armature",)))
     assert may_be_singular(geared)
-    base = FloatingBase("base", np.diag([1.0, 1, 0, 1, 1, 1]))
-    assert may_be_singular(replace(m, base=base))
-    assert not may_be_singular(replace(m, base=replace(base, M=np.eye(6))))
+    assert may_be_singular(on_base(m, np.diag([1.0, 1, 0, 1, 1, 1])))
+    assert not may_be_singular(on_base(m, np.eye(6)))
 
 
 @pytest.mark.parametrize(("of_base", "of_body", "idle"), [(0, 1, "base, joint1"), (1, 0, "joint1")])
 def test_a_floating_robot_without_inertia_is_refused_by_the_name_of_its_base(of_base, of_body, idle):
     m = on_its_axis().mechanism
     M = jounce.inertia_matrix(1, [0, 0, 0], np.eye(3))
-    robot = jounce.Robot(replace(m, base=FloatingBase("base", of_base * M), M=of_body * m.M))
+    robot = jounce.Robot(on_base(replace(m, M=of_body * m.M), of_base * M))
     given = [0.1], [0.2], np.zeros(7)
     words = f"singular, of rank 6 for 7 velocities: {idle} can move"
     refusal(lambda: robot.forward_dynamics(*given, base=(np.eye(4), np.zeros(6))), words)

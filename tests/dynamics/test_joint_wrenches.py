@@ -56,14 +56,15 @@ def test_their_power_is_that_of_the_forces(drawn):
     robot, q = Interpreted(jounce.Robot(m)), rng.uniform(-2, 2, (3, m.n))
     base = base_path(rng, 4)(0.0)[:3]
     F, Q = (getattr(robot, name)(*q, base=base, method="recursion") for name in ("joint_wrenches", "inverse_dynamics"))
-    if m.base:
+    if m.floats:
         close(F[0], Q[:6])
     C, V = robot.poses(q[0], base=base[:1]), robot.twists(*q[:2], base=base[:2])
-    first, power = m.first, 0.0
-    for i, p in enumerate(m.parent):
-        H, twist = (C[p + first], V[p + first]) if p + first >= 0 else base[:2]
-        carried = lie.Ad(lie.inverse(C[i + first]) @ H) @ twist
-        power += F[i + first] @ (V[i + first] - carried)
+    power = 0.0
+    for i in m.owners:
+        p = m.parent[i]
+        H, twist = (C[p], V[p]) if p >= 0 else base[:2]
+        carried = lie.Ad(lie.inverse(C[i]) @ H) @ twist
+        power += F[i] @ (V[i] - carried)
     close(power, q[1] @ Q[-m.n :])
 
 

@@ -60,7 +60,7 @@ def state(drawn, count=5):
     """A robot, its coordinates and base with rates, and velocities with those of the base: all that it has."""
     mechanism, rng = drawn
     q, base = list(rng.uniform(-2, 2, (count, mechanism.n))), random_base(rng, count)
-    nu = [np.concatenate(x) for x in zip(base[1:], q[1:], strict=True)] if mechanism.base else q[1:]
+    nu = [np.concatenate(x) for x in zip(base[1:], q[1:], strict=True)] if mechanism.floats else q[1:]
     return Interpreted(jounce.Robot(mechanism)), q, base, nu
 
 
@@ -72,7 +72,7 @@ def test_energy_changes_by_the_power_of_the_joints_and_of_the_base(drawn):
     T, U = robot.kinetic_energy(*q[:3], base=base[:3]), robot.potential_energy(*q[:2], base=base[:2])
     Q, F = robot.inverse_dynamics(*q[:3], base=base[:3]), robot.base_wrench(*q[:3], base=base[:3])
     on_base = Ad(base[0]).T @ F
-    if robot.mechanism.base:
+    if robot.mechanism.floats:
         equal(on_base, Q[:6])
     equal(T[1] + U[1], q[1] @ Q[-len(q[1]) :] + base[1] @ on_base)
 
@@ -81,14 +81,14 @@ def test_energy_changes_by_the_power_of_the_joints_and_of_the_base(drawn):
 @given(drawn=moved_mechanisms())
 def test_matrices_are_those_of_the_forces_and_of_the_momentum(drawn):
     robot, q, base, nu = state(drawn)
-    M, Md = robot.mass_matrix(*q[:2], base=base[:2] if robot.mechanism.base else None)
+    M, Md = robot.mass_matrix(*q[:2], base=base[:2] if robot.mechanism.floats else None)
     p, pd = robot.generalized_momentum(*q[:3], base=base[:3])
     T = robot.kinetic_energy(*q[:2], base=base[:2])
     Cbar = robot.coriolis_matrix(*q[:2], base=base[:2], form="skew")
     equal(M, M.T)
     equal(Md, Cbar + Cbar.T)
     assert np.linalg.eigvalsh(M)[0] > 0
-    if robot.mechanism.base:
+    if robot.mechanism.floats:
         Q, Qgrav = robot.inverse_dynamics(*q[:3], base=base[:3]), robot.gravity_forces(q[0], base=base[0])
         for C in (Cbar, robot.coriolis_matrix(*q[:2], base=base[:2])):
             equal(M @ nu[1] + C @ nu[0] + Qgrav, Q)
@@ -102,7 +102,7 @@ def test_matrices_are_those_of_the_forces_and_of_the_momentum(drawn):
 def test_momentum_changes_by_the_wrench_of_the_ground_and_by_the_weight(drawn):
     """About the inertial origin and about the centre of mass, in which the mass is gathered."""
     robot, q, base, nu = state(drawn)
-    m = robot.mechanism.M[:, 3, 3].sum() + (robot.mechanism.base.M[3, 3] if robot.mechanism.base else 0)
+    m = robot.mechanism.M[:, 3, 3].sum()
     c, cd = robot.center_of_mass(*q[:2], base=base[:2])
     h, hd = robot.momentum(*q[:3], base=base[:3])
     hG, hGd = robot.centroidal_momentum(*q[:3], base=base[:3])
@@ -111,7 +111,7 @@ def test_momentum_changes_by_the_wrench_of_the_ground_and_by_the_weight(drawn):
     equal(hGd, np.concatenate([F[:3] - np.cross(c, F[3:]), F[3:] + weight]))
     equal(hG[3:], m * cd)
     equal(h[:3], hG[:3] + np.cross(c, m * cd))
-    if robot.mechanism.base:
+    if robot.mechanism.floats:
         A, Ad_ = robot.centroidal_momentum_matrix(*q[:2], base=base[:2])
         equal(A @ nu[0], hG)
         equal(A @ nu[1] + Ad_ @ nu[0], hGd)
@@ -151,7 +151,7 @@ def test_the_choice_of_the_inertial_frame_does_not_matter(drawn):
     equal(found, R @ c + r)
     equal(foundd, R @ cd)
     U, found = both("potential_energy", 1)
-    weight = robot.mechanism.M[:, 3, 3].sum() + (mechanism.base.M[3, 3] if mechanism.base else 0)
+    weight = robot.mechanism.M[:, 3, 3].sum()
     equal(found, U - weight * (R @ mechanism.gravity) @ r)
 
 
@@ -167,7 +167,7 @@ def test_rates_are_time_derivatives_along_motions_of_the_base_in_long_doubles(dr
         def at(t, order, name=name, count=count):
             t = np.asarray(t, dtype=np.longdouble)
             given = [x[: count + order] for x in (path(t), base(t))]
-            taken = given[1] if name != "mass_matrix" or mechanism.base else None
+            taken = given[1] if name != "mass_matrix" or mechanism.floats else None
             results = getattr(robot, name)(*given[0], base=taken)
             return results if order == 0 else results[order]
 
@@ -201,9 +201,9 @@ def test_a_rigid_body_that_tumbles_by_eulers_equations_takes_no_force():
     """At no order, as seen from a frame off its centre of mass, and whatever a joint without mass beyond does."""
     rng = np.random.default_rng(1)
     m = floating(random_mechanism(rng, [-1], ["revolute"], [0.0]), rng)
-    C, (mass, h, _) = random_pose(rng), moments(m.base.M)
+    C, (mass, h, _) = random_pose(rng), moments(m.M[0])
     center = h / mass
-    inertia = m.base.M[:3, :3] + mass * (hat(center[:, 0]) @ hat(center[:, 0]))
+    inertia = m.M[0, :3, :3] + mass * (hat(center[:, 0]) @ hat(center[:, 0]))
 
     def cross(w, x):
         return w.map(lambda w: hat(w[:, 0])) @ x

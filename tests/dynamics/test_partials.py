@@ -33,7 +33,8 @@ HASTY = {"xla_backend_optimization_level": 0}  # as each function runs once
 def driven(mechanism, rng):
     """With drives, all terms of which act."""
     names = ("armature", "damping", "friction", "stiffness", "rest")
-    drives = Drives(eps=np.full(mechanism.nb, 0.5), **{name: rng.uniform(0.1, 1, mechanism.nb) for name in names})
+    nc = len(mechanism.joints)
+    drives = Drives(eps=np.full(nc, 0.5), **{name: rng.uniform(0.1, 1, nc) for name in names})
     return replace(mechanism, drives=drives, acting=TERMS)
 
 
@@ -46,7 +47,7 @@ def tree():
 
 def state(m, order, seed=0):
     rng = np.random.default_rng(seed)
-    return list(rng.uniform(-1, 1, (order + 3, m.n))), tuple(rng.uniform(-1, 1, (order + 1, len(m.body_names), 6)))
+    return list(rng.uniform(-1, 1, (order + 3, m.n))), tuple(rng.uniform(-1, 1, (order + 1, m.nb, 6)))
 
 
 def displaced(x, step):
@@ -72,7 +73,7 @@ def test_partial_derivatives_of_every_rate_are_limits_of_differences(moved):
     found = robot.inverse_dynamics_partials(*q, wrench=tuple(W), base=tuple(base) or None)
     for j in range(5):
         along_q = [displaced(x, grid[:, -m.n :] * (i == j)) for i, x in enumerate(q)]
-        along_base = [displaced(x, grid[:, :6] * (i == j)) if m.base else x for i, x in enumerate(base)]
+        along_base = [displaced(x, grid[:, :6] * (i == j)) if m.floats else x for i, x in enumerate(base)]
         moves = robot.inverse_dynamics(*along_q, wrench=tuple(W), base=tuple(along_base) or None)
         for k, Q in enumerate(moves):
             terms = zip(weights.values(), Q.reshape(4, 2, m.nv, m.nv), strict=True)
@@ -94,7 +95,7 @@ def test_the_recursion_agrees_with_the_closed_form_on_a_base_that_moves(drawn):
     for x, y in zip(one, other, strict=True):
         assert relative_error(x, y) < 1e-12
     Q = robot.inverse_dynamics(*q[:3], wrench=W[0], base=base[:3], method="recursion")
-    given = base[:2] if m.base else base[:3]
+    given = base[:2] if m.floats else base[:3]
     dq, dqd, Minv = robot.forward_dynamics_partials(*q[:2], Q, wrench=W[0], base=given, method="recursion")
     K, D, M = one[0]
     tolerance = 1e-13 * np.linalg.cond(M) ** 2

@@ -65,7 +65,7 @@ def test_forces_are_the_rate_of_the_momentum_and_what_position_and_velocity_dete
 @given(moved_mechanisms())
 def test_the_power_of_the_forces_is_the_rate_of_the_energy(drawn):
     robot, q, base = of_one_state(drawn, 0)
-    if not robot.mechanism.base:
+    if not robot.mechanism.floats:
         base = None  # a ground that moves has power too
     speeds = q[1] if base is None else np.append(base[1], q[1])
     power = speeds @ robot.regressor(*q, base=base)
@@ -108,17 +108,18 @@ def test_columns_of_drive_terms_give_the_forces_of_the_drives(on_base):
     m = floating(m, rng) if on_base else m
     robot, q, d = Interpreted(jounce.Robot(m)), rng.uniform(-1, 1, (5, 2, m.n)), m.drives
     base = random_base(rng, 5) if on_base else None
-    offsets = rng.normal(size=m.nb)
+    offsets = rng.normal(size=len(m.joints))
     p = np.concatenate([robot.inertial_parameters, d.armature, d.damping, d.friction, d.stiffness, offsets])
     forces = robot.inverse_dynamics(*q, base=base)
     constant = np.concatenate([np.zeros(m.nv - m.n), m.G.T @ offsets])
     for k, (Y, Q) in enumerate(zip(robot.regressor(*q, base=base, drives=True), forces, strict=True)):
         assert relative_error(Y @ p, Q + constant * (k == 0)) < 1e-12
     Y = robot.regressor(
-        *q[:3], base=base and base[:3], drives=("offset", "damping"), out=(out := 0 * Y[..., : -3 * m.nb])
+        *q[:3], base=base and base[:3], drives=("offset", "damping"), out=(out := 0 * Y[..., : -3 * len(offsets)])
     )
     assert Y is out
-    assert relative_error(Y[..., -2 * m.nb :] @ np.append(d.damping, 0 * offsets), robot_damping(robot, q)) < 1e-12
+    of_damping = Y[..., -2 * len(offsets) :] @ np.append(d.damping, 0 * offsets)
+    assert relative_error(of_damping, robot_damping(robot, q)) < 1e-12
 
 
 @pytest.mark.parametrize("on_base", [False, True])
@@ -128,7 +129,8 @@ def test_columns_of_drive_terms_give_momentum_and_energy_of_the_drives(on_base):
     m = floating(m, rng) if on_base else m
     robot, q, d = Interpreted(jounce.Robot(m)), rng.uniform(-1, 1, (4, 2, m.n)), m.drives
     base = random_base(rng, 4) if on_base else None
-    p = np.concatenate([robot.inertial_parameters, d.armature, *np.ones((2, m.nb)), d.stiffness, np.ones(m.nb)])
+    ones = np.ones(len(m.joints))
+    p = np.concatenate([robot.inertial_parameters, d.armature, ones, ones, d.stiffness, ones])
     momenta = robot.generalized_momentum(*q, base=base)
     for Yp, momentum in zip(robot.momentum_regressor(*q, base=base, drives=True), momenta, strict=True):
         assert relative_error(Yp @ p, momentum) < 1e-12

@@ -33,7 +33,7 @@ def random_robot(rng, name):
 
 def random_plan(rng, robot, kind):
     """A plan for a robot; of one that floats with its base held anywhere."""
-    if not robot.mechanism.base:
+    if not robot.mechanism.floats:
         return plans.random_plan(rng, robot, kind)
     plan, pose = plans.random_plan(rng, ROBOTS["planar2r"], kind), np.eye(4)
     pose[:3, :3], pose[:3, 3] = random_rotation(rng), rng.normal(size=3)

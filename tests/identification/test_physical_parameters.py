@@ -41,13 +41,13 @@ def log_cholesky(x, T):
 
 def other_bodies(m, rng, far):
     """Parameters of bodies that can exist; the logarithms of their sizes are off by `far`."""
-    return log_cholesky(far * rng.normal(size=(len(m.body_names), 10)), np.linalg.cholesky(moments(parameters_of(m))))
+    return log_cholesky(far * rng.normal(size=(m.nb, 10)), np.linalg.cholesky(moments(parameters_of(m))))
 
 
 def data(m, rng, p, d=(), terms=(), deviation=0.1, count=60):
     """The information, the least-squares estimate and the true values, of forces at random states."""
     base, q = base_parameters(m), rng.uniform(-2, 2, (3, count, m.n))
-    moved = (random_base(rng, 3)[0], *rng.uniform(-2, 2, (2, count, 6))) if m.base else None
+    moved = (random_base(rng, 3)[0], *rng.uniform(-2, 2, (2, count, 6))) if m.floats else None
     Y = jounce.Robot(m).regressor(*q, base=moved, drives=terms, method="recursion")
     Y = np.concatenate([Y[..., base.columns], Y[..., len(p) :]], axis=-1)
     Y = Y.reshape(-1, Y.shape[-1]) / deviation
@@ -81,7 +81,7 @@ def test_it_is_the_minimum_of_a_convex_function(drawn, floats, deviation):
     """At any estimate, most of them of impossible bodies."""
     m, rng = drawn
     m = floating(m, rng) if floats else m
-    base, A, estimate, _ = data(m, rng, parameters_of(m), np.zeros(4 * m.nb), TERMS, deviation)
+    base, A, estimate, _ = data(m, rng, parameters_of(m), np.zeros(4 * len(m.joints)), TERMS, deviation)
     estimate += rng.normal(size=len(estimate))
     found = consistent_parameters(m, base, A, estimate, TERMS)
     assert np.linalg.eigvalsh(moments(found.parameters)).min() > 0
@@ -91,8 +91,8 @@ def test_it_is_the_minimum_of_a_convex_function(drawn, floats, deviation):
     deviations = np.diag(A)[base.count :] ** -0.5
     scale = np.sqrt(estimate @ A @ estimate) * deviations
     slope = (of_drives + WEIGHT * d / scale**2) * deviations
-    held = (d == 0) & np.repeat([True, True, True, False], m.nb)
-    assert (d[: 3 * m.nb] >= 0).all()
+    held = (d == 0) & np.repeat([True, True, True, False], len(m.joints))
+    assert (d[: 3 * len(m.joints)] >= 0).all()
     assert np.abs(slope[~held]).max(initial=0) < 1e-3
     assert slope[held].min(initial=0) > -1e-3
 

@@ -10,11 +10,10 @@ import pinocchio
 import pytest
 from click.testing import CliRunner
 from files import BODY, ODD, OTHER, joint, link, origin, refusal, robot_file
-from robots import parts, random_inertia, relative_error
+from robots import on_base, parts, random_inertia, relative_error
 
 import jounce
 from jounce.cli import main
-from jounce.model.mechanism import FloatingBase
 
 PLACED = origin((0.3, -0.2, 0.5), (0.1, 0.7, -0.4))
 TURN = joint("turn", "trunk", "arm", axis="0 1 0")
@@ -35,11 +34,11 @@ def assert_floats(robot, name, like):
     """The base is the body behind a joint of another robot, and so are all bodies beyond it."""
     m, other = robot.mechanism, like.mechanism
     i = other.bodies.index(name)
-    assert (m.base.name, m.body_names) == (name, (name, *m.bodies))
-    assert np.abs(m.base.M - other.M[i]).max() < 1e-15
-    np.testing.assert_array_equal(m.M, other.M[i + 1 :])
-    np.testing.assert_array_equal(m.B, other.B[i + 1 :])
-    assert m.parent == tuple(p - i - 1 for p in other.parent[i + 1 :])
+    assert (m.floats, m.bodies[0], m.parent[0]) == (True, name, -1)
+    assert np.abs(m.M[0] - other.M[i]).max() < 1e-15
+    np.testing.assert_array_equal(m.M[1:], other.M[i + 1 :])
+    np.testing.assert_array_equal(m.B[1:], other.B[i + 1 :])
+    assert m.parent[1:] == tuple(p - i for p in other.parent[i + 1 :])
 
 
 @pytest.mark.parametrize("options", [{}, {"root": "trunk"}], ids=["", "root"])
@@ -47,8 +46,8 @@ def assert_floats(robot, name, like):
 def test_a_link_floats_with_what_is_fixed_to_it(tmp_path, items, options):
     robot = jounce.load(robot_file(tmp_path, *items), base="floating", **options)
     assert_floats(robot, "trunk", jounce.load(robot_file(tmp_path, *flying("revolute"))))
-    assert [(frame.name, frame.body) for frame in robot.mechanism.frames] == [("lid", -1)]
-    assert (robot.n, robot.nv, robot.mechanism.frame("trunk").body) == (1, 7, -1)
+    assert [(frame.name, frame.body) for frame in robot.mechanism.frames] == [("lid", 0)]
+    assert (robot.n, robot.nv, robot.mechanism.frame("trunk").body) == (1, 7, 0)
 
 
 def test_what_stands_on_the_ground_is_left_out(tmp_path):
@@ -90,7 +89,7 @@ def test_formats_without_an_inertia_of_the_base_stand(tmp_path):
     path = tmp_path / "arm.yaml"
     path.write_text(DH)
     refusal(lambda: jounce.load(path, base="floating"), str(path), "the inertia of the base")
-    assert jounce.load(path, base="fixed").mechanism.base is None
+    assert not jounce.load(path, base="fixed").mechanism.floats
     jounce.save(jounce.load("planar2r"), path)
     refusal(lambda: jounce.load(path, base="floating"), f"{path}:1: the robot stands on the ground", "'base'")
 
@@ -99,7 +98,7 @@ def test_a_base_without_inertia_is_said(tmp_path):
     """Forces are as they are; the mass matrix may be singular."""
     path = robot_file(tmp_path, link("trunk"), link("arm", BODY), TURN)
     with pytest.warns(jounce.JounceWarning, match="base 'trunk' has no inertia.*root="):
-        assert not jounce.load(path, base="floating").mechanism.base.M.any()
+        assert not jounce.load(path, base="floating").mechanism.M[0].any()
 
 
 def test_an_impossible_inertia_of_the_base_is_found(tmp_path):
@@ -118,7 +117,7 @@ def test_files_of_a_robot_that_floats_are_as_good_as_the_robot(tmp_path, suffix)
         same = jounce.load(path, **options)
         assert (same, parts(same)) == (robot, parts(robot))
     fixed = jounce.load(path, base="fixed").mechanism
-    assert (fixed.base, [(f.name, f.body) for f in fixed.frames]) == (None, [("trunk", -1), ("lid", -1)])
+    assert (fixed.floats, [(f.name, f.body) for f in fixed.frames]) == (False, [("trunk", -1), ("lid", -1)])
     assert jounce.Robot(replace(fixed, name="r")) == jounce.load(robot_file(tmp_path, *ROBOT, TURN))
 
 
@@ -156,7 +155,7 @@ def test_locked_joints_merge_into_the_base(tmp_path):
     items = (*ROBOT, TURN, link("hand", OTHER), joint("bend", "arm", "hand", axis="1 0 0", inner=PLACED))
     robot = jounce.load(robot_file(tmp_path, *items), base="floating")
     held = robot.locked({"turn": 0.4})
-    assert (held.body_names, held.mechanism.frame("arm").body) == (("trunk", "hand"), -1)
+    assert (held.body_names, held.mechanism.frame("arm").body) == (("trunk", "hand"), 0)
     rng = np.random.default_rng(1)
     base = (np.eye(4), *rng.normal(size=(2, 6)))
     q, qd, q2d = np.array([[0.4, 0.3], [0, 0.2], [0, -0.5]])
@@ -171,7 +170,7 @@ def test_a_robot_of_numbers_floats():
     data = [np.eye(4)], [[0, 0, 1, 0, 0, 0]], [M]
     for made in (jounce.Robot.from_screws, jounce.Robot.from_spatial_screws):
         robot = made(*data, base=M_base, base_name="trunk")
-        assert robot == jounce.Robot(replace(made(*data).mechanism, base=FloatingBase("trunk", M_base.copy())))
+        assert robot == jounce.Robot(on_base(made(*data).mechanism, M_base, "trunk"))
         assert pickle.loads(pickle.dumps(robot)) == robot != made(*data)
         assert robot != made(*data, base=M_base) != made(*data, base=2 * M_base)
         refusal(lambda made=made: made(*data, base=np.eye(4)), "base has shape (4, 4)", "(6, 6)")
@@ -179,7 +178,7 @@ def test_a_robot_of_numbers_floats():
         refusal(lambda made=made: made(*data, base=np.ones((6, 6))), "base", "an inertia matrix is")
         refusal(lambda made=made: made(*data, base=M_base, base_name="body1"), "base_name is 'body1'")
         refusal(lambda made=made: made(*data, base=M_base, base_name=3), "base_name is 3; expected a text")
-    assert not robot.mechanism.base.M.flags.writeable
+    assert not robot.mechanism.M.flags.writeable
 
 
 BODIES = """
@@ -219,7 +218,7 @@ def test_a_free_flyer_of_pinocchio_carries_the_base():
     robot = jounce.Robot.from_pinocchio(model, base="floating")
     Y = model.inertias[1]
     M = jounce.inertia_matrix(Y.mass, Y.lever, Y.inertia)
-    np.testing.assert_allclose(robot.mechanism.base.M, M, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(robot.mechanism.M[0], M, rtol=0, atol=1e-14)
     assert robot.nv == model.nv
     refusal(lambda: jounce.Robot.from_pinocchio(model), "is floating", "base='floating'")
     still = pinocchio.buildSampleModelManipulator()

@@ -56,11 +56,12 @@ def test_nothing_is_lost(tmp_path, name, suffix):
 def test_nothing_is_lost_of_any_tree(tmp_path_factory, suffix, drawn):
     """Helical joints, joints that follow, several roots, links merged into bodies and the ground, limits, a base."""
     robot, rng, _ = with_tool(drawn)
-    m = floating(robot.mechanism, rng) if rng.random() < 0.5 else robot.mechanism
-    lower = np.where(rng.random(m.nb) < 0.5, rng.normal(size=m.nb), -np.inf)
-    limits = {"lower": lower, "upper": lower + 1e3 * rng.random(m.nb), "effort": rng.random(m.nb) * 1e-8}
+    fixed = robot.mechanism
+    m = floating(fixed, rng) if rng.random() < 0.5 else fixed
+    lower = np.where(rng.random(fixed.nb) < 0.5, rng.normal(size=fixed.nb), -np.inf)
+    limits = {"lower": lower, "upper": lower + 1e3 * rng.random(fixed.nb), "effort": rng.random(fixed.nb) * 1e-8}
     limits["upper"] = np.where(np.isfinite(limits["upper"]), limits["upper"], np.inf)
-    bounded = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, limits=limits).limits
+    bounded = jounce.Robot.from_screws(fixed.B, fixed.X, fixed.M, fixed.parent, limits=limits).limits
     robot = jounce.Robot(replace(m, limits=bounded))
     assert parts(there_and_back(robot, tmp_path_factory.mktemp("t"), suffix)) == parts(robot)
 

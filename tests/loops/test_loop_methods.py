@@ -120,7 +120,7 @@ def test_limits_of_dependent_joints_stay():
 def test_copies_are_equal(robot, tmp_path):
     assert pickle.loads(pickle.dumps(robot)) == robot != tree_of(robot)
     assert robot.closed() == robot
-    if not robot.mechanism.base:
+    if not robot.mechanism.floats:
         jounce.save(robot, tmp_path / "robot.yaml")
         assert jounce.load(tmp_path / "robot.yaml") == robot
 

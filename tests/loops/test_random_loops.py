@@ -26,13 +26,13 @@ class Moving:
         wave, self.base_path = harmonic(rng, self.m.n, 4), base_path(rng, 4)
         self.wave = lambda t: [0.05 * x for x in wave(t)]
         self.offset = self.m.closure.start[self.own] - self.wave(np.zeros(()))[0]
-        self.rng, self.wrench = rng, tuple(rng.uniform(-1, 1, (3, len(self.m.body_names), 6)))
+        self.rng, self.wrench = rng, tuple(rng.uniform(-1, 1, (3, self.m.nb, 6)))
         self.options = {"wrench": self.wrench}
 
     def rates(self, t):
         """q, qd, ..., q4d, and the motion of the base, if it floats."""
         q, *higher = self.wave(t)
-        return [q + self.offset, *higher], {"base": self.base_path(t)} if self.m.base else {}
+        return [q + self.offset, *higher], {"base": self.base_path(t)} if self.m.floats else {}
 
     @property
     def now(self):
@@ -96,7 +96,7 @@ def test_forward_dynamics_inverts_inverse_dynamics(moving):
     found = moving.robot.robot.forward_dynamics(
         *q[:2], *Q, **first(given, 2), method="closed_form" if moving.m.acting else "recursion"
     )
-    expected = q[2:] if not moving.m.base else [np.concatenate(x) for x in zip(given["base"][2:], q[2:], strict=True)]
+    expected = q[2:] if not moving.m.floats else [np.concatenate(x) for x in zip(given["base"][2:], q[2:], strict=True)]
     for x, y in zip(found, expected, strict=True):
         assert relative_error(x, y) < 1e-9
 
@@ -109,7 +109,7 @@ def test_partial_derivatives_are_those_of_differences(moving):
     def along(t):
         moved = [x + np.multiply.outer(t, d[-moving.m.n :]) for x, d in zip(q, directions, strict=True)]
         base = {}
-        if moving.m.base:
+        if moving.m.floats:
             C, *V = given["base"]
             X = np.array([expm(s * wedge(directions[0, :6])) for s in t])
             base = {"base": (C @ X, *(x + np.multiply.outer(t, d[:6]) for x, d in zip(V, directions[1:], strict=True)))}

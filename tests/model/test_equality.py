@@ -6,15 +6,16 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from robots import on_base
 
 import jounce
-from jounce.model.mechanism import FloatingBase, Mechanism
+from jounce.model.mechanism import Mechanism
 
 
 @pytest.fixture(scope="module")
 def robot():
     arm = jounce.load("panda", lock={"panda_joint4": -1.0}).mechanism  # with limits, drives and frames
-    return jounce.Robot(replace(arm, base=FloatingBase("trunk", np.eye(6))))
+    return jounce.Robot(on_base(arm, np.eye(6), "trunk"))
 
 
 def changed(x):
@@ -27,6 +28,8 @@ def changed(x):
         return other
     if isinstance(x, str):
         return x + "_"
+    if isinstance(x, bool):
+        return not x
     if isinstance(x, int):
         return x + 1
     if isinstance(x, tuple):
@@ -61,9 +64,10 @@ def test_any_difference_counts(robot, name):
 
 
 def test_a_robot_that_floats_is_another_than_one_that_stands(robot):
-    trunk = robot.mechanism.base
-    for base in (None, replace(trunk, name="torso"), replace(trunk, M=2 * np.eye(6))):
-        assert jounce.Robot(replace(robot.mechanism, base=base)) != robot
+    arm = jounce.load("panda", lock={"panda_joint4": -1.0}).mechanism
+    assert robot == jounce.Robot(on_base(arm, np.eye(6), "trunk"))
+    for other in (arm, on_base(arm, np.eye(6), "torso"), on_base(arm, 2 * np.eye(6), "trunk")):
+        assert jounce.Robot(other) != robot
 
 
 def test_robots_of_other_shapes_and_other_things_differ(robot):

@@ -51,11 +51,19 @@ def test_frames_moved_by_any_rigid_transform_leave_the_forces_unchanged(drawn):
 
 def floating_mass_matrix(mechanism, q):
     """The sum of J^T M J over all bodies, J their Jacobians from (base, joints): M[3, 3] is the mass of all."""
-    arm = replace(mechanism, base=None)
+    arm = replace(
+        mechanism,
+        B=mechanism.B[1:],
+        M=mechanism.M[1:],
+        parent=tuple(p - 1 for p in mechanism.parent[1:]),
+        owners=tuple(i - 1 for i in mechanism.owners),
+        bodies=mechanism.bodies[1:],
+        floats=False,
+    )
     C, J = (getattr(Interpreted(jounce.Robot(arm)), name)(q) for name in ("poses", "jacobian"))
     of_bodies = [np.hstack([lie.Ad(lie.inverse(C_i)), J_i]) for C_i, J_i in zip(C, J, strict=True)]
     of_base = np.eye(6, mechanism.nv)
-    return sum(J.T @ M @ J for J, M in zip([of_base, *of_bodies], [mechanism.base.M, *mechanism.M], strict=True))
+    return sum(J.T @ M @ J for J, M in zip([of_base, *of_bodies], mechanism.M, strict=True))
 
 
 @pytest.mark.parametrize("name", ["base_parameters", "minimal"])

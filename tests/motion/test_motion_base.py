@@ -80,7 +80,7 @@ def test_forces_along_take_the_base():
 
 def test_all_rates_in_a_table_are_the_motion_again(tmp_path):
     """A table with other signs of some rows and the base link's name as prefix is the same motion."""
-    robot = jounce.Robot(replace(ROBOT.mechanism, base=replace(ROBOT.mechanism.base, name="trunk")))
+    robot = jounce.Robot(replace(ROBOT.mechanism, bodies=("trunk", *ARM.mechanism.bodies)))
     tables.write_pieces(tmp_path / "m.npz", pieces(MOTION, ROBOT.joint_names, 4))
     found = tables.read(tmp_path / "m.npz")
     columns = {name.replace("base.", "trunk."): values.copy() for name, values in found.items()}

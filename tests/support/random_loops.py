@@ -63,7 +63,8 @@ def random_closed(
         T = random_pose(rng)
         frames += [Frame(f"a{k}", a, T), Frame(f"b{k}", b, lie.inverse(C[b + 1]) @ C[a + 1] @ T)]
         stated.append((f"a{k}", f"b{k}", joint, random_rotation(rng)[0]))
-    m = replace(floating(m, rng) if floats else m, frames=tuple(frames))
+    m = replace(m, frames=tuple(frames))
+    m = floating(m, rng) if floats else m
     return jounce.Robot(m).closed(stated, _independent(m, stated, q), start=q)
 
 

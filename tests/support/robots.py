@@ -13,7 +13,7 @@ import jounce
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.elasticity import Elasticity
 from jounce.model.frame import Frame
-from jounce.model.mechanism import DATA, FloatingBase, Mechanism
+from jounce.model.mechanism import DATA, Mechanism
 from jounce.model.screws import exact_inertia, from_screws
 from jounce.spatial import lie
 from jounce.spatial.series import Series
@@ -51,8 +51,8 @@ def parts(robot: jounce.Robot) -> tuple[Any, dict[str, Any]]:
     """All that a robot is, arrays by their bits."""
     m = robot.mechanism
     arrays = {name: getattr(m, name) for name in DATA} | {"limits": m.limits.table} | {f.name: f.T for f in m.frames}
-    arrays |= {"base": m.base.M} if m.base else {}
-    names = (m.name, m.parent, m.body_names, m.joints, m.coordinates, [(f.name, f.body) for f in m.frames])
+    tree = (m.floats, m.parent, m.owners)
+    names = (m.name, tree, m.bodies, m.joints, m.coordinates, [(f.name, f.body) for f in m.frames])
     return names, {name: (array.dtype, array.shape, array.tobytes()) for name, array in arrays.items()}
 
 
@@ -111,7 +111,21 @@ def random_mechanism(
 
 def floating(mechanism: Mechanism, rng: np.random.Generator, mass: float = 3.0) -> Mechanism:
     """The mechanism on a floating base instead of the ground."""
-    return replace(mechanism, base=FloatingBase("base", exact_inertia(random_inertia(rng, mass), "M") + 0.0))
+    return on_base(mechanism, exact_inertia(random_inertia(rng, mass), "M") + 0.0)
+
+
+def on_base(mechanism: Mechanism, M: np.ndarray, name: str = "base") -> Mechanism:
+    """The mechanism on a floating base of this inertia; what stood on the ground is fixed to the base."""
+    return replace(
+        mechanism,
+        B=np.concatenate([np.eye(4)[None], mechanism.B]),
+        M=np.concatenate([M[None], mechanism.M]),
+        parent=(-1, *(p + 1 for p in mechanism.parent)),
+        owners=tuple(i + 1 for i in mechanism.owners),
+        bodies=(name, *mechanism.bodies),
+        frames=tuple(replace(frame, body=frame.body + 1) for frame in mechanism.frames),
+        floats=True,
+    )
 
 
 def springs(n: int) -> Elasticity:

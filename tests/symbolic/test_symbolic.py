@@ -11,7 +11,7 @@ import pytest
 import sympy
 from planar2r import printed
 from quantities import QUANTITIES, affordable, method_of, rate_of, tupled
-from robots import golden, random_pose
+from robots import golden, on_base, random_pose
 from sympy import cos, sin
 
 import jounce
@@ -19,7 +19,6 @@ from jounce._codegen.symbolic.trig_polynomial import Variables
 from jounce.core.errors import JounceError
 from jounce.core.scalars import check_recording
 from jounce.model.frame import Frame
-from jounce.model.mechanism import FloatingBase
 from jounce.spatial.lie import pose
 from jounce.spatial.series import rate_name
 
@@ -371,8 +370,8 @@ def test_numeric_paths_refuse_symbols_in_one_line(tmp_path):
 def test_the_base_moves_as_its_symbols_say(afloat):
     """Q with its part of wrenches at a state, and its rate from the rates of the symbols, those of the pose too."""
     m, rng = jounce.load("planar2r").mechanism, np.random.default_rng(3)
-    base = FloatingBase("base", jounce.inertia_matrix(2.0, [0.0, 0.1, 0.2], np.diag([0.3, 0.4, 0.5])))
-    robot = jounce.Robot(replace(m, base=base) if afloat else m)
+    M = jounce.inertia_matrix(2.0, [0.0, 0.1, 0.2], np.diag([0.3, 0.4, 0.5]))
+    robot = jounce.Robot(on_base(m, M) if afloat else m)
     S = robot.symbolic(moving_base=True)
     q, W = rng.uniform(-1, 1, (3, robot.n)), rng.uniform(-1, 1, (len(robot.body_names), 6))
     base = (random_pose(rng), *rng.uniform(-1, 1, (2, 6)))

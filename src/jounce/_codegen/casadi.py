@@ -82,5 +82,5 @@ def _check_axes(computation: Computation, mechanism: Mechanism) -> None:
     if computation.quantity.of_bodies and len(shape) > 2:
         raise JounceError(
             f"{computation.name} of all bodies: a CasADi matrix has 2 axes, not {len(shape)};"
-            f" body= selects one of: {listed(mechanism.body_names)}"
+            f" body= selects one of: {listed(mechanism.bodies)}"
         )

@@ -38,8 +38,8 @@ def arrays(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
     units = coordinate_units(robot)
     named = zip(map(printable, robot.coordinates), units, strict=True)
     coordinates = [f"{j}  {name}, {unit}" for j, (name, unit) in enumerate(named, start=first)]
-    bodies = [f"{i}  {printable(name)}" for i, name in enumerate(robot.body_names, start=first)]
-    of_forces = f", those of forces behind the 6 of {printable(robot.base.name)}" if robot.base else " and of forces"
+    bodies = [f"{i}  {printable(name)}" for i, name in enumerate(robot.bodies, start=first)]
+    of_forces = f", those of forces behind the 6 of {printable(robot.bodies[0])}" if robot.floats else " and of forces"
     titled = [(f"Coordinates, the {robot.n} entries of q, qd, ...{of_forces}:", coordinates)]
     return [*titled, *_followers(robot, first), ("Bodies:", bodies)]
 
@@ -93,20 +93,20 @@ def closed_loops(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
 def base_motion(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
     """Return sentences on the base and its motion, for functions that depend on them."""
     found = []
-    if robot.base and any("nv" in row.shape for row in _quantities(functions)):
+    if robot.floats and any("nv" in row.shape for row in _quantities(functions)):
         found.append(
             f"The robot floats: of {robot.nv} rows or columns, the first 6 are those of its base,"
-            f" {printable(robot.base.name)}: its twist (angular; linear), the wrench (moment; force) on it, in its own"
+            f" {printable(robot.bodies[0])}: its twist (angular; linear), the wrench (moment; force) on it, in its own"
             " axes about its origin. Equations are those of base and joints, qd begins with the twist of the base."
         )
     if any(f.computation.base for f in functions):
-        base = f"the base, {printable(robot.base.name)}" if robot.base else "the ground, on which the robot stands"
+        base = f"the base, {printable(robot.bodies[0])}" if robot.floats else "the ground, on which the robot stands"
         found.append(
             f"base_pose: the pose [R, r; 0, 1] of {base}, with a rotation R and its origin at r, both in the inertial"
             " frame. base_twist: its twist (angular; linear), in its own axes about its origin; base_twistd,"
             " base_twist2d are the rates of these components."
         )
-        if not robot.base:
+        if not robot.floats:
             found[-1] += " Forces hold the joints against its acceleration, too."
     if any(f.computation.base and f.computation.product for f in functions):
         found.append(
@@ -129,7 +129,7 @@ def places(robot: Mechanism, functions: Sequence[Function]) -> dict[str, str]:
             link = robot.frame(body)
             carrier = body_name(robot, link.body, ground="")
             held = f"body {printable(carrier)}" if carrier else "the ground"
-            fixed = "" if body in robot.body_names else f", fixed on {held}"
+            fixed = "" if body in robot.bodies else f", fixed on {held}"
             frame = f"; components in {FRAMES[f.computation.frame]}" if f.computation.quantity.frames else ""
             found[f.name] = f"body {printable(body)}{fixed}{frame}"
     return found

@@ -65,9 +65,10 @@ def check_options(
 def check_size(mechanism: Mechanism, order: int) -> None:
     """Raise `JounceError` if a robot has too many bodies for code of an order, or the order is too high."""
     checked_order(order, HIGHEST_CODE_ORDER)
-    if mechanism.nb * (order + 1) ** 2 > TRACED:
+    bodies = mechanism.nb - mechanism.floats  # behind joints
+    if bodies * (order + 1) ** 2 > TRACED:
         raise JounceError(
-            f"{mechanism.name} has {mechanism.nb} bodies; code of order {order} is generated for at most"
+            f"{mechanism.name} has {bodies} bodies; code of order {order} is generated for at most"
             f" {TRACED // (order + 1) ** 2}"
         )
 

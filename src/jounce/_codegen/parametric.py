@@ -59,7 +59,7 @@ def parametric(mechanism: Mechanism, asked: Sequence[str]) -> Parametric:
 
 
 def _check_masses(mechanism: Mechanism) -> None:
-    for body, mass in zip(mechanism.body_names, mechanism.inertias[:, 3, 3], strict=True):
+    for body, mass in zip(mechanism.bodies, mechanism.M[:, 3, 3], strict=True):
         if _is_sympy(mass) and mass.free_symbols:
             raise JounceError(
                 f"the mass of {body!r} is {mass}; 'masses' applies to numbers; symbols are parameters already"

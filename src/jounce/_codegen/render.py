@@ -90,7 +90,7 @@ def _context(options: Options, functions: Sequence[Function], tests: Sequence[Ve
         "single": single,
         "order": options.order,
         "n": mechanism.n,
-        "nb": len(mechanism.body_names),
+        "nb": mechanism.nb,
         "functions": printed,  # Printed, in the order asked for
         "tests": list(zip(printed, tests, strict=True)),  # each with its Vectors
         "parameters": functions[0].parameters,

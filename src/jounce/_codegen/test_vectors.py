@@ -60,7 +60,7 @@ def vectors(
     methods = function.computation.quantity.methods
     method = method if method in methods else next(iter(methods))
     rng = np.random.default_rng(0)
-    count = max(1, min(MOST_STATES, MOST_BODY_STATES // robot.origin.nb)) if count is None else count
+    count = max(1, min(MOST_STATES, MOST_BODY_STATES // len(robot.origin.joints))) if count is None else count
 
     def random(port: Port) -> np.ndarray:
         if port.is_pose:

@@ -16,11 +16,11 @@ function loopGaps(loops, q) {
     const [Ta, Tb] = ends.map(({body, T}) => body < 0 ? T : product(C[body], T)), at = origin(Tb);
     const turnsBy = q.map(() => [0, 0, 0]), slidesBy = q.map(() => [0, 0, 0]);
     ends.forEach(({body}, side) => {
-      for (let i = body; i >= 0; i = robot.parent[i]) {
-        const w = turned(C[i], X.slice(6 * i, 6 * i + 3)), arm = cross(w, minus(at, origin(C[i])));
-        const v = turned(C[i], X.slice(6 * i + 3, 6 * i + 6)).map((x, k) => x + arm[k]);
+      for (let i = body; i >= 0; i = robot.parent[i]) for (const k of jointsOf[i]) {
+        const w = turned(C[i], X.slice(6 * k, 6 * k + 3)), arm = cross(w, minus(at, origin(C[i])));
+        const v = turned(C[i], X.slice(6 * k + 3, 6 * k + 6)).map((x, l) => x + arm[l]);
         q.forEach((_, j) => [[turnsBy, w], [slidesBy, v]].forEach(([by, own]) =>
-          turnedBack(Ta, own).forEach((x, k) => { by[j][k] += (side ? 1 : -1) * G[i * q.length + j] * x; })));
+          turnedBack(Ta, own).forEach((x, l) => { by[j][l] += (side ? 1 : -1) * G[k * q.length + j] * x; })));
       }
     });
     const columns = [0, 1, 2].map(k => turnedBack(Ta, [Tb[k], Tb[4 + k], Tb[8 + k]]));

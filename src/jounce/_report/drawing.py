@@ -15,7 +15,7 @@ from jounce._report.packing import packed
 from jounce._report.subject import Subject
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
-from jounce.figures.drawing import skeleton
+from jounce.figures.drawing import joint_points, skeleton
 from jounce.model.coordinates import leading_joints
 from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism
@@ -58,6 +58,7 @@ def drawing(s: Subject) -> dict[str, Any]:
     lowest, highest = (f([f(points, axis=0) for points in swept] + [np.zeros(3)], axis=0) for f in (np.min, np.max))
     return {
         "parent": list(m.parent),
+        "owners": list(m.owners),
         "B": packed(m.B[:, :3]),
         "X": packed(m.X),
         "G": packed(m.G),
@@ -98,10 +99,10 @@ def robot_size(m: Mechanism, poses: np.ndarray) -> float:
 
 def parts_of(m: Mechanism, size: float, q: np.ndarray | None = None) -> list[Part]:
     """The parts of a robot of a size, m; slides are as long as its limits and positions q (K, n) need."""
-    centres = np.cross(m.X[:, :3], m.X[:, 3:])  # of the joints, in the frames of their bodies
+    centres = joint_points(m)
     radius = LINK_RADIUS * size
-    parts, drawn = [], [i for i in range(m.nb) if not _is_virtual(m, i)]
-    for i in drawn:
+    parts, drawn = [], [j for j in range(len(m.joints)) if not _is_virtual(m, j)]
+    for i in dict.fromkeys(m.owners[j] for j in drawn):
         p = m.parent[i]
         start = centres[p] if p != GROUND else np.zeros(3)
         end = m.B[i, :3, :3] @ centres[i] + m.B[i, :3, 3]
@@ -113,18 +114,24 @@ def parts_of(m: Mechanism, size: float, q: np.ndarray | None = None) -> list[Par
     parts += [_cut(loop, JOINT_RADIUS * size) for loop in m.loops]
     turns = m.X[:, :3].any(axis=1)
     axes = np.where(turns[:, None], m.X[:, :3], m.X[:, 3:])
-    for i, centre, axis in ((i, centres[i], axes[i]) for i in drawn):
-        thick, high = (1.0, 1.0) if turns[i] else (0.7, 2.0)
+    for i, j in ((m.owners[j], j) for j in drawn):
+        thick, high = (1.0, 1.0) if turns[j] else (0.7, 2.0)
         half, r = high * JOINT_HEIGHT * size, thick * JOINT_RADIUS * size
         profile = np.array([[0, -half], [r, -half], [r, half], [0, half]])
-        parts.append(_revolved(i, centre, axis, profile, _colour(m, i)))
+        parts.append(_revolved(i, centres[i], axes[j], profile, _colour(m, i)))
     return parts
 
 
-def _is_virtual(m: Mechanism, i: int) -> bool:
+def _is_virtual(m: Mechanism, j: int) -> bool:
     """Whether a joint is a slide next to a massless body of a robot with loops: it counts motions, nothing slides."""
-    massless = [not m.M[body, 3, 3] for body in (i, m.parent[i]) if body != GROUND]
-    return bool(m.loops) and not m.X[i, :3].any() and any(massless)
+    i = m.owners[j]
+    massless = [not m.M[body, 3, 3] for body in (i, m.parent[i]) if _on_joint(m, body)]
+    return bool(m.loops) and not m.X[j, :3].any() and any(massless)
+
+
+def _on_joint(m: Mechanism, body: int) -> bool:
+    """Whether a body hangs by a joint: the ground and a floating base do not."""
+    return body in m.owners
 
 
 def _slides(m: Mechanism, drawn: list[int], centres: np.ndarray, size: float, q: np.ndarray | None) -> Iterator[Part]:
@@ -132,10 +139,10 @@ def _slides(m: Mechanism, drawn: list[int], centres: np.ndarray, size: float, q:
     theta = m.g + (np.zeros((1, m.n)) if q is None else q) @ m.G.T
     bounds = np.stack([m.limits.lower, m.limits.upper])
     reached = np.concatenate([theta, np.where(np.abs(bounds) <= 2 * size, bounds, theta[0])])
-    for i in drawn:
-        if not m.X[i, :3].any():
-            low, high = reached[:, i].min(), reached[:, i].max()
-            at, axis = m.B[i, :3, :3] @ centres[i] + m.B[i, :3, 3], m.X[i, 3:]
+    for i, j in ((m.owners[j], j) for j in drawn):
+        if not m.X[j, :3].any():
+            low, high = reached[:, j].min(), reached[:, j].max()
+            at, axis = m.B[i, :3, :3] @ centres[i] + m.B[i, :3, 3], m.X[j, 3:]
             within = low <= 0 <= high  # else a rod reaches what the rail does not
             first, last = (low, high) if within else (min(0.0, high), max(0.0, low))
             start, end = (at + x * (m.B[i, :3, :3] @ axis) for x in (first, last))
@@ -148,7 +155,7 @@ def _slides(m: Mechanism, drawn: list[int], centres: np.ndarray, size: float, q:
 def _ends(m: Mechanism, centres: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """Links from the joint of a body to its outermost point, and to cut joints where these are few."""
     cut = cut_points(m)
-    few = {body: points for body, points in cut.items() if len(points) < PLATE or body == GROUND}
+    few = {body: points for body, points in cut.items() if len(points) < PLATE or not _on_joint(m, body)}
     ends = {body: [*points] for body, points in few.items()}
     for body, end in tips(m):
         if len(cut.get(body, ())) < PLATE and not any(np.allclose(end, point) for point in ends.get(body, ())):
@@ -159,7 +166,7 @@ def _ends(m: Mechanism, centres: np.ndarray) -> Iterator[tuple[int, np.ndarray, 
 def _plates(m: Mechanism, centres: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """The edges of bodies with many cut joints: these and the body's own joint are corners, unless it lies inside."""
     for body, points in cut_points(m).items():
-        if len(points) < PLATE or body == GROUND:
+        if len(points) < PLATE or not _on_joint(m, body):
             continue
         corners = np.array([*points, centres[body]])
         away = corners - corners.mean(axis=0)
@@ -183,8 +190,8 @@ def _cut(loop: Loop, radius: float) -> Part:
 
 def _colour(m: Mechanism, body: int) -> str:
     """That of the curves of the joint that moves a body."""
-    leaders = leading_joints(m)
-    return joint_style(leaders.index(body))["color"] if body in leaders else LINK
+    movers = [m.owners[j] for j in leading_joints(m)]
+    return joint_style(movers.index(body))["color"] if body in movers else LINK
 
 
 def cut_points(m: Mechanism) -> dict[int, list[np.ndarray]]:
@@ -199,14 +206,13 @@ def cut_points(m: Mechanism) -> dict[int, list[np.ndarray]]:
 
 def tips(m: Mechanism) -> list[tuple[int, np.ndarray]]:
     """The outermost points of bodies that carry no other: their farthest merged link, or the centre of mass."""
-    found = []
+    found, centres = [], joint_points(m)
     for i in sorted(set(range(m.nb)) - set(m.parent)):
         points = [np.asarray(frame.T[:3, 3], dtype=float) for frame in m.frames if frame.body == i]
         mass, h, _ = moments(m.M[i])
         points += [h[:, 0] / mass[0, 0]] if mass[0, 0] else []
-        centre = np.cross(m.X[i, :3], m.X[i, 3:])
         if points:
-            found.append((i, max(points, key=lambda point: float(np.linalg.norm(point - centre)))))
+            found.append((i, max(points, key=lambda point: float(np.linalg.norm(point - centres[i])))))
     return found
 
 

@@ -128,12 +128,16 @@ function exp([x, y, z, ...m], theta) {
   ]);
 }
 
+const jointsOf = robot.parent.map((_, i) => [...robot.owners.keys()].filter(k => robot.owners[k] === i));
+
 function pose(q) {
   const C = [];
   robot.parent.forEach((p, i) => {
-    const theta = q.reduce((sum, x, j) => sum + G[i * n + j] * x, g[i]);
     const Bi = B.subarray(12 * i, 12 * i + 12);
-    C.push(product(p < 0 ? Bi : product(C[p], Bi), exp([...X.slice(6 * i, 6 * i + 6)], theta)));
+    C.push(jointsOf[i].reduce((T, k) => {
+      const theta = q.reduce((sum, x, j) => sum + G[k * n + j] * x, g[k]);
+      return product(T, exp([...X.slice(6 * k, 6 * k + 6)], theta));
+    }, p < 0 ? Bi : product(C[p], Bi)));
   });
   return C;
 }

@@ -125,8 +125,8 @@ def check_writable(path: Path) -> None:
 
 def _check_still(robot: Engine, motion: Motion) -> None:
     """Raise `JounceError` where the base moves, which the page does not draw."""
-    if robot.mechanism.base or motion.base_curve:
-        what = f"{robot.name!r} floats" if robot.mechanism.base else "the motion has a base"
+    if robot.mechanism.floats or motion.base_curve:
+        what = f"{robot.name!r} floats" if robot.mechanism.floats else "the motion has a base"
         raise JounceError(
             f"{what}, and a report draws robots on a ground at rest only; jounce view and robot.forces_along(motion)"
             " take a base that moves"

@@ -119,14 +119,14 @@ def robot_data(s: Subject) -> Panel:
     leads, moved = set(leading_joints(m)), set(leading_joints(m.tree))
     joints = [
         {
-            "name": m.joints[i],
+            "name": m.joints[j],
             "type": "prismatic" if not X[:3].any() else "helical" if abs(X[:3] @ X[3:]) > 1e-12 else "revolute",
             "parent": body_name(m, m.parent[i]),
             "body": m.bodies[i],
             "mass": masses[i],
-            "role": "" if i in leads else ", follows others" if i in moved else ", follows another",
+            "role": "" if j in leads else ", follows others" if j in moved else ", follows another",
         }
-        for i, X in enumerate(np.asarray(m.X, dtype=float))
+        for j, (i, X) in enumerate(zip(m.owners, np.asarray(m.X, dtype=float), strict=True))
     ]
     content = {"robot": s.robot, "joints": joints, "mass": masses.sum(), "gravity": np.asarray(m.gravity).tolist()}
     content["notes"], content["loops"] = s.meshes.notes, _cut_joints(s)

@@ -83,7 +83,7 @@ def motors_along(
 ) -> ElasticAlong:
     """Motor positions, and motor torques up to an order, along a motion of a robot with elastic joints."""
     moves = isinstance(motion, Motion) and motion.base_curve is not None
-    check_existence(robot.mechanism, POSITIONS.name, moves or robot.mechanism.base is not None, "motors_along")
+    check_existence(robot.mechanism, POSITIONS.name, moves or robot.mechanism.floats, "motors_along")
     e, options = elasticity_of(robot.mechanism), (method, progress)
     if not e.pairs:
         stiffnesses_of(robot.mechanism, stiffness, 1)  # none, or an error

@@ -72,5 +72,5 @@ def _check_elastic(robot: Engine, what: str) -> None:
     """Raise `JounceError` if joints are rigid or the base moves."""
     if reason := missing(robot.mechanism, STATE):
         raise JounceError(f"{what} of {robot.name!r}{reason}")
-    if robot.mechanism.base:
+    if robot.mechanism.floats:
         raise JounceError(f"{what}: the base of {robot.name!r} moves; expected one at rest")

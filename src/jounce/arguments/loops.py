@@ -62,7 +62,7 @@ def with_loops(
     if start is not None:
         warn_of_limits(
             tree,
-            range(tree.nb),
+            range(len(tree.joints)),
             np.asarray(tree.G @ closure_of(closed).start + tree.g, dtype=float),
             "starts, where loops are closed, at",
         )

@@ -108,7 +108,7 @@ def _cure(shape: tuple[int, ...], label: str, mechanism: Mechanism) -> str:
     if mechanism.closure and label == "q":
         return f"; or all {mechanism.tree.n} of the tree: {listed(mechanism.tree.coordinates)}"
     followers = [name for name in mechanism.joints if name not in mechanism.coordinates]
-    if followers and count == mechanism.nb:
+    if followers and count == len(mechanism.joints):
         return f"; leave out joints that follow others: {listed(followers)}"
     return ""
 

@@ -35,7 +35,7 @@ def computation(
         raise JounceError(f"{quantity} takes no wrenches; these do: {takers}")
     place(mechanism, quantity, body, frame)
     true_or_false("moving_base", moving_base, "whether the motion of the base is taken")
-    check_existence(mechanism, quantity, moving_base or mechanism.base is not None)
+    check_existence(mechanism, quantity, moving_base or mechanism.floats)
     check_invertible(mechanism, quantity)
     if row.takes_stiffness and mechanism.elasticity and mechanism.elasticity.pairs:
         raise JounceError(
@@ -46,7 +46,7 @@ def computation(
     check_rates(quantity, order)
     if product is not None:
         one_of("product", product, PRODUCTS)
-    moving = (moving_base or mechanism.base is not None) and takes_base(quantity, frame)
+    moving = (moving_base or mechanism.floats) and takes_base(quantity, frame)
     return Computation(quantity, order, wrench, body, frame, product, more_rates(mechanism, quantity), moving)
 
 
@@ -90,7 +90,7 @@ def check_invertible(mechanism: Mechanism, quantity: str) -> None:
         return
     rank, idle = idle_coordinates(inverted(mechanism, quantity))
     if idle:
-        size = f"{mechanism.nv} velocities" if mechanism.base else f"{mechanism.n} coordinates"
+        size = f"{mechanism.nv} velocities" if mechanism.floats else f"{mechanism.n} coordinates"
         raise JounceError(
             f"{quantity} of {mechanism.name!r}: the mass matrix is singular, of rank {rank} for {size}:"
             f" {listed(idle)} can move without moving inertia; give their bodies inertia, or hold them by lock= of"

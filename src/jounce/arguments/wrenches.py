@@ -43,12 +43,12 @@ def _rates(count: int) -> str:
 def _on_bodies(mechanism: Mechanism, W: object, label: str, at_one_state: bool) -> Array:
     if isinstance(W, Mapping):
         return _from_names(mechanism, W, label, at_one_state)
-    return shaped(W, (len(mechanism.body_names), 6), label, ", or a dict of body names to (..., 6)")
+    return shaped(W, (mechanism.nb, 6), label, ", or a dict of body names to (..., 6)")
 
 
 def _from_names(mechanism: Mechanism, W: Mapping[str, object], label: str, at_one_state: bool) -> Array:
     """Return W of all bodies from wrenches by name; those of merged links are transported to the body frame."""
-    nb = len(mechanism.body_names)
+    nb = mechanism.nb
     parts: list[Array] = [np.zeros((nb, 6))]
     for name, value in W.items():
         frame, what = mechanism.frame(name), f"{label}[{quoted(name)}]"
@@ -58,9 +58,8 @@ def _from_names(mechanism: Mechanism, W: Mapping[str, object], label: str, at_on
                 f"{what} has shape {array.shape}, as W of all bodies has; expected (6,), or W without names;"
                 f" for {nb} wrenches in turn make a batch of the state, q[None]"
             )
-        row = frame.body + mechanism.first
-        if row >= 0:  # a wrench between the ground and its environment moves nothing
+        if frame.body >= 0:  # a wrench between the ground and its environment moves nothing
             T = exact_integers(frame.T) if is_symbolic(array) else frame.T
             local = Ad(inverse(T)).mT @ array[..., None]
-            parts.append(np.eye(nb, dtype=int)[row][:, None] * local[..., None, :, 0])
+            parts.append(np.eye(nb, dtype=int)[frame.body][:, None] * local[..., None, :, 0])
     return sum(broadcast(parts, [2] * len(parts), ["bodies", *(f"{label}[{quoted(name)}]" for name in W)]))

@@ -60,7 +60,7 @@ def compare(
         own = list(m.closure.independent)
         q *= NEAR * scales(m).coordinates[own]
         q[0] += m.closure.start[own]
-    x = _Motion(q, None if m.base is None else rng.uniform(-1, 1, (order + 3, states, 6)))
+    x = _Motion(q, rng.uniform(-1, 1, (order + 3, states, 6)) if m.floats else None)
     sizes = x.forces(rigid) if m.closure else _sizes(m, order, x)  # squares outgrow what constraints are solved for
     return [*_with_peers(rigid, source, x), *_with_paths(rigid, x, sizes), *_with_differences(rigid, x, sizes)]
 
@@ -111,7 +111,7 @@ def _with_peers(robot: Engine, source: Path | None, x: _Motion) -> Iterator[Chec
         computation = Computation(row.name, 0, base=base is not None)
         sizes[symbol] = magnitudes(m, computation, [*q[: row.rates], *(base or ())])[0]
     first = m.nv - m.n
-    G = np.eye(first + m.nb, m.nv)
+    G = np.eye(first + len(m.joints), m.nv)
     G[first:, first:] = m.G
     thetas = zip(q[0] @ m.G.T + m.g, q[1] @ m.G.T, q[2] @ m.G.T, strict=True)
     base = x.base(3)

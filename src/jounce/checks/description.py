@@ -13,14 +13,13 @@ from jounce.spatial import inertia
 
 def describe(mechanism: Mechanism) -> dict[str, Any]:
     """Names, tree, joints, inertias and findings of a mechanism of numbers, ready for JSON."""
-    base = mechanism.base
     return {
         "name": mechanism.name,
         "n": mechanism.n,
-        "nb": mechanism.nb,
+        "nb": mechanism.nb - mechanism.floats,
         "gravity": mechanism.gravity.tolist(),
-        "mass": float(mechanism.inertias[:, 3, 3].sum()),
-        "base": None if base is None else {"name": base.name, **_inertia(base.M)},
+        "mass": float(mechanism.M[:, 3, 3].sum()),
+        "base": {"name": mechanism.bodies[0], **_inertia(mechanism.M[0])} if mechanism.floats else None,
         "coordinates": [
             {"name": name, "unit": unit}
             for name, unit in zip(mechanism.coordinates, coordinate_units(mechanism), strict=True)
@@ -32,7 +31,7 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
             for loop in mechanism.loops
         ],
         "following": [name for name in mechanism.tree.coordinates if name not in mechanism.coordinates],
-        "bodies": [_body(mechanism.tree, i) for i in range(mechanism.nb)],
+        "bodies": [_body(mechanism.tree, j) for j in range(len(mechanism.joints))],
         "merged_links": {frame.name: body_name(mechanism, frame.body) for frame in mechanism.frames},
         "findings": [finding.as_data() for finding in audit(mechanism)],
     }
@@ -47,20 +46,21 @@ def _elastic(mechanism: Mechanism) -> dict[str, dict[str, float | None]]:
     }
 
 
-def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:
-    X = mechanism.X[i]
+def _body(mechanism: Mechanism, j: int) -> dict[str, Any]:
+    """A joint and the body that it moves."""
+    i, X = mechanism.owners[j], mechanism.X[j]
     pitch = float(X[:3] @ X[3:])
     kind = "prismatic" if not X[:3].any() else "helical" if abs(pitch) > 1e-12 else "revolute"
     return {
         "name": mechanism.bodies[i],
         "parent": body_name(mechanism, mechanism.parent[i]),
-        "joint": mechanism.joints[i],
+        "joint": mechanism.joints[j],
         "type": kind,
         "axis": (X[3:] if kind == "prismatic" else X[:3]).tolist(),
         "pitch": pitch if kind == "helical" else None,
-        "follows": _follows(mechanism, i),
-        "limits": dict.fromkeys(KEYS) | mechanism.limits.stated(i),
-        "drive": {key: float(array[i]) for key, array in vars(mechanism.drives).items()},
+        "follows": _follows(mechanism, j),
+        "limits": dict.fromkeys(KEYS) | mechanism.limits.stated(j),
+        "drive": {key: float(array[j]) for key, array in vars(mechanism.drives).items()},
         **_inertia(mechanism.M[i]),
     }
 

@@ -42,8 +42,8 @@ def convert(robot: Asked, output: Path, as_json: bool) -> None:
         "source": str(robot.path),
         "output": str(output),
         "n": m.n,
-        "nb": m.nb,
-        "base": m.base and m.base.name,
+        "nb": m.nb - m.floats,  # without the base
+        "base": m.bodies[0] if m.floats else None,
         "frames": len(m.frames),
     }
     tell(summary, _in_words, as_json)

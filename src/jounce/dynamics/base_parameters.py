@@ -23,7 +23,7 @@ from jounce.dynamics import assembly
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.state import State
-from jounce.model.coordinates import leading_joints
+from jounce.model.coordinates import leading_joints, screws_of
 from jounce.model.mechanism import Mechanism, ancestors, reference_poses
 from jounce.spatial import inertia
 from jounce.spatial.inertia import PARAMETERS
@@ -103,9 +103,9 @@ def base_parameters(m: Mechanism) -> BaseParameters:
     if not m.is_numeric:
         raise JounceError(f"robot {m.name!r} contains symbols; base parameters need numbers")
     length = length_scale(m)  # as unit, so that all moments are of one size
-    scale = np.tile(length**_POWERS, len(m.body_names))
+    scale = np.tile(length**_POWERS, m.nb)
     places, rows = _of_tree(_in_lengths(m, length))
-    if m.n < m.nb:  # joints that follow others, as do those of closed loops
+    if m.n < len(m.joints):  # joints that follow others, as do those of closed loops
         Y, sizes = _relative_columns(m, length, places, scale[places])
         found = _span(Y, RANK)
         named = _independent(found)
@@ -113,8 +113,8 @@ def base_parameters(m: Mechanism) -> BaseParameters:
         places, rows = places[named], combined @ rows
     order = np.argsort(places)
     places, matrix = places[order], _tidy(rows[order]) * scale[places[order], None] / scale
-    names = tuple(f"{body} {name}" for body in m.body_names for name in PARAMETERS)
-    values = matrix @ inertia.parameters(m.inertias).ravel()
+    names = tuple(f"{body} {name}" for body in m.bodies for name in PARAMETERS)
+    values = matrix @ inertia.parameters(m.M).ravel()
     for array in (places, matrix, values):
         array.flags.writeable = False
     return BaseParameters(tuple(names[k] for k in places), matrix, places, values, names)
@@ -144,43 +144,41 @@ def _in_lengths(m: Mechanism, length: float) -> Mechanism:
 
 def _of_tree(m: Mechanism) -> tuple[np.ndarray, np.ndarray]:
     """The places of the named parameters and the combinations, of joints that are all independent."""
-    spaces = {-1: _root(m)}
+    spaces = {-1: _ground(m)}
     for i in range(m.nb):
-        spaces[i] = _spaces(spaces[m.parent[i]], m.B[i], m.X[i])
-    poses = {-1: np.eye(4)} | dict(enumerate(reference_poses(m)))
+        spaces[i] = _spaces(spaces[m.parent[i]], m.B[i], screws_of(m, i).T)
+    poses = reference_poses(m)
     carries = ancestors(m)
     size = len(PARAMETERS)
-    places, rows = np.zeros(0, dtype=int), np.zeros((0, size * len(m.body_names)))
-    for j in reversed(range(-m.first, m.nb)):
+    places, rows = np.zeros(0, dtype=int), np.zeros((0, size * m.nb))
+    for j in reversed(range(m.nb)):
         own = spaces[j].vanishing
-        composite = np.zeros((len(own), len(m.body_names), size))
+        composite = np.zeros((len(own), m.nb, size))
         for k in range(j, m.nb):
-            if j < 0 or carries[k, j]:
-                composite[:, k + m.first] = own @ _transport(inverse(poses[j]) @ poses[k])
+            if carries[k, j]:
+                composite[:, k] = own @ _transport(inverse(poses[j]) @ poses[k])
         named = _independent(own)
         new = np.linalg.solve(own[:, named], composite.reshape(len(own), -1))
         new = new - new[:, places] @ rows  # without what the bodies behind have named
-        places, rows = np.append(named + size * (j + m.first), places), np.concatenate([new, rows])
+        places, rows = np.append(named + size * j, places), np.concatenate([new, rows])
     return places, rows
 
 
-def _root(m: Mechanism) -> _Spaces:
-    """The spaces of a base that floats, which moves in every way, or of the ground."""
-    if m.base:
-        return _Spaces(np.eye(10), np.eye(10), np.eye(6))
+def _ground(m: Mechanism) -> _Spaces:
+    """The spaces of the ground."""
     nothing = np.zeros((0, 10))
     return _Spaces(nothing, nothing, _span(np.array([[0, 0, 0, *m.gravity]], dtype=float)))
 
 
 def _spaces(parent: _Spaces, B: np.ndarray, X: np.ndarray) -> _Spaces:
-    """The spaces of a body from those of its parent."""
-    velocities = _closed(parent.velocities @ Ad(inverse(B)).T, ad(X).T)
-    velocities = _span(np.concatenate([velocities, X[None]]))
-    momenta = (_UNITS @ X).T  # of the unit parameters, (6, 10)
-    motion = wedge(X)
-    flow = _parameters(motion @ _MOMENTS + _MOMENTS @ motion.T).T
+    """The spaces of a body from those of its parent, on a joint with screws X, (k, 6)."""
+    velocities = _closed(parent.velocities @ Ad(inverse(B)).T, ad(X).mT)
+    velocities = _span(np.concatenate([velocities, X]))
+    momenta = np.concatenate([velocities @ (_UNITS @ x).T for x in X])  # of the unit parameters, (6, 10) each
+    flows = np.stack([_parameters(wedge(x) @ _MOMENTS + _MOMENTS @ wedge(x).T).T for x in X])
+    constant = _closed(parent.constant @ _transport(B), flows)
+    vanishing = _span(np.concatenate([momenta, *(constant @ flow for flow in flows)]))
     constant = parent.constant @ _transport(B)
-    vanishing = _span(np.concatenate([velocities @ momenta, _closed(constant, flow) @ flow]))
     return _Spaces(vanishing, _span(np.concatenate([vanishing, constant])), velocities)
 
 
@@ -194,10 +192,10 @@ def _parameters(Pi: np.ndarray) -> np.ndarray:
     return inertia.parameters(inertia.from_moment_matrix(Pi))
 
 
-def _closed(rows: np.ndarray, A: np.ndarray) -> np.ndarray:
-    """The smallest space that contains the rows, and x A with every x."""
+def _closed(rows: np.ndarray, matrices: np.ndarray) -> np.ndarray:
+    """The smallest space that contains the rows, and x A with every x and every A of some matrices."""
     rows = _span(rows)
-    while len(larger := _span(np.concatenate([rows, rows @ A]))) > len(rows):
+    while len(larger := _span(np.concatenate([rows, *(rows @ A for A in matrices)]))) > len(rows):
         rows = larger
     return rows
 
@@ -227,7 +225,7 @@ def _relative_columns(
     near singular positions of loops, all of them are large.
     """
     tree = m.tree if m.closure else m
-    free = replace(tree, G=np.eye(m.nb), g=np.zeros(m.nb), coordinates=m.joints)
+    free = replace(tree, G=np.eye(len(m.joints)), g=np.zeros(len(m.joints)), coordinates=m.joints)
     most = np.linalg.norm(_samples(free, length)[..., places] * scale, axis=(0, 1))
     Y = _samples(m, length)[..., places] * scale / most
     largest = np.abs(Y).max(axis=(1, 2), keepdims=True)
@@ -239,10 +237,10 @@ def _relative_columns(
 
 def _samples(m: Mechanism, length: float) -> np.ndarray:
     """The regressor at random states, (states, nv, parameters), in twice as many rows as there are parameters."""
-    rng, count = np.random.default_rng(0), 2 * len(PARAMETERS) * len(m.body_names) // m.nv + 10
+    rng, count = np.random.default_rng(0), 2 * len(PARAMETERS) * m.nb // m.nv + 10
     size = np.where(m.X[leading_joints(m), :3].any(axis=1), np.pi, length)
     q = rng.uniform(-1, 1, (3, count, m.n)) * size
-    base = BaseMotion(np.eye(4), columns(list(rng.uniform(-2, 2, (2, count, 6))))) if m.base else None
+    base = BaseMotion(np.eye(4), columns(list(rng.uniform(-2, 2, (2, count, 6))))) if m.floats else None
     position = None
     if m.closure:
         position = assembly.samples(m, count)[..., None]

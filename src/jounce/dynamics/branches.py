@@ -8,14 +8,14 @@ only what the joint allows is left of it and ``E' = ad(V) E``: rates of E never 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
+from operator import matmul
 from typing import Any
 
 import numpy as np
 
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array
-from jounce.dynamics.base import moved
-from jounce.dynamics.recursion.joints import Joint, joints, rows
+from jounce.dynamics.recursion.joints import Joint, joints, moved, rows
 from jounce.model.equivalent import frame_shifts, on_axes
 from jounce.model.frame import Frame
 from jounce.model.loops import NO_RATIOS, in_scalars
@@ -54,7 +54,7 @@ def chain_of(tree: Mechanism) -> Mechanism:
 def branches(m: Mechanism) -> list[tuple[Branch, Branch]]:
     """The branches of each loop."""
     tree = m.tree
-    shifts = [inverse(T) for T in frame_shifts(tree, chain_of(tree))[tree.first :]]
+    shifts = [inverse(T) for T in frame_shifts(tree, chain_of(tree))]
 
     def branch(frame: Frame, shared: Sequence[int]) -> Branch:
         own = [i for i in path_to(tree, frame.body) if i not in shared]
@@ -75,7 +75,7 @@ class Ends:
     def __init__(self, m: Mechanism, q: Series) -> None:
         self.m, self.q, self.branches = m, q, branches(m)
         bodies = sorted({i for both in self.branches for branch in both for i in branch.joints})
-        self.joints: Mapping[int, Joint] = dict(zip(bodies, joints(chain_of(m.tree), q, bodies), strict=True))
+        self.joints: Mapping[int, Joint] = dict(zip(bodies, joints(chain_of(m.tree), q, None, bodies), strict=True))
 
     @cached_property
     def poses(self) -> list[Array]:
@@ -111,7 +111,8 @@ class Ends:
 
     def twists(self, x: Series) -> list[Series]:
         """V, (..., 6, k), of the second frame of each loop as the first sees it, at velocities x (..., N, k)."""
-        theta = self.m.tree.G @ x
+        tree = self.m.tree
+        theta = tree.G @ x
         found: dict[tuple[int, int], Series] = {}
 
         def end(branch: Branch) -> Series:
@@ -119,7 +120,7 @@ class Ends:
             for i in branch.joints:
                 key = branch.root, i
                 if key not in found:
-                    own = self.joints[i].X @ rows(theta, i, i + 1)
+                    own = self.joints[i].X @ theta.map(lambda x, own=tree.columns[i]: x[..., list(own), :])
                     found[key] = own if V is _STILL else self.joints[i].twists(V) + own
                 V = found[key]
             return Ad(inverse(branch.T)) @ V
@@ -147,7 +148,7 @@ class Ends:
             end = start + len(loop.rows)
             W, start = loop.rows.T @ rows(y, start, end), end
             act(a, -W)
-            act(b, moved(W, self._E[k].mT, partial(_drifting, self._drift(k))))
+            act(b, moved(W, partial(matmul, self._E[k].mT), partial(_drifting, self._drift(k))))
         Q: dict[int, Series] = {}
         for root, i in sorted(self._ways, key=lambda way: -way[1]):
             joint, W = self.joints[i], at.pop((root, i))
@@ -157,7 +158,8 @@ class Ends:
                 handed = joint.wrenches(W)
                 at[root, joint.parent] = at[root, joint.parent] + handed if (root, joint.parent) in at else handed
         still = 0 * rows(y, 0, 1)
-        return tree.G.T @ joined([Q.get(i, still) for i in range(tree.nb)], axis=-2)
+        parts = [Q[i] if i in Q else joined([still] * len(own), axis=-2) for i, own in enumerate(tree.columns) if own]
+        return tree.G.T @ joined(parts, axis=-2)
 
     @property
     def _ways(self) -> set[tuple[int, int]]:
@@ -207,7 +209,7 @@ def _kinematic(m: Mechanism) -> Mechanism:
     own: dict[str, Any] = {name: convert(getattr(m, name)) for name in ("B", "X", "G", "g")}
     loops, closure = in_scalars(m.loops, m.closure, convert)
     own |= {"M": np.zeros((m.nb, 6, 6)), "gravity": np.zeros(3)}
-    return replace(m, loops=loops, closure=closure, frames=(), base=None, elasticity=None, **own)
+    return replace(m, loops=loops, closure=closure, frames=(), elasticity=None, **own)
 
 
 @lru_cache(maxsize=64)

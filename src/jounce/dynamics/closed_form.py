@@ -10,9 +10,8 @@ import numpy as np
 
 from jounce.core.scalars import Array, concatenate
 from jounce.dynamics import system
-from jounce.dynamics.base import STILL, BaseMotion
+from jounce.dynamics.base import STILL, BaseMotion, on_moving_ground
 from jounce.dynamics.state import State
-from jounce.model.coordinates import base_columns
 from jounce.model.mechanism import Mechanism, reciprocal_mass
 from jounce.spatial import inertia
 from jounce.spatial.lie import ad, wedge
@@ -48,16 +47,17 @@ class ClosedForm:
 
 def closed_form(mechanism: Mechanism, q: Series, W: Series | None = None, base: BaseMotion | None = None) -> ClosedForm:
     """The equations of motion for coordinates q, columns (..., n, 1), and wrenches W on the bodies, (..., 6nb, 1)."""
-    if base is None and mechanism.base is None:
-        return _closed_form(mechanism, system.of_bodies(mechanism), system.poses(mechanism, q[0]), q.dot, W)
     moving = base or STILL
-    bodies, C0 = system.with_base(mechanism), system.poses_with_base(mechanism, q[0], moving.pose)
-    velocities = joined([moving.V, q.dot], axis=-2)
-    if mechanism.base:
-        return _closed_form(mechanism, bodies, C0, velocities, W)
+    C0 = system.poses(mechanism, q[0], moving.pose)
+    if mechanism.floats:
+        return _closed_form(mechanism, C0, joined([moving.V, q.dot], axis=-2), W)
+    if base is None:
+        return _closed_form(mechanism, C0, q.dot, W)
+    carried = on_moving_ground(mechanism)
+    C0 = system.poses(carried, q[0], moving.pose)
     W = None if W is None else joined([0 * W.map(lambda W: W[..., :6, :]), W], axis=-2)
-    given = joined([moving.V.dot, 0 * q.dot], axis=-2)
-    return _without_base(_closed_form(mechanism, bodies, C0, velocities, W, given), mechanism.n)
+    velocities, given = joined([moving.V, q.dot], axis=-2), joined([moving.V.dot, 0 * q.dot], axis=-2)
+    return _without_base(_closed_form(carried, C0, velocities, W, given), mechanism.n)
 
 
 def at(m: Mechanism, x: State) -> ClosedForm:
@@ -65,18 +65,16 @@ def at(m: Mechanism, x: State) -> ClosedForm:
     return closed_form(m, x.q, x.W, x.base)
 
 
-def _closed_form(
-    m: Mechanism, bodies: system.System, C0: Array, qd: Series, W: Series | None, given: Series | None = None
-) -> ClosedForm:
+def _closed_form(m: Mechanism, C0: Array, qd: Series, W: Series | None, given: Series | None = None) -> ClosedForm:
     """The equations of motion for poses C0 and velocities qd, to which the twist of a moving base belongs.
 
-    Of the accelerations, `bias` takes those that are `given`.
+    Of the accelerations, `bias` takes those that are `given`. Where a X is not 0, as of a base that floats, J' has more
+    terms than the printed -A a J, and C J with it: ``C J = M J' - b^T M J``.
     """
-    X, M, g = bodies.X, bodies.M, system.system_gravity(m)
-    of_joints = X * (np.arange(X.shape[1]) >= X.shape[1] - m.n)
-    a = qd.map(lambda v: system.system_a(of_joints, v))  # (a)
+    bodies, g = system.of_bodies(m), system.system_gravity(m)
+    X, M = bodies.X, bodies.M
+    a = qd.map(lambda v: system.system_a(X, v))  # (a)
     A = from_rate(system.system_A(bodies.carries, C0), lambda A: (Aa := A @ a) - Aa @ A)  # (Adot)
-    Aa = A @ a
     J = A @ X  # (JbSys)
     V = J @ qd  # (Vsys)
     b = V.map(system.system_b)  # (b)
@@ -84,11 +82,11 @@ def _closed_form(
         system.system_U(C0), lambda U: -(b @ U)
     )  # (eq_U); the paper's Udot = -A a U where the base is at rest
     UG = U @ g
-    C = -(M @ Aa) - b.mT @ M  # (Csys)
-    JT = J.mT
-    gM = JT @ (M @ J)  # (MC)
-    gC = JT @ C @ J  # (MC)
-    gCbar = JT @ (C + M @ b) @ J  # (Cbar)
+    JT, MJ = J.mT, M @ J
+    CJ = M @ J.dot - b.mT @ MJ  # (Csys)
+    gM = JT @ MJ  # (MC)
+    gC = JT @ CJ  # (MC)
+    gCbar = JT @ (CJ + M @ (b @ J))  # (Cbar)
     Qgrav = JT @ (M @ UG)
     Qext = 0 * Qgrav if W is None else JT @ W  # (Qext)
     forces = gC @ qd + Qgrav + Qext
@@ -158,24 +156,26 @@ def _without_base(x: ClosedForm, n: int) -> ClosedForm:
 
 
 def poses(mechanism: Mechanism, q: Series, base: BaseMotion, body: int | None) -> Series:
-    """H of all bodies (..., nb, 4, 4), of one (..., 4, 4), or of the ground or base, -1."""
-    return _of_body(mechanism, closed_form(mechanism, q, None, base).H, body, base.H)
+    """H of all bodies (..., nb, 4, 4), of one (..., 4, 4), or of the ground, -1."""
+    ground = STILL if mechanism.floats else base
+    return _of_body(closed_form(mechanism, q, None, base).H, body, ground.H)
 
 
 def twists(mechanism: Mechanism, q: Series, base: BaseMotion, body: int | None) -> Series:
-    """V of all bodies (..., nb, 6, 1), of one (..., 6, 1), or of the ground or base, -1."""
-    return _of_body(mechanism, by_body(closed_form(mechanism, q, None, base).V), body, base.V)
+    """V of all bodies (..., nb, 6, 1), of one (..., 6, 1), or of the ground, -1."""
+    ground = STILL if mechanism.floats else base
+    return _of_body(by_body(closed_form(mechanism, q, None, base).V), body, ground.V)
 
 
 def jacobians(mechanism: Mechanism, q: Series, base: BaseMotion, body: int | None) -> Series:
-    """J of all bodies (..., nb, 6, nv), of one (..., 6, nv), or of the ground or base, -1."""
-    J = by_body(closed_form(mechanism, q, None, base).J)
-    return _of_body(mechanism, J, body, Series.constant(base_columns(mechanism)))
+    """J of all bodies (..., nb, 6, nv), of one (..., 6, nv), or of the ground, -1."""
+    still = Series.constant(np.zeros((6, mechanism.nv), dtype=int))
+    return _of_body(by_body(closed_form(mechanism, q, None, base).J), body, still)
 
 
-def _of_body(mechanism: Mechanism, x: Series, body: int | None, root: Series) -> Series:
+def _of_body(x: Series, body: int | None, ground: Series) -> Series:
     if body is None:
         return x
     if body < 0:
-        return 0 * x.map(lambda a: a[..., 0, :, :]) + root
-    return x.map(lambda a: a[..., body + mechanism.first, :, :])
+        return 0 * x.map(lambda a: a[..., 0, :, :]) + ground
+    return x.map(lambda a: a[..., body, :, :])

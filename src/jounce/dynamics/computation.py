@@ -152,7 +152,7 @@ class Computation:
         """The ports for a robot, of which some data are parameters."""
         inputs = [Port(name, shape, "parameter") for name, shape in (parameters or {}).items()]
         inputs += self.state_ports(mechanism)
-        own, of_bodies = self.quantity.wrench_rates, (len(mechanism.body_names), 6)
+        own, of_bodies = self.quantity.wrench_rates, (mechanism.nb, 6)
         for k in range(self.loads if self.wrench else 0):
             inputs.append(Port(rate_name("W", k), of_bodies, "wrench", k, max(0, k + 1 - own)))
         for k in range(self.base_terms(mechanism) if self.base else 0):
@@ -186,11 +186,11 @@ class Computation:
 
     def base_terms(self, mechanism: Mechanism) -> int:
         """The number of terms C, V, Vd, ... of the motion of the base, where it enters: as many as q has."""
-        return self.quantity.coordinate_inputs(self.rates) if mechanism.base else self.rates
+        return self.quantity.coordinate_inputs(self.rates) if mechanism.floats else self.rates
 
     def shape(self, mechanism: Mechanism, k: int = 0) -> Shape:
         """The shape of the k-th rate for one state."""
-        bodies = len(mechanism.body_names)
+        bodies = mechanism.nb
         sizes = {"n": mechanism.n, "nv": mechanism.nv, "nb": bodies, "bodies": bodies}
         sizes["rates"] = self.quantity.rates + k
         sizes["parameters"] = len(PARAMETERS) * bodies

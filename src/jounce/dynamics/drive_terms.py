@@ -18,7 +18,7 @@ def forces(m: Mechanism, q: Series, terms: Sequence[str]) -> Series:
 
 
 def regressor(m: Mechanism, q: Series, terms: Sequence[DriveColumn]) -> Series:
-    """Return the forces of unit parameters of some drive terms, (..., nv, nb) of each, side by side."""
+    """Return the forces of unit parameters of some drive terms, (..., nv, nc) of each, side by side."""
     return _of_coordinates(m, _units(drives.FORCES, m, q, terms))
 
 
@@ -28,7 +28,7 @@ def momentum_regressor(m: Mechanism, q: Series, terms: Sequence[DriveColumn]) ->
 
 
 def energy_regressor(m: Mechanism, q: Series, terms: Sequence[DriveColumn]) -> Series:
-    """Return the energies of unit parameters, (..., nb) of each term, one after the other: zero where it has none."""
+    """Return the energies of unit parameters, (..., nc) of each term, one after the other: zero where it has none."""
     return joined(_units(drives.ENERGIES, m, q, terms), axis=-2).map(lambda E: E[..., 0])
 
 
@@ -41,25 +41,25 @@ def _units(
 
 def _of_coordinates(m: Mechanism, of_terms: Sequence[Series]) -> Series:
     """Columns, one for each joint, of what terms contribute at the joints."""
-    by_joint = joined([x * np.eye(m.nb, dtype=int) for x in of_terms], axis=-1)
+    by_joint = joined([x * np.eye(len(m.joints), dtype=int) for x in of_terms], axis=-1)
     return behind_base(m, generalized_forces(m, by_joint), (-2,))
 
 
 def partials(m: Mechanism, q: Series, terms: Sequence[str]) -> tuple[Series, Series, Series]:
     """Return the contributions of some drive terms to dQ/dq, dQ/dqd and dQ/dq2d, (..., n, n) each."""
     by_joint = drives.partials(drives.coefficients(m.drives), terms, joint_variables(m, q))
-    K, D, M = (generalized_matrix(m, x * np.eye(m.nb, dtype=int)) for x in by_joint)
+    K, D, M = (generalized_matrix(m, x * np.eye(len(m.joints), dtype=int)) for x in by_joint)
     return K, D, M
 
 
 def armature_matrix(m: Mechanism) -> Array:
     """Return the contribution of the armature to the mass matrix, which is constant: (n, n)."""
-    return generalized_matrix(m, m.drives.armature[:, None] * np.eye(m.nb, dtype=int))
+    return generalized_matrix(m, m.drives.armature[:, None] * np.eye(len(m.joints), dtype=int))
 
 
 def behind_base(m: Mechanism, x: Series | Array, axes: Sequence[int]) -> Series | Array:
     """What drives add to a quantity whose axes of velocities begin with those of a floating base: nothing there."""
-    if not m.base:
+    if not m.floats:
         return x
     if isinstance(x, Series):
         return x.map(lambda x: behind_base(m, x, axes))

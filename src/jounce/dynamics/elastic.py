@@ -60,7 +60,7 @@ def motor_positions(m: Mechanism, q: Series, forces: Forces, inputs: SpringInput
 def with_rigid_rotors(m: Mechanism) -> Mechanism:
     """The mechanism whose mass matrix holds the rotors of rigid joints: as armature that acts, there is no other."""
     e = elasticity_of(m)
-    armature = np.zeros(m.nb, dtype=np.result_type(e.rotor, m.G))
+    armature = np.zeros(len(m.joints), dtype=np.result_type(e.rotor, m.G))
     for j in np.flatnonzero(e.is_rigid & (e.rotor > 0)):
         alone = np.flatnonzero((m.G[:, j] != 0) & (np.count_nonzero(m.G, axis=1) == 1))
         if not alone.size:

@@ -23,7 +23,7 @@ def dense(m: Mechanism, q: Series, Q: Series, W: Series | None = None, base: Bas
     Those of a floating base, Vd, come first; the motion of the ground of a fixed robot is given.
     """
     moving = Series(lambda k: q[k] if k < 2 else found[k - 2][..., -m.n :, :])
-    if m.base and base:
+    if m.floats and base:
         V = Series(lambda k: found[k - 1][..., :6, :] if k else V0)
         V0, base = base.V[0], replace(base, V=V)
     x = closed_form(m, moving, W, base)
@@ -57,7 +57,7 @@ def from_inverse(
     Forces are affine in their highest rate of q, with the factor M. So they are in that of the twist of a floating
     base, V^(k+1), which belongs to the unknowns.
     """
-    known, twists = [q[0], q[1]], [base.V[0]] if m.base and base else []
+    known, twists = [q[0], q[1]], [base.V[0]] if m.floats and base else []
 
     def term(k: int) -> Array:
         at_rest = Series.of([*known, zeros_like(q[0])])

@@ -24,7 +24,6 @@ def wrench_of(
         load = in_blocks(R.mT, 0 * R) @ load
     about_origin = lie.Ad(lie.pose(np.eye(3, dtype=int), -point[:, None])).mT  # (torque + p x force; force)
     W = -(lie.Ad(lie.inverse(link.T)).mT @ about_origin @ load)
-    row = link.body + mechanism.first
-    rows = np.zeros((len(mechanism.body_names), 1), dtype=int)
-    rows[max(row, 0)] = row >= 0  # what acts on the ground moves nothing
+    rows = np.zeros((mechanism.nb, 1), dtype=int)
+    rows[max(link.body, 0)] = link.body >= 0  # what acts on the ground moves nothing
     return W.map(lambda W: rows * W[..., None, :, 0])

@@ -45,7 +45,7 @@ def _of_tangents(motion: ClosedMotion, Q: Series) -> Series:
         S = joined(_screws(m, theta, way), axis=-1)
         W = Ad(inverse(loop.a.T)).mT @ loop.rows.T @ y.map(_part(slice(start, end)))
         later = (S.mT @ W.map(system_moved) @ S) * np.tri(len(way), k=-1, dtype=int)
-        moved = by_joint.map(_part([i for i, _ in way]))
+        moved = by_joint.map(_part([m.columns[i][0] for i, _ in way]))
         total, start = total + moved.mT @ later @ moved, end
     return total
 
@@ -61,11 +61,12 @@ def _screws(m: Mechanism, theta: Series, way: list[tuple[int, int]]) -> list[Ser
     """The screws of joints on a way, as the body where it begins sees them, reversed where the way leads inward."""
     C, V, found = np.eye(4, dtype=int), Series.constant(np.zeros((6, 1), dtype=int)), list[Series]()
     for i, sign in way:
-        angle = theta.map(_part(slice(i, i + 1)))
-        step = m.B[i] @ exp(m.X[i], angle[0])
+        j = m.columns[i][0]
+        angle = theta.map(_part(slice(j, j + 1)))
+        step = m.B[i] @ exp(m.X[j], angle[0])
         outer = C if sign < 0 else C @ step  # the pose of body i
         C = C @ inverse(step) if sign < 0 else outer
-        found.append(from_rate(sign * Ad(outer) @ m.X[i, :, None], _turning_with(V)))
+        found.append(from_rate(sign * Ad(outer) @ m.X[j, :, None], _turning_with(V)))
         V = V + found[-1] @ angle.dot
     return found
 

@@ -7,10 +7,10 @@ import numpy as np
 from jounce.dynamics import loops
 from jounce.dynamics.base import STILL
 from jounce.dynamics.recursion import bodies
+from jounce.dynamics.recursion.joints import joints
 from jounce.model.coordinates import joint_columns
 from jounce.model.mechanism import Mechanism
-from jounce.spatial import lie
-from jounce.spatial.series import columns
+from jounce.spatial.series import Series, columns
 
 SINGULAR = 1e-12  # of what a mass matrix could be: rounding leaves less
 SAMPLES = 3  # configurations of a tree; where the mass matrix is regular in one, it is in almost all
@@ -32,7 +32,7 @@ def idle_coordinates(mechanism: Mechanism) -> tuple[int, tuple[str, ...]]:
         if rank == mechanism.nv:
             return rank, ()
     own = idle[-mechanism.n :]
-    base = (mechanism.base.name,) if mechanism.base and idle[:6].any() else ()
+    base = mechanism.bodies[:1] if mechanism.floats and idle[:6].any() else ()
     return rank, (*base, *(mechanism.coordinates[j] for j in np.flatnonzero(own)))
 
 
@@ -43,10 +43,11 @@ def may_be_singular(mechanism: Mechanism) -> bool:
     Of the joints that move, those nearest to the base then take energy, whatever the others do.
     """
     tree = mechanism.tree if mechanism.closure else mechanism
-    largest = np.abs(tree.M).max(axis=(1, 2))
-    own = np.einsum("ia,iab,ib->i", tree.X, tree.M, tree.X) + tree.drives.armature * ("armature" in mechanism.acting)
-    of_base = np.linalg.eigvalsh(mechanism.base_inertia)
-    return bool((mechanism.base and not of_base[0] > SINGULAR * of_base[-1]) or not (own > SINGULAR * largest).all())
+    M = tree.M[list(tree.owners)]
+    largest = np.abs(M).max(axis=(1, 2))
+    own = np.einsum("ia,iab,ib->i", tree.X, M, tree.X) + tree.drives.armature * ("armature" in mechanism.acting)
+    of_base = np.linalg.eigvalsh(tree.M[0])
+    return bool((mechanism.floats and not of_base[0] > SINGULAR * of_base[-1]) or not (own > SINGULAR * largest).all())
 
 
 def is_singular(M: np.ndarray) -> np.ndarray:
@@ -65,25 +66,20 @@ def _is_regular(mechanism: Mechanism, q: np.ndarray) -> bool:
 
     Where joints follow others, pivots of the joint variables tell nothing.
     """
-    nb, X = mechanism.nb, mechanism.X
-    if mechanism.n != nb or not np.array_equal(mechanism.G, np.eye(nb)):
+    if not np.array_equal(mechanism.G, np.eye(len(mechanism.joints))):
         return False
     rotors = mechanism.drives.armature * ("armature" in mechanism.acting)
-    theta = q + mechanism.g
-    moved = np.stack([lie.exp(X_i, theta[i : i + 1, None]) for i, X_i in enumerate(X)])
-    Ad = lie.Ad(lie.inverse(mechanism.B @ moved))
-    articulated = [*mechanism.M, mechanism.base_inertia]  # of a body with all beyond it, whose joints are free
-    for i in reversed(range(nb)):
-        left = _freed(articulated[i], X[i], rotors[i], np.abs(articulated[i]).max())
-        if left is None:
-            return False
-        p = mechanism.parent[i]
-        articulated[p] = articulated[p] + Ad[i].T @ left @ Ad[i]
-    left, largest = articulated[-1], np.abs(articulated[-1]).max()
-    for axis in np.eye(6) if mechanism.base else ():
-        left = _freed(left, axis, 0.0, largest)
-        if left is None:
-            return False
+    articulated = list(mechanism.M)  # of a body with all beyond it, whose joints are free
+    for i, joint in reversed(list(enumerate(joints(mechanism, Series.of([q[:, None]]))))):
+        left, largest = articulated[i], np.abs(articulated[i]).max()
+        own = rotors[list(mechanism.columns[i])] if mechanism.columns[i] else np.zeros(6)
+        for X, rotor in zip(joint.X.T, own, strict=True):
+            freed = _freed(left, X, rotor, largest)
+            if freed is None:
+                return False
+            left = freed
+        if joint.parent >= 0:
+            articulated[joint.parent] = articulated[joint.parent] + joint.inertias(Series.of([left]))[0]
     return True
 
 
@@ -105,7 +101,7 @@ def _idle(mechanism: Mechanism, q: np.ndarray) -> tuple[int, np.ndarray]:
     else:
         tree, F = mechanism, np.eye(mechanism.nv)
     J = bodies.jacobians(tree, columns([q]), STILL, None)[0] @ F
-    M, nv = mechanism.inertias, mechanism.nv
+    M, nv = mechanism.M, mechanism.nv
     rotors = mechanism.drives.armature * ("armature" in mechanism.acting)
     G = tree.G @ joint_columns(tree) @ F
     momenta = (M @ J).reshape(-1, nv)

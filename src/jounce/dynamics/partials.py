@@ -15,6 +15,7 @@ from jounce.core.scalars import Array, concatenate
 from jounce.dynamics import system
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.closed_form import closed_form
+from jounce.model.coordinates import screws_of
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import ad
 from jounce.spatial.linear import Factors, mirrored
@@ -30,7 +31,7 @@ def dense(
     J dq in space, and their forces accordingly. Forces turn with the bodies: those that joint j moves have turned as
     seen from the screw of a joint i that carries joint j.
     """
-    x, bodies = closed_form(m, q, W, base), system.with_base(m) if m.base else system.of_bodies(m)
+    x, bodies = closed_form(m, q, W, base), system.of_bodies(m)
     J, b, M = x.J, x.b, bodies.M
     P = M @ x.V
     J1 = J.dot + b @ J  # rates of the screws in space
@@ -39,7 +40,7 @@ def dense(
     force = P.dot - b.mT @ P + M @ x.UG
     S = x.A @ bodies.S
     turned = S.mT @ (force if W is None else force + W).map(system.system_moved) @ S
-    owner = np.maximum(np.arange(bodies.S.shape[-1]) - 5 * m.first, 0)  # six screws are those of the base
+    owner = np.repeat(np.arange(m.nb), [screws_of(m, i).shape[-1] for i in range(m.nb)])
     outward = turned * (owner[:, None] < owner)
     K = J.mT @ (M @ J2 + B @ J1) + bodies.G.T @ outward @ bodies.G
     D = J.mT @ (2 * (M @ J1) + B @ J)
@@ -51,7 +52,7 @@ def dense(
 
 def turning(m: Mechanism, base: BaseMotion | None) -> Series | None:
     """a = diag(ad(V), 0), (..., nv, nv), of a floating base: displaced by d, its twist changes by d' + a d."""
-    if not (m.base and base):
+    if not (m.floats and base):
         return None
     upper, lower = np.eye(m.nv, 6, dtype=int), np.eye(6, m.nv, dtype=int)
     return upper @ base.V.map(lambda V: ad(V[..., 0])) @ lower

@@ -3,7 +3,7 @@
 Sans-serif *system* matrices act on all the bodies at once, with 6 rows per body. They are written for trees: the
 predecessor i-1 of the paper is ``parent[i]``. Joint variables are ``theta = G q + g``, columns (..., nb, 1).
 
-A base that moves is a body ahead of all others: its six columns of X are the unit matrix, its velocities its twist.
+A base that floats is the first body: its six columns of X are the unit matrix, its velocities its twist.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate
-from jounce.model.coordinates import joint_variables
+from jounce.model.coordinates import joint_variables, screws_of, velocity_map
 from jounce.model.mechanism import Mechanism, ancestors
 from jounce.spatial.inertia import moments
 from jounce.spatial.lie import Ad, ad, exp, inverse
@@ -23,7 +23,7 @@ from jounce.spatial.series import diagonal
 class System:
     """What does not depend on the state: the screws of the velocities, the inertia matrices, and the tree."""
 
-    S: Array  # (6nb, k) the screws of the joint variables, and the six of a base ahead of them
+    S: Array  # (6nb, k) the screws of the joints, the six of a base that floats ahead of them
     G: Array  # (k, nv), so that the own twists of the bodies are S G qd
     inertias: Array  # (nb, 6, 6)
     carries: np.ndarray  # (nb, nb): 1 where body j carries body i or is it
@@ -41,43 +41,18 @@ class System:
 
 @lru_cache(maxsize=64)
 def of_bodies(mechanism: Mechanism) -> System:
-    """The system of the bodies behind joints."""
-    return System(system_S(mechanism), mechanism.G, mechanism.M, ancestors(mechanism))
+    """The system of the bodies."""
+    return System(system_S(mechanism), velocity_map(mechanism), mechanism.M, ancestors(mechanism))
 
 
-@lru_cache(maxsize=64)
-def with_base(mechanism: Mechanism) -> System:
-    """The system with the base ahead of the bodies; that of a fixed robot, the ground, has no inertia."""
-    S, G = behind_unit(system_S(mechanism)), behind_unit(mechanism.G)
-    bodies = ancestors(mechanism)
-    carried = np.concatenate([np.ones((len(bodies), 1), dtype=int), bodies], axis=1)
-    carries = np.concatenate([np.eye(1, 1 + len(bodies), dtype=int), carried])
-    return System(S, G, concatenate([mechanism.base_inertia[None], mechanism.M], axis=-3), carries)
-
-
-def behind_unit(x: Array) -> Array:
-    """A matrix (k, m) as the lower right block of another, the upper left of which is the unit matrix of six rows."""
-    k, m = x.shape
-    below = concatenate([np.zeros((6, m), dtype=int), x], axis=-2)
-    return concatenate([np.eye(6 + k, 6, dtype=int), below], axis=-1)
-
-
-def poses(mechanism: Mechanism, q: Array) -> Array:
-    """C_i, the pose of every body in the inertial frame: (..., nb, 4, 4)."""
-    return concatenate([C[..., None, :, :] for C in _poses(mechanism, q, np.eye(4, dtype=int))[1:]], axis=-3)
-
-
-def poses_with_base(mechanism: Mechanism, q: Array, base: Array) -> Array:
-    """C_i of the base, which is given, and of every body: (..., nb + 1, 4, 4)."""
-    return concatenate([C[..., None, :, :] for C in _poses(mechanism, q, base)], axis=-3)
-
-
-def _poses(mechanism: Mechanism, q: Array, base: Array) -> list[Array]:
+def poses(mechanism: Mechanism, q: Array, base: Array) -> Array:
+    """C_i, the pose of every body in the inertial frame, that of a base that floats given: (..., nb, 4, 4)."""
     theta = joint_variables(mechanism, q)
-    C = [base]
-    for i, (B, X, p) in enumerate(zip(mechanism.B, mechanism.X, mechanism.parent, strict=True)):
-        C.append(C[p + 1] @ (B @ exp(X, theta[..., i : i + 1, :])))  # (Ci)
-    return C
+    C: list[Array] = []
+    for B, columns, p in zip(mechanism.B, mechanism.columns, mechanism.parent, strict=True):
+        H = exp(mechanism.X[columns[0]], theta[..., columns[0] : columns[0] + 1, :]) if columns else base
+        C.append(B @ H if p < 0 else C[p] @ (B @ H))  # (Ci)
+    return concatenate([C_i[..., None, :, :] for C_i in C], axis=-3)
 
 
 def system_A(carries: np.ndarray, C: Array) -> Array:
@@ -106,14 +81,16 @@ def _blocks(C: Array, pattern: np.ndarray) -> Array:
 
 @lru_cache(maxsize=64)
 def system_X(mechanism: Mechanism) -> Array:
-    """X, the joint screws along the diagonal, times G: (6nb, n), so that V = A X qd."""
-    return system_S(mechanism) @ mechanism.G  # (Ab)
+    """X, the joint screws along the diagonal, times G: (6nb, nv), so that V = A X qd."""
+    return of_bodies(mechanism).X
 
 
 @lru_cache(maxsize=64)
 def system_S(mechanism: Mechanism) -> Array:
-    """The joint screws along the diagonal: (6nb, nb)."""
-    return diagonal(mechanism.X[:, :, None])
+    """The joint screws, each in the rows of the body that it moves: (6nb, k)."""
+    parts = [screws_of(mechanism, i).T for i in range(mechanism.nb)]
+    moves = np.repeat(np.eye(len(parts), dtype=int), list(map(len, parts)), axis=0)  # (k, nb)
+    return (moves[..., None] * concatenate(parts, axis=-2)[:, None, :]).reshape(len(moves), -1).T
 
 
 @lru_cache(maxsize=64)

@@ -124,7 +124,7 @@ def checked_motion(mechanism: Mechanism, motion: object) -> Motion:
     if not isinstance(motion, Motion):
         raise JounceError(f"motion is {quoted(motion)}; expected a jounce.Motion, as jounce.load_motion makes one")
     with at("the motion"):
-        if mechanism.base and motion.base_curve is None:
+        if mechanism.floats and motion.base_curve is None:
             raise JounceError(
                 f"{mechanism.name!r} floats, and the motion has no base; columns base.x, ..., base.qz of a table state"
                 " one, and motion.with_base(t, C) gives it poses C (N, 4, 4), or one pose with t=None"

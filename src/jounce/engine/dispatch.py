@@ -104,7 +104,7 @@ def checked_arguments(
     stiffness: Any = None,
 ) -> tuple[Computation, list[Array]]:
     """Check the arguments of a call, and return its computation and input arrays; `step` closes the loops."""
-    more, moves = requests.more_rates(mechanism, name), base is not None or mechanism.base is not None
+    more, moves = requests.more_rates(mechanism, name), base is not None or mechanism.floats
     quantity, enters = row_of(name, more), moves and requests.takes_base(name, frame)
     requests.check_existence(mechanism, name, moves)
     given, whole = positions.split_rates(mechanism, given)

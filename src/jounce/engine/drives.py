@@ -28,7 +28,7 @@ def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str
         forces = drive_terms.behind_base(m, drive_terms.forces(m, q, terms), (-2,))
         return forces.map(lambda Q: Q[..., 0])
 
-    forces = _of_drives(mechanism, FORCES.name, given, 4 * mechanism.nb, law)
+    forces = _of_drives(mechanism, FORCES.name, given, 4 * len(mechanism.joints), law)
     return results_into(tuple(Q[..., -mechanism.n :] for Q in forces), out)
 
 
@@ -60,7 +60,7 @@ def regressor(
         return compute(robot, name, given, out=out, **options)
     own, m = as_tuple(compute(robot, name, given, **options)), robot.mechanism
     of_units: Callable[..., Series] = getattr(drive_terms, name)
-    added = _of_drives(m, name, given, m.nb * m.nv * len(terms), lambda m, q: of_units(m, q, terms))
+    added = _of_drives(m, name, given, len(m.joints) * m.nv * len(terms), lambda m, q: of_units(m, q, terms))
     axes = [len(row_of(name).shape)] * 2
     pairs = (broadcast(pair, axes, ["Y", "drives"]) for pair in zip(own, added, strict=True))
     return results_into(tuple(concatenate(pair, axis=-1) for pair in pairs), out)

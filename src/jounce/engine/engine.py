@@ -76,7 +76,7 @@ class Engine:
     @property
     def body_names(self) -> tuple[str, ...]:
         """The names of the bodies, in the order of rows of wrenches, poses and Jacobians; a floating base is first."""
-        return self.mechanism.body_names
+        return self.mechanism.bodies
 
 
 if TYPE_CHECKING:  # with a default, which Python itself knows from 3.13 on

@@ -32,7 +32,7 @@ def wrench_of_load(
     given, whole = positions.split_rates(mechanism, given)
     q = rates_of(mechanism, given, QUANTITIES["poses"])
     place, load = loads.place_of(frame, point, force), loads.load_of(force, torque, len(q) - 1, q)
-    moving = base is not None or (mechanism.base is not None and frame == "world")
+    moving = base is not None or (mechanism.floats and frame == "world")
     poses = Computation("poses", len(q) - 1, base=moving)
     C = base_of(mechanism, base, len(q), "wrench") if moving else []
     model = cast_model(mechanism, [*q, *C, *load])

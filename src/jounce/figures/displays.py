@@ -42,7 +42,8 @@ def robot(robot: Engine) -> str:
     """The joints, bodies and limits of a robot, and a drawing of it where all coordinates are 0."""
     m, head = robot.mechanism, repr(robot)[1:-1]
     if not m.is_numeric:
-        return _page(head, ("joint", "body"), list(zip(m.joints, m.bodies, strict=True)))
+        moved = [m.bodies[i] for i in m.owners]
+        return _page(head, ("joint", "body"), list(zip(m.joints, moved, strict=True)))
     kinds = m.limits.kinds
     rows = [
         (
@@ -59,7 +60,7 @@ def robot(robot: Engine) -> str:
         draw(axes, m, poses_on(robot, np.zeros(m.n), np.eye(4)), View(-55, 18))
         place_labels(figure, axes)
 
-    drawing = _picture(lambda: canvas.painted(paint, 5, 5)) if m.nb <= DRAWN else ""
+    drawing = _picture(lambda: canvas.painted(paint, 5, 5)) if m.nb - m.floats <= DRAWN else ""
     return _page(head, names, rows, picture=drawing)
 
 

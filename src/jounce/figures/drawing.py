@@ -44,34 +44,42 @@ class View:
 class Skeleton:
     """A mechanism in a pose, as points in the inertial frame."""
 
-    poses: np.ndarray  # (nb, 4, 4)
-    joints: np.ndarray  # (nb, 3) the point of each joint's axis nearest to the body's origin
-    axes: np.ndarray  # (nb, 3) their directions
-    coms: np.ndarray  # (nb, 3), NaN where a body has no mass
+    poses: np.ndarray  # (nb, 4, 4), without that of a floating base
+    joints: np.ndarray  # (nc, 3) the point of each joint's axis nearest to the body's origin
+    axes: np.ndarray  # (nc, 3) their directions
+    coms: np.ndarray  # (nb, 3), NaN where a body has no mass; without that of a floating base
     links: list[tuple[np.ndarray, np.ndarray]]
     size: float
 
 
 def poses_on(robot: Engine, q: np.ndarray, C: np.ndarray) -> np.ndarray:
-    """The poses (..., nb, 4, 4) of the bodies behind joints of a robot whose base, or ground, has the pose C."""
-    m = robot.mechanism
-    return np.asarray(compute(robot, "poses", [q], base=C))[..., m.first :, :, :]
+    """The poses (..., nb, 4, 4) of the bodies of a robot whose base, or ground, has the pose C."""
+    return np.asarray(compute(robot, "poses", [q], base=C))
+
+
+def joint_points(mechanism: Mechanism) -> np.ndarray:
+    """(nb, 3): the point of the axis that moves each body nearest to the body's origin; this one of a base."""
+    points = np.zeros((mechanism.nb, 3))
+    points[list(mechanism.owners)] = np.cross(mechanism.X[:, :3], mechanism.X[:, 3:])
+    return points
 
 
 def skeleton(mechanism: Mechanism, poses: np.ndarray) -> Skeleton:
     """The points of a drawing, for the poses of all the bodies."""
-    R, r = poses[:, :3, :3], poses[:, :3, 3]
+    R, r, owners, first = poses[:, :3, :3], poses[:, :3, 3], list(mechanism.owners), int(mechanism.floats)
     xi, eta = mechanism.X[:, :3], mechanism.X[:, 3:]
     axes = np.where(xi.any(axis=1)[:, None], xi, eta)
     m, h, _ = moments(mechanism.M)
     with np.errstate(invalid="ignore"):
         com = h[..., 0] / m[..., 0]
-    joints, coms = (r + (R @ x[..., None])[..., 0] for x in (np.cross(xi, eta), com))
-    links = [(joints[p] if p >= 0 else np.zeros(3), joints[i]) for i, p in enumerate(mechanism.parent)]
+    points, coms = (r + (R @ x[..., None])[..., 0] for x in (joint_points(mechanism), com))
+    moved = list(enumerate(mechanism.parent))[first:]
+    links = [(points[p] if p >= 0 else np.zeros(3), points[i]) for i, p in moved]
     tips = set(range(mechanism.nb)) - set(mechanism.parent)
-    links += [(joints[i], coms[i]) for i in sorted(tips) if np.isfinite(coms[i]).all()]
+    links += [(points[i], coms[i]) for i in sorted(tips) if np.isfinite(coms[i]).all()]
+    joints, coms = points[owners], coms[first:]
     size = float(np.ptp(np.concatenate([joints, coms[np.isfinite(coms).all(axis=1)]]), axis=0).max())
-    return Skeleton(poses, joints, (R @ axes[..., None])[..., 0], coms, links, size)
+    return Skeleton(poses[first:], joints, (R[owners] @ axes[..., None])[..., 0], coms, links, size)
 
 
 def draw(axes: "Axes", mechanism: Mechanism, poses: np.ndarray, view: View) -> Skeleton:
@@ -79,7 +87,7 @@ def draw(axes: "Axes", mechanism: Mechanism, poses: np.ndarray, view: View) -> S
     bones = skeleton(mechanism, poses)
     axes.set_aspect("equal")
     axes.axis("off")
-    if not mechanism.base:
+    if not mechanism.floats:
         _ground(axes, view, np.asarray(mechanism.gravity, dtype=float), bones.size)
     for link in bones.links:
         points = view.of(np.stack(link)).T

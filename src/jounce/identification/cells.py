@@ -118,7 +118,7 @@ def _add(total: np.ndarray, values: np.ndarray, place: np.ndarray) -> None:
 def band_of(t: np.ndarray, forces: np.ndarray, velocities: np.ndarray, eps: np.ndarray) -> float:
     """The frequency in Hz up to which forces (N, nv) of a model have nearly all their power, friction included.
 
-    Friction follows from the velocities (N, nb) of joints with smoothing velocities eps; times (N,) increase.
+    Friction follows from the velocities (N, nc) of joints with smoothing velocities eps; times (N,) increase.
     """
     step = step_of(t)
     even = t[0] + step * np.arange(min(GRID, int((t[-1] - t[0]) / step) + 1))

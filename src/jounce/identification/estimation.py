@@ -67,7 +67,7 @@ def identify(
         warn(text)
     return Identification(
         robot=_identified(model, terms, found),
-        offsets=found.drives.get(OFFSET, np.zeros(model.mechanism.nb)),
+        offsets=found.drives.get(OFFSET, np.zeros(len(model.mechanism.joints))),
         table=table,
         covariance=solution.covariance,
         rank=solution.rank,

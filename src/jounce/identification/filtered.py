@@ -91,7 +91,7 @@ def cells_of_power(
     robot: Engine, motion: Motion, samples: Measurements, terms: Sequence[DriveColumn], width: float, band: float
 ) -> Cells:
     """Average the filtered balance of energy over cells of half a width in s; the forces have a band in Hz."""
-    if robot.mechanism.base is not None or motion.base_curve is not None:
+    if robot.mechanism.floats or motion.base_curve is not None:
         raise JounceError("method='power' needs a base at rest: the wrench on it has power too; use method='momentum'")
     measured = samples.weights.max(axis=0) > 0
     if not measured.all():

@@ -78,7 +78,7 @@ class Information:
         pushes = np.zeros_like(Y)
         pushes[..., self.places] = A @ (np.linalg.inv(H) * (-2 / len(A)) / self.sizes)
         pushes *= self.roots[:, None]
-        own = Y.shape[-1] - len(self.terms) * self.robot.mechanism.nb
+        own = Y.shape[-1] - len(self.terms) * len(self.robot.mechanism.joints)
         gradients = list(self.product(*rates[:3], np.ascontiguousarray(pushes[..., :own])))
         if self.terms:
             self._add_drives(gradients, rates, pushes[..., own:])
@@ -93,12 +93,12 @@ class Information:
         return columns
 
     def _add_drives(self, gradients: list[np.ndarray], rates: Rates, pushes: np.ndarray) -> None:
-        """Add the gradients through the columns of drive terms, from pushes (M, n, terms nb) on these."""
-        m = self.robot.mechanism
+        """Add the gradients through the columns of drive terms, from pushes (M, n, terms nc) on these."""
+        m, nc = self.robot.mechanism, len(self.robot.mechanism.joints)
         theta = joint_variables(m, columns(list(rates)))
-        units = {**drives.coefficients(m.drives)} | dict.fromkeys(drives.AMOUNTS.values(), np.ones((m.nb, 1)))
+        units = {**drives.coefficients(m.drives)} | dict.fromkeys(drives.AMOUNTS.values(), np.ones((nc, 1)))
         for i, term in enumerate(self.terms):
-            push = np.einsum("jc,mcj->mj", m.G, pushes[..., i * m.nb : (i + 1) * m.nb])
+            push = np.einsum("jc,mcj->mj", m.G, pushes[..., i * nc : (i + 1) * nc])
             for gradient, slope in zip(gradients, drives.partials(units, (term,), theta), strict=True):
                 gradient += (push * slope[0][..., 0]) @ m.G
 
@@ -107,7 +107,7 @@ def information(robot: Engine, terms: tuple[DriveColumn, ...], weights: np.ndarr
     """The information of motions whose states are like typical ones: the parameters that forces there tell."""
     m, base = robot.mechanism, base_parameters(robot.mechanism)
     Y = _weighted(robot, terms, np.sqrt(weights), typical)
-    own = Y.shape[-1] - len(terms) * m.nb
+    own = Y.shape[-1] - len(terms) * len(m.joints)
     names = np.array([*base.names, *(f"{joint} {term}" for term in terms for joint in m.joints)])
     places = np.concatenate([base.columns, np.arange(own, Y.shape[-1])])
     A = Y.reshape(-1, Y.shape[-1])[:, places]

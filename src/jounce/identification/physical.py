@@ -105,7 +105,7 @@ def consistent_parameters(
     JounceError
         If a body has moments but no mass, or a negative mass; if no body has mass; if the minimum is not found.
     """
-    Pi = inertia.moment_matrix(mechanism.inertias)
+    Pi = inertia.moment_matrix(mechanism.M)
     massive = _massive(mechanism, Pi)
     start = _inside(Pi[massive], length_scale(mechanism))
     thickened = massive[(start != Pi[massive]).any(axis=(1, 2))]
@@ -121,7 +121,7 @@ def consistent_parameters(
         R=R[:, base.count :][:, seen] * scale,
         y=R @ estimate,
         own=d[seen] / scale,
-        positive=np.repeat(np.array([term not in SIGNED for term in terms], dtype=bool), mechanism.nb)[seen],
+        positive=np.repeat(np.array([term not in SIGNED for term in terms], dtype=bool), len(mechanism.joints))[seen],
         weight=weight,
     )
     V, d[seen] = minimum(problem)
@@ -129,10 +129,10 @@ def consistent_parameters(
     Pi[massive] = (root := T @ V) @ root.mT
     p = inertia.parameters(inertia.from_moment_matrix(Pi)).ravel()
     values = np.append(base.matrix @ p, d)
-    names = np.array(mechanism.body_names)
+    names = np.array(mechanism.bodies)
     return ConsistentParameters(
         parameters=p,
-        drives=dict(zip(terms, d.reshape(-1, mechanism.nb), strict=True)),
+        drives=dict(zip(terms, d.reshape(-1, len(mechanism.joints)), strict=True)),
         values=values,
         excess=float(np.sum((R @ (values - estimate)) ** 2)),
         massless=tuple(np.delete(names, massive).tolist()),
@@ -142,7 +142,7 @@ def consistent_parameters(
 
 def _massive(mechanism: Mechanism, Pi: Floats) -> np.ndarray:
     """The places of the bodies that have mass; those without must not have moments."""
-    for name, of_body in zip(mechanism.body_names, Pi, strict=True):
+    for name, of_body in zip(mechanism.bodies, Pi, strict=True):
         if of_body[3, 3] < 0 or (of_body[3, 3] == 0 and of_body.any()):
             raise JounceError(
                 f"body {shortened(name)!r} has mass {of_body[3, 3]:g} kg and moments; physically consistent parameters"
@@ -172,7 +172,7 @@ def _inside(Pi: Floats, length: float) -> Floats:
 def _own_drives(mechanism: Mechanism, terms: Sequence[DriveColumn]) -> Floats:
     """The robot's own parameters of drive terms; it states no offsets."""
     stated = vars(mechanism.drives)
-    own = [np.zeros(mechanism.nb) if term == OFFSET else stated[AMOUNTS[term]] for term in terms]
+    own = [np.zeros(len(mechanism.joints)) if term == OFFSET else stated[AMOUNTS[term]] for term in terms]
     return np.concatenate([np.zeros(0), *own])
 
 

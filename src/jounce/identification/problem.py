@@ -67,7 +67,8 @@ class Problem:
     def own(self) -> np.ndarray:
         """The parameters with which the forces of the model are computed: drive terms that do not act are zero."""
         m = self.robot.mechanism
-        drives = [getattr(m.drives, AMOUNTS[term]) if term in m.acting else np.zeros(m.nb) for term in self.terms]
+        nothing = np.zeros(len(m.joints))
+        drives = [getattr(m.drives, AMOUNTS[term]) if term in m.acting else nothing for term in self.terms]
         return np.concatenate([self.base.values, *drives])
 
     def predicted(self, parameters: np.ndarray, drives: np.ndarray) -> np.ndarray:
@@ -141,7 +142,7 @@ def model_of(robot: R, terms: Sequence[DriveColumn], eps: float | None) -> R:
 
 
 def _columns(robot: Engine, base: BaseParameters, terms: Sequence[DriveColumn]) -> np.ndarray:
-    return np.append(base.columns, len(base.parameters) + np.arange(len(terms) * robot.mechanism.nb))
+    return np.append(base.columns, len(base.parameters) + np.arange(len(terms) * len(robot.mechanism.joints)))
 
 
 def _width(samples: Measurements, band: float, count: int) -> float:

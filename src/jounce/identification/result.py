@@ -28,7 +28,7 @@ class Identification(Generic[R]):
     ----------
     robot : Robot
         The robot with identified inertial parameters, of bodies that can exist, and drive terms, which act.
-    offsets : (nb,)
+    offsets : (joints,)
         Constant forces on the joint variables, N m or N; robots do not state them.
     table : tuple of IdentifiedParameter
         Base parameters and drive parameters as the data alone tell them.
@@ -126,7 +126,7 @@ class Identification(Generic[R]):
         m, along = self.robot.mechanism, forces_along(self.robot, motion, t, 0)
         if m.closure:  # offsets of joints that others carry along act through the loops
             pieces = regressors(self.robot, checked_motion(m, motion), along.t, (OFFSET,))
-            constant = np.concatenate([Y[..., -m.nb :] @ self.offsets for _, Y in pieces])
+            constant = np.concatenate([Y[..., -len(m.joints) :] @ self.offsets for _, Y in pieces])
         else:
             constant = np.append(np.zeros(m.nv - m.n), generalized_forces(m, self.offsets[:, None])[:, 0])
         found: np.ndarray = along.forces[0] + constant

@@ -29,7 +29,7 @@ def search_of(
     rng: np.random.Generator,
 ) -> tuple[Search, tuple[str, ...]]:
     """What is searched for the arguments of a caller, checked, and notes on what is assumed."""
-    if robot.mechanism.base:
+    if robot.mechanism.floats:
         raise JounceError(
             f"the base of {quoted(robot.name)} floats; expected one at rest, load(..., base='fixed') (--base)"
         )
@@ -117,7 +117,7 @@ def _told(
     rng: np.random.Generator,
 ) -> Information:
     """The information of motions that go as far as the limits let them."""
-    count = TYPICAL * (10 * len(robot.body_names) + len(terms) * robot.mechanism.nb) // robot.n + 1
+    count = TYPICAL * (10 * len(robot.body_names) + len(terms) * len(robot.mechanism.joints)) // robot.n + 1
     states = rng.uniform(-1, 1, (3, count, robot.n)) * reaches[:3, None]
     states[0] = middle + np.where(reaches[1] > 0, states[0], states[0, 0])  # a joint that stands still, anywhere
     found = information(robot, terms, weights, tuple(states))

@@ -71,7 +71,7 @@ def parameter_table(posed: Problem, solution: Solution, variances: np.ndarray) -
 
 def _inertial_sizes(m: Mechanism, base: BaseParameters) -> np.ndarray:
     """The sizes of the base parameters: m, m r or m r^2 of a body, r its radius about the origin of its frame."""
-    p = inertia.parameters(m.inertias).astype(float)
+    p = inertia.parameters(m.M).astype(float)
     mass, moments = np.abs(p[:, 0]), np.abs(p[:, TRACE].sum(axis=1)) / 2
     r = np.sqrt(np.divide(moments, mass, out=np.zeros_like(mass), where=mass > 0))
     mass, r = (np.where(x > 0, x, x[x > 0].mean() if x.any() else 0.0) for x in (mass, r))

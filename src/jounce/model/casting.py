@@ -1,4 +1,4 @@
-"""The data of a mechanism in other scalars: exact integers, long doubles, symbols; and other inertias."""
+"""The data of a mechanism in other scalars: exact integers, long doubles, symbols."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -37,14 +37,7 @@ def _convert(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechani
 def with_arrays(mechanism: Mechanism, convert: Callable[[str, Array], Array]) -> Mechanism:
     """The mechanism with its `arrays` converted, each with its name."""
     data: dict[str, Any] = {name: convert(name, array) for name, array in mechanism.arrays.items()}
-    base = mechanism.base and replace(mechanism.base, M=data.pop("base"))
-    return replace(mechanism, base=base, **data)
-
-
-def with_inertias(mechanism: Mechanism, inertias: Array) -> Mechanism:
-    """The mechanism with other inertia matrices, in the order of `body_names`."""
-    base = mechanism.base and replace(mechanism.base, M=inertias[0])
-    return replace(mechanism, M=inertias[mechanism.first :], base=base)
+    return replace(mechanism, **data)
 
 
 def cast_model(mechanism: Mechanism, arrays: Sequence[Array]) -> Mechanism:

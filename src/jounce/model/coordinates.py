@@ -5,11 +5,12 @@ three maps take arrays and time series alike.
 """
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
 
-from jounce.core.scalars import Array
+from jounce.core.scalars import Array, concatenate
 from jounce.model.kinds import KINDS, MOTION_KINDS, unit_of
 from jounce.model.limits import Limits, unlimited
 from jounce.model.mechanism import Mechanism
@@ -22,13 +23,13 @@ TURNS = 8 * np.pi  # rad: four turns, further than joints without limits are tak
 
 
 def joint_variables(mechanism: Mechanism, q: T) -> T:
-    """theta = G q + g: (..., n, 1) to (..., nb, 1)."""
+    """theta = G q + g: (..., n, 1) to (..., nc, 1)."""
     return mechanism.G @ q + mechanism.g[:, None]
 
 
 def base_columns(mechanism: Mechanism) -> Array:
     """(6, nv) integers: the twist of the base from the velocities; zero of a fixed robot."""
-    return np.eye(6, mechanism.nv, dtype=int) * mechanism.first
+    return np.eye(6, mechanism.nv, dtype=int) * int(mechanism.floats)
 
 
 def joint_columns(mechanism: Mechanism) -> Array:
@@ -36,13 +37,35 @@ def joint_columns(mechanism: Mechanism) -> Array:
     return np.eye(mechanism.nv, dtype=int)[-mechanism.n :]
 
 
+@lru_cache(maxsize=64)
+def velocity_map(mechanism: Mechanism) -> Array:
+    """The velocities of all joints, those of a floating base first, from those of the robot: (nc + 6, nv)."""
+    if not mechanism.floats:
+        return mechanism.G
+    return concatenate([base_columns(mechanism), mechanism.G @ joint_columns(mechanism)], axis=-2)
+
+
+def velocities_of(mechanism: Mechanism, body: int) -> list[int]:
+    """The rows of `velocity_map` that belong to the joint of a body."""
+    if mechanism.floats and body == 0:
+        return list(range(6))
+    return [6 * mechanism.floats + j for j in mechanism.columns[body]]
+
+
+def screws_of(mechanism: Mechanism, body: int) -> Array:
+    """(6, k): the screws of the joint that moves a body; the unit matrix of a base that floats."""
+    if mechanism.floats and body == 0:
+        return np.eye(6, dtype=int)
+    return mechanism.X[list(mechanism.columns[body])].T
+
+
 def generalized_forces(mechanism: Mechanism, Q: T) -> T:
-    """G^T Q of forces or momenta of the joint variables: (..., nb, k) to (..., n, k)."""
+    """G^T Q of forces or momenta of the joint variables: (..., nc, k) to (..., n, k)."""
     return mechanism.G.T @ Q
 
 
 def generalized_matrix(mechanism: Mechanism, M: T) -> T:
-    """G^T M G of a matrix of the joint variables: (..., nb, nb) to (..., n, n)."""
+    """G^T M G of a matrix of the joint variables: (..., nc, nc) to (..., n, n)."""
     return mechanism.G.T @ M @ mechanism.G
 
 
@@ -68,13 +91,13 @@ def coordinate_units(mechanism: Mechanism) -> list[str]:
 
 def force_names(mechanism: Mechanism) -> tuple[str, ...]:
     """The names of the nv entries of Q: the wrench on the base of a robot that floats, and the coordinates."""
-    return (*(BASE_FORCES if mechanism.base else ()), *mechanism.coordinates)
+    return (*(BASE_FORCES if mechanism.floats else ()), *mechanism.coordinates)
 
 
 def force_units(mechanism: Mechanism) -> list[str]:
     """N m or N: the unit of each of the nv entries of Q."""
     own = [unit_of("Q", 0, unit) for unit in coordinate_units(mechanism)]
-    return [*(["N m"] * 3 + ["N"] * 3 if mechanism.base else []), *own]
+    return [*(["N m"] * 3 + ["N"] * 3 if mechanism.floats else []), *own]
 
 
 def coordinate_limits(mechanism: Mechanism) -> Limits:
@@ -106,12 +129,12 @@ def following_efforts(mechanism: Mechanism) -> list[str]:
     """The joints whose effort limits bound no coordinate: they follow others, and Q does not tell their share."""
     limits, leaders = mechanism.limits, leading_joints(mechanism)
     kinds = [kind.name for kind in KINDS.values() if kind.of == "Q"]
-    stated = [any(np.isfinite(limits.bounds(kind)[:, i]).any() for kind in kinds) for i in range(mechanism.nb)]
+    stated = [any(np.isfinite(limits.bounds(kind)[:, i]).any() for kind in kinds) for i in range(len(mechanism.joints))]
     return [joint for i, joint in enumerate(mechanism.joints) if stated[i] and i not in leaders]
 
 
 def likely_positions(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds (nb,) of the joint variables: their limits, and some turns for those that turn without any."""
+    """Bounds (nc,) of the joint variables: their limits, and some turns for those that turn without any."""
     widest = np.where(mechanism.X[:, :3].any(axis=1), TURNS, np.inf)
     lower, upper = mechanism.limits.lower, mechanism.limits.upper
     return np.where(np.isfinite(lower), lower, -widest), np.where(np.isfinite(upper), upper, widest)

@@ -27,7 +27,7 @@ def equal(a: Any, b: Any) -> bool:
 
 def key(mechanism: Mechanism) -> Hashable:
     """Return the hashable data that equal mechanisms share: names and tree, no numbers."""
-    return mechanism.name, mechanism.parent, mechanism.body_names, mechanism.coordinates
+    return mechanism.name, mechanism.parent, mechanism.bodies, mechanism.coordinates
 
 
 def _equal_arrays(a: np.ndarray, b: np.ndarray) -> bool:

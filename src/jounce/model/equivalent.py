@@ -35,7 +35,7 @@ def reframe(mechanism: Mechanism, T: Sequence[Array]) -> Mechanism:
     return replace(
         mechanism,
         B=np.stack(B),
-        X=np.stack([Ad(t) @ x for t, x in zip(back, mechanism.X, strict=True)]),
+        X=np.stack([Ad(back[i]) @ x for i, x in zip(mechanism.owners, mechanism.X, strict=True)]),
         M=np.stack([a.mT @ m @ a for a, m in zip(ads, mechanism.M, strict=True)]),
         frames=tuple(frames),
     )
@@ -43,16 +43,22 @@ def reframe(mechanism: Mechanism, T: Sequence[Array]) -> Mechanism:
 
 @lru_cache(maxsize=64)
 def frame_shifts(old: Mechanism, new: Mechanism) -> Array:
-    """T, where the frame of each of `body_names` in `new` lies in its frame in `old`: that of a base stays."""
+    """T, where the frame of each body in `new` lies in its frame in `old`."""
     both = zip(reference_poses(old), reference_poses(new), strict=True)
-    return np.stack([np.eye(4, dtype=int)] * old.first + [_exact(inverse(a) @ b) for a, b in both])
+    return np.stack([_exact(inverse(a) @ b) for a, b in both])
 
 
 def align_frames(mechanism: Mechanism) -> Mechanism:
     """Put every body frame on its joint axis: X_i = (0, 0, 1, 0, 0, h) or, prismatic, (0, 0, 0, 0, 0, 1)."""
-    placed = [_on_axis(x) for x in mechanism.X]
-    new = reframe(mechanism, [T for T, _ in placed])
-    return replace(new, B=np.stack([_exact_rotation(B) for B in new.B]), X=np.stack([X for _, X in placed]))
+    T, X = [np.eye(4, dtype=int)] * mechanism.nb, list(mechanism.X)
+    for i, j in _alone(mechanism):
+        T[i], X[j] = _on_axis(X[j])
+    return replace(_exactly_turned(reframe(mechanism, T)), X=np.stack(X))
+
+
+def _alone(mechanism: Mechanism) -> list[tuple[int, int]]:
+    """The bodies that move along one screw, each with its joint variable; the frames of all others stay."""
+    return [(i, columns[0]) for i, columns in enumerate(mechanism.columns) if len(columns) == 1]
 
 
 def turn_frames(mechanism: Mechanism) -> Mechanism:
@@ -61,14 +67,11 @@ def turn_frames(mechanism: Mechanism) -> Mechanism:
     for B, p in zip(mechanism.B, mechanism.parent, strict=True):
         if p >= 0 and (e := _numbers(B[:3, 2])) is not None:
             axes[p].append(e)
-    T = [
-        pose(_I if is_zero(X[2]) else _fewest_components(of_children), 0 * _Z)
-        for X, of_children in zip(mechanism.X, axes, strict=True)
-    ]
-    if all(t.dtype == int for t in T):
-        return mechanism
-    new = reframe(mechanism, T)
-    return replace(new, B=np.stack([_exact_rotation(B) for B in new.B]))
+    T = [np.eye(4, dtype=int)] * mechanism.nb
+    for i, j in _alone(mechanism):
+        if not is_zero(mechanism.X[j, 2]):
+            T[i] = pose(_fewest_components(axes[i]), 0 * _Z)
+    return mechanism if all(t.dtype == int for t in T) else _exactly_turned(reframe(mechanism, T))
 
 
 def _fewest_components(axes: Sequence[np.ndarray]) -> Array:
@@ -104,14 +107,17 @@ def _odd_entries(R: Array) -> int:
 
 def slide_origins(mechanism: Mechanism) -> Mechanism:
     """Slide the origins of aligned frames along their axes (of a prismatic joint anywhere), so that offsets vanish."""
-    T: list[Array] = []
-    B: list[Array] = []
-    for old, X, p in zip(mechanism.B, mechanism.X, mechanism.parent, strict=True):
-        offset = position(old) if p < 0 else position(old) - position(T[p])  # of this origin, in its parent's axes
-        left = 0 * offset if is_zero(X[2]) else _shortened(offset, old[:3, 2:3])
-        way = rotation(old).mT @ (left - offset)
-        T.append(pose(_I, way if is_zero(X[2]) else _Z * way[2:]))
-        B.append(pose(rotation(old), left))
+    T, B, alone = [np.eye(4, dtype=int)] * mechanism.nb, list(mechanism.B), dict(_alone(mechanism))
+    for i, (old, p) in enumerate(zip(mechanism.B, mechanism.parent, strict=True)):
+        left = offset = (
+            position(old) if p < 0 else position(old) - position(T[p])
+        )  # of the origin, in its parent's axes
+        if i in alone:
+            slides = is_zero(mechanism.X[alone[i], 2])
+            left = 0 * offset if slides else _shortened(offset, old[:3, 2:3])
+            way = rotation(old).mT @ (left - offset)
+            T[i] = pose(_I, way if slides else _Z * way[2:])
+        B[i] = pose(rotation(old), left)
     return replace(reframe(mechanism, T), B=np.stack(B))
 
 
@@ -131,23 +137,28 @@ def base_parameters(mechanism: Mechanism) -> Mechanism:
     """Reduce the inertia of aligned bodies to base inertial parameters; their parents get the rest.
 
     The force of a revolute joint does not depend on m, h_z and P_zz of its body alone, that of a helical joint on P_zz,
-    that of a prismatic one on P. Inertia that reaches the ground is dropped: drive forces stay the same, bearing forces
-    do not. A floating base keeps what reaches it: forces on it stay the same too.
+    that of a prismatic one on P, those of a ball on m. Inertia that reaches the ground is dropped: drive forces stay
+    the same, bearing forces do not. A floating base keeps what reaches it: forces on it stay the same too.
     """
-    M, base = list(mechanism.M), mechanism.base
+    M = list(mechanism.M)
     for i in reversed(range(mechanism.nb)):
         m, h, P = inertia.moments(M[i])
-        turns, slides = (not is_zero(x) for x in mechanism.X[i][[2, 5]])
-        of_m = int(turns and not slides)  # 1 where the joint does not transmit m, else 0
-        of_h, of_P = _Z * of_m, _Z @ _Z.T if turns else np.ones((3, 3), dtype=int)
+        of_m, of_h, of_P = _not_transmitted(mechanism.X[list(mechanism.columns[i])])
         M[i] = inertia.from_moments((1 - of_m) * m, (1 - of_h) * h, (1 - of_P) * P)
         p = mechanism.parent[i]
         rest = inertia.shift_inertia(inertia.from_moments(of_m * m, of_h * h, of_P * P), mechanism.B[i])
         if p >= 0:
             M[p] = M[p] + rest
-        elif base is not None:
-            base = replace(base, M=base.M + rest)
-    return replace(mechanism, M=np.stack(M), base=base)
+    return replace(mechanism, M=np.stack(M))
+
+
+def _not_transmitted(X: Array) -> tuple[int, Array, Array]:
+    """1 where a joint with screws X, (k, 6), does not transmit m, h and P of its body, else 0."""
+    turns, slides = (not all(map(is_zero, np.ravel(part))) for part in (X[:, :3], X[:, 3:]))
+    of_m = int(turns and not slides)
+    if len(X) != 1:
+        return of_m, 0 * _Z, 0 * _I
+    return of_m, _Z * of_m, _Z @ _Z.T if turns else np.ones((3, 3), dtype=int)
 
 
 @lru_cache(maxsize=64)
@@ -189,8 +200,8 @@ def _to(e: np.ndarray) -> np.ndarray:
     return _I + v + v @ v / (1 + e[2])
 
 
-def _exact_rotation(T: Array) -> Array:
-    return pose(_exact(rotation(T)), position(T))
+def _exactly_turned(mechanism: Mechanism) -> Mechanism:
+    return replace(mechanism, B=np.stack([pose(_exact(rotation(B)), position(B)) for B in mechanism.B]))
 
 
 def _numbers(x: Array) -> np.ndarray | None:

@@ -11,13 +11,13 @@ from jounce.spatial import inertia
 
 
 def parameters_of(mechanism: Mechanism) -> Array:
-    """Return the ten parameters of each body, in the order of `body_names`: (10 nb,)."""
-    return inertia.parameters(mechanism.inertias).reshape(-1)
+    """Return the ten parameters of each body, in the order of `bodies`: (10 nb,)."""
+    return inertia.parameters(mechanism.M).reshape(-1)
 
 
 def with_parameters(mechanism: Mechanism, given: object) -> Mechanism:
     """Return the mechanism with other inertial parameters, (10 nb,)."""
-    p, names = asarray(given, "p"), mechanism.body_names
+    p, names = asarray(given, "p"), mechanism.bodies
     if p.shape != (len(inertia.PARAMETERS) * len(names),):
         raise JounceError(
             f"p has shape {p.shape}; expected ({len(inertia.PARAMETERS) * len(names)},):"
@@ -29,5 +29,4 @@ def with_parameters(mechanism: Mechanism, given: object) -> Mechanism:
             f"p: {inertia.PARAMETERS[k]} of {names[body]!r} is {p[10 * body + k]}; expected finite numbers"
         )
     M = inertia.from_parameters(p.reshape((len(names), len(inertia.PARAMETERS))))
-    base = mechanism.base and replace(mechanism.base, M=M[0])
-    return replace(mechanism, M=M[mechanism.first :], base=base)
+    return replace(mechanism, M=M)

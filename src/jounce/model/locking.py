@@ -78,42 +78,41 @@ def warn_of_limits(mechanism: Mechanism, still: Iterable[int], theta: np.ndarray
 
 def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:
     """Return the mechanism without its locked joints, each at its constant theta."""
-    kept = [i for i, welded in enumerate(still) if not welded]
+    held = [bool(columns) and all(still[j] for j in columns) for columns in mechanism.columns]
+    kept = [j for j, welded in enumerate(still) if not welded]
     places: dict[int, Frame] = {-1: Frame("ground", -1, np.eye(4))}  # where each old body sits
     B: list[Array] = []
     parent: list[int] = []
-    M = np.zeros((len(kept) + 1, 6, 6), dtype=mechanism.inertias.dtype)
-    M[-1] = mechanism.base_inertia
+    M = np.zeros((mechanism.nb + 1, 6, 6), dtype=mechanism.M.dtype)  # the last is of the ground
     for i, p in enumerate(mechanism.parent):
         carrier, name = places[p], mechanism.bodies[i]
         at_zero = carrier.T @ mechanism.B[i]
-        if still[i]:
-            turned = lie.exp(mechanism.X[i], mechanism.g[i, None, None])
-            places[i] = Frame(name, carrier.body, at_zero @ turned)
+        if held[i]:
+            [j] = mechanism.columns[i]
+            places[i] = Frame(name, carrier.body, at_zero @ lie.exp(mechanism.X[j], mechanism.g[j, None, None]))
         else:
             places[i] = Frame(name, len(B), np.eye(4, dtype=int))
             B.append(at_zero)
             parent.append(carrier.body)
         M[places[i].body] += inertia.shift_inertia(mechanism.M[i], places[i].T)
-    merged = [places[i] for i, welded in enumerate(still) if welded]
+    merged = [places[i] for i, welded in enumerate(held) if welded]
 
     def moved(f: Frame) -> Frame:
         return Frame(f.name, places[f.body].body, places[f.body].T @ f.T)
 
-    base = mechanism.base and replace(mechanism.base, M=exact_inertia(M[-1], "base") + 0)
     return replace(
         mechanism,
         B=np.stack([exact_pose(T, "B") for T in B]),  # no rounding of the products, so that a file can hold it
         X=mechanism.X[kept],
-        M=np.stack([exact_inertia(M_i, "M") for M_i in M[:-1]]) + 0,
+        M=np.stack([exact_inertia(M_i, "M") for M_i in M[: len(B)]]) + 0,
         parent=tuple(parent),
+        owners=tuple(places[mechanism.owners[j]].body for j in kept),
         G=mechanism.G[kept],
         g=mechanism.g[kept],
-        bodies=tuple(mechanism.bodies[i] for i in kept),
-        joints=tuple(mechanism.joints[i] for i in kept),
+        bodies=tuple(name for name, welded in zip(mechanism.bodies, held, strict=True) if not welded),
+        joints=tuple(mechanism.joints[j] for j in kept),
         limits=mechanism.limits.select(kept),
         drives=Drives(**{name: array[kept] for name, array in vars(mechanism.drives).items()}),
-        base=base,
         frames=(*merged, *map(moved, mechanism.frames)),
         loops=tuple(replace(loop, a=moved(loop.a), b=moved(loop.b)) for loop in mechanism.loops),
     )

@@ -1,8 +1,9 @@
-"""Mechanism: the frozen data of a tree of rigid bodies on 1-DOF joints.
+"""Mechanism: the frozen data of a tree of rigid bodies on joints.
 
-Body i hangs by joint i on body ``parent[i] < i`` (or on the ground, -1), with the joint screw X_i in its own frame:
+Body i hangs by a joint on body ``parent[i] < i`` (or on the ground, -1), with the joint screw X_i in its own frame:
 ``C_i = C_p B_i exp(X_i theta_i)``. The joint variables follow the coordinates by ``theta = G q + g`` with constant G
 and g: the identity, unless joints mimic others. Where loops are closed, some coordinates follow the others (`Closure`).
+The base of a floating robot is the first body; its joint leaves it all six motions.
 """
 
 from dataclasses import dataclass, field, replace
@@ -23,17 +24,11 @@ GRAVITY = (0, 0, -9.81)  # m/s^2, unless told otherwise
 DATA = ("B", "X", "M", "gravity", "G", "g")  # the arrays of a mechanism
 
 
-@dataclass(frozen=True, eq=False)
-class FloatingBase:
-    """The body of a floating robot that moves freely in space: its name, and its inertia matrix (6, 6) in its frame."""
-
-    name: str
-    M: Array
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Mechanism:
     """The data of a robot: a tree or forest of nb bodies, each behind one joint, with n coordinates.
+
+    Joint variables are those of all joints but the one of a base that floats.
 
     `jounce.load` and the constructors of `Robot` make one and check it: ``robot.mechanism``. Its arrays are read-only;
     `dataclasses.replace` changes some of them, without a check.
@@ -41,19 +36,21 @@ class Mechanism:
     Attributes
     ----------
     B : (nb, 4, 4)
-        Pose of body i in its parent's frame at theta_i = 0.
-    X : (nb, 6)
-        Joint screw in the body frame, (xi; eta).
+        Pose of body i in its parent's frame where its joint variable is 0; the identity for a base that floats.
+    X : (nc, 6)
+        Screw of each joint variable in the frame of the body that it moves, (xi; eta).
     M : (nb, 6, 6)
         Inertia matrix in the body frame.
     parent : tuple of int
-        Index of each body's parent, smaller than its own; -1 is the ground, or the base if the robot floats.
+        Index of each body's parent, smaller than its own; -1 is the ground.
+    owners : tuple of int
+        The body that each of the nc joint variables moves.
     gravity : (3,)
         Gravitational acceleration in the inertial frame, m/s^2.
-    G, g : (nb, n) and (nb,)
+    G, g : (nc, n) and (nc,)
         The joint variables are theta = G q + g.
     bodies, joints : tuple of str
-        The names of the bodies, and of the joints that move them.
+        The names of the bodies, and of the joint variables that move them.
     coordinates : tuple of str
         The names of the coordinates: those joints that follow no other.
     limits : Limits
@@ -64,11 +61,11 @@ class Mechanism:
         Those terms of the drives that enter Q.
     elasticity : Elasticity, or None
         The springs between motors and links; None if all joints are rigid.
-    base : FloatingBase, or None
-        The body in the place of the ground, -1, if the robot floats: its `name`, and its inertia matrix `M` (6, 6).
+    floats : bool
+        Whether the first body is the base of a floating robot, which moves freely and has no joint variable.
     frames : tuple of Frame
-        The frames of links that are merged into bodies: `name`, `body` (its index, -1 for the ground or base), `T`
-        (4, 4), the pose in the frame of the body.
+        The frames of links that are merged into bodies: `name`, `body` (its index, -1 for the ground), `T` (4, 4), the
+        pose in the frame of the body.
     name : str
         The robot's name.
     default_axes : tuple of str
@@ -91,6 +88,7 @@ class Mechanism:
     X: Array
     M: Array
     parent: tuple[int, ...]
+    owners: tuple[int, ...]
     gravity: Array
     G: Array
     g: Array
@@ -101,7 +99,7 @@ class Mechanism:
     drives: Drives
     acting: tuple[str, ...] = ()
     elasticity: Elasticity | None = None
-    base: FloatingBase | None = None
+    floats: bool = False
     frames: tuple[Frame, ...] = ()
     name: str = "robot"
     default_axes: tuple[str, ...] = field(default=(), compare=False)
@@ -122,9 +120,8 @@ class Mechanism:
 
     @property
     def arrays(self) -> dict[str, Array]:
-        """The numbers of the rigid bodies and their joints by name; under ``"base"`` the inertia of a floating base."""
-        own = {name: getattr(self, name) for name in DATA}
-        return own | {"base": self.base.M} if self.base else own
+        """The numbers of the rigid bodies and their joints by name."""
+        return {name: getattr(self, name) for name in DATA}
 
     @property
     def is_numeric(self) -> bool:
@@ -139,9 +136,14 @@ class Mechanism:
             self if c is None else replace(self, G=c.G, g=c.g, coordinates=c.coordinates, closure=None, elasticity=None)
         )
 
+    @cached_property
+    def columns(self) -> tuple[tuple[int, ...], ...]:
+        """The joint variables that move each body: none of a base that floats, several of a joint of several screws."""
+        return tuple(tuple(j for j, owner in enumerate(self.owners) if owner == i) for i in range(self.nb))
+
     @property
     def nb(self) -> int:
-        """The number of bodies behind joints: all but the base of a floating robot."""
+        """The number of bodies."""
         return len(self.parent)
 
     @property
@@ -152,32 +154,12 @@ class Mechanism:
     @property
     def nv(self) -> int:
         """The number of velocities, n, and 6 more if the robot floats: those of its base, which come first."""
-        return self.n + (6 if self.base else 0)
-
-    @property
-    def body_names(self) -> tuple[str, ...]:
-        """The names of all bodies, the base of a floating robot first, in the order of rows of wrenches and poses."""
-        return (self.base.name, *self.bodies) if self.base else self.bodies
-
-    @property
-    def inertias(self) -> Array:
-        """The inertia matrices of all bodies, (len(body_names), 6, 6), in the order of `body_names`."""
-        return np.concatenate([self.base.M[None], self.M]) if self.base else self.M
-
-    @property
-    def base_inertia(self) -> Array:
-        """The inertia matrix (6, 6) of the base; that of the ground, on which a fixed robot stands, is zero."""
-        return self.base.M if self.base else np.zeros((6, 6), dtype=int)
-
-    @property
-    def first(self) -> int:
-        """The row of body 0 among `body_names`: 1 if the robot floats, as row 0 is that of its base."""
-        return 1 if self.base else 0
+        return self.n + 6 * self.floats
 
     @property
     def frame_names(self) -> tuple[str, ...]:
         """The names of the bodies, and of the links merged into them."""
-        return (*self.body_names, *(frame.name for frame in self.frames))
+        return (*self.bodies, *(frame.name for frame in self.frames))
 
     def frame(self, name: str) -> Frame:
         """Where a body, or a link merged into one, sits.
@@ -190,8 +172,7 @@ class Mechanism:
         Returns
         -------
         Frame
-            With its `name`, its `body` (an index, -1 for the ground or base), and its pose `T` (4, 4) in the frame of
-            the body.
+            With its `name`, its `body` (an index, -1 for the ground), and its pose `T` (4, 4) in the frame of the body.
 
         Raises
         ------
@@ -205,8 +186,8 @@ class Mechanism:
         6
         """
         one_of("body", name, self.frame_names)
-        if name in self.body_names:
-            return Frame(name, self.body_names.index(name) - self.first, np.eye(4, dtype=int))
+        if name in self.bodies:
+            return Frame(name, self.bodies.index(name), np.eye(4, dtype=int))
         return next(frame for frame in self.frames if frame.name == name)
 
 
@@ -218,16 +199,15 @@ def reciprocal_mass(mechanism: Mechanism) -> Array:
     ------
     JounceError : if they have no mass, and hence no centre of mass.
     """
-    mass = mechanism.inertias[:, 3:4, 3].sum(axis=0)
+    mass = mechanism.M[:, 3:4, 3].sum(axis=0)
     if is_zero(mass[0]):
         raise JounceError(f"{mechanism.name!r} has no centre of mass, as all masses are 0; give its bodies mass")
     return reciprocal(mass)
 
 
 def body_name(mechanism: Mechanism, body: int, ground: str = "ground") -> str:
-    """The name of a body by its index; -1 is a floating base, or what the ground is called."""
-    row = body + mechanism.first
-    return mechanism.body_names[row] if row >= 0 else ground
+    """The name of a body by its index; -1 is what the ground is called."""
+    return mechanism.bodies[body] if body >= 0 else ground
 
 
 def ancestors(mechanism: Mechanism) -> np.ndarray:
@@ -249,7 +229,7 @@ def path_to(mechanism: Mechanism, body: int) -> list[int]:
 
 
 def reference_poses(mechanism: Mechanism) -> list[Array]:
-    """The poses of all the bodies at theta = 0."""
+    """The poses of all the bodies where their joint variables are 0, that of a floating base the identity."""
     poses: list[Array] = []
     for B, p in zip(mechanism.B, mechanism.parent, strict=True):
         poses.append(B if p < 0 else poses[p] @ B)

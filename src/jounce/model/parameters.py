@@ -11,7 +11,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, listed, no_such, quoted
 from jounce.core.scalars import Array, exact_integers, is_zero
-from jounce.model.casting import with_exact_integers, with_inertias
+from jounce.model.casting import with_exact_integers
 from jounce.model.frame import Frame
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
@@ -33,7 +33,7 @@ def parametrise(
     "gravity"                gravity (3,)
     "masses"                 masses (nb,), that of a floating base first: bodies keep their COM, inertia grows in
                              proportion, as with the density; one without mass gets it at its frame's origin
-    "lengths"                lengths (nb, 3): the positions of the body frames in their parents', at theta = 0
+    "lengths"                lengths (nb, 3): the positions of the body frames in their parents', at theta = 0; no base
     "payload", "payload:X"   payload_mass (1,), payload_com (3,), payload_inertia (6,), added to body or link X, the
                              end of the robot if none is named: in the axes of X, the inertia about the COM as xx xy
                              xz yy yz zz; the symbols of a second payload are payload2_mass, ...
@@ -46,9 +46,10 @@ def parametrise(
     JounceError : where a name is unknown or comes twice, or a payload hangs on the ground.
     """
     symbols = {name: symbol(name, value.shape) for name, value in own_values(mechanism, names).items()}
-    B, M = exact_integers(mechanism.B), exact_integers(mechanism.inertias)
+    B, M = exact_integers(mechanism.B), exact_integers(mechanism.M)
     if "lengths" in symbols:
-        B = pose(rotation(B), symbols["lengths"][..., None])
+        first = int(mechanism.floats)  # the base stays
+        B = np.concatenate([B[:first], pose(rotation(B[first:]), symbols["lengths"][..., None])])
     if "masses" in symbols:
         M = np.stack([_of_mass(M_i, symbols["masses"][i : i + 1, None]) for i, M_i in enumerate(M)])
     for stem, frame in _payloads(mechanism, names).items():
@@ -56,15 +57,15 @@ def parametrise(
         added = inertia.shift_inertia(
             inertia.inertia_matrix(mass, com, inertia.symmetric(six)), exact_integers(frame.T)
         )
-        M = M + np.eye(len(M), dtype=int)[frame.body + mechanism.first][:, None, None] * added
+        M = M + np.eye(len(M), dtype=int)[frame.body][:, None, None] * added
     gravity = symbols.get("gravity", mechanism.gravity)
-    changed = with_inertias(replace(mechanism, B=B, gravity=np.array(gravity)), M)
-    return with_exact_integers(changed), symbols
+    return with_exact_integers(replace(mechanism, B=B, M=M, gravity=np.array(gravity))), symbols
 
 
 def own_values(mechanism: Mechanism, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Return the arrays that `parametrise` replaces, with the robot's own values."""
-    own = {"gravity": mechanism.gravity, "masses": mechanism.inertias[:, 3, 3], "lengths": mechanism.B[:, :3, 3]}
+    lengths = mechanism.B[int(mechanism.floats) :, :3, 3]
+    own = {"gravity": mechanism.gravity, "masses": mechanism.M[:, 3, 3], "lengths": lengths}
     payloads = _payloads(mechanism, names)
     nothing = {f"{stem}_{part}": np.zeros(size) for stem in payloads for part, size in PAYLOAD.items()}
     return {name: own[name] for name in names if name in own} | nothing
@@ -83,7 +84,7 @@ def _payloads(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Frame]:
             raise no_such("parameter", name, [*PARAMETERS, "payload:BODY"])
         if kind == "payload":
             frame = mechanism.frame(body if colon else _tip(mechanism))
-            if frame.body < 0 and mechanism.base is None:
+            if frame.body < 0:
                 raise JounceError(f"a payload on {frame.name!r} has no effect: it is fixed to the ground")
             payloads[f"payload{len(payloads) + 1 if payloads else ''}"] = frame
     return payloads

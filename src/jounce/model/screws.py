@@ -10,7 +10,7 @@ from jounce.core.scalars import Array, asarray, is_finite, is_numeric, is_symbol
 from jounce.model.casting import with_exact_integers
 from jounce.model.drives import UNDRIVEN, Drives, drive_error
 from jounce.model.limits import Limits
-from jounce.model.mechanism import GRAVITY, FloatingBase, Mechanism
+from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.model.size import check_size
 from jounce.model.stated import checked_limits
 from jounce.spatial import inertia, lie
@@ -49,29 +49,39 @@ def from_screws(
     data |= {label: array + 0.0 for label, array in data.items() if is_numeric(array)}  # no -0.0 among data
     bodies = _names(names, nb, "names", "body")
     coordinates = _names(joint_names, data["G"].shape[1], "joint_names", "joint" if G is None else "q")
+    carriers = _tree(parent, nb)
+    if base is not None:
+        bodies = (_base_name(base_name, bodies), *bodies)
+        data["B"], data["M"] = np.stack([np.eye(4), *data["B"]]), np.stack([_base_inertia(base), *data["M"]])
+        carriers = (-1, *(p + 1 for p in carriers))
     built = Mechanism(
         **data,
-        parent=_tree(parent, nb),
+        parent=carriers,
+        owners=tuple(range(len(bodies) - nb, len(bodies))),
         bodies=bodies,
         joints=coordinates if G is None else _names(None, nb, "joints", "joint"),
         coordinates=coordinates,
         limits=checked_limits(limits, nb),
         drives=_checked_drives(drives, nb),
-        base=None if base is None else _floating_base(base, base_name, bodies),
+        floats=base is not None,
         name=_text(name, "name"),
     )
     return with_exact_integers(built) if any(map(is_symbolic, built.arrays.values())) else built
 
 
-def _floating_base(M: Array, name: str, bodies: Sequence[str]) -> FloatingBase:
-    M = _data(M, "base")
+def _base_inertia(given: Array) -> np.ndarray:
+    M = _data(given, "base")
     if M.shape != (6, 6):
         raise JounceError(f"base has shape {M.shape}; expected the inertia matrix (6, 6) of the base that floats")
     _check_finite(M, "base")
+    M = exact_inertia(M, "base")
+    return M + 0.0 if is_numeric(M) else M
+
+
+def _base_name(name: str, bodies: Sequence[str]) -> str:
     if _text(name, "base_name") in bodies:
         raise JounceError(f"base_name is {quoted(name)}, which is the name of a body; expected another")
-    M = exact_inertia(M, "base")
-    return FloatingBase(name, M + 0.0 if is_numeric(M) else M)
+    return name
 
 
 def from_spatial_screws(A: Array, Y: Array, M: Array, parent: Sequence[int] | None = None, **data: Any) -> Mechanism:

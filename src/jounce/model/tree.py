@@ -134,8 +134,8 @@ def mechanism(
             base_name=floating or "",
             name=name,
         )
-    own = set(built.body_names)
-    merged = tuple(frame for link, frame in frames.items() if link not in own)
+    own = set(built.bodies)
+    merged = tuple(replace(f, body=f.body + built.floats) for link, f in frames.items() if link not in own)
     return replace(built, joints=tuple(joint.name for joint in movable), frames=merged)
 
 

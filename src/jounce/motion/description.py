@@ -39,7 +39,7 @@ def motion_of(description: Description, mechanism: Mechanism) -> Motion:
         for body, components in description.wrenches.items()
     }
     q = Analytic(tuple(description.joints[joint] for joint in joints), *ends)
-    if mechanism.base and description.base is None:
+    if mechanism.floats and description.base is None:
         raise JounceError(
             f"{mechanism.name!r} floats, and nothing says where its base is; expected base: with terms of some of"
             f" {listed(COLUMNS)}, position in m and quaternion"

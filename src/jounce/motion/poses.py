@@ -29,7 +29,7 @@ COLUMN = re.compile(rf"(.*)\.({'|'.join(COLUMNS)}){SUFFIX}(_sd)?", re.DOTALL)
 
 def named(names: Sequence[str], mechanism: Mechanism) -> dict[str, str]:
     """Those column names that are of the base, each as it is with the prefix ``base``."""
-    prefixes = {BASE, mechanism.base.name if mechanism.base else BASE}
+    prefixes = {BASE, mechanism.bodies[0] if mechanism.floats else BASE}
     parts = {name: match for name in names if (match := COLUMN.fullmatch(name)) and match[1] in prefixes}
     return {
         name: f"{BASE}.{name[len(match[1]) + 1 :]}"
@@ -40,12 +40,12 @@ def named(names: Sequence[str], mechanism: Mechanism) -> dict[str, str]:
 
 def check_names(names: Sequence[str], mechanism: Mechanism, highest: int) -> None:
     """Raise `JounceError` unless the columns of a base, with the prefix ``base``, are complete."""
-    if not names and not mechanism.base:
+    if not names and not mechanism.floats:
         return
     if not names:
         raise JounceError(
             f"{mechanism.name!r} floats, and no column says where its base is; expected {', '.join(NAMES)} (or with the"
-            f" prefix {mechanism.base.name!r}), position in m and unit quaternion"  # type: ignore[union-attr]
+            f" prefix {mechanism.bodies[0]!r}), position in m and unit quaternion"
         )
     rates = range(1 if are_sampled(names) else highest + 1)
     missing = [name for name in (f"{BASE}.{rate_name(x, k)}" for x in COLUMNS for k in rates) if name not in names]

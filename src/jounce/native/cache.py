@@ -49,7 +49,7 @@ def limit() -> int:
 def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
     """The name of a kernel: a hash of everything that its code depends on."""
     digest = hashlib.sha256(key_of(str(computation), target).encode())
-    digest.update(repr((mechanism.parent, mechanism.acting)).encode())
+    digest.update(repr((mechanism.parent, mechanism.owners, mechanism.floats, mechanism.acting)).encode())
     arrays = mechanism.arrays | (vars(mechanism.drives) if mechanism.acting else {})
     if mechanism.elasticity and computation.quantity.elastic:
         e = mechanism.elasticity

@@ -71,7 +71,7 @@ def _followers(mechanism: Mechanism, inputs: Sequence[Port], arrays: Sequence[np
 def _block(mechanism: Mechanism, computation: Computation, signature: Signature, patience: float) -> Block:
     if not is_straight(computation, mechanism):
         steps_of_joints = (len(set(kinds(mechanism))) + computation.base) * (computation.order + 1) ** 2
-        if mechanism.nb * BODY + steps_of_joints * STEP > patience:
+        if len(mechanism.joints) * BODY + steps_of_joints * STEP > patience:
             raise LongCompilationError
         acting = tuple(term for term in mechanism.acting if term in computation.quantity.drive_terms)
         return loop.emit_loop(mechanism, Sweeps(computation, acting), signature)

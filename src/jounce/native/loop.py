@@ -32,7 +32,7 @@ from jounce.native.loop_steps import (
     drive_table,
     kinds,
 )
-from jounce.native.plan import Layout, motion_slots
+from jounce.native.plan import Layout, carriers, motion_slots
 
 MEMORY = ("constants", "body", "parent", "motion", "carrier")  # what a step reads and writes
 GROUND = ("%bodies", "%bodies", "%motions")  # what those of the ground are, but for the constants and the carrier
@@ -46,21 +46,21 @@ def emit_loop(mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> Blo
 
 
 def _define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> None:
-    reduced, slots, of_joints = minimal(mechanism), motion_slots(mechanism.parent), kinds(mechanism)
+    reduced, slots, of_joints = minimal(mechanism), motion_slots(carriers(mechanism)), kinds(mechanism)
     present = [kind for kind in KINDS if kind in of_joints]
-    _define_steps(ir, present, sweeps, reduced.base is not None)
+    _define_steps(ir, present, sweeps, reduced.floats)
     _define_tables(ir, mechanism, slots, [present.index(kind) for kind in of_joints])
     _define_sum(ir)
     with ir.function("internal void @block(ptr %in, ptr %out, ptr %bodies)"):
         ir.label("start")
-        ir.do(f"%motions = getelementptr {ir.V}, ptr %bodies, i64 {(reduced.nb + 1) * sweeps.layout.size}")
+        ir.do(f"%motions = getelementptr {ir.V}, ptr %bodies, i64 {(len(reduced.joints) + 1) * sweeps.layout.size}")
         _set_results(ir, signature)
         if sweeps.computation.base:
             _move_ground(ir, reduced, sweeps, signature)
         else:
             _set_ground(ir, sweeps, ground(reduced.gravity.astype(float)))
         sweep(_Memory(ir, reduced, sweeps, signature, present))
-        if reduced.base:
+        if reduced.floats:
             _add_base_force(ir, sweeps, signature)
         ir.do("ret void")
 
@@ -76,12 +76,12 @@ class _Memory:
     kinds: Sequence[str]
 
     def outward(self) -> Iterator[str]:
-        with self.ir.loop(str(self.chain.nb)) as i:
+        with self.ir.loop(str(len(self.chain.joints))) as i:
             yield i
 
     def inward(self) -> Iterator[str]:
-        with self.ir.loop(str(self.chain.nb)) as down:
-            yield self.ir.let(f"sub i64 {self.chain.nb - 1}, {down}")
+        with self.ir.loop(str(len(self.chain.joints))) as down:
+            yield self.ir.let(f"sub i64 {len(self.chain.joints) - 1}, {down}")
 
     def move(self, i: str) -> None:
         memory = _memory(self.ir, i, self.sweeps)
@@ -90,7 +90,7 @@ class _Memory:
 
     def add_wrench(self, i: str) -> None:
         if self.sweeps.computation.wrench:
-            place = self.ir.let(f"add i64 {i}, {self.chain.first}")  # among the bodies that take wrenches
+            place = self.ir.let(f"add i64 {i}, {int(self.chain.floats)}")  # among the bodies that take wrenches
             _add_wrench(self.ir, place, _memory(self.ir, i, self.sweeps), self.sweeps.layout, self.signature)
 
     def hand_on(self, i: str) -> None:
@@ -124,7 +124,7 @@ def _define_tables(ir: Writer, mechanism: Mechanism, slots: Sequence[int], of_jo
     """Write the tables of constants of the joints; `of_joints` are the indices of their kinds."""
     G = mechanism.G.astype(float)
     ir.table("kinds", of_joints)
-    ir.table("parents", [p + 1 for p in mechanism.parent])
+    ir.table("parents", [p + 1 for p in carriers(mechanism)])
     ir.table("slots", slots)
     ir.table("constants", constants(mechanism).ravel().tolist())
     ir.table("drives", drive_table(mechanism).ravel().tolist())
@@ -182,10 +182,10 @@ def _move_ground(ir: Writer, chain: Mechanism, sweeps: Sweeps, signature: Signat
     """The motion of the ground from that of the base, and what acts on a base that floats."""
     given = ir.at("%in", signature.of_role("base")[0].start, ir.V)
     memory = [*GROUND, given]
-    if chain.base is None:
+    if not chain.floats:
         _clear_ground(ir, sweeps.layout)
     ir.do(f"call void @move_base({_pointers('@base', *memory)})")
-    if chain.base is not None and sweeps.computation.wrench:
+    if chain.floats and sweeps.computation.wrench:
         _add_wrench(ir, "0", memory, sweeps.layout, signature)
 
 

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce.core.scalars import is_zero
-from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.recursion.forces import ground
 from jounce.dynamics.recursion.joints import rows
-from jounce.dynamics.recursion.steps import AlignedJoint, BodyMotion, Force, Moments, inward, joint_force
+from jounce.dynamics.recursion.steps import AlignedJoint, BodyMotion, Force, Moments, free_joint
 from jounce.model import drives
 from jounce.model.equivalent import frame_shifts, minimal
 from jounce.model.mechanism import Mechanism
@@ -100,7 +99,8 @@ class Sweeps:
         c = sheet.constants(BASE)
         C, V = sheet.read("carrier", "C")[0].reshape(4, 4), sheet.read("carrier", "V")
         kind = sweep_of(self.computation)
-        found = kind.base(c["g"], BaseMotion(pose(rotation(C), position(C)), V))
+        B, X = np.eye(4, dtype=int), np.eye(6, dtype=int)
+        found = kind.outward(free_joint(-1, B, X, pose(rotation(C), position(C)), V), ground(c["g"]))
         for name in kind.parts:
             sheet.write("motion", name, getattr(found, name))
         if floating:
@@ -138,8 +138,8 @@ class Sweeps:
         sheet = _Sheet(self)
         joint, _ = _joint(sheet, kind)
         on, parents = (Force(sheet.read(memory, "f"), sheet.read(memory, "n")) for memory in ("body", "parent"))
-        total = parents + inward(joint, on)
-        sheet.write("body", "Q", joint_force(joint, on))
+        total = parents + joint.inward(on)
+        sheet.write("body", "Q", joint.force(on))
         sheet.write("parent", "f", total.f)
         sheet.write("parent", "n", total.n)
         return sheet.step()
@@ -182,18 +182,18 @@ def kinds(mechanism: Mechanism) -> list[str]:
 
 
 def constants(mechanism: Mechanism) -> np.ndarray:
-    """The numbers of each joint, as `CONSTANTS` lists them."""
+    """The numbers of each joint variable, as `CONSTANTS` lists them."""
     chain = minimal(mechanism)
-    table = []
-    for B, X, M in zip(chain.B, chain.X, chain.M, strict=True):
+    owners, table = list(chain.owners), []
+    for B, X, M in zip(chain.B[owners], chain.X, chain.M[owners], strict=True):
         table.append(np.concatenate([np.ravel(part) for part in (rotation(B), position(B), X[5:])] + [_upper(M)]))
     return np.array(table, dtype=float)
 
 
 def base_constants(mechanism: Mechanism) -> np.ndarray:
-    """The numbers of the base, as `BASE` lists them; a fixed one has no inertia."""
+    """The numbers of the base, as `BASE` lists them; the ground's inertia is not read."""
     chain = minimal(mechanism)
-    return np.concatenate([chain.gravity, _upper(chain.base_inertia)]).astype(float)
+    return np.concatenate([chain.gravity, _upper(chain.M[0])]).astype(float)
 
 
 def _upper(M: np.ndarray) -> np.ndarray:

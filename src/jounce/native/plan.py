@@ -31,7 +31,7 @@ class LongCompilationError(Exception):
 def is_straight(computation: Computation, mechanism: Mechanism) -> bool:
     """Return whether the code is a straight line; a loop over the bodies is half as fast, but compiles at once."""
     looped = computation.quantity.sweep is not None and not computation.product and not mechanism.closure
-    return not looped or mechanism.nb * (computation.order + 1) ** 2 <= STRAIGHT_LIMIT
+    return not looped or len(mechanism.joints) * (computation.order + 1) ** 2 <= STRAIGHT_LIMIT
 
 
 def highest_order(computation: Computation, mechanism: Mechanism) -> int:
@@ -97,6 +97,11 @@ def sweep_of(computation: Computation) -> Sweep:
     return sweep
 
 
+def carriers(mechanism: Mechanism) -> list[int]:
+    """The joint on which each joint hangs; -1 is the ground, or the base that moves in its place."""
+    return [mechanism.parent[i] - mechanism.floats if mechanism.parent[i] >= 0 else -1 for i in mechanism.owners]
+
+
 def motion_slots(parent: Sequence[int]) -> list[int]:
     """Assign slots to motions, the ground's first; a slot is reused after the last child has its motion."""
     last = list(range(-1, len(parent)))  # the last child of each, the ground's first; itself if it has none
@@ -118,7 +123,7 @@ def vectors_of_bodies(computation: Computation, mechanism: Mechanism) -> int:
     """The vectors that the loop form keeps of all bodies and of the ground; none in a straight line."""
     if is_straight(computation, mechanism):
         return 0
-    parent = mechanism.parent
+    parent = carriers(mechanism)
     motions = max(motion_slots(parent)) + 1
     return (len(parent) + 1) * body_layout(computation).size + motions * motion_layout(computation).size
 

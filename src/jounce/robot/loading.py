@@ -179,8 +179,8 @@ def _call(build: Callable[..., Mechanism], parameters: dict[str, object], what: 
 def _warn_of_inertias(mechanism: Mechanism, path: Path) -> None:
     from jounce.checks.audit import impossible
 
-    found = impossible(mechanism) if is_numeric(mechanism.inertias) else []
+    found = impossible(mechanism) if is_numeric(mechanism.M) else []
     if found:
         more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
-        count = f"{len(found)} of {len(mechanism.body_names)} bodies"
+        count = f"{len(found)} of {mechanism.nb} bodies"
         warn(f"{path}: {count} have a physically inconsistent inertia: {found[0]}{more}")

@@ -131,7 +131,7 @@ def _with_meaning(motion: "Motion", robot: Engine) -> "Motion":
     from jounce.motion.vibrations import in_forces
 
     mechanism, curve = robot.mechanism, motion.curve
-    if not isinstance(curve, SmoothedCurve) or mechanism.base or mechanism.loops:
+    if not isinstance(curve, SmoothedCurve) or mechanism.floats or mechanism.loops:
         return motion
 
     def mass_matrices(t: np.ndarray) -> np.ndarray:

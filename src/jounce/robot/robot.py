@@ -100,7 +100,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         return hash(equality.key(self.mechanism))
 
     def __repr__(self) -> str:
-        floats = ", floating" if self.mechanism.base else ""
+        floats = ", floating" if self.mechanism.floats else ""
         springs = ", elastic joints" if self.mechanism.elasticity else ""
         return f"<Robot {self.name!r}: {self.n} coordinates, {len(self.body_names)} bodies{floats}{springs}>"
 
@@ -111,7 +111,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
 
     @property
     def limits(self) -> Limits:
-        """The limits of the nb joint variables and of their forces, SI units, see `Limits`; `with_limits` sets them.
+        """The limits of the nc joint variables and of their forces, SI units, see `Limits`; `with_limits` sets them.
 
         A limit that is not stated is infinite. Limits do not enter Q.
         """
@@ -119,9 +119,9 @@ class Robot(Applications, Methods, OldMethods, Displayed):
 
     @property
     def drives(self) -> Drives:
-        """The drive trains as stated: `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest`, (nb,) each.
+        """The drive trains as stated: `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest`, (nc,) each.
 
-        They are those of the nb joint variables, in SI units. They enter Q where `with_drives` or
+        They are those of the nc joint variables, in SI units. They enter Q where `with_drives` or
         ``load(..., drives=True)`` selects them.
         """
         return self.mechanism.drives

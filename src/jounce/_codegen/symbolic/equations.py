@@ -113,7 +113,7 @@ def symbolic(robot: Engine, moving_base: bool) -> Symbolic:
         raise JounceError("symbolic() needs SymPy; install it by: pip install 'jounce[sympy]'") from None
     true_or_false("moving_base", moving_base, "whether the ground moves")
     m = robot.mechanism
-    found = expressions(m, moving_base or m.base is not None)
+    found = expressions(m, moving_base or m.floats)
     series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if not requests.missing(m, row)}
     series |= {symbol: found.external(row, symbol) for symbol, row in OF_WRENCHES.items()}
 

@@ -17,7 +17,7 @@ from jounce.core.scalars import Array, zeros_like
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.quantities import Quantity
 from jounce.dynamics.state import Law, State
-from jounce.model.casting import with_exact_integers, with_inertias
+from jounce.model.casting import with_exact_integers
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import pose
 from jounce.spatial.series import Series, rate_name
@@ -48,7 +48,7 @@ class Expressions:
 
     def external(self, row: Quantity, symbol: str) -> Series:
         """Return the part of wrenches in a quantity: the quantity without masses and drives."""
-        massless = with_inertias(replace(self.model, acting=()), zeros_like(self.model.inertias))
+        massless = replace(self.model, acting=(), M=zeros_like(self.model.M))
         state = State(self._column("q"), self._column("W"), base=self._base())
         return self._printed(symbol, lambda: _law(row, massless)(massless, state))
 

@@ -55,7 +55,7 @@ def state_symbols(mechanism: Mechanism, base: bool) -> dict[str, Series]:
     """
     import sympy
 
-    n, nb = mechanism.n, len(mechanism.body_names)
+    n, nb = mechanism.n, mechanism.nb
     found = {
         "q": Series(lambda k: sympy.ImmutableMatrix(n, 1, [sympy.Symbol(name) for name in _coordinates(n, k)])),
         "W": Series(lambda k: sympy.ImmutableMatrix(nb, 6, [sympy.Symbol(name) for name in _wrenches(nb, k)])),

@@ -25,7 +25,7 @@ NONE = np.zeros((1, 2, 3))  # an arrow that is not seen
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """The handles of what moves: the frames of the ground or base and of the bodies, and arrows by what they show."""
+    """The handles of what moves: the frames of the ground and of the bodies, and arrows by what they show."""
 
     robot: Engine
     size: float
@@ -48,6 +48,7 @@ def draw_scene(
     bodies, frames = [], []
     for i in range(m.nb):
         bodies.append(server.scene.add_frame(f"/body{i}", show_axes=False))
+    for i in dict.fromkeys(m.owners):
         name, long, thick = f"/body{i}/frame", 0.12 * size, 0.005 * size
         frames.append(server.scene.add_frame(name, axes_length=long, axes_radius=thick, visible=False))
     seen, notes = _draw_visuals(server, robot, file, folders)
@@ -81,7 +82,7 @@ def show(scene: Scene, now: Track) -> None:
 def _largest(robot: Engine, along: Track | None, size: float) -> dict[str, float]:
     """The largest force and moment that arrows show: along a motion, and the weight."""
     m = robot.mechanism
-    weight = float(m.inertias[:, 3, 3].sum() * np.linalg.norm(np.asarray(m.gravity, dtype=float)))
+    weight = float(m.M[:, 3, 3].sum() * np.linalg.norm(np.asarray(m.gravity, dtype=float)))
     F = np.zeros((1, 6)) if along is None else along.F
     loads = [np.zeros((1, 6))] if along is None else [np.zeros((1, 6)), *along.wrenches.values()]
     forces = [np.linalg.norm(W[:, 3:], axis=1).max() for W in (F, *loads)]

@@ -20,7 +20,7 @@ def impossible(mechanism: Mechanism) -> list[Finding]:
     Second moments about the COM that are positive semidefinite are the same as: principal moments non-negative and
     within the triangle inequality.
     """
-    found = [_defect(body, M) for body, M in zip(mechanism.body_names, mechanism.inertias, strict=True)]
+    found = [_defect(body, M) for body, M in zip(mechanism.bodies, mechanism.M, strict=True)]
     return [finding for finding in found if finding is not None]
 
 
@@ -53,7 +53,7 @@ def _defect(body: str, M: np.ndarray) -> Finding | None:
 
 def placeholders(mechanism: Mechanism) -> list[Finding]:
     """Tensors of one round number times the identity, and the same tensor on bodies of different mass."""
-    M = mechanism.inertias
+    M = mechanism.M
     massive = np.flatnonzero(M[:, 3, 3] > 0)
     moments = np.array([inertia.principal_moments(M[i]) for i in massive]).reshape(-1, 3)
     found, left = [], np.ones(len(massive), dtype=bool)
@@ -76,7 +76,7 @@ def placeholders(mechanism: Mechanism) -> list[Finding]:
 
 def unit_masses(mechanism: Mechanism) -> list[Finding]:
     """Masses of exactly 1 kg on most bodies, at least three."""
-    masses = mechanism.inertias[:, 3, 3]
+    masses = mechanism.M[:, 3, 3]
     ones = [i for i, mass in enumerate(masses) if mass == 1]
     if len(ones) < 3 or 2 * len(ones) <= len(masses):
         return []
@@ -86,7 +86,7 @@ def unit_masses(mechanism: Mechanism) -> list[Finding]:
 
 def point_masses(mechanism: Mechanism) -> list[Finding]:
     """Bodies with mass and no moments about their COM."""
-    inertias = mechanism.inertias
+    inertias = mechanism.M
     points = [i for i, M in enumerate(inertias) if M[3, 3] > 0 and is_point(M)]
     if not points:
         return []
@@ -130,4 +130,4 @@ def _placeholder(
 
 
 def _names(mechanism: Mechanism, bodies: Sequence[int]) -> tuple[str, ...]:
-    return tuple(mechanism.body_names[i] for i in bodies)
+    return tuple(mechanism.bodies[i] for i in bodies)

@@ -13,6 +13,7 @@ def massless(mechanism: Mechanism) -> list[Finding]:
     Bodies that a closed loop joins carry the mass of each other.
     """
     empty = ~mechanism.M.any(axis=(1, 2))
+    empty[: int(mechanism.floats)] = False  # a base has no joint that could move nothing
     loaded = ~empty
     if mechanism.closure:
         loaded[[frame.body for loop in mechanism.loops for frame in (loop.a, loop.b) if frame.body >= 0]] = True
@@ -54,7 +55,7 @@ def singular(mechanism: Mechanism) -> list[Finding]:
     rank, idle = idle_coordinates(mechanism)
     if not idle:
         return []
-    unit = "velocities" if mechanism.base else "coordinates"
+    unit = "velocities" if mechanism.floats else "coordinates"
     return [
         Finding(
             severity="error",

@@ -25,7 +25,7 @@ EARTH, PLANETS = (9.7, 9.9), (1.0, 30.0)  # m/s^2
 def densities(mechanism: Mechanism) -> list[Finding]:
     """Bodies that would be denser than osmium or lighter than air: masses or moments off by powers of 1000."""
     dense, thin = {}, {}
-    for i, M in enumerate(mechanism.inertias):
+    for i, M in enumerate(mechanism.M):
         if not M[3, 3] > 0 or is_point(M):
             continue
         principal = inertia.principal_moments(M)
@@ -59,7 +59,7 @@ def _density(
     if not found:
         return []
     i = worst(found, key=found.__getitem__)
-    M, names = mechanism.inertias[i], mechanism.body_names
+    M, names = mechanism.M[i], mechanism.bodies
     k = float(np.sqrt(inertia.principal_moments(M)[2] / M[3, 3]))
     off = f"moments {(WATER / found[i]) ** (2 / 3):.2g} times those of as much water"
     most = f"; {names[i]} most" if len(found) > 1 else ""
@@ -79,7 +79,7 @@ def _density(
 
 def masses(mechanism: Mechanism) -> list[Finding]:
     """Masses a factor of 1000 and more from the median."""
-    m, names = mechanism.inertias[:, 3, 3], mechanism.body_names
+    m, names = mechanism.M[:, 3, 3], mechanism.bodies
     median = float(np.median(m[m > 0])) if np.any(m > 0) else 0.0
     off = [i for i in range(len(m)) if m[i] > 0 and not 1 / APART < m[i] / median < APART]
     if not off:
@@ -117,18 +117,18 @@ def sizes(mechanism: Mechanism) -> list[Finding]:
                 advice="lengths are in m: 1 mm = 1e-3 m; scale positions of joints and COMs, and moments",
             )
         )
-    far = [i for i in range(mechanism.nb) if size and reach[i] > max(FAR * size, 5.0)]
+    far = [j for j, x in enumerate(reach) if size and x > max(FAR * size, 5.0)]
     if far:
-        i = max(far, key=reach.__getitem__)
-        most = f" of {mechanism.bodies[i]}" if len(far) > 1 else ""
+        k, bodies = max(far, key=reach.__getitem__), [mechanism.bodies[mechanism.owners[j]] for j in far]
+        most = f" of {bodies[far.index(k)]}" if len(far) > 1 else ""
         found.append(
             Finding(
                 severity="warning",
                 kind="centre of mass",
-                bodies=tuple(mechanism.bodies[k] for k in far),
-                number=reach[i],
+                bodies=tuple(dict.fromkeys(bodies)),
+                number=reach[k],
                 unit="m",
-                text=f"COM{most} lies {reach[i]:.3g} m from its joint, in a robot of {size:.3g} m between the joints",
+                text=f"COM{most} lies {reach[k]:.3g} m from its joint, in a robot of {size:.3g} m between the joints",
                 advice="positions of COMs are in m, in the frame of the body: 1 mm = 1e-3 m",
             )
         )
@@ -137,21 +137,21 @@ def sizes(mechanism: Mechanism) -> list[Finding]:
 
 def _size(mechanism: Mechanism, anchors: Sequence[np.ndarray]) -> float:
     """The largest distance between joints at theta = 0, of several trees on the ground the largest."""
-    C = reference_poses(mechanism)
-    places = np.stack([C_i[:3, :3] @ x + C_i[:3, 3] for C_i, x in zip(C, anchors, strict=True)])
+    C, owners = reference_poses(mechanism), list(mechanism.owners)
+    places = np.stack([C[i][:3, :3] @ x + C[i][:3, 3] for i, x in zip(owners, anchors, strict=True)])
     roots: list[int] = []
     for i, p in enumerate(mechanism.parent):
-        roots.append(roots[p] if p >= 0 else -1 if mechanism.base else i)
-    of_root = np.array(roots)
-    trees = [places[of_root == root] for root in set(roots)]
+        roots.append(roots[p] if p >= 0 else i)
+    of_root = np.array(roots)[owners]
+    trees = [places[of_root == root] for root in set(of_root.tolist())]
     size = max(float(np.linalg.norm(tree - x, axis=-1).max()) for tree in trees for x in tree)
     return size if size > 1e-9 else 0.0  # axes that meet but for rounding
 
 
 def _reach(mechanism: Mechanism, anchors: Sequence[np.ndarray]) -> list[float]:
-    """The distance of each COM from its joint; 0 of the massless."""
+    """The distance of the COM of each body from the joint that moves it; 0 of the massless."""
     reach = []
-    for M, x in zip(mechanism.M, anchors, strict=True):
+    for M, x in zip(mechanism.M[list(mechanism.owners)], anchors, strict=True):
         m, h, _ = inertia.moments(M)
         reach.append(float(np.linalg.norm(h[:, 0] / m[0, 0] - x)) if m[0, 0] > 0 else 0.0)
     return reach

@@ -38,26 +38,24 @@ def of_data(mechanism: Mechanism) -> Peer:
 
 def _build(mujoco: Any, mechanism: Mechanism) -> Any:
     chain, spec = on_axes(mechanism), mujoco.MjSpec()
-    carrier = spec.worldbody
     bodies: list[Any] = []
-    if chain.base is not None:
-        carrier = spec.worldbody.add_body(name=chain.base.name)
-        carrier.add_freejoint()
-    for B, X, p, name in zip(chain.B, chain.X, chain.parent, chain.joints, strict=True):
-        if X[2] and X[5]:
-            raise NotComparableError(f"it has no helical joints, as {name!r} is one")
-        body = (bodies[p] if p >= 0 else carrier).add_body(
+    for B, p in zip(chain.B, chain.parent, strict=True):
+        body = (bodies[p] if p >= 0 else spec.worldbody).add_body(
             pos=position(B)[:, 0].astype(float), quat=to_quaternion(rotation(B).astype(float))
         )
-        kind = mujoco.mjtJoint.mjJNT_HINGE if X[2] else mujoco.mjtJoint.mjJNT_SLIDE
-        body.add_joint(name=name, type=kind, axis=[0, 0, 1])
-        bodies.append(body)
-    moving = bodies if chain.base is None else [carrier, *bodies]
-    for body in moving:
         body.mass, body.ipos, body.iquat, body.inertia = ANY
         body.explicitinertial = True
+        bodies.append(body)
+    if chain.floats:
+        bodies[0].name = chain.bodies[0]
+        bodies[0].add_freejoint()
+    for i, X, name in zip(chain.owners, chain.X, chain.joints, strict=True):
+        if X[2] and X[5]:
+            raise NotComparableError(f"it has no helical joints, as {name!r} is one")
+        kind = mujoco.mjtJoint.mjJNT_HINGE if X[2] else mujoco.mjtJoint.mjJNT_SLIDE
+        bodies[i].add_joint(name=name, type=kind, axis=[0, 0, 1])
     model = spec.compile()
-    for body, M in zip(moving, chain.inertias, strict=True):  # compiling would refuse what no distribution of mass has
+    for body, M in zip(bodies, chain.M, strict=True):  # compiling would refuse what no distribution of mass has
         i, (m, h, _) = body.id, inertia.moments(M)
         model.body_mass[i] = mass = float(m[0, 0])
         model.body_ipos[i] = com = h[:, 0] / mass if mass else np.zeros(3)

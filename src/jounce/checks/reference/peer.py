@@ -19,11 +19,11 @@ class NotComparableError(JounceError):
 
 @dataclass(frozen=True)
 class Peer:
-    """A library's model of a mechanism in its joint variables theta (nb,), at one state of these and of the base."""
+    """A library's model of a mechanism in its joint variables theta (nc,), at one state of these and of the base."""
 
     name: str
     source: str  # where the library has the robot's numbers from
-    forces: Callable[[Sequence[np.ndarray], object], np.ndarray]  # (nb,), or (6 + nb,), of theta, rates and base
+    forces: Callable[[Sequence[np.ndarray], object], np.ndarray]  # (nc,), or (6 + nc,), of theta, rates and base
     mass_matrix: Callable[[np.ndarray, object], np.ndarray]  # as many rows and columns, of theta and base
 
 
@@ -37,10 +37,10 @@ class Converter:
     @classmethod
     def of(cls, mechanism: Mechanism, layout: states.Layout) -> "Converter":
         """Raise `NotComparableError` unless the joints of the mechanism are those of the model."""
-        if set(layout.places) != set(mechanism.joints) or len(layout.free) != (mechanism.base is not None):
+        if set(layout.places) != set(mechanism.joints) or len(layout.free) != mechanism.floats:
             raise NotComparableError(OTHER_JOINTS)
-        nb = mechanism.nb
-        free = replace(mechanism, G=np.eye(nb), g=np.zeros(nb), coordinates=mechanism.joints, elasticity=None)
+        nc = len(mechanism.joints)
+        free = replace(mechanism, G=np.eye(nc), g=np.zeros(nc), coordinates=mechanism.joints, elasticity=None)
         return cls(free, layout)
 
     def state(self, theta: Sequence[np.ndarray], base: object) -> tuple[np.ndarray, ...]:

@@ -27,7 +27,7 @@ def of_file(mechanism: Mechanism, path: Path) -> Peer:
     try:
         with errors_caught(said):
             model = pin.buildModelFromUrdf(str(path))
-            if mechanism.base is not None and not states.layout_of("pinocchio", model).free:
+            if mechanism.floats and not states.layout_of("pinocchio", model).free:
                 model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
     except Exception as error:
         reason = one_line(" ".join(said)) or one_line(error)
@@ -47,15 +47,15 @@ def build_model(pin: Any, mechanism: Mechanism) -> Any:
     """Return the model of a mechanism's data, on a free flyer if it floats."""
     chain, model = on_axes(mechanism), pin.Model()
     model.gravity.linear = chain.gravity
+    own = {0: (pin.JointModelFreeFlyer(), chain.bodies[0])} if chain.floats else {}  # of each body
+    for i, X, name in zip(chain.owners, chain.X, chain.joints, strict=True):
+        turning = pin.JointModelHZ(float(X[5])) if X[5] else pin.JointModelRZ()
+        own[i] = turning if X[2] else pin.JointModelPZ(), name
     numbers = {-1: 0}
-    if chain.base:
-        numbers[-1] = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), chain.base.name)
-        model.appendBodyToJoint(numbers[-1], _inertia(pin, chain.base.M), pin.SE3.Identity())
     for i in _depth_first(chain.parent):  # the order that its algorithms rely on
-        B, X = chain.B[i], chain.X[i]
-        kind = pin.JointModelPZ() if not X[2] else pin.JointModelHZ(float(X[5])) if X[5] else pin.JointModelRZ()
+        B, (kind, name) = chain.B[i], own[i]
         placed = pin.SE3(rotation(B).astype(float), position(B)[:, 0].astype(float))
-        numbers[i] = model.addJoint(numbers[chain.parent[i]], kind, placed, chain.joints[i])
+        numbers[i] = model.addJoint(numbers[chain.parent[i]], kind, placed, name)
         model.appendBodyToJoint(numbers[i], _inertia(pin, chain.M[i]), pin.SE3.Identity())
     return model
 

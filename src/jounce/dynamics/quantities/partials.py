@@ -31,7 +31,7 @@ def _of_accelerations(method: str, m: Mechanism, x: State) -> Series:
     """Partial derivatives of the accelerations from those of the forces, by a method of other rows."""
     found = Forward.forward_dynamics.law(method, m)(m, x)[0][..., None]
     moving = replace(x, q=Series.of([x.q[0], x.q[1], found[..., -m.n :, :]]))
-    if m.base and x.base:
+    if m.floats and x.base:
         moving = replace(moving, base=replace(x.base, V=Series.of([x.base.V[0], found[..., :6, :]])))
     P = Partials.inverse_dynamics_partials.law(method, m)(m, moving)
     return Series.of(partials.of_accelerations(P[0]))

@@ -1,6 +1,5 @@
 """Wrenches that the ground and the bodies exert on each other."""
 
-from jounce.core.scalars import concatenate
 from jounce.dynamics import closed_form
 from jounce.dynamics.quantities.row import column, quantity, row_vector
 from jounce.dynamics.recursion import forces
@@ -14,7 +13,7 @@ CLOSED = "depend on what its cut joints transmit, loop_wrenches; Robot(robot.mec
 def _of_joints(m: Mechanism, x: State) -> Series:
     """A^T (M (V' + U G) - b^T M V + W): what the bodies require, added up from the ends of the tree."""
     dense = closed_form.at(m, x)
-    M = diagonal(concatenate([m.base_inertia[None], m.M], axis=-3) if m.base else m.M)  # (Msys)
+    M = diagonal(m.M)  # (Msys)
     own = M @ (dense.V.dot + dense.UG) - dense.b.mT @ (M @ dense.V)
     own = own if x.W is None else own + x.W
     return closed_form.by_body(dense.A.mT @ own).map(lambda F: F[..., 0])

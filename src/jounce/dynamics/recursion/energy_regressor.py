@@ -13,42 +13,34 @@ from functools import lru_cache
 import numpy as np
 
 from jounce.core.scalars import Array
-from jounce.dynamics.base import STILL, BaseMotion
+from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.recursion.forces import ground
 from jounce.dynamics.recursion.joints import batch_zeros, rows
-from jounce.dynamics.recursion.steps import AlignedJoint, BodyMotion, aligned_joints, outward_velocity
+from jounce.dynamics.recursion.steps import BodyMotion, outward_velocity
 from jounce.dynamics.recursion.sweeps import evaluate_in_order
+from jounce.dynamics.recursion.tree import aligned_tree
 from jounce.model.equivalent import frame_shifts, on_axes
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 from jounce.spatial.inertia import PARAMETERS
-from jounce.spatial.lie import hat, inverse, position
+from jounce.spatial.lie import hat, inverse
 from jounce.spatial.series import Series, joined
-
-_Z = np.eye(3, dtype=int)[:, 2:]
 
 
 def energy_regressor(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
     """YE, (..., 10 nb, 1): the energies T + U of the unit inertial parameters of all bodies, the base's first."""
-    chain, root = on_axes(mechanism), base or STILL
-    gravity = chain.gravity[:, None]
-    velocities = {-1: BodyMotion(root.w, root.v, root.hat_w)}
-    field, work = {-1: root.field(chain.gravity)}, {-1: root.H.map(lambda H: gravity.T @ position(H))}  # g, and g . r
-    for i, joint in enumerate(aligned_joints(chain, q)):
+    tree, gravity = aligned_tree(on_axes(mechanism), q, base), mechanism.gravity[:, None]
+    velocities = {-1: ground(0 * mechanism.gravity)}
+    field, work = {-1: Series.constant(gravity)}, {-1: Series.constant(0 * gravity[:1])}  # g, and g . r
+    for i, joint in enumerate(tree.joints):
         velocities[i] = outward_velocity(joint, velocities[joint.parent])
-        field[i], work[i] = _lowered(joint, field[joint.parent], work[joint.parent])
-    bodies = range(-chain.first, chain.nb)
+        field[i], work[i] = joint.lowered(field[joint.parent], work[joint.parent])
+    bodies = range(len(tree.joints))[tree.own]
     energies = [
         _energies(velocities[i], field[i], work[i]) @ S for i, S in zip(bodies, _shifts(mechanism), strict=True)
     ]
-    steps = [x for i in range(chain.nb) for x in (velocities[i].a, field[i], work[i])]
+    steps = [x for i in range(len(tree.joints)) for x in (velocities[i].a, field[i], work[i])]
     return evaluate_in_order(joined([E.mT + batch_zeros(q) for E in energies], axis=-2), steps)
-
-
-def _lowered(joint: AlignedJoint, field: Series, work: Series) -> tuple[Series, Series]:
-    """g and g . r of a body from those of its parent."""
-    work = work + joint.r.T @ field
-    field = joint.to_body(field)
-    return field, work if joint.d is None else work + (_Z.T @ field) * joint.d
 
 
 def _energies(motion: BodyMotion, field: Series, work: Series) -> Series:

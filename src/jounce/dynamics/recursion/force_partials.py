@@ -10,9 +10,10 @@ joint i carries joint j or is j itself,
 
 where ``A = S'' + S x g`` and ``B x = I' x + x x p``. Wrenches on the bodies, fixed in them, are part of F.
 
-The base that moves is displaced by a twist in its own axes, while the components of its own twist are held. What it
-carries keeps its motion as seen from it, but for gravity: ``S' = S'' = 0`` and ``A = S x g`` in the equations of K, of
-which ``K_00 = I_0 A_0``; and ``S'`` counts once in those of D, not twice.
+A joint of several screws, as that of a base that floats, is displaced along them while the components of its own
+velocities nu are held. Its screws then move as if they were fixed on its parent: with ``S_p' = ad(V_p) S`` in the
+places of S' and S'' in the equations of K, in those of D in the place of one S' of two, ``D - M alpha``. The forces of
+such a joint turn with it, so that S_j x F_j is no part of its own block K_jj.
 
 Singh, Russell, Wensing, "Efficient Analytical Derivatives of Rigid-Body Dynamics Using Spatial Vector Algebra",
 IEEE Robotics and Automation Letters 7(2), 2022.
@@ -23,12 +24,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.core.scalars import Array
+from jounce.core.scalars import Array, concatenate
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.recursion.forces import wrenches
-from jounce.dynamics.recursion.joints import Joint, batch_zeros
+from jounce.dynamics.recursion.joints import FreeJoint, Joint, batch_zeros
 from jounce.dynamics.recursion.sweeps import above, collect, composites, evaluate_in_order, project, velocities
-from jounce.dynamics.recursion.tree import AnyJoint, FreeJoint, KinematicTree, kinematic_tree
+from jounce.dynamics.recursion.tree import KinematicTree, kinematic_tree
 from jounce.model.equivalent import minimal
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.inertia import moment_matrix
@@ -46,9 +47,14 @@ class _Subtree:
     Pi_rate: Series
     p: Series  # (..., 6, 1) momentum and force
     F: Series
-    V: Series  # of the body of the joint: its twist, its acceleration relative to free fall, and gravity there
+
+
+@dataclass(frozen=True)
+class _Carrier:
+    """The motion of a joint's screws as they are displaced: its twist, and its acceleration relative to free fall."""
+
+    V: Series
     a: Series
-    g: Series
 
 
 @dataclass(frozen=True)
@@ -62,33 +68,22 @@ class _Wrenches:
     momentum: Series  # I S
     reaction: Series  # B^T S
     change: Series  # I A + B S' + S x F
+    turned: Series  # S x F; zero where no joint before this one feels it
 
 
-def _of_joint(joint: Joint, x: _Subtree) -> _Wrenches:
-    S_rate = joint.screw_rate(x.V)
-    A = joint.screw_rate(x.a) + x.V.map(_ad) @ S_rate
-    moved = _wrench(A.map(_wedge) @ x.Pi + S_rate.map(_wedge) @ x.Pi_rate)
+def _of_joint(joint: Joint, V: Series, carrier: _Carrier, x: _Subtree) -> _Wrenches:
+    S_rate, moving = joint.screw_rate(V), joint.screw_rate(carrier.V)
+    A = joint.screw_rate(carrier.a) + carrier.V.map(_ad) @ moving
+    turned = joint.cross(x.F) * int(joint.parent >= 0 or not isinstance(joint, FreeJoint))
     return _Wrenches(
         S=Series.constant(joint.X),
         S_rate=S_rate,
-        moving=S_rate,
+        moving=moving,
         A=A,
         momentum=joint.momentum(x.Pi),
         reaction=joint.momentum(x.Pi_rate) - joint.cross(x.p),
-        change=moved + _cross(S_rate, x.p) + joint.cross(x.F),
-    )
-
-
-def _of_base(joint: FreeJoint, x: _Subtree) -> _Wrenches:
-    momentum, A = joint.momentum(x.Pi), -joint.screw_rate(x.g)
-    return _Wrenches(
-        S=Series.constant(joint.X),
-        S_rate=joint.screw_rate(x.V),
-        moving=Series.constant(0 * joint.X),
-        A=A,
-        momentum=momentum,
-        reaction=joint.momentum(x.Pi_rate) - joint.cross(x.p),
-        change=momentum @ A,
+        change=_momenta(A, x.Pi) + _momenta(moving, x.Pi_rate) + _cross(moving, x.p) + turned,
+        turned=turned,
     )
 
 
@@ -110,25 +105,43 @@ def partials(mechanism: Mechanism, q: Series, W: Series | None = None, base: Bas
         flow = V[i].map(_wedge) @ Pi[i]
         F = p[i].dot + _cross(V[i], p[i]) - _wrench(field[i].map(_wedge) @ Pi[i])
         F = F if loads is None else F + loads[i]
-        x = _Subtree(Pi[i], Pi[i].dot + flow + flow.mT, p[i], F, V[i], V[i].dot - field[i], field[i])
-        screws.append(_of_joint(joint, x) if isinstance(joint, Joint) else _of_base(joint, x))
+        x = _Subtree(Pi[i], Pi[i].dot + flow + flow.mT, p[i], F)
+        screws.append(_of_joint(joint, V[i], _carrier(joint, V, V[i], field[i]), x))
     return _projected(tree, q, screws, [*V, *field, *Pi[::-1], *p[::-1]])
 
 
-def _projected(tree: KinematicTree, q: Series, screws: Sequence[_Wrenches], before: Sequence[Series]) -> Partials:
+def _carrier(joint: Joint, V: Sequence[Series], own: Series, field: Series) -> _Carrier:
+    """The motion of the screws of a joint as it is displaced: its body's, or, of several screws, its parent's."""
+    if not isinstance(joint, FreeJoint):
+        return _Carrier(own, own.dot - field)
+    if joint.parent < 0:
+        return _Carrier(0 * own, -field)
+    carried = joint.twists(V[joint.parent])
+    return _Carrier(carried, carried.dot + (joint.X @ joint.rate).map(_ad) @ carried - field)
+
+
+def _projected(
+    tree: KinematicTree[Joint], q: Series, screws: Sequence[_Wrenches], before: Sequence[Series]
+) -> Partials:
     """Transport the wrenches of the joints inward, and project them onto the screws."""
     joints = tree.joints
     momenta, reactions, changes = (
         collect(joints, [getattr(x, wrench) for x in screws]) for wrench in ("momentum", "reaction", "change")
     )
     S, S_rate, moving, A = ([getattr(x, part) for x in screws] for part in ("S", "S_rate", "moving", "A"))
-    M, along = project(S, momenta), project(S_rate, momenta)
-    by_rate = along * 2 + project(S, reactions)
+    M, along, carried = project(S, momenta), project(S_rate, momenta), project(moving, momenta)
+    reacting = project(S, reactions)
     by_place = project(A, momenta) + project(moving, reactions)
     K = project(S, changes) + above(by_place, joints).mT
+    by_rate = along * 2 + reacting
     D = M.dot * 2 - by_rate + above(by_rate, joints).mT
-    if isinstance(joints[0], FreeJoint):
-        D = D - along.mT * (np.arange(len(tree.G)) < 6)  # where S' of the base counts once
+    for E, joint, x in zip(_places(joints), joints, screws, strict=True):
+        if isinstance(joint, FreeJoint):
+            D = D - (E @ (E.T @ (along - carried))).mT
+        if isinstance(joint, FreeJoint) and joint.parent >= 0:
+            alpha = joint.X.T @ (joint.X @ joint.rate).map(_ad) @ joint.X
+            D = D - above(M @ E @ alpha @ E.T, joints)
+            K = K - E @ (joint.X.T @ x.turned) @ E.T
     steps = [*before, *(column.values for sweep in (momenta, reactions, changes) for column in reversed(sweep))]
 
     def of_coordinates(matrix: Series) -> Series:
@@ -137,13 +150,25 @@ def _projected(tree: KinematicTree, q: Series, screws: Sequence[_Wrenches], befo
     return of_coordinates(K), of_coordinates(D), of_coordinates(M + above(M, joints).mT)
 
 
-def _gravity(tree: Sequence[AnyJoint], gravity: Array) -> list[Series]:
+def _places(tree: Sequence[Joint]) -> list[Array]:
+    """Of each joint, the columns of the unit matrix that belong to its screws."""
+    sizes = [joint.X.shape[-1] for joint in tree]
+    return np.split(np.eye(sum(sizes), dtype=int), np.cumsum(sizes)[:-1], axis=1)
+
+
+def _gravity(tree: Sequence[Joint], gravity: Array) -> list[Series]:
     """The field of gravity as a twist of each body, which moves as a twist that is constant in space."""
-    ground = Series.constant(np.concatenate([0 * gravity, gravity])[:, None])
+    ground = Series.constant(concatenate([0 * gravity, gravity], axis=-1)[:, None])
     field: list[Series] = []
     for joint in tree:
         field.append(joint.twists(ground if joint.parent < 0 else field[joint.parent]))
     return field
+
+
+def _momenta(X: Series, Pi: Series) -> Series:
+    """I X of screws, (..., 6, k), and moments of mass."""
+    screws = X.map(lambda X: wedge(X.mT))
+    return (screws @ Pi.map(lambda Pi: Pi[..., None, :, :])).map(lambda T: cowedge(T).mT)
 
 
 def _wrench(T: Series) -> Series:
@@ -151,8 +176,9 @@ def _wrench(T: Series) -> Series:
 
 
 def _cross(X: Series, wrench: Series) -> Series:
-    """X x W, the rate of a wrench that moves with the screw X."""
-    return -(X.map(_ad).mT @ wrench)
+    """X x W, the rates of a wrench that moves with screws X, (..., 6, k)."""
+    screws = X.map(lambda X: ad(X.mT).mT)
+    return -(screws @ wrench.map(lambda W: W[..., None, :, :])).map(lambda W: W[..., 0].mT)
 
 
 def _ad(X: Array) -> Array:

@@ -1,40 +1,27 @@
 """Joints in motion: transport of vectors, twists, wrenches and moments of mass from body to body, with rates.
 
-A joint moves its body by ``exp(X theta)``. It transports such quantities from one frame to the other by a matrix E with
-``E' = theta' L E`` and a constant L. Hence ``y = E x`` has the rate ``y' = E x' + theta' L y``: rates are transported
-first and then corrected, and rates of E never appear.
+A joint moves its body by H with ``H' = H wedge(X nu)``, X its screws in the frame of the body, nu its velocities. A
+matrix E transports such quantities from one frame to the other; the rate of E is E times a constant L times nu, on one
+side or the other. Hence ``y = E x`` has the rate ``y' = E x' + L nu y`` towards the body, and ``y' = E (x' + L nu x)``
+towards its parent: rates are transported and corrected, and rates of E never appear. With one screw both are the same.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from jounce.core.scalars import Array, exact_integers, is_symbolic
-from jounce.model.coordinates import joint_variables
+from jounce.dynamics.base import STILL, BaseMotion
+from jounce.model.coordinates import joint_variables, screws_of
 from jounce.model.equivalent import split_turn
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import Ad, ad, cowedge, exp_of, inverse, pose, position, rotation, turn_and_slide, wedge
 from jounce.spatial.linear import mirrored
-from jounce.spatial.series import Series, from_rates
+from jounce.spatial.series import Series, from_rate, from_rates
 
 _I = np.eye(3, dtype=int)
-
-
-def transport(E: Array, L: Array, rate: Series, x: Series) -> Series:
-    """y = E x, with E' = rate L E."""
-    return from_rates(lambda k: E @ x[k], lambda y: rate * (L @ y))
-
-
-def transport_form(E: Array, L: Array, rate: Series, x: Series) -> Series:
-    """y = E x E^T, with E' = rate L E."""
-    return from_rates(lambda k: E @ x[k] @ E.mT, lambda y: rate * (L @ y + y @ L.mT))
-
-
-def transport_symmetric(E: Array, L: Array, rate: Series, x: Series) -> Series:
-    """y = E x E^T of symmetric x, with E' = rate L E."""
-    return from_rates(lambda k: congruence(E, x[k]), lambda y: rate * (L @ y + y @ L.mT))
 
 
 def congruence(E: Array, x: Array) -> Array:
@@ -44,72 +31,120 @@ def congruence(E: Array, x: Array) -> Array:
 
 @dataclass(frozen=True)
 class Placement:
-    """The constants of a joint: its pose in the parent, and its screw."""
+    """The constants of a joint: its pose in the parent, and its screws."""
 
     parent: int
-    G: Array  # (1, n) the coordinates that the joint follows
     B: Array  # (4, 4) pose of the body in its parent's frame at theta = 0, but for the turn that T has then
     offset: Array  # (4, 4) B is the product of its offset and its turn; one after the other costs less than both
     turn: Array
     Ad_offset: Array  # (6, 6) of their inverses
     Ad_turn: Array
-    X: Array  # (6, 1) joint screw in the body frame
-    ad_X: Array
-    X_hat: Array  # wedge(X)
+    X: Array  # (6, k) joint screws in the body frame
+    ad_X: Array  # (k, 6, 6)
+    X_hat: Array  # (k, 4, 4), wedge(X)
 
 
 @dataclass(frozen=True)
 class Joint(Placement):
-    """One joint at an instant."""
+    """One joint of one screw at an instant."""
 
-    theta: Series  # (..., 1, 1)
-    T: Array  # (..., 4, 4), Z exp(X theta)
+    rate: Series  # (..., k, 1) its velocities
+    T: Array  # (..., 4, 4), Z exp(X theta), or where it moves its body
     A: Array  # (..., 6, 6), Ad(T^-1)
 
     @property
-    def rate(self) -> Series:
-        """The joint's velocity."""
-        return self.theta.dot
+    def motion(self) -> Series:
+        """T with its rates."""
+        return from_rate(self.T, lambda T: T @ self.X_hat[0] * self.rate)
 
     def momentum(self, Pi: Series) -> Series:
-        """I S, (..., 6, 1): the momentum that the screw gives moments of mass, (..., 4, 4)."""
-        return momentum(self.X_hat[None], Pi)
+        """I S, (..., 6, k): the momenta that the screws give moments of mass, (..., 4, 4)."""
+        return momentum(self.X_hat, Pi)
 
     def screw_rate(self, V: Series) -> Series:
-        """S' = ad(V) S, (..., 6, 1): the rate in space of the screw on a body that moves with the twist V."""
-        return -(self.ad_X @ V)
+        """S' = ad(V) S, (..., 6, k): the rates in space of the screws on a body that moves with the twist V."""
+        return V.map(lambda V: -(self.ad_X @ V[..., None, :, :])[..., 0].mT)
 
     def cross(self, W: Series) -> Series:
-        """S x W, (..., 6, 1): the rate of a wrench W, (..., 6, 1), that moves with the screw."""
-        return -(self.ad_X.mT @ W)
+        """S x W, (..., 6, k): the rates of a wrench W, (..., 6, 1), that moves with one of the screws."""
+        return W.map(lambda W: -(self.ad_X.mT @ W[..., None, :, :])[..., 0].mT)
 
     def twists(self, x: Series) -> Series:
         """Transport twists (..., 6, k) from the parent's frame to the body's."""
-        return transport(self.A, -self.ad_X, self.rate, self.Ad_turn @ (self.Ad_offset @ x))
+        x = self.Ad_turn @ (self.Ad_offset @ x)
+        return from_rates(lambda k: self.A @ x[k], lambda y: self._along(-self.ad_X, y))
 
     def wrenches(self, x: Series) -> Series:
         """Transport wrenches (..., 6, k) from the body's frame to the parent's."""
-        y = transport(self.A.mT, -self.ad_X.mT, self.rate, x)
+        y = self._inward(x, lambda x: self.A.mT @ x, lambda y: self._along(-self.ad_X.mT, y))
         return y.map(lambda y: self.Ad_offset.mT @ (self.Ad_turn.mT @ y))
 
     def points(self, x: Series) -> Series:
         """Transport points and weighted sums of points (..., 4, k), (m r; m), from the body's frame to the parent's."""
-        return self.B @ transport(self.T, self.X_hat, self.rate, x)
+        return self.B @ self._inward(x, lambda x: self.T @ x, lambda y: self._along(self.X_hat, y))
 
     def moments(self, x: Series) -> Series:
         """Transport moments of mass (..., 4, 4) from the body's frame to the parent's."""
-        y = transport_symmetric(self.T, self.X_hat, self.rate, x)
+        y = self._inward(x, lambda x: congruence(self.T, x), lambda y: self._along_both(self.X_hat, y))
         return y.map(lambda y: congruence(self.offset, congruence(self.turn, y)))
 
     def inertias(self, x: Series) -> Series:
         """Transport symmetric forms of twists (..., 6, 6), as inertia is, from the body's frame to the parent's."""
-        y = transport_symmetric(self.A.mT, -self.ad_X.mT, self.rate, x)
+        y = self._inward(x, lambda x: congruence(self.A.mT, x), lambda y: self._along_both(-self.ad_X.mT, y))
         return y.map(lambda y: congruence(self.Ad_offset.mT, congruence(self.Ad_turn.mT, y)))
 
     def forms(self, x: Series) -> Series:
         """Transport bilinear forms of twists (..., 6, 6) from the body's frame to the parent's."""
-        y = self.Ad_turn.mT @ transport_form(self.A.mT, -self.ad_X.mT, self.rate, x) @ self.Ad_turn
-        return self.Ad_offset.mT @ y @ self.Ad_offset
+        y = self._inward(x, lambda x: self.A.mT @ x @ self.A, lambda y: self._along_both(-self.ad_X.mT, y))
+        return self.Ad_offset.mT @ (self.Ad_turn.mT @ y @ self.Ad_turn) @ self.Ad_offset
+
+    def _along(self, L: Array, y: Series) -> Series:
+        """L nu y."""
+        return self.rate * (L[0] @ y)
+
+    def _along_both(self, L: Array, y: Series) -> Series:
+        """L nu y + y (L nu)^T."""
+        return self.rate * (L[0] @ y + y @ L[0].mT)
+
+    def _inward(self, x: Series, transported: Callable[[Array], Array], drift: Callable[[Series], Series]) -> Series:
+        """y = E x, where E and its generator commute."""
+        return from_rates(lambda k: transported(x[k]), drift)
+
+
+class FreeJoint(Joint):
+    """One joint of several screws at an instant: they span a subalgebra, and T is any motion of its group."""
+
+    @property
+    def motion(self) -> Series:
+        """T with its rates."""
+        return from_rate(self.T, lambda T: T @ self._generator(self.X_hat))
+
+    def _generator(self, L: Array) -> Series:
+        """L nu, the sum over the screws."""
+        flat = L.reshape(len(L), -1)
+        return self.rate.map(lambda nu: (nu[..., 0] @ flat).reshape((*nu.shape[:-2], *L.shape[1:])))
+
+    def _along(self, L: Array, y: Series) -> Series:
+        return self._generator(L) @ y
+
+    def _along_both(self, L: Array, y: Series) -> Series:
+        L_nu = self._generator(L)
+        return L_nu @ y + y @ L_nu.mT
+
+    def _inward(self, x: Series, transported: Callable[[Array], Array], drift: Callable[[Series], Series]) -> Series:
+        return moved(x, transported, drift)
+
+
+def moved(x: Series, transported: Callable[[Array], Array], drift: Callable[[Series], Series]) -> Series:
+    """y = E x, of which ``y' = E (x' + drift(x))``."""
+    seen = [x]  # the rates as the outer frame sees them, in the axes of the inner one
+
+    def term(k: int) -> Array:
+        while len(seen) <= k:
+            seen.append(seen[-1].dot + drift(seen[-1]))
+        return transported(seen[k][0])
+
+    return Series(term)
 
 
 def momentum(S_hat: Array, Pi: Series) -> Series:
@@ -120,17 +155,23 @@ def momentum(S_hat: Array, Pi: Series) -> Series:
 @lru_cache(maxsize=64)
 def placed(mechanism: Mechanism) -> tuple[Array, Array]:
     """B = S Z of every joint: where its body hangs on the parent, and how far it has turned at theta = 0."""
-    S, Z = zip(*map(split_turn, mechanism.B, mechanism.X), strict=True)
+    alone = {i: columns[0] for i, columns in enumerate(mechanism.columns) if len(columns) == 1}
+    both = [
+        split_turn(B, mechanism.X[alone[i]]) if i in alone else (B, np.eye(4, dtype=int))
+        for i, B in enumerate(mechanism.B)
+    ]
+    S, Z = zip(*both, strict=True)
     return np.stack(S), np.stack(Z)
 
 
 @lru_cache(maxsize=64)
 def _placements(mechanism: Mechanism) -> list[Placement]:
-    (B, _), X = placed(mechanism), mechanism.X
+    B = placed(mechanism)[0]
     offset, turn = pose(_I, position(B)), pose(rotation(B), np.zeros((3, 1), dtype=int))
     ads = Ad(inverse(offset)), Ad(inverse(turn))
-    data = (mechanism.parent, mechanism.G[:, None, :], B, offset, turn, *ads, X[..., None], ad(X), wedge(X))
-    return [Placement(*of_joint) for of_joint in zip(*data, strict=True)]
+    X = [screws_of(mechanism, i) for i in range(mechanism.nb)]
+    hats = [ad(X_i.mT) for X_i in X], [wedge(X_i.mT) for X_i in X]
+    return [Placement(*data) for data in zip(mechanism.parent, B, offset, turn, *ads, X, *hats, strict=True)]
 
 
 @lru_cache(maxsize=64)
@@ -139,25 +180,32 @@ def _turns_and_slides(mechanism: Mechanism) -> tuple[Array, Array]:
     return np.stack(turns), np.stack(slides)
 
 
-def motions(mechanism: Mechanism, theta: Array, bodies: Sequence[int]) -> Array:
-    """Z exp(X theta) of the joints of some bodies, all at once: (..., len(bodies), 4, 4)."""
+def motions(mechanism: Mechanism, theta: Array, base: BaseMotion, bodies: Sequence[int]) -> dict[int, Array]:
+    """Z exp(X theta) of the joints of some bodies, (..., 4, 4) each; all those of one screw at once."""
+    alone = [i for i in bodies if len(mechanism.columns[i]) == 1]
     turns, slides = _turns_and_slides(mechanism)
-    chosen = np.array(bodies, dtype=int)
-    T = placed(mechanism)[1][chosen] @ exp_of(turns[chosen], slides[chosen], theta[..., chosen, :, None])
-    return exact_integers(T) if is_symbolic(T) else T
+    chosen = np.array([mechanism.columns[i][0] for i in alone], dtype=int)
+    T = placed(mechanism)[1][alone] @ exp_of(turns[chosen], slides[chosen], theta[..., chosen, :, None])
+    T = exact_integers(T) if is_symbolic(T) else T
+    return {i: T[..., k, :, :] for k, i in enumerate(alone)} | {i: base.pose for i in bodies if i not in alone}
 
 
-def joints(mechanism: Mechanism, q: Series, bodies: Sequence[int] | None = None) -> list[Joint]:
-    """The joints of some bodies, or of all, for coordinates q."""
-    bodies = range(mechanism.nb) if bodies is None else bodies
-    theta = joint_variables(mechanism, q)
-    T = motions(mechanism, theta[0], bodies)
-    A = Ad(inverse(T))
-    placements = _placements(mechanism)
-    return [
-        Joint(**vars(placements[i]), theta=rows(theta, i, i + 1), T=T[..., k, :, :], A=A[..., k, :, :])
-        for k, i in enumerate(bodies)
-    ]
+def joints(
+    mechanism: Mechanism, q: Series, base: BaseMotion | None = None, bodies: Sequence[int] | None = None
+) -> list[Joint]:
+    """The joints of some bodies, or of all, for coordinates q and the motion of a base that floats."""
+    bodies, base = range(mechanism.nb) if bodies is None else bodies, base or STILL
+    theta, placements = joint_variables(mechanism, q), _placements(mechanism)
+    T = motions(mechanism, theta[0], base, bodies)
+    A = {i: Ad(inverse(T_i)) for i, T_i in T.items()}
+
+    def joint(i: int) -> Joint:
+        columns = mechanism.columns[i]
+        if len(columns) == 1:
+            return Joint(**vars(placements[i]), rate=rows(theta, columns[0], columns[0] + 1).dot, T=T[i], A=A[i])
+        return FreeJoint(**vars(placements[i]), rate=base.V, T=T[i], A=A[i])
+
+    return [joint(i) for i in bodies]
 
 
 def rows(columns: Series, first: int, last: int) -> Series:

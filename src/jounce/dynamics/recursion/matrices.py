@@ -39,7 +39,7 @@ from jounce.spatial.series import Series
 class _Composites:
     """The composite inertias of a mechanism, and the momenta that unit joint velocities give them."""
 
-    tree: KinematicTree
+    tree: KinematicTree[Joint]
     Pi: list[Series]  # (..., 4, 4) moments of mass of the bodies that each joint carries
     momenta: list[Columns]  # I_j S_j
 
@@ -100,7 +100,7 @@ def _composites(mechanism: Mechanism, q: Series, base: BaseMotion | None) -> _Co
     return _Composites(tree, Pi, collect(tree.joints, _momenta(tree, Pi)))
 
 
-def _momenta(tree: KinematicTree, Pi: Sequence[Series]) -> list[Series]:
+def _momenta(tree: KinematicTree[Joint], Pi: Sequence[Series]) -> list[Series]:
     """I_j S_j from the moments of mass, or from their rates."""
     return [joint.momentum(Pi_j) for joint, Pi_j in zip(tree.joints, Pi, strict=True)]
 

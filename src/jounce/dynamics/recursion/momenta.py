@@ -32,7 +32,7 @@ def center_of_mass(mechanism: Mechanism, q: Series, base: BaseMotion | None = No
     return centre_of(mechanism, kinematic_tree(on_axes(mechanism), q, base), q)
 
 
-def centre_of(mechanism: Mechanism, tree: KinematicTree, q: Series) -> Series:
+def centre_of(mechanism: Mechanism, tree: KinematicTree[Joint], q: Series) -> Series:
     """The centre of mass of a tree of the mechanism."""
     return rows(_first_moment(tree, q), 0, 3) * reciprocal_mass(mechanism)
 
@@ -65,7 +65,7 @@ def potential_energy(mechanism: Mechanism, q: Series, base: BaseMotion | None = 
     return up @ _first_moment(kinematic_tree(on_axes(mechanism), q, base), q)
 
 
-def _first_moment(tree: KinematicTree, q: Series) -> Series:
+def _first_moment(tree: KinematicTree[Joint], q: Series) -> Series:
     """The sum of (m c; m) over the bodies, (..., 4, 1), transported inward to the inertial frame."""
     own = [Series.constant(concatenate([h, m], axis=-2)) for m, h, _ in map(moments, tree.M)]
     h = composites(tree.joints, own, Joint.points)
@@ -73,13 +73,13 @@ def _first_moment(tree: KinematicTree, q: Series) -> Series:
     return evaluate_in_order(reduce(add, roots) + batch_zeros(q), reversed(h))
 
 
-def _momentum(tree: KinematicTree, q: Series) -> Series:
+def _momentum(tree: KinematicTree[Joint], q: Series) -> Series:
     V, P = _momenta(tree)
     roots = [joint.wrenches(P_i) for joint, P_i in zip(tree.joints, P, strict=True) if joint.parent < 0]
     return evaluate_in_order(reduce(add, roots) + batch_zeros(q), [*V, *reversed(P)])
 
 
-def _momenta(tree: KinematicTree) -> tuple[Sequence[Series], Sequence[Series]]:
+def _momenta(tree: KinematicTree[Joint]) -> tuple[Sequence[Series], Sequence[Series]]:
     """Return the twists of the bodies, and the momenta of the bodies that each joint carries."""
     V = velocities(tree.joints)
     return V, composites(tree.joints, [M_i @ V_i for M_i, V_i in zip(tree.M, V, strict=True)], Joint.wrenches)

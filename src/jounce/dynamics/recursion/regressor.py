@@ -21,21 +21,19 @@ from functools import lru_cache
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate, is_zero
-from jounce.dynamics.base import STILL, BaseMotion
-from jounce.dynamics.recursion.forces import base_motion, ground
+from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.recursion.forces import ground
 from jounce.dynamics.recursion.joints import batch_zeros
 from jounce.dynamics.recursion.steps import (
-    AlignedJoint,
+    AnyJoint,
     BodyMotion,
     Force,
-    aligned_joints,
-    inward,
-    joint_force,
     outward,
     outward_velocity,
 )
 from jounce.dynamics.recursion.sweeps import evaluate_in_order, spread
-from jounce.model.coordinates import generalized_forces
+from jounce.dynamics.recursion.tree import aligned_tree
+from jounce.model.coordinates import screws_of
 from jounce.model.equivalent import frame_shifts, on_axes
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
@@ -56,42 +54,39 @@ class Columns:
 
 def regressor(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
     """Y, (..., nv, 10 nb): the generalized forces of the unit inertial parameters of all bodies, the base's first."""
-    g = on_axes(mechanism).gravity
-    return _projected(mechanism, q, ground(g) if base is None else base_motion(g, base), outward, _forces)
+    return _projected(mechanism, q, base, ground(mechanism.gravity), outward, _forces)
 
 
 def momentum_regressor(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
     """Yp, (..., nv, 10 nb): the generalized momenta of the unit inertial parameters of all bodies, the base's first."""
-    root = base or STILL
-    return _projected(mechanism, q, BodyMotion(root.w, root.v, root.hat_w), outward_velocity, _momenta)
+    return _projected(mechanism, q, base, ground(0 * mechanism.gravity), outward_velocity, _momenta)
 
 
 def _projected(
     mechanism: Mechanism,
     q: Series,
+    base: BaseMotion | None,
     root: BodyMotion,
-    step: Callable[[AlignedJoint, BodyMotion], BodyMotion],
+    step: Callable[[AnyJoint, BodyMotion], BodyMotion],
     of_motion: Callable[[BodyMotion, Array, Array, Array], Force],
 ) -> Series:
     """What the motion of every body makes of its unit parameters, projected onto the joints that carry it."""
-    chain, units = on_axes(mechanism), _unit_moments(mechanism)
-    joints, size = aligned_joints(chain, q), len(PARAMETERS) * len(chain.body_names)
+    tree, units = aligned_tree(on_axes(mechanism), q, base), _unit_moments(mechanism)
+    size, count = len(PARAMETERS) * mechanism.nb, len(tree.joints)
     motions = {-1: root}
-    for i, joint in enumerate(joints):
+    for i, joint in enumerate(tree.joints):
         motions[i] = step(joint, motions[joint.parent])
-    on = {i: [Columns(list(units[i]), of_motion(motions[i], *_parts(units[i])))] if units[i] else [] for i in units}
+    on: dict[int, list[Columns]] = {i: [] for i in range(-1, count)}
+    for i, own in zip(range(count)[tree.own], units, strict=True):
+        on[i] += [Columns(list(own), of_motion(motions[i], *_parts(own)))] if own else []
     rows: dict[int, Series] = {}
-    steps = [motions[i].a for i in range(chain.nb)]
-    for i, joint in reversed(list(enumerate(joints))):
+    steps = [motions[i].a for i in range(count)]
+    for i, joint in reversed(list(enumerate(tree.joints))):
         total = _together(on[i])
-        rows[i] = spread(joint_force(joint, total.force), total.numbers, size)
-        on[joint.parent].append(Columns(total.numbers, inward(joint, total.force)))
+        rows[i] = spread(joint.force(total.force), total.numbers, size)
+        on[joint.parent].append(Columns(total.numbers, joint.inward(total.force)))
         steps.append(total.force.n)
-    Y = generalized_forces(chain, joined([rows[i] for i in range(chain.nb)], axis=-2))
-    if chain.base:
-        root_total = _together(on[-1])
-        parts = (root_total.force.n, root_total.force.f)
-        Y = joined([*(spread(part, root_total.numbers, size) for part in parts), Y], axis=-2)
+    Y = tree.generalized_forces(joined([rows[i] for i in range(count)], axis=-2))
     return evaluate_in_order(Y.map(_with_Iyy) + batch_zeros(q), steps)
 
 
@@ -129,25 +124,25 @@ def _with_Iyy(Y: Array) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _unit_moments(mechanism: Mechanism) -> dict[int, dict[int, Array]]:
-    """The moments of mass (4, 4) of unit parameters, by number, of each body at which columns begin; -1 is the base.
+def _unit_moments(mechanism: Mechanism) -> list[dict[int, Array]]:
+    """The moments of mass (4, 4) of unit parameters, by number, of each body at which columns begin.
 
     Those that reach the ground require no forces.
     """
     chain = on_axes(mechanism)
     parameters = np.eye(len(PARAMETERS), dtype=int)
     parameters[_YY, _XX] = 1
-    units: dict[int, dict[int, Array]] = {i: {} for i in range(-1, chain.nb)}
+    units: list[dict[int, Array]] = [{} for _ in chain.parent]
     for row, T in enumerate(map(inverse, frame_shifts(mechanism, chain))):
         for k, Pi in enumerate(inertia.moment_matrix(inertia.from_parameters(parameters))):
-            at, Pi = row - chain.first, T @ Pi @ T.T
-            while at >= 0 and not _moves(chain.X[at], Pi):
+            at, Pi = row, T @ Pi @ T.T
+            while at >= 0 and not _moves(screws_of(chain, at), Pi):
                 at, Pi = chain.parent[at], chain.B[at] @ Pi @ chain.B[at].T
-            if at >= 0 or chain.base:
+            if at >= 0:
                 units[at][len(PARAMETERS) * row + k] = Pi
     return units
 
 
 def _moves(X: Array, Pi: Array) -> bool:
-    """Whether a joint moves moments of mass; if not, its force does not depend on them."""
-    return not all(map(is_zero, np.ravel(wedge(X) @ Pi)))
+    """Whether a joint with screws X, (6, k), moves moments of mass; if not, its forces do not depend on them."""
+    return not all(map(is_zero, np.ravel(wedge(X.T) @ Pi)))

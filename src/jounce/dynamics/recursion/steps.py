@@ -12,43 +12,22 @@ so that rates of f and n take no product rule for the inertia, and no linear vel
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
+from typing import TypeAlias
 
 import numpy as np
 
 from jounce.core.scalars import Array, is_zero
-from jounce.dynamics.recursion.joints import motions, placed, rows, transport
-from jounce.model.coordinates import joint_variables
+from jounce.dynamics.base import STILL, BaseMotion
+from jounce.dynamics.recursion.joints import motions, moved, placed, rows
+from jounce.model.coordinates import joint_variables, screws_of
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import axial, hat, position, rotation
-from jounce.spatial.series import Series
+from jounce.spatial.series import Series, from_rate, from_rates
 
 Moments = tuple[Array, Array, Array]  # of a body: mass m, first moment h, second moments P
 
 _Z = np.eye(3, dtype=int)[:, 2:]
 _Z_HAT = hat(_Z[:, 0])
-
-
-@dataclass(frozen=True)
-class AlignedJoint:
-    """One joint at an instant: it turns by theta about the z axis of its body and slides by d along it."""
-
-    parent: int
-    R: Array  # rotation of the body frame in its parent's at theta = 0, and the offset of its origin
-    r: Array
-    turn: Array  # rotation about z by theta
-    theta: Series
-    turns: bool  # False: prismatic
-    d: Series | None  # None: revolute
-    pitch: Array  # (1,) of the screw; 1 for a prismatic joint
-
-    def to_body(self, x: Series) -> Series:
-        """Body coordinates of vectors given in the parent's."""
-        x = self.R.T @ x
-        return transport(self.turn.mT, -_Z_HAT, self.theta.dot, x) if self.turns else x
-
-    def to_parent(self, x: Series) -> Series:
-        """Parent's coordinates of vectors given in the body's."""
-        return self.R @ (transport(self.turn, _Z_HAT, self.theta.dot, x) if self.turns else x)
 
 
 @dataclass(frozen=True)
@@ -71,37 +50,138 @@ class Force:
         return Force(self.f + other.f, self.n + other.n)
 
 
-def outward(joint: AlignedJoint, parent: BodyMotion) -> BodyMotion:
+@dataclass(frozen=True)
+class AlignedJoint:
+    """One joint at an instant: it turns by theta about the z axis of its body and slides by d along it."""
+
+    parent: int
+    R: Array  # rotation of the body frame in its parent's at theta = 0, and the offset of its origin
+    r: Array
+    turn: Array  # rotation about z by theta
+    theta: Series
+    turns: bool  # False: prismatic
+    d: Series | None  # None: revolute
+    pitch: Array  # (1,) of the screw; 1 for a prismatic joint
+
+    def to_body(self, x: Series) -> Series:
+        """Body coordinates of vectors given in the parent's."""
+        x = self.R.T @ x
+        if not self.turns:
+            return x
+        return from_rates(lambda k: self.turn.mT @ x[k], lambda y: self.theta.dot * (-_Z_HAT @ y))
+
+    def to_parent(self, x: Series) -> Series:
+        """Parent's coordinates of vectors given in the body's."""
+        if not self.turns:
+            return self.R @ x
+        return self.R @ from_rates(lambda k: self.turn @ x[k], lambda y: self.theta.dot * (_Z_HAT @ y))
+
+    def turned(self, w: Series) -> Series:
+        """The angular velocity of the body from that of the parent, in body coordinates."""
+        return w + _Z * self.theta.dot if self.turns else w
+
+    def slid(self, a: Series, carried: Series, hat_w: Series, K: Series) -> Series:
+        """The acceleration of the body's origin from that of the parent's point at which the joint begins."""
+        if self.d is None:
+            return a
+        return a + (K @ _Z) * self.d + _Z * self.d.dot.dot + 2 * (hat_w @ _Z) * self.d.dot
+
+    def slid_velocity(self, v: Series, hat_w: Series) -> Series:
+        """The same of velocities."""
+        return v if self.d is None else v + (hat_w @ _Z) * self.d + _Z * self.d.dot
+
+    def force(self, force: Force) -> Series:
+        """Project the force on a body onto its joint: the generalized force (..., 1, 1) that balances it."""
+        parts = [rows(force.n, 2, 3)] if self.turns else []
+        parts += [rows(force.f, 2, 3) * self.pitch] if self.d is not None else []
+        return reduce(add, parts)
+
+    def inward(self, force: Force) -> Force:
+        """Transport the force on a body to its parent."""
+        n = force.n if self.d is None else force.n + (_Z_HAT @ force.f) * self.d
+        f = self.to_parent(force.f)
+        return Force(f, self.to_parent(n) + _hat(self.r) @ f)
+
+    def lowered(self, field: Series, work: Series) -> tuple[Series, Series]:
+        """g and g . r of a body from those of its parent."""
+        work = work + self.r.T @ field
+        field = self.to_body(field)
+        return field, work if self.d is None else work + (_Z.T @ field) * self.d
+
+
+@dataclass(frozen=True)
+class FreeAlignedJoint:
+    """One joint of several screws at an instant: its body turns with w and slides with v, both in body coordinates."""
+
+    parent: int
+    R: Array  # rotation of the body frame in its parent's where the joint has not moved
+    r: Series  # the body's origin in the parent's frame
+    turn: Array  # rotation of the joint
+    X: Array  # (6, k) its screws
+    w: Series  # (..., 3, 1)
+    v: Series
+
+    def to_body(self, x: Series) -> Series:
+        """Body coordinates of vectors given in the parent's."""
+        x, hat_w = self.R.T @ x, self.w.map(_hat)
+        return from_rates(lambda k: self.turn.mT @ x[k], lambda y: -(hat_w @ y))
+
+    def to_parent(self, x: Series) -> Series:
+        """Parent's coordinates of vectors given in the body's."""
+        return self.R @ _turned_back(self.turn, self.w, x)
+
+    def turned(self, w: Series) -> Series:
+        """The angular velocity of the body from that of the parent, in body coordinates."""
+        return w + self.w
+
+    def slid(self, a: Series, carried: Series, hat_w: Series, K: Series) -> Series:
+        """The acceleration of the body's origin from that of the parent's point at which it is."""
+        return a + self.v.dot + 2 * (carried.map(_hat) @ self.v) + self.w.map(_hat) @ self.v
+
+    def slid_velocity(self, v: Series, hat_w: Series) -> Series:
+        """The same of velocities."""
+        return v + self.v
+
+    def force(self, force: Force) -> Series:
+        """Project the force on a body onto the screws of its joint: the generalized forces (..., k, 1)."""
+        return self.X[:3].T @ force.n + self.X[3:].T @ force.f
+
+    def inward(self, force: Force) -> Force:
+        """Transport the force on a body to its parent."""
+        f = self.to_parent(force.f)
+        return Force(f, self.to_parent(force.n) + self.r.map(_hat) @ f)
+
+    def lowered(self, field: Series, work: Series) -> tuple[Series, Series]:
+        """g and g . r of a body from those of its parent."""
+        return self.to_body(field), work + self.r.mT @ field
+
+
+AnyJoint: TypeAlias = AlignedJoint | FreeAlignedJoint
+
+
+def outward(joint: AnyJoint, parent: BodyMotion) -> BodyMotion:
     """Return the motion of a body from that of its parent."""
-    w = joint.to_body(parent.w)
-    if joint.turns:
-        w = w + _Z * joint.theta.dot
+    carried = joint.to_body(parent.w)
+    w = joint.turned(carried)
     hat_w = w.map(_hat)
     K = hat_w.dot + hat_w @ hat_w
-    a = point_acceleration(joint, parent.a, parent.K)
-    if joint.d is not None:
-        a = a + (K @ _Z) * joint.d + _Z * joint.d.dot.dot + 2 * (hat_w @ _Z) * joint.d.dot
+    a = joint.slid(point_acceleration(joint, parent.a, parent.K), carried, hat_w, K)
     return BodyMotion(w, a, K)
 
 
-def outward_at_rest(joint: AlignedJoint, parent: BodyMotion) -> BodyMotion:
+def outward_at_rest(joint: AnyJoint, parent: BodyMotion) -> BodyMotion:
     """Return the same for a robot at rest, whose ground accelerates."""
     return BodyMotion(parent.w, point_acceleration(joint, parent.a, parent.K), parent.K)
 
 
-def outward_velocity(joint: AlignedJoint, parent: BodyMotion) -> BodyMotion:
+def outward_velocity(joint: AnyJoint, parent: BodyMotion) -> BodyMotion:
     """Return the velocity field of a body, v + hat(w) r, from that of its parent: v in the place of a, hat(w) of K."""
-    w = joint.to_body(parent.w)
-    if joint.turns:
-        w = w + _Z * joint.theta.dot
+    w = joint.turned(joint.to_body(parent.w))
     hat_w = w.map(_hat)
-    v = point_acceleration(joint, parent.a, parent.K)
-    if joint.d is not None:
-        v = v + (hat_w @ _Z) * joint.d + _Z * joint.d.dot
-    return BodyMotion(w, v, hat_w)
+    return BodyMotion(w, joint.slid_velocity(point_acceleration(joint, parent.a, parent.K), hat_w), hat_w)
 
 
-def point_acceleration(joint: AlignedJoint, a: Series, K: Series) -> Series:
+def point_acceleration(joint: AnyJoint, a: Series, K: Series) -> Series:
     """Return the acceleration, or velocity, of the parent's point at which the joint begins."""
     return joint.to_body(a + K @ joint.r)
 
@@ -112,31 +192,34 @@ def inertia_force(moments: Moments, motion: BodyMotion) -> Force:
     return Force(a * m + K @ h, _hat(h) @ a + (K @ P).map(lambda T: axial(T)[..., None]))
 
 
-def joint_force(joint: AlignedJoint, force: Force) -> Series:
-    """Project the force on a body onto its joint: the generalized force (..., 1, 1) that balances it."""
-    parts = [rows(force.n, 2, 3)] if joint.turns else []
-    parts += [rows(force.f, 2, 3) * joint.pitch] if joint.d is not None else []
-    return reduce(add, parts)
+def aligned_joints(chain: Mechanism, q: Series, base: BaseMotion | None = None) -> list[AnyJoint]:
+    """The joints of a mechanism in frames on their axes, for coordinates q and the motion of a base that floats."""
+    theta, base = joint_variables(chain, q), base or STILL
+    T = motions(chain, theta[0], base, range(chain.nb))
+    found: list[AnyJoint] = []
+    for i, (B, p) in enumerate(zip(placed(chain)[0], chain.parent, strict=True)):
+        if len(chain.columns[i]) == 1:
+            [j] = chain.columns[i]
+            X, theta_i = chain.X[j], rows(theta, j, j + 1)
+            d = None if is_zero(X[5]) else theta_i * X[5:]
+            place = (p, rotation(B), position(B), rotation(T[i]))
+            found.append(AlignedJoint(*place, theta_i, not is_zero(X[2]), d, pitch=X[5:]))
+        else:
+            found.append(free_joint(p, B, screws_of(chain, i), T[i], base.V))
+    return found
 
 
-def inward(joint: AlignedJoint, force: Force) -> Force:
-    """Transport the force on a body to its parent."""
-    n = force.n if joint.d is None else force.n + (_Z_HAT @ force.f) * joint.d
-    f = joint.to_parent(force.f)
-    return Force(f, joint.to_parent(n) + _hat(joint.r) @ f)
+def free_joint(parent: int, B: Array, X: Array, T: Array, nu: Series) -> FreeAlignedJoint:
+    """A joint of several screws X, (6, k), at T, from which it moves with nu."""
+    w, v = X[:3] @ nu, X[3:] @ nu
+    way = from_rate(position(T), lambda _: _turned_back(rotation(T), w, v))
+    return FreeAlignedJoint(parent, rotation(B), rotation(B) @ way + position(B), rotation(T), X, w, v)
 
 
-def aligned_joints(chain: Mechanism, q: Series) -> list[AlignedJoint]:
-    """The joints of a mechanism in frames on their axes, for coordinates q."""
-    theta = joint_variables(chain, q)
-    T = motions(chain, theta[0], range(chain.nb))
-    joints = []
-    for i, (B, X, p) in enumerate(zip(placed(chain)[0], chain.X, chain.parent, strict=True)):
-        theta_i = rows(theta, i, i + 1)
-        d = None if is_zero(X[5]) else theta_i * X[5:]
-        turn = rotation(T[..., i, :, :])
-        joints.append(AlignedJoint(p, rotation(B), position(B), turn, theta_i, not is_zero(X[2]), d, pitch=X[5:]))
-    return joints
+def _turned_back(turn: Array, w: Series, x: Series) -> Series:
+    """Vectors in the frame that a joint turns from, given in the one that it turns with w."""
+    hat_w = w.map(_hat)
+    return moved(x, lambda x: turn @ x, lambda x: hat_w @ x)
 
 
 def _hat(column: Array) -> Array:

@@ -7,11 +7,10 @@ import numpy as np
 
 from jounce.core.scalars import Array, concatenate, zeros_like
 from jounce.dynamics.recursion.joints import Joint
-from jounce.dynamics.recursion.tree import AnyJoint
 from jounce.spatial.series import Series, joined
 
 
-def velocities(tree: Sequence[AnyJoint]) -> list[Series]:
+def velocities(tree: Sequence[Joint]) -> list[Series]:
     """V_i, the twists of the bodies in their frames, (..., 6, 1)."""
     V: list[Series] = []
     for joint in tree:
@@ -20,13 +19,11 @@ def velocities(tree: Sequence[AnyJoint]) -> list[Series]:
     return V
 
 
-def composites(
-    tree: Sequence[AnyJoint], own: Sequence[Series], carry: Callable[[Joint, Series], Series]
-) -> list[Series]:
+def composites(tree: Sequence[Joint], own: Sequence[Series], carry: Callable[[Joint, Series], Series]) -> list[Series]:
     """Composite quantity of the subtree of each joint, such as its inertia, in the joint's body frame."""
     total = list(own)
     for i, joint in reversed(list(enumerate(tree))):
-        if isinstance(joint, Joint) and joint.parent >= 0:
+        if joint.parent >= 0:
             total[joint.parent] = total[joint.parent] + carry(joint, total[i])
     return total
 
@@ -39,7 +36,7 @@ class Columns:
     values: Series  # (..., 6, len(screws))
 
 
-def collect(tree: Sequence[AnyJoint], own: Sequence[Series]) -> list[Columns]:
+def collect(tree: Sequence[Joint], own: Sequence[Series]) -> list[Columns]:
     """Transport the wrenches of each joint inward: for each joint, those of the joints that it carries."""
     owners = _owners(tree)
     at = [(np.flatnonzero(owners == j).tolist(), [own_j]) for j, own_j in enumerate(own)]
@@ -71,14 +68,14 @@ def spread(columns: Series, numbers: Sequence[int], size: int) -> Series:
     return columns.map(placed)
 
 
-def above(triangle: Series, tree: Sequence[AnyJoint]) -> Series:
+def above(triangle: Series, tree: Sequence[Joint]) -> Series:
     """The entries above the diagonal, in blocks of joints."""
     owners = _owners(tree)
     kept = (owners[:, None] < owners).astype(np.int8)
     return triangle.map(lambda entries: entries * kept)
 
 
-def _owners(tree: Sequence[AnyJoint]) -> np.ndarray:
+def _owners(tree: Sequence[Joint]) -> np.ndarray:
     """The joint of each screw."""
     return np.repeat(np.arange(len(tree)), [joint.X.shape[-1] for joint in tree])
 

@@ -1,78 +1,38 @@
-"""The tree of joints that the sweeps run over: those of a mechanism, behind that of a base that moves.
+"""The tree of joints that the sweeps run over: those of a mechanism, behind that of a ground that moves.
 
-A base that moves is body 0, ahead of all others, behind a joint whose screws are the unit matrix and whose rate is the
-twist of the base. The base of a floating robot has inertia, and velocities of its own; the ground that carries a fixed
-robot has neither.
+The ground that carries a fixed robot moves as a base does, but has neither inertia nor velocities of its own.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import TypeAlias
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate
-from jounce.dynamics.base import STILL, BaseMotion
-from jounce.dynamics.recursion.joints import Joint, joints, momentum
-from jounce.model.coordinates import base_columns, joint_columns
+from jounce.dynamics.base import BaseMotion, on_moving_ground
+from jounce.dynamics.recursion.joints import Joint, joints
+from jounce.dynamics.recursion.steps import AnyJoint, aligned_joints
+from jounce.model.coordinates import velocity_map
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.lie import ad, wedge
 from jounce.spatial.series import Series
 
-
-@dataclass(frozen=True)
-class FreeJoint:
-    """The joint of a base that moves: it transports between the inertial frame and that of the base."""
-
-    motion: BaseMotion
-    parent: int = -1
-
-    @property
-    def X(self) -> Array:
-        """The six screws, (6, 6)."""
-        return np.eye(6, dtype=int)
-
-    @property
-    def rate(self) -> Series:
-        """The twist of the base."""
-        return self.motion.V
-
-    def momentum(self, Pi: Series) -> Series:
-        """I S, (..., 6, 6): the inertia matrix of moments of mass, (..., 4, 4)."""
-        return momentum(wedge(self.X), Pi)
-
-    def screw_rate(self, V: Series) -> Series:
-        """S' = ad(V) S, (..., 6, 6)."""
-        return V.map(lambda V: ad(V[..., 0]))
-
-    def cross(self, W: Series) -> Series:
-        """S x W, (..., 6, 6): the rates of a wrench W, (..., 6, 1), that moves with one of the screws."""
-        return W.map(lambda W: -(ad(self.X).mT @ W[..., None, :, :])[..., 0].mT)
-
-    def twists(self, x: Series) -> Series:
-        """Transport twists (..., 6, k) from the inertial frame to that of the base."""
-        return self.motion.twists(x)
-
-    def wrenches(self, x: Series) -> Series:
-        """Transport wrenches (..., 6, k) from the frame of the base to the inertial one."""
-        return self.motion.in_space(x)
-
-    def points(self, x: Series) -> Series:
-        """Transport points and weighted sums of points (..., 4, k) from the frame of the base to the inertial one."""
-        return self.motion.points(x)
-
-
-AnyJoint: TypeAlias = Joint | FreeJoint
+J = TypeVar("J", Joint, AnyJoint)
 
 
 @dataclass(frozen=True)
-class KinematicTree:
+class KinematicTree(Generic[J]):
     """The joints at an instant, each after its parent, the inertia of their bodies, and the velocities they follow."""
 
-    joints: Sequence[AnyJoint]
-    M: Array  # (len(joints), 6, 6)
-    G: Array  # rates of all joints, six of a base, from the velocities of the mechanism: (columns of screws, nv)
+    mechanism: Mechanism  # on the ground that moves, if it does
+    joints: Sequence[J]
+    G: Array  # velocities of all joints, six of a base, from those of the mechanism: (columns of screws, nv)
+    own: slice  # which of the joints are those of the mechanism
+
+    @property
+    def M(self) -> Array:
+        """(len(joints), 6, 6)."""
+        return self.mechanism.M
 
     def generalized_forces(self, Q: Series) -> Series:
         """G^T Q of forces or momenta of all joints: (..., nv, k)."""
@@ -83,17 +43,24 @@ class KinematicTree:
         return M.map(lambda M: self.G.T @ M @ self.G)
 
 
-def kinematic_tree(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> KinematicTree:
+def kinematic_tree(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> KinematicTree[Joint]:
     """The tree of a mechanism at coordinates q, whose base moves; no base: that of a fixed robot is at rest."""
-    behind = joints(mechanism, q)
-    if base is None and mechanism.base is None:
-        return KinematicTree(behind, mechanism.M, mechanism.G)
-    shifted = [replace(joint, parent=joint.parent + 1) for joint in behind]
-    return KinematicTree([FreeJoint(base or STILL), *shifted], *_with_base(mechanism))
+    return _tree(mechanism, q, base, joints)
 
 
-@lru_cache(maxsize=64)
-def _with_base(mechanism: Mechanism) -> tuple[Array, Array]:
-    """M and G of a tree whose first body is the base."""
-    M = concatenate([mechanism.base_inertia[None], mechanism.M], axis=-3)
-    return M, concatenate([base_columns(mechanism), mechanism.G @ joint_columns(mechanism)], axis=-2)
+def aligned_tree(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> KinematicTree[AnyJoint]:
+    """The same of a mechanism whose frames are on the axes of its joints."""
+    return _tree(mechanism, q, base, aligned_joints)
+
+
+def _tree(
+    mechanism: Mechanism,
+    q: Series,
+    base: BaseMotion | None,
+    joints_of: Callable[[Mechanism, Series, BaseMotion | None], Sequence[J]],
+) -> KinematicTree[J]:
+    if mechanism.floats or base is None:
+        return KinematicTree(mechanism, joints_of(mechanism, q, base), velocity_map(mechanism), slice(None))
+    moving = on_moving_ground(mechanism)
+    G = concatenate([np.zeros((6, mechanism.nv), dtype=int), mechanism.G], axis=-2)
+    return KinematicTree(moving, joints_of(moving, q, base), G, slice(1, None))

@@ -38,7 +38,7 @@ def limits_from(mechanism: Mechanism, source: object) -> Limits:
     if isinstance(source, Limits):
         if source.table.shape != mechanism.limits.table.shape:
             came = source.table.shape[-1]
-            raise JounceError(f"the limits are of {came} joint variables; this robot has {mechanism.nb}")
+            raise JounceError(f"the limits are of {came} joint variables; this robot has {len(mechanism.joints)}")
         return source
     if not isinstance(source, str | os.PathLike):
         came = f"{type(source).__name__}; arms with limits: {listed(table_names())}"

@@ -50,7 +50,7 @@ def mechanism(model: Any, gravity: object = None, base: str | None = None, root:
     given = model.gravity.linear if gravity is None else gravity
     built = tree.mechanism(links, joints, given, called, what, base=base, root=root, world=bodies[0])
     flyers = [joint for joint in model.joints if joint.shortname() == FREE_FLYER]
-    if built.base is not None and any(model.armature[joint.idx_v : joint.idx_v + 6].any() for joint in flyers):
+    if built.floats and any(model.armature[joint.idx_v : joint.idx_v + 6].any() for joint in flyers):
         warn(f"{what}: ignored, since not part of a tree of rigid bodies: armature of the free-flyer")
     order = [built.coordinates.index(joint.name) for joint in joints if joint.name in built.coordinates]
     return replace(built, G=built.G[:, order], coordinates=tuple(built.coordinates[j] for j in order))

@@ -64,7 +64,7 @@ def about(mechanism: Mechanism, order: int) -> About:
     joints = mechanism.coordinates
     data = {"version": __version__, "robot": mechanism.name, "joints": list(joints), "order": order}
     owners = dict(zip(joints, coordinate_units(mechanism), strict=True))
-    owners |= dict(zip(BASE_FORCES, ["rad"] * 3 + ["m"] * 3, strict=True)) if mechanism.base else {}
+    owners |= dict(zip(BASE_FORCES, ["rad"] * 3 + ["m"] * 3, strict=True)) if mechanism.floats else {}
     if (e := mechanism.elasticity) is not None:
         of_motors = [owners[joints[j]] for j in e.joints_of_motors]
         owners |= dict(zip(motor_names(e, joints), of_motors, strict=True))

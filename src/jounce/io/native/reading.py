@@ -35,10 +35,11 @@ def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mecha
     if GROUND in names:
         raise bodies[names[GROUND]].get("name").error("another name: it denotes the ground")
     places = {stated[0].get("name").value if stated else GROUND: -1, **names}
-    built = _build(robot, stated, bodies, joints, places, own if gravity is None else gravity)
-    placed = [Frame(f.get("name").value, _carrier(f.get("body"), places), parts.pose(f)) for f in frames]
-    if base == "fixed" and built.base is not None:
-        placed, built = [Frame(built.base.name, -1, np.eye(4)), *placed], replace(built, base=None)
+    floats = bool(stated) and base != "fixed"
+    built = _build(robot, stated, floats, bodies, joints, places, own if gravity is None else gravity)
+    placed = [Frame(f.get("name").value, _carrier(f.get("body"), places) + floats, parts.pose(f)) for f in frames]
+    if stated and not floats:
+        placed = [Frame(next(iter(places)), -1, np.eye(4)), *placed]
     tree = replace(built, joints=tuple(_distinct_names(joints)), frames=tuple(placed))
     return elastic.read(robot, loops.read(robot, tree))
 
@@ -61,6 +62,7 @@ def _base(robot: Entry, base: str | None) -> list[Entry]:
 def _build(
     robot: Entry,
     base: Sequence[Entry],
+    floats: bool,
     bodies: Sequence[Entry],
     joints: Sequence[Entry],
     places: Index,
@@ -77,6 +79,7 @@ def _build(
     X, M = [parts.screw(joint) for joint in joints], [parts.inertia(body) for body in bodies]
     B = [parts.pose(body) for body in bodies]
     with at(robot.path):
+        M_base = parts.inertia(base[0]) if base else None
         return from_screws(
             np.stack(B),
             np.stack(X),
@@ -89,7 +92,7 @@ def _build(
             g=g,
             limits=limits_of_joints(limits, parts.without_gravity(robot)),
             drives={key: [one[key] for one in drives] for key in UNDRIVEN},
-            base=parts.inertia(base[0]) if base else None,
+            base=M_base if floats else None,
             base_name=next(iter(places)),
             name=name,
         )

@@ -51,18 +51,23 @@ def document(mechanism: Mechanism) -> dict[str, Any]:
     """Return the content of the file of a mechanism of numbers, as plain data."""
     _check(mechanism)
     stated = loops.section(mechanism) | elastic.section(mechanism)
-    mechanism, base = mechanism.tree, mechanism.base
-    joints = [_joint(mechanism, i) for i in range(mechanism.nb)]
+    mechanism = mechanism.tree
+    joints = [_joint(mechanism, j) for j in range(len(mechanism.joints))]
     free = [joint["name"] for joint in joints if "follows" not in joint]
     frames = [{"name": f.name, "body": body_name(mechanism, f.body, GROUND), **_pose(f.T)} for f in mechanism.frames]
-    parents = [body_name(mechanism, p, GROUND) for p in mechanism.parent]
     bodies = [
-        {"name": name, "parent": parent, **_pose(B), "joint": joint, **_inertia(M)}
-        for name, parent, B, joint, M in zip(mechanism.bodies, parents, mechanism.B, joints, mechanism.M, strict=True)
+        {
+            "name": mechanism.bodies[i],
+            "parent": body_name(mechanism, mechanism.parent[i], GROUND),
+            **_pose(mechanism.B[i]),
+            "joint": joints[mechanism.owners.index(i)],
+            **_inertia(mechanism.M[i]),
+        }
+        for i in range(mechanism.floats, mechanism.nb)
     ]
     coordinates = {} if free == list(mechanism.coordinates) else {"coordinates": list(mechanism.coordinates)}
     head: dict[str, Any] = {"name": mechanism.name, "units": UNITS, "gravity": _plain(mechanism.gravity)}
-    head |= {} if base is None else {BASE: {"name": base.name, **_inertia(base.M)}}
+    head |= {BASE: {"name": mechanism.bodies[0], **_inertia(mechanism.M[0])}} if mechanism.floats else {}
     head |= {"bodies": bodies}
     of = {"limits_of": dict.fromkeys(mechanism.limits.without_gravity, FORCES[1])}
     end = {"frames": frames} if frames else {}
@@ -77,7 +82,7 @@ def _check(mechanism: Mechanism) -> None:
     for name, array in mechanism.arrays.items():
         if np.any(array.astype(float) != array):
             raise JounceError(f"{name} of {robot} has more digits than a double; a robot file holds doubles")
-    if GROUND in mechanism.body_names:
+    if GROUND in mechanism.bodies:
         raise JounceError(f"a body is named {GROUND!r}, which denotes the ground in a file; rename the body")
 
 
@@ -97,14 +102,14 @@ def _pose(T: np.ndarray) -> dict[str, Any]:
     return {"pose": said} if said else {}
 
 
-def _joint(mechanism: Mechanism, i: int) -> dict[str, Any]:
-    said = {"name": mechanism.joints[i], **_screw(mechanism.X[i])}
-    drives = {key: array[i] for key, array in vars(mechanism.drives).items() if array[i] != UNDRIVEN[key]}
-    for what, stated in (("limits", mechanism.limits.stated(i)), ("drive", drives)):
+def _joint(mechanism: Mechanism, j: int) -> dict[str, Any]:
+    said = {"name": mechanism.joints[j], **_screw(mechanism.X[j])}
+    drives = {key: array[j] for key, array in vars(mechanism.drives).items() if array[j] != UNDRIVEN[key]}
+    for what, stated in (("limits", mechanism.limits.stated(j)), ("drive", drives)):
         said |= {what: {key: _plain(x) for key, x in stated.items()}} if stated else {}
-    row, offset, names = mechanism.G[i], mechanism.g[i], mechanism.coordinates
-    if offset or [(names[j], row[j]) for j in np.flatnonzero(row)] != [(mechanism.joints[i], 1)]:
-        said["follows"] = {"coordinates": {names[j]: _plain(row[j]) for j in np.flatnonzero(row)}}
+    row, offset, names = mechanism.G[j], mechanism.g[j], mechanism.coordinates
+    if offset or [(names[k], row[k]) for k in np.flatnonzero(row)] != [(mechanism.joints[j], 1)]:
+        said["follows"] = {"coordinates": {names[k]: _plain(row[k]) for k in np.flatnonzero(row)}}
         said["follows"] |= {"offset": _plain(offset)} if offset else {}
     return said
 

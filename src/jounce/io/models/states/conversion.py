@@ -76,9 +76,9 @@ def state_from(mechanism: Mechanism, layout: Layout, given: Sequence[object], ta
         _check_follower(mechanism, i, place, theta[i], q, labels[0])
     qd, q2d = [*(x[..., [found.joints[i].v for i in own]] for x in terms[1:]), None, None][:2]
     Q = None if tau is None else forces_from(mechanism, layout, tau, terms[0])
-    if found.base is None or mechanism.base is None:
+    if found.base is None:
         return RobotState(q, qd, q2d, None, Q)
-    return RobotState(q, qd, q2d, motion_from(layout, found.base, mechanism.base.name, terms, labels[0]), Q)
+    return RobotState(q, qd, q2d, motion_from(layout, found.base, mechanism.bodies[0], terms, labels[0]), Q)
 
 
 def state_to(
@@ -106,8 +106,8 @@ def _motion_to(mechanism: Mechanism, layout: Layout, given: Sequence[object], ba
             out[0][..., place.q + 1] = np.sin(angle)
         for x, rate in zip(out[1:], others, strict=True):
             x[..., place.v] = rate
-    if found.base is not None and mechanism.base is not None:
-        put_motion(layout, found.base, mechanism.base.name, motion, out)
+    if found.base is not None:
+        put_motion(layout, found.base, mechanism.bodies[0], motion, out)
     return tuple(out)
 
 
@@ -115,10 +115,10 @@ def forces_from(mechanism: Mechanism, layout: Layout, tau: object, q: object = N
     """The forces Q of a robot from those of a library; its q, where they are in world axes."""
     found, x = match(mechanism, layout), _vector(layout, tau, layout.labels[3], layout.nv)
     Q = x[..., [place.v for place in found.joints.values()]] @ mechanism.G[list(found.joints)]
-    if found.base is None or mechanism.base is None:
+    if found.base is None:
         return np.asarray(Q)
     at = _vector(layout, q, layout.labels[0], layout.nq) if layout.linear_in_world else None
-    W = wrench_from(layout, found.base, mechanism.base.name, x, at, layout.labels[0])
+    W = wrench_from(layout, found.base, mechanism.bodies[0], x, at, layout.labels[0])
     batch = _common([W.shape[:-1], Q.shape[:-1]])
     return np.concatenate([np.broadcast_to(part, (*batch, part.shape[-1])) for part in (W, Q)], axis=-1)
 
@@ -134,9 +134,9 @@ def forces_to(mechanism: Mechanism, layout: Layout, Q: object, base: object = No
     first = mechanism.nv - mechanism.n
     for j, name in enumerate(mechanism.coordinates):
         tau[..., found.joints[mechanism.joints.index(name)].v] = forces[..., first + j]
-    if found.base is not None and mechanism.base is not None:
+    if found.base is not None:
         k = found.base.v
-        tau[..., k : k + 6] = wrench_to(layout, found.base, mechanism.base.name, forces[..., :6], C)
+        tau[..., k : k + 6] = wrench_to(layout, found.base, mechanism.bodies[0], forces[..., :6], C)
     return tau
 
 
@@ -175,7 +175,7 @@ def _check_follower(mechanism: Mechanism, i: int, place: Place, theta: np.ndarra
 
 def _base(mechanism: Mechanism, base: object, count: int) -> list[np.ndarray]:
     """The motion C, V, Vd of the base, `count` of them; nothing of a robot that does not float."""
-    if mechanism.base is None:
+    if not mechanism.floats:
         if base is not None:
             raise JounceError(f"base is given, yet {mechanism.name!r} does not float; expected base=None")
         return []

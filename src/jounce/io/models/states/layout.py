@@ -63,18 +63,19 @@ def match(mechanism: Mechanism, layout: Layout) -> Match:
     for name in mechanism.coordinates:
         if name not in mechanism.joints or name not in layout.places:
             raise no_such("joint", name, layout.places, layout.what)
-    base = None if mechanism.base is None else _carrier_of_base(mechanism, mechanism.base.name, layout)
+    base = _carrier_of_base(mechanism, layout) if mechanism.floats else None
     known = {*mechanism.frame_names, *mechanism.joints}
     for name, carried in layout.carries.items():
         ours = name in mechanism.joints or (base is not None and layout.free.get(name) is base)
         if not ours and (moved := sorted(carried & known)):
             held = f"joint {quoted(name)} moves {listed(moved, most=3)}, which this robot holds"
-            floats = "; load it with base='floating'" if name in layout.free and mechanism.base is None else ""
+            floats = "; load it with base='floating'" if name in layout.free and not mechanism.floats else ""
             raise JounceError(f"{layout.what}: {held}{floats or '; expected a model of the same joints'}")
     return Match(joints, base)
 
 
-def _carrier_of_base(mechanism: Mechanism, base: str, layout: Layout) -> FreeJoint:
+def _carrier_of_base(mechanism: Mechanism, layout: Layout) -> FreeJoint:
+    base = mechanism.bodies[0]
     for joint in layout.free.values():
         if base in joint.moved:
             return joint
