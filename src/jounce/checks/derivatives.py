@@ -12,11 +12,10 @@ from math import prod
 import numpy as np
 
 from jounce.checks.magnitudes import magnitudes
-from jounce.dynamics.computation import Computation
+from jounce.dynamics.computation import Computation, change
 from jounce.dynamics.loops import closure_of
 from jounce.engine.generic import compute_by_method
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.lie import wedge
 
 STEP = 1e-100
 
@@ -32,7 +31,7 @@ def product(
     free = [port for port in ports if port.is_free]
 
     def along(directions: Sequence[np.ndarray]) -> list[np.ndarray]:
-        rates = [a @ wedge(d) if port.is_pose else d for port, a, d in zip(free, x, directions, strict=False)]
+        rates = [change(mechanism, port, a, d) for port, a, d in zip(free, x, directions, strict=False)]
         rates += _of_followers(mechanism, x[0], rates[0], x[-1]) if mechanism.closure else []
         moved = [a + 1j * STEP * d for a, d in zip(x, rates, strict=True)]
         return [y.imag / STEP for y in compute_by_method(values, method, mechanism, moved)]

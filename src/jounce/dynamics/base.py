@@ -1,4 +1,4 @@
-"""The motion of the base: of a floating robot's own, or of the ground on which a fixed robot stands."""
+"""Motions of joints of several screws, and of the base: a floating robot's own, or the ground of a fixed robot."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -7,16 +7,20 @@ import numpy as np
 
 from jounce.core.scalars import Array
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import positions
 from jounce.spatial.lie import pose, position, rotation, wedge
 from jounce.spatial.series import Series, from_rate
 
 
 @dataclass(frozen=True, eq=False)
 class BaseMotion:
-    """The pose of the base in the inertial frame, and its twist in its own axes with rates."""
+    """The pose of the base in the inertial frame, and its twist in its own axes with rates.
+
+    Of another joint of several screws: where it moves its body, and its velocities along them.
+    """
 
     pose: Array  # (..., 4, 4)
-    V: Series  # (..., 6, 1)
+    V: Series  # (..., 6, 1), or of another joint (..., k, 1)
 
     @property
     def H(self) -> Series:
@@ -30,6 +34,14 @@ class BaseMotion:
 
 
 STILL = BaseMotion(np.eye(4, dtype=int), Series.constant(np.zeros((6, 1), dtype=int)))  # at the inertial frame
+
+
+def motion_of_joint(mechanism: Mechanism, body: int, q: Series, base: BaseMotion | None) -> BaseMotion:
+    """The motion of the joint of a body, of several screws, at coordinates q: that of the base if it is the base."""
+    if mechanism.floats and body == 0:
+        return base or STILL
+    own = positions(mechanism)[body]
+    return BaseMotion(own.motion(q[0]), q.dot.map(lambda x: x[..., own.coordinates, :]))
 
 
 @lru_cache(maxsize=64)

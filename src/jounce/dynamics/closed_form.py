@@ -47,17 +47,15 @@ class ClosedForm:
 
 def closed_form(mechanism: Mechanism, q: Series, W: Series | None = None, base: BaseMotion | None = None) -> ClosedForm:
     """The equations of motion for coordinates q, columns (..., n, 1), and wrenches W on the bodies, (..., 6nb, 1)."""
-    moving = base or STILL
-    C0 = system.poses(mechanism, q[0], moving.pose)
     if mechanism.floats:
-        return _closed_form(mechanism, C0, joined([moving.V, q.dot], axis=-2), W)
+        velocities = joined([(base or STILL).V, q.dot], axis=-2)
+        return _closed_form(mechanism, system.poses(mechanism, q, base), velocities, W)
     if base is None:
-        return _closed_form(mechanism, C0, q.dot, W)
+        return _closed_form(mechanism, system.poses(mechanism, q, None), q.dot, W)
     carried = on_moving_ground(mechanism)
-    C0 = system.poses(carried, q[0], moving.pose)
     W = None if W is None else joined([0 * W.map(lambda W: W[..., :6, :]), W], axis=-2)
-    velocities, given = joined([moving.V, q.dot], axis=-2), joined([moving.V.dot, 0 * q.dot], axis=-2)
-    return _without_base(_closed_form(carried, C0, velocities, W, given), mechanism.n)
+    velocities, given = joined([base.V, q.dot], axis=-2), joined([base.V.dot, 0 * q.dot], axis=-2)
+    return _without_base(_closed_form(carried, system.poses(carried, q, base), velocities, W, given), mechanism.n)
 
 
 def at(m: Mechanism, x: State) -> ClosedForm:

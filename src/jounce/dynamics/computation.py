@@ -6,6 +6,8 @@ from functools import cached_property
 from itertools import accumulate
 from math import prod
 
+import numpy as np
+
 from jounce.core.scalars import Array
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.quantities import Quantity, row_of
@@ -13,8 +15,9 @@ from jounce.dynamics.state import State
 from jounce.dynamics.stretch import elasticity_of
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import moves, position_count, positions
 from jounce.spatial.inertia import PARAMETERS
-from jounce.spatial.lie import pose, position, rotation
+from jounce.spatial.lie import cowedge, pose, position, rotation, wedge
 from jounce.spatial.series import Series, columns, rate_name, wrench_columns
 
 Shape = tuple[int, ...]
@@ -32,6 +35,7 @@ class Port:
     rate: int = 0  # which time derivative it is
     first_order: int = 0  # of an input, the lowest order of the results that depend on it
     start: int = 0
+    directions: int = 0  # of positions that are more numbers than velocities: how many displacements they have
 
     @property
     def size(self) -> int:
@@ -55,8 +59,8 @@ class Port:
 
     @property
     def displacement(self) -> Shape:
-        """The shape of derivatives by it: of a pose C, those of C exp(wedge(d)) by a twist d."""
-        return (6,) if self.is_pose else self.shape
+        """The shape of derivatives by it: of a pose C, those of C exp(wedge(d)) by a twist d; so of quaternions."""
+        return (6,) if self.is_pose else (self.directions,) if self.directions else self.shape
 
 
 @dataclass(frozen=True)
@@ -178,7 +182,10 @@ class Computation:
         others = len(of_motors.joints_of_motors) if of_motors else mechanism.nv
         sizes = [mechanism.n if k < own else others for k in range(self.rates)]
         both = enumerate(zip(names, sizes, strict=True))
-        return [Port(name, (size,), "state", k, max(0, k + 1 - least)) for k, (name, size) in both]
+        ports = [Port(name, (size,), "state", k, max(0, k + 1 - least)) for k, (name, size) in both]
+        if positions(mechanism):
+            ports[0] = replace(ports[0], shape=(position_count(mechanism),), directions=mechanism.n)
+        return ports
 
     def takes_stiffness(self, mechanism: Mechanism) -> bool:
         """Whether joints with two motors take their stiffness."""
@@ -228,6 +235,23 @@ class Computation:
         return self.quantity.law(method, mechanism)(mechanism, self.state(mechanism, arrays))
 
 
+def change(mechanism: Mechanism, port: Port, x: Array, d: Array) -> Array:
+    """The change of an input x by a displacement d, of the shape `port.displacement`."""
+    if port.is_pose:
+        return x @ wedge(d)
+    return (moves(mechanism, x) @ d[..., None])[..., 0] if port.directions else d
+
+
+def displacement(mechanism: Mechanism, port: Port, x: Array, dx: Array) -> Array:
+    """The displacement that a change dx of an input is; a change of the length of a quaternion is none."""
+    if port.is_pose:
+        return cowedge(x.mT @ dx) * np.array([0.5, 0.5, 0.5, 1, 1, 1], dx.dtype)
+    if not port.directions:
+        return dx
+    N = moves(mechanism, x)  # its columns are orthogonal
+    return (N.mT @ dx[..., None])[..., 0] / (N * N).sum(axis=-2)
+
+
 def base_name(k: int) -> str:
     """The name of a term of the motion of the base: its pose, its twist and the rates of it."""
     return rate_name("base_twist", k - 1) if k else "base_pose"
@@ -235,7 +259,7 @@ def base_name(k: int) -> str:
 
 def _ports_of_product(product: str, inputs: list[Port], results: list[Port]) -> tuple[list[Port], list[Port]]:
     """The ports of a product: weights wQ, ... of the results and gradients gq, ..., or tangents dq, ... and dQ, ..."""
-    given = [replace(port, shape=port.displacement) for port in inputs if port.is_free]
+    given = [replace(port, shape=port.displacement, directions=0) for port in inputs if port.is_free]
     if product == "vjp":  # the gradient by any input contains all results
         weights = [replace(port, name=f"w{port.name}", role="weight") for port in results]
         gradients = [replace(port, name=f"g{port.name}", role="result") for port in given]

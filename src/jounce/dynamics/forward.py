@@ -60,7 +60,7 @@ def from_inverse(
     known, twists = [q[0], q[1]], [base.V[0]] if m.floats and base else []
 
     def term(k: int) -> Array:
-        at_rest = Series.of([*known, zeros_like(q[0])])
+        at_rest = Series.of([*known, zeros_like(q[1])])
         moving = replace(base, V=Series.of([*twists, zeros_like(twists[0])])) if twists and base else base
         found = M.solve(Q[k] - inverse(at_rest, moving)[k])
         known.append(found[..., -m.n :, :])

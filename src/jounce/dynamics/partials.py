@@ -5,18 +5,22 @@ rates of Q, since a partial derivative and the time derivative d/dt commute but 
 
     d(dx/dt)/dq^(j) = d/dt (dx/dq^(j)) + dx/dq^(j - 1)
 
-A base is displaced by a twist d in its own axes, C exp(wedge(d)). With the components of its twist V held, such a
-displacement changes, d' = -ad(V) d, which adds a term to the derivatives of rates by d: -ad(V) = -a, see `turning`.
+A joint of several screws, as that of a base, is displaced by a twist d in its own axes, C exp(wedge(d)). With its
+velocities held, such a displacement changes, which adds a term to the derivatives of rates by d, see `turning`.
 """
+
+from functools import reduce
+from operator import add
 
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate
 from jounce.dynamics import system
-from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.base import BaseMotion, motion_of_joint
 from jounce.dynamics.closed_form import closed_form
 from jounce.model.coordinates import screws_of
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import positions
 from jounce.spatial.lie import ad
 from jounce.spatial.linear import Factors, mirrored
 from jounce.spatial.series import Series
@@ -44,18 +48,25 @@ def dense(
     outward = turned * (owner[:, None] < owner)
     K = J.mT @ (M @ J2 + B @ J1) + bodies.G.T @ outward @ bodies.G
     D = J.mT @ (2 * (M @ J1) + B @ J)
-    if (a := turning(m, base)) is None:
+    if (a := turning(m, q, base)) is None:
         return K, D, x.gM
     D = D - x.gM @ a  # so far, of displacements of the base that are constant, and change the components of its twist
     return K - D @ a - x.gM @ a.dot, D, x.gM
 
 
-def turning(m: Mechanism, base: BaseMotion | None) -> Series | None:
-    """a = diag(ad(V), 0), (..., nv, nv), of a floating base: displaced by d, its twist changes by d' + a d."""
-    if not (m.floats and base):
-        return None
-    upper, lower = np.eye(m.nv, 6, dtype=int), np.eye(6, m.nv, dtype=int)
-    return upper @ base.V.map(lambda V: ad(V[..., 0])) @ lower
+def turning(m: Mechanism, q: Series, base: BaseMotion | None) -> Series | None:
+    """a, (..., nv, nv), of joints of several screws: displaced by d, their velocities nu change by d' + a d.
+
+    ``a = X^T ad(X nu) X`` of each, on the diagonal; ad(V) of a floating base. None where there is no such joint.
+    """
+    unit, parts = np.eye(m.nv, dtype=int), list[Series]()
+    if m.floats and base:
+        parts.append(unit[:, :6] @ base.V.map(lambda V: ad(V[..., 0])) @ unit[:6])
+    for i, x in positions(m).items():
+        X, own = x.group.X, slice(m.nv - m.n + x.coordinates.start, m.nv - m.n + x.coordinates.stop)
+        twist = X @ motion_of_joint(m, i, q, base).V
+        parts.append(unit[:, own] @ (X.T @ twist.map(lambda V: ad(V[..., 0])) @ X) @ unit[own])
+    return reduce(add, parts) if parts else None
 
 
 def of_all_rates(K: Series, D: Series, M: Series, a: Series | None = None) -> Series:

@@ -12,11 +12,12 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate
+from jounce.dynamics.base import BaseMotion, motion_of_joint
 from jounce.model.coordinates import joint_variables, screws_of, velocity_map
 from jounce.model.mechanism import Mechanism, ancestors
 from jounce.spatial.inertia import moments
 from jounce.spatial.lie import Ad, ad, exp, inverse
-from jounce.spatial.series import diagonal
+from jounce.spatial.series import Series, diagonal
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +46,15 @@ def of_bodies(mechanism: Mechanism) -> System:
     return System(system_S(mechanism), velocity_map(mechanism), mechanism.M, ancestors(mechanism))
 
 
-def poses(mechanism: Mechanism, q: Array, base: Array) -> Array:
-    """C_i, the pose of every body in the inertial frame, that of a base that floats given: (..., nb, 4, 4)."""
-    theta = joint_variables(mechanism, q)
+def poses(mechanism: Mechanism, q: Series, base: BaseMotion | None) -> Array:
+    """C_i, the pose of every body in the inertial frame: (..., nb, 4, 4)."""
+    theta = joint_variables(mechanism, q)[0]
     C: list[Array] = []
-    for B, columns, p in zip(mechanism.B, mechanism.columns, mechanism.parent, strict=True):
-        H = exp(mechanism.X[columns[0]], theta[..., columns[0] : columns[0] + 1, :]) if columns else base
+    for i, (B, columns, p) in enumerate(zip(mechanism.B, mechanism.columns, mechanism.parent, strict=True)):
+        if len(columns) == 1:
+            H = exp(mechanism.X[columns[0]], theta[..., columns[0] : columns[0] + 1, :])
+        else:
+            H = motion_of_joint(mechanism, i, q, base).pose
         C.append(B @ H if p < 0 else C[p] @ (B @ H))  # (Ci)
     return concatenate([C_i[..., None, :, :] for C_i in C], axis=-3)
 

@@ -23,12 +23,11 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
 from jounce.core.scalars import Array, broadcast, is_jax, is_numeric
-from jounce.dynamics.computation import Computation, Port, Signature
+from jounce.dynamics.computation import Computation, Port, Signature, change, displacement
 from jounce.engine.generic import as_tuple, batch_shape, compute_by_method
 from jounce.model.mechanism import Mechanism
 from jounce.native import plan, xla
 from jounce.native.kernel import Kernel, compile_kernel
-from jounce.spatial.lie import cowedge, wedge
 
 TRANSPOSES = {"jvp": "vjp", "vjp": "jvp"}
 
@@ -132,7 +131,8 @@ def _differentiate(
     terms = []
     if not others:
         both = [x for x in zip(request.state, state, along_state, strict=True) if x[0].is_free]
-        directions = [_twist(C, dC) if port.is_pose and type(dC) is not ad.Zero else dC for port, C, dC in both]
+        of_robot = partial(displacement, request.mechanism)
+        directions = [dx if type(dx) is ad.Zero else of_robot(port, x, dx) for port, x, dx in both]
         terms.append(_bind_linear(request.product("jvp"), state, directions))
     elif not all(type(x) is ad.Zero for x in along_others):
         terms.append(_bind_linear(request, state, along_others))
@@ -150,11 +150,6 @@ def _transpose(cotangents: Sequence[Any], *operands: Any, request: Request) -> l
     found = _bind_linear(transposed, operands[:count], cotangents)
     both = zip(operands[count:], found, strict=True)
     return [None] * count + [_fit(y, x.aval.shape) if ad.is_undefined_primal(x) else None for x, y in both]
-
-
-def _twist(C: Array, dC: Array) -> Array:
-    """The twist d of a displacement dC = C wedge(d) of a pose, by which products differentiate."""
-    return cowedge(C.mT @ dC) * np.array([0.5, 0.5, 0.5, 1, 1, 1], dC.dtype)
 
 
 def _bind_linear(request: Request, state: Sequence[Array], others: Sequence[Any]) -> list[Array]:
@@ -187,10 +182,9 @@ def _trace(*state: Array, others: Sequence[Array], request: Request) -> tuple[Ar
 
     def displaced(*d: Array) -> tuple[Array, ...]:
         both = zip(free, x, d, strict=False)
-        return law(*(C + C @ wedge(y) if port.is_pose else y for port, C, y in both), *x[len(free) :])
+        return law(*(a + change(request.mechanism, port, a, y) for port, a, y in both), *x[len(free) :])
 
-    both = zip(free, x, strict=False)
-    start = [jnp.zeros((*C.shape[:-2], 6), dtype) if port.is_pose else C for port, C in both]
+    start = [jnp.zeros((*_batch([port], [a]), *port.displacement), dtype) for port, a in zip(free, x, strict=False)]
     return jax.jvp(displaced, start, more)[1] if product == "jvp" else jax.vjp(displaced, *start)[1](tuple(more))
 
 

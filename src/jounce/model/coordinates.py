@@ -1,7 +1,7 @@
 """Coordinates q and joint variables theta of a mechanism: ``theta = G q + g`` and what follows from it.
 
-Forces and matrices of the joint variables become those of the coordinates by G^T (the principle of virtual work). All
-three maps take arrays and time series alike.
+Forces and matrices of the joint variables become those of the coordinates by G^T (the principle of virtual work), as
+arrays and as time series alike.
 """
 
 from dataclasses import replace
@@ -14,6 +14,7 @@ from jounce.core.scalars import Array, concatenate
 from jounce.model.kinds import KINDS, MOTION_KINDS, unit_of
 from jounce.model.limits import Limits, unlimited
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import positions, single_positions
 from jounce.spatial.series import Series
 
 T = TypeVar("T", Array, Series)
@@ -22,9 +23,12 @@ BASE_FORCES = tuple(f"base.{component}" for component in ("mx", "my", "mz", "fx"
 TURNS = 8 * np.pi  # rad: four turns, further than joints without limits are taken to go
 
 
-def joint_variables(mechanism: Mechanism, q: T) -> T:
-    """theta = G q + g: (..., n, 1) to (..., nc, 1)."""
-    return mechanism.G @ q + mechanism.g[:, None]
+def joint_variables(mechanism: Mechanism, q: Series) -> Series:
+    """theta = G q + g: (..., n, 1) to (..., nc, 1); 0 at joints of several screws, whose rates are their velocities."""
+    if not positions(mechanism):
+        return mechanism.G @ q + mechanism.g[:, None]
+    G = mechanism.G @ single_positions(mechanism)
+    return Series(lambda k: mechanism.G @ q[k] if k else G @ q[0] + mechanism.g[:, None])
 
 
 def base_columns(mechanism: Mechanism) -> Array:

@@ -18,6 +18,7 @@ from jounce.core.errors import JounceError
 from jounce.core.scalars import Array, concatenate, is_symbolic, is_zero
 from jounce.model.casting import with_exact_integers
 from jounce.model.mechanism import Mechanism, reference_poses
+from jounce.model.positions import positions
 from jounce.spatial import inertia
 from jounce.spatial.lie import Ad, hat, inverse, pose, position, rotation
 
@@ -49,15 +50,22 @@ def frame_shifts(old: Mechanism, new: Mechanism) -> Array:
 
 
 def align_frames(mechanism: Mechanism) -> Mechanism:
-    """Put every body frame on its joint axis: X_i = (0, 0, 1, 0, 0, h) or, prismatic, (0, 0, 0, 0, 0, 1)."""
+    """Put every body frame on its joint axis: X_i = (0, 0, 1, 0, 0, h) or, prismatic, (0, 0, 0, 0, 0, 1).
+
+    The screws of joints of several are those of their group.
+    """
     T, X = [np.eye(4, dtype=int)] * mechanism.nb, list(mechanism.X)
     for i, j in _alone(mechanism):
         T[i], X[j] = _on_axis(X[j])
+    for i, joint in positions(mechanism).items():
+        T[i] = joint.T
+        for j, own in zip(mechanism.columns[i], joint.group.X.T, strict=True):
+            X[j] = own
     return replace(_exactly_turned(reframe(mechanism, T)), X=np.stack(X))
 
 
 def _alone(mechanism: Mechanism) -> list[tuple[int, int]]:
-    """The bodies that move along one screw, each with its joint variable; the frames of all others stay."""
+    """The bodies that move along one screw, each with its joint variable."""
     return [(i, columns[0]) for i, columns in enumerate(mechanism.columns) if len(columns) == 1]
 
 

@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import inf
+from functools import partial
+from math import inf, prod
 
 import numpy as np
 
-from jounce.dynamics.computation import Computation, Port, Signature
+from jounce.dynamics.computation import Computation, Port, Signature, change
 from jounce.dynamics.loops import closure_of
 from jounce.model.casting import with_exact_integers
 from jounce.model.mechanism import Mechanism
@@ -15,7 +16,7 @@ from jounce.native.emit import Block
 from jounce.native.jit import Target
 from jounce.native.loop_steps import Sweeps, kinds
 from jounce.native.plan import LongCompilationError, is_straight
-from jounce.program.differentiate import Followers, jvp, vjp
+from jounce.program.differentiate import Displaced, Followers, jvp, vjp
 from jounce.program.passes import factor, fuse
 from jounce.program.program import Program, prune
 from jounce.program.trace import Tape, TapeFullError, interruptible
@@ -54,9 +55,13 @@ def program(mechanism: Mechanism, computation: Computation, tape: Tape | None = 
     traced = factor(tape.program([x for result in results for x in np.ravel(result)]))
     if computation.product is None:
         return traced
-    poses = [parameters + port.start for port in inputs if port.is_pose]
+    displaced = [
+        Displaced(parameters + port.start, port.shape, prod(port.displacement), partial(change, mechanism, port))
+        for port in inputs
+        if port.displacement != port.shape
+    ]
     followers = _followers(mechanism, inputs, arrays, tape) if mechanism.closure else None
-    return PRODUCTS[computation.product](traced, parameters, tape.most, poses, followers)
+    return PRODUCTS[computation.product](traced, parameters, tape.most, displaced, followers)
 
 
 def _followers(mechanism: Mechanism, inputs: Sequence[Port], arrays: Sequence[np.ndarray], tape: Tape) -> Followers:

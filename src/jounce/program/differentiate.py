@@ -8,9 +8,9 @@ Weights and directions are nodes or numbers; what is multiplied by the number 0 
 [1] A. Griewank, A. Walther, Evaluating Derivatives, 2nd ed., SIAM 2008, chapter 3.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import inf
+from math import inf, prod
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,6 @@ from jounce.program.operations import OPERATIONS
 from jounce.program.passes import factor
 from jounce.program.program import Program, Step
 from jounce.program.trace import Node, Tape
-from jounce.spatial.lie import cowedge, wedge
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +32,28 @@ class Followers:
     start: int
     leader: int
     rates: Program
+
+
+@dataclass(frozen=True, eq=False)
+class Displaced:
+    """Inputs of a program that are changed by displacements, of which there are fewer: a pose, a quaternion.
+
+    From `start` on they are as many as `shape` has entries; `change` makes a change of them, linear in a displacement.
+    """
+
+    start: int
+    shape: tuple[int, ...]
+    directions: int
+    change: Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+    @property
+    def own(self) -> slice:
+        """Their places among the inputs."""
+        return slice(self.start, self.start + prod(self.shape))
+
+    def changed(self, inputs: np.ndarray, directions: Any) -> np.ndarray:
+        """The changes of all entries by a displacement."""
+        return self.change(inputs[self.own].reshape(self.shape), np.array(directions)).ravel()
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,15 +127,14 @@ def vjp(
     program: Program,
     parameters: int = 0,
     most: float = inf,
-    poses: Sequence[int] = (),
+    displaced: Sequence[Displaced] = (),
     followers: Followers | None = None,
 ) -> Program:
     """The vector-Jacobian product: after the inputs it takes a weight for each output, and gives J^T weights.
 
-    The first inputs, as many as are `parameters`, are constants: there is no derivative by them. Sixteen in a row from
-    each of `poses` on are a pose C: of it, the derivatives are those of C exp(wedge(d)) by the six components of a
-    twist d, at d = 0. There is no derivative by `followers`: what follows through them is in that by their leaders. The
-    tape holds up to `most` steps.
+    The first inputs, as many as are `parameters`, are constants: there is no derivative by them. Derivatives by those
+    that are `displaced` are by their displacements. There is no derivative by `followers`: what follows through them is
+    in that by their leaders. The tape holds up to `most` steps.
     """
     tape = Tape(most)
     inputs = tape.variables(program.inputs)
@@ -125,9 +145,9 @@ def vjp(
         for j, more in enumerate(adjoints(rates, by_followers)[program.inputs :], followers.leader):
             gradient[j] = gradient[j] + more
         del gradient[followers.start :]
-    for first in sorted(poses, reverse=True):
-        C, by_entries = (np.array(x[first : first + 16], dtype=object).reshape(4, 4) for x in (inputs, gradient))
-        gradient[first : first + 16] = cowedge(C.T @ by_entries)
+    for x in sorted(displaced, key=lambda x: x.start, reverse=True):
+        changes = [x.changed(inputs, unit) for unit in np.eye(x.directions, dtype=int)]
+        gradient[x.own] = np.array(changes, dtype=object) @ np.array(gradient[x.own], dtype=object)
     return factor(tape.program(gradient[parameters:]))
 
 
@@ -135,23 +155,24 @@ def jvp(
     program: Program,
     parameters: int = 0,
     most: float = inf,
-    poses: Sequence[int] = (),
+    displaced: Sequence[Displaced] = (),
     followers: Followers | None = None,
 ) -> Program:
     """The Jacobian-vector product: after the inputs it takes a direction for each, and gives J directions.
 
-    The first inputs, as many as are `parameters`, are constants and have no direction. The direction of a pose is a
-    twist, as in `vjp`. `followers` have none: theirs follows from that of their leaders. The tape holds up to `most`
-    steps.
+    The first inputs, as many as are `parameters`, are constants and have no direction. The directions of those that are
+    `displaced` are displacements. `followers` have none: theirs follows from that of their leaders. The tape holds up
+    to `most` steps.
     """
     tape = Tape(most)
     inputs = tape.variables(program.inputs)
     evaluation = evaluate(program, tape, [*inputs])
     free = program.inputs if followers is None else followers.start
-    directions = [*[0] * parameters, *tape.variables(free - parameters - 10 * len(poses))]
-    for first in sorted(poses):
-        C = inputs[first : first + 16].reshape(4, 4)
-        directions[first : first + 6] = (C @ wedge(np.array(directions[first : first + 6]))).ravel()
+    fewer = sum(prod(x.shape) - x.directions for x in displaced)
+    directions = [*[0] * parameters, *tape.variables(free - parameters - fewer)]
+    for x in sorted(displaced, key=lambda x: x.start):
+        own = slice(x.start, x.start + x.directions)
+        directions[own] = x.changed(inputs, directions[own])
     if followers:
         led = directions[followers.leader :][: followers.rates.inputs - program.inputs]
         directions += evaluate(followers.rates, tape, [*inputs, *led]).outputs

@@ -6,7 +6,6 @@ from functools import cached_property
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array
 from jounce.dynamics import system
-from jounce.dynamics.base import STILL
 from jounce.dynamics.paper.section3 import C11, M1, C
 from jounce.dynamics.paper.section4 import C21, M21
 from jounce.model.mechanism import Mechanism, ancestors
@@ -26,7 +25,7 @@ class Paper:
 
     @cached_property
     def poses(self) -> Array:
-        return system.poses(self.mechanism, self.q[0], STILL.pose)
+        return system.poses(self.mechanism, self.q, None)
 
     @cached_property
     def J(self) -> Array:

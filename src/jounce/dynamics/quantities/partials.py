@@ -18,13 +18,13 @@ def _of_forces(method: str, m: Mechanism, x: State) -> Series:
     """Partial derivatives of the forces and their rates, from those of the forces themselves."""
     of_forces = {"recursion": force_partials.partials, "closed_form": partials.dense}[method]
     if not m.closure:
-        return partials.of_all_rates(*of_forces(m, x.q, x.W, x.base), partials.turning(m, x.base))
+        return partials.of_all_rates(*of_forces(m, x.q, x.W, x.base), partials.turning(m, x.q, x.base))
     motion = loops.closed_motion(m, x)
     rigid = of_forces(m.tree, motion.q, x.W, x.base)
     of_drives = drive_terms.partials(m.tree, motion.q, m.acting)
     K, D, M = (P + drive_terms.behind_base(m, own, (-2, -1)) for P, own in zip(rigid, of_drives, strict=True))
     found = loop_partials.partials(motion, (K, D, M), tree_forces(method, m, x, motion))
-    return partials.of_all_rates(*found, partials.turning(m, x.base))
+    return partials.of_all_rates(*found, partials.turning(m, x.q, x.base))
 
 
 def _of_accelerations(method: str, m: Mechanism, x: State) -> Series:

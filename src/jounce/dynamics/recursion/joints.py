@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from jounce.core.scalars import Array, exact_integers, is_symbolic
-from jounce.dynamics.base import STILL, BaseMotion
+from jounce.dynamics.base import BaseMotion, motion_of_joint
 from jounce.model.coordinates import joint_variables, screws_of
 from jounce.model.equivalent import split_turn
 from jounce.model.mechanism import Mechanism
@@ -180,30 +180,30 @@ def _turns_and_slides(mechanism: Mechanism) -> tuple[Array, Array]:
     return np.stack(turns), np.stack(slides)
 
 
-def motions(mechanism: Mechanism, theta: Array, base: BaseMotion, bodies: Sequence[int]) -> dict[int, Array]:
-    """Z exp(X theta) of the joints of some bodies, (..., 4, 4) each; all those of one screw at once."""
+def motions(mechanism: Mechanism, theta: Array, bodies: Sequence[int]) -> dict[int, Array]:
+    """Z exp(X theta) of those joints of some bodies that have one screw, (..., 4, 4) each, all at once."""
     alone = [i for i in bodies if len(mechanism.columns[i]) == 1]
     turns, slides = _turns_and_slides(mechanism)
     chosen = np.array([mechanism.columns[i][0] for i in alone], dtype=int)
     T = placed(mechanism)[1][alone] @ exp_of(turns[chosen], slides[chosen], theta[..., chosen, :, None])
     T = exact_integers(T) if is_symbolic(T) else T
-    return {i: T[..., k, :, :] for k, i in enumerate(alone)} | {i: base.pose for i in bodies if i not in alone}
+    return {i: T[..., k, :, :] for k, i in enumerate(alone)}
 
 
 def joints(
     mechanism: Mechanism, q: Series, base: BaseMotion | None = None, bodies: Sequence[int] | None = None
 ) -> list[Joint]:
     """The joints of some bodies, or of all, for coordinates q and the motion of a base that floats."""
-    bodies, base = range(mechanism.nb) if bodies is None else bodies, base or STILL
+    bodies = range(mechanism.nb) if bodies is None else bodies
     theta, placements = joint_variables(mechanism, q), _placements(mechanism)
-    T = motions(mechanism, theta[0], base, bodies)
-    A = {i: Ad(inverse(T_i)) for i, T_i in T.items()}
+    T = motions(mechanism, theta[0], bodies)
 
     def joint(i: int) -> Joint:
-        columns = mechanism.columns[i]
-        if len(columns) == 1:
-            return Joint(**vars(placements[i]), rate=rows(theta, columns[0], columns[0] + 1).dot, T=T[i], A=A[i])
-        return FreeJoint(**vars(placements[i]), rate=base.V, T=T[i], A=A[i])
+        if i not in T:
+            own = motion_of_joint(mechanism, i, q, base)
+            return FreeJoint(**vars(placements[i]), rate=own.V, T=own.pose, A=Ad(inverse(own.pose)))
+        [j] = mechanism.columns[i]
+        return Joint(**vars(placements[i]), rate=rows(theta, j, j + 1).dot, T=T[i], A=Ad(inverse(T[i])))
 
     return [joint(i) for i in bodies]
 

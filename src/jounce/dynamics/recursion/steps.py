@@ -17,7 +17,7 @@ from typing import TypeAlias
 import numpy as np
 
 from jounce.core.scalars import Array, is_zero
-from jounce.dynamics.base import STILL, BaseMotion
+from jounce.dynamics.base import BaseMotion, motion_of_joint
 from jounce.dynamics.recursion.joints import motions, moved, placed, rows
 from jounce.model.coordinates import joint_variables, screws_of
 from jounce.model.mechanism import Mechanism
@@ -194,18 +194,19 @@ def inertia_force(moments: Moments, motion: BodyMotion) -> Force:
 
 def aligned_joints(chain: Mechanism, q: Series, base: BaseMotion | None = None) -> list[AnyJoint]:
     """The joints of a mechanism in frames on their axes, for coordinates q and the motion of a base that floats."""
-    theta, base = joint_variables(chain, q), base or STILL
-    T = motions(chain, theta[0], base, range(chain.nb))
+    theta = joint_variables(chain, q)
+    T = motions(chain, theta[0], range(chain.nb))
     found: list[AnyJoint] = []
     for i, (B, p) in enumerate(zip(placed(chain)[0], chain.parent, strict=True)):
-        if len(chain.columns[i]) == 1:
+        if i in T:
             [j] = chain.columns[i]
             X, theta_i = chain.X[j], rows(theta, j, j + 1)
             d = None if is_zero(X[5]) else theta_i * X[5:]
             place = (p, rotation(B), position(B), rotation(T[i]))
             found.append(AlignedJoint(*place, theta_i, not is_zero(X[2]), d, pitch=X[5:]))
         else:
-            found.append(free_joint(p, B, screws_of(chain, i), T[i], base.V))
+            own = motion_of_joint(chain, i, q, base)
+            found.append(free_joint(p, B, screws_of(chain, i), own.pose, own.V))
     return found
 
 

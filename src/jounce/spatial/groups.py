@@ -1,0 +1,116 @@
+"""The motions that a joint of several screws allows: turns about a point, motions in a plane, all motions.
+
+They are subgroups of SE(3). Where such a joint is, numbers p say: the place of its origin, if that moves, then the
+rotation as a quaternion (x, y, z, w) or, in a plane, as cosine and sine. What moves it is a twist nu in the axes that
+move, ``H' = H wedge(X nu)`` with screws X that are columns of the unit matrix. The length of a quaternion, or of cosine
+and sine, does not matter unless it is zero.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce.core.scalars import Array, concatenate, reciprocal, sqrt
+from jounce.spatial.lie import Ad, hat, pose
+
+_O, _I = np.zeros((3, 1), dtype=int), np.eye(3, dtype=int)
+VELOCITIES = ("wx", "wy", "wz", "vx", "vy", "vz")
+
+
+@dataclass(frozen=True)
+class Group:
+    """A subgroup of motions.
+
+    Attributes
+    ----------
+    name : str
+        Of the joint: "ball", "planar" or "free".
+    axes : tuple of int
+        Which components of a twist it has: its screws are these columns of the unit matrix, in this order.
+    places : tuple of int
+        Those of its numbers p that say where the origin is; the others say the rotation.
+    positions : tuple of str
+        What its numbers p are called.
+    """
+
+    name: str
+    axes: tuple[int, ...]
+    positions: tuple[str, ...]
+    places: tuple[int, ...]
+    turn: Callable[[Array], Array]  # the rotation (..., 3, 3) of the numbers behind the places, (..., k)
+    turning: Callable[[Array], Array]  # the rates (..., k, 3) of these by an angular velocity
+
+    @property
+    def X(self) -> np.ndarray:
+        """The screws, (6, k)."""
+        return np.eye(6, dtype=int)[:, list(self.axes)]
+
+    @property
+    def velocities(self) -> tuple[str, ...]:
+        """What its velocities are called."""
+        return tuple(VELOCITIES[axis] for axis in self.axes)
+
+    def pose(self, p: Array) -> Array:
+        """H, (..., 4, 4), at p, (..., numbers)."""
+        count = len(self.places)
+        r = p[..., :count, None]
+        place = concatenate([r, 0 * p[..., : 3 - count, None]], axis=-2) if count < 3 else r
+        return pose(self.turn(p[..., count:]), place)
+
+    def moves(self, p: Array) -> Array:
+        """(..., numbers, k): p' = moves nu."""
+        R, count = self.turn(p[..., len(self.places) :]), len(self.places)
+        linear = R[..., :count, :] @ self.X[3:]
+        return concatenate([linear, self.turning(p[..., count:]) @ self.X[:3]], axis=-2)
+
+
+def _of_quaternion(p: Array) -> Array:
+    v, w = hat(p[..., :3]), p[..., 3:, None]
+    return _I + 2 * reciprocal(p[..., None, :] @ p[..., :, None]) * (w * v + v @ v)
+
+
+def _quaternion_rates(p: Array) -> Array:
+    upper = hat(p[..., :3]) + p[..., 3:, None] * _I
+    return concatenate([upper, -p[..., None, :3]], axis=-2) * 0.5
+
+
+def _of_angle(p: Array) -> Array:
+    unit = reciprocal(sqrt(p[..., None, :] @ p[..., :, None])) * p[..., :, None]
+    c, s, zero = unit[..., :1, :], unit[..., 1:, :], 0 * unit[..., :1, :]
+    rows = [[c, -s, zero], [s, c, zero], [zero, zero, zero + 1]]
+    return concatenate([concatenate(row, axis=-1) for row in rows], axis=-2)
+
+
+def _angle_rates(p: Array) -> Array:
+    turned = concatenate([-p[..., 1:, None], p[..., :1, None]], axis=-2)
+    return turned @ _I[2:]
+
+
+_QUATERNION = ("qx", "qy", "qz", "qw")
+BALL = Group("ball", (0, 1, 2), _QUATERNION, (), _of_quaternion, _quaternion_rates)
+PLANAR = Group("planar", (2, 3, 4), ("x", "y", "cos", "sin"), (0, 1), _of_angle, _angle_rates)
+FREE = Group("free", (0, 1, 2, 3, 4, 5), ("x", "y", "z", *_QUATERNION), (0, 1, 2), _of_quaternion, _quaternion_rates)
+GROUPS: Mapping[str, Group] = {group.name: group for group in (BALL, PLANAR, FREE)}
+
+
+def group_of(X: Array) -> tuple[Group, Array] | None:
+    """The group that screws X, (6, k), of a joint span, and the pose T of the frame in which they are its screws.
+
+    ``X = Ad(T) group.X``. None where they span none of the three, in the order that it has.
+    """
+    for group in GROUPS.values():
+        if len(group.axes) == X.shape[1]:
+            T = _frame(group, X)
+            if np.abs(np.asarray(Ad(T) @ group.X - X, dtype=float)).max() <= 1e-12:
+                return group, T
+    return None
+
+
+def _frame(group: Group, X: Array) -> Array:
+    """Where the axes of the joint are: their directions, and their origin nearest to the body's."""
+    if group is PLANAR:
+        R = np.stack([X[3:, 1], X[3:, 2], X[:3, 0]], axis=-1)
+        return pose(R, np.cross(X[:3, 0], X[3:, 0])[:, None])
+    R, moments = X[:3, :3], X[3:, :3]  # eta_k = c x xi_k
+    return pose(R, np.cross(R.T, moments.T).sum(axis=0)[:, None] / 2)
