@@ -7,7 +7,7 @@ import pytest
 from robots import floating
 
 import jounce
-from jounce.arguments.base import not_a_pose
+from jounce.arguments.poses import not_a_pose
 from jounce.core.errors import JounceError
 from jounce.dynamics.quantities import QUANTITIES
 

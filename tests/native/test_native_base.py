@@ -10,7 +10,7 @@ from quantities import tupled
 from robots import floating, random_mechanism, random_pose, relative_error
 
 import jounce
-from jounce.arguments.base import NOT_A_POSE, not_a_pose
+from jounce.arguments.poses import NOT_A_POSE, not_a_pose
 from jounce.core.errors import JounceError
 from jounce.native.plan import is_straight
 from jounce.native.poses import are_poses

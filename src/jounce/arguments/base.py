@@ -6,17 +6,13 @@ The twist is (angular; linear), in the axes of the base and about its origin; it
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from jounce.arguments import names
+from jounce.arguments.poses import check_pose
 from jounce.arguments.rates import rates_in
 from jounce.core.errors import JounceError, quoted
-from jounce.core.scalars import FLOAT, Array, asarray, is_jax, is_numeric, is_traced, shaped
+from jounce.core.scalars import Array, asarray, shaped
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.lie import hat, rotation
 from jounce.spatial.series import rate_name
-
-NOT_A_POSE = 1e-6  # what rounding to six or seven digits leaves of an orthogonal matrix
 
 
 def terms_of(base: object) -> tuple[Any, ...]:
@@ -38,35 +34,6 @@ def base_of(mechanism: Mechanism, base: object, count: int, what: str) -> list[A
         shaped(array, shape, f"base: {_label(k)}", parts)
     check_pose(arrays[0])
     return arrays
-
-
-def check_pose(C: Array) -> None:
-    """Raise `JounceError` unless matrices (..., 4, 4) of numbers are poses; NaN passes."""
-    if is_jax(C) and not is_traced(C):
-        C = np.asarray(C)
-    if not is_numeric(C):
-        return
-    off = not_a_pose(C if C.dtype == FLOAT else C.astype(float))
-    if (off > NOT_A_POSE).any():
-        at = np.unravel_index(np.nanargmax(off), off.shape)
-        where = f" of sample {', '.join(map(str, at))}" if at else ""
-        raise JounceError(
-            f"base: C{where} is no pose: [R, r; 0, 1] with an orthogonal R of determinant 1 is missed by {off[at]:.2g};"
-            f" expected {NOT_A_POSE:g} at most"
-        )
-
-
-def not_a_pose(C: np.ndarray) -> np.ndarray:
-    """How far matrices (..., 4, 4) are from poses: the largest entry of R^T R - 1, of det R - 1 and of the last row."""
-    return np.maximum.reduce([np.abs(part).max(axis=(-2, -1)) for part in misses(C)])
-
-
-def misses(C: Array) -> tuple[Array, ...]:
-    """What vanishes of poses (..., 4, 4): R^T R - 1, det R - 1, and what the last row is besides 0, 0, 0, 1."""
-    R = rotation(C)
-    x, y, z = (R[..., k : k + 1] for k in range(3))
-    one = np.eye(4, dtype=int)
-    return R.mT @ R - one[:3, :3], (hat(x[..., 0]) @ y).mT @ z - 1, C[..., 3:, :] - one[3:]
 
 
 def _label(k: int) -> str:

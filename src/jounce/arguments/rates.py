@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments import names
+from jounce.arguments.joints import checked_positions, numbers_by_name, velocities_by_name
 from jounce.core.errors import JounceError, at, listed, quoted
 from jounce.core.scalars import (
     FLOAT,
@@ -24,6 +25,7 @@ from jounce.core.scalars import (
 from jounce.dynamics.quantities import Quantity
 from jounce.model.elasticity import motor_names
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import position_names, positions
 
 HIGHEST_ORDER = 100  # order: beyond it computing takes minutes, and nobody's numbers have the digits
 
@@ -66,7 +68,9 @@ def rates_of(mechanism: Mechanism, given: Sequence[Any], row: Quantity, more: in
         raise _skipped_rate(terms, labels)
     e = mechanism.elasticity if row.inputs else None
     others = replace(mechanism, coordinates=motor_names(e, mechanism.coordinates)) if e and e.pairs else mechanism
-    q = [column(mechanism, *both, mechanism.n) for both in zip(terms[:own], labels, strict=False)]
+    q = [column(mechanism, *both, mechanism.n) for both in zip(terms[1:own], labels[1:], strict=False)]
+    if own:
+        q.insert(0, position(mechanism, terms[0]))
     return q + [column(others, *both, others.nv) for both in zip(terms[own:], labels[own:], strict=True)]
 
 
@@ -82,6 +86,19 @@ def _skipped_rate(terms: Sequence[Array | None], labels: Sequence[str]) -> Jounc
     return JounceError(f"{labels[k]} is None{skipped}; expected every rate up to the last")
 
 
+def position(mechanism: Mechanism, term: Any) -> Array:
+    """Return the numbers of q, (..., nq), from an array or by joint name."""
+    if not positions(mechanism):
+        return column(mechanism, term, "q", mechanism.n)
+    joints = position_names(mechanism)
+    if names.listed_in(term) is not None:
+        with at("q"):
+            return checked_positions(mechanism, _by_name(numbers_by_name(mechanism, term), mechanism, joints))
+    array = asarray(term, "q")
+    meant = "" if array.shape[-1:] != (mechanism.n,) else f"; {mechanism.n} are velocities, which q has no numbers of"
+    return checked_positions(mechanism, shaped(array, (len(joints),), "q", f": {', '.join(joints)}{meant}"))
+
+
 def column(mechanism: Mechanism, term: Any, label: str, size: int) -> Array:
     """Return coordinates, or a rate of them, (..., n), or forces (..., nv), from an array or by joint name."""
     if type(term) is np.ndarray and term.dtype is FLOAT and term.shape[-1:] == (size,):
@@ -89,7 +106,7 @@ def column(mechanism: Mechanism, term: Any, label: str, size: int) -> Array:
     of_base, joints = size > mechanism.n, mechanism.coordinates
     if names.listed_in(term) is not None and not of_base:
         with at(label):
-            return _by_name(term, mechanism)
+            return _by_name(velocities_by_name(mechanism, term), mechanism, joints)
     array = asarray(term, label)
     if array.shape[-1:] == (size,):
         return array
@@ -113,9 +130,9 @@ def _cure(shape: tuple[int, ...], label: str, mechanism: Mechanism) -> str:
     return ""
 
 
-def _by_name(term: Any, mechanism: Mechanism) -> Array:
+def _by_name(term: Any, mechanism: Mechanism, joints: Sequence[str]) -> Array:
     """Return an array (..., n) of coordinates (...) given by joint name, broadcast."""
-    joints, named = mechanism.coordinates, names.entries(term)
+    named = names.entries(term)
     cure = f"{listed(joints)}; {names.LOCK}" if len(named) < len(joints) else ""
     names.check(named, joints, names.followers(mechanism), cure)
     parts = [element(named[joint], repr(joint)) for joint in joints]

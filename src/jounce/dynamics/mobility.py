@@ -10,6 +10,7 @@ from jounce.dynamics.recursion import bodies
 from jounce.dynamics.recursion.joints import joints
 from jounce.model.coordinates import joint_columns
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import position_count
 from jounce.spatial.series import Series, columns
 
 SINGULAR = 1e-12  # of what a mass matrix could be: rounding leaves less
@@ -24,7 +25,7 @@ def idle_coordinates(mechanism: Mechanism) -> tuple[int, tuple[str, ...]]:
     """
     rank, idle = -1, np.zeros(0)
     for k in range(1 if mechanism.closure else SAMPLES):
-        q = np.cos(1.0 + k + 1.7 * np.arange(mechanism.n))
+        q = np.cos(1.0 + k + 1.7 * np.arange(position_count(mechanism)))
         if _is_regular(mechanism, q):
             return mechanism.nv, ()
         trial = _idle(mechanism, q)

@@ -8,6 +8,7 @@ import numpy as np
 
 from jounce.arguments import positions, requests, wrenches
 from jounce.arguments.base import base_of
+from jounce.arguments.joints import without_base
 from jounce.arguments.rates import rates_of
 from jounce.arguments.stiffness import stiffnesses_of
 from jounce.core.errors import JounceError, one_of
@@ -21,6 +22,7 @@ from jounce.engine.backends import BACKENDS, NATIVE, Call, closing_step, default
 from jounce.engine.engine import Engine, like
 from jounce.engine.generic import as_tuple, is_fit, results_into
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import positions as of_several_screws
 from jounce.native.poses import are_poses
 
 
@@ -68,6 +70,7 @@ def compute(
     step = closing_step(robot) if robot.mechanism.closure and natively else None
     asked, given = checked_arguments(robot.mechanism, name, given, wrench, base, body, frame, method, step, stiffness)
     lasting = plain and threads == 1 and asked.base == bool(moved) and not _needs_inverse(robot, asked)
+    lasting = lasting and not of_several_screws(robot.mechanism)  # quaternions of zeros are refused on the long way
     return _run(Call(robot, asked, given, method, out, threads, form if lasting else None))
 
 
@@ -107,6 +110,7 @@ def checked_arguments(
     more, moves = requests.more_rates(mechanism, name), base is not None or mechanism.floats
     quantity, enters = row_of(name, more), moves and requests.takes_base(name, frame)
     requests.check_existence(mechanism, name, moves)
+    given, base = without_base(mechanism, given, base, quantity)
     given, whole = positions.split_rates(mechanism, given)
     q = rates_of(mechanism, given, quantity, more)
     order = len(q) - quantity.rates

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
 from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Computation
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import position_count
 from jounce.native.closing import NativeStep
 from jounce.native.kernel import Kernel
 
@@ -67,6 +68,11 @@ class Engine:
     def nv(self) -> int:
         """The number of velocities: n, or 6 + n if the robot floats, whose base comes first."""
         return self.mechanism.nv
+
+    @property
+    def nq(self) -> int:
+        """How many numbers q has: n, and more where there are balls, planar or free joints, or a base that floats."""
+        return position_count(self.mechanism) + 7 * self.mechanism.floats
 
     @property
     def joint_names(self) -> tuple[str, ...]:

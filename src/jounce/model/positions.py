@@ -20,10 +20,16 @@ from jounce.spatial.lie import inverse
 class Position:
     """The numbers of a joint of several screws in q."""
 
+    name: str
     group: Group
     T: Array  # (4, 4) the frame of its screws in that of its body
     numbers: slice  # in q
     coordinates: slice  # its velocities among those of all coordinates
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of its numbers."""
+        return tuple(f"{self.name}.{what}" for what in self.group.positions)
 
     def motion(self, q: Array) -> Array:
         """Where the joint moves its body, (..., 4, 4), at columns q (..., nq, 1)."""
@@ -45,7 +51,8 @@ def positions(mechanism: Mechanism) -> dict[int, Position]:
             group, T = spanned
             exact = np.eye(4, dtype=int) if np.array_equal(T, np.eye(4)) else T
             numbers = slice(start, start + len(group.positions))
-            found[i] = Position(group, exact, numbers, slice(j, j + len(group.axes)))
+            name = tree.joints[tree.columns[i][0]].removesuffix(f".{group.velocities[0]}")
+            found[i] = Position(name, group, exact, numbers, slice(j, j + len(group.axes)))
             start = numbers.stop
         else:
             start += 1
@@ -68,6 +75,15 @@ def _numbers(mechanism: Mechanism) -> tuple[int, Array]:
 def position_count(mechanism: Mechanism) -> int:
     """How many numbers q has, without those of a base that floats."""
     return _numbers(mechanism)[0]
+
+
+@lru_cache(maxsize=64)
+def position_names(mechanism: Mechanism) -> tuple[str, ...]:
+    """The names of the numbers of q, those of a base that floats left out."""
+    names = list(mechanism.coordinates)
+    for joint in sorted(positions(mechanism).values(), key=lambda x: -x.coordinates.start):
+        names[joint.coordinates] = joint.names
+    return tuple(names)
 
 
 def single_positions(mechanism: Mechanism) -> Array:

@@ -11,6 +11,7 @@ from jounce.model.casting import with_exact_integers
 from jounce.model.drives import UNDRIVEN, Drives, drive_error
 from jounce.model.limits import Limits
 from jounce.model.mechanism import GRAVITY, Mechanism
+from jounce.model.positions import positions
 from jounce.model.size import check_size
 from jounce.model.stated import checked_limits
 from jounce.spatial import inertia, lie
@@ -28,6 +29,7 @@ def from_screws(
     gravity: Array = GRAVITY,
     *,
     joint_names: Sequence[str] | None = None,
+    owners: Sequence[int] | None = None,
     G: Array | None = None,
     g: Array | None = None,
     limits: Limits | Mapping[str, Array] | None = None,
@@ -41,9 +43,11 @@ def from_screws(
     data: dict[str, Any] = {label: _data(array, label) for label, array in given.items()}
     nb = data["B"].shape[0] if data["B"].ndim == 3 else 0
     check_size(nb)
-    data["G"] = np.eye(nb) if G is None else _data(G, "G")
-    data["g"] = np.zeros(nb) if g is None else _data(g, "g")
-    _check_shapes(data, nb)
+    moved = _owners(owners, nb)
+    nc = len(moved)
+    data["G"] = np.eye(nc) if G is None else _data(G, "G")
+    data["g"] = np.zeros(nc) if g is None else _data(g, "g")
+    _check_shapes(data, nb, nc)
     for label, exact in (("B", exact_pose), ("X", exact_screw), ("M", exact_inertia)):
         data[label] = np.stack([exact(x, f"{label}[{i}]") for i, x in enumerate(data[label])])
     data |= {label: array + 0.0 for label, array in data.items() if is_numeric(array)}  # no -0.0 among data
@@ -53,20 +57,33 @@ def from_screws(
     if base is not None:
         bodies = (_base_name(base_name, bodies), *bodies)
         data["B"], data["M"] = np.stack([np.eye(4), *data["B"]]), np.stack([_base_inertia(base), *data["M"]])
-        carriers = (-1, *(p + 1 for p in carriers))
+        carriers, moved = (-1, *(p + 1 for p in carriers)), tuple(i + 1 for i in moved)
     built = Mechanism(
         **data,
         parent=carriers,
-        owners=tuple(range(len(bodies) - nb, len(bodies))),
+        owners=moved,
         bodies=bodies,
-        joints=coordinates if G is None else _names(None, nb, "joints", "joint"),
+        joints=coordinates if G is None else _names(None, nc, "joints", "joint"),
         coordinates=coordinates,
-        limits=checked_limits(limits, nb),
-        drives=_checked_drives(drives, nb),
+        limits=checked_limits(limits, nc),
+        drives=_checked_drives(drives, nc),
         floats=base is not None,
         name=_text(name, "name"),
     )
+    positions(built)  # refuses joints of several screws that are none
     return with_exact_integers(built) if any(map(is_symbolic, built.arrays.values())) else built
+
+
+def _owners(given: Sequence[int] | None, nb: int) -> tuple[int, ...]:
+    """The body that each joint variable moves: each body has some, in the order of the bodies."""
+    if given is None:
+        return tuple(range(nb))
+    numbers = several(given)
+    if not all(is_finite(i) for i in numbers) or sorted(set(numbers)) != list(range(nb)) or sorted(numbers) != numbers:
+        raise JounceError(
+            f"owners is {quoted(given)}; expected the bodies 0 .. {nb - 1} that the screws move, in order"
+        )
+    return tuple(int(i) for i in numbers)
 
 
 def _base_inertia(given: Array) -> np.ndarray:
@@ -116,13 +133,13 @@ def _data(x: Array, label: str) -> np.ndarray:
         ) from None
 
 
-def _check_shapes(data: Mapping[str, np.ndarray], nb: int) -> None:
+def _check_shapes(data: Mapping[str, np.ndarray], nb: int, nc: int) -> None:
     if nb == 0 or data["B"].shape != (nb, 4, 4):
         raise JounceError(f"B has shape {data['B'].shape}; expected (n, 4, 4) with at least one body")
     if data["gravity"].shape != (3,):
         raise JounceError(f"gravity has shape {data['gravity'].shape}; expected a vector (3,), as {GRAVITY}")
     n = data["G"].shape[1] if data["G"].ndim == 2 else 0
-    expected = {"X": (nb, 6), "M": (nb, 6, 6), "G": (nb, n), "g": (nb,)}
+    expected = {"X": (nc, 6), "M": (nb, 6, 6), "G": (nc, n), "g": (nc,)}
     for label, shape in expected.items():
         if data[label].shape != shape or 0 in shape:
             raise JounceError(f"{label} has shape {data[label].shape}; expected {shape} for {nb} bodies")
@@ -177,7 +194,7 @@ def exact_inertia(M: np.ndarray, label: str) -> np.ndarray:
 
 
 def _checked_drives(given: object, nb: int) -> Drives:
-    """The drive trains of nb joint variables: those of another robot, or a mapping of arrays (nb,)."""
+    """The drive trains of joint variables: those of another robot, or a mapping of arrays, one number for each."""
     stated = vars(given) if isinstance(given, Drives) else {} if given is None else given
     if not isinstance(stated, Mapping):
         raise JounceError(f"drives is of type {type(given).__name__}; expected a mapping of {', '.join(UNDRIVEN)}")

@@ -2,7 +2,8 @@
 
 Links behind fixed joints merge into the body that carries them: their inertia is added, their names and frames remain
 usable. Bodies are named after the link that their joint moves, in the file's order, depth first. A joint with more than
-one degree of freedom, floating, planar or spherical, can be welded, or excluded by starting at a link that it carries.
+one degree of freedom, free, planar or a ball, has several screws; it can be welded, or excluded by starting at a link
+that it carries.
 
 Of a floating robot one link is the base: the one that a floating joint carries on the ground, or the only root. Links
 behind fixed joints merge into it too.
@@ -22,6 +23,7 @@ from jounce.model.screws import from_screws
 from jounce.model.size import check_size
 from jounce.model.stated import Stated, limit_error, limits_of_joints
 from jounce.spatial import inertia
+from jounce.spatial.groups import BALL, FREE, PLANAR, Group
 
 
 @dataclass(frozen=True)
@@ -50,15 +52,30 @@ class Joint:
     parent: str
     child: str
     B: np.ndarray
-    X: np.ndarray | None  # None where it is fixed or free
+    X: np.ndarray | None  # (6,); None where it is fixed, and where its screws are those of its kind of free joint
     mimic: Mimic | None
     limits: Mapping[str, Stated]  # those that the file states of lower, upper, velocity, effort, ...
     drive: Mapping[str, float]  # and of armature, damping, friction, stiffness, rest
     place: str
     free: str | None = None  # "floating", "planar", "spherical": what makes of it more than one screw does
 
+    @property
+    def screws(self) -> np.ndarray:
+        """(k, 6): none of a fixed joint."""
+        if self.free is not None and self.X is None:
+            return FREE_JOINTS[self.free].X.T
+        return np.zeros((0, 6)) if self.X is None else self.X.reshape(-1, 6)
+
+    @property
+    def variables(self) -> list[str]:
+        """The names of its joint variables: its own, or several that begin with it."""
+        if self.free is None:
+            return [self.name] * len(self.screws)
+        return [f"{self.name}.{velocity}" for velocity in FREE_JOINTS[self.free].velocities]
+
 
 BASES = ("fixed", "floating")
+FREE_JOINTS: Mapping[str, Group] = {"floating": FREE, "planar": PLANAR, "spherical": BALL}
 Item = TypeVar("Item", Link, Joint)
 
 
@@ -91,9 +108,8 @@ def mechanism(
             floating = None
     if root is not None:
         by_name, ordered = _from(root, by_name, ordered, file)
-    _weld(ordered, base, file)
-    movable = [joint for joint in ordered if joint.X is not None]
-    screws = [joint.X for joint in ordered if joint.X is not None]
+    ordered = _settled(by_name, ordered, base, file)
+    movable = [joint for joint in ordered if len(joint.screws)]
     if not movable:
         stated = f"{len(by_name)} link{'s' * (len(by_name) != 1)} and {len(ordered)} joint{'s' * (len(ordered) != 1)}"
         raise JounceError(f"{file}: no movable joint among {stated}; expected at least one")
@@ -104,7 +120,7 @@ def mechanism(
     parent: list[Frame] = []
     for joint in ordered:
         carrier = frames[joint.parent]
-        if joint.X is None:
+        if not len(joint.screws):
             frames[joint.child] = Frame(joint.child, carrier.body, carrier.T @ joint.B)
         else:
             frames[joint.child] = Frame(joint.child, len(parent), np.eye(4))
@@ -116,27 +132,29 @@ def mechanism(
         warn(f"{file}: base {quoted(floating)} has no inertia, nor has a link fixed to it; root= names another link")
 
     G, g, coordinates = _coordinates(movable, ordered, joints)
+    variables = [(joint, name, i) for i, joint in enumerate(movable) for name in joint.variables]
     bodies = tuple(joint.child for joint in movable)
     with at(file):
         built = from_screws(
             np.stack([carrier.T @ joint.B for carrier, joint in zip(parent, movable, strict=True)]),
-            np.stack(screws),
+            np.concatenate([joint.screws for joint in movable]),
             M[:-1],
             [carrier.body for carrier in parent],
             names=bodies,
             joint_names=coordinates,
             gravity=gravity,
+            owners=[i for _, _, i in variables],
             G=G,
             g=g,
-            limits=limits_of_joints([joint.limits for joint in movable]),
-            drives={key: [joint.drive.get(key, none) for joint in movable] for key, none in UNDRIVEN.items()},
+            limits=limits_of_joints([joint.limits for joint, _, _ in variables]),
+            drives={key: [joint.drive.get(key, none) for joint, _, _ in variables] for key, none in UNDRIVEN.items()},
             base=None if floating is None else M[-1],
             base_name=floating or "",
             name=name,
         )
     own = set(built.bodies)
     merged = tuple(replace(f, body=f.body + built.floats) for link, f in frames.items() if link not in own)
-    return replace(built, joints=tuple(joint.name for joint in movable), frames=merged)
+    return replace(built, joints=tuple(name for _, name, _ in variables), frames=merged)
 
 
 def _distinct(items: Sequence[Item], kind: str) -> dict[str, Item]:
@@ -154,7 +172,7 @@ def _check(links: Sequence[Link], joints: Sequence[Joint]) -> None:
     held = [(link.place, f"inertia of link {quoted(link.name)}", link.M) for link in links]
     for joint in joints:
         law = [] if joint.mimic is None else [joint.mimic.multiplier, joint.mimic.offset]
-        for what, numbers in (("pose", joint.B), ("axis", [] if joint.X is None else joint.X), ("mimic", law)):
+        for what, numbers in (("pose", joint.B), ("axis", joint.screws), ("mimic", law)):
             held.append((joint.place, f"{what} of joint {quoted(joint.name)}", np.array(numbers)))
         error = limit_error(**joint.limits) or drive_error(**joint.drive)
         if error:
@@ -220,14 +238,7 @@ def _floating_link(links: Mapping[str, Link], ordered: Sequence[Joint], root: st
 
 def _free_link(links: Mapping[str, Link], ordered: Sequence[Joint]) -> str:
     """Return the link on the only floating joint on the ground, or, if there is no such joint, the only root link."""
-    above = {joint.child for joint in ordered}
-    roots = [link for link in links if link not in above]
-    ground, moving = set(roots), []
-    for joint in ordered:
-        if joint.parent in ground and joint.X is None and joint.free is None:
-            ground.add(joint.child)
-        elif joint.parent in ground:
-            moving.append(joint)
+    roots, moving = _roots(links, ordered), _moving_on_ground(links, ordered)
     floating = [joint.child for joint in moving if joint.free == "floating"]
     if floating and len(moving) > 1:
         came = f"{len(moving)} links move on the ground, {listed(joint.child for joint in moving)}"
@@ -241,6 +252,22 @@ def _free_link(links: Mapping[str, Link], ordered: Sequence[Joint]) -> str:
     return floating[0] if floating else roots[0]
 
 
+def _roots(links: Mapping[str, Link], ordered: Sequence[Joint]) -> list[str]:
+    above = {joint.child for joint in ordered}
+    return [link for link in links if link not in above]
+
+
+def _moving_on_ground(links: Mapping[str, Link], ordered: Sequence[Joint]) -> list[Joint]:
+    """The joints that move on the roots, and on what is fixed to them."""
+    ground, moving = set(_roots(links, ordered)), []
+    for joint in ordered:
+        if joint.parent in ground and not len(joint.screws):
+            ground.add(joint.child)
+        elif joint.parent in ground:
+            moving.append(joint)
+    return moving
+
+
 def check_base(base: object) -> None:
     """Raise `JounceError` unless a base is left out, fixed or floating."""
     if base is not None and not (isinstance(base, str) and base in BASES):
@@ -250,20 +277,23 @@ def check_base(base: object) -> None:
         )
 
 
-def _weld(ordered: Sequence[Joint], base: str | None, file: str) -> None:
-    """Warn that free joints, which have no screw, are welded, or raise `JounceError` unless `base` asks for it."""
-    free = [joint for joint in ordered if joint.free is not None]
-    if not free:
-        return
-    if base != "fixed":
-        more = f" (and {len(free) - 1} more are free)" if len(free) > 1 else ""
-        floats = "base='floating', " if base is None and free[0].free == "floating" else ""
-        ways = f"{floats}base='fixed' to weld it at its zero pose, or root= to start at another link"
-        behind = ", behind the base that floats" if base else ""
-        raise JounceError(
-            f"{free[0].place}: joint {quoted(free[0].name)} is {free[0].free}{behind}{more}; expected {ways}"
-        )
-    warn(f"{file}: base='fixed' welds at zero: {listed(f'{joint.name} ({joint.free})' for joint in free)}")
+def _settled(links: Mapping[str, Link], ordered: Sequence[Joint], base: str | None, file: str) -> list[Joint]:
+    """The joints with the floating ones on the ground welded if `base` asks for it, with a warning.
+
+    Raises
+    ------
+    JounceError : if a robot floats, as one link that moves freely carries all others, and nothing says what to do.
+    """
+    moving = _moving_on_ground(links, ordered)
+    floating = [joint for joint in moving if joint.free == "floating"]
+    if base == "fixed" and floating:
+        warn(f"{file}: base='fixed' welds at zero: {listed(f'{joint.name} ({joint.free})' for joint in floating)}")
+        return [replace(joint, free=None) if joint in floating else joint for joint in ordered]
+    if base is None and len(moving) == len(floating) == 1 and len(ordered) > 1:
+        [joint] = floating
+        ways = "base='floating', base='fixed' to weld it at its zero pose, or root= to start at another link"
+        raise JounceError(f"{joint.place}: joint {quoted(joint.name)} is floating; expected {ways}")
+    return list(ordered)
 
 
 def _coordinates(
@@ -271,10 +301,14 @@ def _coordinates(
 ) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """G, g and the names of the coordinates: the joints that follow no other."""
     known, kept = {joint.name: joint for joint in joints}, {joint.name for joint in ordered}
-    free = [joint.name for joint in movable if joint.mimic is None]
+    free = [name for joint in movable if joint.mimic is None for name in joint.variables]
     column = {name: j for j, name in enumerate(free)}
-    G, g = np.zeros((len(movable), len(free))), np.zeros(len(movable))
-    for i, joint in enumerate(movable):
+    variables = [(joint, name) for joint in movable for name in joint.variables]
+    G, g = np.zeros((len(variables), len(free))), np.zeros(len(variables))
+    for i, (joint, name) in enumerate(variables):
+        if joint.free is not None:
+            G[i, column[name]] = 1.0
+            continue
         factor, offset, followed = 1.0, 0.0, [joint.name]
         while (mimic := known[followed[-1]].mimic) is not None:
             if mimic.joint not in known:
@@ -283,7 +317,14 @@ def _coordinates(
             if mimic.joint in followed:
                 circle = " -> ".join(map(shortened, [*followed, mimic.joint]))
                 raise JounceError(f"{joint.place}: joints mimic each other in a cycle: {circle}")
-            held = "fixed" if known[mimic.joint].X is None else None if mimic.joint in kept else "excluded by root="
+            leader = known[mimic.joint]
+            held = (
+                leader.free or "fixed"
+                if leader.X is None or leader.free
+                else None
+                if mimic.joint in kept
+                else "excluded by root="
+            )
             if held:
                 both = f"joint {quoted(followed[-1])} mimics {quoted(mimic.joint)}"
                 raise JounceError(f"{joint.place}: {both}, which is {held}")

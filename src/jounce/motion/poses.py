@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.arguments.base import check_pose
+from jounce.arguments.poses import check_pose
 from jounce.core.errors import JounceError, at, listed, quoted, warn
 from jounce.core.scalars import asarray
 from jounce.model.mechanism import Mechanism

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.arguments.base import NOT_A_POSE, misses
+from jounce.arguments.poses import NOT_A_POSE, misses
 from jounce.dynamics.computation import Port, Signature
 from jounce.native import cache as kept
 from jounce.native import jit

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate, reciprocal, sqrt
-from jounce.spatial.lie import Ad, hat, pose
+from jounce.spatial.lie import Ad, hat, pose, rotation, to_quaternion
 
 _O, _I = np.zeros((3, 1), dtype=int), np.eye(3, dtype=int)
 VELOCITIES = ("wx", "wy", "wz", "vx", "vy", "vz")
@@ -57,6 +57,11 @@ class Group:
         r = p[..., :count, None]
         place = concatenate([r, 0 * p[..., : 3 - count, None]], axis=-2) if count < 3 else r
         return pose(self.turn(p[..., count:]), place)
+
+    def numbers(self, H: np.ndarray) -> np.ndarray:
+        """p, (..., numbers), of poses of numbers, (..., 4, 4): w of quaternions is not negative."""
+        turn = np.roll(to_quaternion(rotation(H)), -1, axis=-1) if self is not PLANAR else H[..., :2, 0]
+        return np.concatenate([H[..., list(self.places), 3], turn], axis=-1)
 
     def moves(self, p: Array) -> Array:
         """(..., numbers, k): p' = moves nu."""

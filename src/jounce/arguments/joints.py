@@ -1,0 +1,119 @@
+"""Positions and velocities of balls, planar and free joints as a caller gives them, checked, as numbers of q.
+
+By joint name a position is the numbers of its kind, a rotation matrix or a pose, and a velocity is one vector. The
+layout of a whole floating robot, its base first, is the motion of the base and the state of the joints behind it.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from jounce.arguments import names
+from jounce.arguments.poses import check_pose
+from jounce.core.errors import JounceError
+from jounce.core.scalars import Array, asarray, is_numeric
+from jounce.dynamics.quantities import Quantity
+from jounce.model.mechanism import Mechanism
+from jounce.model.positions import Position, position_count, positions
+from jounce.spatial.groups import FREE
+from jounce.spatial.lie import pose
+
+LEAST_NORM = (
+    1e-6  # of a quaternion: what is shorter is no rounded unit quaternion, and has lost digits of its direction
+)
+
+
+def numbers_by_name(mechanism: Mechanism, given: Any) -> Any:
+    """A position by joint name, with the numbers of joints of several screws one by one under their own names."""
+    return _one_by_one(mechanism, given, lambda x: x.names, _numbers)
+
+
+def velocities_by_name(mechanism: Mechanism, given: Any) -> Any:
+    """A rate of the position by joint name, with the velocities of such joints one by one."""
+    return _one_by_one(mechanism, given, lambda x: mechanism.coordinates[x.coordinates], _velocities)
+
+
+def _one_by_one(
+    mechanism: Mechanism,
+    given: Any,
+    names_of: Callable[[Position], Sequence[str]],
+    numbers_of: Callable[[Position, Any], Array],
+) -> Any:
+    joints = {x.name: x for x in positions(mechanism).values()}
+    if not joints:
+        return given
+    found: dict[Any, Any] = {}
+    for name, value in names.entries(given).items():
+        if name in joints:
+            numbers = numbers_of(joints[name], value)
+            found |= {label: numbers[..., k] for k, label in enumerate(names_of(joints[name]))}
+        else:
+            found[name] = value
+    return found
+
+
+def _numbers(joint: Position, value: Any) -> Array:
+    """The numbers of a joint, (..., k), from these, from a rotation matrix or from a pose."""
+    x, own = asarray(value, repr(joint.name)), joint.group
+    if x.shape[-2:] in ((3, 3), (4, 4)):
+        C = pose(x, np.zeros((*x.shape[:-2], 3, 1))) if x.shape[-1] == 3 else x
+        check_pose(C, f"joint {joint.name!r}")
+        numbers = own.numbers(np.asarray(C, dtype=float))
+        left = np.abs(own.pose(numbers) - C).max(initial=0.0)
+        if left > 1e-6:
+            raise JounceError(f"joint {joint.name!r} is a {own.name} joint, which the pose misses by {left:.2g}")
+        return numbers
+    if x.shape[-1:] != (len(own.positions),):
+        expected = f"(..., {len(own.positions)}): {', '.join(own.positions)}; or a pose (..., 4, 4)"
+        raise JounceError(f"joint {joint.name!r} has shape {x.shape}; expected {expected}")
+    return x
+
+
+def _velocities(joint: Position, value: Any) -> Array:
+    x, names = asarray(value, repr(joint.name)), joint.group.velocities
+    if x.shape[-1:] != (len(names),):
+        raise JounceError(f"joint {joint.name!r} has shape {x.shape}; expected (..., {len(names)}): {', '.join(names)}")
+    return x
+
+
+def checked_positions(mechanism: Mechanism, q: Array) -> Array:
+    """q; raise `JounceError` where a quaternion, or a cosine and a sine, is too short to say a rotation."""
+    if not is_numeric(q):
+        return q
+    for joint in positions(mechanism).values():
+        turn = q[..., joint.numbers][..., len(joint.group.places) :]
+        norms = np.sqrt((turn * turn).sum(axis=-1))
+        if (norms < LEAST_NORM).any():
+            what = ", ".join(joint.group.positions[len(joint.group.places) :])
+            raise JounceError(
+                f"q: {what} of joint {joint.name!r} have the length {np.nanmin(norms):.2g}; expected 1, as those of"
+                " every rotation"
+            )
+    return q
+
+
+def without_base(
+    mechanism: Mechanism, given: Sequence[Any], base: Any, row: Quantity
+) -> tuple[Sequence[Any], tuple[Any, ...] | None]:
+    """The state behind the base, and the motion (C, V, ...) of the base, of a whole floating robot's q, v, ...
+
+    A state is whole where q has nq numbers and the motion of the base is not given.
+    """
+    if not mechanism.floats or base is not None or not given or isinstance(given[0], Mapping):
+        return given, base
+    own, whole = position_count(mechanism), len(FREE.positions) + position_count(mechanism)
+    count = row.coordinate_inputs(len(given))
+    q = asarray(given[0], "q")
+    if q.shape[-1:] != (whole,):
+        return given, base
+    rates = [x if x is None else asarray(x, "a rate of q") for x in given[1:count]]
+    for k, x in enumerate(rates, 1):
+        if x is not None and x.shape[-1:] != (mechanism.nv,):
+            raise JounceError(
+                f"rate {k} of q has shape {x.shape}; expected ({mechanism.nv},), as q has all {whole} numbers"
+            )
+    C = FREE.pose(q[..., :7])
+    moved = (C, *(x[..., :6] for x in rates if x is not None))
+    behind = [q[..., whole - own :], *(x if x is None else x[..., 6:] for x in rates), *given[count:]]
+    return behind, moved
