@@ -1,14 +1,15 @@
 """Motions of joints of several screws, and of the base: a floating robot's own, or the ground of a fixed robot."""
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, reduce
+from operator import add
 
 import numpy as np
 
 from jounce.core.scalars import Array
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import positions
-from jounce.spatial.lie import pose, position, rotation, wedge
+from jounce.spatial.lie import ad, pose, position, rotation, wedge
 from jounce.spatial.series import Series, from_rate
 
 
@@ -42,6 +43,21 @@ def motion_of_joint(mechanism: Mechanism, body: int, q: Series, base: BaseMotion
         return base or STILL
     own = positions(mechanism)[body]
     return BaseMotion(own.motion(q[0]), q.dot.map(lambda x: x[..., own.coordinates, :]))
+
+
+def turning(m: Mechanism, q: Series, base: BaseMotion | None) -> Series | None:
+    """a, (..., nv, nv), of joints of several screws: displaced by d, their velocities nu change by d' + a d.
+
+    ``a = X^T ad(X nu) X`` of each, on the diagonal; ad(V) of a floating base. None where there is no such joint.
+    """
+    unit, parts = np.eye(m.nv, dtype=int), list[Series]()
+    if m.floats and base:
+        parts.append(unit[:, :6] @ base.V.map(lambda V: ad(V[..., 0])) @ unit[:6])
+    for i, x in positions(m).items():
+        X, own = x.group.X, slice(m.nv - m.n + x.coordinates.start, m.nv - m.n + x.coordinates.stop)
+        twist = X @ motion_of_joint(m, i, q, base).V
+        parts.append(unit[:, own] @ (X.T @ twist.map(lambda V: ad(V[..., 0])) @ X) @ unit[own])
+    return reduce(add, parts) if parts else None
 
 
 @lru_cache(maxsize=64)

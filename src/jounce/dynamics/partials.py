@@ -9,19 +9,14 @@ A joint of several screws, as that of a base, is displaced by a twist d in its o
 velocities held, such a displacement changes, which adds a term to the derivatives of rates by d, see `turning`.
 """
 
-from functools import reduce
-from operator import add
-
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate
 from jounce.dynamics import system
-from jounce.dynamics.base import BaseMotion, motion_of_joint
+from jounce.dynamics.base import BaseMotion, turning
 from jounce.dynamics.closed_form import closed_form
 from jounce.model.coordinates import screws_of
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import positions
-from jounce.spatial.lie import ad
 from jounce.spatial.linear import Factors, mirrored
 from jounce.spatial.series import Series
 
@@ -52,21 +47,6 @@ def dense(
         return K, D, x.gM
     D = D - x.gM @ a  # so far, of displacements of the base that are constant, and change the components of its twist
     return K - D @ a - x.gM @ a.dot, D, x.gM
-
-
-def turning(m: Mechanism, q: Series, base: BaseMotion | None) -> Series | None:
-    """a, (..., nv, nv), of joints of several screws: displaced by d, their velocities nu change by d' + a d.
-
-    ``a = X^T ad(X nu) X`` of each, on the diagonal; ad(V) of a floating base. None where there is no such joint.
-    """
-    unit, parts = np.eye(m.nv, dtype=int), list[Series]()
-    if m.floats and base:
-        parts.append(unit[:, :6] @ base.V.map(lambda V: ad(V[..., 0])) @ unit[:6])
-    for i, x in positions(m).items():
-        X, own = x.group.X, slice(m.nv - m.n + x.coordinates.start, m.nv - m.n + x.coordinates.stop)
-        twist = X @ motion_of_joint(m, i, q, base).V
-        parts.append(unit[:, own] @ (X.T @ twist.map(lambda V: ad(V[..., 0])) @ X) @ unit[own])
-    return reduce(add, parts) if parts else None
 
 
 def of_all_rates(K: Series, D: Series, M: Series, a: Series | None = None) -> Series:

@@ -118,8 +118,6 @@ def checked_arguments(
     W = wrenches.wrenches_of(mechanism, wrench, order, q, quantity.wrench_rates)
     if method is not None:
         one_of("method", method, [*quantity.methods, NATIVE], name)
-        if moves and method != NATIVE and not quantity.methods[method].base:
-            raise JounceError(f"method={method!r} has no base that moves; use method='closed_form'")
     if body is not None or frame != "body":
         requests.place(mechanism, name, body, frame)
     if quantity.inverts:

@@ -150,8 +150,10 @@ def base_parameters(mechanism: Mechanism) -> Mechanism:
     """
     M = list(mechanism.M)
     for i in reversed(range(mechanism.nb)):
-        m, h, P = inertia.moments(M[i])
         of_m, of_h, of_P = _not_transmitted(mechanism.X[list(mechanism.columns[i])])
+        if not (of_m or of_P.any()):
+            continue  # as a base that floats keeps all
+        m, h, P = inertia.moments(M[i])
         M[i] = inertia.from_moments((1 - of_m) * m, (1 - of_h) * h, (1 - of_P) * P)
         p = mechanism.parent[i]
         rest = inertia.shift_inertia(inertia.from_moments(of_m * m, of_h * h, of_P * P), mechanism.B[i])

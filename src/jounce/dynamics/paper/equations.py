@@ -1,23 +1,35 @@
-"""The equations of motion and their two time derivatives, assembled from the matrices of Sections 3 and 4."""
+"""The equations of motion and their two time derivatives, assembled from the matrices of Sections 3 and 4.
+
+They are printed for joints of one screw, of which a X = 0. They hold for all others in velocities nu_p = T nu of which
+``T' = T alpha`` and T = 1 at the instant, with alpha of `dynamics.base.turning`.
+"""
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
 
+import numpy as np
+
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array
 from jounce.dynamics import system
+from jounce.dynamics.base import STILL, BaseMotion, turning
 from jounce.dynamics.paper.section3 import C11, M1, C
 from jounce.dynamics.paper.section4 import C21, M21
 from jounce.model.mechanism import Mechanism, ancestors
-from jounce.spatial.series import Series
+from jounce.spatial.series import Series, from_rate, joined
 
 
 class Paper:
     """The equations of motion at one instant, from coordinates q and wrenches W: values and two time derivatives."""
 
-    def __init__(self, mechanism: Mechanism, q: Series, W: Series | None = None):
-        self.mechanism, self.q, self.W = mechanism, q, W
+    def __init__(self, mechanism: Mechanism, q: Series, W: Series | None = None, base: BaseMotion | None = None):
+        self.mechanism, self.W, self.base = mechanism, W, base
         self.M = system.system_M(mechanism)
+        self.nu = joined([(base or STILL).V, q.dot], axis=-2) if mechanism.floats else q.dot
+        alpha = turning(mechanism, q, base)
+        self.T = None if alpha is None else from_rate(np.eye(mechanism.nv, dtype=int), lambda T: T @ alpha)
+        nu_p = self.nu if self.T is None else self.T @ self.nu
+        self.q = Series(lambda k: nu_p[k - 1] if k else q[0])
 
     @cached_property
     def A(self) -> Array:
@@ -25,7 +37,7 @@ class Paper:
 
     @cached_property
     def poses(self) -> Array:
-        return system.poses(self.mechanism, self.q, None)
+        return system.poses(self.mechanism, self.q, self.base)
 
     @cached_property
     def J(self) -> Array:
@@ -36,8 +48,8 @@ class Paper:
         return system.system_U(self.poses) @ system.system_gravity(self.mechanism)  # (eq_U)
 
     def a(self, k: int = 0) -> Array:
-        """The k-th time derivative of a, itself with q^(k+1) in the place of qd."""
-        return system.system_a(system.system_X(self.mechanism), self.q[k + 1])  # (a)
+        """The k-th time derivative of a, itself with that of the joints' own velocities in the place of qd."""
+        return system.system_a(system.system_X(self.mechanism), self.nu[k])  # (a)
 
     def b(self, k: int = 0) -> Array:
         """The k-th time derivative of b."""

@@ -49,10 +49,13 @@ def dC1_second(C: Array, C1: Array, d2C: Array, A: Array, a: Array, da: Array) -
 
 
 def _tail(M: Array, A: Array, a: Array, da: Array) -> Array:
-    """The terms that both forms of (CSys2dot), and (C21), end with."""
+    """The terms that both forms of (CSys2dot), and (C21), end with.
+
+    2 a a' + a' a is printed as 3 a a': they commute where every joint has one screw.
+    """
     return (
         M @ A @ da @ A @ a + 2 * M @ A @ a @ A @ da - 2 * M @ A @ a @ A @ a @ A @ a + 2 * M @ A @ a @ A @ a @ a
-        - 3 * M @ A @ a @ da - M @ A @ a @ a @ a + M @ A @ a @ a @ A @ a
+        - 2 * M @ A @ a @ da - M @ A @ da @ a - M @ A @ a @ a @ a + M @ A @ a @ a @ A @ a
     )  # fmt: skip
 
 
@@ -90,6 +93,6 @@ def C22(M: Array, A: Array, a: Array, da: Array, d2a: Array, b: Array, db: Array
         - da.mT @ A.mT @ C0 + 2 * C0 @ A @ a @ A @ a + 2 * a.mT @ A.mT @ C0 @ A @ a
         + 2 * a.mT @ A.mT @ a.mT @ A.mT @ C0 - 4 * M @ A @ a @ A @ a @ A @ a
         - 2 * a.mT @ A.mT @ M @ A @ a @ A @ a + 2 * M @ A @ a @ a @ A @ a + 2 * a.mT @ A.mT @ M @ A @ a @ a
-        + 2 * M @ A @ a @ A @ a @ a - 3 * M @ A @ a @ da - M @ A @ a @ a @ a + M @ A @ a @ a @ A @ a
+        + 2 * M @ A @ a @ A @ a @ a - 2 * M @ A @ a @ da - M @ A @ da @ a - M @ A @ a @ a @ a + M @ A @ a @ a @ A @ a
         - C0 @ A @ a @ a - a.mT @ a.mT @ A.mT @ C0
     )  # (C22)  # fmt: skip

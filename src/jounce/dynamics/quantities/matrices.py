@@ -1,7 +1,7 @@
 """Matrices of the equations of motion."""
 
 from jounce.dynamics import closed_form, drive_terms
-from jounce.dynamics.paper import Paper
+from jounce.dynamics.paper import laws
 from jounce.dynamics.quantities.row import columns, quantity
 from jounce.dynamics.recursion import matrices
 from jounce.dynamics.state import State
@@ -18,7 +18,7 @@ class Matrices:
         shape=("nv", "nv"),
         width=columns,
         closed_form=lambda m, x: closed_form.at(m, x).gM,
-        paper=lambda m, x: Paper(m, x.q).gM,
+        paper=laws.mass_matrix,
         without_base=("body",),
         drive_terms=("armature",),
         drive_law=lambda m, x: drive_terms.armature_matrix(m),
@@ -55,7 +55,7 @@ class Matrices:
         options=("form",),
         width=columns,
         closed_form=lambda m, x: closed_form.at(m, x).gC,
-        paper=lambda m, x: Paper(m, x.q).gC,
+        paper=laws.coriolis_matrix,
         turns_with=mass_matrix,
         unit="kg m^2/s, kg m/s or kg/s",
         caption="Coriolis matrix of the paper",

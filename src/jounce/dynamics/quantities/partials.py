@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from jounce.dynamics import drive_terms, loop_partials, loops, partials
+from jounce.dynamics.base import turning
 from jounce.dynamics.quantities.forces import Forces
 from jounce.dynamics.quantities.forward import Forward
 from jounce.dynamics.quantities.loops import tree_forces
@@ -18,13 +19,13 @@ def _of_forces(method: str, m: Mechanism, x: State) -> Series:
     """Partial derivatives of the forces and their rates, from those of the forces themselves."""
     of_forces = {"recursion": force_partials.partials, "closed_form": partials.dense}[method]
     if not m.closure:
-        return partials.of_all_rates(*of_forces(m, x.q, x.W, x.base), partials.turning(m, x.q, x.base))
+        return partials.of_all_rates(*of_forces(m, x.q, x.W, x.base), turning(m, x.q, x.base))
     motion = loops.closed_motion(m, x)
     rigid = of_forces(m.tree, motion.q, x.W, x.base)
     of_drives = drive_terms.partials(m.tree, motion.q, m.acting)
     K, D, M = (P + drive_terms.behind_base(m, own, (-2, -1)) for P, own in zip(rigid, of_drives, strict=True))
     found = loop_partials.partials(motion, (K, D, M), tree_forces(method, m, x, motion))
-    return partials.of_all_rates(*found, partials.turning(m, x.q, x.base))
+    return partials.of_all_rates(*found, turning(m, x.q, x.base))
 
 
 def _of_accelerations(method: str, m: Mechanism, x: State) -> Series:

@@ -42,7 +42,6 @@ class Method:
 
     law: Law
     width: Callable[[int], int] = dense
-    base: bool = True  # whether the base may move
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,7 +164,7 @@ def quantity(
         if closed_form is not None:
             methods["closed_form"] = Method(closed_form)
         if paper is not None:
-            methods["paper"] = Method(paper, base=False)
+            methods["paper"] = Method(paper)
         return Quantity(name=recursion.__name__, text=cleandoc(recursion.__doc__), methods=methods, **fields)
 
     return row
