@@ -13,6 +13,7 @@ from jounce.core.errors import JounceError, listed
 from jounce.engine.engine import Engine
 from jounce.figures.drawing import poses_on
 from jounce.io.visuals import read_mesh, visuals_of
+from jounce.model.mechanism import Mechanism
 from jounce.spatial import lie
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ NONE = np.zeros((1, 2, 3))  # an arrow that is not seen
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """The handles of what moves: the frames of the ground and of the bodies, and arrows by what they show."""
+    """The handles of what moves: the frames of the ground or base and of the bodies, and arrows by what they show."""
 
     robot: Engine
     size: float
@@ -44,18 +45,17 @@ def draw_scene(
     m, start = robot.mechanism.tree, start_of(robot)
     size = robot_size(m, poses_on(robot, start, np.eye(4)))
     server.scene.add_grid("/grid", width=4 * size, height=4 * size, cell_size=size / 5, section_size=size)
-    ground = server.scene.add_frame(_body(GROUND), show_axes=False)
+    ground = server.scene.add_frame(_node(m, GROUND), show_axes=False)
     bodies, frames = [], []
-    for i in range(m.nb):
-        bodies.append(server.scene.add_frame(f"/body{i}", show_axes=False))
-    for i in dict.fromkeys(m.owners):
-        name, long, thick = f"/body{i}/frame", 0.12 * size, 0.005 * size
+    for node in (_node(m, i) for i in range(int(m.floats), m.nb)):
+        bodies.append(server.scene.add_frame(node, show_axes=False))
+        name, long, thick = f"{node}/frame", 0.12 * size, 0.005 * size
         frames.append(server.scene.add_frame(name, axes_length=long, axes_radius=thick, visible=False))
     seen, notes = _draw_visuals(server, robot, file, folders)
     for k, part in enumerate(parts_of(m, size, start[None])):
         if part.body not in seen:
             colour = np.frombuffer(bytes.fromhex(part.colour.removeprefix("#")), np.uint8)
-            server.scene.add_mesh_simple(f"{_body(part.body)}/part{k}", part.vertices, part.triangles, color=colour)
+            server.scene.add_mesh_simple(f"{_node(m, part.body)}/part{k}", part.vertices, part.triangles, color=colour)
     shape: Any = {"shaft_radius": 0.01 * size, "head_radius": 0.025 * size, "head_length": 0.05 * size}
     colours = {"base force": FORCE, "base moment": MOMENT}
     colours |= {f"load {k}": FORCE for k in range(len(along.wrenches) if along is not None else 0)}
@@ -67,7 +67,7 @@ def show(scene: Scene, now: Track) -> None:
     """Move the robot to a state, and draw the forces and moments of it."""
     m = scene.robot.mechanism
     poses = poses_on(scene.robot, now.positions, now.C)
-    for body, C in zip((scene.ground, *scene.bodies), (now.C, *poses), strict=True):
+    for body, C in zip((scene.ground, *scene.bodies), (now.C, *poses[int(m.floats) :]), strict=True):
         body.wxyz, body.position = lie.to_quaternion(C[:3, :3]), C[:3, 3]
     vectors = {"base moment": (np.zeros(3), now.F[:3]), "base force": (np.zeros(3), now.F[3:])}
     for k, (name, W) in enumerate(now.wrenches.items()):
@@ -94,23 +94,26 @@ def _draw_visuals(
     server: "viser.ViserServer", robot: Engine, file: Path, folders: Sequence[Path]
 ) -> tuple[set[int], list[str]]:
     """Draw the visuals of a robot file; the bodies that they show, and what could not be drawn."""
+    m = robot.mechanism
     seen: set[int] = set()
     missed = []
-    for k, visual in enumerate(visuals_of(robot.mechanism, file)):
-        frame = robot.mechanism.frame(visual.link)
+    for k, visual in enumerate(visuals_of(m, file)):
+        frame = m.frame(visual.link)
         mesh = read_mesh(visual, file, folders)
         if isinstance(mesh, str):
             missed.append(mesh)
             continue
         C = np.asarray(frame.T, dtype=float) @ visual.T
         place = {"wxyz": lie.to_quaternion(C[:3, :3]), "position": C[:3, 3]}
-        server.scene.add_mesh_trimesh(f"{_body(frame.body)}/visual{k}", mesh, **place)
+        server.scene.add_mesh_trimesh(f"{_node(m, frame.body)}/visual{k}", mesh, **place)
         seen.add(frame.body)
     return seen, [f"not drawn: {listed(dict.fromkeys(missed))}"] if missed else []
 
 
-def _body(i: int) -> str:
-    return "/ground" if i == GROUND else f"/body{i}"
+def _node(m: Mechanism, body: int) -> str:
+    """The name of what moves as a body: a floating base as the ground."""
+    k = body - int(m.floats)
+    return f"/body{k}" if k >= 0 else "/ground"
 
 
 def check_installed() -> None:
