@@ -80,13 +80,6 @@ def test_a_base_is_required_where_it_enters(robot):
         robot.jacobian(ZEROS[0], body="body2", base=2 * ORIGIN)
 
 
-@pytest.mark.parametrize("name", [name for name, row in QUANTITIES.items() if "paper" in row.methods])
-def test_the_expansions_of_the_paper_have_no_base_that_moves(robot, name):
-    row = QUANTITIES[name]
-    with pytest.raises(JounceError, match="method='paper' has no base that moves"):
-        getattr(robot, name)(*np.zeros((row.rates, 2)), base=(ORIGIN, *[STILL] * (row.rates - 1)), method="paper")
-
-
 def test_a_fixed_robot_stands_on_a_ground_that_may_move():
     robot, rng = jounce.load("planar2r"), np.random.default_rng(3)
     q, qd, q2d = rng.normal(size=(3, 5, 2))

@@ -21,6 +21,8 @@ from robots import (
 import jounce
 from jounce.core.errors import JounceError
 from jounce.dynamics.closed_form import closed_form
+from jounce.dynamics.paper import laws
+from jounce.dynamics.state import State
 from jounce.spatial.inertia import moments
 from jounce.spatial.lie import Ad, hat, inverse
 from jounce.spatial.series import Series, columns, from_rate, joined
@@ -54,6 +56,19 @@ def test_recursion_agrees_with_the_closed_form(drawn):
         equal(recursion.mass_matrix(mechanism, q)[k], expected.gM[k])
         for entry, law in RECURSIONS.items():
             equal(law(mechanism, q, base)[k], getattr(expected, entry)[k])
+
+
+@few
+@given(drawn=moved_mechanisms(largest=3))
+def test_the_printed_expansions_agree_with_the_closed_form(drawn):
+    mechanism, rng = drawn
+    q, base = columns(rng.uniform(-2, 2, (5, mechanism.n))), motion_of(random_base(rng, 5))
+    x, expected = State(q, base=base), closed_form(mechanism, q, None, base)
+    for k in range(3):
+        equal(laws.mass_matrix(mechanism, x)[k], expected.gM[k])
+        equal(laws.coriolis_matrix(mechanism, x)[k], expected.gC[k])
+        equal(laws.gravity_forces(mechanism, x)[k], expected.Qgrav[k])
+        equal(laws.inverse_dynamics(mechanism, x)[k], expected.Q[k])
 
 
 def state(drawn, count=5):

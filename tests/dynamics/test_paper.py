@@ -13,7 +13,7 @@ from jounce.dynamics.closed_form import closed_form
 from jounce.dynamics.paper import Paper, section3, section4
 from jounce.io import motions
 from jounce.spatial import lie
-from jounce.spatial.series import columns, from_rate
+from jounce.spatial.series import Series, columns, from_rate
 
 CASES = [(name, i) for name in GOLDEN_NAMES for i in range(3)]
 
@@ -114,7 +114,7 @@ def test_erratum_rate_of_ad_holds_for_neighbours_only(paper):
     """Before (Adot): printed for Ad(C_ij) of any j; true for the parent, which is all that Ddot = -aD uses."""
     mechanism, h = paper.mechanism, 1e-5
     q, qd = paper.q[0], paper.q[1]
-    C, ahead, behind = (system.poses(mechanism, q + s * h * qd) for s in (0, 1, -1))
+    C, ahead, behind = (system.poses(mechanism, Series.constant(q + s * h * qd), None) for s in (0, 1, -1))
 
     def rate(i, j):
         return (_ad(ahead, i, j) - _ad(behind, i, j)) / (2 * h)

@@ -145,6 +145,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         gravity: ArrayLike = GRAVITY,
         *,
         joint_names: Sequence[str] | None = None,
+        owners: Sequence[int] | None = None,
         G: ArrayLike | None = None,
         g: ArrayLike | None = None,
         limits: Limits | Mapping[str, ArrayLike] | None = None,
@@ -156,15 +157,18 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         """A robot from body-fixed data.
 
         Body i moves relative to its parent p by ``C_i = C_p B_i exp(X_i theta_i)`` with joint variables
-        ``theta = G q + g``.
+        ``theta = G q + g``. A joint may have several screws: a ball the turns about three axes through a point, a
+        planar joint the turn about a normal and the slides along two axes across it, a free joint the turns and slides
+        along three axes. It moves by H with ``H' = H wedge(X nu)``; q has its position as numbers, see `nq`.
 
         Parameters
         ----------
         B : (nb, 4, 4)
             Pose of body i in the frame of its parent body at theta_i = 0.
-        X : (nb, 6)
-            Joint screw in the frame of body i, (xi; eta): revolute (e; x cross e), helical of pitch h
-            (e; x cross e + h e), prismatic (0; e), with a unit vector e and a point x on the axis.
+        X : (nc, 6)
+            Joint screws in the frames of the bodies, (xi; eta), one per body unless `owners` says otherwise: revolute
+            (e; x cross e), helical of pitch h (e; x cross e + h e), prismatic (0; e), with a unit vector e and a point
+            x on the axis.
         M : (nb, 6, 6)
             Inertia matrix in the frame of body i, see `inertia_matrix`.
         parent : (nb,), optional
@@ -176,13 +180,15 @@ class Robot(Applications, Methods, OldMethods, Displayed):
             Gravitational acceleration in the inertial frame, m/s^2.
         joint_names : (n,), optional
             Names of the coordinates.
-        G, g : (nb, n) and (nb,), optional
+        owners : (nc,), optional
+            Index of the body that each screw moves, in order: three times that of a body on a ball.
+        G, g : (nc, n) and (nc,), optional
             Constants of joints that follow others; theta = q by default.
         limits : mapping, optional
-            `lower`, `upper`, `velocity`, `effort`, ... of theta, (nb,) each, or (nb, 2) for (lower, upper); infinite
+            `lower`, `upper`, `velocity`, `effort`, ... of theta, (nc,) each, or (nc, 2) for (lower, upper); infinite
             where left out, see `Limits`.
         drives : mapping, optional
-            `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest` of theta, (nb,) each; zero (eps 0.05) where
+            `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest` of theta, (nc,) each; zero (eps 0.05) where
             left out, see `with_drives`.
         base : (6, 6), optional
             Inertia matrix of the base in its own frame, if the robot floats; otherwise the robot stands on the ground.
@@ -220,10 +226,16 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> base = jounce.inertia_matrix(10.0, [0, 0, 0], 0.2 * np.eye(3))
         >>> jounce.Robot.from_screws([np.eye(4)], [[0, 1, 0, 0, 0, 0]], [M], base=base, base_name="trunk")
         <Robot 'robot': 1 coordinates, 2 bodies, floating>
+
+        And on a ball, whose position is a quaternion (x, y, z, w):
+
+        >>> ball = jounce.Robot.from_screws([np.eye(4)], np.eye(6)[:3], [M], owners=[0, 0, 0])
+        >>> ball.nq, ball.gravity_forces([0, np.sin(np.pi / 4), 0, np.cos(np.pi / 4)]).round(6) + 0.0
+        (4, array([0.  , 9.81, 0.  ]))
         """
         return cls(screws.from_screws(
-            B, X, M, parent, names, gravity, joint_names=joint_names, G=G, g=g, limits=limits, drives=drives,
-            base=base, base_name=base_name, name=name,
+            B, X, M, parent, names, gravity, joint_names=joint_names, owners=owners, G=G, g=g, limits=limits,
+            drives=drives, base=base, base_name=base_name, name=name,
         ))  # fmt: skip
 
     @classmethod
