@@ -68,7 +68,7 @@ def test_forward_is_the_inverse_of_inverse(name, tilted, floats):
     Q = robot.inverse_dynamics(q, *rates[:5])
     for method in ("recursion", "closed_form", None):
         for k, found in enumerate(robot.forward_dynamics(q, rates[0], *Q, method=method)):
-            assert relative_error(found, rates[k + 1]) < 1e-11 * 10**k
+            assert relative_error(found, rates[k + 1]) < 1e-10 * 10**k
 
 
 @pytest.mark.parametrize("name", ["ball", "free"])
@@ -164,7 +164,7 @@ def test_states_by_joint_name():
 def test_a_whole_floating_robot_as_one_state():
     robot, rng = robot_of("branches", floats=True), np.random.default_rng(11)
     q, (v, a) = rng.normal(size=robot.nq), rng.uniform(-1, 1, (2, robot.nv))
-    assert (robot.nq, robot.nv, robot.n) == (26, 24, 18)
+    assert (robot.nq, robot.nv, robot.n) == (30, 25, 19)
     Q = robot.inverse_dynamics(q, v, a)
     C = robot.poses(q, body=robot.body_names[0])
     np.testing.assert_array_equal(Q, robot.inverse_dynamics(q[7:], v[6:], a[6:], base=(C, v[:6], a[:6])))

@@ -68,9 +68,8 @@ def rates_of(mechanism: Mechanism, given: Sequence[Any], row: Quantity, more: in
         raise _skipped_rate(terms, labels)
     e = mechanism.elasticity if row.inputs else None
     others = replace(mechanism, coordinates=motor_names(e, mechanism.coordinates)) if e and e.pairs else mechanism
-    q = [column(mechanism, *both, mechanism.n) for both in zip(terms[1:own], labels[1:], strict=False)]
-    if own:
-        q.insert(0, position(mechanism, terms[0]))
+    q = [position(mechanism, term) for term in terms[: min(own, 1)]]
+    q += [column(mechanism, *both, mechanism.n) for both in zip(terms[1:own], labels[1:], strict=False)]
     return q + [column(others, *both, others.nv) for both in zip(terms[own:], labels[own:], strict=True)]
 
 

@@ -21,6 +21,8 @@ IEEE Robotics and Automation Letters 7(2), 2022.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 
 import numpy as np
 
@@ -28,7 +30,7 @@ from jounce.core.scalars import Array, concatenate
 from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.recursion.forces import wrenches
 from jounce.dynamics.recursion.joints import FreeJoint, Joint, batch_zeros
-from jounce.dynamics.recursion.sweeps import above, collect, composites, evaluate_in_order, project, velocities
+from jounce.dynamics.recursion.sweeps import above, collect, composites, evaluate_in_order, project, spread, velocities
 from jounce.dynamics.recursion.tree import KinematicTree, kinematic_tree
 from jounce.model.equivalent import minimal
 from jounce.model.mechanism import Mechanism
@@ -53,7 +55,7 @@ class _Subtree:
 class _Carrier:
     """The motion of a joint's screws as they are displaced: its twist, and its acceleration relative to free fall."""
 
-    V: Series
+    V: Series | None  # None: it is at rest
     a: Series
 
 
@@ -72,17 +74,22 @@ class _Wrenches:
 
 
 def _of_joint(joint: Joint, V: Series, carrier: _Carrier, x: _Subtree) -> _Wrenches:
-    S_rate, moving = joint.screw_rate(V), joint.screw_rate(carrier.V)
-    A = joint.screw_rate(carrier.a) + carrier.V.map(_ad) @ moving
-    turned = joint.cross(x.F) * int(joint.parent >= 0 or not isinstance(joint, FreeJoint))
+    A = joint.screw_rate(carrier.a)
+    if carrier.V is None:  # no joint before this one feels its force
+        moving = turned = Series.constant(0 * joint.X)
+        change = _momenta([(A, x.Pi)])
+    else:
+        moving, turned = joint.screw_rate(carrier.V), joint.cross(x.F)
+        A = A + carrier.V.map(_ad) @ moving
+        change = _momenta([(A, x.Pi), (moving, x.Pi_rate)]) + _cross(moving, x.p) + turned
     return _Wrenches(
         S=Series.constant(joint.X),
-        S_rate=S_rate,
+        S_rate=joint.screw_rate(V),
         moving=moving,
         A=A,
         momentum=joint.momentum(x.Pi),
         reaction=joint.momentum(x.Pi_rate) - joint.cross(x.p),
-        change=_momenta(A, x.Pi) + _momenta(moving, x.Pi_rate) + _cross(moving, x.p) + turned,
+        change=change,
         turned=turned,
     )
 
@@ -115,7 +122,7 @@ def _carrier(joint: Joint, V: Sequence[Series], own: Series, field: Series) -> _
     if not isinstance(joint, FreeJoint):
         return _Carrier(own, own.dot - field)
     if joint.parent < 0:
-        return _Carrier(0 * own, -field)
+        return _Carrier(None, -field)
     carried = joint.twists(V[joint.parent])
     return _Carrier(carried, carried.dot + (joint.X @ joint.rate).map(_ad) @ carried - field)
 
@@ -129,15 +136,15 @@ def _projected(
         collect(joints, [getattr(x, wrench) for x in screws]) for wrench in ("momentum", "reaction", "change")
     )
     S, S_rate, moving, A = ([getattr(x, part) for x in screws] for part in ("S", "S_rate", "moving", "A"))
-    M, along, carried = project(S, momenta), project(S_rate, momenta), project(moving, momenta)
-    reacting = project(S, reactions)
+    M, along, reacting = project(S, momenta), project(S_rate, momenta), project(S, reactions)
     by_place = project(A, momenta) + project(moving, reactions)
     K = project(S, changes) + above(by_place, joints).mT
     by_rate = along * 2 + reacting
     D = M.dot * 2 - by_rate + above(by_rate, joints).mT
-    for E, joint, x in zip(_places(joints), joints, screws, strict=True):
+    for E, joint, x, carried in zip(_places(joints), joints, screws, momenta, strict=True):
         if isinstance(joint, FreeJoint):
-            D = D - (E @ (E.T @ (along - carried))).mT
+            counted_twice = (x.S_rate - x.moving).mT @ carried.values
+            D = D - (E @ spread(counted_twice, carried.screws, len(E))).mT
         if isinstance(joint, FreeJoint) and joint.parent >= 0:
             alpha = joint.X.T @ (joint.X @ joint.rate).map(_ad) @ joint.X
             D = D - above(M @ E @ alpha @ E.T, joints)
@@ -165,10 +172,12 @@ def _gravity(tree: Sequence[Joint], gravity: Array) -> list[Series]:
     return field
 
 
-def _momenta(X: Series, Pi: Series) -> Series:
-    """I X of screws, (..., 6, k), and moments of mass."""
-    screws = X.map(lambda X: wedge(X.mT))
-    return (screws @ Pi.map(lambda Pi: Pi[..., None, :, :])).map(lambda T: cowedge(T).mT)
+def _momenta(pairs: Sequence[tuple[Series, Series]]) -> Series:
+    """The sum of I X of screws X, (..., 6, k), and moments of mass, for some of both."""
+    if pairs[0][0][0].shape[-1] == 1:
+        return _wrench(reduce(add, [X.map(_wedge) @ Pi for X, Pi in pairs]))
+    parts = [X.map(lambda X: wedge(X.mT)) @ Pi.map(lambda Pi: Pi[..., None, :, :]) for X, Pi in pairs]
+    return reduce(add, parts).map(lambda T: cowedge(T).mT)
 
 
 def _wrench(T: Series) -> Series:
@@ -177,6 +186,8 @@ def _wrench(T: Series) -> Series:
 
 def _cross(X: Series, wrench: Series) -> Series:
     """X x W, the rates of a wrench that moves with screws X, (..., 6, k)."""
+    if X[0].shape[-1] == 1:
+        return -(X.map(_ad).mT @ wrench)
     screws = X.map(lambda X: ad(X.mT).mT)
     return -(screws @ wrench.map(lambda W: W[..., None, :, :])).map(lambda W: W[..., 0].mT)
 

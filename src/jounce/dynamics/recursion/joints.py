@@ -63,11 +63,11 @@ class Joint(Placement):
 
     def screw_rate(self, V: Series) -> Series:
         """S' = ad(V) S, (..., 6, k): the rates in space of the screws on a body that moves with the twist V."""
-        return V.map(lambda V: -(self.ad_X @ V[..., None, :, :])[..., 0].mT)
+        return -(self.ad_X[0] @ V)
 
     def cross(self, W: Series) -> Series:
         """S x W, (..., 6, k): the rates of a wrench W, (..., 6, 1), that moves with one of the screws."""
-        return W.map(lambda W: -(self.ad_X.mT @ W[..., None, :, :])[..., 0].mT)
+        return -(self.ad_X[0].mT @ W)
 
     def twists(self, x: Series) -> Series:
         """Transport twists (..., 6, k) from the parent's frame to the body's."""
@@ -118,6 +118,14 @@ class FreeJoint(Joint):
     def motion(self) -> Series:
         """T with its rates."""
         return from_rate(self.T, lambda T: T @ self._generator(self.X_hat))
+
+    def screw_rate(self, V: Series) -> Series:
+        """S' = ad(V) S, (..., 6, k)."""
+        return V.map(lambda V: -(self.ad_X @ V[..., None, :, :])[..., 0].mT)
+
+    def cross(self, W: Series) -> Series:
+        """S x W, (..., 6, k)."""
+        return W.map(lambda W: -(self.ad_X.mT @ W[..., None, :, :])[..., 0].mT)
 
     def _generator(self, L: Array) -> Series:
         """L nu, the sum over the screws."""
@@ -180,14 +188,14 @@ def _turns_and_slides(mechanism: Mechanism) -> tuple[Array, Array]:
     return np.stack(turns), np.stack(slides)
 
 
-def motions(mechanism: Mechanism, theta: Array, bodies: Sequence[int]) -> dict[int, Array]:
-    """Z exp(X theta) of those joints of some bodies that have one screw, (..., 4, 4) each, all at once."""
+def motions(mechanism: Mechanism, theta: Array, bodies: Sequence[int]) -> tuple[dict[int, int], Array]:
+    """Z exp(X theta) of those joints of some bodies that have one screw, (..., joints, 4, 4), and where each is."""
     alone = [i for i in bodies if len(mechanism.columns[i]) == 1]
     turns, slides = _turns_and_slides(mechanism)
     chosen = np.array([mechanism.columns[i][0] for i in alone], dtype=int)
     T = placed(mechanism)[1][alone] @ exp_of(turns[chosen], slides[chosen], theta[..., chosen, :, None])
     T = exact_integers(T) if is_symbolic(T) else T
-    return {i: T[..., k, :, :] for k, i in enumerate(alone)}
+    return {i: k for k, i in enumerate(alone)}, T
 
 
 def joints(
@@ -196,14 +204,15 @@ def joints(
     """The joints of some bodies, or of all, for coordinates q and the motion of a base that floats."""
     bodies = range(mechanism.nb) if bodies is None else bodies
     theta, placements = joint_variables(mechanism, q), _placements(mechanism)
-    T = motions(mechanism, theta[0], bodies)
+    places, T = motions(mechanism, theta[0], bodies)
+    A = Ad(inverse(T))
 
     def joint(i: int) -> Joint:
-        if i not in T:
+        if i not in places:
             own = motion_of_joint(mechanism, i, q, base)
             return FreeJoint(**vars(placements[i]), rate=own.V, T=own.pose, A=Ad(inverse(own.pose)))
-        [j] = mechanism.columns[i]
-        return Joint(**vars(placements[i]), rate=rows(theta, j, j + 1).dot, T=T[i], A=Ad(inverse(T[i])))
+        k, [j] = places[i], mechanism.columns[i]
+        return Joint(**vars(placements[i]), rate=rows(theta, j, j + 1).dot, T=T[..., k, :, :], A=A[..., k, :, :])
 
     return [joint(i) for i in bodies]
 

@@ -195,14 +195,14 @@ def inertia_force(moments: Moments, motion: BodyMotion) -> Force:
 def aligned_joints(chain: Mechanism, q: Series, base: BaseMotion | None = None) -> list[AnyJoint]:
     """The joints of a mechanism in frames on their axes, for coordinates q and the motion of a base that floats."""
     theta = joint_variables(chain, q)
-    T = motions(chain, theta[0], range(chain.nb))
+    places, T = motions(chain, theta[0], range(chain.nb))
     found: list[AnyJoint] = []
     for i, (B, p) in enumerate(zip(placed(chain)[0], chain.parent, strict=True)):
-        if i in T:
+        if i in places:
             [j] = chain.columns[i]
             X, theta_i = chain.X[j], rows(theta, j, j + 1)
             d = None if is_zero(X[5]) else theta_i * X[5:]
-            place = (p, rotation(B), position(B), rotation(T[i]))
+            place = (p, rotation(B), position(B), rotation(T[..., places[i], :, :]))
             found.append(AlignedJoint(*place, theta_i, not is_zero(X[2]), d, pitch=X[5:]))
         else:
             own = motion_of_joint(chain, i, q, base)
