@@ -170,7 +170,7 @@ CASES: dict[str, Case] = {
         lambda **columns: jounce.load_motion(columns, ROBOT, order=1, degree=7),
         {"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3},
     ),
-    "from_screws": (jounce.Robot.from_screws, {"B": B, "X": X, "M": M, **TREE}),
+    "from_screws": (jounce.Robot.from_screws, {"B": B, "X": X, "M": M, "owners": [0, 1], **TREE}),
     "limits": (lambda **limits: screws(limits=limits), dict.fromkeys(KEYS, (1, 1))),
     "drives": (
         lambda **drives: screws(drives=drives),

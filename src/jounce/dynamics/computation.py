@@ -243,7 +243,7 @@ def change(mechanism: Mechanism, port: Port, x: Array, d: Array) -> Array:
 
 
 def displacement(mechanism: Mechanism, port: Port, x: Array, dx: Array) -> Array:
-    """The displacement that a change dx of an input is; a change of the length of a quaternion is none."""
+    """The displacement that a change dx of an input is; changes of the length of a quaternion do not count."""
     if port.is_pose:
         return cowedge(x.mT @ dx) * np.array([0.5, 0.5, 0.5, 1, 1, 1], dx.dtype)
     if not port.directions:

@@ -136,10 +136,10 @@ class Mechanism:
             self if c is None else replace(self, G=c.G, g=c.g, coordinates=c.coordinates, closure=None, elasticity=None)
         )
 
-    @cached_property
+    @property
     def columns(self) -> tuple[tuple[int, ...], ...]:
         """The joint variables that move each body: none of a base that floats, several of a joint of several screws."""
-        return tuple(tuple(j for j, owner in enumerate(self.owners) if owner == i) for i in range(self.nb))
+        return _columns(self.owners, self.nb)
 
     @property
     def nb(self) -> int:
@@ -189,6 +189,14 @@ class Mechanism:
         if name in self.bodies:
             return Frame(name, self.bodies.index(name), np.eye(4, dtype=int))
         return next(frame for frame in self.frames if frame.name == name)
+
+
+@lru_cache(maxsize=64)
+def _columns(owners: tuple[int, ...], nb: int) -> tuple[tuple[int, ...], ...]:
+    found: list[list[int]] = [[] for _ in range(nb)]
+    for j, i in enumerate(owners):
+        found[i].append(j)
+    return tuple(map(tuple, found))
 
 
 @lru_cache(maxsize=64)

@@ -31,6 +31,7 @@ from jounce.model.drives import Drives, select_terms, warn_of_idle, with_eps
 from jounce.model.kinds import KEYS
 from jounce.model.limits import Limits
 from jounce.model.mechanism import GRAVITY
+from jounce.model.positions import positions as several_screws
 from jounce.robot.applications import Applications
 from jounce.robot.methods import Methods
 from jounce.robot.old import OldMethods
@@ -64,13 +65,17 @@ class Robot(Applications, Methods, OldMethods, Displayed):
       arrays of NumPy, arrays of JAX, or object arrays of CasADi SX, SymPy or other symbols.
     * A state may name its coordinates: a dict, a data frame or series, or a structured array is matched by joint name.
       Results are always arrays, in the order of `joint_names`.
+    * Balls, planar and free joints have velocities of their own, twists in the axes of the body. q has more numbers
+      than its rates: for a ball a quaternion (x, y, z, w), for a free joint place and quaternion, for a planar joint
+      place, cosine and sine. By joint name they are these numbers, a rotation matrix or a pose.
     * q is required; each further rate you give returns one more time derivative, up to order 100. With none to spare
       the result is a plain array, otherwise a tuple: the quantity, its rate, ...
     * ``base=(C, V, Vd, ...)`` is the motion of the base: its pose C (..., 4, 4), base to inertial frame, its twist V
       (..., 6) in its own axes about its origin, and the rates of these components, as many terms as q has. Robots that
       float require it: their forces, matrices and Jacobians have nv = 6 + n rows or columns, those of the base first,
-      Q the wrench (moment; force) that acts on it, in its axes. For other robots nv = n, and the base is the ground, at
-      rest unless given. Where it does not enter, as in the mass matrix, it may be left out.
+      Q the wrench (moment; force) that acts on it, in its axes. Without base=, q may have all nq numbers, place and
+      quaternion of the base first, and its rates nv. For other robots nv = n, and the base is the ground, at rest
+      unless given. Where it does not enter, as in the mass matrix, it may be left out.
     * Missing values (masked by NumPy, or NA of pandas) are NaN, and so are results that depend on them.
     * ``method`` selects the method: "kernel" is native code, the default for NumPy arrays of float64, and for arrays
       of JAX on the CPU, if it is available; "recursion" is the default otherwise; "closed_form" and "paper" are
@@ -102,7 +107,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
     def __repr__(self) -> str:
         floats = ", floating" if self.mechanism.floats else ""
         springs = ", elastic joints" if self.mechanism.elasticity else ""
-        return f"<Robot {self.name!r}: {self.n} coordinates, {len(self.body_names)} bodies{floats}{springs}>"
+        q = f", q of {self.nq - 7 * self.mechanism.floats} numbers" if several_screws(self.mechanism) else ""
+        return f"<Robot {self.name!r}: {self.n} coordinates{q}, {len(self.body_names)} bodies{floats}{springs}>"
 
     @property
     def gravity(self) -> Array:
