@@ -39,7 +39,8 @@ class Position:
 @lru_cache(maxsize=64)
 def positions(mechanism: Mechanism) -> dict[int, Position]:
     """The numbers of the joints of several screws, by body."""
-    found, start, tree = dict[int, Position](), 0, mechanism.tree
+    found, start = dict[int, Position](), 0
+    tree = mechanism.tree if mechanism.closure else mechanism
     for j, column in enumerate(tree.G.T):
         [i, *_] = [tree.owners[row] for row in np.flatnonzero(column)]
         if i in found:
