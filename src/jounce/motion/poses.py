@@ -11,6 +11,7 @@ from jounce.arguments.poses import check_pose
 from jounce.core.errors import JounceError, at, listed, quoted, warn
 from jounce.core.scalars import asarray
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import several_positions
 from jounce.motion.base import COLUMNS, NAMES, checked_quaternions, neighbouring_signs
 from jounce.motion.composed import Part
 from jounce.motion.constructors import check_increasing, numbers
@@ -30,6 +31,7 @@ COLUMN = re.compile(rf"(.*)\.({'|'.join(COLUMNS)}){SUFFIX}(_sd)?", re.DOTALL)
 def named(names: Sequence[str], mechanism: Mechanism) -> dict[str, str]:
     """Those column names that are of the base, each as it is with the prefix ``base``."""
     prefixes = {BASE, mechanism.bodies[0] if mechanism.floats else BASE}
+    prefixes -= {joint.name for joint in several_positions(mechanism)}
     parts = {name: match for name in names if (match := COLUMN.fullmatch(name)) and match[1] in prefixes}
     return {
         name: f"{BASE}.{name[len(match[1]) + 1 :]}"

@@ -16,6 +16,7 @@ from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.io import motions
 from jounce.io.files import path_of
+from jounce.model.positions import positions
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
@@ -131,7 +132,7 @@ def _with_meaning(motion: "Motion", robot: Engine) -> "Motion":
     from jounce.motion.vibrations import in_forces
 
     mechanism, curve = robot.mechanism, motion.curve
-    if not isinstance(curve, SmoothedCurve) or mechanism.floats or mechanism.loops:
+    if not isinstance(curve, SmoothedCurve) or mechanism.floats or mechanism.loops or positions(mechanism):
         return motion
 
     def mass_matrices(t: np.ndarray) -> np.ndarray:
