@@ -156,7 +156,7 @@ def _units(mechanism: Mechanism) -> dict[str, tuple[str, int]]:
     for joint in several_positions(mechanism):
         numbers = zip(joint.names, ["m"] * len(joint.group.places) + ["1"] * 4, strict=False)
         found |= {name: (unit, 0) for name, unit in numbers}
-        found |= {f"{joint.name}.{x}": ("rad" if x[0] == "w" else "m", 1) for x in joint.group.velocities}
+        found |= {name: (found.pop(f"{name}.q")[0], 1) for name in joint.velocities}
     return found
 
 

@@ -558,7 +558,7 @@ class Motion(Displayed):
         found = self.curve.rates(times.ravel(), order, one_of("side", side, SIDES) == "left")
         self._check_finite(found, times, "q", lambda j: f"joint {self._name(j)}")
         for joint in self.several:
-            bases.check_length(found[0][:, joint.turn], times.ravel(), f"{', '.join(joint.names)}: the rotation")
+            bases.check_length(found[0][:, joint.turn], times.ravel(), f"{joint.name}: the rotation")
         return tuple(rate.reshape(*times.shape, rate.shape[1]) for rate in bases.states_of(self.several, found))
 
     def wrench(
