@@ -14,6 +14,7 @@ from jounce.io import tables
 BALL = """<mujoco><worldbody><body name="arm"><joint name="turn" axis="0 0 1"/><geom size=".1"/>
 <body name="foot" pos="0 0 1"><joint name="ankle" type="ball"/><geom size=".1" pos=".1 0 0"/></body></body></worldbody>
 </mujoco>"""
+LIMIT = '<limit lower="-2" upper="2" velocity="1.5" effort="1000"/>'  # which the motion breaks
 TURN = '"turn": {"cosines": [{"amplitude": 1, "frequency": 2}]}'
 TERMS = {
     "ball": '"ankle.rx": {"polynomial": [0.1, 1]}, "ankle.ry": {"offset": 0.2}, "ankle.rz": {"polynomial": [0, 0, 1]}',
@@ -31,7 +32,7 @@ def paths(request, tmp_path_factory):
         robot.write_text(BALL)
     else:
         robot = robot_file(
-            folder, *LINKS, joint("turn", "base", "arm", "continuous"), link("foot", OTHER),
+            folder, *LINKS, joint("turn", "base", "arm", inner=LIMIT), link("foot", OTHER),
             joint("ankle", "arm", "foot", request.param)
         )  # fmt: skip
     time = '"time": {"start": 0.5, "stop": 1.5, "count": 101}'
@@ -63,6 +64,7 @@ def test_tables_of_motion_and_of_run_are_the_motion_again(paths, suffix):
         for ours, other in zip(again(given.times), given(given.times), strict=True):
             np.testing.assert_array_equal(ours, other)
         said = json.loads(jounce_("run", path, folder / table, "-o", folder / "again.npz", "--json"))
+        assert (said["broken_limit"] or {}).get("joint") == (None if path.suffix == ".xml" else "turn")
         assert said["notes"] == ([f"other columns, ignored: {said['notes'][0][24:]}"] if "forces" in table else [])
         forces = tables.read(folder / "again.npz")
         np.testing.assert_array_equal(forces["ankle.wz.Q"], expected.forces[0][:, robot.joint_names.index("ankle.wz")])

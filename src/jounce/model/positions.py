@@ -106,6 +106,11 @@ def single_positions(mechanism: Mechanism) -> Array:
     return _numbers(mechanism)[1]
 
 
+def of_single_joints(mechanism: Mechanism, q: np.ndarray) -> np.ndarray:
+    """q (..., n) of joints of one screw, 0 in the places of others, of positions (..., nq)."""
+    return q @ single_positions(mechanism).T if positions(mechanism) else q
+
+
 def moves(mechanism: Mechanism, q: Array) -> Array:
     """(..., numbers, n): the rates of the numbers q, (..., numbers), by the velocities of the coordinates."""
     rows, joints, k = [], several_positions(mechanism), 0

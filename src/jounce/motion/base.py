@@ -152,13 +152,18 @@ def turned_along(
             f"row {i}: {', '.join(names)} have the norm {norms[i]:.2g}; expected 1, as every rotation has"
         )
     signs = neighbouring_signs(Q) if len(names) == 4 else np.ones(len(Q))
-    notes = [f"{', '.join(names)}: the sign flips from row to row, and is made that of the row before"]
-    notes = notes if (signs < 0).any() else []
+    notes = notes_of_signs(signs, names)
     if sampled and (np.abs(norms - 1) > NOT_UNIT).any():
         notes.append(f"{', '.join(names)}: of norm {norms.min():.4g} to {norms.max():.4g}, made 1")
     factors = signs / norms if sampled else signs
     pattern = re.compile(rf"({'|'.join(map(re.escape, names))}){SUFFIX}")
     return {name: x * factors if pattern.fullmatch(name) else x for name, x in columns.items()}, notes
+
+
+def notes_of_signs(signs: np.ndarray, names: Sequence[str]) -> list[str]:
+    """What to know of quaternions whose signs are changed."""
+    text = f"{', '.join(names)}: the sign flips from row to row, and is made that of the row before"
+    return [text] if (signs < 0).any() else []
 
 
 def neighbouring_signs(Q: np.ndarray) -> np.ndarray:

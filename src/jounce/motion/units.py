@@ -7,7 +7,7 @@ import numpy as np
 from jounce.core.errors import JounceError, no_such, quoted, warn
 from jounce.model.coordinates import coordinate_units, leading_joints, likely_positions
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import positions, single_positions
+from jounce.model.positions import of_single_joints, single_positions
 
 ANGLES = {"rad": 1.0, "deg": np.pi / 180}
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -74,7 +74,7 @@ def check_units(
         cure = f"state the unit by --time-unit {unit} or --time-unit s (time_unit=)"
         raise JounceError(f"{place}: {_slow(t, q)}: t looks like {unit}; {cure}")
     _check_rates(t, q, qd, place)
-    q, qd = _single(q, mechanism), None if qd is None else _single(qd, mechanism)
+    q, qd = of_single_joints(mechanism, q), None if qd is None else of_single_joints(mechanism, qd)
     speeds = _speeds(t, q) if qd is None or len(t) < FEWEST else _quantile(np.abs(qd))
     here = _broken(q, speeds, mechanism)
     if not here.any():
@@ -92,8 +92,7 @@ def check_units(
 
 def warn_of_degrees(q: np.ndarray, qd: np.ndarray, mechanism: Mechanism, place: str) -> None:
     """Warn where positions (N, nq) and velocities (N, n) of a motion that is no table look like degrees."""
-    q, qd = _single(q, mechanism), _single(qd, mechanism)
-    speeds = np.abs(qd).max(axis=0)
+    q, speeds = of_single_joints(mechanism, q), np.abs(qd).max(axis=0) * single_positions(mechanism).any(axis=1)
     if _look_like_degrees(q, speeds, mechanism):
         came, allowed = _described(q, speeds, mechanism, int(_broken(q, speeds, mechanism).argmax()))
         warn(f"{place}: {came}: {allowed}; {IN_DEGREES}: numpy.deg2rad makes rad of them")
@@ -103,14 +102,6 @@ def warn_of_times(t: np.ndarray, q: np.ndarray, place: str) -> None:
     """Warn where times (N,) of samples (N, n) look like milliseconds."""
     if len(t) >= FEWEST and (unit := _other_unit(t, q)):
         warn(f"{place}: {_slow(t, q)}: t looks like {unit}; expected seconds")
-
-
-def _single(x: np.ndarray, mechanism: Mechanism) -> np.ndarray:
-    """Numbers of q, or rates of these or of the coordinates, as (N, n); 0 where joints have several screws."""
-    if not positions(mechanism):
-        return x
-    own = single_positions(mechanism)
-    return x @ own.T if x.shape[1] == own.shape[1] else x * own.any(axis=1)
 
 
 def _look_like_degrees(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism) -> bool:
