@@ -88,13 +88,13 @@ def motion_of(rates: Sequence[np.ndarray]) -> Terms:
 def twists(group: Group, rates: Sequence[np.ndarray]) -> Terms:
     """nu, nu', ... (N, k) from numbers p of a kind of joint and their rates: one less than these."""
     count, p = len(group.places), columns(rates)
-    r, Q = p.map(lambda p: np.eye(3, count) @ p[:, :count]), p.map(lambda p: p[:, count:])
+    r, Q = p.map(lambda p: p[:, :count]), p.map(lambda p: p[:, count:])
     T = Q.map(lambda Q: group.turning(Q[..., 0]))
     squares = 4 if rates[0].shape[1] == count + 4 else 1  # T^T T = |Q|^2 / 4 of quaternions, |Q|^2 e e^T in a plane
     w = solved(Q.mT @ Q, (T.mT @ Q.dot * squares).mT).mT
     to_body = from_rate(group.turn(rates[0][:, count:]).mT, lambda RT: -(w.map(lambda w: hat(w[..., 0])) @ RT))
-    nu = group.X.T @ joined([w, to_body @ r.dot], axis=-2)
-    return tuple(nu[k][..., 0] for k in range(len(rates) - 1))
+    V = joined([w, to_body.map(lambda RT: RT[..., :count]) @ r.dot], axis=-2)
+    return tuple(V[k][:, list(group.axes), 0] for k in range(len(rates) - 1))
 
 
 def numbers_of(group: Group, p: np.ndarray, nu: Sequence[np.ndarray]) -> Terms:

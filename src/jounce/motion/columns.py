@@ -152,11 +152,12 @@ def _rates(given: Collection[str], mechanism: Mechanism, highest: int) -> list[s
 def _units(mechanism: Mechanism) -> dict[str, tuple[str, int]]:
     """The unit of q of what columns begin with, and the order of the rate that these state: 1 of velocities."""
     units = zip(mechanism.tree.coordinates, coordinate_units(mechanism.tree), strict=True)
-    found = {f"{name}.q": (unit, 0) for name, unit in units}
+    twists = {name for joint in several_positions(mechanism) for name in joint.velocities}
+    found = {f"{name}.q": (unit, 0) for name, unit in units if name not in twists}
     for joint in several_positions(mechanism):
         numbers = zip(joint.names, ["m"] * len(joint.group.places) + ["1"] * 4, strict=False)
         found |= {name: (unit, 0) for name, unit in numbers}
-        found |= {name: (found.pop(f"{name}.q")[0], 1) for name in joint.velocities}
+        found |= {f"{joint.name}.{x}": ("rad" if x[0] == "w" else "m", 1) for x in joint.group.velocities}
     return found
 
 
