@@ -90,6 +90,7 @@ def test_all_rates_in_a_table_are_the_motion_again(tmp_path):
     again = jounce.load_motion(columns, robot)
     for ours, other in zip(again.base(T), MOTION.base(T), strict=True):
         np.testing.assert_allclose(ours, other, atol=1e-9 * (1 + abs(other).max()))
+    assert [note for note in again.notes if "sign flips" in note] == list(again.notes[:1])
     between = jounce.load_motion(columns, robot).base(T[:-1] + 0.004, 0)[0]
     np.testing.assert_allclose(between, MOTION.base(T[:-1] + 0.004, 0)[0], atol=1e-8)
 

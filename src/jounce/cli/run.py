@@ -21,6 +21,8 @@ MOTION is a table with a column t and, matched by joint name in any order,
   either one column per joint    samples; rates come from a spline
   or NAME.q, NAME.qd, NAME.q2d,  used unchanged; order 2 needs q to q4d,
      NAME.q3d, NAME.q4d          order 0 needs q to q2d
+  of balls, planar and free joints NAME.qx, ..., with rates NAME.qxd, ... or
+     velocities NAME.wx, ...
 and, if wrenches act, BODY.mx .. BODY.fz: the wrench that the body exerts, in
   its own axes, as samples or with rates BODY.fxd, BODY.fx2d ...
 or a YAML file with analytic terms for each joint, whose rates are exact:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby
 from typing import Any, Literal, NamedTuple
 
@@ -20,7 +21,7 @@ from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.generic import as_tuple
 from jounce.model.mechanism import Mechanism
-from jounce.motion.base import perturbed
+from jounce.motion.base import motion_of, perturbed, states_of
 from jounce.motion.matching import matched
 from jounce.motion.motion import Break, Motion
 from jounce.motion.units import warn_of_degrees
@@ -253,7 +254,7 @@ def _spreads(
     if motion.deviations(times[:1], 0) is None and not smoothed and not on_base:
         return None
     every = np.unique(times)
-    count = max(2, PERTURBED // ((robot.n + 7 * on_base + 6 * len(smoothed)) * (highest + 1)))
+    count = max(2, PERTURBED // ((motion.curve.columns + 7 * on_base + 6 * len(smoothed)) * (highest + 1)))
     t = every[np.unique(np.linspace(0, len(every) - 1, min(count, len(every))).astype(int))]
     total = np.zeros((order + 1, len(t), _size(robot, row)))
     for start in range(0, len(t), PIECE):
@@ -284,15 +285,14 @@ def _perturbed(
     of_wrench: int,
 ) -> Iterator[tuple[Rates, Wrenches | None, Rates | None]]:
     """The rates, wrenches and base at times with each of their entries off by its standard deviation, one by one."""
-    for k, off in enumerate(motion.deviations(t, highest) or ()):
-        for j in range(off.shape[1]):
-            yield (*rates[:k], rates[k] + off * (np.arange(off.shape[1]) == j), *rates[k + 1 :]), W, base
+    for q in perturbed(motion.curve, t, highest, partial(states_of, motion.several)):
+        yield q, W, base
     for k, by_body in enumerate(motion.wrench_deviations(t, of_wrench) if W else ()):
         for body, off in by_body.items():
             for j in np.flatnonzero(off.any(axis=0)).tolist():
                 moved = W[k] | {body: W[k][body] + off * (np.arange(6) == j)} if W else {}
                 yield rates, (*W[:k], moved, *W[k + 1 :]) if W else None, base
-    for other in perturbed(motion.base_curve, t, highest) if motion.base_curve else ():
+    for other in perturbed(motion.base_curve, t, highest, motion_of) if motion.base_curve else ():
         yield rates, W, other
 
 

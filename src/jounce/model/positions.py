@@ -31,6 +31,16 @@ class Position:
         """The names of its numbers."""
         return tuple(f"{self.name}.{what}" for what in self.group.positions)
 
+    @property
+    def velocities(self) -> tuple[str, ...]:
+        """The names of its velocities."""
+        return tuple(f"{self.name}.{what}" for what in self.group.velocities)
+
+    @property
+    def turn(self) -> slice:
+        """Those of its numbers in q that say the rotation."""
+        return slice(self.numbers.start + len(self.group.places), self.numbers.stop)
+
     def motion(self, q: Array) -> Array:
         """Where the joint moves its body, (..., 4, 4), at columns q (..., nq, 1)."""
         return self.T @ self.group.pose(q[..., self.numbers, 0]) @ inverse(self.T)
@@ -82,9 +92,14 @@ def position_count(mechanism: Mechanism) -> int:
 def position_names(mechanism: Mechanism) -> tuple[str, ...]:
     """The names of the numbers of q, those of a base that floats left out."""
     names = list(mechanism.coordinates)
-    for joint in sorted(positions(mechanism).values(), key=lambda x: -x.coordinates.start):
+    for joint in reversed(several_positions(mechanism)):
         names[joint.coordinates] = joint.names
     return tuple(names)
+
+
+def several_positions(mechanism: Mechanism) -> tuple[Position, ...]:
+    """The joints of several screws, in the order of q."""
+    return tuple(sorted(positions(mechanism).values(), key=lambda x: x.numbers.start))
 
 
 def single_positions(mechanism: Mechanism) -> Array:
@@ -92,9 +107,14 @@ def single_positions(mechanism: Mechanism) -> Array:
     return _numbers(mechanism)[1]
 
 
+def of_single_joints(mechanism: Mechanism, q: np.ndarray) -> np.ndarray:
+    """q (..., n) of joints of one screw, 0 in the places of others, of positions (..., nq)."""
+    return q @ single_positions(mechanism).T if positions(mechanism) else q
+
+
 def moves(mechanism: Mechanism, q: Array) -> Array:
     """(..., numbers, n): the rates of the numbers q, (..., numbers), by the velocities of the coordinates."""
-    rows, joints, k = [], sorted(positions(mechanism).values(), key=lambda x: x.numbers.start), 0
+    rows, joints, k = [], several_positions(mechanism), 0
     unit, single = np.eye(mechanism.n, dtype=int), single_positions(mechanism).T
     for x in joints:
         rows += [

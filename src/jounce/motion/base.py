@@ -1,25 +1,31 @@
-"""The motion of a base as a curve of seven columns, its position and a quaternion, and its pose and twist from them.
+"""The motion of a base, or of a ball, planar or free joint, as a curve of its numbers, and its twist from them.
 
-The quaternion may have any length but zero: any smooth curve in four dimensions that avoids zero is a smooth motion,
-and its rates give those of the twist exactly. With Q = (w; v), the angular velocity in the axes of the base is
-``2 E(Q) Qd / |Q|^2``, ``E = [-v, w 1 - hat(v)]``.
+The numbers of a base are its position and a quaternion, those of joints are named in `jounce.spatial.groups`. The
+quaternion may have any length but zero: any smooth curve in four dimensions that avoids zero is a smooth motion, and
+its rates give those of the twist exactly, ``nu = N^+(p) p'``. With Q = (w; v), the angular velocity in the axes that
+move is ``2 E(Q) Qd / |Q|^2``, ``E = [-v, w 1 - hat(v)]``; so it is with cosine and sine in a plane.
 """
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from jounce.core.errors import JounceError
+from jounce.model.positions import Position
 from jounce.motion.curves import Curve, Jump, OfCurve
-from jounce.spatial.lie import from_quaternion, hat, pose, rotation
+from jounce.spatial.groups import FREE, Group
+from jounce.spatial.lie import hat
 from jounce.spatial.linear import solved
-from jounce.spatial.series import Series, from_rate, joined
+from jounce.spatial.series import SUFFIX, columns, from_rate, joined
 
 COLUMNS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 NAMES = tuple(f"base.{column}" for column in COLUMNS)
 NOT_UNIT = 1e-3  # a norm further from 1 than rounding to three digits leaves it
 VANISHES = 0.1  # norm of a quaternion, below which its curve passes too close to zero
+AS_FREE = [0, 1, 2, 4, 5, 6, 3]  # the places of the numbers of a free joint among those of a base
 
 Terms = tuple[np.ndarray, ...]  # C, V, Vd, ...
 
@@ -46,46 +52,78 @@ class Scaled(OfCurve):
 
 def terms_at(curve: Curve, t: np.ndarray, order: int, left: bool = False) -> Terms:
     """C, V, Vd, ... at times (N,) of a curve of seven columns, with as many terms as the rates of the curve."""
-    return motion_of(_checked(curve.rates(t, order, left), t))
+    rates = curve.rates(t, order, left)
+    check_length(rates[0][:, 3:], t, "the quaternion of the base")
+    return motion_of(rates)
 
 
-def perturbed(curve: Curve, t: np.ndarray, order: int) -> Iterator[Terms]:
-    """C, V, Vd, ... with each entry of the curve off by its standard deviation, one after the other; none if exact."""
+def perturbed(
+    curve: Curve, t: np.ndarray, order: int, meaning: Callable[[Sequence[np.ndarray]], Terms]
+) -> Iterator[Terms]:
+    """What rates of a curve mean, each entry off by its standard deviation, one after the other; none if exact."""
     rates = curve.rates(t, order)
     for k, off in enumerate(curve.deviations(t, order) or ()):
         for j in np.flatnonzero(off.any(axis=0)).tolist():
-            yield motion_of((*rates[:k], rates[k] + off * (np.arange(len(COLUMNS)) == j), *rates[k + 1 :]))
+            yield meaning((*rates[:k], rates[k] + off * (np.arange(curve.columns) == j), *rates[k + 1 :]))
 
 
-def _checked(rates: list[np.ndarray], t: np.ndarray) -> list[np.ndarray]:
-    """The rates of a curve, whose quaternion is not near zero, where it has no direction."""
-    norms = np.linalg.norm(rates[0][:, 3:], axis=1)
+def check_length(Q: np.ndarray, t: np.ndarray, what: str) -> None:
+    """Raise `JounceError` where quaternions (N, 4), or (N, 2) cosines and sines, are near zero, without direction."""
+    norms = np.linalg.norm(Q, axis=1)
     near = np.flatnonzero(~(norms > VANISHES))
     if near.size:
         i = int(near[0])
         raise JounceError(
-            f"the quaternion of the base has the norm {norms[i]:.2g} at t = {t[i]:g} s; expected one that stays away"
+            f"{what} has the norm {norms[i]:.2g} at t = {t[i]:g} s; expected one that stays away"
             " from zero: terms with an offset, or samples less than half a turn apart"
         )
-    return rates
 
 
-def motion_of(rates: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
+def motion_of(rates: Sequence[np.ndarray]) -> Terms:
     """C, V, Vd, ... from position and quaternion (N, 7) and their rates: as many terms as there are rates."""
-    x = Series.of([rate[:, :, None] for rate in rates])
-    p, Q = x.map(lambda x: x[:, :3]), x.map(lambda x: x[:, 3:])
-    R = from_quaternion(rates[0][:, 3:] / np.linalg.norm(rates[0][:, 3:], axis=1, keepdims=True))
-    C = pose(R, rates[0][:, :3, None])
-    w = solved(Q.mT @ Q, (Q.map(_turning) @ Q.dot * 2).mT).mT
-    to_base = from_rate(rotation(C).mT, lambda RT: -(w.map(lambda w: hat(w[..., 0])) @ RT))
-    V = joined([w, to_base @ p.dot], axis=-2)
-    return (C, *(V[k][..., 0] for k in range(len(rates) - 1)))
+    numbers = [rate[:, AS_FREE] for rate in rates]
+    return (FREE.pose(numbers[0]), *twists(FREE, numbers))
 
 
-def _turning(Q: np.ndarray) -> np.ndarray:
-    """E of quaternions (N, 4, 1): the vector part of the product of the conjugate with another, (N, 3, 4)."""
-    w, v = Q[:, :1], Q[:, 1:]
-    return np.concatenate([-v, w * np.eye(3) - hat(v[..., 0])], axis=-1)
+def twists(group: Group, rates: Sequence[np.ndarray]) -> Terms:
+    """nu, nu', ... (N, k) from numbers p of a kind of joint and their rates: one less than these."""
+    count, p = len(group.places), columns(rates)
+    r, Q = p.map(lambda p: p[:, :count]), p.map(lambda p: p[:, count:])
+    T = Q.map(lambda Q: group.turning(Q[..., 0]))
+    squares = 4 if rates[0].shape[1] == count + 4 else 1  # T^T T = |Q|^2 / 4 of quaternions, |Q|^2 e e^T in a plane
+    w = solved(Q.mT @ Q, (T.mT @ Q.dot * squares).mT).mT
+    to_body = from_rate(group.turn(rates[0][:, count:]).mT, lambda RT: -(w.map(lambda w: hat(w[..., 0])) @ RT))
+    V = joined([w, to_body.map(lambda RT: RT[..., :count]) @ r.dot], axis=-2)
+    return tuple(V[k][:, list(group.axes), 0] for k in range(len(rates) - 1))
+
+
+def numbers_of(group: Group, p: np.ndarray, nu: Sequence[np.ndarray]) -> Terms:
+    """p', p'', ... (N, numbers) of a kind of joint at its numbers p, from its velocities nu, nu', ... (N, k)."""
+    count = len(group.places)
+    V = group.X @ columns(nu)
+    R = from_rate(group.turn(p[:, count:]), lambda R: R @ V.map(lambda V: hat(V[:, :3, 0])))
+    Q = from_rate(p[:, count:, None], lambda Q: Q.map(lambda Q: group.turning(Q[..., 0])) @ V.map(lambda V: V[:, :3]))
+    rates = joined([(R @ V.map(lambda V: V[:, 3:])).map(lambda r: r[:, :count]), Q.dot], axis=-2)
+    return tuple(rates[k][..., 0] for k in range(len(nu)))
+
+
+def with_blocks(row: Any, places: Sequence[slice], blocks: Sequence[Any]) -> list[Any]:
+    """The parts of a row, names or the columns of an array as its rows, with blocks for what is at some places."""
+    parts, start = list[Any](), 0
+    for place, block in zip(places, blocks, strict=True):
+        parts += [row[start : place.start], block]
+        start = place.stop
+    return [*parts, row[start:]]
+
+
+def states_of(joints: Sequence[Position], rates: Sequence[np.ndarray]) -> Terms:
+    """q, nu, nu', ... from numbers (N, nq) and their rates: velocities (N, n) of such joints are twists."""
+    if not joints:
+        return tuple(rates)
+    nu = [twists(joint.group, [rate[:, joint.numbers] for rate in rates]) for joint in joints]
+    places = [joint.numbers for joint in joints]
+    parts = (with_blocks(rate.T, places, [x[k].T for x in nu]) for k, rate in enumerate(rates[1:]))
+    return (rates[0], *(np.concatenate(part).T for part in parts))
 
 
 def checked_quaternions(Q: np.ndarray, names: Sequence[str]) -> np.ndarray:
@@ -96,6 +134,36 @@ def checked_quaternions(Q: np.ndarray, names: Sequence[str]) -> np.ndarray:
         i = int(np.nanargmax(np.where(np.isfinite(off), off, np.inf)))
         raise JounceError(f"row {i}: {', '.join(names)} have the norm {norms[i]:.6g}; expected unit quaternions")
     return Q / norms[:, None] * neighbouring_signs(Q)[:, None]
+
+
+def turned_along(
+    columns: Mapping[str, np.ndarray], joint: Position, sampled: bool
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Columns with the quaternions of a joint of neighbouring signs and, of samples, of length 1; and notes.
+
+    So it is with cosines and sines, which have no free sign.
+    """
+    names = joint.names[len(joint.group.places) :]
+    Q = np.stack([columns[name] for name in names], axis=1)
+    norms = np.linalg.norm(Q, axis=1)
+    if not (norms > VANISHES).all():
+        i = int(np.nanargmin(norms))
+        raise JounceError(
+            f"row {i}: {', '.join(names)} have the norm {norms[i]:.2g}; expected 1, as every rotation has"
+        )
+    signs = neighbouring_signs(Q) if len(names) == 4 else np.ones(len(Q))
+    notes = notes_of_signs(signs, names)
+    if sampled and (np.abs(norms - 1) > NOT_UNIT).any():
+        notes.append(f"{', '.join(names)}: of norm {norms.min():.4g} to {norms.max():.4g}, made 1")
+    factors = signs / norms if sampled else signs
+    pattern = re.compile(rf"({'|'.join(map(re.escape, names))}){SUFFIX}")
+    return {name: x * factors if pattern.fullmatch(name) else x for name, x in columns.items()}, notes
+
+
+def notes_of_signs(signs: np.ndarray, names: Sequence[str]) -> list[str]:
+    """What to know of quaternions whose signs are changed."""
+    text = f"{', '.join(names)}: the sign flips from row to row, and is made that of the row before"
+    return [text] if (signs < 0).any() else []
 
 
 def neighbouring_signs(Q: np.ndarray) -> np.ndarray:

@@ -3,18 +3,22 @@
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 from jounce.arguments import names
 from jounce.core.errors import JounceError, listed, no_such, one_line, option, quoted
 from jounce.model.coordinates import coordinate_units
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import Position, position_names, several_positions
 from jounce.motion import loads, poses
 from jounce.motion.units import ANGLES, TIMES, factor, split_unit
+from jounce.spatial.groups import GROUPS
 from jounce.spatial.series import SUFFIX, rate_name
 
 TIME = "t"
 ALSO_TIME = ("time", "timestamp")  # in any case, where there is no t
-RATE = re.compile(r"q(?=.{0,4}$)" + SUFFIX)  # no order has more than three digits
+NUMBERS = "|".join(sorted({name for group in GROUPS.values() for name in (*group.positions, *group.velocities)}))
+RATE = re.compile(rf"(q|{NUMBERS})(?=.{{0,4}}$){SUFFIX}", re.DOTALL)  # no order has more than three digits
 DEVIATION = "_sd"  # what the name of a rate's column ends in that holds its standard deviation
 TORQUES = (
     "tau_{joint}",
@@ -26,7 +30,7 @@ TORQUES = (
     "{joint}.Q_measured",
 )  # the last as `jounce motion` and `run` write them
 MISSPELT = re.compile(r"q[a-z0-9]{0,4}|[fm][a-z]?\d*d*")
-OURS = re.compile(r"\.q_sample$|^break$")  # what `jounce motion` writes to be drawn
+OURS = re.compile(rf"\.(q|{NUMBERS})_sample$|^break$")  # what `jounce motion` writes to be drawn
 CURES = {
     "t": "name another column of times by --time COLUMN (time=)",
     "joint": "name the columns by --columns 'q_{joint}' (columns=), or hold a joint by --lock {joint}=VALUE"
@@ -90,27 +94,25 @@ def match(header: Sequence[str], mechanism: Mechanism, options: Options, highest
     ------
     JounceError : if a joint, a rate or the times are missing, a unit is unknown, or both samples and rates are given.
     """
-    joints = mechanism.coordinates
+    joints = position_names(mechanism)
     if TIME in joints:
         raise JounceError("a joint is named 't' like the column of times; rename the joint")
     bare = _bare(header, joints)
     sources = {name: source for name, (source, _) in bare.items()}
     sources = _with_time(sources, header, options.time, joints)
-    torques = _torques(bare, options.torques, joints)
+    torques = _torques(bare, options.torques, mechanism.coordinates)
     sources = _with_pattern(sources, options.pattern, joints)
     of_base = poses.named(list(sources), mechanism)
     sources = _of_base(sources, of_base)
     of_wrenches = loads.named(list(sources), mechanism)
     others = {*of_wrenches, *of_base.values()}
     given = [name for name in sources if name not in others and sources[name] not in torques.values()]
-    sampled = not any(_is_rate(name, joints) for name in given)
-    wanted = (
-        list(joints) if sampled else [f"{joint}.{rate_name('q', k)}" for joint in joints for k in range(highest + 1)]
-    )
+    sampled = not any(_is_rate(name, mechanism) for name in given)
+    wanted = list(joints) if sampled else _rates(given, mechanism, highest)
     _check(given, [TIME, *wanted], sampled, mechanism, highest)
     poses.check_names(list(of_base.values()), mechanism, highest)
     passive = followers(mechanism, list(sources), sampled).values()
-    kept = {TIME, *wanted, *others, *passive} | {name for name in given if not sampled and _belongs(name, joints)}
+    kept = {TIME, *wanted, *others, *passive} | {name for name in given if not sampled and _belongs(name, mechanism)}
     units = dict(bare.values())
     used = {name: source for name, source in sources.items() if name in kept}
     factors = _factors(used, units, options, mechanism, of_base.values())
@@ -125,6 +127,38 @@ def match(header: Sequence[str], mechanism: Mechanism, options: Options, highest
         options.angles is not None or any(units[sources[name]] for name in wanted),
         options.time_unit is not None or units[sources[TIME]] is not None,
     )
+
+
+def stems(mechanism: Mechanism) -> list[str]:
+    """What the columns of the numbers of q and of their rates begin with: ``joint1.q`` or, of a ball, ``ankle.qx``."""
+    several = {name for joint in several_positions(mechanism) for name in joint.names}
+    return [name if name in several else f"{name}.q" for name in position_names(mechanism)]
+
+
+def by_velocity(columns: Collection[str], mechanism: Mechanism) -> list[Position]:
+    """The balls, planar and free joints of which columns state velocities, ``ankle.wx``, in place of rates of q."""
+    return [joint for joint in several_positions(mechanism) if not {*joint.velocities}.isdisjoint(columns)]
+
+
+def _rates(given: Collection[str], mechanism: Mechanism, highest: int) -> list[str]:
+    """The columns that state all rates of q."""
+    twists = by_velocity(given, mechanism)
+    still = {name for joint in twists for name in joint.names}
+    columns = [rate_name(stem, k) for stem in stems(mechanism) for k in range(1 if stem in still else highest + 1)]
+    return columns + [rate_name(name, k) for joint in twists for name in joint.velocities for k in range(highest)]
+
+
+@lru_cache(maxsize=64)
+def _units(mechanism: Mechanism) -> dict[str, tuple[str, int]]:
+    """The unit of q of what columns begin with, and the order of the rate that these state: 1 of velocities."""
+    units = zip(mechanism.tree.coordinates, coordinate_units(mechanism.tree), strict=True)
+    twists = {name for joint in several_positions(mechanism) for name in joint.velocities}
+    found = {f"{name}.q": (unit, 0) for name, unit in units if name not in twists}
+    for joint in several_positions(mechanism):
+        numbers = zip(joint.names, ["m"] * len(joint.group.places) + ["1"] * 4, strict=False)
+        found |= {name: (unit, 0) for name, unit in numbers}
+        found |= {f"{joint.name}.{x}": ("rad" if x[0] == "w" else "m", 1) for x in joint.group.velocities}
+    return found
 
 
 def followers(mechanism: Mechanism, columns: Collection[str], sampled: bool) -> dict[str, str]:
@@ -214,14 +248,27 @@ def _torques(bare: Mapping[str, tuple[str, str | None]], pattern: str | None, jo
     return {joint: bare[name][0] for name, joint in found.items()}
 
 
-def _is_rate(name: str, joints: Sequence[str]) -> bool:
-    joint, _, rate = name.rpartition(".")
-    return name not in joints and joint in joints and RATE.fullmatch(rate) is not None
+def _stem(name: str) -> str:
+    """What the name of a column of a rate begins with: ``joint1.q`` of ``joint1.q2d``."""
+    found = RATE.fullmatch(name.rpartition(".")[2])
+    return name[: len(name) - len(found[2] or "")] if found else name
 
 
-def _belongs(name: str, joints: Sequence[str]) -> bool:
-    """Whether a column is a rate, or the standard deviation of one."""
-    return _is_rate(name.removesuffix(DEVIATION), joints)
+@lru_cache(maxsize=64)
+def _own(mechanism: Mechanism) -> frozenset[str]:
+    """What the columns of rates begin with."""
+    return frozenset(stems(mechanism)) | {x for joint in several_positions(mechanism) for x in joint.velocities}
+
+
+def _is_rate(name: str, mechanism: Mechanism) -> bool:
+    return name not in position_names(mechanism) and _stem(name) in _own(mechanism)
+
+
+def _belongs(name: str, mechanism: Mechanism) -> bool:
+    """Whether a column states q or a rate, or the standard deviation of one; of velocities none is known."""
+    stated = name.removesuffix(DEVIATION)
+    unknown = stated != name and _units(mechanism).get(_stem(stated), ("", 0))[1] > 0
+    return (_is_rate(stated, mechanism) or stated in _own(mechanism)) and not unknown
 
 
 def _misspelt(name: str, mechanism: Mechanism) -> bool:
@@ -231,21 +278,29 @@ def _misspelt(name: str, mechanism: Mechanism) -> bool:
 
 
 def _check(given: Sequence[str], expected: Sequence[str], sampled: bool, mechanism: Mechanism, highest: int) -> None:
-    joints, follows = mechanism.coordinates, names.followers(mechanism)
-    unfit = {} if sampled else {name: "both samples and columns of rates" for name in given if name in joints}
+    joints, follows, known = position_names(mechanism), names.followers(mechanism), {*stems(mechanism)}
+    samples = {*joints} - known
+    unfit = {} if sampled else {name: "both samples and columns of rates" for name in given if name in samples}
+    twice = {name for joint in by_velocity(given, mechanism) for name in joint.names}
+    unfit |= {
+        name: "both rates of numbers and velocities" for name in given if name not in twice and _stem(name) in twice
+    }
     missing = [name for name in expected if name not in given]
-    wrong = [name for name in given if not _belongs(name, joints) and _misspelt(name, mechanism)]
+    wrong = [name for name in given if not _belongs(name, mechanism) and _misspelt(name, mechanism)]
     if not missing and not unfit and not wrong:
         return
     asked = listed(joints) if sampled else f"for each joint {', '.join(rate_name('q', k) for k in range(highest + 1))}"
-    absent = [joint for joint in joints if any(name in (joint, f"{joint}.q") for name in missing)]
+    if not sampled and (several := several_positions(mechanism)):
+        number, velocity = several[0].names[-1], several[0].velocities[0]
+        asked += f"; of {listed([x.name for x in several])} rates of numbers, {number}d, or velocities, {velocity}, ..."
+    absent = [joint for joint in joints if joint in samples and not {joint, f"{joint}.q"}.isdisjoint(missing)]
     cures = [CURES["t"]] * (TIME in missing) + [CURES["joint"].replace("{joint}=", f"{j}=") for j in absent[:1]]
     if missing and (forces := [f"{joint}.Q" for joint in joints if f"{joint}.Q" in given]):
         raise JounceError(
             f"it holds forces, {quoted(forces[0])}, ..., and not the motion; expected t and {asked}: 'jounce run"
             " --rates' writes both"
         )
-    others = [name for name in given if not _belongs(name, joints) and name.removesuffix(".q") not in follows]
+    others = [name for name in given if not _belongs(name, mechanism) and name.removesuffix(".q") not in follows]
     told = [name for name in given if name in {*expected, *unfit, *(others if missing else wrong)}]
     names.check(told, expected, unfit, "; ".join([f"t and {asked}", *cures]))
 
@@ -258,21 +313,20 @@ def _factors(
     of_base: Collection[str],
 ) -> dict[str, float]:
     """Return the factors to SI units of the columns, from their names or from the caller's options."""
-    kinds = dict(zip(mechanism.tree.coordinates, coordinate_units(mechanism.tree), strict=True))
-    found = {}
+    kinds, found = _units(mechanism), dict[str, float]()
     for name, source in sources.items():
-        joint, _, rate = name.removesuffix(DEVIATION).rpartition(".")
-        joint, rate = (name, "q") if name in kinds else (joint, rate)
-        kind, order = "s" if name == TIME else kinds.get(joint, "load"), _order(rate)
+        stated = f"{name}.q" if f"{name}.q" in kinds else name.removesuffix(DEVIATION)
+        kind, least = ("s", 0) if name == TIME else kinds.get(_stem(stated), ("load", 0))
+        order = least + _order(stated)
         if name in of_base:
             kind, suffix = poses.unit_of(name)
-            order = _order(f"q{suffix}")
+            order = _order(f".q{suffix}")
         said = {"s": options.time_unit, "rad": options.angles}.get(kind)
         found[name] = factor(units[source], said, kind, order, source)
     return found
 
 
-def _order(rate: str) -> int:
-    """The order of a rate by its name: 0 of q, 1 of qd, 2 of q2d."""
-    found = RATE.fullmatch(rate)
-    return int(found[1][:-1] or 1) if found and found[1] else 0
+def _order(name: str) -> int:
+    """The order of a rate by the name of its column: 0 of q, 1 of qd, 2 of q2d."""
+    suffix = name[len(_stem(name)) :]
+    return int(suffix[:-1] or 1) if suffix else 0

@@ -8,9 +8,11 @@ import numpy as np
 from jounce.arguments import names
 from jounce.core.errors import JounceError, listed
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import Position, position_names, several_positions
 from jounce.motion.analytic import Analytic, Terms
-from jounce.motion.base import COLUMNS
-from jounce.motion.curves import COMPONENTS
+from jounce.motion.base import COLUMNS, with_blocks
+from jounce.motion.curves import COMPONENTS, Curve
+from jounce.motion.exponential import Exponential
 from jounce.motion.motion import Motion
 
 
@@ -28,9 +30,16 @@ class Description:
 
 
 def motion_of(description: Description, mechanism: Mechanism) -> Motion:
-    """The motion that terms describe; components of wrenches and the base that they leave out are zero, qw one."""
-    joints, t = mechanism.coordinates, description.t
-    names.check(description.joints, joints, names.followers(mechanism), f"terms for each of {listed(joints)}")
+    """The motion that terms describe; components of wrenches and the base that they leave out are zero, qw one.
+
+    Of balls, planar and free joints terms state the numbers or, in place of a quaternion or of cosine and sine, the
+    exponential coordinates ``ankle.rx``, ...
+    """
+    joints, several, t = position_names(mechanism), several_positions(mechanism), description.t
+    turned = [x for x in several if not {*_exponential(x)}.isdisjoint(description.joints)]
+    turns, blocks = [x.turn for x in turned], [_exponential(x) for x in turned]
+    given = [name for part in with_blocks(joints, turns, blocks) for name in part]
+    names.check(description.joints, given, names.followers(mechanism), f"terms for each of {listed(given)}")
     for body in description.wrenches:
         mechanism.frame(body)
     ends = float(t[0]), float(t[-1])
@@ -38,7 +47,10 @@ def motion_of(description: Description, mechanism: Mechanism) -> Motion:
         body: Analytic(tuple(components.get(name, Terms()) for name in COMPONENTS), *ends)
         for body, components in description.wrenches.items()
     }
-    q = Analytic(tuple(description.joints[joint] for joint in joints), *ends)
+    q: Curve = Analytic(tuple(description.joints[name] for name in given), *ends)
+    if turned:
+        starts = (given.index(names[0]) for names in blocks)
+        q = Exponential(q, tuple(slice(i, i + len(x)) for i, x in zip(starts, blocks, strict=True)))
     if mechanism.floats and description.base is None:
         raise JounceError(
             f"{mechanism.name!r} floats, and nothing says where its base is; expected base: with terms of some of"
@@ -48,4 +60,9 @@ def motion_of(description: Description, mechanism: Mechanism) -> Motion:
     if description.base is not None:
         others = {"qw": Terms((1.0,))} if not {*COLUMNS[3:]} & {*description.base} else {}
         base = Analytic(tuple(description.base.get(name, others.get(name, Terms())) for name in COLUMNS), *ends)
-    return Motion(q, joints, "analytic terms, all rates exact", loads, grid=t, base_curve=base)
+    return Motion(q, joints, "analytic terms, all rates exact", loads, grid=t, base_curve=base, several=several)
+
+
+def _exponential(joint: Position) -> list[str]:
+    """The names of the exponential coordinates of a joint, ``ankle.rx``, ...: of its axis times its angle."""
+    return [f"{joint.name}.r{'xyz'[axis]}" for axis in joint.group.axes if axis < 3]

@@ -7,6 +7,8 @@ import numpy as np
 from jounce.arguments import names
 from jounce.core.errors import JounceError, listed
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import position_names, several_positions
+from jounce.motion.base import with_blocks
 from jounce.motion.composed import Retimed
 from jounce.motion.curves import Curve, Jump, OfCurve
 from jounce.motion.motion import Motion
@@ -55,19 +57,22 @@ def unwrapped(curve: Curve, t: np.ndarray) -> tuple[Curve, np.ndarray, tuple[int
 
 def matched(motion: Motion, mechanism: Mechanism) -> Motion:
     """A motion with the joints of a robot, in its order."""
-    joints = mechanism.coordinates
+    joints, several = position_names(mechanism), several_positions(mechanism)
     if motion.joint_names is None:
         if motion.curve.columns != len(joints):
             came = f"{motion.curve.columns} joints without names"
             raise JounceError(f"{came}; {mechanism.name!r} has {listed(joints)}")
-        return motion
+        return replace(motion, joint_names=joints, several=several) if several else motion
     if motion.joint_names == joints:
-        return motion
+        return motion if motion.several == several else replace(motion, several=several)
     expected = f"{listed(joints)}, the joints of {mechanism.name!r}"
     names.check(motion.joint_names, joints, names.followers(mechanism), expected)
     order = np.array([motion.joint_names.index(joint) for joint in joints])
     samples = motion.samples and (motion.samples[0], motion.samples[1][:, order])
-    torques = motion.torques and (motion.torques[0], motion.torques[1][:, order])
+    places, velocities = [x.numbers for x in motion.several], [x.velocities for x in motion.several]
+    own = [name for part in with_blocks(motion.joint_names, places, velocities) for name in part]
+    of_torques = [own.index(name) for name in mechanism.coordinates] if motion.torques else []
+    torques = motion.torques and (motion.torques[0], motion.torques[1][:, of_torques])
     residual = None if motion.residual is None else motion.residual[order]
     return replace(
         motion,
@@ -76,4 +81,5 @@ def matched(motion: Motion, mechanism: Mechanism) -> Motion:
         samples=samples,
         residual=residual,
         torques=torques,
+        several=several,
     )

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from jounce.core.display import Displayed
 from jounce.core.errors import JounceError, listed, one_of, quoted, warn
 from jounce.core.scalars import asarray, is_finite
 from jounce.core.typing import ArrayLike
+from jounce.model.positions import Position
 from jounce.motion import base as bases
 from jounce.motion.composed import Chain, Retimed
 from jounce.motion.curves import COMPONENTS, HIGHEST, Curve, Jump, Polynomials
@@ -50,9 +51,10 @@ class Motion(Displayed):
     Attributes
     ----------
     curve : Curve
-        The function of time: piecewise polynomials, splines, analytic terms, or compositions of curves.
+        The function of time: piecewise polynomials, splines, analytic terms, or compositions of curves. Its columns
+        are the numbers of q; of balls, planar and free joints these have names such as ankle.qx.
     joint_names : tuple of str, or None
-        The names of the coordinates, in the order of the last axis; None if they are in the robot's order.
+        The names of the numbers of q, in the order of the last axis; None if they are in the robot's order.
     source : str
         A description of the origin of the motion.
     samples : tuple of arrays, or None
@@ -69,6 +71,9 @@ class Motion(Displayed):
     branch : mapping of str to float
         Where joints that follow others in closed loops are at the start, by name, rad or m: in which way loops close.
         Empty if the motion does not state it, so that the start of the robot decides.
+    several : tuple of Position
+        Where the numbers of balls, planar and free joints stand among the columns, in their order. Rates of q that a
+        call returns have the twists of these joints, and fewer columns than q.
 
     Examples
     --------
@@ -90,6 +95,7 @@ class Motion(Displayed):
     notes: tuple[str, ...] = ()
     base_curve: Curve | None = None
     branch: Mapping[str, float] = field(default_factory=dict)
+    several: tuple[Position, ...] = ()
 
     @staticmethod
     def through(t: ArrayLike, q: ArrayLike, degree: int = 7, *, joint_names: Sequence[str] | None = None) -> "Motion":
@@ -439,7 +445,8 @@ class Motion(Displayed):
         return Motion(**ros.from_joint_trajectory(message)._asdict())
 
     def __repr__(self) -> str:
-        joints = "" if self.joint_names is None else f" of {len(self.joint_names)} joints"
+        more = sum(len(joint.names) - 1 for joint in self.several)
+        joints = "" if self.joint_names is None else f" of {len(self.joint_names) - more} joints"
         joints += " with a base" if self.base_curve else ""
         return f"<Motion{joints}, t = {self.start:g} .. {self.stop:g} s: {self.source}>"
 
@@ -531,7 +538,8 @@ class Motion(Displayed):
         Returns
         -------
         tuple of (..., n)
-            q, qd, ...: rad or m, per s, per s^2, ...; a tuple for order 0 too.
+            q, qd, ...: rad or m, per s, per s^2, ...; a tuple for order 0 too. Of balls, planar and free joints q has
+            the numbers and qd the twist, in the axes of the joint, which follows from their rates exactly.
 
         Raises
         ------
@@ -549,7 +557,9 @@ class Motion(Displayed):
         self._check_known(self.curve, order, "q", self.source)
         found = self.curve.rates(times.ravel(), order, one_of("side", side, SIDES) == "left")
         self._check_finite(found, times, "q", lambda j: f"joint {self._name(j)}")
-        return tuple(rate.reshape(*times.shape, self.curve.columns) for rate in found)
+        for joint in self.several:
+            bases.check_length(found[0][:, joint.turn], times.ravel(), f"{joint.name}: the rotation")
+        return tuple(rate.reshape(*times.shape, rate.shape[1]) for rate in bases.states_of(self.several, found))
 
     def wrench(
         self, t: ArrayLike, order: int = 2, side: Literal["right", "left"] = "right"
@@ -761,8 +771,13 @@ class Motion(Displayed):
         times, order = self.checked(t), checked_order(order)
         self._check_known(self.curve, order, "q", self.source)
         found = self.curve.deviations(times.ravel(), order)
-        shape = *times.shape, self.curve.columns
-        return None if found is None else tuple(rate.reshape(shape) for rate in found)
+        if found is not None and self.several:
+            means = partial(bases.states_of, self.several)
+            true = means(self.curve.rates(times.ravel(), order))
+            found = [np.zeros_like(rate) for rate in true]
+            for off in bases.perturbed(self.curve, times.ravel(), order, means):
+                found = [np.hypot(*both) for both in zip(found, map(np.subtract, off, true), strict=True)]
+        return None if found is None else tuple(rate.reshape(*times.shape, rate.shape[1]) for rate in found)
 
     def scaled(self, factor: float) -> "Motion":
         """The same path, `factor` times as long, from the same start: k-th rates are 1 / factor^k of these.
@@ -919,6 +934,10 @@ class Motion(Displayed):
             raise JounceError(f"motions of other joints: {self._names()} and {other._names()}; expected the same")
         later = other.shifted(self.stop - other.start)
         [end], [begin] = self(self.stop, 0, "left"), later(later.start, 0)
+        factors = np.ones(len(end))
+        for joint in self.several:
+            factors[joint.turn] = _factor(end[joint.turn], begin[joint.turn])
+        begin = begin * factors
         apart = np.abs(end - begin)
         if apart.max() > MEET:
             j = int(apart.argmax())
@@ -934,13 +953,14 @@ class Motion(Displayed):
         source = self.source if self.source == other.source else f"{self.source}; then {other.source}"
         base = _joined_bases(self, later)
         return Motion(
-            Chain((self.curve, later.curve)),
+            Chain((self.curve, bases.Scaled(later.curve, factors) if self.several else later.curve)),
             self.joint_names,
             source,
             loads,
             grid=grid,
             base_curve=base,
             branch=self.branch,
+            several=self.several,
         )
 
     def checked(self, t: ArrayLike) -> np.ndarray:
@@ -1036,8 +1056,7 @@ def _joined_bases(first: Motion, later: Motion) -> Curve | None:
         part.base_curve.rates(np.array([t]), 0, left)  # type: ignore[union-attr] # both are there
         for part, t, left in ((first, first.stop, True), (later, later.start, False))
     )
-    factor = float(end[0, 3:] @ begin[0, 3:]) / float(begin[0, 3:] @ begin[0, 3:])
-    factors = np.array([1.0] * 3 + [factor] * 4)
+    factors = np.array([1.0] * 3 + [_factor(end[0, 3:], begin[0, 3:])] * 4)
     apart = np.abs(end - begin * factors).max()
     if apart > MEET:
         raise JounceError(
@@ -1045,6 +1064,12 @@ def _joined_bases(first: Motion, later: Motion) -> Curve | None:
             " expected one to begin where the other ends"
         )
     return Chain((first.base_curve, bases.Scaled(later.base_curve, factors)))
+
+
+def _factor(end: np.ndarray, begin: np.ndarray) -> float:
+    """What makes a quaternion, whose sign is free, or cosine and sine go on from where others end."""
+    factor = float(end @ begin) / float(begin @ begin)
+    return factor if len(end) == 4 else abs(factor)
 
 
 def _zero(motion: Motion) -> Curve:

@@ -11,7 +11,8 @@ from jounce.arguments.poses import check_pose
 from jounce.core.errors import JounceError, at, listed, quoted, warn
 from jounce.core.scalars import asarray
 from jounce.model.mechanism import Mechanism
-from jounce.motion.base import COLUMNS, NAMES, checked_quaternions, neighbouring_signs
+from jounce.model.positions import several_positions
+from jounce.motion.base import COLUMNS, NAMES, checked_quaternions, neighbouring_signs, notes_of_signs
 from jounce.motion.composed import Part
 from jounce.motion.constructors import check_increasing, numbers
 from jounce.motion.curves import Curve, Polynomials
@@ -30,6 +31,7 @@ COLUMN = re.compile(rf"(.*)\.({'|'.join(COLUMNS)}){SUFFIX}(_sd)?", re.DOTALL)
 def named(names: Sequence[str], mechanism: Mechanism) -> dict[str, str]:
     """Those column names that are of the base, each as it is with the prefix ``base``."""
     prefixes = {BASE, mechanism.bodies[0] if mechanism.floats else BASE}
+    prefixes -= {joint.name for joint in several_positions(mechanism)}
     parts = {name: match for name in names if (match := COLUMN.fullmatch(name)) and match[1] in prefixes}
     return {
         name: f"{BASE}.{name[len(match[1]) + 1 :]}"
@@ -72,15 +74,18 @@ def curve_of_columns(
     """The curve of the columns of a base, which are complete, and notes; None without any."""
     if not columns:
         return None, ()
+    signs = neighbouring_signs(np.stack([columns[name] for name in NAMES[3:]], axis=1))
+    notes = notes_of_signs(signs, NAMES[3:])
     if are_sampled(list(columns)):
         samples = np.stack([columns[name] for name in NAMES], axis=1)
         with at(place):
             samples[:, 3:] = checked_quaternions(samples[:, 3:], NAMES[3:])
-        return _curve_of_samples(t, samples, way, highest, place)
+        curve, further = _curve_of_samples(t, samples, way, highest, place)
+        return curve, (*notes, *further)
     rows, spreads = (_rates_in(columns, ending) for ending in ("", "_sd"))
-    signs = np.where(np.arange(len(COLUMNS)) < 3, 1.0, neighbouring_signs(rows[0][:, 3:])[:, None])
-    rows = tuple(row * signs for row in rows)
-    return Hermite(t, rows, spreads if len(spreads) == len(rows) else None, table=place, names=NAMES), ()
+    factors = np.where(np.arange(len(COLUMNS)) < 3, 1.0, signs[:, None])
+    rows = tuple(row * factors for row in rows)
+    return Hermite(t, rows, spreads if len(spreads) == len(rows) else None, table=place, names=NAMES), tuple(notes)
 
 
 def _rates_in(columns: Mapping[str, np.ndarray], ending: str) -> tuple[np.ndarray, ...]:

@@ -7,8 +7,10 @@ import numpy as np
 
 from jounce.core.errors import JounceError, at, warn
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import Position, position_names, several_positions
 from jounce.motion import loads, poses, smoothness
-from jounce.motion.columns import DEVIATION, TIME, Match, Options, followers, match
+from jounce.motion.base import numbers_of, turned_along
+from jounce.motion.columns import DEVIATION, TIME, Match, Options, by_velocity, followers, match, stems
 from jounce.motion.hermite import Hermite
 from jounce.motion.motion import Motion
 from jounce.motion.origin import Origin, rounding_notes
@@ -55,15 +57,22 @@ def from_columns(
     origin: Origin | None = None,
 ) -> Motion:
     """The motion in the columns of a table that are matched; its times are since `origin`, if there is one."""
-    joints = mechanism.coordinates
+    joints, several = position_names(mechanism), several_positions(mechanism)
+    known, by_twist = stems(mechanism), by_velocity(found.sources, mechanism)
     si = {name: columns[source] * found.factors[name] for name, source in found.sources.items()}
     t = si[TIME]
     _check_increasing(t, found.sources[TIME], place)
     rounding = origin.rounding(t) if origin else 0.0
     of_times = (*origin.notes, *rounding_notes(rounding, highest)) if origin else ()
-    rates = [] if found.sampled else _rates_in(si, joints)
-    q = _stacked(si, joints if found.sampled else [f"{joint}.q" for joint in joints])
-    rows = tuple(_stacked(si, [f"{joint}.{rate}" for joint in joints]) for rate in rates)
+    of_turns: list[str] = []
+    for joint in several:
+        if joint in by_twist:
+            si |= _rates_by_velocity(si, joint)
+        with at(place):
+            si, notes_of_joint = turned_along(si, joint, found.sampled)
+        of_turns += notes_of_joint
+    rows = tuple(_stacked(si, names) for names in ([joints] if found.sampled else _rates_in(si, known)))
+    q = rows[0]
     check_units(t, q, rows[1] if rows[1:] else None, mechanism, (found.angles_stated, found.time_stated), place)
     of_wrenches = {name: si[name] for name in loads.named(list(si), mechanism)}
     of_base = {name: si[name] for name in poses.named(list(si), mechanism)}
@@ -74,17 +83,18 @@ def from_columns(
     branch = {name: float(si[column][0]) for name, column in followers(mechanism, si, found.sampled).items()}
     base, of_poses = poses.curve_of_columns(t, of_base, way, highest, place)
     W, of_loads = loads.wrenches(t, of_wrenches, mechanism, max(highest - 2, 0), way, place)
-    measured = _torques(columns, found, joints)
+    measured = _torques(columns, found, mechanism.coordinates)
     torques = None if measured is None else (t, measured)
     if samples is None:
         if jumps := smoothness.of_rates(rows):
             warn(f"{place}: {jumps}")
-        columns_of_q = tuple(f"{joint}.q" for joint in joints)
-        curve = Hermite(t, rows, _spreads(si, joints, rates), rounding, place, columns_of_q)
-        notes = (*of_times, *found.notes, *of_poses, *of_loads)
-        return Motion(curve, joints, ALL_RATES, W, None, None, t, torques, notes, base, branch)
-    notes = (*of_times, *found.notes, *samples.notes, *of_poses, *of_loads)
-    return Motion(samples.curve, joints, samples.source, W, (t, q), samples.residual, t, torques, notes, base, branch)
+        curve = Hermite(t, rows, _spreads(si, known, len(rows)), rounding, place, tuple(known))
+        notes = (*of_times, *found.notes, *of_turns, *of_poses, *of_loads)
+        return Motion(curve, joints, ALL_RATES, W, None, None, t, torques, notes, base, branch, several)
+    notes = (*of_times, *found.notes, *of_turns, *samples.notes, *of_poses, *of_loads)
+    return Motion(
+        samples.curve, joints, samples.source, W, (t, q), samples.residual, t, torques, notes, base, branch, several
+    )
 
 
 def _check_increasing(t: np.ndarray, column: str, place: str) -> None:
@@ -102,17 +112,22 @@ def _stacked(columns: Mapping[str, np.ndarray], names: Sequence[str]) -> np.ndar
     return np.stack([columns[name] for name in names], axis=1)
 
 
-def _rates_in(columns: Mapping[str, np.ndarray], joints: Sequence[str]) -> list[str]:
-    """q, qd, ...: the rates that a table states of every joint, none skipped."""
-    names = (rate_name("q", k) for k in count())
-    return list(takewhile(lambda rate: all(f"{joint}.{rate}" in columns for joint in joints), names))
+def _rates_in(columns: Mapping[str, np.ndarray], stems: Sequence[str]) -> list[list[str]]:
+    """The columns of q, qd, ...: of the rates that a table states of every joint, none skipped."""
+    names = ([rate_name(stem, k) for stem in stems] for k in count())
+    return list(takewhile(lambda of_rate: all(name in columns for name in of_rate), names))
 
 
-def _spreads(
-    columns: Mapping[str, np.ndarray], joints: Sequence[str], rates: Sequence[str]
-) -> tuple[np.ndarray, ...] | None:
+def _rates_by_velocity(columns: Mapping[str, np.ndarray], joint: Position) -> dict[str, np.ndarray]:
+    """The columns of rates of the numbers of a joint whose velocities are stated."""
+    nu = [_stacked(columns, names) for names in _rates_in(columns, joint.velocities)]
+    rates = numbers_of(joint.group, _stacked(columns, joint.names), nu)
+    return {rate_name(x, k): rate[:, j] for k, rate in enumerate(rates, 1) for j, x in enumerate(joint.names)}
+
+
+def _spreads(columns: Mapping[str, np.ndarray], stems: Sequence[str], count: int) -> tuple[np.ndarray, ...] | None:
     """The standard deviations of the rates, where a table states them of every joint and rate."""
-    names = [[f"{joint}.{rate}{DEVIATION}" for joint in joints] for rate in rates]
+    names = [[f"{rate_name(stem, k)}{DEVIATION}" for stem in stems] for k in range(count)]
     if not all(name in columns for row in names for name in row):
         return None
     return tuple(_stacked(columns, row) for row in names)

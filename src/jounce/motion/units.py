@@ -7,6 +7,7 @@ import numpy as np
 from jounce.core.errors import JounceError, no_such, quoted, warn
 from jounce.model.coordinates import coordinate_units, leading_joints, likely_positions
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import of_single_joints, single_positions
 
 ANGLES = {"rad": 1.0, "deg": np.pi / 180}
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -65,7 +66,7 @@ def factor(stated: str | None, said: str | None, kind: str, order: int, column: 
 def check_units(
     t: np.ndarray, q: np.ndarray, qd: np.ndarray | None, mechanism: Mechanism, stated: tuple[bool, bool], place: str
 ) -> None:
-    """Raise `JounceError` where coordinates (N, n) look like degrees or times like milliseconds, and nobody says not.
+    """Raise `JounceError` where numbers of q (N, nq) look like degrees or times like milliseconds, and nobody says not.
 
     `stated` tells whether the units of angles and of time are. Limits that are broken all the same are a warning.
     """
@@ -73,6 +74,7 @@ def check_units(
         cure = f"state the unit by --time-unit {unit} or --time-unit s (time_unit=)"
         raise JounceError(f"{place}: {_slow(t, q)}: t looks like {unit}; {cure}")
     _check_rates(t, q, qd, place)
+    q, qd = of_single_joints(mechanism, q), None if qd is None else of_single_joints(mechanism, qd)
     speeds = _speeds(t, q) if qd is None or len(t) < FEWEST else _quantile(np.abs(qd))
     here = _broken(q, speeds, mechanism)
     if not here.any():
@@ -89,8 +91,8 @@ def check_units(
 
 
 def warn_of_degrees(q: np.ndarray, qd: np.ndarray, mechanism: Mechanism, place: str) -> None:
-    """Warn where coordinates and velocities (N, n) of a motion that is no table look like degrees."""
-    speeds = np.abs(qd).max(axis=0)
+    """Warn where positions (N, nq) and velocities (N, n) of a motion that is no table look like degrees."""
+    q, speeds = of_single_joints(mechanism, q), np.abs(qd).max(axis=0) * single_positions(mechanism).any(axis=1)
     if _look_like_degrees(q, speeds, mechanism):
         came, allowed = _described(q, speeds, mechanism, int(_broken(q, speeds, mechanism).argmax()))
         warn(f"{place}: {came}: {allowed}; {IN_DEGREES}: numpy.deg2rad makes rad of them")

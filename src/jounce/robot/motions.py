@@ -16,6 +16,7 @@ from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.io import motions
 from jounce.io.files import path_of
+from jounce.model.positions import positions
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
@@ -44,7 +45,8 @@ def load_motion(
     """Load a motion of a robot as a function of time: from a file, by name, or from named columns.
 
     Columns are matched by joint name in any order: ``t`` and either one column per joint (samples; the rates are those
-    of a spline) or ``NAME.q, NAME.qd, NAME.q2d, ...`` (used unchanged), and if wrenches act ``BODY.mx .. BODY.fz``.
+    of a spline) or ``NAME.q, NAME.qd, NAME.q2d, ...`` (used unchanged), and if wrenches act ``BODY.mx .. BODY.fz``. Of
+    balls, planar and free joints these are ``NAME.qx, ...``, with rates ``NAME.qxd, ...`` or velocities ``NAME.wx, ...``.
 
     Parameters
     ----------
@@ -131,7 +133,7 @@ def _with_meaning(motion: "Motion", robot: Engine) -> "Motion":
     from jounce.motion.vibrations import in_forces
 
     mechanism, curve = robot.mechanism, motion.curve
-    if not isinstance(curve, SmoothedCurve) or mechanism.floats or mechanism.loops:
+    if not isinstance(curve, SmoothedCurve) or mechanism.floats or mechanism.loops or positions(mechanism):
         return motion
 
     def mass_matrices(t: np.ndarray) -> np.ndarray:

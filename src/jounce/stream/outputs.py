@@ -17,9 +17,10 @@ from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.generic import as_tuple
 from jounce.io.columns import Columns
-from jounce.io.motions.writing import BREAK, MEASURED, break_marks, measured, named, of_base
+from jounce.io.motions.writing import BREAK, MEASURED, break_marks, measured, named, of_base, of_joints
 from jounce.model.coordinates import force_names
 from jounce.model.elasticity import motor_names
+from jounce.model.positions import of_single_joints
 from jounce.motion import Motion
 from jounce.motion.motion import Break
 from jounce.spatial.series import rate_name
@@ -41,7 +42,8 @@ class Output(NamedTuple):
 class Block(NamedTuple):
     """Some rows of the output: their times, quantities with their rates, columns of the base and further ones.
 
-    `states` are the rates of q that forces belong to, and `about` is plain data of the motion as a whole.
+    `states` are the rates of q that forces belong to, q itself 0 of balls, planar and free joints, and `about` is plain
+    data of the motion as a whole.
     """
 
     t: np.ndarray
@@ -96,9 +98,13 @@ def along(job: Job, motion: Motion, show: Progress | None = None) -> Iterator[Bl
         outputs, base = [Output(FORCES.symbol, forces, piece.forces, piece.deviations)], Columns()
         if job.with_rates:
             highest = len(piece.rates) - 1
-            outputs.insert(0, Output("q", robot.joint_names, piece.rates, motion.deviations(piece.t, highest)))
-            base = of_base(motion, piece.t, highest)
-        yield Block(piece.t, outputs, base, _others(robot, motion, breaks, piece.t), piece.rates, about)
+            if motion.several:
+                base = of_joints(motion, robot.joint_names, piece.t, highest)
+            else:
+                outputs.insert(0, Output("q", robot.joint_names, piece.rates, motion.deviations(piece.t, highest)))
+            base |= of_base(motion, piece.t, highest)
+        states = of_single_joints(robot.mechanism, piece.rates[0]), *piece.rates[1:]
+        yield Block(piece.t, outputs, base, _others(robot, motion, breaks, piece.t), states, about)
 
 
 def alike(block: Block, motion: Motion, joints: Sequence[str], torques: Sequence[str]) -> Block:
@@ -120,9 +126,9 @@ def alike(block: Block, motion: Motion, joints: Sequence[str], torques: Sequence
 def columns_of(block: Block) -> Columns:
     """The columns of a block by name."""
     found: Columns = {"t": block.t}
-    for output in block.outputs:
+    for k, output in enumerate(block.outputs):
+        found |= block.base if k == len(block.outputs) - 1 else {}
         found |= named(output.symbol, output.names, output.rates, output.deviations)
-        found |= block.base if output.symbol == "q" else {}
     return found | block.others
 
 

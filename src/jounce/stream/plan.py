@@ -15,6 +15,7 @@ from jounce.io.remainders import remainder_of
 from jounce.io.rows import Span
 from jounce.io.tables import FORMATS, format_of
 from jounce.io.tables import place as place_in_words
+from jounce.model.positions import positions
 from jounce.motion import loads, poses
 from jounce.motion.columns import DEVIATION, TIME, Match, followers, match
 from jounce.motion.origin import Origin, origin_of
@@ -178,7 +179,8 @@ def _is_independent(job: Job, found: Match) -> bool:
     sampled = found.sampled or loads.are_sampled(of_wrenches) or (of_base and poses.are_sampled(list(of_base)))
     m = job.robot.mechanism  # loops are closed from the row before, unless every row states all joints
     continued = m.closure and len(followers(m, sources, found.sampled)) < len(m.closure.dependent)
-    whole = sampled or spread or reading.blend or reading.step or continued
+    several = positions(m)  # signs of quaternions follow those of the row before
+    whole = sampled or spread or reading.blend or reading.step or continued or several
     return not whole and not (job.of_motors and _has_memory(job.robot))
 
 

@@ -29,9 +29,9 @@ def pieces(motion: Motion, joints: Sequence[str], order: int) -> Iterator[Column
         part = slice(start, start + PIECE)
         t = motion.times[part]
         columns: Columns = {"t": t}
-        columns |= named("q", joints, motion(t, order), motion.deviations(t, order)) | of_base(motion, t, order)
+        columns |= of_joints(motion, joints, t, order) | of_base(motion, t, order)
         if motion.samples is not None and len(motion.samples[0]) == len(motion.times):
-            columns |= {f"{name}.q{SAMPLE}": motion.samples[1][part, j] for j, name in enumerate(joints)}
+            columns |= {f"{x}{SAMPLE}": motion.samples[1][part, j] for j, x in enumerate(stems_of(motion, joints))}
         yield columns | measured(motion, joints, t) | break_marks(motion, breaks, t)
 
 
@@ -39,24 +39,35 @@ def named(
     symbol: str, joints: Sequence[str], rates: Sequence[np.ndarray], deviations: Sequence[np.ndarray] | None
 ) -> Columns:
     """The columns ``NAME.Q, NAME.Qd, ...`` of rates (N, n), and ``NAME.Q_sd, ...`` of their standard deviations."""
+    return _of_stems([f"{name}.{symbol}" for name in joints], rates, deviations)
+
+
+def _of_stems(stems: Sequence[str], rates: Sequence[np.ndarray], deviations: Sequence[np.ndarray] | None) -> Columns:
     found: Columns = {}
-    for j, name in enumerate(joints):
+    for j, stem in enumerate(stems):
         for ending, arrays in (("", rates), (DEVIATION, deviations or ())):
-            found |= {f"{name}.{rate_name(symbol, k)}{ending}": rate[:, j] for k, rate in enumerate(arrays)}
+            found |= {f"{rate_name(stem, k)}{ending}": rate[:, j] for k, rate in enumerate(arrays)}
     return found
+
+
+def stems_of(motion: Motion, joints: Sequence[str]) -> list[str]:
+    """What the columns of its numbers begin with, ``joint1.q`` or, of a ball, ``ankle.qx``."""
+    several = {name for joint in motion.several for name in joint.names}
+    return [name if name in several else f"{name}.q" for name in (motion.joint_names if several else None) or joints]
+
+
+def of_joints(motion: Motion, joints: Sequence[str], t: np.ndarray, order: int) -> Columns:
+    """The columns ``NAME.q, NAME.qd, ...`` or ``NAME.qx, NAME.qxd, ...`` of the joints, as they are read again."""
+    motion(t, order)  # refuses what is not known
+    return _of_stems(stems_of(motion, joints), motion.curve.rates(t, order), motion.curve.deviations(t, order))
 
 
 def of_base(motion: Motion, t: np.ndarray, order: int) -> Columns:
     """The columns ``base.x, base.xd, ..., base.qz, ...`` of the base of a motion, as they are read again."""
     if motion.base_curve is None:
         return {}
-    found: Columns = {}
     motion.base(t, order)  # refuses what is not known
-    rates, deviations = motion.base_curve.rates(t, order), motion.base_curve.deviations(t, order)
-    for j, name in enumerate(NAMES):
-        for ending, arrays in (("", rates), (DEVIATION, deviations or ())):
-            found |= {f"{rate_name(name, k)}{ending}": rate[:, j] for k, rate in enumerate(arrays)}
-    return found
+    return _of_stems(NAMES, motion.base_curve.rates(t, order), motion.base_curve.deviations(t, order))
 
 
 def about(mechanism: Mechanism, order: int) -> About:

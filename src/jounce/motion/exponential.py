@@ -1,0 +1,73 @@
+"""Turns by exponential coordinates, x the axis times the angle: their quaternions, or cosines and sines, as curves.
+
+The quaternion of x is ``(sin(th / 2) / th x, cos(th / 2))``, ``th^2 = x . x``. Of s = th^2 its entries are entire
+functions, and so are their derivatives: with z = th / 2, those of cos z are ``u_k = j_(k-1)(z) / z^(k-1)``, spherical
+Bessel functions, ``d u_k / ds = -u_(k+1) / 8``; nothing is divided by zero at x = 0.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from math import factorial, prod
+
+import numpy as np
+
+from jounce.motion.base import with_blocks
+from jounce.motion.curves import Jump, OfCurve
+from jounce.spatial.series import Series, columns, from_rate, joined
+
+SMALL = 1.0  # z, below which the power series is used
+TERMS = 10  # of it: the next one is less than 1e-18
+
+
+@dataclass(frozen=True, eq=False)
+class Exponential(OfCurve):
+    """A smooth curve whose columns at some places are exponential coordinates, as one of quaternions (x, y, z, w).
+
+    A place of one column is an angle, of which cosine and sine are made.
+    """
+
+    turns: tuple[slice, ...]
+
+    @property
+    def columns(self) -> int:
+        """The number of coordinates."""
+        return self.base.columns + len(self.turns)
+
+    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
+        """The values and their derivatives up to `order`."""
+        rates = self.base.rates(t, order, left)
+        turned = [_turned([rate[:, place] for rate in rates]) for place in self.turns]
+        parts = (with_blocks(rate.T, self.turns, [Q[k].T for Q in turned]) for k, rate in enumerate(rates))
+        return [np.concatenate(part).T for part in parts]
+
+    def jumps(self, order: int) -> list[Jump]:
+        """None: what is smooth stays so."""
+        return []
+
+
+def _turned(rates: list[np.ndarray]) -> list[np.ndarray]:
+    """The quaternion, or cosine and sine, of exponential coordinates (N, 3) or (N, 1), with as many rates."""
+    x = columns(rates)
+    if rates[0].shape[1] == 1:
+        angle, quarter = rates[0], np.array([[0, -1], [1, 0]])
+        start = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        Q = from_rate(start, lambda Q: (quarter @ Q) @ x.dot)
+    else:
+        s, z = x.mT @ x, np.linalg.norm(rates[0], axis=1)[:, None, None] / 2
+
+        @cache
+        def u(k: int) -> Series:
+            return from_rate(_bessel(k, z), lambda _: u(k + 1) @ s.dot * (-1 / 8))
+
+        Q = joined([x @ u(1) * 0.5, u(0)], axis=-2)
+    return [Q[k][..., 0] for k in range(len(rates))]
+
+
+def _bessel(k: int, z: np.ndarray) -> np.ndarray:
+    """u_k: cos z, sin z / z, ..., finite at zero."""
+    from scipy.special import spherical_jn
+
+    small, x = np.zeros_like(z), np.maximum(z, SMALL)
+    for i in reversed(range(TERMS)):
+        small = small * (-z * z / 2) + 1 / (factorial(i) * prod(range(2 * k + 2 * i - 1, 1, -2)))
+    return np.where(z < SMALL, small, spherical_jn(k - 1, x) / x ** (k - 1) if k else np.cos(x))
