@@ -14,6 +14,7 @@ from jounce.engine.engine import Engine
 from jounce.figures.canvas import COLOURS, INK, PALE
 from jounce.figures.labels import write
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import anchors
 from jounce.spatial.inertia import moments
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ def poses_on(robot: Engine, q: np.ndarray, C: np.ndarray) -> np.ndarray:
 def joint_points(mechanism: Mechanism) -> np.ndarray:
     """(nb, 3): the point of the axis that moves each body nearest to the body's origin; this one of a base."""
     points = np.zeros((mechanism.nb, 3))
-    points[list(mechanism.owners)] = np.cross(mechanism.X[:, :3], mechanism.X[:, 3:])
+    points[list(mechanism.owners)] = anchors(mechanism)
     return points
 
 

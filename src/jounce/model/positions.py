@@ -31,6 +31,11 @@ class Position:
         """The names of its numbers."""
         return tuple(f"{self.name}.{what}" for what in self.group.positions)
 
+    @property
+    def extents(self) -> tuple[str, ...]:
+        """The names of what limits of the position bound, in the places of its velocities."""
+        return tuple(f"{self.name}.{what}" for what in self.group.extents)
+
     def motion(self, q: Array) -> Array:
         """Where the joint moves its body, (..., 4, 4), at columns q (..., nq, 1)."""
         return self.T @ self.group.pose(q[..., self.numbers, 0]) @ inverse(self.T)
@@ -84,6 +89,40 @@ def position_names(mechanism: Mechanism) -> tuple[str, ...]:
     for joint in sorted(positions(mechanism).values(), key=lambda x: -x.coordinates.start):
         names[joint.coordinates] = joint.names
     return tuple(names)
+
+
+def extent_names(mechanism: Mechanism) -> tuple[str, ...]:
+    """The names of what limits of the position bound: of joints of one screw the coordinates."""
+    names = list(mechanism.coordinates)
+    for joint in positions(mechanism).values():
+        names[joint.coordinates] = joint.extents
+    return tuple(names)
+
+
+def extent(mechanism: Mechanism, q: np.ndarray) -> np.ndarray:
+    """What limits of the position bound, (..., n), at q of numbers, (..., nq): q itself of joints of one screw."""
+    if not positions(mechanism):
+        return q
+    found = q @ single_positions(mechanism).T
+    for joint in positions(mechanism).values():
+        found[..., joint.coordinates] = joint.group.extent(q[..., joint.numbers])
+    return found
+
+
+def anchors(mechanism: Mechanism) -> np.ndarray:
+    """(nc, 3): of the axis of each joint variable the point nearest to the body's origin; several share their own."""
+    points = np.cross(mechanism.X[:, :3], mechanism.X[:, 3:])
+    for body, joint in positions(mechanism).items():
+        points[list(mechanism.columns[body])] = joint.T[:3, 3]
+    return points
+
+
+def resting_position(mechanism: Mechanism) -> np.ndarray:
+    """q of zeros, but for joints of several screws, which do not move their body: (nq,)."""
+    q = np.zeros(position_count(mechanism))
+    for joint in positions(mechanism).values():
+        q[joint.numbers] = joint.group.resting
+    return q
 
 
 def single_positions(mechanism: Mechanism) -> Array:
