@@ -22,7 +22,7 @@ from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine, like
 from jounce.engine.generic import as_tuple
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import moves, position_count, positions
+from jounce.model.positions import number_rates, position_count, positions
 from jounce.model.screws import from_screws
 from jounce.spatial.series import rate_name
 
@@ -102,7 +102,7 @@ class _Motion:
         """The rates a time t later, of numbers of q to first order in what moves them."""
         rates = _shift(self.q[1:], t)
         way = sum(x * t**j / factorial(j) for j, x in enumerate(self.q[1:], 1))
-        q = self.q[0] + (moves(m, self.q[0]) @ np.asarray(way)[..., None])[..., 0]
+        q = self.q[0] + number_rates(m, self.q[0], np.asarray(way))
         return _Motion([q, *rates], None if self.carrier is None else np.stack(_shift(self.carrier, t)))
 
 

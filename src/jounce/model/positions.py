@@ -103,10 +103,15 @@ def extent(mechanism: Mechanism, q: np.ndarray) -> np.ndarray:
     """What limits of the position bound, (..., n), at q of numbers, (..., nq): q itself of joints of one screw."""
     if not positions(mechanism):
         return q
-    found = q @ single_positions(mechanism).T
+    found = of_single_joints(mechanism, q)
     for joint in positions(mechanism).values():
         found[..., joint.coordinates] = joint.group.extent(q[..., joint.numbers])
     return found
+
+
+def loose_bodies(mechanism: Mechanism) -> set[int]:
+    """The bodies that their joints let leave the bodies that carry them: on planar and free ones."""
+    return {body for body, joint in positions(mechanism).items() if joint.group.places}
 
 
 def anchors(mechanism: Mechanism) -> np.ndarray:
@@ -128,6 +133,16 @@ def resting_position(mechanism: Mechanism) -> np.ndarray:
 def single_positions(mechanism: Mechanism) -> Array:
     """(n, numbers) integers: the positions of joints of one screw in the places of their velocities; others are 0."""
     return _numbers(mechanism)[1]
+
+
+def of_single_joints(mechanism: Mechanism, q: np.ndarray) -> np.ndarray:
+    """q (..., n) of joints of one screw, 0 in the places of others, of positions (..., nq)."""
+    return q @ single_positions(mechanism).T if positions(mechanism) else q
+
+
+def number_rates(mechanism: Mechanism, q: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """The rates (..., nq) of positions q (..., nq) that move by a velocity (..., n)."""
+    return (moves(mechanism, q) @ velocity[..., None])[..., 0] if positions(mechanism) else velocity
 
 
 def moves(mechanism: Mechanism, q: Array) -> Array:

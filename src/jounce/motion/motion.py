@@ -549,7 +549,7 @@ class Motion(Displayed):
         self._check_known(self.curve, order, "q", self.source)
         found = self.curve.rates(times.ravel(), order, one_of("side", side, SIDES) == "left")
         self._check_finite(found, times, "q", lambda j: f"joint {self._name(j)}")
-        return tuple(rate.reshape(*times.shape, self.curve.columns) for rate in found)
+        return tuple(rate.reshape(*times.shape, rate.shape[-1]) for rate in found)
 
     def wrench(
         self, t: ArrayLike, order: int = 2, side: Literal["right", "left"] = "right"

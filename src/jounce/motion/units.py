@@ -7,6 +7,7 @@ import numpy as np
 from jounce.core.errors import JounceError, no_such, quoted, warn
 from jounce.model.coordinates import coordinate_units, leading_joints, likely_positions
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import of_single_joints
 
 ANGLES = {"rad": 1.0, "deg": np.pi / 180}
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -69,6 +70,7 @@ def check_units(
 
     `stated` tells whether the units of angles and of time are. Limits that are broken all the same are a warning.
     """
+    q = of_single_joints(mechanism, q)
     if len(t) >= FEWEST and not stated[1] and (unit := _other_unit(t, q)):
         cure = f"state the unit by --time-unit {unit} or --time-unit s (time_unit=)"
         raise JounceError(f"{place}: {_slow(t, q)}: t looks like {unit}; {cure}")
@@ -90,7 +92,7 @@ def check_units(
 
 def warn_of_degrees(q: np.ndarray, qd: np.ndarray, mechanism: Mechanism, place: str) -> None:
     """Warn where coordinates and velocities (N, n) of a motion that is no table look like degrees."""
-    speeds = np.abs(qd).max(axis=0)
+    q, speeds = of_single_joints(mechanism, q), np.abs(qd).max(axis=0)
     if _look_like_degrees(q, speeds, mechanism):
         came, allowed = _described(q, speeds, mechanism, int(_broken(q, speeds, mechanism).argmax()))
         warn(f"{place}: {came}: {allowed}; {IN_DEGREES}: numpy.deg2rad makes rad of them")
