@@ -20,7 +20,7 @@ from jounce.figures.drawing import joint_points, skeleton
 from jounce.model.coordinates import leading_joints
 from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import loose_bodies, positions
+from jounce.model.positions import loose_bodies, outer_bodies, positions
 from jounce.spatial.inertia import moments
 
 AROUND = 12  # corners of a circle
@@ -218,7 +218,7 @@ def cut_points(m: Mechanism) -> dict[int, list[np.ndarray]]:
 def tips(m: Mechanism) -> list[tuple[int, np.ndarray]]:
     """The outermost points of bodies that carry no other: their farthest merged link, or the centre of mass."""
     found, centres = [], joint_points(m)
-    for i in sorted(set(range(m.nb)) - set(m.parent)):
+    for i in outer_bodies(m):
         points = [np.asarray(frame.T[:3, 3], dtype=float) for frame in m.frames if frame.body == i]
         mass, h, _ = moments(m.M[i])
         points += [h[:, 0] / mass[0, 0]] if mass[0, 0] else []

@@ -138,8 +138,8 @@ def robot_data(s: Subject) -> Panel:
 def _of_several(m: Mechanism) -> list[str]:
     """What the page shows as q of joints of several screws, and that it has no sliders of them."""
     return [
-        f"joint {joint.name} is a {joint.group.name} joint: q are its {', '.join(joint.group.extents)}, in the places"
-        f" of its velocities {', '.join(joint.group.velocities)}; robots with such joints have no sliders here"
+        f"joint {joint.name} is a {joint.group.name} joint, so that there are no sliders: its q are shown as"
+        f" {', '.join(joint.group.extents)} in the places of {', '.join(joint.group.velocities)}"
         for joint in positions(m).values()
     ]
 

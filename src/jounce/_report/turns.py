@@ -46,4 +46,4 @@ def _steps(joint: Position, p: np.ndarray) -> np.ndarray:
             np.arctan2(-R[..., 0, 1], R[..., 0, 0]),
         ]
     shifts = (R.mT @ r)[..., : len(joint.group.places), 0]
-    return np.concatenate([np.stack(turns, axis=-1), shifts], axis=-1)
+    return np.concatenate([np.stack(turns, axis=-1), shifts], axis=-1) + 0.0

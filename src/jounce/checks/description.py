@@ -57,6 +57,7 @@ def _body(mechanism: Mechanism, j: int) -> dict[str, Any]:
         "joint": mechanism.joints[j],
         "type": kind,
         "unit": "rad" if turns else "m",
+        "extent": _extent(mechanism, j),
         "axis": (X[:3] if turns else X[3:]).tolist(),
         "pitch": pitch if kind == "helical" else None,
         "follows": _follows(mechanism, j),
@@ -64,6 +65,13 @@ def _body(mechanism: Mechanism, j: int) -> dict[str, Any]:
         "drive": {key: float(array[j]) for key, array in vars(mechanism.drives).items()},
         **_inertia(mechanism.M[i] if j == mechanism.columns[i][0] else None),
     }
+
+
+def _extent(mechanism: Mechanism, j: int) -> str | None:
+    """What the limits of the position bound in the place of a velocity of a joint of several screws."""
+    i = mechanism.owners[j]
+    joint = positions(mechanism).get(i)
+    return None if joint is None else joint.group.extents[mechanism.columns[i].index(j)]
 
 
 def joint_kind(mechanism: Mechanism, j: int) -> str:
@@ -109,4 +117,5 @@ def limit_in_words(body: dict[str, Any], kind: str) -> str:
         return "-"
     unit = KINDS[kind].unit(body["unit"])
     ends = zip(value, ("-inf", "inf"), strict=True) if isinstance(value, list) else [(value, "")]
-    return " .. ".join(free if x is None else f"{x:.5g}" for x, free in ends) + f" {unit}"
+    what = f"{body['extent']} " if kind == "position" and body["extent"] else ""
+    return what + " .. ".join(free if x is None else f"{x:.5g}" for x, free in ends) + f" {unit}"

@@ -14,7 +14,7 @@ from jounce.engine.engine import Engine
 from jounce.figures.canvas import COLOURS, INK, PALE
 from jounce.figures.labels import write
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import anchors, loose_bodies, positions
+from jounce.model.positions import anchors, loose_bodies, outer_bodies, positions
 from jounce.spatial.inertia import moments
 
 if TYPE_CHECKING:
@@ -77,8 +77,7 @@ def skeleton(mechanism: Mechanism, poses: np.ndarray) -> Skeleton:
     moved = list(enumerate(mechanism.parent))[first:]
     loose = loose_bodies(mechanism)
     links = [(points[p] if p >= 0 else np.zeros(3), points[i]) for i, p in moved if i not in loose]
-    tips = set(range(mechanism.nb)) - set(mechanism.parent)
-    links += [(points[i], coms[i]) for i in sorted(tips) if np.isfinite(coms[i]).all()]
+    links += [(points[i], coms[i]) for i in outer_bodies(mechanism) if np.isfinite(coms[i]).all()]
     joints, coms = points[owners], coms[first:]
     size = float(np.ptp(np.concatenate([joints, coms[np.isfinite(coms).all(axis=1)]]), axis=0).max())
     return Skeleton(poses[first:], joints, (R[owners] @ axes[..., None])[..., 0], coms, links, size)

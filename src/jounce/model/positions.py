@@ -114,6 +114,12 @@ def loose_bodies(mechanism: Mechanism) -> set[int]:
     return {body for body, joint in positions(mechanism).items() if joint.group.places}
 
 
+def outer_bodies(mechanism: Mechanism) -> list[int]:
+    """The bodies that no other is linked to: they carry none, or only such as may leave them."""
+    loose = loose_bodies(mechanism)
+    return sorted(set(range(mechanism.nb)) - {p for i, p in enumerate(mechanism.parent) if i not in loose})
+
+
 def anchors(mechanism: Mechanism) -> np.ndarray:
     """(nc, 3): of the axis of each joint variable the point nearest to the body's origin; several share their own."""
     points = np.cross(mechanism.X[:, :3], mechanism.X[:, 3:])
