@@ -12,6 +12,7 @@ from jounce.figures.canvas import INK, line_style
 from jounce.figures.curves import TOLD
 from jounce.figures.panels import drawn_points
 from jounce.limits.check import CheckedLimit
+from jounce.model.positions import extent_names
 from jounce.motion.bands import COVERS
 
 POINTS, LEAST_POINTS, ALL_POINTS = 1000, 300, 100_000  # of a curve, and of all together
@@ -123,7 +124,7 @@ def _measured(s: Subject, j: int, most: int, colour: str) -> Iterator[dict[str, 
 
 def _checked(s: Subject, quantity: Quantity, j: int) -> CheckedLimit | None:
     rows = s.check.table if s.check and quantity.bounded else ()
-    joint = s.joints[j]
+    joint = (extent_names(s.robot.mechanism.tree) if quantity.kind == "position" else s.joints)[j]
     return next((row for row in rows if row.joint == joint and row.limit == quantity.kind), None)
 
 

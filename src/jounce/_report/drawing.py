@@ -13,12 +13,14 @@ import numpy as np
 from jounce._report.curves import joint_style
 from jounce._report.packing import packed
 from jounce._report.subject import Subject
+from jounce._report.turns import in_turn
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.figures.drawing import joint_points, skeleton
 from jounce.model.coordinates import leading_joints
 from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import loose_bodies, outer_bodies, positions
 from jounce.spatial.inertia import moments
 
 AROUND = 12  # corners of a circle
@@ -44,10 +46,10 @@ class Part(NamedTuple):
 def drawing(s: Subject) -> dict[str, Any]:
     """What the page draws a robot by: its triangles, the data of its poses, and the space that it sweeps."""
     m = s.robot.mechanism.tree
-    poses = compute(Engine(m), "poses", [s.positions])
+    poses, steps = compute(Engine(m), "poses", [s.positions]), in_turn(m, s.positions)
     size = robot_size(m, poses[0])
     shown = {mesh.body for mesh in s.meshes.shapes}
-    parts = [part for part in parts_of(m, size, s.positions) if part.body not in shown]
+    parts = [part for part in parts_of(m, size, steps) if part.body not in shown]
     parts += [Part(*mesh, _colour(m, mesh.body)) for mesh in s.meshes.shapes]
     colours = dict.fromkeys(part.colour for part in parts)
     swept = [
@@ -63,6 +65,7 @@ def drawing(s: Subject) -> dict[str, Any]:
         "X": packed(m.X),
         "G": packed(m.G),
         "g": packed(m.g),
+        "q": packed(steps) if positions(m) else None,
         "solids": [_solid([part for part in parts if part.colour == colour]) for colour in colours],
         "ends": [packed(poses[:, body, :3, 3] + poses[:, body, :3, :3] @ point, "f4") for body, point in tips(m)],
         "space": np.stack(_space(lowest - MARGIN * size, highest + MARGIN * size), axis=1).tolist(),
@@ -98,11 +101,12 @@ def robot_size(m: Mechanism, poses: np.ndarray) -> float:
 
 
 def parts_of(m: Mechanism, size: float, q: np.ndarray | None = None) -> list[Part]:
-    """The parts of a robot of a size, m; slides are as long as its limits and positions q (K, n) need."""
+    """The parts of a robot of a size, m; slides are as long as its limits and coordinates (K, n) `in_turn` need."""
     centres = joint_points(m)
     radius = LINK_RADIUS * size
     parts, drawn = [], [j for j in range(len(m.joints)) if not _is_virtual(m, j)]
-    for i in dict.fromkeys(m.owners[j] for j in drawn):
+    several, loose = positions(m), loose_bodies(m)
+    for i in dict.fromkeys(m.owners[j] for j in drawn if m.owners[j] not in loose):
         p = m.parent[i]
         start = centres[p] if p != GROUND else np.zeros(3)
         end = m.B[i, :3, :3] @ centres[i] + m.B[i, :3, 3]
@@ -110,8 +114,11 @@ def parts_of(m: Mechanism, size: float, q: np.ndarray | None = None) -> list[Par
     parts += [
         _capsule(body, start, end, radius, LINK) for body, start, end in [*_ends(m, centres), *_plates(m, centres)]
     ]
+    drawn = [j for j in drawn if m.owners[j] not in several]
     parts += _slides(m, drawn, centres, size, q)
     parts += [_cut(loop, JOINT_RADIUS * size) for loop in m.loops]
+    balls = [i for i in several if i not in loose]
+    parts += [_revolved(i, centres[i], np.zeros(3), _sphere(JOINT_RADIUS * size), _colour(m, i)) for i in balls]
     turns = m.X[:, :3].any(axis=1)
     axes = np.where(turns[:, None], m.X[:, :3], m.X[:, 3:])
     for i, j in ((m.owners[j], j) for j in drawn):
@@ -183,9 +190,13 @@ def _cut(loop: Loop, radius: float) -> Part:
     half = JOINT_HEIGHT / JOINT_RADIUS * radius
     profile = np.array([[0, -half], [radius, -half], [radius, half], [0, half]])
     if loop.joint == "spherical":
-        turn = np.linspace(-np.pi / 2, np.pi / 2, 7)
-        profile = radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        profile = _sphere(radius)
     return _revolved(loop.a.body, place[:3, 3], place[:3, :3] @ axis, profile, CUT)
+
+
+def _sphere(radius: float) -> np.ndarray:
+    turn = np.linspace(-np.pi / 2, np.pi / 2, 7)
+    return radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
 
 
 def _colour(m: Mechanism, body: int) -> str:
@@ -207,7 +218,7 @@ def cut_points(m: Mechanism) -> dict[int, list[np.ndarray]]:
 def tips(m: Mechanism) -> list[tuple[int, np.ndarray]]:
     """The outermost points of bodies that carry no other: their farthest merged link, or the centre of mass."""
     found, centres = [], joint_points(m)
-    for i in sorted(set(range(m.nb)) - set(m.parent)):
+    for i in outer_bodies(m):
         points = [np.asarray(frame.T[:3, 3], dtype=float) for frame in m.frames if frame.body == i]
         mass, h, _ = moments(m.M[i])
         points += [h[:, 0] / mass[0, 0]] if mass[0, 0] else []

@@ -14,7 +14,9 @@ const [slider, clock, play, speed] = ["time", "clock", "play", "speed"].map(id =
 const reducedMotion = matchMedia("(prefers-reduced-motion: reduce)");
 let cursor = 0, playing = 0;
 
-const stateAt = frame => ({t: times[frame], q: values[0].slice(frame * n, frame * n + n)});
+// q of the drawing: joints of several screws turn about x, y and z, then shift, as joints of one screw each
+const steps = panelData("robot").q, drawn = steps ? array(steps) : values[0];
+const stateAt = frame => ({t: times[frame], q: drawn.slice(frame * n, frame * n + n)});
 
 function moveTo(frame) {
   cursor = Math.max(0, Math.min(times.length - 1, frame));

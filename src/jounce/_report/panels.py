@@ -11,10 +11,12 @@ from jounce._report.curves import figure, joint_style, powers
 from jounce._report.drawing import drawing
 from jounce._report.sliders import end_names, sliders_code, sliders_data
 from jounce._report.subject import SLOWED, Subject
+from jounce.checks.description import joint_kind
 from jounce.core.version import __version__
 from jounce.model.coordinates import leading_joints
 from jounce.model.kinds import FORCES
-from jounce.model.mechanism import body_name
+from jounce.model.mechanism import Mechanism, body_name
+from jounce.model.positions import positions
 from jounce.spatial.series import rate_name
 
 LISTED_BREAKS = 30
@@ -63,7 +65,7 @@ def curves(s: Subject) -> Panel:
 
 def sliders(s: Subject) -> Panel | None:
     """Joints that the reader moves, and an end that is pulled: what holds the robot at rest there."""
-    if s.robot.mechanism.nb > MOST_BODIES:
+    if s.robot.mechanism.nb > MOST_BODIES or positions(s.robot.mechanism):
         return None
     data = sliders_data(s)
     joints = [joint_style(j) | {"name": s.joints[j]} for j in s.own]
@@ -120,17 +122,26 @@ def robot_data(s: Subject) -> Panel:
     joints = [
         {
             "name": m.joints[j],
-            "type": "prismatic" if not X[:3].any() else "helical" if abs(X[:3] @ X[3:]) > 1e-12 else "revolute",
+            "type": joint_kind(m, j),
             "parent": body_name(m, m.parent[i]),
             "body": m.bodies[i],
             "mass": masses[i],
             "role": "" if j in leads else ", follows others" if j in moved else ", follows another",
         }
-        for j, (i, X) in enumerate(zip(m.owners, np.asarray(m.X, dtype=float), strict=True))
+        for j, i in enumerate(m.owners)
     ]
     content = {"robot": s.robot, "joints": joints, "mass": masses.sum(), "gravity": np.asarray(m.gravity).tolist()}
-    content["notes"], content["loops"] = s.meshes.notes, _cut_joints(s)
+    content["notes"], content["loops"] = [*s.meshes.notes, *_of_several(m)], _cut_joints(s)
     return Panel("robot_data", "Robot data", "below", content)
+
+
+def _of_several(m: Mechanism) -> list[str]:
+    """What the page shows as q of joints of several screws, and that it has no sliders of them."""
+    return [
+        f"joint {joint.name} is a {joint.group.name} joint, so that there are no sliders: its q are shown as"
+        f" {', '.join(joint.group.extents)} in the places of {', '.join(joint.group.velocities)}"
+        for joint in positions(m).values()
+    ]
 
 
 def _cut_joints(s: Subject) -> list[dict[str, Any]]:

@@ -15,6 +15,7 @@ from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.kinds import unit_of
 from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import positions
 
 HERE = Path(__file__).parent
 FREE = {"rad": np.pi, "m": 0.5}  # how far a joint without limits goes either way
@@ -58,8 +59,9 @@ def sliders_data(s: Subject) -> dict[str, Any]:
 
 def slider_ranges(m: Mechanism, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The lowest and the highest coordinates of sliders: the limits, or those of a motion q (N, n) that goes beyond."""
-    bounds = coordinate_limits(m).bounds("position")
+    bounds = coordinate_limits(m).bounds("position").copy()
     free = np.array([FREE[unit] for unit in coordinate_units(m)])
+    bounds[:, [j for x in positions(m).values() for j in range(m.n)[x.coordinates]]] = np.inf  # not of what sliders set
     lower, upper = np.where(np.isfinite(bounds), bounds, [-free, free])
     return q.min(axis=0, initial=np.inf).clip(max=lower), q.max(axis=0, initial=-np.inf).clip(min=upper)
 

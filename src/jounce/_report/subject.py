@@ -81,6 +81,7 @@ class Subject:
     slowdown: Slowdown | str | None
     meshes: Meshes
     loop_wrenches: np.ndarray | None
+    positions: np.ndarray  # (K, numbers) of all joints at the frames
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -91,11 +92,6 @@ class Subject:
     def own(self) -> list[int]:
         """The joints that are the coordinates of the robot."""
         return own_joints(self.robot.mechanism)
-
-    @property
-    def positions(self) -> np.ndarray:
-        """q (K, joints) at the frames."""
-        return self.quantities[0].values[self.frames]
 
     @property
     def t(self) -> np.ndarray:
@@ -129,11 +125,13 @@ def subject_of(
     even = np.linspace(0, len(along.t) - 1, min(count, len(along.t))).astype(int)
     frames = np.union1d(even, np.searchsorted(along.t, [*worst, *breaks[:count]]))
     with named_by_time(along.t):
-        quantities = _quantities(robot, motion, along, limits, frames)
+        near = positions(robot, motion, along.t)
+        quantities = _quantities(robot, motion, along, limits, frames, near)
         wrenches = _loop_wrenches(robot, motion, along)
     factor = _slowdown(robot, motion, worst) if checked else None
     meshes = Meshes() if visuals is None else meshes_of(m, visuals, folders)
-    return Subject(robot, motion, along, limits, quantities, frames, checked, factor, meshes, wrenches)
+    where = quantities[0].values if near is not None else along.rates[0]
+    return Subject(robot, motion, along, limits, quantities, frames, checked, factor, meshes, wrenches, where[frames])
 
 
 def _slowdown(robot: Engine, motion: Motion, worst: np.ndarray) -> Slowdown | str:
@@ -148,11 +146,10 @@ def _slowdown(robot: Engine, motion: Motion, worst: np.ndarray) -> Slowdown | st
 
 
 def _quantities(
-    robot: Engine, motion: Motion, along: Along, limits: Limits, frames: np.ndarray
+    robot: Engine, motion: Motion, along: Along, limits: Limits, frames: np.ndarray, near: np.ndarray | None
 ) -> tuple[Quantity, ...]:
     """The rates, the forces, and what else limits bound: forces without gravity, the power, forces at stall."""
     m, count = robot.mechanism, len(along.forces)
-    near = positions(robot, motion, along.t)
     rates, forces = joint_rates(robot, along.rates, near), [_of_drives(m, x) for x in along.forces]
     spread = [_placed(m, own_joints(m), x) for x in motion.deviations(along.t[frames], len(rates) - 1) or ()]
     values = dict(zip(MOTION_KINDS, rates, strict=False)) | dict(zip(EFFORT_KINDS, forces, strict=False))

@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, listed, one_of, quoted
 from jounce.core.scalars import asarray, is_numeric
-from jounce.model.coordinates import joint_places, leading_joints
+from jounce.model.coordinates import leading_joints, limit_place
 from jounce.model.kinds import EFFORT_KINDS, ENDS, FORCES, KEYS, MOTION_KINDS
 from jounce.model.mechanism import Mechanism
 from jounce.model.stated import Stated, limits_with
@@ -20,7 +20,7 @@ def with_limits(mechanism: Mechanism, given: Mapping[str, object], of: object = 
     for key, value in stated.items():
         for i, number in _by_joint(mechanism, key, value).items():
             changes.setdefault(i, {})[key] = number
-    limits = limits_with(mechanism.limits, changes, mechanism.joints, _forces(stated, of))
+    limits = limits_with(mechanism, changes, _forces(stated, of))
     return replace(mechanism, limits=limits)
 
 
@@ -28,8 +28,7 @@ def _by_joint(mechanism: Mechanism, key: str, given: object) -> dict[int, Stated
     """What is given for a kind of limit, by the index of the joint variable."""
     each, leaders = _limited(mechanism, key)
     if isinstance(given, Mapping):
-        places = joint_places(mechanism)
-        stated = {places[one_of("joint", name, places)]: _number(key, value, name) for name, value in given.items()}
+        stated = {limit_place(mechanism, name, key): _number(key, value, name) for name, value in given.items()}
         if mechanism.closure and each == "motor":
             _check_motors(mechanism, key, stated)
         return stated

@@ -6,7 +6,6 @@ is added up where that is larger, as where forces are zero.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from math import factorial
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine, like
 from jounce.engine.generic import as_tuple
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import number_rates, position_count, positions
 from jounce.model.screws import from_screws
 from jounce.spatial.series import rate_name
 
@@ -55,10 +55,11 @@ def compare(
 ) -> list[Check]:
     """Run the checks of a robot without drive terms; other libraries read its file `source`, if given."""
     rigid, rng = like(robot, replace(robot.mechanism, acting=())), np.random.default_rng(seed)
-    m, q = rigid.mechanism, rng.uniform(-1, 1, (order + 3, states, robot.n))
+    m = rigid.mechanism
+    q = [rng.uniform(-1, 1, (states, count)) for count in (position_count(m), *[m.n] * (order + 2))]
     if m.closure:
         own = list(m.closure.independent)
-        q *= NEAR * scales(m).coordinates[own]
+        q = [x * NEAR * scales(m).coordinates[own] for x in q]
         q[0] += m.closure.start[own]
     x = _Motion(q, rng.uniform(-1, 1, (order + 3, states, 6)) if m.floats else None)
     sizes = x.forces(rigid) if m.closure else _sizes(m, order, x)  # squares outgrow what constraints are solved for
@@ -75,7 +76,7 @@ def _sizes(m: Mechanism, order: int, x: "_Motion") -> Sequence[np.ndarray]:
 class _Motion:
     """Rates of the coordinates, and of six joints that carry the base of a robot that floats."""
 
-    q: np.ndarray
+    q: Sequence[np.ndarray]
     carrier: np.ndarray | None
 
     def base(self, count: int) -> tuple[Any, ...] | None:
@@ -93,15 +94,25 @@ class _Motion:
         q = self.q[:count]
         return as_tuple(compute(robot, FORCES.name, [*q], base=self.base(len(q)), **options))
 
-    def map(self, f: Callable[[np.ndarray], np.ndarray]) -> "_Motion":
-        """The motion with other rates."""
-        return _Motion(f(self.q), None if self.carrier is None else f(self.carrier))
+    def astype(self, kind: type) -> "_Motion":
+        """The motion in other digits."""
+        return _Motion([x.astype(kind) for x in self.q], None if self.carrier is None else self.carrier.astype(kind))
+
+    def later(self, m: Mechanism, t: float) -> "_Motion":
+        """The rates a time t later, of numbers of q to first order in what moves them."""
+        rates = _shift(self.q[1:], t)
+        way = sum(x * t**j / factorial(j) for j, x in enumerate(self.q[1:], 1))
+        q = self.q[0] + number_rates(m, self.q[0], np.asarray(way))
+        return _Motion([q, *rates], None if self.carrier is None else np.stack(_shift(self.carrier, t)))
 
 
 def _with_peers(robot: Engine, source: Path | None, x: _Motion) -> Iterator[Check]:
     m, q = robot.mechanism, x.q
     if m.closure:
         yield Check("-", "other libraries", None, 0.0, "loops are closed: these would compute the forces of the tree")
+        return
+    if positions(m):
+        yield Check("-", "other libraries", None, 0.0, "joints of several screws: their states are not compared here")
         return
     known = {row.symbol: row for row in QUANTITIES.values() if row.symbol in ("Q", "Qgrav", "M")}
     ours, sizes = {}, {}
@@ -137,7 +148,7 @@ def _with_paths(robot: Engine, x: _Motion, sizes: Sequence[np.ndarray]) -> Itera
     paths: dict[str, Callable[[], Sequence[np.ndarray]]] = {
         "recursion": lambda: x.forces(robot, method="recursion"),
         "closed form": lambda: x.forces(robot, method="closed_form"),
-        "long doubles": lambda: x.map(lambda q: q.astype(np.longdouble)).forces(robot, method="recursion"),
+        "long doubles": lambda: x.astype(np.longdouble).forces(robot, method="recursion"),
     }
     for name, results in paths.items():
         for k, (found, expected, size) in enumerate(zip(own, results(), sizes, strict=True)):
@@ -150,14 +161,14 @@ def _with_differences(robot: Engine, x: _Motion, sizes: Sequence[np.ndarray]) ->
     for k in range(1, len(exact)):
         errors = []
         for h in STEPS:
-            along = [x.map(partial(_shift, t=j * h)).forces(robot, k + 2)[-1] for j in range(-4, 5)]
+            along = [x.later(robot.mechanism, j * h).forces(robot, k + 2)[-1] for j in range(-4, 5)]
             errors.append(_error(np.tensordot(STENCIL, along, 1) / h, exact[k], sizes[k]))
         yield Check(rate_name("Q", k), f"differences of {rate_name('Q', k - 1)}", min(errors), ALLOWED["differences"])
 
 
-def _shift(q: np.ndarray, t: float) -> np.ndarray:
+def _shift(q: Sequence[np.ndarray] | np.ndarray, t: float) -> list[Any]:
     """The rates q a time t later."""
-    return np.stack([sum(x * t**j / factorial(j) for j, x in enumerate(q[k:])) for k in range(len(q))])
+    return [sum(x * t**j / factorial(j) for j, x in enumerate(q[k:])) for k in range(len(q))]
 
 
 def _error(found: Any, expected: Any, magnitude: np.ndarray) -> float:

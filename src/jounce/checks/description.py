@@ -8,6 +8,7 @@ from jounce.checks.audit import audit
 from jounce.model.coordinates import coordinate_units
 from jounce.model.kinds import KEYS, KINDS
 from jounce.model.mechanism import Mechanism, body_name
+from jounce.model.positions import positions
 from jounce.spatial import inertia
 
 
@@ -49,23 +50,42 @@ def _elastic(mechanism: Mechanism) -> dict[str, dict[str, float | None]]:
 def _body(mechanism: Mechanism, j: int) -> dict[str, Any]:
     """A joint and the body that it moves."""
     i, X = mechanism.owners[j], mechanism.X[j]
-    pitch = float(X[:3] @ X[3:])
-    kind = "prismatic" if not X[:3].any() else "helical" if abs(pitch) > 1e-12 else "revolute"
+    pitch, kind, turns = float(X[:3] @ X[3:]), joint_kind(mechanism, j), bool(X[:3].any())
     return {
         "name": mechanism.bodies[i],
         "parent": body_name(mechanism, mechanism.parent[i]),
         "joint": mechanism.joints[j],
         "type": kind,
-        "axis": (X[3:] if kind == "prismatic" else X[:3]).tolist(),
+        "unit": "rad" if turns else "m",
+        "extent": _extent(mechanism, j),
+        "axis": (X[:3] if turns else X[3:]).tolist(),
         "pitch": pitch if kind == "helical" else None,
         "follows": _follows(mechanism, j),
         "limits": dict.fromkeys(KEYS) | mechanism.limits.stated(j),
         "drive": {key: float(array[j]) for key, array in vars(mechanism.drives).items()},
-        **_inertia(mechanism.M[i]),
+        **_inertia(mechanism.M[i] if j == mechanism.columns[i][0] else None),
     }
 
 
-def _inertia(M: np.ndarray) -> dict[str, Any]:
+def _extent(mechanism: Mechanism, j: int) -> str | None:
+    """What the limits of the position bound in the place of a velocity of a joint of several screws."""
+    i = mechanism.owners[j]
+    joint = positions(mechanism).get(i)
+    return None if joint is None else joint.group.extents[mechanism.columns[i].index(j)]
+
+
+def joint_kind(mechanism: Mechanism, j: int) -> str:
+    """What the joint of a joint variable is: revolute, prismatic, helical, or, of several, ball, planar or free."""
+    joint, X = positions(mechanism).get(mechanism.owners[j]), mechanism.X[j]
+    if joint is not None:
+        return joint.group.name
+    return "prismatic" if not X[:3].any() else "helical" if abs(X[:3] @ X[3:]) > 1e-12 else "revolute"
+
+
+def _inertia(M: np.ndarray | None) -> dict[str, Any]:
+    """The inertia of a body; None of one that was described with another variable of its joint."""
+    if M is None:
+        return dict.fromkeys(("mass", "com", "principal_moments", "triangle_slack"))
     m, h, _ = inertia.moments(M)
     mass = float(m[0, 0])
     principal = inertia.principal_moments(M) if mass else None
@@ -95,6 +115,7 @@ def limit_in_words(body: dict[str, Any], kind: str) -> str:
     value = [limits["lower"], limits["upper"]] if kind == "position" else limits[kind]
     if value in (None, [None, None]):
         return "-"
-    unit = KINDS[kind].unit("m" if body["type"] == "prismatic" else "rad")
+    unit = KINDS[kind].unit(body["unit"])
     ends = zip(value, ("-inf", "inf"), strict=True) if isinstance(value, list) else [(value, "")]
-    return " .. ".join(free if x is None else f"{x:.5g}" for x, free in ends) + f" {unit}"
+    what = f"{body['extent']} " if kind == "position" and body["extent"] else ""
+    return what + " .. ".join(free if x is None else f"{x:.5g}" for x, free in ends) + f" {unit}"

@@ -218,4 +218,5 @@ _NAMESPACE = SimpleNamespace(
     cos=lambda x: _Sized(np.cos(x.value)),
     tanh=lambda x: _Sized(np.tanh(x.value)),
     exp=lambda x: _Sized(np.exp(x.value)),
+    sqrt=lambda x: _Sized(np.sqrt(x.value)),
 )

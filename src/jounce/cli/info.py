@@ -79,7 +79,9 @@ def _loops(data: dict[str, Any]) -> list[str]:
 
 def _mass(body: dict[str, Any]) -> tuple[str, str]:
     """The mass and COM of a body as cells of a table."""
-    return f"{body['mass']:.5g}", "-" if body["com"] is None else _vector(body["com"], "z.3f")
+    return "-" if body["mass"] is None else f"{body['mass']:.5g}", "-" if body["com"] is None else _vector(
+        body["com"], "z.3f"
+    )
 
 
 def _moments(bodies: list[dict[str, Any]]) -> list[str]:
@@ -108,7 +110,7 @@ def _vector(x: list[float], form: str) -> str:
 
 def _drive(body: dict[str, Any]) -> tuple[str, ...]:
     """The drive train of a joint as cells of a table; "-" for what it does not take."""
-    unit, force, inertia = ("m", "N", "kg") if body["type"] == "prismatic" else ("rad", "N m", "kg m^2")
+    unit, force, inertia = ("m", "N", "kg") if body["unit"] == "m" else ("rad", "N m", "kg m^2")
     d = body["drive"]
     cells = (
         (d["armature"], f"{d['armature']:.5g} {inertia}"),

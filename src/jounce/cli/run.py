@@ -1,9 +1,8 @@
 """`jounce run`: the drive forces and their rates along a motion, from table to table."""
 
-from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -11,6 +10,9 @@ from jounce.cli.motions import AskedMotion, of_motion
 from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import tell
 from jounce.cli.results import OUTPUT, AskedStream, on_stream, results, results_in_words, with_deviation
+
+if TYPE_CHECKING:
+    from jounce.robot import Robot
 
 EPILOG = """\b
 Example, the robot and the motion of the paper:
@@ -76,16 +78,18 @@ def run(
     job = Job("forces", arm, order, stream.reading(motion), form, method, with_rates)
     found, summary = results(job, motion, output, stream, "inverse dynamics", lambda: motion.load(arm, order))
     worst, name = max((of["broken"], name) for name, of in found.aggregates.items())
-    summary |= {"order": order, "broken_limit": _limit(worst, name, arm.joint_names) if worst else None}
+    summary |= {"order": order, "broken_limit": _limit(worst, name, arm) if worst else None}
     tell(summary, _in_words, as_json)
 
 
-def _limit(worst: list[Any], motion: str, joints: Sequence[str]) -> dict[str, Any]:
+def _limit(worst: list[Any], motion: str, robot: "Robot") -> dict[str, Any]:
     """The limit that is broken most at the rows, as plain data."""
+    from jounce.model.positions import extent_names
+
     ratio, kind, joint, t = worst
     return {
         "motion": motion,
-        "joint": joints[joint],
+        "joint": (extent_names(robot.mechanism) if kind == "position" else robot.joint_names)[joint],
         "limit": kind,
         "t": t,
         "ratio": ratio if isfinite(ratio) else None,

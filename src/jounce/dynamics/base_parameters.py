@@ -25,6 +25,7 @@ from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.state import State
 from jounce.model.coordinates import leading_joints, screws_of
 from jounce.model.mechanism import Mechanism, ancestors, reference_poses
+from jounce.model.positions import position_count, positions
 from jounce.spatial import inertia
 from jounce.spatial.inertia import PARAMETERS
 from jounce.spatial.lie import Ad, ad, inverse, wedge
@@ -239,13 +240,15 @@ def _samples(m: Mechanism, length: float) -> np.ndarray:
     """The regressor at random states, (states, nv, parameters), in twice as many rows as there are parameters."""
     rng, count = np.random.default_rng(0), 2 * len(PARAMETERS) * m.nb // m.nv + 10
     size = np.where(m.X[leading_joints(m), :3].any(axis=1), np.pi, length)
-    q = rng.uniform(-1, 1, (3, count, m.n)) * size
+    q = list(rng.uniform(-1, 1, (3, count, m.n)) * size)
+    if positions(m.tree):
+        q[0] = rng.uniform(-1, 1, (count, position_count(m)))
     base = BaseMotion(np.eye(4), columns(list(rng.uniform(-2, 2, (2, count, 6))))) if m.floats else None
     position = None
     if m.closure:
         position = assembly.samples(m, count)[..., None]
         q[0] = position[:, list(m.closure.independent), 0]
-    x = State(columns(list(q)), base=base, position=position)
+    x = State(columns(q), base=base, position=position)
     return np.asarray(REGRESSOR.law("recursion", m)(m, x)[0])
 
 

@@ -19,6 +19,7 @@ from jounce.figures.panels import Panel, Run
 from jounce.limits.check import Check, CheckedLimit
 from jounce.limits.retime import Retiming
 from jounce.limits.slowdown import Slowdown
+from jounce.model.positions import resting_position
 from jounce.motion.motion import Motion
 from jounce.spatial.series import rate_name
 
@@ -48,7 +49,7 @@ def robot(robot: Engine) -> str:
     rows = [
         (
             *(body[key] for key in ("joint", "type", "name", "parent")),
-            f"{body['mass']:.4g} kg",
+            "-" if body["mass"] is None else f"{body['mass']:.4g} kg",
             *(limit_in_words(body, kind) for kind in kinds),
         )
         for body in describe(m)["bodies"]
@@ -57,7 +58,7 @@ def robot(robot: Engine) -> str:
 
     def paint(figure: "Figure") -> None:
         axes = figure.subplots()
-        draw(axes, m, poses_on(robot, np.zeros(m.n), np.eye(4)), View(-55, 18))
+        draw(axes, m, poses_on(robot, resting_position(m), np.eye(4)), View(-55, 18))
         place_labels(figure, axes)
 
     drawing = _picture(lambda: canvas.painted(paint, 5, 5)) if m.nb - m.floats <= DRAWN else ""

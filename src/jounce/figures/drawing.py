@@ -14,6 +14,7 @@ from jounce.engine.engine import Engine
 from jounce.figures.canvas import COLOURS, INK, PALE
 from jounce.figures.labels import write
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import anchors, loose_bodies, outer_bodies, positions
 from jounce.spatial.inertia import moments
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ def poses_on(robot: Engine, q: np.ndarray, C: np.ndarray) -> np.ndarray:
 def joint_points(mechanism: Mechanism) -> np.ndarray:
     """(nb, 3): the point of the axis that moves each body nearest to the body's origin; this one of a base."""
     points = np.zeros((mechanism.nb, 3))
-    points[list(mechanism.owners)] = np.cross(mechanism.X[:, :3], mechanism.X[:, 3:])
+    points[list(mechanism.owners)] = anchors(mechanism)
     return points
 
 
@@ -74,9 +75,9 @@ def skeleton(mechanism: Mechanism, poses: np.ndarray) -> Skeleton:
         com = h[..., 0] / m[..., 0]
     points, coms = (r + (R @ x[..., None])[..., 0] for x in (joint_points(mechanism), com))
     moved = list(enumerate(mechanism.parent))[first:]
-    links = [(points[p] if p >= 0 else np.zeros(3), points[i]) for i, p in moved]
-    tips = set(range(mechanism.nb)) - set(mechanism.parent)
-    links += [(points[i], coms[i]) for i in sorted(tips) if np.isfinite(coms[i]).all()]
+    loose = loose_bodies(mechanism)
+    links = [(points[p] if p >= 0 else np.zeros(3), points[i]) for i, p in moved if i not in loose]
+    links += [(points[i], coms[i]) for i in outer_bodies(mechanism) if np.isfinite(coms[i]).all()]
     joints, coms = points[owners], coms[first:]
     size = float(np.ptp(np.concatenate([joints, coms[np.isfinite(coms).all(axis=1)]]), axis=0).max())
     return Skeleton(poses[first:], joints, (R[owners] @ axes[..., None])[..., 0], coms, links, size)
@@ -93,8 +94,13 @@ def draw(axes: "Axes", mechanism: Mechanism, poses: np.ndarray, view: View) -> S
         points = view.of(np.stack(link)).T
         axes.plot(*points, color=INK, linewidth=9, solid_capstyle="round", zorder=1)
         axes.plot(*points, color="#e4e4e4", linewidth=7, solid_capstyle="round", zorder=1.1)
+    several = positions(mechanism)
     for i, (point, direction) in enumerate(zip(bones.joints, bones.axes, strict=True), 1):
-        _axis(axes, view, point, direction * 0.13 * bones.size, f"$e_{{{i}}}$")
+        joint = several.get(mechanism.owners[i - 1])
+        if joint is None:
+            _axis(axes, view, point, direction * 0.13 * bones.size, f"$e_{{{i}}}$")
+        elif not joint.group.places:
+            axes.plot(*view.of(point), "o", ms=11, mfc="white", mec=INK, mew=0.9, zorder=3)
     for i, com in enumerate(bones.coms, 1):
         if np.isfinite(com).all():
             _centre_of_mass(axes, view.of(com), 0.016 * bones.size, f"$c_{{{i}}}$")

@@ -18,6 +18,7 @@ from jounce.limits.joints import efforts, in_columns, joint_limits, joint_names,
 from jounce.limits.ratios import Scale, scale_of
 from jounce.model.kinds import KINDS, MOTION_KINDS, MOTOR_KINDS
 from jounce.model.limits import Limits
+from jounce.model.positions import extent_names
 from jounce.motion.hermite import counting_to
 from jounce.motion.motion import Motion
 from jounce.spatial import series
@@ -70,6 +71,10 @@ class Bounded:
     def joints(self) -> tuple[str, ...]:
         """The names of the joints, whose values are columns."""
         return joint_names(self.robot.mechanism)
+
+    def name(self, kind: str, joint: int) -> str:
+        """What a kind of limit bounds, as a name: that of a joint, but where its velocities are no rates of it."""
+        return (extent_names(self.robot.mechanism.tree) if kind == "position" else self.joints)[joint]
 
     @cached_property
     def scales(self) -> Mapping[str, Scale]:
@@ -144,6 +149,8 @@ class Bounded:
             found: dict[str, Sequence[np.ndarray]] = {
                 kind: joints[k : k + SMOOTH + 1] for k, kind in enumerate(MOTION_KINDS) if kind in self.kinds
             }
+            if "position" in found and extent_names(m) != m.coordinates:
+                found["position"] = joints[:1]  # swings, ... whose rates are not the velocities
             if not self.forces:
                 return found
             values = {name: self.quantity(name, order, rates, t, side, near) for name, order in self.orders.items()}

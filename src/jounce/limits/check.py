@@ -175,7 +175,7 @@ def breaks_of(b: Bounded) -> tuple[ForceBreak, ...]:
 def unresolved_notes(worst: Worst) -> tuple[str, ...]:
     """Which values change too fast between samples for a verdict, and where that begins."""
     return tuple(
-        f"the {kind.replace('_', ' ')} of joint {quoted(worst.b.joints[j])} may be beyond its limit between samples"
+        f"the {kind.replace('_', ' ')} of joint {quoted(worst.b.name(kind, j))} may be beyond its limit between samples"
         f" from t = {min(spans)[0]:.9g} s on: it changes too fast there to be followed"
         for (kind, j), spans in worst.unresolved.items()
     )
@@ -195,7 +195,7 @@ def _table(b: Bounded, worst: Worst, undecided: Spans) -> tuple[CheckedLimit, ..
         value, bound = (sign * float(x[j]) for x in (worst.value[kind, sign], b.scales[kind].bound(sign)))
         spread, reach = float(off[kind][i, j]) if kind in off else np.nan, float(abs(b.scales[kind].reach(sign)[j]))
         rows.append(CheckedLimit(
-            joint=b.joints[j],
+            joint=b.name(kind, j),
             limit=kind,
             of=b.limits.of(kind) if kind in EFFORT_KINDS else None,
             unit=KINDS[kind].unit(units[j]),

@@ -7,6 +7,7 @@ from jounce.engine.along import pieces_along
 from jounce.limits.bounded import Bounded, Span, motion_order, quantities_of
 from jounce.limits.joints import in_columns, of_joints
 from jounce.model.kinds import KINDS, MOTION_KINDS, MOTOR_KINDS
+from jounce.model.positions import positions as joints_of_several
 
 MAX_OVER_MEDIAN = 10.0  # of deviations in a window: towards the ends of a fit they rise by powers of ten
 COMPARED_TIMES = 2000  # of a motion, at which deviations are compared with their median
@@ -29,6 +30,8 @@ def deviations_of(b: Bounded, t: np.ndarray) -> Deviations:
     spread = np.full((len(rates), len(t), len(b.joints)), np.nan) if rates else np.zeros((2, len(t), len(b.joints)))
     if rates:
         spread[:, :, own] = rates
+    for joint in joints_of_several(b.robot.mechanism.tree).values() if rates else ():
+        spread[0, :, joint.coordinates] = np.nan  # those of swings, ... are not known
     found = dict(zip(MOTION_KINDS, spread, strict=False)) if rates else {}
     found |= _of_forces(b, t, spread[1]) | _of_motors(b, t)
     return {kind: found[kind] for kind in b.kinds if kind in found}

@@ -134,7 +134,7 @@ def refuse_static(b: Bounded, found: Polynomials, t: np.ndarray) -> None:
 
 def _static_error(b: Bounded, kind: str, j: int, value: float, bound: float, t: float) -> JounceError:
     unit = KINDS[kind].unit(joint_units(b.robot.mechanism)[j])
-    joint, when = f"joint {quoted(b.joints[j])}", f"at t = {t:.6g} s"
+    joint, when = f"joint {quoted(b.name(kind, j))}", f"at t = {t:.6g} s"
     if kind == "position":
         return JounceError(
             f"{joint} is at {value:.6g} {unit} {when}, beyond its limit of {bound:.6g} {unit};"

@@ -20,6 +20,7 @@ from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.kinds import KINDS, MOTION_KINDS
 from jounce.model.limits import Limits
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import extent
 
 
 def joint_names(m: Mechanism) -> tuple[str, ...]:
@@ -76,13 +77,18 @@ def in_columns(m: Mechanism, found: Sequence[np.ndarray], row: Quantity) -> list
 def joint_rates(
     robot: Engine, rates: Sequence[np.ndarray], position: np.ndarray | None, needed: bool = True
 ) -> tuple[np.ndarray, ...]:
-    """q, qd, ... of all joints; where those that follow others are not needed, these are zero."""
+    """q, qd, ... of all joints; where those that follow others are not needed, these are zero.
+
+    In the place of q stands what its limits bound, such as the swing of a ball.
+    """
     m = robot.mechanism
     if position is None:
-        return tuple(rates)
-    if not needed:
-        return tuple(_placed(x, closure_of(m).independent, m.tree.n) for x in rates)
-    return as_tuple(compute(robot, "coordinates", on_tree(tuple(rates), position)))
+        found = tuple(rates)
+    elif not needed:
+        found = tuple(_placed(x, closure_of(m).independent, m.tree.n) for x in rates)
+    else:
+        found = as_tuple(compute(robot, "coordinates", on_tree(tuple(rates), position)))
+    return extent(m.tree, found[0]), *found[1:]
 
 
 def _placed(x: np.ndarray, places: Sequence[int], count: int) -> np.ndarray:

@@ -12,11 +12,12 @@ from jounce.engine.closed_path import positions
 from jounce.engine.engine import Engine, like
 from jounce.limits.bounded import known_kinds, motion_order
 from jounce.limits.friction import Friction, friction_of
-from jounce.limits.joints import drives_coordinates, joint_limits, joint_names, joint_units
+from jounce.limits.joints import drives_coordinates, joint_limits, joint_names, joint_rates, joint_units
 from jounce.limits.path import Path, path_of
 from jounce.limits.rows import Rows, rows_of
 from jounce.model.kinds import EFFORT_KINDS, KINDS, unit_of
 from jounce.model.limits import Limits
+from jounce.model.positions import extent_names
 from jounce.motion import Motion
 from jounce.spatial.series import rate_name
 
@@ -152,7 +153,7 @@ def check_path(problem: Problem, sigma: np.ndarray, path: Path) -> None:
     """Raise `JounceError` where a path does not move, leaves position limits, or rests beyond an effort limit."""
     if not any(np.any(rate) for rate in path.q[1:2]):
         raise JounceError("the path does not move: every joint rests all the time; expected a motion of some joint")
-    names = joint_names(problem.robot.mechanism)
+    names = extent_names(problem.robot.mechanism.tree)
     units = joint_units(problem.robot.mechanism)
     lower, upper = problem.limits.bounds("position")
     slack = ROUNDING * np.maximum(1, np.abs(path.q[0]).max(axis=0))
@@ -191,8 +192,8 @@ def _check_zero(robot: Engine, motion: Motion, limits: Limits, kinds: Sequence[s
         zero = np.flatnonzero((limits.bounds(kind) == 0).all(axis=0)).tolist()
         for j in zero:
             t = np.linspace(motion.start, motion.stop, 101)
-            q = positions(robot, motion, t)
-            if np.ptp((motion(t, 0)[0] if q is None else q)[:, j]) > 0:
+            speed = np.abs(joint_rates(robot, motion(t, 1), positions(robot, motion, t))[1]).max(axis=0)
+            if speed[j] > STILL * speed.max():
                 joint = quoted(joint_names(robot.mechanism)[j])
                 raise JounceError(f"the {kind} limit of joint {joint} is 0, and the joint moves")
 

@@ -19,6 +19,7 @@ from jounce.limits.joints import joint_names
 from jounce.limits.path import Path
 from jounce.limits.problem import Problem, check_path, problem_of
 from jounce.limits.rows import Rows
+from jounce.model.positions import number_rates
 from jounce.motion import Motion
 from jounce.motion.time_law import Paced, TimeLaw
 
@@ -91,7 +92,7 @@ def retime(robot: Engine, motion: object, margin: object = 0.01) -> Retiming:
     if not is_finite(margin) or not 0 <= margin < 1:  # type: ignore[operator]
         raise JounceError(f"margin is {quoted(margin)}; expected a number from 0 to below 1, 0.01 for 99 % of a limit")
     problem = problem_of(robot, given, 1 - float(margin))  # type: ignore[arg-type]
-    intervals = _resolving(given)
+    intervals = _resolving(robot, given)
     for reach in REACHES:
         grid, c = _fastest(Grid.of(problem, intervals, reach))
         if grid.bounded(c):
@@ -113,12 +114,13 @@ def _verified(robot: Engine, found: Retiming, problem: Problem) -> Retiming:
     return found
 
 
-def _resolving(motion: Motion) -> int:
+def _resolving(robot: Engine, motion: Motion) -> int:
     """A number of intervals whose finer points follow the velocities of a motion."""
     intervals = INTERVALS
     while intervals <= MOST_AT_FIRST:
         t = np.linspace(motion.start, motion.stop, 2 * FINER * POINTS * intervals + 1)
-        q, speed = motion(t, 1)
+        q, velocity = motion(t, 1)
+        speed = number_rates(robot.mechanism, q, velocity)
         chord, step = (speed[:-1:2] + speed[2::2]) / 2, 2 * (t[1] - t[0])
         off = np.abs(speed[1::2] - chord).max()
         missed = np.abs(q[2::2] - q[:-1:2] - step * (chord + 2 * speed[1::2]) / 3).max()  # by Simpson's rule

@@ -92,7 +92,7 @@ def slowdown(robot: Engine, motion: object) -> Slowdown:
         (factor, place), largest = found, None
     kind, joint, t = place
     notes += unresolved_notes(worst_of(b, factor))
-    return Slowdown(factor, Binding(b.joints[joint], kind, t), b.motion.scaled(1 / factor), largest, notes)
+    return Slowdown(factor, Binding(b.name(kind, joint), kind, t), b.motion.scaled(1 / factor), largest, notes)
 
 
 def _slower(b: Bounded, factor: float) -> tuple[float, Place] | None:
@@ -107,7 +107,7 @@ def _slower(b: Bounded, factor: float) -> tuple[float, Place] | None:
         low, high, place = (middle, high, place) if beyond is None else (low, middle, beyond)
     if not low:
         kind, joint, t = place
-        what = f"the {kind.replace('_', ' ')} of joint {quoted(b.joints[joint])}"
+        what = f"the {kind.replace('_', ' ')} of joint {quoted(b.name(kind, joint))}"
         raise JounceError(
             f"{what} is beyond its limit by more than two standard deviations at t = {t:.6g} s, at every speed; change"
             " the motion or with_limits"
@@ -186,7 +186,7 @@ def _refuse_jumps(b: Bounded, breaks: Sequence[ForceBreak]) -> None:
     worst.take_jumps(breaks)
     for (kind, sign), value in worst.value.items():
         for j in np.flatnonzero(np.isposinf(value)):
-            joint, t = quoted(b.joints[j]), worst.t[kind, sign][j]
+            joint, t = quoted(b.name(kind, int(j))), worst.t[kind, sign][j]
             limit = kind.replace("_", " ")
             raise JounceError(
                 f"break at t = {t:.9g} s: the {limit} of joint {joint} is infinite there at every speed, and it has a"

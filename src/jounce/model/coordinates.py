@@ -10,11 +10,12 @@ from typing import TypeVar
 
 import numpy as np
 
+from jounce.core.errors import JounceError, listed, one_of, quoted
 from jounce.core.scalars import Array, concatenate
-from jounce.model.kinds import KINDS, MOTION_KINDS, unit_of
+from jounce.model.kinds import ENDS, KINDS, MOTION_KINDS, unit_of
 from jounce.model.limits import Limits, unlimited
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import positions, single_positions
+from jounce.model.positions import extent_names, positions, single_positions
 from jounce.spatial.series import Series
 
 T = TypeVar("T", Array, Series)
@@ -84,8 +85,25 @@ def leading_joints(mechanism: Mechanism) -> list[int]:
 
 def joint_places(mechanism: Mechanism) -> dict[str, int]:
     """The joint variable that each name of a joint, or else of a coordinate, belongs to."""
-    leaders = dict(zip(mechanism.tree.coordinates, leading_joints(mechanism.tree), strict=True))
-    return leaders | {joint: i for i, joint in enumerate(mechanism.joints)}
+    tree = mechanism.tree
+    leaders = [dict(zip(names, leading_joints(tree), strict=True)) for names in (tree.coordinates, extent_names(tree))]
+    return leaders[0] | leaders[1] | {joint: i for i, joint in enumerate(mechanism.joints)}
+
+
+def limit_place(mechanism: Mechanism, name: str, key: str) -> int:
+    """The joint variable that a limit is kept at, by the name of a joint; raise `JounceError` if it has none of it.
+
+    Limits of the position of a joint of several screws bound no single number of it.
+    """
+    places = joint_places(mechanism)
+    for joint in positions(mechanism).values():
+        own, extents = mechanism.tree.coordinates[joint.coordinates], joint.extents
+        if name in ((*own, joint.name) if key in ENDS else (*{*extents} - {*own}, joint.name)):
+            raise JounceError(
+                f"joint {quoted(name)} has no {key} limit: {joint.name!r} is a {joint.group.name} joint, with limits"
+                f" of {listed(extents if key in ENDS else own)}"
+            )
+    return places[one_of("joint", name, places)]
 
 
 def coordinate_units(mechanism: Mechanism) -> list[str]:

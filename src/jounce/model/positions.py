@@ -41,6 +41,11 @@ class Position:
         """Those of its numbers in q that say the rotation."""
         return slice(self.numbers.start + len(self.group.places), self.numbers.stop)
 
+    @property
+    def extents(self) -> tuple[str, ...]:
+        """The names of what limits of the position bound, in the places of its velocities."""
+        return tuple(f"{self.name}.{what}" for what in self.group.extents)
+
     def motion(self, q: Array) -> Array:
         """Where the joint moves its body, (..., 4, 4), at columns q (..., nq, 1)."""
         return self.T @ self.group.pose(q[..., self.numbers, 0]) @ inverse(self.T)
@@ -102,6 +107,51 @@ def several_positions(mechanism: Mechanism) -> tuple[Position, ...]:
     return tuple(sorted(positions(mechanism).values(), key=lambda x: x.numbers.start))
 
 
+def extent_names(mechanism: Mechanism) -> tuple[str, ...]:
+    """The names of what limits of the position bound: of joints of one screw the coordinates."""
+    names = list(mechanism.coordinates)
+    for joint in positions(mechanism).values():
+        names[joint.coordinates] = joint.extents
+    return tuple(names)
+
+
+def extent(mechanism: Mechanism, q: np.ndarray) -> np.ndarray:
+    """What limits of the position bound, (..., n), at q of numbers, (..., nq): q itself of joints of one screw."""
+    if not positions(mechanism):
+        return q
+    found = of_single_joints(mechanism, q)
+    for joint in positions(mechanism).values():
+        found[..., joint.coordinates] = joint.group.extent(q[..., joint.numbers])
+    return found
+
+
+def loose_bodies(mechanism: Mechanism) -> set[int]:
+    """The bodies that their joints let leave the bodies that carry them: on planar and free ones."""
+    return {body for body, joint in positions(mechanism).items() if joint.group.places}
+
+
+def outer_bodies(mechanism: Mechanism) -> list[int]:
+    """The bodies that no other is linked to: they carry none, or only such as may leave them."""
+    loose = loose_bodies(mechanism)
+    return sorted(set(range(mechanism.nb)) - {p for i, p in enumerate(mechanism.parent) if i not in loose})
+
+
+def anchors(mechanism: Mechanism) -> np.ndarray:
+    """(nc, 3): of the axis of each joint variable the point nearest to the body's origin; several share their own."""
+    points = np.cross(mechanism.X[:, :3], mechanism.X[:, 3:])
+    for body, joint in positions(mechanism).items():
+        points[list(mechanism.columns[body])] = joint.T[:3, 3]
+    return points
+
+
+def resting_position(mechanism: Mechanism) -> np.ndarray:
+    """q of zeros, but for joints of several screws, which do not move their body: (nq,)."""
+    q = np.zeros(position_count(mechanism))
+    for joint in positions(mechanism).values():
+        q[joint.numbers] = joint.group.resting
+    return q
+
+
 def single_positions(mechanism: Mechanism) -> Array:
     """(n, numbers) integers: the positions of joints of one screw in the places of their velocities; others are 0."""
     return _numbers(mechanism)[1]
@@ -110,6 +160,11 @@ def single_positions(mechanism: Mechanism) -> Array:
 def of_single_joints(mechanism: Mechanism, q: np.ndarray) -> np.ndarray:
     """q (..., n) of joints of one screw, 0 in the places of others, of positions (..., nq)."""
     return q @ single_positions(mechanism).T if positions(mechanism) else q
+
+
+def number_rates(mechanism: Mechanism, q: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """The rates (..., nq) of positions q (..., nq) that move by a velocity (..., n)."""
+    return (moves(mechanism, q) @ velocity[..., None])[..., 0] if positions(mechanism) else velocity
 
 
 def moves(mechanism: Mechanism, q: Array) -> Array:

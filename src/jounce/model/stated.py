@@ -11,6 +11,9 @@ from jounce.core.scalars import Array, asarray, is_numeric
 from jounce.core.typing import Floats
 from jounce.model.kinds import EFFORT_KINDS, ENDS, FORCES, KINDS, LINE, PLACES
 from jounce.model.limits import Limits, in_positive_direction, unlimited
+from jounce.model.mechanism import Mechanism
+from jounce.model.positions import positions
+from jounce.spatial.groups import PLANAR
 
 Stated = float | Sequence[float]  # one number for both directions, or (lower, upper)
 
@@ -75,15 +78,14 @@ def _numbers(array: Array, key: str, nb: int) -> np.ndarray:
     return numbers
 
 
-def limits_with(
-    limits: Limits, changes: Mapping[int, Mapping[str, Stated]], names: Sequence[str], forces: Mapping[str, str]
-) -> Limits:
-    """The limits with those of some joint variables, by their index, in place of the old ones; `names` are theirs.
+def limits_with(mechanism: Mechanism, changes: Mapping[int, Mapping[str, Stated]], forces: Mapping[str, str]) -> Limits:
+    """The limits with those of some joint variables, by their index, in place of the old ones.
 
     Effort limits that change bound Q, unless `forces` says otherwise.
     """
+    limits, names = mechanism.limits, mechanism.joints
     table = limits.table.copy()
-    for i, joint in changes.items():
+    for i, joint in {**changes, **_turns(mechanism, changes)}.items():
         for key, value in joint.items():
             _set(table[..., i], key, value)
         if np.isinf(np.max(joint.get(LINE[0], 0))):
@@ -94,6 +96,25 @@ def limits_with(
     changed = [kind for kind in EFFORT_KINDS if any(kind in joint for joint in changes.values())]
     of = {kind: limits.of(kind) for kind in EFFORT_KINDS} | dict.fromkeys(changed, FORCES[0]) | dict(forces)
     return Limits(table + 0.0, tuple(kind for kind in EFFORT_KINDS if of[kind] == FORCES[1]))
+
+
+def _turns(mechanism: Mechanism, changes: Mapping[int, Mapping[str, Stated]]) -> dict[int, Mapping[str, Stated]]:
+    """Those of the changes that are of turns of joints of several screws, checked; swings are bounded on one side."""
+    found: dict[int, Mapping[str, Stated]] = {}
+    for body, joint in positions(mechanism).items():
+        for i, name, what in zip(mechanism.columns[body], joint.extents, joint.group.extents, strict=True):
+            stated: Mapping[str, Any] = {end: x for end, x in changes.get(i, {}).items() if end in ENDS}
+            most = np.max(np.abs([x for x in stated.values() if np.isfinite(x)]), initial=0)
+            if not stated or stated == {"lower": -np.inf} or what in joint.group.positions:
+                continue
+            if most > np.pi:
+                raise JounceError(f"joint {quoted(name)}: a limit of {most:g} rad; a {what} is never beyond pi")
+            if what in ("swing", "angle") and joint.group is not PLANAR:
+                upper = stated.get("upper", np.nan)
+                if not upper >= 0 or stated.get("lower", -upper) != -upper:
+                    raise JounceError(f"joint {quoted(name)}: expected upper alone, of 0 to pi: a {what} has no sign")
+                found[i] = {**changes[i], "lower": -upper}
+    return found
 
 
 def _set(table: Floats, key: str, value: Stated) -> None:

@@ -73,6 +73,11 @@ class Joint:
             return [self.name] * len(self.screws)
         return [f"{self.name}.{velocity}" for velocity in FREE_JOINTS[self.free].velocities]
 
+    @property
+    def limited(self) -> list[str]:
+        """Those of its joint variables that its limits are kept at: of a ball, those of the angle of the whole turn."""
+        return self.variables if self.free is None else self.variables[1:2] if self.free == "spherical" else []
+
 
 BASES = ("fixed", "floating")
 FREE_JOINTS: Mapping[str, Group] = {"floating": FREE, "planar": PLANAR, "spherical": BALL}
@@ -146,7 +151,7 @@ def mechanism(
             owners=[i for _, _, i in variables],
             G=G,
             g=g,
-            limits=limits_of_joints([joint.limits for joint, _, _ in variables]),
+            limits=limits_of_joints([joint.limits if name in joint.limited else {} for joint, name, _ in variables]),
             drives={key: [joint.drive.get(key, none) for joint, _, _ in variables] for key, none in UNDRIVEN.items()},
             base=None if floating is None else M[-1],
             base_name=floating or "",

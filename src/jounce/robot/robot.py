@@ -673,7 +673,9 @@ class Robot(Applications, Methods, OldMethods, Displayed):
             published: "panda", "fr3", "ur3e", "ur5", "ur5e", "ur10e", "iiwa7", "iiwa14", "xarm6", "xarm7", for joints
             with its names behind any prefix; or the limits of a robot with the same joints.
         lower, upper, velocity, acceleration, jerk, snap : number, array or mapping, optional
-            Bounds of q, qd, q2d, q3d, q4d: rad or m, per s, ...
+            Bounds of q, qd, q2d, q3d, q4d: rad or m, per s, ... Positions of a ball "b" are bounded by `upper` of
+            "b.swing", a cone about the z axis of its frame, and of "b.angle", that of the whole turn, and by `lower`
+            and `upper` of its twist about z, "b.twist"; free joints have x, y and z too, and planar ones x, y, angle.
         effort, effort_rate, second_effort_rate : number, array or mapping, optional
             Bounds of Q, Qd, Q2d: N m or N, per s, per s^2.
         power : number, array or mapping, optional

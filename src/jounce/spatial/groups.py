@@ -51,6 +51,22 @@ class Group:
         """What its velocities are called."""
         return tuple(VELOCITIES[axis] for axis in self.axes)
 
+    @property
+    def extents(self) -> tuple[str, ...]:
+        """What limits of its position bound, as many as it has velocities: the turn, then the place.
+
+        In a plane a turn is its angle. Others are a swing, the angle between the z axes before and after the turn, the
+        angle of the whole turn, and its twist about the z axis that it moves: the turn is that twist, then a swing
+        about an axis square to z.
+        """
+        turns = ("angle",) if self is PLANAR else ("swing", "angle", "twist")
+        return (*turns, *self.positions[: len(self.places)])
+
+    @property
+    def resting(self) -> np.ndarray:
+        """The numbers p of the unit matrix."""
+        return self.numbers(np.eye(4))
+
     def pose(self, p: Array) -> Array:
         """H, (..., 4, 4), at p, (..., numbers)."""
         count = len(self.places)
@@ -62,6 +78,20 @@ class Group:
         """p, (..., numbers), of poses of numbers, (..., 4, 4): w of quaternions is not negative."""
         turn = np.roll(to_quaternion(rotation(H)), -1, axis=-1) if self is not PLANAR else H[..., :2, 0]
         return np.concatenate([H[..., list(self.places), 3], turn], axis=-1)
+
+    def extent(self, p: np.ndarray) -> np.ndarray:
+        """What limits bound at p of numbers, (..., k): angles of -pi to pi, swings and angles of turns of 0 to pi."""
+        count = len(self.places)
+        *v, w = np.moveaxis(p[..., count:], -1, 0)
+        if self is PLANAR:
+            turns = [np.arctan2(w, *v)]
+        else:
+            x, y, z = v
+            away, about, side = np.hypot(x, y), np.hypot(z, w), np.where(w < 0, -1, 1)
+            turns = [
+                2 * np.arctan2(a, b) for a, b in ((away, about), (np.hypot(away, z), np.abs(w)), (side * z, side * w))
+            ]
+        return np.concatenate([np.stack(turns, axis=-1), p[..., :count]], axis=-1)
 
     def moves(self, p: Array) -> Array:
         """(..., numbers, k): p' = moves nu."""

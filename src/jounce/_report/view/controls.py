@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from jounce._report.sliders import slider_ranges
+from jounce._report.turns import in_turn
 from jounce._report.view.scene import Scene
 from jounce._report.view.track import Track
 from jounce.core.errors import escaped, shortened
@@ -19,8 +20,8 @@ MARK = 1e-4  # of the duration: how wide the mark of the time is
 
 
 def joint_sliders(gui: Any, robot: Engine, along: Track | None) -> list[Any]:
-    """A slider for each joint: from limit to limit, and as far as the motion goes."""
-    q = np.zeros((0, robot.n)) if along is None else along.q
+    """A slider for each joint: from limit to limit, and as far as the motion goes; of several screws `in_turn`."""
+    q = np.zeros((0, robot.n)) if along is None else in_turn(robot.mechanism, along.q)
     lowest, highest = slider_ranges(robot.mechanism, q)
     closure = robot.mechanism.closure
     rest = closure.start[list(closure.independent)] if closure else np.zeros(robot.n)

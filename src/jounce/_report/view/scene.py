@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jounce._report.drawing import GROUND, parts_of, robot_size
+from jounce._report.turns import in_turn
 from jounce._report.view.track import Track, start_of
 from jounce.core.errors import JounceError, listed
 from jounce.engine.engine import Engine
@@ -52,7 +53,7 @@ def draw_scene(
         name, long, thick = f"{node}/frame", 0.12 * size, 0.005 * size
         frames.append(server.scene.add_frame(name, axes_length=long, axes_radius=thick, visible=False))
     seen, notes = _draw_visuals(server, robot, file, folders)
-    for k, part in enumerate(parts_of(m, size, start[None])):
+    for k, part in enumerate(parts_of(m, size, in_turn(m, start[None]))):
         if part.body not in seen:
             colour = np.frombuffer(bytes.fromhex(part.colour.removeprefix("#")), np.uint8)
             server.scene.add_mesh_simple(f"{_node(m, part.body)}/part{k}", part.vertices, part.triangles, color=colour)

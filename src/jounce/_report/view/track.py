@@ -12,6 +12,7 @@ from jounce.engine.along import forces_along
 from jounce.engine.closed_path import positions
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
+from jounce.model.positions import resting_position
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
@@ -63,9 +64,9 @@ def track(robot: Engine, motion: "Motion") -> Track:
 
 
 def start_of(robot: Engine) -> np.ndarray:
-    """The positions (joints,) of all joints of a robot at zero, or where its loops are closed at first."""
+    """The positions (numbers,) of all joints of a robot at zero, or where its loops are closed at first."""
     closure = robot.mechanism.closure
-    return closure.start if closure else np.zeros(robot.n)
+    return closure.start if closure else resting_position(robot.mechanism)
 
 
 def at_rest(robot: Engine, q: np.ndarray, C: np.ndarray, near: np.ndarray | None = None) -> Track:

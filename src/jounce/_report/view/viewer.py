@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jounce._report.turns import in_turn, numbers_of
 from jounce._report.view.controls import curves_of, joint_sliders, legend_of, series_of, table_of, text
 from jounce._report.view.scene import Scene, draw_scene, show
 from jounce._report.view.server import HOST, serve
@@ -56,7 +57,7 @@ class Viewer:
             if not self.setting:
                 if self.playing is not None:
                     self.playing.value = False
-                q = np.array([slider.value for slider in self.joints])
+                q = numbers_of(self.scene.robot.mechanism, np.array([slider.value for slider in self.joints]))
                 try:
                     self._show(at_rest(self.scene.robot, q, self.base, self.positions))
                 except JounceError as error:  # where loops cannot be closed
@@ -70,7 +71,7 @@ class Viewer:
         with self.busy:
             assert self.along is not None
             now = self.along.at(self.time.value)
-            self._set(now.q)
+            self._set(in_turn(self.scene.robot.mechanism, now.q))
             self._show(now)
 
     def _set(self, q: np.ndarray) -> None:

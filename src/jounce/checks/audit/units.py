@@ -6,13 +6,14 @@ density that the body exceeds somewhere. Where the moments are large, the densit
 how much.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
 from jounce.checks.audit.finding import Finding
 from jounce.checks.audit.inertias import is_point
 from jounce.model.mechanism import Mechanism, reference_poses
+from jounce.model.positions import anchors
 from jounce.spatial import inertia
 
 OSMIUM, WATER, AIR = 22600.0, 1000.0, 1.2  # kg/m^3: the densest there is; most links are near; lighter is no link
@@ -101,7 +102,7 @@ def masses(mechanism: Mechanism) -> list[Finding]:
 
 def sizes(mechanism: Mechanism) -> list[Finding]:
     """A robot of tens of metres or few millimetres, and COMs far beyond a robot's size from their joint."""
-    points = [np.cross(X[:3], X[3:]) for X in mechanism.X]  # of each axis, that nearest to its body's origin
+    points = anchors(mechanism)
     size, reach = _size(mechanism, points), _reach(mechanism, points)
     span = size or max(reach)
     found = []
@@ -135,10 +136,10 @@ def sizes(mechanism: Mechanism) -> list[Finding]:
     return found
 
 
-def _size(mechanism: Mechanism, anchors: Sequence[np.ndarray]) -> float:
+def _size(mechanism: Mechanism, points: np.ndarray) -> float:
     """The largest distance between joints at theta = 0, of several trees on the ground the largest."""
     C, owners = reference_poses(mechanism), list(mechanism.owners)
-    places = np.stack([C[i][:3, :3] @ x + C[i][:3, 3] for i, x in zip(owners, anchors, strict=True)])
+    places = np.stack([C[i][:3, :3] @ x + C[i][:3, 3] for i, x in zip(owners, points, strict=True)])
     roots: list[int] = []
     for i, p in enumerate(mechanism.parent):
         roots.append(roots[p] if p >= 0 else i)
@@ -148,10 +149,10 @@ def _size(mechanism: Mechanism, anchors: Sequence[np.ndarray]) -> float:
     return size if size > 1e-9 else 0.0  # axes that meet but for rounding
 
 
-def _reach(mechanism: Mechanism, anchors: Sequence[np.ndarray]) -> list[float]:
+def _reach(mechanism: Mechanism, points: np.ndarray) -> list[float]:
     """The distance of the COM of each body from the joint that moves it; 0 of the massless."""
     reach = []
-    for M, x in zip(mechanism.M[list(mechanism.owners)], anchors, strict=True):
+    for M, x in zip(mechanism.M[list(mechanism.owners)], points, strict=True):
         m, h, _ = inertia.moments(M)
         reach.append(float(np.linalg.norm(h[:, 0] / m[0, 0] - x)) if m[0, 0] > 0 else 0.0)
     return reach

@@ -13,7 +13,7 @@ from jounce.io.entries import Entry
 from jounce.io.files import path_of
 from jounce.io.limits import moveit
 from jounce.io.native import parts
-from jounce.model.coordinates import joint_places
+from jounce.model.coordinates import joint_places, limit_place
 from jounce.model.kinds import FORCES
 from jounce.model.limits import Limits
 from jounce.model.mechanism import Mechanism
@@ -124,8 +124,11 @@ def _joints(document: Entry, mechanism: Mechanism, keys: Mapping[str, str] | Non
 
 def _changed(mechanism: Mechanism, document: Entry, stated: ByJoint) -> Limits:
     """The limits of a mechanism with those that are stated of some joints in their place."""
-    places = joint_places(mechanism)
-    changes = {places[name]: joint for name, joint in stated.items()}
+    changes: dict[int, dict[str, Stated]] = {}
+    with at(document.path):
+        for name, joint in stated.items():
+            for key, value in joint.items():
+                changes.setdefault(limit_place(mechanism, name, key), {})[key] = value
     inertial = parts.without_gravity(document) if "limits_of" in document.value else ()
     with at(document.path):
-        return limits_with(mechanism.limits, changes, mechanism.joints, dict.fromkeys(inertial, FORCES[1]))
+        return limits_with(mechanism, changes, dict.fromkeys(inertial, FORCES[1]))

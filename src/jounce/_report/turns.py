@@ -1,0 +1,49 @@
+"""Joints of several screws as joints of one screw each, for pages and sliders: turns about x, y and z, then shifts.
+
+A pose in the group is ``exp(X_1 s_1) exp(X_2 s_2) ...`` over its screws, each in the axes that the former ones moved.
+"""
+
+import numpy as np
+
+from jounce.model.mechanism import Mechanism
+from jounce.model.positions import Position, position_count, positions, single_positions
+from jounce.spatial.groups import PLANAR
+from jounce.spatial.lie import exp
+
+
+def in_turn(m: Mechanism, q: np.ndarray) -> np.ndarray:
+    """s (..., n) of positions q (..., nq): these themselves for joints of one screw."""
+    if not positions(m):
+        return q
+    s = q @ single_positions(m).T
+    for joint in positions(m).values():
+        s[..., joint.coordinates] = _steps(joint, q[..., joint.numbers])
+    return s
+
+
+def numbers_of(m: Mechanism, s: np.ndarray) -> np.ndarray:
+    """Positions q (nq,) of s (n,)."""
+    if not positions(m):
+        return s
+    q = np.zeros(position_count(m)) + s @ single_positions(m)
+    for joint in positions(m).values():
+        H = np.eye(4)
+        for X, step in zip(joint.group.X.T.astype(float), s[joint.coordinates], strict=True):
+            H = H @ exp(X, step[None, None])
+        q[joint.numbers] = joint.group.numbers(H)
+    return q
+
+
+def _steps(joint: Position, p: np.ndarray) -> np.ndarray:
+    H = np.asarray(joint.group.pose(p))
+    R, r = H[..., :3, :3], H[..., :3, 3:]
+    if joint.group is PLANAR:
+        turns = [np.arctan2(R[..., 1, 0], R[..., 0, 0])]
+    else:
+        turns = [
+            np.arctan2(-R[..., 1, 2], R[..., 2, 2]),
+            np.arcsin(R[..., 0, 2].clip(-1, 1)),
+            np.arctan2(-R[..., 0, 1], R[..., 0, 0]),
+        ]
+    shifts = (R.mT @ r)[..., : len(joint.group.places), 0]
+    return np.concatenate([np.stack(turns, axis=-1), shifts], axis=-1) + 0.0

@@ -1,0 +1,83 @@
+"""Limits of joints of several screws: a cone and a twist of a ball, places and an angle in a plane."""
+
+import numpy as np
+import pytest
+from leg_and_cart import leg_and_cart
+
+import jounce
+from jounce.model.positions import extent, extent_names, position_count, positions, resting_position
+from jounce.spatial.groups import BALL, GROUPS, PLANAR
+from jounce.spatial.lie import exp, rotation
+
+ROBOT = leg_and_cart()
+LIMITED = {"upper": {"ankle.swing": 0.5, "ankle.twist": 0.3}, "lower": {"ankle.twist": -0.2}}
+
+
+def about(axis, angle):
+    return exp(np.array([*axis, 0, 0, 0.0]), np.array([[angle]]))
+
+
+@pytest.mark.parametrize(("swing", "twist"), [(0.4, -0.3), (2.9, 3.0), (0.0, 1.0), (1.0, -3.1)])
+@pytest.mark.parametrize("sign", [1, -3])
+def test_a_turn_is_a_twist_about_z_then_a_swing_about_an_axis_square_to_it(swing, twist, sign):
+    H = about([0.6, 0.8, 0], swing) @ about([0, 0, 1], twist)
+    found = BALL.extent(sign * BALL.numbers(H))
+    angle = np.arccos((np.trace(rotation(H)) - 1) / 2)
+    np.testing.assert_allclose(found, [swing, angle, twist], atol=1e-14)
+
+
+def test_extents_of_a_plane_and_of_places_are_as_they_are_given():
+    np.testing.assert_allclose(PLANAR.extent(np.array([1.0, 2.0, 0.0, -3.0])), [-np.pi / 2, 1, 2])
+    p = np.random.default_rng(0).normal(size=(3, 7))
+    np.testing.assert_array_equal(GROUPS["free"].extent(p)[:, 3:], p[:, :3])
+
+
+def test_a_resting_position_moves_no_body():
+    m, q = ROBOT.mechanism, resting_position(ROBOT.mechanism)
+    assert q.shape == (position_count(m),)
+    for joint in positions(m).values():
+        np.testing.assert_array_equal(joint.group.pose(q[joint.numbers]), np.eye(4))
+    np.testing.assert_array_equal(extent(m, q), np.zeros(m.n))
+
+
+def test_limits_of_a_ball_bound_its_swing_and_its_twist():
+    limits = ROBOT.with_limits(**LIMITED).limits
+    place = extent_names(ROBOT.mechanism).index("ankle.swing")
+    assert limits.stated(place) == {"lower": -0.5, "upper": 0.5}
+    assert limits.stated(place + 2) == {"lower": -0.2, "upper": 0.3}
+    assert not np.isfinite(limits.upper[place + 1])
+
+
+def test_a_file_of_limits_bounds_a_ball(tmp_path):
+    path = tmp_path / "limits.yaml"
+    path.write_text(
+        "units: SI\nangles: deg\njoints:\n  ankle.swing: {upper: 30}\n  ankle.twist: {lower: -10, upper: 20}\n"
+        "  ankle.wx: {velocity: 90}\n  box.z: {lower: 0}\n"
+    )
+    limits = ROBOT.with_limits(path).limits
+    assert limits.stated(1) == pytest.approx({"lower": -np.pi / 6, "upper": np.pi / 6, "velocity": np.pi / 2})
+    assert limits.stated(3) == pytest.approx({"lower": -np.pi / 18, "upper": np.pi / 9})
+    assert limits.stated(13) == {"lower": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"upper": {"ankle.wx": 1}}, "joint 'ankle.wx' has no upper limit: 'ankle' is a ball joint, with limits of"
+         " ankle.swing, ankle.angle, ankle.twist"),
+        ({"lower": {"ankle": 1}}, "joint 'ankle' has no lower limit: .* ankle.swing, ankle.angle, ankle.twist"),
+        ({"upper": {"deck.vx": 1}}, "'deck' is a planar joint, with limits of deck.angle, deck.x, deck.y"),
+        ({"velocity": {"ankle.swing": 1}}, "no velocity limit: .* with limits of ankle.wx, ankle.wy, ankle.wz"),
+        ({"lower": {"ankle.swing": -0.1}}, "'ankle.swing': expected upper alone, of 0 to pi: a swing has no sign"),
+        ({"upper": {"ankle.angle": -0.1}}, "expected upper alone"),
+        ({"upper": {"ankle.twist": 4}}, "'ankle.twist': a limit of 4 rad; a twist is never beyond pi"),
+    ],
+)  # fmt: skip
+def test_a_limit_that_a_ball_cannot_have_is_refused_with_those_that_it_can(given, words):
+    with pytest.raises(jounce.JounceError, match=words):
+        ROBOT.with_limits(**given)
+
+
+def test_limits_of_a_ball_are_taken_away():
+    limits = ROBOT.with_limits(**LIMITED).with_limits(upper={"ankle.swing": np.inf}).limits
+    assert limits.stated(1) == {}
