@@ -110,8 +110,8 @@ def mechanism(
         by_name, ordered = _from(root, by_name, ordered, file)
     ordered = _settled(by_name, ordered, base, file)
     if floating is not None and not _movable(ordered):  # nothing but the base: it is a free joint of the ground
-        own = next((joint.name for joint in joints if joint.child == floating), floating)
-        ordered = [Joint(own, "", floating, np.eye(4), None, None, {}, {}, file, free="floating"), *ordered]
+        called = next((joint.name for joint in joints if joint.child == floating), floating)
+        ordered = [Joint(called, "", floating, np.eye(4), None, None, {}, {}, file, free="floating"), *ordered]
         floating = None
     movable = _movable(ordered)
     if not movable:

@@ -150,7 +150,9 @@ def _coordinates(robot: Entry, variables: Sequence[tuple[Entry, str, np.ndarray,
     return names
 
 
-def _coupling(variables: Sequence[tuple[Entry, str, np.ndarray, Entry]], coordinates: Index) -> tuple[np.ndarray, np.ndarray]:
+def _coupling(
+    variables: Sequence[tuple[Entry, str, np.ndarray, Entry]], coordinates: Index
+) -> tuple[np.ndarray, np.ndarray]:
     """G and g of the joint variables ``theta = G q + g``."""
     G, g = np.zeros((len(variables), len(coordinates))), np.zeros(len(variables))
     for i, (joint, own, *_) in enumerate(variables):

@@ -87,10 +87,10 @@ def state_from(mechanism: Mechanism, layout: Layout, given: Sequence[object], ta
             rate[..., j] = x[..., found.joints[i].v]
     for i, place in found.joints.items():
         _check_follower(mechanism, i, place, theta[i], q, labels[0])
-    for x, joint in found.several:
-        q[..., x.numbers], *moved = motion_from(joint, terms, f"{labels[0]} of {quoted(x.name)}")
+    for here, joint in found.several:
+        q[..., here.numbers], *moved = motion_from(joint, terms, f"{labels[0]} of {quoted(here.name)}")
         for rate, nu in zip(rates, moved, strict=True):
-            rate[..., x.coordinates] = nu
+            rate[..., here.coordinates] = nu
     qd, q2d = [*rates, None, None][:2]
     Q = None if tau is None else forces_from(mechanism, layout, tau, terms[0])
     base = None if found.base is None else _base_from(mechanism, found.base, terms, labels[0])
@@ -137,9 +137,9 @@ def _motion_to(mechanism: Mechanism, layout: Layout, given: Sequence[object], ba
             out[0][..., place.q + 1] = np.sin(angle)
         for x, rate in zip(out[1:], others, strict=True):
             x[..., place.v] = rate
-    for x, joint in found.several:
-        p = x.group.numbers(x.group.pose(rates[0][..., x.numbers]))
-        put_motion(joint, [p, *(rate[..., x.coordinates] for rate in rates[1:])], out)
+    for here, joint in found.several:
+        p = here.group.numbers(here.group.pose(rates[0][..., here.numbers]))
+        put_motion(joint, [p, *(rate[..., here.coordinates] for rate in rates[1:])], out)
     if found.base is not None:
         p, T = _numbers_of_base(mechanism, found.base, motion[0]), found.base.moved[mechanism.bodies[0]]
         put_motion(found.base, [p, *(V @ Ad(T).T for V in motion[1:])], out)

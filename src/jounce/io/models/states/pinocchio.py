@@ -50,4 +50,3 @@ def layout(model: Any) -> Layout:
 
 def _is_body(frame: Any) -> bool:
     return frame.type.name in BODIES
-
