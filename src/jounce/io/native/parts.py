@@ -59,7 +59,7 @@ def screw(joint: Entry) -> np.ndarray:
         given = joint.keys(("name", "screw"), BESIDE).get("screw")
         with given.refusals():
             return exact_screw(given.numbers((6,)), given.what)
-    kind = joint.keys(("name", "type", "axis"), ("point", "pitch", *BESIDE)).get("type")
+    kind = joint.need("type", ("name", "type", "axis"))
     if kind.text() not in KINDS:
         known = (*KINDS, *GROUPS)
         raise JounceError(f"{kind.place}: {joint.what}: {no_such('joint type', kind.value, known)}")

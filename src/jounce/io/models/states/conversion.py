@@ -170,7 +170,13 @@ def forces_to(mechanism: Mechanism, layout: Layout, Q: object, base: object = No
     forces = _numbers(column(mechanism, Q, "Q", mechanism.nv), "Q")
     free = found.base is not None and found.base.in_world
     motion = _base(mechanism, base, 1) if free or base is not None else []
-    at = [_numbers(position(mechanism, q), "q")] if any(joint.in_world for _, joint in found.several) else []
+    at = []
+    for here, _ in [(here, joint) for here, joint in found.several if joint.in_world][:1]:
+        if q is None:
+            raise JounceError(
+                f"q is None; expected it, as {layout.what} has forces on {quoted(here.name)} in world axes"
+            )
+        at = [_numbers(position(mechanism, q), "q")]
     batch = _common([forces.shape[:-1], *(C.shape[:-2] for C in motion), *(p.shape[:-1] for p in at)])
     tau = np.zeros((*batch, layout.nv))
     first = mechanism.nv - mechanism.n
