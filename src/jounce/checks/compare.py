@@ -16,6 +16,7 @@ import numpy as np
 from jounce.arguments.requests import takes_base
 from jounce.checks.magnitudes import magnitudes, scale
 from jounce.checks.reference import Absence, peers
+from jounce.checks.reference.peer import joint_rates
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.newton import scales
 from jounce.dynamics.quantities import FORCES, QUANTITIES
@@ -23,6 +24,7 @@ from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine, like
 from jounce.engine.generic import as_tuple
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import positions, single_positions
 from jounce.model.screws import from_screws
 from jounce.spatial.series import rate_name
 
@@ -68,38 +70,55 @@ def compare(
 def _sizes(m: Mechanism, order: int, x: "_Motion") -> Sequence[np.ndarray]:
     """The magnitudes of forces and their rates."""
     base = x.base(len(x.q))
-    return magnitudes(m, Computation(FORCES.name, order, base=base is not None), [*x.q, *(base or ())])
+    return magnitudes(m, Computation(FORCES.name, order, base=base is not None), [*x.rates(m), *(base or ())])
 
 
 @dataclass(frozen=True)
 class _Motion:
-    """Rates of the coordinates, and of six joints that carry the base of a robot that floats."""
+    """Rates of the coordinates, and of six joints that carry the base of a robot that floats.
+
+    A joint of several screws is carried as a base is: by those of six joints whose screws it has.
+    """
 
     q: np.ndarray
     carrier: np.ndarray | None
 
     def base(self, count: int) -> tuple[Any, ...] | None:
         """C, V, Vd, ... of the base, as many as there are rates of the coordinates; None if it does not float."""
-        if self.carrier is None:
-            return None
-        C = compute(CARRIER, "poses", [*self.carrier[:1]], body="body6", method="recursion")
-        rates = self.carrier[:count]
-        return C, *(
-            as_tuple(compute(CARRIER, "twists", [*rates], body="body6", method="recursion")) if count > 1 else ()
-        )
+        return None if self.carrier is None else _carried(self.carrier[:count])
+
+    def rates(self, m: Mechanism, count: int | None = None) -> list[np.ndarray]:
+        """q, qd, ... of a robot, as many as asked for, by default as there are rates of the coordinates."""
+        q, *rates = self.q[:count].copy()
+        q = q @ single_positions(m)
+        for x in positions(m).values():
+            six = np.zeros((*self.q[:count].shape[:-1], 6), dtype=self.q.dtype)
+            six[..., (np.array(x.group.axes) + 3) % 6] = self.q[:count][..., x.coordinates]
+            C, *twists = _carried(six)
+            q[..., x.numbers] = x.group.numbers(C)
+            for rate, V in zip(rates, twists, strict=True):
+                rate[..., x.coordinates] = V[..., list(x.group.axes)]
+        return [q, *rates]
 
     def forces(self, robot: Engine, count: int | None = None, **options: Any) -> tuple[Any, ...]:
         """Q and its rates from the first rates of the coordinates, by default from all of them."""
-        q = self.q[:count]
-        return as_tuple(compute(robot, FORCES.name, [*q], base=self.base(len(q)), **options))
+        q = self.rates(robot.mechanism, count)
+        return as_tuple(compute(robot, FORCES.name, q, base=self.base(len(q)), **options))
 
     def map(self, f: Callable[[np.ndarray], np.ndarray]) -> "_Motion":
         """The motion with other rates."""
         return _Motion(f(self.q), None if self.carrier is None else f(self.carrier))
 
 
+def _carried(rates: np.ndarray) -> tuple[np.ndarray, ...]:
+    """C, V, Vd, ... of a body on six joints with these rates."""
+    C = compute(CARRIER, "poses", [*rates[:1]], body="body6", method="recursion")
+    more = as_tuple(compute(CARRIER, "twists", [*rates], body="body6", method="recursion")) if len(rates) > 1 else ()
+    return C, *more
+
+
 def _with_peers(robot: Engine, source: Path | None, x: _Motion) -> Iterator[Check]:
-    m, q = robot.mechanism, x.q
+    m, q = robot.mechanism, x.rates(robot.mechanism)
     if m.closure:
         yield Check("-", "other libraries", None, 0.0, "loops are closed: these would compute the forces of the tree")
         return
@@ -113,10 +132,10 @@ def _with_peers(robot: Engine, source: Path | None, x: _Motion) -> Iterator[Chec
     first = m.nv - m.n
     G = np.eye(first + len(m.joints), m.nv)
     G[first:, first:] = m.G
-    thetas = zip(q[0] @ m.G.T + m.g, q[1] @ m.G.T, q[2] @ m.G.T, strict=True)
+    thetas = zip(*joint_rates(m, q[:3]), strict=True)
     base = x.base(3)
     at = [(theta, base and tuple(term[i] for term in base)) for i, theta in enumerate(thetas)]
-    at_rest = [((theta, 0 * theta, 0 * theta), base and (base[0], *np.zeros((2, 6)))) for (theta, *_), base in at]
+    at_rest = [((theta, 0 * rate, 0 * rate), base and (base[0], *np.zeros((2, 6)))) for (theta, rate, _), base in at]
     for peer in peers(m, source):
         if isinstance(peer, Absence):
             yield Check("-", peer.name, None, 0.0, peer.reason)
