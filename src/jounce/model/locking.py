@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ SLACK = 1e-3  # of the range of a joint: limits in files are rounded
 TURN = 6.3  # rad: what is less is not taken for degrees
 
 
-def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
+def locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
     """Return the mechanism with some coordinates locked at values, rad or m; joints that follow only these too.
 
     A ball, planar or free joint is locked as a whole, at its numbers in q.
