@@ -80,7 +80,7 @@ def check_single(tree: Mechanism) -> None:
         )
 
 
-def with_locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
+def with_locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
     """The mechanism with some coordinates locked at values, rad or m, its loops still closed.
 
     Raises

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -27,7 +27,7 @@ def load(
     gravity: ArrayLike | None = None,
     base: Base | None = None,
     root: str | None = None,
-    lock: Mapping[str, float] | None = None,
+    lock: Mapping[str, Any] | None = None,
     drives: DriveTerms | None = False,
     xacro_args: Mapping[str, object] | None = None,
     **parameters: Unpack[Planar2R],

@@ -436,8 +436,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If it is not a model of MuJoCo, one free joint carries all others and no `base` or `root` is given, it has no
-            joint that moves, or holds a number that is not finite.
+            If it is not a model of MuJoCo, one free joint carries all others and no `base` or `root` is given, no joint
+            moves, or it holds a number that is not finite.
 
         Warns
         -----
