@@ -70,6 +70,27 @@ def test_libraries_read_the_file_of_a_robot_that_floats(tmp_path):
     assert {check.remark for check in of(checks, "MuJoCo")} == {"its own reading of the file"}
 
 
+BALLS = """<mujoco><worldbody>
+<body name='arm' pos='0 0 .3'><joint name='turn' axis='0 1 0'/><geom size='.2' pos='.3 0 0'/>
+<body name='rod' pos='.4 0 0'><joint name='ball' type='ball' pos='0 .1 0'/><geom size='.1' pos='.2 0 0'/></body></body>
+<body name='stone' pos='3 0 0'><freejoint name='fly'/><geom type='box' size='.1 .2 .3' pos='.1 0 0'/></body>
+</worldbody></mujoco>"""
+
+
+def test_libraries_and_paths_agree_on_joints_of_several_screws(tmp_path):
+    path = tmp_path / "balls.xml"
+    path.write_text(BALLS)
+    robot = jounce.load(path)
+    for source, remark in ((path, "its own reading of the file"), (None, "our data")):
+        checks = compare(robot, source, order=1, states=2)
+        assert [check for check in checks if not check.passed] == []
+        assert {check.remark for check in of(checks, "MuJoCo")} == {remark}
+        assert [check.quantity for check in of(checks, "Pinocchio")] == ["Q", "Qgrav", "M"]
+    path = robot_file(tmp_path, link("w"), link("base", BODY), FLIES.replace("floating", "planar"))
+    checks = compare(jounce.load(path), path, order=1, states=2)
+    assert "no planar joints" in of(checks, "MuJoCo")[0].remark
+
+
 def test_warnings_of_mujoco_are_passed_on_and_leave_no_log(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     B, X, M = [np.eye(4)] * 2, [[0, 0, 1, 0, 0, 0]] * 2, jounce.inertia_matrix(1, [1, 0, 0], np.zeros((3, 3)))

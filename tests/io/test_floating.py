@@ -66,11 +66,8 @@ TWO_ROOTS = (*WORLD, link("flap", OTHER), joint("f", "world", "flap"))
 REFUSED = {
     "several roots": (TWO_ROOTS, {}, ["2 root links, world, trunk", "root="]),
     "several that move": ((*flying(), *SECOND), {}, ["2 links move on the ground, trunk, wing", "trunk or wing"]),
-    "planar behind": ((*flying(), link("x"), joint("p", "arm", "x", "planar")), {}, ["'p' is planar, behind the base"]),
-    "planar at the root": (flying("planar"), {}, [":8", "'flight' is planar", "base='fixed'"]),
     "unknown root": (flying(), {"root": "trnk"}, ["unknown link 'trnk'", "did you mean 'trunk'"]),
     "no links": ((), {}, ["no links"]),
-    "without joints": (flying(), {"root": "lid"}, ["no movable joint"]),
 }
 
 
@@ -78,6 +75,20 @@ REFUSED = {
 def test_refuses(tmp_path, items, options, words):
     path = robot_file(tmp_path, *items)
     assert str(path) in refusal(lambda: jounce.load(path, base="floating", **options), *words)
+
+
+def test_planar_joints_move_behind_the_base_and_on_the_ground(tmp_path):
+    path = robot_file(tmp_path, *flying(), link("x", OTHER), joint("p", "arm", "x", "planar"))
+    robot = jounce.load(path, base="floating")
+    assert (robot.joint_names, robot.nq, robot.nv) == (("turn", "p.wz", "p.vx", "p.vy"), 12, 10)
+    path = robot_file(tmp_path, *flying("planar"))
+    robot = jounce.load(path)
+    assert (robot.joint_names, robot.nq) == (("flight.wz", "flight.vx", "flight.vy", "turn"), 5)
+
+
+def test_a_base_without_joints_is_a_free_joint_of_the_ground(tmp_path):
+    robot = jounce.load(robot_file(tmp_path, *flying()), base="floating", root="lid")
+    assert (robot.mechanism.floats, robot.body_names, robot.nq) == (False, ("lid",), 7)
 
 
 def test_without_a_choice_a_floating_joint_is_refused(tmp_path):

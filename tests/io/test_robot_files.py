@@ -280,7 +280,7 @@ def test_convert(tmp_path, suffix):
     back = tmp_path / "back.yaml"
     summary = json.loads(call("convert", out, "-o", back, "--json").stdout)
     expected = {"robot": "panda", "source": str(out), "output": str(back), "n": 8, "nb": 9, "base": None, "frames": 4}
-    assert summary == expected
+    assert summary == expected | {"nq": 8, "nv": 8, "joints": {}}
     assert parts(jounce.load(back)) == parts(jounce.load(PANDA))
     assert call("info", out).stdout == call("info", PANDA).stdout
 

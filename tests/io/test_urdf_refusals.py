@@ -41,7 +41,10 @@ REFUSED = {
     "line break in joints of a cycle": ((link("a"), joint("j&#10;k", "a", "a")), ["cycle"]),
     "line break in known names": ((link("a&#10;b"), joint("j", "a", "a")), [":3", "'a'"]),
     "two parents": ((*GOOD, link("top"), joint("grip", "top", "arm")), [":6", "'arm'", "'turn' and 'grip'"]),
-    "floating joint": (turn(kind="floating"), [":4", "'turn'", "floating", "base='fixed'", "root="]),
+    "floating joint": (
+        (*turn(kind="floating"), link("hand"), joint("bend", "arm", "hand")),
+        [":4", "'turn'", "floating", "base='fixed'", "root="],
+    ),
     "misspelt joint type": (turn(kind="revolut"), [":4", "did you mean 'revolute'"]),
     "zero axis": (turn(axis="0 0 -0.0"), [":4", "'turn'", "zero axis"]),
     "absent parent": (turned("bass", "arm"), [":4", "parent", "'turn'", "did you mean 'base'", "base, arm"]),

@@ -144,7 +144,7 @@ def test_moments_and_inertia_matrix_are_inverse(drawn):
 @pytest.mark.parametrize("e", [*np.eye(3), *-np.eye(3), np.array([1e-9, 0, -1]), np.ones(3) / np.sqrt(3)])
 def test_alignment_turns_z_to_any_axis(e):
     e = e / np.linalg.norm(e)
-    R = equivalent._to(e)
+    R = equivalent.turn_to(e)
     np.testing.assert_allclose(R[:, 2], e, atol=1e-15)
     np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-15)
     assert np.linalg.det(R) > 0

@@ -130,25 +130,36 @@ def test_mimic_joints_are_folded(tmp_path, multiplier):
         assert relative_error(Q, loaded.inverse_dynamics(q, qd, q2d)) < 1e-12
 
 
-@pytest.mark.parametrize("kind", FREE)
-def test_a_free_root_is_refused_welded_or_left_behind(kind):
-    model = model_of([FREE[kind](), pinocchio.JointModelRX(), pinocchio.JointModelRY()], [0, 1, 2])
-    refusal(lambda: jounce.Robot.from_pinocchio(model), "model 'made'", "'j1'", kind, "base='fixed'", "root=")
-    with pytest.warns(jounce.JounceWarning, match=rf"welds.*j1 \({kind}\)") as caught:
+def test_a_floating_root_is_refused_welded_or_left_behind():
+    model = model_of([FREE["floating"](), pinocchio.JointModelRX(), pinocchio.JointModelRY()], [0, 1, 2])
+    refusal(lambda: jounce.Robot.from_pinocchio(model), "model 'made'", "'j1'", "floating", "base='fixed'", "root=")
+    with pytest.warns(jounce.JounceWarning, match=r"welds.*j1 \(floating\)") as caught:
         robot = jounce.Robot.from_pinocchio(model, base="fixed")
     assert caught[0].filename == __file__
     assert robot.joint_names == ("j2", "j3")
-    rest = np.zeros(model.joints[1].nv)
     for state in states(robot):
-        theirs = rnea(model, *(np.concatenate([rest, x]) for x in state))[len(rest) :]
+        theirs = rnea(model, *(np.concatenate([np.zeros(6), x]) for x in state))[6:]
         assert relative_error(robot.inverse_dynamics(*state), theirs) < 1e-12
+
+
+@pytest.mark.parametrize("kind", FREE)
+def test_a_robot_may_start_behind_a_free_joint(kind):
+    model = model_of([FREE[kind](), pinocchio.JointModelRX(), pinocchio.JointModelRY()], [0, 1, 2])
     behind = jounce.Robot.from_pinocchio(model, root="j1")
     np.testing.assert_allclose(behind.mechanism.B, [model.jointPlacements[i].homogeneous for i in (2, 3)], atol=1e-15)
 
 
-def test_a_chain_with_a_free_joint_in_it_is_free():
-    model = model_of([composite(pinocchio.JointModelSpherical()), pinocchio.JointModelRX()], [0, 1])
-    refusal(lambda: jounce.Robot.from_pinocchio(model), "'j1'", "JointModelComposite", "base='fixed'")
+def test_joints_whose_screws_are_not_constant_are_refused():
+    model = model_of([pinocchio.JointModelEllipsoid(0.1, 0.2, 0.3), pinocchio.JointModelRX()], [0, 1])
+    refusal(lambda: jounce.Robot.from_pinocchio(model), "'j1'", "JointModelEllipsoid", "not constant")
+
+
+def test_armature_of_joints_of_several_screws_is_said():
+    model = model_of([pinocchio.JointModelRX(), FREE["spherical"]()], [0, 1])
+    model.armature = np.array([0.1, 0.2, 0.2, 0.2])
+    with pytest.warns(jounce.JounceWarning, match="armature of joints of several screws"):
+        robot = jounce.Robot.from_pinocchio(model)
+    assert robot.drives.armature.tolist() == [0.1, 0, 0, 0]
 
 
 def test_drives_and_limits():

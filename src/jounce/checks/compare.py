@@ -6,6 +6,7 @@ is added up where that is larger, as where forces are zero.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import factorial
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ import numpy as np
 from jounce.arguments.requests import takes_base
 from jounce.checks.magnitudes import magnitudes, scale
 from jounce.checks.reference import Absence, peers
+from jounce.checks.reference.peer import joint_rates
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.newton import scales
 from jounce.dynamics.quantities import FORCES, QUANTITIES
@@ -22,7 +24,7 @@ from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine, like
 from jounce.engine.generic import as_tuple
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import number_rates, position_count, positions
+from jounce.model.positions import positions, single_positions
 from jounce.model.screws import from_screws
 from jounce.spatial.series import rate_name
 
@@ -55,11 +57,10 @@ def compare(
 ) -> list[Check]:
     """Run the checks of a robot without drive terms; other libraries read its file `source`, if given."""
     rigid, rng = like(robot, replace(robot.mechanism, acting=())), np.random.default_rng(seed)
-    m = rigid.mechanism
-    q = [rng.uniform(-1, 1, (states, count)) for count in (position_count(m), *[m.n] * (order + 2))]
+    m, q = rigid.mechanism, rng.uniform(-1, 1, (order + 3, states, robot.n))
     if m.closure:
         own = list(m.closure.independent)
-        q = [x * NEAR * scales(m).coordinates[own] for x in q]
+        q *= NEAR * scales(m).coordinates[own]
         q[0] += m.closure.start[own]
     x = _Motion(q, rng.uniform(-1, 1, (order + 3, states, 6)) if m.floats else None)
     sizes = x.forces(rigid) if m.closure else _sizes(m, order, x)  # squares outgrow what constraints are solved for
@@ -69,50 +70,57 @@ def compare(
 def _sizes(m: Mechanism, order: int, x: "_Motion") -> Sequence[np.ndarray]:
     """The magnitudes of forces and their rates."""
     base = x.base(len(x.q))
-    return magnitudes(m, Computation(FORCES.name, order, base=base is not None), [*x.q, *(base or ())])
+    return magnitudes(m, Computation(FORCES.name, order, base=base is not None), [*x.rates(m), *(base or ())])
 
 
 @dataclass(frozen=True)
 class _Motion:
-    """Rates of the coordinates, and of six joints that carry the base of a robot that floats."""
+    """Rates of the coordinates, and of six joints that carry the base of a robot that floats.
 
-    q: Sequence[np.ndarray]
+    A joint of several screws is carried as a base is: by those of six joints whose screws it has.
+    """
+
+    q: np.ndarray
     carrier: np.ndarray | None
 
     def base(self, count: int) -> tuple[Any, ...] | None:
         """C, V, Vd, ... of the base, as many as there are rates of the coordinates; None if it does not float."""
-        if self.carrier is None:
-            return None
-        C = compute(CARRIER, "poses", [*self.carrier[:1]], body="body6", method="recursion")
-        rates = self.carrier[:count]
-        return C, *(
-            as_tuple(compute(CARRIER, "twists", [*rates], body="body6", method="recursion")) if count > 1 else ()
-        )
+        return None if self.carrier is None else _carried(self.carrier[:count])
+
+    def rates(self, m: Mechanism, count: int | None = None) -> list[np.ndarray]:
+        """q, qd, ... of a robot, as many as asked for, by default as there are rates of the coordinates."""
+        q, *rates = self.q[:count].copy()
+        q = q @ single_positions(m)
+        for x in positions(m).values():
+            six = np.zeros((*self.q[:count].shape[:-1], 6), dtype=self.q.dtype)
+            six[..., (np.array(x.group.axes) + 3) % 6] = self.q[:count][..., x.coordinates]
+            C, *twists = _carried(six)
+            q[..., x.numbers] = x.group.numbers(C)
+            for rate, V in zip(rates, twists, strict=True):
+                rate[..., x.coordinates] = V[..., list(x.group.axes)]
+        return [q, *rates]
 
     def forces(self, robot: Engine, count: int | None = None, **options: Any) -> tuple[Any, ...]:
         """Q and its rates from the first rates of the coordinates, by default from all of them."""
-        q = self.q[:count]
-        return as_tuple(compute(robot, FORCES.name, [*q], base=self.base(len(q)), **options))
+        q = self.rates(robot.mechanism, count)
+        return as_tuple(compute(robot, FORCES.name, q, base=self.base(len(q)), **options))
 
-    def astype(self, kind: type) -> "_Motion":
-        """The motion in other digits."""
-        return _Motion([x.astype(kind) for x in self.q], None if self.carrier is None else self.carrier.astype(kind))
+    def map(self, f: Callable[[np.ndarray], np.ndarray]) -> "_Motion":
+        """The motion with other rates."""
+        return _Motion(f(self.q), None if self.carrier is None else f(self.carrier))
 
-    def later(self, m: Mechanism, t: float) -> "_Motion":
-        """The rates a time t later, of numbers of q to first order in what moves them."""
-        rates = _shift(self.q[1:], t)
-        way = sum(x * t**j / factorial(j) for j, x in enumerate(self.q[1:], 1))
-        q = self.q[0] + number_rates(m, self.q[0], np.asarray(way))
-        return _Motion([q, *rates], None if self.carrier is None else np.stack(_shift(self.carrier, t)))
+
+def _carried(rates: np.ndarray) -> tuple[np.ndarray, ...]:
+    """C, V, Vd, ... of a body on six joints with these rates."""
+    C = compute(CARRIER, "poses", [*rates[:1]], body="body6", method="recursion")
+    more = as_tuple(compute(CARRIER, "twists", [*rates], body="body6", method="recursion")) if len(rates) > 1 else ()
+    return C, *more
 
 
 def _with_peers(robot: Engine, source: Path | None, x: _Motion) -> Iterator[Check]:
-    m, q = robot.mechanism, x.q
+    m, q = robot.mechanism, x.rates(robot.mechanism)
     if m.closure:
         yield Check("-", "other libraries", None, 0.0, "loops are closed: these would compute the forces of the tree")
-        return
-    if positions(m):
-        yield Check("-", "other libraries", None, 0.0, "joints of several screws: their states are not compared here")
         return
     known = {row.symbol: row for row in QUANTITIES.values() if row.symbol in ("Q", "Qgrav", "M")}
     ours, sizes = {}, {}
@@ -124,10 +132,10 @@ def _with_peers(robot: Engine, source: Path | None, x: _Motion) -> Iterator[Chec
     first = m.nv - m.n
     G = np.eye(first + len(m.joints), m.nv)
     G[first:, first:] = m.G
-    thetas = zip(q[0] @ m.G.T + m.g, q[1] @ m.G.T, q[2] @ m.G.T, strict=True)
+    thetas = zip(*joint_rates(m, q[:3]), strict=True)
     base = x.base(3)
     at = [(theta, base and tuple(term[i] for term in base)) for i, theta in enumerate(thetas)]
-    at_rest = [((theta, 0 * theta, 0 * theta), base and (base[0], *np.zeros((2, 6)))) for (theta, *_), base in at]
+    at_rest = [((theta, 0 * rate, 0 * rate), base and (base[0], *np.zeros((2, 6)))) for (theta, rate, _), base in at]
     for peer in peers(m, source):
         if isinstance(peer, Absence):
             yield Check("-", peer.name, None, 0.0, peer.reason)
@@ -148,7 +156,7 @@ def _with_paths(robot: Engine, x: _Motion, sizes: Sequence[np.ndarray]) -> Itera
     paths: dict[str, Callable[[], Sequence[np.ndarray]]] = {
         "recursion": lambda: x.forces(robot, method="recursion"),
         "closed form": lambda: x.forces(robot, method="closed_form"),
-        "long doubles": lambda: x.astype(np.longdouble).forces(robot, method="recursion"),
+        "long doubles": lambda: x.map(lambda q: q.astype(np.longdouble)).forces(robot, method="recursion"),
     }
     for name, results in paths.items():
         for k, (found, expected, size) in enumerate(zip(own, results(), sizes, strict=True)):
@@ -161,14 +169,14 @@ def _with_differences(robot: Engine, x: _Motion, sizes: Sequence[np.ndarray]) ->
     for k in range(1, len(exact)):
         errors = []
         for h in STEPS:
-            along = [x.later(robot.mechanism, j * h).forces(robot, k + 2)[-1] for j in range(-4, 5)]
+            along = [x.map(partial(_shift, t=j * h)).forces(robot, k + 2)[-1] for j in range(-4, 5)]
             errors.append(_error(np.tensordot(STENCIL, along, 1) / h, exact[k], sizes[k]))
         yield Check(rate_name("Q", k), f"differences of {rate_name('Q', k - 1)}", min(errors), ALLOWED["differences"])
 
 
-def _shift(q: Sequence[np.ndarray] | np.ndarray, t: float) -> list[Any]:
+def _shift(q: np.ndarray, t: float) -> np.ndarray:
     """The rates q a time t later."""
-    return [sum(x * t**j / factorial(j) for j, x in enumerate(q[k:])) for k in range(len(q))]
+    return np.stack([sum(x * t**j / factorial(j) for j, x in enumerate(q[k:])) for k in range(len(q))])
 
 
 def _error(found: Any, expected: Any, magnitude: np.ndarray) -> float:

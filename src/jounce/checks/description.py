@@ -8,7 +8,7 @@ from jounce.checks.audit import audit
 from jounce.model.coordinates import coordinate_units
 from jounce.model.kinds import KEYS, KINDS
 from jounce.model.mechanism import Mechanism, body_name
-from jounce.model.positions import positions
+from jounce.model.positions import position_count, position_names, positions
 from jounce.spatial import inertia
 
 
@@ -17,6 +17,8 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
     return {
         "name": mechanism.name,
         "n": mechanism.n,
+        "nq": position_count(mechanism) + 7 * mechanism.floats,
+        "nv": mechanism.nv,
         "nb": mechanism.nb - mechanism.floats,
         "gravity": mechanism.gravity.tolist(),
         "mass": float(mechanism.M[:, 3, 3].sum()),
@@ -25,6 +27,7 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
             {"name": name, "unit": unit}
             for name, unit in zip(mechanism.coordinates, coordinate_units(mechanism), strict=True)
         ],
+        "positions": list(position_names(mechanism)),
         "acting": list(mechanism.acting),
         "elastic": None if mechanism.elasticity is None else _elastic(mechanism),
         "loops": [
@@ -32,7 +35,7 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
             for loop in mechanism.loops
         ],
         "following": [name for name in mechanism.tree.coordinates if name not in mechanism.coordinates],
-        "bodies": [_body(mechanism.tree, j) for j in range(len(mechanism.joints))],
+        "bodies": [_body(mechanism.tree, i) for i in range(mechanism.floats, mechanism.nb)],
         "merged_links": {frame.name: body_name(mechanism, frame.body) for frame in mechanism.frames},
         "findings": [finding.as_data() for finding in audit(mechanism)],
     }
@@ -47,23 +50,37 @@ def _elastic(mechanism: Mechanism) -> dict[str, dict[str, float | None]]:
     }
 
 
-def _body(mechanism: Mechanism, j: int) -> dict[str, Any]:
-    """A joint and the body that it moves."""
-    i, X = mechanism.owners[j], mechanism.X[j]
-    pitch, kind, turns = float(X[:3] @ X[3:]), joint_kind(mechanism, j), bool(X[:3].any())
+def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:
+    """A body and the joint that moves it."""
+    own, several = mechanism.columns[i], positions(mechanism).get(i)
+    joint = _variable(mechanism, own[0])
+    if several is not None:
+        joint = dict.fromkeys(joint) | {"joint": several.name, "type": several.group.name}
     return {
         "name": mechanism.bodies[i],
         "parent": body_name(mechanism, mechanism.parent[i]),
+        **joint,
+        "nq": 1 if several is None else len(several.group.positions),
+        "nv": len(own),
+        "velocities": [] if several is None else [_variable(mechanism, j) for j in own],
+        **_inertia(mechanism.M[i]),
+    }
+
+
+def _variable(mechanism: Mechanism, j: int) -> dict[str, Any]:
+    """A joint variable: all of a joint, or one of the velocities of a joint of several screws."""
+    X, kind = mechanism.X[j], joint_kind(mechanism, j)
+    turns = bool(X[:3].any())
+    return {
         "joint": mechanism.joints[j],
         "type": kind,
         "unit": "rad" if turns else "m",
         "extent": _extent(mechanism, j),
         "axis": (X[:3] if turns else X[3:]).tolist(),
-        "pitch": pitch if kind == "helical" else None,
+        "pitch": float(X[:3] @ X[3:]) if kind == "helical" else None,
         "follows": _follows(mechanism, j),
         "limits": dict.fromkeys(KEYS) | mechanism.limits.stated(j),
         "drive": {key: float(array[j]) for key, array in vars(mechanism.drives).items()},
-        **_inertia(mechanism.M[i] if j == mechanism.columns[i][0] else None),
     }
 
 
@@ -82,10 +99,7 @@ def joint_kind(mechanism: Mechanism, j: int) -> str:
     return "prismatic" if not X[:3].any() else "helical" if abs(X[:3] @ X[3:]) > 1e-12 else "revolute"
 
 
-def _inertia(M: np.ndarray | None) -> dict[str, Any]:
-    """The inertia of a body; None of one that was described with another variable of its joint."""
-    if M is None:
-        return dict.fromkeys(("mass", "com", "principal_moments", "triangle_slack"))
+def _inertia(M: np.ndarray) -> dict[str, Any]:
     m, h, _ = inertia.moments(M)
     mass = float(m[0, 0])
     principal = inertia.principal_moments(M) if mass else None

@@ -216,7 +216,7 @@ _NAMESPACE = SimpleNamespace(
     zeros_like=lambda x: x.map(np.zeros_like),
     sin=lambda x: _Sized(np.sin(x.value)),
     cos=lambda x: _Sized(np.cos(x.value)),
+    sqrt=lambda x: _Sized(np.sqrt(x.value)),
     tanh=lambda x: _Sized(np.tanh(x.value)),
     exp=lambda x: _Sized(np.exp(x.value)),
-    sqrt=lambda x: _Sized(np.sqrt(x.value)),
 )

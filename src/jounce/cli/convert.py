@@ -1,5 +1,6 @@
 """`jounce convert`: a robot from any file that jounce reads, written in jounce's own format."""
 
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ when you use it.
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def convert(robot: Asked, output: Path, as_json: bool) -> None:
     """Write ROBOT, a file or the name of a bundled robot, as a YAML or JSON file that can be edited."""
+    from jounce.model.positions import positions
     from jounce.robot.saving import check_writable, save
 
     check_writable(output)
@@ -42,6 +44,9 @@ def convert(robot: Asked, output: Path, as_json: bool) -> None:
         "source": str(robot.path),
         "output": str(output),
         "n": m.n,
+        "nq": arm.nq,
+        "nv": arm.nv,
+        "joints": dict(Counter(x.group.name for x in positions(m.tree).values())),  # of several screws, by kind
         "nb": m.nb - m.floats,  # without the base
         "base": m.bodies[0] if m.floats else None,
         "frames": len(m.frames),
@@ -52,5 +57,7 @@ def convert(robot: Asked, output: Path, as_json: bool) -> None:
 def _in_words(summary: dict[str, Any]) -> str:
     floats = f"floating on {shortened(summary['base'])}, " if summary["base"] else ""
     bodies = summary["nb"] + bool(summary["base"])  # as `jounce info` counts them
-    size = f"{floats}{summary['n']} coordinates, {bodies} bodies, {summary['frames']} merged links"
+    several = "".join(f", {count} {kind} joint{'s' * (count > 1)}" for kind, count in summary["joints"].items())
+    numbers = f" ({summary['nq']} numbers)" if several else ""
+    size = f"{floats}{summary['n']} coordinates{numbers}, {bodies} bodies{several}, {summary['frames']} merged links"
     return f"{shortened(summary['robot'])}: {size} written to {summary['output']}"

@@ -42,18 +42,20 @@ def _in_words(data: dict[str, Any]) -> str:
 
     gravity = " ".join(f"{x:g}" for x in data["gravity"])
     base = [data["base"]] if data["base"] else []
-    size = f"{data['n']} coordinates, {len(base) + data['nb']} bodies, {data['mass']:.6g} kg moving"
+    numbers = f" ({len(data['positions'])} numbers)" if len(data["positions"]) > data["n"] else ""
+    size = f"{data['n']} coordinates{numbers}, {len(base) + data['nb']} bodies, {data['mass']:.6g} kg moving"
     head = f"{shortened(data['name'])}: {size}{', floating' if base else ''}, gravity {gravity} m/s^2"
     rows: list[tuple[str, ...]] = [("joint", "type", "axis", "body", "on", "mass kg", "COM m")]
     rows += [("-", "floating", "-", body["name"], "-", *_mass(body)) for body in base]
     for body in data["bodies"]:
         kind = body["type"] if body["pitch"] is None else f"{body['type']} {body['pitch']:g} m/rad"
-        rows.append((body["joint"], kind, _vector(body["axis"], ".4g"), body["name"], body["parent"], *_mass(body)))
-    coordinates = ", ".join(shortened(c["name"]) for c in data["coordinates"])
-    order = wrap(f"q: {coordinates}", width=WIDTH, subsequent_indent="   ")
+        axis = _vector(body["axis"], ".4g") if body["axis"] else f"{body['nq']} in q, {body['nv']} velocities"
+        rows.append((body["joint"], kind, axis, body["name"], body["parent"], *_mass(body)))
+    order = wrap(f"q: {', '.join(map(shortened, data['positions']))}", width=WIDTH, subsequent_indent="   ")
     lines = [head, *order, "", *straight_columns(rows)]
-    lines += _limits(data["bodies"])
-    driven = [_drive(body) for body in data["bodies"] if any(body["drive"][key] for key in AMOUNTS.values())]
+    variables = [x for body in data["bodies"] for x in body["velocities"] or [body]]
+    lines += _limits(variables)
+    driven = [_drive(x) for x in variables if any(x["drive"][key] for key in AMOUNTS.values())]
     if driven:
         acting = f"in Q: {', '.join(data['acting']) or 'none of these'}"
         lines += ["", *straight_columns([("drive", "armature", "damping", "friction", "spring"), *driven]), acting]

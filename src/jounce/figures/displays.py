@@ -48,11 +48,13 @@ def robot(robot: Engine) -> str:
     kinds = m.limits.kinds
     rows = [
         (
-            *(body[key] for key in ("joint", "type", "name", "parent")),
-            "-" if body["mass"] is None else f"{body['mass']:.4g} kg",
-            *(limit_in_words(body, kind) for kind in kinds),
+            *(x[key] for key in ("joint", "type")),
+            *(body[key] for key in ("name", "parent")),
+            f"{body['mass']:.4g} kg",
+            *(limit_in_words(x, kind) for kind in kinds),
         )
         for body in describe(m)["bodies"]
+        for x in body["velocities"] or [body]
     ]
     names = ("joint", "type", "body", "on", "mass", *(kind.replace("_", " ") for kind in kinds))
 

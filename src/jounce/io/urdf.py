@@ -12,10 +12,12 @@ from jounce.io.doctype import refuse_declarations
 from jounce.io.files import read_bytes
 from jounce.io.orientation import direction, from_rpy
 from jounce.model import tree
+from jounce.model.equivalent import turn_to
 from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.model.size import check_size
+from jounce.spatial.groups import PLANAR
 from jounce.spatial.inertia import inertia_matrix, symmetric
-from jounce.spatial.lie import pose
+from jounce.spatial.lie import Ad, pose
 
 MOVING = {"revolute": 0, "continuous": 0, "prismatic": 3}  # where in the screw the axis goes
 FREE_JOINTS = ("floating", "planar")
@@ -86,7 +88,7 @@ def _joint(element: etree._Element, file: str) -> tree.Joint:
         parent=_text(_child(element, "parent", file), "link", file),
         child=_text(_child(element, "child", file), "link", file),
         B=origin_pose(element, file),
-        X=_screw(element, kind, file) if kind in MOVING else None,
+        X=_screw(element, kind, file) if kind in MOVING else _plane(element, file) if kind == "planar" else None,
         mimic=_mimic(element, file) if kind in MOVING else None,
         limits=_limits(element, kind, file) if kind in MOVING else {},
         drive=_drive(element, file) if kind in MOVING else {},
@@ -96,15 +98,28 @@ def _joint(element: etree._Element, file: str) -> tree.Joint:
 
 
 def _screw(element: etree._Element, kind: str, file: str) -> np.ndarray:
+    X = np.zeros(6)
+    X[MOVING[kind] : MOVING[kind] + 3] = _axis(element, file)
+    return X
+
+
+def _plane(element: etree._Element, file: str) -> np.ndarray:
+    """The screws (3, 6) of a planar joint, whose axis is the normal of the plane.
+
+    The axes x and y in which its position counts are those of the child, turned the shortest way that takes z to the
+    normal.
+    """
+    return (Ad(pose(turn_to(_axis(element, file)), np.zeros((3, 1)))) @ PLANAR.X).T
+
+
+def _axis(element: etree._Element, file: str) -> np.ndarray:
     stated = element.find("axis")
     numbers = np.array(AXIS.split(), dtype=float) if stated is None else read_numbers(stated, "xyz", 3, file)
     axis = direction(numbers)
     if axis is None:
         name = quoted(element.get("name"))
         raise JounceError(f"{_at(element, file)}: joint {name} has a zero axis; expected a direction")
-    X = np.zeros(6)
-    X[MOVING[kind] : MOVING[kind] + 3] = axis
-    return X
+    return axis
 
 
 def _mimic(element: etree._Element, file: str) -> tree.Mimic | None:

@@ -194,7 +194,7 @@ def _on_axis(X: Array) -> tuple[Array, Array]:
     e = _numbers(X[3:]) if prismatic else xi
     if e is None:
         raise JounceError(f"joint direction {X.tolist()} is not made of numbers; use method='closed_form'")
-    R = _exact(_to(e))
+    R = _exact(turn_to(e))
     if prismatic:
         return pose(R, 0 * _Z), np.array([0, 0, 0, 0, 0, 1])
     eta = X[3:, None]
@@ -202,10 +202,10 @@ def _on_axis(X: Array) -> tuple[Array, Array]:
     return _exact(pose(R, hat(R[:, 2]) @ eta)), concatenate([_I[2], 0 * _I[0, :2], pitch], axis=-1)
 
 
-def _to(e: np.ndarray) -> np.ndarray:
+def turn_to(e: np.ndarray) -> np.ndarray:
     """The rotation that turns the z axis to the unit vector e by the shortest way."""
     if e[2] < -0.5:  # by way of -z, where the shortest way from +z is no longer well defined
-        return _to(-e) @ np.diag([1, -1, -1])
+        return turn_to(-e) @ np.diag([1, -1, -1])
     v = hat(np.cross(_I[2], e))
     return _I + v + v @ v / (1 + e[2])
 

@@ -2,15 +2,17 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed, one_of, quoted, warn
+from jounce.core.errors import JounceError, listed, one_of, quoted, several, warn
 from jounce.core.scalars import Array, is_finite, is_numeric
 from jounce.model.coordinates import likely_positions
 from jounce.model.drives import Drives
 from jounce.model.frame import Frame
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import Position, positions
 from jounce.model.screws import exact_inertia, exact_pose
 from jounce.spatial import inertia, lie
 
@@ -18,31 +20,52 @@ SLACK = 1e-3  # of the range of a joint: limits in files are rounded
 TURN = 6.3  # rad: what is less is not taken for degrees
 
 
-def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
-    """Return the mechanism with some coordinates locked at values, rad or m; joints that follow only these too."""
+def locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
+    """Return the mechanism with some coordinates locked at values, rad or m; joints that follow only these too.
+
+    A ball, planar or free joint is locked as a whole, at its numbers in q.
+    """
     if not isinstance(values, Mapping):
         raise JounceError(f"joints to lock are of type {type(values).__name__}; expected a mapping of names and values")
     if not values:
         return mechanism
+    wholes = {x.name: (i, x) for i, x in positions(mechanism).items()}
+    of = {name: x for _, x in wholes.values() for name in mechanism.coordinates[x.coordinates]}
+    single = [name for name in mechanism.coordinates if name not in of]
     for name, value in values.items():
+        if name in of:
+            x = of[name]
+            at_zero, said = x.group.numbers(np.eye(4)).tolist(), ", ".join(x.group.positions)
+            cure = f"lock all of it, at {said}: {{{x.name!r}: {at_zero}}}"
+            raise JounceError(f"{name!r} is one velocity of the {x.group.name} joint {x.name!r}; {cure}")
+        if name in wholes:
+            _check_numbers(wholes[name][1], value)
+            continue
         if name in mechanism.joints and name not in mechanism.coordinates:
             leaders = np.flatnonzero(mechanism.G[mechanism.joints.index(name)])
             said = listed([mechanism.coordinates[j] for j in leaders])
             raise JounceError(f"joint {name!r} cannot be locked: it follows {said}; lock that")
-        one_of("joint to lock", name, mechanism.coordinates)
+        one_of("joint to lock", name, [*single, *wholes])
         if not is_finite(value):
             raise JounceError(f"joint {name!r} is locked at {quoted(value)}; expected a finite number, rad or m")
-    places = [mechanism.coordinates.index(name) for name in values]
+    at = np.zeros(mechanism.n)
+    for name in set(values) - set(wholes):
+        at[mechanism.coordinates.index(name)] = float(values[name])
+    welds = {i: x for name, (i, x) in wholes.items() if name in values}
+    places = [
+        j for j, name in enumerate(mechanism.coordinates) if name in values or (name in of and of[name].name in values)
+    ]
     free = [j for j in range(mechanism.n) if j not in places]
     if not free:
         raise JounceError(f"all {mechanism.n} joints are locked; expected one that moves")
     with np.errstate(all="ignore"):  # what overflows is refused
-        g = mechanism.g + mechanism.G[:, places] @ np.array([*map(float, values.values())])
+        g = mechanism.g + mechanism.G[:, places] @ at[places]
         names = tuple(mechanism.coordinates[j] for j in free)
         elasticity = mechanism.elasticity and mechanism.elasticity.select(free)
         held = replace(mechanism, G=mechanism.G[:, free], g=g, coordinates=names, elasticity=elasticity)
         still = [not row.any() for row in held.G]
-        welded = _without(held, still)
+        poses = {i: x.T @ x.group.pose(np.array(values[x.name], float)) @ lie.inverse(x.T) for i, x in welds.items()}
+        welded = _without(held, still, poses)
     if is_numeric(g) and is_numeric(mechanism.X):
         warn_of_limits(mechanism, np.flatnonzero(still), g, "is locked at")
     for array in (*welded.arrays.values(), *(frame.T for frame in welded.frames)):
@@ -76,8 +99,17 @@ def warn_of_limits(mechanism: Mechanism, still: Iterable[int], theta: np.ndarray
         warn(f"{came}: {reach if stated else 'more than four turns'}{cure}{more}")
 
 
-def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:
-    """Return the mechanism without its locked joints, each at its constant theta."""
+def _check_numbers(joint: Position, value: object) -> None:
+    """Raise `JounceError` unless a value is the numbers of a joint of several screws."""
+    names, numbers = joint.group.positions, several(value)
+    if len(numbers) != len(names) or not all(map(is_finite, numbers)) or not any(numbers[len(joint.group.places) :]):
+        raise JounceError(
+            f"{joint.group.name} joint {joint.name!r} is locked at {quoted(value)}; expected {', '.join(names)}"
+        )
+
+
+def _without(mechanism: Mechanism, still: list[bool], poses: Mapping[int, Array]) -> Mechanism:
+    """Return the mechanism without its locked joints, each at its constant theta; those of several screws at a pose."""
     held = [bool(columns) and all(still[j] for j in columns) for columns in mechanism.columns]
     kept = [j for j, welded in enumerate(still) if not welded]
     places: dict[int, Frame] = {-1: Frame("ground", -1, np.eye(4))}  # where each old body sits
@@ -88,8 +120,9 @@ def _without(mechanism: Mechanism, still: list[bool]) -> Mechanism:
         carrier, name = places[p], mechanism.bodies[i]
         at_zero = carrier.T @ mechanism.B[i]
         if held[i]:
-            [j] = mechanism.columns[i]
-            places[i] = Frame(name, carrier.body, at_zero @ lie.exp(mechanism.X[j], mechanism.g[j, None, None]))
+            j = mechanism.columns[i][0]
+            turn = poses[i] if i in poses else lie.exp(mechanism.X[j], mechanism.g[j, None, None])
+            places[i] = Frame(name, carrier.body, at_zero @ turn)
         else:
             places[i] = Frame(name, len(B), np.eye(4, dtype=int))
             B.append(at_zero)

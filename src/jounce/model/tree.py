@@ -114,17 +114,22 @@ def mechanism(
     if root is not None:
         by_name, ordered = _from(root, by_name, ordered, file)
     ordered = _settled(by_name, ordered, base, file)
-    movable = [joint for joint in ordered if len(joint.screws)]
+    if floating is not None and not _movable(ordered):  # nothing but the base: it is a free joint of the ground
+        called = next((joint.name for joint in joints if joint.child == floating), floating)
+        ordered = [Joint(called, "", floating, np.eye(4), None, None, {}, {}, file, free="floating"), *ordered]
+        floating = None
+    movable = _movable(ordered)
     if not movable:
         stated = f"{len(by_name)} link{'s' * (len(by_name) != 1)} and {len(ordered)} joint{'s' * (len(ordered) != 1)}"
-        raise JounceError(f"{file}: no movable joint among {stated}; expected at least one")
+        cure = " or base='floating', by which the base moves freely" if base is None and by_name else ""
+        raise JounceError(f"{file}: no movable joint among {stated}; expected at least one{cure}")
 
     with at(file):
         check_size(len(movable))
     frames = {link: Frame(link, -1, np.eye(4)) for link in by_name}  # the roots stand on the ground, or are the base
     parent: list[Frame] = []
     for joint in ordered:
-        carrier = frames[joint.parent]
+        carrier = frames.get(joint.parent, Frame("", -1, np.eye(4)))
         if not len(joint.screws):
             frames[joint.child] = Frame(joint.child, carrier.body, carrier.T @ joint.B)
         else:
@@ -160,6 +165,10 @@ def mechanism(
     own = set(built.bodies)
     merged = tuple(replace(f, body=f.body + built.floats) for link, f in frames.items() if link not in own)
     return replace(built, joints=tuple(name for _, name, _ in variables), frames=merged)
+
+
+def _movable(joints: Sequence[Joint]) -> list[Joint]:
+    return [joint for joint in joints if len(joint.screws)]
 
 
 def _distinct(items: Sequence[Item], kind: str) -> dict[str, Item]:
@@ -293,8 +302,8 @@ def _settled(links: Mapping[str, Link], ordered: Sequence[Joint], base: str | No
     floating = [joint for joint in moving if joint.free == "floating"]
     if base == "fixed" and floating:
         warn(f"{file}: base='fixed' welds at zero: {listed(f'{joint.name} ({joint.free})' for joint in floating)}")
-        return [replace(joint, free=None) if joint in floating else joint for joint in ordered]
-    if base is None and len(moving) == len(floating) == 1 and len(ordered) > 1:
+        return [replace(joint, free=None, X=None) if joint in floating else joint for joint in ordered]
+    if base is None and len(moving) == len(floating) == 1 < len(_movable(ordered)):
         [joint] = floating
         ways = "base='floating', base='fixed' to weld it at its zero pose, or root= to start at another link"
         raise JounceError(f"{joint.place}: joint {quoted(joint.name)} is floating; expected {ways}")

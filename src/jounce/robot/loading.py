@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -27,7 +27,7 @@ def load(
     gravity: ArrayLike | None = None,
     base: Base | None = None,
     root: str | None = None,
-    lock: Mapping[str, float] | None = None,
+    lock: Mapping[str, Any] | None = None,
     drives: DriveTerms | None = False,
     xacro_args: Mapping[str, object] | None = None,
     **parameters: Unpack[Planar2R],
@@ -51,9 +51,10 @@ def load(
     base : str, optional
         "floating": the root link, or the link that a floating joint carries on the ground, moves freely, and what is
         fixed to it is part of it; forces, matrices and Jacobians then have 6 + n rows or columns. Bundled robots with
-        legs, URDF and MJCF files can float, and files of jounce's own format that state a base. "fixed": the root
-        stands on the ground, and floating, planar and spherical joints are welded at zero, with a warning. By default
-        such joints are an error, and only a file of jounce's own format that states a base floats.
+        legs, URDF and MJCF files can float, and files of jounce's own format that state a base; one link without joints
+        becomes a free joint of the ground. "fixed": the root stands on the ground, and floating joints there are welded
+        at zero, with a warning. By default a floating joint that carries all other joints is an error, and only a file
+        of jounce's own format that states a base floats.
     root : str, optional
         Link of a URDF or MJCF file that becomes the base, fixed to the ground or floating: only the links that it
         carries are kept.

@@ -384,7 +384,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
 
         The coordinates are in the order of Pinocchio's v and named after its joints; mimic joints follow their leader.
         Differences: a joint without bounds has its angle in q, not a cosine and a sine; joints of several coordinates
-        (composite, universal, translation, sphericalZYX) are chains, ``NAME_1``, ``NAME_2``, ...; bodies are in the
+        (composite, universal, translation, sphericalZYX) are chains, ``NAME_1``, ``NAME_2``, ...; spherical, planar and
+        free-flyer joints are balls, planar and free joints, with Pinocchio's numbers in q; bodies are in the
         order of joints depth first, which is Pinocchio's own for a URDF. Armature (where it is 0, the rotor's inertia
         times the gear ratio squared), damping and friction become drives, see `with_drives`: Pinocchio's rnea always
         includes armature and never the others. Bodies, operational frames and sensors may be named wherever a body may.
@@ -396,8 +397,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         gravity : (3,), optional
             Gravitational acceleration, m/s^2; that of the model by default.
         base : str, optional
-            "floating": the body that the free-flyer moves is the base, and floats. "fixed" welds free-flyer, planar and
-            spherical joints at zero, with a `JounceWarning`. By default such joints are refused.
+            "floating": the body that the free-flyer moves is the base, and floats. "fixed" welds free-flyers on the
+            ground at zero, with a `JounceWarning`. By default a free-flyer that carries all other joints is refused.
         root : str, optional
             A body or frame that becomes the base, fixed to the ground or floating: only the bodies that it carries are
             kept.
@@ -442,9 +443,9 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         gravity : (3,), optional
             Gravitational acceleration, m/s^2; that of the model by default.
         base, root : str, optional
-            ``base="floating"``: the body on the free joint is the base, and floats; ``base="fixed"`` welds ball and
-            free joints at the model's placement. `root` names a body that becomes the base, floating or fixed to the
-            ground.
+            ``base="floating"``: the body on the free joint is the base, and floats; ``base="fixed"`` welds free joints
+            at the model's placement. `root` names a body that becomes the base, floating or fixed to the ground. Balls
+            and other free joints have MuJoCo's numbers in q, but for the order x, y, z, w of quaternions.
 
         Returns
         -------
@@ -453,8 +454,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If it is not a model of MuJoCo, has a ball or free joint and no `base` or `root` is given, has no joint that
-            moves, or holds a number that is not finite.
+            If it is not a model of MuJoCo, one free joint carries all others and no `base` or `root` is given, no joint
+            moves, or it holds a number that is not finite.
 
         Warns
         -----
@@ -490,7 +491,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Pinocchio has the quaternion as (x, y, z, w) and the velocity as (linear; angular) in the axes of the body:
         ``V = (v[3:6]; v[:3])``, ``Vd = (a[3:6]; a[:3])``. MuJoCo has the quaternion as (w, x, y, z), and the linear
         velocity and force in world axes: with the rotation R of the base, ``V = (v[3:6]; R^T v[:3])`` and
-        ``Vd = (a[3:6]; R^T a[:3] - v[3:6] x R^T v[:3])``. Joints that turn freely have a cosine and a sine in
+        ``Vd = (a[3:6]; R^T a[:3] - v[3:6] x R^T v[:3])``. Free joints behind the base are converted alike; balls and
+        planar joints have the same numbers in another order. Joints that turn freely have a cosine and a sine in
         Pinocchio's q; here they are angles from -pi to pi.
 
         Parameters
@@ -552,12 +554,12 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         library : {"pinocchio", "mujoco"}
             Whose vectors they become.
         q, qd, q2d : (..., n), optional
-            Coordinates, velocities and accelerations.
+            Coordinates, velocities and accelerations; q has nq numbers.
         Q : (..., nv), optional
             Generalized forces, the wrench on the base first if the robot floats.
         base : tuple, optional
             C, V, Vd of the base of a robot that floats, as many as there are of q, qd and q2d. Forces of MuJoCo alone
-            need C, those of Pinocchio none.
+            need C, or q with free joints, those of Pinocchio none.
         model : pinocchio.Model or mujoco.MjModel
             The model whose vectors they become.
 
@@ -798,7 +800,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
 
         return base_parameters(self.mechanism)
 
-    def locked(self, values: Mapping[str, float]) -> Self:
+    def locked(self, values: Mapping[str, Any]) -> Self:
         """The robot with some joints locked: their bodies merge into those that carry them.
 
         The loops of a closed robot stay closed: joints that follow the locked ones move to where these hold them.
@@ -806,7 +808,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Parameters
         ----------
         values : mapping
-            {joint: rad or m}. Of a closed robot, independent coordinates.
+            {joint: rad or m}. Of a closed robot, independent coordinates. A ball, planar or free joint is locked as a
+            whole, at its numbers in q: {"ball": [0, 0, 0, 1]}.
 
         Returns
         -------

@@ -137,7 +137,8 @@ def group_of(X: Array) -> tuple[Group, Array] | None:
     for group in GROUPS.values():
         if len(group.axes) == X.shape[1]:
             T = _frame(group, X)
-            if np.abs(np.asarray(Ad(T) @ group.X - X, dtype=float)).max() <= 1e-12:
+            R, off = np.asarray(rotation(T), dtype=float), np.asarray(Ad(T) @ group.X - X, dtype=float)
+            if max(np.abs(R.T @ R - _I).max(), np.abs(off).max()) <= 1e-12 and np.linalg.det(R) > 0:
                 return group, T
     return None
 

@@ -12,7 +12,9 @@ from jounce.io.mjcf import warnings_of, without_assets
 from jounce.io.models import states
 from jounce.model.equivalent import on_axes
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import positions
 from jounce.spatial import inertia
+from jounce.spatial.groups import BALL, FREE
 from jounce.spatial.lie import hat, position, rotation, to_quaternion
 
 NAME = "MuJoCo"
@@ -49,7 +51,17 @@ def _build(mujoco: Any, mechanism: Mechanism) -> Any:
     if chain.floats:
         bodies[0].name = chain.bodies[0]
         bodies[0].add_freejoint()
+    several = positions(chain)
+    for i, x in several.items():
+        grounded = chain.parent[i] < 0 and np.array_equal(chain.B[i], np.eye(4))
+        if x.group is not BALL and not (x.group is FREE and grounded):
+            known = "free joints but at the world's origin" if x.group is FREE else f"{x.group.name} joints"
+            raise NotComparableError(f"it has no {known}, as {x.name!r} is one")
+        kind = mujoco.mjtJoint.mjJNT_BALL if x.group is BALL else mujoco.mjtJoint.mjJNT_FREE
+        bodies[i].add_joint(name=x.name, type=kind)
     for i, X, name in zip(chain.owners, chain.X, chain.joints, strict=True):
+        if i in several:
+            continue
         if X[2] and X[5]:
             raise NotComparableError(f"it has no helical joints, as {name!r} is one")
         kind = mujoco.mjtJoint.mjJNT_HINGE if X[2] else mujoco.mjtJoint.mjJNT_SLIDE

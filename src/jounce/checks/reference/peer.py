@@ -8,6 +8,7 @@ import numpy as np
 from jounce.core.errors import JounceError
 from jounce.io.models import states
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import positions, single_positions
 
 OWN_READING, OUR_DATA = "its own reading of the file", "our data"
 OTHER_JOINTS = "joints differ from those of the file: some were locked, welded or left out"
@@ -27,6 +28,22 @@ class Peer:
     mass_matrix: Callable[[np.ndarray, object], np.ndarray]  # as many rows and columns, of theta and base
 
 
+def _of_joints(mechanism: Mechanism) -> Mechanism:
+    """The mechanism whose coordinates are its joint variables."""
+    nc = len(mechanism.joints)
+    return replace(mechanism, G=np.eye(nc), g=np.zeros(nc), coordinates=mechanism.joints, elasticity=None)
+
+
+def joint_rates(mechanism: Mechanism, rates: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """The joint variables and their rates, numbers of joints of several screws included, of the coordinates."""
+    free = _of_joints(mechanism)
+    theta = rates[0] @ (single_positions(mechanism).T @ mechanism.G.T) + mechanism.g
+    theta = theta @ single_positions(free)
+    for i, x in positions(mechanism).items():
+        theta[..., positions(free)[i].numbers] = rates[0][..., x.numbers]
+    return [theta, *(x @ mechanism.G.T for x in rates[1:])]
+
+
 @dataclass(frozen=True)
 class Converter:
     """Joint variables and forces of a mechanism from and to the vectors of a library's model."""
@@ -37,11 +54,11 @@ class Converter:
     @classmethod
     def of(cls, mechanism: Mechanism, layout: states.Layout) -> "Converter":
         """Raise `NotComparableError` unless the joints of the mechanism are those of the model."""
-        if set(layout.places) != set(mechanism.joints) or len(layout.free) != mechanism.floats:
+        several = {x.name for x in positions(mechanism).values()}
+        single = {name for own in mechanism.columns if len(own) == 1 for name in (mechanism.joints[own[0]],)}
+        if set(layout.places) != single or len(layout.free) != len(several & set(layout.free)) + mechanism.floats:
             raise NotComparableError(OTHER_JOINTS)
-        nc = len(mechanism.joints)
-        free = replace(mechanism, G=np.eye(nc), g=np.zeros(nc), coordinates=mechanism.joints, elasticity=None)
-        return cls(free, layout)
+        return cls(_of_joints(mechanism), layout)
 
     def state(self, theta: Sequence[np.ndarray], base: object) -> tuple[np.ndarray, ...]:
         """The vectors q, v, a of the model."""

@@ -12,6 +12,7 @@ from jounce.core.errors import one_line
 from jounce.io.models import states
 from jounce.model.equivalent import on_axes
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import positions
 from jounce.spatial import inertia
 from jounce.spatial.lie import hat, position, rotation
 
@@ -48,7 +49,12 @@ def build_model(pin: Any, mechanism: Mechanism) -> Any:
     chain, model = on_axes(mechanism), pin.Model()
     model.gravity.linear = chain.gravity
     own = {0: (pin.JointModelFreeFlyer(), chain.bodies[0])} if chain.floats else {}  # of each body
+    several = positions(chain)
+    free = {"ball": pin.JointModelSpherical, "planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}
+    own |= {i: (free[x.group.name](), x.name) for i, x in several.items()}
     for i, X, name in zip(chain.owners, chain.X, chain.joints, strict=True):
+        if i in several:
+            continue
         turning = pin.JointModelHZ(float(X[5])) if X[5] else pin.JointModelRZ()
         own[i] = turning if X[2] else pin.JointModelPZ(), name
     numbers = {-1: 0}

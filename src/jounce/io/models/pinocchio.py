@@ -1,10 +1,11 @@
 """Pinocchio's models, read by evaluating their joints at zero.
 
 A joint has a pose M(q) in its parent's and a motion S(q) in the moved frame. Where its coordinates are angles and
-lengths it is a chain of screws, ``M(q) = M(0) exp(X_1 q_1) ... exp(X_k q_k)``, and the X are the columns of S(0).
+lengths it is a chain of screws, ``M(q) = M(0) exp(X_1 q_1) ... exp(X_k q_k)``, and the X are the columns of S(0). Those
+of a ball, a planar or a free joint, alone or in a chain, are one joint of several screws, in jounce's order.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any
 
@@ -17,10 +18,10 @@ from jounce.spatial import lie
 from jounce.spatial.inertia import inertia_matrix
 
 FREE_FLYER = "JointModelFreeFlyer"
-FREE_JOINTS = {  # what no chain of screws makes, and its coordinates at zero
-    FREE_FLYER: ("floating", [0, 0, 0, 0, 0, 0, 1]),
-    "JointModelPlanar": ("planar", [0, 0, 1, 0]),
-    "JointModelSpherical": ("spherical", [0, 0, 0, 1]),
+FREE_JOINTS = {  # joints of several screws: their kind, q at zero, and where v has each of jounce's velocities
+    FREE_FLYER: ("floating", [0, 0, 0, 0, 0, 0, 1], [3, 4, 5, 0, 1, 2]),
+    "JointModelPlanar": ("planar", [0, 0, 1, 0], [2, 0, 1]),
+    "JointModelSpherical": ("spherical", [0, 0, 0, 1], [0, 1, 2]),
 }
 FRAMES = ("BODY", "OP_FRAME", "SENSOR")  # those whose names stay
 MASSLESS = np.zeros((6, 6))
@@ -49,10 +50,12 @@ def mechanism(model: Any, gravity: object = None, base: str | None = None, root:
         joints.append(_fixed_joint(f"frame {name}", bodies[frame.parentJoint], name, frame.placement.homogeneous, what))
     given = model.gravity.linear if gravity is None else gravity
     built = tree.mechanism(links, joints, given, called, what, base=base, root=root, world=bodies[0])
-    flyers = [joint for joint in model.joints if joint.shortname() == FREE_FLYER]
-    if built.floats and any(model.armature[joint.idx_v : joint.idx_v + 6].any() for joint in flyers):
-        warn(f"{what}: ignored, since not part of a tree of rigid bodies: armature of the free-flyer")
-    order = [built.coordinates.index(joint.name) for joint in joints if joint.name in built.coordinates]
+    free = [joint.idx_v + x.v for i, joint in enumerate(model.joints) if i for x in parts_of(joint, "") if x.kind]
+    if base != "fixed" and any(model.armature[v].any() for v in free):
+        of = "the free-flyer" if built.floats else "joints of several screws"
+        warn(f"{what}: ignored, since not part of a tree of rigid bodies: armature of {of}")
+    names = [name for joint in joints for name in joint.variables]
+    order = [built.coordinates.index(name) for name in names if name in built.coordinates]
     return replace(built, G=built.G[:, order], coordinates=tuple(built.coordinates[j] for j in order))
 
 
@@ -83,7 +86,7 @@ def _frames(model: Any, bodies: list[str]) -> dict[str, Any]:
 
 
 def _chain(model: Any, i: int, bodies: list[str], what: str) -> list[tree.Joint]:
-    """A joint of the model as a chain of joints of one screw each, or as one that is free or stands still."""
+    """A joint of the model as a chain of joints of one screw each, some of several, or as one that stands still."""
     joint, parent, child = model.joints[i], bodies[model.parents[i]], bodies[i]
     placement = model.jointPlacements[i].homogeneous
     T, X = _at(model, joint, 0.0)
@@ -92,25 +95,26 @@ def _chain(model: Any, i: int, bodies: list[str], what: str) -> list[tree.Joint]
         follows = joint.extract()
         T, X = np.eye(4), X / follows.scaling
         mimic = tree.Mimic(_leader(model, joint.idx_v), follows.scaling, follows.offset)
-    elif not X.any() or not _is_chain(model, joint, T, X):
-        kind = joint.shortname()
-        free = None if not X.any() else FREE_JOINTS[kind][0] if kind in FREE_JOINTS else kind
-        return [replace(_fixed_joint(model.names[i], parent, child, placement @ T, what), free=free)]
-    names = coordinate_names(model, i)
-    links = [parent, *names[:-1], child]
+    elif not X.any():
+        return [_fixed_joint(model.names[i], parent, child, placement @ T, what)]
+    elif not _is_chain(model, joint, T, X):
+        raise JounceError(f"{what}: joint {model.names[i]!r} is a {joint.shortname()}, whose screws are not constant")
+    parts = parts_of(joint, model.names[i]) or [Part(model.names[i], None, 0, 0)]  # a mimic's are its leader's
+    links = [parent, *(part.name for part in parts[:-1]), child]
     return [
         tree.Joint(
-            name=name,
+            name=part.name,
             parent=links[k],
             child=links[k + 1],
             B=np.eye(4) if k else placement @ T,
-            X=X[k],
+            X=X[part.v],
             mimic=mimic,
-            limits={} if mimic else _limits(model, joint, k),
-            drive={} if mimic else _drive(model, joint.idx_v + k),
+            limits={} if mimic or part.kind else _limits(model, joint, part),
+            drive={} if mimic or part.kind else _drive(model, joint.idx_v + int(part.v)),
             place=what,
+            free=part.kind,
         )
-        for k, name in enumerate(names)
+        for k, part in enumerate(parts)
     ]
 
 
@@ -118,15 +122,37 @@ def _fixed_joint(name: str, parent: str, child: str, B: np.ndarray, what: str) -
     return tree.Joint(name, parent, child, B, X=None, mimic=None, limits={}, drive={}, place=what)
 
 
-def coordinate_names(model: Any, i: int) -> list[str]:
-    """The names of a joint's coordinates: its own, numbered where there are several."""
-    count, name = model.joints[i].nv, model.names[i]
-    return [name] if count < 2 else [f"{name}_{k + 1}" for k in range(count)]
+@dataclass(frozen=True, eq=False)
+class Part:
+    """What one joint here is of a joint of Pinocchio: alone, or one of those that it is composed of."""
+
+    name: str
+    kind: str | None  # of a joint of several screws
+    q: Any  # where its numbers stand in those of the joint, an index or several
+    v: Any  # and its velocities, in jounce's order
+    turns: bool = False  # whether its q is a cosine and a sine
+
+
+def parts_of(joint: Any, name: str) -> list[Part]:
+    """The parts of a joint: its own name, numbered by the first coordinate where there are several."""
+    found: list[Part] = []
+    q = v = 0
+    for part in list(joint.extract().joints) if joint.shortname() == "JointModelComposite" else [joint]:
+        if (kind := part.shortname()) in FREE_JOINTS:
+            free, at_zero, order = FREE_JOINTS[kind]
+            found.append(Part(f"{name}_{v + 1}", free, q + np.arange(len(at_zero)), v + np.array(order)))
+        elif part.nq == part.nv:
+            found += [Part(f"{name}_{v + k + 1}", None, q + k, v + k) for k in range(part.nv)]
+        elif (part.nq, part.nv) == (2, 1):
+            found.append(Part(f"{name}_{v + 1}", None, q, v, turns=True))
+        q, v = q + part.nq, v + part.nv
+    return [replace(found[0], name=name)] if len(found) == 1 else found
 
 
 def _leader(model: Any, v: int) -> str:
-    """The name of the coordinate at a place in v."""
-    return [name for i, joint in enumerate(model.joints) if i and joint.nv for name in coordinate_names(model, i)][v]
+    """The name of the joint whose coordinate is at a place in v."""
+    parts = [(joint.idx_v, x) for i, joint in enumerate(model.joints) if i for x in parts_of(joint, model.names[i])]
+    return next(part.name for start, part in parts if v in start + np.atleast_1d(part.v))
 
 
 def _at(model: Any, joint: Any, theta: float) -> tuple[np.ndarray, np.ndarray]:
@@ -150,16 +176,17 @@ def _configuration(joint: Any, theta: np.ndarray) -> np.ndarray:
 
 
 def _is_chain(model: Any, joint: Any, T: np.ndarray, X: np.ndarray) -> bool:
-    """Whether the screws at zero make the pose elsewhere too."""
-    product = reduce(np.matmul, [lie.exp(x, np.ones((1, 1))) for x in X], T)
+    """Whether the screws at zero make the pose elsewhere too; joints of several are at zero in both."""
+    single = [X[part.v] for part in parts_of(joint, "") if not part.kind]
+    product = reduce(np.matmul, [lie.exp(x, np.ones((1, 1))) for x in single], T)
     return np.allclose(_at(model, joint, 1.0)[0], product, rtol=0, atol=1e-9)
 
 
-def _limits(model: Any, joint: Any, k: int) -> dict[str, float]:
+def _limits(model: Any, joint: Any, part: Part) -> dict[str, float]:
     """The limits that are stated of a joint's coordinate; a cosine and a sine have none."""
-    q, v = joint.idx_q + k, joint.idx_v + k
+    q, v = joint.idx_q + part.q, joint.idx_v + part.v
     found = {"velocity": model.velocityLimit[v], "effort": model.effortLimit[v]}
-    if joint.nq == joint.nv:
+    if not part.turns:
         found |= {"lower": model.lowerPositionLimit[q], "upper": model.upperPositionLimit[q]}
     return {key: float(x) for key, x in found.items() if not abs(x) >= UNBOUNDED}  # NaN stays, and is refused
 

@@ -12,6 +12,10 @@ bodies:
 frames:
   - {name: tool0, body: link1, pose: {position: [0, 0, 0.2]}}
 
+A joint of several screws is a ball, planar or free; limits and drives are those of its velocities:
+
+    joint: {name: rod, type: ball, point: [0, 0, 0.1], velocities: {wx: {drive: {damping: 0.1}}}}
+
 A robot that floats states its base, which is the parent of bodies and frames instead of the ground:
 
 base: {name: trunk, inertia: {mass: 9, com: [0, 0, 0], inertia: [0.1, 0, 0, 0.2, 0, 0.2]}}

@@ -13,6 +13,7 @@ from jounce.model.kinds import EFFORT_KINDS, ENDS, FORCES, KEYS
 from jounce.model.screws import exact_inertia, exact_pose, exact_screw
 from jounce.model.stated import Stated, limit_error
 from jounce.spatial import lie
+from jounce.spatial.groups import GROUPS, Group, group_of
 from jounce.spatial.inertia import inertia_matrix, symmetric
 
 KINDS = {  # of joints: the keys that each needs, and those it may have
@@ -58,15 +59,40 @@ def screw(joint: Entry) -> np.ndarray:
         given = joint.keys(("name", "screw"), BESIDE).get("screw")
         with given.refusals():
             return exact_screw(given.numbers((6,)), given.what)
-    kind = joint.keys(("name", "type", "axis"), ("point", "pitch", *BESIDE)).get("type")
+    kind = joint.need("type", ("name", "type", "axis"))
     if kind.text() not in KINDS:
-        raise JounceError(f"{kind.place}: {joint.what}: {no_such('joint type', kind.value, KINDS)}")
+        known = (*KINDS, *GROUPS)
+        raise JounceError(f"{kind.place}: {joint.what}: {no_such('joint type', kind.value, known)}")
     needed, optional = KINDS[kind.value]
     joint.keys(("name", "type", *needed), (*optional, *BESIDE))
     axis = direction(joint.get("axis").numbers((3,)))
     if axis is None:
         raise joint.get("axis").error("a direction")
     return along(kind.value, axis, joint.get("point", [0, 0, 0]).numbers((3,)), joint.get("pitch", 0).number())
+
+
+def variables(joint: Entry) -> list[tuple[str, np.ndarray, Entry]]:
+    """The variables of a joint: the name of each, its screw, and the entry that states its limits and its drive."""
+    name, kind = joint.get("name").value, joint.value.get("type")
+    if not isinstance(kind, str) or kind not in GROUPS:
+        return [(name, screw(joint), joint)]
+    group = GROUPS[kind]
+    joint.keys(("name", "type"), ("point", "screws", "velocities"))
+    if joint.alone("screws", ("point",)):
+        given = joint.get("screws")
+        X = given.numbers((len(group.axes), 6))
+        if (spanned := group_of(X.T)) is None or spanned[0] is not group:
+            raise given.error(f"the screws of a {kind} joint: {', '.join(group.velocities)} in some frame")
+    else:
+        X = placed(group, joint.get("point", [0, 0, 0]).numbers((3,)))
+    stated = joint.get("velocities", {}).keys((), group.velocities)
+    entries = [stated.get(v, {}).keys((), ("limits", "drive")) for v in group.velocities]
+    return [(f"{name}.{v}", x, entry) for v, x, entry in zip(group.velocities, X, entries, strict=True)]
+
+
+def placed(group: Group, point: np.ndarray) -> np.ndarray:
+    """The screws (k, 6) of a joint of several through a point of the body, in its axes."""
+    return (lie.Ad(lie.pose(np.eye(3), point[:, None])) @ group.X).T
 
 
 def along(kind: str, axis: np.ndarray, point: np.ndarray, pitch: float) -> np.ndarray:

@@ -15,6 +15,7 @@ from jounce.model.screws import from_screws
 from jounce.model.stated import limits_of_joints
 
 Index = Mapping[str, int]  # names and their places in a row
+Variable = tuple[str, np.ndarray, Entry]  # of a joint: its name, its screw, and what states its limits and drive
 
 
 def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mechanism:
@@ -31,16 +32,18 @@ def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mecha
     ]
     stated = _base(robot, base)
     names = _distinct_names(bodies)
+    _distinct_names(joints)
+    variables = [parts.variables(joint) for joint in joints]
     _distinct_names([*stated, *bodies, *frames])
     if GROUND in names:
         raise bodies[names[GROUND]].get("name").error("another name: it denotes the ground")
     places = {stated[0].get("name").value if stated else GROUND: -1, **names}
     floats = bool(stated) and base != "fixed"
-    built = _build(robot, stated, floats, bodies, joints, places, own if gravity is None else gravity)
+    built = _build(robot, stated, floats, bodies, joints, variables, places, own if gravity is None else gravity)
     placed = [Frame(f.get("name").value, _carrier(f.get("body"), places) + floats, parts.pose(f)) for f in frames]
     if stated and not floats:
         placed = [Frame(next(iter(places)), -1, np.eye(4)), *placed]
-    tree = replace(built, joints=tuple(_distinct_names(joints)), frames=tuple(placed))
+    tree = replace(built, joints=tuple(name for own in variables for name, *_ in own), frames=tuple(placed))
     return elastic.read(robot, loops.read(robot, tree))
 
 
@@ -65,18 +68,20 @@ def _build(
     floats: bool,
     bodies: Sequence[Entry],
     joints: Sequence[Entry],
+    variables: Sequence[Sequence[Variable]],
     places: Index,
     gravity: object,
 ) -> Mechanism:
     """The mechanism of bodies on joints, but for the names of joints and for frames."""
     parent = [_carrier(body.get("parent"), places, i) for i, body in enumerate(bodies)]
-    name, coordinates = robot.get("name", robot.path.stem).text(), _coordinates(robot, joints)
-    G, g = _coupling(joints, coordinates)
+    each = [(joint, *variable) for joint, own in zip(joints, variables, strict=True) for variable in own]
+    name, coordinates = robot.get("name", robot.path.stem).text(), _coordinates(robot, each)
+    G, g = _coupling(each, coordinates)
     for coordinate, column in zip(coordinates, G.T, strict=True):
         if not column.any():
             raise robot.get("coordinates").error(f"a joint that moves with {quoted(coordinate)}")
-    limits, drives = [parts.limits(joint) for joint in joints], [parts.drive(joint) for joint in joints]
-    X, M = [parts.screw(joint) for joint in joints], [parts.inertia(body) for body in bodies]
+    limits, drives = [parts.limits(stated) for *_, stated in each], [parts.drive(stated) for *_, stated in each]
+    X, M = [x for _, _, x, _ in each], [parts.inertia(body) for body in bodies]
     B = [parts.pose(body) for body in bodies]
     with at(robot.path):
         M_base = parts.inertia(base[0]) if base else None
@@ -88,6 +93,7 @@ def _build(
             tuple(places)[1:],
             gravity,
             joint_names=tuple(coordinates),
+            owners=[i for i, own in enumerate(variables) for _ in own],
             G=G,
             g=g,
             limits=limits_of_joints(limits, parts.without_gravity(robot)),
@@ -125,31 +131,33 @@ def _carrier(entry: Entry, places: Index, before: int | None = None) -> int:
     return places[name]
 
 
-def _coordinates(robot: Entry, joints: Sequence[Entry]) -> Index:
-    """The names of the coordinates: those listed, else the joints that follow nothing."""
-    free = [joint for joint in joints if "follows" not in joint.value]
+def _coordinates(robot: Entry, variables: Sequence[tuple[Entry, str, np.ndarray, Entry]]) -> Index:
+    """The names of the coordinates: those listed, else the joint variables that follow nothing."""
+    free = {name: joint for joint, name, *_ in variables if "follows" not in joint.value}
     if "coordinates" not in robot.value:
         if not free:
             raise JounceError(
                 f"{robot.place}: every joint follows others; 'coordinates' must list those that they follow"
             )
-        return _distinct_names(free)
+        return {name: j for j, name in enumerate(free)}
     listed = robot.get("coordinates")
     names = {name.text(): i for i, name in enumerate(listed.items(least=1))}
     if len(names) < len(listed.value):
         raise listed.error("different names")
-    for joint in free:
-        if joint.get("name").value not in names:
+    for name, joint in free.items():
+        if name not in names:
             raise JounceError(f"{listed.place}: coordinates omit {joint.what}, which follows no other joint")
     return names
 
 
-def _coupling(joints: Sequence[Entry], coordinates: Index) -> tuple[np.ndarray, np.ndarray]:
+def _coupling(
+    variables: Sequence[tuple[Entry, str, np.ndarray, Entry]], coordinates: Index
+) -> tuple[np.ndarray, np.ndarray]:
     """G and g of the joint variables ``theta = G q + g``."""
-    G, g = np.zeros((len(joints), len(coordinates))), np.zeros(len(joints))
-    for i, joint in enumerate(joints):
+    G, g = np.zeros((len(variables), len(coordinates))), np.zeros(len(variables))
+    for i, (joint, own, *_) in enumerate(variables):
         if "follows" not in joint.value:
-            G[i, coordinates[joint.get("name").value]] = 1
+            G[i, coordinates[own]] = 1
             continue
         follows = joint.get("follows").keys(("coordinates",), ("offset",))
         for name, factor in follows.get("coordinates").members().items():

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, quoted
+from jounce.core.errors import JounceError, listed, quoted
 from jounce.core.scalars import is_symbolic
 from jounce.io.native import BASE, GROUND, UNITS, elastic, loops, parts
 from jounce.model.drives import UNDRIVEN
 from jounce.model.kinds import FORCES
 from jounce.model.mechanism import Mechanism, body_name
+from jounce.model.positions import Position, positions
 from jounce.spatial.inertia import inertia_matrix, moments, symmetric
 from jounce.spatial.lie import hat, portable_product
 
@@ -52,18 +53,18 @@ def document(mechanism: Mechanism) -> dict[str, Any]:
     _check(mechanism)
     stated = loops.section(mechanism) | elastic.section(mechanism)
     mechanism = mechanism.tree
-    joints = [_joint(mechanism, j) for j in range(len(mechanism.joints))]
-    free = [joint["name"] for joint in joints if "follows" not in joint]
+    joints = {i: _joint(mechanism, i) for i in range(mechanism.floats, mechanism.nb)}
+    free = [mechanism.joints[j] for i, joint in joints.items() if "follows" not in joint for j in mechanism.columns[i]]
     frames = [{"name": f.name, "body": body_name(mechanism, f.body, GROUND), **_pose(f.T)} for f in mechanism.frames]
     bodies = [
         {
             "name": mechanism.bodies[i],
             "parent": body_name(mechanism, mechanism.parent[i], GROUND),
             **_pose(mechanism.B[i]),
-            "joint": joints[mechanism.owners.index(i)],
+            "joint": joints[i],
             **_inertia(mechanism.M[i]),
         }
-        for i in range(mechanism.floats, mechanism.nb)
+        for i in joints
     ]
     coordinates = {} if free == list(mechanism.coordinates) else {"coordinates": list(mechanism.coordinates)}
     head: dict[str, Any] = {"name": mechanism.name, "units": UNITS, "gravity": _plain(mechanism.gravity)}
@@ -102,15 +103,42 @@ def _pose(T: np.ndarray) -> dict[str, Any]:
     return {"pose": said} if said else {}
 
 
-def _joint(mechanism: Mechanism, j: int) -> dict[str, Any]:
-    said = {"name": mechanism.joints[j], **_screw(mechanism.X[j])}
-    drives = {key: array[j] for key, array in vars(mechanism.drives).items() if array[j] != UNDRIVEN[key]}
-    for what, stated in (("limits", mechanism.limits.stated(j)), ("drive", drives)):
-        said |= {what: {key: _plain(x) for key, x in stated.items()}} if stated else {}
+def _joint(mechanism: Mechanism, i: int) -> dict[str, Any]:
+    """The joint of a body."""
+    if i in (several := positions(mechanism)):
+        return _several(mechanism, i, several[i])
+    [j] = mechanism.columns[i]
+    said = {"name": mechanism.joints[j], **_screw(mechanism.X[j]), **_limits_and_drive(mechanism, j)}
     row, offset, names = mechanism.G[j], mechanism.g[j], mechanism.coordinates
     if offset or [(names[k], row[k]) for k in np.flatnonzero(row)] != [(mechanism.joints[j], 1)]:
         said["follows"] = {"coordinates": {names[k]: _plain(row[k]) for k in np.flatnonzero(row)}}
         said["follows"] |= {"offset": _plain(offset)} if offset else {}
+    return said
+
+
+def _several(mechanism: Mechanism, i: int, joint: Position) -> dict[str, Any]:
+    """A joint of several screws, by the point that its axes pass through, or by its screws."""
+    own, X, point = list(mechanism.columns[i]), mechanism.X[list(mechanism.columns[i])], np.asarray(joint.T)[:3, 3]
+    names = [f"{joint.name}.{velocity}" for velocity in joint.group.velocities]
+    if names != (stated := [mechanism.joints[j] for j in own]):
+        raise JounceError(
+            f"the variables of a {joint.group.name} joint are {listed(stated)}; a file has {listed(names)}"
+        )
+    said: dict[str, Any] = {"name": joint.name, "type": joint.group.name}
+    if not np.array_equal(parts.placed(joint.group, point), X):
+        said["screws"] = _plain(X)
+    elif point.any():
+        said["point"] = _plain(point)
+    of = {v: _limits_and_drive(mechanism, j) for v, j in zip(joint.group.velocities, own, strict=True)}
+    of = {v: stated for v, stated in of.items() if stated}
+    return said | ({"velocities": of} if of else {})
+
+
+def _limits_and_drive(mechanism: Mechanism, j: int) -> dict[str, Any]:
+    said: dict[str, Any] = {}
+    drives = {key: array[j] for key, array in vars(mechanism.drives).items() if array[j] != UNDRIVEN[key]}
+    for what, stated in (("limits", mechanism.limits.stated(j)), ("drive", drives)):
+        said |= {what: {key: _plain(x) for key, x in stated.items()}} if stated else {}
     return said
 
 

@@ -1,6 +1,8 @@
 """Joints of an mjModel: their screws, limits and drive trains.
 
-Joint variables are MuJoCo's own, which are `qpos0` where the bodies stand as the file places them; angles in rad.
+Joint variables are MuJoCo's own, which are `qpos0` where the bodies stand as the file places them; angles in rad. The
+numbers q of a free joint are the pose of its body in the world, those of a ball the turn from where the file has the
+body: MuJoCo's own too, but for the order x, y, z, w of quaternions.
 """
 
 import numpy as np
@@ -8,10 +10,11 @@ import numpy as np
 from jounce.io.models.mujoco.arrays import Arrays
 from jounce.model import tree
 from jounce.model.stated import Stated
-from jounce.spatial import lie
+from jounce.spatial import groups, lie
 
 FLOATING = 0  # MuJoCo's types of joints
-FREE_JOINTS = {FLOATING: "floating", 1: "spherical"}
+BALL = 1
+FREE_JOINTS = {FLOATING: "floating", BALL: "spherical"}
 SLIDE = 2
 AT_A_JOINT = (0, 1)  # transmissions of actuators: in a joint's frame or its parent's, the same for one axis
 
@@ -24,8 +27,11 @@ def moves_along_one_screw(m: Arrays, j: int) -> bool:
 def joint(m: Arrays, j: int, parent: str, child: str, B: np.ndarray, mimic: tree.Mimic | None) -> tree.Joint:
     """A joint between two links; B is the child's pose where the joint variable is `qpos0`."""
     name, kind = m.joints[j], int(m.of["jnt_type"][j])
-    if kind in FREE_JOINTS:
+    if kind == FLOATING:
         return tree.Joint(name, parent, child, B, None, None, {}, {}, m.place, free=FREE_JOINTS[kind])
+    if kind == BALL:
+        X = lie.Ad(lie.pose(np.eye(3), m.of["jnt_pos"][j][:, None])) @ groups.BALL.X
+        return tree.Joint(name, parent, child, B, X.T, None, {}, _drive(m, j), m.place, free=FREE_JOINTS[kind])
     X, start = _screw(m, j), m.of["qpos0"][m.of["jnt_qposadr"][j]]
     B = B @ lie.exp(X, -start[None, None]) if start else B
     return tree.Joint(name, parent, child, B, X, mimic, _limits(m, j), _drive(m, j), m.place)
@@ -63,12 +69,13 @@ def _actuators(m: Arrays, j: int) -> tuple[float, float]:
 
 def _drive(m: Arrays, j: int) -> dict[str, float]:
     """Return the drive of a joint, with the actuators' armature and damping times the gear squared."""
-    dof, gears = m.of["jnt_dofadr"][j], _acting(m, j) * m.of["actuator_gear"][:, 0] ** 2
+    dof, single = m.of["jnt_dofadr"][j], moves_along_one_screw(m, j)
+    gears = single * _acting(m, j) * m.of["actuator_gear"][:, 0] ** 2
     stated = {
         "armature": m.of["dof_armature"][dof] + np.sum(gears * m.of["actuator_armature"]),
         "damping": m.of["dof_damping"][dof] + np.sum(gears * m.of["actuator_damping"]),
         "friction": m.of["dof_frictionloss"][dof] * m.acts("FRICTIONLOSS", "CONSTRAINT"),
-        "stiffness": m.of["jnt_stiffness"][j] * m.acts("SPRING", "PASSIVE"),
+        "stiffness": single * m.of["jnt_stiffness"][j] * m.acts("SPRING", "PASSIVE"),
     }
     stated["damping"] *= m.acts("DAMPER", "PASSIVE")
     if stated["stiffness"]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from jounce.core.errors import warn
 from jounce.io.models.mujoco.arrays import Arrays
-from jounce.io.models.mujoco.joints import AT_A_JOINT, FLOATING
+from jounce.io.models.mujoco.joints import AT_A_JOINT, BALL, FLOATING
 
 
 def warn_of(m: Arrays, ties: int, floats: bool) -> None:
@@ -21,6 +21,7 @@ def warn_of(m: Arrays, ties: int, floats: bool) -> None:
         "tendons that pull or resist": _nonzero_rows(m, "tendon_stiffness", "tendon_damping", "tendon_frictionloss"),
         "armatures of tendons": _nonzero_rows(m, "tendon_armature"),
         "drive trains of actuators at no joint": trains & elsewhere,
+        "springs of ball joints": (m.of["jnt_type"] == BALL) & (m.of["jnt_stiffness"] != 0),
         "springs that are not linear": _nonzero_rows(m, "jnt_stiffnesspoly", "jnt_springyield"),
         "dampers that are not linear": _nonzero_rows(m, "dof_dampingpoly"),
         "dampers of actuators that are not linear": _nonzero_rows(m, "actuator_dampingpoly") & ~elsewhere,

@@ -31,8 +31,8 @@ def mechanism(
     mimics = couplings.mimics(m)
     active = couplings.active(m)
     tied = loops.ties(m, active, {*m.bodies, *m.joints, *m.sites})
-    links, between = _bodies(m, mimics, [end for tie in tied for end in (tie.a, tie.b)])
-    outside.warn_of(m, ties=len(active) - len(mimics) - len(tied), floats=base == "floating")
+    links, between = _bodies(m, mimics, [end for tie in tied for end in (tie.a, tie.b)], welded=base == "fixed")
+    outside.warn_of(m, ties=len(active) - len(mimics) - len(tied), floats=base != "fixed")
     own = m.gravity * m.acts("GRAVITY")
     given = own if gravity is None else gravity
     built = tree.mechanism(links, between, given, m.name, m.place, base=base, root=root, world=m.bodies[0])
@@ -40,7 +40,7 @@ def mechanism(
 
 
 def _bodies(
-    m: Arrays, mimics: dict[int, tree.Mimic], ends: Sequence[loops.End]
+    m: Arrays, mimics: dict[int, tree.Mimic], ends: Sequence[loops.End], welded: bool
 ) -> tuple[list[tree.Link], list[tree.Joint]]:
     links = [tree.Link(body, _inertia(m, i), m.place) for i, body in enumerate(m.bodies)]
     between: list[tree.Joint] = []
@@ -57,6 +57,8 @@ def _bodies(
         carrier, B = m.bodies[m.of["body_parentid"][i]], m.pose("body_pos", "body_quat", i)
         own = range(m.of["body_jntadr"][i], m.of["body_jntadr"][i] + m.of["body_jntnum"][i])
         for j in own:
+            if m.of["jnt_type"][j] == joints.FLOATING and not welded:
+                B = np.eye(4)  # its q is the pose in the world, wherever the file has the body
             child = body if j == own[-1] else massless(distinct(f"{body}:{m.joints[j]}", taken))
             between.append(joints.joint(m, j, carrier, child, B, mimics.get(j)))
             carrier, B = child, np.eye(4)

@@ -1,12 +1,14 @@
 """Where other libraries have the coordinates of joints in their vectors, and which of these joints a robot has."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from jounce.core.errors import JounceError, listed, no_such, quoted
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import Position, positions
+from jounce.spatial.groups import Group
 
 
 @dataclass(frozen=True)
@@ -20,17 +22,22 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class FreeJoint:
-    """A floating joint: its 7 numbers in q and 6 in v, where it stands on the ground, and the frames that it moves."""
+    """A joint of several screws: where jounce's numbers of it stand in q, and its velocities in v.
 
-    q: int
-    v: int
-    ground: np.ndarray
-    moved: Mapping[str, np.ndarray]  # poses of the frames that it moves rigidly, in its moved frame
+    Of one that may carry a base also where it stands on the ground, and the frames that it moves.
+    """
+
+    group: Group
+    q: np.ndarray
+    v: np.ndarray
+    in_world: bool = False  # linear velocity, acceleration and force are in world axes, otherwise in its own
+    ground: np.ndarray = field(default_factory=lambda: np.eye(4))
+    moved: Mapping[str, np.ndarray] = field(default_factory=dict)  # poses in its moved frame
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """The vectors of a model: sizes, joints by name, and how a floating joint is stated."""
+    """The vectors of a model: sizes, and joints by name."""
 
     what: str  # for messages
     labels: tuple[str, str, str, str]  # of position, velocity, acceleration and forces
@@ -40,16 +47,20 @@ class Layout:
     places: Mapping[str, Place]
     free: Mapping[str, FreeJoint]
     carries: Mapping[str, frozenset[str]]  # bodies, frames and joints beyond each joint, of all kinds
-    quaternion: tuple[int, int, int, int]  # where w, x, y, z stand in it
-    linear_in_world: bool  # the linear velocity, acceleration and force of a floating joint, otherwise in its own axes
 
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """The joints of a robot in a model: indices with their places, and the joint that moves the base."""
+    """The joints of a robot in a model: indices with their places, joints of several screws, and that of the base."""
 
     joints: Mapping[int, Place]
+    several: Sequence[tuple[Position, FreeJoint]]
     base: FreeJoint | None
+
+    @property
+    def in_world(self) -> bool:
+        """Whether forces take the pose of a joint, as they are in world axes."""
+        return any(joint.in_world for joint in (self.base, *(joint for _, joint in self.several)) if joint)
 
 
 def match(mechanism: Mechanism, layout: Layout) -> Match:
@@ -60,18 +71,25 @@ def match(mechanism: Mechanism, layout: Layout) -> Match:
             " jounce.Robot(robot.mechanism.tree), whose q the closed robot takes as it is"
         )
     joints = {i: layout.places[name] for i, name in enumerate(mechanism.joints) if name in layout.places}
+    own = sorted(positions(mechanism).values(), key=lambda x: x.numbers.start)
+    of_several = [name for x in own for name in mechanism.coordinates[x.coordinates]]
     for name in mechanism.coordinates:
-        if name not in mechanism.joints or name not in layout.places:
+        if name not in of_several and (name not in mechanism.joints or name not in layout.places):
             raise no_such("joint", name, layout.places, layout.what)
+    for x in own:
+        if layout.free.get(x.name) is None or layout.free[x.name].group is not x.group:
+            kind = {name: None for name, joint in layout.free.items() if joint.group is x.group}
+            raise no_such(f"{x.group.name} joint", x.name, kind, layout.what)
     base = _carrier_of_base(mechanism, layout) if mechanism.floats else None
-    known = {*mechanism.frame_names, *mechanism.joints}
+    names = {*mechanism.joints, *(x.name for x in own)}
+    known = {*mechanism.frame_names, *names}
     for name, carried in layout.carries.items():
-        ours = name in mechanism.joints or (base is not None and layout.free.get(name) is base)
+        ours = name in names or (base is not None and layout.free.get(name) is base)
         if not ours and (moved := sorted(carried & known)):
             held = f"joint {quoted(name)} moves {listed(moved, most=3)}, which this robot holds"
             floats = "; load it with base='floating'" if name in layout.free and not mechanism.floats else ""
             raise JounceError(f"{layout.what}: {held}{floats or '; expected a model of the same joints'}")
-    return Match(joints, base)
+    return Match(joints, [(x, layout.free[x.name]) for x in own], base)
 
 
 def _carrier_of_base(mechanism: Mechanism, layout: Layout) -> FreeJoint:

@@ -7,6 +7,7 @@ import numpy as np
 from jounce.io.models.mujoco.arrays import arrays
 from jounce.io.models.mujoco.joints import FLOATING, moves_along_one_screw
 from jounce.io.models.states.layout import FreeJoint, Layout, Place
+from jounce.spatial.groups import BALL, FREE
 
 LABELS = ("qpos", "qvel", "qacc", "qfrc")
 
@@ -30,7 +31,10 @@ def layout(model: Any) -> Layout:
             if moves_along_one_screw(m, j):
                 places[name] = Place(q, v)
             elif m.of["jnt_type"][j] == FLOATING:
-                free[name] = FreeJoint(q, v, ground=np.eye(4), moved={m.bodies[i]: np.eye(4)})
+                at, rates = q + np.array([0, 1, 2, 4, 5, 6, 3]), v + np.array([3, 4, 5, 0, 1, 2])
+                free[name] = FreeJoint(FREE, at, rates, in_world=True, moved={m.bodies[i]: np.eye(4)})
+            else:
+                free[name] = FreeJoint(BALL, q + np.array([1, 2, 3, 0]), v + np.arange(3))
     rest = np.array(m.of["qpos0"], dtype=float)
     sizes = len(rest), int(model.nv)
-    return Layout(m.place, LABELS, *sizes, rest, places, free, carries, (0, 1, 2, 3), linear_in_world=True)
+    return Layout(m.place, LABELS, *sizes, rest, places, free, carries)

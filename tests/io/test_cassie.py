@@ -1,0 +1,131 @@
+"""A biped in the manner of Cassie: balls in the tree, loops by equality constraints, springs, a pelvis that floats."""
+
+import mujoco
+import numpy as np
+import pytest
+from robots import relative_error
+
+import jounce
+from jounce.model.positions import positions, single_positions
+
+LEG = """
+<body name='{s}-hip' pos='.02 {y} 0' xyaxes='0 0 -1 0 1 0'>
+ <inertial pos='-.02 0 -.05' mass='2' fullinertia='.004 .004 .002 0 -.0008 0'/><joint name='{s}-hip' damping='1'/>
+ <body name='{s}-thigh' pos='0 0 -.08' quat='.5 .5 .5 .5'>
+  <inertial pos='.06 0 -.03' mass='5' fullinertia='.011 .03 .031 -.0003 0 0'/>
+  <joint name='{s}-thigh' armature='.09' damping='1'/>
+  <body name='{s}-achilles-rod' pos='0 0 .04' xyaxes='.8 -.6 0 .6 .8 0'>
+   <inertial pos='.25 0 0' mass='.2' diaginertia='1e-5 .004 .004'/>
+   <joint name='{s}-achilles-rod' type='ball' damping='.01'/>
+  </body>
+  <body name='{s}-knee' pos='.13 0 0' euler='0 0 -45'>
+   <inertial pos='.02 .03 0' mass='.8' fullinertia='.0014 .001 .0022 -.0004 0 0'/>
+   <joint name='{s}-knee' ref='-40' armature='.09' damping='1'/>
+   <body name='{s}-shin' pos='.06 .05 0'>
+    <inertial pos='.18 0 0' mass='.6' diaginertia='.0004 .015 .015'/>
+    <joint name='{s}-shin' stiffness='1500' damping='.1'/>
+    <body name='{s}-tarsus' pos='.43 .02 0' euler='0 0 60'>
+     <inertial pos='.1 -.03 0' mass='.8' fullinertia='.0004 .014 .014 .0002 0 0'/>
+     <joint name='{s}-tarsus' ref='55' damping='.1'/>
+     <body name='{s}-heel' pos='-.01 -.03 0' euler='0 0 155'>
+      <inertial pos='.08 0 0' mass='.1' diaginertia='3e-5 .0002 .0002'/><joint name='{s}-heel' stiffness='1250'/>
+     </body>
+     <body name='{s}-crank' pos='.06 -.03 .02'>
+      <inertial pos='.005 0 0' mass='.1' diaginertia='3e-5 5e-5 6e-5'/><joint name='{s}-crank'/>
+      <body name='{s}-plantar-rod' pos='.05 0 0'>
+       <inertial pos='.18 0 0' mass='.1' diaginertia='1e-5 .002 .002'/>
+       <joint name='{s}-plantar-rod' type='ball' pos='.01 0 .005'/>
+      </body>
+     </body>
+     <body name='{s}-foot' pos='.4 -.04 0'>
+      <inertial pos='.005 .03 0' mass='.15' diaginertia='.0002 .0002 .0003'/><joint name='{s}-foot' armature='.01'/>
+     </body>
+    </body>
+   </body>
+  </body>
+ </body>
+</body>"""
+TIES = "<connect body1='{s}-plantar-rod' body2='{s}-foot' anchor='.35 0 0'/>" + (
+    "<connect body1='{s}-achilles-rod' body2='{s}-heel' anchor='.5 0 0'/>"
+)
+MOTORS = "".join(f"<motor joint='{{s}}-{joint}' gear='16'/>" for joint in ("hip", "thigh", "knee", "foot"))
+
+
+def both(text):
+    return text.format(s="left", y=".13") + text.format(s="right", y="-.13")
+
+
+BIPED = f"""<mujoco model='biped'><worldbody><body name='pelvis' pos='0 0 1.1'><freejoint/>
+<inertial pos='.05 0 .03' mass='10' fullinertia='.09 .05 .09 0 -.0002 -.0004'/><site name='imu' pos='.03 0 -.08'/>
+{both(LEG)}</body></worldbody><equality>{both(TIES)}</equality><actuator>{both(MOTORS)}</actuator></mujoco>"""
+SQUAT = {
+    "thigh": 0.5,
+    "knee": -0.9,
+    "tarsus": 0.8,
+    "foot": -0.6,
+    "hip": 0.05,
+    "heel": 0.02,
+    "shin": -0.01,
+    "crank": 0.4,
+}
+
+
+@pytest.fixture(scope="module")
+def biped(tmp_path_factory):
+    path = tmp_path_factory.mktemp("biped") / "biped.xml"
+    path.write_text(BIPED)
+    with pytest.warns(jounce.JounceWarning, match="loops stay open.*'left-achilles-rod' is a ball joint"):
+        robot = jounce.load(path, base="floating")
+    model = mujoco.MjModel.from_xml_path(str(path))
+    for train in ("dof_armature", "dof_damping", "jnt_stiffness"):
+        getattr(model, train)[:] = 0
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    return robot, model
+
+
+def squat(robot, t, count):
+    """q, qd, ... of a squat in which each ball turns about an axis of its own, and C, V, Vd, ... of the pelvis."""
+    s = [np.sin(2 * t + k * np.pi / 2) * 2.0**k for k in range(count)]
+    m = robot.mechanism
+    shares = np.array([SQUAT.get(name.partition("-")[2], 0) for name in m.coordinates])
+    rates = [shares @ single_positions(m) * s[0], *(shares * value for value in s[1:])]
+    for x in positions(m).values():
+        axis = np.array([0.6, 0, 0.8]) if x.name.startswith("left") else np.array([0, 0.28, -0.96])
+        rates[0][x.numbers] = [*axis * np.sin(0.2 * s[0]), np.cos(0.2 * s[0])]
+        for rate, value in zip(rates[1:], s[1:], strict=True):
+            rate[x.coordinates] = 0.4 * value * axis
+    C = np.eye(4)
+    C[2, 3] = 1 - 0.2 * s[0]
+    return rates, (C, *(np.array([0, 0, 0, 0, 0, -0.2 * value]) for value in s[1:]))
+
+
+def test_it_loads_without_an_edit(biped):
+    robot, model = biped
+    assert (robot.nq, robot.nv) == (model.nq, model.nv)
+    assert {x.name for x in positions(robot.mechanism).values()} == {
+        f"{side}-{rod}-rod" for side in ("left", "right") for rod in ("achilles", "plantar")
+    }
+    assert [loop.joint for loop in robot.mechanism.loops] == ["spherical"] * 4
+
+
+@pytest.mark.parametrize("method", ["recursion", "closed_form"])
+def test_forces_along_a_squat_of_its_tree_are_those_of_mujoco(biped, method):
+    robot, model = biped
+    data = mujoco.MjData(model)
+    for t in np.linspace(0, 3, 7):
+        rates, base = squat(robot, t, 3)
+        data.qpos[:], data.qvel[:], data.qacc[:] = robot.state_to("mujoco", *rates, base=base, model=model)
+        mujoco.mj_inverse(model, data)
+        theirs = robot.state_from("mujoco", data.qpos, forces=data.qfrc_inverse, model=model).Q
+        assert relative_error(robot.inverse_dynamics(*rates, base=base, method=method), theirs) < 1e-12
+
+
+def test_rates_of_forces_along_a_squat_are_those_of_differences(biped):
+    """Seven-point differences of the forces of order 0, which are MuJoCo's."""
+    robot, _ = biped
+    h, stencil = 0.01, np.array([-1, 9, -45, 0, 45, -9, 1]) / 60
+    for t in (0.3, 1.1):
+        *_, Qd = robot.inverse_dynamics(*(state := squat(robot, t, 4))[0], base=state[1])
+        along = [squat(robot, t + k * h, 3) for k in range(-3, 4)]
+        values = [robot.inverse_dynamics(*rates, base=base) for rates, base in along]
+        assert relative_error(np.tensordot(stencil, values, 1) / h, Qd) < 1e-9
