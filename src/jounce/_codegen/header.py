@@ -97,11 +97,11 @@ def several_screws(robot: Mechanism, functions: Sequence[Function]) -> list[str]
         " from 0 on."
     )
     return [
-        f"Joints of several screws: {', '.join(joints)}. Their entries of q say how the body has moved: where its origin"
-        " is, x, y, z, and its rotation, a quaternion qx, qy, qz, qw, or cos, sin, each of any length but 0. Those of qd"
-        " are not the rates of these but the twist of the body against its carrier, angular before linear, in the axes"
-        " of the joint, which move with the body; q2d, q3d are the rates of these components, and forces are the moments"
-        f" and forces along them.{products if any(f.computation.product for f in functions) else ''}"
+        f"Joints of several screws: {', '.join(joints)}. Their entries of q say how the joint has moved: where its"
+        " origin is, x, y, z, and its rotation, a quaternion qx, qy, qz, qw, or cos, sin, each of any length but 0."
+        " Those of qd are not the rates of these but the twist of the body against its carrier, angular before linear,"
+        " in the axes of the joint, which move with the body; q2d, q3d are the rates of these components, and forces"
+        f" are the moments and forces along them.{products if any(f.computation.product for f in functions) else ''}"
     ]
 
 

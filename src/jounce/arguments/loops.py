@@ -14,6 +14,7 @@ from jounce.dynamics.loops import closure_of
 from jounce.model.locking import locked, warn_of_limits
 from jounce.model.loops import HELD, ROUNDING, Closure, Loop, Z
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import check_single
 
 
 def with_loops(
@@ -36,6 +37,7 @@ def with_loops(
             " elastic(stiffness)"
         )
     tree = mechanism.tree
+    check_single(tree, "closed loops")
     tree = replace(tree, loops=_loops(tree, loops))
     _check_numbers(tree)
     motors = _motors(mechanism, actuated)

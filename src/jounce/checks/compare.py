@@ -6,7 +6,6 @@ is added up where that is larger, as where forces are zero.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from math import factorial
 from pathlib import Path
 from typing import Any
@@ -23,12 +22,15 @@ from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine, like
 from jounce.engine.generic import as_tuple
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import position_count, positions, single_positions
 from jounce.model.screws import from_screws
+from jounce.spatial.lie import wedge
 from jounce.spatial.series import rate_name
 
 STEPS = 0.2 * 2.0 ** -np.arange(9)  # s, of differences; the best one counts
 STENCIL = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])  # of nine points
 NEAR = 0.1  # rad or sizes of the robot, and per s, per s^2, ...: how states of closed robots vary about the start
+TERMS = 60  # of series in time of rotations, by which these are exact over the steps
 ALLOWED = {"exact": 1e-9, "differences": 1e-6}  # what an error may be; differences cannot show less
 
 CARRIER = Engine(from_screws([np.eye(4)] * 6, np.roll(np.eye(6), 3, axis=0), np.zeros((6, 6, 6))))
@@ -55,11 +57,13 @@ def compare(
 ) -> list[Check]:
     """Run the checks of a robot without drive terms; other libraries read its file `source`, if given."""
     rigid, rng = like(robot, replace(robot.mechanism, acting=())), np.random.default_rng(seed)
-    m, q = rigid.mechanism, rng.uniform(-1, 1, (order + 3, states, robot.n))
+    m, q = rigid.mechanism, [*rng.uniform(-1, 1, (order + 3, states, robot.n))]
     if m.closure:
         own = list(m.closure.independent)
-        q *= NEAR * scales(m).coordinates[own]
+        q = [x * NEAR * scales(m).coordinates[own] for x in q]
         q[0] += m.closure.start[own]
+    if positions(m):
+        q[0] = rng.uniform(-1, 1, (states, position_count(m)))
     x = _Motion(q, rng.uniform(-1, 1, (order + 3, states, 6)) if m.floats else None)
     sizes = x.forces(rigid) if m.closure else _sizes(m, order, x)  # squares outgrow what constraints are solved for
     return [*_with_peers(rigid, source, x), *_with_paths(rigid, x, sizes), *_with_differences(rigid, x, sizes)]
@@ -75,7 +79,7 @@ def _sizes(m: Mechanism, order: int, x: "_Motion") -> Sequence[np.ndarray]:
 class _Motion:
     """Rates of the coordinates, and of six joints that carry the base of a robot that floats."""
 
-    q: np.ndarray
+    q: Sequence[np.ndarray]
     carrier: np.ndarray | None
 
     def base(self, count: int) -> tuple[Any, ...] | None:
@@ -93,15 +97,25 @@ class _Motion:
         q = self.q[:count]
         return as_tuple(compute(robot, FORCES.name, [*q], base=self.base(len(q)), **options))
 
-    def map(self, f: Callable[[np.ndarray], np.ndarray]) -> "_Motion":
-        """The motion with other rates."""
-        return _Motion(f(self.q), None if self.carrier is None else f(self.carrier))
+    def exactly(self) -> "_Motion":
+        """The motion in extended precision."""
+        carrier = None if self.carrier is None else self.carrier.astype(np.longdouble)
+        return _Motion([x.astype(np.longdouble) for x in self.q], carrier)
+
+    def later(self, m: Mechanism, t: float) -> "_Motion":
+        """The motion a time t later."""
+        q = _shift(self.q[1:], t)
+        q.insert(0, _moved(m, self.q, t))
+        return _Motion(q, None if self.carrier is None else np.stack(_shift([*self.carrier], t)))
 
 
 def _with_peers(robot: Engine, source: Path | None, x: _Motion) -> Iterator[Check]:
     m, q = robot.mechanism, x.q
     if m.closure:
         yield Check("-", "other libraries", None, 0.0, "loops are closed: these would compute the forces of the tree")
+        return
+    if positions(m):
+        yield Check("-", "other libraries", None, 0.0, "they are compared where every joint has one screw")
         return
     known = {row.symbol: row for row in QUANTITIES.values() if row.symbol in ("Q", "Qgrav", "M")}
     ours, sizes = {}, {}
@@ -137,7 +151,7 @@ def _with_paths(robot: Engine, x: _Motion, sizes: Sequence[np.ndarray]) -> Itera
     paths: dict[str, Callable[[], Sequence[np.ndarray]]] = {
         "recursion": lambda: x.forces(robot, method="recursion"),
         "closed form": lambda: x.forces(robot, method="closed_form"),
-        "long doubles": lambda: x.map(lambda q: q.astype(np.longdouble)).forces(robot, method="recursion"),
+        "long doubles": lambda: x.exactly().forces(robot, method="recursion"),
     }
     for name, results in paths.items():
         for k, (found, expected, size) in enumerate(zip(own, results(), sizes, strict=True)):
@@ -150,14 +164,27 @@ def _with_differences(robot: Engine, x: _Motion, sizes: Sequence[np.ndarray]) ->
     for k in range(1, len(exact)):
         errors = []
         for h in STEPS:
-            along = [x.map(partial(_shift, t=j * h)).forces(robot, k + 2)[-1] for j in range(-4, 5)]
+            along = [x.later(robot.mechanism, j * h).forces(robot, k + 2)[-1] for j in range(-4, 5)]
             errors.append(_error(np.tensordot(STENCIL, along, 1) / h, exact[k], sizes[k]))
         yield Check(rate_name("Q", k), f"differences of {rate_name('Q', k - 1)}", min(errors), ALLOWED["differences"])
 
 
-def _shift(q: np.ndarray, t: float) -> np.ndarray:
+def _shift(q: Sequence[np.ndarray], t: float) -> list[np.ndarray]:
     """The rates q a time t later."""
-    return np.stack([sum(x * t**j / factorial(j) for j, x in enumerate(q[k:])) for k in range(len(q))])
+    return [np.sum([x * t**j / factorial(j) for j, x in enumerate(q[k:])], axis=0) for k in range(len(q))]
+
+
+def _moved(m: Mechanism, q: Sequence[np.ndarray], t: float) -> np.ndarray:
+    """The positions a time t later, those of joints of several screws by the series of H' = H wedge(X nu)."""
+    way: Any = sum(x * t**j / factorial(j) for j, x in enumerate(q[1:], 1))
+    found = q[0] + way @ single_positions(m)
+    for joint in positions(m).values():
+        twists = [wedge(x[:, joint.coordinates] @ joint.group.X.T) / factorial(j) for j, x in enumerate(q[1:])]
+        H = [joint.group.pose(q[0][:, joint.numbers])]
+        for k in range(TERMS):
+            H.append(sum(a @ b for a, b in zip(reversed(H), twists, strict=False)) / (k + 1))
+        found[:, joint.numbers] = joint.group.numbers(sum(x * t**k for k, x in enumerate(H)))
+    return found
 
 
 def _error(found: Any, expected: Any, magnitude: np.ndarray) -> float:

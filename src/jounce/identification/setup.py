@@ -15,6 +15,7 @@ from jounce.identification.search import Search, reaches_of
 from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.kinds import KINDS, MOTION_KINDS
 from jounce.model.limits import Limits
+from jounce.model.positions import check_single
 
 TYPICAL = 4  # rows of typical states per column of the regressor, by which columns are found that depend on others
 
@@ -38,6 +39,7 @@ def search_of(
         raise JounceError(f"margin is {quoted(margin)}; expected a share of the limits, 0 <= margin < 1")
     if robot.mechanism.closure:
         raise JounceError(f"the loops of {quoted(robot.name)} are closed; expected a robot without loops")
+    check_single(robot.mechanism, "excite()")
     limits, notes = _bounded_positions(robot, number("reach", reach, "rad"))
     kinds = [kind for kind in limits.kinds if not KINDS[kind].takes]
     _check_limits(robot, limits, kinds)

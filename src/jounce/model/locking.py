@@ -11,6 +11,7 @@ from jounce.model.coordinates import likely_positions
 from jounce.model.drives import Drives
 from jounce.model.frame import Frame
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import check_single
 from jounce.model.screws import exact_inertia, exact_pose
 from jounce.spatial import inertia, lie
 
@@ -32,6 +33,7 @@ def locked(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
         one_of("joint to lock", name, mechanism.coordinates)
         if not is_finite(value):
             raise JounceError(f"joint {name!r} is locked at {quoted(value)}; expected a finite number, rad or m")
+    check_single(mechanism, "locked joints", np.isin(mechanism.joints, [*values]))
     places = [mechanism.coordinates.index(name) for name in values]
     free = [j for j in range(mechanism.n) if j not in places]
     if not free:

@@ -31,8 +31,8 @@ class Symbolic:
     """The equations of motion of a robot as SymPy expressions; `Robot.symbolic` makes it.
 
     * ``S.q, S.qd, S.q2d, ...`` are the symbols q1, qdot1, qddot1, ... of the coordinates, in the order of
-      `joint_names`, as columns; of joints of several screws the numbers of q and the velocities; ``S.W, S.Wd, ...``, (nb, 6), are those of the wrenches that the bodies exert: m_x1 ..
-      f_z1, mdot_x1, ...
+      `joint_names`, as columns, q of the numbers of joints of several screws; ``S.W, S.Wd, ...``, (nb, 6), are those
+      of the wrenches that the bodies exert: m_x1 .. f_z1, mdot_x1, ...
     * ``S.base_pose``, (4, 4), is the pose [R, r; 0, 1] of the base, where it moves, of the symbols R_11, ..., r_z, and
       ``S.base_twist, S.base_twistd, ...`` its twist in its own axes, omega_x, ..., v_z, omegadot_x, ...
     * Each quantity that belongs to no body is an attribute named after its symbol, ``S.Q``, ``S.M``, ``S.U``, and so

@@ -52,7 +52,8 @@ def has_decimals(array: Array) -> bool:
 def state_symbols(mechanism: Mechanism, base: bool) -> dict[str, Series]:
     """The symbols of the coordinates, matrices (n, 1), and of the wrenches, matrices (nb, 6), by name, with rates.
 
-    Positions are a matrix (nq, 1), longer where joints have several screws. With those of the base, its pose (4, 4), whose rates are products of it and of its twist, a matrix (6, 1).
+    Positions are a matrix (nq, 1), longer where joints have several screws. With those of the base, its pose (4, 4),
+    whose rates are products of it and of its twist, a matrix (6, 1).
     """
     import sympy
 
