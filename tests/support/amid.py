@@ -11,13 +11,17 @@ KINDS = {"hip": "revolute", "ankle": "ball", "toe": "revolute", "deck": "planar"
 PARENTS = [-1, 0, 1, 1, 3, 2]
 
 
-def amid(kinds=KINDS, parents=PARENTS, *, name="amid", floats=False):
-    """A robot of named joints of some kinds with random bodies, whose frames are anywhere but on their joints."""
+def amid(kinds=KINDS, parents=PARENTS, *, name="amid", floats=False, tilted=True):
+    """A robot of named joints of some kinds with random bodies; `tilted` puts their frames anywhere but on these."""
     rng = np.random.default_rng(7)
     X, names, owners = [], [], []
     for i, (joint, kind) in enumerate(kinds.items()):
         group = GROUPS.get(kind)
-        own = random_screw(rng, kind)[:, None] if group is None else Ad(random_pose(rng)) @ group.X
+        own = (
+            random_screw(rng, kind)[:, None]
+            if group is None
+            else (Ad(random_pose(rng)) if tilted else np.eye(6)) @ group.X
+        )
         X.append(own.T)
         names += [joint] if group is None else [f"{joint}.{velocity}" for velocity in group.velocities]
         owners += [i] * own.shape[1]
