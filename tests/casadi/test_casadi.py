@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from quantities import IDS, REQUESTS, affordable, branched, method_of, tupled
 from robots import differentiated, floating, golden, random_pose, rates_of, relative_error
+from several_named import amid, states
 
 import casadi
 import jounce
 from jounce.core.errors import JounceError
+from jounce.model.positions import moves
+from jounce.spatial import lie
 
 TOLERANCE = 1e-12
 RATES = ("", "d", "2d", "3d", "4d")
@@ -272,3 +275,31 @@ def test_a_matrix_of_sx_is_a_wrench_on_every_body():
 def test_refusals(attempt, message):
     with pytest.raises(JounceError, match=message):
         attempt(jounce.load("planar2r"))
+
+
+@pytest.mark.parametrize("floats", [False, True])
+def test_joints_of_several_screws_take_the_numbers_of_their_positions(floats):
+    robot = amid(floats=floats)
+    q, *rates = states(robot, 4)
+    F = robot.casadi_function("inverse_dynamics", 1, moving_base=floats)
+    nq, n = robot.nq - 7 * floats, robot.n
+    assert [F.size1_in(k) for k in range(4)] == [nq, n, n, n]
+    given = inputs("q", [q[-nq:], *(x[-n:] for x in rates)])
+    if floats:
+        C = lie.pose(np.eye(3), q[:3, None])
+        q[3:7] = 0, 0, 0, 1
+        given |= {"base_pose": C} | {f"base_twist{rate}": x[:6] for rate, x in zip(RATES, rates, strict=False)}
+    for name, y in zip(F.name_out(), robot.inverse_dynamics(q, *rates), strict=True):
+        assert relative_error(dense(F(**given)[name]), y) < TOLERANCE
+    assert robot.casadi_function("poses", 0, body="body6").size_out(0) == (4, 4)
+
+
+def test_derivatives_by_numbers_of_positions_lead_to_those_by_displacements():
+    robot = amid()
+    q, *rates = states(robot, 3)
+    F = robot.casadi_function("inverse_dynamics", 0)
+    x = [casadi.SX.sym(name, F.size1_in(k)) for k, name in enumerate(F.name_in())]
+    by_q = casadi.Function("J", x, [casadi.jacobian(F(*x), x[0])])
+    J = dense(by_q(q, *rates), (robot.n, robot.nq))
+    assert relative_error(J @ moves(robot.mechanism, q), robot.inverse_dynamics_partials(q, *rates)[0]) < TOLERANCE
+    assert np.abs(J[:, 1:5] @ q[1:5]).max() < 1e-11  # the length of a quaternion does not matter

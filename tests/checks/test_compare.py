@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from files import BODY, GOOD, OTHER, joint, link, origin, robot_file
 from hypothesis import given, settings
 from robots import floating, mechanisms, on_its_axis, random_mechanism
+from several_named import amid
 
 import jounce
 from jounce.checks.compare import compare
@@ -225,3 +226,11 @@ def test_the_command_ends_with_1_where_something_differs(monkeypatch):
     result = CliRunner().invoke(main, ["compare", "planar2r", "--states", "3"])
     assert result.exit_code == 1
     assert "TOO LARGE" in result.output
+
+
+@pytest.mark.parametrize("floats", [False, True])
+def test_joints_of_several_screws_are_compared_along_motions_of_theirs(floats):
+    checks = compare(amid(floats=floats), states=3, order=2)
+    assert [check for check in checks if not check.passed] == []
+    assert max(check.error for check in of(checks, "differences")) < 1e-11
+    assert max(check.error for check in of(checks, "closed form")) < 1e-13

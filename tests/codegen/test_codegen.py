@@ -19,6 +19,7 @@ import sympy
 from click.testing import CliRunner
 from files import refusal
 from robots import GOLDEN, floating, golden, on_its_axis, random_mechanism, springs
+from several_named import amid
 from tools import NODE, needs, require
 
 import jounce
@@ -81,6 +82,8 @@ ROBOTS = {
     "balanced": on_its_axis,
     "counter": lambda: counter_rotating(),
     "slide": lambda: slide(),
+    "several screws": amid,
+    "several screws, floating": lambda: amid(floats=True),
     "odd symbols": lambda: jounce.load("planar2r", m1=1 + sum(map(sympy.Symbol, ODD_SYMBOLS.split()))),
     "odd names": lambda: oddly_named(),
     "floating": lambda: jounce.Robot(floating(golden("planar2r")[0], np.random.default_rng(1))),
@@ -151,6 +154,14 @@ CASES = {  # the robot, what is asked for, how many states, and in which languag
     "floating": (
         "floating", {"order": 1, "wrench": True, "outputs": FLOATING, "parameters": ("masses", "payload:base")},
         6, "all",
+    ),
+    "several screws": ("several screws", {"order": 0, "outputs": ("inverse_dynamics", "mass_matrix")}, 10, "all"),
+    "several screws, derivatives": (
+        "several screws", {"order": 1, "outputs": ("inverse_dynamics", "inverse_dynamics_partials", *PRODUCTS[:2])}, 10,
+        "c python",
+    ),
+    "several screws, floating, single": (
+        "several screws, floating", {"order": 0, "moving_base": True, "float32": True}, 6, "c python rust",
     ),
     "moving ground, single": ("planar2r", {"order": 1, "moving_base": True, "float32": True}, 6, "c python rust"),
 }  # fmt: skip
@@ -320,6 +331,33 @@ def test_the_head_says_of_which_body_and_in_which_frame_results_are():
 def test_the_head_says_that_a_body_is_the_base():
     head = re.sub(r"\s[\s*]*", " ", texts("floating", "c", count=1, order=0, outputs=("jacobian:base",))["planar2r.h"])
     assert "jacobian_base: body base; components in the axes of the body, about its origin. " in head
+
+
+def test_the_head_says_what_positions_and_velocities_of_joints_of_several_screws_are():
+    files = texts("several screws", "c", count=1, order=0, outputs=("inverse_dynamics", "inverse_dynamics.vjp"))
+    head = re.sub(r"\s[\s*]*", " ", files["amid.h"])
+    for words in (
+        "Positions, the 18 entries of q: 0 hip, rad 1 ankle.qx, 1 2 ankle.qy, 1 3 ankle.qz, 1 4 ankle.qw, 1 5 toe, rad",
+        "6 deck.x, m 7 deck.y, m 8 deck.cos, 1 9 deck.sin, 1 10 lid, rad 11 box.x, m",
+        "Coordinates of the velocities, the 15 entries of qd, q2d, ... and of forces: 0 hip, rad 1 ankle.wx, rad",
+        "5 deck.wz, rad 6 deck.vx, m 7 deck.vy, m 8 lid, rad",
+        "Joints of several screws: ankle (ball), deck (planar), box (free). ",
+        "are those by the 15 components of displacements",
+        "const double q[18], const double qd[15], const double q2d[15], double Q[15]",
+    ):
+        assert words in head
+    assert "Coordinates, the 15 entries" not in head
+    text = texts("several screws", "python", count=1, order=0)["amid.py"]
+    assert "q (..., 18), its rates (..., 15), wrenches (..., 6, 6)" in text
+
+
+def test_test_vectors_hold_turns_of_several_lengths():
+    _, [found] = computed("several screws", 10, "recursion", order=0)
+    lengths = np.linalg.norm(found.inputs["q"][:, 1:5], axis=1), np.linalg.norm(found.inputs["q"][:, 8:10], axis=1)
+    for x in lengths:
+        assert x.min() >= 0.5 - 1e-12
+        assert x.max() <= 2 + 1e-12
+        assert np.ptp(x) > 0.1
 
 
 def passes_in_python(text, test):

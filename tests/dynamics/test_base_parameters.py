@@ -8,14 +8,16 @@ from bases import random_base
 from files import refusal
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from robots import floating, mechanisms, random_mechanism, random_pose
+from robots import floating, mechanisms, random_mechanism, random_pose, relative_error
 from scipy.linalg import qr
+from several_named import KINDS, PARENTS, amid, states
 
 import jounce
 from jounce.dynamics import assembly
 from jounce.dynamics.base_parameters import base_parameters
 from jounce.model import equivalent
 from jounce.model.frame import Frame
+from jounce.model.inertial import parameters_of
 from jounce.spatial import inertia
 
 AXES = [s * e for e in np.eye(3) for s in (1, -1)]
@@ -176,3 +178,19 @@ def test_symbols_are_refused():
     sympy = pytest.importorskip("sympy")
     robot = jounce.load("planar2r", L1=sympy.Symbol("L"))
     refusal(robot.base_parameters, "contains symbols; base parameters need numbers")
+
+
+@pytest.mark.parametrize("kinds", [{"foot": "ball"}, {"cart": "planar"}, {"box": "free"}, KINDS])
+@pytest.mark.parametrize("floats", [False, True])
+def test_joints_of_several_screws(kinds, floats):
+    robot = amid(kinds, PARENTS[: len(kinds)], floats=floats)
+    x = states(robot, 3, 40)
+    Y, Q = robot.regressor(*x), robot.inverse_dynamics(*x)
+    p = parameters_of(robot.mechanism).ravel()
+    assert relative_error(Y @ p, Q) < 1e-12
+    energies = robot.kinetic_energy(*x[:2]) + robot.potential_energy(x[0])
+    assert relative_error(np.sum(robot.energy_regressor(*x[:2]) * p, axis=-1), energies) < 1e-12
+    s = np.linalg.svd(Y.reshape(-1, Y.shape[-1]), compute_uv=False)
+    count = base_parameters(robot.mechanism).count
+    assert s[count - 1] > 1e-6 * s[0]
+    assert s[count:].max(initial=0) < 1e-12 * s[0]

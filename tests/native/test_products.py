@@ -1,6 +1,7 @@
 """Products of derivatives in native code: exact, transposes of each other, and called as kernels are."""
 
 import pickle
+import warnings
 from dataclasses import replace
 
 import jax
@@ -10,6 +11,7 @@ from bases import random_base
 from quantities import REQUESTS, branched, ids
 from robots import floating
 from scipy.linalg import expm
+from several_named import chain, states
 
 import jounce
 from jounce.checks.derivatives import product
@@ -245,3 +247,17 @@ def test_robots_of_the_loop_form_have_products_in_a_straight_line():
     m = jounce.load("ur5").mechanism
     assert not plan.is_straight(asked, m)
     assert plan.is_straight(replace(asked, product="vjp"), m)
+
+
+def test_long_chains_with_a_ball_take_straight_code_or_none():
+    robot = chain(40)
+    for order in (0, 3):  # the second takes long to compile, which is told
+        given = states(robot, order + 3)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", JounceWarning)
+            found = robot.inverse_dynamics(*given)
+        assert plan.is_straight(Computation("inverse_dynamics", order), robot.mechanism)
+        expected = robot.inverse_dynamics(*given, method="closed_form")
+        np.testing.assert_allclose(
+            np.vstack([found]), np.vstack([expected]), rtol=1e-10, atol=1e-10 * np.abs(found).max()
+        )

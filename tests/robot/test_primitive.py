@@ -4,12 +4,15 @@ import gc
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from robots import floating, random_mechanism, random_pose, relative_error
+from several_named import amid
+from several_named import states as states_of
 
 import casadi
 import jounce
@@ -266,3 +269,23 @@ def test_what_fits_nothing_is_refused():
     ):
         with pytest.raises(JounceError, match=match):
             call()
+
+
+def test_joints_of_several_screws_have_gradients_by_the_numbers_of_their_positions():
+    robot = amid({"foot": "ball", "cart": "planar"}, [-1, 0])
+    q, qd, q2d, q3d = states_of(robot, 4, 3)
+    weights = np.random.default_rng(3).normal(size=robot.n)
+
+    def product(q, method=None):
+        return robot.inverse_dynamics(q, qd[0], q2d[0], q3d[0], method=method)[1] @ weights
+
+    same(robot.inverse_dynamics(*map(jnp.asarray, (q, qd, q2d, q3d))), robot.inverse_dynamics(q, qd, q2d, q3d))
+    same(jax.vmap(lambda q: robot.inverse_dynamics(q, qd[0], q2d[0]))(q), robot.inverse_dynamics(q, qd[0], q2d[0]))
+    traced = partial(product, method="recursion")
+    for derived in (jax.grad, jax.hessian):
+        close(derived(product)(q[0]), derived(traced)(q[0]))
+    close(jax.vmap(jax.grad(product))(q), jax.vmap(jax.grad(traced))(q))
+    steps = 1e-6 * np.eye(robot.nq)
+    differences = np.array([(product(q[0] + h) - product(q[0] - h)) / 2e-6 for h in steps])
+    close(jax.grad(product)(q[0]), differences, 1e-7)
+    assert calls(jax.grad(product), jnp.asarray(q[0])) > 0

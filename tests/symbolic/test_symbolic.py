@@ -11,7 +11,8 @@ import pytest
 import sympy
 from planar2r import printed
 from quantities import QUANTITIES, affordable, method_of, rate_of, tupled
-from robots import golden, on_base, random_pose
+from robots import golden, on_base, random_pose, relative_error
+from several_named import amid, states
 from sympy import cos, sin
 
 import jounce
@@ -392,3 +393,24 @@ def test_a_fixed_robot_has_no_symbols_of_a_base_that_it_was_not_asked_for():
         _ = S.base_pose
     with pytest.raises(JounceError, match="R_11, which is the name of a coordinate, wrench or base motion"):
         jounce.load("planar2r", L1=sympy.Symbol("R_11")).symbolic(moving_base=True)
+
+
+@pytest.mark.parametrize("kinds", [{"foot": "ball"}, {"cart": "planar"}, {"box": "free"}])
+def test_joints_of_several_screws_have_the_values_of_numbers(kinds):
+    robot = amid(kinds, [-1], tilted=False)
+    given, S = states(robot, 4), robot.symbolic()
+    symbols = [S.q, S.qd, S.q2d, S.q3d]
+    assert [len(x) for x in symbols] == [robot.nq, robot.n, robot.n, robot.n]
+    Q, Qd = robot.inverse_dynamics(*given)
+    for x, expected in ((S.Q, Q), (S.Qd, Qd), (S.dot(S.U), robot.potential_energy(*given[:2])[1])):
+        found = sympy.lambdify(symbols, x, cse=True)(*(y[:, None] for y in given))
+        assert relative_error(np.ravel(found), np.ravel(expected)) < 1e-12
+
+
+@pytest.mark.parametrize("method", ["recursion", "closed_form"])
+def test_methods_take_symbols_of_the_numbers_of_positions(method):
+    robot = amid({"cart": "planar"}, [-1], tilted=False)
+    S, given = robot.symbolic(), states(robot, 3)
+    Q = robot.inverse_dynamics([*S.q], [*S.qd], [*S.q2d], method=method)
+    found = sympy.lambdify([S.q, S.qd, S.q2d], [*Q], cse=True)(*(y[:, None] for y in given))
+    assert relative_error(np.ravel(np.array(found, dtype=float)), robot.inverse_dynamics(*given)) < 1e-12

@@ -12,9 +12,10 @@ from jounce.core.version import __version__
 from jounce.dynamics.computation import DEPENDENT
 from jounce.dynamics.kinematics import FRAMES
 from jounce.dynamics.quantities import Quantity
-from jounce.model.coordinates import coordinate_units
+from jounce.model.coordinates import coordinate_units, position_units
 from jounce.model.drives import AMOUNTS, TERMS
 from jounce.model.mechanism import Mechanism, body_name
+from jounce.model.positions import position_names, positions
 from jounce.program.operations import OPERATIONS
 from jounce.program.program import Program
 
@@ -35,13 +36,23 @@ def origin(robot: Mechanism, order: int, single: bool) -> str:
 
 def arrays(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
     """List, under titles, the coordinates and bodies of array entries; `first` is the first index."""
-    units = coordinate_units(robot)
-    named = zip(map(printable, robot.coordinates), units, strict=True)
-    coordinates = [f"{j}  {name}, {unit}" for j, (name, unit) in enumerate(named, start=first)]
+    coordinates = _numbered(robot.coordinates, coordinate_units(robot), first)
     bodies = [f"{i}  {printable(name)}" for i, name in enumerate(robot.bodies, start=first)]
     of_forces = f", those of forces behind the 6 of {printable(robot.bodies[0])}" if robot.floats else " and of forces"
     titled = [(f"Coordinates, the {robot.n} entries of q, qd, ...{of_forces}:", coordinates)]
+    if positions(robot):
+        numbers = _numbered(position_names(robot), position_units(robot), first)
+        titled = [
+            (f"Positions, the {len(numbers)} entries of q:", numbers),
+            (f"Coordinates of the velocities, the {robot.n} entries of qd, q2d, ...{of_forces}:", coordinates),
+        ]
     return [*titled, *_followers(robot, first), ("Bodies:", bodies)]
+
+
+def _numbered(names: Sequence[str], units: Sequence[str], first: int) -> list[str]:
+    """List names with their units, the first of an index."""
+    named = zip(map(printable, names), units, strict=True)
+    return [f"{j}  {name}, {unit}" for j, (name, unit) in enumerate(named, start=first)]
 
 
 def _followers(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
@@ -66,6 +77,7 @@ def conventions(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
     found += [f"{f.name}: {OF_PRODUCTS[f.computation.product]}." for f in functions if f.computation.product]
     found += elastic_joints(robot, functions)
     found += drive_trains(robot, functions)
+    found += several_screws(robot, functions)
     found += closed_loops(robot, functions)
     if loaded:
         found.append(
@@ -73,6 +85,24 @@ def conventions(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
             " frame of the body about its origin; Wd, W2d are the rates of these components. A load on it enters as -W."
         )
     return found + base_motion(robot, functions)
+
+
+def several_screws(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
+    """Return a sentence on the balls, planar and free joints of the robot, if it has any."""
+    joints = [f"{printable(joint.name)} ({joint.group.name})" for joint in positions(robot).values()]
+    if not joints:
+        return []
+    products = (
+        f" Derivatives by q are those by the {robot.n} components of displacements, which move it as velocities do,"
+        " from 0 on."
+    )
+    return [
+        f"Joints of several screws: {', '.join(joints)}. Their entries of q say how the joint has moved: where its"
+        " origin is, x, y, z, and its rotation, a quaternion qx, qy, qz, qw, or cos, sin, each of any length but 0."
+        " Those of qd are not the rates of these but the twist of the body against its carrier, angular before linear,"
+        " in the axes of the joint, which move with the body; q2d, q3d are the rates of these components, and forces"
+        f" are the moments and forces along them.{products if any(f.computation.product for f in functions) else ''}"
+    ]
 
 
 def closed_loops(robot: Mechanism, functions: Sequence[Function]) -> list[str]:

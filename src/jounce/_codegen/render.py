@@ -14,6 +14,7 @@ from jounce._codegen.options import Options
 from jounce._codegen.parametric import Parametric
 from jounce._codegen.printer import Printed
 from jounce._codegen.test_vectors import TOLERANCE, Vectors
+from jounce.model.positions import position_count
 from jounce.program.operations import FUNCTIONS
 
 if TYPE_CHECKING:
@@ -90,6 +91,7 @@ def _context(options: Options, functions: Sequence[Function], tests: Sequence[Ve
         "single": single,
         "order": options.order,
         "n": mechanism.n,
+        "nq": position_count(mechanism),
         "nb": mechanism.nb,
         "functions": printed,  # Printed, in the order asked for
         "tests": list(zip(printed, tests, strict=True)),  # each with its Vectors

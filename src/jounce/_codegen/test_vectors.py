@@ -17,12 +17,14 @@ from jounce.dynamics.newton import scales
 from jounce.engine.generic import compute_by_method
 from jounce.model.casting import with_extended_precision
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import positions
 from jounce.spatial.lie import pose
 
 MOST_BODY_STATES = 100  # bodies times states: the closed form is dense
 MOST_STATES = 10  # states
 STEPS = 1000  # states are whole multiples of 1/STEPS: short to write, the same in every language
 QUATERNIONS = [[8, 6, 0, 0], [8, 4, 4, 2], [7, 5, 5, 1]]  # of which entries of rotations have two decimals
+TURNS = {4: QUATERNIONS, 2: [[8, 6]]}  # of joints, by how many numbers say them: cosine and sine, too
 WAY = 0.2  # rad or sizes of the robot, from the start of closed loops
 TOLERANCE = {False: 1e-13, True: 2e-4}  # of the test, in double and single precision
 
@@ -65,7 +67,11 @@ def vectors(
     def random(port: Port) -> np.ndarray:
         if port.is_pose:
             return np.stack([_random_pose(rng) for _ in range(count)])
-        return rng.integers(-2 * STEPS, 2 * STEPS, (count, *port.shape)) / STEPS
+        x = rng.integers(-2 * STEPS, 2 * STEPS, (count, *port.shape)) / STEPS
+        for joint in positions(robot.origin).values() if port.directions else ():
+            turns = x[:, joint.numbers][:, len(joint.group.places) :]
+            turns[:] = [_random_turn(rng, turns.shape[1]) for _ in turns]
+        return x
 
     def given(x: np.ndarray) -> np.ndarray:
         return x.astype(np.float32).astype(float) if single else x
@@ -115,6 +121,12 @@ def _random_pose(rng: np.random.Generator) -> np.ndarray:
     R = (a * a - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * a * np.cross(np.eye(3), v)
     r = rng.integers(-2 * STEPS, 2 * STEPS, (3, 1)) / STEPS
     return pose(R / 100, r)
+
+
+def _random_turn(rng: np.random.Generator, size: int) -> np.ndarray:
+    """The numbers of a turn of a joint: short decimals, of a length from 0.5 to 2, which does not matter."""
+    numbers = rng.permutation(TURNS[size][rng.integers(len(TURNS[size]))])
+    return numbers * rng.choice([-1, 1], size) * rng.integers(5, 21) / 100
 
 
 def _near(own: np.ndarray | None, random: np.ndarray) -> np.ndarray:

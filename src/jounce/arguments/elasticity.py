@@ -15,6 +15,7 @@ from jounce.model.coordinates import coordinate_units
 from jounce.model.elasticity import Elasticity, Law
 from jounce.model.mechanism import Mechanism
 from jounce.model.motors import Motor
+from jounce.model.positions import check_single
 from jounce.model.springs import CubicSpring, DampedSpring, Spring, spring_of
 
 ON_MOTORS = ("armature", "damping", "friction")  # terms of the drives that act on the motors of elastic joints
@@ -38,6 +39,7 @@ NOTHING = tuple(vars(ElasticParameters()).values())
 
 def with_elasticity(mechanism: Mechanism, stated: ElasticParameters) -> Mechanism:
     """Return the mechanism with springs between motors and links: terms of the drives that act on motors leave Q."""
+    check_single(mechanism, "elastic joints")
     _check_closure(mechanism, stated)
     e = mechanism.elasticity or elasticity_of_drives(mechanism)
     if mechanism.elasticity and all(x is y for x, y in zip(vars(stated).values(), NOTHING, strict=True)):

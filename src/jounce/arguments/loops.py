@@ -14,7 +14,7 @@ from jounce.dynamics.loops import closure_of
 from jounce.model.locking import locked, warn_of_limits
 from jounce.model.loops import HELD, ROUNDING, Closure, Loop, Z
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import positions
+from jounce.model.positions import check_single
 
 
 def with_loops(
@@ -37,7 +37,7 @@ def with_loops(
             " elastic(stiffness)"
         )
     tree = mechanism.tree
-    check_single(tree)
+    check_single(tree, "closed loops")
     tree = replace(tree, loops=_loops(tree, loops))
     _check_numbers(tree)
     motors = _motors(mechanism, actuated)
@@ -69,15 +69,6 @@ def with_loops(
             "starts, where loops are closed, at",
         )
     return closed
-
-
-def check_single(tree: Mechanism) -> None:
-    """Raise `JounceError` if a tree has joints of several screws, over which loops are not closed."""
-    for x in positions(tree).values():
-        cure = "three revolute joints with massless bodies between them in place of a ball"
-        raise JounceError(
-            f"loops close over joints of one screw each, and {x.name!r} is a {x.group.name} joint; {cure}"
-        )
 
 
 def with_locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:

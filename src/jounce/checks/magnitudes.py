@@ -25,6 +25,7 @@ from jounce.engine.generic import compute_by_method
 from jounce.model.functions import inverse
 from jounce.model.mechanism import Mechanism
 from jounce.model.springs import Spring, force_along
+from jounce.spatial.groups import of_angle, of_quaternion
 from jounce.spatial.series import Series
 
 METHODS = ("closed_form", "recursion")  # in the body frames as they are given; in those on the joint axes
@@ -199,6 +200,16 @@ def _(force: _Sized, spring: Spring, Q: Series, largest: float) -> Series:
     compliance = inverse(force_along(spring, delta, 1)).map(_make_sized)
     changes = compliance * Q
     return Series(lambda k: _Sized(delta[k], np.maximum(changes[k].square, np.square(delta[k]))))
+
+
+@of_quaternion.register
+def _(p: _Sized) -> _Sized:
+    return _Sized(of_quaternion(p.value))
+
+
+@of_angle.register
+def _(p: _Sized) -> _Sized:
+    return _Sized(of_angle(p.value))
 
 
 def _make_sized(x: Any) -> _Sized:

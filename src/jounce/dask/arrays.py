@@ -17,6 +17,7 @@ from jounce.engine.dispatch import checked_arguments, compute
 from jounce.engine.engine import Engine
 from jounce.engine.generic import as_tuple
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import position_names, positions
 
 Shape = tuple[int, ...]
 Pattern = int | dict[Any, Any] | tuple[Any, ...] | None  # an argument with the numbers of its arrays in their places
@@ -84,7 +85,8 @@ def apply(
         raise JounceError(f"jounce.dask.apply() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     arrays = _Arrays()
     frames = [x for x in rates if _is_frame(x)]
-    given = tuple(arrays.pattern(_columns(x, robot.mechanism) if _is_frame(x) else x, 1) for x in rates)
+    named = [_columns(x, robot.mechanism, k) if _is_frame(x) else x for k, x in enumerate(rates)]
+    given = tuple(arrays.pattern(x, 1) for x in named)
     patterns = given, arrays.pattern_of_rates(wrench, 2, 2), arrays.pattern_of_rates(base, 2, 1)
     one_of("quantity", quantity, QUANTITIES)
     row = row_of(quantity, requests.more_rates(robot.mechanism, quantity))
@@ -92,7 +94,7 @@ def apply(
         takes = ", ".join(row.input_names(row.rates))
         raise JounceError(f"{quantity} of {robot.name!r} takes {takes}, and further rates; got {len(rates)} of them")
     q, W, C = (fill(pattern, arrays.samples()) for pattern in patterns)
-    if robot.mechanism.closure:  # at positions that are not known yet, where no loop has to close
+    if robot.mechanism.closure or positions(robot.mechanism):  # not known yet: no loop has to close, nor zeros to turn
         q = (_unknown(q[0]), *q[1:])
     asked, _ = checked_arguments(robot.mechanism, quantity, q, W, C, body, frame, method)
     shapes = [port.shape for port in asked.signature(robot.mechanism).outputs]
@@ -214,9 +216,9 @@ def _is_frame(x: Any) -> bool:
     return hasattr(x, "to_dask_array") and hasattr(x, "columns")
 
 
-def _columns(x: Any, mechanism: Mechanism) -> Any:
-    """The columns of a data frame of Dask as an array in the order of the joints."""
-    joints = list(mechanism.coordinates)
+def _columns(x: Any, mechanism: Mechanism, k: int) -> Any:
+    """The columns of a data frame of Dask, the k-th argument, as an array in the order of the joints."""
+    joints = list(mechanism.coordinates if k else position_names(mechanism))
     with at("data frame"):
         names.check(list(x.columns), joints, names.followers(mechanism))
     return x[joints].to_dask_array()

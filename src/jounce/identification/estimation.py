@@ -21,6 +21,7 @@ from jounce.identification.suspicions import suspicions, unexplained
 from jounce.identification.table import IdentifiedParameter, parameter_table
 from jounce.model.drives import AMOUNTS, OFFSET, TERMS, select_columns
 from jounce.model.inertial import with_parameters
+from jounce.model.positions import check_single
 from jounce.motion.motion import Motion
 
 DRIVES: tuple[DriveColumn, ...] = ("damping", "friction", "offset")
@@ -47,6 +48,7 @@ def identify(
     model = model_of(robot, terms, eps)
     if not is_finite(prior) or not prior >= FIRMEST:
         raise JounceError(f"prior is {quoted(prior)}; expected a relative standard deviation, {FIRMEST:g} or more")
+    check_single(model.mechanism, "identify()")
     path = checked_motion(model.mechanism, motion)
     given = measurements(model.mechanism, path, forces, t, weights, deviations)
     posed = problem(model, path, terms, given, _inside(span, given.t), band, method)

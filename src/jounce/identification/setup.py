@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed, quoted
+from jounce.core.errors import JounceError, quoted
 from jounce.core.scalars import asarray, is_finite
 from jounce.core.typing import ArrayLike, DriveColumn
 from jounce.engine.engine import Engine
@@ -15,7 +15,7 @@ from jounce.identification.search import Search, reaches_of
 from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.kinds import KINDS, MOTION_KINDS
 from jounce.model.limits import Limits
-from jounce.model.positions import positions
+from jounce.model.positions import check_single
 
 TYPICAL = 4  # rows of typical states per column of the regressor, by which columns are found that depend on others
 
@@ -39,11 +39,7 @@ def search_of(
         raise JounceError(f"margin is {quoted(margin)}; expected a share of the limits, 0 <= margin < 1")
     if robot.mechanism.closure:
         raise JounceError(f"the loops of {quoted(robot.name)} are closed; expected a robot without loops")
-    if several := positions(robot.mechanism):
-        names = listed(joint.name for joint in several.values())
-        raise JounceError(
-            f"joints of {quoted(robot.name)} have several screws: {names}; lock them, or excite the others"
-        )
+    check_single(robot.mechanism, "excite()")
     limits, notes = _bounded_positions(robot, number("reach", reach, "rad"))
     kinds = [kind for kind in limits.kinds if not KINDS[kind].takes]
     _check_limits(robot, limits, kinds)

@@ -111,6 +111,15 @@ def coordinate_units(mechanism: Mechanism) -> list[str]:
     return ["rad" if np.any(X[:3]) else "m" for X in mechanism.X[leading_joints(mechanism)]]
 
 
+def position_units(mechanism: Mechanism) -> list[str]:
+    """rad, m or 1: the unit of each number of q, without those of a base that floats."""
+    units = coordinate_units(mechanism)
+    for joint in sorted(positions(mechanism).values(), key=lambda x: -x.coordinates.start):
+        places = len(joint.group.places)
+        units[joint.coordinates] = ["m"] * places + ["1"] * (len(joint.names) - places)
+    return units
+
+
 def force_names(mechanism: Mechanism) -> tuple[str, ...]:
     """The names of the nv entries of Q: the wrench on the base of a robot that floats, and the coordinates."""
     return (*(BASE_FORCES if mechanism.floats else ()), *mechanism.coordinates)

@@ -178,3 +178,11 @@ def moves(mechanism: Mechanism, q: Array) -> Array:
         ]
         k = x.numbers.stop
     return concatenate([*rows, single[k:] + 0 * q[..., :1, None]], axis=-2)
+
+
+def check_single(mechanism: Mechanism, what: str, of: Array | None = None) -> None:
+    """Raise `JounceError` if a joint has several screws, or one of those whose variables an array (nc,) is not 0 of."""
+    for body, joint in positions(mechanism).items():
+        if of is None or np.any(np.asarray(of)[list(mechanism.columns[body])]):
+            named = f"joint {quoted(joint.name)} of {quoted(mechanism.name)} is a {joint.group.name} joint"
+            raise JounceError(f"{what}: {named}; expected joints of one screw, revolute, prismatic or helical")

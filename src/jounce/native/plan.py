@@ -13,6 +13,7 @@ from itertools import accumulate
 from jounce.dynamics.computation import Computation, Signature
 from jounce.dynamics.recursion.forces import Sweep
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import positions
 
 STRAIGHT_LIMIT = 400  # bodies times orders squared, with which operations of forces grow, up to which they need no loop
 HIGHEST_NATIVE_ORDER = 12  # order, up to which the step of a joint takes no more than 40 KiB of a thread's stack
@@ -31,6 +32,7 @@ class LongCompilationError(Exception):
 def is_straight(computation: Computation, mechanism: Mechanism) -> bool:
     """Return whether the code is a straight line; a loop over the bodies is half as fast, but compiles at once."""
     looped = computation.quantity.sweep is not None and not computation.product and not mechanism.closure
+    looped = looped and not positions(mechanism)
     return not looped or len(mechanism.joints) * (computation.order + 1) ** 2 <= STRAIGHT_LIMIT
 
 

@@ -31,6 +31,7 @@ from jounce.model.drives import Drives, select_terms, warn_of_idle, with_eps
 from jounce.model.kinds import KEYS
 from jounce.model.limits import Limits
 from jounce.model.mechanism import GRAVITY
+from jounce.model.positions import check_single
 from jounce.model.positions import positions as several_screws
 from jounce.robot.applications import Applications
 from jounce.robot.methods import Methods
@@ -632,6 +633,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
                 f"{self.name} has elastic joints: {listed(sorted(moved))} would act on the links, not on the motors;"
                 " select drive terms before elastic()"
             )
+        if "spring" in select_terms(terms):
+            check_single(self.mechanism, "springs of drives", self.drives.stiffness)
         drives = self.drives if eps is None else with_eps(self.drives, eps)
         warn_of_idle(self.drives, terms, eps, self.name)
         return type(self)(replace(self.mechanism, acting=select_terms(terms), drives=drives))

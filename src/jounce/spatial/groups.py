@@ -8,6 +8,7 @@ and sine, does not matter unless it is zero.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import singledispatch
 
 import numpy as np
 
@@ -100,7 +101,9 @@ class Group:
         return concatenate([linear, self.turning(p[..., count:]) @ self.X[:3]], axis=-2)
 
 
-def _of_quaternion(p: Array) -> Array:
+@singledispatch
+def of_quaternion(p: Array) -> Array:
+    """The rotation, (..., 3, 3), that a quaternion (..., 4) says."""
     v, w = hat(p[..., :3]), p[..., 3:, None]
     return _I + 2 * reciprocal(p[..., None, :] @ p[..., :, None]) * (w * v + v @ v)
 
@@ -110,7 +113,9 @@ def _quaternion_rates(p: Array) -> Array:
     return concatenate([upper, -p[..., None, :3]], axis=-2) * 0.5
 
 
-def _of_angle(p: Array) -> Array:
+@singledispatch
+def of_angle(p: Array) -> Array:
+    """The rotation about z, (..., 3, 3), that a cosine and a sine, (..., 2), say."""
     unit = reciprocal(sqrt(p[..., None, :] @ p[..., :, None])) * p[..., :, None]
     c, s, zero = unit[..., :1, :], unit[..., 1:, :], 0 * unit[..., :1, :]
     rows = [[c, -s, zero], [s, c, zero], [zero, zero, zero + 1]]
@@ -123,9 +128,9 @@ def _angle_rates(p: Array) -> Array:
 
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
-BALL = Group("ball", (0, 1, 2), _QUATERNION, (), _of_quaternion, _quaternion_rates)
-PLANAR = Group("planar", (2, 3, 4), ("x", "y", "cos", "sin"), (0, 1), _of_angle, _angle_rates)
-FREE = Group("free", (0, 1, 2, 3, 4, 5), ("x", "y", "z", *_QUATERNION), (0, 1, 2), _of_quaternion, _quaternion_rates)
+BALL = Group("ball", (0, 1, 2), _QUATERNION, (), of_quaternion, _quaternion_rates)
+PLANAR = Group("planar", (2, 3, 4), ("x", "y", "cos", "sin"), (0, 1), of_angle, _angle_rates)
+FREE = Group("free", (0, 1, 2, 3, 4, 5), ("x", "y", "z", *_QUATERNION), (0, 1, 2), of_quaternion, _quaternion_rates)
 GROUPS: Mapping[str, Group] = {group.name: group for group in (BALL, PLANAR, FREE)}
 
 

@@ -14,6 +14,7 @@ from jounce.arguments.rates import checked_order
 from jounce.core.errors import JounceError, no_such, quoted, true_or_false
 from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.engine.engine import Engine
+from jounce.model.positions import moves
 from jounce.spatial.series import SUFFIX, Series, rate_name
 
 EXTERNAL = "ext"  # ends the symbol of what wrenches add to a quantity: Qext
@@ -30,8 +31,8 @@ class Symbolic:
     """The equations of motion of a robot as SymPy expressions; `Robot.symbolic` makes it.
 
     * ``S.q, S.qd, S.q2d, ...`` are the symbols q1, qdot1, qddot1, ... of the coordinates, in the order of
-      `joint_names`, as columns; ``S.W, S.Wd, ...``, (nb, 6), are those of the wrenches that the bodies exert: m_x1 ..
-      f_z1, mdot_x1, ...
+      `joint_names`, as columns, q of the numbers of joints of several screws; ``S.W, S.Wd, ...``, (nb, 6), are those
+      of the wrenches that the bodies exert: m_x1 .. f_z1, mdot_x1, ...
     * ``S.base_pose``, (4, 4), is the pose [R, r; 0, 1] of the base, where it moves, of the symbols R_11, ..., r_z, and
       ``S.base_twist, S.base_twistd, ...`` its twist in its own axes, omega_x, ..., v_z, omegadot_x, ...
     * Each quantity that belongs to no body is an attribute named after its symbol, ``S.Q``, ``S.M``, ``S.U``, and so
@@ -46,6 +47,7 @@ class Symbolic:
     name: str
     series: Mapping[str, Series]  # by symbol
     of_bodies: Callable[[str, str | None, str], Series]  # by name of the quantity, body and frame
+    moved: Any  # the rates of q, which are the velocities where no joint has several screws
 
     def __repr__(self) -> str:
         return f"<Symbolic {self.name!r}: {', '.join(self.series)}, and their rates; of bodies: {', '.join(OF_BODIES)}>"
@@ -91,7 +93,8 @@ class Symbolic:
         for name, count in SYMBOLS.items():
             moving = self.series.get(name, NOTHING)
             for k in range(count):
-                for symbol, rate in zip(moving[k], moving[k + 1], strict=True):
+                rates = moving[k + 1] if k or name != "q" else self.moved
+                for symbol, rate in zip(moving[k], rates, strict=True):
                     if symbol in present:
                         total = total + sympy.diff(x, symbol) * rate
         return total
@@ -125,7 +128,8 @@ def symbolic(robot: Engine, moving_base: bool) -> Symbolic:
         requests.place(robot.mechanism, name, body, frame)
         return of_bodies(name, body, frame)
 
-    return Symbolic(robot.name, {**found.symbols, **series}, checked)
+    q, qd = (np.array(x.tolist(), dtype=object) for x in found.symbols["q"].upto(1))
+    return Symbolic(robot.name, {**found.symbols, **series}, checked, (moves(m, q[:, 0]) @ qd)[:, 0])
 
 
 def _method(row: Quantity) -> Callable[..., Any]:

@@ -15,6 +15,7 @@ from jounce.dynamics.base import BaseMotion
 from jounce.model.casting import with_arrays
 from jounce.model.drives import Drives
 from jounce.model.mechanism import Mechanism
+from jounce.model.positions import position_count
 from jounce.spatial.series import Series
 
 _AXES = ((1, "x"), (2, "y"), (3, "z"))
@@ -51,13 +52,14 @@ def has_decimals(array: Array) -> bool:
 def state_symbols(mechanism: Mechanism, base: bool) -> dict[str, Series]:
     """The symbols of the coordinates, matrices (n, 1), and of the wrenches, matrices (nb, 6), by name, with rates.
 
-    With those of the base, its pose (4, 4), whose rates are products of it and of its twist, a matrix (6, 1).
+    Positions are a matrix (nq, 1), longer where joints have several screws. With those of the base, its pose (4, 4),
+    whose rates are products of it and of its twist, a matrix (6, 1).
     """
     import sympy
 
-    n, nb = mechanism.n, mechanism.nb
+    n, nq, nb = mechanism.n, position_count(mechanism), mechanism.nb
     found = {
-        "q": Series(lambda k: sympy.ImmutableMatrix(n, 1, [sympy.Symbol(name) for name in _coordinates(n, k)])),
+        "q": Series(lambda k: sympy.ImmutableMatrix([sympy.Symbol(name) for name in _coordinates(n if k else nq, k)])),
         "W": Series(lambda k: sympy.ImmutableMatrix(nb, 6, [sympy.Symbol(name) for name in _wrenches(nb, k)])),
     }
     if not base:

@@ -140,6 +140,12 @@ class TrigPolynomial(Recorder):
         """The cosine of a polynomial without sines and cosines."""
         return self._trig(sine=False)
 
+    def sqrt(self) -> "TrigPolynomial":
+        """The square root of a polynomial without sines and cosines, as a variable."""
+        if self.is_trigonometric:
+            raise JounceError("symbolic form does not support the root of a sine or cosine")
+        return self.variables.variable(self._expression() ** Fraction(1, 2))
+
     @property
     def number(self) -> Fraction | None:
         """Its value if it is constant, otherwise None."""

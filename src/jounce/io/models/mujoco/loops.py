@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jounce.arguments.loops import check_single, loop_between, with_loops
+from jounce.arguments.loops import loop_between, with_loops
 from jounce.core.errors import JounceError, warn
 from jounce.io.models.mujoco.arrays import Arrays, distinct
 from jounce.io.models.mujoco.joints import AT_A_JOINT
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import positions
+from jounce.model.positions import check_single, positions
 from jounce.spatial import lie
 
 JOINTS = {0: "spherical", 1: "fixed"}  # cut joints by MuJoCo's types of equality constraints, connect and weld
@@ -81,7 +81,7 @@ def close(m: Arrays, mechanism: Mechanism, tied: Sequence[Tie]) -> Mechanism:
     driven = m.of["actuator_trnid"][np.isin(m.of["actuator_trntype"], AT_A_JOINT), 0]
     motors = [name for name in mechanism.coordinates if name in {m.joints[j] for j in driven}]
     try:
-        check_single(mechanism)
+        check_single(mechanism, "closed loops")
         start: Mapping[str, float] = {
             name: float(m.of["qpos0"][m.of["jnt_qposadr"][m.joints.index(name)]]) for name in mechanism.coordinates
         }
