@@ -45,5 +45,5 @@ def test_no_slow_down_brings_a_ball_back_into_its_cone():
 
 
 def test_excitation_refuses_balls_by_name():
-    with pytest.raises(jounce.JounceError, match="joint 'ankle' of .* is a ball joint; expected joints of one screw"):
+    with pytest.raises(jounce.JounceError, match=r"joint 'ankle' of .* is a ball joint; expected joints of one screw"):
         ROBOT.excite(seed=0)
