@@ -145,6 +145,13 @@ def test_forces_and_states_are_those_of_mujoco(odd, drives):
         assert relative_error(ours, expected) < 1e-13
 
 
+def test_what_is_not_a_number_stays_where_it_is(odd):
+    robot, model, data = odd
+    data.joint("lift").qpos[:] = np.nan
+    q = robot.state_from("mujoco", data.qpos, model=model).q
+    assert np.flatnonzero(np.isnan(q)).tolist() == [robot.joint_names.index("lift")]
+
+
 def test_q_means_what_qpos_means_in_mujoco(odd):
     """But for the order of quaternions: a free joint has the pose of its body in the world, a ball starts at 1."""
     robot, model, data = odd

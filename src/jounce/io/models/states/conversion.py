@@ -1,6 +1,6 @@
 """States and forces of a robot from and to the vectors of other libraries."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,11 +12,11 @@ from jounce.core.errors import JounceError, listed, one_of, quoted
 from jounce.core.scalars import is_numeric, shaped
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.io.models.states import mujoco, pinocchio
-from jounce.io.models.states.free_joint import check_unit, motion_from, put_motion, turned
-from jounce.io.models.states.layout import FreeJoint, Layout, Place, match
+from jounce.io.models.states.free_joint import check_unit, force_from, force_to, motion_from, put_motion
+from jounce.io.models.states.layout import Layout, Place, match
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import position_count, single_positions
-from jounce.spatial.lie import Ad, inverse
+from jounce.spatial.groups import FREE
 
 LAYOUTS = {"pinocchio": pinocchio.layout, "mujoco": mujoco.layout}  # of a model, by library
 APART = 1e-2  # rad or m: how far a joint may be from what it follows; MuJoCo's constraints are soft
@@ -72,43 +72,28 @@ def state_from(mechanism: Mechanism, layout: Layout, given: Sequence[object], ta
     count = max(k for k, term in enumerate(given) if term is not None or k == 0) + 1
     sizes = (layout.nq, layout.nv, layout.nv)
     terms = [_vector(layout, *item) for item in zip(given[:count], labels[:count], sizes[:count], strict=True)]
-    if found.several:
-        batch = _common([x.shape[:-1] for x in terms])
-        terms = [np.broadcast_to(x, (*batch, x.shape[-1])) for x in terms]
+    batch = _common([x.shape[:-1] for x in terms])
+    terms = [np.broadcast_to(x, (*batch, x.shape[-1])) for x in terms]
     theta = {i: _position(terms[0], place, mechanism.joints[i], labels[0]) for i, place in found.joints.items()}
-    own = {j: mechanism.joints.index(name) for j, name in enumerate(mechanism.coordinates)}
-    own = {j: i for j, i in own.items() if i in theta}
-    sizes = (position_count(mechanism), mechanism.n, mechanism.n)
-    q, *rates = (np.zeros((*x.shape[:-1], n)) for x, n in zip(terms, sizes, strict=False))
-    at = single_positions(mechanism).argmax(axis=1)  # where the position of each coordinate of one screw is
-    for j, i in own.items():
-        q[..., at[j]] = theta[i]
-        for x, rate in zip(terms[1:], rates, strict=True):
-            rate[..., j] = x[..., found.joints[i].v]
+    alone = np.zeros((*batch, mechanism.n))
+    q, *rates = (np.zeros((*batch, n)) for n in (found.nq, mechanism.nv, mechanism.nv)[:count])
+    at = 7 * mechanism.floats + single_positions(mechanism).argmax(axis=1)
+    for j, name in enumerate(mechanism.coordinates, first := mechanism.nv - mechanism.n):
+        if name in layout.places:
+            i = mechanism.joints.index(name)
+            q[..., at[j - first]] = alone[..., j - first] = theta[i]
+            for x, rate in zip(terms[1:], rates, strict=True):
+                rate[..., j] = x[..., found.joints[i].v]
     for i, place in found.joints.items():
-        _check_follower(mechanism, i, place, theta[i], q, labels[0])
-    for here, joint in found.several:
-        q[..., here.numbers], *moved = motion_from(joint, terms, f"{labels[0]} of {quoted(here.name)}")
+        _check_follower(mechanism, i, place, theta[i], alone, labels[0])
+    for joint, own, coordinates in found.several:
+        q[..., own], *moved = motion_from(joint, terms, labels[0])
         for rate, nu in zip(rates, moved, strict=True):
-            rate[..., here.coordinates] = nu
-    qd, q2d = [*rates, None, None][:2]
+            rate[..., coordinates] = nu
+    base = (FREE.pose(q[..., :7]), *(x[..., :6] for x in rates)) if mechanism.floats else None
+    qd, q2d = [*(x[..., first:] for x in rates), None, None][:2]
     Q = None if tau is None else forces_from(mechanism, layout, tau, terms[0])
-    base = None if found.base is None else _base_from(mechanism, found.base, terms, labels[0])
-    return RobotState(q, qd, q2d, base, Q)
-
-
-def _base_from(
-    mechanism: Mechanism, joint: FreeJoint, terms: Sequence[np.ndarray], label: str
-) -> tuple[np.ndarray, ...]:
-    """C, V, Vd of the base, as many as there are of q, v and a."""
-    T = joint.moved[mechanism.bodies[0]]
-    p, *twists = motion_from(joint, terms, label)
-    return joint.ground @ joint.group.pose(p) @ T, *(V @ Ad(inverse(T)).T for V in twists)
-
-
-def _numbers_of_base(mechanism: Mechanism, joint: FreeJoint, C: np.ndarray) -> np.ndarray:
-    """The numbers of the joint that carries the base at a pose C."""
-    return joint.group.numbers(inverse(joint.ground) @ C @ inverse(joint.moved[mechanism.bodies[0]]))
+    return RobotState(q[..., 7 * mechanism.floats :], qd, q2d, base, Q)
 
 
 def state_to(
@@ -137,59 +122,55 @@ def _motion_to(mechanism: Mechanism, layout: Layout, given: Sequence[object], ba
             out[0][..., place.q + 1] = np.sin(angle)
         for x, rate in zip(out[1:], others, strict=True):
             x[..., place.v] = rate
-    for here, joint in found.several:
-        p = here.group.numbers(here.group.pose(rates[0][..., here.numbers]))
-        put_motion(joint, [p, *(rate[..., here.coordinates] for rate in rates[1:])], out)
-    if found.base is not None:
-        p, T = _numbers_of_base(mechanism, found.base, motion[0]), found.base.moved[mechanism.bodies[0]]
-        put_motion(found.base, [p, *(V @ Ad(T).T for V in motion[1:])], out)
+    whole = _whole(rates, motion)
+    for joint, own, coordinates in found.several:
+        put_motion(joint, [whole[0][..., own], *(rate[..., coordinates] for rate in whole[1:])], out)
     return tuple(out)
+
+
+def _whole(rates: Sequence[np.ndarray], motion: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """q, v, a with those of a base first, if it moves."""
+    moved = [FREE.numbers(motion[0]), *motion[1:]] if motion else [x[..., :0] for x in rates]
+    return [np.concatenate([*_together(*both)], axis=-1) for both in zip(moved, rates, strict=False)]
+
+
+def _together(a: np.ndarray, b: np.ndarray) -> Iterator[np.ndarray]:
+    """Both with the same batch axes."""
+    batch = _common([a.shape[:-1], b.shape[:-1]])
+    yield from (np.broadcast_to(x, (*batch, x.shape[-1])) for x in (a, b))
 
 
 def forces_from(mechanism: Mechanism, layout: Layout, tau: object, q: object = None) -> np.ndarray:
     """The forces Q of a robot from those of a library; its q, where they are in world axes."""
     found, x = match(mechanism, layout), _vector(layout, tau, layout.labels[3], layout.nv)
-    at = [_vector(layout, q, layout.labels[0], layout.nq)] if found.in_world else None
-    Q = x[..., [place.v for place in found.joints.values()]] @ mechanism.G[list(found.joints)]
-    Q = np.broadcast_to(Q, (*_common([Q.shape[:-1], at[0].shape[:-1] if at else ()]), mechanism.n)).copy()
-
-    def own(joint: FreeJoint) -> np.ndarray:
-        return turned(joint, motion_from(joint, at, layout.labels[0])[0] if at else None, x[..., joint.v], back=True)
-
-    for here, joint in found.several:
-        Q[..., here.coordinates] = own(joint)
-    if found.base is None:
-        return Q
-    W = own(found.base) @ Ad(found.base.moved[mechanism.bodies[0]])
-    return np.concatenate([np.broadcast_to(W, (*Q.shape[:-1], 6)), Q], axis=-1)
+    if found.in_world:
+        at, x = _together(_vector(layout, q, layout.labels[0], layout.nq), x)
+    Q = np.zeros((*x.shape[:-1], mechanism.nv))
+    Q[..., mechanism.nv - mechanism.n :] = x[..., [p.v for p in found.joints.values()]] @ mechanism.G[[*found.joints]]
+    for joint, _, coordinates in found.several:
+        p = motion_from(joint, [at], layout.labels[0])[0] if joint.in_world else None
+        Q[..., coordinates] = force_from(joint, p, x)
+    return Q
 
 
 def forces_to(mechanism: Mechanism, layout: Layout, Q: object, base: object = None, q: object = None) -> np.ndarray:
     """The forces of a library from those of a robot; the pose of the base, or q, where they are in world axes."""
     found = match(mechanism, layout)
     forces = _numbers(column(mechanism, Q, "Q", mechanism.nv), "Q")
-    free = found.base is not None and found.base.in_world
-    motion = _base(mechanism, base, 1) if free or base is not None else []
-    at = []
-    for here, _ in [(here, joint) for here, joint in found.several if joint.in_world][:1]:
-        if q is None:
-            raise JounceError(
-                f"q is None; expected it, as {layout.what} has forces on {quoted(here.name)} in world axes"
-            )
-        at = [_numbers(position(mechanism, q), "q")]
-    batch = _common([forces.shape[:-1], *(C.shape[:-2] for C in motion), *(p.shape[:-1] for p in at)])
-    tau = np.zeros((*batch, layout.nv))
     first = mechanism.nv - mechanism.n
-    for name in set(mechanism.coordinates) & {mechanism.joints[i] for i in found.joints}:
-        j = mechanism.coordinates.index(name)
-        tau[..., found.joints[mechanism.joints.index(name)].v] = forces[..., first + j]
-    for x, joint in found.several:
-        p = at[0][..., x.numbers] if joint.in_world else None
-        tau[..., joint.v] = turned(joint, p, forces[..., first:][..., x.coordinates])
-    if found.base is not None:
-        W = forces[..., :6] @ Ad(inverse(found.base.moved[mechanism.bodies[0]]))
-        p = _numbers_of_base(mechanism, found.base, motion[0]) if motion else None
-        tau[..., found.base.v] = turned(found.base, p, W)
+    of_base = mechanism.floats and found.in_world
+    motion = _base(mechanism, base, 1) if of_base or base is not None else []
+    behind = [joint.name for joint, _, coordinates in found.several if joint.in_world and coordinates.start >= first]
+    if behind and q is None:
+        raise JounceError(f"q is None; expected it, as {layout.what} has forces on {quoted(behind[0])} in world axes")
+    own = _numbers(position(mechanism, q), "q") if behind else np.zeros(position_count(mechanism))
+    whole, forces = _together(_whole([own], motion)[0], forces)
+    tau = np.zeros((*forces.shape[:-1], layout.nv))
+    for i, place in found.joints.items():
+        if (name := mechanism.joints[i]) in mechanism.coordinates:
+            tau[..., place.v] = forces[..., first + mechanism.coordinates.index(name)]
+    for joint, numbers, coordinates in found.several:
+        tau[..., joint.v] = force_to(joint, whole[..., numbers] if joint.in_world else None, forces[..., coordinates])
     return tau
 
 
@@ -215,7 +196,7 @@ def _position(q: np.ndarray, place: Place, name: str, label: str) -> np.ndarray:
 
 def _check_follower(mechanism: Mechanism, i: int, place: Place, theta: np.ndarray, q: np.ndarray, label: str) -> None:
     """Raise `JounceError` if a joint is not where those that it follows place it."""
-    expected = q @ (single_positions(mechanism).T @ mechanism.G[i]) + mechanism.g[i]
+    expected = q @ mechanism.G[i] + mechanism.g[i]
     off = np.abs(theta - expected)
     if place.turns:
         off = np.minimum(off % (2 * np.pi), -off % (2 * np.pi))

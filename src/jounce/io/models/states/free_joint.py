@@ -9,9 +9,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jounce.core.errors import JounceError
+from jounce.core.errors import JounceError, quoted
 from jounce.io.models.states.layout import FreeJoint
-from jounce.spatial.lie import rotation
+from jounce.spatial.groups import FREE
+from jounce.spatial.lie import Ad, inverse, rotation
 
 UNIT = 1e-6  # how far a quaternion, or a cosine and a sine, may be from unit length
 
@@ -21,17 +22,21 @@ def motion_from(joint: FreeJoint, terms: Sequence[np.ndarray], label: str) -> li
     p = terms[0][..., joint.q]
     count = len(joint.group.places)
     what = "the quaternion" if p.shape[-1] - count == 4 else "cosine and sine"
-    p = np.concatenate([p[..., :count], check_unit(p[..., count:], f"{label}: {what}")], axis=-1)
-    rates = [turned(joint, p, x[..., joint.v], back=True) for x in terms[1:]]
-    return [p, *rates[:1], *(nu - _turning(rates[0]) if joint.in_world else nu for nu in rates[1:])]
+    where = f"{label} of {quoted(joint.name)}" if joint.T is None else label
+    p = np.concatenate([p[..., :count], check_unit(p[..., count:], f"{where}: {what}")], axis=-1)
+    rates = [_turned(joint, p, x[..., joint.v], back=True) for x in terms[1:]]
+    rates = [*rates[:1], *(nu - _turning(rates[0]) if joint.in_world else nu for nu in rates[1:])]
+    if joint.T is None:
+        return [p, *rates]
+    return [FREE.numbers(joint.ground @ FREE.pose(p) @ joint.T), *(nu @ Ad(inverse(joint.T)).T for nu in rates)]
 
 
 def put_motion(joint: FreeJoint, motion: Sequence[np.ndarray], out: Sequence[np.ndarray]) -> None:
     """Write p, nu, nu' of a joint into q, v, a."""
-    p, *rates = motion
-    out[0][..., joint.q] = p
+    out[0][..., joint.q] = p = _of_joint(joint, motion[0])
+    rates = motion[1:] if joint.T is None else [nu @ Ad(joint.T).T for nu in motion[1:]]
     for k, (nu, x) in enumerate(zip(rates, out[1:], strict=True)):
-        x[..., joint.v] = turned(joint, p, nu + _turning(rates[0]) if k and joint.in_world else nu)
+        x[..., joint.v] = _turned(joint, p, nu + _turning(rates[0]) if k and joint.in_world else nu)
 
 
 def _turning(nu: np.ndarray) -> np.ndarray:
@@ -39,9 +44,27 @@ def _turning(nu: np.ndarray) -> np.ndarray:
     return np.concatenate([0 * nu[..., :3], np.cross(nu[..., :3], nu[..., 3:])], axis=-1)
 
 
-def turned(joint: FreeJoint, p: np.ndarray | None, x: np.ndarray, back: bool = False) -> np.ndarray:
+def force_from(joint: FreeJoint, p: np.ndarray | None, tau: np.ndarray) -> np.ndarray:
+    """The forces of a joint from those of a library; at p, where these are in world axes."""
+    W = tau[..., joint.v] if p is None else _turned(joint, _of_joint(joint, p), tau[..., joint.v], back=True)
+    return W if joint.T is None else np.asarray(W @ Ad(joint.T))
+
+
+def force_to(joint: FreeJoint, p: np.ndarray | None, W: np.ndarray) -> np.ndarray:
+    """The forces of a library from those of a joint."""
+    W = W if joint.T is None else W @ Ad(inverse(joint.T))
+    return W if p is None else _turned(joint, _of_joint(joint, p), W)
+
+
+def _of_joint(joint: FreeJoint, p: np.ndarray) -> np.ndarray:
+    """The numbers of the joint itself, of the link that it carries: w of quaternions is not negative."""
+    C = joint.group.pose(p)
+    return joint.group.numbers(C if joint.T is None else inverse(joint.ground) @ C @ inverse(joint.T))
+
+
+def _turned(joint: FreeJoint, p: np.ndarray, x: np.ndarray, back: bool = False) -> np.ndarray:
     """Velocities or forces of a joint at p into the axes of its library, or back from them."""
-    if not joint.in_world or p is None:
+    if not joint.in_world:
         return x
     A = rotation(joint.group.pose(p))
     linear = ((A.mT if back else A) @ x[..., 3:, None])[..., 0]

@@ -1,13 +1,13 @@
 """Where other libraries have the coordinates of joints in their vectors, and which of these joints a robot has."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from jounce.core.errors import JounceError, listed, no_such, quoted
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import Position, positions
+from jounce.model.positions import position_count, positions
 from jounce.spatial.groups import Group
 
 
@@ -24,15 +24,17 @@ class Place:
 class FreeJoint:
     """A joint of several screws: where jounce's numbers of it stand in q, and its velocities in v.
 
-    Of one that may carry a base also where it stands on the ground, and the frames that it moves.
+    Of one that may carry a base also where it stands on the ground, and the frames that it moves; T is the base's.
     """
 
+    name: str
     group: Group
     q: np.ndarray
     v: np.ndarray
     in_world: bool = False  # linear velocity, acceleration and force are in world axes, otherwise in its own
     ground: np.ndarray = field(default_factory=lambda: np.eye(4))
     moved: Mapping[str, np.ndarray] = field(default_factory=dict)  # poses in its moved frame
+    T: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,16 +53,19 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """The joints of a robot in a model: indices with their places, joints of several screws, and that of the base."""
+    """The joints of a robot in a model: indices with their places, and those of several screws, that of a base first.
 
+    Their numbers stand in a whole q of nq numbers, their velocities among nv.
+    """
+
+    nq: int
     joints: Mapping[int, Place]
-    several: Sequence[tuple[Position, FreeJoint]]
-    base: FreeJoint | None
+    several: Sequence[tuple[FreeJoint, slice, slice]]
 
     @property
     def in_world(self) -> bool:
         """Whether forces take the pose of a joint, as they are in world axes."""
-        return any(joint.in_world for joint in (self.base, *(joint for _, joint in self.several)) if joint)
+        return any(joint.in_world for joint, *_ in self.several)
 
 
 def match(mechanism: Mechanism, layout: Layout) -> Match:
@@ -89,7 +94,14 @@ def match(mechanism: Mechanism, layout: Layout) -> Match:
             held = f"joint {quoted(name)} moves {listed(moved, most=3)}, which this robot holds"
             floats = "; load it with base='floating'" if name in layout.free and not mechanism.floats else ""
             raise JounceError(f"{layout.what}: {held}{floats or '; expected a model of the same joints'}")
-    return Match(joints, [(x, layout.free[x.name]) for x in own], base)
+    at, first = 7 * mechanism.floats, 6 * mechanism.floats
+    carrier = [] if base is None else [(replace(base, T=base.moved[mechanism.bodies[0]]), slice(0, 7), slice(0, 6))]
+    several = [(layout.free[x.name], _behind(x.numbers, at), _behind(x.coordinates, first)) for x in own]
+    return Match(at + position_count(mechanism), joints, carrier + several)
+
+
+def _behind(own: slice, count: int) -> slice:
+    return slice(own.start + count, own.stop + count)
 
 
 def _carrier_of_base(mechanism: Mechanism, layout: Layout) -> FreeJoint:

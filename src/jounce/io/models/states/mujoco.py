@@ -32,9 +32,9 @@ def layout(model: Any) -> Layout:
                 places[name] = Place(q, v)
             elif m.of["jnt_type"][j] == FLOATING:
                 at, rates = q + np.array([0, 1, 2, 4, 5, 6, 3]), v + np.array([3, 4, 5, 0, 1, 2])
-                free[name] = FreeJoint(FREE, at, rates, in_world=True, moved={m.bodies[i]: np.eye(4)})
+                free[name] = FreeJoint(name, FREE, at, rates, in_world=True, moved={m.bodies[i]: np.eye(4)})
             else:
-                free[name] = FreeJoint(BALL, q + np.array([1, 2, 3, 0]), v + np.arange(3))
+                free[name] = FreeJoint(name, BALL, q + np.array([1, 2, 3, 0]), v + np.arange(3))
     rest = np.array(m.of["qpos0"], dtype=float)
     sizes = len(rest), int(model.nv)
     return Layout(m.place, LABELS, *sizes, rest, places, free, carries)

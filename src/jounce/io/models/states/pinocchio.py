@@ -36,7 +36,7 @@ def layout(model: Any) -> Layout:
             if joint.shortname() == FREE_FLYER:
                 moved = {f.name: f.placement.homogeneous for f in model.frames if f.parentJoint == i and _is_body(f)}
                 moved, ground = moved | {bodies[i]: np.eye(4)}, model.jointPlacements[i].homogeneous
-            free[part.name] = FreeJoint(group, q, v, ground=ground, moved=moved)
+            free[part.name] = FreeJoint(part.name, group, q, v, ground=ground, moved=moved)
     for frame in model.frames:
         if _is_body(frame):
             beyond[frame.parentJoint].add(frame.name)
