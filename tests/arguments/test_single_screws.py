@@ -25,7 +25,6 @@ def sprung():
     [
         (lambda: ROBOT.closed([("body3", "body5")], actuated=["hip", "toe"]), "closed loops"),
         (lambda: ROBOT.elastic({"hip": 100.0}, rotor=0.1), "elastic joints"),
-        (lambda: ROBOT.locked({"ankle.wx": 1.0}), "locked joints"),
         (lambda: ROBOT.excite(), "excite()"),
         (lambda: sprung().with_drives("spring"), "springs of drives"),
     ],
