@@ -90,6 +90,11 @@ def test_libraries_and_paths_agree_on_joints_of_several_screws(tmp_path):
     path = robot_file(tmp_path, link("w"), link("base", BODY), FLIES.replace("floating", "planar"))
     checks = compare(jounce.load(path), path, order=1, states=2)
     assert "no planar joints" in of(checks, "MuJoCo")[0].remark
+    assert {check.remark for check in of(checks, "Pinocchio")} == {"its own reading of the file"}
+    path = robot_file(tmp_path, link("w"), link("base", BODY), joint("slide", "w", "base", "planar", axis="1 0 0"))
+    checks = compare(jounce.load(path), path, order=0, states=2)
+    assert [check for check in checks if not check.passed] == []
+    assert "takes z for the normal" in of(checks, "Pinocchio")[0].remark
 
 
 def test_warnings_of_mujoco_are_passed_on_and_leave_no_log(tmp_path, monkeypatch):

@@ -202,6 +202,7 @@ DISC = (link("world"), link("disc", BODY), link("arm", OTHER), joint("turn", "di
 def test_the_axis_of_a_planar_joint_is_the_normal_of_its_plane(tmp_path, axis):
     path = robot_file(tmp_path, *DISC, joint("slide", "world", "disc", "planar", axis=axis, inner=PLACED))
     robot = jounce.load(path)
+    assert robot.mechanism.default_axes == (() if axis else ("slide.wz",))
     normal = np.array(axis.split() or [1, 0, 0], dtype=float)
     normal /= np.linalg.norm(normal)
     X = robot.mechanism.X[:3]

@@ -125,7 +125,7 @@ def _factor(x: float) -> str:
 
 def limit_in_words(body: dict[str, Any], kind: str) -> str:
     """The limit of the joint of a described body with its unit, "-" where it is not stated."""
-    limits = body["limits"]
+    limits = body["limits"] or dict.fromkeys(KEYS)  # those of a joint of several screws are its velocities'
     value = [limits["lower"], limits["upper"]] if kind == "position" else limits[kind]
     if value in (None, [None, None]):
         return "-"

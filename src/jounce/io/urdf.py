@@ -40,7 +40,8 @@ def parse(content: bytes, file: str, name: str, gravity: object, base: str | Non
     joints = [_joint(element, file) for element in robot.iterchildren("joint")]
     given = GRAVITY if gravity is None else gravity
     built = tree.mechanism(links, joints, given, robot.get("name") or name, file, base=base, root=root)
-    without = {element.get("name") for element in robot.iterchildren("joint") if element.find("axis") is None}
+    unsaid = [element for element in robot.iterchildren("joint") if element.find("axis") is None]
+    without = {f"{joint.get('name')}{'.wz' * (joint.get('type') == 'planar')}" for joint in unsaid}
     return replace(built, default_axes=tuple(joint for joint in built.joints if joint in without))
 
 
@@ -107,7 +108,7 @@ def _plane(element: etree._Element, file: str) -> np.ndarray:
     """The screws (3, 6) of a planar joint, whose axis is the normal of the plane.
 
     The axes x and y in which its position counts are those of the child, turned the shortest way that takes z to the
-    normal.
+    normal. Pinocchio takes z for the normal, whatever a file says.
     """
     return (Ad(pose(turn_to(_axis(element, file)), np.zeros((3, 1)))) @ PLANAR.X).T
 

@@ -14,6 +14,7 @@ from jounce.model.equivalent import on_axes
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import positions
 from jounce.spatial import inertia
+from jounce.spatial.groups import PLANAR
 from jounce.spatial.lie import hat, position, rotation
 
 NAME = "Pinocchio"
@@ -24,6 +25,8 @@ def of_file(mechanism: Mechanism, path: Path) -> Peer:
     """The model of a URDF."""
     import pinocchio as pin
 
+    if any(x.group is PLANAR and not np.allclose(x.T[:3, :3], np.eye(3)) for x in positions(mechanism).values()):
+        raise NotComparableError("it takes z for the normal of planar joints, whatever their <axis>")
     said: list[str] = []
     try:
         with errors_caught(said):
