@@ -126,44 +126,27 @@ def states_of(joints: Sequence[Position], rates: Sequence[np.ndarray]) -> Terms:
     return (rates[0], *(np.concatenate(part).T for part in parts))
 
 
-def checked_quaternions(Q: np.ndarray, names: Sequence[str]) -> np.ndarray:
-    """Unit quaternions (N, 4), each with the sign that is nearest to the one before."""
-    norms = np.linalg.norm(Q, axis=1)
-    off = np.abs(norms - 1)
-    if not (off <= NOT_UNIT).all():
-        i = int(np.nanargmax(np.where(np.isfinite(off), off, np.inf)))
-        raise JounceError(f"row {i}: {', '.join(names)} have the norm {norms[i]:.6g}; expected unit quaternions")
-    return Q / norms[:, None] * neighbouring_signs(Q)[:, None]
-
-
 def turned_along(
-    columns: Mapping[str, np.ndarray], joint: Position, sampled: bool
+    columns: Mapping[str, np.ndarray], names: Sequence[str], sampled: bool, unit: bool = False
 ) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Columns with the quaternions of a joint of neighbouring signs and, of samples, of length 1; and notes.
+    """Columns with those of a quaternion, or of cosine and sine, and their rates made neighbours; and notes.
 
-    So it is with cosines and sines, which have no free sign.
+    Samples get the length 1, and have it to three digits if `unit` says so. Cosine and sine have no free sign.
     """
-    names = joint.names[len(joint.group.places) :]
-    Q = np.stack([columns[name] for name in names], axis=1)
+    Q, what = np.stack([columns[name] for name in names], axis=1), ", ".join(names)
     norms = np.linalg.norm(Q, axis=1)
-    if not (norms > VANISHES).all():
-        i = int(np.nanargmin(norms))
-        raise JounceError(
-            f"row {i}: {', '.join(names)} have the norm {norms[i]:.2g}; expected 1, as every rotation has"
-        )
-    signs = neighbouring_signs(Q) if len(names) == 4 else np.ones(len(Q))
-    notes = notes_of_signs(signs, names)
+    good = np.abs(norms - 1) <= NOT_UNIT if unit else norms > VANISHES
+    if not good.all():
+        i = int(good.argmin())
+        raise JounceError(f"row {i}: {what} have the norm {norms[i]:.6g}; expected 1, as every rotation has")
+    signs, notes = neighbouring_signs(Q) if len(names) == 4 else np.ones(len(Q)), list[str]()
+    if (signs < 0).any():
+        notes.append(f"{what}: the sign flips from row to row, and is made that of the row before")
     if sampled and (np.abs(norms - 1) > NOT_UNIT).any():
-        notes.append(f"{', '.join(names)}: of norm {norms.min():.4g} to {norms.max():.4g}, made 1")
+        notes.append(f"{what}: of norm {norms.min():.4g} to {norms.max():.4g}, made 1")
     factors = signs / norms if sampled else signs
-    pattern = re.compile(rf"({'|'.join(map(re.escape, names))}){SUFFIX}")
-    return {name: x * factors if pattern.fullmatch(name) else x for name, x in columns.items()}, notes
-
-
-def notes_of_signs(signs: np.ndarray, names: Sequence[str]) -> list[str]:
-    """What to know of quaternions whose signs are changed."""
-    text = f"{', '.join(names)}: the sign flips from row to row, and is made that of the row before"
-    return [text] if (signs < 0).any() else []
+    rates = re.compile(rf"({'|'.join(map(re.escape, names))}){SUFFIX}")
+    return {name: x * factors if rates.fullmatch(name) else x for name, x in columns.items()}, notes
 
 
 def neighbouring_signs(Q: np.ndarray) -> np.ndarray:

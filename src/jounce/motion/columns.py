@@ -129,10 +129,22 @@ def match(header: Sequence[str], mechanism: Mechanism, options: Options, highest
     )
 
 
+@lru_cache(maxsize=64)
+def _units(mechanism: Mechanism) -> dict[str, tuple[str, int]]:
+    """What columns of q and its rates begin with: the unit of q, and the order of what they state, 1 of velocities."""
+    units = dict(zip(mechanism.coordinates, coordinate_units(mechanism), strict=True))
+    found: dict[str, tuple[str, int]] = {}
+    for name in position_names(mechanism):
+        if name in units:
+            found[f"{name}.q"] = units.pop(name), 0
+        else:
+            found[name] = "m" if name[-2] == "." else "1", 0  # ankle.x is a place, ankle.qx and ankle.sin are not
+    return found | {name: (unit, 1) for name, unit in units.items()}
+
+
 def stems(mechanism: Mechanism) -> list[str]:
     """What the columns of the numbers of q and of their rates begin with: ``joint1.q`` or, of a ball, ``ankle.qx``."""
-    several = {name for joint in several_positions(mechanism) for name in joint.names}
-    return [name if name in several else f"{name}.q" for name in position_names(mechanism)]
+    return [stem for stem, (_, order) in _units(mechanism).items() if not order]
 
 
 def by_velocity(columns: Collection[str], mechanism: Mechanism) -> list[Position]:
@@ -146,19 +158,6 @@ def _rates(given: Collection[str], mechanism: Mechanism, highest: int) -> list[s
     still = {name for joint in twists for name in joint.names}
     columns = [rate_name(stem, k) for stem in stems(mechanism) for k in range(1 if stem in still else highest + 1)]
     return columns + [rate_name(name, k) for joint in twists for name in joint.velocities for k in range(highest)]
-
-
-@lru_cache(maxsize=64)
-def _units(mechanism: Mechanism) -> dict[str, tuple[str, int]]:
-    """The unit of q of what columns begin with, and the order of the rate that these state: 1 of velocities."""
-    units = zip(mechanism.tree.coordinates, coordinate_units(mechanism.tree), strict=True)
-    twists = {name for joint in several_positions(mechanism) for name in joint.velocities}
-    found = {f"{name}.q": (unit, 0) for name, unit in units if name not in twists}
-    for joint in several_positions(mechanism):
-        numbers = zip(joint.names, ["m"] * len(joint.group.places) + ["1"] * 4, strict=False)
-        found |= {name: (unit, 0) for name, unit in numbers}
-        found |= {f"{joint.name}.{x}": ("rad" if x[0] == "w" else "m", 1) for x in joint.group.velocities}
-    return found
 
 
 def followers(mechanism: Mechanism, columns: Collection[str], sampled: bool) -> dict[str, str]:
@@ -254,21 +253,14 @@ def _stem(name: str) -> str:
     return name[: len(name) - len(found[2] or "")] if found else name
 
 
-@lru_cache(maxsize=64)
-def _own(mechanism: Mechanism) -> frozenset[str]:
-    """What the columns of rates begin with."""
-    return frozenset(stems(mechanism)) | {x for joint in several_positions(mechanism) for x in joint.velocities}
-
-
 def _is_rate(name: str, mechanism: Mechanism) -> bool:
-    return name not in position_names(mechanism) and _stem(name) in _own(mechanism)
+    return name not in position_names(mechanism) and _stem(name) in _units(mechanism)
 
 
 def _belongs(name: str, mechanism: Mechanism) -> bool:
     """Whether a column states q or a rate, or the standard deviation of one; of velocities none is known."""
     stated = name.removesuffix(DEVIATION)
-    unknown = stated != name and _units(mechanism).get(_stem(stated), ("", 0))[1] > 0
-    return (_is_rate(stated, mechanism) or stated in _own(mechanism)) and not unknown
+    return _units(mechanism).get(_stem(stated), ("", 2))[1] <= (stated == name)
 
 
 def _misspelt(name: str, mechanism: Mechanism) -> bool:
@@ -278,8 +270,8 @@ def _misspelt(name: str, mechanism: Mechanism) -> bool:
 
 
 def _check(given: Sequence[str], expected: Sequence[str], sampled: bool, mechanism: Mechanism, highest: int) -> None:
-    joints, follows, known = position_names(mechanism), names.followers(mechanism), {*stems(mechanism)}
-    samples = {*joints} - known
+    joints, follows = position_names(mechanism), names.followers(mechanism)
+    samples = {*joints} - {*stems(mechanism)}
     unfit = {} if sampled else {name: "both samples and columns of rates" for name in given if name in samples}
     twice = {name for joint in by_velocity(given, mechanism) for name in joint.names}
     unfit |= {
@@ -313,7 +305,7 @@ def _factors(
     of_base: Collection[str],
 ) -> dict[str, float]:
     """Return the factors to SI units of the columns, from their names or from the caller's options."""
-    kinds, found = _units(mechanism), dict[str, float]()
+    kinds, found = _units(mechanism.tree), dict[str, float]()
     for name, source in sources.items():
         stated = f"{name}.q" if f"{name}.q" in kinds else name.removesuffix(DEVIATION)
         kind, least = ("s", 0) if name == TIME else kinds.get(_stem(stated), ("load", 0))

@@ -47,19 +47,14 @@ class Exponential(OfCurve):
 
 def _turned(rates: list[np.ndarray]) -> list[np.ndarray]:
     """The quaternion, or cosine and sine, of exponential coordinates (N, 3) or (N, 1), with as many rates."""
-    x = columns(rates)
-    if rates[0].shape[1] == 1:
-        angle, quarter = rates[0], np.array([[0, -1], [1, 0]])
-        start = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        Q = from_rate(start, lambda Q: (quarter @ Q) @ x.dot)
-    else:
-        s, z = x.mT @ x, np.linalg.norm(rates[0], axis=1)[:, None, None] / 2
+    x, part = columns(rates), 1 / 2 if rates[0].shape[1] == 3 else 1.0
+    s, z = x.mT @ x, part * np.linalg.norm(rates[0], axis=1)[:, None, None]
 
-        @cache
-        def u(k: int) -> Series:
-            return from_rate(_bessel(k, z), lambda _: u(k + 1) @ s.dot * (-1 / 8))
+    @cache
+    def u(k: int) -> Series:
+        return from_rate(_bessel(k, z), lambda _: u(k + 1) @ s.dot * (-part * part / 2))
 
-        Q = joined([x @ u(1) * 0.5, u(0)], axis=-2)
+    Q = joined([x @ u(1) * part, u(0)][:: 1 if part < 1 else -1], axis=-2)
     return [Q[k][..., 0] for k in range(len(rates))]
 
 

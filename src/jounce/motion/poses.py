@@ -12,7 +12,7 @@ from jounce.core.errors import JounceError, at, listed, quoted, warn
 from jounce.core.scalars import asarray
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import several_positions
-from jounce.motion.base import COLUMNS, NAMES, checked_quaternions, neighbouring_signs, notes_of_signs
+from jounce.motion.base import COLUMNS, NAMES, neighbouring_signs, turned_along
 from jounce.motion.composed import Part
 from jounce.motion.constructors import check_increasing, numbers
 from jounce.motion.curves import Curve, Polynomials
@@ -74,17 +74,13 @@ def curve_of_columns(
     """The curve of the columns of a base, which are complete, and notes; None without any."""
     if not columns:
         return None, ()
-    signs = neighbouring_signs(np.stack([columns[name] for name in NAMES[3:]], axis=1))
-    notes = notes_of_signs(signs, NAMES[3:])
-    if are_sampled(list(columns)):
-        samples = np.stack([columns[name] for name in NAMES], axis=1)
-        with at(place):
-            samples[:, 3:] = checked_quaternions(samples[:, 3:], NAMES[3:])
-        curve, further = _curve_of_samples(t, samples, way, highest, place)
-        return curve, (*notes, *further)
+    sampled = are_sampled(list(columns))
+    with at(place):
+        columns, notes = turned_along(columns, NAMES[3:], sampled, unit=sampled)
     rows, spreads = (_rates_in(columns, ending) for ending in ("", "_sd"))
-    factors = np.where(np.arange(len(COLUMNS)) < 3, 1.0, signs[:, None])
-    rows = tuple(row * factors for row in rows)
+    if sampled:
+        curve, further = _curve_of_samples(t, rows[0], way, highest, place)
+        return curve, (*notes, *further)
     return Hermite(t, rows, spreads if len(spreads) == len(rows) else None, table=place, names=NAMES), tuple(notes)
 
 
@@ -107,7 +103,7 @@ def curve_of_poses(t: Any, C: Any, way: Smoothing | Spline, start: float, stop: 
     check_pose(poses)
     poses = poses[None] if one else poses
     Q = to_quaternion(rotation(poses))
-    samples = np.concatenate([poses[:, :3, 3], checked_quaternions(Q, NAMES[3:])], axis=1)
+    samples = np.concatenate([poses[:, :3, 3], Q * neighbouring_signs(Q)[:, None]], axis=1)
     if one:
         refuse_way(way, "base", "one pose rests")
         return Polynomials(np.array([start, stop]), samples[None]), ()

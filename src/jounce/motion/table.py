@@ -14,7 +14,7 @@ from jounce.motion.columns import DEVIATION, TIME, Match, Options, by_velocity, 
 from jounce.motion.hermite import Hermite
 from jounce.motion.motion import Motion
 from jounce.motion.origin import Origin, rounding_notes
-from jounce.motion.smoothed import found_from
+from jounce.motion.smoothed import Found, found_from
 from jounce.motion.spline import Smoothing, Spline, refuse_way
 from jounce.motion.units import check_units
 from jounce.spatial.series import rate_name
@@ -64,13 +64,13 @@ def from_columns(
     _check_increasing(t, found.sources[TIME], place)
     rounding = origin.rounding(t) if origin else 0.0
     of_times = (*origin.notes, *rounding_notes(rounding, highest)) if origin else ()
-    of_turns: list[str] = []
+    of_turns = list[str]()
     for joint in several:
         if joint in by_twist:
             si |= _rates_by_velocity(si, joint)
         with at(place):
-            si, notes_of_joint = turned_along(si, joint, found.sampled)
-        of_turns += notes_of_joint
+            si, told = turned_along(si, joint.names[len(joint.group.places) :], found.sampled)
+        of_turns += told
     rows = tuple(_stacked(si, names) for names in ([joints] if found.sampled else _rates_in(si, known)))
     q = rows[0]
     check_units(t, q, rows[1] if rows[1:] else None, mechanism, (found.angles_stated, found.time_stated), place)
@@ -89,12 +89,10 @@ def from_columns(
         if jumps := smoothness.of_rates(rows):
             warn(f"{place}: {jumps}")
         curve = Hermite(t, rows, _spreads(si, known, len(rows)), rounding, place, tuple(known))
-        notes = (*of_times, *found.notes, *of_turns, *of_poses, *of_loads)
-        return Motion(curve, joints, ALL_RATES, W, None, None, t, torques, notes, base, branch, several)
+        samples = Found(curve, ALL_RATES)
     notes = (*of_times, *found.notes, *of_turns, *samples.notes, *of_poses, *of_loads)
-    return Motion(
-        samples.curve, joints, samples.source, W, (t, q), samples.residual, t, torques, notes, base, branch, several
-    )
+    made, through = (samples.curve, joints, samples.source, W), (t, q) if found.sampled else None
+    return Motion(*made, through, samples.residual, t, torques, notes, base, branch, several)
 
 
 def _check_increasing(t: np.ndarray, column: str, place: str) -> None:

@@ -46,8 +46,7 @@ def load_motion(
 
     Columns are matched by joint name in any order: ``t`` and either one column per joint (samples; the rates are those
     of a spline) or ``NAME.q, NAME.qd, NAME.q2d, ...`` (used unchanged), and if wrenches act ``BODY.mx .. BODY.fz``. Of
-    balls, planar and free joints these are ``NAME.qx, ...``, with rates ``NAME.qxd, ...`` or velocities ``NAME.wx,
-    ...``.
+    balls, planar and free joints these are ``NAME.qx, ...`` and ``NAME.qxd, ...``, or velocities ``NAME.wx, ...``.
 
     Parameters
     ----------
