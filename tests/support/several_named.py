@@ -17,11 +17,10 @@ def amid(kinds=KINDS, parents=PARENTS, *, name="amid", floats=False, tilted=True
     X, names, owners = [], [], []
     for i, (joint, kind) in enumerate(kinds.items()):
         group = GROUPS.get(kind)
-        own = (
-            random_screw(rng, kind)[:, None]
-            if group is None
-            else (Ad(random_pose(rng)) if tilted else np.eye(6)) @ group.X
-        )
+        if group is None:
+            own = random_screw(rng, kind)[:, None]
+        else:
+            own = Ad(random_pose(rng)) @ group.X if tilted else group.X
         X.append(own.T)
         names += [joint] if group is None else [f"{joint}.{velocity}" for velocity in group.velocities]
         owners += [i] * own.shape[1]
