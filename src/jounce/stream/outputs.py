@@ -20,7 +20,7 @@ from jounce.io.columns import Columns
 from jounce.io.motions.writing import BREAK, MEASURED, break_marks, measured, named, of_base, of_joints
 from jounce.model.coordinates import force_names
 from jounce.model.elasticity import motor_names
-from jounce.model.positions import of_single_joints
+from jounce.model.positions import extent
 from jounce.motion import Motion
 from jounce.motion.motion import Break
 from jounce.spatial.series import rate_name
@@ -42,8 +42,8 @@ class Output(NamedTuple):
 class Block(NamedTuple):
     """Some rows of the output: their times, quantities with their rates, columns of the base and further ones.
 
-    `states` are the rates of q that forces belong to, q itself 0 of balls, planar and free joints, and `about` is plain
-    data of the motion as a whole.
+    `states` are what limits of positions bound, with the rates of q that forces belong to, and `about` is plain data of
+    the motion as a whole.
     """
 
     t: np.ndarray
@@ -103,7 +103,7 @@ def along(job: Job, motion: Motion, show: Progress | None = None) -> Iterator[Bl
             else:
                 outputs.insert(0, Output("q", robot.joint_names, piece.rates, motion.deviations(piece.t, highest)))
             base |= of_base(motion, piece.t, highest)
-        states = of_single_joints(robot.mechanism, piece.rates[0]), *piece.rates[1:]
+        states = extent(robot.mechanism, piece.rates[0]), *piece.rates[1:]
         yield Block(piece.t, outputs, base, _others(robot, motion, breaks, piece.t), states, about)
 
 

@@ -44,7 +44,7 @@ def _pieces(task: Task, part: Part, aggregates: dict[str, Aggregate], skipped: l
     for runs, block in blocks(task, part, skipped):
         with at(part.path):
             for run in runs:
-                add(aggregates, run.motion, tally(block, slice(run.start, run.stop), limits, task.job.robot.mechanism))
+                add(aggregates, run.motion, tally(block, slice(run.start, run.stop), limits))
         yield (_names(runs) if task.named else {}) | columns_of(block)
 
 

@@ -95,7 +95,7 @@ def of_motion(job: Job, motion: Motion, name: str, output: Path | None, show: Pr
     def pieces() -> Iterator[Columns]:
         limits = limits_of(job)
         for block in along(job, path, show):
-            add(found, name, tally(block, slice(None), limits, job.robot.mechanism))
+            add(found, name, tally(block, slice(None), limits))
             yield columns_of(block)
 
     assert output is not None  # whoever asks for rows states where to

@@ -15,8 +15,6 @@ from jounce.io.tables import place
 from jounce.limits.samples import worst_broken
 from jounce.model.coordinates import coordinate_limits
 from jounce.model.limits import Limits
-from jounce.model.mechanism import Mechanism
-from jounce.model.positions import extent
 from jounce.motion.bands import COVERS, surest_peaks
 from jounce.spatial.series import rate_name
 from jounce.stream.job import Job
@@ -27,7 +25,7 @@ Aggregate = dict[str, Any]  # plain data of a motion: rows, t, and values by joi
 Add = Callable[[dict[str, Aggregate], str, Aggregate], None]  # joins that of further rows to that of a motion
 
 
-def tally(block: Block, rows: slice, limits: Limits | None, mechanism: Mechanism) -> Aggregate:
+def tally(block: Block, rows: slice, limits: Limits | None) -> Aggregate:
     """The aggregate of rows of one motion; of q and its rates none is wanted.
 
     Of each quantity of a joint or motor there are the largest absolute value, its deviation, and the sum of squares.
@@ -42,8 +40,7 @@ def tally(block: Block, rows: slice, limits: Limits | None, mechanism: Mechanism
             for name, of in zip(output.names, found, strict=True):
                 values.setdefault(name, {})[rate_name(output.symbol, k)] = of
     forces = tuple(rate[rows] for rate in outputs[0].rates)
-    q, *rates = (rate[rows] for rate in block.states)
-    worst = limits and worst_broken(limits, t, (extent(mechanism, q), *rates), forces)
+    worst = limits and worst_broken(limits, t, tuple(rate[rows] for rate in block.states), forces)
     known = {"rows": len(t), "t": [float(t[0]), float(t[-1])], "values": values, "broken": list(worst or ())}
     return {**block.about, **known}
 
