@@ -5,6 +5,7 @@ import pytest
 from leg_and_cart import AXIS, leg_and_cart, swinging
 
 import jounce
+from jounce.model.positions import position_names, positions, resting_position
 
 ROBOT = leg_and_cart()
 SWING = np.arccos(np.cos(1.6) + (1 - np.cos(1.6)) * AXIS[2] ** 2)  # of a turn of 1.6 rad about AXIS
@@ -42,6 +43,25 @@ def test_no_slow_down_brings_a_ball_back_into_its_cone():
     assert slow.binding.joint == "ankle.wz"
     with pytest.raises(jounce.JounceError, match=r"'ankle.swing' is at 0\.8899.* beyond its limit of 0.8 rad"):
         ROBOT.with_limits(upper={"ankle.swing": 0.8}, velocity=1.0).slowdown(swinging())
+
+
+def test_a_ball_is_retimed_along_its_path():
+    robot = ROBOT.with_limits(velocity={"ankle.wz": 0.32}, acceleration=1.0, upper={"ankle.swing": 1.0})
+    faster = robot.retime(swinging())
+    ratios = [row.ratio for row in robot.check(faster.motion).table if row.limit != "position"]
+    assert 0.98 < max(ratios) <= 1
+    with pytest.raises(jounce.JounceError, match=r"'ankle\.swing' leaves its position limits"):
+        robot.with_limits(upper={"ankle.swing": 0.8}).retime(swinging())
+
+
+def test_a_jump_of_a_rate_of_a_quaternion_breaks_limits_of_velocities_behind_it():
+    m = ROBOT.mechanism
+    start, end = resting_position(m), resting_position(m)
+    turn = next(joint.numbers for joint in positions(m).values() if joint.name == "ankle")
+    end[turn] = [*np.sin(0.4) * AXIS, np.cos(0.4)]
+    motion = jounce.Motion.trapezoidal([start, end], 1.0, 5.0, joint_names=position_names(m))
+    rows = ROBOT.with_limits(jerk=500.0).check(motion).table
+    assert {row.joint for row in rows if np.isinf(row.ratio)} == {"ankle.wx", "ankle.wz"}
 
 
 def test_excitation_refuses_balls_by_name():

@@ -81,3 +81,28 @@ def test_a_limit_that_a_ball_cannot_have_is_refused_with_those_that_it_can(given
 def test_limits_of_a_ball_are_taken_away():
     limits = ROBOT.with_limits(**LIMITED).with_limits(upper={"ankle.swing": np.inf}).limits
     assert limits.stated(1) == {}
+
+
+def test_a_robot_file_restores_limits_of_a_ball(tmp_path):
+    robot = ROBOT.with_limits(**LIMITED, velocity={"ankle.wy": 2.0})
+    jounce.save(robot, tmp_path / "robot.yaml")
+    assert jounce.load(tmp_path / "robot.yaml").limits == robot.limits
+
+
+MJCF = """<mujoco><compiler angle="radian"/><worldbody><body name="foot">
+<joint name="ankle" type="ball" range="0 0.7" limited="true"/>
+<inertial pos="0 0 0.1" mass="1" diaginertia="0.01 0.01 0.01"/></body></worldbody></mujoco>"""
+
+
+def test_the_range_of_a_ball_in_mjcf_is_one_of_the_angle_of_its_turn(tmp_path):
+    mujoco = pytest.importorskip("mujoco")
+    path = tmp_path / "ankle.xml"
+    path.write_text(MJCF)
+    robot = jounce.load(path)
+    assert [robot.limits.stated(j) for j in range(3)] == [{}, {"lower": -0.7, "upper": 0.7}, {}]
+    model = mujoco.MjModel.from_xml_string(MJCF)
+    data = mujoco.MjData(model)
+    for angle in (0.69, 0.71, 3.0):
+        data.qpos[:] = np.roll(BALL.numbers(about([0.6, 0, 0.8], angle)), 1)
+        mujoco.mj_forward(model, data)
+        assert (data.nefc > 0) == (BALL.extent(np.roll(data.qpos, -1))[1] > 0.7)

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 import jounce
-from jounce.model.positions import positions, resting_position
+from jounce.model.positions import position_names, positions, resting_position
 from jounce.model.screws import from_screws
+from jounce.motion.time_law import chain_rule
 from jounce.spatial.groups import BALL, FREE, GROUPS, PLANAR
 from jounce.spatial.lie import pose
 
@@ -57,24 +58,25 @@ class Swinging:
     amplitude: float = 0.8
     start: float = 0.0
     stop: float = 2 * np.pi
-    columns: int = 14
+    columns: int = 17
     highest: None = None
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        """q with its numbers, and velocities with their rates."""
+        """The numbers of q with their rates."""
         angle = [self.amplitude * ((k == 0) - np.cos(t + k * np.pi / 2)) for k in range(order + 1)]
         m = leg_and_cart().mechanism
         joints = {joint.name: joint for joint in positions(m).values()}
-        q = np.zeros((len(t), 1)) + resting_position(m)
-        q[:, joints["ankle"].numbers] = np.column_stack([np.outer(np.sin(angle[0] / 2), AXIS), np.cos(angle[0] / 2)])
-        q[:, joints["deck"].numbers.start] = angle[0]
-        q[:, 0] = angle[0] / 2
-        rates = np.zeros((order, len(t), m.n))
-        for k, rate in enumerate(angle[1:]):
-            rates[k, :, 0] = rate / 2
-            rates[k, :, joints["ankle"].coordinates] = np.outer(rate, AXIS)
-            rates[k, :, joints["deck"].coordinates.start + 1] = rate
-        return [q, *rates]
+        q = np.zeros((order + 1, len(t), self.columns))
+        q[0] = resting_position(m)
+        for k, factors in enumerate(chain_rule([rate / 2 for rate in angle], order)):
+            cos, sin = (
+                sum(x * np.cos(angle[0] / 2 + (i - shift) * np.pi / 2) for i, x in enumerate(factors))
+                for shift in (0, 1)
+            )
+            q[k, :, joints["ankle"].numbers] = np.column_stack([np.outer(sin, AXIS), cos])
+            q[k, :, joints["deck"].numbers.start] = angle[k]
+            q[k, :, 0] = angle[k] / 2
+        return list(q)
 
     def jumps(self, order: int) -> list[object]:
         """None: it is smooth."""
@@ -86,4 +88,6 @@ class Swinging:
 
 def swinging(amplitude: float = 0.8) -> jounce.Motion:
     """A motion of the robot."""
-    return jounce.Motion(Swinging(amplitude), leg_and_cart().joint_names, "a test", grid=np.linspace(0, 2 * np.pi, 61))
+    return jounce.Motion(
+        Swinging(amplitude), position_names(leg_and_cart().mechanism), "a test", grid=np.linspace(0, 2 * np.pi, 61)
+    )

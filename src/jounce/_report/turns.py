@@ -7,7 +7,6 @@ import numpy as np
 
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import Position, position_count, positions, single_positions
-from jounce.spatial.groups import PLANAR
 from jounce.spatial.lie import exp
 
 
@@ -37,13 +36,8 @@ def numbers_of(m: Mechanism, s: np.ndarray) -> np.ndarray:
 def _steps(joint: Position, p: np.ndarray) -> np.ndarray:
     H = np.asarray(joint.group.pose(p))
     R, r = H[..., :3, :3], H[..., :3, 3:]
-    if joint.group is PLANAR:
-        turns = [np.arctan2(R[..., 1, 0], R[..., 0, 0])]
-    else:
-        turns = [
-            np.arctan2(-R[..., 1, 2], R[..., 2, 2]),
-            np.arcsin(R[..., 0, 2].clip(-1, 1)),
-            np.arctan2(-R[..., 0, 1], R[..., 0, 0]),
-        ]
-    shifts = (R.mT @ r)[..., : len(joint.group.places), 0]
-    return np.concatenate([np.stack(turns, axis=-1), shifts], axis=-1) + 0.0
+    a = np.arctan2(-R[..., 1, 2], R[..., 2, 2])
+    c, s = np.cos(a)[..., None], np.sin(a)[..., None]
+    y, z = c * R[..., 1, :] + s * R[..., 2, :], c * R[..., 2, :] - s * R[..., 1, :]  # without the turn about x
+    turns = [a, np.arctan2(R[..., 0, 2], z[..., 2]), np.arctan2(y[..., 0], y[..., 1])]
+    return np.concatenate([np.stack(turns, axis=-1), (R.mT @ r)[..., 0]], axis=-1)[..., list(joint.group.axes)] + 0.0

@@ -44,9 +44,11 @@ def may_be_singular(mechanism: Mechanism) -> bool:
     Of the joints that move, those nearest to the base then take energy, whatever the others do.
     """
     tree = mechanism.tree if mechanism.closure else mechanism
-    M = tree.M[list(tree.owners)]
-    largest = np.abs(M).max(axis=(1, 2))
-    own = np.einsum("ia,iab,ib->i", tree.X, M, tree.X) + tree.drives.armature * ("armature" in mechanism.acting)
+    largest, rotors = np.abs(tree.M).max(axis=(1, 2)), tree.drives.armature * ("armature" in mechanism.acting)
+    own = np.full(tree.nb, np.inf)
+    for i, screws in ((i, [*screws]) for i, screws in enumerate(tree.columns) if screws):
+        X = tree.X[screws]
+        own[i] = np.linalg.eigvalsh(X @ tree.M[i] @ X.T + np.diag(rotors[screws]))[0]
     of_base = np.linalg.eigvalsh(tree.M[0])
     return bool((mechanism.floats and not of_base[0] > SINGULAR * of_base[-1]) or not (own > SINGULAR * largest).all())
 

@@ -13,6 +13,7 @@ from jounce.limits.pieces import NEGLIGIBLE, TRUST, Pieces, hull
 from jounce.limits.ratios import ROUNDING, SIGNS
 from jounce.limits.search import root
 from jounce.model.kinds import KINDS, MOTION_KINDS
+from jounce.model.positions import positions
 from jounce.motion.motion import Break
 
 Spans = dict[tuple[str, int], list[Span]]  # by kind and joint
@@ -99,6 +100,11 @@ class Worst:
         """The jumps of joints at a break of a coordinate, by column: its own, and those of joints that follow it."""
         b, names = self.b, self.b.robot.joint_names
         own = found.joint if isinstance(found.joint, str) else names[found.joint]
+        several = next((x for x in positions(b.robot.mechanism.tree).values() if own in x.names), None)
+        if several is not None:  # a number of it jumps: which of its velocities do, these say
+            t, columns = np.array([found.t]), range(len(b.joints))[several.coordinates]
+            after, before = (b.rates(t, found.order, side)[found.order][0] for side in ("right", "left"))
+            return {j: float(after[j] - before[j]) for j in columns if abs(after[j] - before[j]) > ROUNDING}
         jumps = {b.joints.index(own): found.jump}
         if b.follow:
             t = np.array([found.t])

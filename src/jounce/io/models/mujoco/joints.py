@@ -31,10 +31,18 @@ def joint(m: Arrays, j: int, parent: str, child: str, B: np.ndarray, mimic: tree
         return tree.Joint(name, parent, child, B, None, None, {}, {}, m.place, free=FREE_JOINTS[kind])
     if kind == BALL:
         X = lie.Ad(lie.pose(np.eye(3), m.of["jnt_pos"][j][:, None])) @ groups.BALL.X
-        return tree.Joint(name, parent, child, B, X.T, None, {}, _drive(m, j), m.place, free=FREE_JOINTS[kind])
+        return tree.Joint(
+            name, parent, child, B, X.T, None, _angle(m, j), _drive(m, j), m.place, free=FREE_JOINTS[kind]
+        )
     X, start = _screw(m, j), m.of["qpos0"][m.of["jnt_qposadr"][j]]
     B = B @ lie.exp(X, -start[None, None]) if start else B
     return tree.Joint(name, parent, child, B, X, mimic, _limits(m, j), _drive(m, j), m.place)
+
+
+def _angle(m: Arrays, j: int) -> dict[str, Stated]:
+    """The range of a ball: that of the angle of its whole turn, which is pi at most."""
+    most = float(m.of["jnt_range"][j][1])
+    return {"lower": -most, "upper": most} if m.of["jnt_limited"][j] and most < np.pi else {}
 
 
 def _screw(m: Arrays, j: int) -> np.ndarray:
