@@ -70,7 +70,6 @@ def check_units(
 
     `stated` tells whether the units of angles and of time are. Limits that are broken all the same are a warning.
     """
-    q = of_single_joints(mechanism, q)
     if len(t) >= FEWEST and not stated[1] and (unit := _other_unit(t, q)):
         cure = f"state the unit by --time-unit {unit} or --time-unit s (time_unit=)"
         raise JounceError(f"{place}: {_slow(t, q)}: t looks like {unit}; {cure}")
