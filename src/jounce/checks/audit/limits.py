@@ -12,7 +12,8 @@ LARGEST = 720.0  # of limits in degrees; beyond it a number stands for no limit
 
 def limits(mechanism: Mechanism) -> list[Finding]:
     """Effort and velocity limits that are missing or zero, of the joints that are driven; a finding for each kind."""
-    driven = sorted(set(leading_joints(mechanism)))  # what follows others has no drive of its own
+    alone = {j for columns in mechanism.columns if len(columns) == 1 for j in columns}  # no motor turns a ball
+    driven = sorted(alone & {*leading_joints(mechanism)})  # what follows others has no drive of its own
     found = []
     for kind, act in (("effort", "exert a force"), ("velocity", "move")):
         stated, unit = getattr(mechanism.limits, kind)[driven], units_of(kind)
