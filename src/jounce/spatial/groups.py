@@ -103,7 +103,7 @@ class Group:
 
 @singledispatch
 def of_quaternion(p: Array) -> Array:
-    """The rotation, (..., 3, 3), that a quaternion (..., 4) says."""
+    """The rotation, (..., 3, 3), of a quaternion (..., 4)."""
     v, w = hat(p[..., :3]), p[..., 3:, None]
     return _I + 2 * reciprocal(p[..., None, :] @ p[..., :, None]) * (w * v + v @ v)
 
@@ -115,7 +115,7 @@ def _quaternion_rates(p: Array) -> Array:
 
 @singledispatch
 def of_angle(p: Array) -> Array:
-    """The rotation about z, (..., 3, 3), that a cosine and a sine, (..., 2), say."""
+    """The rotation about z, (..., 3, 3), of a cosine and a sine, (..., 2)."""
     unit = reciprocal(sqrt(p[..., None, :] @ p[..., :, None])) * p[..., :, None]
     c, s, zero = unit[..., :1, :], unit[..., 1:, :], 0 * unit[..., :1, :]
     rows = [[c, -s, zero], [s, c, zero], [zero, zero, zero + 1]]
