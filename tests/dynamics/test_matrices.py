@@ -7,8 +7,8 @@ from hypothesis import given
 from robots import golden, loads, mechanisms, random_inertia, random_pose, random_screw, random_state
 
 import jounce
-from jounce.dynamics.base import STILL
 from jounce.dynamics.closed_form import closed_form
+from jounce.dynamics.joint_motion import STILL
 from jounce.model import equivalent
 from jounce.model.mechanism import path_to
 from jounce.model.screws import from_screws

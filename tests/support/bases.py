@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import strategies as st
 from robots import floating, harmonic, mechanisms, random_pose, random_screw
 
-from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.joint_motion import JointMotion
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import Ad, ad, exp
 from jounce.spatial.series import Series, columns, from_rate
@@ -22,8 +22,8 @@ def random_base(rng: np.random.Generator, count: int) -> tuple[np.ndarray, ...]:
     return random_pose(rng), *rng.uniform(-2, 2, (count - 1, 6))
 
 
-def motion_of(base: tuple[np.ndarray, ...]) -> BaseMotion:
-    return BaseMotion(base[0], columns(base[1:]))
+def motion_of(base: tuple[np.ndarray, ...]) -> JointMotion:
+    return JointMotion(base[0], columns(base[1:]))
 
 
 def base_path(rng: np.random.Generator, order: int):

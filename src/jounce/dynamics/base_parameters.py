@@ -20,7 +20,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError
 from jounce.dynamics import assembly
-from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.state import State
 from jounce.model.coordinates import leading_joints, screws_of
@@ -243,7 +243,7 @@ def _samples(m: Mechanism, length: float) -> np.ndarray:
     q = list(rng.uniform(-1, 1, (3, count, m.n)) * size)
     if positions(m.tree):
         q[0] = rng.uniform(-1, 1, (count, position_count(m)))
-    base = BaseMotion(np.eye(4), columns(list(rng.uniform(-2, 2, (2, count, 6))))) if m.floats else None
+    base = JointMotion(np.eye(4), columns(list(rng.uniform(-2, 2, (2, count, 6))))) if m.floats else None
     position = None
     if m.closure:
         position = assembly.samples(m, count)[..., None]

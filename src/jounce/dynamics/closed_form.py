@@ -10,7 +10,7 @@ import numpy as np
 
 from jounce.core.scalars import Array, concatenate
 from jounce.dynamics import system
-from jounce.dynamics.base import STILL, BaseMotion, on_moving_ground
+from jounce.dynamics.joint_motion import STILL, JointMotion, on_moving_ground
 from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism, reciprocal_mass
 from jounce.spatial import inertia
@@ -45,7 +45,9 @@ class ClosedForm:
     U: Series  # (..., 1, 1) potential energy
 
 
-def closed_form(mechanism: Mechanism, q: Series, W: Series | None = None, base: BaseMotion | None = None) -> ClosedForm:
+def closed_form(
+    mechanism: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None
+) -> ClosedForm:
     """The equations of motion for coordinates q, columns (..., n, 1), and wrenches W on the bodies, (..., 6nb, 1)."""
     if mechanism.floats:
         velocities = joined([(base or STILL).V, q.dot], axis=-2)
@@ -112,7 +114,7 @@ def by_body(x: Series) -> Series:
     return x.map(lambda a: a.reshape((*a.shape[:-2], a.shape[-2] // 6, 6, a.shape[-1])))
 
 
-def regressor(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+def regressor(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """Y, (..., nv, 10 nb): the forces J^T (M (V' + U G) - b^T M V) of bodies that have one unit parameter each."""
     x, unit = closed_form(mechanism, q, None, base), inertia.from_parameters(np.eye(10, dtype=int))
     V, a, J = (by_body(s).map(lambda s: s[..., None, :, :]) for s in (x.V, x.V.dot + x.UG, x.J))
@@ -120,14 +122,14 @@ def regressor(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -
     return (J.mT @ W).map(_side_by_side)
 
 
-def momentum_regressor(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+def momentum_regressor(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """Yp, (..., nv, 10 nb): the momenta J^T M V of bodies that have one unit parameter each."""
     x, unit = closed_form(mechanism, q, None, base), inertia.from_parameters(np.eye(10, dtype=int))
     V, J = (by_body(s).map(lambda s: s[..., None, :, :]) for s in (x.V, x.J))
     return (J.mT @ (unit @ V)).map(_side_by_side)
 
 
-def energy_regressor(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+def energy_regressor(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """YE, (..., 10 nb, 1): the energies 1/2 V . M V - m g . c of bodies that have one unit parameter each."""
     x, unit = closed_form(mechanism, q, None, base), inertia.from_parameters(np.eye(10, dtype=int))
     V, H = by_body(x.V).map(lambda V: V[..., None, :, :]), x.H.map(lambda H: H[..., None, :3, :])
@@ -153,19 +155,19 @@ def _without_base(x: ClosedForm, n: int) -> ClosedForm:
     return replace(x, **{name: getattr(x, name).map(lambda a, rows=rows: a[rows]) for name, rows in kept.items()})
 
 
-def poses(mechanism: Mechanism, q: Series, base: BaseMotion, body: int | None) -> Series:
+def poses(mechanism: Mechanism, q: Series, base: JointMotion, body: int | None) -> Series:
     """H of all bodies (..., nb, 4, 4), of one (..., 4, 4), or of the ground, -1."""
     ground = STILL if mechanism.floats else base
     return _of_body(closed_form(mechanism, q, None, base).H, body, ground.H)
 
 
-def twists(mechanism: Mechanism, q: Series, base: BaseMotion, body: int | None) -> Series:
+def twists(mechanism: Mechanism, q: Series, base: JointMotion, body: int | None) -> Series:
     """V of all bodies (..., nb, 6, 1), of one (..., 6, 1), or of the ground, -1."""
     ground = STILL if mechanism.floats else base
     return _of_body(by_body(closed_form(mechanism, q, None, base).V), body, ground.V)
 
 
-def jacobians(mechanism: Mechanism, q: Series, base: BaseMotion, body: int | None) -> Series:
+def jacobians(mechanism: Mechanism, q: Series, base: JointMotion, body: int | None) -> Series:
     """J of all bodies (..., nb, 6, nv), of one (..., 6, nv), or of the ground, -1."""
     still = Series.constant(np.zeros((6, mechanism.nv), dtype=int))
     return _of_body(by_body(closed_form(mechanism, q, None, base).J), body, still)

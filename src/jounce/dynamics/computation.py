@@ -9,7 +9,7 @@ from math import prod
 import numpy as np
 
 from jounce.core.scalars import Array
-from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.quantities import Quantity, row_of
 from jounce.dynamics.state import State
 from jounce.dynamics.stretch import elasticity_of
@@ -224,7 +224,7 @@ class Computation:
         own = self.quantity.coordinate_inputs(self.rates)
         q, others = columns(given[:own]), columns(given[own:])
         behind = {"motors" if self.quantity.inputs else "Q": others}
-        moving = BaseMotion(pose(rotation(base[0]), position(base[0])), columns(base[1:])) if self.base else None
+        moving = JointMotion(pose(rotation(base[0]), position(base[0])), columns(base[1:])) if self.base else None
         return State(
             q, wrench_columns(W) if W else None, base=moving, body=self.body, frame=self.frame, position=tree,
             stiffness=stiffness, **behind,

@@ -16,7 +16,7 @@ from operator import add
 import numpy as np
 
 from jounce.core.scalars import Array, reciprocal
-from jounce.dynamics.base import STILL
+from jounce.dynamics.joint_motion import STILL
 from jounce.dynamics.recursion import bodies
 from jounce.dynamics.recursion.joints import rows
 from jounce.dynamics.stretch import elasticity_of

@@ -10,14 +10,14 @@ from typing import Protocol
 
 from jounce.core.scalars import Array, zeros_like
 from jounce.dynamics import drive_terms
-from jounce.dynamics.base import BaseMotion
 from jounce.dynamics.closed_form import closed_form
+from jounce.dynamics.joint_motion import JointMotion
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import solved
 from jounce.spatial.series import Series
 
 
-def dense(m: Mechanism, q: Series, Q: Series, W: Series | None = None, base: BaseMotion | None = None) -> Series:
+def dense(m: Mechanism, q: Series, Q: Series, W: Series | None = None, base: JointMotion | None = None) -> Series:
     """(EOM1) for the accelerations: q2d = M^-1 (Q - C qd - Qgrav - Qext), with all its rates by Leibniz' rule.
 
     Those of a floating base, Vd, come first; the motion of the ground of a fixed robot is given.
@@ -46,11 +46,11 @@ class Solver(Protocol):
 
 def from_inverse(
     M: Solver,
-    inverse: Callable[[Series, BaseMotion | None], Series],
+    inverse: Callable[[Series, JointMotion | None], Series],
     m: Mechanism,
     q: Series,
     Q: Series,
-    base: BaseMotion | None,
+    base: JointMotion | None,
 ) -> Series:
     """q^(k+2) = M^-1 (Q^(k) - the k-th rate of inverse dynamics where q^(k+2) = 0): no rate of M is needed.
 

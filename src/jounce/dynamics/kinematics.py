@@ -7,12 +7,12 @@ body frames.
 
 from collections.abc import Callable
 
-from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.joint_motion import JointMotion
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import lie
 from jounce.spatial.series import Series, joined
 
-OfBodies = Callable[[Mechanism, Series, BaseMotion, int | None], Series]
+OfBodies = Callable[[Mechanism, Series, JointMotion, int | None], Series]
 
 FRAMES = {  # of screws: the axes and the origin of their components
     "body": "the axes of the body, about its origin",
@@ -21,7 +21,7 @@ FRAMES = {  # of screws: the axes and the origin of their components
 }
 
 
-def poses(mechanism: Mechanism, q: Series, base: BaseMotion, body: str | None, of_bodies: OfBodies) -> Series:
+def poses(mechanism: Mechanism, q: Series, base: JointMotion, body: str | None, of_bodies: OfBodies) -> Series:
     """H of all bodies, or of one body or merged link."""
     if body is None:
         return of_bodies(mechanism, q, base, None)
@@ -32,7 +32,7 @@ def poses(mechanism: Mechanism, q: Series, base: BaseMotion, body: str | None, o
 def screws(
     mechanism: Mechanism,
     q: Series,
-    base: BaseMotion,
+    base: JointMotion,
     body: str | None,
     frame: str,
     poses_of: OfBodies,

@@ -3,7 +3,7 @@
 import numpy as np
 
 from jounce.core.scalars import Array
-from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.kinematics import in_blocks
 from jounce.dynamics.recursion import bodies
 from jounce.model.mechanism import Mechanism
@@ -12,7 +12,7 @@ from jounce.spatial.series import Series
 
 
 def wrench_of(
-    mechanism: Mechanism, q: Series, base: BaseMotion, load: Series, body: str, axes: str, point: Array
+    mechanism: Mechanism, q: Series, base: JointMotion, load: Series, body: str, axes: str, point: Array
 ) -> Series:
     """W, (..., nb, 6), of a load (torque; force), (..., 6, 1), that acts on a body or merged link at a point of it.
 

@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 
 from jounce.dynamics import loops
-from jounce.dynamics.base import STILL
+from jounce.dynamics.joint_motion import STILL
 from jounce.dynamics.recursion import bodies
 from jounce.dynamics.recursion.joints import joints
 from jounce.model.coordinates import joint_columns

@@ -13,8 +13,8 @@ import numpy as np
 
 from jounce.core.scalars import Array, concatenate
 from jounce.dynamics import system
-from jounce.dynamics.base import BaseMotion, turning
 from jounce.dynamics.closed_form import closed_form
+from jounce.dynamics.joint_motion import JointMotion, turning
 from jounce.model.coordinates import screws_of
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import Factors, mirrored
@@ -22,7 +22,7 @@ from jounce.spatial.series import Series
 
 
 def dense(
-    m: Mechanism, q: Series, W: Series | None = None, base: BaseMotion | None = None
+    m: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None
 ) -> tuple[Series, Series, Series]:
     """K, D and M by the closed form, (..., nv, nv) each, with wrenches W on the bodies, (..., 6nb, 1), fixed in them.
 

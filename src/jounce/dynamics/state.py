@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from jounce.core.scalars import Array
-from jounce.dynamics.base import STILL, BaseMotion
+from jounce.dynamics.joint_motion import STILL, JointMotion
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
@@ -22,14 +22,14 @@ class State:
     W: Series | None = None
     Q: Series = _NOTHING  # generalized forces, where a quantity takes them
     motors: Series = _NOTHING  # theta, thetad, and tau or q4d, where a quantity takes them: no rates of each other
-    base: BaseMotion | None = None  # None: the ground of a fixed robot, at rest, or of no effect
+    base: JointMotion | None = None  # None: the ground of a fixed robot, at rest, or of no effect
     body: str | None = None  # a body or a link merged into one; None: all bodies
     frame: str = "body"  # of twists: "body", "world" or "spatial"
     stiffness: Series | None = None  # of joints with two motors, (..., k, 1)
     position: Array | None = None  # of a closed robot, all coordinates (..., N, 1) of its tree, with loops closed
 
     @property
-    def motion_of_base(self) -> BaseMotion:
+    def motion_of_base(self) -> JointMotion:
         """The motion of the base: at rest at the inertial frame unless it is given."""
         return self.base or STILL
 

@@ -12,7 +12,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate
-from jounce.dynamics.base import BaseMotion, motion_of_joint
+from jounce.dynamics.joint_motion import JointMotion, motion_of_joint
 from jounce.model.coordinates import joint_variables, screws_of, velocity_map
 from jounce.model.mechanism import Mechanism, ancestors
 from jounce.spatial.inertia import moments
@@ -46,7 +46,7 @@ def of_bodies(mechanism: Mechanism) -> System:
     return System(system_S(mechanism), velocity_map(mechanism), mechanism.M, ancestors(mechanism))
 
 
-def poses(mechanism: Mechanism, q: Series, base: BaseMotion | None) -> Array:
+def poses(mechanism: Mechanism, q: Series, base: JointMotion | None) -> Array:
     """C_i, the pose of every body in the inertial frame: (..., nb, 4, 4)."""
     theta = joint_variables(mechanism, q)[0]
     C: list[Array] = []

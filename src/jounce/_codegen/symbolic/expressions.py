@@ -14,7 +14,7 @@ from jounce._codegen.symbolic.trig_polynomial import TrigPolynomial, Variables
 from jounce.arguments import requests
 from jounce.core.errors import JounceError, at
 from jounce.core.scalars import Array, zeros_like
-from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.quantities import Quantity
 from jounce.dynamics.state import Law, State
 from jounce.model.casting import with_exact_integers
@@ -57,13 +57,13 @@ class Expressions:
         variable = self.variables.variable
         return self.symbols[name].map(lambda x: np.array([[variable(symbol)] for symbol in x], dtype=object))
 
-    def _base(self) -> BaseMotion | None:
+    def _base(self) -> JointMotion | None:
         """The motion of the base in variables, where it has symbols."""
         if "base_pose" not in self.symbols:
             return None
         C = self.symbols["base_pose"][0][:3, :].tolist()
         above = np.array([[self.variables.variable(x) for x in row] for row in C], dtype=object)
-        return BaseMotion(pose(above[:, :3], above[:, 3:]), self._column("base_twist"))
+        return JointMotion(pose(above[:, :3], above[:, 3:]), self._column("base_twist"))
 
     def _printed(self, symbol: str, law: Callable[[], Series], body: str | None = None) -> Series:
         """The SymPy form of a series of polynomials, each term within the limit on work."""

@@ -11,7 +11,7 @@ from jounce._codegen.symbolic.terms import polynomial
 from jounce._codegen.symbolic.trig_polynomial import Variables
 from jounce.core.errors import JounceError, at
 from jounce.core.scalars import Array
-from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.joint_motion import JointMotion
 from jounce.model.casting import with_arrays
 from jounce.model.drives import Drives
 from jounce.model.mechanism import Mechanism
@@ -66,7 +66,7 @@ def state_symbols(mechanism: Mechanism, base: bool) -> dict[str, Series]:
         return found
     C = np.array([[*(sympy.Symbol(f"R_{i}{j}") for j in (1, 2, 3)), sympy.Symbol(f"r_{x}")] for i, x in _AXES])
     V = Series(lambda k: np.array([[sympy.Symbol(name)] for name in _twist(k)]))
-    motion = BaseMotion(np.concatenate([C, np.eye(4, dtype=int)[3:]]), V)
+    motion = JointMotion(np.concatenate([C, np.eye(4, dtype=int)[3:]]), V)
     found["base_pose"] = motion.H.map(lambda H: sympy.ImmutableMatrix(H.tolist()))
     found["base_twist"] = V.map(lambda V: sympy.ImmutableMatrix(V.tolist()))
     return found

@@ -1,7 +1,7 @@
 """The equations of motion and their two time derivatives, assembled from the matrices of Sections 3 and 4.
 
 They are printed for joints of one screw, of which a X = 0. They hold for all others in velocities nu_p = T nu of which
-``T' = T alpha`` and T = 1 at the instant, with alpha of `dynamics.base.turning`.
+``T' = T alpha`` and T = 1 at the instant, with alpha of `dynamics.joint_motion.turning`.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,7 +12,7 @@ import numpy as np
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array
 from jounce.dynamics import system
-from jounce.dynamics.base import STILL, BaseMotion, turning
+from jounce.dynamics.joint_motion import STILL, JointMotion, turning
 from jounce.dynamics.paper.section3 import C11, M1, C
 from jounce.dynamics.paper.section4 import C21, M21
 from jounce.model.mechanism import Mechanism, ancestors
@@ -22,7 +22,7 @@ from jounce.spatial.series import Series, from_rate, joined
 class Paper:
     """The equations of motion at one instant, from coordinates q and wrenches W: values and two time derivatives."""
 
-    def __init__(self, mechanism: Mechanism, q: Series, W: Series | None = None, base: BaseMotion | None = None):
+    def __init__(self, mechanism: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None):
         self.mechanism, self.W, self.base = mechanism, W, base
         self.M = system.system_M(mechanism)
         self.nu = joined([(base or STILL).V, q.dot], axis=-2) if mechanism.floats else q.dot

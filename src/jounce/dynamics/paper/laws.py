@@ -5,7 +5,7 @@ M_p T').
 """
 
 from jounce.core.scalars import Array, concatenate
-from jounce.dynamics.base import on_moving_ground
+from jounce.dynamics.joint_motion import on_moving_ground
 from jounce.dynamics.paper.equations import Paper
 from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from jounce.dynamics import forward
-from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.quantities.forces import Forces
 from jounce.dynamics.quantities.matrices import Matrices
 from jounce.dynamics.quantities.row import columns, quantity, row_vector
@@ -23,7 +23,7 @@ def _by(method: str, m: Mechanism, x: State) -> Series:
     else:
         M = Factors.of(Matrices.mass_matrix.law(method, m)(m, x)[0])
 
-    def required(q: Series, base: BaseMotion | None) -> Series:
+    def required(q: Series, base: JointMotion | None) -> Series:
         return inverse(m, replace(x, q=q, base=base)).map(lambda Q: Q[..., None])
 
     return row_vector(forward.from_inverse(M, required, m, x.q, x.Q, x.base))

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from jounce.dynamics import drive_terms, loop_partials, loops, partials
-from jounce.dynamics.base import turning
+from jounce.dynamics.joint_motion import turning
 from jounce.dynamics.quantities.forces import Forces
 from jounce.dynamics.quantities.forward import Forward
 from jounce.dynamics.quantities.loops import tree_forces

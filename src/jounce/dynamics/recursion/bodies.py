@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from jounce.dynamics.base import STILL, BaseMotion
+from jounce.dynamics.joint_motion import STILL, JointMotion
 from jounce.dynamics.recursion.joints import Joint, batch_zeros, joints
 from jounce.dynamics.recursion.sweeps import evaluate_in_order
 from jounce.model.coordinates import velocities_of, velocity_map
@@ -12,19 +12,19 @@ from jounce.model.mechanism import Mechanism, path_to
 from jounce.spatial.series import Series, joined
 
 
-def poses(mechanism: Mechanism, q: Series, base: BaseMotion, body: int | None) -> Series:
+def poses(mechanism: Mechanism, q: Series, base: JointMotion, body: int | None) -> Series:
     """H_i = H_p B_i exp(X_i theta_i): of one body (..., 4, 4), of the ground, -1, or of all (..., nb, 4, 4)."""
     ground = (STILL if mechanism.floats else base).H
     return _outward(mechanism, q, base, body, ground, lambda joint, _, H_p: H_p @ joint.B @ joint.motion)  # (Ci)
 
 
-def twists(mechanism: Mechanism, q: Series, base: BaseMotion, body: int | None) -> Series:
+def twists(mechanism: Mechanism, q: Series, base: JointMotion, body: int | None) -> Series:
     """V_i = Ad(C_ip) V_p + X_i nu_i: of one body (..., 6, 1), or of all (..., nb, 6, 1)."""
     ground = (STILL if mechanism.floats else base).V
     return _outward(mechanism, q, base, body, ground, lambda joint, _, V_p: joint.twists(V_p) + joint.X @ joint.rate)
 
 
-def jacobians(mechanism: Mechanism, q: Series, base: BaseMotion, body: int | None) -> Series:
+def jacobians(mechanism: Mechanism, q: Series, base: JointMotion, body: int | None) -> Series:
     """J_i = Ad(C_ip) J_p + X_i G_i, with the rows G_i of G: of one body (..., 6, nv), or of all (..., nb, 6, nv)."""
     G, ground = velocity_map(mechanism), Series.constant(np.zeros((6, mechanism.nv), dtype=int))
     return _outward(mechanism, q, base, body, ground, lambda joint, own, J_p: joint.twists(J_p) + joint.X @ G[own])
@@ -33,7 +33,7 @@ def jacobians(mechanism: Mechanism, q: Series, base: BaseMotion, body: int | Non
 def _outward(
     mechanism: Mechanism,
     q: Series,
-    base: BaseMotion,
+    base: JointMotion,
     body: int | None,
     ground: Series,
     step: Callable[[Joint, list[int], Series], Series],

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from jounce.core.scalars import Array
-from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.recursion.forces import ground
 from jounce.dynamics.recursion.joints import batch_zeros, rows
 from jounce.dynamics.recursion.steps import BodyMotion, outward_velocity
@@ -27,7 +27,7 @@ from jounce.spatial.lie import hat, inverse
 from jounce.spatial.series import Series, joined
 
 
-def energy_regressor(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+def energy_regressor(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """YE, (..., 10 nb, 1): the energies T + U of the unit inertial parameters of all bodies, the base's first."""
     tree, gravity = aligned_tree(on_axes(mechanism), q, base), mechanism.gravity[:, None]
     velocities = {-1: ground(0 * mechanism.gravity)}

@@ -27,7 +27,7 @@ from operator import add
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate
-from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.recursion.forces import wrenches
 from jounce.dynamics.recursion.joints import FreeJoint, Joint, batch_zeros
 from jounce.dynamics.recursion.sweeps import above, collect, composites, evaluate_in_order, project, spread, velocities
@@ -94,7 +94,7 @@ def _of_joint(joint: Joint, V: Series, carrier: _Carrier, x: _Subtree) -> _Wrenc
     )
 
 
-def partials(mechanism: Mechanism, q: Series, W: Series | None = None, base: BaseMotion | None = None) -> Partials:
+def partials(mechanism: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None) -> Partials:
     """K, D, M of the generalized forces, (..., nv, nv) each, with wrenches W on the bodies, (..., 6nb, 1)."""
     chain = minimal(mechanism)
     tree = kinematic_tree(chain, q, base)

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from jounce.core.scalars import Array
-from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.recursion.joints import batch_zeros, rows
 from jounce.dynamics.recursion.steps import (
     AnyJoint,
@@ -89,13 +89,13 @@ def ground(gravity: Array) -> BodyMotion:
 
 
 def rnea(
-    kind: Sweep, mechanism: Mechanism, q: Series, W: Series | None = None, base: BaseMotion | None = None
+    kind: Sweep, mechanism: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None
 ) -> Series:
     """The generalized forces (EOM1), (..., nv, 1), by RNEA, with wrenches W on the bodies, (..., 6nb, 1)."""
     return _swept(kind, mechanism, minimal(mechanism), q, W, base).forces()
 
 
-def base_wrench(mechanism: Mechanism, q: Series, W: Series | None = None, base: BaseMotion | None = None) -> Series:
+def base_wrench(mechanism: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None) -> Series:
     """The wrench (moment; force) on the base, in inertial axes about the inertial origin: (..., 6, 1).
 
     It is what the bodies pass to the ground. It depends on all of the inertia, drive forces on base parameters only.
@@ -103,7 +103,7 @@ def base_wrench(mechanism: Mechanism, q: Series, W: Series | None = None, base: 
     return _swept(MOVING, mechanism, on_axes(mechanism), q, W, base).wrench(-1)
 
 
-def joint_wrenches(mechanism: Mechanism, q: Series, W: Series | None = None, base: BaseMotion | None = None) -> Series:
+def joint_wrenches(mechanism: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None) -> Series:
     """The wrenches (moment; force) that the joints transmit to their bodies, in the body frames: (..., nb, 6).
 
     They are the forces on the bodies and on what these carry, before they are projected on the joints.
@@ -116,7 +116,7 @@ def joint_wrenches(mechanism: Mechanism, q: Series, W: Series | None = None, bas
 
 
 def _swept(
-    kind: Sweep, given: Mechanism, chain: Mechanism, q: Series, W: Series | None, base: BaseMotion | None
+    kind: Sweep, given: Mechanism, chain: Mechanism, q: Series, W: Series | None, base: JointMotion | None
 ) -> "_Series":
     """The tree of a mechanism, with forces in the frames of `chain` and wrenches on those of `given`."""
     tree = aligned_tree(chain, q, base)

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from jounce.core.scalars import Array, exact_integers, is_symbolic
-from jounce.dynamics.base import BaseMotion, motion_of_joint
+from jounce.dynamics.joint_motion import JointMotion, motion_of_joint
 from jounce.model.coordinates import joint_variables, screws_of
 from jounce.model.equivalent import split_turn
 from jounce.model.mechanism import Mechanism
@@ -199,7 +199,7 @@ def motions(mechanism: Mechanism, theta: Array, bodies: Sequence[int]) -> tuple[
 
 
 def joints(
-    mechanism: Mechanism, q: Series, base: BaseMotion | None = None, bodies: Sequence[int] | None = None
+    mechanism: Mechanism, q: Series, base: JointMotion | None = None, bodies: Sequence[int] | None = None
 ) -> list[Joint]:
     """The joints of some bodies, or of all, for coordinates q and the motion of a base that floats."""
     bodies = range(mechanism.nb) if bodies is None else bodies

@@ -23,7 +23,7 @@ from operator import add
 
 import numpy as np
 
-from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.recursion.joints import Joint, batch_zeros
 from jounce.dynamics.recursion.momenta import about_centre, centre_of
 from jounce.dynamics.recursion.sweeps import Columns, above, collect, composites, evaluate_in_order, project, velocities
@@ -51,7 +51,7 @@ def mass_matrix(mechanism: Mechanism, q: Series) -> Series:
     return _to_coordinates(bodies, q, M + _below(bodies, M), [*bodies.Pi[::-1], *_sweep(bodies.momenta)])
 
 
-def coriolis_matrix(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+def coriolis_matrix(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """gC, the generalized Coriolis matrix (MC) of the paper's (Csys): (..., nv, nv)."""
     bodies = _composites(mechanism, q, base)
     V = velocities(bodies.tree.joints)
@@ -67,7 +67,7 @@ def coriolis_matrix(mechanism: Mechanism, q: Series, base: BaseMotion | None = N
     return _to_coordinates(bodies, q, C, [*_dynamic(bodies, V), *_sweep(changes)])
 
 
-def skew_coriolis_matrix(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+def skew_coriolis_matrix(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """gCbar, the generalized Coriolis matrix (Cbar) for which gM' - 2 gCbar is skew: (..., nv, nv)."""
     bodies = _composites(mechanism, q, base)
     tree = bodies.tree.joints
@@ -84,7 +84,7 @@ def skew_coriolis_matrix(mechanism: Mechanism, q: Series, base: BaseMotion | Non
     return _to_coordinates(bodies, q, Cbar, [*_dynamic(bodies, V), *Y[::-1], *_sweep(wrenches)])
 
 
-def centroidal_momentum_matrix(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+def centroidal_momentum_matrix(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """AG, the momenta about the centre of mass of unit velocities, in inertial axes: (..., 6, nv)."""
     bodies = _composites(mechanism, q, base and base.at_origin)
     unit, columns = np.eye(len(bodies.tree.G), dtype=int), zip(bodies.tree.joints, bodies.momenta, strict=True)
@@ -94,7 +94,7 @@ def centroidal_momentum_matrix(mechanism: Mechanism, q: Series, base: BaseMotion
     return about_centre(A, centre_of(mechanism, bodies.tree, q))
 
 
-def _composites(mechanism: Mechanism, q: Series, base: BaseMotion | None) -> _Composites:
+def _composites(mechanism: Mechanism, q: Series, base: JointMotion | None) -> _Composites:
     tree = kinematic_tree(on_axes(mechanism), q, base)
     Pi = composites(tree.joints, [Series.constant(Pi_i) for Pi_i in moment_matrix(tree.M)], Joint.moments)
     return _Composites(tree, Pi, collect(tree.joints, _momenta(tree, Pi)))

@@ -5,7 +5,7 @@ from functools import reduce
 from operator import add
 
 from jounce.core.scalars import concatenate
-from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.recursion.joints import Joint, batch_zeros, rows
 from jounce.dynamics.recursion.sweeps import composites, evaluate_in_order, velocities
 from jounce.dynamics.recursion.tree import KinematicTree, kinematic_tree
@@ -16,18 +16,18 @@ from jounce.spatial.lie import hat
 from jounce.spatial.series import Series, joined
 
 
-def momentum(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+def momentum(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """h, about the inertial origin, in inertial axes: (..., 6, 1)."""
     return _momentum(kinematic_tree(on_axes(mechanism), q, base), q)
 
 
-def centroidal_momentum(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+def centroidal_momentum(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """hG, about the centre of mass, in inertial axes: (..., 6, 1)."""
     tree = kinematic_tree(on_axes(mechanism), q, base and base.at_origin)
     return about_centre(_momentum(tree, q), centre_of(mechanism, tree, q))
 
 
-def center_of_mass(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+def center_of_mass(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """c = sum of m_i c_i / m, in the inertial frame: (..., 3, 1)."""
     return centre_of(mechanism, kinematic_tree(on_axes(mechanism), q, base), q)
 
@@ -43,7 +43,7 @@ def about_centre(h: Series, c: Series) -> Series:
     return joined([rows(h, 0, 3) - c.map(lambda c: hat(c[..., 0])) @ linear, linear], axis=-2)
 
 
-def generalized_momentum(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+def generalized_momentum(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """p = M nu, (..., nv, 1): the momentum of the bodies that each joint carries, projected onto its screws."""
     tree = kinematic_tree(on_axes(mechanism), q, base)
     V, P = _momenta(tree)
@@ -51,7 +51,7 @@ def generalized_momentum(mechanism: Mechanism, q: Series, base: BaseMotion | Non
     return tree.generalized_forces(evaluate_in_order(p, [*V, *reversed(P)]))
 
 
-def kinetic_energy(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+def kinetic_energy(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """T = 1/2 sum of V_i . M_i V_i, (..., 1, 1)."""
     tree = kinematic_tree(on_axes(mechanism), q, base)
     V = velocities(tree.joints)
@@ -59,7 +59,7 @@ def kinetic_energy(mechanism: Mechanism, q: Series, base: BaseMotion | None = No
     return evaluate_in_order(twice * 0.5 + batch_zeros(q), V)
 
 
-def potential_energy(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+def potential_energy(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """U = -g . (sum of m_i c_i), (..., 1, 1)."""
     up = concatenate([-mechanism.gravity, 0 * mechanism.gravity[:1]], axis=-1)[None, :]
     return up @ _first_moment(kinematic_tree(on_axes(mechanism), q, base), q)

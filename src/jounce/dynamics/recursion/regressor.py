@@ -21,7 +21,7 @@ from functools import lru_cache
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate, is_zero
-from jounce.dynamics.base import BaseMotion
+from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.recursion.forces import ground
 from jounce.dynamics.recursion.joints import batch_zeros
 from jounce.dynamics.recursion.steps import (
@@ -52,12 +52,12 @@ class Columns:
     force: Force  # (..., 3, len(numbers))
 
 
-def regressor(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+def regressor(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """Y, (..., nv, 10 nb): the generalized forces of the unit inertial parameters of all bodies, the base's first."""
     return _projected(mechanism, q, base, ground(mechanism.gravity), outward, _forces)
 
 
-def momentum_regressor(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> Series:
+def momentum_regressor(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """Yp, (..., nv, 10 nb): the generalized momenta of the unit inertial parameters of all bodies, the base's first."""
     return _projected(mechanism, q, base, ground(0 * mechanism.gravity), outward_velocity, _momenta)
 
@@ -65,7 +65,7 @@ def momentum_regressor(mechanism: Mechanism, q: Series, base: BaseMotion | None 
 def _projected(
     mechanism: Mechanism,
     q: Series,
-    base: BaseMotion | None,
+    base: JointMotion | None,
     root: BodyMotion,
     step: Callable[[AnyJoint, BodyMotion], BodyMotion],
     of_motion: Callable[[BodyMotion, Array, Array, Array], Force],

@@ -17,7 +17,7 @@ from typing import TypeAlias
 import numpy as np
 
 from jounce.core.scalars import Array, is_zero
-from jounce.dynamics.base import BaseMotion, motion_of_joint
+from jounce.dynamics.joint_motion import JointMotion, motion_of_joint
 from jounce.dynamics.recursion.joints import motions, moved, placed, rows
 from jounce.model.coordinates import joint_variables, screws_of
 from jounce.model.mechanism import Mechanism
@@ -192,7 +192,7 @@ def inertia_force(moments: Moments, motion: BodyMotion) -> Force:
     return Force(a * m + K @ h, _hat(h) @ a + (K @ P).map(lambda T: axial(T)[..., None]))
 
 
-def aligned_joints(chain: Mechanism, q: Series, base: BaseMotion | None = None) -> list[AnyJoint]:
+def aligned_joints(chain: Mechanism, q: Series, base: JointMotion | None = None) -> list[AnyJoint]:
     """The joints of a mechanism in frames on their axes, for coordinates q and the motion of a base that floats."""
     theta = joint_variables(chain, q)
     places, T = motions(chain, theta[0], range(chain.nb))

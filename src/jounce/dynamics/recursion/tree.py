@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate
-from jounce.dynamics.base import BaseMotion, on_moving_ground
+from jounce.dynamics.joint_motion import JointMotion, on_moving_ground
 from jounce.dynamics.recursion.joints import Joint, joints
 from jounce.dynamics.recursion.steps import AnyJoint, aligned_joints
 from jounce.model.coordinates import velocity_map
@@ -43,12 +43,12 @@ class KinematicTree(Generic[J]):
         return M.map(lambda M: self.G.T @ M @ self.G)
 
 
-def kinematic_tree(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> KinematicTree[Joint]:
+def kinematic_tree(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> KinematicTree[Joint]:
     """The tree of a mechanism at coordinates q, whose base moves; no base: that of a fixed robot is at rest."""
     return _tree(mechanism, q, base, joints)
 
 
-def aligned_tree(mechanism: Mechanism, q: Series, base: BaseMotion | None = None) -> KinematicTree[AnyJoint]:
+def aligned_tree(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> KinematicTree[AnyJoint]:
     """The same of a mechanism whose frames are on the axes of its joints."""
     return _tree(mechanism, q, base, aligned_joints)
 
@@ -56,8 +56,8 @@ def aligned_tree(mechanism: Mechanism, q: Series, base: BaseMotion | None = None
 def _tree(
     mechanism: Mechanism,
     q: Series,
-    base: BaseMotion | None,
-    joints_of: Callable[[Mechanism, Series, BaseMotion | None], Sequence[J]],
+    base: JointMotion | None,
+    joints_of: Callable[[Mechanism, Series, JointMotion | None], Sequence[J]],
 ) -> KinematicTree[J]:
     if mechanism.floats or base is None:
         return KinematicTree(mechanism, joints_of(mechanism, q, base), velocity_map(mechanism), slice(None))

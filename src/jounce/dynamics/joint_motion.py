@@ -1,4 +1,4 @@
-"""Motions of joints of several screws, and of the base: a floating robot's own, or the ground of a fixed robot."""
+"""Motions of joints of several screws: that of a base that floats, of the ground of a fixed robot, and of any other."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache, reduce
@@ -14,38 +14,38 @@ from jounce.spatial.series import Series, from_rate
 
 
 @dataclass(frozen=True, eq=False)
-class BaseMotion:
-    """The pose of the base in the inertial frame, and its twist in its own axes with rates.
+class JointMotion:
+    """Where a joint of several screws moves its body, and its velocities along the screws with rates.
 
-    Of another joint of several screws: where it moves its body, and its velocities along them.
+    Of a base, these are its pose in the inertial frame and its twist in its own axes.
     """
 
     pose: Array  # (..., 4, 4)
-    V: Series  # (..., 6, 1), or of another joint (..., k, 1)
+    V: Series  # (..., k, 1), of a base (..., 6, 1)
 
     @property
     def H(self) -> Series:
-        """The pose with its rates."""
+        """The pose of a base with its rates."""
         return from_rate(self.pose, lambda H: H @ self.V.map(lambda V: wedge(V[..., 0])))
 
     @property
-    def at_origin(self) -> "BaseMotion":
+    def at_origin(self) -> "JointMotion":
         """The same motion about an inertial origin at the place of the base: no digits are lost far away from it."""
         return replace(self, pose=pose(rotation(self.pose), 0 * position(self.pose)))
 
 
-STILL = BaseMotion(np.eye(4, dtype=int), Series.constant(np.zeros((6, 1), dtype=int)))  # at the inertial frame
+STILL = JointMotion(np.eye(4, dtype=int), Series.constant(np.zeros((6, 1), dtype=int)))  # at the inertial frame
 
 
-def motion_of_joint(mechanism: Mechanism, body: int, q: Series, base: BaseMotion | None) -> BaseMotion:
+def motion_of_joint(mechanism: Mechanism, body: int, q: Series, base: JointMotion | None) -> JointMotion:
     """The motion of the joint of a body, of several screws, at coordinates q: that of the base if it is the base."""
     if mechanism.floats and body == 0:
         return base or STILL
     own = positions(mechanism)[body]
-    return BaseMotion(own.motion(q[0]), q.dot.map(lambda x: x[..., own.coordinates, :]))
+    return JointMotion(own.motion(q[0]), q.dot.map(lambda x: x[..., own.coordinates, :]))
 
 
-def turning(m: Mechanism, q: Series, base: BaseMotion | None) -> Series | None:
+def turning(m: Mechanism, q: Series, base: JointMotion | None) -> Series | None:
     """a, (..., nv, nv), of joints of several screws: displaced by d, their velocities nu change by d' + a d.
 
     ``a = X^T ad(X nu) X`` of each, on the diagonal; ad(V) of a floating base. None where there is no such joint.
