@@ -74,7 +74,7 @@ SQUAT = {
 def biped(tmp_path_factory):
     path = tmp_path_factory.mktemp("biped") / "biped.xml"
     path.write_text(BIPED)
-    with pytest.warns(jounce.JounceWarning, match="loops stay open.*'left-achilles-rod' is a ball joint"):
+    with pytest.warns(jounce.JounceWarning, match="loops stay open.*'left-achilles-rod' of 'biped' is a ball joint"):
         robot = jounce.load(path, base="floating")
     model = mujoco.MjModel.from_xml_path(str(path))
     for train in ("dof_armature", "dof_damping", "jnt_stiffness"):
