@@ -174,10 +174,11 @@ def test_a_whole_floating_robot_as_one_state():
     ("q", "message"),
     [
         (np.ones(3), r"q has shape \(3,\); expected \(..., 4\): .*; 3 are velocities"),
-        (np.zeros(4), "qx, qy, qz, qw of joint .* have the length 0; expected 1"),
+        (np.zeros(4), "^q: qx, qy, qz, qw of joint .* have the length 0; expected 1"),
+        ({"joint1": np.zeros(4)}, "^q: qx, qy, qz, qw of joint 'joint1' have the length 0; expected 1"),
         ({"ball": 1.0}, "unknown 'ball'"),
     ],
-    ids=["velocities", "zero", "unknown"],
+    ids=["velocities", "zero", "zero by name", "unknown"],
 )
 def test_positions_that_are_none(q, message):
     with pytest.raises(JounceError, match=message):

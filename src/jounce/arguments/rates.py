@@ -92,7 +92,8 @@ def position(mechanism: Mechanism, term: Any) -> Array:
     joints = position_names(mechanism)
     if names.listed_in(term) is not None:
         with at("q"):
-            return checked_positions(mechanism, _by_name(numbers_by_name(mechanism, term), mechanism, joints))
+            numbers = _by_name(numbers_by_name(mechanism, term), mechanism, joints)
+        return checked_positions(mechanism, numbers)
     array = asarray(term, "q")
     meant = "" if array.shape[-1:] != (mechanism.n,) else f"; {mechanism.n} are velocities, which q has no numbers of"
     return checked_positions(mechanism, shaped(array, (len(joints),), "q", f": {', '.join(joints)}{meant}"))
