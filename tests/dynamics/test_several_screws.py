@@ -205,3 +205,11 @@ def test_screws_that_are_no_joint(X, message):
     M = jounce.inertia_matrix(1.0, [0, 0, 0], np.eye(3))
     with pytest.raises(JounceError, match=message):
         jounce.Robot.from_screws([np.eye(4)], X, [M], owners=[0] * len(X))
+
+
+@pytest.mark.parametrize("G", [np.eye(4)[[1, 0, 2, 3]], np.vstack([np.eye(3), [1, 0, 0]]), 2 * np.eye(4)])
+def test_a_ball_has_coordinates_of_its_own(G):
+    M = [jounce.inertia_matrix(1.0, [0, 0, 0], np.eye(3))] * 2
+    X = [*np.eye(6)[:3], np.eye(6)[2]]
+    with pytest.raises(JounceError, match="the ball joint of body 'body1' follows others, or others follow it"):
+        jounce.Robot.from_screws([np.eye(4)] * 2, X, M, owners=[0, 0, 0, 1], G=G)

@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from jounce.core.errors import JounceError, quoted
-from jounce.core.scalars import Array, concatenate
+from jounce.core.scalars import Array, concatenate, is_zero
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.groups import Group, group_of
 from jounce.spatial.lie import inverse
@@ -65,6 +65,11 @@ def positions(mechanism: Mechanism) -> dict[int, Position]:
             if spanned is None:
                 raise JounceError(f"the joint of body {quoted(tree.bodies[i])} is no ball, planar or free joint")
             group, T = spanned
+            rows, unit = list(tree.columns[i]), np.eye(tree.n, dtype=int)[j : j + len(group.axes)]
+            own = len(unit) == len(rows) and all(map(is_zero, [*np.ravel(tree.G[rows] - unit), *tree.g[rows]]))
+            if not own or np.count_nonzero(tree.G[:, j : j + len(rows)]) != len(rows):
+                of = f"the {group.name} joint of body {quoted(tree.bodies[i])}"
+                raise JounceError(f"{of} follows others, or others follow it; expected coordinates of its own")
             exact = np.eye(4, dtype=int) if np.array_equal(T, np.eye(4)) else T
             numbers = slice(start, start + len(group.positions))
             name = tree.joints[tree.columns[i][0]].removesuffix(f".{group.velocities[0]}")
