@@ -5,7 +5,9 @@ velocities by H' = H wedge(X nu), poses by products, momenta of the bodies from 
 space, and each joint takes the part along its screws. No rate is ever written down.
 """
 
+from collections.abc import Sequence
 from math import factorial
+from typing import Any
 
 import numpy as np
 from robots import random_inertia, random_pose, random_screw
@@ -29,8 +31,13 @@ TREES = {  # kinds of joints, and parents
 
 def robot_of(name: str, seed: int = 0, *, floats: bool = False, tilted: bool = False) -> jounce.Robot:
     """One of `TREES` with random bodies; `tilted` puts the frames of bodies anywhere but on their joints."""
-    kinds, parent = TREES[name]
-    rng = np.random.default_rng(seed)
+    return random_robot(*TREES[name], np.random.default_rng(seed), floats, tilted, gravity=[0.5, -1.0, -9.5])
+
+
+def random_robot(
+    kinds: Sequence[str], parents: Sequence[int], rng: np.random.Generator, floats: bool, tilted: bool, **data: Any
+) -> jounce.Robot:
+    """A robot of random bodies on joints of some kinds, with other data of `from_screws`."""
     X, owners = [], []
     for i, kind in enumerate(kinds):
         if kind in GROUPS:
@@ -43,10 +50,10 @@ def robot_of(name: str, seed: int = 0, *, floats: bool = False, tilted: bool = F
         [random_pose(rng) for _ in kinds],
         np.concatenate(X),
         [random_inertia(rng, rng.uniform(0.5, 2)) for _ in kinds],
-        parent,
+        parents,
         owners=owners,
-        gravity=[0.5, -1.0, -9.5],
         base=random_inertia(rng, 3.0) if floats else None,
+        **data,
     )
 
 

@@ -69,7 +69,7 @@ def vectors(
             return np.stack([_random_pose(rng) for _ in range(count)])
         x = rng.integers(-2 * STEPS, 2 * STEPS, (count, *port.shape)) / STEPS
         for joint in positions(robot.origin).values() if port.directions else ():
-            turns = x[:, joint.numbers][:, len(joint.group.places) :]
+            turns = x[:, joint.turn]
             turns[:] = [_random_turn(rng, turns.shape[1]) for _ in turns]
         return x
 

@@ -6,7 +6,7 @@ A pose in the group is ``exp(X_1 s_1) exp(X_2 s_2) ...`` over its screws, each i
 import numpy as np
 
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import Position, position_count, positions, single_positions
+from jounce.model.positions import Position, of_single_joints, position_count, positions, single_positions
 from jounce.spatial.lie import exp
 
 
@@ -14,7 +14,7 @@ def in_turn(m: Mechanism, q: np.ndarray) -> np.ndarray:
     """s (..., n) of positions q (..., nq): these themselves for joints of one screw."""
     if not positions(m):
         return q
-    s = q @ single_positions(m).T
+    s = of_single_joints(m, q)
     for joint in positions(m).values():
         s[..., joint.coordinates] = _steps(joint, q[..., joint.numbers])
     return s

@@ -10,18 +10,16 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments import names
-from jounce.arguments.poses import check_pose
+from jounce.arguments.poses import NOT_A_POSE, check_pose
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array, asarray, is_numeric
 from jounce.dynamics.quantities import Quantity
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import Position, position_count, positions
+from jounce.model.positions import Position, positions, whole_position_count
 from jounce.spatial.groups import FREE
 from jounce.spatial.lie import pose
 
-LEAST_NORM = (
-    1e-6  # of a quaternion: what is shorter is no rounded unit quaternion, and has lost digits of its direction
-)
+LEAST_NORM = 1e-6  # of a quaternion: what is shorter is no rounded unit quaternion, and has lost digits
 
 
 def numbers_by_name(mechanism: Mechanism, given: Any) -> Any:
@@ -61,7 +59,7 @@ def _numbers(joint: Position, value: Any) -> Array:
         check_pose(C, f"joint {joint.name!r}")
         numbers = own.numbers(np.asarray(C, dtype=float))
         left = np.abs(own.pose(numbers) - C).max(initial=0.0)
-        if left > 1e-6:
+        if left > NOT_A_POSE:
             raise JounceError(f"joint {joint.name!r} is a {own.name} joint, which the pose misses by {left:.2g}")
         return numbers
     if x.shape[-1:] != (len(own.positions),):
@@ -82,7 +80,7 @@ def checked_positions(mechanism: Mechanism, q: Array) -> Array:
     if not is_numeric(q):
         return q
     for joint in positions(mechanism).values():
-        turn = q[..., joint.numbers][..., len(joint.group.places) :]
+        turn = q[..., joint.turn]
         norms = np.sqrt((turn * turn).sum(axis=-1))
         if (norms < LEAST_NORM).any():
             what = ", ".join(joint.group.positions[len(joint.group.places) :])
@@ -102,7 +100,7 @@ def without_base(
     """
     if not mechanism.floats or base is not None or not given or isinstance(given[0], Mapping):
         return given, base
-    own, whole = position_count(mechanism), len(FREE.positions) + position_count(mechanism)
+    whole, of_base = whole_position_count(mechanism), len(FREE.positions)
     count = row.coordinate_inputs(len(given))
     q = asarray(given[0], "q")
     if q.shape[-1:] != (whole,):
@@ -113,7 +111,7 @@ def without_base(
             raise JounceError(
                 f"rate {k} of q has shape {x.shape}; expected ({mechanism.nv},), as q has all {whole} numbers"
             )
-    C = FREE.pose(q[..., :7])
+    C = FREE.pose(q[..., :of_base])
     moved = (C, *(x[..., :6] for x in rates if x is not None))
-    behind = [q[..., whole - own :], *(x if x is None else x[..., 6:] for x in rates), *given[count:]]
+    behind = [q[..., of_base:], *(x if x is None else x[..., 6:] for x in rates), *given[count:]]
     return behind, moved

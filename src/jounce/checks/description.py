@@ -8,7 +8,7 @@ from jounce.checks.audit import audit
 from jounce.model.coordinates import coordinate_units
 from jounce.model.kinds import KEYS, KINDS
 from jounce.model.mechanism import Mechanism, body_name
-from jounce.model.positions import position_count, position_names, positions
+from jounce.model.positions import position_names, positions, whole_position_count
 from jounce.spatial import inertia
 
 
@@ -17,7 +17,7 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
     return {
         "name": mechanism.name,
         "n": mechanism.n,
-        "nq": position_count(mechanism) + 7 * mechanism.floats,
+        "nq": whole_position_count(mechanism),
         "nv": mechanism.nv,
         "nb": mechanism.nb - mechanism.floats,
         "gravity": mechanism.gravity.tolist(),

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
 from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Computation
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import position_count
+from jounce.model.positions import whole_position_count
 from jounce.native.closing import NativeStep
 from jounce.native.kernel import Kernel
 
@@ -72,7 +72,7 @@ class Engine:
     @property
     def nq(self) -> int:
         """How many numbers q has: n, and more where there are balls, planar or free joints, or a base that floats."""
-        return position_count(self.mechanism) + 7 * self.mechanism.floats
+        return whole_position_count(self.mechanism)
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from jounce.core.scalars import Array, concatenate
 from jounce.model.kinds import ENDS, KINDS, MOTION_KINDS, unit_of
 from jounce.model.limits import Limits, unlimited
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import extent_names, positions, single_positions
+from jounce.model.positions import extent_names, positions, several_positions, single_positions
 from jounce.spatial.series import Series
 
 T = TypeVar("T", Array, Series)
@@ -114,7 +114,7 @@ def coordinate_units(mechanism: Mechanism) -> list[str]:
 def position_units(mechanism: Mechanism) -> list[str]:
     """rad, m or 1: the unit of each number of q, without those of a base that floats."""
     units = coordinate_units(mechanism)
-    for joint in sorted(positions(mechanism).values(), key=lambda x: -x.coordinates.start):
+    for joint in reversed(several_positions(mechanism)):
         places = len(joint.group.places)
         units[joint.coordinates] = ["m"] * places + ["1"] * (len(joint.names) - places)
     return units

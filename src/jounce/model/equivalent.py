@@ -17,7 +17,7 @@ import numpy as np
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array, concatenate, is_symbolic, is_zero
 from jounce.model.casting import with_exact_integers
-from jounce.model.mechanism import Mechanism, reference_poses
+from jounce.model.mechanism import Mechanism, reference_poses, single_variables
 from jounce.model.positions import positions
 from jounce.spatial import inertia
 from jounce.spatial.lie import Ad, hat, inverse, pose, position, rotation
@@ -55,18 +55,13 @@ def align_frames(mechanism: Mechanism) -> Mechanism:
     The screws of joints of several are those of their group.
     """
     T, X = [np.eye(4, dtype=int)] * mechanism.nb, list(mechanism.X)
-    for i, j in _alone(mechanism):
+    for i, j in single_variables(mechanism).items():
         T[i], X[j] = _on_axis(X[j])
     for i, joint in positions(mechanism).items():
         T[i] = joint.T
         for j, own in zip(mechanism.columns[i], joint.group.X.T, strict=True):
             X[j] = own
     return replace(_exactly_turned(reframe(mechanism, T)), X=np.stack(X))
-
-
-def _alone(mechanism: Mechanism) -> list[tuple[int, int]]:
-    """The bodies that move along one screw, each with its joint variable."""
-    return [(i, columns[0]) for i, columns in enumerate(mechanism.columns) if len(columns) == 1]
 
 
 def turn_frames(mechanism: Mechanism) -> Mechanism:
@@ -76,7 +71,7 @@ def turn_frames(mechanism: Mechanism) -> Mechanism:
         if p >= 0 and (e := _numbers(B[:3, 2])) is not None:
             axes[p].append(e)
     T = [np.eye(4, dtype=int)] * mechanism.nb
-    for i, j in _alone(mechanism):
+    for i, j in single_variables(mechanism).items():
         if not is_zero(mechanism.X[j, 2]):
             T[i] = pose(_fewest_components(axes[i]), 0 * _Z)
     return mechanism if all(t.dtype == int for t in T) else _exactly_turned(reframe(mechanism, T))
@@ -115,11 +110,10 @@ def _odd_entries(R: Array) -> int:
 
 def slide_origins(mechanism: Mechanism) -> Mechanism:
     """Slide the origins of aligned frames along their axes (of a prismatic joint anywhere), so that offsets vanish."""
-    T, B, alone = [np.eye(4, dtype=int)] * mechanism.nb, list(mechanism.B), dict(_alone(mechanism))
+    T, B, alone = [np.eye(4, dtype=int)] * mechanism.nb, list(mechanism.B), single_variables(mechanism)
     for i, (old, p) in enumerate(zip(mechanism.B, mechanism.parent, strict=True)):
-        left = offset = (
-            position(old) if p < 0 else position(old) - position(T[p])
-        )  # of the origin, in its parent's axes
+        offset = position(old) if p < 0 else position(old) - position(T[p])  # of this origin, in its parent's axes
+        left = offset
         if i in alone:
             slides = is_zero(mechanism.X[alone[i], 2])
             left = 0 * offset if slides else _shortened(offset, old[:3, 2:3])

@@ -35,7 +35,7 @@ def locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
     for name, value in values.items():
         if name in of:
             x = of[name]
-            at_zero, said = x.group.numbers(np.eye(4)).tolist(), ", ".join(x.group.positions)
+            at_zero, said = x.group.resting.tolist(), ", ".join(x.group.positions)
             cure = f"lock all of it, at {said}: {{{x.name!r}: {at_zero}}}"
             raise JounceError(f"{name!r} is one velocity of the {x.group.name} joint {x.name!r}; {cure}")
         if name in wholes:

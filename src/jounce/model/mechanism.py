@@ -199,6 +199,11 @@ def _columns(owners: tuple[int, ...], nb: int) -> tuple[tuple[int, ...], ...]:
     return tuple(map(tuple, found))
 
 
+def single_variables(mechanism: Mechanism) -> dict[int, int]:
+    """The joint variable of each body that moves along one screw."""
+    return {i: columns[0] for i, columns in enumerate(mechanism.columns) if len(columns) == 1}
+
+
 @lru_cache(maxsize=64)
 def reciprocal_mass(mechanism: Mechanism) -> Array:
     """1 / m of the mass m of all bodies that move, a floating base included, (1,).

@@ -12,7 +12,7 @@ import numpy as np
 from jounce.core.errors import JounceError, quoted
 from jounce.core.scalars import Array, concatenate, is_zero
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.groups import Group, group_of
+from jounce.spatial.groups import FREE, Group, group_of
 from jounce.spatial.lie import inverse
 
 
@@ -53,7 +53,7 @@ class Position:
 
 @lru_cache(maxsize=64)
 def positions(mechanism: Mechanism) -> dict[int, Position]:
-    """The numbers of the joints of several screws, by body."""
+    """The numbers of the joints of several screws, by body, in the order of q."""
     found, start = dict[int, Position](), 0
     tree = mechanism.tree if mechanism.closure else mechanism
     for j, column in enumerate(tree.G.T):
@@ -98,6 +98,11 @@ def position_count(mechanism: Mechanism) -> int:
     return _numbers(mechanism)[0]
 
 
+def whole_position_count(mechanism: Mechanism) -> int:
+    """How many numbers q of a whole state has, with those of a base that floats ahead."""
+    return position_count(mechanism) + len(FREE.positions) * mechanism.floats
+
+
 @lru_cache(maxsize=64)
 def position_names(mechanism: Mechanism) -> tuple[str, ...]:
     """The names of the numbers of q, those of a base that floats left out."""
@@ -109,7 +114,7 @@ def position_names(mechanism: Mechanism) -> tuple[str, ...]:
 
 def several_positions(mechanism: Mechanism) -> tuple[Position, ...]:
     """The joints of several screws, in the order of q."""
-    return tuple(sorted(positions(mechanism).values(), key=lambda x: x.numbers.start))
+    return tuple(positions(mechanism).values())
 
 
 def extent_names(mechanism: Mechanism) -> tuple[str, ...]:

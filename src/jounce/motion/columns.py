@@ -7,7 +7,7 @@ from functools import lru_cache
 
 from jounce.arguments import names
 from jounce.core.errors import JounceError, listed, no_such, one_line, option, quoted
-from jounce.model.coordinates import coordinate_units
+from jounce.model.coordinates import coordinate_units, position_units
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import Position, position_names, several_positions
 from jounce.motion import loads, poses
@@ -134,11 +134,8 @@ def _units(mechanism: Mechanism) -> dict[str, tuple[str, int]]:
     """What columns of q and its rates begin with: the unit of q, and the order of what they state, 1 of velocities."""
     units = dict(zip(mechanism.coordinates, coordinate_units(mechanism), strict=True))
     found: dict[str, tuple[str, int]] = {}
-    for name in position_names(mechanism):
-        if name in units:
-            found[f"{name}.q"] = units.pop(name), 0
-        else:
-            found[name] = "m" if name[-2] == "." else "1", 0  # ankle.x is a place, ankle.qx and ankle.sin are not
+    for name, unit in zip(position_names(mechanism), position_units(mechanism), strict=True):
+        found[f"{name}.q" if units.pop(name, None) else name] = unit, 0
     return found | {name: (unit, 1) for name, unit in units.items()}
 
 

@@ -31,8 +31,7 @@ from jounce.model.drives import Drives, select_terms, warn_of_idle, with_eps
 from jounce.model.kinds import KEYS
 from jounce.model.limits import Limits
 from jounce.model.mechanism import GRAVITY
-from jounce.model.positions import check_single
-from jounce.model.positions import positions as several_screws
+from jounce.model.positions import check_single, position_count, positions
 from jounce.robot.applications import Applications
 from jounce.robot.methods import Methods
 from jounce.robot.old import OldMethods
@@ -108,7 +107,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
     def __repr__(self) -> str:
         floats = ", floating" if self.mechanism.floats else ""
         springs = ", elastic joints" if self.mechanism.elasticity else ""
-        q = f", q of {self.nq - 7 * self.mechanism.floats} numbers" if several_screws(self.mechanism) else ""
+        q = f", q of {position_count(self.mechanism)} numbers" if positions(self.mechanism) else ""
         return f"<Robot {self.name!r}: {self.n} coordinates{q}, {len(self.body_names)} bodies{floats}{springs}>"
 
     @property

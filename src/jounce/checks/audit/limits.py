@@ -5,15 +5,15 @@ import numpy as np
 from jounce.checks.audit.finding import Finding
 from jounce.model.coordinates import TURNS, leading_joints
 from jounce.model.kinds import units_of
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism, single_variables
 
 LARGEST = 720.0  # of limits in degrees; beyond it a number stands for no limit
 
 
 def limits(mechanism: Mechanism) -> list[Finding]:
     """Effort and velocity limits that are missing or zero, of the joints that are driven; a finding for each kind."""
-    alone = {j for columns in mechanism.columns if len(columns) == 1 for j in columns}  # no motor turns a ball
-    driven = sorted(alone & {*leading_joints(mechanism)})  # what follows others has no drive of its own
+    alone = single_variables(mechanism).values()  # no motor turns a ball
+    driven = sorted({*alone} & {*leading_joints(mechanism)})  # what follows others has no drive of its own
     found = []
     for kind, act in (("effort", "exert a force"), ("velocity", "move")):
         stated, unit = getattr(mechanism.limits, kind)[driven], units_of(kind)

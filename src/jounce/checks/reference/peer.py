@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError
 from jounce.io.models import states
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism, single_variables
 from jounce.model.positions import positions, single_positions
 
 OWN_READING, OUR_DATA = "its own reading of the file", "our data"
@@ -55,7 +55,7 @@ class Converter:
     def of(cls, mechanism: Mechanism, layout: states.Layout) -> "Converter":
         """Raise `NotComparableError` unless the joints of the mechanism are those of the model."""
         several = {x.name for x in positions(mechanism).values()}
-        single = {name for own in mechanism.columns if len(own) == 1 for name in (mechanism.joints[own[0]],)}
+        single = {mechanism.joints[j] for j in single_variables(mechanism).values()}
         if set(layout.places) != single or len(layout.free) != len(several & set(layout.free)) + mechanism.floats:
             raise NotComparableError(OTHER_JOINTS)
         return cls(_of_joints(mechanism), layout)

@@ -16,7 +16,7 @@ from jounce.core.scalars import Array, exact_integers, is_symbolic
 from jounce.dynamics.joint_motion import JointMotion, motion_of_joint
 from jounce.model.coordinates import joint_variables, screws_of
 from jounce.model.equivalent import split_turn
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism, single_variables
 from jounce.spatial.lie import Ad, ad, cowedge, exp_of, inverse, pose, position, rotation, turn_and_slide, wedge
 from jounce.spatial.linear import mirrored
 from jounce.spatial.series import Series, from_rate, from_rates
@@ -163,7 +163,7 @@ def momentum(S_hat: Array, Pi: Series) -> Series:
 @lru_cache(maxsize=64)
 def placed(mechanism: Mechanism) -> tuple[Array, Array]:
     """B = S Z of every joint: where its body hangs on the parent, and how far it has turned at theta = 0."""
-    alone = {i: columns[0] for i, columns in enumerate(mechanism.columns) if len(columns) == 1}
+    alone = single_variables(mechanism)
     both = [
         split_turn(B, mechanism.X[alone[i]]) if i in alone else (B, np.eye(4, dtype=int))
         for i, B in enumerate(mechanism.B)
@@ -190,9 +190,10 @@ def _turns_and_slides(mechanism: Mechanism) -> tuple[Array, Array]:
 
 def motions(mechanism: Mechanism, theta: Array, bodies: Sequence[int]) -> tuple[dict[int, int], Array]:
     """Z exp(X theta) of those joints of some bodies that have one screw, (..., joints, 4, 4), and where each is."""
-    alone = [i for i in bodies if len(mechanism.columns[i]) == 1]
+    variables = single_variables(mechanism)
+    alone = [i for i in bodies if i in variables]
     turns, slides = _turns_and_slides(mechanism)
-    chosen = np.array([mechanism.columns[i][0] for i in alone], dtype=int)
+    chosen = np.array([variables[i] for i in alone], dtype=int)
     T = placed(mechanism)[1][alone] @ exp_of(turns[chosen], slides[chosen], theta[..., chosen, :, None])
     T = exact_integers(T) if is_symbolic(T) else T
     return {i: k for k, i in enumerate(alone)}, T

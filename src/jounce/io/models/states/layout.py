@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, listed, no_such, quoted
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import position_count, positions
+from jounce.model.positions import several_positions, whole_position_count
 from jounce.spatial.groups import Group
 
 
@@ -76,7 +76,7 @@ def match(mechanism: Mechanism, layout: Layout) -> Match:
             " jounce.Robot(robot.mechanism.tree), whose q the closed robot takes as it is"
         )
     joints = {i: layout.places[name] for i, name in enumerate(mechanism.joints) if name in layout.places}
-    own = sorted(positions(mechanism).values(), key=lambda x: x.numbers.start)
+    own = several_positions(mechanism)
     of_several = [name for x in own for name in mechanism.coordinates[x.coordinates]]
     for name in mechanism.coordinates:
         if name not in of_several and (name not in mechanism.joints or name not in layout.places):
@@ -97,7 +97,7 @@ def match(mechanism: Mechanism, layout: Layout) -> Match:
     at, first = 7 * mechanism.floats, 6 * mechanism.floats
     carrier = [] if base is None else [(replace(base, T=base.moved[mechanism.bodies[0]]), slice(0, 7), slice(0, 6))]
     several = [(layout.free[x.name], _behind(x.numbers, at), _behind(x.coordinates, first)) for x in own]
-    return Match(at + position_count(mechanism), joints, carrier + several)
+    return Match(whole_position_count(mechanism), joints, carrier + several)
 
 
 def _behind(own: slice, count: int) -> slice:

@@ -32,7 +32,7 @@ def layout(model: Any) -> Layout:
                 rest[q] = part.turns
                 continue
             group, moved, ground = tree.FREE_JOINTS[part.kind], {}, np.eye(4)
-            rest[q] = group.numbers(ground)
+            rest[q] = group.resting
             if joint.shortname() == FREE_FLYER:
                 moved = {f.name: f.placement.homogeneous for f in model.frames if f.parentJoint == i and _is_body(f)}
                 moved, ground = moved | {bodies[i]: np.eye(4)}, model.jointPlacements[i].homogeneous
