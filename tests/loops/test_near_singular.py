@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 import jounce
 from jounce import JounceError, JounceWarning, UncertainError
 from jounce.cli import main
-from jounce.dynamics.assembly import LOST, inverse_conditions
+from jounce.dynamics.assembly import MIN_INVERSE_CONDITION, inverse_conditions
 from jounce.dynamics.computation import Computation
 from jounce.engine.digits import max_condition
 from jounce.io import tables
@@ -81,7 +81,7 @@ def test_results_are_right_or_refused(name):
         except UncertainError as error:
             found, uncertain = error.results, [bool(x.any()) for x in error.uncertain]
         except JounceError:  # where 1/cond is below 1e-7
-            assert inverse_conditions(robot.mechanism, q[None])[0] < 2 * LOST
+            assert inverse_conditions(robot.mechanism, q[None])[0] < 2 * MIN_INVERSE_CONDITION
             continue
         closed = robot.coordinates(q) if not any(uncertain) else q
         unchecked = kernel(closed[own], *rates, closed[others])

@@ -118,7 +118,7 @@ def _check_mobility(m: Mechanism) -> None:
     """Raise `JounceError` unless the independent coordinates, and the motors, determine the motion at the start."""
     c = closure_of(m)
     A = assembly.scaled_constraints(m, c.start[None])[0]
-    free = A.shape[1] - np.linalg.matrix_rank(A, rtol=assembly.SINGULAR)
+    free = A.shape[1] - np.linalg.matrix_rank(A, rtol=assembly.CONSTRAINT_RANK_TOLERANCE)
     if m.n > free:
         raise JounceError(
             f"{m.name!r} with its loops closed moves in {free} ways, yet {m.n} coordinates are named:"
@@ -132,7 +132,7 @@ def _check_mobility(m: Mechanism) -> None:
             f" held {names_of} can move; name {free} joints by actuated= or coordinates=, or another start="
         )
     F = assembly.tangent(A, c.independent, c.dependent)
-    if np.linalg.matrix_rank(F[list(c.actuated)], rtol=assembly.SINGULAR) < m.n:
+    if np.linalg.matrix_rank(F[list(c.actuated)], rtol=assembly.CONSTRAINT_RANK_TOLERANCE) < m.n:
         raise JounceError(
             f"{m.name!r}: motors at {listed(c.coordinates[j] for j in c.actuated)} cannot move all of"
             f" {listed(m.coordinates)}; expected {m.n} or more that determine the motion"

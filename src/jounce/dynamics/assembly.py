@@ -8,15 +8,17 @@ from jounce.core.errors import JounceError
 from jounce.dynamics import newton
 from jounce.dynamics.branches import with_solved_loops
 from jounce.dynamics.loops import closure_of
-from jounce.dynamics.newton import CLOSED, NEAR, Scales, scales
+from jounce.dynamics.newton import CLOSED_GAP, MAX_DIRECT_CORRECTION, Scales, scales
 from jounce.model.mechanism import Mechanism
 
-ROUNDING = 1e-16  # of a gap that nothing can make smaller
-SINGULAR = 1e-8  # of the smallest singular value of the constraints, relative to the largest
-LOST = 1e-7  # of it, below which positions are lost: their error eps / LOST is no longer small against LOST itself
-REGULAR = 1e-5  # of it at samples that stand for the others
-ITERATIONS = 20
-HALF_TURN = 1e8  # of a gap where axes point in opposite directions: a large turn is due
+GAP_ROUNDING = 1e-16  # without unit: half an ulp of the robot's size, which no further step makes smaller
+CONSTRAINT_RANK_TOLERANCE = 1e-8  # of singular values, relative to the largest: sqrt(eps), well above their rounding
+# Smallest over largest singular value of constraints, below which positions are lost: their error is eps over it, which
+# at sqrt(eps) is no longer small against it.
+MIN_INVERSE_CONDITION = 1e-7
+MIN_SAMPLE_INVERSE_CONDITION = 1e-5  # the same of random samples that stand for all positions: well above the limit
+MAX_ASSEMBLY_STEPS = 20  # Gauss-Newton, quadratic near the end: more do not help
+HALF_TURN_GAP = 1e8  # 2 tan(phi / 2) where axes point in opposite directions, instead of infinity: a large turn is due
 
 
 def gaps(m: Mechanism, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -24,8 +26,8 @@ def gaps(m: Mechanism, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         gap, A = newton.gaps(m, q)
     known = np.isfinite(q).all(axis=-1)[:, None]
-    opposite = known & ~(np.abs(gap[..., 0]) < HALF_TURN)
-    return np.where(opposite, HALF_TURN, gap[..., 0]), A.astype(float)
+    opposite = known & ~(np.abs(gap[..., 0]) < HALF_TURN_GAP)
+    return np.where(opposite, HALF_TURN_GAP, gap[..., 0]), A.astype(float)
 
 
 def inverse_conditions(m: Mechanism, q: np.ndarray) -> np.ndarray:
@@ -63,7 +65,7 @@ def scaled_constraints(m: Mechanism, q: np.ndarray) -> np.ndarray:
 def loose_coordinates(A: np.ndarray, dependent: Sequence[int]) -> np.ndarray:
     """Which dependent coordinates can move while the others are held."""
     _, sizes, ways = np.linalg.svd(A[:, list(dependent)])
-    rank = (sizes > SINGULAR * sizes.max(initial=0.0)).sum()
+    rank = (sizes > CONSTRAINT_RANK_TOLERANCE * sizes.max(initial=0.0)).sum()
     return np.asarray((np.abs(ways[rank:]) > 1e-6).any(axis=0))
 
 
@@ -86,17 +88,19 @@ def assemble(m: Mechanism, start: np.ndarray) -> np.ndarray:
     """
     s, q = scales(m), np.array(start, dtype=float)[None]
     found, off = least_gaps(m, s, q, list(closure_of(m).dependent))
-    if off[0] <= CLOSED and (np.abs((found - q) / s.coordinates) <= NEAR).all():  # the independent ones can stay
+    if (
+        off[0] <= CLOSED_GAP and (np.abs((found - q) / s.coordinates) <= MAX_DIRECT_CORRECTION).all()
+    ):  # the independent ones can stay
         return np.asarray(found[0])
     everything = range(q.shape[1])
-    for _ in range(10 * ITERATIONS):  # shorter steps far away, as Newton's do not lead there
+    for _ in range(10 * MAX_ASSEMBLY_STEPS):  # shorter steps far away, as Newton's do not lead there
         gap, A = gaps(m, q)
         if (np.abs(gap * s.rows) <= 0.1).all():
             break
         change = _solved(s, A, -gap, everything)
         q = q + change * min(1.0, 0.3 / max(np.abs(change / s.coordinates).max(), 1e-300))
     q, off = least_gaps(m, s, q, everything)
-    if off[0] > CLOSED:
+    if off[0] > CLOSED_GAP:
         raise JounceError(
             f"{m.name!r}: {worst_gap(m, s, q[0])}; the loops cannot be closed from this start; give start=, joint"
             " positions near a configuration in which they are closed"
@@ -125,12 +129,12 @@ def _solved(s: Scales, A: np.ndarray, gap: np.ndarray, free: Sequence[int]) -> n
 def least_gaps(m: Mechanism, s: Scales, q: np.ndarray, free: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates (k, N) with loops closed by moving some of them, and the gaps that are left, relative."""
     best, least = q, np.full(len(q), np.inf)
-    for _ in range(ITERATIONS):
+    for _ in range(MAX_ASSEMBLY_STEPS):
         gap, A = gaps(m, q)
         off = np.abs(gap * s.rows).max(axis=-1)
         better = off < least
         best, least = np.where(better[:, None], q, best), np.where(better, off, least)
-        if not (better & (off > ROUNDING)).any():
+        if not (better & (off > GAP_ROUNDING)).any():
             break
         q = q.copy()
         q[:, free] += _solved(s, A, -gap, free)
@@ -149,6 +153,6 @@ def samples(m: Mechanism, count: int) -> np.ndarray:
         moved = rng.uniform(-size, size, (count, m.n)) @ F.T * s.coordinates
         q, off = least_gaps(m, s, c.start + moved, range(len(c.coordinates)))
         near = np.abs((q - c.start) / s.coordinates).max(axis=1) < 3 * size
-        good = near & (off <= CLOSED) & (inverse_conditions(m, q) >= REGULAR)
+        good = near & (off <= CLOSED_GAP) & (inverse_conditions(m, q) >= MIN_SAMPLE_INVERSE_CONDITION)
         found, size = np.concatenate([found, q[good]]), size * 0.7
     return found[:count]

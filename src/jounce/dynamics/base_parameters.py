@@ -32,10 +32,10 @@ from jounce.spatial.lie import Ad, ad, inverse, wedge
 from jounce.spatial.series import columns
 
 REGRESSOR = QUANTITIES["regressor"]
-RANK = 1e-9  # of directions, relative to the largest: what is smaller is rounding
-_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # powers of a length in the units of the parameters
-_UNITS = inertia.from_parameters(np.eye(10))
-_MOMENTS = inertia.moment_matrix(_UNITS)
+REGROUPING_TOLERANCE = 1e-9  # of singular values, relative to the largest or 1: smaller ones are rounding
+_LENGTH_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # powers of a length in the units of the parameters
+_UNIT_INERTIAS = inertia.from_parameters(np.eye(10))
+_UNIT_MOMENTS = inertia.moment_matrix(_UNIT_INERTIAS)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -104,11 +104,11 @@ def base_parameters(m: Mechanism) -> BaseParameters:
     if not m.is_numeric:
         raise JounceError(f"robot {m.name!r} contains symbols; base parameters need numbers")
     length = length_scale(m)  # as unit, so that all moments are of one size
-    scale = np.tile(length**_POWERS, m.nb)
+    scale = np.tile(length**_LENGTH_POWERS, m.nb)
     places, rows = _of_tree(_in_lengths(m, length))
     if m.n < len(m.joints):  # joints that follow others, as do those of closed loops
         Y, sizes = _relative_columns(m, length, places, scale[places])
-        found = _span(Y, RANK)
+        found = _span(Y, REGROUPING_TOLERANCE)
         named = _independent(found)
         combined = np.linalg.solve(found[:, named], found) * sizes / sizes[named, None]
         places, rows = places[named], combined @ rows
@@ -175,8 +175,8 @@ def _spaces(parent: _Spaces, B: np.ndarray, X: np.ndarray) -> _Spaces:
     """The spaces of a body from those of its parent, on a joint with screws X, (k, 6)."""
     velocities = _closed(parent.velocities @ Ad(inverse(B)).T, ad(X).mT)
     velocities = _span(np.concatenate([velocities, X]))
-    momenta = np.concatenate([velocities @ (_UNITS @ x).T for x in X])  # of the unit parameters, (6, 10) each
-    flows = np.stack([_parameters(wedge(x) @ _MOMENTS + _MOMENTS @ wedge(x).T).T for x in X])
+    momenta = np.concatenate([velocities @ (_UNIT_INERTIAS @ x).T for x in X])  # of the unit parameters, (6, 10) each
+    flows = np.stack([_parameters(wedge(x) @ _UNIT_MOMENTS + _UNIT_MOMENTS @ wedge(x).T).T for x in X])
     constant = _closed(parent.constant @ _transport(B), flows)
     vanishing = _span(np.concatenate([momenta, *(constant @ flow for flow in flows)]))
     constant = parent.constant @ _transport(B)
@@ -185,7 +185,7 @@ def _spaces(parent: _Spaces, B: np.ndarray, X: np.ndarray) -> _Spaces:
 
 def _transport(T: np.ndarray) -> np.ndarray:
     """The parameters in the outer frame from those in a frame at the pose T: (10, 10)."""
-    return _parameters(T @ _MOMENTS @ T.T).T
+    return _parameters(T @ _UNIT_MOMENTS @ T.T).T
 
 
 def _parameters(Pi: np.ndarray) -> np.ndarray:
@@ -201,7 +201,7 @@ def _closed(rows: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     return rows
 
 
-def _span(rows: np.ndarray, rank: float = RANK) -> np.ndarray:
+def _span(rows: np.ndarray, rank: float = REGROUPING_TOLERANCE) -> np.ndarray:
     """An orthonormal basis of the space of some rows."""
     _, s, basis = np.linalg.svd(rows, full_matrices=False)
     return basis[s > rank * max(1.0, s.max(initial=0))]
@@ -232,7 +232,7 @@ def _relative_columns(
     largest = np.abs(Y).max(axis=(1, 2), keepdims=True)
     Y = (Y / np.where(largest > 0, largest, 1.0)).reshape(-1, len(places))
     sizes = np.linalg.norm(Y, axis=0)
-    sizes = np.where(sizes > RANK * sizes.max(initial=0.0), sizes, sizes.max(initial=1.0))
+    sizes = np.where(sizes > REGROUPING_TOLERANCE * sizes.max(initial=0.0), sizes, sizes.max(initial=1.0))
     return Y / sizes, sizes * most
 
 

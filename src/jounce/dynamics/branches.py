@@ -23,8 +23,8 @@ from jounce.model.mechanism import Mechanism, path_to
 from jounce.spatial.lie import Ad, ad, inverse, pose, position, rotation
 from jounce.spatial.series import Series, from_rates, joined
 
-ROUNDING = 1e-13  # of entries of constraints that are zero, relative to the largest
-_STILL = Series.constant(np.zeros((6, 1), dtype=int))
+CONSTRAINT_ENTRY_ROUNDING = 1e-13  # relative to the largest entry: what sums along branches leave of zeros
+_NO_TWIST = Series.constant(np.zeros((6, 1), dtype=int))
 
 
 @dataclass(frozen=True)
@@ -116,12 +116,12 @@ class Ends:
         found: dict[tuple[int, int], Series] = {}
 
         def end(branch: Branch) -> Series:
-            V = _STILL
+            V = _NO_TWIST
             for i in branch.joints:
                 key = branch.root, i
                 if key not in found:
                     own = self.joints[i].X @ theta.map(lambda x, own=tree.columns[i]: x[..., list(own), :])
-                    found[key] = own if V is _STILL else self.joints[i].twists(V) + own
+                    found[key] = own if V is _NO_TWIST else self.joints[i].twists(V) + own
                 V = found[key]
             return Ad(inverse(branch.T)) @ V
 
@@ -184,7 +184,7 @@ def pattern(m: Mechanism) -> np.ndarray:
         return np.ones((sum(len(loop.rows) for loop in m.loops), m.tree.n), dtype=bool)
     q = np.random.default_rng(0).uniform(-2, 2, (3, m.tree.n, 1))
     A = np.abs(Ends(kinematic, Series.of([q])).held(Series.constant(np.eye(m.tree.n)))[0])
-    return np.asarray((ROUNDING * A.max() < A).any(axis=0))
+    return np.asarray((CONSTRAINT_ENTRY_ROUNDING * A.max() < A).any(axis=0))
 
 
 @lru_cache(maxsize=64)

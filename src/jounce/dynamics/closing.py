@@ -17,7 +17,7 @@ import numpy as np
 from jounce.core.errors import JounceError, listed
 from jounce.dynamics import newton
 from jounce.dynamics.assembly import (
-    LOST,
+    MIN_INVERSE_CONDITION,
     crossing,
     gaps,
     inverse_conditions,
@@ -26,24 +26,24 @@ from jounce.dynamics.assembly import (
     worst_gap,
 )
 from jounce.dynamics.loops import closure_of
-from jounce.dynamics.newton import CLOSED, NEAR, Scales, Step, scales
+from jounce.dynamics.newton import CLOSED_GAP, MAX_DIRECT_CORRECTION, Scales, Step, scales
 from jounce.model.mechanism import Mechanism
 
-MAX_BOUND = 1e4  # of the condition number: up to it one step from a gap of CLOSED leaves rounding alone, (1e4 CLOSED)^2
-MAX_NEWTON_STEPS = 20
-FIRST_STEP = 0.25  # rad or sizes of the robot, of a continuation
-SHORTEST_STEP = 1e-5  # of what is left of the way: where shorter steps fail too, there is no way
-MAX_CORRECTION = 0.3  # of the length of a step: Newton's method goes no further from where the tangent pointed
-MAX_TURN = 0.7  # of the tangents at both ends of a step, relative to that at its start, or to the way: 45 degrees
-OFF_PLACE = 1e-6  # rad or sizes of the robot, of followers: numbers in files are rounded
-OTHER_BRANCH = 1e-3  # of the distance from followers' places to given ones: smaller gaps there are of another branch
-INDISTINCT = 1e-8  # rad or sizes of the robot: steps as short are not compared with tangents, which rounding turns
+MAX_CONDITION_BOUND = 1e4  # of A_d: up to it one step from CLOSED_GAP leaves (1e4 CLOSED_GAP)^2, which is rounding
+MAX_CLOSURE_STEPS = 20  # Newton's method: from a good prediction it takes three or four
+FIRST_CONTINUATION_STEP = 0.25  # rad or sizes of the robot: a step of about 15 degrees seldom changes branches
+MIN_CONTINUATION_STEP = 1e-5  # of what is left of the way: where steps as short fail, no way leads on
+MAX_CORRECTION_RATIO = 0.3  # of the length of a step: correcting it further may lead to another branch
+MAX_TANGENT_TURN = 0.7  # change of the tangent over a step, relative to the tangent or to the way: tan 35 degrees
+FOLLOWER_TOLERANCE = 1e-6  # rad or sizes of the robot: numbers in files are rounded to six digits
+MAX_OTHER_BRANCH_GAP = 1e-3  # of the distance to followers' places: where gaps are smaller, loops close there too
+MIN_COMPARED_STEP = 1e-8  # rad or sizes of the robot, sqrt(eps): rounding turns the tangents of steps as short
 
 
 @lru_cache(maxsize=64)
 def max_gap(m: Mechanism) -> float:
     """The square of the gap up to which loops are closed."""
-    return sum(len(loop.rows) for loop in m.loops) * CLOSED**2
+    return sum(len(loop.rows) for loop in m.loops) * CLOSED_GAP**2
 
 
 def close_loops(m: Mechanism, u: np.ndarray, start: np.ndarray | None = None, step: Step | None = None) -> np.ndarray:
@@ -62,9 +62,9 @@ def close_loops(m: Mechanism, u: np.ndarray, start: np.ndarray | None = None, st
     if c.ratios.places:
         _check_followers(m, start, u)
     q, A, bounds = _continue(m, u, start, step or newton.step_of_arrays(m))
-    if len(near := np.flatnonzero(bounds > MAX_BOUND**2)):
+    if len(near := np.flatnonzero(bounds > MAX_CONDITION_BOUND**2)):
         found = inverse_conditions_of(A[near])
-        if (found < LOST).any():
+        if (found < MIN_INVERSE_CONDITION).any():
             worst = int(found.argmin())
             raise _singular(m, found[worst], _sample(int(near[worst]), len(q)))
     return q
@@ -80,7 +80,7 @@ def _continue(m: Mechanism, u: np.ndarray, start: np.ndarray, step: Step) -> tup
     way = u - q[:, own]
     moves = way.any(axis=1)[:, None]
     length = np.abs(way / s.coordinates[own]).max(axis=1, initial=0)
-    size = FIRST_STEP / np.maximum(length, FIRST_STEP)
+    size = FIRST_CONTINUATION_STEP / np.maximum(length, FIRST_CONTINUATION_STEP)
     moved, measures, A = step(q, way)
     bounds = np.where(left > 0, measures[:, 1], 0)
     tangent = np.where(moves, moved - q[:, others], 0)  # of the dependent coordinates, per whole way
@@ -97,14 +97,14 @@ def _continue(m: Mechanism, u: np.ndarray, start: np.ndarray, step: Step) -> tup
         # accept where the branch is surely the same; else try half of the step
         good &= _is_near(s, found - predicted, predicted - before)
         turn, longest = (np.abs(x / s.coordinates[others]).max(axis=1) for x in (turned, tangent[k]))
-        good &= (turn * share <= INDISTINCT) | (turn <= MAX_TURN * np.maximum(longest, length[k]))
+        good &= (turn * share <= MIN_COMPARED_STEP) | (turn <= MAX_TANGENT_TURN * np.maximum(longest, length[k]))
         good &= ~(moves[k, 0] & crossing(A[k], A_found))
         done = k[good]
         q[done], A[done], bounds[done] = found[good], A_found[good], measures[good, 1]
         tangent[done] += turned[good]
         left[done] -= share[good]
         size[k] = np.where(good, 2 * share, np.where(moves[k, 0], share / 2, 0))
-        if len(stuck := k[~good & (size[k] < SHORTEST_STEP * left[k])]):
+        if len(stuck := k[~good & (size[k] < MIN_CONTINUATION_STEP * left[k])]):
             raise _not_closed(m, s, q[stuck[0]], u[stuck[0]], _sample(stuck[0], len(u)))
     return q, A, bounds
 
@@ -119,15 +119,15 @@ def _newton(m: Mechanism, q: np.ndarray, step: Step) -> tuple[np.ndarray, np.nda
     others, limit = np.array(c.dependent), max_gap(m)
     q, good, least = q.copy(), np.zeros(len(q), dtype=bool), np.full(len(q), np.inf)
     k = np.arange(len(q))
-    for _ in range(MAX_NEWTON_STEPS):
+    for _ in range(MAX_CLOSURE_STEPS):
         found, measures, _ = step(q[k], still)
         gap, bound = measures[:, 0], measures[:, 1]
         better = gap < least[k]
         least[k] = np.minimum(gap, least[k])
         good[k] = least[k] <= limit
-        useful = better & (~good[k] | (bound <= LOST**-2))  # of closed ones, none that rounding makes
+        useful = better & (~good[k] | (bound <= MIN_INVERSE_CONDITION**-2))  # of closed ones, none that rounding makes
         q[k[useful, None], others] = found[useful]
-        k = k[better & ~(good[k] & (bound <= MAX_BOUND**2))]
+        k = k[better & ~(good[k] & (bound <= MAX_CONDITION_BOUND**2))]
         if not len(k):
             break
     return q, good
@@ -136,7 +136,9 @@ def _newton(m: Mechanism, q: np.ndarray, step: Step) -> tuple[np.ndarray, np.nda
 def _is_near(s: Scales, bent: np.ndarray, straight: np.ndarray) -> np.ndarray:
     """Whether a step ended near where its tangent pointed: else it may have come to another branch."""
     far, long = (np.abs(x / s.coordinates).max(axis=1) for x in (bent, straight))
-    return np.asarray(far <= np.where(long > 0, np.maximum(MAX_CORRECTION * long, INDISTINCT), NEAR))
+    return np.asarray(
+        far <= np.where(long > 0, np.maximum(MAX_CORRECTION_RATIO * long, MIN_COMPARED_STEP), MAX_DIRECT_CORRECTION)
+    )
 
 
 def _check_followers(m: Mechanism, start: np.ndarray, u: np.ndarray) -> None:
@@ -145,8 +147,8 @@ def _check_followers(m: Mechanism, start: np.ndarray, u: np.ndarray) -> None:
     own, following = list(c.independent), list(c.ratios.places)
     away = (start[:, following] - c.ratios.positions(u)) / s.coordinates[following]
     far = np.abs(away).max(axis=1)
-    off = np.flatnonzero((far > OFF_PLACE) & (start[:, own] == u).all(axis=1))
-    other = off[np.abs(gaps(m, start[off])[0] * s.rows).max(axis=1) < OTHER_BRANCH * far[off]]
+    off = np.flatnonzero((far > FOLLOWER_TOLERANCE) & (start[:, own] == u).all(axis=1))
+    other = off[np.abs(gaps(m, start[off])[0] * s.rows).max(axis=1) < MAX_OTHER_BRANCH_GAP * far[off]]
     if len(other):
         k, j = other[0], np.abs(away[other[0]]).argmax()
         name, given, place = c.coordinates[following[j]], start[k, following[j]], c.ratios.positions(u[k])[j]
@@ -171,14 +173,14 @@ def _not_closed(m: Mechanism, s: Scales, q: np.ndarray, u: np.ndarray, sample: s
         far = np.abs((found - q) / s.coordinates)
         joint = int(far.argmax())
         closes = f"they close with {c.coordinates[joint]} = {found[joint]:.4g}, not {q[joint]:.4g}"
-        gap = worst_gap(m, s, q if off <= CLOSED else found)
+        gap = worst_gap(m, s, q if off <= CLOSED_GAP else found)
         return JounceError(
             f"{m.name!r} cannot be closed near the coordinates given{sample}: {gap}"
-            f"{'; ' + closes if off <= CLOSED else ''}; expected all {len(c.coordinates)} coordinates of the tree near"
+            f"{'; ' + closes if off <= CLOSED_GAP else ''}; expected all {len(c.coordinates)} coordinates of the tree near"
             f" positions in which loops are closed, or {listed(m.coordinates)} alone"
         )
     at = ", ".join(f"{name} = {x:.4g}" for name, x in zip(m.coordinates, q[own], strict=True))
-    gap = "no straight line of the coordinates leads there" if off <= CLOSED else worst_gap(m, s, found)
+    gap = "no straight line of the coordinates leads there" if off <= CLOSED_GAP else worst_gap(m, s, found)
     return JounceError(
         f"{m.name!r} cannot be closed at q{sample}: {gap}; from the start it comes to {at},"
         f" where 1/cond of the constraints is {inverse_conditions(m, q[None])[0]:.2g}; expected q in the"
@@ -188,6 +190,6 @@ def _not_closed(m: Mechanism, s: Scales, q: np.ndarray, u: np.ndarray, sample: s
 
 def _singular(m: Mechanism, inverse_cond: float, sample: str) -> JounceError:
     return JounceError(
-        f"{m.name!r}: constraints are lost at q{sample}, where 1/cond is {inverse_cond:.2g}, expected {LOST:g} or"
+        f"{m.name!r}: constraints are lost at q{sample}, where 1/cond is {inverse_cond:.2g}, expected {MIN_INVERSE_CONDITION:g} or"
         f" more: {listed(m.coordinates)} do not determine the other joints there, or with few digits"
     )

@@ -19,8 +19,8 @@ from jounce.model.inversion import UnreachableError, deflection
 from jounce.model.springs import CubicSpring, Spring, force_along
 from jounce.spatial.series import Series, from_rate
 
-FORCE_ROUNDING = 1e-8  # of the largest force: smaller ones have lost the digits that rates near zero stiffness need
-NEGLIGIBLE = 1e-13  # of a deflection: smaller terms of its series are rounding
+FORCE_ROUNDING = 1e-8  # of the largest force: smaller ones have lost half their digits, all that rates near zero need
+NEGLIGIBLE_TERM = 1e-13  # of a deflection: smaller terms of its series are rounding, and need not fall
 
 
 def of_spring(spring: Spring, Q: Series, largest: float = 0.0) -> Series:
@@ -73,7 +73,7 @@ def of_moving_damper(spring: Spring, damping: float, Q: Series, delta: Array) ->
 def check_series(sums: Sequence[Series], time_constant: float) -> None:
     """Raise `JounceError` if the last term of a series is no smaller than the terms before, over the batch."""
     sizes = [float(np.nanmax(np.abs(b[0] - a[0]), initial=0.0)) for a, b in pairwise(sums)]
-    if len(sizes) > 1 and sizes[-1] >= max(sizes[1:-1] or sizes[:1]) and sizes[-1] > NEGLIGIBLE * sizes[0]:
+    if len(sizes) > 1 and sizes[-1] >= max(sizes[1:-1] or sizes[:1]) and sizes[-1] > NEGLIGIBLE_TERM * sizes[0]:
         raise JounceError(
             f"the series of the damper does not converge: term {len(sizes)} is {sizes[-1]:.2g}, not below the one"
             f" before; the time constant D/K is {time_constant:.3g} s; use motors_along(motion), which is exact"

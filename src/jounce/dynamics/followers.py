@@ -10,14 +10,14 @@ import numpy as np
 
 from jounce.core.errors import JounceError
 from jounce.dynamics import closing
-from jounce.dynamics.assembly import REGULAR, inverse_conditions_of, scaled_constraints, tangent
+from jounce.dynamics.assembly import MIN_SAMPLE_INVERSE_CONDITION, inverse_conditions_of, scaled_constraints, tangent
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import scales
 from jounce.model.loops import FollowerRatios
 from jounce.model.mechanism import Mechanism
 
-POSITIONS = 6  # at which F is compared with that at the start
-REACH = 0.3  # rad or sizes of the robot, of these around the start
+RATIO_SAMPLES = 6  # positions at which F is compared with that at the start: one would do, but for accidents
+RATIO_SAMPLE_REACH = 0.3  # rad or sizes of the robot around the start: large enough that F changes, within most reaches
 RATIO_TOLERANCE = 1e-10  # of F and positions: lengths rounded to doubles leave less, those rounded to micrometers more
 
 
@@ -29,22 +29,22 @@ def with_ratios(m: Mechanism) -> Mechanism:
     F = _tangent(m, c.start) * sizes
     constant = np.isin(range(len(F)), c.dependent)
     found = 0
-    for _ in range(3 * POSITIONS):
-        u = c.start[own] + rng.uniform(-REACH, REACH, m.n) * s.coordinates[own]
+    for _ in range(3 * RATIO_SAMPLES):
+        u = c.start[own] + rng.uniform(-RATIO_SAMPLE_REACH, RATIO_SAMPLE_REACH, m.n) * s.coordinates[own]
         try:
             [q] = closing.close_loops(m, u[None])
         except JounceError:  # out of reach
             continue
         A = scaled_constraints(m, q[None])[..., c.dependent]
-        if inverse_conditions_of(A)[0] < np.sqrt(REGULAR):
+        if inverse_conditions_of(A)[0] < np.sqrt(MIN_SAMPLE_INVERSE_CONDITION):
             continue
         found += 1
         turned = np.abs((_tangent(m, q) * sizes - F) / sizes).max(axis=1)
         off = np.abs(q - c.start - F @ (u - c.start[own])) / s.coordinates
         constant &= np.maximum(turned, off) <= RATIO_TOLERANCE
-        if found == POSITIONS or not constant.any():
+        if found == RATIO_SAMPLES or not constant.any():
             break
-    if found < POSITIONS or not constant.any():
+    if found < RATIO_SAMPLES or not constant.any():
         return m
     places = np.flatnonzero(constant)
     F = F[places]

@@ -13,8 +13,8 @@ from jounce.model.mechanism import Mechanism
 from jounce.model.positions import position_count
 from jounce.spatial.series import Series, columns
 
-SINGULAR = 1e-12  # of what a mass matrix could be: rounding leaves less
-SAMPLES = 3  # configurations of a tree; where the mass matrix is regular in one, it is in almost all
+MASS_RANK_TOLERANCE = 1e-12  # relative to what a pivot could be: rounding leaves less
+MOBILITY_SAMPLES = 3  # configurations of a tree: if the mass matrix is regular in one, it is in almost all
 
 
 @lru_cache(maxsize=64)
@@ -24,7 +24,7 @@ def idle_coordinates(mechanism: Mechanism) -> tuple[int, tuple[str, ...]]:
     Among these a floating base is named once, whatever its motions are.
     """
     rank, idle = -1, np.zeros(0)
-    for k in range(1 if mechanism.closure else SAMPLES):
+    for k in range(1 if mechanism.closure else MOBILITY_SAMPLES):
         q = np.cos(1.0 + k + 1.7 * np.arange(position_count(mechanism)))
         if _is_regular(mechanism, q):
             return mechanism.nv, ()
@@ -50,18 +50,21 @@ def may_be_singular(mechanism: Mechanism) -> bool:
         X = tree.X[screws]
         own[i] = np.linalg.eigvalsh(X @ tree.M[i] @ X.T + np.diag(rotors[screws]))[0]
     of_base = np.linalg.eigvalsh(tree.M[0])
-    return bool((mechanism.floats and not of_base[0] > SINGULAR * of_base[-1]) or not (own > SINGULAR * largest).all())
+    return bool(
+        (mechanism.floats and not of_base[0] > MASS_RANK_TOLERANCE * of_base[-1])
+        or not (own > MASS_RANK_TOLERANCE * largest).all()
+    )
 
 
 def is_singular(M: np.ndarray) -> np.ndarray:
     """Which of some mass matrices (..., nv, nv) are singular to rounding, (...)."""
     own = np.einsum("...jj->...j", M)
-    moves = own > SINGULAR * own.max(axis=-1, keepdims=True)
+    moves = own > MASS_RANK_TOLERANCE * own.max(axis=-1, keepdims=True)
     scale = np.sqrt(np.where(moves, own, 1.0))
     scaled = np.where(moves[..., None, :] & moves[..., None], M / (scale[..., None, :] * scale[..., None]), 0.0)
     known = np.asarray(np.isfinite(scaled).all(axis=(-2, -1)))
     least = np.linalg.eigvalsh(np.where(known[..., None, None], scaled, np.eye(M.shape[-1])))[..., 0]
-    return np.asarray(known & (least <= SINGULAR * M.shape[-1]))
+    return np.asarray(known & (least <= MASS_RANK_TOLERANCE * M.shape[-1]))
 
 
 def _is_regular(mechanism: Mechanism, q: np.ndarray) -> bool:
@@ -90,7 +93,7 @@ def _freed(inertia: np.ndarray, X: np.ndarray, rotor: float, largest: float) -> 
     """What is left of an inertia where its body moves freely along a screw; None if nothing resists there."""
     momentum = inertia @ X
     pivot = X @ momentum + rotor
-    if not pivot > SINGULAR * largest or not np.isfinite(pivot):
+    if not pivot > MASS_RANK_TOLERANCE * largest or not np.isfinite(pivot):
         return None
     return inertia - np.outer(momentum, momentum / pivot)
 
@@ -111,13 +114,13 @@ def _idle(mechanism: Mechanism, q: np.ndarray) -> tuple[int, np.ndarray]:
     gM = J.reshape(momenta.shape).T @ momenta + G.T * rotors @ G  # (MC)
     most = np.einsum("iaj,iaj,i->j", J, J, np.abs(M).max(axis=(1, 2))) + rotors @ G**2
     own = np.abs(np.diag(gM))
-    moves = own > SINGULAR * most
+    moves = own > MASS_RANK_TOLERANCE * most
     scale = np.sqrt(np.where(moves, own, 1.0))
     scaled = np.where(moves[:, None] & moves, gM / np.outer(scale, scale), 0.0)
     if not np.isfinite(scaled).all():  # overflown: nothing can be said
         return nv, np.zeros(nv, dtype=bool)
-    if (np.abs(np.linalg.eigvalsh(scaled)) > SINGULAR * nv).all():  # as most are, at a fraction of the cost
+    if (np.abs(np.linalg.eigvalsh(scaled)) > MASS_RANK_TOLERANCE * nv).all():  # as most are, at a fraction of the cost
         return nv, np.zeros(nv, dtype=bool)
     values, vectors = np.linalg.eigh(scaled)
-    null = np.abs(values) <= SINGULAR * nv
+    null = np.abs(values) <= MASS_RANK_TOLERANCE * nv
     return int(nv - null.sum()), (np.abs(vectors[:, null]) > 1e-4).any(axis=1)

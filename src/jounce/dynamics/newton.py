@@ -21,9 +21,9 @@ from jounce.spatial.lie import axial, hat, position, rotation
 from jounce.spatial.linear import OrthogonalFactors
 from jounce.spatial.series import Series, columns
 
-MEASURES = 2  # of a step: squares of the gap before it, and of a bound of the condition number
-CLOSED = 1e-13  # of a gap, relative to the size of the robot: rounding leaves less
-NEAR = 0.5  # rad or sizes of the robot: loops close there by Newton's method without a way that leads to it
+STEP_MEASURES = 2  # of a step: squares of the gap before it, and of a bound of the condition number
+CLOSED_GAP = 1e-13  # without unit, see `Scales`: where loops are closed, rounding leaves less than 500 eps
+MAX_DIRECT_CORRECTION = 0.5  # rad or sizes of the robot: up to it Newton's method needs no continuation
 Step: TypeAlias = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
@@ -67,7 +67,7 @@ def _gap(loop: Loop, C: Array) -> Array:
 
 
 def step(m: Mechanism, q: Array, change: Array) -> tuple[Array, Array, Array]:
-    """Return the dependent coordinates (..., N - n) after a step from q (..., N), its `MEASURES`, and A_d at q.
+    """Return the dependent coordinates (..., N - n) after a step from q (..., N), its `STEP_MEASURES`, and A_d at q.
 
     `change`, (..., n), is that of the independent coordinates; A_d has no units, and a column for each coordinate that
     constraints are solved for.

@@ -8,7 +8,7 @@ from jounce.dynamics.joint_motion import STILL, JointMotion
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
-_NOTHING = Series.of(())
+_NO_SERIES = Series.of(())
 
 
 @dataclass(frozen=True)
@@ -20,8 +20,8 @@ class State:
 
     q: Series
     W: Series | None = None
-    Q: Series = _NOTHING  # generalized forces, where a quantity takes them
-    motors: Series = _NOTHING  # theta, thetad, and tau or q4d, where a quantity takes them: no rates of each other
+    Q: Series = _NO_SERIES  # generalized forces, where a quantity takes them
+    motors: Series = _NO_SERIES  # theta, thetad, and tau or q4d, where a quantity takes them: no rates of each other
     base: JointMotion | None = None  # None: the ground of a fixed robot, at rest, or of no effect
     body: str | None = None  # a body or a link merged into one; None: all bodies
     frame: str = "body"  # of twists: "body", "world" or "spatial"

@@ -15,7 +15,13 @@ import numpy as np
 
 from jounce.core.errors import JounceError, UncertainError, at, listed
 from jounce.dynamics import closing, newton
-from jounce.dynamics.assembly import LOST, crossing, inverse_conditions, inverse_conditions_of, solved_constraints
+from jounce.dynamics.assembly import (
+    MIN_INVERSE_CONDITION,
+    crossing,
+    inverse_conditions,
+    inverse_conditions_of,
+    solved_constraints,
+)
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loops import closure_of
 from jounce.engine.backends import closing_step
@@ -113,11 +119,11 @@ class ClosedCurve:
         Or the later one is singular itself.
         """
         A = solved_constraints(self.m, s.q)
-        return np.asarray((inverse_conditions_of(A[1:]) < LOST) | crossing(A[:-1], A[1:]))
+        return np.asarray((inverse_conditions_of(A[1:]) < MIN_INVERSE_CONDITION) | crossing(A[:-1], A[1:]))
 
     def path(self, t: np.ndarray, start: np.ndarray) -> States:
         """States on one branch at times (K,), and between them where neighbours do not agree at once."""
-        reach, longest = closing.FIRST_STEP * newton.scales(self.m).coordinates[self.own], np.diff(t).max()
+        reach, longest = closing.FIRST_CONTINUATION_STEP * newton.scales(self.m).coordinates[self.own], np.diff(t).max()
         done, todo, size = [self.states(t[:1], start)], t[1:], BLOCK
         while todo.size:
             last = done[-1].taken(slice(-1, None))

@@ -5,10 +5,10 @@ import hashlib
 import numpy as np
 
 from jounce.dynamics.branches import with_solved_loops
-from jounce.dynamics.closing import MAX_BOUND, OFF_PLACE, max_gap
+from jounce.dynamics.closing import MAX_CONDITION_BOUND, FOLLOWER_TOLERANCE, max_gap
 from jounce.dynamics.computation import DEPENDENT, Computation, Port, Signature, in_a_row
 from jounce.dynamics.loops import closure_of
-from jounce.dynamics.newton import MEASURES, NEAR, scales, step
+from jounce.dynamics.newton import STEP_MEASURES, MAX_DIRECT_CORRECTION, scales, step
 from jounce.model.casting import with_exact_integers
 from jounce.model.mechanism import Mechanism
 from jounce.native import cache, calls, jit, plan
@@ -29,9 +29,9 @@ class NativeStep:
         self.own, self.others = np.array(closure.independent), np.array(closure.dependent)
         self.still, self.count = np.zeros(mechanism.n), len(closure.coordinates)
         sizes = scales(mechanism).coordinates
-        self.closed, self.near = max_gap(mechanism), NEAR * sizes[self.others]
+        self.closed, self.near = max_gap(mechanism), MAX_DIRECT_CORRECTION * sizes[self.others]
         self.following = np.searchsorted(closure.dependent, closure.ratios.places)
-        self.in_place = OFF_PLACE * sizes[list(closure.ratios.places)]
+        self.in_place = FOLLOWER_TOLERANCE * sizes[list(closure.ratios.places)]
         self._code = jit.load_object(_code(mechanism, signature), host())
         size = plan.call_size(signature, 0, host().lanes)
         self._pool = Pool(size) if size > plan.STACK else None
@@ -54,7 +54,7 @@ class NativeStep:
         if q.shape[-1] != self.count:
             raise LookupError
         found, measures, _ = self.ufunc(q, self.still)
-        most = self.closed, min(limit, MAX_BOUND) ** 2
+        most = self.closed, min(limit, MAX_CONDITION_BOUND) ** 2
         if not _is_within(measures, most):
             x = q.copy()
             for _ in range(ITERATIONS):
@@ -84,7 +84,7 @@ def _is_within(measures: np.ndarray, most: tuple[float, float]) -> bool:
 def _signature(m: Mechanism) -> Signature:
     c, rows = closure_of(m), sum(len(loop.rows) for loop in with_solved_loops(m).loops)
     inputs = [Port("q", (len(c.coordinates),), "state"), Port("change", (m.n,), "state")]
-    outputs = [Port(DEPENDENT, (len(c.dependent),), "result"), Port("measures", (MEASURES,), "result")]
+    outputs = [Port(DEPENDENT, (len(c.dependent),), "result"), Port("measures", (STEP_MEASURES,), "result")]
     outputs.append(Port("constraints", (rows, len(c.solved)), "result"))
     return Signature(in_a_row(inputs), in_a_row(outputs))
 

@@ -17,7 +17,10 @@ from jounce.spatial.lie import Ad, axial, hat, inverse, portable_product
 
 _I = np.eye(3, dtype=int)
 PARAMETERS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # of one body, as Pinocchio has them
-_PLACES = ([3, 2, 0, 1, 0, 0, 1, 0, 1, 2], [3, 4, 5, 3, 0, 1, 1, 2, 2, 2])  # rows and columns of M that hold them
+_PARAMETER_PLACES = (
+    [3, 2, 0, 1, 0, 0, 1, 0, 1, 2],
+    [3, 4, 5, 3, 0, 1, 1, 2, 2, 2],
+)  # rows and columns of M that hold them
 _SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # where in xx, xy, xz, yy, yz, zz an entry stands
 
 
@@ -93,7 +96,7 @@ def _unit(i: int, j: int) -> Array:
     return _matrix(np.zeros((1, 1), dtype=int), hat(0 * _I[0]), theta | theta.T)
 
 
-_UNITS = np.stack([_unit(i, j) for i, j in zip(*_PLACES, strict=True)]).reshape(10, 36)
+_PARAMETER_BASIS = np.stack([_unit(i, j) for i, j in zip(*_PARAMETER_PLACES, strict=True)]).reshape(10, 36)
 
 
 def symmetric(six: Array) -> Array:
@@ -103,12 +106,12 @@ def symmetric(six: Array) -> Array:
 
 def parameters(M: Array) -> Array:
     """The inertial parameters of an inertia matrix, about the origin of its frame: (..., 6, 6) to (..., 10)."""
-    return M[..., *_PLACES]
+    return M[..., *_PARAMETER_PLACES]
 
 
 def from_parameters(p: Array) -> Array:
     """The inertia matrix of inertial parameters: the inverse of `parameters`, linear."""
-    return (p @ _UNITS).reshape((*p.shape[:-1], 6, 6))
+    return (p @ _PARAMETER_BASIS).reshape((*p.shape[:-1], 6, 6))
 
 
 def moments(M: Array) -> tuple[Array, Array, Array]:

@@ -7,7 +7,7 @@ from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
-COLUMNS = "With drives, k nb columns more for k terms: nb in 10 nb counts a floating base, that in k nb does not."
+DRIVE_COLUMNS = "With drives, k nb columns more for k terms: nb in 10 nb counts a floating base, that in k nb does not."
 
 
 class Regressors:
@@ -24,7 +24,7 @@ class Regressors:
         caption="inertial-parameter regressor",
         meaning="Y(q, qd, q2d): the regressor, Q = Y p of the inertial parameters p of the bodies, 10 of each.",
         tex=r"Q = Y(q, \dot{q}, \ddot{q})\,p",
-        returns=COLUMNS,
+        returns=DRIVE_COLUMNS,
     )
     @staticmethod
     def regressor(m: Mechanism, x: State) -> Series:
@@ -64,7 +64,7 @@ class Regressors:
         meaning="Yp(q, qd): the regressor of the generalized momentum, M qd = Yp p of the inertial parameters p.",
         tex=r"M\,\dot{q} = Y_p(q, \dot{q})\,p",
         tex_symbol="Y_{p}",
-        returns=COLUMNS,
+        returns=DRIVE_COLUMNS,
     )
     @staticmethod
     def momentum_regressor(m: Mechanism, x: State) -> Series:
@@ -104,7 +104,7 @@ class Regressors:
         meaning="YE(q, qd): the regressor of the energy, T + U = YE p of the inertial parameters p.",
         tex=r"T + U = Y_E(q, \dot{q})\,p",
         tex_symbol="Y_{E}",
-        returns=COLUMNS,
+        returns=DRIVE_COLUMNS,
     )
     @staticmethod
     def energy_regressor(m: Mechanism, x: State) -> Series:

@@ -7,7 +7,7 @@ from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series, diagonal
 
-CLOSED = "depend on what its cut joints transmit, loop_wrenches; Robot(robot.mechanism.tree) has open loops"
+TREE_ONLY = "depend on what its cut joints transmit, loop_wrenches; Robot(robot.mechanism.tree) has open loops"
 
 
 def _of_joints(m: Mechanism, x: State) -> Series:
@@ -56,7 +56,7 @@ class Wrenches:
         shape=("bodies", 6),
         width=column,
         closed_form=_of_joints,
-        obstacle=lambda m: CLOSED if m.closure else None,
+        obstacle=lambda m: TREE_ONLY if m.closure else None,
         unit="N m and N",
         caption="wrenches that the joints transmit",
         meaning="Fj: the wrenches (moment; force) of the joints on their bodies, in the body frames.",

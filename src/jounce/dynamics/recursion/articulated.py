@@ -28,16 +28,16 @@ from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import Factors, mirrored
 from jounce.spatial.series import Series
 
-DEPTH = 6  # joints on the way to a body, on average, from which articulated bodies take fewer operations
-DEPTH_ON_BASE = 3  # the same of a floating robot, where each way goes on to the six screws of the base
+MIN_DEPTH = 6  # joints on the way to a body, on average, from which articulated bodies take fewer operations
+MIN_DEPTH_ON_BASE = 3  # the same of a floating robot, where each way goes on to the six screws of the base
 
 
 def has_deep_branches(mechanism: Mechanism) -> bool:
     """Return whether articulated bodies take fewer operations than M and its factors, and can be used.
 
     M has an entry for each body and each joint on its way to the ground, articulated bodies one inertia for each body.
-    Counted for fifty arms, humanoids, hands and chains, the two are even where that way has `DEPTH` joints on average,
-    as in a chain of eleven, or `DEPTH_ON_BASE` joints if the robot floats. Joints that follow others tie branches
+    Counted for fifty arms, humanoids, hands and chains, the two are even where that way has `MIN_DEPTH` joints on average,
+    as in a chain of eleven, or `MIN_DEPTH_ON_BASE` joints if the robot floats. Joints that follow others tie branches
     together, which articulated bodies leave free.
     """
     if mechanism.n != len(mechanism.joints) or not all(map(is_zero, np.ravel(mechanism.G - np.eye(mechanism.n)))):
@@ -45,7 +45,7 @@ def has_deep_branches(mechanism: Mechanism) -> bool:
     depths: list[int] = []
     for columns, p in zip(mechanism.columns, mechanism.parent, strict=True):
         depths.append(bool(columns) + (depths[p] if p >= 0 else 0))
-    return sum(depths) >= (DEPTH_ON_BASE if mechanism.floats else DEPTH) * mechanism.n
+    return sum(depths) >= (MIN_DEPTH_ON_BASE if mechanism.floats else MIN_DEPTH) * mechanism.n
 
 
 @dataclass(frozen=True)

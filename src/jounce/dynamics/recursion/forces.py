@@ -31,8 +31,8 @@ from jounce.spatial import inertia
 from jounce.spatial.lie import Ad, inverse
 from jounce.spatial.series import Series, joined
 
-_STILL = Series.constant(np.zeros((3, 1), dtype=int))
-_UNIFORM = Series.constant(np.zeros((3, 3), dtype=int))
+_ZERO_VECTOR = Series.constant(np.zeros((3, 1), dtype=int))
+_ZERO_MATRIX = Series.constant(np.zeros((3, 3), dtype=int))
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def sweep(tree: Tree) -> None:
 
 def ground(gravity: Array) -> BodyMotion:
     """Return the motion of the ground: it accelerates by -g, which replaces gravity."""
-    return BodyMotion(_STILL, Series.constant(-gravity[:, None]), _UNIFORM)
+    return BodyMotion(_ZERO_VECTOR, Series.constant(-gravity[:, None]), _ZERO_MATRIX)
 
 
 def rnea(

@@ -26,8 +26,8 @@ from jounce.spatial.series import Series, from_rate, from_rates
 
 Moments = tuple[Array, Array, Array]  # of a body: mass m, first moment h, second moments P
 
-_Z = np.eye(3, dtype=int)[:, 2:]
-_Z_HAT = hat(_Z[:, 0])
+_Z_COLUMN = np.eye(3, dtype=int)[:, 2:]
+_Z_HAT = hat(_Z_COLUMN[:, 0])
 
 
 @dataclass(frozen=True)
@@ -78,17 +78,17 @@ class AlignedJoint:
 
     def turned(self, w: Series) -> Series:
         """The angular velocity of the body from that of the parent, in body coordinates."""
-        return w + _Z * self.theta.dot if self.turns else w
+        return w + _Z_COLUMN * self.theta.dot if self.turns else w
 
     def slid(self, a: Series, carried: Series, hat_w: Series, K: Series) -> Series:
         """The acceleration of the body's origin from that of the parent's point at which the joint begins."""
         if self.d is None:
             return a
-        return a + (K @ _Z) * self.d + _Z * self.d.dot.dot + 2 * (hat_w @ _Z) * self.d.dot
+        return a + (K @ _Z_COLUMN) * self.d + _Z_COLUMN * self.d.dot.dot + 2 * (hat_w @ _Z_COLUMN) * self.d.dot
 
     def slid_velocity(self, v: Series, hat_w: Series) -> Series:
         """The same of velocities."""
-        return v if self.d is None else v + (hat_w @ _Z) * self.d + _Z * self.d.dot
+        return v if self.d is None else v + (hat_w @ _Z_COLUMN) * self.d + _Z_COLUMN * self.d.dot
 
     def force(self, force: Force) -> Series:
         """Project the force on a body onto its joint: the generalized force (..., 1, 1) that balances it."""
@@ -106,7 +106,7 @@ class AlignedJoint:
         """g and g . r of a body from those of its parent."""
         work = work + self.r.T @ field
         field = self.to_body(field)
-        return field, work if self.d is None else work + (_Z.T @ field) * self.d
+        return field, work if self.d is None else work + (_Z_COLUMN.T @ field) * self.d
 
 
 @dataclass(frozen=True)
