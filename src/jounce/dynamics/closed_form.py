@@ -45,19 +45,17 @@ class ClosedForm:
     U: Series  # (..., 1, 1) potential energy
 
 
-def closed_form(
-    mechanism: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None
-) -> ClosedForm:
+def closed_form(m: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None) -> ClosedForm:
     """The equations of motion for coordinates q, columns (..., n, 1), and wrenches W on the bodies, (..., 6nb, 1)."""
-    if mechanism.floats:
+    if m.floats:
         velocities = joined([(base or STILL).V, q.dot], axis=-2)
-        return _closed_form(mechanism, system.poses(mechanism, q, base), velocities, W)
+        return _closed_form(m, system.poses(m, q, base), velocities, W)
     if base is None:
-        return _closed_form(mechanism, system.poses(mechanism, q, None), q.dot, W)
-    carried = on_moving_ground(mechanism)
+        return _closed_form(m, system.poses(m, q, None), q.dot, W)
+    carried = on_moving_ground(m)
     W = None if W is None else joined([0 * W.map(lambda W: W[..., :6, :]), W], axis=-2)
     velocities, given = joined([base.V, q.dot], axis=-2), joined([base.V.dot, 0 * q.dot], axis=-2)
-    return _without_base(_closed_form(carried, system.poses(carried, q, base), velocities, W, given), mechanism.n)
+    return _without_base(_closed_form(carried, system.poses(carried, q, base), velocities, W, given), m.n)
 
 
 def at(m: Mechanism, x: State) -> ClosedForm:
@@ -114,17 +112,17 @@ def by_body(x: Series) -> Series:
     return x.map(lambda a: a.reshape((*a.shape[:-2], a.shape[-2] // 6, 6, a.shape[-1])))
 
 
-def regressor(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
+def regressor(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """Y, (..., nv, 10 nb): the forces J^T (M (V' + U G) - b^T M V) of bodies that have one unit parameter each."""
-    x, unit = closed_form(mechanism, q, None, base), inertia.from_parameters(np.eye(10, dtype=int))
+    x, unit = closed_form(m, q, None, base), inertia.from_parameters(np.eye(10, dtype=int))
     V, a, J = (by_body(s).map(lambda s: s[..., None, :, :]) for s in (x.V, x.V.dot + x.UG, x.J))
     W = unit @ a - V.map(lambda V: ad(V[..., 0]).mT) @ (unit @ V)  # (..., nb, 10, 6, 1)
     return (J.mT @ W).map(_side_by_side)
 
 
-def momentum_regressor(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
+def momentum_regressor(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """Yp, (..., nv, 10 nb): the momenta J^T M V of bodies that have one unit parameter each."""
-    x, unit = closed_form(mechanism, q, None, base), inertia.from_parameters(np.eye(10, dtype=int))
+    x, unit = closed_form(m, q, None, base), inertia.from_parameters(np.eye(10, dtype=int))
     V, J = (by_body(s).map(lambda s: s[..., None, :, :]) for s in (x.V, x.J))
     return (J.mT @ (unit @ V)).map(_side_by_side)
 
@@ -155,22 +153,22 @@ def _without_base(x: ClosedForm, n: int) -> ClosedForm:
     return replace(x, **{name: getattr(x, name).map(lambda a, rows=rows: a[rows]) for name, rows in kept.items()})
 
 
-def poses(mechanism: Mechanism, q: Series, base: JointMotion, body: int | None) -> Series:
+def poses(m: Mechanism, q: Series, base: JointMotion, body: int | None) -> Series:
     """H of all bodies (..., nb, 4, 4), of one (..., 4, 4), or of the ground, -1."""
-    ground = STILL if mechanism.floats else base
-    return _of_body(closed_form(mechanism, q, None, base).H, body, ground.H)
+    ground = STILL if m.floats else base
+    return _of_body(closed_form(m, q, None, base).H, body, ground.H)
 
 
-def twists(mechanism: Mechanism, q: Series, base: JointMotion, body: int | None) -> Series:
+def twists(m: Mechanism, q: Series, base: JointMotion, body: int | None) -> Series:
     """V of all bodies (..., nb, 6, 1), of one (..., 6, 1), or of the ground, -1."""
-    ground = STILL if mechanism.floats else base
-    return _of_body(by_body(closed_form(mechanism, q, None, base).V), body, ground.V)
+    ground = STILL if m.floats else base
+    return _of_body(by_body(closed_form(m, q, None, base).V), body, ground.V)
 
 
-def jacobians(mechanism: Mechanism, q: Series, base: JointMotion, body: int | None) -> Series:
+def jacobians(m: Mechanism, q: Series, base: JointMotion, body: int | None) -> Series:
     """J of all bodies (..., nb, 6, nv), of one (..., 6, nv), or of the ground, -1."""
-    still = Series.constant(np.zeros((6, mechanism.nv), dtype=int))
-    return _of_body(by_body(closed_form(mechanism, q, None, base).J), body, still)
+    still = Series.constant(np.zeros((6, m.nv), dtype=int))
+    return _of_body(by_body(closed_form(m, q, None, base).J), body, still)
 
 
 def _of_body(x: Series, body: int | None, ground: Series) -> Series:

@@ -152,72 +152,72 @@ class Computation:
         product = f"{self.product} of " if self.product else ""
         return f"{product}{self.name}{of} of {robot!r} to order {self.order}{loaded}"
 
-    def signature(self, mechanism: Mechanism, parameters: Mapping[str, Shape] | None = None) -> Signature:
+    def signature(self, m: Mechanism, parameters: Mapping[str, Shape] | None = None) -> Signature:
         """The ports for a robot, of which some data are parameters."""
         inputs = [Port(name, shape, "parameter") for name, shape in (parameters or {}).items()]
-        inputs += self.state_ports(mechanism)
-        own, of_bodies = self.quantity.wrench_rates, (mechanism.nb, 6)
+        inputs += self.state_ports(m)
+        own, of_bodies = self.quantity.wrench_rates, (m.nb, 6)
         for k in range(self.loads if self.wrench else 0):
             inputs.append(Port(rate_name("W", k), of_bodies, "wrench", k, max(0, k + 1 - own)))
-        for k in range(self.base_terms(mechanism) if self.base else 0):
+        for k in range(self.base_terms(m) if self.base else 0):
             shape: Shape = (6,) if k else (4, 4)
             inputs.append(Port(base_name(k), shape, "base", k, max(0, k + 1 - self.quantity.rates)))
-        for k in range(self.loads if self.takes_stiffness(mechanism) else 0):
-            pairs = (len(elasticity_of(mechanism).pairs),)
+        for k in range(self.loads if self.takes_stiffness(m) else 0):
+            pairs = (len(elasticity_of(m).pairs),)
             inputs.append(Port(rate_name("stiffness", k), pairs, "stiffness", k, max(0, k + 1 - own)))
-        if mechanism.closure:
-            inputs.append(Port(DEPENDENT, (len(mechanism.closure.dependent),), "dependent"))
+        if m.closure:
+            inputs.append(Port(DEPENDENT, (len(m.closure.dependent),), "dependent"))
         rates = [0] * self.count if self.quantity.results else range(self.count)
         names = self.quantity.names(self.order)
-        outputs = [Port(name, self.shape(mechanism, k), "result", k) for k, name in zip(rates, names, strict=True)]
+        outputs = [Port(name, self.shape(m, k), "result", k) for k, name in zip(rates, names, strict=True)]
         if self.product:
             inputs, outputs = _ports_of_product(self.product, inputs, outputs)
         return Signature(in_a_row(inputs), in_a_row(outputs))
 
-    def state_ports(self, mechanism: Mechanism) -> list[Port]:
+    def state_ports(self, m: Mechanism) -> list[Port]:
         """The ports of q, qd, ..., and of Q, Qd, ..., or of theta, thetad, ..."""
         least, own = self.quantity.rates, self.quantity.coordinate_inputs(self.rates)
         names = self.quantity.input_names(self.rates)
-        of_motors = self.quantity.inputs and mechanism.elasticity
-        others = len(of_motors.joints_of_motors) if of_motors else mechanism.nv
-        sizes = [mechanism.n if k < own else others for k in range(self.rates)]
+        of_motors = self.quantity.inputs and m.elasticity
+        others = len(of_motors.joints_of_motors) if of_motors else m.nv
+        sizes = [m.n if k < own else others for k in range(self.rates)]
         both = enumerate(zip(names, sizes, strict=True))
         ports = [Port(name, (size,), "state", k, max(0, k + 1 - least)) for k, (name, size) in both]
-        if positions(mechanism):
-            ports[0] = replace(ports[0], shape=(position_count(mechanism),), directions=mechanism.n)
+        if positions(m):
+            ports[0] = replace(ports[0], shape=(position_count(m),), directions=m.n)
         return ports
 
-    def takes_stiffness(self, mechanism: Mechanism) -> bool:
+    def takes_stiffness(self, m: Mechanism) -> bool:
         """Whether joints with two motors take their stiffness."""
-        return self.quantity.takes_stiffness and mechanism.elasticity is not None and bool(mechanism.elasticity.pairs)
+        return self.quantity.takes_stiffness and m.elasticity is not None and bool(m.elasticity.pairs)
 
-    def base_terms(self, mechanism: Mechanism) -> int:
+    def base_terms(self, m: Mechanism) -> int:
         """The number of terms C, V, Vd, ... of the motion of the base, where it enters: as many as q has."""
-        return self.quantity.coordinate_inputs(self.rates) if mechanism.floats else self.rates
+        return self.quantity.coordinate_inputs(self.rates) if m.floats else self.rates
 
-    def shape(self, mechanism: Mechanism, k: int = 0) -> Shape:
+    def shape(self, m: Mechanism, k: int = 0) -> Shape:
         """The shape of the k-th rate for one state."""
-        bodies = mechanism.nb
-        sizes = {"n": mechanism.n, "nv": mechanism.nv, "nb": bodies, "bodies": bodies}
+        bodies = m.nb
+        sizes = {"n": m.n, "nv": m.nv, "nb": bodies, "bodies": bodies}
         sizes["rates"] = self.quantity.rates + k
         sizes["parameters"] = len(PARAMETERS) * bodies
-        if closure := mechanism.closure:
-            sizes |= {"tree": len(closure.coordinates), "loops": len(mechanism.loops), "motors": len(closure.actuated)}
+        if closure := m.closure:
+            sizes |= {"tree": len(closure.coordinates), "loops": len(m.loops), "motors": len(closure.actuated)}
         axes = (axis for axis in self.quantity.shape if axis != "nb" or self.body is None)
         return tuple(sizes[axis] if isinstance(axis, str) else axis for axis in axes)
 
-    def state(self, mechanism: Mechanism, arrays: Sequence[Array]) -> State:
+    def state(self, m: Mechanism, arrays: Sequence[Array]) -> State:
         """Build the argument of a law from arrays q, qd, ..., Q, Qd, ..., then W, Wd, ..., then C, V, Vd, ...
 
         Those of joints with two motors go on with their stiffness, those of a closed robot end with the dependent
         coordinates.
         """
         tree = None
-        if mechanism.closure:
+        if m.closure:
             *arrays, dependent = arrays
-            tree = all_coordinates(mechanism.closure, arrays[0], dependent)[..., None]
+            tree = all_coordinates(m.closure, arrays[0], dependent)[..., None]
         stiffness = None
-        if self.takes_stiffness(mechanism):
+        if self.takes_stiffness(m):
             arrays, stiffness = arrays[: -self.loads], columns(arrays[-self.loads :])
         loads = self.rates + (self.loads if self.wrench else 0)
         given, W, base = arrays[: self.rates], arrays[self.rates : loads], arrays[loads:]
@@ -230,25 +230,25 @@ class Computation:
             stiffness=stiffness, **behind,
         )  # fmt: skip
 
-    def series(self, method: str, mechanism: Mechanism, arrays: Sequence[Array]) -> Series:
+    def series(self, method: str, m: Mechanism, arrays: Sequence[Array]) -> Series:
         """The quantity by a method, from the arrays of `state`; its terms are the results."""
-        return self.quantity.law(method, mechanism)(mechanism, self.state(mechanism, arrays))
+        return self.quantity.law(method, m)(m, self.state(m, arrays))
 
 
-def change(mechanism: Mechanism, port: Port, x: Array, d: Array) -> Array:
+def change(m: Mechanism, port: Port, x: Array, d: Array) -> Array:
     """The change of an input x by a displacement d, of the shape `port.displacement`."""
     if port.is_pose:
         return x @ wedge(d)
-    return (moves(mechanism, x) @ d[..., None])[..., 0] if port.directions else d
+    return (moves(m, x) @ d[..., None])[..., 0] if port.directions else d
 
 
-def displacement(mechanism: Mechanism, port: Port, x: Array, dx: Array) -> Array:
+def displacement(m: Mechanism, port: Port, x: Array, dx: Array) -> Array:
     """The displacement that a change dx of an input is; changes of the length of a quaternion do not count."""
     if port.is_pose:
         return cowedge(x.mT @ dx) * np.array([0.5, 0.5, 0.5, 1, 1, 1], dx.dtype)
     if not port.directions:
         return dx
-    N = moves(mechanism, x)  # its columns are orthogonal
+    N = moves(m, x)  # its columns are orthogonal
     return (N.mT @ dx[..., None])[..., 0] / (N * N).sum(axis=-2)
 
 

@@ -15,15 +15,7 @@ import numpy as np
 from jounce.core.errors import JounceError, listed, quoted
 from jounce.core.scalars import Array, reciprocal
 from jounce.dynamics import coupling
-from jounce.dynamics.stretch import (
-    NO_INPUTS,
-    SpringInputs,
-    at_motors,
-    elasticity_of,
-    on_joints,
-    spring_force,
-    stretch,
-)
+from jounce.dynamics.stretch import NO_INPUTS, SpringInputs, at_motors, elasticity_of, on_joints, spring_force, stretch
 from jounce.model import drives
 from jounce.model.mechanism import Mechanism
 from jounce.model.springs import CubicSpring

@@ -30,10 +30,7 @@ def outputs(
     lacking = [np.isnan(_data(e, name)).all() for name in ("constant", "resistance")]
     i, u = currents(e, Series.of(tau)), voltages(e, Series.of(theta), Series.of(tau))
     known = min(len(tau) - e.is_inductive, len(theta) - 1)
-    return (
-        None if lacking[0] else i.upto(len(tau) - 1),
-        None if any(lacking) or known < 1 else u.upto(known - 1),
-    )
+    return (None if lacking[0] else i.upto(len(tau) - 1), None if any(lacking) or known < 1 else u.upto(known - 1))
 
 
 def no_currents(m: Mechanism) -> str | None:

@@ -37,11 +37,11 @@ class JointMotion:
 STILL = JointMotion(np.eye(4, dtype=int), Series.constant(np.zeros((6, 1), dtype=int)))  # at the inertial frame
 
 
-def motion_of_joint(mechanism: Mechanism, body: int, q: Series, base: JointMotion | None) -> JointMotion:
+def motion_of_joint(m: Mechanism, body: int, q: Series, base: JointMotion | None) -> JointMotion:
     """The motion of the joint of a body, of several screws, at coordinates q: that of the base if it is the base."""
-    if mechanism.floats and body == 0:
+    if m.floats and body == 0:
         return base or STILL
-    own = positions(mechanism)[body]
+    own = positions(m)[body]
     return JointMotion(own.motion(q[0]), q.dot.map(lambda x: x[..., own.coordinates, :]))
 
 
@@ -61,15 +61,15 @@ def turning(m: Mechanism, q: Series, base: JointMotion | None) -> Series | None:
 
 
 @lru_cache(maxsize=64)
-def on_moving_ground(mechanism: Mechanism) -> Mechanism:
+def on_moving_ground(m: Mechanism) -> Mechanism:
     """A fixed robot on a body without inertia, in the place of the ground, that moves as a base does."""
     return replace(
-        mechanism,
-        B=np.stack([np.eye(4, dtype=int), *mechanism.B]),
-        M=np.stack([np.zeros((6, 6), dtype=int), *mechanism.M]),
-        parent=(-1, *(p + 1 for p in mechanism.parent)),
-        owners=tuple(i + 1 for i in mechanism.owners),
-        bodies=("", *mechanism.bodies),
+        m,
+        B=np.stack([np.eye(4, dtype=int), *m.B]),
+        M=np.stack([np.zeros((6, 6), dtype=int), *m.M]),
+        parent=(-1, *(p + 1 for p in m.parent)),
+        owners=tuple(i + 1 for i in m.owners),
+        bodies=("", *m.bodies),
         frames=(),
         loops=(),
         floats=True,

@@ -21,28 +21,22 @@ FRAMES = {  # of screws: the axes and the origin of their components
 }
 
 
-def poses(mechanism: Mechanism, q: Series, base: JointMotion, body: str | None, of_bodies: OfBodies) -> Series:
+def poses(m: Mechanism, q: Series, base: JointMotion, body: str | None, of_bodies: OfBodies) -> Series:
     """H of all bodies, or of one body or merged link."""
     if body is None:
-        return of_bodies(mechanism, q, base, None)
-    link = mechanism.frame(body)
-    return of_bodies(mechanism, q, base, link.body) @ link.T
+        return of_bodies(m, q, base, None)
+    link = m.frame(body)
+    return of_bodies(m, q, base, link.body) @ link.T
 
 
 def screws(
-    mechanism: Mechanism,
-    q: Series,
-    base: JointMotion,
-    body: str | None,
-    frame: str,
-    poses_of: OfBodies,
-    screws_of: OfBodies,
+    m: Mechanism, q: Series, base: JointMotion, body: str | None, frame: str, poses_of: OfBodies, screws_of: OfBodies
 ) -> Series:
     """Columns of screws, twists or Jacobians, of all bodies or of one body or merged link, in a frame."""
-    Y = screws_of(mechanism, q, base, None if body is None else mechanism.frame(body).body)
+    Y = screws_of(m, q, base, None if body is None else m.frame(body).body)
     if body is not None:
-        Y = lie.Ad(lie.inverse(mechanism.frame(body).T)) @ Y
-    return Y if frame == "body" else _adjoint(poses(mechanism, q, base, body, poses_of), frame) @ Y
+        Y = lie.Ad(lie.inverse(m.frame(body).T)) @ Y
+    return Y if frame == "body" else _adjoint(poses(m, q, base, body, poses_of), frame) @ Y
 
 
 def _adjoint(H: Series, frame: str) -> Series:

@@ -18,40 +18,40 @@ MOBILITY_SAMPLES = 3  # configurations of a tree: if the mass matrix is regular 
 
 
 @lru_cache(maxsize=64)
-def idle_coordinates(mechanism: Mechanism) -> tuple[int, tuple[str, ...]]:
+def idle_coordinates(m: Mechanism) -> tuple[int, tuple[str, ...]]:
     """The rank of the mass matrix, and which coordinates take part in motions without kinetic energy, everywhere.
 
     Among these a floating base is named once, whatever its motions are.
     """
     rank, idle = -1, np.zeros(0)
-    for k in range(1 if mechanism.closure else MOBILITY_SAMPLES):
-        q = np.cos(1.0 + k + 1.7 * np.arange(position_count(mechanism)))
-        if _is_regular(mechanism, q):
-            return mechanism.nv, ()
-        trial = _idle(mechanism, q)
+    for k in range(1 if m.closure else MOBILITY_SAMPLES):
+        q = np.cos(1.0 + k + 1.7 * np.arange(position_count(m)))
+        if _is_regular(m, q):
+            return m.nv, ()
+        trial = _idle(m, q)
         rank, idle = max((rank, idle), trial, key=lambda found: found[0])
-        if rank == mechanism.nv:
+        if rank == m.nv:
             return rank, ()
-    own = idle[-mechanism.n :]
-    base = mechanism.bodies[:1] if mechanism.floats and idle[:6].any() else ()
-    return rank, (*base, *(mechanism.coordinates[j] for j in np.flatnonzero(own)))
+    own = idle[-m.n :]
+    base = m.bodies[:1] if m.floats and idle[:6].any() else ()
+    return rank, (*base, *(m.coordinates[j] for j in np.flatnonzero(own)))
 
 
 @lru_cache(maxsize=64)
-def may_be_singular(mechanism: Mechanism) -> bool:
+def may_be_singular(m: Mechanism) -> bool:
     """Whether the mass matrix can be singular at some positions: not where every body resists its own joint.
 
     Of the joints that move, those nearest to the base then take energy, whatever the others do.
     """
-    tree = mechanism.tree if mechanism.closure else mechanism
-    largest, rotors = np.abs(tree.M).max(axis=(1, 2)), tree.drives.armature * ("armature" in mechanism.acting)
+    tree = m.tree if m.closure else m
+    largest, rotors = np.abs(tree.M).max(axis=(1, 2)), tree.drives.armature * ("armature" in m.acting)
     own = np.full(tree.nb, np.inf)
     for i, screws in ((i, [*screws]) for i, screws in enumerate(tree.columns) if screws):
         X = tree.X[screws]
         own[i] = np.linalg.eigvalsh(X @ tree.M[i] @ X.T + np.diag(rotors[screws]))[0]
     of_base = np.linalg.eigvalsh(tree.M[0])
     return bool(
-        (mechanism.floats and not of_base[0] > MASS_RANK_TOLERANCE * of_base[-1])
+        (m.floats and not of_base[0] > MASS_RANK_TOLERANCE * of_base[-1])
         or not (own > MASS_RANK_TOLERANCE * largest).all()
     )
 
@@ -67,18 +67,18 @@ def is_singular(M: np.ndarray) -> np.ndarray:
     return np.asarray(known & (least <= MASS_RANK_TOLERANCE * M.shape[-1]))
 
 
-def _is_regular(mechanism: Mechanism, q: np.ndarray) -> bool:
+def _is_regular(m: Mechanism, q: np.ndarray) -> bool:
     """Whether every joint feels inertia while all the others are free: the pivots of the mass matrix, in O(n).
 
     Where joints follow others, pivots of the joint variables tell nothing.
     """
-    if not np.array_equal(mechanism.G, np.eye(len(mechanism.joints))):
+    if not np.array_equal(m.G, np.eye(len(m.joints))):
         return False
-    rotors = mechanism.drives.armature * ("armature" in mechanism.acting)
-    articulated = list(mechanism.M)  # of a body with all beyond it, whose joints are free
-    for i, joint in reversed(list(enumerate(joints(mechanism, Series.of([q[:, None]]))))):
+    rotors = m.drives.armature * ("armature" in m.acting)
+    articulated = list(m.M)  # of a body with all beyond it, whose joints are free
+    for i, joint in reversed(list(enumerate(joints(m, Series.of([q[:, None]]))))):
         left, largest = articulated[i], np.abs(articulated[i]).max()
-        own = rotors[list(mechanism.columns[i])] if mechanism.columns[i] else np.zeros(6)
+        own = rotors[list(m.columns[i])] if m.columns[i] else np.zeros(6)
         for X, rotor in zip(joint.X.T, own, strict=True):
             freed = _freed(left, X, rotor, largest)
             if freed is None:
@@ -98,17 +98,17 @@ def _freed(inertia: np.ndarray, X: np.ndarray, rotor: float, largest: float) -> 
     return inertia - np.outer(momentum, momentum / pivot)
 
 
-def _idle(mechanism: Mechanism, q: np.ndarray) -> tuple[int, np.ndarray]:
+def _idle(m: Mechanism, q: np.ndarray) -> tuple[int, np.ndarray]:
     """The rank of the mass matrix at q, and which coordinates take part in motions without kinetic energy."""
-    if closure := mechanism.closure:  # where the loops are known to close, instead of at q
-        tree, position = mechanism.tree, closure.start[:, None]
-        F = loops.ClosedMotion(mechanism, columns([closure.start[list(closure.independent)]]), position).F[0]
+    if closure := m.closure:  # where the loops are known to close, instead of at q
+        tree, position = m.tree, closure.start[:, None]
+        F = loops.ClosedMotion(m, columns([closure.start[list(closure.independent)]]), position).F[0]
         q = closure.start
     else:
-        tree, F = mechanism, np.eye(mechanism.nv)
+        tree, F = m, np.eye(m.nv)
     J = bodies.jacobians(tree, columns([q]), STILL, None)[0] @ F
-    M, nv = mechanism.M, mechanism.nv
-    rotors = mechanism.drives.armature * ("armature" in mechanism.acting)
+    M, nv = m.M, m.nv
+    rotors = m.drives.armature * ("armature" in m.acting)
     G = tree.G @ joint_columns(tree) @ F
     momenta = (M @ J).reshape(-1, nv)
     gM = J.reshape(momenta.shape).T @ momenta + G.T * rotors @ G  # (MC)

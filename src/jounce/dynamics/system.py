@@ -41,20 +41,20 @@ class System:
 
 
 @lru_cache(maxsize=64)
-def of_bodies(mechanism: Mechanism) -> System:
+def of_bodies(m: Mechanism) -> System:
     """The system of the bodies."""
-    return System(system_S(mechanism), velocity_map(mechanism), mechanism.M, ancestors(mechanism))
+    return System(system_S(m), velocity_map(m), m.M, ancestors(m))
 
 
-def poses(mechanism: Mechanism, q: Series, base: JointMotion | None) -> Array:
+def poses(m: Mechanism, q: Series, base: JointMotion | None) -> Array:
     """C_i, the pose of every body in the inertial frame: (..., nb, 4, 4)."""
-    theta = joint_variables(mechanism, q)[0]
+    theta = joint_variables(m, q)[0]
     C: list[Array] = []
-    for i, (B, columns, p) in enumerate(zip(mechanism.B, mechanism.columns, mechanism.parent, strict=True)):
+    for i, (B, columns, p) in enumerate(zip(m.B, m.columns, m.parent, strict=True)):
         if len(columns) == 1:
-            H = exp(mechanism.X[columns[0]], theta[..., columns[0] : columns[0] + 1, :])
+            H = exp(m.X[columns[0]], theta[..., columns[0] : columns[0] + 1, :])
         else:
-            H = motion_of_joint(mechanism, i, q, base).pose
+            H = motion_of_joint(m, i, q, base).pose
         C.append(B @ H if p < 0 else C[p] @ (B @ H))  # (Ci)
     return concatenate([C_i[..., None, :, :] for C_i in C], axis=-3)
 
@@ -64,9 +64,9 @@ def system_A(carries: np.ndarray, C: Array) -> Array:
     return _blocks(C, carries)  # (Ab)
 
 
-def system_D(mechanism: Mechanism, C: Array) -> Array:
+def system_D(m: Mechanism, C: Array) -> Array:
     """D, the blocks Ad(C_ip) for the parent p of i, so that A = (I - D)^-1."""
-    carried_by = np.eye(mechanism.nb + 1, dtype=int)[np.array(mechanism.parent)][:, : mechanism.nb]
+    carried_by = np.eye(m.nb + 1, dtype=int)[np.array(m.parent)][:, : m.nb]
     return _blocks(C, carried_by)  # (D)
 
 
@@ -84,23 +84,23 @@ def _blocks(C: Array, pattern: np.ndarray) -> Array:
 
 
 @lru_cache(maxsize=64)
-def system_X(mechanism: Mechanism) -> Array:
+def system_X(m: Mechanism) -> Array:
     """X, the joint screws along the diagonal, times G: (6nb, nv), so that V = A X qd."""
-    return of_bodies(mechanism).X
+    return of_bodies(m).X
 
 
 @lru_cache(maxsize=64)
-def system_S(mechanism: Mechanism) -> Array:
+def system_S(m: Mechanism) -> Array:
     """The joint screws, each in the rows of the body that it moves: (6nb, k)."""
-    parts = [screws_of(mechanism, i).T for i in range(mechanism.nb)]
+    parts = [screws_of(m, i).T for i in range(m.nb)]
     moves = np.repeat(np.eye(len(parts), dtype=int), list(map(len, parts)), axis=0)  # (k, nb)
     return (moves[..., None] * concatenate(parts, axis=-2)[:, None, :]).reshape(len(moves), -1).T
 
 
 @lru_cache(maxsize=64)
-def system_M(mechanism: Mechanism) -> Array:
+def system_M(m: Mechanism) -> Array:
     """M, the inertia matrices along the diagonal: (6nb, 6nb)."""
-    return diagonal(mechanism.M)  # (Msys)
+    return diagonal(m.M)  # (Msys)
 
 
 def system_a(X: Array, qd: Array) -> Array:
@@ -119,9 +119,9 @@ def system_moved(W: Array) -> Array:
     return diagonal(-(ad(np.eye(6, dtype=int)).mT @ by_body)[..., 0].mT)
 
 
-def system_gravity(mechanism: Mechanism) -> Array:
+def system_gravity(m: Mechanism) -> Array:
     """The paper's G: the acceleration screw -(0; g) of the ground that replaces gravity, (6, 1)."""
-    return concatenate([0 * mechanism.gravity, -mechanism.gravity], axis=-1)[:, None]  # (eq_U)
+    return concatenate([0 * m.gravity, -m.gravity], axis=-1)[:, None]  # (eq_U)
 
 
 def first_moment(inertias: Array, C: Array) -> Array:

@@ -5,10 +5,10 @@ import hashlib
 import numpy as np
 
 from jounce.dynamics.branches import with_solved_loops
-from jounce.dynamics.closing import MAX_CONDITION_BOUND, FOLLOWER_TOLERANCE, max_gap
+from jounce.dynamics.closing import FOLLOWER_TOLERANCE, MAX_CONDITION_BOUND, max_gap
 from jounce.dynamics.computation import DEPENDENT, Computation, Port, Signature, in_a_row
 from jounce.dynamics.loops import closure_of
-from jounce.dynamics.newton import STEP_MEASURES, MAX_DIRECT_CORRECTION, scales, step
+from jounce.dynamics.newton import MAX_DIRECT_CORRECTION, STEP_MEASURES, scales, step
 from jounce.model.casting import with_exact_integers
 from jounce.model.mechanism import Mechanism
 from jounce.native import cache, calls, jit, plan

@@ -22,12 +22,12 @@ from jounce.spatial.series import Series, from_rate, joined
 class Paper:
     """The equations of motion at one instant, from coordinates q and wrenches W: values and two time derivatives."""
 
-    def __init__(self, mechanism: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None):
-        self.mechanism, self.W, self.base = mechanism, W, base
-        self.M = system.system_M(mechanism)
-        self.nu = joined([(base or STILL).V, q.dot], axis=-2) if mechanism.floats else q.dot
-        alpha = turning(mechanism, q, base)
-        self.T = None if alpha is None else from_rate(np.eye(mechanism.nv, dtype=int), lambda T: T @ alpha)
+    def __init__(self, m: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None):
+        self.mechanism, self.W, self.base = m, W, base
+        self.M = system.system_M(m)
+        self.nu = joined([(base or STILL).V, q.dot], axis=-2) if m.floats else q.dot
+        alpha = turning(m, q, base)
+        self.T = None if alpha is None else from_rate(np.eye(m.nv, dtype=int), lambda T: T @ alpha)
         nu_p = self.nu if self.T is None else self.T @ self.nu
         self.q = Series(lambda k: nu_p[k - 1] if k else q[0])
 

@@ -32,7 +32,7 @@ MIN_DEPTH = 6  # joints on the way to a body, on average, from which articulated
 MIN_DEPTH_ON_BASE = 3  # the same of a floating robot, where each way goes on to the six screws of the base
 
 
-def has_deep_branches(mechanism: Mechanism) -> bool:
+def has_deep_branches(m: Mechanism) -> bool:
     """Return whether articulated bodies take fewer operations than M and its factors, and can be used.
 
     M has an entry for each body and each joint on its way to the ground, articulated bodies one inertia for each body.
@@ -40,12 +40,12 @@ def has_deep_branches(mechanism: Mechanism) -> bool:
     as in a chain of eleven, or `MIN_DEPTH_ON_BASE` joints if the robot floats. Joints that follow others tie branches
     together, which articulated bodies leave free.
     """
-    if mechanism.n != len(mechanism.joints) or not all(map(is_zero, np.ravel(mechanism.G - np.eye(mechanism.n)))):
+    if m.n != len(m.joints) or not all(map(is_zero, np.ravel(m.G - np.eye(m.n)))):
         return False
     depths: list[int] = []
-    for columns, p in zip(mechanism.columns, mechanism.parent, strict=True):
+    for columns, p in zip(m.columns, m.parent, strict=True):
         depths.append(bool(columns) + (depths[p] if p >= 0 else 0))
-    return sum(depths) >= (MIN_DEPTH_ON_BASE if mechanism.floats else MIN_DEPTH) * mechanism.n
+    return sum(depths) >= (MIN_DEPTH_ON_BASE if m.floats else MIN_DEPTH) * m.n
 
 
 @dataclass(frozen=True)
@@ -57,11 +57,11 @@ class ArticulatedBodies:
     shares: Sequence[Array]  # U_i D_i^-1, (..., 6, k)
 
     @classmethod
-    def of(cls, mechanism: Mechanism, q: Array) -> "ArticulatedBodies":
+    def of(cls, m: Mechanism, q: Array) -> "ArticulatedBodies":
         """The articulated bodies at coordinates (..., n, 1)."""
-        chain = minimal(mechanism)
+        chain = minimal(m)
         tree = kinematic_tree(chain, Series.of([q]))
-        armature = mechanism.drives.armature * int("armature" in mechanism.acting)
+        armature = m.drives.armature * int("armature" in m.acting)
         inertias = list(mirrored(chain.M))
         shares, factors = list[Array](), list[Factors]()
         for i, joint in reversed(list(enumerate(tree.joints))):

@@ -27,18 +27,16 @@ from jounce.spatial.lie import hat, inverse
 from jounce.spatial.series import Series, joined
 
 
-def energy_regressor(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
+def energy_regressor(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """YE, (..., 10 nb, 1): the energies T + U of the unit inertial parameters of all bodies, the base's first."""
-    tree, gravity = aligned_tree(on_axes(mechanism), q, base), mechanism.gravity[:, None]
-    velocities = {-1: ground(0 * mechanism.gravity)}
+    tree, gravity = aligned_tree(on_axes(m), q, base), m.gravity[:, None]
+    velocities = {-1: ground(0 * m.gravity)}
     field, work = {-1: Series.constant(gravity)}, {-1: Series.constant(0 * gravity[:1])}  # g, and g . r
     for i, joint in enumerate(tree.joints):
         velocities[i] = outward_velocity(joint, velocities[joint.parent])
         field[i], work[i] = joint.lowered(field[joint.parent], work[joint.parent])
     bodies = range(len(tree.joints))[tree.own]
-    energies = [
-        _energies(velocities[i], field[i], work[i]) @ S for i, S in zip(bodies, _shifts(mechanism), strict=True)
-    ]
+    energies = [_energies(velocities[i], field[i], work[i]) @ S for i, S in zip(bodies, _shifts(m), strict=True)]
     steps = [x for i in range(len(tree.joints)) for x in (velocities[i].a, field[i], work[i])]
     return evaluate_in_order(joined([E.mT + batch_zeros(q) for E in energies], axis=-2), steps)
 
@@ -55,8 +53,8 @@ def _energies(motion: BodyMotion, field: Series, work: Series) -> Series:
 
 
 @lru_cache(maxsize=64)
-def _shifts(mechanism: Mechanism) -> Array:
+def _shifts(m: Mechanism) -> Array:
     """The parameters of each body in a frame on its axis from those in the given frame: (nb, 10, 10)."""
     units = inertia.from_parameters(np.eye(len(PARAMETERS), dtype=int))
-    to_axes = [inverse(T) for T in frame_shifts(mechanism, on_axes(mechanism))]
+    to_axes = [inverse(T) for T in frame_shifts(m, on_axes(m))]
     return np.stack([inertia.parameters(inertia.shift_inertia(units, C)).T for C in to_axes])

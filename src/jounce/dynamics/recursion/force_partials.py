@@ -94,9 +94,9 @@ def _of_joint(joint: Joint, V: Series, carrier: _Carrier, x: _Subtree) -> _Wrenc
     )
 
 
-def partials(mechanism: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None) -> Partials:
+def partials(m: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None) -> Partials:
     """K, D, M of the generalized forces, (..., nv, nv) each, with wrenches W on the bodies, (..., 6nb, 1)."""
-    chain = minimal(mechanism)
+    chain = minimal(m)
     tree = kinematic_tree(chain, q, base)
     joints = tree.joints
     V, field = velocities(joints), _gravity(joints, chain.gravity)
@@ -104,7 +104,7 @@ def partials(mechanism: Mechanism, q: Series, W: Series | None = None, base: Joi
     p = composites(joints, [M_i @ V_i for M_i, V_i in zip(tree.M, V, strict=True)], Joint.wrenches)
     loads = None
     if W is not None:
-        on_bodies = wrenches(mechanism, chain, W)
+        on_bodies = wrenches(m, chain, W)
         on_ground = [0 * on_bodies[0]] * (len(joints) - len(on_bodies))
         loads = composites(joints, on_ground + on_bodies, Joint.wrenches)
     screws = []

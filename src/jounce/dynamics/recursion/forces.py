@@ -88,29 +88,27 @@ def ground(gravity: Array) -> BodyMotion:
     return BodyMotion(_ZERO_VECTOR, Series.constant(-gravity[:, None]), _ZERO_MATRIX)
 
 
-def rnea(
-    kind: Sweep, mechanism: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None
-) -> Series:
+def rnea(kind: Sweep, m: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None) -> Series:
     """The generalized forces (EOM1), (..., nv, 1), by RNEA, with wrenches W on the bodies, (..., 6nb, 1)."""
-    return _swept(kind, mechanism, minimal(mechanism), q, W, base).forces()
+    return _swept(kind, m, minimal(m), q, W, base).forces()
 
 
-def base_wrench(mechanism: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None) -> Series:
+def base_wrench(m: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None) -> Series:
     """The wrench (moment; force) on the base, in inertial axes about the inertial origin: (..., 6, 1).
 
     It is what the bodies pass to the ground. It depends on all of the inertia, drive forces on base parameters only.
     """
-    return _swept(MOVING, mechanism, on_axes(mechanism), q, W, base).wrench(-1)
+    return _swept(MOVING, m, on_axes(m), q, W, base).wrench(-1)
 
 
-def joint_wrenches(mechanism: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None) -> Series:
+def joint_wrenches(m: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None) -> Series:
     """The wrenches (moment; force) that the joints transmit to their bodies, in the body frames: (..., nb, 6).
 
     They are the forces on the bodies and on what these carry, before they are projected on the joints.
     """
-    chain = on_axes(mechanism)
-    swept = _swept(MOVING, mechanism, chain, q, W, base)
-    to_given = Ad(inverse(frame_shifts(mechanism, chain))).mT
+    chain = on_axes(m)
+    swept = _swept(MOVING, m, chain, q, W, base)
+    to_given = Ad(inverse(frame_shifts(m, chain))).mT
     own = range(len(swept.tree.joints))[swept.tree.own]
     return joined([(E @ swept.wrench(i)).mT for i, E in zip(own, to_given, strict=True)], axis=-2)
 

@@ -161,58 +161,55 @@ def momentum(S_hat: Array, Pi: Series) -> Series:
 
 
 @lru_cache(maxsize=64)
-def placed(mechanism: Mechanism) -> tuple[Array, Array]:
+def placed(m: Mechanism) -> tuple[Array, Array]:
     """B = S Z of every joint: where its body hangs on the parent, and how far it has turned at theta = 0."""
-    alone = single_variables(mechanism)
-    both = [
-        split_turn(B, mechanism.X[alone[i]]) if i in alone else (B, np.eye(4, dtype=int))
-        for i, B in enumerate(mechanism.B)
-    ]
+    alone = single_variables(m)
+    both = [split_turn(B, m.X[alone[i]]) if i in alone else (B, np.eye(4, dtype=int)) for i, B in enumerate(m.B)]
     S, Z = zip(*both, strict=True)
     return np.stack(S), np.stack(Z)
 
 
 @lru_cache(maxsize=64)
-def _placements(mechanism: Mechanism) -> list[Placement]:
-    B = placed(mechanism)[0]
+def _placements(m: Mechanism) -> list[Placement]:
+    B = placed(m)[0]
     offset, turn = pose(_I, position(B)), pose(rotation(B), np.zeros((3, 1), dtype=int))
     ads = Ad(inverse(offset)), Ad(inverse(turn))
-    X = [screws_of(mechanism, i) for i in range(mechanism.nb)]
+    X = [screws_of(m, i) for i in range(m.nb)]
     hats = [ad(X_i.mT) for X_i in X], [wedge(X_i.mT) for X_i in X]
-    return [Placement(*data) for data in zip(mechanism.parent, B, offset, turn, *ads, X, *hats, strict=True)]
+    return [Placement(*data) for data in zip(m.parent, B, offset, turn, *ads, X, *hats, strict=True)]
 
 
 @lru_cache(maxsize=64)
-def _turns_and_slides(mechanism: Mechanism) -> tuple[Array, Array]:
-    turns, slides = zip(*map(turn_and_slide, mechanism.X), strict=True)
+def _turns_and_slides(m: Mechanism) -> tuple[Array, Array]:
+    turns, slides = zip(*map(turn_and_slide, m.X), strict=True)
     return np.stack(turns), np.stack(slides)
 
 
-def motions(mechanism: Mechanism, theta: Array, bodies: Sequence[int]) -> tuple[dict[int, int], Array]:
+def motions(m: Mechanism, theta: Array, bodies: Sequence[int]) -> tuple[dict[int, int], Array]:
     """Z exp(X theta) of those joints of some bodies that have one screw, (..., joints, 4, 4), and where each is."""
-    variables = single_variables(mechanism)
+    variables = single_variables(m)
     alone = [i for i in bodies if i in variables]
-    turns, slides = _turns_and_slides(mechanism)
+    turns, slides = _turns_and_slides(m)
     chosen = np.array([variables[i] for i in alone], dtype=int)
-    T = placed(mechanism)[1][alone] @ exp_of(turns[chosen], slides[chosen], theta[..., chosen, :, None])
+    T = placed(m)[1][alone] @ exp_of(turns[chosen], slides[chosen], theta[..., chosen, :, None])
     T = exact_integers(T) if is_symbolic(T) else T
     return {i: k for k, i in enumerate(alone)}, T
 
 
 def joints(
-    mechanism: Mechanism, q: Series, base: JointMotion | None = None, bodies: Sequence[int] | None = None
+    m: Mechanism, q: Series, base: JointMotion | None = None, bodies: Sequence[int] | None = None
 ) -> list[Joint]:
     """The joints of some bodies, or of all, for coordinates q and the motion of a base that floats."""
-    bodies = range(mechanism.nb) if bodies is None else bodies
-    theta, placements = joint_variables(mechanism, q), _placements(mechanism)
-    places, T = motions(mechanism, theta[0], bodies)
+    bodies = range(m.nb) if bodies is None else bodies
+    theta, placements = joint_variables(m, q), _placements(m)
+    places, T = motions(m, theta[0], bodies)
     A = Ad(inverse(T))
 
     def joint(i: int) -> Joint:
         if i not in places:
-            own = motion_of_joint(mechanism, i, q, base)
+            own = motion_of_joint(m, i, q, base)
             return FreeJoint(**vars(placements[i]), rate=own.V, T=own.pose, A=Ad(inverse(own.pose)))
-        k, [j] = places[i], mechanism.columns[i]
+        k, [j] = places[i], m.columns[i]
         return Joint(**vars(placements[i]), rate=rows(theta, j, j + 1).dot, T=T[..., k, :, :], A=A[..., k, :, :])
 
     return [joint(i) for i in bodies]

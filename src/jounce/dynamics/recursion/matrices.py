@@ -44,16 +44,16 @@ class _Composites:
     momenta: list[Columns]  # I_j S_j
 
 
-def mass_matrix(mechanism: Mechanism, q: Series) -> Series:
+def mass_matrix(m: Mechanism, q: Series) -> Series:
     """gM, the generalized mass matrix (MC): (..., nv, nv)."""
-    bodies = _composites(mechanism, q, None)
+    bodies = _composites(m, q, None)
     M = project(_screws(bodies), bodies.momenta)  # its upper triangle
     return _to_coordinates(bodies, q, M + _below(bodies, M), [*bodies.Pi[::-1], *_sweep(bodies.momenta)])
 
 
-def coriolis_matrix(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
+def coriolis_matrix(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """gC, the generalized Coriolis matrix (MC) of the paper's (Csys): (..., nv, nv)."""
-    bodies = _composites(mechanism, q, base)
+    bodies = _composites(m, q, base)
     V = velocities(bodies.tree.joints)
     flows = [V_i.map(lambda v: wedge(v[..., 0])) @ Pi for V_i, Pi in zip(V, bodies.Pi, strict=True)]
     rates = [Pi.dot + flow + flow.mT for Pi, flow in zip(bodies.Pi, flows, strict=True)]  # in space
@@ -67,9 +67,9 @@ def coriolis_matrix(mechanism: Mechanism, q: Series, base: JointMotion | None = 
     return _to_coordinates(bodies, q, C, [*_dynamic(bodies, V), *_sweep(changes)])
 
 
-def skew_coriolis_matrix(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
+def skew_coriolis_matrix(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """gCbar, the generalized Coriolis matrix (Cbar) for which gM' - 2 gCbar is skew: (..., nv, nv)."""
-    bodies = _composites(mechanism, q, base)
+    bodies = _composites(m, q, base)
     tree = bodies.tree.joints
     V = velocities(tree)
     b = [V_i.map(lambda v: ad(v[..., 0])) for V_i in V]  # (b)
@@ -84,18 +84,18 @@ def skew_coriolis_matrix(mechanism: Mechanism, q: Series, base: JointMotion | No
     return _to_coordinates(bodies, q, Cbar, [*_dynamic(bodies, V), *Y[::-1], *_sweep(wrenches)])
 
 
-def centroidal_momentum_matrix(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
+def centroidal_momentum_matrix(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """AG, the momenta about the centre of mass of unit velocities, in inertial axes: (..., 6, nv)."""
-    bodies = _composites(mechanism, q, base and base.at_origin)
+    bodies = _composites(m, q, base and base.at_origin)
     unit, columns = np.eye(len(bodies.tree.G), dtype=int), zip(bodies.tree.joints, bodies.momenta, strict=True)
     roots = [joint.wrenches(p.values) @ unit[p.screws] for joint, p in columns if joint.parent < 0]
     A = (reduce(add, roots) + batch_zeros(q)) @ bodies.tree.G
     A = evaluate_in_order(A, [*bodies.Pi[::-1], *_sweep(bodies.momenta)])
-    return about_centre(A, centre_of(mechanism, bodies.tree, q))
+    return about_centre(A, centre_of(m, bodies.tree, q))
 
 
-def _composites(mechanism: Mechanism, q: Series, base: JointMotion | None) -> _Composites:
-    tree = kinematic_tree(on_axes(mechanism), q, base)
+def _composites(m: Mechanism, q: Series, base: JointMotion | None) -> _Composites:
+    tree = kinematic_tree(on_axes(m), q, base)
     Pi = composites(tree.joints, [Series.constant(Pi_i) for Pi_i in moment_matrix(tree.M)], Joint.moments)
     return _Composites(tree, Pi, collect(tree.joints, _momenta(tree, Pi)))
 

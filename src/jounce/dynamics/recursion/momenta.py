@@ -16,25 +16,25 @@ from jounce.spatial.lie import hat
 from jounce.spatial.series import Series, joined
 
 
-def momentum(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
+def momentum(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """h, about the inertial origin, in inertial axes: (..., 6, 1)."""
-    return _momentum(kinematic_tree(on_axes(mechanism), q, base), q)
+    return _momentum(kinematic_tree(on_axes(m), q, base), q)
 
 
-def centroidal_momentum(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
+def centroidal_momentum(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """hG, about the centre of mass, in inertial axes: (..., 6, 1)."""
-    tree = kinematic_tree(on_axes(mechanism), q, base and base.at_origin)
-    return about_centre(_momentum(tree, q), centre_of(mechanism, tree, q))
+    tree = kinematic_tree(on_axes(m), q, base and base.at_origin)
+    return about_centre(_momentum(tree, q), centre_of(m, tree, q))
 
 
-def center_of_mass(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
+def center_of_mass(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """c = sum of m_i c_i / m, in the inertial frame: (..., 3, 1)."""
-    return centre_of(mechanism, kinematic_tree(on_axes(mechanism), q, base), q)
+    return centre_of(m, kinematic_tree(on_axes(m), q, base), q)
 
 
-def centre_of(mechanism: Mechanism, tree: KinematicTree[Joint], q: Series) -> Series:
+def centre_of(m: Mechanism, tree: KinematicTree[Joint], q: Series) -> Series:
     """The centre of mass of a tree of the mechanism."""
-    return rows(_first_moment(tree, q), 0, 3) * reciprocal_mass(mechanism)
+    return rows(_first_moment(tree, q), 0, 3) * reciprocal_mass(m)
 
 
 def about_centre(h: Series, c: Series) -> Series:
@@ -43,26 +43,26 @@ def about_centre(h: Series, c: Series) -> Series:
     return joined([rows(h, 0, 3) - c.map(lambda c: hat(c[..., 0])) @ linear, linear], axis=-2)
 
 
-def generalized_momentum(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
+def generalized_momentum(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """p = M nu, (..., nv, 1): the momentum of the bodies that each joint carries, projected onto its screws."""
-    tree = kinematic_tree(on_axes(mechanism), q, base)
+    tree = kinematic_tree(on_axes(m), q, base)
     V, P = _momenta(tree)
     p = joined([joint.X.T @ P_i + batch_zeros(q) for joint, P_i in zip(tree.joints, P, strict=True)], axis=-2)
     return tree.generalized_forces(evaluate_in_order(p, [*V, *reversed(P)]))
 
 
-def kinetic_energy(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
+def kinetic_energy(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """T = 1/2 sum of V_i . M_i V_i, (..., 1, 1)."""
-    tree = kinematic_tree(on_axes(mechanism), q, base)
+    tree = kinematic_tree(on_axes(m), q, base)
     V = velocities(tree.joints)
     twice = reduce(add, [V_i.mT @ (M_i @ V_i) for M_i, V_i in zip(tree.M, V, strict=True)])
     return evaluate_in_order(twice * 0.5 + batch_zeros(q), V)
 
 
-def potential_energy(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
+def potential_energy(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """U = -g . (sum of m_i c_i), (..., 1, 1)."""
-    up = concatenate([-mechanism.gravity, 0 * mechanism.gravity[:1]], axis=-1)[None, :]
-    return up @ _first_moment(kinematic_tree(on_axes(mechanism), q, base), q)
+    up = concatenate([-m.gravity, 0 * m.gravity[:1]], axis=-1)[None, :]
+    return up @ _first_moment(kinematic_tree(on_axes(m), q, base), q)
 
 
 def _first_moment(tree: KinematicTree[Joint], q: Series) -> Series:

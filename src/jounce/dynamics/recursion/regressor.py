@@ -24,13 +24,7 @@ from jounce.core.scalars import Array, concatenate, is_zero
 from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.recursion.forces import ground
 from jounce.dynamics.recursion.joints import batch_zeros
-from jounce.dynamics.recursion.steps import (
-    AnyJoint,
-    BodyMotion,
-    Force,
-    outward,
-    outward_velocity,
-)
+from jounce.dynamics.recursion.steps import AnyJoint, BodyMotion, Force, outward, outward_velocity
 from jounce.dynamics.recursion.sweeps import evaluate_in_order, spread
 from jounce.dynamics.recursion.tree import aligned_tree
 from jounce.model.coordinates import screws_of
@@ -52,18 +46,18 @@ class Columns:
     force: Force  # (..., 3, len(numbers))
 
 
-def regressor(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
+def regressor(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """Y, (..., nv, 10 nb): the generalized forces of the unit inertial parameters of all bodies, the base's first."""
-    return _projected(mechanism, q, base, ground(mechanism.gravity), outward, _forces)
+    return _projected(m, q, base, ground(m.gravity), outward, _forces)
 
 
-def momentum_regressor(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
+def momentum_regressor(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """Yp, (..., nv, 10 nb): the generalized momenta of the unit inertial parameters of all bodies, the base's first."""
-    return _projected(mechanism, q, base, ground(0 * mechanism.gravity), outward_velocity, _momenta)
+    return _projected(m, q, base, ground(0 * m.gravity), outward_velocity, _momenta)
 
 
 def _projected(
-    mechanism: Mechanism,
+    m: Mechanism,
     q: Series,
     base: JointMotion | None,
     root: BodyMotion,
@@ -71,8 +65,8 @@ def _projected(
     of_motion: Callable[[BodyMotion, Array, Array, Array], Force],
 ) -> Series:
     """What the motion of every body makes of its unit parameters, projected onto the joints that carry it."""
-    tree, units = aligned_tree(on_axes(mechanism), q, base), _unit_moments(mechanism)
-    size, count = len(PARAMETERS) * mechanism.nb, len(tree.joints)
+    tree, units = aligned_tree(on_axes(m), q, base), _unit_moments(m)
+    size, count = len(PARAMETERS) * m.nb, len(tree.joints)
     motions = {-1: root}
     for i, joint in enumerate(tree.joints):
         motions[i] = step(joint, motions[joint.parent])
@@ -124,16 +118,16 @@ def _with_Iyy(Y: Array) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _unit_moments(mechanism: Mechanism) -> list[dict[int, Array]]:
+def _unit_moments(m: Mechanism) -> list[dict[int, Array]]:
     """The moments of mass (4, 4) of unit parameters, by number, of each body at which columns begin.
 
     Those that reach the ground require no forces.
     """
-    chain = on_axes(mechanism)
+    chain = on_axes(m)
     parameters = np.eye(len(PARAMETERS), dtype=int)
     parameters[_YY, _XX] = 1
     units: list[dict[int, Array]] = [{} for _ in chain.parent]
-    for row, T in enumerate(map(inverse, frame_shifts(mechanism, chain))):
+    for row, T in enumerate(map(inverse, frame_shifts(m, chain))):
         for k, Pi in enumerate(inertia.moment_matrix(inertia.from_parameters(parameters))):
             at, Pi = row, T @ Pi @ T.T
             while at >= 0 and not _moves(screws_of(chain, at), Pi):

@@ -43,24 +43,24 @@ class KinematicTree(Generic[J]):
         return M.map(lambda M: self.G.T @ M @ self.G)
 
 
-def kinematic_tree(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> KinematicTree[Joint]:
+def kinematic_tree(m: Mechanism, q: Series, base: JointMotion | None = None) -> KinematicTree[Joint]:
     """The tree of a mechanism at coordinates q, whose base moves; no base: that of a fixed robot is at rest."""
-    return _tree(mechanism, q, base, joints)
+    return _tree(m, q, base, joints)
 
 
-def aligned_tree(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> KinematicTree[AnyJoint]:
+def aligned_tree(m: Mechanism, q: Series, base: JointMotion | None = None) -> KinematicTree[AnyJoint]:
     """The same of a mechanism whose frames are on the axes of its joints."""
-    return _tree(mechanism, q, base, aligned_joints)
+    return _tree(m, q, base, aligned_joints)
 
 
 def _tree(
-    mechanism: Mechanism,
+    m: Mechanism,
     q: Series,
     base: JointMotion | None,
     joints_of: Callable[[Mechanism, Series, JointMotion | None], Sequence[J]],
 ) -> KinematicTree[J]:
-    if mechanism.floats or base is None:
-        return KinematicTree(mechanism, joints_of(mechanism, q, base), velocity_map(mechanism), slice(None))
-    moving = on_moving_ground(mechanism)
-    G = concatenate([np.zeros((6, mechanism.nv), dtype=int), mechanism.G], axis=-2)
+    if m.floats or base is None:
+        return KinematicTree(m, joints_of(m, q, base), velocity_map(m), slice(None))
+    moving = on_moving_ground(m)
+    G = concatenate([np.zeros((6, m.nv), dtype=int), m.G], axis=-2)
     return KinematicTree(moving, joints_of(moving, q, base), G, slice(1, None))
