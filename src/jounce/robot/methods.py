@@ -14,7 +14,7 @@ from jounce.arguments import requests
 from jounce.core.deprecated import renamed_keywords
 from jounce.core.errors import one_of
 from jounce.core.typing import ArrayLike, DriveTerms, Frame, LoadFrame, Named, Out, Product, Rates, Results
-from jounce.dynamics.quantities import QUANTITIES, Quantity, Rows
+from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.engine import drives as _drives
 from jounce.engine.backends import compile_ahead
 from jounce.engine.dispatch import compute
@@ -68,7 +68,7 @@ def method_of(row: Quantity) -> FunctionType:
     return method
 
 
-class Methods(Rows):
+class Methods:
     """What robots compute."""
 
     @renamed_keywords(base="moving_base")

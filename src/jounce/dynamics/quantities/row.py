@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from inspect import cleandoc
 from typing import Any, Self
 
@@ -45,8 +45,8 @@ class Method:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Called:
-    """What a quantity is called, and printed as."""
+class Quantity:
+    """One quantity: what it is called and printed as, what it takes, and its laws, the first the default; all agree."""
 
     name: str
     symbol: str  # names of results: Q, Qd, Q2d
@@ -59,21 +59,12 @@ class Called:
     wrench_term: str = ""  # what wrenches on the bodies add to it, a noun phrase; empty where they do not enter
     wrench_tex: str = ""
 
-
-@dataclass(frozen=True, kw_only=True)
-class Documented:
-    """What the docstring of a robot's method says beyond what follows from the rest of the row."""
-
+    # what the docstring of a robot's method says beyond what follows from the rest of the row
     text: str = ""  # a sentence and remarks, then sections of numpydoc: references, examples
     returns: str = ""  # sentences on its results
     raises: str = ""  # when it raises an error
     options: tuple[str, ...] = ()  # keywords of its own
-
-
-@dataclass(frozen=True, kw_only=True)
-class Quantity(Called, Documented):
-    """One quantity. All its methods agree; the first is the default."""
-
+    # what it takes, and what enters
     rates: int  # how many of q, qd, ... the quantity itself takes
     forces: bool = False  # whether the last of these, and what follows, are generalized forces Q, Qd, ...
     inputs: tuple[str, ...] = ()  # their names where motors have a state of their own: q, qd, theta, thetad, ...
@@ -155,14 +146,17 @@ class Quantity(Called, Documented):
 
 
 def quantity(
-    *, width: Callable[[int], int], closed_form: Law | None = None, paper: Law | None = None, **fields: Any
+    *, width: Callable[[int], int] = columns, closed_form: Law | None = None, paper: Law | None = None, **fields: Any
 ) -> Callable[[Any], Quantity]:
-    """Declare a quantity by the function that computes it by recursion, with laws of other methods and its row."""
+    """Declare a quantity by the function that computes it by recursion, with laws of other methods and its row.
+
+    A function that takes the name of a method as its last argument is the law of the closed form as well.
+    """
 
     def row(recursion: Any) -> Quantity:
-        methods = {"recursion": Method(recursion.__func__, width)}
-        if closed_form is not None:
-            methods["closed_form"] = Method(closed_form)
+        methods = {"recursion": Method(recursion, width)}
+        if dense_law := closed_form or (partial(recursion, method="closed_form") if recursion.__defaults__ else None):
+            methods["closed_form"] = Method(dense_law)
         if paper is not None:
             methods["paper"] = Method(paper)
         return Quantity(name=recursion.__name__, text=cleandoc(recursion.__doc__), methods=methods, **fields)
