@@ -1,4 +1,16 @@
-"""The first position of a closed robot, and what its constraints determine there: on numbers, by singular values."""
+"""The first position of a closed robot, and what its constraints determine there: on numbers, by singular values.
+
+Problem: the loops are to close near a start that may be far from closed, and constraints may be redundant or singular.
+
+Algorithm: Gauss-Newton steps of least length (Deuflhard, Newton Methods for Nonlinear Problems, 2011, 4.4), that is,
+with the pseudo-inverse, of numbers without units. The independent coordinates are held first; if the loops do not close
+nearby, all coordinates move, at first by shorter steps.
+
+Invariant: the best coordinates so far are kept; the iteration ends where a step does not make the gaps smaller.
+
+Failure: gaps stay above `CLOSED_GAP` where the start is too far away or the loops cannot close; `assemble` raises
+`JounceError` then, `least_gaps` returns what is left of them.
+"""
 
 from collections.abc import Sequence
 
@@ -93,12 +105,14 @@ def assemble(m: Mechanism, start: np.ndarray) -> np.ndarray:
     ):  # the independent ones can stay
         return np.asarray(found[0])
     everything = range(q.shape[1])
-    for _ in range(10 * MAX_ASSEMBLY_STEPS):  # shorter steps far away, as Newton's do not lead there
+    # far away all coordinates move by shorter steps, as Newton's do not lead there
+    for _ in range(10 * MAX_ASSEMBLY_STEPS):
         gap, A = gaps(m, q)
         if (np.abs(gap * s.rows) <= 0.1).all():
             break
         change = _solved(s, A, -gap, everything)
         q = q + change * min(1.0, 0.3 / max(np.abs(change / s.coordinates).max(), 1e-300))
+    # near enough for Newton's steps
     q, off = least_gaps(m, s, q, everything)
     if off[0] > CLOSED_GAP:
         raise JounceError(
@@ -110,14 +124,11 @@ def assemble(m: Mechanism, start: np.ndarray) -> np.ndarray:
 
 def worst_gap(m: Mechanism, s: Scales, q: np.ndarray) -> str:
     """Which loop is open, and how far, in words."""
-    gap = gaps(m, q[None])[0][0]
-    sizes = [len(loop.rows) for loop in m.loops]
-    parts = np.split(gap * s.rows, np.cumsum(sizes)[:-1])
-    worst = int(np.argmax([np.abs(part).max() for part in parts]))
-    loop = m.loops[worst]
-    turns = len(loop.held[0])
-    own = np.split(gap, np.cumsum(sizes)[:-1])[worst]
-    return f"loop {loop.name} is open by {np.linalg.norm(own[turns:]):.3g} m and {np.linalg.norm(own[:turns]):.3g} rad"
+    gap, ends = gaps(m, q[None])[0][0], np.cumsum([len(loop.rows) for loop in m.loops])[:-1]
+    worst = int(np.argmax([np.abs(part).max() for part in np.split(gap * s.rows, ends)]))
+    loop, own = m.loops[worst], np.split(gap, ends)[worst]
+    turns, slides = np.split(own, [len(loop.held[0])])
+    return f"loop {loop.name} is open by {np.linalg.norm(slides):.3g} m and {np.linalg.norm(turns):.3g} rad"
 
 
 def _solved(s: Scales, A: np.ndarray, gap: np.ndarray, free: Sequence[int]) -> np.ndarray:
@@ -130,12 +141,14 @@ def least_gaps(m: Mechanism, s: Scales, q: np.ndarray, free: Sequence[int]) -> t
     """Coordinates (k, N) with loops closed by moving some of them, and the gaps that are left, relative."""
     best, least = q, np.full(len(q), np.inf)
     for _ in range(MAX_ASSEMBLY_STEPS):
+        # keep what is best, sample by sample
         gap, A = gaps(m, q)
         off = np.abs(gap * s.rows).max(axis=-1)
         better = off < least
         best, least = np.where(better[:, None], q, best), np.where(better, off, least)
         if not (better & (off > GAP_ROUNDING)).any():
             break
+        # step: the shortest motion that closes the linearized loops
         q = q.copy()
         q[:, free] += _solved(s, A, -gap, free)
     return best, least

@@ -1,16 +1,23 @@
 """Base inertial parameters: the combinations of inertial parameters that determine the generalized forces.
 
-Parameters p do not enter the forces if the inertia that they make requires none at any state. The force of joint j on
-the composite inertia I of the bodies that it carries, v . I X_j, must vanish for the velocities v that its screw X_j or
-any joint before it can give the body, and for gravity. As the joints behind move, I = I_j + sum of phi(theta) I_c
-varies; a linear function f of I vanishes at all positions if f(phi(theta) I_c) is constant for every child c, and f(I)
-is zero at one. It is constant if f phi(theta) D vanishes on I_c, D the change of moments of mass by the motion of the
-joint. The regrouping of `equivalent.base_parameters` is one case of this rule: what a joint does not move has D I = 0.
+Problem: parameters p do not enter the forces if the inertia that they make requires none at any state. The force of
+joint j on the composite inertia I of the bodies that it carries, v . I X_j, must vanish for the velocities v that its
+screw X_j or any joint before it can give the body, and for gravity. As the joints behind move, I = I_j + sum of
+phi(theta) I_c varies; a linear function f of I vanishes at all positions if f(phi(theta) I_c) is constant for every
+child c, and f(I) is zero at one. It is constant if f phi(theta) D vanishes on I_c, D the change of moments of mass by
+the motion of the joint. The regrouping of `equivalent.base_parameters` is one case of this rule: what a joint does not
+move has D I = 0.
 
-So every body has a space of functions of ten parameters that must vanish, found from its parent's by closures of
-subspaces, without states; the base parameters are bases of these spaces, of composite inertias at theta = 0. Joints
+Algorithm: every body has a space of functions of ten parameters that must vanish, found from its parent's by closures
+of subspaces, without states; the base parameters are bases of these spaces, of composite inertias at theta = 0. Joints
 that follow others, by a factor or as loops are closed, are no longer independent: combinations that they leave out
-are found at random states.
+are found by the rank of the regressor at random states (Gautier, "Numerical calculation of the base inertial parameters
+of robots", Journal of Robotic Systems 8(4), 1991).
+
+Invariants: rows of spaces are orthonormal; lengths are taken in the largest distance from joint to joint, so that one
+tolerance serves all moments of mass.
+
+Failure: a singular value within `REGROUPING_TOLERANCE` counts as zero, and its combination is left out without notice.
 """
 
 from collections.abc import Sequence
@@ -41,8 +48,6 @@ _UNIT_MOMENTS = inertia.moment_matrix(_UNIT_INERTIAS)
 @dataclass(frozen=True, eq=False, repr=False)
 class BaseParameters:
     """The base inertial parameters of a robot: the fewest combinations that determine its generalized forces.
-
-    `Robot.base_parameters` finds them.
 
     Attributes
     ----------
@@ -108,12 +113,14 @@ def base_parameters(m: Mechanism) -> BaseParameters:
     places, rows = _of_tree(_in_lengths(m, length))
     if m.n < len(m.joints):  # joints that follow others, as do those of closed loops
         Y, sizes = _relative_columns(m, length, places, scale[places])
-        found = _span(Y, REGROUPING_TOLERANCE)
+        found = _span(Y)
         named = _independent(found)
         combined = np.linalg.solve(found[:, named], found) * sizes / sizes[named, None]
         places, rows = places[named], combined @ rows
     order = np.argsort(places)
-    places, matrix = places[order], _tidy(rows[order]) * scale[places[order], None] / scale
+    places, rows = places[order], rows[order]
+    rows = np.where(np.abs(rows - np.rint(rows)) < 1e-12, np.rint(rows) + 0.0, rows)  # integers but for rounding
+    matrix = rows * scale[places, None] / scale
     names = tuple(f"{body} {name}" for body in m.bodies for name in PARAMETERS)
     values = matrix @ inertia.parameters(m.M).ravel()
     for array in (places, matrix, values):
@@ -145,12 +152,13 @@ def _in_lengths(m: Mechanism, length: float) -> Mechanism:
 
 def _of_tree(m: Mechanism) -> tuple[np.ndarray, np.ndarray]:
     """The places of the named parameters and the combinations, of joints that are all independent."""
-    spaces = {-1: _ground(m)}
+    poses, carries, size = reference_poses(m), ancestors(m), len(PARAMETERS)
+    # outward: the spaces of each body from those of its parent; the ground only falls
+    nothing = np.zeros((0, size))
+    spaces = {-1: _Spaces(nothing, nothing, _span(np.array([[0, 0, 0, *m.gravity]], dtype=float)))}
     for i in range(m.nb):
         spaces[i] = _spaces(spaces[m.parent[i]], m.B[i], screws_of(m, i).T)
-    poses = reference_poses(m)
-    carries = ancestors(m)
-    size = len(PARAMETERS)
+    # inward: functions of composite inertias in the parameters of all bodies, solved for some of the first body's
     places, rows = np.zeros(0, dtype=int), np.zeros((0, size * m.nb))
     for j in reversed(range(m.nb)):
         own = spaces[j].vanishing
@@ -165,22 +173,15 @@ def _of_tree(m: Mechanism) -> tuple[np.ndarray, np.ndarray]:
     return places, rows
 
 
-def _ground(m: Mechanism) -> _Spaces:
-    """The spaces of the ground."""
-    nothing = np.zeros((0, 10))
-    return _Spaces(nothing, nothing, _span(np.array([[0, 0, 0, *m.gravity]], dtype=float)))
-
-
 def _spaces(parent: _Spaces, B: np.ndarray, X: np.ndarray) -> _Spaces:
     """The spaces of a body from those of its parent, on a joint with screws X, (k, 6)."""
-    velocities = _closed(parent.velocities @ Ad(inverse(B)).T, ad(X).mT)
-    velocities = _span(np.concatenate([velocities, X]))
+    velocities = _span(np.concatenate([_closed(parent.velocities @ Ad(inverse(B)).T, ad(X).mT), X]))
     momenta = np.concatenate([velocities @ (_UNIT_INERTIAS @ x).T for x in X])  # of the unit parameters, (6, 10) each
     flows = np.stack([_parameters(wedge(x) @ _UNIT_MOMENTS + _UNIT_MOMENTS @ wedge(x).T).T for x in X])
-    constant = _closed(parent.constant @ _transport(B), flows)
+    handed_on = parent.constant @ _transport(B)  # constant at every position of the joint if f D vanishes
+    constant = _closed(handed_on, flows)
     vanishing = _span(np.concatenate([momenta, *(constant @ flow for flow in flows)]))
-    constant = parent.constant @ _transport(B)
-    return _Spaces(vanishing, _span(np.concatenate([vanishing, constant])), velocities)
+    return _Spaces(vanishing, _span(np.concatenate([vanishing, handed_on])), velocities)
 
 
 def _transport(T: np.ndarray) -> np.ndarray:
@@ -201,10 +202,10 @@ def _closed(rows: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     return rows
 
 
-def _span(rows: np.ndarray, rank: float = REGROUPING_TOLERANCE) -> np.ndarray:
+def _span(rows: np.ndarray) -> np.ndarray:
     """An orthonormal basis of the space of some rows."""
     _, s, basis = np.linalg.svd(rows, full_matrices=False)
-    return basis[s > rank * max(1.0, s.max(initial=0))]
+    return basis[s > REGROUPING_TOLERANCE * max(1.0, s.max(initial=0))]
 
 
 def _independent(rows: np.ndarray) -> np.ndarray:
@@ -225,8 +226,7 @@ def _relative_columns(
     Their sizes are relative to those that they have where all joints are independent, and to the largest at each state:
     near singular positions of loops, all of them are large.
     """
-    tree = m.tree if m.closure else m
-    free = replace(tree, G=np.eye(len(m.joints)), g=np.zeros(len(m.joints)), coordinates=m.joints)
+    free = replace(m.tree, G=np.eye(len(m.joints)), g=np.zeros(len(m.joints)), coordinates=m.joints)
     most = np.linalg.norm(_samples(free, length)[..., places] * scale, axis=(0, 1))
     Y = _samples(m, length)[..., places] * scale / most
     largest = np.abs(Y).max(axis=(1, 2), keepdims=True)
@@ -244,17 +244,10 @@ def _samples(m: Mechanism, length: float) -> np.ndarray:
     if positions(m.tree):
         q[0] = rng.uniform(-1, 1, (count, position_count(m)))
     base = JointMotion(np.eye(4), columns(list(rng.uniform(-2, 2, (2, count, 6))))) if m.floats else None
-    position = None
+    tree = assembly.samples(m, count)[..., None] if m.closure else None
     if m.closure:
-        position = assembly.samples(m, count)[..., None]
-        q[0] = position[:, list(m.closure.independent), 0]
-    x = State(columns(q), base=base, position=position)
-    return np.asarray(REGRESSOR.law("recursion", m)(m, x)[0])
-
-
-def _tidy(x: np.ndarray) -> np.ndarray:
-    """Numbers without what rounding leaves of integers."""
-    return np.where(np.abs(x - np.rint(x)) < 1e-12, np.rint(x) + 0.0, x)
+        q[0] = tree[:, list(m.closure.independent), 0]
+    return np.asarray(REGRESSOR.law("recursion", m)(m, State(columns(q), base=base, position=tree))[0])
 
 
 def _formula(factors: np.ndarray, names: Sequence[str]) -> str:

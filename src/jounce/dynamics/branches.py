@@ -1,15 +1,21 @@
 """The branches of loops: what the frames that cut joints join see of each other, by sweeps over the joints between.
 
-A loop consists of two branches, from the body that carries both to the frames a and b. E = Ad(C_ab) takes twists from b
-to a. Where the loop is closed the relative twist V obeys R V = 0, with the constant rows R of the cut joint, so that
-only what the joint allows is left of it and ``E' = ad(V) E``: rates of E never appear.
+Problem: the constraints A q' = 0 of the loops, their rates, and the forces A^T y that cut joints exert.
+
+Algorithm: a loop consists of two branches, from the body that carries both to the frames a and b. Twists are summed up
+outward along the branches, forces inward; joints that branches share from the same body are done once. E = Ad(C_ab)
+takes twists from b to a.
+
+Invariant: where the loop is closed the relative twist V obeys R V = 0, with the constant rows R of the cut joint, so
+that only what the joint allows is left of it and ``E' = ad(V) E``: rates of E never appear.
+
+Failure: none is noticed. E takes the loops as closed: where they are open, A is approximate and its rates mean nothing.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from operator import matmul
-from typing import Any
 
 import numpy as np
 
@@ -63,8 +69,7 @@ def branches(m: Mechanism) -> list[tuple[Branch, Branch]]:
 
     both = []
     for loop in m.loops:
-        paths = [path_to(tree, frame.body) for frame in (loop.a, loop.b)]
-        shared = [i for i in paths[0] if i in paths[1]]
+        shared = [i for i in path_to(tree, loop.a.body) if i in path_to(tree, loop.b.body)]
         both.append((branch(loop.a, shared), branch(loop.b, shared)))
     return both
 
@@ -94,10 +99,8 @@ class Ends:
     @cached_property
     def _E(self) -> list[Array]:
         """Ad(C_ab) where loops are closed: the joint does not allow all slides."""
-        closed = []
-        for loop, C in zip(self.m.loops, self.poses, strict=True):
-            closed.append(Ad(pose(rotation(C), loop.allowed[3:, 3:] @ position(C))))
-        return closed
+        both = zip(self.m.loops, self.poses, strict=True)
+        return [Ad(pose(rotation(C), loop.allowed[3:, 3:] @ position(C))) for loop, C in both]
 
     @cached_property
     def _relative(self) -> list[Series]:
@@ -126,8 +129,7 @@ class Ends:
             return Ad(inverse(branch.T)) @ V
 
         def relative(k: int, a: Branch, b: Branch) -> Series:
-            carried = from_rates(lambda j: self._E[k] @ end(b)[j], lambda y: self._drift(k) @ y)
-            return carried - end(a)
+            return from_rates(lambda j: self._E[k] @ end(b)[j], lambda y: self._drift(k) @ y) - end(a)
 
         return [relative(k, a, b) for k, (a, b) in enumerate(self.branches)]
 
@@ -137,39 +139,31 @@ class Ends:
 
     def forces(self, y: Series) -> Series:
         """A^T y, (..., N, k): the forces on the coordinates where cut joints exert y, (..., c, k)."""
-        tree, at = self.m.tree, dict[tuple[int, int], Series]()
+        tree, at, start = self.m.tree, dict[tuple[int, int], Series](), 0
 
-        def act(branch: Branch, W: Series) -> None:
-            on_body = Ad(inverse(branch.T)).mT @ W
-            at[branch.key] = at[branch.key] + on_body if branch.key in at else on_body
+        def add(key: tuple[int, int], W: Series) -> None:
+            at[key] = at[key] + W if key in at else W
 
-        start = 0
+        # the wrenches of the cut joints on the bodies at the ends, those on the second frames taken there
         for k, (loop, (a, b)) in enumerate(zip(self.m.loops, self.branches, strict=True)):
             end = start + len(loop.rows)
             W, start = loop.rows.T @ rows(y, start, end), end
-            act(a, -W)
-            act(b, moved(W, partial(matmul, self._E[k].mT), partial(_drifting, self._drift(k))))
+            add(a.key, Ad(inverse(a.T)).mT @ -W)
+            E_T, ads = self._E[k].mT, self._drift(k)
+            seen = moved(W, partial(matmul, E_T), partial(matmul, ads.mT))
+            add(b.key, Ad(inverse(b.T)).mT @ seen)
+        # inward along the branches, each joint after those beyond it
         Q: dict[int, Series] = {}
-        for root, i in sorted(self._ways, key=lambda way: -way[1]):
+        ways = {(branch.root, i) for both in self.branches for branch in both for i in branch.joints}
+        for root, i in sorted(ways, key=lambda way: -way[1]):
             joint, W = self.joints[i], at.pop((root, i))
             own = joint.X.mT @ W
             Q[i] = Q[i] + own if i in Q else own
             if joint.parent != root:
-                handed = joint.wrenches(W)
-                at[root, joint.parent] = at[root, joint.parent] + handed if (root, joint.parent) in at else handed
+                add((root, joint.parent), joint.wrenches(W))
         still = 0 * rows(y, 0, 1)
         parts = [Q[i] if i in Q else joined([still] * len(own), axis=-2) for i, own in enumerate(tree.columns) if own]
         return tree.G.T @ joined(parts, axis=-2)
-
-    @property
-    def _ways(self) -> set[tuple[int, int]]:
-        """The joints of all branches, each with the first body of its branch."""
-        return {(branch.root, i) for both in self.branches for branch in both for i in branch.joints}
-
-
-def _drifting(ads: Series, W: Series) -> Series:
-    """ad(V)^T W."""
-    return ads.mT @ W
 
 
 @lru_cache(maxsize=64)
@@ -202,14 +196,12 @@ def with_solved_loops(m: Mechanism) -> Mechanism:
 
 def _kinematic(m: Mechanism) -> Mechanism:
     """A robot without what its loops do not depend on, in doubles; symbols raise an error."""
-
-    def convert(x: Array) -> Array:
-        return x.astype(float)
-
-    own: dict[str, Any] = {name: convert(getattr(m, name)) for name in ("B", "X", "G", "g")}
-    loops, closure = in_scalars(m.loops, m.closure, convert)
-    own |= {"M": np.zeros((m.nb, 6, 6)), "gravity": np.zeros(3)}
-    return replace(m, loops=loops, closure=closure, frames=(), elasticity=None, **own)
+    B, X, G, g = (x.astype(float) for x in (m.B, m.X, m.G, m.g))
+    loops, closure = in_scalars(m.loops, m.closure, lambda x: x.astype(float))
+    M, gravity = np.zeros((m.nb, 6, 6)), np.zeros(3)
+    return replace(
+        m, B=B, X=X, G=G, g=g, M=M, gravity=gravity, loops=loops, closure=closure, frames=(), elasticity=None
+    )
 
 
 @lru_cache(maxsize=64)

@@ -47,11 +47,9 @@ class ClosedForm:
 
 def closed_form(m: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None) -> ClosedForm:
     """The equations of motion for coordinates q, columns (..., n, 1), and wrenches W on the bodies, (..., 6nb, 1)."""
-    if m.floats:
-        velocities = joined([(base or STILL).V, q.dot], axis=-2)
+    if m.floats or base is None:
+        velocities = joined([(base or STILL).V, q.dot], axis=-2) if m.floats else q.dot
         return _closed_form(m, system.poses(m, q, base), velocities, W)
-    if base is None:
-        return _closed_form(m, system.poses(m, q, None), q.dot, W)
     carried = on_moving_ground(m)
     W = None if W is None else joined([0 * W.map(lambda W: W[..., :6, :]), W], axis=-2)
     velocities, given = joined([base.V, q.dot], axis=-2), joined([base.V.dot, 0 * q.dot], axis=-2)
@@ -76,9 +74,7 @@ def _closed_form(m: Mechanism, C0: Array, qd: Series, W: Series | None, given: S
     J = A @ X  # (JbSys)
     V = J @ qd  # (Vsys)
     b = V.map(system.system_b)  # (b)
-    U = from_rate(
-        system.system_U(C0), lambda U: -(b @ U)
-    )  # (eq_U); the paper's Udot = -A a U where the base is at rest
+    U = from_rate(system.system_U(C0), lambda U: -(b @ U))  # (eq_U); the paper's -A a U where the base is at rest
     UG = U @ g
     JT, MJ = J.mT, M @ J
     CJ = M @ J.dot - b.mT @ MJ  # (Csys)
@@ -101,10 +97,11 @@ def _closed_form(m: Mechanism, C0: Array, qd: Series, W: Series | None, given: S
     p = gM @ qd
     T = qd.mT @ p * 0.5
     power = qd.mT @ Qgrav
-    U = from_rate(system.potential_energy(bodies.inertias, C0, m.gravity), lambda _: power)
-    motion = {"H": H, "A": A, "J": J, "V": V, "b": b, "UG": UG, "T": T, "U": U}
-    momenta = {"h": h, "AG": AG, "hG": hG, "c": c, "p": p}
-    return ClosedForm(**motion, **momenta, gM=gM, gC=gC, gCbar=gCbar, Qgrav=Qgrav, Qext=Qext, Q=Q, bias=bias, F=F)
+    energy = from_rate(system.potential_energy(bodies.inertias, C0, m.gravity), lambda _: power)
+    return ClosedForm(
+        H=H, A=A, J=J, V=V, b=b, UG=UG, gM=gM, gC=gC, gCbar=gCbar, Qgrav=Qgrav, Qext=Qext, Q=Q, bias=bias,
+        h=h, AG=AG, hG=hG, c=c, F=F, p=p, T=T, U=energy,
+    )  # fmt: skip
 
 
 def by_body(x: Series) -> Series:

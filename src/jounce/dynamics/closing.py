@@ -1,13 +1,20 @@
 """Positions of closed robots: the dependent coordinates for which the loops close, by Newton's method, on numbers.
 
-Loops close in several ways, called branches. Positions are continued from a start along a straight line of the
-independent coordinates (predictor: the tangent; corrector: Newton's method): the start decides on the branch, and
-samples of a batch do not depend on each other.
+Problem: independent coordinates and a start are given; the gaps of the loops are to be zero on the branch of the start,
+one of the several ways in which loops close.
 
-A step from q to p stays on its branch where the determinant of A_d keeps its sign, det(A_d(q)^T A_d(p)) > 0, and the
-tangent at p is much like that at q. Neither suffices alone. Where two branches nearly meet, each is nearly straight,
-and a step that crosses the gap between them finds its tangent again, but the determinant has changed its sign. Where
-two such gaps are crossed, or one of several loops does not matter to the sign, the tangents differ.
+Algorithm: predictor-corrector continuation (Allgower, Georg, Introduction to Numerical Continuation Methods, 2003)
+along a straight line of the independent coordinates, which is the parameter: the tangent predicts, Newton's method
+corrects, and the length of steps doubles or halves. Samples of a batch do not depend on each other.
+
+Invariants: accepted positions have closed loops and lie on the branch of the start. A step from q to p stays on its
+branch where the determinant of A_d keeps its sign, det(A_d(q)^T A_d(p)) > 0, and the tangent at p is much like that at
+q. Neither suffices alone. Where two branches nearly meet, each is nearly straight, and a step that crosses the gap
+between them finds its tangent again, but the determinant has changed its sign. Where two such gaps are crossed, or one
+of several loops does not matter to the sign, the tangents differ.
+
+Failure: steps shrink in front of a singular position or the end of the workspace; below `MIN_CONTINUATION_STEP`, and
+where constraints are lost at the end of the line, `JounceError` is raised.
 """
 
 from functools import lru_cache
@@ -15,27 +22,18 @@ from functools import lru_cache
 import numpy as np
 
 from jounce.core.errors import JounceError, listed
-from jounce.dynamics import newton
-from jounce.dynamics.assembly import (
-    MIN_INVERSE_CONDITION,
-    crossing,
-    gaps,
-    inverse_conditions,
-    inverse_conditions_of,
-    least_gaps,
-    worst_gap,
-)
+from jounce.dynamics import assembly, newton
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import CLOSED_GAP, MAX_DIRECT_CORRECTION, Scales, Step, scales
 from jounce.model.mechanism import Mechanism
 
-MAX_CONDITION_BOUND = 1e4  # of A_d: up to it one step from CLOSED_GAP leaves (1e4 CLOSED_GAP)^2, which is rounding
-MAX_CLOSURE_STEPS = 20  # Newton's method: from a good prediction it takes three or four
-FIRST_CONTINUATION_STEP = 0.25  # rad or sizes of the robot: a step of about 15 degrees seldom changes branches
-MIN_CONTINUATION_STEP = 1e-5  # of what is left of the way: where steps as short fail, no way leads on
+MAX_CONDITION_ESTIMATE = 1e4  # of A_d: up to it one step from CLOSED_GAP leaves (1e4 CLOSED_GAP)^2, which is rounding
+MAX_CLOSURE_STEPS = 20  # of Newton's method, which is quadratic: what takes more does not converge
+FIRST_CONTINUATION_STEP = 0.25  # rad or sizes of the robot: about 15 degrees, to be doubled or halved
+MIN_CONTINUATION_STEP = 1e-5  # of what is left of the way: where steps as short fail, none leads on
 MAX_CORRECTION_RATIO = 0.3  # of the length of a step: correcting it further may lead to another branch
-MAX_TANGENT_TURN = 0.7  # change of the tangent over a step, relative to the tangent or to the way: tan 35 degrees
-FOLLOWER_TOLERANCE = 1e-6  # rad or sizes of the robot: numbers in files are rounded to six digits
+MAX_TANGENT_TURN = 0.7  # change of the tangent over a step, relative to the tangent or to the way: about 40 degrees
+FOLLOWER_TOLERANCE = 1e-6  # rad or sizes of the robot: numbers in files are rounded
 MAX_OTHER_BRANCH_GAP = 1e-3  # of the distance to followers' places: where gaps are smaller, loops close there too
 MIN_COMPARED_STEP = 1e-8  # rad or sizes of the robot, sqrt(eps): rounding turns the tangents of steps as short
 
@@ -61,12 +59,17 @@ def close_loops(m: Mechanism, u: np.ndarray, start: np.ndarray | None = None, st
     start = np.broadcast_to(c.start if start is None else start, (len(u), len(c.coordinates)))
     if c.ratios.places:
         _check_followers(m, start, u)
-    q, A, bounds = _continue(m, u, start, step or newton.step_of_arrays(m))
-    if len(near := np.flatnonzero(bounds > MAX_CONDITION_BOUND**2)):
-        found = inverse_conditions_of(A[near])
-        if (found < MIN_INVERSE_CONDITION).any():
-            worst = int(found.argmin())
-            raise _singular(m, found[worst], _sample(int(near[worst]), len(q)))
+    q, A, estimates = _continue(m, u, start, step or newton.step_of_arrays(m))
+    # estimates of conditions come at no cost; where they are large, singular values decide
+    if len(near := np.flatnonzero(estimates > MAX_CONDITION_ESTIMATE**2)):
+        conditions = assembly.inverse_conditions_of(A[near])
+        if (conditions < assembly.MIN_INVERSE_CONDITION).any():
+            worst = int(conditions.argmin())
+            raise JounceError(
+                f"{m.name!r}: constraints are lost at q{_sample(int(near[worst]), len(q))}, where 1/cond is"
+                f" {conditions[worst]:.2g}, expected {assembly.MIN_INVERSE_CONDITION:g} or more:"
+                f" {listed(m.coordinates)} do not determine the other joints there, or with few digits"
+            )
     return q
 
 
@@ -75,14 +78,15 @@ def _continue(m: Mechanism, u: np.ndarray, start: np.ndarray, step: Step) -> tup
     c, s = closure_of(m), scales(m)
     own, others = list(c.independent), np.array(c.dependent)
     q = np.array(start, dtype=float)
+    # start: no sample has moved, but those with missing numbers are done, as all that depends on them is missing
     left = (np.isfinite(u).all(axis=1) & np.isfinite(q).all(axis=1)) * 1.0  # the share of the way that is left
-    q[left == 0] = np.nan  # as all results are that depend on missing numbers
+    q[left == 0] = np.nan
     way = u - q[:, own]
     moves = way.any(axis=1)[:, None]
     length = np.abs(way / s.coordinates[own]).max(axis=1, initial=0)
     size = FIRST_CONTINUATION_STEP / np.maximum(length, FIRST_CONTINUATION_STEP)
     moved, measures, A = step(q, way)
-    bounds = np.where(left > 0, measures[:, 1], 0)
+    estimates = np.where(left > 0, measures[:, 1], 0)
     tangent = np.where(moves, moved - q[:, others], 0)  # of the dependent coordinates, per whole way
     while len(k := np.flatnonzero(left)):
         # predict: along the tangent, the independent coordinates exactly on their line
@@ -94,19 +98,21 @@ def _continue(m: Mechanism, u: np.ndarray, start: np.ndarray, step: Step) -> tup
         found, good = _newton(m, predicted, step)
         moved, measures, A_found = step(found, way[k])
         turned = moved - found[:, others] - tangent[k]
-        # accept where the branch is surely the same; else try half of the step
+        # compare: the correction with the step, the tangents at both ends, and the signs of the determinants
         good &= _is_near(s, found - predicted, predicted - before)
         turn, longest = (np.abs(x / s.coordinates[others]).max(axis=1) for x in (turned, tangent[k]))
         good &= (turn * share <= MIN_COMPARED_STEP) | (turn <= MAX_TANGENT_TURN * np.maximum(longest, length[k]))
-        good &= ~(moves[k, 0] & crossing(A[k], A_found))
+        good &= ~(moves[k, 0] & assembly.crossing(A[k], A_found))
+        # accept where the branch is surely the same, and try twice the step; else half of it
         done = k[good]
-        q[done], A[done], bounds[done] = found[good], A_found[good], measures[good, 1]
+        q[done], A[done], estimates[done] = found[good], A_found[good], measures[good, 1]
         tangent[done] += turned[good]
         left[done] -= share[good]
         size[k] = np.where(good, 2 * share, np.where(moves[k, 0], share / 2, 0))
+        # give up where no step is short enough, or none leads on as the independent coordinates are in their places
         if len(stuck := k[~good & (size[k] < MIN_CONTINUATION_STEP * left[k])]):
             raise _not_closed(m, s, q[stuck[0]], u[stuck[0]], _sample(stuck[0], len(u)))
-    return q, A, bounds
+    return q, A, estimates
 
 
 def _newton(m: Mechanism, q: np.ndarray, step: Step) -> tuple[np.ndarray, np.ndarray]:
@@ -120,14 +126,18 @@ def _newton(m: Mechanism, q: np.ndarray, step: Step) -> tuple[np.ndarray, np.nda
     q, good, least = q.copy(), np.zeros(len(q), dtype=bool), np.full(len(q), np.inf)
     k = np.arange(len(q))
     for _ in range(MAX_CLOSURE_STEPS):
+        # step: the gaps are those before it
         found, measures, _ = step(q[k], still)
-        gap, bound = measures[:, 0], measures[:, 1]
+        gap, estimate = measures[:, 0], measures[:, 1]
+        # judge: positions are closed once a gap is small enough
         better = gap < least[k]
         least[k] = np.minimum(gap, least[k])
         good[k] = least[k] <= limit
-        useful = better & (~good[k] | (bound <= MIN_INVERSE_CONDITION**-2))  # of closed ones, none that rounding makes
+        # take the step, but of closed and nearly singular samples none that rounding makes
+        useful = better & (~good[k] | (estimate <= assembly.MIN_INVERSE_CONDITION**-2))
         q[k[useful, None], others] = found[useful]
-        k = k[better & ~(good[k] & (bound <= MAX_CONDITION_BOUND**2))]
+        # go on with samples whose gap fell, until the step after the one that closed them
+        k = k[better & ~(good[k] & (estimate <= MAX_CONDITION_ESTIMATE**2))]
         if not len(k):
             break
     return q, good
@@ -135,10 +145,9 @@ def _newton(m: Mechanism, q: np.ndarray, step: Step) -> tuple[np.ndarray, np.nda
 
 def _is_near(s: Scales, bent: np.ndarray, straight: np.ndarray) -> np.ndarray:
     """Whether a step ended near where its tangent pointed: else it may have come to another branch."""
-    far, long = (np.abs(x / s.coordinates).max(axis=1) for x in (bent, straight))
-    return np.asarray(
-        far <= np.where(long > 0, np.maximum(MAX_CORRECTION_RATIO * long, MIN_COMPARED_STEP), MAX_DIRECT_CORRECTION)
-    )
+    off, length = (np.abs(x / s.coordinates).max(axis=1) for x in (bent, straight))
+    allowed = np.maximum(MAX_CORRECTION_RATIO * length, MIN_COMPARED_STEP)
+    return np.asarray(off <= np.where(length > 0, allowed, MAX_DIRECT_CORRECTION))
 
 
 def _check_followers(m: Mechanism, start: np.ndarray, u: np.ndarray) -> None:
@@ -148,7 +157,7 @@ def _check_followers(m: Mechanism, start: np.ndarray, u: np.ndarray) -> None:
     away = (start[:, following] - c.ratios.positions(u)) / s.coordinates[following]
     far = np.abs(away).max(axis=1)
     off = np.flatnonzero((far > FOLLOWER_TOLERANCE) & (start[:, own] == u).all(axis=1))
-    other = off[np.abs(gaps(m, start[off])[0] * s.rows).max(axis=1) < MAX_OTHER_BRANCH_GAP * far[off]]
+    other = off[np.abs(assembly.gaps(m, start[off])[0] * s.rows).max(axis=1) < MAX_OTHER_BRANCH_GAP * far[off]]
     if len(other):
         k, j = other[0], np.abs(away[other[0]]).argmax()
         name, given, place = c.coordinates[following[j]], start[k, following[j]], c.ratios.positions(u[k])[j]
@@ -168,28 +177,21 @@ def _not_closed(m: Mechanism, s: Scales, q: np.ndarray, u: np.ndarray, sample: s
     own = list(c.independent)
     trial = q.copy()
     trial[own] = u
-    [found], [off] = least_gaps(m, s, trial[None], list(c.dependent))
+    [found], [off] = assembly.least_gaps(m, s, trial[None], list(c.dependent))
     if (q[own] == u).all():  # all coordinates were given
         far = np.abs((found - q) / s.coordinates)
         joint = int(far.argmax())
         closes = f"they close with {c.coordinates[joint]} = {found[joint]:.4g}, not {q[joint]:.4g}"
-        gap = worst_gap(m, s, q if off <= CLOSED_GAP else found)
+        gap = assembly.worst_gap(m, s, q if off <= CLOSED_GAP else found)
         return JounceError(
             f"{m.name!r} cannot be closed near the coordinates given{sample}: {gap}"
-            f"{'; ' + closes if off <= CLOSED_GAP else ''}; expected all {len(c.coordinates)} coordinates of the tree near"
-            f" positions in which loops are closed, or {listed(m.coordinates)} alone"
+            f"{'; ' + closes if off <= CLOSED_GAP else ''}; expected all {len(c.coordinates)} coordinates of the tree"
+            f" near positions in which loops are closed, or {listed(m.coordinates)} alone"
         )
     at = ", ".join(f"{name} = {x:.4g}" for name, x in zip(m.coordinates, q[own], strict=True))
-    gap = "no straight line of the coordinates leads there" if off <= CLOSED_GAP else worst_gap(m, s, found)
+    gap = "no straight line of the coordinates leads there" if off <= CLOSED_GAP else assembly.worst_gap(m, s, found)
     return JounceError(
         f"{m.name!r} cannot be closed at q{sample}: {gap}; from the start it comes to {at},"
-        f" where 1/cond of the constraints is {inverse_conditions(m, q[None])[0]:.2g}; expected q in the"
+        f" where 1/cond of the constraints is {assembly.inverse_conditions(m, q[None])[0]:.2g}; expected q in the"
         f" workspace, or all {len(c.coordinates)} coordinates of the tree, near the wanted branch, in place of q"
-    )
-
-
-def _singular(m: Mechanism, inverse_cond: float, sample: str) -> JounceError:
-    return JounceError(
-        f"{m.name!r}: constraints are lost at q{sample}, where 1/cond is {inverse_cond:.2g}, expected {MIN_INVERSE_CONDITION:g} or"
-        f" more: {listed(m.coordinates)} do not determine the other joints there, or with few digits"
     )

@@ -1,9 +1,16 @@
 """Deflections of elastic joints over series: of springs that are not linear, and of springs with a damper.
 
-A spring phi alone has ``delta' = Q' / phi'(delta)``. With a damper D parallel to it, ``phi(delta) + D delta' = Q``,
-the deflection is a state with the time constant D / phi'. At one instant it is an asymptotic series, the fixed point
-``delta = phi^-1(Q - D delta')``, of which each term takes one more rate of Q. Of a linear spring the terms are
-``(-D / K)^k Q^(k) / K``. The first of them fall if the motion is slow compared with the time constant.
+Problem: the deflection delta of a spring that carries Q, and its rates: phi(delta) = Q, or with a damper D parallel to
+the spring, ``phi(delta) + D delta' = Q``.
+
+Algorithm: without a damper, delta by `inversion.deflection` and ``delta' = Q' / phi'(delta)`` for its rates. With one,
+the deflection is a state with the time constant D / phi'. Where it is not integrated, at one instant, it is an
+asymptotic series: fixed-point iterations ``delta = phi^-1(Q - D delta')``, each of which takes one more rate of Q. Of a
+linear spring the terms are ``(-D / K)^k Q^(k) / K``. The first of them fall if the motion is slow compared with the
+time constant.
+
+Failure: `UnreachableError` beyond the ends of a spring, and for rates where a spring has no stiffness; `JounceError`
+where the last term of a series is no smaller than those before it.
 """
 
 from collections.abc import Sequence
@@ -60,7 +67,7 @@ def _check_stiffness(spring: Spring, Q: Series, largest: float) -> None:
 def of_damped_spring(spring: Spring, damping: float, Q: Series, terms: int) -> list[Series]:
     """The sums of 0, 1, ... `terms` terms of delta with phi(delta) + D delta' = Q."""
     sums = [Q * 0, of_spring(spring, Q)]
-    while len(sums) <= terms:
+    while len(sums) <= terms:  # the rate of a sum takes a rate of Q more than the sum
         sums.append(of_spring(spring, Q - sums[-1].dot * damping))
     return sums[: terms + 1]
 

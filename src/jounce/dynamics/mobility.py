@@ -1,4 +1,16 @@
-"""Coordinates that move no inertia: those in which the mass matrix is singular."""
+"""Coordinates that move no inertia: those in which the mass matrix is singular.
+
+Problem: the rank of the mass matrix at almost all positions, and which coordinates take part in its null space.
+
+Algorithm: at an arbitrary position, the pivots of the mass matrix by articulated bodies (Featherstone, Rigid Body
+Dynamics Algorithms, 7.3); where one vanishes, or joints follow others, the eigenvalues of J^T M J scaled to a diagonal
+of ones. Closed robots are looked at where their loops are known to close.
+
+Invariant: entries are analytic functions of the coordinates, so that the rank at almost all positions is the largest
+that is found at any. Pivots are compared with what the inertia could make of them, in no units.
+
+Failure: where numbers overflow nothing can be said, and the matrix counts as regular.
+"""
 
 from functools import lru_cache
 
@@ -43,38 +55,49 @@ def may_be_singular(m: Mechanism) -> bool:
 
     Of the joints that move, those nearest to the base then take energy, whatever the others do.
     """
-    tree = m.tree if m.closure else m
-    largest, rotors = np.abs(tree.M).max(axis=(1, 2)), tree.drives.armature * ("armature" in m.acting)
+    tree = m.tree
+    largest, rotors = np.abs(tree.M).max(axis=(1, 2)), _rotors(m)
     own = np.full(tree.nb, np.inf)
     for i, screws in ((i, [*screws]) for i, screws in enumerate(tree.columns) if screws):
         X = tree.X[screws]
         own[i] = np.linalg.eigvalsh(X @ tree.M[i] @ X.T + np.diag(rotors[screws]))[0]
     of_base = np.linalg.eigvalsh(tree.M[0])
-    return bool(
-        (m.floats and not of_base[0] > MASS_RANK_TOLERANCE * of_base[-1])
-        or not (own > MASS_RANK_TOLERANCE * largest).all()
-    )
+    base_is_regular = not m.floats or of_base[0] > MASS_RANK_TOLERANCE * of_base[-1]
+    return not (base_is_regular and (own > MASS_RANK_TOLERANCE * largest).all())
 
 
 def is_singular(M: np.ndarray) -> np.ndarray:
     """Which of some mass matrices (..., nv, nv) are singular to rounding, (...)."""
     own = np.einsum("...jj->...j", M)
-    moves = own > MASS_RANK_TOLERANCE * own.max(axis=-1, keepdims=True)
-    scale = np.sqrt(np.where(moves, own, 1.0))
-    scaled = np.where(moves[..., None, :] & moves[..., None], M / (scale[..., None, :] * scale[..., None]), 0.0)
+    scaled = _with_unit_diagonal(M, own, own.max(axis=-1, keepdims=True))
     known = np.asarray(np.isfinite(scaled).all(axis=(-2, -1)))
     least = np.linalg.eigvalsh(np.where(known[..., None, None], scaled, np.eye(M.shape[-1])))[..., 0]
     return np.asarray(known & (least <= MASS_RANK_TOLERANCE * M.shape[-1]))
 
 
+def _rotors(m: Mechanism) -> np.ndarray:
+    """The armature that acts at each joint."""
+    return m.drives.armature * ("armature" in m.acting)
+
+
+def _with_unit_diagonal(M: np.ndarray, own: np.ndarray, largest: np.ndarray) -> np.ndarray:
+    """Mass matrices scaled by their diagonals `own`; zeros where these are rounding of the largest that they could be.
+
+    The scale makes entries of m and rad, of heavy and light bodies comparable.
+    """
+    moves = own > MASS_RANK_TOLERANCE * largest
+    scale = np.sqrt(np.where(moves, own, 1.0))
+    return np.where(moves[..., None, :] & moves[..., None], M / (scale[..., None, :] * scale[..., None]), 0.0)
+
+
 def _is_regular(m: Mechanism, q: np.ndarray) -> bool:
     """Whether every joint feels inertia while all the others are free: the pivots of the mass matrix, in O(n).
 
-    Where joints follow others, pivots of the joint variables tell nothing.
+    Where joints follow others, pivots of the joint variables decide nothing.
     """
     if not np.array_equal(m.G, np.eye(len(m.joints))):
         return False
-    rotors = m.drives.armature * ("armature" in m.acting)
+    rotors = _rotors(m)
     articulated = list(m.M)  # of a body with all beyond it, whose joints are free
     for i, joint in reversed(list(enumerate(joints(m, Series.of([q[:, None]]))))):
         left, largest = articulated[i], np.abs(articulated[i]).max()
@@ -108,18 +131,14 @@ def _idle(m: Mechanism, q: np.ndarray) -> tuple[int, np.ndarray]:
         tree, F = m, np.eye(m.nv)
     J = bodies.jacobians(tree, columns([q]), STILL, None)[0] @ F
     M, nv = m.M, m.nv
-    rotors = m.drives.armature * ("armature" in m.acting)
+    rotors = _rotors(m)
     G = tree.G @ joint_columns(tree) @ F
     momenta = (M @ J).reshape(-1, nv)
     gM = J.reshape(momenta.shape).T @ momenta + G.T * rotors @ G  # (MC)
     most = np.einsum("iaj,iaj,i->j", J, J, np.abs(M).max(axis=(1, 2))) + rotors @ G**2
-    own = np.abs(np.diag(gM))
-    moves = own > MASS_RANK_TOLERANCE * most
-    scale = np.sqrt(np.where(moves, own, 1.0))
-    scaled = np.where(moves[:, None] & moves, gM / np.outer(scale, scale), 0.0)
-    if not np.isfinite(scaled).all():  # overflown: nothing can be said
-        return nv, np.zeros(nv, dtype=bool)
-    if (np.abs(np.linalg.eigvalsh(scaled)) > MASS_RANK_TOLERANCE * nv).all():  # as most are, at a fraction of the cost
+    scaled = _with_unit_diagonal(gM, np.abs(np.diag(gM)), most)
+    # regular, as most are, which costs a fraction of eigenvectors; or overflown, where nothing can be said
+    if not np.isfinite(scaled).all() or (np.abs(np.linalg.eigvalsh(scaled)) > MASS_RANK_TOLERANCE * nv).all():
         return nv, np.zeros(nv, dtype=bool)
     values, vectors = np.linalg.eigh(scaled)
     null = np.abs(values) <= MASS_RANK_TOLERANCE * nv

@@ -1,8 +1,17 @@
 """Newton's method for the dependent coordinates of closed robots: one step, over any scalar type.
 
-With gaps r of the loops, constraints A and a change h of the independent coordinates, the step of the dependent ones is
-``A_d step = -(r + A_u h)``: a correction where h = 0, else a prediction along the tangent. Followers with constant
-ratios are set to their places, and count as independent then.
+Problem: the gaps r of the loops, as many numbers as the cut joints hold, are to be zero. Rows may be redundant.
+
+Algorithm: with constraints A, the derivatives of the gaps, and a change h of the independent coordinates, the step of
+the dependent ones is ``A_d step = -(r + A_u h)``: a correction where h = 0, else a prediction along the tangent. A_d is
+taken as Q R by modified Gram-Schmidt (Golub, Van Loan, Matrix Computations, 5.2), which needs no pivots and can be
+traced. Followers with constant ratios are set to their places, and count as independent then.
+
+Invariants: lengths are divided by the size of the robot, so that gaps, A_d and its condition have no units.
+
+Failure: it reports none. The measures of a step hold what a caller judges by, the squares of the gap before it and of
+an estimate of the condition number, |A_d| times |Q^-1| without the factor R: large, infinite or NaN where constraints
+are lost.
 """
 
 from collections.abc import Callable
@@ -21,7 +30,7 @@ from jounce.spatial.lie import axial, hat, position, rotation
 from jounce.spatial.linear import OrthogonalFactors
 from jounce.spatial.series import Series, columns
 
-STEP_MEASURES = 2  # of a step: squares of the gap before it, and of a bound of the condition number
+STEP_MEASURES = 2  # of a step: squares of the gap before it, and of an estimate of the condition number
 CLOSED_GAP = 1e-13  # without unit, see `Scales`: where loops are closed, rounding leaves less than 500 eps
 MAX_DIRECT_CORRECTION = 0.5  # rad or sizes of the robot: up to it Newton's method needs no continuation
 Step: TypeAlias = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -73,20 +82,23 @@ def step(m: Mechanism, q: Array, change: Array) -> tuple[Array, Array, Array]:
     constraints are solved for.
     """
     m = with_solved_loops(m)
-    c = closure_of(m)
+    c, s = closure_of(m), scales(m)
     own, others, following = list(c.independent), list(c.solved), q[..., []]
     if not others:
         return c.ratios.positions(q[..., own] + change), np.array([0.0, 1.0]), np.zeros((0, 0))
-    s = scales(m)
+    # followers: they go to their places, and their changes count as those of independent coordinates
     if c.ratios.places:
         following = c.ratios.positions(q[..., own] + change)
         change = concatenate([change, following - q[..., list(c.ratios.places)]], axis=-1)
         own += c.ratios.places
+    # linearize, without units
     gap, A = gaps(m, q)
     gap, A = s.rows[:, None] * gap, s.rows[:, None] * A * s.coordinates
     A_d = A[..., others]
+    # solve: A_d step = -(r + A_u h)
     factors = OrthogonalFactors.of(A_d, pattern(m)[:, others])
     moved = factors.solve(-(gap + A[..., own] @ (change / s.coordinates[own])[..., None]))
+    # measure: squares of Frobenius norms
     measures = concatenate([_square(gap), _square(concatenate(factors.inverse_Q, axis=-2)) * _square(A_d)], axis=-1)
     found = concatenate([following, q[..., others] + s.coordinates[others] * moved[..., 0]], axis=-1)
     return found[..., np.argsort([*c.ratios.places, *others])], measures, A_d

@@ -5,7 +5,7 @@ import hashlib
 import numpy as np
 
 from jounce.dynamics.branches import with_solved_loops
-from jounce.dynamics.closing import FOLLOWER_TOLERANCE, MAX_CONDITION_BOUND, max_gap
+from jounce.dynamics.closing import FOLLOWER_TOLERANCE, MAX_CONDITION_ESTIMATE, max_gap
 from jounce.dynamics.computation import DEPENDENT, Computation, Port, Signature, in_a_row
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import MAX_DIRECT_CORRECTION, STEP_MEASURES, scales, step
@@ -54,7 +54,7 @@ class NativeStep:
         if q.shape[-1] != self.count:
             raise LookupError
         found, measures, _ = self.ufunc(q, self.still)
-        most = self.closed, min(limit, MAX_CONDITION_BOUND) ** 2
+        most = self.closed, min(limit, MAX_CONDITION_ESTIMATE) ** 2
         if not _is_within(measures, most):
             x = q.copy()
             for _ in range(ITERATIONS):

@@ -36,9 +36,9 @@ def has_deep_branches(m: Mechanism) -> bool:
     """Return whether articulated bodies take fewer operations than M and its factors, and can be used.
 
     M has an entry for each body and each joint on its way to the ground, articulated bodies one inertia for each body.
-    Counted for fifty arms, humanoids, hands and chains, the two are even where that way has `MIN_DEPTH` joints on average,
-    as in a chain of eleven, or `MIN_DEPTH_ON_BASE` joints if the robot floats. Joints that follow others tie branches
-    together, which articulated bodies leave free.
+    Counted for fifty arms, humanoids, hands and chains, the two are even where that way has `MIN_DEPTH` joints on
+    average, as in a chain of eleven, or `MIN_DEPTH_ON_BASE` joints if the robot floats. Joints that follow others tie
+    branches together, which articulated bodies leave free.
     """
     if m.n != len(m.joints) or not all(map(is_zero, np.ravel(m.G - np.eye(m.n)))):
         return False
