@@ -9,7 +9,7 @@ Followers with constant ratios, d = F_d u + offset, count as independent where c
 where velocities are, and F_d^T Q_d added to Q_u where forces are. Loops that nothing else moves then need no solution.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -88,8 +88,8 @@ class ClosedMotion:
     def _factors(self) -> OrthogonalFactors:
         """Those of A_d."""
         solved = list(closure_of(self.m).solved)
-        columns = np.eye(self.m.tree.n, dtype=int)[:, solved]
-        return OrthogonalFactors.of(self.ends.held(Series.constant(columns))[0], pattern(self.ends.m)[:, solved])
+        A_d = self.ends.held(Series.constant(np.eye(self.m.tree.n, dtype=int)[:, solved]))[0]
+        return OrthogonalFactors.of(A_d, pattern(self.ends.m)[:, solved])
 
     def velocities(self, own: Series) -> Series:
         """The velocities x of the tree, (..., k), from the independent ones: dependent ones d obey A_d d = -A_u x_u.
@@ -110,35 +110,30 @@ class ClosedMotion:
 
     def multipliers(self, Q: Series) -> Series:
         """y of A_d^T y = Q_d: what the cut joints exert where forces Q, (..., nv, k), act on the tree."""
-        known: list[Array] = []
-
-        def term(k: int) -> Array:
-            rest = self.dependent(Q)[k]
-            if k:
-                y = Series.of([*known, zeros_like(known[0])])
-                rest = rest - self.dependent(self._exerted(y))[k]
-            known.append(self._factors.solve_transposed(rest))
-            return known[-1]
-
-        return Series(term)
+        return self._balance(Q, lambda rest: self._factors.solve_transposed(rest), lambda y: y)
 
     def shortest_multipliers(self, Q: Series) -> Series:
         """The shortest y where constraints are redundant: y = A_d z of A_d^T A_d z = Q_d."""
-        known: list[Array] = []
 
         def along(z: Series) -> Series:
-            still = len(self._places[0])
-            return self.ends.held(z.map(lambda z: self._of_joints(self._whole(_zeros(still, z), z))))
+            independent = len(self._places[0])
+            return self.ends.held(z.map(lambda z: self._of_joints(self._whole(_zeros(independent, z), z))))
+
+        return along(self._balance(Q, lambda x: self._factors.solve(self._factors.solve_transposed(x)), along))
+
+    def _balance(self, Q: Series, solve: Callable[[Array], Array], exert: Callable[[Series], Series]) -> Series:
+        """z for which y = exert(z) obeys A_d^T y = Q_d: its rates follow one after the other, by the same factors."""
+        known: list[Array] = []
 
         def term(k: int) -> Array:
             rest = self.dependent(Q)[k]
             if k:
-                z = Series.of([*known, zeros_like(known[0])])
-                rest = rest - self.dependent(self._exerted(along(z)))[k]
-            known.append(self._factors.solve(self._factors.solve_transposed(rest)))
+                y = exert(Series.of([*known, zeros_like(known[0])]))
+                rest = rest - self.dependent(self._exerted(y))[k]
+            known.append(solve(rest))
             return known[-1]
 
-        return along(Series(term))
+        return Series(term)
 
     def dependent(self, Q: Series) -> Series:
         """The rows of the velocities that constraints are solved for."""

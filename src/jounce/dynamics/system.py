@@ -24,14 +24,14 @@ from jounce.spatial.series import Series, diagonal
 class System:
     """What does not depend on the state: the screws of the velocities, the inertia matrices, and the tree."""
 
-    S: Array  # (6nb, k) the screws of the joints, the six of a base that floats ahead of them
+    S: Array  # (6nb, k) the screws of the joints, each in the rows of its body, the six of a base that floats first
     G: Array  # (k, nv), so that the own twists of the bodies are S G qd
     inertias: Array  # (nb, 6, 6)
     carries: np.ndarray  # (nb, nb): 1 where body j carries body i or is it
 
     @cached_property
     def X(self) -> Array:
-        """The screws of the velocities: (6nb, nv)."""
+        """The screws of the velocities, so that V = A X qd: (6nb, nv)."""
         return self.S @ self.G  # (Ab)
 
     @cached_property
@@ -43,7 +43,10 @@ class System:
 @lru_cache(maxsize=64)
 def of_bodies(m: Mechanism) -> System:
     """The system of the bodies."""
-    return System(system_S(m), velocity_map(m), m.M, ancestors(m))
+    parts = [screws_of(m, i).T for i in range(m.nb)]
+    moves = np.repeat(np.eye(len(parts), dtype=int), list(map(len, parts)), axis=0)  # (k, nb): screw by body
+    S = (moves[..., None] * concatenate(parts, axis=-2)[:, None, :]).reshape(len(moves), -1).T
+    return System(S, velocity_map(m), m.M, ancestors(m))
 
 
 def poses(m: Mechanism, q: Series, base: JointMotion | None) -> Array:
@@ -81,26 +84,6 @@ def _blocks(C: Array, pattern: np.ndarray) -> Array:
     blocks = Ad(C_ij) * pattern[:, :, None, None]
     *lead, nb, _, _, _ = blocks.shape
     return blocks.swapaxes(-3, -2).reshape((*lead, 6 * nb, 6 * nb))
-
-
-@lru_cache(maxsize=64)
-def system_X(m: Mechanism) -> Array:
-    """X, the joint screws along the diagonal, times G: (6nb, nv), so that V = A X qd."""
-    return of_bodies(m).X
-
-
-@lru_cache(maxsize=64)
-def system_S(m: Mechanism) -> Array:
-    """The joint screws, each in the rows of the body that it moves: (6nb, k)."""
-    parts = [screws_of(m, i).T for i in range(m.nb)]
-    moves = np.repeat(np.eye(len(parts), dtype=int), list(map(len, parts)), axis=0)  # (k, nb)
-    return (moves[..., None] * concatenate(parts, axis=-2)[:, None, :]).reshape(len(moves), -1).T
-
-
-@lru_cache(maxsize=64)
-def system_M(m: Mechanism) -> Array:
-    """M, the inertia matrices along the diagonal: (6nb, 6nb)."""
-    return diagonal(m.M)  # (Msys)
 
 
 def system_a(X: Array, qd: Array) -> Array:

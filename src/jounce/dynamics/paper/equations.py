@@ -24,7 +24,7 @@ class Paper:
 
     def __init__(self, m: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None):
         self.mechanism, self.W, self.base = m, W, base
-        self.M = system.system_M(m)
+        self.X, self.M = system.of_bodies(m).X, system.of_bodies(m).M
         self.nu = joined([(base or STILL).V, q.dot], axis=-2) if m.floats else q.dot
         alpha = turning(m, q, base)
         self.T = None if alpha is None else from_rate(np.eye(m.nv, dtype=int), lambda T: T @ alpha)
@@ -41,7 +41,7 @@ class Paper:
 
     @cached_property
     def J(self) -> Array:
-        return self.A @ system.system_X(self.mechanism)  # (JbSys)
+        return self.A @ self.X  # (JbSys)
 
     @cached_property
     def UG(self) -> Array:
@@ -49,7 +49,7 @@ class Paper:
 
     def a(self, k: int = 0) -> Array:
         """The k-th time derivative of a, itself with that of the joints' own velocities in the place of qd."""
-        return system.system_a(system.system_X(self.mechanism), self.nu[k])  # (a)
+        return system.system_a(self.X, self.nu[k])  # (a)
 
     def b(self, k: int = 0) -> Array:
         """The k-th time derivative of b."""

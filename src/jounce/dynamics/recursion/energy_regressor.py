@@ -35,8 +35,7 @@ def energy_regressor(m: Mechanism, q: Series, base: JointMotion | None = None) -
     for i, joint in enumerate(tree.joints):
         velocities[i] = outward_velocity(joint, velocities[joint.parent])
         field[i], work[i] = joint.lowered(field[joint.parent], work[joint.parent])
-    bodies = range(len(tree.joints))[tree.own]
-    energies = [_energies(velocities[i], field[i], work[i]) @ S for i, S in zip(bodies, _shifts(m), strict=True)]
+    energies = [_energies(velocities[i], field[i], work[i]) @ S for i, S in zip(tree.own, _shifts(m), strict=True)]
     steps = [x for i in range(len(tree.joints)) for x in (velocities[i].a, field[i], work[i])]
     return evaluate_in_order(joined([E.mT + batch_zeros(q) for E in energies], axis=-2), steps)
 

@@ -13,16 +13,9 @@ import numpy as np
 
 from jounce.core.scalars import Array
 from jounce.dynamics.joint_motion import JointMotion
+from jounce.dynamics.recursion import steps
 from jounce.dynamics.recursion.joints import batch_zeros, rows
-from jounce.dynamics.recursion.steps import (
-    AnyJoint,
-    BodyMotion,
-    Force,
-    Moments,
-    inertia_force,
-    outward,
-    outward_at_rest,
-)
+from jounce.dynamics.recursion.steps import AnyJoint, BodyMotion, Force, Moments
 from jounce.dynamics.recursion.sweeps import evaluate_in_order
 from jounce.dynamics.recursion.tree import KinematicTree, aligned_tree
 from jounce.model.equivalent import frame_shifts, minimal, on_axes
@@ -44,11 +37,11 @@ class Sweep:
 
     parts: Mapping[str, int]
     outward: Callable[[AnyJoint, BodyMotion], BodyMotion]
-    force: Callable[[Moments, BodyMotion], Force] = inertia_force
+    force: Callable[[Moments, BodyMotion], Force] = steps.inertia_force
 
 
-MOVING = Sweep({"w": 1, "a": 0, "K": 0}, outward)
-AT_REST = Sweep({"a": 0}, outward_at_rest)  # under gravity alone
+MOVING = Sweep({"w": 1, "a": 0, "K": 0}, steps.outward)
+AT_REST = Sweep({"a": 0}, steps.outward_at_rest)  # under gravity alone
 
 
 class Tree(Protocol):
@@ -109,8 +102,7 @@ def joint_wrenches(m: Mechanism, q: Series, W: Series | None = None, base: Joint
     chain = on_axes(m)
     swept = _swept(MOVING, m, chain, q, W, base)
     to_given = Ad(inverse(frame_shifts(m, chain))).mT
-    own = range(len(swept.tree.joints))[swept.tree.own]
-    return joined([(E @ swept.wrench(i)).mT for i, E in zip(own, to_given, strict=True)], axis=-2)
+    return joined([(E @ swept.wrench(i)).mT for i, E in zip(swept.tree.own, to_given, strict=True)], axis=-2)
 
 
 def _swept(
@@ -119,8 +111,7 @@ def _swept(
     """The tree of a mechanism, with forces in the frames of `chain` and wrenches on those of `given`."""
     tree = aligned_tree(chain, q, base)
     on_bodies = [] if W is None else wrenches(given, chain, W)
-    on = dict(zip(range(len(tree.joints))[tree.own], on_bodies, strict=False))
-    swept = _Series(kind, tree, q, on, {-1: ground(chain.gravity)}, {}, {})
+    swept = _Series(kind, tree, q, dict(zip(tree.own, on_bodies, strict=False)), {-1: ground(chain.gravity)}, {}, {})
     sweep(swept)
     return swept
 

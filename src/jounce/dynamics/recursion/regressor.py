@@ -71,7 +71,7 @@ def _projected(
     for i, joint in enumerate(tree.joints):
         motions[i] = step(joint, motions[joint.parent])
     on: dict[int, list[Columns]] = {i: [] for i in range(-1, count)}
-    for i, own in zip(range(count)[tree.own], units, strict=True):
+    for i, own in zip(tree.own, units, strict=True):
         on[i] += [Columns(list(own), of_motion(motions[i], *_parts(own)))] if own else []
     rows: dict[int, Series] = {}
     steps = [motions[i].a for i in range(count)]

@@ -27,7 +27,7 @@ class KinematicTree(Generic[J]):
     mechanism: Mechanism  # on the ground that moves, if it does
     joints: Sequence[J]
     G: Array  # velocities of all joints, six of a base, from those of the mechanism: (columns of screws, nv)
-    own: slice  # which of the joints are those of the mechanism
+    own: range  # the places of the joints that are those of the mechanism
 
     @property
     def M(self) -> Array:
@@ -60,7 +60,7 @@ def _tree(
     joints_of: Callable[[Mechanism, Series, JointMotion | None], Sequence[J]],
 ) -> KinematicTree[J]:
     if m.floats or base is None:
-        return KinematicTree(m, joints_of(m, q, base), velocity_map(m), slice(None))
-    moving = on_moving_ground(m)
+        return KinematicTree(m, joints_of(m, q, base), velocity_map(m), range(m.nb))
     G = concatenate([np.zeros((6, m.nv), dtype=int), m.G], axis=-2)
-    return KinematicTree(moving, joints_of(moving, q, base), G, slice(1, None))
+    moving = on_moving_ground(m)
+    return KinematicTree(moving, joints_of(moving, q, base), G, range(1, moving.nb))
