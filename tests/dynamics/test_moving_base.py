@@ -21,7 +21,7 @@ from robots import (
 import jounce
 from jounce.core.errors import JounceError
 from jounce.dynamics.closed_form import closed_form
-from jounce.dynamics.paper import laws
+from jounce.dynamics.paper import equations
 from jounce.dynamics.state import State
 from jounce.spatial.inertia import moments
 from jounce.spatial.lie import Ad, hat, inverse
@@ -65,10 +65,10 @@ def test_the_printed_expansions_agree_with_the_closed_form(drawn):
     q, base = columns(rng.uniform(-2, 2, (5, mechanism.n))), motion_of(random_base(rng, 5))
     x, expected = State(q, base=base), closed_form(mechanism, q, None, base)
     for k in range(3):
-        equal(laws.mass_matrix(mechanism, x)[k], expected.gM[k])
-        equal(laws.coriolis_matrix(mechanism, x)[k], expected.gC[k])
-        equal(laws.gravity_forces(mechanism, x)[k], expected.Qgrav[k])
-        equal(laws.inverse_dynamics(mechanism, x)[k], expected.Q[k])
+        equal(equations.mass_matrix(mechanism, x)[k], expected.gM[k])
+        equal(equations.coriolis_matrix(mechanism, x)[k], expected.gC[k])
+        equal(equations.gravity_forces(mechanism, x)[k], expected.Qgrav[k])
+        equal(equations.inverse_dynamics(mechanism, x)[k], expected.Q[k])
 
 
 def state(drawn, count=5):

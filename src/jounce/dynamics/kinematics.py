@@ -1,13 +1,19 @@
-"""Poses and screws of bodies, and of links merged into them, in the three usual frames, with rates.
+"""Kinematics of bodies, and of links merged into them, in the three usual frames, with rates; loads at their points.
 
-Each method provides functions of the mechanism, the coordinates, the motion of the base and a body (None for all) for
-the bodies themselves: poses (..., nb, 4, 4) or (..., 4, 4), and columns of screws (..., nb, 6, k) or (..., 6, k) in
-body frames.
+A form, `recursion.bodies` or `closed_form`, provides the functions of the bodies themselves: of the mechanism, the
+coordinates, the motion of the base and a body (None for all), poses (..., nb, 4, 4) or (..., 4, 4), and columns of
+screws in body frames (..., nb, 6, k) or (..., 6, k).
 """
 
 from collections.abc import Callable
+from types import ModuleType
 
+import numpy as np
+
+from jounce.core.scalars import Array
 from jounce.dynamics.joint_motion import JointMotion
+from jounce.dynamics.recursion import bodies
+from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import lie
 from jounce.spatial.series import Series, joined
@@ -21,22 +27,20 @@ FRAMES = {  # of screws: the axes and the origin of their components
 }
 
 
-def poses(m: Mechanism, q: Series, base: JointMotion, body: str | None, of_bodies: OfBodies) -> Series:
+def poses(m: Mechanism, x: State, form: ModuleType) -> Series:
     """H of all bodies, or of one body or merged link."""
-    if body is None:
-        return of_bodies(m, q, base, None)
-    link = m.frame(body)
-    return of_bodies(m, q, base, link.body) @ link.T
+    if x.body is None:
+        return form.poses(m, x.q, x.motion_of_base, None)
+    link = m.frame(x.body)
+    return form.poses(m, x.q, x.motion_of_base, link.body) @ link.T
 
 
-def screws(
-    m: Mechanism, q: Series, base: JointMotion, body: str | None, frame: str, poses_of: OfBodies, screws_of: OfBodies
-) -> Series:
+def screws(m: Mechanism, x: State, form: ModuleType, screws_of: OfBodies) -> Series:
     """Columns of screws, twists or Jacobians, of all bodies or of one body or merged link, in a frame."""
-    Y = screws_of(m, q, base, None if body is None else m.frame(body).body)
-    if body is not None:
-        Y = lie.Ad(lie.inverse(m.frame(body).T)) @ Y
-    return Y if frame == "body" else _adjoint(poses(m, q, base, body, poses_of), frame) @ Y
+    Y = screws_of(m, x.q, x.motion_of_base, None if x.body is None else m.frame(x.body).body)
+    if x.body is not None:
+        Y = lie.Ad(lie.inverse(m.frame(x.body).T)) @ Y
+    return Y if x.frame == "body" else _adjoint(poses(m, x, form), x.frame) @ Y
 
 
 def _adjoint(H: Series, frame: str) -> Series:
@@ -45,9 +49,27 @@ def _adjoint(H: Series, frame: str) -> Series:
     In the world frame, world axes at the origin of the body, a screw is what it would be if the frame did not move.
     """
     R = H.map(lie.rotation)
-    return in_blocks(R, R * 0 if frame == "world" else H.map(lambda C: lie.hat(lie.position(C)[..., 0])) @ R)  # (AdCij)
+    return _in_blocks(
+        R, R * 0 if frame == "world" else H.map(lambda C: lie.hat(lie.position(C)[..., 0])) @ R
+    )  # (AdCij)
 
 
-def in_blocks(R: Series, below: Series) -> Series:
+def _in_blocks(R: Series, below: Series) -> Series:
     """``[[R, 0], [below, R]]``, (..., 6, 6)."""
     return joined([joined([R, 0 * R], axis=-1), joined([below, R], axis=-1)], axis=-2)
+
+
+def wrench_of(m: Mechanism, q: Series, base: JointMotion, load: Series, body: str, axes: str, point: Array) -> Series:
+    """W, (..., nb, 6), of a load (torque; force), (..., 6, 1), that acts on a body or merged link at a point of it.
+
+    The rates of a load in world axes hold those of the link's rotation.
+    """
+    link = m.frame(body)
+    if axes == "world":
+        R = bodies.poses(m, q, base, link.body).map(lambda H: lie.rotation(H @ link.T))
+        load = _in_blocks(R.mT, 0 * R) @ load
+    about_origin = lie.Ad(lie.pose(np.eye(3, dtype=int), -point[:, None])).mT  # (torque + p x force; force)
+    W = -(lie.Ad(lie.inverse(link.T)).mT @ about_origin @ load)
+    rows = np.zeros((m.nb, 1), dtype=int)
+    rows[max(link.body, 0)] = link.body >= 0  # what acts on the ground moves nothing
+    return W.map(lambda W: rows * W[..., None, :, 0])

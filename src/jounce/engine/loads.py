@@ -8,7 +8,7 @@ from jounce.arguments.base import base_of
 from jounce.arguments.rates import rates_of
 from jounce.core.scalars import Array
 from jounce.dynamics.computation import Computation, Port
-from jounce.dynamics.loads import wrench_of
+from jounce.dynamics.kinematics import wrench_of
 from jounce.dynamics.loops import closed_motion
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine import digits

@@ -1,7 +1,8 @@
 """The equations of motion and their two time derivatives, assembled from the matrices of Sections 3 and 4.
 
 They are printed for joints of one screw, of which a X = 0. They hold for all others in velocities nu_p = T nu of which
-``T' = T alpha`` and T = 1 at the instant, with alpha of `dynamics.joint_motion.turning`.
+``T' = T alpha`` and T = 1 at the instant, with alpha of `dynamics.joint_motion.turning`. The laws take them to the
+velocities nu of the mechanism: Q = T^T Q_p, M = T^T M_p T, and, as nu_p' = T nu' + T' nu, C = T^T (C_p T + M_p T').
 """
 
 from collections.abc import Callable, Sequence
@@ -10,11 +11,12 @@ from functools import cached_property
 import numpy as np
 
 from jounce.core.errors import JounceError
-from jounce.core.scalars import Array
+from jounce.core.scalars import Array, concatenate
 from jounce.dynamics import system
-from jounce.dynamics.joint_motion import STILL, JointMotion, turning
+from jounce.dynamics.joint_motion import STILL, JointMotion, on_moving_ground, turning
 from jounce.dynamics.paper.section3 import C11, M1, C
 from jounce.dynamics.paper.section4 import C21, M21
+from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism, ancestors
 from jounce.spatial.series import Series, from_rate, joined
 
@@ -126,3 +128,51 @@ def _printed_series(expressions: Sequence[Callable[[], Array]]) -> Series:
         return expressions[k]()
 
     return Series(term)
+
+
+def inverse_dynamics(m: Mechanism, x: State) -> Series:
+    """Q, (..., nv, 1)."""
+    paper = _paper(m, x)
+    return _forces(m, paper, paper.Q)
+
+
+def gravity_forces(m: Mechanism, x: State) -> Series:
+    """Qgrav, (..., nv, 1)."""
+    paper = _paper(m, x)
+    return _forces(m, paper, paper.Qgrav)
+
+
+def mass_matrix(m: Mechanism, x: State) -> Series:
+    """gM, (..., nv, nv)."""
+    paper = _paper(m, x)
+    return _own_rows(m, paper.gM if paper.T is None else paper.T.mT @ paper.gM @ paper.T, (-2, -1))
+
+
+def coriolis_matrix(m: Mechanism, x: State) -> Series:
+    """gC, (..., nv, nv)."""
+    paper = _paper(m, x)
+    C, T = paper.gC, paper.T
+    return _own_rows(m, C if T is None else T.mT @ (C @ T + paper.gM @ T.dot), (-2, -1))
+
+
+def _paper(m: Mechanism, x: State) -> Paper:
+    """The equations of a state; a fixed robot on a ground that moves is carried by a base without inertia."""
+    if m.floats or x.base is None:
+        return Paper(m, x.q, x.W, x.base)
+    W = x.W and x.W.map(lambda W: concatenate([0 * W[..., :6, :], W], axis=-2))
+    return Paper(on_moving_ground(m), x.q, W, x.base)
+
+
+def _forces(m: Mechanism, paper: Paper, Q: Series) -> Series:
+    return _own_rows(m, Q if paper.T is None else paper.T.mT @ Q, (-2,))
+
+
+def _own_rows(m: Mechanism, x: Series, axes: tuple[int, ...]) -> Series:
+    """The last nv rows, or columns too: those ahead of them are of the ground."""
+
+    def own(x: Array) -> Array:
+        for axis in axes:
+            x = x[(..., slice(-m.nv, None), *[slice(None)] * (-1 - axis))]
+        return x
+
+    return x.map(own)

@@ -8,19 +8,11 @@ from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
 
-def _poses(m: Mechanism, x: State, poses: kinematics.OfBodies) -> Series:
-    return kinematics.poses(m, x.q, x.motion_of_base, x.body, poses)
-
-
-def _screws(m: Mechanism, x: State, poses: kinematics.OfBodies, screws: kinematics.OfBodies) -> Series:
-    return kinematics.screws(m, x.q, x.motion_of_base, x.body, x.frame, poses, screws)
-
-
 @quantity(
     symbol="H",
     rates=1,
     shape=("nb", 4, 4),
-    closed_form=lambda m, x: _poses(m, x, closed_form.poses),
+    closed_form=lambda m, x: kinematics.poses(m, x, closed_form),
     unit="1 and m",
     caption="poses of the bodies",
     meaning="H(q): the pose of the body in the inertial frame, a homogeneous matrix.",
@@ -41,7 +33,7 @@ def poses(m: Mechanism, x: State) -> Series:
     >>> jounce.load("planar2r").poses([0, 0])[1, :3, 3]
     array([1., 0., 0.])
     """
-    return _poses(m, x, bodies.poses)
+    return kinematics.poses(m, x, bodies)
 
 
 @quantity(
@@ -49,7 +41,7 @@ def poses(m: Mechanism, x: State) -> Series:
     rates=2,
     shape=("nb", 6),
     frames=tuple(kinematics.FRAMES),
-    closed_form=lambda m, x: row_vector(_screws(m, x, closed_form.poses, closed_form.twists)),
+    closed_form=lambda m, x: row_vector(kinematics.screws(m, x, closed_form, closed_form.twists)),
     unit="rad/s and m/s",
     caption="twists of the bodies",
     meaning="V(q, qd): the twist (angular; linear) of the body.",
@@ -69,7 +61,7 @@ def twists(m: Mechanism, x: State) -> Series:
     >>> jounce.load("planar2r").twists([0, 0], [1, 0], body="body2", frame="world")[[2, 4]]
     array([1., 1.])
     """
-    return row_vector(_screws(m, x, bodies.poses, bodies.twists))
+    return row_vector(kinematics.screws(m, x, bodies, bodies.twists))
 
 
 @quantity(
@@ -77,7 +69,7 @@ def twists(m: Mechanism, x: State) -> Series:
     rates=1,
     shape=("nb", 6, "nv"),
     frames=tuple(kinematics.FRAMES),
-    closed_form=lambda m, x: _screws(m, x, closed_form.poses, closed_form.jacobians),
+    closed_form=lambda m, x: kinematics.screws(m, x, closed_form, closed_form.jacobians),
     without_base=("body",),
     unit="1 and m",
     caption="Jacobians of the bodies",
@@ -98,4 +90,4 @@ def jacobian(m: Mechanism, x: State) -> Series:
     array([[0., 0.],
            [1., 0.]])
     """
-    return _screws(m, x, bodies.poses, bodies.jacobians)
+    return kinematics.screws(m, x, bodies, bodies.jacobians)

@@ -1,7 +1,7 @@
 """Forces of the coordinates: of a motion, and of gravity."""
 
 from jounce.dynamics import closed_form, drive_terms
-from jounce.dynamics.paper import laws
+from jounce.dynamics.paper import equations
 from jounce.dynamics.quantities.row import column, quantity, row_vector
 from jounce.dynamics.recursion import forces
 from jounce.dynamics.state import State
@@ -17,7 +17,7 @@ from jounce.spatial.series import Series
     of_motors="motor_torques",
     width=column,
     closed_form=lambda m, x: row_vector(closed_form.at(m, x).Q),
-    paper=lambda m, x: row_vector(laws.inverse_dynamics(m, x)),
+    paper=lambda m, x: row_vector(equations.inverse_dynamics(m, x)),
     sweep=forces.MOVING,
     drive_terms=TERMS,
     drive_law=lambda m, x: row_vector(drive_terms.forces(m, x.q, m.acting)),
@@ -54,7 +54,7 @@ def inverse_dynamics(m: Mechanism, x: State) -> Series:
     shape=("nv",),
     width=column,
     closed_form=lambda m, x: row_vector(closed_form.at(m, x).Qgrav),
-    paper=lambda m, x: row_vector(laws.gravity_forces(m, x)),
+    paper=lambda m, x: row_vector(equations.gravity_forces(m, x)),
     sweep=forces.AT_REST,
     unit="N m or, for coordinates in m, N",
     caption="gravity forces",

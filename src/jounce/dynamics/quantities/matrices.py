@@ -1,7 +1,7 @@
 """Matrices of the equations of motion."""
 
 from jounce.dynamics import closed_form, drive_terms
-from jounce.dynamics.paper import laws
+from jounce.dynamics.paper import equations
 from jounce.dynamics.quantities.row import quantity
 from jounce.dynamics.recursion import matrices
 from jounce.dynamics.state import State
@@ -14,7 +14,7 @@ from jounce.spatial.series import Series
     rates=1,
     shape=("nv", "nv"),
     closed_form=lambda m, x: closed_form.at(m, x).gM,
-    paper=laws.mass_matrix,
+    paper=equations.mass_matrix,
     without_base=("body",),
     drive_terms=("armature",),
     drive_law=lambda m, x: drive_terms.armature_matrix(m),
@@ -50,7 +50,7 @@ def mass_matrix(m: Mechanism, x: State) -> Series:
     shape=("nv", "nv"),
     options=("form",),
     closed_form=lambda m, x: closed_form.at(m, x).gC,
-    paper=laws.coriolis_matrix,
+    paper=equations.coriolis_matrix,
     turns_with=mass_matrix,
     unit="kg m^2/s, kg m/s or kg/s",
     caption="Coriolis matrix of the paper",

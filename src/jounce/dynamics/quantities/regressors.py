@@ -2,8 +2,7 @@
 
 from jounce.dynamics import closed_form
 from jounce.dynamics.quantities.row import quantity, row_vector
-from jounce.dynamics.recursion import energy_regressor as energies
-from jounce.dynamics.recursion import regressor as forces
+from jounce.dynamics.recursion import regressor as recursion
 from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
@@ -47,7 +46,7 @@ def regressor(m: Mechanism, x: State) -> Series:
     array([[1., 0., 1., 0.],
            [0., 0., 0., 1.]])
     """
-    return forces.regressor(m, x.q, x.base)
+    return recursion.regressor(m, x.q, x.base)
 
 
 @quantity(
@@ -87,7 +86,7 @@ def momentum_regressor(m: Mechanism, x: State) -> Series:
     array([[2., 0., 0., 0.],
            [0., 1., 0., 0.]])
     """
-    return forces.momentum_regressor(m, x.q, x.base)
+    return recursion.momentum_regressor(m, x.q, x.base)
 
 
 @quantity(
@@ -124,4 +123,4 @@ def energy_regressor(m: Mechanism, x: State) -> Series:
     >>> YE.shape, (YE @ robot.inertial_parameters).round(6)
     ((20,), np.float64(5.0))
     """
-    return row_vector(energies.energy_regressor(m, x.q, x.base))
+    return row_vector(recursion.energy_regressor(m, x.q, x.base))

@@ -1,4 +1,4 @@
-"""Regressors of forces and momenta: RNEA on the unit parameters of all bodies, one column each.
+"""Regressors of forces, momenta and energies: RNEA on the unit parameters of all bodies, one column each.
 
 Forces are linear in the inertial parameters of the bodies, and motions do not depend on them. A mass m, a first moment
 h and an inertia tensor I about the origin of a frame on the joint axis require
@@ -12,6 +12,13 @@ carries them. The parameters are those of the given body frames; constants take 
 What a joint does not move, such as a mass on its axis, requires the same forces as if it belonged to the parent: such
 columns begin there, as in `equivalent.base_parameters`. So that there are more of them, Ixx + Iyy takes the place of
 Iyy, from which it is a subtraction.
+
+Energies need no sums: a body whose origin has the velocity v and the place r has the energy
+
+    E = m (v . v / 2 - g . r) + h . (v x w - g) + w . I w / 2
+
+in its own axes. Velocities, g and g . r are taken outward in frames on the joint axes, where they need the fewest
+operations.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,7 +30,7 @@ import numpy as np
 from jounce.core.scalars import Array, concatenate, is_zero
 from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.recursion.forces import ground
-from jounce.dynamics.recursion.joints import batch_zeros
+from jounce.dynamics.recursion.joints import batch_zeros, rows
 from jounce.dynamics.recursion.steps import AnyJoint, BodyMotion, Force, outward, outward_velocity
 from jounce.dynamics.recursion.sweeps import evaluate_in_order, spread
 from jounce.dynamics.recursion.tree import aligned_tree
@@ -73,14 +80,14 @@ def _projected(
     on: dict[int, list[Columns]] = {i: [] for i in range(-1, count)}
     for i, own in zip(tree.own, units, strict=True):
         on[i] += [Columns(list(own), of_motion(motions[i], *_parts(own)))] if own else []
-    rows: dict[int, Series] = {}
+    projected: dict[int, Series] = {}
     steps = [motions[i].a for i in range(count)]
     for i, joint in reversed(list(enumerate(tree.joints))):
         total = _together(on[i])
-        rows[i] = spread(joint.force(total.force), total.numbers, size)
+        projected[i] = spread(joint.force(total.force), total.numbers, size)
         on[joint.parent].append(Columns(total.numbers, joint.inward(total.force)))
         steps.append(total.force.n)
-    Y = tree.generalized_forces(joined([rows[i] for i in range(count)], axis=-2))
+    Y = tree.generalized_forces(joined([projected[i] for i in range(count)], axis=-2))
     return evaluate_in_order(Y.map(_with_Iyy) + batch_zeros(q), steps)
 
 
@@ -140,3 +147,35 @@ def _unit_moments(m: Mechanism) -> list[dict[int, Array]]:
 def _moves(X: Array, Pi: Array) -> bool:
     """Whether a joint with screws X, (6, k), moves moments of mass; if not, its forces do not depend on them."""
     return not all(map(is_zero, np.ravel(wedge(X.T) @ Pi)))
+
+
+def energy_regressor(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
+    """YE, (..., 10 nb, 1): the energies T + U of the unit inertial parameters of all bodies, the base's first."""
+    tree, gravity = aligned_tree(on_axes(m), q, base), m.gravity[:, None]
+    velocities = {-1: ground(0 * m.gravity)}
+    field, work = {-1: Series.constant(gravity)}, {-1: Series.constant(0 * gravity[:1])}  # g, and g . r
+    for i, joint in enumerate(tree.joints):
+        velocities[i] = outward_velocity(joint, velocities[joint.parent])
+        field[i], work[i] = joint.lowered(field[joint.parent], work[joint.parent])
+    energies = [_energies(velocities[i], field[i], work[i]) @ S for i, S in zip(tree.own, _shifts(m), strict=True)]
+    steps = [x for i in range(len(tree.joints)) for x in (velocities[i].a, field[i], work[i])]
+    return evaluate_in_order(joined([E.mT + batch_zeros(q) for E in energies], axis=-2), steps)
+
+
+def _energies(motion: BodyMotion, field: Series, work: Series) -> Series:
+    """The energies of the ten unit parameters of one body, (..., 1, 10)."""
+    w, v, half = motion.w, motion.a, motion.w * 0.5
+    of_m = v.mT @ (v * 0.5) - work
+    of_h = v.map(lambda v: hat(v[..., 0])) @ w - field
+    x, y, z = (rows(w, k, k + 1) for k in range(3))
+    half_x, half_y, half_z = (rows(half, k, k + 1) for k in range(3))
+    of_I = [half_x * x, x * y, half_y * y, x * z, y * z, half_z * z]
+    return joined([of_m, of_h.mT, *of_I], axis=-1)
+
+
+@lru_cache(maxsize=64)
+def _shifts(m: Mechanism) -> Array:
+    """The parameters of each body in a frame on its axis from those in the given frame: (nb, 10, 10)."""
+    units = inertia.from_parameters(np.eye(len(PARAMETERS), dtype=int))
+    to_axes = [inverse(T) for T in frame_shifts(m, on_axes(m))]
+    return np.stack([inertia.parameters(inertia.shift_inertia(units, C)).T for C in to_axes])
