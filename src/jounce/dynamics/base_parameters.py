@@ -245,7 +245,7 @@ def _samples(m: Mechanism, length: float) -> np.ndarray:
         q[0] = rng.uniform(-1, 1, (count, position_count(m)))
     base = JointMotion(np.eye(4), columns(list(rng.uniform(-2, 2, (2, count, 6))))) if m.floats else None
     tree = assembly.samples(m, count)[..., None] if m.closure else None
-    if m.closure:
+    if m.closure and tree is not None:
         q[0] = tree[:, list(m.closure.independent), 0]
     return np.asarray(REGRESSOR.law("recursion", m)(m, State(columns(q), base=base, position=tree))[0])
 

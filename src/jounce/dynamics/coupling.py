@@ -48,29 +48,29 @@ def rotors(m: Mechanism) -> list[Rotor]:
     return [rotor for rotor in found if rotor.body >= 0]
 
 
+def _angular_velocities(m: Mechanism, V: Series) -> list[tuple[Rotor, Series]]:
+    """The rotors with the angular velocities (..., 3, 1) of their carriers, of the twists of all bodies."""
+    return [(rotor, V.map(lambda V, i=rotor.body: V[..., i, :3, :])) for rotor in rotors(m)]
+
+
 def reaction_wrenches(m: Mechanism, q: Series, theta: Series) -> Series:
     """The moments of spinning rotors on their carriers, as wrenches that the bodies exert, (..., 6nb, 1)."""
     V = bodies.twists(m, q, STILL, None)
-    total = [_moment(m, rotor, V, theta) for rotor in rotors(m)]
-    return reduce(add, total, 0 * V.map(lambda V: V.reshape((*V.shape[:-3], 6 * m.nb, 1))))
-
-
-def _moment(m: Mechanism, rotor: Rotor, V: Series, theta: Series) -> Series:
-    w = _angular_velocity(V, rotor.body)
-    spin = rows(theta, rotor.coordinate, rotor.coordinate + 1).dot
-    place = np.zeros((6 * m.nb, 3), dtype=int)
-    place[6 * rotor.body : 6 * rotor.body + 3] = np.eye(3, dtype=int)
-    H = rotor.momentum
-    return place @ (H * spin.dot - hat(H[:, 0]) @ w * spin)
+    moments = []
+    for rotor, w in _angular_velocities(m, V):
+        spin, H = rows(theta, rotor.coordinate, rotor.coordinate + 1).dot, rotor.momentum
+        place = np.zeros((6 * m.nb, 3), dtype=int)
+        place[6 * rotor.body : 6 * rotor.body + 3] = np.eye(3, dtype=int)
+        moments.append(place @ (H * spin.dot - hat(H[:, 0]) @ w * spin))
+    return reduce(add, moments, 0 * V.map(lambda V: V.reshape((*V.shape[:-3], 6 * m.nb, 1))))
 
 
 def motor_reactions(m: Mechanism, q: Series) -> Series:
     """r J a . w_p', the torque that a motor takes because its carrier turns faster and faster: (..., n, 1)."""
-    V = bodies.twists(m, q, STILL, None)
     total = 0 * q
-    for rotor in rotors(m):
+    for rotor, w in _angular_velocities(m, bodies.twists(m, q, STILL, None)):
         unit = np.eye(m.n, dtype=int)[:, rotor.coordinate : rotor.coordinate + 1]
-        total = total + unit @ (rotor.momentum.mT @ _angular_velocity(V, rotor.body).dot)
+        total = total + unit @ (rotor.momentum.mT @ w.dot)
     return total
 
 
@@ -98,14 +98,7 @@ def _spin_forces(m: Mechanism, q: Series) -> Array:
 
 def spin_energy(m: Mechanism, q: Series, theta: Series) -> Series:
     """The kinetic energy that couples rotors and carriers, J r theta' a . w_p: (..., 1, 1)."""
-    V = bodies.twists(m, q, STILL, None)
     total = 0 * rows(q, 0, 1)
-    for rotor in rotors(m):
-        spin = rows(theta, rotor.coordinate, rotor.coordinate + 1).dot
-        total = total + rotor.momentum.mT @ _angular_velocity(V, rotor.body) * spin
+    for rotor, w in _angular_velocities(m, bodies.twists(m, q, STILL, None)):
+        total = total + rotor.momentum.mT @ w * rows(theta, rotor.coordinate, rotor.coordinate + 1).dot
     return total
-
-
-def _angular_velocity(V: Series, body: int) -> Series:
-    """(..., 3, 1) of the twists of all bodies, (..., nb, 6, 1)."""
-    return V.map(lambda V: V[..., body, :3, :])

@@ -42,24 +42,6 @@ Partials = tuple[Series, Series, Series]  # K, D, M: by q, qd and q2d
 
 
 @dataclass(frozen=True)
-class _Subtree:
-    """The bodies that a joint carries, in its body frame; rates are those in space."""
-
-    Pi: Series  # (..., 4, 4) moments of mass
-    Pi_rate: Series
-    p: Series  # (..., 6, 1) momentum and force
-    F: Series
-
-
-@dataclass(frozen=True)
-class _Carrier:
-    """The motion of a joint's screws as they are displaced: its twist, and its acceleration relative to free fall."""
-
-    V: Series | None  # None: it is at rest
-    a: Series
-
-
-@dataclass(frozen=True)
 class _Wrenches:
     """What the screws S of a joint require of the bodies that it carries, a column each, in its body frame."""
 
@@ -73,24 +55,22 @@ class _Wrenches:
     turned: Series  # S x F; zero where no joint before this one feels it
 
 
-def _of_joint(joint: Joint, V: Series, carrier: _Carrier, x: _Subtree) -> _Wrenches:
-    A = joint.screw_rate(carrier.a)
-    if carrier.V is None:  # no joint before this one feels its force
+def _of_joint(
+    joint: Joint, V: Series, carrier: tuple[Series | None, Series], Pi: Series, Pi_rate: Series, p: Series, F: Series
+) -> _Wrenches:
+    """The wrenches of a joint from moments of mass (..., 4, 4), rates in space, momentum and force of its bodies."""
+    V_carrier, a = carrier
+    A = joint.screw_rate(a)
+    if V_carrier is None:  # no joint before this one feels its force
         moving = turned = Series.constant(0 * joint.X)
-        change = _momenta([(A, x.Pi)])
+        change = _momenta([(A, Pi)])
     else:
-        moving, turned = joint.screw_rate(carrier.V), joint.cross(x.F)
-        A = A + carrier.V.map(_ad) @ moving
-        change = _momenta([(A, x.Pi), (moving, x.Pi_rate)]) + _cross(moving, x.p) + turned
+        moving, turned = joint.screw_rate(V_carrier), joint.cross(F)
+        A = A + V_carrier.map(_ad) @ moving
+        change = _momenta([(A, Pi), (moving, Pi_rate)]) + _cross(moving, p) + turned
+    reaction = joint.momentum(Pi_rate) - joint.cross(p)
     return _Wrenches(
-        S=Series.constant(joint.X),
-        S_rate=joint.screw_rate(V),
-        moving=moving,
-        A=A,
-        momentum=joint.momentum(x.Pi),
-        reaction=joint.momentum(x.Pi_rate) - joint.cross(x.p),
-        change=change,
-        turned=turned,
+        Series.constant(joint.X), joint.screw_rate(V), moving, A, joint.momentum(Pi), reaction, change, turned
     )
 
 
@@ -112,19 +92,22 @@ def partials(m: Mechanism, q: Series, W: Series | None = None, base: JointMotion
         flow = V[i].map(_wedge) @ Pi[i]
         F = p[i].dot + _cross(V[i], p[i]) - _wrench(field[i].map(_wedge) @ Pi[i])
         F = F if loads is None else F + loads[i]
-        x = _Subtree(Pi[i], Pi[i].dot + flow + flow.mT, p[i], F)
-        screws.append(_of_joint(joint, V[i], _carrier(joint, V, V[i], field[i]), x))
+        carrier = _carrier(joint, V, V[i], field[i])
+        screws.append(_of_joint(joint, V[i], carrier, Pi[i], Pi[i].dot + flow + flow.mT, p[i], F))
     return _projected(tree, q, screws, [*V, *field, *Pi[::-1], *p[::-1]])
 
 
-def _carrier(joint: Joint, V: Sequence[Series], own: Series, field: Series) -> _Carrier:
-    """The motion of the screws of a joint as it is displaced: its body's, or, of several screws, its parent's."""
+def _carrier(joint: Joint, V: Sequence[Series], own: Series, field: Series) -> tuple[Series | None, Series]:
+    """The motion of a joint's screws as they are displaced: their twist, and their acceleration relative to free fall.
+
+    It is that of the body or, of several screws, of the parent; None for the twist of a parent at rest.
+    """
     if not isinstance(joint, FreeJoint):
-        return _Carrier(own, own.dot - field)
+        return own, own.dot - field
     if joint.parent < 0:
-        return _Carrier(None, -field)
+        return None, -field
     carried = joint.twists(V[joint.parent])
-    return _Carrier(carried, carried.dot + (joint.X @ joint.rate).map(_ad) @ carried - field)
+    return carried, carried.dot + (joint.X @ joint.rate).map(_ad) @ carried - field
 
 
 def _projected(

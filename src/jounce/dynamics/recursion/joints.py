@@ -59,7 +59,7 @@ class Joint(Placement):
 
     def momentum(self, Pi: Series) -> Series:
         """I S, (..., 6, k): the momenta that the screws give moments of mass, (..., 4, 4)."""
-        return momentum(self.X_hat, Pi)
+        return Pi.map(lambda Pi: cowedge(self.X_hat @ Pi[..., None, :, :]).mT)
 
     def screw_rate(self, V: Series) -> Series:
         """S' = ad(V) S, (..., 6, k): the rates in space of the screws on a body that moves with the twist V."""
@@ -155,11 +155,6 @@ def moved(x: Series, transported: Callable[[Array], Array], drift: Callable[[Ser
     return Series(term)
 
 
-def momentum(S_hat: Array, Pi: Series) -> Series:
-    """I S, (..., 6, k), of screws as matrices, wedge(S), (k, 4, 4), and moments of mass, (..., 4, 4)."""
-    return Pi.map(lambda Pi: cowedge(S_hat @ Pi[..., None, :, :]).mT)
-
-
 @lru_cache(maxsize=64)
 def placed(m: Mechanism) -> tuple[Array, Array]:
     """B = S Z of every joint: where its body hangs on the parent, and how far it has turned at theta = 0."""
@@ -171,12 +166,11 @@ def placed(m: Mechanism) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=64)
 def _placements(m: Mechanism) -> list[Placement]:
-    B = placed(m)[0]
+    B, X = placed(m)[0], [screws_of(m, i) for i in range(m.nb)]
     offset, turn = pose(_I, position(B)), pose(rotation(B), np.zeros((3, 1), dtype=int))
-    ads = Ad(inverse(offset)), Ad(inverse(turn))
-    X = [screws_of(m, i) for i in range(m.nb)]
+    constants = B, offset, turn, Ad(inverse(offset)), Ad(inverse(turn)), X
     hats = [ad(X_i.mT) for X_i in X], [wedge(X_i.mT) for X_i in X]
-    return [Placement(*data) for data in zip(m.parent, B, offset, turn, *ads, X, *hats, strict=True)]
+    return [Placement(*data) for data in zip(m.parent, *constants, *hats, strict=True)]
 
 
 @lru_cache(maxsize=64)

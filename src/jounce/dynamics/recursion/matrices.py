@@ -58,11 +58,7 @@ def coriolis_matrix(m: Mechanism, q: Series, base: JointMotion | None = None) ->
     flows = [V_i.map(lambda v: wedge(v[..., 0])) @ Pi for V_i, Pi in zip(V, bodies.Pi, strict=True)]
     rates = [Pi.dot + flow + flow.mT for Pi, flow in zip(bodies.Pi, flows, strict=True)]  # in space
     changes = collect(bodies.tree.joints, _momenta(bodies.tree, rates))  # I_j' S_j
-    M, Phi, Psi = (
-        project(_screws(bodies), bodies.momenta),
-        project(_screw_rates(bodies, V), bodies.momenta),
-        project(_screws(bodies), changes),
-    )
+    M, Phi, Psi = _projections(bodies, V, changes)
     C = M.dot - Phi + _below(bodies, Phi + Psi)
     return _to_coordinates(bodies, q, C, [*_dynamic(bodies, V), *_sweep(changes)])
 
@@ -75,11 +71,7 @@ def skew_coriolis_matrix(m: Mechanism, q: Series, base: JointMotion | None = Non
     b = [V_i.map(lambda v: ad(v[..., 0])) for V_i in V]  # (b)
     Y = composites(tree, [-(b_i.mT @ M_i) for b_i, M_i in zip(b, bodies.tree.M, strict=True)], Joint.forms)
     wrenches = collect(tree, [Y_j.mT @ joint.X for Y_j, joint in zip(Y, tree, strict=True)])
-    M, Phi, Chi = (
-        project(_screws(bodies), bodies.momenta),
-        project(_screw_rates(bodies, V), bodies.momenta),
-        project(_screws(bodies), wrenches),
-    )
+    M, Phi, Chi = _projections(bodies, V, wrenches)
     Cbar = M.dot - (Phi + Chi) + _below(bodies, Phi + Chi)
     return _to_coordinates(bodies, q, Cbar, [*_dynamic(bodies, V), *Y[::-1], *_sweep(wrenches)])
 
@@ -109,8 +101,10 @@ def _screws(bodies: _Composites) -> list[Series]:
     return [Series.constant(joint.X) for joint in bodies.tree.joints]
 
 
-def _screw_rates(bodies: _Composites, V: Sequence[Series]) -> list[Series]:
-    return [joint.screw_rate(V_i) for joint, V_i in zip(bodies.tree.joints, V, strict=True)]
+def _projections(bodies: _Composites, V: Sequence[Series], wrenches: Sequence[Columns]) -> tuple[Series, ...]:
+    """M and Phi, and the wrenches on the screws: Psi or Chi."""
+    rates = [joint.screw_rate(V_i) for joint, V_i in zip(bodies.tree.joints, V, strict=True)]
+    return project(_screws(bodies), bodies.momenta), project(rates, bodies.momenta), project(_screws(bodies), wrenches)
 
 
 def _below(bodies: _Composites, triangle: Series) -> Series:
