@@ -82,9 +82,9 @@ def step(m: Mechanism, q: Array, change: Array) -> tuple[Array, Array, Array]:
     constraints are solved for.
     """
     m = with_solved_loops(m)
-    c, s = closure_of(m), scales(m)
+    c = closure_of(m)
     own, others, following = list(c.independent), list(c.solved), q[..., []]
-    if not others:
+    if not others:  # there may be no loop left, nor a scale
         return c.ratios.positions(q[..., own] + change), np.array([0.0, 1.0]), np.zeros((0, 0))
     # followers: they go to their places, and their changes count as those of independent coordinates
     if c.ratios.places:
@@ -92,6 +92,7 @@ def step(m: Mechanism, q: Array, change: Array) -> tuple[Array, Array, Array]:
         change = concatenate([change, following - q[..., list(c.ratios.places)]], axis=-1)
         own += c.ratios.places
     # linearize, without units
+    s = scales(m)
     gap, A = gaps(m, q)
     gap, A = s.rows[:, None] * gap, s.rows[:, None] * A * s.coordinates
     A_d = A[..., others]
