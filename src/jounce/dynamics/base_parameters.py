@@ -1,18 +1,16 @@
 """Base inertial parameters: the combinations of inertial parameters that determine the generalized forces.
 
-Problem: parameters p do not enter the forces if the inertia that they make requires none at any state. The force of
-joint j on the composite inertia I of the bodies that it carries, v . I X_j, must vanish for the velocities v that its
-screw X_j or any joint before it can give the body, and for gravity. As the joints behind move, I = I_j + sum of
-phi(theta) I_c varies; a linear function f of I vanishes at all positions if f(phi(theta) I_c) is constant for every
-child c, and f(I) is zero at one. It is constant if f phi(theta) D vanishes on I_c, D the change of moments of mass by
-the motion of the joint. The regrouping of `equivalent.base_parameters` is one case of this rule: what a joint does not
-move has D I = 0.
+Problem: parameters p do not enter the forces if their inertia requires none at any state. The force of joint j on the
+composite inertia I of the bodies that it carries, v . I X_j, must vanish for the velocities v that its screw X_j or any
+joint before it can give the body, and for gravity. As the joints behind move, I = I_j + sum of phi(theta) I_c varies; a
+linear function f of I vanishes at all positions if f(phi(theta) I_c) is constant for every child c, and f(I) is zero at
+one. It is constant if f phi(theta) D vanishes on I_c, D the change of moments of mass by the motion of the joint. The
+regrouping of `equivalent.base_parameters` is one case of this rule: what a joint does not move has D I = 0.
 
 Algorithm: every body has a space of functions of ten parameters that must vanish, found from its parent's by closures
-of subspaces, without states; the base parameters are bases of these spaces, of composite inertias at theta = 0. Joints
-that follow others, by a factor or as loops are closed, are no longer independent: combinations that they leave out
-are found by the rank of the regressor at random states (Gautier, "Numerical calculation of the base inertial parameters
-of robots", Journal of Robotic Systems 8(4), 1991).
+of subspaces, without states; base parameters are bases of these spaces, of composite inertias at theta = 0. Joints that
+follow others are not independent: combinations that they leave out are found by the rank of the regressor at random
+states (Gautier, "Numerical calculation of the base inertial parameters of robots", J. Robotic Systems 8(4), 1991).
 
 Invariants: rows of spaces are orthonormal; lengths are taken in the largest distance from joint to joint, so that one
 tolerance serves all moments of mass.
@@ -38,7 +36,6 @@ from jounce.spatial.inertia import PARAMETERS
 from jounce.spatial.lie import Ad, ad, inverse, wedge
 from jounce.spatial.series import columns
 
-REGRESSOR = QUANTITIES["regressor"]
 REGROUPING_TOLERANCE = 1e-9  # of singular values, relative to the largest or 1: smaller ones are rounding
 _LENGTH_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # powers of a length in the units of the parameters
 _UNIT_INERTIAS = inertia.from_parameters(np.eye(10))
@@ -138,7 +135,7 @@ class _Spaces:
 
 
 def length_scale(m: Mechanism) -> float:
-    """Return the largest distance from joint to joint, m."""
+    """The largest distance from joint to joint, m."""
     return float(max([1e-3, *np.linalg.norm(m.B[:, :3, 3], axis=1)]))
 
 
@@ -223,8 +220,7 @@ def _relative_columns(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Columns of the regressor at random states, of size 1 or, of bodies that cannot move, of rounding; their sizes.
 
-    Their sizes are relative to those that they have where all joints are independent, and to the largest at each state:
-    near singular positions of loops, all of them are large.
+    Sizes are relative to those of independent joints, and to the largest at each state, as all grow near singular ones.
     """
     free = replace(m.tree, G=np.eye(len(m.joints)), g=np.zeros(len(m.joints)), coordinates=m.joints)
     most = np.linalg.norm(_samples(free, length)[..., places] * scale, axis=(0, 1))
@@ -247,7 +243,7 @@ def _samples(m: Mechanism, length: float) -> np.ndarray:
     tree = assembly.samples(m, count)[..., None] if m.closure else None
     if m.closure and tree is not None:
         q[0] = tree[:, list(m.closure.independent), 0]
-    return np.asarray(REGRESSOR.law("recursion", m)(m, State(columns(q), base=base, position=tree))[0])
+    return np.asarray(QUANTITIES["regressor"].law("recursion", m)(m, State(columns(q), base=base, position=tree))[0])
 
 
 def _formula(factors: np.ndarray, names: Sequence[str]) -> str:

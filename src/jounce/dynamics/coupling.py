@@ -50,7 +50,11 @@ def rotors(m: Mechanism) -> list[Rotor]:
 
 def _angular_velocities(m: Mechanism, V: Series) -> list[tuple[Rotor, Series]]:
     """The rotors with the angular velocities (..., 3, 1) of their carriers, of the twists of all bodies."""
-    return [(rotor, V.map(lambda V, i=rotor.body: V[..., i, :3, :])) for rotor in rotors(m)]
+
+    def of_body(body: int) -> Series:
+        return V.map(lambda V: V[..., body, :3, :])
+
+    return [(rotor, of_body(rotor.body)) for rotor in rotors(m)]
 
 
 def reaction_wrenches(m: Mechanism, q: Series, theta: Series) -> Series:

@@ -9,7 +9,7 @@ of ones. Closed robots are looked at where their loops are known to close.
 Invariant: entries are analytic functions of the coordinates, so that the rank at almost all positions is the largest
 that is found at any. Pivots are compared with what the inertia could make of them, in no units.
 
-Failure: where numbers overflow nothing can be said, and the matrix counts as regular.
+Failure: where numbers overflow, the matrix counts as regular.
 """
 
 from functools import lru_cache
@@ -91,7 +91,7 @@ def _with_unit_diagonal(M: np.ndarray, own: np.ndarray, largest: np.ndarray) -> 
 
 
 def _is_regular(m: Mechanism, q: np.ndarray) -> bool:
-    """Whether every joint feels inertia while all the others are free: the pivots of the mass matrix, in O(n).
+    """Whether every joint moves inertia while all the others are free: the pivots of the mass matrix, in O(n).
 
     Where joints follow others, pivots of the joint variables decide nothing.
     """
@@ -137,7 +137,7 @@ def _idle(m: Mechanism, q: np.ndarray) -> tuple[int, np.ndarray]:
     gM = J.reshape(momenta.shape).T @ momenta + G.T * rotors @ G  # (MC)
     most = np.einsum("iaj,iaj,i->j", J, J, np.abs(M).max(axis=(1, 2))) + rotors @ G**2
     scaled = _with_unit_diagonal(gM, np.abs(np.diag(gM)), most)
-    # regular, as most are, which costs a fraction of eigenvectors; or overflown, where nothing can be said
+    # regular, as most are, which costs a fraction of eigenvectors; overflown ones count as such
     if not np.isfinite(scaled).all() or (np.abs(np.linalg.eigvalsh(scaled)) > MASS_RANK_TOLERANCE * nv).all():
         return nv, np.zeros(nv, dtype=bool)
     values, vectors = np.linalg.eigh(scaled)

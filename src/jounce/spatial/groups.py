@@ -30,7 +30,7 @@ class Group:
     axes : tuple of int
         Which components of a twist it has: its screws are these columns of the unit matrix, in this order.
     places : tuple of int
-        Those of its numbers p that say where the origin is; the others say the rotation.
+        Those of its numbers p that are the place of the origin; the others are the rotation.
     positions : tuple of str
         What its numbers p are called.
     """

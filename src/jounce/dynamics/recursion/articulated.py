@@ -1,6 +1,6 @@
 """Equations M x = b of the mass matrix by articulated bodies (Featherstone's algorithm, ABA): O(n), M is not built.
 
-The articulated inertia of a body is what its joint feels where all the joints beyond are free to move. With S_i the
+The articulated inertia of a body is the one that its joint has to move where all joints beyond are free. With S_i the
 screw of joint i, a_i the armature that acts there, and p the carrier of body i,
 
     U_i = I_i S_i,    D_i = S_i . U_i + a_i,    I_p = M_p + sum of (I_i - U_i D_i^-1 U_i^T) over the bodies i on p.

@@ -52,7 +52,7 @@ class _Wrenches:
     momentum: Series  # I S
     reaction: Series  # B^T S
     change: Series  # I A + B S' + S x F
-    turned: Series  # S x F; zero where no joint before this one feels it
+    turned: Series  # S x F; zero where no joint precedes this one
 
 
 def _of_joint(
@@ -61,7 +61,7 @@ def _of_joint(
     """The wrenches of a joint from moments of mass (..., 4, 4), rates in space, momentum and force of its bodies."""
     V_carrier, a = carrier
     A = joint.screw_rate(a)
-    if V_carrier is None:  # no joint before this one feels its force
+    if V_carrier is None:  # no joint precedes this one
         moving = turned = Series.constant(0 * joint.X)
         change = _momenta([(A, Pi)])
     else:
