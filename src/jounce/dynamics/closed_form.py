@@ -152,14 +152,12 @@ def _without_base(x: ClosedForm, n: int) -> ClosedForm:
 
 def poses(m: Mechanism, q: Series, base: JointMotion, body: int | None) -> Series:
     """H of all bodies (..., nb, 4, 4), of one (..., 4, 4), or of the ground, -1."""
-    ground = STILL if m.floats else base
-    return _of_body(closed_form(m, q, None, base).H, body, ground.H)
+    return _of_body(closed_form(m, q, None, base).H, body, (STILL if m.floats else base).H)
 
 
 def twists(m: Mechanism, q: Series, base: JointMotion, body: int | None) -> Series:
     """V of all bodies (..., nb, 6, 1), of one (..., 6, 1), or of the ground, -1."""
-    ground = STILL if m.floats else base
-    return _of_body(by_body(closed_form(m, q, None, base).V), body, ground.V)
+    return _of_body(by_body(closed_form(m, q, None, base).V), body, (STILL if m.floats else base).V)
 
 
 def jacobians(m: Mechanism, q: Series, base: JointMotion, body: int | None) -> Series:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 from jounce.dynamics import coupling, elastic, electrical
 from jounce.dynamics.quantities import forces, forward, matrices
@@ -11,6 +12,8 @@ from jounce.dynamics.stretch import NO_INPUTS, elasticity_of, with_stiffness
 from jounce.model.drives import TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
+
+_motor_quantity = partial(quantity, elastic=True, shape=("n",), drive_terms=TERMS)
 
 
 def _motor_motion(method: str, m: Mechanism, x: State) -> tuple[Series, Callable[[], Series]]:
@@ -50,13 +53,10 @@ def _linearizing_torques(method: str, m: Mechanism, x: State) -> Series:
     return _motor_motion(method, m, replace(x, q=q))[1]()
 
 
-@quantity(
+@_motor_quantity(
     symbol="theta",
     rates=3,
-    shape=("n",),
-    elastic=True,
     width=column,
-    drive_terms=TERMS,
     unit="rad or, for coordinates in m, m",
     caption="motor positions",
     meaning="theta = q + K^-1 Q: positions of the motors behind elastic joints.",
@@ -81,13 +81,10 @@ def motor_positions(m: Mechanism, x: State, method: str = "recursion") -> Series
     return _motor_motion(method, m, x)[0]
 
 
-@quantity(
+@_motor_quantity(
     symbol="tau",
     rates=5,
-    shape=("n",),
-    elastic=True,
     width=column,
-    drive_terms=TERMS,
     unit="N m or, for coordinates in m, N",
     caption="motor torques",
     meaning="tau = Q + B theta2d + F_m(thetad): torques of the motors behind elastic joints.",
@@ -117,14 +114,11 @@ def motor_torques(m: Mechanism, x: State, method: str = "recursion") -> Series:
     return _motor_motion(method, m, x)[1]()
 
 
-@quantity(
+@_motor_quantity(
     symbol="i",
     rates=5,
-    shape=("n",),
-    elastic=True,
     obstacle=electrical.no_currents,
     width=column,
-    drive_terms=TERMS,
     unit="A",
     caption="motor currents",
     meaning="i = tau / (r k): currents of the motors, with gear ratios r and torque constants k.",
@@ -151,15 +145,12 @@ def motor_currents(m: Mechanism, x: State, method: str = "recursion") -> Series:
     return electrical.currents(elasticity_of(m), _motor_motion(method, m, x)[1]())
 
 
-@quantity(
+@_motor_quantity(
     symbol="u",
     rates=5,
-    shape=("n",),
-    elastic=True,
     inductive=True,
     obstacle=electrical.no_voltages,
     width=column,
-    drive_terms=TERMS,
     unit="V",
     caption="motor voltages",
     meaning="u = R i + L di/dt + k r thetad: voltages of the motors.",
@@ -187,14 +178,11 @@ def motor_voltages(m: Mechanism, x: State, method: str = "recursion") -> Series:
     return electrical.voltages(elasticity_of(m), theta, torques())
 
 
-@quantity(
+@_motor_quantity(
     symbol="q",
     results=("q2d", "theta2d"),
     rates=5,
     inputs=("q", "qd", "theta", "thetad", "tau"),
-    shape=("n",),
-    elastic=True,
-    drive_terms=TERMS,
     unit="rad/s^2 or, for coordinates in m, m/s^2",
     caption="accelerations of links and motors",
     meaning="q2d = M^-1 (K (theta - q) - C qd - Qgrav), theta2d = (tau - F_m - K (theta - q)) / B.",
@@ -222,15 +210,12 @@ def elastic_forward_dynamics(m: Mechanism, x: State, method: str = "recursion") 
     return _accelerations(method, m, x)
 
 
-@quantity(
+@_motor_quantity(
     symbol="tau",
     results=("tau",),
     rates=5,
     inputs=("q", "qd", "theta", "thetad", "q4d"),
-    shape=("n",),
-    elastic=True,
     obstacle=elastic.no_linearization,
-    drive_terms=TERMS,
     unit="N m or, for coordinates in m, N",
     caption="motor torques for a wanted snap",
     meaning="tau that makes q4d what is given in the state q, qd, theta, thetad.",

@@ -1,5 +1,7 @@
 """Regressors: what is linear in the inertial parameters, without them."""
 
+from functools import partial
+
 from jounce.dynamics import closed_form
 from jounce.dynamics.quantities.row import quantity, row_vector
 from jounce.dynamics.recursion import regressor as recursion
@@ -7,21 +9,23 @@ from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
-DRIVE_COLUMNS = "With drives, k nb columns more for k terms: nb in 10 nb counts a floating base, that in k nb does not."
+_regressor_quantity = partial(
+    quantity,
+    options=("drives",),
+    returns="With drives, k nb columns more for k terms: nb in 10 nb counts a floating base, that in k nb does not.",
+)
 
 
-@quantity(
+@_regressor_quantity(
     symbol="Y",
     rates=3,
     shape=("nv", "parameters"),
-    options=("drives",),
     width=lambda nb: 60 * nb * nb,
     closed_form=lambda m, x: closed_form.regressor(m, x.q, x.base),
     unit="that of Q over kg, kg m or kg m^2",
     caption="inertial-parameter regressor",
     meaning="Y(q, qd, q2d): the regressor, Q = Y p of the inertial parameters p of the bodies, 10 of each.",
     tex=r"Q = Y(q, \dot{q}, \ddot{q})\,p",
-    returns=DRIVE_COLUMNS,
 )
 def regressor(m: Mechanism, x: State) -> Series:
     """The inertial-parameter regressor Y and its time derivatives: Q = Y p, with p = `inertial_parameters`.
@@ -49,11 +53,10 @@ def regressor(m: Mechanism, x: State) -> Series:
     return recursion.regressor(m, x.q, x.base)
 
 
-@quantity(
+@_regressor_quantity(
     symbol="Yp",
     rates=2,
     shape=("nv", "parameters"),
-    options=("drives",),
     width=lambda nb: 60 * nb * nb,
     closed_form=lambda m, x: closed_form.momentum_regressor(m, x.q, x.base),
     unit="that of p over kg, kg m or kg m^2",
@@ -61,7 +64,6 @@ def regressor(m: Mechanism, x: State) -> Series:
     meaning="Yp(q, qd): the regressor of the generalized momentum, M qd = Yp p of the inertial parameters p.",
     tex=r"M\,\dot{q} = Y_p(q, \dot{q})\,p",
     tex_symbol="Y_{p}",
-    returns=DRIVE_COLUMNS,
 )
 def momentum_regressor(m: Mechanism, x: State) -> Series:
     """The regressor Yp of the generalized momentum and its time derivatives: M qd = Yp p.
@@ -89,11 +91,10 @@ def momentum_regressor(m: Mechanism, x: State) -> Series:
     return recursion.momentum_regressor(m, x.q, x.base)
 
 
-@quantity(
+@_regressor_quantity(
     symbol="YE",
     rates=2,
     shape=("parameters",),
-    options=("drives",),
     width=lambda nb: 10 * nb,
     closed_form=lambda m, x: row_vector(closed_form.energy_regressor(m, x.q, x.base)),
     unit="J over kg, kg m or kg m^2",
@@ -101,7 +102,6 @@ def momentum_regressor(m: Mechanism, x: State) -> Series:
     meaning="YE(q, qd): the regressor of the energy, T + U = YE p of the inertial parameters p.",
     tex=r"T + U = Y_E(q, \dot{q})\,p",
     tex_symbol="Y_{E}",
-    returns=DRIVE_COLUMNS,
 )
 def energy_regressor(m: Mechanism, x: State) -> Series:
     """The regressor YE of the energy and its time derivatives: T + U = YE p.
