@@ -33,7 +33,7 @@ FIRST_CONTINUATION_STEP = 0.25  # rad or sizes of the robot: about 15 degrees, t
 MIN_CONTINUATION_STEP = 1e-5  # of what is left of the way: where steps as short fail, none leads on
 MAX_CORRECTION_RATIO = 0.3  # of the length of a step: correcting it further may lead to another branch
 MAX_TANGENT_TURN = 0.7  # change of the tangent over a step, relative to the tangent or to the way: about 40 degrees
-FOLLOWER_TOLERANCE = 1e-6  # rad or sizes of the robot: numbers in files are rounded
+FOLLOWER_PLACE_TOLERANCE = 1e-6  # rad or sizes of the robot: numbers in files are rounded
 MAX_OTHER_BRANCH_GAP = 1e-3  # of the distance to followers' places: where gaps are smaller, loops close there too
 MIN_COMPARED_STEP = 1e-8  # rad or sizes of the robot, sqrt(eps): rounding turns the tangents of steps as short
 
@@ -156,7 +156,7 @@ def _check_followers(m: Mechanism, start: np.ndarray, u: np.ndarray) -> None:
     own, following = list(c.independent), list(c.ratios.places)
     away = (start[:, following] - c.ratios.positions(u)) / s.coordinates[following]
     far = np.abs(away).max(axis=1)
-    off = np.flatnonzero((far > FOLLOWER_TOLERANCE) & (start[:, own] == u).all(axis=1))
+    off = np.flatnonzero((far > FOLLOWER_PLACE_TOLERANCE) & (start[:, own] == u).all(axis=1))
     other = off[np.abs(assembly.gaps(m, start[off])[0] * s.rows).max(axis=1) < MAX_OTHER_BRANCH_GAP * far[off]]
     if len(other):
         k, j = other[0], np.abs(away[other[0]]).argmax()

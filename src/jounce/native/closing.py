@@ -5,7 +5,7 @@ import hashlib
 import numpy as np
 
 from jounce.dynamics.branches import with_solved_loops
-from jounce.dynamics.closing import FOLLOWER_TOLERANCE, MAX_CONDITION_ESTIMATE, max_gap
+from jounce.dynamics.closing import FOLLOWER_PLACE_TOLERANCE, MAX_CONDITION_ESTIMATE, max_gap
 from jounce.dynamics.computation import DEPENDENT, Computation, Port, Signature, in_a_row
 from jounce.dynamics.loops import closure_of
 from jounce.dynamics.newton import MAX_DIRECT_CORRECTION, STEP_MEASURES, scales, step
@@ -31,7 +31,7 @@ class NativeStep:
         sizes = scales(mechanism).coordinates
         self.closed, self.near = max_gap(mechanism), MAX_DIRECT_CORRECTION * sizes[self.others]
         self.following = np.searchsorted(closure.dependent, closure.ratios.places)
-        self.in_place = FOLLOWER_TOLERANCE * sizes[list(closure.ratios.places)]
+        self.in_place = FOLLOWER_PLACE_TOLERANCE * sizes[list(closure.ratios.places)]
         self._code = jit.load_object(_code(mechanism, signature), host())
         size = plan.call_size(signature, 0, host().lanes)
         self._pool = Pool(size) if size > plan.STACK else None

@@ -15,7 +15,7 @@ import numpy as np
 from jounce.core.scalars import Array, concatenate, reciprocal, sqrt
 from jounce.spatial.lie import Ad, hat, pose, rotation, to_quaternion
 
-_O, _I = np.zeros((3, 1), dtype=int), np.eye(3, dtype=int)
+_I = np.eye(3, dtype=int)
 VELOCITIES = ("wx", "wy", "wz", "vx", "vy", "vz")
 
 
