@@ -34,7 +34,7 @@ class ElasticParameters:
     damping_terms: object = 4
 
 
-NOTHING = tuple(vars(ElasticParameters()).values())
+UNSTATED = tuple(vars(ElasticParameters()).values())
 
 
 def with_elasticity(mechanism: Mechanism, stated: ElasticParameters) -> Mechanism:
@@ -42,7 +42,7 @@ def with_elasticity(mechanism: Mechanism, stated: ElasticParameters) -> Mechanis
     check_single(mechanism, "elastic joints")
     _check_closure(mechanism, stated)
     e = mechanism.elasticity or elasticity_of_drives(mechanism)
-    if mechanism.elasticity and all(x is y for x, y in zip(vars(stated).values(), NOTHING, strict=True)):
+    if mechanism.elasticity and all(x is y for x, y in zip(vars(stated).values(), UNSTATED, strict=True)):
         return mechanism  # its own springs and motors stay
     kept = mechanism.elasticity is not None and stated.stiffness is None and stated.spring is None
     springs = e.springs if kept else _springs(mechanism, stated.spring)

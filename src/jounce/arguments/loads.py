@@ -12,7 +12,7 @@ from jounce.core.errors import JounceError, one_of, warn
 from jounce.core.scalars import Array, asarray, broadcast, concatenate, shaped
 from jounce.spatial.series import rate_name
 
-AXES = ("world", "body")
+LOAD_FRAMES = ("world", "body")
 
 
 def load_of(force: object, torque: object, order: int, q: Sequence[Array]) -> list[Array]:
@@ -26,7 +26,7 @@ def load_of(force: object, torque: object, order: int, q: Sequence[Array]) -> li
 
 def place_of(axes: str, point: object, force: object) -> Array:
     """Return the point (3,) where a force acts, the link's origin if None, and check the name of the axes."""
-    one_of("frame of a load", axes, AXES)
+    one_of("frame of a load", axes, LOAD_FRAMES)
     p = np.zeros(3, dtype=int) if point is None else asarray(point, "point")
     if p.shape != (3,):
         raise JounceError(f"point has shape {p.shape}; expected (3,), in the frame of the link")

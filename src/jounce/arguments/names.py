@@ -10,7 +10,7 @@ from jounce.core.errors import JounceError, listed, one_line, quoted
 from jounce.core.scalars import is_zero
 from jounce.model.mechanism import Mechanism
 
-LOCK = "lock= of jounce.load, or Robot.locked, holds joints without a value"
+LOCK_CURE = "lock= of jounce.load, or Robot.locked, holds joints without a value"
 
 
 def listed_in(given: Any) -> list[Any] | None:

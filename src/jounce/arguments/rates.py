@@ -27,10 +27,10 @@ from jounce.model.elasticity import motor_names
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import position_names, positions
 
-HIGHEST_ORDER = 100  # order: beyond it computing takes minutes, and nobody's numbers have the digits
+MAX_ORDER = 100  # rates: computing more takes minutes, and no data have the digits for them
 
 
-def checked_order(order: object, highest: int = HIGHEST_ORDER) -> int:
+def checked_order(order: object, highest: int = MAX_ORDER) -> int:
     """Return a caller's order, checked."""
     if not isinstance(order, int | np.integer) or isinstance(order, bool) or not 0 <= order <= highest:
         raise JounceError(f"order is {quoted(order)}; expected 0 to {highest}")
@@ -54,9 +54,9 @@ def rates_of(mechanism: Mechanism, given: Sequence[Any], row: Quantity, more: in
     while len(terms) > least - more and terms[-1] is None:
         terms.pop()
     labels, own = row.input_names(len(terms)), row.coordinate_inputs(len(terms))
-    if len(terms) > least + HIGHEST_ORDER:
+    if len(terms) > least + MAX_ORDER:
         raise JounceError(
-            f"{labels[-1]} is given, for order {len(terms) - least}; expected rates for order 0 to {HIGHEST_ORDER}"
+            f"{labels[-1]} is given, for order {len(terms) - least}; expected rates for order 0 to {MAX_ORDER}"
         )
     if len(terms) < least:
         have = [label for label, term in zip(labels, terms, strict=True) if term is not None] or labels
@@ -121,7 +121,7 @@ def _cure(shape: tuple[int, ...], label: str, mechanism: Mechanism) -> str:
     if len(shape) > 1 and shape[-2] == n:
         return f"; transpose it: {label}.swapaxes(-1, -2) has the coordinates last"
     if 0 < count < n:
-        return f"; {names.LOCK}"
+        return f"; {names.LOCK_CURE}"
     if mechanism.closure and label == "q":
         return f"; or all {mechanism.tree.n} of the tree: {listed(mechanism.tree.coordinates)}"
     followers = [name for name in mechanism.joints if name not in mechanism.coordinates]
@@ -133,7 +133,7 @@ def _cure(shape: tuple[int, ...], label: str, mechanism: Mechanism) -> str:
 def _by_name(term: Any, mechanism: Mechanism, joints: Sequence[str]) -> Array:
     """Return an array (..., n) of coordinates (...) given by joint name, broadcast."""
     named = names.entries(term)
-    cure = f"{listed(joints)}; {names.LOCK}" if len(named) < len(joints) else ""
+    cure = f"{listed(joints)}; {names.LOCK_CURE}" if len(named) < len(joints) else ""
     names.check(named, joints, names.followers(mechanism), cure)
     parts = [element(named[joint], repr(joint)) for joint in joints]
     if any(map(is_symbolic, parts)):

@@ -39,9 +39,9 @@ def _robots() -> Iterable[str]:
 
 
 def _motions() -> Iterable[str]:
-    from jounce.io.motions import BUNDLED
+    from jounce.io.motions import BUNDLED_MOTIONS
 
-    return BUNDLED
+    return BUNDLED_MOTIONS
 
 
 ROBOT = FileOrName("robot", _robots)

@@ -10,8 +10,8 @@ from pathlib import Path
 from time import time
 from uuid import uuid4
 
-PART = re.compile(r"\.jounce-(?:([0-9a-f]{8})-(\d+)-)?[0-9a-f]{12}\.part")
-LONGEST = 86400  # s that one file may take to be written
+PART_NAME = re.compile(r"\.jounce-(?:([0-9a-f]{8})-(\d+)-)?[0-9a-f]{12}\.part")
+MAX_WRITING_TIME = 86400  # s, a day: no single file takes longer, so that an older part is abandoned
 
 
 def part_in(folder: Path) -> Path:
@@ -32,7 +32,7 @@ def remove_abandoned(folder: Path) -> None:
 def _find_abandoned(folder: Path) -> Iterator[Path]:
     with suppress(OSError):
         for path in list(folder.iterdir()):
-            if (named := PART.fullmatch(path.name)) and (_is_gone(named[1], named[2]) or _is_old(path)):
+            if (named := PART_NAME.fullmatch(path.name)) and (_is_gone(named[1], named[2]) or _is_old(path)):
                 yield path
 
 
@@ -55,7 +55,7 @@ def _is_gone(machine: str | None, process: str) -> bool:
 
 def _is_old(path: Path) -> bool:
     try:
-        return time() - path.lstat().st_mtime > LONGEST
+        return time() - path.lstat().st_mtime > MAX_WRITING_TIME
     except OSError:
         return False
 

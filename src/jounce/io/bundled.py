@@ -38,16 +38,17 @@ IIWA14 = np.array([
     [3.38795, 0.00049, 0.02019, -0.02750, 0.00050, -0.00005, -0.00003, 0.00281, -0.00004, 0.00232],
     [0.35432, -0.03466, -0.02324, 0.07138, 0.00795, 0.00022, -0.00029, 0.01089, -0.00029, 0.00294],
 ])  # fmt: skip
-R3, R5 = 0.42, 0.40  # m; not in the paper, from the authors' published code
+UPPER_ARM_LENGTH, FOREARM_LENGTH = 0.42, 0.40  # m, r3 and r5; not in the paper, from the authors' published code
 
-_UP, _DOWN = [[1, 0, 0], [0, 0, -1], [0, 1, 0]], [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
+# rotations about x by 90 and -90 degrees
+_RX_90, _RX_MINUS_90 = [[1, 0, 0], [0, 0, -1], [0, 1, 0]], [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
 
 
 def iiwa14(gravity: Array = (0, 0, -9.80665)) -> Mechanism:
     """The KUKA LBR iiwa 14 of the paper, modified Denavit-Hartenberg frames, without base height and flange."""
-    R = [np.eye(3), _UP, _DOWN, _DOWN, _UP, _UP, _DOWN]
+    R = [np.eye(3), _RX_90, _RX_MINUS_90, _RX_MINUS_90, _RX_90, _RX_90, _RX_MINUS_90]
     r = np.zeros((7, 3))
-    r[2, 1], r[4, 1] = R3, -R5
+    r[2, 1], r[4, 1] = UPPER_ARM_LENGTH, -FOREARM_LENGTH
     B = [pose(np.array(R_i, dtype=float), r_i[:, None]) for R_i, r_i in zip(R, r, strict=True)]
     M = [inertia_matrix(row[0], row[1:4], symmetric(row[4:])) for row in IIWA14]
     names = [f"link{i}" for i in range(1, 8)]

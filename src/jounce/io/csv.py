@@ -18,10 +18,10 @@ from jounce.io.files import opened
 from jounce.io.remainders import remainder_of, remainders_of_texts, split_names
 from jounce.io.rows import Chunk, Format, Pieces, Span
 
-BLOCK = 1 << 19  # bytes that are read at a time
-CELLS = 1 << 16  # that are written at a time
-DIGITS = 16  # bytes of a cell, about
-LONGEST = 1 << 20  # bytes of a line
+BLOCK_BYTES = 1 << 19  # read at a time: bounds the memory that the cells take as Python strings
+CELLS_PER_WRITE = 1 << 16  # converted to text at a time, a few MB of Python objects
+BYTES_PER_CELL = 16  # about, as doubles at full precision take them: only sizes the spans
+MAX_LINE_BYTES = 1 << 20  # of the last row before a span, which is looked for in as many bytes
 SEPARATORS = (",", ";", "\t", " ")  # of cells, the first that stands between column names
 BLANK = " ,;\t\r\n"
 
@@ -57,7 +57,7 @@ class Csv(Format):
 
     def spans(self, path: Path, cells: int) -> list[Span]:
         """Spans of whole lines, of about as many bytes each."""
-        first, step = layout(path).start, cells * DIGITS
+        first, step = layout(path).start, cells * BYTES_PER_CELL
         with opened(path) as file:
             end = path.stat().st_size
             cuts = [first, *(_line_after(file, place) for place in range(first + step, end, step)), end]
@@ -78,7 +78,7 @@ class Csv(Format):
         first = layout(path).start
         if place <= first:
             return None
-        begin = max(first, place - LONGEST)
+        begin = max(first, place - MAX_LINE_BYTES)
         with opened(path) as file:
             file.seek(begin)
             text = file.read(place - 1 - begin)
@@ -95,7 +95,7 @@ class Csv(Format):
         (start, line), feeds, returns = known, 0, 0
         with opened(path) as file:
             file.seek(start)
-            while start < place and (block := file.read(min(BLOCK, place - start))):
+            while start < place and (block := file.read(min(BLOCK_BYTES, place - start))):
                 start, feeds, returns = start + len(block), feeds + block.count(b"\n"), returns + block.count(b"\r")
         return line + (feeds or returns)
 
@@ -111,7 +111,7 @@ class Csv(Format):
                 if number == 0:
                     writer.writerow(columns)
                 arrays = list(columns.values())
-                size = max(1, CELLS // len(arrays))
+                size = max(1, CELLS_PER_WRITE // len(arrays))
                 for i in range(0, max(map(len, arrays)), size):
                     rows = zip(*(array[i : i + size].tolist() for array in arrays), strict=True)
                     writer.writerows(rows)  # repr of a double: it reads back the same
@@ -216,7 +216,7 @@ def _header(path: Path, cells: Sequence[str], mark: str) -> list[str]:
 def _blocks(file: BinaryIO, size: int) -> Iterator[bytes]:
     """Whole lines of the next bytes of a file, about as many at a time, none of which ends within quotes."""
     rest = b""
-    while size and (block := file.read(min(BLOCK, size))):
+    while size and (block := file.read(min(BLOCK_BYTES, size))):
         size -= len(block)
         rest += block
         end = max(rest.rfind(b"\n"), rest.rfind(b"\r", 0, -1)) + 1  # what follows the last byte is not known
@@ -230,7 +230,7 @@ def _blocks(file: BinaryIO, size: int) -> Iterator[bytes]:
 def _line_after(file: BinaryIO, place: int) -> int:
     """Where the first line begins that does not begin before a place."""
     file.seek(place - 1)
-    while block := file.readline(BLOCK):
+    while block := file.readline(BLOCK_BYTES):
         if block.endswith(b"\n"):
             break
     return file.tell()
@@ -253,4 +253,4 @@ def _bytes(parts: Iterable[Path]) -> Iterator[bytes]:
             header = content.readline()
             if number == 0:
                 yield header
-            yield from iter(partial(content.read, BLOCK), b"")
+            yield from iter(partial(content.read, BLOCK_BYTES), b"")

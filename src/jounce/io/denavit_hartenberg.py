@@ -27,10 +27,10 @@ from jounce.model.kinds import KINDS, UNITS
 from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.model.stated import Stated, limits_of_joints
 
-ANGLES = {"rad": 1.0, "deg": math.pi / 180}
-ROW = ("name", "body", "type", "limits", "drive", "inertia")  # keys of a row besides its four parameters
+ANGLE_UNITS = {"rad": 1.0, "deg": math.pi / 180}
+ROW_KEYS = ("name", "body", "type", "limits", "drive", "inertia")  # keys of a row besides its four parameters
 # Angles, or rates of them, where a joint turns:
-ANGULAR = (*(key for row in KINDS.values() if UNITS[row.of][0] == "rad" for key in row.keys), "rest", "eps")
+ANGULAR_KEYS = (*(key for row in KINDS.values() if UNITS[row.of][0] == "rad" for key in row.keys), "rest", "eps")
 
 Number = TypeVar("Number", float, Stated)
 
@@ -44,9 +44,9 @@ def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mecha
         )
     robot.keys(("units", "angles", "convention", "dh"), ("name", "gravity", "base", "tool", "limits_of"))
     parts.check_units(robot)
-    unit, convention = ANGLES[_choice(robot, "angles", ANGLES)], _choice(robot, "convention", CONVENTIONS)
+    unit, convention = ANGLE_UNITS[_choice(robot, "angles", ANGLE_UNITS)], _choice(robot, "convention", CONVENTIONS)
     name, own = robot.get("name", robot.path.stem).text(), robot.get("gravity", list(GRAVITY)).numbers((3,))
-    rows = [row.keys(PARAMETERS, ROW) for row in robot.get("dh").items(least=1)]
+    rows = [row.keys(PARAMETERS, ROW_KEYS) for row in robot.get("dh").items(least=1)]
     joints, bodies = _names(rows, "name", "joint"), _names(rows, "body", "body")
     rows = [row.named(f"joint {quoted(name)}") for row, name in zip(rows, joints, strict=True)]
     types = [_choice(row, "type", TYPES) if "type" in row.value else TYPES[0] for row in rows]
@@ -96,5 +96,6 @@ def _in_rad(numbers: Mapping[str, Number], row: Entry, key: str, unit: float) ->
     """Numbers of a joint, those of angles that the row states under a key turned from their unit into rad."""
     stated = row.get(key, {}).value
     return {
-        name: np.multiply(x, unit).tolist() if name in ANGULAR and name in stated else x for name, x in numbers.items()
+        name: np.multiply(x, unit).tolist() if name in ANGULAR_KEYS and name in stated else x
+        for name, x in numbers.items()
     }

@@ -14,6 +14,8 @@ import numpy as np
 from jounce.core.errors import JounceError, at, listed, no_such, one_line, quoted, shortened
 from jounce.io.files import read_bytes
 
+DOCUMENT_SUFFIXES = (".yaml", ".yml", ".json")
+
 
 @dataclass(frozen=True)
 class Entry:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 PACKAGES = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH")  # environment variables
 MANIFESTS = ("package.xml", "manifest.xml")  # one of them makes a folder a package of ROS
-MISSING = "no such file"
+NO_FILE = "no such file"
 OUTSIDE = "not in the folders of the robot; --meshes FOLDER allows it"
 
 
@@ -23,10 +23,10 @@ def mesh_file(uri: str, robot_file: Path, folders: Sequence[Path] = ()) -> Path 
     scheme, _, rest = uri.partition("://")
     if rest and scheme != "file":
         found = [(path, allowed) for path, allowed in _in_packages(rest, robot_file, folders) if path.is_file()]
-        return next((path for path, allowed in found if allowed), OUTSIDE if found else MISSING)
+        return next((path for path, allowed in found if allowed), OUTSIDE if found else NO_FILE)
     path = Path(rest) if rest else robot_file.parent / uri
     if not path.is_file():
-        return MISSING
+        return NO_FILE
     return path if _is_within(path, [*_own(robot_file), *folders]) else OUTSIDE
 
 

@@ -15,7 +15,8 @@ from jounce.io.files import opened
 from jounce.io.remainders import split_names, with_remainders
 from jounce.io.rows import Chunk, Format, Pieces, Span, rows_of
 
-LOCAL = 30  # bytes of the fixed part of a member's header, which ends in the lengths of its name and of what follows
+# of the fixed part of a ZIP member's header, which ends in two lengths: of its name, and of what follows that
+LOCAL_HEADER_BYTES = 30
 
 
 class Npz(Format):
@@ -137,8 +138,8 @@ def _mapped(path: Path, file: BinaryIO, _archive: ZipFile, member: ZipInfo) -> n
             " savez_compressed, writes tables that are read by rows"
         )
     file.seek(member.header_offset)
-    lengths = unpack_from("<HH", file.read(LOCAL), LOCAL - 4)
-    file.seek(member.header_offset + LOCAL + sum(lengths))
+    lengths = unpack_from("<HH", file.read(LOCAL_HEADER_BYTES), LOCAL_HEADER_BYTES - 4)
+    file.seek(member.header_offset + LOCAL_HEADER_BYTES + sum(lengths))
     version = np.lib.format.read_magic(file)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, fortran, dtype = read(file)

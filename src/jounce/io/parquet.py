@@ -19,8 +19,8 @@ from jounce.io.rows import Chunk, Format, Pieces, Span, rows_of
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile
 
-GROUP = 1 << 17  # rows of a group that is written
-NAMESPACE = b"jounce"  # of the metadata of a table
+ROWS_PER_GROUP = 1 << 17  # enough for fast reading, few enough to hold a group in memory
+METADATA_KEY = b"jounce"  # of the schema, under which the unit of each column stands
 
 
 class Parquet(Format):
@@ -164,11 +164,11 @@ def _write_groups(arrow: Any, path: Path, tables: Iterable[Any]) -> None:
     ):
         for table in chain([first], following):
             pending, rows = [*pending, table], rows + len(table)
-            if rows >= GROUP:
-                writer.write_table(arrow.concat_tables(pending).unify_dictionaries(), GROUP)
+            if rows >= ROWS_PER_GROUP:
+                writer.write_table(arrow.concat_tables(pending).unify_dictionaries(), ROWS_PER_GROUP)
                 pending, rows = [], 0
         if pending:
-            writer.write_table(arrow.concat_tables(pending).unify_dictionaries(), GROUP)
+            writer.write_table(arrow.concat_tables(pending).unify_dictionaries(), ROWS_PER_GROUP)
 
 
 def _array(arrow: Any, column: np.ndarray) -> Any:
@@ -186,4 +186,4 @@ def _described(arrow: Any, schema: Any, about: About | None) -> Any:
         return schema
     units = {name: unit for name in schema.names if (unit := about.unit(name))}
     fields = [field.with_metadata({"unit": units[field.name]}) if field.name in units else field for field in schema]
-    return arrow.schema(fields, {NAMESPACE: json.dumps({**about.data, "units": units}).encode()})
+    return arrow.schema(fields, {METADATA_KEY: json.dumps({**about.data, "units": units}).encode()})

@@ -11,20 +11,22 @@ import numpy as np
 
 from jounce.motion.origin import MIN_LARGE, shortest_decimal
 
-MARK = "\0remainder"  # no name of a column ends in this
-MAX_INTEGER = 2.0**62  # beyond, doubles cast to integers may overflow
+REMAINDER_MARK = "\0remainder"  # no name of a column ends in this
+MAX_INTEGER = 2.0**62  # doubles beyond may overflow when cast to int64
 DECIMAL = re.compile(r"\s*\d+(?:\.(\d*))?\s*")
 
 
 def remainder_of(name: str) -> str:
     """The name by which the remainder of a column is asked for."""
-    return name + MARK
+    return name + REMAINDER_MARK
 
 
 def split_names(names: Iterable[str]) -> tuple[list[str], list[str]]:
     """Names of columns, and of those of which the remainder is asked for."""
     names = list(names)
-    return [n for n in names if not n.endswith(MARK)], [n.removesuffix(MARK) for n in names if n.endswith(MARK)]
+    return [n for n in names if not n.endswith(REMAINDER_MARK)], [
+        n.removesuffix(REMAINDER_MARK) for n in names if n.endswith(REMAINDER_MARK)
+    ]
 
 
 def with_remainders(

@@ -16,7 +16,7 @@ from jounce.core.errors import JounceError, quoted
 from jounce.io.columns import About, CellError, Columns, Select
 from jounce.io.remainders import split_names
 
-CELLS = 1 << 19  # in a chunk: 4 MB of numbers, which stay in the cache while they are computed
+CELLS_PER_CHUNK = 1 << 19  # 4 MB of numbers, which stay in the cache while they are computed
 Pieces = Iterable[Mapping[str, np.ndarray]]
 
 
@@ -131,4 +131,4 @@ class Format(ABC):
 
 def rows_of(columns: int) -> int:
     """The rows of a chunk."""
-    return max(1, CELLS // max(1, columns))
+    return max(1, CELLS_PER_CHUNK // max(1, columns))

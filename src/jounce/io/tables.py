@@ -16,8 +16,8 @@ from jounce.io.rows import Format, Pieces
 
 Known = TypeVar("Known")
 CSV, NPZ, PARQUET = Csv(), Npz(), Parquet()
-FORMATS: Mapping[str, Format] = {".parquet": PARQUET, ".csv": CSV, ".npz": NPZ, ".tsv": CSV, ".txt": CSV}
-READERS: Mapping[str, Callable[[Path, Select | None], Iterator[Columns]]] = {
+ROW_FORMATS: Mapping[str, Format] = {".parquet": PARQUET, ".csv": CSV, ".npz": NPZ, ".tsv": CSV, ".txt": CSV}
+TABLE_READERS: Mapping[str, Callable[[Path, Select | None], Iterator[Columns]]] = {
     ".csv": CSV.pieces,
     ".npz": NPZ.pieces,
     ".tsv": CSV.pieces,
@@ -27,12 +27,12 @@ READERS: Mapping[str, Callable[[Path, Select | None], Iterator[Columns]]] = {
     ".ndjson": jsonlines.pieces,
     ".parquet": PARQUET.pieces,
 }
-WRITERS: dict[str, Format] = {".csv": CSV, ".npz": NPZ, ".parquet": PARQUET}
+TABLE_WRITERS: dict[str, Format] = {".csv": CSV, ".npz": NPZ, ".parquet": PARQUET}
 
 
 def format_of(path: Path) -> Format:
     """The format by which a file is read by rows."""
-    return _by_suffix(path, FORMATS, "read by rows are")
+    return _by_suffix(path, ROW_FORMATS, "read by rows are")
 
 
 def place(path: Path, at: int) -> str:
@@ -48,12 +48,12 @@ def read(path: Path, select: Select | None = None) -> Columns:
 
 def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
     """Yield a table in pieces of some rows, each checked before it is yielded."""
-    return _by_suffix(path, READERS)(path, select)
+    return _by_suffix(path, TABLE_READERS)(path, select)
 
 
 def check_writable(path: Path) -> None:
     """Raise `JounceError` if `write` could not write, before any work is done."""
-    _by_suffix(path, WRITERS)
+    _by_suffix(path, TABLE_WRITERS)
     files.check_writable(path)
     if path.suffix.lower() == ".parquet":
         pyarrow(path)
@@ -70,7 +70,7 @@ def write_pieces(path: Path, pieces: Pieces, about: About | None = None, missing
     Numbers may be `missing`, NaN, where results of closed robots have no certain digits.
     CSV and Parquet tables hold one piece at a time in memory, NPZ tables all of them.
     """
-    writer = _by_suffix(path, WRITERS)
+    writer = _by_suffix(path, TABLE_WRITERS)
     with files.written_whole(path) as part:
         writer.write(part, _finite(path, pieces, missing), about)
 

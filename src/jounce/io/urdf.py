@@ -19,10 +19,14 @@ from jounce.spatial.groups import PLANAR
 from jounce.spatial.inertia import inertia_matrix, symmetric
 from jounce.spatial.lie import Ad, pose
 
-MOVING = {"revolute": 0, "continuous": 0, "prismatic": 3}  # where in the screw the axis goes
-FREE_JOINTS = ("floating", "planar")
-AXIS = "1 0 0"  # by the format, where a joint states none
-PLACED = ("xyz", "rpy")  # how an <origin> says its pose
+AXIS_PLACES = {
+    "revolute": 0,
+    "continuous": 0,
+    "prismatic": 3,
+}  # by type of joint, where in the screw (angular; linear) the axis goes
+FREE_JOINT_TYPES = ("floating", "planar")
+DEFAULT_AXIS = "1 0 0"  # by the format, where a joint states none
+ORIGIN_ATTRIBUTES = ("xyz", "rpy")  # how an <origin> says its pose
 
 
 def read(path: Path, gravity: object = None, base: str | None = None, root: str | None = None) -> Mechanism:
@@ -35,7 +39,7 @@ def parse(content: bytes, file: str, name: str, gravity: object, base: str | Non
     robot = parse_xml(content, file)
     if root is None:
         with at(file):  # before minutes of reading
-            check_size(sum(element.get("type") in MOVING for element in robot.iterchildren("joint")))
+            check_size(sum(element.get("type") in AXIS_PLACES for element in robot.iterchildren("joint")))
     links = [_link(element, file) for element in robot.iterchildren("link")]
     joints = [_joint(element, file) for element in robot.iterchildren("joint")]
     given = GRAVITY if gravity is None else gravity
@@ -81,7 +85,7 @@ def _link(element: etree._Element, file: str) -> tree.Link:
 
 def _joint(element: etree._Element, file: str) -> tree.Joint:
     name, kind = _text(element, "name", file), _text(element, "type", file)
-    kinds = ["fixed", *MOVING, *FREE_JOINTS]
+    kinds = ["fixed", *AXIS_PLACES, *FREE_JOINT_TYPES]
     if kind not in kinds:
         raise JounceError(f"{_at(element, file)}: joint {quoted(name)}: {no_such('joint type', kind, kinds)}")
     return tree.Joint(
@@ -89,18 +93,18 @@ def _joint(element: etree._Element, file: str) -> tree.Joint:
         parent=_text(_child(element, "parent", file), "link", file),
         child=_text(_child(element, "child", file), "link", file),
         B=origin_pose(element, file),
-        X=_screw(element, kind, file) if kind in MOVING else _plane(element, file) if kind == "planar" else None,
-        mimic=_mimic(element, file) if kind in MOVING else None,
-        limits=_limits(element, kind, file) if kind in MOVING else {},
-        drive=_drive(element, file) if kind in MOVING else {},
+        X=_screw(element, kind, file) if kind in AXIS_PLACES else _plane(element, file) if kind == "planar" else None,
+        mimic=_mimic(element, file) if kind in AXIS_PLACES else None,
+        limits=_limits(element, kind, file) if kind in AXIS_PLACES else {},
+        drive=_drive(element, file) if kind in AXIS_PLACES else {},
         place=_at(element, file),
-        free=kind if kind in FREE_JOINTS else None,
+        free=kind if kind in FREE_JOINT_TYPES else None,
     )
 
 
 def _screw(element: etree._Element, kind: str, file: str) -> np.ndarray:
     X = np.zeros(6)
-    X[MOVING[kind] : MOVING[kind] + 3] = _axis(element, file)
+    X[AXIS_PLACES[kind] : AXIS_PLACES[kind] + 3] = _axis(element, file)
     return X
 
 
@@ -115,7 +119,7 @@ def _plane(element: etree._Element, file: str) -> np.ndarray:
 
 def _axis(element: etree._Element, file: str) -> np.ndarray:
     stated = element.find("axis")
-    numbers = np.array(AXIS.split(), dtype=float) if stated is None else read_numbers(stated, "xyz", 3, file)
+    numbers = np.array(DEFAULT_AXIS.split(), dtype=float) if stated is None else read_numbers(stated, "xyz", 3, file)
     axis = direction(numbers)
     if axis is None:
         name = quoted(element.get("name"))
@@ -155,8 +159,8 @@ def origin_pose(element: etree._Element, file: str) -> np.ndarray:
     if origin is None:
         return np.eye(4)
     for key in origin.attrib:  # a quaternion, or a frame that the pose is given in, must not be lost in silence
-        if key not in PLACED:
-            raise JounceError(f"{_at(origin, file)}: {no_such('attribute of <origin>', key, PLACED)}")
+        if key not in ORIGIN_ATTRIBUTES:
+            raise JounceError(f"{_at(origin, file)}: {no_such('attribute of <origin>', key, ORIGIN_ATTRIBUTES)}")
     R = from_rpy(read_numbers(origin, "rpy", 3, file, default="0 0 0"), _at(origin, file))
     return pose(R, read_numbers(origin, "xyz", 3, file, default="0 0 0")[:, None])
 

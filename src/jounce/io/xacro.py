@@ -14,7 +14,9 @@ from jounce.core.errors import JounceError, no_such, one_line, quoted, shortened
 from jounce.io.doctype import refuse_declarations
 from jounce.io.files import read_bytes
 
-DEEPEST = 32  # calls of a macro with the same arguments within one another: a counter of another kind ends earlier
+MAX_MACRO_DEPTH = (
+    32  # of calls of a macro within itself with the same arguments: recursion that counts down differs in them
+)
 _EXPANDING = Lock()  # xacro and xacrodoc keep files, macros and packages in variables of their modules
 
 
@@ -112,7 +114,7 @@ def _endless_calls_refused(xacro: Any) -> Iterator[None]:
     def checked_call(node: Any, macros: Any, symbols: Any) -> Any:
         asked = " ".join([node.tagName, *(f"{k}={xacro.eval_text(v, symbols)}" for k, v in node.attributes.items())])
         calls[asked] += 1
-        if calls[asked] > DEEPEST:
+        if calls[asked] > MAX_MACRO_DEPTH:
             raise JounceError(f"<{shortened(asked)}> calls itself without end")
         try:
             return call(node, macros, symbols)

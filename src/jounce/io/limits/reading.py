@@ -8,8 +8,8 @@ import numpy as np
 
 from jounce.core.errors import JounceError, at, listed, no_such, one_of, quoted, warn
 from jounce.io import entries
-from jounce.io.denavit_hartenberg import ANGLES, ANGULAR
-from jounce.io.entries import Entry
+from jounce.io.denavit_hartenberg import ANGLE_UNITS, ANGULAR_KEYS
+from jounce.io.entries import DOCUMENT_SUFFIXES, Entry
 from jounce.io.files import path_of
 from jounce.io.limits import moveit
 from jounce.io.native import parts
@@ -22,7 +22,6 @@ from jounce.model.stated import Stated, limits_with
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
 
-SUFFIXES = (".yaml", ".yml", ".json")
 OPTIONAL = ("angles", "limits_of", "names", "sources")  # keys of a file
 
 ByJoint = Mapping[str, Mapping[str, Stated]]
@@ -44,11 +43,11 @@ def limits_from(mechanism: Mechanism, source: object) -> Limits:
         came = f"{type(source).__name__}; arms with limits: {listed(table_names())}"
         raise JounceError(f"with_limits() expects a file, the name of an arm or jounce.Limits, got {came}")
     path = path_of(source)
-    if path.suffix.lower() in SUFFIXES:
+    if path.suffix.lower() in DOCUMENT_SUFFIXES:
         return _from_file(mechanism, entries.read(path, "the limits"))
     name = os.fspath(source)
     if name not in table_names():
-        raise JounceError(f"{no_such('limits', name, table_names())}, or a file of type {', '.join(SUFFIXES)}")
+        raise JounceError(f"{no_such('limits', name, table_names())}, or a file of type {', '.join(DOCUMENT_SUFFIXES)}")
     return _from_table(mechanism, name)
 
 
@@ -108,7 +107,7 @@ def _joints(document: Entry, mechanism: Mechanism, keys: Mapping[str, str] | Non
     """What a file states of each joint; `keys` are those that it has for the joints of a robot."""
     document.keys(("units", "joints"), OPTIONAL)
     parts.check_units(document)
-    unit = ANGLES[one_of("unit of angles", document.get("angles", "rad").text(), ANGLES)]
+    unit = ANGLE_UNITS[one_of("unit of angles", document.get("angles", "rad").text(), ANGLE_UNITS)]
     members, places = document.get("joints").members(), joint_places(mechanism)
     named = {key: key for key in members} if keys is None else keys
     found: dict[str, dict[str, Stated]] = {}
@@ -117,7 +116,7 @@ def _joints(document: Entry, mechanism: Mechanism, keys: Mapping[str, str] | Non
         stated = parts.stated_limits(entry, entry)
         turns = joint in places and mechanism.X[places[joint]][:3].any()
         found[joint] = {
-            kind: np.multiply(x, unit).tolist() if kind in ANGULAR and turns else x for kind, x in stated.items()
+            kind: np.multiply(x, unit).tolist() if kind in ANGULAR_KEYS and turns else x for kind, x in stated.items()
         }
     return found
 

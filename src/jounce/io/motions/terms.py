@@ -18,7 +18,7 @@ from jounce.motion.base import COLUMNS
 from jounce.motion.curves import COMPONENTS
 from jounce.motion.description import Description, motion_of
 
-MOST_STATES = 100_000_000  # states; a slip of the pen asks for more
+MAX_MOTION_STATES = 100_000_000  # 800 MB per column: more is a typing error
 
 
 def read(entry: Entry, mechanism: Mechanism) -> Motion:
@@ -49,10 +49,10 @@ def terms_in(entry: Entry) -> Description:
 def _times(time: Entry) -> np.ndarray:
     time.keys(("stop", "count"), ("start",))
     start, stop, count = time.get("start", 0).number(), time.get("stop").number(), time.get("count").value
-    counts = isinstance(count, int) and not isinstance(count, bool) and 2 <= count <= MOST_STATES
+    counts = isinstance(count, int) and not isinstance(count, bool) and 2 <= count <= MAX_MOTION_STATES
     if not counts or not start < stop or math.isinf(stop - start):
         came = f"time runs from {start:g} to {stop:g} in {quoted(count)} states"
-        raise JounceError(f"{time.place}: {came}; expected stop > start, count 2 to {MOST_STATES}")
+        raise JounceError(f"{time.place}: {came}; expected stop > start, count 2 to {MAX_MOTION_STATES}")
     return np.linspace(start, stop, count)
 
 

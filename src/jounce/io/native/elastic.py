@@ -27,10 +27,10 @@ from jounce.model.motors import Motor
 from jounce.model.spring_table import SpringTable
 from jounce.model.springs import CubicSpring, DampedSpring, Spring
 
-SECTION = "elastic"
-FRICTION = {"viscous": 0.0, "friction": 0.0, "eps": EPS}  # keys of a motor's friction, and their defaults
-TERMS = ElasticParameters().damping_terms
-SPRINGS: tuple[tuple[type[CubicSpring | SpringTable], tuple[str, ...]], ...] = (
+ELASTIC_SECTION = "elastic"
+FRICTION_DEFAULTS = {"viscous": 0.0, "friction": 0.0, "eps": EPS}  # keys of a motor's friction, and their defaults
+DEFAULT_DAMPING_TERMS = ElasticParameters().damping_terms
+SPRING_KEYS: tuple[tuple[type[CubicSpring | SpringTable], tuple[str, ...]], ...] = (
     (CubicSpring, ("k", "k3")),
     (SpringTable, ("deflections", "forces")),
 )
@@ -38,15 +38,15 @@ SPRINGS: tuple[tuple[type[CubicSpring | SpringTable], tuple[str, ...]], ...] = (
 
 def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
     """The mechanism with the springs and motors of a file, if it states any."""
-    if SECTION not in robot.value:
+    if ELASTIC_SECTION not in robot.value:
         return mechanism
-    section = robot.get(SECTION).keys(("joints",), ("coupling", "damping_terms"))
-    found: dict[str, dict[str, Any]] = {key: {} for key in KEYS}
+    section = robot.get(ELASTIC_SECTION).keys(("joints",), ("coupling", "damping_terms"))
+    found: dict[str, dict[str, Any]] = {key: {} for key in ENTRY_READERS}
     for name, entry in section.get("joints").members().items():
         if name not in mechanism.coordinates:
             raise JounceError(f"{entry.place}: {no_such('coordinate', name, mechanism.coordinates, section.what)}")
-        for key, value in entry.keys((), tuple(KEYS)).members().items():
-            found[key][name] = KEYS[key](value)
+        for key, value in entry.keys((), tuple(ENTRY_READERS)).members().items():
+            found[key][name] = ENTRY_READERS[key](value)
     stated = {key: found[key] or None for key in ("stiffness", "rotor", "damping", "spring")}
     with at(section.place):
         elastic = with_elasticity(
@@ -55,14 +55,14 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
                 **{**stated, "stiffness": found["stiffness"]},
                 motors=found["motor"] or None,
                 coupling=section.get("coupling", "spong").value,
-                damping_terms=section.get("damping_terms", TERMS).value,
+                damping_terms=section.get("damping_terms", DEFAULT_DAMPING_TERMS).value,
             ),
         )
     e = elastic.elasticity
     assert e is not None
     own: dict[str, Any] = {
         key: np.array([found[key].get(name, x) for name, x in zip(mechanism.coordinates, e.arrays[key], strict=True)])
-        for key in FRICTION
+        for key in FRICTION_DEFAULTS
     }
     return replace(elastic, elasticity=replace(e, **own))
 
@@ -89,7 +89,7 @@ def _spring(entry: Entry) -> Spring | AntagonisticSprings:
 
 
 def _one_spring(entry: Entry) -> Spring:
-    members = entry.keys((), tuple(key for _, keys in SPRINGS for key in keys)).members()
+    members = entry.keys((), tuple(key for _, keys in SPRING_KEYS for key in keys)).members()
     if "k" in members or "k3" in members:
         numbers = {key: x.number() for key, x in entry.keys(("k",), ("k3",)).members().items()}
         with entry.refusals():
@@ -108,7 +108,7 @@ def _motor(entry: Entry) -> Motor:
         return Motor(**numbers)
 
 
-KEYS: dict[str, Callable[[Entry], Any]] = {
+ENTRY_READERS: dict[str, Callable[[Entry], Any]] = {
     "stiffness": Entry.number,
     "spring": _spring,
     "damping": _not_negative,
@@ -125,11 +125,11 @@ def section(mechanism: Mechanism) -> dict[str, Any]:
     e = mechanism.elasticity
     if e is None:
         return {}
-    terms = max((law.terms for law in e.springs if isinstance(law, DampedSpring)), default=TERMS)
+    terms = max((law.terms for law in e.springs if isinstance(law, DampedSpring)), default=DEFAULT_DAMPING_TERMS)
     head: dict[str, Any] = {} if e.level is None else {"coupling": e.level}
-    head |= {} if terms == TERMS else {"damping_terms": terms}
+    head |= {} if terms == DEFAULT_DAMPING_TERMS else {"damping_terms": terms}
     joints = {name: _joint(e, j, name) for j, name in enumerate(mechanism.coordinates)}
-    return {SECTION: head | {"joints": {name: said for name, said in joints.items() if said}}}
+    return {ELASTIC_SECTION: head | {"joints": {name: said for name, said in joints.items() if said}}}
 
 
 def _joint(e: Elasticity, j: int, name: str) -> dict[str, Any]:
@@ -138,7 +138,7 @@ def _joint(e: Elasticity, j: int, name: str) -> dict[str, Any]:
     said = _law(e.springs[j] if e.springs else None, float(e.stiffness[j]), name)
     if e.rotor[j] and (motor is None or motor.inertia is None):
         said["rotor"] = float(e.rotor[j])
-    known = dict(FRICTION)
+    known = dict(FRICTION_DEFAULTS)
     if motor is not None:
         known |= {"viscous": motor.damping * motor.gear**2, "friction": motor.friction * abs(motor.gear)}
     said |= {key: float(e.arrays[key][j]) for key, x in known.items() if e.arrays[key][j] != x}
@@ -164,7 +164,7 @@ def _law(law: Law | None, stiffness: float, name: str) -> dict[str, Any]:
 
 
 def _numbers(spring: Spring, name: str) -> dict[str, Any]:
-    for kind, keys in SPRINGS:
+    for kind, keys in SPRING_KEYS:
         if isinstance(spring, kind):
             found = {key: getattr(spring, key) for key in keys}
             return {key: list(x) if isinstance(x, tuple) else x for key, x in found.items()}

@@ -6,7 +6,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, no_such
 from jounce.io.entries import Entry
-from jounce.io.native import UNITS
+from jounce.io.native import FILE_UNITS
 from jounce.io.orientation import direction, from_rpy
 from jounce.model.drives import UNDRIVEN, drive_error
 from jounce.model.kinds import EFFORT_KINDS, ENDS, FORCES, KEYS
@@ -16,20 +16,20 @@ from jounce.spatial import lie
 from jounce.spatial.groups import GROUPS, Group, group_of
 from jounce.spatial.inertia import inertia_matrix, symmetric
 
-KINDS = {  # of joints: the keys that each needs, and those it may have
+SINGLE_JOINT_KEYS = {  # of joints: the keys that each needs, and those it may have
     "revolute": (("axis",), ("point",)),
     "prismatic": (("axis",), ()),
     "helical": (("axis", "pitch"), ("point",)),
 }
-IDENTITY = np.eye(3).tolist()
-BESIDE = ("limits", "drive", "follows")  # keys of every joint
+IDENTITY_ROWS = np.eye(3).tolist()
+COMMON_JOINT_KEYS = ("limits", "drive", "follows")  # keys of every joint
 
 
 def check_units(robot: Entry) -> None:
     """Refuse a file of other units than SI."""
     units = robot.get("units")
-    if units.value != UNITS:
-        raise units.error(f"{UNITS}: m, kg, s, rad")
+    if units.value != FILE_UNITS:
+        raise units.error(f"{FILE_UNITS}: m, kg, s, rad")
 
 
 def pose(carried: Entry, key: str = "pose", angle: float = 1.0) -> np.ndarray:
@@ -45,7 +45,7 @@ def pose(carried: Entry, key: str = "pose", angle: float = 1.0) -> np.ndarray:
         R = (
             from_rpy(angle * entry.get("rpy").numbers((3,)), entry.get("rpy").place)
             if turned
-            else entry.get("rotation", IDENTITY).numbers((3, 3))
+            else entry.get("rotation", IDENTITY_ROWS).numbers((3, 3))
         )
         T = lie.pose(R, entry.get("position", [0, 0, 0]).numbers((3,))[:, None])
     with entry.refusals():
@@ -56,15 +56,15 @@ def pose(carried: Entry, key: str = "pose", angle: float = 1.0) -> np.ndarray:
 def screw(joint: Entry) -> np.ndarray:
     """The joint screw: of type, axis (of any length), point and pitch, or its six numbers."""
     if joint.alone("screw", ("type", "axis", "point", "pitch")):
-        given = joint.keys(("name", "screw"), BESIDE).get("screw")
+        given = joint.keys(("name", "screw"), COMMON_JOINT_KEYS).get("screw")
         with given.refusals():
             return exact_screw(given.numbers((6,)), given.what)
     kind = joint.need("type", ("name", "type", "axis"))
-    if kind.text() not in KINDS:
-        known = (*KINDS, *GROUPS)
+    if kind.text() not in SINGLE_JOINT_KEYS:
+        known = (*SINGLE_JOINT_KEYS, *GROUPS)
         raise JounceError(f"{kind.place}: {joint.what}: {no_such('joint type', kind.value, known)}")
-    needed, optional = KINDS[kind.value]
-    joint.keys(("name", "type", *needed), (*optional, *BESIDE))
+    needed, optional = SINGLE_JOINT_KEYS[kind.value]
+    joint.keys(("name", "type", *needed), (*optional, *COMMON_JOINT_KEYS))
     axis = direction(joint.get("axis").numbers((3,)))
     if axis is None:
         raise joint.get("axis").error("a direction")

@@ -12,12 +12,12 @@ from jounce.core.errors import JounceError
 from jounce.spatial import lie
 
 UNNAMED = "MuJoCo Model"  # what MuJoCo calls a model without a name
-NUMBERS = {  # what places and weighs the parts: checked here to be finite, limits and drives where they are read
+FINITE_ARRAYS = {  # what places and weighs the parts: checked here to be finite, limits and drives where they are read
     "body": ("body_pos", "body_quat", "body_mass", "body_ipos", "body_iquat", "body_inertia"),
     "joint": ("jnt_pos", "jnt_axis"),
     "site": ("site_pos", "site_quat"),
 }
-BESIDE = (
+OTHER_ARRAYS = (
     *("name_bodyadr", "body_parentid", "body_jntadr", "body_jntnum", "body_gravcomp", "body_plugin"),
     *("name_jntadr", "jnt_type", "jnt_qposadr", "jnt_dofadr", "name_siteadr", "site_bodyid", "qpos0", "qpos_spring"),
     *("jnt_limited", "jnt_range", "jnt_actfrclimited", "jnt_actfrcrange"),
@@ -26,7 +26,7 @@ BESIDE = (
     *("actuator_trntype", "actuator_trnid", "actuator_gear", "actuator_forcelimited", "actuator_forcerange"),
     *("tendon_stiffness", "tendon_damping", "tendon_frictionloss", "nflex"),
 )
-LATER = (  # arrays that MuJoCo 3.3 does not have: nothing where they are missing
+NEWER_ARRAYS = (  # arrays that MuJoCo 3.3 does not have: nothing where they are missing
     *("dof_dampingpoly", "jnt_stiffnesspoly", "jnt_springyield", "tendon_armature"),
     *("actuator_armature", "actuator_damping", "actuator_dampingpoly"),
 )
@@ -58,12 +58,16 @@ class Arrays:
 def arrays(model: Any, file: Path | None, what: str = "from_mujoco()") -> Arrays:
     """Return the arrays of a model; raise `JounceError`, naming `file`, if it is not a model or not finite."""
     try:
-        of = {name: np.asarray(getattr(model, name)) for names in (*NUMBERS.values(), BESIDE) for name in names}
+        of = {
+            name: np.asarray(getattr(model, name))
+            for names in (*FINITE_ARRAYS.values(), OTHER_ARRAYS)
+            for name in names
+        }
         option, texts = model.opt, bytes(model.names)
     except AttributeError as error:
         came = f"{type(model).__name__}, which has no {error.name!r}"
         raise JounceError(f"{what} expects a mujoco.MjModel, got {came}") from None
-    of |= {name: np.asarray(getattr(model, name, 0.0)) for name in LATER}
+    of |= {name: np.asarray(getattr(model, name, 0.0)) for name in NEWER_ARRAYS}
     name = _text(texts, 0)
     name = file.stem if file and name == UNNAMED else name
     bodies, joints, sites = ([_text(texts, at) for at in of[f"name_{kind}adr"]] for kind in ("body", "jnt", "site"))
@@ -110,7 +114,7 @@ def _disabled_flags(flags: int) -> frozenset[str]:
 
 def _check(found: Arrays) -> None:
     called = {"body": found.bodies, "joint": found.joints, "site": found.sites}
-    for kind, names in NUMBERS.items():
+    for kind, names in FINITE_ARRAYS.items():
         for name in names:
             for i in np.argwhere(~np.isfinite(found.of[name]))[:1, 0]:
                 came = f"{name} of {kind} {called[kind][i]!r} is {found.of[name][i].tolist()}"

@@ -9,7 +9,7 @@ from jounce.io.models.mujoco.arrays import Arrays
 from jounce.io.models.mujoco.joints import moves_along_one_screw
 from jounce.model.tree import Mimic
 
-OF_JOINTS = 2  # MuJoCo's type of equality constraint
+JOINT_EQUALITY_TYPE = 2  # mujoco.mjtEq
 
 
 def mimics(m: Arrays) -> dict[int, Mimic]:
@@ -18,7 +18,7 @@ def mimics(m: Arrays) -> dict[int, Mimic]:
     found: dict[int, Mimic] = {}
     for k in active(m):
         i, leader, law = m.of["eq_obj1id"][k], m.of["eq_obj2id"][k], m.of["eq_data"][k]
-        if m.of["eq_type"][k] != OF_JOINTS or leader < 0 or law[2:5].any() or i in leaders:
+        if m.of["eq_type"][k] != JOINT_EQUALITY_TYPE or leader < 0 or law[2:5].any() or i in leaders:
             continue
         if not (moves_along_one_screw(m, i) and moves_along_one_screw(m, leader)) or _leads_to(leader, i, leaders):
             continue

@@ -12,27 +12,25 @@ from jounce.model import tree
 from jounce.model.stated import Stated
 from jounce.spatial import groups, lie
 
-FLOATING = 0  # MuJoCo's types of joints
-BALL = 1
-FREE_JOINTS = {FLOATING: "floating", BALL: "spherical"}
-SLIDE = 2
-AT_A_JOINT = (0, 1)  # transmissions of actuators: in a joint's frame or its parent's, the same for one axis
+FREE_JOINT_TYPE, BALL_JOINT_TYPE, SLIDE_JOINT_TYPE = 0, 1, 2  # mujoco.mjtJoint
+FREE_JOINT_KINDS = {FREE_JOINT_TYPE: "floating", BALL_JOINT_TYPE: "spherical"}
+JOINT_TRANSMISSION_TYPES = (0, 1)  # mujoco.mjtTrn, in a joint's frame or its parent's: the same for one axis
 
 
 def moves_along_one_screw(m: Arrays, j: int) -> bool:
     """Whether a joint is a hinge or a slide."""
-    return int(m.of["jnt_type"][j]) not in FREE_JOINTS
+    return int(m.of["jnt_type"][j]) not in FREE_JOINT_KINDS
 
 
 def joint(m: Arrays, j: int, parent: str, child: str, B: np.ndarray, mimic: tree.Mimic | None) -> tree.Joint:
     """A joint between two links; B is the child's pose where the joint variable is `qpos0`."""
     name, kind = m.joints[j], int(m.of["jnt_type"][j])
-    if kind == FLOATING:
-        return tree.Joint(name, parent, child, B, None, None, {}, {}, m.place, free=FREE_JOINTS[kind])
-    if kind == BALL:
+    if kind == FREE_JOINT_TYPE:
+        return tree.Joint(name, parent, child, B, None, None, {}, {}, m.place, free=FREE_JOINT_KINDS[kind])
+    if kind == BALL_JOINT_TYPE:
         X = lie.Ad(lie.pose(np.eye(3), m.of["jnt_pos"][j][:, None])) @ groups.BALL.X
         return tree.Joint(
-            name, parent, child, B, X.T, None, _angle(m, j), _drive(m, j), m.place, free=FREE_JOINTS[kind]
+            name, parent, child, B, X.T, None, _angle(m, j), _drive(m, j), m.place, free=FREE_JOINT_KINDS[kind]
         )
     X, start = _screw(m, j), m.of["qpos0"][m.of["jnt_qposadr"][j]]
     B = B @ lie.exp(X, -start[None, None]) if start else B
@@ -47,7 +45,7 @@ def _angle(m: Arrays, j: int) -> dict[str, Stated]:
 
 def _screw(m: Arrays, j: int) -> np.ndarray:
     axis = m.of["jnt_axis"][j]
-    if m.of["jnt_type"][j] == SLIDE:
+    if m.of["jnt_type"][j] == SLIDE_JOINT_TYPE:
         return np.concatenate([np.zeros(3), axis])
     return np.concatenate([axis, np.cross(m.of["jnt_pos"][j], axis)])
 
@@ -93,4 +91,4 @@ def _drive(m: Arrays, j: int) -> dict[str, float]:
 
 def _acting(m: Arrays, j: int) -> np.ndarray:
     """Which of the actuators act on a joint."""
-    return np.isin(m.of["actuator_trntype"], AT_A_JOINT) & (m.of["actuator_trnid"][:, 0] == j)
+    return np.isin(m.of["actuator_trntype"], JOINT_TRANSMISSION_TYPES) & (m.of["actuator_trnid"][:, 0] == j)

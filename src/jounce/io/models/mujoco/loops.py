@@ -11,13 +11,13 @@ import numpy as np
 from jounce.arguments.loops import loop_between, with_loops
 from jounce.core.errors import JounceError, warn
 from jounce.io.models.mujoco.arrays import Arrays, distinct
-from jounce.io.models.mujoco.joints import AT_A_JOINT
+from jounce.io.models.mujoco.joints import JOINT_TRANSMISSION_TYPES
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import check_single, positions
 from jounce.spatial import lie
 
-JOINTS = {0: "spherical", 1: "fixed"}  # cut joints by MuJoCo's types of equality constraints, connect and weld
-SITE = 6  # MuJoCo's type of object
+CUT_JOINTS = {0: "spherical", 1: "fixed"}  # by mujoco.mjtEq: connect and weld
+SITE_OBJECT_TYPE = 6  # mujoco.mjtObj
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +42,10 @@ def ties(m: Arrays, active: Sequence[int], taken: set[str]) -> list[Tie]:
     """The loops among the active equality constraints; their frames take names that are free."""
     found: list[Tie] = []
     for k in active:
-        joint = JOINTS.get(int(m.of["eq_type"][k]))
+        joint = CUT_JOINTS.get(int(m.of["eq_type"][k]))
         if joint is None:
             continue
-        placed = _sites(m, k) if m.of["eq_objtype"][k] == SITE else _bodies(m, k, joint)
+        placed = _sites(m, k) if m.of["eq_objtype"][k] == SITE_OBJECT_TYPE else _bodies(m, k, joint)
         a, b = (End(distinct(f"loop{len(found)}:{body}", taken), body, T) for body, T in placed)
         found.append(Tie(a, b, joint))
     return found
@@ -78,7 +78,7 @@ def close(m: Arrays, mechanism: Mechanism, tied: Sequence[Tie]) -> Mechanism:
     if not loops:
         return mechanism
     mechanism = replace(mechanism, loops=tuple(loops))
-    driven = m.of["actuator_trnid"][np.isin(m.of["actuator_trntype"], AT_A_JOINT), 0]
+    driven = m.of["actuator_trnid"][np.isin(m.of["actuator_trntype"], JOINT_TRANSMISSION_TYPES), 0]
     motors = [name for name in mechanism.coordinates if name in {m.joints[j] for j in driven}]
     try:
         check_single(mechanism, "closed loops")

@@ -57,7 +57,7 @@ def _bodies(
         carrier, B = m.bodies[m.of["body_parentid"][i]], m.pose("body_pos", "body_quat", i)
         own = range(m.of["body_jntadr"][i], m.of["body_jntadr"][i] + m.of["body_jntnum"][i])
         for j in own:
-            if m.of["jnt_type"][j] == joints.FLOATING and not welded:
+            if m.of["jnt_type"][j] == joints.FREE_JOINT_TYPE and not welded:
                 B = np.eye(4)  # its q is the pose in the world, wherever the file has the body
             child = body if j == own[-1] else massless(distinct(f"{body}:{m.joints[j]}", taken))
             between.append(joints.joint(m, j, carrier, child, B, mimics.get(j)))

@@ -19,7 +19,7 @@ from jounce.model.positions import position_count, single_positions
 from jounce.spatial.groups import FREE
 
 LAYOUTS = {"pinocchio": pinocchio.layout, "mujoco": mujoco.layout}  # of a model, by library
-APART = 1e-2  # rad or m: how far a joint may be from what it follows; MuJoCo's constraints are soft
+FOLLOWER_TOLERANCE = 1e-2  # rad or m: MuJoCo's constraints are soft, so that a joint leaves what it follows
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,11 +200,13 @@ def _check_follower(mechanism: Mechanism, i: int, place: Place, theta: np.ndarra
     off = np.abs(theta - expected)
     if place.turns:
         off = np.minimum(off % (2 * np.pi), -off % (2 * np.pi))
-    if (off > APART).any():
+    if (off > FOLLOWER_TOLERANCE).any():
         at = np.unravel_index(np.nanargmax(off), off.shape)
         leaders = listed(mechanism.coordinates[j] for j in np.flatnonzero(mechanism.G[i]))
         came = f"{label} has joint {quoted(mechanism.joints[i])} at {theta[at]:.6g}"
-        raise JounceError(f"{came}; it follows {leaders}, expected {expected[at]:.6g} within {APART:g} rad or m")
+        raise JounceError(
+            f"{came}; it follows {leaders}, expected {expected[at]:.6g} within {FOLLOWER_TOLERANCE:g} rad or m"
+        )
 
 
 def _base(mechanism: Mechanism, base: object, count: int) -> list[np.ndarray]:

@@ -5,11 +5,9 @@ from typing import Any
 import numpy as np
 
 from jounce.io.models.mujoco.arrays import arrays
-from jounce.io.models.mujoco.joints import FLOATING, moves_along_one_screw
+from jounce.io.models.mujoco.joints import FREE_JOINT_TYPE, moves_along_one_screw
 from jounce.io.models.states.layout import FreeJoint, Layout, Place
 from jounce.spatial.groups import BALL, FREE
-
-LABELS = ("qpos", "qvel", "qacc", "qfrc")
 
 
 def layout(model: Any) -> Layout:
@@ -30,11 +28,11 @@ def layout(model: Any) -> Layout:
             carries[name] = frozenset(beyond[i])
             if moves_along_one_screw(m, j):
                 places[name] = Place(q, v)
-            elif m.of["jnt_type"][j] == FLOATING:
+            elif m.of["jnt_type"][j] == FREE_JOINT_TYPE:
                 at, rates = q + np.array([0, 1, 2, 4, 5, 6, 3]), v + np.array([3, 4, 5, 0, 1, 2])
                 free[name] = FreeJoint(name, FREE, at, rates, in_world=True, moved={m.bodies[i]: np.eye(4)})
             else:
                 free[name] = FreeJoint(name, BALL, q + np.array([1, 2, 3, 0]), v + np.arange(3))
     rest = np.array(m.of["qpos0"], dtype=float)
     sizes = len(rest), int(model.nv)
-    return Layout(m.place, LABELS, *sizes, rest, places, free, carries)
+    return Layout(m.place, ("qpos", "qvel", "qacc", "qfrc"), *sizes, rest, places, free, carries)

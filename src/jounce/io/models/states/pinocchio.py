@@ -8,9 +8,7 @@ from jounce.io.models.pinocchio import FREE_FLYER, check_model, moved_bodies, pa
 from jounce.io.models.states.layout import FreeJoint, Layout, Place
 from jounce.model import tree
 
-BODIES = ("BODY", "OP_FRAME", "SENSOR", "JOINT")  # frames that may be the base
-
-LABELS = ("q", "v", "a", "tau")
+BASE_FRAME_TYPES = ("BODY", "OP_FRAME", "SENSOR", "JOINT")  # frames that may be the base
 
 
 def layout(model: Any) -> Layout:
@@ -45,8 +43,8 @@ def layout(model: Any) -> Layout:
         beyond[model.parents[i]] |= beyond[i] | {*own[i]}
     carries = {name: frozenset(beyond[i]) for i in range(1, len(joints)) for name in own[i] if joints[i].nv}
     what = f"model {model.name or 'robot'!r}"
-    return Layout(what, LABELS, model.nq, model.nv, rest, places, free, carries)
+    return Layout(what, ("q", "v", "a", "tau"), model.nq, model.nv, rest, places, free, carries)
 
 
 def _is_body(frame: Any) -> bool:
-    return frame.type.name in BODIES
+    return frame.type.name in BASE_FRAME_TYPES
