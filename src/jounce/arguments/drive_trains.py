@@ -26,9 +26,9 @@ def _on_coordinates(mechanism: Mechanism, term: str, weights: np.ndarray) -> np.
     for i, row in enumerate(weights):
         if amounts[i] and np.count_nonzero(row) > 1:
             leaders = listed(mechanism.coordinates[j] for j in np.flatnonzero(row))
+            expected = f"one motor per coordinate, with no {term} on a joint that follows several"
             raise JounceError(
-                f"joint {quoted(mechanism.joints[i])} has {term} and follows {leaders}; expected one motor per"
-                f" coordinate, with no {term} on a joint that follows several"
+                f"joint {quoted(mechanism.joints[i])} has {term} and follows {leaders}; expected {expected}"
             )
     return np.asarray(weights.T @ amounts)
 
@@ -41,9 +41,7 @@ def _eps(mechanism: Mechanism) -> np.ndarray:
         speeds = mechanism.drives.eps[rubbing] / np.abs(mechanism.G[rubbing, j])
         if speeds.size and np.ptp(speeds) > 1e-12 * speeds.max():
             joints = listed(mechanism.joints[i] for i in rubbing)
-            raise JounceError(
-                f"the friction of {joints} turns over at different speeds of coordinate {quoted(name)}, from"
-                f" {speeds.min():g} to {speeds.max():g}; expected one, as a motor has"
-            )
+            came = f"different speeds of coordinate {quoted(name)}, from {speeds.min():g} to {speeds.max():g}"
+            raise JounceError(f"the friction of {joints} turns over at {came}; expected one, as a motor has")
         found[j] = speeds.mean() if speeds.size else EPS
     return found

@@ -45,11 +45,11 @@ def _one_by_one(
         return given
     found: dict[Any, Any] = {}
     for name, value in names.entries(given).items():
-        if name in joints:
-            numbers = numbers_of(joints[name], value)
-            found |= {label: numbers[..., k] for k, label in enumerate(names_of(joints[name]))}
-        else:
+        if (joint := joints.get(name)) is None:
             found[name] = value
+        else:
+            numbers = numbers_of(joint, value)
+            found |= {label: numbers[..., k] for k, label in enumerate(names_of(joint))}
     return found
 
 
@@ -86,10 +86,8 @@ def checked_positions(mechanism: Mechanism, q: Array) -> Array:
         norms = np.sqrt((turn * turn).sum(axis=-1))
         if (norms < MIN_ROTATION_NORM).any():
             what = ", ".join(joint.group.positions[len(joint.group.places) :])
-            raise JounceError(
-                f"q: {what} of joint {joint.name!r} have the length {np.nanmin(norms):.2g}; expected 1, as those of"
-                " every rotation"
-            )
+            came = f"q: {what} of joint {joint.name!r} have the length {np.nanmin(norms):.2g}"
+            raise JounceError(f"{came}; expected 1, as those of every rotation")
     return q
 
 
@@ -110,10 +108,7 @@ def without_base(
     rates = [x if x is None else asarray(x, "a rate of q") for x in given[1:count]]
     for k, x in enumerate(rates, 1):
         if x is not None and x.shape[-1:] != (mechanism.nv,):
-            raise JounceError(
-                f"rate {k} of q has shape {x.shape}; expected ({mechanism.nv},), as q has all {whole} numbers"
-            )
-    C = FREE.pose(q[..., :of_base])
-    moved = (C, *(x[..., :6] for x in rates if x is not None))
-    behind = [q[..., of_base:], *(x if x is None else x[..., 6:] for x in rates), *given[count:]]
-    return behind, moved
+            expected = f"({mechanism.nv},), as q has all {whole} numbers"
+            raise JounceError(f"rate {k} of q has shape {x.shape}; expected {expected}")
+    moved = (FREE.pose(q[..., :of_base]), *(x[..., :6] for x in rates if x is not None))
+    return [q[..., of_base:], *(x if x is None else x[..., 6:] for x in rates), *given[count:]], moved

@@ -38,8 +38,7 @@ def _names_of(given: Any) -> list[Any] | None:
     return list(fields) if isinstance(fields, tuple) else None
 
 
-def _unreadable(given: Any, error: Exception) -> JounceError:
-    """Return the error for an exception of a foreign type, such as a lazy frame or a closed file."""
+def _unreadable(given: Any, error: Exception) -> JounceError:  # of a foreign type: a lazy frame, a closed file
     return JounceError(f"nothing can be read from {type(given).__name__}: {one_line(error)}")
 
 
@@ -60,10 +59,10 @@ def check(given: Collection[Any], expected: Sequence[str], unfit: Mapping[Any, s
 
     `unfit` maps existing names that are not allowed here to the reason; `asked` describes the expected names.
     """
-    missing = [quoted(name) for name in expected if name not in given]
     absent = [name for name in expected if name not in given]
     unknown = [_unknown(name, absent) for name in given if name not in expected and name not in unfit]
-    wrong = [f"{word} {listed(names)}" for word, names in (("missing", missing), ("unknown", unknown)) if names]
+    found = (("missing", [quoted(name) for name in absent]), ("unknown", unknown))
+    wrong = [f"{word} {listed(names)}" for word, names in found if names]
     wrong += [f"leave out {quoted(name)}, {unfit[name]}" for name in given if name in unfit]
     if wrong:
         raise JounceError(f"{'; '.join(wrong)}; expected {asked or listed(expected)}")

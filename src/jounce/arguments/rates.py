@@ -9,19 +9,9 @@ import numpy as np
 
 from jounce.arguments import names
 from jounce.arguments.joints import checked_positions, numbers_by_name, velocities_by_name
+from jounce.core import scalars
 from jounce.core.errors import JounceError, at, listed, quoted
-from jounce.core.scalars import (
-    FLOAT,
-    Array,
-    asarray,
-    broadcast,
-    element,
-    exact_integers,
-    is_scalar,
-    is_symbolic,
-    namespace,
-    shaped,
-)
+from jounce.core.scalars import FLOAT, Array, asarray, is_symbolic, shaped
 from jounce.dynamics.quantities import Quantity
 from jounce.model.elasticity import motor_names
 from jounce.model.mechanism import Mechanism
@@ -42,7 +32,7 @@ def rates_in(given: object) -> tuple[Any, ...] | None:
 
     Nested lists are one array.
     """
-    return given if isinstance(given, tuple) and not (given and all(map(is_scalar, given))) else None
+    return given if isinstance(given, tuple) and not (given and all(map(scalars.is_scalar, given))) else None
 
 
 def rates_of(mechanism: Mechanism, given: Sequence[Any], row: Quantity, more: int = 0) -> list[Array]:
@@ -65,7 +55,10 @@ def rates_of(mechanism: Mechanism, given: Sequence[Any], row: Quantity, more: in
             f" {row.input_names(least)[-1]} too"
         )
     if NoneType in map(type, terms):
-        raise _skipped_rate(terms, labels)
+        k = next(k for k, term in enumerate(terms) if term is None)
+        after = [label for label, term in zip(labels[k:], terms[k:], strict=True) if term is not None]
+        skipped = f", yet {after[0]} is given" if after else ""
+        raise JounceError(f"{labels[k]} is None{skipped}; expected every rate up to the last")
     e = mechanism.elasticity if row.inputs else None
     others = replace(mechanism, coordinates=motor_names(e, mechanism.coordinates)) if e and e.pairs else mechanism
     q = [position(mechanism, term) for term in terms[: min(own, 1)]]
@@ -76,13 +69,6 @@ def rates_of(mechanism: Mechanism, given: Sequence[Any], row: Quantity, more: in
 def is_unbatched(q: Sequence[Array]) -> bool:
     """Return whether the coordinates and their rates are one state without batch axes."""
     return all(term.ndim == 1 for term in q)
-
-
-def _skipped_rate(terms: Sequence[Array | None], labels: Sequence[str]) -> JounceError:
-    k = next(k for k, term in enumerate(terms) if term is None)
-    after = [labels[j] for j in range(k + 1, len(terms)) if terms[j] is not None]
-    skipped = f", yet {after[0]} is given" if after else ""
-    return JounceError(f"{labels[k]} is None{skipped}; expected every rate up to the last")
 
 
 def position(mechanism: Mechanism, term: Any) -> Array:
@@ -135,8 +121,8 @@ def _by_name(term: Any, mechanism: Mechanism, joints: Sequence[str]) -> Array:
     named = names.entries(term)
     cure = f"{listed(joints)}; {names.LOCK_CURE}" if len(named) < len(joints) else ""
     names.check(named, joints, names.followers(mechanism), cure)
-    parts = [element(named[joint], repr(joint)) for joint in joints]
+    parts = [scalars.element(named[joint], repr(joint)) for joint in joints]
     if any(map(is_symbolic, parts)):
-        parts = [part if is_symbolic(part) else exact_integers(part) for part in parts]
-    parts = broadcast(parts, [0] * len(parts), [repr(joint) for joint in joints])
-    return namespace(*parts).stack(parts, axis=-1)
+        parts = [part if is_symbolic(part) else scalars.exact_integers(part) for part in parts]
+    parts = scalars.broadcast(parts, [0] * len(parts), [repr(joint) for joint in joints])
+    return scalars.namespace(*parts).stack(parts, axis=-1)

@@ -23,9 +23,8 @@ def wrenches_of(mechanism: Mechanism, wrench: object, order: int, q: Sequence[Ar
     """
     if wrench is None:
         return []
-    given = rates_in(wrench)
+    given, count = rates_in(wrench), least + order
     terms = (wrench,) if given is None else given
-    count = least + order
     if len(terms) != count:
         have = "W alone" if given is None else _rates(len(given)) or "nothing"
         takes = f"a tuple ({_rates(count)})" if count > 1 else "W alone"
@@ -41,14 +40,10 @@ def _rates(count: int) -> str:
 
 
 def _on_bodies(mechanism: Mechanism, W: object, label: str, at_one_state: bool) -> Array:
-    if isinstance(W, Mapping):
-        return _from_names(mechanism, W, label, at_one_state)
-    return shaped(W, (mechanism.nb, 6), label, ", or a dict of body names to (..., 6)")
-
-
-def _from_names(mechanism: Mechanism, W: Mapping[str, object], label: str, at_one_state: bool) -> Array:
-    """Return W of all bodies from wrenches by name; those of merged links are transported to the body frame."""
+    """W of all bodies; wrenches on merged links, by name, are transported to the body frames."""
     nb = mechanism.nb
+    if not isinstance(W, Mapping):
+        return shaped(W, (nb, 6), label, ", or a dict of body names to (..., 6)")
     parts: list[Array] = [np.zeros((nb, 6))]
     for name, value in W.items():
         frame, what = mechanism.frame(name), f"{label}[{quoted(name)}]"
