@@ -26,10 +26,9 @@ def _on_coordinates(mechanism: Mechanism, term: str, weights: np.ndarray) -> np.
     for i, row in enumerate(weights):
         if amounts[i] and np.count_nonzero(row) > 1:
             leaders = listed(mechanism.coordinates[j] for j in np.flatnonzero(row))
+            came = f"joint {quoted(mechanism.joints[i])} has {term} and follows {leaders}"
             expected = f"one motor per coordinate, with no {term} on a joint that follows several"
-            raise JounceError(
-                f"joint {quoted(mechanism.joints[i])} has {term} and follows {leaders}; expected {expected}"
-            )
+            raise JounceError(f"{came}; expected {expected}")
     return np.asarray(weights.T @ amounts)
 
 

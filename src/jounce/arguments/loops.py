@@ -187,9 +187,8 @@ def _weights(tree: Mechanism, motors: Sequence[int], given: object) -> np.ndarra
     joints = [tree.coordinates[j] for j in motors]
     weights = _per_joint(given, joints, 1.0, "actuated joint", "weights")
     if weights.shape != (len(motors),) or not is_numeric(weights) or not ((weights > 0) & (weights < np.inf)).all():
-        raise JounceError(
-            f"weights is {quoted(given)}; expected positive finite numbers, one for each of {listed(joints)}"
-        )
+        expected = f"positive finite numbers, one for each of {listed(joints)}"
+        raise JounceError(f"weights is {quoted(given)}; expected {expected}")
     return weights
 
 

@@ -1,5 +1,7 @@
 """Poses that a caller gives, checked: how far matrices are from poses."""
 
+from typing import Any
+
 import numpy as np
 
 from jounce.core.errors import JounceError
@@ -17,12 +19,16 @@ def check_pose(C: Array, what: str = "base: C") -> None:
         return
     off = not_a_pose(C if C.dtype == FLOAT else C.astype(float))
     if (off > POSE_TOLERANCE).any():
-        at = np.unravel_index(np.nanargmax(off), off.shape)
-        where = f" of sample {', '.join(map(str, at))}" if at else ""
-        raise JounceError(
-            f"{what}{where} is no pose: [R, r; 0, 1] with an orthogonal R of determinant 1 is missed by {off[at]:.2g};"
-            f" expected {POSE_TOLERANCE:g} at most"
-        )
+        at, where = worst_sample(off)
+        pose = "[R, r; 0, 1] with an orthogonal R of determinant 1"
+        missed = f"{pose} is missed by {off[at]:.2g}; expected {POSE_TOLERANCE:g} at most"
+        raise JounceError(f"{what}{where} is no pose: {missed}")
+
+
+def worst_sample(errors: np.ndarray) -> tuple[Any, str]:
+    """The index of the largest of some errors, and where it is, as messages say it."""
+    at = np.unravel_index(np.nanargmax(errors), errors.shape)
+    return at, f" of sample {', '.join(map(str, at))}" if at else ""
 
 
 def not_a_pose(C: np.ndarray) -> np.ndarray:

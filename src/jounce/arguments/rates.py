@@ -45,15 +45,12 @@ def rates_of(mechanism: Mechanism, given: Sequence[Any], row: Quantity, more: in
         terms.pop()
     labels, own = row.input_names(len(terms)), row.coordinate_inputs(len(terms))
     if len(terms) > least + MAX_ORDER:
-        raise JounceError(
-            f"{labels[-1]} is given, for order {len(terms) - least}; expected rates for order 0 to {MAX_ORDER}"
-        )
+        came = f"{labels[-1]} is given, for order {len(terms) - least}"
+        raise JounceError(f"{came}; expected rates for order 0 to {MAX_ORDER}")
     if len(terms) < least:
         have = [label for label, term in zip(labels, terms, strict=True) if term is not None] or labels
-        raise JounceError(
-            f"{have[-1]} is the last rate given; the springs and motors of {mechanism.name!r} take"
-            f" {row.input_names(least)[-1]} too"
-        )
+        takes = f"the springs and motors of {mechanism.name!r} take {row.input_names(least)[-1]} too"
+        raise JounceError(f"{have[-1]} is the last rate given; {takes}")
     if NoneType in map(type, terms):
         k = next(k for k, term in enumerate(terms) if term is None)
         after = [label for label, term in zip(labels[k:], terms[k:], strict=True) if term is not None]

@@ -3,7 +3,6 @@
 import os
 import re
 import shutil
-from collections.abc import Iterator
 from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
@@ -21,19 +20,14 @@ def part_in(folder: Path) -> Path:
 
 def remove_abandoned(folder: Path) -> None:
     """Remove the parts whose writers are gone; those of runs that go on stay."""
-    for path in _find_abandoned(folder):
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path, ignore_errors=True)
-        else:
-            with suppress(OSError):  # another run was faster, or another user's it is
-                path.unlink()
-
-
-def _find_abandoned(folder: Path) -> Iterator[Path]:
     with suppress(OSError):
-        for path in list(folder.iterdir()):
-            if (named := PART_NAME.fullmatch(path.name)) and (_is_gone(named[1], named[2]) or _is_old(path)):
-                yield path
+        named = [(path, found) for path in folder.iterdir() if (found := PART_NAME.fullmatch(path.name))]
+        for path in [path for path, found in named if _is_gone(found[1], found[2]) or _is_old(path)]:
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                with suppress(OSError):  # another run was faster, or it belongs to another user
+                    path.unlink()
 
 
 def _is_gone(machine: str | None, process: str) -> bool:

@@ -43,17 +43,14 @@ class Csv(Format):
 
     FIRST = 0, 1
 
-    def names(self, path: Path) -> list[str]:
-        """The names of the columns."""
-        return layout(path).header
+    def columns(self, path: Path) -> dict[str, str]:
+        """The columns by name; their types are not known before the text is read."""
+        return dict.fromkeys(layout(path).header, "")
 
     def size(self, path: Path) -> int:
         """The bytes of the text."""
         with opened(path):
             return path.stat().st_size
-
-    def check_numbers(self, path: Path, names: Sequence[str]) -> None:
-        """Nothing: a text does not tell what its cells hold."""
 
     def spans(self, path: Path, cells: int) -> list[Span]:
         """Spans of whole lines, of about as many bytes each."""
@@ -139,30 +136,24 @@ class Csv(Format):
             raise JounceError(f"{where}: not a CSV table: {one_line(error)}") from None
         if not rows:
             return None
-        count = len(form.header)
-        broken = {
-            i: f"{len(cells)} cells; expected {count}, one for each column"
-            for i, cells in enumerate(rows)
-            if len(cells) != count
-        }
-        for i in broken:
-            rows[i] = [*rows[i], *[""] * count][:count]
+        count, broken = len(form.header), dict[int, str]()
+        for i, cells in enumerate(rows):
+            if len(cells) != count:
+                broken[i] = f"{len(cells)} cells; expected {count}, one for each column"
+                rows[i] = [*cells, *[""] * count][:count]
         names, bases = split_names(names)
         at = [form.header.index(name) for name in names]
         cells = [row[i] for row in rows for i in at]
         if form.mark != ",":  # decimal commas
             cells = [cell.replace(",", ".") for cell in cells]
-        numbers, bad = _numbers(cells), dict[tuple[int, str], str]()
-        if np.isnan(numbers).any():
-            bad = {
-                (k // len(at), names[k % len(at)]): cells[k].strip() for k in np.flatnonzero(np.isnan(numbers)).tolist()
-            }
+        numbers = _numbers(cells)
+        wrong = np.flatnonzero(np.isnan(numbers)).tolist()
+        bad = {(k // len(at), names[k % len(at)]): cells[k].strip() for k in wrong}
         columns = {name: x.copy() for name, x in zip(names, numbers.reshape(len(rows), -1).T, strict=True)}
         for name in bases:
             columns[remainder_of(name)] = remainders_of_texts(cells[names.index(name) :: len(at)], columns[name])
-        motions = (
-            None if texts is None else np.array([row[form.header.index(texts)].strip() for row in rows], dtype=str)
-        )
+        column = None if texts is None else form.header.index(texts)
+        motions = None if column is None else np.array([row[column].strip() for row in rows], dtype=str)
         places = place + np.cumsum([0, *map(len, lines)])
         return Chunk(columns, motions, places[[*first, -1]], bad, broken)
 

@@ -22,20 +22,13 @@ LOCAL_HEADER_BYTES = 30
 class Npz(Format):
     """Archives, whose arrays lie in the file as they are in memory unless they are compressed."""
 
-    def names(self, path: Path) -> list[str]:
-        """The names of the columns."""
-        return list(_columns_of(path))
+    def columns(self, path: Path) -> dict[str, str]:
+        """The columns by name, with their types where these are no numbers."""
+        return {name: "" if x.dtype.kind in "fiu" else str(x.dtype) for name, x in _columns_of(path).items()}
 
     def size(self, path: Path) -> int:
         """The bytes of the table in memory."""
         return sum(column.nbytes for column in _columns_of(path).values())
-
-    def check_numbers(self, path: Path, names: Sequence[str]) -> None:
-        """Raise `JounceError` where a column does not hold numbers."""
-        columns = _columns_of(path)
-        for name in names:
-            if columns[name].dtype.kind not in "fiu":
-                raise JounceError(f"{path}: column {quoted(name)} holds {columns[name].dtype}; expected numbers")
 
     def spans(self, path: Path, cells: int) -> list[Span]:
         """Spans of even numbers of rows."""
@@ -133,10 +126,8 @@ def _read(_path: Path, _file: BinaryIO, archive: ZipFile, member: ZipInfo) -> np
 def _mapped(path: Path, file: BinaryIO, _archive: ZipFile, member: ZipInfo) -> np.ndarray:
     """The array of a member, which lies in the file as it is in memory."""
     if member.compress_type != ZIP_STORED:
-        raise JounceError(
-            f"{path}: {quoted(member.filename)} is compressed, which is read as a whole only; numpy.savez, not"
-            " savez_compressed, writes tables that are read by rows"
-        )
+        came = f"{quoted(member.filename)} is compressed, which is read as a whole only"
+        raise JounceError(f"{path}: {came}; numpy.savez, not savez_compressed, writes tables that are read by rows")
     file.seek(member.header_offset)
     lengths = unpack_from("<HH", file.read(LOCAL_HEADER_BYTES), LOCAL_HEADER_BYTES - 4)
     file.seek(member.header_offset + LOCAL_HEADER_BYTES + sum(lengths))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, one_line, quoted
+from jounce.core.errors import JounceError, one_line
 from jounce.io.columns import About, check_distinct
 from jounce.io.files import check_readable
 from jounce.io.remainders import split_names, with_remainders
@@ -26,26 +26,19 @@ METADATA_KEY = b"jounce"  # of the schema, under which the unit of each column s
 class Parquet(Format):
     """Tables in row groups, each of which is read in chunks of rows."""
 
-    def names(self, path: Path) -> list[str]:
-        """The names of the columns."""
+    def columns(self, path: Path) -> dict[str, str]:
+        """The columns by name, with their types where these are no numbers."""
         with _opened(path) as file:
-            found = [str(name) for name in file.schema_arrow.names]
-        check_distinct(path, found)
-        return found
+            fields = [(str(field.name), field.type) for field in file.schema_arrow]
+        check_distinct(path, [name for name, _ in fields])
+        types = pyarrow(path).types
+        numbers = (types.is_floating, types.is_integer, types.is_decimal)
+        return {name: "" if any(holds(kind) for holds in numbers) else str(kind) for name, kind in fields}
 
     def size(self, path: Path) -> int:
         """The bytes of the table in memory."""
         with _opened(path) as file:
             return int(file.metadata.num_rows) * len(file.schema_arrow.names) * 8
-
-    def check_numbers(self, path: Path, names: Sequence[str]) -> None:
-        """Raise `JounceError` where a column does not hold numbers."""
-        with _opened(path) as file:
-            kinds = {name: file.schema_arrow.field(name).type for name in names}
-        types = pyarrow(path).types
-        for name, kind in kinds.items():
-            if not (types.is_floating(kind) or types.is_integer(kind) or types.is_decimal(kind)):
-                raise JounceError(f"{path}: column {quoted(name)} holds {kind}; expected numbers")
 
     def spans(self, path: Path, cells: int) -> list[Span]:
         """Spans of one or more row groups."""
@@ -68,8 +61,7 @@ class Parquet(Format):
             wanted = [*names, *([] if texts is None else [texts])]
             for first, batch in _batches(file, wanted, span):
                 columns = {name: _numbers(batch.column(name)) for name in names}
-                stated = {name: batch.column(name) for name in bases}
-                columns = with_remainders(columns, bases, {name: _as_stated(column) for name, column in stated.items()})
+                columns = with_remainders(columns, bases, {name: _as_stated(batch.column(name)) for name in bases})
                 motions = None if texts is None else _texts(path, batch.column(texts))
                 yield Chunk(columns, motions, np.arange(first, first + batch.num_rows + 1))
 

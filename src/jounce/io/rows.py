@@ -60,16 +60,23 @@ class Format(ABC):
     FIRST = 0, 0  # the place of the first row or line, and its number
 
     @abstractmethod
+    def columns(self, path: Path) -> dict[str, str]:
+        """The columns by name, with the type of their cells where it is known and no number, else ""."""
+
     def names(self, path: Path) -> list[str]:
         """The names of the columns."""
+        return list(self.columns(path))
 
     @abstractmethod
     def size(self, path: Path) -> int:
         """The bytes that the numbers take in memory, or the text in the file."""
 
-    @abstractmethod
     def check_numbers(self, path: Path, names: Sequence[str]) -> None:
         """Raise `JounceError` where a column does not hold numbers, as far as is known without reading it."""
+        types = self.columns(path)
+        for name in names:
+            if types[name]:
+                raise JounceError(f"{path}: column {quoted(name)} holds {types[name]}; expected numbers")
 
     @abstractmethod
     def spans(self, path: Path, cells: int) -> list[Span]:
@@ -119,11 +126,9 @@ class Format(ABC):
                 found = True
                 for i, (column, problem) in sorted(chunk.problems(names).items())[:1]:
                     where = self.place(path, int(chunk.places[i]))
-                    raise (
-                        CellError(f"{where}: column {quoted(column)} {problem}")
-                        if column
-                        else JounceError(f"{where}: {problem}")
-                    )
+                    if column:
+                        raise CellError(f"{where}: column {quoted(column)} {problem}")
+                    raise JounceError(f"{where}: {problem}")
                 yield {name: x.copy() for name, x in chunk.columns.items()}  # by which each can be freed alone
         if not found:
             raise JounceError(f"{path}: no rows of numbers under the column names")

@@ -2,30 +2,49 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from jounce.core.errors import JounceError
-from jounce.io import files, jsonlines, mat
-from jounce.io.columns import About, Columns, Select, check_finite
+from jounce.core.errors import JounceError, one_line
+from jounce.io import files, jsonlines
+from jounce.io.columns import About, Columns, Select, check_finite, checked, flatten, select_columns
 from jounce.io.csv import Csv
 from jounce.io.npz import Npz
 from jounce.io.parquet import Parquet, pyarrow
 from jounce.io.rows import Format, Pieces
 
 Known = TypeVar("Known")
+
+
+def _mat_pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
+    """The variables of a MATLAB file, in one piece: matrices are columns NAME[0], NAME[1], ..., fields STRUCT.FIELD."""
+    from scipy.io import loadmat  # half a second to import, and only for such files
+
+    with files.opened(path) as file:
+        try:
+            content = loadmat(cast(Any, file), simplify_cells=True)
+        except NotImplementedError:
+            raise JounceError(f"{path}: MAT file of version 7.3; save it in MATLAB with -v7") from None
+        except Exception as error:  # damaged files raise whatever their reader stumbles over
+            raise JounceError(f"{path}: not a MAT file: {one_line(error) or type(error).__name__}") from None
+    arrays = flatten(dict(_mat_arrays({k: v for k, v in content.items() if not k.startswith("__")}, "")))
+    yield checked(path, select_columns(arrays, select))
+
+
+def _mat_arrays(content: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, np.ndarray]]:
+    for name, value in content.items():
+        if isinstance(value, Mapping):
+            yield from _mat_arrays(value, f"{prefix}{name}.")
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+            yield f"{prefix}{name}", value
+
+
 CSV, NPZ, PARQUET = Csv(), Npz(), Parquet()
 ROW_FORMATS: Mapping[str, Format] = {".parquet": PARQUET, ".csv": CSV, ".npz": NPZ, ".tsv": CSV, ".txt": CSV}
 TABLE_READERS: Mapping[str, Callable[[Path, Select | None], Iterator[Columns]]] = {
-    ".csv": CSV.pieces,
-    ".npz": NPZ.pieces,
-    ".tsv": CSV.pieces,
-    ".txt": CSV.pieces,
-    ".mat": mat.pieces,
-    ".jsonl": jsonlines.pieces,
-    ".ndjson": jsonlines.pieces,
-    ".parquet": PARQUET.pieces,
+    **{suffix: form.pieces for suffix, form in ROW_FORMATS.items()},
+    **{".mat": _mat_pieces, ".jsonl": jsonlines.pieces, ".ndjson": jsonlines.pieces},
 }
 TABLE_WRITERS: dict[str, Format] = {".csv": CSV, ".npz": NPZ, ".parquet": PARQUET}
 

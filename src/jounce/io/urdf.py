@@ -62,10 +62,8 @@ def parse_xml(content: bytes, file: str) -> etree._Element:
         raise JounceError(f"{file}: the root element is <{shortened(str(root.tag))}>; a URDF has <robot>")
     for element in root.iter(etree.Element, etree.Entity):
         if element.tag is etree.Entity:
-            name = shortened(element.text or "")
-            raise JounceError(
-                f"{_at(element, file)}: {name} is an entity, which is never resolved; write its content instead"
-            )
+            came = f"{shortened(element.text or '')} is an entity, which is never resolved"
+            raise JounceError(f"{_at(element, file)}: {came}; write its content instead")
         if element.prefix == "xacro":
             raise JounceError(f"{_at(element, file)}: contains xacro macros; name the file *.xacro to expand them")
     return root
@@ -93,7 +91,7 @@ def _joint(element: etree._Element, file: str) -> tree.Joint:
         parent=_text(_child(element, "parent", file), "link", file),
         child=_text(_child(element, "child", file), "link", file),
         B=origin_pose(element, file),
-        X=_screw(element, kind, file) if kind in AXIS_PLACES else _plane(element, file) if kind == "planar" else None,
+        X=_screw(element, kind, file) if kind in (*AXIS_PLACES, "planar") else None,
         mimic=_mimic(element, file) if kind in AXIS_PLACES else None,
         limits=_limits(element, kind, file) if kind in AXIS_PLACES else {},
         drive=_drive(element, file) if kind in AXIS_PLACES else {},
@@ -103,18 +101,15 @@ def _joint(element: etree._Element, file: str) -> tree.Joint:
 
 
 def _screw(element: etree._Element, kind: str, file: str) -> np.ndarray:
-    X = np.zeros(6)
-    X[AXIS_PLACES[kind] : AXIS_PLACES[kind] + 3] = _axis(element, file)
-    return X
+    """The screw (6,) of a joint, or those (3, 6) of a planar joint, whose axis is the normal of the plane.
 
-
-def _plane(element: etree._Element, file: str) -> np.ndarray:
-    """The screws (3, 6) of a planar joint, whose axis is the normal of the plane.
-
-    The axes x and y in which its position counts are those of the child, turned the shortest way that takes z to the
-    normal. Pinocchio takes z for the normal, whatever a file says.
+    The axes x and y in which a planar position counts are those of the child, turned the shortest way that takes z to
+    the normal. Pinocchio takes z for the normal, whatever a file says.
     """
-    return (Ad(pose(turn_to(_axis(element, file)), np.zeros((3, 1)))) @ PLANAR.X).T
+    axis = _axis(element, file)
+    if kind == "planar":
+        return (Ad(pose(turn_to(axis), np.zeros((3, 1)))) @ PLANAR.X).T
+    return np.insert(np.zeros(3), AXIS_PLACES[kind], axis)
 
 
 def _axis(element: etree._Element, file: str) -> np.ndarray:
@@ -146,7 +141,6 @@ def _limits(element: etree._Element, kind: str, file: str) -> dict[str, float]:
 
 
 def _drive(element: etree._Element, file: str) -> dict[str, float]:
-    """Return the values of a <dynamics>."""
     dynamics = element.find("dynamics")
     if dynamics is None:
         return {}

@@ -37,12 +37,7 @@ class Visual:
 
 
 def read_visuals(path: Path) -> list[Visual]:
-    """The visuals of a URDF; robot files of other types give an empty list.
-
-    Raises
-    ------
-    JounceError : where the file cannot be read, or a number is wrong.
-    """
+    """The visuals of a URDF; robot files of other types give an empty list."""
     if path.suffix.lower() != URDF_SUFFIX:
         return []
     robot = parse_xml(read_bytes(path), str(path))
@@ -69,10 +64,7 @@ def _read(visual: etree._Element, link: etree._Element, path: Path) -> Iterator[
 
 
 def read_mesh(visual: Visual, path: Path, folders: Sequence[Path] = ()) -> Any:
-    """The triangles of a visual, a `trimesh.Trimesh`, or in words why it cannot be drawn.
-
-    Meshes are in the folder of the robot file, in its packages, or in further folders that the user names.
-    """
+    """The triangles of a visual, a `trimesh.Trimesh`, or in words why it cannot be drawn."""
     import trimesh
 
     mesh: Any

@@ -33,10 +33,8 @@ def mechanism(model: Any, gravity: object = None, base: str | None = None, root:
     check_model(model, "from_pinocchio()")
     called = model.name or "robot"
     what = f"model {called!r}"
-    if gravity is None and model.gravity.angular.any():
-        raise JounceError(
-            f"{what}: the gravity field has an angular part, {model.gravity.angular.tolist()}; expected zeros"
-        )
+    if gravity is None and (angular := model.gravity.angular).any():
+        raise JounceError(f"{what}: the gravity field has an angular part, {angular.tolist()}; expected zeros")
     bodies = moved_bodies(model)
     links, joints = [tree.Link(bodies[0], ZERO_INERTIA, what)], []
     for i, Y in enumerate(model.inertias[1:], start=1):

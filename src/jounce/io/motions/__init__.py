@@ -26,7 +26,7 @@ def read(
 ) -> "Motion":
     """The motion of a file, or of a bundled name, for a mechanism: rates up to the one of order `highest`."""
     from jounce.io import entries, tables
-    from jounce.io.motions import bags, tabular, terms, trajectory
+    from jounce.io.motions import bags, tabular, terms
     from jounce.motion.description import motion_of
     from jounce.motion.spline import refuse_way
     from jounce.motion.table import AS_NAMED, SMOOTHED
@@ -41,8 +41,7 @@ def read(
         with at(source):
             return motion_of(bundled(str(source)), mechanism)
     if source.suffix.lower() in DOCUMENT_SUFFIXES:
-        entry = entries.read(source, "the motion")
-        return (trajectory if trajectory.is_trajectory(entry) else terms).read(entry, mechanism)
+        return terms.read(entries.read(source, "the motion"), mechanism)
     if source.suffix.lower() in tables.TABLE_READERS:
         return tabular.read(source, mechanism, highest, way or SMOOTHED, options or AS_NAMED)
     if bags.is_bag(source):
@@ -50,9 +49,8 @@ def read(
     known = ", ".join([*tables.TABLE_READERS, *DOCUMENT_SUFFIXES, *bags.BAG_SUFFIXES])
     if not source.suffix:
         raise JounceError(f"{no_such('motion', str(source), BUNDLED_MOTIONS)}, or a file of type {known}")
-    raise JounceError(
-        f"{source}: unknown type of motion {source.suffix!r}; available: {known}, {', '.join(BUNDLED_MOTIONS)}"
-    )
+    known = f"{known}, {', '.join(BUNDLED_MOTIONS)}"
+    raise JounceError(f"{source}: unknown type of motion {source.suffix!r}; available: {known}")
 
 
 def is_analytic(source: Path) -> bool:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed, no_such, one_line, quoted
+from jounce.core.errors import JounceError, at, listed, no_such, one_line, quoted
 from jounce.io.files import check_readable
 from jounce.io.motions import tabular
 from jounce.model.mechanism import Mechanism
@@ -33,7 +33,7 @@ def is_bag(source: Path) -> bool:
 def read(
     source: Path, mechanism: Mechanism, highest: int, way: Smoothing | Spline, options: Options, topic: str | None
 ) -> Motion:
-    """Read the motion in a bag: of the given topic, or of the only topic with a motion."""
+    """The motion in a bag: of the given topic, or of the only topic with a motion."""
     if not source.is_dir():
         check_readable(source)
     with _open_bag(source) as bag:
@@ -54,10 +54,8 @@ def read(
     options.refuse(place, reason)
     if len(messages) != 1:
         raise JounceError(f"{place} has {len(messages)} trajectories; expected one")
-    try:
+    with at(place):
         return matched(Motion.from_joint_trajectory(messages[0]), mechanism)
-    except JounceError as error:
-        raise JounceError(f"{place}: {error}") from None
 
 
 def _columns(messages: list[Any], place: str) -> dict[str, np.ndarray]:

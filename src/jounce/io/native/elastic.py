@@ -79,24 +79,25 @@ def _eps(entry: Entry) -> float:
     return number
 
 
-def _spring(entry: Entry) -> Spring | AntagonisticSprings:
-    """A spring by its coefficients or its table; a list of two springs has a motor each."""
-    if isinstance(entry.value, list):
-        if len(items := entry.items()) != 2:
-            raise entry.error("a spring, or two with a motor each")
-        return AntagonisticSprings(*map(_one_spring, items))
-    return _one_spring(entry)
+def _springs(entry: Entry) -> Spring | AntagonisticSprings:
+    """A spring, or a list of two with a motor each."""
+    if not isinstance(entry.value, list):
+        return _spring(entry)
+    if len(items := entry.items()) != 2:
+        raise entry.error("a spring, or two with a motor each")
+    return AntagonisticSprings(*map(_spring, items))
 
 
-def _one_spring(entry: Entry) -> Spring:
+def _spring(entry: Entry) -> Spring:
+    """A spring by its coefficients or its table."""
     members = entry.keys((), tuple(key for _, keys in SPRING_KEYS for key in keys)).members()
     if "k" in members or "k3" in members:
         numbers = {key: x.number() for key, x in entry.keys(("k",), ("k3",)).members().items()}
-        with entry.refusals():
+        with at(entry.place):
             return CubicSpring(**numbers)
     entry.keys(("deflections", "forces"))
     columns = [[x.number() for x in members[key].items()] for key in ("deflections", "forces")]
-    with entry.refusals():
+    with at(entry.place):
         return SpringTable(*columns)
 
 
@@ -104,13 +105,13 @@ def _motor(entry: Entry) -> Motor:
     given = entry.keys((), tuple(field.name for field in fields(Motor))).members()
     read: dict[str, Callable[[Entry], Any]] = {"body": Entry.text, "axis": lambda x: tuple(x.numbers((3,)).tolist())}
     numbers = {key: read.get(key, Entry.number)(x) for key, x in given.items()}
-    with entry.refusals():
+    with at(entry.place):
         return Motor(**numbers)
 
 
 ENTRY_READERS: dict[str, Callable[[Entry], Any]] = {
     "stiffness": Entry.number,
-    "spring": _spring,
+    "spring": _springs,
     "damping": _not_negative,
     "rotor": Entry.number,
     "viscous": _not_negative,
@@ -142,13 +143,10 @@ def _joint(e: Elasticity, j: int, name: str) -> dict[str, Any]:
     if motor is not None:
         known |= {"viscous": motor.damping * motor.gear**2, "friction": motor.friction * abs(motor.gear)}
     said |= {key: float(e.arrays[key][j]) for key, x in known.items() if e.arrays[key][j] != x}
-    return said if motor is None else said | {"motor": _motor_data(motor)}
-
-
-def _motor_data(motor: Motor) -> dict[str, Any]:
-    plain = vars(Motor())
-    stated = {key: x for key, x in vars(motor).items() if x != plain[key]}
-    return {key: list(x) if key == "axis" else x for key, x in stated.items()}
+    if motor is not None:
+        stated = {key: x for key, x in vars(motor).items() if x != vars(Motor())[key]}
+        said["motor"] = {key: list(x) if key == "axis" else x for key, x in stated.items()}
+    return said
 
 
 def _law(law: Law | None, stiffness: float, name: str) -> dict[str, Any]:
@@ -168,6 +166,5 @@ def _numbers(spring: Spring, name: str) -> dict[str, Any]:
         if isinstance(spring, kind):
             found = {key: getattr(spring, key) for key in keys}
             return {key: list(x) if isinstance(x, tuple) else x for key, x in found.items()}
-    raise JounceError(
-        f"the spring of joint {quoted(name)} is a function, which a file cannot hold; save a jounce.SpringTable of it"
-    )
+    cure = "save a jounce.SpringTable of it"
+    raise JounceError(f"the spring of joint {quoted(name)} is a function, which a file cannot hold; {cure}")

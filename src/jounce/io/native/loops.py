@@ -42,16 +42,13 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
     mechanism = replace(mechanism, loops=tuple(loops))
     if "actuated" not in robot.value:
         return mechanism
-    stated: dict[str, Any] = {
-        key: [name.text() for name in robot.get(key).items(least=1)]
-        for key in ("actuated", "independent")
-        if key in robot.value
-    }
-    stated |= {
-        key: {name: value.number() for name, value in robot.get(key).members().items()}
-        for key in ("weights", "start")
-        if key in robot.value
-    }
+    stated: dict[str, Any] = {}
+    for key in [key for key in LOOP_KEYS if key in robot.value]:
+        given = robot.get(key)
+        if key in ("actuated", "independent"):
+            stated[key] = [name.text() for name in given.items(least=1)]
+        else:
+            stated[key] = {name: value.number() for name, value in given.members().items()}
     with at(robot.get(LOOPS_SECTION).place):
         return with_loops(mechanism, coordinates=stated.pop("independent", None), **stated)
 

@@ -51,10 +51,8 @@ def _base(robot: Entry, base: str | None) -> list[Entry]:
     """The base that a file states, if it does; raise if it is to float and the file states none."""
     if BASE_KEY not in robot.value:
         if base == "floating":
-            raise JounceError(
-                f"{robot.place}: {robot.what} stands on the ground; to float it needs {BASE_KEY!r}, a name and an"
-                " inertia, as `jounce convert --base floating` writes it"
-            )
+            needs = f"{BASE_KEY!r}, a name and an inertia, as `jounce convert --base floating` writes it"
+            raise JounceError(f"{robot.place}: {robot.what} stands on the ground; to float it needs {needs}")
         return []
     stated = _named_entry(BASE_KEY, robot.get(BASE_KEY).keys(("name",), ("inertia",)))
     if stated.get("name").value == GROUND_NAME:
@@ -75,19 +73,19 @@ def _build(
     """The mechanism of bodies on joints, but for the names of joints and for frames."""
     parent = [_carrier(body.get("parent"), places, i) for i, body in enumerate(bodies)]
     each = [(joint, *variable) for joint, own in zip(joints, variables, strict=True) for variable in own]
-    name, coordinates = robot.get("name", robot.path.stem).text(), _coordinates(robot, each)
+    coordinates = _coordinates(robot, each)
     G, g = _coupling(each, coordinates)
     for coordinate, column in zip(coordinates, G.T, strict=True):
         if not column.any():
             raise robot.get("coordinates").error(f"a joint that moves with {quoted(coordinate)}")
     limits, drives = [parts.limits(stated) for *_, stated in each], [parts.drive(stated) for *_, stated in each]
-    X, M = [x for _, _, x, _ in each], [parts.inertia(body) for body in bodies]
+    name, M = robot.get("name", robot.path.stem).text(), [parts.inertia(body) for body in bodies]
     B = [parts.pose(body) for body in bodies]
     with at(robot.path):
         M_base = parts.inertia(base[0]) if base else None
         return from_screws(
             np.stack(B),
-            np.stack(X),
+            np.stack([x for _, _, x, _ in each]),
             np.stack(M),
             parent,
             tuple(places)[1:],
@@ -131,14 +129,13 @@ def _carrier(entry: Entry, places: Index, before: int | None = None) -> int:
     return places[name]
 
 
-def _coordinates(robot: Entry, variables: Sequence[tuple[Entry, str, np.ndarray, Entry]]) -> Index:
+def _coordinates(robot: Entry, variables: Sequence[tuple[Entry, *Variable]]) -> Index:
     """The names of the coordinates: those listed, else the joint variables that follow nothing."""
     free = {name: joint for joint, name, *_ in variables if "follows" not in joint.value}
     if "coordinates" not in robot.value:
         if not free:
-            raise JounceError(
-                f"{robot.place}: every joint follows others; 'coordinates' must list those that they follow"
-            )
+            cure = "'coordinates' must list those that they follow"
+            raise JounceError(f"{robot.place}: every joint follows others; {cure}")
         return {name: j for j, name in enumerate(free)}
     listed = robot.get("coordinates")
     names = {name.text(): i for i, name in enumerate(listed.items(least=1))}
@@ -150,9 +147,7 @@ def _coordinates(robot: Entry, variables: Sequence[tuple[Entry, str, np.ndarray,
     return names
 
 
-def _coupling(
-    variables: Sequence[tuple[Entry, str, np.ndarray, Entry]], coordinates: Index
-) -> tuple[np.ndarray, np.ndarray]:
+def _coupling(variables: Sequence[tuple[Entry, *Variable]], coordinates: Index) -> tuple[np.ndarray, np.ndarray]:
     """G and g of the joint variables ``theta = G q + g``."""
     G, g = np.zeros((len(variables), len(coordinates))), np.zeros(len(variables))
     for i, (joint, own, *_) in enumerate(variables):

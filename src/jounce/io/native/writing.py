@@ -123,9 +123,8 @@ def _several(mechanism: Mechanism, i: int, joint: Position) -> dict[str, Any]:
     own, X, point = list(mechanism.columns[i]), mechanism.X[list(mechanism.columns[i])], np.asarray(joint.T)[:3, 3]
     names = [f"{joint.name}.{velocity}" for velocity in joint.group.velocities]
     if names != (stated := [mechanism.joints[j] for j in own]):
-        raise JounceError(
-            f"the variables of a {joint.group.name} joint are {listed(stated)}; a file has {listed(names)}"
-        )
+        came = f"the variables of a {joint.group.name} joint are {listed(stated)}"
+        raise JounceError(f"{came}; a file has {listed(names)}")
     said: dict[str, Any] = {"name": joint.name, "type": joint.group.name}
     if not np.array_equal(parts.placed(joint.group, point), X):
         said["screws"] = _plain(X)

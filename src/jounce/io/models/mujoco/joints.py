@@ -28,10 +28,8 @@ def joint(m: Arrays, j: int, parent: str, child: str, B: np.ndarray, mimic: tree
     if kind == FREE_JOINT_TYPE:
         return tree.Joint(name, parent, child, B, None, None, {}, {}, m.place, free=FREE_JOINT_KINDS[kind])
     if kind == BALL_JOINT_TYPE:
-        X = lie.Ad(lie.pose(np.eye(3), m.of["jnt_pos"][j][:, None])) @ groups.BALL.X
-        return tree.Joint(
-            name, parent, child, B, X.T, None, _angle(m, j), _drive(m, j), m.place, free=FREE_JOINT_KINDS[kind]
-        )
+        X, free = lie.Ad(lie.pose(np.eye(3), m.of["jnt_pos"][j][:, None])) @ groups.BALL.X, FREE_JOINT_KINDS[kind]
+        return tree.Joint(name, parent, child, B, X.T, None, _angle(m, j), _drive(m, j), m.place, free=free)
     X, start = _screw(m, j), m.of["qpos0"][m.of["jnt_qposadr"][j]]
     B = B @ lie.exp(X, -start[None, None]) if start else B
     return tree.Joint(name, parent, child, B, X, mimic, _limits(m, j), _drive(m, j), m.place)

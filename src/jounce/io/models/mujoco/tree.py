@@ -2,7 +2,7 @@
 
 The joints of a body act one after another: the last moves the body, those before it massless links, BODY:JOINT by name.
 Bodies without a joint are welded, and so are named sites, as massless links, unless a body has their name, and the ends
-of loops.
+of constraints.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from jounce.core.errors import JounceError, at
-from jounce.io.models.mujoco import couplings, joints, loops, outside
+from jounce.io.models.mujoco import constraints, joints, outside
 from jounce.io.models.mujoco.arrays import Arrays, arrays, distinct
 from jounce.model import tree
 from jounce.model.mechanism import Mechanism
@@ -28,19 +28,19 @@ def mechanism(
         tree.check_base(base)
     if not m.joints:
         raise JounceError(f"{m.place}: no joint; expected at least one movable joint")
-    mimics = couplings.mimics(m)
-    active = couplings.active(m)
-    tied = loops.ties(m, active, {*m.bodies, *m.joints, *m.sites})
+    mimics = constraints.mimics(m)
+    active = constraints.active(m)
+    tied = constraints.ties(m, active, {*m.bodies, *m.joints, *m.sites})
     links, between = _bodies(m, mimics, [end for tie in tied for end in (tie.a, tie.b)], welded=base == "fixed")
     outside.warn_of(m, ties=len(active) - len(mimics) - len(tied), floats=base != "fixed")
     own = m.gravity * m.acts("GRAVITY")
     given = own if gravity is None else gravity
     built = tree.mechanism(links, between, given, m.name, m.place, base=base, root=root, world=m.bodies[0])
-    return loops.close(m, built, tied)
+    return constraints.close(m, built, tied)
 
 
 def _bodies(
-    m: Arrays, mimics: dict[int, tree.Mimic], ends: Sequence[loops.End], welded: bool
+    m: Arrays, mimics: dict[int, tree.Mimic], ends: Sequence[constraints.End], welded: bool
 ) -> tuple[list[tree.Link], list[tree.Joint]]:
     links = [tree.Link(body, _inertia(m, i), m.place) for i, body in enumerate(m.bodies)]
     between: list[tree.Joint] = []

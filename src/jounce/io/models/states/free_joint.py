@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jounce.arguments.poses import POSE_TOLERANCE
+from jounce.arguments.poses import POSE_TOLERANCE, worst_sample
 from jounce.core.errors import JounceError, quoted
 from jounce.io.models.states.layout import FreeJoint
 from jounce.spatial.groups import FREE
@@ -75,9 +75,7 @@ def check_unit(x: np.ndarray, what: str) -> np.ndarray:
     length = np.linalg.norm(x, axis=-1, keepdims=True)
     off = np.abs(length - 1)[..., 0]
     if (off > POSE_TOLERANCE).any():
-        at = np.unravel_index(np.nanargmax(off), off.shape)
-        where = f" of sample {', '.join(map(str, at))}" if at else ""
-        raise JounceError(
-            f"{what}{where} has norm {length[at][0]:.6g}; expected 1 within {POSE_TOLERANCE:g}: normalize it"
-        )
+        at, where = worst_sample(off)
+        came = f"{what}{where} has norm {length[at][0]:.6g}"
+        raise JounceError(f"{came}; expected 1 within {POSE_TOLERANCE:g}: normalize it")
     return np.asarray(x / length)

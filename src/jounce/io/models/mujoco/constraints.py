@@ -1,27 +1,32 @@
-"""Loops of an mjModel: equality constraints that connect or weld two bodies, cut at a ball or at a weld.
+"""Equality constraints of an mjModel. MuJoCo's are soft, and here they hold exactly.
 
-MuJoCo's are soft, and here they hold exactly. The joints with actuators move the closed robot; it starts at `qpos0`.
+Those that tie one joint linearly to another make it follow: ``q1 - q1_0 = a + b (q2 - q2_0)`` with `qpos0` for q1_0 and
+q2_0. Those that connect or weld two bodies are loops, cut at a ball or at a weld: the joints with actuators move the
+closed robot, which starts at `qpos0`.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from jounce.arguments.loops import loop_between, with_loops
 from jounce.core.errors import JounceError, warn
 from jounce.io.models.mujoco.arrays import Arrays, distinct
-from jounce.io.models.mujoco.joints import JOINT_TRANSMISSION_TYPES
+from jounce.io.models.mujoco.joints import JOINT_TRANSMISSION_TYPES, moves_along_one_screw
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import check_single, positions
+from jounce.model.tree import Mimic
 from jounce.spatial import lie
 
+JOINT_EQUALITY_TYPE = 2  # mujoco.mjtEq
 CUT_JOINTS = {0: "spherical", 1: "fixed"}  # by mujoco.mjtEq: connect and weld
 SITE_OBJECT_TYPE = 6  # mujoco.mjtObj
 
 
-@dataclass(frozen=True, eq=False)
-class End:
+class End(NamedTuple):
     """One end of a loop: the name of its frame, the body that carries it, and its pose there."""
 
     frame: str
@@ -29,13 +34,40 @@ class End:
     T: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class Tie:
+class Tie(NamedTuple):
     """Two ends that a constraint ties, and the joint between them."""
 
     a: End
     b: End
     joint: str
+
+
+def mimics(m: Arrays) -> dict[int, Mimic]:
+    """Map joints to those that they follow, by index; those that form a cycle or tie a joint twice are ignored."""
+    leaders: dict[int, int] = {}
+    found: dict[int, Mimic] = {}
+    for k in active(m):
+        i, leader, law = m.of["eq_obj1id"][k], m.of["eq_obj2id"][k], m.of["eq_data"][k]
+        if m.of["eq_type"][k] != JOINT_EQUALITY_TYPE or leader < 0 or law[2:5].any() or i in leaders:
+            continue
+        if not (moves_along_one_screw(m, i) and moves_along_one_screw(m, leader)) or _leads_to(leader, i, leaders):
+            continue
+        start, start_of_leader = (m.of["qpos0"][m.of["jnt_qposadr"][j]] for j in (i, leader))
+        leaders[i] = leader
+        found[i] = Mimic(m.joints[leader], float(law[1]), float(start + law[0] - law[1] * start_of_leader))
+    return found
+
+
+def active(m: Arrays) -> list[int]:
+    """Return the active equality constraints."""
+    return [int(k) for k in np.flatnonzero(m.of["eq_active0"])] if m.acts("EQUALITY", "CONSTRAINT") else []
+
+
+def _leads_to(joint: int, end: int, leaders: dict[int, int]) -> bool:
+    """Whether a joint is another one, or follows it."""
+    while joint != end and joint in leaders:
+        joint = leaders[joint]
+    return joint == end
 
 
 def ties(m: Arrays, active: Sequence[int], taken: set[str]) -> list[Tie]:
@@ -68,13 +100,11 @@ def _bodies(m: Arrays, k: int, joint: str) -> list[tuple[str, np.ndarray]]:
 
 def close(m: Arrays, mechanism: Mechanism, tied: Sequence[Tie]) -> Mechanism:
     """The mechanism with its loops closed; they stay open if the joints with actuators do not determine the motion."""
-    there = [tie for tie in tied if {tie.a.frame, tie.b.frame} <= set(mechanism.frame_names)]
     loops = []
-    for tie in there:
-        try:
-            loops.append(loop_between(mechanism, tie.a.frame, tie.b.frame, tie.joint))
-        except JounceError:  # between bodies that are welded to each other
-            continue
+    for tie in tied:
+        if {tie.a.frame, tie.b.frame} <= set(mechanism.frame_names):
+            with suppress(JounceError):  # between bodies that are welded to each other
+                loops.append(loop_between(mechanism, tie.a.frame, tie.b.frame, tie.joint))
     if not loops:
         return mechanism
     mechanism = replace(mechanism, loops=tuple(loops))
