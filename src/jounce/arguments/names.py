@@ -60,7 +60,10 @@ def check(given: Collection[Any], expected: Sequence[str], unfit: Mapping[Any, s
     `unfit` maps existing names that are not allowed here to the reason; `asked` describes the expected names.
     """
     absent = [name for name in expected if name not in given]
-    unknown = [_unknown(name, absent) for name in given if name not in expected and name not in unfit]
+    unknown = []
+    for name in [name for name in given if name not in expected and name not in unfit]:
+        near = get_close_matches(name, absent, n=1) if isinstance(name, str) else []
+        unknown.append(quoted(name) + (f" (did you mean {near[0]!r}?)" if near else ""))
     found = (("missing", [quoted(name) for name in absent]), ("unknown", unknown))
     wrong = [f"{word} {listed(names)}" for word, names in found if names]
     wrong += [f"leave out {quoted(name)}, {unfit[name]}" for name in given if name in unfit]
@@ -77,8 +80,3 @@ def followers(mechanism: Mechanism) -> dict[Any, str]:
             leaders = [mechanism.tree.coordinates[j] for j in np.flatnonzero([not is_zero(factor) for factor in row])]
             follows[joint] = f"which follows {listed(leaders) or 'none'} (mimic)"
     return follows
-
-
-def _unknown(name: Any, expected: Sequence[str]) -> str:
-    near = get_close_matches(name, expected, n=1) if isinstance(name, str) else []
-    return quoted(name) + (f" (did you mean {near[0]!r}?)" if near else "")

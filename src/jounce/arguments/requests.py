@@ -69,7 +69,7 @@ def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool 
 
 
 def check_rates(quantity: str, order: int) -> None:
-    """Raise `JounceError` if rates are asked for of a quantity that has none."""
+    """Raise `JounceError` if rates are requested of a quantity that has none."""
     row = QUANTITIES[quantity]
     if order > row.highest(order):
         inputs = ", ".join(row.input_names(row.rates))

@@ -127,7 +127,7 @@ def several(given: object) -> list[Any]:
         return [given]
     try:
         return list(given)
-    except Exception:  # arrays without axes, and whatever a foreign type raises
+    except Exception:  # arrays without axes, and errors of any foreign type
         return [given]
 
 
@@ -158,7 +158,7 @@ def one_line(error: object, most: int = 300) -> str:
 
 
 def _message(text: str) -> str:
-    """A message that a terminal shows as it is; of an endless one the ends, which say what came and what cures it."""
+    """A message without control characters; of one that is too long, its ends, which have the value and the cure."""
     text = escaped(text)
     half = (MAX_MESSAGE_LENGTH - 3) // 2
     return text if len(text) <= MAX_MESSAGE_LENGTH else f"{text[:half]}...{text[-half:]}"

@@ -14,7 +14,7 @@ MAX_WRITING_TIME = 86400  # s, a day: no single file takes longer, so that an ol
 
 
 def part_in(folder: Path) -> Path:
-    """A path to write to in a folder, until all is there; its name tells which process of which machine writes."""
+    """A path to write to in a folder until all is there, named by the process and the machine that write."""
     return folder / f".jounce-{_machine()}-{os.getpid()}-{uuid4().hex[:12]}.part"
 
 
@@ -31,7 +31,7 @@ def remove_abandoned(folder: Path) -> None:
 
 
 def _is_gone(machine: str | None, process: str) -> bool:
-    """Whether a process is one of this machine and runs no more, as far as can be told."""
+    """Whether a process is known to be one of this machine that has ended."""
     if machine != _machine() or not hasattr(os, "uname"):  # on Windows signal 0 is Ctrl-C
         return False
     try:
@@ -44,14 +44,13 @@ def _is_gone(machine: str | None, process: str) -> bool:
         state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
     except OSError:  # of systems that have no such file
         return False
-    return state in "ZX"  # it ended, and nobody has asked how
+    return state in "ZX"  # it ended, and its parent has not collected its exit status
 
 
 def _is_old(path: Path) -> bool:
-    try:
+    with suppress(OSError):
         return time() - path.lstat().st_mtime > MAX_WRITING_TIME
-    except OSError:
-        return False
+    return False
 
 
 def _machine() -> str:

@@ -42,7 +42,7 @@ def asarray(x: Any, what: str = "an array") -> Array:
         array = foreign.fill_missing(np.asarray(foreign.fill_masked(x)))
         if array.dtype.kind == "O" and all(isinstance(v, int | float | np.floating | np.integer) for v in array.flat):
             array = array.astype(np.float64)
-    except Exception as error:  # ragged lists, integers beyond the floats, and whatever a foreign type raises
+    except Exception as error:  # ragged lists, integers beyond the floats, and errors of any foreign type
         if type(error).__module__.startswith("jax"):
             expected = "an array of numbers: jax.numpy.stack makes one array of a list"
             raise JounceError(f"{what} holds numbers that JAX traces; expected {expected}") from error

@@ -48,12 +48,10 @@ class Csv(Format):
         return dict.fromkeys(layout(path).header, "")
 
     def size(self, path: Path) -> int:
-        """The bytes of the text."""
         with opened(path):
             return path.stat().st_size
 
     def spans(self, path: Path, cells: int) -> list[Span]:
-        """Spans of whole lines, of about as many bytes each."""
         first, step = layout(path).start, cells * BYTES_PER_CELL
         with opened(path) as file:
             end = path.stat().st_size
@@ -61,7 +59,6 @@ class Csv(Format):
         return [Span(start, stop) for start, stop in itertools.pairwise(cuts) if start < stop]
 
     def chunks(self, path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
-        """The rows of a span, in chunks."""
         form, place = layout(path), span.start
         with opened(path) as file:
             file.seek(place)
@@ -71,7 +68,6 @@ class Csv(Format):
                 place += len(block)
 
     def row_before(self, path: Path, place: int) -> Span | None:
-        """The span of the line that ends at a place, if there is one."""
         first = layout(path).start
         if place <= first:
             return None
@@ -82,7 +78,6 @@ class Csv(Format):
         return Span(begin + text.rfind(b"\n") + 1, place)
 
     def next_row(self, path: Path, place: int) -> Span | None:
-        """The span of the line that begins at a place, if there is one."""
         with opened(path) as file:
             stop = _line_after(file, place + 1)
         return Span(place, stop) if stop > place else None
@@ -97,11 +92,10 @@ class Csv(Format):
         return line + (feeds or returns)
 
     def row(self, path: Path, number: int) -> str:
-        """A line in words."""
+        """A line, as messages name it."""
         return f"{path}:{number}"
 
     def write(self, path: Path, pieces: Pieces, about: About | None = None) -> None:
-        """Write a table at full precision, piece by piece."""
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
             for number, columns in enumerate(pieces):
@@ -114,7 +108,6 @@ class Csv(Format):
                     writer.writerows(rows)  # repr of a double: it reads back the same
 
     def join(self, path: Path, parts: Iterable[Path]) -> None:
-        """Write the tables of several files, whose columns are the same, as one."""
         with path.open("wb") as file:
             file.writelines(_bytes(parts))
 
@@ -174,7 +167,8 @@ def layout(path: Path) -> Layout:
         try:
             following = lines(file)
             first = next((line for line in following if line.strip(BLANK)), "")
-            mark = _separator(first)
+            bare = re.sub(r'"[^"]*"', "", first).lstrip("# ").strip()
+            mark = next((mark for mark in SEPARATORS if mark in bare), ",")
             cells: list[str] = next(_reader(itertools.chain([first], following), mark), [])
         except (UnicodeDecodeError, csv.Error) as error:
             raise JounceError(f"{path}: not a CSV table: {one_line(error)}") from None
@@ -187,12 +181,6 @@ def _reader(lines: Iterable[str], mark: str) -> Any:
     """The rows of lines as lists of cells."""
     lines = (line.strip() for line in lines) if mark == " " else lines
     return csv.reader(lines, delimiter=mark, skipinitialspace=True, strict=True)
-
-
-def _separator(line: str) -> str:
-    """Return the separator of the column names: a comma, or else a semicolon, a tab or spaces."""
-    bare = re.sub(r'"[^"]*"', "", line).lstrip("# ").strip()
-    return next((mark for mark in SEPARATORS if mark in bare), ",")
 
 
 def _header(path: Path, cells: Sequence[str], mark: str) -> list[str]:

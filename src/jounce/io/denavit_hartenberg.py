@@ -36,7 +36,7 @@ Number = TypeVar("Number", float, Stated)
 
 
 def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mechanism:
-    """The mechanism of a file's content, under its own gravity unless another is given; it stands on the ground."""
+    """The mechanism of a file's content, under its own gravity unless another is given; its base is fixed."""
     if base == "floating":
         others = "a URDF or MJCF file states it, or jounce's own format with 'base'"
         why = "needs the inertia of the base, which this format does not state"

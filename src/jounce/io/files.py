@@ -110,6 +110,6 @@ def path_of(given: str | os.PathLike[str]) -> Path:
         path = Path(given).expanduser()
         if b"\0" in os.fsencode(path):
             raise ValueError("it contains a zero byte")
-    except Exception as error:  # half a character, a home of nobody, and whatever a foreign path raises
+    except Exception as error:  # half a character, a home of nobody, and errors of any foreign path
         raise JounceError(f"{quoted(given)} is not a path: {one_line(error)}") from None
     return path

@@ -59,9 +59,9 @@ def write_folder(folder: Path, files: Mapping[str, str], mark: str, overwrite: b
 
 
 def _stale(folder: Path, files: Mapping[str, str], mark: str) -> list[Path]:
-    """The marked files of a former run that are not written again: those that a file to be replaced speaks of.
+    """The marked files of a former run that are not written again: those that a file to be replaced names.
 
-    A user's copy of generated code is marked as well, but nothing speaks of it.
+    A user's copy of generated code is marked as well, but no generated file names it.
     """
     replaced = [folder / name for name in files if _is_marked(folder / name, mark)]
     texts = (path.read_text(encoding="utf-8", errors="replace") for path in replaced)
@@ -75,7 +75,7 @@ def _stale(folder: Path, files: Mapping[str, str], mark: str) -> list[Path]:
 
 
 def _is_marked(path: Path, mark: str) -> bool:
-    """Whether a file bears the mark within its first lines."""
+    """Whether a file has the mark within its first lines."""
     if path.is_symlink() or not path.is_file():
         return False
     with path.open("rb") as file:

@@ -27,7 +27,9 @@ def mesh_file(uri: str, robot_file: Path, folders: Sequence[Path] = ()) -> Path 
     path = Path(rest) if rest else robot_file.parent / uri
     if not path.is_file():
         return NO_FILE
-    return path if _is_within(path, [*_own(robot_file), *folders]) else OUTSIDE
+    above = robot_file.resolve().parents
+    package = [folder for folder in above if _is_package(folder)][:1]
+    return path if _is_within(path, [above[0], *package, *folders]) else OUTSIDE
 
 
 def _in_packages(uri: str, robot_file: Path, folders: Sequence[Path]) -> Iterator[tuple[Path, bool]]:
@@ -44,12 +46,6 @@ def _in_packages(uri: str, robot_file: Path, folders: Sequence[Path]) -> Iterato
     for folder in [root / package for root in (*stated, *(root / "share" for root in stated))]:
         path = Path(os.path.normpath(folder / inside))
         yield path, path.is_relative_to(os.path.normpath(folder))  # links lead to sources, as colcon has it
-
-
-def _own(robot_file: Path) -> list[Path]:
-    """The folder of the robot file, and the package that it is in."""
-    own = robot_file.resolve().parent
-    return [own, *[folder for folder in (own, *own.parents) if _is_package(folder)][:1]]
 
 
 def _is_package(folder: Path) -> bool:

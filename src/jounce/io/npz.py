@@ -23,15 +23,12 @@ class Npz(Format):
     """Archives, whose arrays lie in the file as they are in memory unless they are compressed."""
 
     def columns(self, path: Path) -> dict[str, str]:
-        """The columns by name, with their types where these are no numbers."""
         return {name: "" if x.dtype.kind in "fiu" else str(x.dtype) for name, x in _columns_of(path).items()}
 
     def size(self, path: Path) -> int:
-        """The bytes of the table in memory."""
         return sum(column.nbytes for column in _columns_of(path).values())
 
     def spans(self, path: Path, cells: int) -> list[Span]:
-        """Spans of even numbers of rows."""
         columns = _columns_of(path)
         first, *others = columns
         rows, step = len(columns[first]), max(1, cells // len(columns))
@@ -42,7 +39,6 @@ class Npz(Format):
         return [Span(start, min(start + step, rows)) for start in range(0, rows, step)]
 
     def chunks(self, path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
-        """The rows of a span, in chunks."""
         names, bases = split_names(names)
         step = rows_of(len(names))
         for start in range(span.start, span.stop, step):
@@ -56,7 +52,7 @@ class Npz(Format):
             )
 
     def pieces(self, path: Path, select: Select | None = None) -> Iterator[Columns]:
-        """The whole table, in one piece: it stands there column by column, and may be compressed."""
+        """The whole table in one piece: its columns follow each other, and may be compressed."""
         yield checked(path, select_columns(_arrays(path, _read), select))
 
     def write(self, path: Path, pieces: Pieces, about: About | None = None) -> None:
@@ -108,7 +104,7 @@ def _arrays(path: Path, read: Callable[[Path, BinaryIO, ZipFile, ZipInfo], np.nd
                     found += [(name, array)] if array.dtype.names is None else entries(array).items()
         except JounceError:
             raise
-        except Exception as error:  # damaged archives raise whatever their decoder stumbles over
+        except Exception as error:  # damaged archives make their decoder raise errors of any type
             raise JounceError(f"{path}: not an NPZ table:{where} {one_line(error)}") from None
     check_distinct(path, [name for name, _ in found])
     return dict(found)

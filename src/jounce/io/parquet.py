@@ -1,4 +1,4 @@
-"""Parquet tables, by pyarrow: numbers at full precision, units and what they are of in the metadata of the schema."""
+"""Parquet tables, by pyarrow: numbers at full precision, units and plain data in the metadata of the schema."""
 
 import json
 from collections.abc import Iterable, Iterator, Sequence
@@ -27,7 +27,6 @@ class Parquet(Format):
     """Tables in row groups, each of which is read in chunks of rows."""
 
     def columns(self, path: Path) -> dict[str, str]:
-        """The columns by name, with their types where these are no numbers."""
         with _opened(path) as file:
             fields = [(str(field.name), field.type) for field in file.schema_arrow]
         check_distinct(path, [name for name, _ in fields])
@@ -36,12 +35,10 @@ class Parquet(Format):
         return {name: "" if any(holds(kind) for holds in numbers) else str(kind) for name, kind in fields}
 
     def size(self, path: Path) -> int:
-        """The bytes of the table in memory."""
         with _opened(path) as file:
             return int(file.metadata.num_rows) * len(file.schema_arrow.names) * 8
 
     def spans(self, path: Path, cells: int) -> list[Span]:
-        """Spans of one or more row groups."""
         with _opened(path) as file:
             about, columns = file.metadata, len(file.schema_arrow.names)
             counts = [about.row_group(i).num_rows for i in range(about.num_row_groups)]
@@ -55,7 +52,6 @@ class Parquet(Format):
         return found
 
     def chunks(self, path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
-        """The rows of a span, in chunks."""
         names, bases = split_names(names)
         with _opened(path) as file:
             wanted = [*names, *([] if texts is None else [texts])]
@@ -79,7 +75,6 @@ class Parquet(Format):
         _write_groups(arrow, path, tables())
 
     def join(self, path: Path, parts: Iterable[Path]) -> None:
-        """Write the tables of several files, whose columns are the same, as one."""
 
         def tables() -> Iterator[Any]:
             for part in parts:
@@ -173,7 +168,7 @@ def _array(arrow: Any, column: np.ndarray) -> Any:
 
 
 def _described(arrow: Any, schema: Any, about: About | None) -> Any:
-    """The schema with the unit of each column, and with what the table is of."""
+    """The schema with the metadata of the table."""
     if about is None:
         return schema
     units = {name: unit for name in schema.names if (unit := about.unit(name))}

@@ -17,12 +17,12 @@ DECIMAL = re.compile(r"\s*\d+(?:\.(\d*))?\s*")
 
 
 def remainder_of(name: str) -> str:
-    """The name by which the remainder of a column is asked for."""
+    """The name under which the remainder of a column is requested."""
     return name + REMAINDER_MARK
 
 
 def split_names(names: Iterable[str]) -> tuple[list[str], list[str]]:
-    """Names of columns, and of those of which the remainder is asked for."""
+    """Names of columns, and of those whose remainder is requested."""
     names = list(names)
     return [n for n in names if not n.endswith(REMAINDER_MARK)], [
         n.removesuffix(REMAINDER_MARK) for n in names if n.endswith(REMAINDER_MARK)
@@ -37,7 +37,7 @@ def with_remainders(
 
 
 def remainders_of_array(numbers: np.ndarray) -> np.ndarray:
-    """The remainders of integers, and of doubles that are decimals as short as doubles tell apart.
+    """The remainders of integers, and of doubles that are the shortest decimals that doubles distinguish.
 
     A double of 1732287600.001 s is off by 7e-8 s, and no other decimal of microseconds is read as it.
     """

@@ -43,7 +43,7 @@ class Chunk:
     broken: Mapping[int, str] = field(default_factory=dict)
 
     def problems(self, names: Iterable[str]) -> dict[int, tuple[str, str]]:
-        """The rows that are bad in columns of these names: of each the first bad column, and what is wrong."""
+        """The rows with invalid cells in columns of these names: of each the first such column, and what is wrong."""
         found = {i: ("", reason) for i, reason in self.broken.items()}
         for name in names:
             column = self.columns[name]
@@ -88,7 +88,7 @@ class Format(ABC):
 
     @abstractmethod
     def write(self, path: Path, pieces: Pieces, about: About | None = None) -> None:
-        """Write a table piece by piece, with what it is of where the format has room for it."""
+        """Write a table piece by piece, with units and plain data where the format has metadata."""
 
     @abstractmethod
     def join(self, path: Path, parts: Iterable[Path]) -> None:
@@ -107,11 +107,11 @@ class Format(ABC):
         return place
 
     def row(self, path: Path, number: int) -> str:
-        """The row of a number in words."""
+        """The row of a number, as messages name it."""
         return f"{path}: row {number} from 0"
 
     def place(self, path: Path, at: int) -> str:
-        """A place in a file in words."""
+        """A place in a file, as messages name it."""
         return self.row(path, self.number(path, at, self.FIRST))
 
     def pieces(self, path: Path, select: Select | None = None) -> Iterator[Columns]:

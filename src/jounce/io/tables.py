@@ -26,7 +26,7 @@ def _mat_pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
             content = loadmat(cast(Any, file), simplify_cells=True)
         except NotImplementedError:
             raise JounceError(f"{path}: MAT file of version 7.3; save it in MATLAB with -v7") from None
-        except Exception as error:  # damaged files raise whatever their reader stumbles over
+        except Exception as error:  # damaged files make their reader raise errors of any type
             raise JounceError(f"{path}: not a MAT file: {one_line(error) or type(error).__name__}") from None
     arrays = flatten(dict(_mat_arrays({k: v for k, v in content.items() if not k.startswith("__")}, "")))
     yield checked(path, select_columns(arrays, select))
@@ -55,7 +55,7 @@ def format_of(path: Path) -> Format:
 
 
 def place(path: Path, at: int) -> str:
-    """A place in a file in words."""
+    """A place in a file, as messages name it."""
     return format_of(path).place(path, at)
 
 

@@ -26,7 +26,7 @@ AXIS_PLACES = {
 }  # by type of joint, where in the screw (angular; linear) the axis goes
 FREE_JOINT_TYPES = ("floating", "planar")
 DEFAULT_AXIS = "1 0 0"  # by the format, where a joint states none
-ORIGIN_ATTRIBUTES = ("xyz", "rpy")  # how an <origin> says its pose
+ORIGIN_ATTRIBUTES = ("xyz", "rpy")  # of the pose that an <origin> states
 
 
 def read(path: Path, gravity: object = None, base: str | None = None, root: str | None = None) -> Mechanism:

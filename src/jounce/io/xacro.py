@@ -21,7 +21,7 @@ _EXPANDING = Lock()  # xacro and xacrodoc keep files, macros and packages in var
 
 
 class _Arguments(dict[str, str]):
-    """Arguments that know which names xacro has asked for."""
+    """Arguments that record the names that xacro looks up."""
 
     def __init__(self, given: Mapping[str, object]) -> None:
         super().__init__({name: str(value) for name, value in given.items()})

@@ -27,18 +27,13 @@ def limits(document: Entry) -> Mapping[str, Mapping[str, Stated]] | None:
 
 
 def _joint(entry: Entry) -> Mapping[str, Stated]:
-    stated = {
-        key: entry.get(theirs).number()
-        for theirs, key in LIMIT_KEYS.items()
-        if theirs in entry.keys((), KNOWN_KEYS).value and _counts(entry, theirs.partition("_")[2])
-    }
+    stated = {}
+    for theirs, key in LIMIT_KEYS.items():
+        flag = entry.get(f"has_{theirs.partition('_')[2]}_limits", True)
+        if theirs in entry.keys((), KNOWN_KEYS).value and flag.value is not False:
+            if flag.value is not True:
+                raise flag.error("true or false")
+            stated[key] = entry.get(theirs).number()
     if error := limit_error(**stated):
         raise JounceError(f"{entry.place}: {entry.what}: {error}")
     return stated
-
-
-def _counts(entry: Entry, kind: str) -> bool:
-    flag = entry.get(f"has_{kind}_limits", True)
-    if not isinstance(flag.value, bool):
-        raise flag.error("true or false")
-    return flag.value

@@ -88,5 +88,5 @@ def _open_bag(source: Path) -> Iterator[Any]:
             yield bag
     except JounceError:
         raise
-    except Exception as error:  # damaged bags raise whatever their reader stumbles over
+    except Exception as error:  # damaged bags make their reader raise errors of any type
         raise JounceError(f"{source}: not a bag of ROS: {one_line(error) or quoted(type(error).__name__)}") from None

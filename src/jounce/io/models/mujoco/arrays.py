@@ -106,7 +106,7 @@ def _fill_names(given: list[str], stem: str, first: int) -> tuple[str, ...]:
 def _disabled_flags(flags: int) -> frozenset[str]:
     if not flags:
         return frozenset()
-    from mujoco import mjtDisableBit  # which bit says what has changed from version to version
+    from mujoco import mjtDisableBit  # the bits differ between versions
 
     said = mjtDisableBit.__members__.items()
     return frozenset(name.removeprefix("mjDSBL_") for name, bit in said if flags & int(bit))

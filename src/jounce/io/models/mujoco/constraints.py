@@ -77,25 +77,24 @@ def ties(m: Arrays, active: Sequence[int], taken: set[str]) -> list[Tie]:
         joint = CUT_JOINTS.get(int(m.of["eq_type"][k]))
         if joint is None:
             continue
-        placed = _sites(m, k) if m.of["eq_objtype"][k] == SITE_OBJECT_TYPE else _bodies(m, k, joint)
+        places = [m.of[f"eq_obj{side}id"][k] for side in (1, 2)]
+        if m.of["eq_objtype"][k] == SITE_OBJECT_TYPE:
+            placed = [(m.bodies[m.of["site_bodyid"][i]], m.pose("site_pos", "site_quat", i)) for i in places]
+        else:
+            placed = list(zip([m.bodies[i] for i in places], _anchors(m, k, joint), strict=True))
         a, b = (End(distinct(f"loop{len(found)}:{body}", taken), body, T) for body, T in placed)
         found.append(Tie(a, b, joint))
     return found
 
 
-def _sites(m: Arrays, k: int) -> list[tuple[str, np.ndarray]]:
-    places = [m.of[f"eq_obj{side}id"][k] for side in (1, 2)]
-    return [(m.bodies[m.of["site_bodyid"][i]], m.pose("site_pos", "site_quat", i)) for i in places]
-
-
-def _bodies(m: Arrays, k: int, joint: str) -> list[tuple[str, np.ndarray]]:
+def _anchors(m: Arrays, k: int, joint: str) -> list[np.ndarray]:
     """The frames on two bodies: the anchors of a connection, or that of a weld and where it is to be."""
-    bodies, data = [m.bodies[m.of[f"eq_obj{side}id"][k]] for side in (1, 2)], m.of["eq_data"][k]
+    data = m.of["eq_data"][k]
     at = [lie.pose(np.eye(3), data[3 * i : 3 * i + 3, None]) for i in range(2)]
     if joint == "fixed":
         related = lie.pose(lie.from_quaternion(data[6:10]), data[3:6, None])
         at = [related @ at[0], at[0]]
-    return list(zip(bodies, at, strict=True))
+    return at
 
 
 def close(m: Arrays, mechanism: Mechanism, tied: Sequence[Tie]) -> Mechanism:

@@ -42,7 +42,11 @@ def mechanism(
 def _bodies(
     m: Arrays, mimics: dict[int, tree.Mimic], ends: Sequence[constraints.End], welded: bool
 ) -> tuple[list[tree.Link], list[tree.Joint]]:
-    links = [tree.Link(body, _inertia(m, i), m.place) for i, body in enumerate(m.bodies)]
+    links = []
+    for i, body in enumerate(m.bodies):
+        principal, theta = m.pose("body_ipos", "body_iquat", i), np.diag(m.of["body_inertia"][i])
+        M = inertia_matrix(m.of["body_mass"][i], principal[:3, 3], theta, rotation=principal[:3, :3])
+        links.append(tree.Link(body, M, m.place))
     between: list[tree.Joint] = []
     taken, called = set(m.bodies), set(m.joints)
 
@@ -70,9 +74,3 @@ def _bodies(
     for end in ends:
         weld(massless(end.frame), end.body, end.T)
     return links, between
-
-
-def _inertia(m: Arrays, i: int) -> np.ndarray:
-    principal = m.pose("body_ipos", "body_iquat", i)
-    theta = np.diag(m.of["body_inertia"][i])
-    return inertia_matrix(m.of["body_mass"][i], principal[:3, 3], theta, rotation=principal[:3, :3])
