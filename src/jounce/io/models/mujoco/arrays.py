@@ -17,7 +17,8 @@ FINITE_ARRAYS = {  # what places and weighs the parts: checked here to be finite
     "joint": ("jnt_pos", "jnt_axis"),
     "site": ("site_pos", "site_quat"),
 }
-OTHER_ARRAYS = (
+REQUIRED_ARRAYS = (
+    *(name for names in FINITE_ARRAYS.values() for name in names),
     *("name_bodyadr", "body_parentid", "body_jntadr", "body_jntnum", "body_gravcomp", "body_plugin"),
     *("name_jntadr", "jnt_type", "jnt_qposadr", "jnt_dofadr", "name_siteadr", "site_bodyid", "qpos0", "qpos_spring"),
     *("jnt_limited", "jnt_range", "jnt_actfrclimited", "jnt_actfrcrange"),
@@ -36,7 +37,7 @@ NEWER_ARRAYS = (  # arrays that MuJoCo 3.3 does not have: nothing where they are
 class Arrays:
     """The arrays of a model by MuJoCo's names, and the names of its parts."""
 
-    of: Mapping[str, np.ndarray]
+    values: Mapping[str, np.ndarray]
     name: str
     place: str  # what messages call the model
     bodies: tuple[str, ...]  # the first is the world
@@ -46,33 +47,32 @@ class Arrays:
     fluid: bool  # whether it moves in one
     off: frozenset[str]  # what its flags disable: "GRAVITY", "SPRING", ...
 
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.values[name]
+
     def acts(self, *flags: str) -> bool:
         """Whether none of some flags disables it."""
         return self.off.isdisjoint(flags)
 
     def pose(self, position: str, quaternion: str, i: int) -> np.ndarray:
         """The pose (4, 4) of a position and a unit quaternion (w, x, y, z)."""
-        return lie.pose(lie.from_quaternion(self.of[quaternion][i]), self.of[position][i][:, None])
+        return lie.pose(lie.from_quaternion(self[quaternion][i]), self[position][i][:, None])
 
 
 def arrays(model: Any, file: Path | None, what: str = "from_mujoco()") -> Arrays:
     """Return the arrays of a model; raise `JounceError`, naming `file`, if it is not a model or not finite."""
     try:
-        of = {
-            name: np.asarray(getattr(model, name))
-            for names in (*FINITE_ARRAYS.values(), OTHER_ARRAYS)
-            for name in names
-        }
+        values = {name: np.asarray(getattr(model, name)) for name in REQUIRED_ARRAYS}
         option, texts = model.opt, bytes(model.names)
     except AttributeError as error:
         came = f"{type(model).__name__}, which has no {error.name!r}"
         raise JounceError(f"{what} expects a mujoco.MjModel, got {came}") from None
-    of |= {name: np.asarray(getattr(model, name, 0.0)) for name in NEWER_ARRAYS}
+    values |= {name: np.asarray(getattr(model, name, 0.0)) for name in NEWER_ARRAYS}
     name = _text(texts, 0)
     name = file.stem if file and name == UNNAMED else name
-    bodies, joints, sites = ([_text(texts, at) for at in of[f"name_{kind}adr"]] for kind in ("body", "jnt", "site"))
+    bodies, joints, sites = ([_text(texts, at) for at in values[f"name_{kind}adr"]] for kind in ("body", "jnt", "site"))
     found = Arrays(
-        of=of,
+        values=values,
         name=name,
         place=f"model {name!r}" if file is None else str(file),
         bodies=_fill_names(bodies, "body", first=0),
@@ -116,6 +116,6 @@ def _check(found: Arrays) -> None:
     called = {"body": found.bodies, "joint": found.joints, "site": found.sites}
     for kind, names in FINITE_ARRAYS.items():
         for name in names:
-            for i in np.argwhere(~np.isfinite(found.of[name]))[:1, 0]:
-                came = f"{name} of {kind} {called[kind][i]!r} is {found.of[name][i].tolist()}"
+            for i in np.argwhere(~np.isfinite(found[name]))[:1, 0]:
+                came = f"{name} of {kind} {called[kind][i]!r} is {found[name][i].tolist()}"
                 raise JounceError(f"{found.place}: {came}; expected finite numbers")

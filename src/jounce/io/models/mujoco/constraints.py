@@ -47,12 +47,12 @@ def mimics(m: Arrays) -> dict[int, Mimic]:
     leaders: dict[int, int] = {}
     found: dict[int, Mimic] = {}
     for k in active(m):
-        i, leader, law = m.of["eq_obj1id"][k], m.of["eq_obj2id"][k], m.of["eq_data"][k]
-        if m.of["eq_type"][k] != JOINT_EQUALITY_TYPE or leader < 0 or law[2:5].any() or i in leaders:
+        i, leader, law = m["eq_obj1id"][k], m["eq_obj2id"][k], m["eq_data"][k]
+        if m["eq_type"][k] != JOINT_EQUALITY_TYPE or leader < 0 or law[2:5].any() or i in leaders:
             continue
         if not (moves_along_one_screw(m, i) and moves_along_one_screw(m, leader)) or _leads_to(leader, i, leaders):
             continue
-        start, start_of_leader = (m.of["qpos0"][m.of["jnt_qposadr"][j]] for j in (i, leader))
+        start, start_of_leader = (m["qpos0"][m["jnt_qposadr"][j]] for j in (i, leader))
         leaders[i] = leader
         found[i] = Mimic(m.joints[leader], float(law[1]), float(start + law[0] - law[1] * start_of_leader))
     return found
@@ -60,7 +60,7 @@ def mimics(m: Arrays) -> dict[int, Mimic]:
 
 def active(m: Arrays) -> list[int]:
     """Return the active equality constraints."""
-    return [int(k) for k in np.flatnonzero(m.of["eq_active0"])] if m.acts("EQUALITY", "CONSTRAINT") else []
+    return [int(k) for k in np.flatnonzero(m["eq_active0"])] if m.acts("EQUALITY", "CONSTRAINT") else []
 
 
 def _leads_to(joint: int, end: int, leaders: dict[int, int]) -> bool:
@@ -74,12 +74,12 @@ def ties(m: Arrays, active: Sequence[int], taken: set[str]) -> list[Tie]:
     """The loops among the active equality constraints; their frames take names that are free."""
     found: list[Tie] = []
     for k in active:
-        joint = CUT_JOINTS.get(int(m.of["eq_type"][k]))
+        joint = CUT_JOINTS.get(int(m["eq_type"][k]))
         if joint is None:
             continue
-        places = [m.of[f"eq_obj{side}id"][k] for side in (1, 2)]
-        if m.of["eq_objtype"][k] == SITE_OBJECT_TYPE:
-            placed = [(m.bodies[m.of["site_bodyid"][i]], m.pose("site_pos", "site_quat", i)) for i in places]
+        places = [m[f"eq_obj{side}id"][k] for side in (1, 2)]
+        if m["eq_objtype"][k] == SITE_OBJECT_TYPE:
+            placed = [(m.bodies[m["site_bodyid"][i]], m.pose("site_pos", "site_quat", i)) for i in places]
         else:
             placed = list(zip([m.bodies[i] for i in places], _anchors(m, k, joint), strict=True))
         a, b = (End(distinct(f"loop{len(found)}:{body}", taken), body, T) for body, T in placed)
@@ -89,7 +89,7 @@ def ties(m: Arrays, active: Sequence[int], taken: set[str]) -> list[Tie]:
 
 def _anchors(m: Arrays, k: int, joint: str) -> list[np.ndarray]:
     """The frames on two bodies: the anchors of a connection, or that of a weld and where it is to be."""
-    data = m.of["eq_data"][k]
+    data = m["eq_data"][k]
     at = [lie.pose(np.eye(3), data[3 * i : 3 * i + 3, None]) for i in range(2)]
     if joint == "fixed":
         related = lie.pose(lie.from_quaternion(data[6:10]), data[3:6, None])
@@ -107,12 +107,12 @@ def close(m: Arrays, mechanism: Mechanism, tied: Sequence[Tie]) -> Mechanism:
     if not loops:
         return mechanism
     mechanism = replace(mechanism, loops=tuple(loops))
-    driven = m.of["actuator_trnid"][np.isin(m.of["actuator_trntype"], JOINT_TRANSMISSION_TYPES), 0]
+    driven = m["actuator_trnid"][np.isin(m["actuator_trntype"], JOINT_TRANSMISSION_TYPES), 0]
     motors = [name for name in mechanism.coordinates if name in {m.joints[j] for j in driven}]
     try:
         check_single(mechanism, "closed loops")
         start: Mapping[str, float] = {
-            name: float(m.of["qpos0"][m.of["jnt_qposadr"][m.joints.index(name)]]) for name in mechanism.coordinates
+            name: float(m["qpos0"][m["jnt_qposadr"][m.joints.index(name)]]) for name in mechanism.coordinates
         }
         if not motors:
             raise JounceError("no joint has an actuator")

@@ -44,8 +44,8 @@ def _bodies(
 ) -> tuple[list[tree.Link], list[tree.Joint]]:
     links = []
     for i, body in enumerate(m.bodies):
-        principal, theta = m.pose("body_ipos", "body_iquat", i), np.diag(m.of["body_inertia"][i])
-        M = inertia_matrix(m.of["body_mass"][i], principal[:3, 3], theta, rotation=principal[:3, :3])
+        principal, theta = m.pose("body_ipos", "body_iquat", i), np.diag(m["body_inertia"][i])
+        M = inertia_matrix(m["body_mass"][i], principal[:3, 3], theta, rotation=principal[:3, :3])
         links.append(tree.Link(body, M, m.place))
     between: list[tree.Joint] = []
     taken, called = set(m.bodies), set(m.joints)
@@ -58,10 +58,10 @@ def _bodies(
         return link
 
     for i, body in enumerate(m.bodies[1:], 1):
-        carrier, B = m.bodies[m.of["body_parentid"][i]], m.pose("body_pos", "body_quat", i)
-        own = range(m.of["body_jntadr"][i], m.of["body_jntadr"][i] + m.of["body_jntnum"][i])
+        carrier, B = m.bodies[m["body_parentid"][i]], m.pose("body_pos", "body_quat", i)
+        own = range(m["body_jntadr"][i], m["body_jntadr"][i] + m["body_jntnum"][i])
         for j in own:
-            if m.of["jnt_type"][j] == joints.FREE_JOINT_TYPE and not welded:
+            if m["jnt_type"][j] == joints.FREE_JOINT_TYPE and not welded:
                 B = np.eye(4)  # its q is the pose in the world, wherever the file has the body
             child = body if j == own[-1] else massless(distinct(f"{body}:{m.joints[j]}", taken))
             between.append(joints.joint(m, j, carrier, child, B, mimics.get(j)))
@@ -70,7 +70,7 @@ def _bodies(
             weld(body, carrier, B)
     for i, site in enumerate(m.sites):
         if site and site not in taken:
-            weld(massless(site), m.bodies[m.of["site_bodyid"][i]], m.pose("site_pos", "site_quat", i))
+            weld(massless(site), m.bodies[m["site_bodyid"][i]], m.pose("site_pos", "site_quat", i))
     for end in ends:
         weld(massless(end.frame), end.body, end.T)
     return links, between

@@ -13,7 +13,7 @@ from jounce.core.scalars import batch_of, broadcast, concatenate, is_numeric, sh
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.io.models.states import mujoco, pinocchio
 from jounce.io.models.states.free_joint import check_unit, force_from, force_to, motion_from, put_motion
-from jounce.io.models.states.layout import Layout, Place, match
+from jounce.io.models.states.layout import ModelLayout, Place, match
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import position_count, single_positions
 from jounce.spatial.groups import FREE
@@ -62,12 +62,12 @@ class RobotState:
         return tuple(x for x in (self.q, self.qd, self.q2d) if x is not None)
 
 
-def layout_of(library: str, model: Any) -> Layout:
+def read_model_layout(library: str, model: Any) -> ModelLayout:
     """Where a model of a library, by its name, has its joints."""
     return LAYOUTS[one_of("library", library, LAYOUTS)](model)
 
 
-def state_from(mechanism: Mechanism, layout: Layout, given: Sequence[object], tau: object = None) -> RobotState:
+def state_from(mechanism: Mechanism, layout: ModelLayout, given: Sequence[object], tau: object = None) -> RobotState:
     """The state of a robot from q, v, a of a library, and its forces where tau is given."""
     found, labels = match(mechanism, layout), layout.labels
     count = max(k for k, term in enumerate(given) if term is not None or k == 0) + 1
@@ -98,7 +98,7 @@ def state_from(mechanism: Mechanism, layout: Layout, given: Sequence[object], ta
 
 
 def state_to(
-    mechanism: Mechanism, layout: Layout, given: Sequence[object], base: object, Q: object = None
+    mechanism: Mechanism, layout: ModelLayout, given: Sequence[object], base: object, Q: object = None
 ) -> tuple[np.ndarray, ...]:
     """The vectors q, v, a of a library, as many as rates of q are given, and its forces where Q is given."""
     alone = Q is not None and all(x is None for x in given)
@@ -107,7 +107,9 @@ def state_to(
     return vectors if Q is None else (*vectors, forces_to(mechanism, layout, Q, terms_of(base)[:1] or None, q))
 
 
-def _motion_to(mechanism: Mechanism, layout: Layout, given: Sequence[object], base: object) -> tuple[np.ndarray, ...]:
+def _motion_to(
+    mechanism: Mechanism, layout: ModelLayout, given: Sequence[object], base: object
+) -> tuple[np.ndarray, ...]:
     """The vectors q, v, a of a library; joints that the robot lacks are at rest."""
     found = match(mechanism, layout)
     rates = [_numbers(x, "q") for x in rates_of(mechanism, given, QUANTITIES["poses"])]
@@ -134,7 +136,7 @@ def _whole(rates: Sequence[np.ndarray], motion: Sequence[np.ndarray]) -> list[np
     return [concatenate(both, axis=-1) for both in zip(moved, rates, strict=False)]
 
 
-def forces_from(mechanism: Mechanism, layout: Layout, tau: object, q: object = None) -> np.ndarray:
+def forces_from(mechanism: Mechanism, layout: ModelLayout, tau: object, q: object = None) -> np.ndarray:
     """The forces Q of a robot from those of a library; its q, where they are in world axes."""
     found, x = match(mechanism, layout), _vector(layout, tau, layout.labels[3], layout.nv)
     if found.in_world:
@@ -148,7 +150,9 @@ def forces_from(mechanism: Mechanism, layout: Layout, tau: object, q: object = N
     return Q
 
 
-def forces_to(mechanism: Mechanism, layout: Layout, Q: object, base: object = None, q: object = None) -> np.ndarray:
+def forces_to(
+    mechanism: Mechanism, layout: ModelLayout, Q: object, base: object = None, q: object = None
+) -> np.ndarray:
     """The forces of a library from those of a robot; the pose of the base, or q, where they are in world axes."""
     found = match(mechanism, layout)
     forces = _numbers(column(mechanism, Q, "Q", mechanism.nv), "Q")
@@ -169,7 +173,7 @@ def forces_to(mechanism: Mechanism, layout: Layout, Q: object, base: object = No
     return tau
 
 
-def _vector(layout: Layout, given: object, label: str, size: int) -> np.ndarray:
+def _vector(layout: ModelLayout, given: object, label: str, size: int) -> np.ndarray:
     if given is None:
         raise JounceError(f"{label} is None; expected an array (..., {size}) of {layout.what}")
     return _numbers(shaped(given, (size,), label, f", as {layout.what} has it"), label)
