@@ -19,22 +19,18 @@ def listed_in(given: Any) -> list[Any] | None:
     Named are the entries of mappings and whatever else `dict` accepts by keys (data frames and series of pandas), of
     data frames that list their columns (polars, pyarrow), and of structured arrays.
     """
-    if type(given) in (list, tuple):
+    kind = type(given)
+    if kind in (list, tuple):
         return None  # as most are that are no arrays
     try:
-        return _names_of(given)
+        if hasattr(kind, "keys") and hasattr(kind, "__getitem__"):
+            return list(given.keys())
+        columns = getattr(given, "column_names", getattr(given, "columns", None))  # of pyarrow, of polars
+        fields = getattr(getattr(given, "dtype", None), "names", None)
     except Exception as error:
         raise _unreadable(given, error) from error
-
-
-def _names_of(given: Any) -> list[Any] | None:
-    kind = type(given)
-    if hasattr(kind, "keys") and hasattr(kind, "__getitem__"):
-        return list(given.keys())
-    columns = getattr(given, "column_names", getattr(given, "columns", None))  # of pyarrow, of polars
     if isinstance(columns, list):
         return columns
-    fields = getattr(getattr(given, "dtype", None), "names", None)
     return list(fields) if isinstance(fields, tuple) else None
 
 

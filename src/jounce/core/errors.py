@@ -61,10 +61,7 @@ _collected: ContextVar[list[str] | None] = ContextVar("_collected", default=None
 
 @contextmanager
 def collected_warnings() -> Iterator[list[str]]:
-    """Within this context, the texts of warnings go into a list, those of other threads where they went before.
-
-    The context managers of `warnings` act on all threads, so that parts computed side by side would mix their warnings.
-    """
+    """Within this context, warnings of this thread go into a list; the contexts of `warnings` act on all threads."""
     found: list[str] = []
     token = _collected.set(found)
     try:

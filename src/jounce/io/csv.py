@@ -199,7 +199,7 @@ def _blocks(file: BinaryIO, size: int) -> Iterator[bytes]:
         size -= len(block)
         rest += block
         end = max(rest.rfind(b"\n"), rest.rfind(b"\r", 0, -1)) + 1  # what follows the last byte is not known
-        if size and end and rest.count(b'"', 0, end) % 2 == 0:
+        if size and end and rest.count(b'"', 0, end) % 2 == 0:  # an odd number: the last line break is within quotes
             yield rest[:end]
             rest = rest[end:]
     if rest:

@@ -67,7 +67,7 @@ def make_folder(path: Path) -> None:
 
 @contextmanager
 def write_errors(path: Path, cure: str = "") -> Iterator[None]:
-    """Raise `JounceError` for what the system has against writing a file or folder; `cure` ends the sentence."""
+    """Within this context, errors of writing a file or folder become `JounceError`; `cure` ends the sentence."""
     try:
         yield
     except OSError as error:

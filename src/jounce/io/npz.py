@@ -56,10 +56,7 @@ class Npz(Format):
         yield checked(path, select_columns(_arrays(path, _read), select))
 
     def write(self, path: Path, pieces: Pieces, about: About | None = None) -> None:
-        """Write a table with all digits of its numbers, as numpy.savez, which takes no column named "file".
-
-        Column by column: the pieces are all held until the last has come.
-        """
+        """Write a table as numpy.savez does, column by column: all pieces are held until the last has come."""
         parts = list(pieces)
         with ZipFile(path, "w") as archive:
             for name in parts[0]:

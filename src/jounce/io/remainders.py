@@ -49,6 +49,8 @@ def remainders_of_array(numbers: np.ndarray) -> np.ndarray:
     whole = np.floor(high)
     if numbers.dtype.kind in "iu":
         return np.where(inside, np.where(inside, numbers, 0).astype(np.int64) - whole.astype(np.int64), 0).astype(float)
+    # The candidate is the multiple of the shortest decimal unit that is nearest to the double. It is what the table
+    # held where no double is farther from its candidate than the spacing of doubles; otherwise nothing is known of it.
     unit = shortest_decimal(float(np.abs(high[inside]).max(initial=1)))
     if unit >= 1:
         k = np.rint(whole / unit).astype(np.int64)

@@ -87,7 +87,6 @@ def write_pieces(path: Path, pieces: Pieces, about: About | None = None, missing
     """Write a table from pieces of some rows, each checked first; a partial file is never seen.
 
     Numbers may be `missing`, NaN, where results of closed robots have no certain digits.
-    CSV and Parquet tables hold one piece at a time in memory, NPZ tables all of them.
     """
     writer = _by_suffix(path, TABLE_WRITERS)
     with files.written_whole(path) as part:

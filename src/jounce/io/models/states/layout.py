@@ -13,7 +13,7 @@ from jounce.spatial.groups import Group
 
 @dataclass(frozen=True)
 class Place:
-    """Where the coordinate of a joint stands in q and v; a joint that turns freely has a cosine and a sine in q."""
+    """The index of a joint's coordinate in q and v; a joint that turns freely has a cosine and a sine in q."""
 
     q: int
     v: int
