@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from jounce.arguments.drive_trains import elasticity_of_drives
-from jounce.core.errors import JounceError, at, listed, one_of, quoted, warn
+from jounce.arguments.drive_trains import elasticity_of_drives, with_moved_terms
+from jounce.core.errors import JounceError, at, listed, one_of, quoted
 from jounce.core.scalars import asarray, is_numeric
 from jounce.dynamics.coupling import GROUND
 from jounce.model.antagonists import AntagonisticSprings
@@ -17,8 +17,6 @@ from jounce.model.mechanism import Mechanism
 from jounce.model.motors import Motor
 from jounce.model.positions import check_single
 from jounce.model.springs import CubicSpring, DampedSpring, Spring, spring_of
-
-ON_MOTORS = ("armature", "damping", "friction")  # terms of the drives that act on the motors of elastic joints
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,22 +58,7 @@ def with_elasticity(mechanism: Mechanism, stated: ElasticParameters) -> Mechanis
     _check(mechanism, e, stated.rotor)
     e = _with_dampers(mechanism, e, stated)
     _check_carriers(mechanism, e)
-    return replace(_with_moved_terms(mechanism), elasticity=e)
-
-
-def _with_moved_terms(mechanism: Mechanism) -> Mechanism:
-    """The mechanism without those terms of drives in Q that act on motors: of joints that coordinates move."""
-    own, left, moved = np.any(mechanism.G != 0, axis=1), {}, []
-    for term in [term for term in mechanism.acting if term in ON_MOTORS]:
-        amounts = getattr(mechanism.drives, term)
-        if amounts[~own].any():  # of joints that follow others in closed loops
-            left[term] = np.where(own, 0.0, amounts)
-        if term not in left or amounts[own].any():
-            moved.append(term)
-    if moved:
-        warn(f"{mechanism.name}: {listed(moved)} no longer acts in Q, but on the motors of the elastic joints")
-    acting = tuple(term for term in mechanism.acting if term not in ON_MOTORS or term in left)
-    return replace(mechanism, drives=replace(mechanism.drives, **left), acting=acting)
+    return replace(with_moved_terms(mechanism), elasticity=e)
 
 
 def _check_closure(mechanism: Mechanism, stated: ElasticParameters) -> None:

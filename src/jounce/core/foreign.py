@@ -1,11 +1,23 @@
-"""Values of other libraries as arrays: masked arrays, NA of pandas, CasADi matrices, spatial vectors of Pinocchio."""
+"""Values from elsewhere: text, masked arrays, NA of pandas, CasADi matrices, spatial vectors of Pinocchio."""
 
+import math
 import sys
 from typing import Any
 
 import numpy as np
 
 from jounce.core.errors import JounceError
+
+
+def parse_finite(text: str) -> float | None:
+    """Parse a finite decimal number, or return None; 1_000 and digits of other scripts are not accepted."""
+    if "_" in text or not text.isascii():
+        return None
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
 
 
 def refuse_spatial(x: Any, what: str) -> None:

@@ -8,7 +8,6 @@ standard (JAX), or a NumPy object array of symbols (CasADi ``SX``, SymPy, tracin
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from datetime import date, timedelta
 from decimal import Decimal
 from fractions import Fraction
@@ -241,11 +240,3 @@ def _reciprocal(s: Any) -> Any:
         return 1 / s
     except TypeError:
         raise JounceError(f"scalars of type {type(s).__name__} have no reciprocal 1 / x, which is required") from None
-
-
-def finite(text: str) -> float | None:
-    """Parse a finite decimal number, or return None; 1_000 and digits of other scripts are not accepted."""
-    with suppress(ValueError):
-        if "_" not in text and text.isascii() and math.isfinite(number := float(text)):
-            return number
-    return None

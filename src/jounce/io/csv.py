@@ -12,7 +12,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from jounce.core.errors import JounceError, one_line
-from jounce.core.scalars import finite
+from jounce.core.foreign import parse_finite
 from jounce.io.columns import About, check_distinct
 from jounce.io.files import opened
 from jounce.io.remainders import remainder_of, remainders_of_texts, split_names
@@ -186,7 +186,7 @@ def _reader(lines: Iterable[str], mark: str) -> Any:
 def _header(path: Path, cells: Sequence[str], mark: str) -> list[str]:
     header = [cells[0].lstrip("# "), *cells[1:]]  # numpy.savetxt marks its header with #
     header = header[1:] if mark == " " and not header[0] else header
-    if all(finite(name) is not None for name in header):
+    if all(parse_finite(name) is not None for name in header):
         raise JounceError(f"{path}: no row of column names above the numbers; expected one, such as 't,JOINT,...'")
     check_distinct(path, header)
     return header
@@ -221,7 +221,7 @@ def _numbers(cells: Sequence[str]) -> np.ndarray:
         numbers, text = np.fromiter(map(float, cells), float, len(cells)), "".join(cells)
         if text.isascii() and "_" not in text and np.isfinite(numbers).all():
             return numbers
-    found = (finite(cell.strip()) for cell in cells)
+    found = (parse_finite(cell.strip()) for cell in cells)
     return np.array([np.nan if number is None else number for number in found])
 
 

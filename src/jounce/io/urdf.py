@@ -7,7 +7,7 @@ import numpy as np
 from lxml import etree
 
 from jounce.core.errors import JounceError, at, no_such, one_line, quoted, shortened
-from jounce.core.scalars import finite
+from jounce.core.foreign import parse_finite
 from jounce.io.doctype import refuse_declarations
 from jounce.io.files import read_bytes
 from jounce.io.orientation import direction, from_rpy
@@ -181,7 +181,7 @@ def read_numbers(
     text, expected = element.get(attribute, default), f"expected {count} finite number{'s' * (count > 1)}"
     if text is None:
         raise JounceError(f"{_at(element, file)}: <{element.tag}> has no {attribute}=; {expected}")
-    numbers = [number for number in map(finite, text.split()) if number is not None]
+    numbers = [number for number in map(parse_finite, text.split()) if number is not None]
     if not len(numbers) == len(text.split()) == count:
         raise JounceError(f"{_at(element, file)}: <{element.tag} {attribute}={quoted(text)}>; {expected}")
     return np.array(numbers)
