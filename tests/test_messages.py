@@ -13,10 +13,19 @@ from hypothesis import strategies as st
 
 import jounce
 from jounce.cli import main
-from jounce.core.errors import MOST, MOST_OF_MESSAGE, escaped, listed, no_such, one_line, quoted, shortened
+from jounce.core.errors import (
+    MAX_MESSAGE_LENGTH,
+    MAX_QUOTED_LENGTH,
+    escaped,
+    listed,
+    no_such,
+    one_line,
+    quoted,
+    shortened,
+)
 
 ODD = "\x1b[31m\u202edrow\u2066\n\u2028\x00\x7f\x85\xad\ud800\u200b"  # colour, directions, ends of lines, half a pair
-TEXTS = st.text(st.characters(), max_size=3 * MOST)
+TEXTS = st.text(st.characters(), max_size=3 * MAX_QUOTED_LENGTH)
 PLAIN = TEXTS | st.integers() | st.floats() | st.binary() | st.none()
 VALUES = st.recursive(PLAIN, lambda inner: st.lists(inner) | st.tuples(inner))
 
@@ -42,11 +51,11 @@ def test_a_warning_is_of_the_line_that_calls_jounce_though_numpy_stands_between(
 def test_an_endless_message_keeps_its_ends():
     for kind in (jounce.JounceError, jounce.JounceWarning):
         said = str(kind(f"what came {'1' * 5000} what cures it"))
-        assert len(said) <= MOST_OF_MESSAGE
+        assert len(said) <= MAX_MESSAGE_LENGTH
         assert said.startswith("what came 1")
         assert said.endswith("1 what cures it")
         assert str(kind(said)) == said
-        longest = "1" * MOST_OF_MESSAGE
+        longest = "1" * MAX_MESSAGE_LENGTH
         assert str(kind(longest)) == longest
 
 
@@ -54,15 +63,15 @@ def test_an_endless_message_keeps_its_ends():
 def test_whatever_is_quoted_is_cut(value):
     said = quoted(value)
     assert said.isprintable()
-    assert len(said) <= 10 * (MOST + 3) + 2  # each character may be escaped
-    assert not (isinstance(value, str) and len(value) <= MOST) or said == repr(value)
+    assert len(said) <= 10 * (MAX_QUOTED_LENGTH + 3) + 2  # each character may be escaped
+    assert not (isinstance(value, str) and len(value) <= MAX_QUOTED_LENGTH) or said == repr(value)
 
 
 @given(st.lists(TEXTS))
 def test_names_in_a_row_are_cut_and_escaped(names):
     assert listed(names).isprintable()
     assert str(no_such("thing", "".join(names), names)).isprintable()
-    assert all(len(shortened(name)) <= MOST + 3 for name in names if name.isprintable())
+    assert all(len(shortened(name)) <= MAX_QUOTED_LENGTH + 3 for name in names if name.isprintable())
 
 
 def test_what_they_look_like():
@@ -99,8 +108,8 @@ def test_names_of_a_file_are_shown_as_texts(tmp_path, monkeypatch, asked):
     assert result.exit_code == 0, result.output
     lines = result.output.splitlines()
     assert [line for line in lines if not line.isprintable()] == []
-    assert lines[0].count("x") <= MOST
-    assert max(line.count("y") for line in lines) <= 2 * MOST  # once for the joint, once for the body
+    assert lines[0].count("x") <= MAX_QUOTED_LENGTH
+    assert max(line.count("y") for line in lines) <= 2 * MAX_QUOTED_LENGTH  # once for the joint, once for the body
 
 
 LONG = "x" * 300

@@ -82,7 +82,7 @@ folders.write_folder(pathlib.Path("out"), {"a": "half of"}, "mark", overwrite=Fa
 """
     subprocess.run([sys.executable, "-c", code, kind], cwd=tmp_path, check=False, timeout=60)
     [part] = tmp_path.iterdir()
-    assert parts.PART.fullmatch(part.name)
+    assert parts.PART_NAME.fullmatch(part.name)
     assert part.is_dir() == (kind == "folder")
     write(tmp_path / "other.csv")
     assert [path.name for path in tmp_path.iterdir()] == ["other.csv"]

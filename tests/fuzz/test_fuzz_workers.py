@@ -42,7 +42,7 @@ def written_states(rng, path):
                 columns[f"{joint}.{rate_name('q', k)}"] = (2 + j) ** k * np.cos((2 + j) * t + j + k * np.pi / 2)
         parts.append(columns)
     whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    tables.WRITERS[path.suffix].write(path, [whole], None)
+    tables.TABLE_WRITERS[path.suffix].write(path, [whole], None)
 
 
 def killing(rng, folder):

@@ -84,7 +84,7 @@ def test_dialects_of_csv(read, content):
 @pytest.mark.parametrize("size", [1, 7, 1000])
 def test_lines_of_csv_end_anywhere_and_in_any_way(read, monkeypatch, size):
     """Within quotes too, and with the carriage return alone of spreadsheets."""
-    monkeypatch.setattr(csv, "BLOCK", size)
+    monkeypatch.setattr(csv, "BLOCK_BYTES", size)
     for end in ("\n", "\r\n", "\r"):
         rows = ['"t",a,"of, which"', "1,2,3", '"4","5","', '6"', "", "7,8,9"]
         found = read(end.join(rows))
@@ -106,7 +106,7 @@ def test_what_numpy_writes(tmp_path, read):
 
 @pytest.mark.parametrize("size", [1, 150, 100_000])
 def test_pieces_are_of_some_rows_and_make_the_whole(tmp_path, monkeypatch, size):
-    monkeypatch.setattr(csv, "BLOCK", size)
+    monkeypatch.setattr(csv, "BLOCK_BYTES", size)
     x = np.random.default_rng(3).normal(size=(3, 50))
     columns, path = dict(zip("tab", x, strict=True)), tmp_path / "table.csv"
     tables.write(path, columns)

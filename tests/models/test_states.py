@@ -224,7 +224,7 @@ def refusals(pin, muj):
     yield lambda: mobile.state_to("mujoco", [0, 0], model=scene), ["base is None", "floats"]
     yield lambda: mobile.state_to("mujoco", [0, 0], [0, 0], base=(C,), model=scene), ["base gives C alone"]
     yield lambda: mobile.state_to("mujoco", [0, 0], base=2 * C, model=scene), ["no pose"]
-    yield lambda: mobile.state_to("mujoco", np.zeros((2, 2)), base=np.stack([C] * 3), model=scene), ["(2,), (3,)"]
+    yield lambda: mobile.state_to("mujoco", np.zeros((2, 2)), base=np.stack([C] * 3), model=scene), ["q (2,), C (3,)"]
     yield lambda: still.state_to("pinocchio", [0] * 6, base=C, model=standing), ["does not float"]
     yield lambda: mobile.state_from("mujoco", held, forces=v, model=scene), ["qfrc has shape", f"(..., {scene.nv})"]
     yield lambda: mobile.state_to("mujoco", Q=np.zeros(8), model=scene), ["base is None"]

@@ -10,7 +10,7 @@ from quantities import tupled
 from robots import floating, random_mechanism, random_pose, relative_error
 
 import jounce
-from jounce.arguments.poses import NOT_A_POSE, not_a_pose
+from jounce.arguments.poses import POSE_TOLERANCE, not_a_pose
 from jounce.core.errors import JounceError
 from jounce.native.plan import is_straight
 from jounce.native.poses import are_poses
@@ -89,7 +89,7 @@ def test_a_pose_that_is_none_is_refused_by_every_call(batch):
         if entry[0] < 3 and entry[1] == 3:
             continue  # the position
         C = base[0].copy()
-        C[(*at, *entry)] += 3 * NOT_A_POSE
+        C[(*at, *entry)] += 3 * POSE_TOLERANCE
         with pytest.raises(JounceError, match=r"^base: C( of sample 17)? is no pose: "):
             of.inverse_dynamics(*q, base=(C, *base[1:]))
     unknown = base[0].copy()
@@ -106,8 +106,8 @@ def test_the_quick_check_is_no_laxer():
     assert are_poses(C)
     assert are_poses(C[0])
     assert not are_poses(C * [[-1], [1], [1], [1]])  # of determinant -1
-    bent = C + rng.normal(size=(20, 50, 4, 4)) * NOT_A_POSE
-    wrong = (not_a_pose(bent) > NOT_A_POSE).ravel()
+    bent = C + rng.normal(size=(20, 50, 4, 4)) * POSE_TOLERANCE
+    wrong = (not_a_pose(bent) > POSE_TOLERANCE).ravel()
     assert 0 < wrong.sum() < wrong.size
     assert not any(map(are_poses, bent.reshape(-1, 4, 4)[wrong]))
     assert not are_poses(np.full((4, 4), np.nan))

@@ -69,7 +69,7 @@ def joined(*parts, names=None):
 
 
 def write(path, columns):
-    tables.WRITERS[path.suffix].write(path, [columns], None)
+    tables.TABLE_WRITERS[path.suffix].write(path, [columns], None)
     return path
 
 
@@ -113,8 +113,8 @@ def small_parts(monkeypatch):
     """Parts of a few rows, and chunks of fewer."""
     monkeypatch.setattr(plan, "CELLS", 200)
     monkeypatch.setattr(plan, "LARGE", 0)
-    monkeypatch.setattr("jounce.io.rows.CELLS", 70)
-    monkeypatch.setattr("jounce.io.parquet.GROUP", 13)
+    monkeypatch.setattr("jounce.io.rows.CELLS_PER_CHUNK", 70)
+    monkeypatch.setattr("jounce.io.parquet.ROWS_PER_GROUP", 13)
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,7 @@ def divided(monkeypatch, folder, rows):
     """A table in parts of a few rows, that have chunks of the usual size."""
     monkeypatch.setattr(plan, "CELLS", 200)
     with monkeypatch.context() as patch:
-        patch.setattr("jounce.io.parquet.GROUP", 13)
+        patch.setattr("jounce.io.parquet.ROWS_PER_GROUP", 13)
         return write(folder / "states.parquet", table(rows))
 
 
@@ -507,8 +507,8 @@ def test_other_programs_read_what_is_written(tmp_path, small_parts):
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_memory_does_not_grow_with_the_number_of_rows(tmp_path, monkeypatch, suffix):
     monkeypatch.setattr(plan, "CELLS", 1 << 12)
-    monkeypatch.setattr("jounce.io.parquet.GROUP", 300)
-    monkeypatch.setattr("jounce.io.csv.BLOCK", 1 << 16)
+    monkeypatch.setattr("jounce.io.parquet.ROWS_PER_GROUP", 300)
+    monkeypatch.setattr("jounce.io.csv.BLOCK_BYTES", 1 << 16)
     peaks = []
     for rows in (1_000, 1_000, 5_000):
         path = write(tmp_path / f"states{suffix}", table(rows))

@@ -13,7 +13,7 @@ import pytest
 
 import jounce
 from jounce._codegen.language import NAMES
-from jounce.arguments.loads import AXES
+from jounce.arguments.loads import LOAD_FRAMES
 from jounce.core import typing
 from jounce.dynamics.kinematics import FRAMES
 from jounce.dynamics.quantities import QUANTITIES
@@ -82,7 +82,7 @@ def test_the_right_program_runs():
         (QuantityName, QUANTITIES),
         (typing.Method, [NATIVE, *(method for row in QUANTITIES.values() for method in row.methods)]),
         (typing.Frame, FRAMES),
-        (typing.LoadFrame, AXES),
+        (typing.LoadFrame, LOAD_FRAMES),
         (typing.Form, FORMS),
         (typing.DriveTerm, TERMS),
         (typing.Language, NAMES),

@@ -22,7 +22,7 @@ import jounce
 from jounce._report.view import controls, scene, viewer
 from jounce._report.view.track import STATES, at_rest, track
 from jounce.cli import main
-from jounce.io.mesh_files import MISSING, OUTSIDE, mesh_file
+from jounce.io.mesh_files import NO_FILE, OUTSIDE, mesh_file
 from jounce.io.visuals import _resolver, read_mesh, read_visuals, visuals_of
 
 trimesh = pytest.importorskip("trimesh")
@@ -230,7 +230,7 @@ def test_meshes_are_found_by_path_and_by_package(shapes, tmp_path, monkeypatch):
     box = shapes.parent.parent / "meshes" / "box.stl"
     found = [box.as_uri().replace("%20", " "), "../meshes/box.stl", "package://arm_description/meshes/box.stl"]
     assert all(mesh_file(uri, shapes).samefile(box) for uri in found)
-    assert mesh_file("package://arm_description/meshes/box.stl", tmp_path.parent / "elsewhere.urdf") == MISSING
+    assert mesh_file("package://arm_description/meshes/box.stl", tmp_path.parent / "elsewhere.urdf") == NO_FILE
     sibling = tmp_path / "robot" / "urdf" / "robot.urdf"
     assert mesh_file("package://arm_description/meshes/box.stl", sibling).samefile(box)
     for name, folder in (("ROS_PACKAGE_PATH", tmp_path), ("AMENT_PREFIX_PATH", tmp_path / "install")):
@@ -241,7 +241,7 @@ def test_meshes_are_found_by_path_and_by_package(shapes, tmp_path, monkeypatch):
         (tmp_path / "secret.stl").touch()
         assert mesh_file("package://arm_description/../secret.stl", Path("/elsewhere.urdf")) == OUTSIDE
         monkeypatch.delenv(name)
-    assert mesh_file("", shapes) == MISSING
+    assert mesh_file("", shapes) == NO_FILE
 
 
 def test_meshes_elsewhere_are_not_read_unless_their_folder_is_named(shapes, tmp_path):
@@ -257,7 +257,7 @@ def test_meshes_elsewhere_are_not_read_unless_their_folder_is_named(shapes, tmp_
     for package in ("private", "arm_description/../private"):
         assert mesh_file(f"package://{package}/secret.stl", shapes) == OUTSIDE
     for package in ("..", ".", "", str(tmp_path)):
-        assert mesh_file(f"package://{package}/secret.stl", shapes) == MISSING
+        assert mesh_file(f"package://{package}/secret.stl", shapes) == NO_FILE
     assert mesh_file("package://private/secret.stl", shapes, [tmp_path]).samefile(secret)
     assert mesh_file("package://private/secret.stl", shapes, [secret.parent]).samefile(secret)
     (shapes.parent.parent / "package.xml").unlink()

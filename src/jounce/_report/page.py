@@ -17,7 +17,7 @@ from jounce.core.errors import JounceError, escaped, quoted
 from jounce.engine.along import FIRST, checked_motion
 from jounce.engine.engine import Engine
 from jounce.io import files
-from jounce.io.visuals import SUFFIX
+from jounce.io.visuals import URDF_SUFFIX
 from jounce.limits.check import Check
 from jounce.limits.slowdown import Slowdown
 from jounce.motion.motion import Motion
@@ -150,8 +150,10 @@ def _mesh_folders(given: Sequence[str | os.PathLike[str]]) -> list[Path]:
 
 def _visuals_file(given: str | os.PathLike[str]) -> Path:
     path = files.path_of(given)
-    if path.suffix.lower() != SUFFIX:
-        raise JounceError(f"{path}: visuals are read from {SUFFIX} files; without visuals= the page draws capsules")
+    if path.suffix.lower() != URDF_SUFFIX:
+        raise JounceError(
+            f"{path}: visuals are read from {URDF_SUFFIX} files; without visuals= the page draws capsules"
+        )
     return path
 
 

@@ -44,11 +44,9 @@ def _miscounted(mechanism: Mechanism, terms: Sequence[Any], count: int, what: st
     takes = ", ".join(map(_label, range(count))) if count < 5 else f"C, V, ..., {_label(count - 1)}"
     takes = f"base=({takes})" if count > 1 else "base=C"
     if not terms:
-        return JounceError(
-            f"base is None, yet {mechanism.name!r} floats; {what} takes {takes}: pose, twist and its rates"
-        )
-    missing = [_label(k) for k, term in enumerate(terms) if term is None]
-    if missing:
+        came = f"base is None, yet {mechanism.name!r} floats"
+        return JounceError(f"{came}; {what} takes {takes}: pose, twist and its rates")
+    if missing := [_label(k) for k, term in enumerate(terms) if term is None]:
         return JounceError(f"base: {missing[0]} is None; {what} takes {takes}, none of them left out")
     if isinstance(terms[0], Mapping | str):
         return JounceError(f"base is {quoted(terms[0])}; {what} takes {takes}")

@@ -1,11 +1,15 @@
 """Rotors and friction of motors behind elastic joints, from the drive trains of a robot's file."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from jounce.core.errors import JounceError, listed, quoted
+from jounce.core.errors import JounceError, listed, quoted, warn
 from jounce.model.drives import EPS
 from jounce.model.elasticity import Elasticity
 from jounce.model.mechanism import Mechanism
+
+ON_MOTORS = ("armature", "damping", "friction")  # terms of the drives that act on the motors of elastic joints
 
 
 def elasticity_of_drives(mechanism: Mechanism) -> Elasticity:
@@ -26,10 +30,9 @@ def _on_coordinates(mechanism: Mechanism, term: str, weights: np.ndarray) -> np.
     for i, row in enumerate(weights):
         if amounts[i] and np.count_nonzero(row) > 1:
             leaders = listed(mechanism.coordinates[j] for j in np.flatnonzero(row))
-            raise JounceError(
-                f"joint {quoted(mechanism.joints[i])} has {term} and follows {leaders}; expected one motor per"
-                f" coordinate, with no {term} on a joint that follows several"
-            )
+            came = f"joint {quoted(mechanism.joints[i])} has {term} and follows {leaders}"
+            expected = f"one motor per coordinate, with no {term} on a joint that follows several"
+            raise JounceError(f"{came}; expected {expected}")
     return np.asarray(weights.T @ amounts)
 
 
@@ -41,9 +44,22 @@ def _eps(mechanism: Mechanism) -> np.ndarray:
         speeds = mechanism.drives.eps[rubbing] / np.abs(mechanism.G[rubbing, j])
         if speeds.size and np.ptp(speeds) > 1e-12 * speeds.max():
             joints = listed(mechanism.joints[i] for i in rubbing)
-            raise JounceError(
-                f"the friction of {joints} turns over at different speeds of coordinate {quoted(name)}, from"
-                f" {speeds.min():g} to {speeds.max():g}; expected one, as a motor has"
-            )
+            came = f"different speeds of coordinate {quoted(name)}, from {speeds.min():g} to {speeds.max():g}"
+            raise JounceError(f"the friction of {joints} turns over at {came}; expected one, as a motor has")
         found[j] = speeds.mean() if speeds.size else EPS
     return found
+
+
+def with_moved_terms(mechanism: Mechanism) -> Mechanism:
+    """The mechanism without those terms of drives in Q that act on motors: of joints that coordinates move."""
+    own, left, moved = np.any(mechanism.G != 0, axis=1), {}, []
+    for term in [term for term in mechanism.acting if term in ON_MOTORS]:
+        amounts = getattr(mechanism.drives, term)
+        if amounts[~own].any():  # of joints that follow others in closed loops
+            left[term] = np.where(own, 0.0, amounts)
+        if term not in left or amounts[own].any():
+            moved.append(term)
+    if moved:
+        warn(f"{mechanism.name}: {listed(moved)} no longer acts in Q, but on the motors of the elastic joints")
+    acting = tuple(term for term in mechanism.acting if term not in ON_MOTORS or term in left)
+    return replace(mechanism, drives=replace(mechanism.drives, **left), acting=acting)

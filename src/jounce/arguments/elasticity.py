@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from jounce.arguments.drive_trains import elasticity_of_drives
-from jounce.core.errors import JounceError, at, listed, one_of, quoted, warn
+from jounce.arguments.drive_trains import elasticity_of_drives, with_moved_terms
+from jounce.core.errors import JounceError, at, listed, one_of, quoted
 from jounce.core.scalars import asarray, is_numeric
 from jounce.dynamics.coupling import GROUND
 from jounce.model.antagonists import AntagonisticSprings
@@ -17,8 +17,6 @@ from jounce.model.mechanism import Mechanism
 from jounce.model.motors import Motor
 from jounce.model.positions import check_single
 from jounce.model.springs import CubicSpring, DampedSpring, Spring, spring_of
-
-ON_MOTORS = ("armature", "damping", "friction")  # terms of the drives that act on the motors of elastic joints
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +32,7 @@ class ElasticParameters:
     damping_terms: object = 4
 
 
-NOTHING = tuple(vars(ElasticParameters()).values())
+UNSTATED = tuple(vars(ElasticParameters()).values())
 
 
 def with_elasticity(mechanism: Mechanism, stated: ElasticParameters) -> Mechanism:
@@ -42,7 +40,7 @@ def with_elasticity(mechanism: Mechanism, stated: ElasticParameters) -> Mechanis
     check_single(mechanism, "elastic joints")
     _check_closure(mechanism, stated)
     e = mechanism.elasticity or elasticity_of_drives(mechanism)
-    if mechanism.elasticity and all(x is y for x, y in zip(vars(stated).values(), NOTHING, strict=True)):
+    if mechanism.elasticity and all(x is y for x, y in zip(vars(stated).values(), UNSTATED, strict=True)):
         return mechanism  # its own springs and motors stay
     kept = mechanism.elasticity is not None and stated.stiffness is None and stated.spring is None
     springs = e.springs if kept else _springs(mechanism, stated.spring)
@@ -60,22 +58,7 @@ def with_elasticity(mechanism: Mechanism, stated: ElasticParameters) -> Mechanis
     _check(mechanism, e, stated.rotor)
     e = _with_dampers(mechanism, e, stated)
     _check_carriers(mechanism, e)
-    return replace(_with_moved_terms(mechanism), elasticity=e)
-
-
-def _with_moved_terms(mechanism: Mechanism) -> Mechanism:
-    """The mechanism without those terms of drives in Q that act on motors: of joints that coordinates move."""
-    own, left, moved = np.any(mechanism.G != 0, axis=1), {}, []
-    for term in [term for term in mechanism.acting if term in ON_MOTORS]:
-        amounts = getattr(mechanism.drives, term)
-        if amounts[~own].any():  # of joints that follow others in closed loops
-            left[term] = np.where(own, 0.0, amounts)
-        if term not in left or amounts[own].any():
-            moved.append(term)
-    if moved:
-        warn(f"{mechanism.name}: {listed(moved)} no longer acts in Q, but on the motors of the elastic joints")
-    acting = tuple(term for term in mechanism.acting if term not in ON_MOTORS or term in left)
-    return replace(mechanism, drives=replace(mechanism.drives, **left), acting=acting)
+    return replace(with_moved_terms(mechanism), elasticity=e)
 
 
 def _check_closure(mechanism: Mechanism, stated: ElasticParameters) -> None:
@@ -91,42 +74,42 @@ def _check_closure(mechanism: Mechanism, stated: ElasticParameters) -> None:
             " moves in ways"
         )
     if stated.coupling != "spong":
-        raise JounceError(
-            f"coupling={quoted(stated.coupling)} is not available for robots with closed loops; use coupling='spong'"
-        )
+        level = f"coupling={quoted(stated.coupling)}"
+        raise JounceError(f"{level} is not available for robots with closed loops; use coupling='spong'")
     followers = [c.coordinates[j] for j in c.dependent]
     for what, given in vars(stated).items():
         if isinstance(given, Mapping) and (named := [name for name in given if name in followers]):
+            why = "it follows others in closed loops and has no motor"
             raise JounceError(
-                f"{what} of joint {quoted(named[0])}: it follows others in closed loops and has no motor; expected one"
-                f" of {listed(mechanism.coordinates)}"
+                f"{what} of joint {quoted(named[0])}: {why}; expected one of {listed(mechanism.coordinates)}"
             )
+
+
+def _by_joint(mechanism: Mechanism, given: Any) -> dict[str, Any]:
+    """What is given of coordinates by name, or of all of them the same."""
+    stated = given if isinstance(given, Mapping) else dict.fromkeys(mechanism.coordinates, given)
+    return {one_of("joint", name, mechanism.coordinates): value for name, value in stated.items()}
 
 
 def _springs(mechanism: Mechanism, given: object) -> tuple[Spring | AntagonisticSprings | None, ...]:
     """The springs that are not linear, one per coordinate or None."""
-    joints = mechanism.coordinates
-    by_joint = given if isinstance(given, Mapping) else dict.fromkeys(joints, given)
-    for name in by_joint:
-        one_of("joint", name, joints)
-    stated = [(f"spring of joint {quoted(name)}", by_joint.get(name)) for name in joints]
+    by_joint = _by_joint(mechanism, given)
+    stated = [(f"spring of joint {quoted(name)}", by_joint.get(name)) for name in mechanism.coordinates]
     return tuple(x if x is None or isinstance(x, AntagonisticSprings) else spring_of(x, label) for label, x in stated)
 
 
 def _motors(mechanism: Mechanism, given: object, e: Elasticity) -> tuple[Motor | None, ...]:
     """The motors, one per coordinate or None."""
-    joints = mechanism.coordinates
     if given is None:
-        return e.motors or (None,) * len(joints)
-    by_joint: Mapping[Any, Any] = given if isinstance(given, Mapping) else dict.fromkeys(joints, given)
+        return e.motors or (None,) * mechanism.n
+    by_joint = _by_joint(mechanism, given)
     for name, motor in by_joint.items():
-        one_of("joint", name, joints)
         if not isinstance(motor, Motor):
             raise JounceError(f"motor of joint {quoted(name)} is {quoted(motor)}; expected a jounce.Motor")
         if motor.body not in (None, GROUND):
             with at(f"motor of joint {quoted(name)}"):
                 mechanism.frame(motor.body)
-    return tuple(by_joint.get(name) for name in joints)
+    return tuple(by_joint.get(name) for name in mechanism.coordinates)
 
 
 def _stiffness(mechanism: Mechanism, stated: ElasticParameters, springs: Sequence[object]) -> np.ndarray:
@@ -142,10 +125,8 @@ def _stiffness(mechanism: Mechanism, stated: ElasticParameters, springs: Sequenc
         if spring is None:
             continue
         if (name in given) if isinstance(given, Mapping) else np.ndim(given) and not np.isnan(numbers[j]):
-            raise JounceError(
-                f"joint {quoted(name)} has a stiffness and a spring; expected one of them: leave it out of a mapping,"
-                " or put NaN into an array"
-            )
+            cure = "leave it out of a mapping, or put NaN into an array"
+            raise JounceError(f"joint {quoted(name)} has a stiffness and a spring; expected one of them: {cure}")
         parts = (spring.first, spring.second) if isinstance(spring, AntagonisticSprings) else (spring,)
         numbers[j] = sum(float(part.stiffness(np.clip(0.0, *part.range))) for part in parts if isinstance(part, Spring))
     return numbers
@@ -156,10 +137,8 @@ def _level(coupling: object) -> int | None:
         return None
     if isinstance(coupling, int) and not isinstance(coupling, bool) and coupling >= 0:
         return coupling
-    raise JounceError(
-        f"coupling is {quoted(coupling)}; expected 'spong', or the level at which rotors and links are coupled:"
-        " 0, 1, 2, ..."
-    )
+    levels = "the level at which rotors and links are coupled: 0, 1, 2, ..."
+    raise JounceError(f"coupling is {quoted(coupling)}; expected 'spong', or {levels}")
 
 
 def _with_motors(mechanism: Mechanism, e: Elasticity, rotor: object) -> Elasticity:
@@ -170,9 +149,8 @@ def _with_motors(mechanism: Mechanism, e: Elasticity, rotor: object) -> Elastici
             continue
         if motor.reflected_inertia is not None:
             if rotor is not None and (not isinstance(rotor, Mapping) or name in rotor):
-                raise JounceError(
-                    f"joint {quoted(name)} has the inertia of its rotor by rotor= and by its motor; state one of them"
-                )
+                by_both = "has the inertia of its rotor by rotor= and by its motor; state one of them"
+                raise JounceError(f"joint {quoted(name)} {by_both}")
             found["rotor"][j] = motor.reflected_inertia
         found["viscous"][j] += motor.gear**2 * motor.damping
         found["friction"][j] += abs(motor.gear) * motor.friction
@@ -202,10 +180,8 @@ def _with_dampers(mechanism: Mechanism, e: Elasticity, stated: ElasticParameters
             kind = "is rigid" if spring is None else "has two motors"
             raise JounceError(f"joint {quoted(name)} {kind}; expected no damper parallel to its spring")
         if spring.stiffness(0.0) == 0:
-            raise JounceError(
-                f"the spring of joint {quoted(name)} has no stiffness at rest, and its damper no time constant there;"
-                " give CubicSpring a k above 0"
-            )
+            none = "has no stiffness at rest, and its damper no time constant there; give CubicSpring a k above 0"
+            raise JounceError(f"the spring of joint {quoted(name)} {none}")
         springs[j] = DampedSpring(spring, D, terms)
     return replace(e, springs=tuple(springs) if any(springs) else ())
 
@@ -230,23 +206,19 @@ def _check_carriers(mechanism: Mechanism, e: Elasticity) -> None:
 
 def _per_coordinate(mechanism: Mechanism, what: str, given: object, others: np.ndarray) -> np.ndarray:
     """One number for all coordinates, (n,), or {joint: number} with `others` for those left out: (n,)."""
-    joints = mechanism.coordinates
     if isinstance(given, Mapping):
         numbers = others.copy()
-        for name, value in given.items():
-            place = joints.index(one_of("joint", name, joints))
+        for name, value in _by_joint(mechanism, given).items():
             number = np.asarray(asarray(value, f"{what} of joint {quoted(name)}"))
             if not is_numeric(number) or number.shape != ():
                 raise JounceError(f"{what} of joint {quoted(name)} is {quoted(value)}; expected a number")
-            numbers[place] = number
+            numbers[mechanism.coordinates.index(name)] = number
         return numbers
     array = np.asarray(asarray(given, what))
-    if not is_numeric(array) or array.shape not in [(), (len(joints),)]:
-        raise JounceError(
-            f"{what} has shape {array.shape}; expected one number, ({len(joints)},) one per coordinate,"
-            " or a mapping {joint: number}"
-        )
-    return np.array(np.broadcast_to(array, (len(joints),)), dtype=float)
+    if not is_numeric(array) or array.shape not in [(), (mechanism.n,)]:
+        expected = f"one number, ({mechanism.n},) one per coordinate, or a mapping {{joint: number}}"
+        raise JounceError(f"{what} has shape {array.shape}; expected {expected}")
+    return np.full(mechanism.n, array, dtype=float)
 
 
 def _check(mechanism: Mechanism, e: Elasticity, rotor: object) -> None:

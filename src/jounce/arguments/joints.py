@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments import names
-from jounce.arguments.poses import NOT_A_POSE, check_pose
+from jounce.arguments.poses import POSE_TOLERANCE, check_pose
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array, asarray, is_numeric
 from jounce.dynamics.quantities import Quantity
@@ -19,7 +19,9 @@ from jounce.model.positions import Position, positions, whole_position_count
 from jounce.spatial.groups import FREE
 from jounce.spatial.lie import pose
 
-LEAST_NORM = 1e-6  # of a quaternion: what is shorter is no rounded unit quaternion, and has lost digits
+MIN_ROTATION_NORM = (
+    1e-6  # of a quaternion, or of a cosine and a sine: a shorter one has lost too many digits to be a rotation
+)
 
 
 def numbers_by_name(mechanism: Mechanism, given: Any) -> Any:
@@ -43,11 +45,11 @@ def _one_by_one(
         return given
     found: dict[Any, Any] = {}
     for name, value in names.entries(given).items():
-        if name in joints:
-            numbers = numbers_of(joints[name], value)
-            found |= {label: numbers[..., k] for k, label in enumerate(names_of(joints[name]))}
-        else:
+        if (joint := joints.get(name)) is None:
             found[name] = value
+        else:
+            numbers = numbers_of(joint, value)
+            found |= {label: numbers[..., k] for k, label in enumerate(names_of(joint))}
     return found
 
 
@@ -59,7 +61,7 @@ def _numbers(joint: Position, value: Any) -> Array:
         check_pose(C, f"joint {joint.name!r}")
         numbers = own.numbers(np.asarray(C, dtype=float))
         left = np.abs(own.pose(numbers) - C).max(initial=0.0)
-        if left > NOT_A_POSE:
+        if left > POSE_TOLERANCE:
             raise JounceError(f"joint {joint.name!r} is a {own.name} joint, which the pose misses by {left:.2g}")
         return numbers
     if x.shape[-1:] != (len(own.positions),):
@@ -82,12 +84,10 @@ def checked_positions(mechanism: Mechanism, q: Array) -> Array:
     for joint in positions(mechanism).values():
         turn = q[..., joint.turn]
         norms = np.sqrt((turn * turn).sum(axis=-1))
-        if (norms < LEAST_NORM).any():
+        if (norms < MIN_ROTATION_NORM).any():
             what = ", ".join(joint.group.positions[len(joint.group.places) :])
-            raise JounceError(
-                f"q: {what} of joint {joint.name!r} have the length {np.nanmin(norms):.2g}; expected 1, as those of"
-                " every rotation"
-            )
+            came = f"q: {what} of joint {joint.name!r} have the length {np.nanmin(norms):.2g}"
+            raise JounceError(f"{came}; expected 1, as those of every rotation")
     return q
 
 
@@ -108,10 +108,7 @@ def without_base(
     rates = [x if x is None else asarray(x, "a rate of q") for x in given[1:count]]
     for k, x in enumerate(rates, 1):
         if x is not None and x.shape[-1:] != (mechanism.nv,):
-            raise JounceError(
-                f"rate {k} of q has shape {x.shape}; expected ({mechanism.nv},), as q has all {whole} numbers"
-            )
-    C = FREE.pose(q[..., :of_base])
-    moved = (C, *(x[..., :6] for x in rates if x is not None))
-    behind = [q[..., of_base:], *(x if x is None else x[..., 6:] for x in rates), *given[count:]]
-    return behind, moved
+            expected = f"({mechanism.nv},), as q has all {whole} numbers"
+            raise JounceError(f"rate {k} of q has shape {x.shape}; expected {expected}")
+    moved = (FREE.pose(q[..., :of_base]), *(x[..., :6] for x in rates if x is not None))
+    return [q[..., of_base:], *(x if x is None else x[..., 6:] for x in rates), *given[count:]], moved

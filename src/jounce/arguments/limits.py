@@ -20,8 +20,7 @@ def with_limits(mechanism: Mechanism, given: Mapping[str, object], of: object = 
     for key, value in stated.items():
         for i, number in _by_joint(mechanism, key, value).items():
             changes.setdefault(i, {})[key] = number
-    limits = limits_with(mechanism, changes, _forces(stated, of))
-    return replace(mechanism, limits=limits)
+    return replace(mechanism, limits=limits_with(mechanism, changes, _forces(stated, of)))
 
 
 def _by_joint(mechanism: Mechanism, key: str, given: object) -> dict[int, Stated]:
@@ -29,17 +28,20 @@ def _by_joint(mechanism: Mechanism, key: str, given: object) -> dict[int, Stated
     each, leaders = _limited(mechanism, key)
     if isinstance(given, Mapping):
         stated = {limit_place(mechanism, name, key): _number(key, value, name) for name, value in given.items()}
-        if mechanism.closure and each == "motor":
-            _check_motors(mechanism, key, stated)
+        motors = [mechanism.joints[i] for i in leaders]
+        for i in stated:
+            if each == "motor" and mechanism.joints[i] not in motors:
+                raise JounceError(
+                    f"{key} of joint {quoted(mechanism.joints[i])}: it has no motor, so that nothing would check this"
+                    f" limit; expected one of {listed(motors)}, or robot.closed(actuated=[...]) with it"
+                )
         return stated
     numbers, count = np.asarray(asarray(given, key)), len(leaders)
     pairs = key not in ENDS
     if not is_numeric(numbers) or numbers.shape not in [(), (count,), *[(count, 2)] * pairs]:
         more = f", ({count}, 2) for (lower, upper)" if pairs else ""
-        raise JounceError(
-            f"{key} has shape {numbers.shape}; expected one number, ({count},) one per {each}{more},"
-            " or a mapping {joint: number}"
-        )
+        expected = f"one number, ({count},) one per {each}{more}, or a mapping {{joint: number}}"
+        raise JounceError(f"{key} has shape {numbers.shape}; expected {expected}")
     numbers = numbers if numbers.ndim else np.full(count, numbers)
     return dict(zip(leaders, numbers.tolist(), strict=True))
 
@@ -52,17 +54,6 @@ def _limited(mechanism: Mechanism, key: str) -> tuple[str, list[int]]:
     order = c.independent if sorted(c.actuated) == sorted(c.independent) else c.actuated
     every = leading_joints(mechanism.tree)
     return "motor", [every[j] for j in order]
-
-
-def _check_motors(mechanism: Mechanism, key: str, stated: Mapping[int, Stated]) -> None:
-    """Raise `JounceError` if a limit of forces is stated for a joint of a closed robot that has no motor."""
-    motors = [mechanism.joints[i] for i in _limited(mechanism, key)[1]]
-    for i in stated:
-        if mechanism.joints[i] not in motors:
-            raise JounceError(
-                f"{key} of joint {quoted(mechanism.joints[i])}: it has no motor, so that nothing would check this"
-                f" limit; expected one of {listed(motors)}, or robot.closed(actuated=[...]) with it"
-            )
 
 
 def _number(key: str, given: object, joint: object) -> Stated:
@@ -80,9 +71,8 @@ def _forces(stated: Mapping[str, object], of: object) -> dict[str, str]:
         of if isinstance(of, Mapping) else dict.fromkeys(efforts, FORCES[0] if of is None else of)
     )
     if of is not None and not said:
-        raise JounceError(
-            f"of={quoted(of)} says which force effort limits bound; expected one of {', '.join(EFFORT_KINDS)}"
-        )
+        kinds = ", ".join(EFFORT_KINDS)
+        raise JounceError(f"of={quoted(of)} says which force effort limits bound; expected one of {kinds}")
     return dict.fromkeys(efforts, FORCES[0]) | {
         one_of("effort limit", kind, EFFORT_KINDS): one_of("force of a limit", force, FORCES)
         for kind, force in said.items()

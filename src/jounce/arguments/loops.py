@@ -25,22 +25,16 @@ def with_loops(
     start: object = None,
     weights: object = None,
 ) -> Mechanism:
-    """The closed robot of a tree.
-
-    Raises
-    ------
-    JounceError : if a name is unknown, the loops cannot be closed, or the coordinates do not determine the motion.
-    """
+    """The closed robot of a tree; raise `JounceError` unless its coordinates and motors determine the motion."""
     if mechanism.elasticity is not None:
-        raise JounceError(
-            f"{mechanism.name!r} has elastic joints; close its loops first: robot.closed(loops, actuated) and then"
-            " elastic(stiffness)"
-        )
+        first = "robot.closed(loops, actuated) and then elastic(stiffness)"
+        raise JounceError(f"{mechanism.name!r} has elastic joints; close its loops first: {first}")
     tree = mechanism.tree
     check_single(tree, "closed loops")
     tree = replace(tree, loops=_loops(tree, loops))
     _check_numbers(tree)
-    motors = _motors(mechanism, actuated)
+    kept = mechanism.closure if actuated is None else None
+    motors = kept.actuated if kept else _places(tree, "actuated", actuated)
     own = motors if coordinates is None else _places(tree, "coordinates", coordinates)
     if len(own) == tree.n:
         raise JounceError(
@@ -56,28 +50,18 @@ def with_loops(
         actuated=motors,
         weights=_weights(tree, motors, weights),
     )
-    names_of = tuple(tree.coordinates[j] for j in own)
-    closed = replace(tree, G=tree.G[:, own], coordinates=names_of, closure=closure)
+    closed = replace(tree, G=tree.G[:, own], coordinates=tuple(tree.coordinates[j] for j in own), closure=closure)
     closed = replace(closed, closure=replace(closure, start=assembly.assemble(closed, closure.start)))
     _check_mobility(closed)
     closed = followers.with_ratios(closed)
     if start is not None:
-        warn_of_limits(
-            tree,
-            range(len(tree.joints)),
-            np.asarray(tree.G @ closure_of(closed).start + tree.g, dtype=float),
-            "starts, where loops are closed, at",
-        )
+        theta = np.asarray(tree.G @ closure_of(closed).start + tree.g, dtype=float)
+        warn_of_limits(tree, range(len(tree.joints)), theta, "starts, where loops are closed, at")
     return closed
 
 
 def with_locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
-    """The mechanism with some coordinates locked at values, rad or m, its loops still closed.
-
-    Raises
-    ------
-    JounceError : as `locked`, or if the loops cannot be closed there.
-    """
+    """The mechanism with some coordinates locked at values, rad or m, its loops still closed."""
     c = mechanism.closure
     if c is None or not isinstance(values, Mapping):
         return locked(mechanism, values)
@@ -96,9 +80,8 @@ def with_locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
     u = np.array([values.get(name, x) for name, x in zip(mechanism.coordinates, u, strict=True)], dtype=float)
     q = dict(zip(c.coordinates, closing.close_loops(mechanism, u[None])[0], strict=True))
     start = {name: q[name] for name in tree.coordinates}
-    weights = {
-        c.coordinates[j]: w for j, w in zip(c.actuated, c.weights, strict=True) if c.coordinates[j] not in values
-    }
+    weights = dict(zip((c.coordinates[j] for j in c.actuated), c.weights, strict=True))
+    weights = {name: w for name, w in weights.items() if name not in values}
     free = [mechanism.coordinates[j] for j in places]
     closed = with_loops(tree, None, list(weights), free, start, weights)
     return replace(closed, elasticity=mechanism.elasticity and mechanism.elasticity.select(places))
@@ -147,25 +130,20 @@ def _loops(tree: Mechanism, given: object) -> tuple[Loop, ...]:
         return tree.loops
     if not isinstance(given, Sequence) or isinstance(given, str) or not given:
         raise JounceError(f"loops is {quoted(given)}; expected [(frame_a, frame_b), ...]")
-    return tuple(x if isinstance(x, Loop) else _loop(tree, x, f"loops[{k}]") for k, x in enumerate(given))
-
-
-def _loop(tree: Mechanism, given: object, label: str) -> Loop:
-    if not isinstance(given, Sequence) or isinstance(given, str) or not 2 <= len(given) <= 4:
-        raise JounceError(
-            f"{label} is {quoted(given)}; expected (frame_a, frame_b), with a joint and its axis or without"
-        )
-    with at(label):
-        return loop_between(tree, *given)
+    found = []
+    for k, x in enumerate(given):
+        if not isinstance(x, Loop):
+            if not isinstance(x, Sequence) or isinstance(x, str) or not 2 <= len(x) <= 4:
+                expected = "(frame_a, frame_b), with a joint and its axis or without"
+                raise JounceError(f"loops[{k}] is {quoted(x)}; expected {expected}")
+            with at(f"loops[{k}]"):
+                x = loop_between(tree, *x)
+        found.append(x)
+    return tuple(found)
 
 
 def loop_between(tree: Mechanism, a: Any, b: Any, joint: Any = "spherical", axis: Any = Z) -> Loop:
-    """The loop that is cut at a joint between two frames of a tree, given by name.
-
-    Raises
-    ------
-    JounceError : if a name is unknown, both frames are on one body, or the axis is no direction.
-    """
+    """The loop that is cut at a joint between two frames of a tree, given by name."""
     frames = tree.frame(a), tree.frame(b)
     if frames[0].body == frames[1].body:
         raise JounceError(f"frames {quoted(a)} and {quoted(b)} are on one body; expected frames on two")
@@ -177,13 +155,6 @@ def loop_between(tree: Mechanism, a: Any, b: Any, joint: Any = "spherical", axis
         along = np.array(Z, dtype=float)
     length = np.linalg.norm(along)  # of what a file states, 1 but for rounding: it is read as it was written
     return Loop(*frames, joint, along if abs(length - 1) < ROUNDING else along / length)
-
-
-def _motors(mechanism: Mechanism, given: object) -> tuple[int, ...]:
-    """The places of the actuated coordinates, by default those of a robot whose loops are closed."""
-    if given is None and mechanism.closure:
-        return mechanism.closure.actuated
-    return _places(mechanism.tree, "actuated", given)
 
 
 def _places(tree: Mechanism, label: str, given: object) -> tuple[int, ...]:
@@ -201,15 +172,9 @@ def _start(mechanism: Mechanism, given: object) -> np.ndarray:
     tree = mechanism.tree
     if given is None:
         return mechanism.closure.start if mechanism.closure else np.zeros(tree.n)
-    if names.listed_in(given) is None:
-        q = np.asarray(asarray(given, "start"))
-        if q.shape != (tree.n,):
-            raise JounceError(f"start has shape {q.shape}; expected ({tree.n},): {listed(tree.coordinates)}")
-    else:
-        entries = names.entries(given)
-        for name in entries:
-            one_of("joint", name, tree.coordinates, "start")
-        q = np.asarray(asarray([entries.get(name, 0.0) for name in tree.coordinates], "start"))
+    q = _per_joint(given, tree.coordinates, 0.0, "joint", "start")
+    if q.shape != (tree.n,):
+        raise JounceError(f"start has shape {q.shape}; expected ({tree.n},): {listed(tree.coordinates)}")
     if not is_numeric(q) or not np.isfinite(q).all():
         raise JounceError("start is not finite; expected joint positions, rad or m")
     return q
@@ -220,14 +185,18 @@ def _weights(tree: Mechanism, motors: Sequence[int], given: object) -> np.ndarra
     if given is None:
         return np.ones(len(motors))
     joints = [tree.coordinates[j] for j in motors]
-    entries = names.entries(given) if names.listed_in(given) is not None else None
-    if entries is not None:
-        for name in entries:
-            one_of("actuated joint", name, joints, "weights")
-    listed_ = given if entries is None else [entries.get(name, 1.0) for name in joints]
-    weights = np.asarray(asarray(listed_, "weights"))
+    weights = _per_joint(given, joints, 1.0, "actuated joint", "weights")
     if weights.shape != (len(motors),) or not is_numeric(weights) or not ((weights > 0) & (weights < np.inf)).all():
-        raise JounceError(
-            f"weights is {quoted(given)}; expected positive finite numbers, one for each of {listed(joints)}"
-        )
+        expected = f"positive finite numbers, one for each of {listed(joints)}"
+        raise JounceError(f"weights is {quoted(given)}; expected {expected}")
     return weights
+
+
+def _per_joint(given: object, joints: Sequence[str], default: float, kind: str, label: str) -> np.ndarray:
+    """An array with an entry per joint: one as it is given, or of what is given by name, the others `default`."""
+    if names.listed_in(given) is not None:
+        entries = names.entries(given)
+        for name in entries:
+            one_of(kind, name, joints, label)
+        given = [entries.get(name, default) for name in joints]
+    return np.asarray(asarray(given, label))

@@ -10,7 +10,7 @@ from jounce.core.errors import JounceError, listed, one_line, quoted
 from jounce.core.scalars import is_zero
 from jounce.model.mechanism import Mechanism
 
-LOCK = "lock= of jounce.load, or Robot.locked, holds joints without a value"
+LOCK_CURE = "lock= of jounce.load, or Robot.locked, holds joints without a value"
 
 
 def listed_in(given: Any) -> list[Any] | None:
@@ -19,27 +19,22 @@ def listed_in(given: Any) -> list[Any] | None:
     Named are the entries of mappings and whatever else `dict` accepts by keys (data frames and series of pandas), of
     data frames that list their columns (polars, pyarrow), and of structured arrays.
     """
-    if type(given) in (list, tuple):
+    kind = type(given)
+    if kind in (list, tuple):
         return None  # as most are that are no arrays
     try:
-        return _names_of(given)
+        if hasattr(kind, "keys") and hasattr(kind, "__getitem__"):
+            return list(given.keys())
+        columns = getattr(given, "column_names", getattr(given, "columns", None))  # of pyarrow, of polars
+        fields = getattr(getattr(given, "dtype", None), "names", None)
     except Exception as error:
         raise _unreadable(given, error) from error
-
-
-def _names_of(given: Any) -> list[Any] | None:
-    kind = type(given)
-    if hasattr(kind, "keys") and hasattr(kind, "__getitem__"):
-        return list(given.keys())
-    columns = getattr(given, "column_names", getattr(given, "columns", None))  # of pyarrow, of polars
     if isinstance(columns, list):
         return columns
-    fields = getattr(getattr(given, "dtype", None), "names", None)
     return list(fields) if isinstance(fields, tuple) else None
 
 
-def _unreadable(given: Any, error: Exception) -> JounceError:
-    """Return the error for an exception of a foreign type, such as a lazy frame or a closed file."""
+def _unreadable(given: Any, error: Exception) -> JounceError:  # of a foreign type: a lazy frame, a closed file
     return JounceError(f"nothing can be read from {type(given).__name__}: {one_line(error)}")
 
 
@@ -60,10 +55,13 @@ def check(given: Collection[Any], expected: Sequence[str], unfit: Mapping[Any, s
 
     `unfit` maps existing names that are not allowed here to the reason; `asked` describes the expected names.
     """
-    missing = [quoted(name) for name in expected if name not in given]
     absent = [name for name in expected if name not in given]
-    unknown = [_unknown(name, absent) for name in given if name not in expected and name not in unfit]
-    wrong = [f"{word} {listed(names)}" for word, names in (("missing", missing), ("unknown", unknown)) if names]
+    unknown = []
+    for name in [name for name in given if name not in expected and name not in unfit]:
+        near = get_close_matches(name, absent, n=1) if isinstance(name, str) else []
+        unknown.append(quoted(name) + (f" (did you mean {near[0]!r}?)" if near else ""))
+    found = (("missing", [quoted(name) for name in absent]), ("unknown", unknown))
+    wrong = [f"{word} {listed(names)}" for word, names in found if names]
     wrong += [f"leave out {quoted(name)}, {unfit[name]}" for name in given if name in unfit]
     if wrong:
         raise JounceError(f"{'; '.join(wrong)}; expected {asked or listed(expected)}")
@@ -78,8 +76,3 @@ def followers(mechanism: Mechanism) -> dict[Any, str]:
             leaders = [mechanism.tree.coordinates[j] for j in np.flatnonzero([not is_zero(factor) for factor in row])]
             follows[joint] = f"which follows {listed(leaders) or 'none'} (mimic)"
     return follows
-
-
-def _unknown(name: Any, expected: Sequence[str]) -> str:
-    near = get_close_matches(name, expected, n=1) if isinstance(name, str) else []
-    return quoted(name) + (f" (did you mean {near[0]!r}?)" if near else "")

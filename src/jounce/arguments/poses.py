@@ -1,12 +1,14 @@
 """Poses that a caller gives, checked: how far matrices are from poses."""
 
+from typing import Any
+
 import numpy as np
 
 from jounce.core.errors import JounceError
 from jounce.core.scalars import FLOAT, Array, is_jax, is_numeric, is_traced
 from jounce.spatial.lie import hat, rotation
 
-NOT_A_POSE = 1e-6  # what rounding to six or seven digits leaves of an orthogonal matrix
+POSE_TOLERANCE = 1e-6  # max abs(R^T R - I), or of a length less 1: what rounding to six or seven digits leaves
 
 
 def check_pose(C: Array, what: str = "base: C") -> None:
@@ -16,13 +18,17 @@ def check_pose(C: Array, what: str = "base: C") -> None:
     if not is_numeric(C):
         return
     off = not_a_pose(C if C.dtype == FLOAT else C.astype(float))
-    if (off > NOT_A_POSE).any():
-        at = np.unravel_index(np.nanargmax(off), off.shape)
-        where = f" of sample {', '.join(map(str, at))}" if at else ""
-        raise JounceError(
-            f"{what}{where} is no pose: [R, r; 0, 1] with an orthogonal R of determinant 1 is missed by {off[at]:.2g};"
-            f" expected {NOT_A_POSE:g} at most"
-        )
+    if (off > POSE_TOLERANCE).any():
+        at, where = worst_sample(off)
+        pose = "[R, r; 0, 1] with an orthogonal R of determinant 1"
+        missed = f"{pose} is missed by {off[at]:.2g}; expected {POSE_TOLERANCE:g} at most"
+        raise JounceError(f"{what}{where} is no pose: {missed}")
+
+
+def worst_sample(errors: np.ndarray) -> tuple[Any, str]:
+    """The index of the largest of some errors, and where it is, as messages say it."""
+    at = np.unravel_index(np.nanargmax(errors), errors.shape)
+    return at, f" of sample {', '.join(map(str, at))}" if at else ""
 
 
 def not_a_pose(C: np.ndarray) -> np.ndarray:

@@ -22,16 +22,15 @@ def split(mechanism: Mechanism, q: Any) -> tuple[Any, Any]:
 
     A q of N entries, or one that names all coordinates of the tree, has the dependent ones too.
     """
-    closure = closure_of(mechanism)
-    named = names.listed_in(q)
-    if named is not None:
-        if not set(closure.coordinates) <= set(named):
+    closure, named = closure_of(mechanism), names.listed_in(q)
+    if named is None:
+        whole = asarray(q, "q")
+        if whole.shape[-1:] != (len(closure.coordinates),) or not closure.dependent:
             return q, None
+    elif set(closure.coordinates) <= set(named):
         whole = column(mechanism.tree, q, "q", len(closure.coordinates))
     else:
-        whole = asarray(q, "q")
-        if whole.ndim == 0 or whole.shape[-1] != len(closure.coordinates) or not closure.dependent:
-            return q, None
+        return q, None
     return whole[..., list(closure.independent)], whole
 
 

@@ -9,28 +9,18 @@ import numpy as np
 
 from jounce.arguments import names
 from jounce.arguments.joints import checked_positions, numbers_by_name, velocities_by_name
+from jounce.core import scalars
 from jounce.core.errors import JounceError, at, listed, quoted
-from jounce.core.scalars import (
-    FLOAT,
-    Array,
-    asarray,
-    broadcast,
-    element,
-    exact_integers,
-    is_scalar,
-    is_symbolic,
-    namespace,
-    shaped,
-)
+from jounce.core.scalars import FLOAT, Array, asarray, is_symbolic, shaped
 from jounce.dynamics.quantities import Quantity
 from jounce.model.elasticity import motor_names
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import position_names, positions
 
-HIGHEST_ORDER = 100  # order: beyond it computing takes minutes, and nobody's numbers have the digits
+MAX_ORDER = 100  # rates: computing more takes minutes, and no data have the digits for them
 
 
-def checked_order(order: object, highest: int = HIGHEST_ORDER) -> int:
+def checked_order(order: object, highest: int = MAX_ORDER) -> int:
     """Return a caller's order, checked."""
     if not isinstance(order, int | np.integer) or isinstance(order, bool) or not 0 <= order <= highest:
         raise JounceError(f"order is {quoted(order)}; expected 0 to {highest}")
@@ -42,7 +32,7 @@ def rates_in(given: object) -> tuple[Any, ...] | None:
 
     Nested lists are one array.
     """
-    return given if isinstance(given, tuple) and not (given and all(map(is_scalar, given))) else None
+    return given if isinstance(given, tuple) and not (given and all(map(scalars.is_scalar, given))) else None
 
 
 def rates_of(mechanism: Mechanism, given: Sequence[Any], row: Quantity, more: int = 0) -> list[Array]:
@@ -54,18 +44,18 @@ def rates_of(mechanism: Mechanism, given: Sequence[Any], row: Quantity, more: in
     while len(terms) > least - more and terms[-1] is None:
         terms.pop()
     labels, own = row.input_names(len(terms)), row.coordinate_inputs(len(terms))
-    if len(terms) > least + HIGHEST_ORDER:
-        raise JounceError(
-            f"{labels[-1]} is given, for order {len(terms) - least}; expected rates for order 0 to {HIGHEST_ORDER}"
-        )
+    if len(terms) > least + MAX_ORDER:
+        came = f"{labels[-1]} is given, for order {len(terms) - least}"
+        raise JounceError(f"{came}; expected rates for order 0 to {MAX_ORDER}")
     if len(terms) < least:
         have = [label for label, term in zip(labels, terms, strict=True) if term is not None] or labels
-        raise JounceError(
-            f"{have[-1]} is the last rate given; the springs and motors of {mechanism.name!r} take"
-            f" {row.input_names(least)[-1]} too"
-        )
+        takes = f"the springs and motors of {mechanism.name!r} take {row.input_names(least)[-1]} too"
+        raise JounceError(f"{have[-1]} is the last rate given; {takes}")
     if NoneType in map(type, terms):
-        raise _skipped_rate(terms, labels)
+        k = next(k for k, term in enumerate(terms) if term is None)
+        after = [label for label, term in zip(labels[k:], terms[k:], strict=True) if term is not None]
+        skipped = f", yet {after[0]} is given" if after else ""
+        raise JounceError(f"{labels[k]} is None{skipped}; expected every rate up to the last")
     e = mechanism.elasticity if row.inputs else None
     others = replace(mechanism, coordinates=motor_names(e, mechanism.coordinates)) if e and e.pairs else mechanism
     q = [position(mechanism, term) for term in terms[: min(own, 1)]]
@@ -76,13 +66,6 @@ def rates_of(mechanism: Mechanism, given: Sequence[Any], row: Quantity, more: in
 def is_unbatched(q: Sequence[Array]) -> bool:
     """Return whether the coordinates and their rates are one state without batch axes."""
     return all(term.ndim == 1 for term in q)
-
-
-def _skipped_rate(terms: Sequence[Array | None], labels: Sequence[str]) -> JounceError:
-    k = next(k for k, term in enumerate(terms) if term is None)
-    after = [labels[j] for j in range(k + 1, len(terms)) if terms[j] is not None]
-    skipped = f", yet {after[0]} is given" if after else ""
-    return JounceError(f"{labels[k]} is None{skipped}; expected every rate up to the last")
 
 
 def position(mechanism: Mechanism, term: Any) -> Array:
@@ -121,7 +104,7 @@ def _cure(shape: tuple[int, ...], label: str, mechanism: Mechanism) -> str:
     if len(shape) > 1 and shape[-2] == n:
         return f"; transpose it: {label}.swapaxes(-1, -2) has the coordinates last"
     if 0 < count < n:
-        return f"; {names.LOCK}"
+        return f"; {names.LOCK_CURE}"
     if mechanism.closure and label == "q":
         return f"; or all {mechanism.tree.n} of the tree: {listed(mechanism.tree.coordinates)}"
     followers = [name for name in mechanism.joints if name not in mechanism.coordinates]
@@ -133,10 +116,10 @@ def _cure(shape: tuple[int, ...], label: str, mechanism: Mechanism) -> str:
 def _by_name(term: Any, mechanism: Mechanism, joints: Sequence[str]) -> Array:
     """Return an array (..., n) of coordinates (...) given by joint name, broadcast."""
     named = names.entries(term)
-    cure = f"{listed(joints)}; {names.LOCK}" if len(named) < len(joints) else ""
+    cure = f"{listed(joints)}; {names.LOCK_CURE}" if len(named) < len(joints) else ""
     names.check(named, joints, names.followers(mechanism), cure)
-    parts = [element(named[joint], repr(joint)) for joint in joints]
+    parts = [scalars.element(named[joint], repr(joint)) for joint in joints]
     if any(map(is_symbolic, parts)):
-        parts = [part if is_symbolic(part) else exact_integers(part) for part in parts]
-    parts = broadcast(parts, [0] * len(parts), [repr(joint) for joint in joints])
-    return namespace(*parts).stack(parts, axis=-1)
+        parts = [part if is_symbolic(part) else scalars.exact_integers(part) for part in parts]
+    parts = scalars.broadcast(parts, [0] * len(parts), [repr(joint) for joint in joints])
+    return scalars.namespace(*parts).stack(parts, axis=-1)

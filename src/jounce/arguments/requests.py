@@ -24,10 +24,6 @@ def computation(
     """Return the computation of a quantity by name, or of a product of its derivatives.
 
     The motion of the base belongs to the inputs if `moving_base` is true, and wherever it enters if the robot floats.
-
-    Raises
-    ------
-    JounceError : if a name is unknown, or the quantity takes no wrenches, belongs to no body or has no frame.
     """
     row = QUANTITIES[one_of("quantity", quantity, QUANTITIES)]
     if true_or_false("wrench", wrench, "whether wrenches are taken") and not row.wrenches:
@@ -56,10 +52,6 @@ def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool 
     Names of bodies may contain colons: the last part is a frame only if the quantity has this frame and the rest is a
     body. Without a body, the quantity of all bodies is meant. The order is that of all outputs of a call: a quantity
     without rates has order 0.
-
-    Raises
-    ------
-    JounceError : if a name is unknown, or as `computation`.
     """
     full, asked, rest = text.partition(":") if isinstance(text, str) else (text, "", "")
     name, dot, end = full.partition(".") if isinstance(text, str) else (text, "", "")
@@ -77,7 +69,7 @@ def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool 
 
 
 def check_rates(quantity: str, order: int) -> None:
-    """Raise `JounceError` if rates are asked for of a quantity that has none."""
+    """Raise `JounceError` if rates are requested of a quantity that has none."""
     row = QUANTITIES[quantity]
     if order > row.highest(order):
         inputs = ", ".join(row.input_names(row.rates))
@@ -109,19 +101,19 @@ def check_existence(mechanism: Mechanism, quantity: str, moving: bool, call: str
     Rotors that links carry take a base at rest, as do quantities that take the state of motors. Messages name the call
     for which the quantity is computed, by default that of the quantity.
     """
-    row, call = QUANTITIES[quantity], call or quantity
+    row, call, e = QUANTITIES[quantity], call or quantity, mechanism.elasticity
     if reason := missing(mechanism, row):
         raise JounceError(f"{call} of {mechanism.name!r}{reason}")
-    if not row.elastic or mechanism.elasticity is None:
+    if not (moving and row.elastic and e):
         return
-    if moving and row.inputs:
+    if row.inputs:
         raise JounceError(
             f"{call}: the base of {mechanism.name!r} moves; expected one at rest. motor_positions and motor_torques"
             " take base="
         )
-    if moving and mechanism.elasticity.level is not None:
+    if e.level is not None:
         raise JounceError(
-            f"{call} of {mechanism.name!r}: its base moves, and coupling={mechanism.elasticity.level} of rotors and"
+            f"{call} of {mechanism.name!r}: its base moves, and coupling={e.level} of rotors and"
             " links takes a base at rest; coupling='spong' neglects what rotors feel of their carriers"
         )
 
@@ -144,9 +136,7 @@ def takes_base(quantity: str, frame: str) -> bool:
 def more_rates(mechanism: Mechanism, quantity: str) -> int:
     """How many rates of the motion a quantity takes in addition to those of its row."""
     row, e = QUANTITIES[quantity], mechanism.elasticity
-    if e is None or not row.takes_stiffness:
-        return 0
-    return e.more_rates + (row.inductive and e.is_inductive)
+    return e.more_rates + (row.inductive and e.is_inductive) if e and row.takes_stiffness else 0
 
 
 def place(mechanism: Mechanism, quantity: str, body: str | None, frame: str) -> None:
@@ -162,13 +152,7 @@ def place(mechanism: Mechanism, quantity: str, body: str | None, frame: str) -> 
 
 @lru_cache(maxsize=1024)
 def known(
-    name: str,
-    order: int,
-    wrench: bool,
-    body: str | None = None,
-    frame: str = "body",
-    more_rates: int = 0,
-    base: bool = False,
+    name: str, order: int, wrench: bool, body: str | None = None, frame: str = "body", more: int = 0, base: bool = False
 ) -> Computation:
     """Return the computation of checked arguments; equal arguments share one."""
-    return Computation(name, order, wrench, body, frame, more_rates=more_rates, base=base)
+    return Computation(name, order, wrench, body, frame, more_rates=more, base=base)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.arguments.rates import rates_in
+from jounce.arguments.base import terms_of
 from jounce.core.errors import JounceError, listed, one_of
 from jounce.core.scalars import Array, asarray, shaped
 from jounce.dynamics.stretch import elasticity_of
@@ -19,13 +19,11 @@ def stiffnesses_of(m: Mechanism, given: Any, count: int) -> list[Array]:
     if not names:
         if given is None:
             return []
-        raise JounceError(
-            "stiffness is given; expected None, as no joint has two motors: spring=AntagonisticSprings(...)"
-        )
+        why = "no joint has two motors: spring=AntagonisticSprings(...)"
+        raise JounceError(f"stiffness is given; expected None, as {why}")
     if given is None:
         raise JounceError(f"stiffness is None; expected the stiffness of the joints with two motors: {listed(names)}")
-    terms = rates_in(given)
-    terms = (given,) if terms is None else terms
+    terms = terms_of(given)
     if len(terms) < count:
         takes = ", ".join(rate_name("S", k) for k in range(count))
         raise JounceError(f"stiffness has {len(terms)} terms; expected a tuple ({takes}), one for each rate of Q")

@@ -70,11 +70,11 @@ def excite(
     """
     from jounce.figures import canvas
     from jounce.io import files, tables
-    from jounce.io.motions import SUFFIXES
+    from jounce.io.entries import DOCUMENT_SUFFIXES
     from jounce.io.motions import terms as analytic
     from jounce.io.motions.writing import pieces
 
-    in_terms = output.suffix.lower() in SUFFIXES
+    in_terms = output.suffix.lower() in DOCUMENT_SUFFIXES
     (files if in_terms else tables).check_writable(output)
     check_distinct(output, robot.path, limits)
     if picture is not None:

@@ -77,13 +77,13 @@ def motors(
 
 def _by_joint(option: str, given: Sequence[str], joints: Sequence[str]) -> dict[str, float] | None:
     """The numbers of an option by joint: VALUE is of all joints, JOINT=VALUE of one; None without any."""
-    from jounce.core.scalars import finite
+    from jounce.core.foreign import parse_finite
 
     found: dict[str, float] = {}
     named: dict[str, float] = {}
     for text in given:
         name, _, value = text.rpartition("=")
-        number = finite(value)
+        number = parse_finite(value)
         if number is None:
             raise JounceError(f"{option} {quoted(text)}; expected a number, or JOINT=NUMBER")
         if name in named or (not name and found):

@@ -39,9 +39,9 @@ def _robots() -> Iterable[str]:
 
 
 def _motions() -> Iterable[str]:
-    from jounce.io.motions import BUNDLED
+    from jounce.io.motions import BUNDLED_MOTIONS
 
-    return BUNDLED
+    return BUNDLED_MOTIONS
 
 
 ROBOT = FileOrName("robot", _robots)
@@ -170,9 +170,9 @@ def _pairs(option: str, given: Sequence[str]) -> dict[str, str]:
 
 
 def _lock_values(given: Sequence[str]) -> dict[str, float]:
-    from jounce.core.scalars import finite
+    from jounce.core.foreign import parse_finite
 
-    numbers = {name: finite(value) for name, value in _pairs("--lock", given).items()}
+    numbers = {name: parse_finite(value) for name, value in _pairs("--lock", given).items()}
     for text, number in zip(given, numbers.values(), strict=True):
         if number is None:
             raise JounceError(f"--lock {quoted(text)}; expected a finite number, rad or m")

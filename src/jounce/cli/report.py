@@ -48,13 +48,13 @@ def report(
     """
     from jounce import _report
     from jounce._report.page import check_installed, check_writable
-    from jounce.io.visuals import SUFFIX
+    from jounce.io.visuals import URDF_SUFFIX
 
     check_writable(output)
     check_distinct(output, motion.path)
     check_installed()
     arm, path = load(robot, motion, limits, order)
-    visuals = robot.path if robot.path.suffix.lower() == SUFFIX else None
+    visuals = robot.path if robot.path.suffix.lower() == URDF_SUFFIX else None
     page = _report.report(arm, path, order, visuals, meshes)
     page.save(output)
     worst = page.check and page.check.worst

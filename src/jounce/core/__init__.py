@@ -1,1 +1,1 @@
-"""What everything else stands on, and knows nothing of it."""
+"""The innermost layer, which imports no other: errors, scalar types, temporary files."""

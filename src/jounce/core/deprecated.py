@@ -28,7 +28,7 @@ def renamed(old: str, new: str, function: F) -> F:
 
 
 def renamed_keywords(**names: str) -> Callable[[F], F]:
-    """Let a function take keywords by their old names too, ``@renamed_keywords(old="new")``; each of them warns."""
+    """Let a function take keywords by their old names too, ``@renamed_keywords(old="new")``, with a warning."""
 
     def taken(function: F) -> F:
         @wraps(function)

@@ -12,9 +12,10 @@ from types import FrameType
 from typing import Any
 
 PACKAGE = Path(__file__).parents[1]
-BETWEEN = ("contextlib", "numpy", "scipy")  # libraries through which jounce calls itself, in decorators and callbacks
-MOST = 80  # characters of one thing in a message, be it a cell, a name or a value
-MOST_OF_MESSAGE = 3000  # characters: a path that came has up to 4096, and may stand in it twice
+# libraries through which jounce calls itself, in decorators and callbacks:
+CALLING_LIBRARIES = ("contextlib", "numpy", "scipy")
+MAX_QUOTED_LENGTH = 80  # characters of one cell, name or value in a message: the rest of the line says what is wrong
+MAX_MESSAGE_LENGTH = 3000  # characters: a path has up to 4096, and a message may quote it twice
 
 
 class JounceError(Exception):
@@ -60,10 +61,7 @@ _collected: ContextVar[list[str] | None] = ContextVar("_collected", default=None
 
 @contextmanager
 def collected_warnings() -> Iterator[list[str]]:
-    """Within this context, the texts of warnings go into a list, those of other threads where they went before.
-
-    The context managers of `warnings` act on all threads, so that parts computed side by side would mix their warnings.
-    """
+    """Within this context, warnings of this thread go into a list; the contexts of `warnings` act on all threads."""
     found: list[str] = []
     token = _collected.set(found)
     try:
@@ -86,7 +84,7 @@ def warn(text: str) -> None:
 
 def _is_inside(frame: FrameType) -> bool:
     library = str(frame.f_globals.get("__name__")).partition(".")[0]
-    return library in BETWEEN or Path(frame.f_code.co_filename).is_relative_to(PACKAGE)
+    return library in CALLING_LIBRARIES or Path(frame.f_code.co_filename).is_relative_to(PACKAGE)
 
 
 @contextmanager
@@ -101,7 +99,7 @@ def at(place: object) -> Iterator[None]:
 def no_such(kind: str, name: object, existing: Iterable[str], owner: str = "") -> JounceError:
     """Return the error for an unknown name: the nearest valid one first, then all that exist, those of `owner`."""
     known = list(existing)
-    near = get_close_matches(_cut(name, MOST), known, n=1) if isinstance(name, str) else []
+    near = get_close_matches(_cut(name, MAX_QUOTED_LENGTH), known, n=1) if isinstance(name, str) else []
     hint = f"; did you mean {quoted(near[0])}?" if near else ";"
     unknown = f"{owner} has no {kind}" if owner else f"unknown {kind}"
     return JounceError(f"{unknown} {quoted(name)}{hint} available: {listed(known) or 'none'}")
@@ -126,7 +124,7 @@ def several(given: object) -> list[Any]:
         return [given]
     try:
         return list(given)
-    except Exception:  # arrays without axes, and whatever a foreign type raises
+    except Exception:  # arrays without axes, and errors of any foreign type
         return [given]
 
 
@@ -147,8 +145,8 @@ def listed(names: Iterable[str], most: int = 24) -> str:
 def quoted(given: object) -> str:
     """Return the repr of a value from a file or a caller, cut to a length that suits a message."""
     if isinstance(given, str):
-        return repr(_cut(str(given), MOST))
-    return one_line(_BRIEF.repr(given), MOST)
+        return repr(_cut(str(given), MAX_QUOTED_LENGTH))
+    return one_line(_BRIEF.repr(given), MAX_QUOTED_LENGTH)
 
 
 def one_line(error: object, most: int = 300) -> str:
@@ -157,13 +155,13 @@ def one_line(error: object, most: int = 300) -> str:
 
 
 def _message(text: str) -> str:
-    """A message that a terminal shows as it is; of an endless one the ends, which say what came and what cures it."""
+    """A message without control characters; of one that is too long, its ends, which have the value and the cure."""
     text = escaped(text)
-    half = (MOST_OF_MESSAGE - 3) // 2
-    return text if len(text) <= MOST_OF_MESSAGE else f"{text[:half]}...{text[-half:]}"
+    half = (MAX_MESSAGE_LENGTH - 3) // 2
+    return text if len(text) <= MAX_MESSAGE_LENGTH else f"{text[:half]}...{text[-half:]}"
 
 
-def shortened(text: str, most: int = MOST) -> str:
+def shortened(text: str, most: int = MAX_QUOTED_LENGTH) -> str:
     """Return a string that is safe in a message: cut, and without control characters."""
     return escaped(_cut(text, most))
 

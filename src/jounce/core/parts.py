@@ -3,41 +3,35 @@
 import os
 import re
 import shutil
-from collections.abc import Iterator
 from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
 from time import time
 from uuid import uuid4
 
-PART = re.compile(r"\.jounce-(?:([0-9a-f]{8})-(\d+)-)?[0-9a-f]{12}\.part")
-LONGEST = 86400  # s that one file may take to be written
+PART_NAME = re.compile(r"\.jounce-(?:([0-9a-f]{8})-(\d+)-)?[0-9a-f]{12}\.part")
+MAX_WRITING_TIME = 86400  # s, a day: no single file takes longer, so that an older part is abandoned
 
 
 def part_in(folder: Path) -> Path:
-    """A path to write to in a folder, until all is there; its name tells which process of which machine writes."""
+    """A path to write to in a folder until all is there, named by the process and the machine that write."""
     return folder / f".jounce-{_machine()}-{os.getpid()}-{uuid4().hex[:12]}.part"
 
 
 def remove_abandoned(folder: Path) -> None:
     """Remove the parts whose writers are gone; those of runs that go on stay."""
-    for path in _find_abandoned(folder):
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path, ignore_errors=True)
-        else:
-            with suppress(OSError):  # another run was faster, or another user's it is
-                path.unlink()
-
-
-def _find_abandoned(folder: Path) -> Iterator[Path]:
     with suppress(OSError):
-        for path in list(folder.iterdir()):
-            if (named := PART.fullmatch(path.name)) and (_is_gone(named[1], named[2]) or _is_old(path)):
-                yield path
+        named = [(path, found) for path in folder.iterdir() if (found := PART_NAME.fullmatch(path.name))]
+        for path in [path for path, found in named if _is_gone(found[1], found[2]) or _is_old(path)]:
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                with suppress(OSError):  # another run was faster, or it belongs to another user
+                    path.unlink()
 
 
 def _is_gone(machine: str | None, process: str) -> bool:
-    """Whether a process is one of this machine and runs no more, as far as can be told."""
+    """Whether a process is known to be one of this machine that has ended."""
     if machine != _machine() or not hasattr(os, "uname"):  # on Windows signal 0 is Ctrl-C
         return False
     try:
@@ -50,14 +44,13 @@ def _is_gone(machine: str | None, process: str) -> bool:
         state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
     except OSError:  # of systems that have no such file
         return False
-    return state in "ZX"  # it ended, and nobody has asked how
+    return state in "ZX"  # it ended, and its parent has not collected its exit status
 
 
 def _is_old(path: Path) -> bool:
-    try:
-        return time() - path.lstat().st_mtime > LONGEST
-    except OSError:
-        return False
+    with suppress(OSError):
+        return time() - path.lstat().st_mtime > MAX_WRITING_TIME
+    return False
 
 
 def _machine() -> str:

@@ -1,4 +1,4 @@
-"""The one file that knows scalar types and their namespaces.
+"""Scalar types and their namespaces, which no other file knows.
 
 A backend is a scalar type: a state is a float array of NumPy, an array of any library that follows the array API
 standard (JAX), or a NumPy object array of symbols (CasADi ``SX``, SymPy, tracing scalars). Mathematics elsewhere uses
@@ -15,6 +15,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from jounce.core import foreign
 from jounce.core.errors import JounceError, one_line, quoted
 
 FLOAT = np.dtype(float)
@@ -33,26 +34,24 @@ def asarray(x: Any, what: str = "an array") -> Array:
         return x  # a foreign array that names its own namespace: JAX, also while it traces
     if isinstance(x, Mapping | str):
         raise JounceError(f"{what} is of type {type(x).__name__}; expected an array of numbers")
-    if not isinstance(x, np.ndarray) and _is_spatial(x):
-        raise JounceError(
-            f"{what} is of type {type(x).__name__}, whose array is (linear; angular); expected (angular; linear):"
-            " numpy.concatenate([x.angular, x.linear])"
-        )
+    foreign.refuse_spatial(x, what)
     if type(x).__module__.startswith("casadi"):
-        x = _of_casadi(x, what)
+        x = foreign.from_casadi(x, what)
     try:
-        array = _without_missing(np.asarray(_unmask(x)))
+        array = foreign.fill_missing(np.asarray(foreign.fill_masked(x)))
         if array.dtype.kind == "O" and all(isinstance(v, int | float | np.floating | np.integer) for v in array.flat):
             array = array.astype(np.float64)
-    except Exception as error:  # ragged lists, integers beyond the floats, and whatever a foreign type raises
+    except Exception as error:  # ragged lists, integers beyond the floats, and errors of any foreign type
         if type(error).__module__.startswith("jax"):
-            cure = "jax.numpy.stack makes one array of a list"
-            raise JounceError(f"{what} holds numbers that JAX traces; expected an array of numbers: {cure}") from error
+            expected = "an array of numbers: jax.numpy.stack makes one array of a list"
+            raise JounceError(f"{what} holds numbers that JAX traces; expected {expected}") from error
         raise JounceError(f"{what} is not an array of numbers: {one_line(error)}") from error
     if array.dtype.kind in "biuf":
         return array.astype(np.result_type(array.dtype, np.float64), copy=False)
     if array.dtype.kind != "O":
-        raise JounceError(f"{what} holds {_kind(array)}; expected real numbers or symbols")
+        kinds = {"c": "complex numbers", "U": "text", "S": "bytes", "M": "dates", "m": "durations"}
+        came = kinds.get(array.dtype.kind, f"values of type {array.dtype}")
+        raise JounceError(f"{what} holds {came}; expected real numbers or symbols")
     for v in array.flat:
         if not _is_element(v):
             raise JounceError(f"{what} holds {quoted(v)}; expected real numbers or symbols")
@@ -67,33 +66,6 @@ def shaped(x: Any, shape: tuple[int, ...], what: str, rows: str = "") -> Array:
     return array
 
 
-def _is_spatial(x: Any) -> bool:
-    """Whether `x` is a motion or force of Pinocchio, or a list of them: NumPy takes them in their own order."""
-    entries = x if type(x) in (list, tuple) or type(x).__name__.startswith("StdVec") else (x,)
-    return any(hasattr(type(entry), "angular") and hasattr(type(entry), "linear") for entry in entries)
-
-
-def _unmask(x: Any) -> Any:
-    """`x` with NaN where it is masked, as are the arrays that lists hold."""
-    if isinstance(x, np.ma.MaskedArray) and x.dtype.kind in "biufO":
-        kind = x.dtype if x.dtype.kind == "O" else np.result_type(x.dtype, np.float64)
-        return np.ma.filled(x.astype(kind), np.nan)
-    return [_unmask(part) for part in x] if type(x) in (list, tuple) and is_masked(x) else x
-
-
-def is_masked(x: Any) -> bool:
-    """Whether an array has a mask, or one in a list or tuple of them."""
-    return isinstance(x, np.ma.MaskedArray) or (type(x) in (list, tuple) and any(map(is_masked, x)))
-
-
-def _without_missing(array: np.ndarray) -> np.ndarray:
-    """An array with NaN in place of NA, if pandas is there to have made any."""
-    pandas = sys.modules.get("pandas")
-    if pandas is None or array.dtype.kind != "O":
-        return array
-    return np.asarray(np.frompyfunc(lambda v: np.nan if v is pandas.NA else v, 1, 1)(array), dtype=object)
-
-
 def _is_element(x: Any) -> bool:
     """Return whether an element of an object array is a real number in the range of floats, or a symbol."""
     if isinstance(x, float | np.floating | np.integer):
@@ -106,8 +78,8 @@ def _is_element(x: Any) -> bool:
 
 def is_scalar(x: Any) -> bool:
     """Whether a value is one scalar, not an array of any kind; CasADi's scalars have two axes."""
-    shape = getattr(x, "shape", None)
-    return _is_element(x) if shape is None else shape == ((1, 1) if type(x).__module__.startswith("casadi") else ())
+    one = (1, 1) if type(x).__module__.startswith("casadi") else ()
+    return x.shape == one if getattr(x, "shape", None) is not None else _is_element(x)
 
 
 def is_finite(x: Any) -> bool:
@@ -127,23 +99,6 @@ def element(x: Any, what: str) -> Array:
     array = np.empty((), dtype=object)
     array[()] = x
     return array
-
-
-def _of_casadi(x: Any, what: str) -> np.ndarray:
-    """The entries of a CasADi matrix, `SX` or numbers: (n,) of a column or a row, else (m, n)."""
-    if type(x).__name__ not in ("SX", "DM"):
-        raise JounceError(
-            f"{what} is a CasADi {type(x).__name__}; expected SX, or call with it what robot.casadi_function returns"
-        )
-    array = np.empty(x.shape, dtype=object)
-    for index in np.ndindex(*x.shape):
-        array[index] = x[index] if type(x).__name__ == "SX" else float(x[index])
-    return array.ravel() if 1 in x.shape else array
-
-
-def _kind(array: np.ndarray) -> str:
-    kinds = {"c": "complex numbers", "U": "text", "S": "bytes", "M": "dates", "m": "durations"}
-    return kinds.get(array.dtype.kind, f"values of type {array.dtype}")
 
 
 def is_numeric(x: Array) -> bool:
@@ -194,15 +149,13 @@ def check_recording(x: Array) -> None:
 def exact_integers(x: np.ndarray) -> np.ndarray:
     """Convert integer-valued floats to ints in an object array, so that symbolic results show L, not 1.0*L.
 
-    Doubles beyond 2^53, all of which are integers, stay doubles: products of such ints would not overflow until they
-    are divided, and then raise an error.
+    Doubles beyond 2^53 stay doubles: products of such ints would raise an error only when they are divided.
     """
 
-    def exact(v: Any) -> bool:
-        return isinstance(v, float) and v.is_integer() and abs(v) < 2**53
+    def exact(v: Any) -> Any:
+        return int(v) if isinstance(v, float) and v.is_integer() and abs(v) < 2**53 else v
 
-    as_integer = np.frompyfunc(lambda v: int(v) if exact(v) else v, 1, 1)
-    return np.asarray(as_integer(x), dtype=object)
+    return np.asarray(np.frompyfunc(exact, 1, 1)(x), dtype=object)
 
 
 def namespace(*arrays: Array) -> Any:
@@ -270,16 +223,12 @@ def _elementwise(name: str) -> Callable[[Array], Array]:
     return function
 
 
-sin = _elementwise("sin")
-cos = _elementwise("cos")
-tanh = _elementwise("tanh")
-exp = _elementwise("exp")
-sqrt = _elementwise("sqrt")
+sin, cos, tanh, exp, sqrt = map(_elementwise, ("sin", "cos", "tanh", "exp", "sqrt"))
 
 
 def reciprocal(x: Array) -> Array:
     """1 / x of every element, whatever the scalar type; of the number 0 it is infinite, as IEEE 754 has it."""
-    return np.asarray(_reciprocals(x), dtype=object) if is_symbolic(x) else 1 / x
+    return np.asarray(np.frompyfunc(_reciprocal, 1, 1)(x), dtype=object) if is_symbolic(x) else 1 / x
 
 
 def _reciprocal(s: Any) -> Any:
@@ -291,17 +240,3 @@ def _reciprocal(s: Any) -> Any:
         return 1 / s
     except TypeError:
         raise JounceError(f"scalars of type {type(s).__name__} have no reciprocal 1 / x, which is required") from None
-
-
-_reciprocals = np.frompyfunc(_reciprocal, 1, 1)
-
-
-def finite(text: str) -> float | None:
-    """Parse a finite decimal number, or return None; 1_000 and digits of other scripts are not accepted."""
-    if "_" in text or not text.isascii():
-        return None
-    try:
-        number = float(text)
-    except ValueError:
-        return None
-    return number if math.isfinite(number) else None

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.arguments import positions, requests, wrenches
+from jounce.arguments import loads, positions, requests
 from jounce.arguments.base import base_of
 from jounce.arguments.joints import without_base
 from jounce.arguments.rates import rates_of
@@ -115,7 +115,7 @@ def checked_arguments(
     q = rates_of(mechanism, given, quantity, more)
     order = len(q) - quantity.rates
     requests.check_rates(name, order)
-    W = wrenches.wrenches_of(mechanism, wrench, order, q, quantity.wrench_rates)
+    W = loads.wrenches_of(mechanism, wrench, order, q, quantity.wrench_rates)
     if method is not None:
         one_of("method", method, [*quantity.methods, NATIVE], name)
     if body is not None or frame != "body":

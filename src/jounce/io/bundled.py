@@ -38,16 +38,17 @@ IIWA14 = np.array([
     [3.38795, 0.00049, 0.02019, -0.02750, 0.00050, -0.00005, -0.00003, 0.00281, -0.00004, 0.00232],
     [0.35432, -0.03466, -0.02324, 0.07138, 0.00795, 0.00022, -0.00029, 0.01089, -0.00029, 0.00294],
 ])  # fmt: skip
-R3, R5 = 0.42, 0.40  # m; not in the paper, from the authors' published code
+UPPER_ARM_LENGTH, FOREARM_LENGTH = 0.42, 0.40  # m, r3 and r5; not in the paper, from the authors' published code
 
-_UP, _DOWN = [[1, 0, 0], [0, 0, -1], [0, 1, 0]], [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
+# rotations about x by 90 and -90 degrees
+_RX_90, _RX_MINUS_90 = [[1, 0, 0], [0, 0, -1], [0, 1, 0]], [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
 
 
 def iiwa14(gravity: Array = (0, 0, -9.80665)) -> Mechanism:
     """The KUKA LBR iiwa 14 of the paper, modified Denavit-Hartenberg frames, without base height and flange."""
-    R = [np.eye(3), _UP, _DOWN, _DOWN, _UP, _UP, _DOWN]
+    R = [np.eye(3), _RX_90, _RX_MINUS_90, _RX_MINUS_90, _RX_90, _RX_90, _RX_MINUS_90]
     r = np.zeros((7, 3))
-    r[2, 1], r[4, 1] = R3, -R5
+    r[2, 1], r[4, 1] = UPPER_ARM_LENGTH, -FOREARM_LENGTH
     B = [pose(np.array(R_i, dtype=float), r_i[:, None]) for R_i, r_i in zip(R, r, strict=True)]
     M = [inertia_matrix(row[0], row[1:4], symmetric(row[4:])) for row in IIWA14]
     names = [f"link{i}" for i in range(1, 8)]
@@ -100,19 +101,9 @@ class Bundled:
 
 
 def _of_file(
-    name: str,
-    kind: str,
-    size: tuple[int, int, float],
-    licence: str,
-    project: str,
-    urdf: str,
-    base: str | None = None,
+    name: str, kind: str, size: tuple[int, int, float], source: str, urdf: str | None = None, base: str | None = None
 ) -> Bundled:
-    return Bundled(name, kind, *size, licence, f"https://github.com/{project}", partial(_read, name), urdf, base=base)
-
-
-def _parallel(name: str, kind: str, size: tuple[int, int, float], source: str) -> Bundled:
-    return Bundled(name, kind, *size, _BSD, source, partial(_read, name))
+    return Bundled(name, kind, *size, _BSD, source, partial(_read, name), urdf, base=base)
 
 
 def _read(name: str, /, gravity: object = None, base: str = "fixed") -> Mechanism:
@@ -123,7 +114,7 @@ def _read(name: str, /, gravity: object = None, base: str = "fixed") -> Mechanis
 
 
 def _folder(name: str) -> "Traversable":
-    from importlib.resources import files  # slow to import, and the paper's robots do without
+    from importlib.resources import files  # imported here to keep start-up fast
 
     return files("jounce.io") / "robots" / name
 
@@ -132,7 +123,7 @@ def check_floats(name: str) -> None:
     """Raise `JounceError` unless the inertia of the base of a bundled robot is known."""
     if BUNDLED[name].base is None:
         able = listed(robot.name for robot in BUNDLED.values() if robot.base)
-        raise JounceError(f"{name} cannot float, since the inertia of its base is not known; robots that can: {able}")
+        raise JounceError(f"{name} has no floating base: the inertia of its base is not known; robots with one: {able}")
 
 
 def notices(name: str) -> dict[str, str]:
@@ -141,58 +132,35 @@ def notices(name: str) -> dict[str, str]:
     return {text.name: text.read_text(encoding="utf-8") for text in texts if text.is_file()}
 
 
-_APACHE, _BSD = "Apache-2.0", "BSD-3-Clause"
-_PAPER = "Müller & Kumar, Section 6"
+_APACHE, _BSD, _PAPER, _GITHUB = "Apache-2.0", "BSD-3-Clause", "Müller & Kumar, Section 6", "https://github.com/"
 
 BUNDLED: dict[str, Bundled] = {
     robot.name: robot
     for robot in (
         Bundled("iiwa14", "arm, KUKA LBR iiwa 14 R820", 7, 7, 20.66958, _BSD, _PAPER, iiwa14),
         Bundled("planar2r", "two links in a plane", 2, 2, 2.0, _BSD, _PAPER, planar2r),
-        _of_file(
-            "panda", "arm with gripper, Franka Panda", (8, 9, 16.822132), _APACHE,
-            "frankaemika/franka_ros", "panda_description/urdf/panda.urdf",
-        ),
-        Bundled(
-            "panda_elastic", "Panda, elastic joints of invented stiffness", 7, 7, 16.822132, _APACHE,
-            "https://github.com/frankaemika/franka_ros", panda_elastic, like="panda",
-        ),
-        _of_file(
-            "ur5", "arm, Universal Robots UR5", (6, 6, 16.9939), _BSD,
-            "ros-industrial/universal_robot", "ur_description/urdf/ur5_robot.urdf",
-        ),
-        _of_file(
-            "ur10", "arm, Universal Robots UR10", (6, 6, 28.7), _BSD,
-            "ros-industrial/universal_robot", "ur_description/urdf/ur10_robot.urdf",
-        ),
-        _of_file(
-            "xarm7", "arm, UFACTORY xArm 7", (7, 7, 10.4315), _BSD,
-            "xArm-Developer/xarm_ros2", "xarm_description/urdf/xarm7.urdf",
-        ),
-        _of_file(
-            "g1", "humanoid on its pelvis, Unitree G1", (29, 29, 29.52714202), _BSD,
-            "unitreerobotics/unitree_ros", "g1_description/urdf/g1_29dof_rev_1_0.urdf",
-            base="pelvis",
-        ),
-        _of_file(
-            "anymal", "quadruped on its base, ANYmal C", (12, 12, 25.76168), _BSD,
-            "ANYbotics/anymal_c_simple_description", "anymal_c_simple_description/urdf/anymal.urdf",
-            base="base",
-        ),
-        _of_file(
-            "solo12", "quadruped on its base, Solo 12", (12, 12, 1.33885188), _BSD,
-            "open-dynamic-robot-initiative/robot_properties_solo", "solo_description/robots/solo12.urdf",
-            base="base_link",
-        ),
-        _parallel("fivebar", "parallel, planar five-bar, invented", (2, 4, 1.05), "invented"),
-        _parallel(
-            "delta", "parallel, Delta, arm masses invented", (3, 12, 1.76),
-            "https://github.com/RicoJia/Omnid_Project",
-        ),
-        _parallel(
-            "gough_stewart", "parallel, Gough-Stewart, legs invented", (6, 21, 3.9),
-            "https://reference.wolfram.com/system-modeler/libraries/IndustryExamples/",
-        ),
-        _parallel("fourbar_leg", "parallel, four-bar leg, invented", (2, 4, 3.27), "invented"),
+        Bundled("panda", "arm with gripper, Franka Panda", 8, 9, 16.822132, _APACHE,
+                _GITHUB + "frankaemika/franka_ros", partial(_read, "panda"), "panda_description/urdf/panda.urdf"),
+        Bundled("panda_elastic", "Panda, elastic joints of invented stiffness", 7, 7, 16.822132, _APACHE,
+                _GITHUB + "frankaemika/franka_ros", panda_elastic, like="panda"),
+        _of_file("ur5", "arm, Universal Robots UR5", (6, 6, 16.9939), _GITHUB + "ros-industrial/universal_robot",
+                 "ur_description/urdf/ur5_robot.urdf"),
+        _of_file("ur10", "arm, Universal Robots UR10", (6, 6, 28.7), _GITHUB + "ros-industrial/universal_robot",
+                 "ur_description/urdf/ur10_robot.urdf"),
+        _of_file("xarm7", "arm, UFACTORY xArm 7", (7, 7, 10.4315), _GITHUB + "xArm-Developer/xarm_ros2",
+                 "xarm_description/urdf/xarm7.urdf"),
+        _of_file("g1", "humanoid on its pelvis, Unitree G1", (29, 29, 29.52714202),
+                 _GITHUB + "unitreerobotics/unitree_ros", "g1_description/urdf/g1_29dof_rev_1_0.urdf", "pelvis"),
+        _of_file("anymal", "quadruped on its base, ANYmal C", (12, 12, 25.76168),
+                 _GITHUB + "ANYbotics/anymal_c_simple_description",
+                 "anymal_c_simple_description/urdf/anymal.urdf", "base"),
+        _of_file("solo12", "quadruped on its base, Solo 12", (12, 12, 1.33885188),
+                 _GITHUB + "open-dynamic-robot-initiative/robot_properties_solo",
+                 "solo_description/robots/solo12.urdf", "base_link"),
+        _of_file("fivebar", "parallel, planar five-bar, invented", (2, 4, 1.05), "invented"),
+        _of_file("delta", "parallel, Delta, arm masses invented", (3, 12, 1.76), _GITHUB + "RicoJia/Omnid_Project"),
+        _of_file("gough_stewart", "parallel, Gough-Stewart, legs invented", (6, 21, 3.9),
+                 "https://reference.wolfram.com/system-modeler/libraries/IndustryExamples/"),
+        _of_file("fourbar_leg", "parallel, four-bar leg, invented", (2, 4, 3.27), "invented"),
     )
 }  # fmt: skip

@@ -16,7 +16,7 @@ Select = Callable[[Sequence[str]], Iterable[str]]  # of the names that a table h
 
 @dataclass(frozen=True)
 class About:
-    """What a table is of: the unit of a column by its name, and plain data; tables of some types keep it."""
+    """Metadata of a table: the unit of a column by its name, and plain data; tables of some types keep it."""
 
     unit: Callable[[str], str]
     data: Mapping[str, Any]

@@ -12,16 +12,16 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from jounce.core.errors import JounceError, one_line
-from jounce.core.scalars import finite
+from jounce.core.foreign import parse_finite
 from jounce.io.columns import About, check_distinct
 from jounce.io.files import opened
 from jounce.io.remainders import remainder_of, remainders_of_texts, split_names
 from jounce.io.rows import Chunk, Format, Pieces, Span
 
-BLOCK = 1 << 19  # bytes that are read at a time
-CELLS = 1 << 16  # that are written at a time
-DIGITS = 16  # bytes of a cell, about
-LONGEST = 1 << 20  # bytes of a line
+BLOCK_BYTES = 1 << 19  # read at a time: bounds the memory that the cells take as Python strings
+CELLS_PER_WRITE = 1 << 16  # converted to text at a time, a few MB of Python objects
+BYTES_PER_CELL = 16  # about, as doubles at full precision take them: only sizes the spans
+MAX_LINE_BYTES = 1 << 20  # of the last row before a span, which is looked for in as many bytes
 SEPARATORS = (",", ";", "\t", " ")  # of cells, the first that stands between column names
 BLANK = " ,;\t\r\n"
 
@@ -43,28 +43,22 @@ class Csv(Format):
 
     FIRST = 0, 1
 
-    def names(self, path: Path) -> list[str]:
-        """The names of the columns."""
-        return layout(path).header
+    def columns(self, path: Path) -> dict[str, str]:
+        """The columns by name; their types are not known before the text is read."""
+        return dict.fromkeys(layout(path).header, "")
 
     def size(self, path: Path) -> int:
-        """The bytes of the text."""
         with opened(path):
             return path.stat().st_size
 
-    def check_numbers(self, path: Path, names: Sequence[str]) -> None:
-        """Nothing: a text does not tell what its cells hold."""
-
     def spans(self, path: Path, cells: int) -> list[Span]:
-        """Spans of whole lines, of about as many bytes each."""
-        first, step = layout(path).start, cells * DIGITS
+        first, step = layout(path).start, cells * BYTES_PER_CELL
         with opened(path) as file:
             end = path.stat().st_size
             cuts = [first, *(_line_after(file, place) for place in range(first + step, end, step)), end]
         return [Span(start, stop) for start, stop in itertools.pairwise(cuts) if start < stop]
 
     def chunks(self, path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
-        """The rows of a span, in chunks."""
         form, place = layout(path), span.start
         with opened(path) as file:
             file.seek(place)
@@ -74,18 +68,16 @@ class Csv(Format):
                 place += len(block)
 
     def row_before(self, path: Path, place: int) -> Span | None:
-        """The span of the line that ends at a place, if there is one."""
         first = layout(path).start
         if place <= first:
             return None
-        begin = max(first, place - LONGEST)
+        begin = max(first, place - MAX_LINE_BYTES)
         with opened(path) as file:
             file.seek(begin)
             text = file.read(place - 1 - begin)
         return Span(begin + text.rfind(b"\n") + 1, place)
 
     def next_row(self, path: Path, place: int) -> Span | None:
-        """The span of the line that begins at a place, if there is one."""
         with opened(path) as file:
             stop = _line_after(file, place + 1)
         return Span(place, stop) if stop > place else None
@@ -95,29 +87,27 @@ class Csv(Format):
         (start, line), feeds, returns = known, 0, 0
         with opened(path) as file:
             file.seek(start)
-            while start < place and (block := file.read(min(BLOCK, place - start))):
+            while start < place and (block := file.read(min(BLOCK_BYTES, place - start))):
                 start, feeds, returns = start + len(block), feeds + block.count(b"\n"), returns + block.count(b"\r")
         return line + (feeds or returns)
 
     def row(self, path: Path, number: int) -> str:
-        """A line in words."""
+        """A line, as messages name it."""
         return f"{path}:{number}"
 
     def write(self, path: Path, pieces: Pieces, about: About | None = None) -> None:
-        """Write a table at full precision, piece by piece."""
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
             for number, columns in enumerate(pieces):
                 if number == 0:
                     writer.writerow(columns)
                 arrays = list(columns.values())
-                size = max(1, CELLS // len(arrays))
+                size = max(1, CELLS_PER_WRITE // len(arrays))
                 for i in range(0, max(map(len, arrays)), size):
                     rows = zip(*(array[i : i + size].tolist() for array in arrays), strict=True)
                     writer.writerows(rows)  # repr of a double: it reads back the same
 
     def join(self, path: Path, parts: Iterable[Path]) -> None:
-        """Write the tables of several files, whose columns are the same, as one."""
         with path.open("wb") as file:
             file.writelines(_bytes(parts))
 
@@ -139,30 +129,24 @@ class Csv(Format):
             raise JounceError(f"{where}: not a CSV table: {one_line(error)}") from None
         if not rows:
             return None
-        count = len(form.header)
-        broken = {
-            i: f"{len(cells)} cells; expected {count}, one for each column"
-            for i, cells in enumerate(rows)
-            if len(cells) != count
-        }
-        for i in broken:
-            rows[i] = [*rows[i], *[""] * count][:count]
+        count, broken = len(form.header), dict[int, str]()
+        for i, cells in enumerate(rows):
+            if len(cells) != count:
+                broken[i] = f"{len(cells)} cells; expected {count}, one for each column"
+                rows[i] = [*cells, *[""] * count][:count]
         names, bases = split_names(names)
         at = [form.header.index(name) for name in names]
         cells = [row[i] for row in rows for i in at]
         if form.mark != ",":  # decimal commas
             cells = [cell.replace(",", ".") for cell in cells]
-        numbers, bad = _numbers(cells), dict[tuple[int, str], str]()
-        if np.isnan(numbers).any():
-            bad = {
-                (k // len(at), names[k % len(at)]): cells[k].strip() for k in np.flatnonzero(np.isnan(numbers)).tolist()
-            }
+        numbers = _numbers(cells)
+        wrong = np.flatnonzero(np.isnan(numbers)).tolist()
+        bad = {(k // len(at), names[k % len(at)]): cells[k].strip() for k in wrong}
         columns = {name: x.copy() for name, x in zip(names, numbers.reshape(len(rows), -1).T, strict=True)}
         for name in bases:
             columns[remainder_of(name)] = remainders_of_texts(cells[names.index(name) :: len(at)], columns[name])
-        motions = (
-            None if texts is None else np.array([row[form.header.index(texts)].strip() for row in rows], dtype=str)
-        )
+        column = None if texts is None else form.header.index(texts)
+        motions = None if column is None else np.array([row[column].strip() for row in rows], dtype=str)
         places = place + np.cumsum([0, *map(len, lines)])
         return Chunk(columns, motions, places[[*first, -1]], bad, broken)
 
@@ -183,7 +167,8 @@ def layout(path: Path) -> Layout:
         try:
             following = lines(file)
             first = next((line for line in following if line.strip(BLANK)), "")
-            mark = _separator(first)
+            bare = re.sub(r'"[^"]*"', "", first).lstrip("# ").strip()
+            mark = next((mark for mark in SEPARATORS if mark in bare), ",")
             cells: list[str] = next(_reader(itertools.chain([first], following), mark), [])
         except (UnicodeDecodeError, csv.Error) as error:
             raise JounceError(f"{path}: not a CSV table: {one_line(error)}") from None
@@ -198,16 +183,10 @@ def _reader(lines: Iterable[str], mark: str) -> Any:
     return csv.reader(lines, delimiter=mark, skipinitialspace=True, strict=True)
 
 
-def _separator(line: str) -> str:
-    """Return the separator of the column names: a comma, or else a semicolon, a tab or spaces."""
-    bare = re.sub(r'"[^"]*"', "", line).lstrip("# ").strip()
-    return next((mark for mark in SEPARATORS if mark in bare), ",")
-
-
 def _header(path: Path, cells: Sequence[str], mark: str) -> list[str]:
     header = [cells[0].lstrip("# "), *cells[1:]]  # numpy.savetxt marks its header with #
     header = header[1:] if mark == " " and not header[0] else header
-    if all(finite(name) is not None for name in header):
+    if all(parse_finite(name) is not None for name in header):
         raise JounceError(f"{path}: no row of column names above the numbers; expected one, such as 't,JOINT,...'")
     check_distinct(path, header)
     return header
@@ -216,11 +195,11 @@ def _header(path: Path, cells: Sequence[str], mark: str) -> list[str]:
 def _blocks(file: BinaryIO, size: int) -> Iterator[bytes]:
     """Whole lines of the next bytes of a file, about as many at a time, none of which ends within quotes."""
     rest = b""
-    while size and (block := file.read(min(BLOCK, size))):
+    while size and (block := file.read(min(BLOCK_BYTES, size))):
         size -= len(block)
         rest += block
         end = max(rest.rfind(b"\n"), rest.rfind(b"\r", 0, -1)) + 1  # what follows the last byte is not known
-        if size and end and rest.count(b'"', 0, end) % 2 == 0:
+        if size and end and rest.count(b'"', 0, end) % 2 == 0:  # an odd number: the last line break is within quotes
             yield rest[:end]
             rest = rest[end:]
     if rest:
@@ -230,7 +209,7 @@ def _blocks(file: BinaryIO, size: int) -> Iterator[bytes]:
 def _line_after(file: BinaryIO, place: int) -> int:
     """Where the first line begins that does not begin before a place."""
     file.seek(place - 1)
-    while block := file.readline(BLOCK):
+    while block := file.readline(BLOCK_BYTES):
         if block.endswith(b"\n"):
             break
     return file.tell()
@@ -242,7 +221,7 @@ def _numbers(cells: Sequence[str]) -> np.ndarray:
         numbers, text = np.fromiter(map(float, cells), float, len(cells)), "".join(cells)
         if text.isascii() and "_" not in text and np.isfinite(numbers).all():
             return numbers
-    found = (finite(cell.strip()) for cell in cells)
+    found = (parse_finite(cell.strip()) for cell in cells)
     return np.array([np.nan if number is None else number for number in found])
 
 
@@ -253,4 +232,4 @@ def _bytes(parts: Iterable[Path]) -> Iterator[bytes]:
             header = content.readline()
             if number == 0:
                 yield header
-            yield from iter(partial(content.read, BLOCK), b"")
+            yield from iter(partial(content.read, BLOCK_BYTES), b"")

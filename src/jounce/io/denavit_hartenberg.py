@@ -17,7 +17,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from jounce.core.errors import JounceError, at, no_such, quoted
+from jounce.core.errors import JounceError, at, quoted
 from jounce.io.entries import Entry
 from jounce.io.native import parts
 from jounce.model import dh
@@ -27,32 +27,31 @@ from jounce.model.kinds import KINDS, UNITS
 from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.model.stated import Stated, limits_of_joints
 
-ANGLES = {"rad": 1.0, "deg": math.pi / 180}
-ROW = ("name", "body", "type", "limits", "drive", "inertia")  # keys of a row besides its four parameters
+ANGLE_UNITS = {"rad": 1.0, "deg": math.pi / 180}
+ROW_KEYS = ("name", "body", "type", "limits", "drive", "inertia")  # keys of a row besides its four parameters
 # Angles, or rates of them, where a joint turns:
-ANGULAR = (*(key for row in KINDS.values() if UNITS[row.of][0] == "rad" for key in row.keys), "rest", "eps")
+ANGULAR_KEYS = (*(key for row in KINDS.values() if UNITS[row.of][0] == "rad" for key in row.keys), "rest", "eps")
 
 Number = TypeVar("Number", float, Stated)
 
 
 def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mechanism:
-    """The mechanism of a file's content, under its own gravity unless another is given; it stands on the ground."""
+    """The mechanism of a file's content, under its own gravity unless another is given; its base is fixed."""
     if base == "floating":
-        raise JounceError(
-            f"{robot.path}: base='floating' needs the inertia of the base, which this format does not state; "
-            "a URDF or MJCF file states it, or jounce's own format with 'base'"
-        )
+        others = "a URDF or MJCF file states it, or jounce's own format with 'base'"
+        why = "needs the inertia of the base, which this format does not state"
+        raise JounceError(f"{robot.path}: base='floating' {why}; {others}")
     robot.keys(("units", "angles", "convention", "dh"), ("name", "gravity", "base", "tool", "limits_of"))
     parts.check_units(robot)
-    unit, convention = ANGLES[_choice(robot, "angles", ANGLES)], _choice(robot, "convention", CONVENTIONS)
+    unit, convention = ANGLE_UNITS[robot.get("angles").choice(ANGLE_UNITS)], robot.get("convention").choice(CONVENTIONS)
     name, own = robot.get("name", robot.path.stem).text(), robot.get("gravity", list(GRAVITY)).numbers((3,))
-    rows = [row.keys(PARAMETERS, ROW) for row in robot.get("dh").items(least=1)]
+    rows = [row.keys(PARAMETERS, ROW_KEYS) for row in robot.get("dh").items(least=1)]
     joints, bodies = _names(rows, "name", "joint"), _names(rows, "body", "body")
     rows = [row.named(f"joint {quoted(name)}") for row, name in zip(rows, joints, strict=True)]
-    types = [_choice(row, "type", TYPES) if "type" in row.value else TYPES[0] for row in rows]
+    types = [row.get("type", TYPES[0]).choice(TYPES) for row in rows]
     units = [unit if kind == "revolute" else 1.0 for kind in types]
-    limits = [_in_rad(parts.limits(row), row, "limits", x) for row, x in zip(rows, units, strict=True)]
-    drives = [_in_rad(parts.drive(row), row, "drive", x) for row, x in zip(rows, units, strict=True)]
+    limits = [in_rad(parts.limits(row), row.get("limits", {}).value, x) for row, x in zip(rows, units, strict=True)]
+    drives = [in_rad(parts.drive(row), row.get("drive", {}).value, x) for row, x in zip(rows, units, strict=True)]
     table = [[row.get(key).number() for key in PARAMETERS] for row in rows]
     M = [parts.inertia(row) for row in rows]
     placed = {key: parts.pose(robot, key, unit) for key in ("base", "tool") if key in robot.value}
@@ -73,14 +72,6 @@ def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mecha
         )
 
 
-def _choice(entry: Entry, key: str, known: Collection[str]) -> str:
-    """Return the string under a key, one of those known."""
-    given = entry.get(key)
-    if given.text() not in known:
-        raise JounceError(f"{given.place}: {no_such(given.what, given.value, known)}")
-    return given.value
-
-
 def _names(rows: list[Entry], key: str, stem: str) -> list[str]:
     """Return the names of rows under a key, by default numbered; all are different."""
     names: list[str] = []
@@ -92,9 +83,7 @@ def _names(rows: list[Entry], key: str, stem: str) -> list[str]:
     return names
 
 
-def _in_rad(numbers: Mapping[str, Number], row: Entry, key: str, unit: float) -> dict[str, Number]:
-    """Numbers of a joint, those of angles that the row states under a key turned from their unit into rad."""
-    stated = row.get(key, {}).value
-    return {
-        name: np.multiply(x, unit).tolist() if name in ANGULAR and name in stated else x for name, x in numbers.items()
-    }
+def in_rad(numbers: Mapping[str, Number], stated: Collection[str], unit: float) -> dict[str, Number]:
+    """Numbers of a joint, those of angles that are stated converted from their unit to rad."""
+    keys = {*ANGULAR_KEYS} & {*stated}
+    return {key: np.multiply(x, unit).tolist() if key in keys else x for key, x in numbers.items()}

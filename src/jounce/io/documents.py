@@ -10,7 +10,9 @@ from jounce.io.entries import Entry
 from jounce.io.native import reading
 from jounce.model.mechanism import Mechanism
 
-FORMATS: dict[str, tuple[str, Callable[[Entry, object, str | None], Mechanism]]] = {  # by the key that no other one has
+ROBOT_FORMATS: dict[
+    str, tuple[str, Callable[[Entry, object, str | None], Mechanism]]
+] = {  # by the key that no other one has
     "bodies": ("jounce's own format", reading.read),
     "dh": ("a Denavit-Hartenberg table", denavit_hartenberg.read),
 }
@@ -20,15 +22,15 @@ def read(path: Path, gravity: object = None, base: str | None = None) -> Mechani
     """The mechanism of a file, under its own gravity unless another is given; only jounce's own format can float."""
     robot = entries.read(path, "the robot")
     keys = list(robot.members())
-    for key, (_, reader) in FORMATS.items():
+    for key, (_, reader) in ROBOT_FORMATS.items():
         if key in keys:
             return reader(robot, gravity, base)
     if "joint_screw_coord" in keys:
         cure = "examples/skidy_to_jounce.py in jounce's sources converts it to jounce's own format"
         raise JounceError(f"{robot.place}: a description for skidy, which jounce does not read; {cure}")
     for key in keys:
-        if get_close_matches(key, FORMATS, n=1):
-            raise JounceError(f"{robot.get(key).place}: {no_such('key', key, FORMATS, 'the robot')}")
-    formats = ", ".join(f"{key!r} ({words})" for key, (words, _) in FORMATS.items())
+        if get_close_matches(key, ROBOT_FORMATS, n=1):
+            raise JounceError(f"{robot.get(key).place}: {no_such('key', key, ROBOT_FORMATS, 'the robot')}")
+    formats = ", ".join(f"{key!r} ({words})" for key, (words, _) in ROBOT_FORMATS.items())
     came = listed(keys) or "none"
     raise JounceError(f"{robot.place}: the robot has no key that identifies its format, {formats}; its keys: {came}")

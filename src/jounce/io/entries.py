@@ -1,18 +1,19 @@
 """Entries of YAML and JSON files: values with their name in messages and their line."""
 
 import json
-import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, at, listed, no_such, one_line, quoted, shortened
+from jounce.core.errors import JounceError, listed, no_such, one_line, quoted, shortened
+from jounce.core.scalars import is_finite
 from jounce.io.files import read_bytes
+
+DOCUMENT_SUFFIXES = (".yaml", ".yml", ".json")
 
 
 @dataclass(frozen=True)
@@ -33,10 +34,6 @@ class Entry:
     def error(self, expected: str) -> JounceError:
         """Return the error for an invalid value."""
         return JounceError(f"{self.place}: {self.what} is {quoted(self.value)}; expected {expected}")
-
-    def refusals(self) -> AbstractContextManager[None]:
-        """Within this context, errors begin with the place of this entry."""
-        return at(self.place)
 
     def named(self, what: str) -> "Entry":
         """Return the entry with another name for messages."""
@@ -100,17 +97,17 @@ class Entry:
             raise self.error("a text")
         return self.value
 
+    def choice(self, known: Collection[str]) -> str:
+        """One of the known texts."""
+        if self.text() not in known:
+            raise JounceError(f"{self.place}: {no_such(self.what, self.value, known)}")
+        return str(self.value)
+
     def number(self) -> float:
         """A finite number."""
-        if not isinstance(self.value, int | float) or isinstance(self.value, bool):
+        if not is_finite(self.value):
             raise self.error("a finite number")
-        try:
-            number = float(self.value)
-        except OverflowError:  # of an integer
-            number = math.inf
-        if not math.isfinite(number):
-            raise self.error("a finite number")
-        return number
+        return float(self.value)
 
     def numbers(self, *shapes: tuple[int, ...]) -> np.ndarray:
         """Finite numbers in one of the shapes: a list, or a list of rows."""
@@ -135,9 +132,7 @@ def read(path: Path, what: str) -> Entry:
         if kind == "JSON":
             return Entry(json.loads(content, object_pairs_hook=_distinct), what, path)
         return _from_yaml(content, what, path)
-    except (
-        Exception
-    ) as error:  # the parsers raise others too: numbers of 5,000 digits, the 31st of June, 9,999 brackets
+    except Exception as error:  # others than the parsers': numbers of 5,000 digits, the 31st of June, 9,999 brackets
         mark = getattr(error, "problem_mark", None)
         line = getattr(error, "lineno", None) if mark is None else mark.line + 1
         said = one_line(getattr(error, "problem", None) or error) or type(error).__name__

@@ -3,7 +3,7 @@
 import os
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -11,12 +11,19 @@ from jounce.core.errors import JounceError, one_line, quoted
 from jounce.core.parts import part_in, remove_abandoned
 
 
+@contextmanager
+def system_errors(path: Path, what: str = "") -> Iterator[None]:
+    """Within this context, errors of the system become `JounceError`, and begin with the path and what failed."""
+    try:
+        yield
+    except OSError as error:
+        raise JounceError(f"{path}: {what}{error.strerror or one_line(error)}") from None
+
+
 def check_readable(path: Path) -> None:
     """Raise `JounceError` if there is no file at `path`."""
-    try:
+    with system_errors(path):
         found, is_file = path.exists(), path.is_file()
-    except OSError as error:
-        raise JounceError(f"{path}: {error.strerror or error}") from None
     if not is_file:
         raise JounceError(f"{path}: {'is not a file' if found else 'no such file'}")
 
@@ -31,42 +38,36 @@ def read_bytes(path: Path) -> bytes:
 def opened(path: Path) -> Iterator[BinaryIO]:
     """Open a file for reading; within this context its errors become `JounceError`."""
     check_readable(path)
-    try:
-        with path.open("rb") as file:
-            yield file
-    except OSError as error:
-        raise JounceError(f"{path}: cannot be read: {error.strerror or error}") from None
+    with system_errors(path, "cannot be read: "), path.open("rb") as file:
+        yield file
 
 
 def check_writable(path: Path) -> None:
     """Raise `JounceError` if no file can be written to `path`, before any work is done."""
     folder = path.parent
-    try:
+    with system_errors(path):
         if not folder.is_dir():
             raise JounceError(f"{path}: no folder {str(folder)!r} to write into")
         if not os.access(folder, os.W_OK):
             raise JounceError(f"{path}: the folder {str(folder)!r} is not writable")
         if path.exists() and not path.is_file():
             raise JounceError(f"{path}: exists and is not a file")
-    except OSError as error:
-        raise JounceError(f"{path}: {error.strerror or error}") from None
 
 
 def make_folder(path: Path) -> None:
     """Create a folder if it is missing; raise `JounceError` if that fails."""
-    try:
-        path.mkdir(exist_ok=True)
-    except FileNotFoundError:
-        raise JounceError(f"{path}: no folder {str(path.parent)!r} to create it in") from None
-    except FileExistsError:
-        raise JounceError(f"{path}: exists and is not a folder") from None
-    except OSError as error:
-        raise JounceError(f"{path}: cannot be created: {error.strerror or error}") from None
+    with system_errors(path, "cannot be created: "):
+        try:
+            path.mkdir(exist_ok=True)
+        except FileNotFoundError:
+            raise JounceError(f"{path}: no folder {str(path.parent)!r} to create it in") from None
+        except FileExistsError:
+            raise JounceError(f"{path}: exists and is not a folder") from None
 
 
 @contextmanager
 def write_errors(path: Path, cure: str = "") -> Iterator[None]:
-    """Raise `JounceError` for what the system has against writing a file or folder; `cure` ends the sentence."""
+    """Within this context, errors of writing a file or folder become `JounceError`; `cure` ends the sentence."""
     try:
         yield
     except OSError as error:
@@ -98,10 +99,9 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 def mode_of(path: Path) -> int | None:
     """Return the permissions of a path, or None if it does not exist."""
-    try:
+    with suppress(FileNotFoundError):
         return stat.S_IMODE(path.stat().st_mode)
-    except FileNotFoundError:
-        return None
+    return None
 
 
 def path_of(given: str | os.PathLike[str]) -> Path:
@@ -110,6 +110,6 @@ def path_of(given: str | os.PathLike[str]) -> Path:
         path = Path(given).expanduser()
         if b"\0" in os.fsencode(path):
             raise ValueError("it contains a zero byte")
-    except Exception as error:  # half a character, a home of nobody, and whatever a foreign path raises
+    except Exception as error:  # half a character, a home of nobody, and errors of any foreign path
         raise JounceError(f"{quoted(given)} is not a path: {one_line(error)}") from None
     return path

@@ -14,7 +14,7 @@ from jounce.io.columns import CellError, Columns, Select
 from jounce.io.files import opened
 from jounce.io.remainders import remainder_of, remainders_of_texts, split_names
 
-ROWS = 1 << 12  # in a piece
+ROWS_PER_JSON_PIECE = 1 << 12  # few enough for parsed rows, which take some kB each, to fit in memory
 
 
 def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
@@ -25,14 +25,14 @@ def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
         if first is None:
             raise JounceError(f"{path}: the table is empty; expected one JSON object per line, a number for each name")
         names, bases = split_names(first[1] if select is None else select(list(first[1])))
-        piece = [first, *islice(rows, ROWS - 1)]
+        piece = [first, *islice(rows, ROWS_PER_JSON_PIECE - 1)]
         while piece:
             columns = {name: np.array([_number(path, *numbered, name) for numbered in piece]) for name in names}
             for name in bases:
                 cells = [str(row[name]) for _, row in piece]
                 columns[remainder_of(name)] = remainders_of_texts(cells, columns[name])
             yield columns
-            piece = list(islice(rows, ROWS))
+            piece = list(islice(rows, ROWS_PER_JSON_PIECE))
 
 
 class _Written(float):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 PACKAGES = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH")  # environment variables
 MANIFESTS = ("package.xml", "manifest.xml")  # one of them makes a folder a package of ROS
-MISSING = "no such file"
+NO_FILE = "no such file"
 OUTSIDE = "not in the folders of the robot; --meshes FOLDER allows it"
 
 
@@ -23,11 +23,13 @@ def mesh_file(uri: str, robot_file: Path, folders: Sequence[Path] = ()) -> Path 
     scheme, _, rest = uri.partition("://")
     if rest and scheme != "file":
         found = [(path, allowed) for path, allowed in _in_packages(rest, robot_file, folders) if path.is_file()]
-        return next((path for path, allowed in found if allowed), OUTSIDE if found else MISSING)
+        return next((path for path, allowed in found if allowed), OUTSIDE if found else NO_FILE)
     path = Path(rest) if rest else robot_file.parent / uri
     if not path.is_file():
-        return MISSING
-    return path if _is_within(path, [*_own(robot_file), *folders]) else OUTSIDE
+        return NO_FILE
+    above = robot_file.resolve().parents
+    package = [folder for folder in above if _is_package(folder)][:1]
+    return path if _is_within(path, [above[0], *package, *folders]) else OUTSIDE
 
 
 def _in_packages(uri: str, robot_file: Path, folders: Sequence[Path]) -> Iterator[tuple[Path, bool]]:
@@ -44,12 +46,6 @@ def _in_packages(uri: str, robot_file: Path, folders: Sequence[Path]) -> Iterato
     for folder in [root / package for root in (*stated, *(root / "share" for root in stated))]:
         path = Path(os.path.normpath(folder / inside))
         yield path, path.is_relative_to(os.path.normpath(folder))  # links lead to sources, as colcon has it
-
-
-def _own(robot_file: Path) -> list[Path]:
-    """The folder of the robot file, and the package that it is in."""
-    own = robot_file.resolve().parent
-    return [own, *[folder for folder in (own, *own.parents) if _is_package(folder)][:1]]
 
 
 def _is_package(folder: Path) -> bool:

@@ -58,11 +58,8 @@ def warnings_of(mujoco: Any) -> Iterator[list[str]]:
 
 @contextmanager
 def without_assets(mujoco: Any) -> Iterator[None]:
-    """Free the meshes and textures that MuJoCo keeps of each file, up to 500 MB, for whoever reads it again.
-
-    They stay where a program has read models by itself, as it may read these again. Old versions keep nothing.
-    """
-    find = getattr(mujoco, "mj_getCache", None)
+    """Free the meshes and textures that MuJoCo caches, up to 500 MB, unless the program has read models by itself."""
+    find = getattr(mujoco, "mj_getCache", None)  # which old versions do not have
     cache = find() if find else None
     empty = cache is not None and mujoco.mj_getCacheSize(cache) == 0
     try:

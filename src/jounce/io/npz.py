@@ -15,29 +15,20 @@ from jounce.io.files import opened
 from jounce.io.remainders import split_names, with_remainders
 from jounce.io.rows import Chunk, Format, Pieces, Span, rows_of
 
-LOCAL = 30  # bytes of the fixed part of a member's header, which ends in the lengths of its name and of what follows
+# of the fixed part of a ZIP member's header, which ends in two lengths: of its name, and of what follows that
+LOCAL_HEADER_BYTES = 30
 
 
 class Npz(Format):
     """Archives, whose arrays lie in the file as they are in memory unless they are compressed."""
 
-    def names(self, path: Path) -> list[str]:
-        """The names of the columns."""
-        return list(_columns_of(path))
+    def columns(self, path: Path) -> dict[str, str]:
+        return {name: "" if x.dtype.kind in "fiu" else str(x.dtype) for name, x in _columns_of(path).items()}
 
     def size(self, path: Path) -> int:
-        """The bytes of the table in memory."""
         return sum(column.nbytes for column in _columns_of(path).values())
 
-    def check_numbers(self, path: Path, names: Sequence[str]) -> None:
-        """Raise `JounceError` where a column does not hold numbers."""
-        columns = _columns_of(path)
-        for name in names:
-            if columns[name].dtype.kind not in "fiu":
-                raise JounceError(f"{path}: column {quoted(name)} holds {columns[name].dtype}; expected numbers")
-
     def spans(self, path: Path, cells: int) -> list[Span]:
-        """Spans of even numbers of rows."""
         columns = _columns_of(path)
         first, *others = columns
         rows, step = len(columns[first]), max(1, cells // len(columns))
@@ -48,7 +39,6 @@ class Npz(Format):
         return [Span(start, min(start + step, rows)) for start in range(0, rows, step)]
 
     def chunks(self, path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
-        """The rows of a span, in chunks."""
         names, bases = split_names(names)
         step = rows_of(len(names))
         for start in range(span.start, span.stop, step):
@@ -62,14 +52,11 @@ class Npz(Format):
             )
 
     def pieces(self, path: Path, select: Select | None = None) -> Iterator[Columns]:
-        """The whole table, in one piece: it stands there column by column, and may be compressed."""
+        """The whole table in one piece: its columns follow each other, and may be compressed."""
         yield checked(path, select_columns(_arrays(path, _read), select))
 
     def write(self, path: Path, pieces: Pieces, about: About | None = None) -> None:
-        """Write a table with all digits of its numbers, as numpy.savez, which takes no column named "file".
-
-        Column by column: the pieces are all held until the last has come.
-        """
+        """Write a table as numpy.savez does, column by column: all pieces are held until the last has come."""
         parts = list(pieces)
         with ZipFile(path, "w") as archive:
             for name in parts[0]:
@@ -114,7 +101,7 @@ def _arrays(path: Path, read: Callable[[Path, BinaryIO, ZipFile, ZipInfo], np.nd
                     found += [(name, array)] if array.dtype.names is None else entries(array).items()
         except JounceError:
             raise
-        except Exception as error:  # damaged archives raise whatever their decoder stumbles over
+        except Exception as error:  # damaged archives make their decoder raise errors of any type
             raise JounceError(f"{path}: not an NPZ table:{where} {one_line(error)}") from None
     check_distinct(path, [name for name, _ in found])
     return dict(found)
@@ -132,13 +119,11 @@ def _read(_path: Path, _file: BinaryIO, archive: ZipFile, member: ZipInfo) -> np
 def _mapped(path: Path, file: BinaryIO, _archive: ZipFile, member: ZipInfo) -> np.ndarray:
     """The array of a member, which lies in the file as it is in memory."""
     if member.compress_type != ZIP_STORED:
-        raise JounceError(
-            f"{path}: {quoted(member.filename)} is compressed, which is read as a whole only; numpy.savez, not"
-            " savez_compressed, writes tables that are read by rows"
-        )
+        came = f"{quoted(member.filename)} is compressed, which is read as a whole only"
+        raise JounceError(f"{path}: {came}; numpy.savez, not savez_compressed, writes tables that are read by rows")
     file.seek(member.header_offset)
-    lengths = unpack_from("<HH", file.read(LOCAL), LOCAL - 4)
-    file.seek(member.header_offset + LOCAL + sum(lengths))
+    lengths = unpack_from("<HH", file.read(LOCAL_HEADER_BYTES), LOCAL_HEADER_BYTES - 4)
+    file.seek(member.header_offset + LOCAL_HEADER_BYTES + sum(lengths))
     version = np.lib.format.read_magic(file)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, fortran, dtype = read(file)

@@ -7,7 +7,7 @@ import numpy as np
 from jounce.core.errors import warn
 from jounce.model.screws import ROUNDING
 
-TURN = 6.3  # rad: no rotation takes a larger angle
+MIN_DEGREES_ANGLE = 6.3  # rad, just above a turn: only larger angles are taken for degrees
 
 
 def from_rpy(angles: np.ndarray, place: str) -> np.ndarray:
@@ -15,7 +15,7 @@ def from_rpy(angles: np.ndarray, place: str) -> np.ndarray:
 
     Angles of more than a turn look like degrees: a warning names the place that states them.
     """
-    if np.abs(angles).max() > TURN:
+    if np.abs(angles).max() > MIN_DEGREES_ANGLE:
         warn(f"{place}: rpy is {angles.round(6).tolist()}, more than a turn; expected angles in rad")
     roll, pitch, yaw = angles
     return _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)

@@ -1,4 +1,4 @@
-"""Parquet tables, by pyarrow: numbers at full precision, units and what they are of in the metadata of the schema."""
+"""Parquet tables, by pyarrow: numbers at full precision, units and plain data in the metadata of the schema."""
 
 import json
 from collections.abc import Iterable, Iterator, Sequence
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, one_line, quoted
+from jounce.core.errors import JounceError, one_line
 from jounce.io.columns import About, check_distinct
 from jounce.io.files import check_readable
 from jounce.io.remainders import split_names, with_remainders
@@ -19,36 +19,26 @@ from jounce.io.rows import Chunk, Format, Pieces, Span, rows_of
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile
 
-GROUP = 1 << 17  # rows of a group that is written
-NAMESPACE = b"jounce"  # of the metadata of a table
+ROWS_PER_GROUP = 1 << 17  # enough for fast reading, few enough to hold a group in memory
+METADATA_KEY = b"jounce"  # of the schema, under which the unit of each column stands
 
 
 class Parquet(Format):
     """Tables in row groups, each of which is read in chunks of rows."""
 
-    def names(self, path: Path) -> list[str]:
-        """The names of the columns."""
+    def columns(self, path: Path) -> dict[str, str]:
         with _opened(path) as file:
-            found = [str(name) for name in file.schema_arrow.names]
-        check_distinct(path, found)
-        return found
+            fields = [(str(field.name), field.type) for field in file.schema_arrow]
+        check_distinct(path, [name for name, _ in fields])
+        types = pyarrow(path).types
+        numbers = (types.is_floating, types.is_integer, types.is_decimal)
+        return {name: "" if any(holds(kind) for holds in numbers) else str(kind) for name, kind in fields}
 
     def size(self, path: Path) -> int:
-        """The bytes of the table in memory."""
         with _opened(path) as file:
             return int(file.metadata.num_rows) * len(file.schema_arrow.names) * 8
 
-    def check_numbers(self, path: Path, names: Sequence[str]) -> None:
-        """Raise `JounceError` where a column does not hold numbers."""
-        with _opened(path) as file:
-            kinds = {name: file.schema_arrow.field(name).type for name in names}
-        types = pyarrow(path).types
-        for name, kind in kinds.items():
-            if not (types.is_floating(kind) or types.is_integer(kind) or types.is_decimal(kind)):
-                raise JounceError(f"{path}: column {quoted(name)} holds {kind}; expected numbers")
-
     def spans(self, path: Path, cells: int) -> list[Span]:
-        """Spans of one or more row groups."""
         with _opened(path) as file:
             about, columns = file.metadata, len(file.schema_arrow.names)
             counts = [about.row_group(i).num_rows for i in range(about.num_row_groups)]
@@ -62,14 +52,12 @@ class Parquet(Format):
         return found
 
     def chunks(self, path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
-        """The rows of a span, in chunks."""
         names, bases = split_names(names)
         with _opened(path) as file:
             wanted = [*names, *([] if texts is None else [texts])]
             for first, batch in _batches(file, wanted, span):
                 columns = {name: _numbers(batch.column(name)) for name in names}
-                stated = {name: batch.column(name) for name in bases}
-                columns = with_remainders(columns, bases, {name: _as_stated(column) for name, column in stated.items()})
+                columns = with_remainders(columns, bases, {name: _as_stated(batch.column(name)) for name in bases})
                 motions = None if texts is None else _texts(path, batch.column(texts))
                 yield Chunk(columns, motions, np.arange(first, first + batch.num_rows + 1))
 
@@ -87,7 +75,6 @@ class Parquet(Format):
         _write_groups(arrow, path, tables())
 
     def join(self, path: Path, parts: Iterable[Path]) -> None:
-        """Write the tables of several files, whose columns are the same, as one."""
 
         def tables() -> Iterator[Any]:
             for part in parts:
@@ -164,11 +151,11 @@ def _write_groups(arrow: Any, path: Path, tables: Iterable[Any]) -> None:
     ):
         for table in chain([first], following):
             pending, rows = [*pending, table], rows + len(table)
-            if rows >= GROUP:
-                writer.write_table(arrow.concat_tables(pending).unify_dictionaries(), GROUP)
+            if rows >= ROWS_PER_GROUP:
+                writer.write_table(arrow.concat_tables(pending).unify_dictionaries(), ROWS_PER_GROUP)
                 pending, rows = [], 0
         if pending:
-            writer.write_table(arrow.concat_tables(pending).unify_dictionaries(), GROUP)
+            writer.write_table(arrow.concat_tables(pending).unify_dictionaries(), ROWS_PER_GROUP)
 
 
 def _array(arrow: Any, column: np.ndarray) -> Any:
@@ -181,9 +168,9 @@ def _array(arrow: Any, column: np.ndarray) -> Any:
 
 
 def _described(arrow: Any, schema: Any, about: About | None) -> Any:
-    """The schema with the unit of each column, and with what the table is of."""
+    """The schema with the metadata of the table."""
     if about is None:
         return schema
     units = {name: unit for name in schema.names if (unit := about.unit(name))}
     fields = [field.with_metadata({"unit": units[field.name]}) if field.name in units else field for field in schema]
-    return arrow.schema(fields, {NAMESPACE: json.dumps({**about.data, "units": units}).encode()})
+    return arrow.schema(fields, {METADATA_KEY: json.dumps({**about.data, "units": units}).encode()})

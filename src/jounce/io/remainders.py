@@ -11,20 +11,22 @@ import numpy as np
 
 from jounce.motion.origin import MIN_LARGE, shortest_decimal
 
-MARK = "\0remainder"  # no name of a column ends in this
-MAX_INTEGER = 2.0**62  # beyond, doubles cast to integers may overflow
+REMAINDER_MARK = "\0remainder"  # no name of a column ends in this
+MAX_INTEGER = 2.0**62  # doubles beyond may overflow when cast to int64
 DECIMAL = re.compile(r"\s*\d+(?:\.(\d*))?\s*")
 
 
 def remainder_of(name: str) -> str:
-    """The name by which the remainder of a column is asked for."""
-    return name + MARK
+    """The name under which the remainder of a column is requested."""
+    return name + REMAINDER_MARK
 
 
 def split_names(names: Iterable[str]) -> tuple[list[str], list[str]]:
-    """Names of columns, and of those of which the remainder is asked for."""
+    """Names of columns, and of those whose remainder is requested."""
     names = list(names)
-    return [n for n in names if not n.endswith(MARK)], [n.removesuffix(MARK) for n in names if n.endswith(MARK)]
+    return [n for n in names if not n.endswith(REMAINDER_MARK)], [
+        n.removesuffix(REMAINDER_MARK) for n in names if n.endswith(REMAINDER_MARK)
+    ]
 
 
 def with_remainders(
@@ -35,7 +37,7 @@ def with_remainders(
 
 
 def remainders_of_array(numbers: np.ndarray) -> np.ndarray:
-    """The remainders of integers, and of doubles that are decimals as short as doubles tell apart.
+    """The remainders of integers, and of doubles that are the shortest decimals that doubles distinguish.
 
     A double of 1732287600.001 s is off by 7e-8 s, and no other decimal of microseconds is read as it.
     """
@@ -47,6 +49,8 @@ def remainders_of_array(numbers: np.ndarray) -> np.ndarray:
     whole = np.floor(high)
     if numbers.dtype.kind in "iu":
         return np.where(inside, np.where(inside, numbers, 0).astype(np.int64) - whole.astype(np.int64), 0).astype(float)
+    # The candidate is the multiple of the shortest decimal unit that is nearest to the double. It is what the table
+    # held where no double is farther from its candidate than the spacing of doubles; otherwise nothing is known of it.
     unit = shortest_decimal(float(np.abs(high[inside]).max(initial=1)))
     if unit >= 1:
         k = np.rint(whole / unit).astype(np.int64)

@@ -16,7 +16,7 @@ from jounce.core.errors import JounceError, quoted
 from jounce.io.columns import About, CellError, Columns, Select
 from jounce.io.remainders import split_names
 
-CELLS = 1 << 19  # in a chunk: 4 MB of numbers, which stay in the cache while they are computed
+CELLS_PER_CHUNK = 1 << 19  # 4 MB of numbers, which stay in the cache while they are computed
 Pieces = Iterable[Mapping[str, np.ndarray]]
 
 
@@ -43,7 +43,7 @@ class Chunk:
     broken: Mapping[int, str] = field(default_factory=dict)
 
     def problems(self, names: Iterable[str]) -> dict[int, tuple[str, str]]:
-        """The rows that are bad in columns of these names: of each the first bad column, and what is wrong."""
+        """The rows with invalid cells in columns of these names: of each the first such column, and what is wrong."""
         found = {i: ("", reason) for i, reason in self.broken.items()}
         for name in names:
             column = self.columns[name]
@@ -60,16 +60,23 @@ class Format(ABC):
     FIRST = 0, 0  # the place of the first row or line, and its number
 
     @abstractmethod
+    def columns(self, path: Path) -> dict[str, str]:
+        """The columns by name, with the type of their cells where it is known and no number, else ""."""
+
     def names(self, path: Path) -> list[str]:
         """The names of the columns."""
+        return list(self.columns(path))
 
     @abstractmethod
     def size(self, path: Path) -> int:
         """The bytes that the numbers take in memory, or the text in the file."""
 
-    @abstractmethod
     def check_numbers(self, path: Path, names: Sequence[str]) -> None:
         """Raise `JounceError` where a column does not hold numbers, as far as is known without reading it."""
+        types = self.columns(path)
+        for name in names:
+            if types[name]:
+                raise JounceError(f"{path}: column {quoted(name)} holds {types[name]}; expected numbers")
 
     @abstractmethod
     def spans(self, path: Path, cells: int) -> list[Span]:
@@ -81,7 +88,7 @@ class Format(ABC):
 
     @abstractmethod
     def write(self, path: Path, pieces: Pieces, about: About | None = None) -> None:
-        """Write a table piece by piece, with what it is of where the format has room for it."""
+        """Write a table piece by piece, with units and plain data where the format has metadata."""
 
     @abstractmethod
     def join(self, path: Path, parts: Iterable[Path]) -> None:
@@ -100,11 +107,11 @@ class Format(ABC):
         return place
 
     def row(self, path: Path, number: int) -> str:
-        """The row of a number in words."""
+        """The row of a number, as messages name it."""
         return f"{path}: row {number} from 0"
 
     def place(self, path: Path, at: int) -> str:
-        """A place in a file in words."""
+        """A place in a file, as messages name it."""
         return self.row(path, self.number(path, at, self.FIRST))
 
     def pieces(self, path: Path, select: Select | None = None) -> Iterator[Columns]:
@@ -119,11 +126,9 @@ class Format(ABC):
                 found = True
                 for i, (column, problem) in sorted(chunk.problems(names).items())[:1]:
                     where = self.place(path, int(chunk.places[i]))
-                    raise (
-                        CellError(f"{where}: column {quoted(column)} {problem}")
-                        if column
-                        else JounceError(f"{where}: {problem}")
-                    )
+                    if column:
+                        raise CellError(f"{where}: column {quoted(column)} {problem}")
+                    raise JounceError(f"{where}: {problem}")
                 yield {name: x.copy() for name, x in chunk.columns.items()}  # by which each can be freed alone
         if not found:
             raise JounceError(f"{path}: no rows of numbers under the column names")
@@ -131,4 +136,4 @@ class Format(ABC):
 
 def rows_of(columns: int) -> int:
     """The rows of a chunk."""
-    return max(1, CELLS // max(1, columns))
+    return max(1, CELLS_PER_CHUNK // max(1, columns))

@@ -2,41 +2,60 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from jounce.core.errors import JounceError
-from jounce.io import files, jsonlines, mat
-from jounce.io.columns import About, Columns, Select, check_finite
+from jounce.core.errors import JounceError, one_line
+from jounce.io import files, jsonlines
+from jounce.io.columns import About, Columns, Select, check_finite, checked, flatten, select_columns
 from jounce.io.csv import Csv
 from jounce.io.npz import Npz
 from jounce.io.parquet import Parquet, pyarrow
 from jounce.io.rows import Format, Pieces
 
 Known = TypeVar("Known")
+
+
+def _mat_pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
+    """The variables of a MATLAB file, in one piece: matrices are columns NAME[0], NAME[1], ..., fields STRUCT.FIELD."""
+    from scipy.io import loadmat  # half a second to import, and only for such files
+
+    with files.opened(path) as file:
+        try:
+            content = loadmat(cast(Any, file), simplify_cells=True)
+        except NotImplementedError:
+            raise JounceError(f"{path}: MAT file of version 7.3; save it in MATLAB with -v7") from None
+        except Exception as error:  # damaged files make their reader raise errors of any type
+            raise JounceError(f"{path}: not a MAT file: {one_line(error) or type(error).__name__}") from None
+    arrays = flatten(dict(_mat_arrays({k: v for k, v in content.items() if not k.startswith("__")}, "")))
+    yield checked(path, select_columns(arrays, select))
+
+
+def _mat_arrays(content: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, np.ndarray]]:
+    for name, value in content.items():
+        if isinstance(value, Mapping):
+            yield from _mat_arrays(value, f"{prefix}{name}.")
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+            yield f"{prefix}{name}", value
+
+
 CSV, NPZ, PARQUET = Csv(), Npz(), Parquet()
-FORMATS: Mapping[str, Format] = {".parquet": PARQUET, ".csv": CSV, ".npz": NPZ, ".tsv": CSV, ".txt": CSV}
-READERS: Mapping[str, Callable[[Path, Select | None], Iterator[Columns]]] = {
-    ".csv": CSV.pieces,
-    ".npz": NPZ.pieces,
-    ".tsv": CSV.pieces,
-    ".txt": CSV.pieces,
-    ".mat": mat.pieces,
-    ".jsonl": jsonlines.pieces,
-    ".ndjson": jsonlines.pieces,
-    ".parquet": PARQUET.pieces,
+ROW_FORMATS: Mapping[str, Format] = {".parquet": PARQUET, ".csv": CSV, ".npz": NPZ, ".tsv": CSV, ".txt": CSV}
+TABLE_READERS: Mapping[str, Callable[[Path, Select | None], Iterator[Columns]]] = {
+    **{suffix: form.pieces for suffix, form in ROW_FORMATS.items()},
+    **{".mat": _mat_pieces, ".jsonl": jsonlines.pieces, ".ndjson": jsonlines.pieces},
 }
-WRITERS: dict[str, Format] = {".csv": CSV, ".npz": NPZ, ".parquet": PARQUET}
+TABLE_WRITERS: dict[str, Format] = {".csv": CSV, ".npz": NPZ, ".parquet": PARQUET}
 
 
 def format_of(path: Path) -> Format:
     """The format by which a file is read by rows."""
-    return _by_suffix(path, FORMATS, "read by rows are")
+    return _by_suffix(path, ROW_FORMATS, "read by rows are")
 
 
 def place(path: Path, at: int) -> str:
-    """A place in a file in words."""
+    """A place in a file, as messages name it."""
     return format_of(path).place(path, at)
 
 
@@ -48,12 +67,12 @@ def read(path: Path, select: Select | None = None) -> Columns:
 
 def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
     """Yield a table in pieces of some rows, each checked before it is yielded."""
-    return _by_suffix(path, READERS)(path, select)
+    return _by_suffix(path, TABLE_READERS)(path, select)
 
 
 def check_writable(path: Path) -> None:
     """Raise `JounceError` if `write` could not write, before any work is done."""
-    _by_suffix(path, WRITERS)
+    _by_suffix(path, TABLE_WRITERS)
     files.check_writable(path)
     if path.suffix.lower() == ".parquet":
         pyarrow(path)
@@ -68,9 +87,8 @@ def write_pieces(path: Path, pieces: Pieces, about: About | None = None, missing
     """Write a table from pieces of some rows, each checked first; a partial file is never seen.
 
     Numbers may be `missing`, NaN, where results of closed robots have no certain digits.
-    CSV and Parquet tables hold one piece at a time in memory, NPZ tables all of them.
     """
-    writer = _by_suffix(path, WRITERS)
+    writer = _by_suffix(path, TABLE_WRITERS)
     with files.written_whole(path) as part:
         writer.write(part, _finite(path, pieces, missing), about)
 

@@ -7,7 +7,7 @@ import numpy as np
 from lxml import etree
 
 from jounce.core.errors import JounceError, at, no_such, one_line, quoted, shortened
-from jounce.core.scalars import finite
+from jounce.core.foreign import parse_finite
 from jounce.io.doctype import refuse_declarations
 from jounce.io.files import read_bytes
 from jounce.io.orientation import direction, from_rpy
@@ -19,10 +19,14 @@ from jounce.spatial.groups import PLANAR
 from jounce.spatial.inertia import inertia_matrix, symmetric
 from jounce.spatial.lie import Ad, pose
 
-MOVING = {"revolute": 0, "continuous": 0, "prismatic": 3}  # where in the screw the axis goes
-FREE_JOINTS = ("floating", "planar")
-AXIS = "1 0 0"  # by the format, where a joint states none
-PLACED = ("xyz", "rpy")  # how an <origin> says its pose
+AXIS_PLACES = {
+    "revolute": 0,
+    "continuous": 0,
+    "prismatic": 3,
+}  # by type of joint, where in the screw (angular; linear) the axis goes
+FREE_JOINT_TYPES = ("floating", "planar")
+DEFAULT_AXIS = "1 0 0"  # by the format, where a joint states none
+ORIGIN_ATTRIBUTES = ("xyz", "rpy")  # of the pose that an <origin> states
 
 
 def read(path: Path, gravity: object = None, base: str | None = None, root: str | None = None) -> Mechanism:
@@ -35,7 +39,7 @@ def parse(content: bytes, file: str, name: str, gravity: object, base: str | Non
     robot = parse_xml(content, file)
     if root is None:
         with at(file):  # before minutes of reading
-            check_size(sum(element.get("type") in MOVING for element in robot.iterchildren("joint")))
+            check_size(sum(element.get("type") in AXIS_PLACES for element in robot.iterchildren("joint")))
     links = [_link(element, file) for element in robot.iterchildren("link")]
     joints = [_joint(element, file) for element in robot.iterchildren("joint")]
     given = GRAVITY if gravity is None else gravity
@@ -58,10 +62,8 @@ def parse_xml(content: bytes, file: str) -> etree._Element:
         raise JounceError(f"{file}: the root element is <{shortened(str(root.tag))}>; a URDF has <robot>")
     for element in root.iter(etree.Element, etree.Entity):
         if element.tag is etree.Entity:
-            name = shortened(element.text or "")
-            raise JounceError(
-                f"{_at(element, file)}: {name} is an entity, which is never resolved; write its content instead"
-            )
+            came = f"{shortened(element.text or '')} is an entity, which is never resolved"
+            raise JounceError(f"{_at(element, file)}: {came}; write its content instead")
         if element.prefix == "xacro":
             raise JounceError(f"{_at(element, file)}: contains xacro macros; name the file *.xacro to expand them")
     return root
@@ -81,7 +83,7 @@ def _link(element: etree._Element, file: str) -> tree.Link:
 
 def _joint(element: etree._Element, file: str) -> tree.Joint:
     name, kind = _text(element, "name", file), _text(element, "type", file)
-    kinds = ["fixed", *MOVING, *FREE_JOINTS]
+    kinds = ["fixed", *AXIS_PLACES, *FREE_JOINT_TYPES]
     if kind not in kinds:
         raise JounceError(f"{_at(element, file)}: joint {quoted(name)}: {no_such('joint type', kind, kinds)}")
     return tree.Joint(
@@ -89,33 +91,30 @@ def _joint(element: etree._Element, file: str) -> tree.Joint:
         parent=_text(_child(element, "parent", file), "link", file),
         child=_text(_child(element, "child", file), "link", file),
         B=origin_pose(element, file),
-        X=_screw(element, kind, file) if kind in MOVING else _plane(element, file) if kind == "planar" else None,
-        mimic=_mimic(element, file) if kind in MOVING else None,
-        limits=_limits(element, kind, file) if kind in MOVING else {},
-        drive=_drive(element, file) if kind in MOVING else {},
+        X=_screw(element, kind, file) if kind in (*AXIS_PLACES, "planar") else None,
+        mimic=_mimic(element, file) if kind in AXIS_PLACES else None,
+        limits=_limits(element, kind, file) if kind in AXIS_PLACES else {},
+        drive=_drive(element, file) if kind in AXIS_PLACES else {},
         place=_at(element, file),
-        free=kind if kind in FREE_JOINTS else None,
+        free=kind if kind in FREE_JOINT_TYPES else None,
     )
 
 
 def _screw(element: etree._Element, kind: str, file: str) -> np.ndarray:
-    X = np.zeros(6)
-    X[MOVING[kind] : MOVING[kind] + 3] = _axis(element, file)
-    return X
+    """The screw (6,) of a joint, or those (3, 6) of a planar joint, whose axis is the normal of the plane.
 
-
-def _plane(element: etree._Element, file: str) -> np.ndarray:
-    """The screws (3, 6) of a planar joint, whose axis is the normal of the plane.
-
-    The axes x and y in which its position counts are those of the child, turned the shortest way that takes z to the
-    normal. Pinocchio takes z for the normal, whatever a file says.
+    The axes x and y in which a planar position counts are those of the child, turned the shortest way that takes z to
+    the normal. Pinocchio takes z for the normal, whatever a file says.
     """
-    return (Ad(pose(turn_to(_axis(element, file)), np.zeros((3, 1)))) @ PLANAR.X).T
+    axis = _axis(element, file)
+    if kind == "planar":
+        return (Ad(pose(turn_to(axis), np.zeros((3, 1)))) @ PLANAR.X).T
+    return np.insert(np.zeros(3), AXIS_PLACES[kind], axis)
 
 
 def _axis(element: etree._Element, file: str) -> np.ndarray:
     stated = element.find("axis")
-    numbers = np.array(AXIS.split(), dtype=float) if stated is None else read_numbers(stated, "xyz", 3, file)
+    numbers = np.array(DEFAULT_AXIS.split(), dtype=float) if stated is None else read_numbers(stated, "xyz", 3, file)
     axis = direction(numbers)
     if axis is None:
         name = quoted(element.get("name"))
@@ -142,7 +141,6 @@ def _limits(element: etree._Element, kind: str, file: str) -> dict[str, float]:
 
 
 def _drive(element: etree._Element, file: str) -> dict[str, float]:
-    """Return the values of a <dynamics>."""
     dynamics = element.find("dynamics")
     if dynamics is None:
         return {}
@@ -155,8 +153,8 @@ def origin_pose(element: etree._Element, file: str) -> np.ndarray:
     if origin is None:
         return np.eye(4)
     for key in origin.attrib:  # a quaternion, or a frame that the pose is given in, must not be lost in silence
-        if key not in PLACED:
-            raise JounceError(f"{_at(origin, file)}: {no_such('attribute of <origin>', key, PLACED)}")
+        if key not in ORIGIN_ATTRIBUTES:
+            raise JounceError(f"{_at(origin, file)}: {no_such('attribute of <origin>', key, ORIGIN_ATTRIBUTES)}")
     R = from_rpy(read_numbers(origin, "rpy", 3, file, default="0 0 0"), _at(origin, file))
     return pose(R, read_numbers(origin, "xyz", 3, file, default="0 0 0")[:, None])
 
@@ -183,7 +181,7 @@ def read_numbers(
     text, expected = element.get(attribute, default), f"expected {count} finite number{'s' * (count > 1)}"
     if text is None:
         raise JounceError(f"{_at(element, file)}: <{element.tag}> has no {attribute}=; {expected}")
-    numbers = [number for number in map(finite, text.split()) if number is not None]
+    numbers = [number for number in map(parse_finite, text.split()) if number is not None]
     if not len(numbers) == len(text.split()) == count:
         raise JounceError(f"{_at(element, file)}: <{element.tag} {attribute}={quoted(text)}>; {expected}")
     return np.array(numbers)

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from jounce.model.mechanism import Mechanism
 
 SHAPES = {"box": ("size", 3), "cylinder": ("radius length", 1), "sphere": ("radius", 1)}  # attributes, numbers of each
-SUFFIX = ".urdf"
-GREY = (185, 189, 196)
+URDF_SUFFIX = ".urdf"
+SHAPE_COLOR = (185, 189, 196)  # red, green, blue of 255: a light grey, as shapes state no colour here
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,13 +37,8 @@ class Visual:
 
 
 def read_visuals(path: Path) -> list[Visual]:
-    """The visuals of a URDF; robot files of other types give an empty list.
-
-    Raises
-    ------
-    JounceError : where the file cannot be read, or a number is wrong.
-    """
-    if path.suffix.lower() != SUFFIX:
+    """The visuals of a URDF; robot files of other types give an empty list."""
+    if path.suffix.lower() != URDF_SUFFIX:
         return []
     robot = parse_xml(read_bytes(path), str(path))
     links = [link for link in robot.iterchildren("link") if link.get("name")]
@@ -69,10 +64,7 @@ def _read(visual: etree._Element, link: etree._Element, path: Path) -> Iterator[
 
 
 def read_mesh(visual: Visual, path: Path, folders: Sequence[Path] = ()) -> Any:
-    """The triangles of a visual, a `trimesh.Trimesh`, or in words why it cannot be drawn.
-
-    Meshes are in the folder of the robot file, in its packages, or in further folders that the user names.
-    """
+    """The triangles of a visual, a `trimesh.Trimesh`, or in words why it cannot be drawn."""
     import trimesh
 
     mesh: Any
@@ -96,7 +88,7 @@ def read_mesh(visual: Visual, path: Path, folders: Sequence[Path] = ()) -> Any:
                 return f"{name} (no triangles)"
             mesh.apply_transform(np.diag([*visual.size, 1]))
             return mesh
-    mesh.visual.face_colors = GREY
+    mesh.visual.face_colors = SHAPE_COLOR
     return mesh
 
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from jounce.arguments import names
 from jounce.core.errors import JounceError
-from jounce.core.scalars import is_masked, is_traced
+from jounce.core.foreign import is_masked
+from jounce.core.scalars import is_traced
 from jounce.dynamics.computation import Port, Shape, Signature
 
 

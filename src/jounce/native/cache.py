@@ -14,8 +14,8 @@ from functools import cache
 from pathlib import Path
 
 from jounce.core.errors import JounceError, quoted
+from jounce.core.foreign import parse_finite
 from jounce.core.parts import part_in, remove_abandoned
-from jounce.core.scalars import finite
 from jounce.dynamics import coupling
 from jounce.dynamics.computation import Computation
 from jounce.model.mechanism import Mechanism
@@ -40,7 +40,7 @@ def limit() -> int:
     JounceError : where it is set to anything but a number from 0 on.
     """
     given = os.environ.get("JOUNCE_CACHE_SIZE") or str(LIMIT)
-    size = finite(given)
+    size = parse_finite(given)
     if size is None or size < 0:
         raise JounceError(f"JOUNCE_CACHE_SIZE is {quoted(given)}; expected a number of MiB from 0 on")
     return int(size * 2**20)

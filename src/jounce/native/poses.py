@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.arguments.poses import NOT_A_POSE, misses
+from jounce.arguments.poses import POSE_TOLERANCE, misses
 from jounce.dynamics.computation import Port, Signature
 from jounce.native import cache as kept
 from jounce.native import jit
@@ -20,7 +20,7 @@ def are_poses(C: Any) -> bool:
 
     It compares sums of squares, whose root is at least the largest part, which `check_pose` compares.
     """
-    return bool((_function()[0](C) <= NOT_A_POSE**2).all())
+    return bool((_function()[0](C) <= POSE_TOLERANCE**2).all())
 
 
 @cache

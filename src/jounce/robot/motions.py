@@ -121,7 +121,7 @@ def load_motion(
             raise JounceError(f"{PLACE}: topic is for bags of ROS, not for columns: leave it out")
         return _with_meaning(tabular.of_arrays(_arrays(source), mechanism, highest, way, options, PLACE), robot)
     if not isinstance(source, str | os.PathLike):
-        known = f"a path, one of {', '.join(motions.BUNDLED)}, or named columns"
+        known = f"a path, one of {', '.join(motions.BUNDLED_MOTIONS)}, or named columns"
         raise JounceError(f"load_motion() expects {known}, got {type(source).__name__}")
     path = path_of(source)
     return _with_meaning(motions.read(path, mechanism, highest, way, options, topic), robot)

@@ -37,7 +37,7 @@ symbolic = _function(Applications.symbolic)
 def _forces_from(robot: Any, library: str, model: Any, forces: Any, q: Any = None) -> Any:
     from jounce.io.models import states
 
-    return states.forces_from(robot.mechanism, states.layout_of(library, model), forces, q)
+    return states.forces_from(robot.mechanism, states.read_model_layout(library, model), forces, q)
 
 
 def _state_to(self: Any, library: str, *rates: Any, base: Any, model: Any) -> tuple[Any, ...]:

@@ -534,7 +534,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         """
         from jounce.io.models import states  # what few programs need
 
-        return states.state_from(self.mechanism, states.layout_of(library, model), (q, v, a), forces)
+        return states.state_from(self.mechanism, states.read_model_layout(library, model), (q, v, a), forces)
 
     def state_to(
         self,
@@ -589,7 +589,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         """
         from jounce.io.models import states  # what few programs need
 
-        vectors = states.state_to(self.mechanism, states.layout_of(library, model), (q, qd, q2d), base, Q)
+        vectors = states.state_to(self.mechanism, states.read_model_layout(library, model), (q, qd, q2d), base, Q)
         return vectors[0] if len(vectors) == 1 else vectors
 
     def with_drives(self, terms: DriveTerms = True, eps: float | None = None) -> Self:

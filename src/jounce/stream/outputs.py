@@ -17,7 +17,7 @@ from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.generic import as_tuple
 from jounce.io.columns import Columns
-from jounce.io.motions.writing import BREAK, MEASURED, break_marks, measured, named, of_base, of_joints
+from jounce.io.motions.writing import BREAK_COLUMN, MEASURED, break_marks, measured, named, of_base, of_joints
 from jounce.model.coordinates import force_names
 from jounce.model.elasticity import motor_names
 from jounce.model.positions import extent
@@ -109,7 +109,7 @@ def along(job: Job, motion: Motion, show: Progress | None = None) -> Iterator[Bl
 
 def alike(block: Block, motion: Motion, joints: Sequence[str], torques: Sequence[str]) -> Block:
     """A block with the columns of all motions of a table, of which some may have no breaks, deviations or `torques`."""
-    others = {BREAK: np.full(len(block.t), -1.0)} | block.others
+    others = {BREAK_COLUMN: np.full(len(block.t), -1.0)} | block.others
     if motion.torques is not None:
         at, values = motion.torques
         columns = {name: values[:, j] for j, name in enumerate(joints) if name in torques}

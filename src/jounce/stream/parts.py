@@ -9,7 +9,7 @@ import numpy as np
 from jounce.core.errors import at, collected_warnings
 from jounce.io.columns import Columns
 from jounce.io.motions.writing import about
-from jounce.io.tables import WRITERS
+from jounce.io.tables import TABLE_WRITERS
 from jounce.stream.blocks import blocks
 from jounce.stream.limits import checked_limits
 from jounce.stream.outputs import columns_of
@@ -63,5 +63,5 @@ def _write(task: Task, part: Part, folder: Path, pieces: Iterator[Columns]) -> s
     if first is None:
         return ""
     with written(rows_path(folder, part, form)) as path:
-        WRITERS[form].write(path, chain([first], pieces), about(task.job.robot.mechanism, task.job.order))
+        TABLE_WRITERS[form].write(path, chain([first], pieces), about(task.job.robot.mechanism, task.job.order))
         return checksum(path)

@@ -13,7 +13,7 @@ from jounce.dynamics.stretch import elasticity_of
 from jounce.engine.engine import Engine
 from jounce.io.remainders import remainder_of
 from jounce.io.rows import Span
-from jounce.io.tables import FORMATS, format_of
+from jounce.io.tables import ROW_FORMATS, format_of
 from jounce.io.tables import place as place_in_words
 from jounce.model.positions import positions
 from jounce.motion import loads, poses
@@ -121,7 +121,7 @@ def is_by_parts(job: Job, source: Path) -> bool:
 
     What cannot be read is left to those who read tables as a whole, and their messages.
     """
-    if source.suffix.lower() not in FORMATS:
+    if source.suffix.lower() not in ROW_FORMATS:
         return False
     try:
         found, named = _match(job, source, job.highest)
@@ -135,9 +135,9 @@ def _files(source: Path) -> tuple[list[Path], tuple[str, ...]]:
         format_of(source)
         return [source], ()
     there = sorted(path for path in source.iterdir() if not path.name.startswith(IGNORED))
-    found = [path for path in there if path.is_file() and path.suffix.lower() in FORMATS]
+    found = [path for path in there if path.is_file() and path.suffix.lower() in ROW_FORMATS]
     if not found:
-        raise JounceError(f"{source}: no table in this folder; read by rows are: {', '.join(FORMATS)}")
+        raise JounceError(f"{source}: no table in this folder; read by rows are: {', '.join(ROW_FORMATS)}")
     others = [path.name for path in there if path not in found]
     return found, (f"other files, ignored: {listed(others)}",) if others else ()
 

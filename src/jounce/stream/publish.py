@@ -7,9 +7,9 @@ from contextlib import suppress
 from pathlib import Path
 
 from jounce.core.errors import JounceError, listed
-from jounce.core.parts import PART, part_in, remove_abandoned
+from jounce.core.parts import PART_NAME, part_in, remove_abandoned
 from jounce.io import files
-from jounce.io.tables import WRITERS
+from jounce.io.tables import TABLE_WRITERS
 from jounce.stream.plan import Plan
 from jounce.stream.records import CONTINUE, Record, is_valid, line_of, parse, rows_folder, rows_path
 
@@ -29,7 +29,7 @@ def check_folder(output: Path) -> None:
         return
     if not output.is_dir():
         raise JounceError(
-            f"{output}: exists and is not a folder; state a file of type {', '.join(WRITERS)}, or a folder"
+            f"{output}: exists and is not a folder; state a file of type {', '.join(TABLE_WRITERS)}, or a folder"
         )
     known = {RECORDS, *(f"part-{record.number:06d}.parquet" for record in published(output))}
     foreign = sorted(path.name for path in output.iterdir() if path.name not in known)
@@ -86,7 +86,7 @@ def publish_file(plan: Plan, folder: Path, form: str, output: Path) -> None:
     tables = [rows_path(folder, part, form) for part in plan.parts]
     try:
         with files.written_whole(output) as path:
-            WRITERS[form].join(path, [table for table in tables if table.exists()])
+            TABLE_WRITERS[form].join(path, [table for table in tables if table.exists()])
     except JounceError as error:  # of a full disk, above all
         raise JounceError(f"{error}; {CONTINUE}") from None
 
@@ -111,4 +111,4 @@ def remove_empty(folder: Path) -> None:
 
 def _ours(folder: Path) -> Iterator[Path]:
     """The tables and records in a work folder, and what workers that died, on other machines too, were writing."""
-    return (path for path in list(folder.iterdir()) if OURS.fullmatch(path.name) or PART.fullmatch(path.name))
+    return (path for path in list(folder.iterdir()) if OURS.fullmatch(path.name) or PART_NAME.fullmatch(path.name))

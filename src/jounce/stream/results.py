@@ -177,7 +177,7 @@ def _write(plan: Plan, summary: Summary, work: Path, reduce: Sequence[str], outp
 def _write_table(output: Path, columns: Columns, job: Job) -> None:
     """Write a table of few rows; numbers in it may be infinite or missing."""
     with files.written_whole(output) as path:
-        tables.WRITERS[form_of(output)].write(path, [columns], about(job.robot.mechanism, job.order))
+        tables.TABLE_WRITERS[form_of(output)].write(path, [columns], about(job.robot.mechanism, job.order))
 
 
 def _write_skipped(path: Path, columns: Sequence[str], found: Iterable[Record]) -> None:

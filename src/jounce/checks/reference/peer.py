@@ -49,10 +49,10 @@ class Converter:
     """Joint variables and forces of a mechanism from and to the vectors of a library's model."""
 
     mechanism: Mechanism
-    layout: states.Layout
+    layout: states.ModelLayout
 
     @classmethod
-    def of(cls, mechanism: Mechanism, layout: states.Layout) -> "Converter":
+    def of(cls, mechanism: Mechanism, layout: states.ModelLayout) -> "Converter":
         """Raise `NotComparableError` unless the joints of the mechanism are those of the model."""
         several = {x.name for x in positions(mechanism).values()}
         single = {mechanism.joints[j] for j in single_variables(mechanism).values()}

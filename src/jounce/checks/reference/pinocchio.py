@@ -31,7 +31,7 @@ def of_file(mechanism: Mechanism, path: Path) -> Peer:
     try:
         with errors_caught(said):
             model = pin.buildModelFromUrdf(str(path))
-            if mechanism.floats and not states.layout_of("pinocchio", model).free:
+            if mechanism.floats and not states.read_model_layout("pinocchio", model).free:
                 model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
     except Exception as error:
         reason = one_line(" ".join(said)) or one_line(error)
@@ -84,7 +84,7 @@ def _depth_first(parent: Sequence[int], body: int = -1) -> Iterator[int]:
 
 
 def _peer(pin: Any, mechanism: Mechanism, model: Any, source: str) -> Peer:
-    data, convert = model.createData(), Converter.of(mechanism, states.layout_of("pinocchio", model))
+    data, convert = model.createData(), Converter.of(mechanism, states.read_model_layout("pinocchio", model))
 
     def forces(theta: Sequence[np.ndarray], base: object) -> np.ndarray:
         q, v, a = convert.state(theta, base)

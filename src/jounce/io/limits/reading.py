@@ -4,12 +4,10 @@ import os
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from jounce.core.errors import JounceError, at, listed, no_such, one_of, quoted, warn
 from jounce.io import entries
-from jounce.io.denavit_hartenberg import ANGLES, ANGULAR
-from jounce.io.entries import Entry
+from jounce.io.denavit_hartenberg import ANGLE_UNITS, in_rad
+from jounce.io.entries import DOCUMENT_SUFFIXES, Entry
 from jounce.io.files import path_of
 from jounce.io.limits import moveit
 from jounce.io.native import parts
@@ -22,7 +20,6 @@ from jounce.model.stated import Stated, limits_with
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
 
-SUFFIXES = (".yaml", ".yml", ".json")
 OPTIONAL = ("angles", "limits_of", "names", "sources")  # keys of a file
 
 ByJoint = Mapping[str, Mapping[str, Stated]]
@@ -44,11 +41,11 @@ def limits_from(mechanism: Mechanism, source: object) -> Limits:
         came = f"{type(source).__name__}; arms with limits: {listed(table_names())}"
         raise JounceError(f"with_limits() expects a file, the name of an arm or jounce.Limits, got {came}")
     path = path_of(source)
-    if path.suffix.lower() in SUFFIXES:
+    if path.suffix.lower() in DOCUMENT_SUFFIXES:
         return _from_file(mechanism, entries.read(path, "the limits"))
     name = os.fspath(source)
     if name not in table_names():
-        raise JounceError(f"{no_such('limits', name, table_names())}, or a file of type {', '.join(SUFFIXES)}")
+        raise JounceError(f"{no_such('limits', name, table_names())}, or a file of type {', '.join(DOCUMENT_SUFFIXES)}")
     return _from_table(mechanism, name)
 
 
@@ -88,7 +85,8 @@ def _from_table(mechanism: Mechanism, name: str) -> Limits:
     table = read_table(name)
     keys, places = list(table.get("joints").members()), joint_places(mechanism)
     found: dict[str, str] = {}
-    for pattern in (item.text() for item in table.get("names", ["{}"]).items()):
+    patterns = [item.text() for item in table.get("names", ["{}"]).items()]
+    for pattern in patterns:
         own = [pattern.format(key) for key in keys]
         for joint in places:
             prefix = joint.removesuffix(own[0])
@@ -96,7 +94,7 @@ def _from_table(mechanism: Mechanism, name: str) -> Limits:
             if joint.endswith(own[0]) and not prefix[-1:].isalnum() and all(other in places for other in whole):
                 found |= dict(zip(whole, keys, strict=True))
     if not found:
-        expected = listed([pattern.text().format(keys[0]) for pattern in table.get("names", ["{}"]).items()])
+        expected = listed(pattern.format(keys[0]) for pattern in patterns)
         raise JounceError(
             f"limits of {name} are of {len(keys)} joints called {expected}, ..., behind a common prefix;"
             f" the joints of this robot are: {listed(places)}"
@@ -108,27 +106,24 @@ def _joints(document: Entry, mechanism: Mechanism, keys: Mapping[str, str] | Non
     """What a file states of each joint; `keys` are those that it has for the joints of a robot."""
     document.keys(("units", "joints"), OPTIONAL)
     parts.check_units(document)
-    unit = ANGLES[one_of("unit of angles", document.get("angles", "rad").text(), ANGLES)]
+    unit = ANGLE_UNITS[one_of("unit of angles", document.get("angles", "rad").text(), ANGLE_UNITS)]
     members, places = document.get("joints").members(), joint_places(mechanism)
     named = {key: key for key in members} if keys is None else keys
     found: dict[str, dict[str, Stated]] = {}
     for joint, key in named.items():
         entry = members[key].named(f"joint {quoted(joint)}")
-        stated = parts.stated_limits(entry, entry)
+        stated = parts.limits(entry, entry)
         turns = joint in places and mechanism.X[places[joint]][:3].any()
-        found[joint] = {
-            kind: np.multiply(x, unit).tolist() if kind in ANGULAR and turns else x for kind, x in stated.items()
-        }
+        found[joint] = in_rad(stated, stated, unit) if turns else stated
     return found
 
 
 def _changed(mechanism: Mechanism, document: Entry, stated: ByJoint) -> Limits:
     """The limits of a mechanism with those that are stated of some joints in their place."""
     changes: dict[int, dict[str, Stated]] = {}
+    inertial = parts.without_gravity(document) if "limits_of" in document.value else ()
     with at(document.path):
         for name, joint in stated.items():
             for key, value in joint.items():
                 changes.setdefault(limit_place(mechanism, name, key), {})[key] = value
-    inertial = parts.without_gravity(document) if "limits_of" in document.value else ()
-    with at(document.path):
         return limits_with(mechanism, changes, dict.fromkeys(inertial, FORCES[1]))

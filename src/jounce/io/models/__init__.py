@@ -1,1 +1,1 @@
-"""Models of other libraries, read from their attributes; the libraries themselves are hardly used."""
+"""Models of other libraries, read from their attributes."""

@@ -18,14 +18,14 @@ from jounce.spatial import lie
 from jounce.spatial.inertia import inertia_matrix
 
 FREE_FLYER = "JointModelFreeFlyer"
-FREE_JOINTS = {  # joints of several screws: their kind, q at zero, and where v has each of jounce's velocities
+FREE_JOINT_MODELS = {  # joints of several screws: their kind, q at zero, and where v has each of jounce's velocities
     FREE_FLYER: ("floating", [0, 0, 0, 0, 0, 0, 1], [3, 4, 5, 0, 1, 2]),
     "JointModelPlanar": ("planar", [0, 0, 1, 0], [2, 0, 1]),
     "JointModelSpherical": ("spherical", [0, 0, 0, 1], [0, 1, 2]),
 }
-FRAMES = ("BODY", "OP_FRAME", "SENSOR")  # those whose names stay
-MASSLESS = np.zeros((6, 6))
-UNBOUNDED = np.finfo(float).max  # as Pinocchio says it
+NAMED_FRAME_TYPES = ("BODY", "OP_FRAME", "SENSOR")  # those whose names stay
+ZERO_INERTIA = np.zeros((6, 6))
+NO_LIMIT = np.finfo(float).max  # by which Pinocchio states that a joint has none
 
 
 def mechanism(model: Any, gravity: object = None, base: str | None = None, root: str | None = None) -> Mechanism:
@@ -33,20 +33,18 @@ def mechanism(model: Any, gravity: object = None, base: str | None = None, root:
     check_model(model, "from_pinocchio()")
     called = model.name or "robot"
     what = f"model {called!r}"
-    if gravity is None and model.gravity.angular.any():
-        raise JounceError(
-            f"{what}: the gravity field has an angular part, {model.gravity.angular.tolist()}; expected zeros"
-        )
+    if gravity is None and (angular := model.gravity.angular).any():
+        raise JounceError(f"{what}: the gravity field has an angular part, {angular.tolist()}; expected zeros")
     bodies = moved_bodies(model)
-    links, joints = [tree.Link(bodies[0], MASSLESS, what)], []
+    links, joints = [tree.Link(bodies[0], ZERO_INERTIA, what)], []
     for i, Y in enumerate(model.inertias[1:], start=1):
         chain = _chain(model, i, bodies, what)
         joints += chain
-        links += [tree.Link(joint.child, MASSLESS, what) for joint in chain[:-1]]
+        links += [tree.Link(joint.child, ZERO_INERTIA, what) for joint in chain[:-1]]
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
             links += [tree.Link(bodies[i], inertia_matrix(Y.mass, Y.lever, Y.inertia), what)]
     for name, frame in _frames(model, bodies).items():
-        links.append(tree.Link(name, MASSLESS, what))
+        links.append(tree.Link(name, ZERO_INERTIA, what))
         joints.append(_fixed_joint(f"frame {name}", bodies[frame.parentJoint], name, frame.placement.homogeneous, what))
     given = model.gravity.linear if gravity is None else gravity
     built = tree.mechanism(links, joints, given, called, what, base=base, root=root, world=bodies[0])
@@ -78,7 +76,7 @@ def moved_bodies(model: Any) -> list[str]:
 def _frames(model: Any, bodies: list[str]) -> dict[str, Any]:
     """The other frames by name, the first of each."""
     found: dict[str, Any] = {}
-    for kind in FRAMES:
+    for kind in NAMED_FRAME_TYPES:
         for frame in model.frames:
             if frame.type.name == kind and frame.name not in bodies:
                 found.setdefault(frame.name, frame)
@@ -138,8 +136,8 @@ def parts_of(joint: Any, name: str) -> list[Part]:
     found: list[Part] = []
     q = v = 0
     for part in list(joint.extract().joints) if joint.shortname() == "JointModelComposite" else [joint]:
-        if (kind := part.shortname()) in FREE_JOINTS:
-            free, at_zero, order = FREE_JOINTS[kind]
+        if (kind := part.shortname()) in FREE_JOINT_MODELS:
+            free, at_zero, order = FREE_JOINT_MODELS[kind]
             found.append(Part(f"{name}_{v + 1}", free, q + np.arange(len(at_zero)), v + np.array(order)))
         elif part.nq == part.nv:
             found += [Part(f"{name}_{v + k + 1}", None, q + k, v + k) for k in range(part.nv)]
@@ -170,8 +168,8 @@ def _configuration(joint: Any, theta: np.ndarray) -> np.ndarray:
         parts = list(joint.extract().joints)
         cut = np.split(theta, np.cumsum([part.nv for part in parts]))
         return np.concatenate([_configuration(part, x) for part, x in zip(parts, cut[:-1], strict=True)])
-    if kind in FREE_JOINTS:
-        return np.array(FREE_JOINTS[kind][1], dtype=float)
+    if kind in FREE_JOINT_MODELS:
+        return np.array(FREE_JOINT_MODELS[kind][1], dtype=float)
     return np.array([np.cos(theta[0]), np.sin(theta[0])]) if (joint.nq, joint.nv) == (2, 1) else theta
 
 
@@ -188,7 +186,7 @@ def _limits(model: Any, joint: Any, part: Part) -> dict[str, float]:
     found = {"velocity": model.velocityLimit[v], "effort": model.effortLimit[v]}
     if not part.turns:
         found |= {"lower": model.lowerPositionLimit[q], "upper": model.upperPositionLimit[q]}
-    return {key: float(x) for key, x in found.items() if not abs(x) >= UNBOUNDED}  # NaN stays, and is refused
+    return {key: float(x) for key, x in found.items() if not abs(x) >= NO_LIMIT}  # NaN stays, and is refused
 
 
 def _drive(model: Any, v: int) -> dict[str, float]:

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jounce.core.errors import JounceError, at, no_such, option
+from jounce.io.entries import DOCUMENT_SUFFIXES
 from jounce.model.mechanism import Mechanism
 
 if TYPE_CHECKING:  # what reads them takes a while to import, and robots need it not
@@ -12,8 +13,7 @@ if TYPE_CHECKING:  # what reads them takes a while to import, and robots need it
     from jounce.motion.description import Description
     from jounce.motion.spline import Smoothing, Spline
 
-BUNDLED = {"paper": "paper.yaml", "paper-wrench": "paper-wrench.yaml"}  # names of bundled motions
-SUFFIXES = (".yaml", ".yml", ".json")
+BUNDLED_MOTIONS = {"paper": "paper.yaml", "paper-wrench": "paper-wrench.yaml"}  # names of bundled motions
 
 
 def read(
@@ -26,7 +26,7 @@ def read(
 ) -> "Motion":
     """The motion of a file, or of a bundled name, for a mechanism: rates up to the one of order `highest`."""
     from jounce.io import entries, tables
-    from jounce.io.motions import bags, tabular, terms, trajectory
+    from jounce.io.motions import bags, tabular, terms
     from jounce.motion.description import motion_of
     from jounce.motion.spline import refuse_way
     from jounce.motion.table import AS_NAMED, SMOOTHED
@@ -37,25 +37,25 @@ def read(
         (options or AS_NAMED).refuse(str(source), reason)
     if topic is not None and not bags.is_bag(source):
         raise JounceError(f"{source}: {option('topic')} is for bags of ROS, which it is not: leave it out")
-    if str(source) in BUNDLED:
+    if str(source) in BUNDLED_MOTIONS:
         with at(source):
             return motion_of(bundled(str(source)), mechanism)
-    if source.suffix.lower() in SUFFIXES:
-        entry = entries.read(source, "the motion")
-        return (trajectory if trajectory.is_trajectory(entry) else terms).read(entry, mechanism)
-    if source.suffix.lower() in tables.READERS:
+    if source.suffix.lower() in DOCUMENT_SUFFIXES:
+        return terms.read(entries.read(source, "the motion"), mechanism)
+    if source.suffix.lower() in tables.TABLE_READERS:
         return tabular.read(source, mechanism, highest, way or SMOOTHED, options or AS_NAMED)
     if bags.is_bag(source):
         return bags.read(source, mechanism, highest, way or SMOOTHED, options or AS_NAMED, topic)
-    known = ", ".join([*tables.READERS, *SUFFIXES, *bags.SUFFIXES])
+    known = ", ".join([*tables.TABLE_READERS, *DOCUMENT_SUFFIXES, *bags.BAG_SUFFIXES])
     if not source.suffix:
-        raise JounceError(f"{no_such('motion', str(source), BUNDLED)}, or a file of type {known}")
-    raise JounceError(f"{source}: unknown type of motion {source.suffix!r}; available: {known}, {', '.join(BUNDLED)}")
+        raise JounceError(f"{no_such('motion', str(source), BUNDLED_MOTIONS)}, or a file of type {known}")
+    known = f"{known}, {', '.join(BUNDLED_MOTIONS)}"
+    raise JounceError(f"{source}: unknown type of motion {source.suffix!r}; available: {known}")
 
 
 def is_analytic(source: Path) -> bool:
     """Whether a motion is given in closed form, by a name or a YAML file."""
-    return str(source) in BUNDLED or source.suffix.lower() in SUFFIXES
+    return str(source) in BUNDLED_MOTIONS or source.suffix.lower() in DOCUMENT_SUFFIXES
 
 
 def bundled(name: str) -> "Description":
@@ -65,5 +65,5 @@ def bundled(name: str) -> "Description":
     from jounce.io import entries
     from jounce.io.motions import terms
 
-    with as_file(files(__name__) / BUNDLED[name]) as path:
+    with as_file(files(__name__) / BUNDLED_MOTIONS[name]) as path:
         return terms.terms_in(entries.read(path, "the motion"))

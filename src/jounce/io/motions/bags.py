@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed, no_such, one_line, quoted
+from jounce.core.errors import JounceError, at, listed, no_such, one_line, quoted
 from jounce.io.files import check_readable
 from jounce.io.motions import tabular
 from jounce.model.mechanism import Mechanism
@@ -16,8 +16,8 @@ from jounce.motion.matching import matched
 from jounce.motion.motion import Motion
 from jounce.motion.spline import Smoothing, Spline, refuse_way
 
-SUFFIXES = (".mcap", ".bag", ".db3")
-STATES = "sensor_msgs/msg/JointState"
+BAG_SUFFIXES = (".mcap", ".bag", ".db3")
+JOINT_STATE = "sensor_msgs/msg/JointState"
 TRAJECTORIES = ("trajectory_msgs/msg/JointTrajectory", "moveit_msgs/msg/DisplayTrajectory",
                 "moveit_msgs/msg/RobotTrajectory")  # fmt: skip
 
@@ -25,7 +25,7 @@ TRAJECTORIES = ("trajectory_msgs/msg/JointTrajectory", "moveit_msgs/msg/DisplayT
 def is_bag(source: Path) -> bool:
     """Return whether a path is a bag: a file of such a type, or a folder written by ROS 2."""
     try:
-        return source.suffix.lower() in SUFFIXES or (source / "metadata.yaml").is_file()
+        return source.suffix.lower() in BAG_SUFFIXES or (source / "metadata.yaml").is_file()
     except OSError:  # a name longer than the file system takes
         return False
 
@@ -33,11 +33,11 @@ def is_bag(source: Path) -> bool:
 def read(
     source: Path, mechanism: Mechanism, highest: int, way: Smoothing | Spline, options: Options, topic: str | None
 ) -> Motion:
-    """Read the motion in a bag: of the given topic, or of the only topic with a motion."""
+    """The motion in a bag: of the given topic, or of the only topic with a motion."""
     if not source.is_dir():
         check_readable(source)
     with _open_bag(source) as bag:
-        topics = {c.topic: c.msgtype for c in bag.connections if c.msgtype in (STATES, *TRAJECTORIES)}
+        topics = {c.topic: c.msgtype for c in bag.connections if c.msgtype in (JOINT_STATE, *TRAJECTORIES)}
         if topic is not None and topic not in topics:
             raise JounceError(f"{source}: --topic: {no_such('topic', topic, topics)}")
         if topic is None and len(topics) != 1:
@@ -47,17 +47,15 @@ def read(
         connections = [c for c in bag.connections if c.topic == chosen]
         messages = [bag.deserialize(raw, c.msgtype) for c, _, raw in bag.messages(connections)]
     place = f"{source}: {chosen}"
-    if topics[chosen] == STATES:
+    if topics[chosen] == JOINT_STATE:
         return tabular.of_arrays(_columns(messages, place), mechanism, highest, way, options, place)
     reason = "its trajectory points are exact"
     refuse_way(way, place, reason)
     options.refuse(place, reason)
     if len(messages) != 1:
         raise JounceError(f"{place} has {len(messages)} trajectories; expected one")
-    try:
+    with at(place):
         return matched(Motion.from_joint_trajectory(messages[0]), mechanism)
-    except JounceError as error:
-        raise JounceError(f"{place}: {error}") from None
 
 
 def _columns(messages: list[Any], place: str) -> dict[str, np.ndarray]:
@@ -90,5 +88,5 @@ def _open_bag(source: Path) -> Iterator[Any]:
             yield bag
     except JounceError:
         raise
-    except Exception as error:  # damaged bags raise whatever their reader stumbles over
+    except Exception as error:  # damaged bags make their reader raise errors of any type
         raise JounceError(f"{source}: not a bag of ROS: {one_line(error) or quoted(type(error).__name__)}") from None

@@ -81,6 +81,5 @@ def _cures() -> Iterator[None]:
     try:
         yield
     except CellError as error:
-        raise JounceError(
-            f"{error}; repair or remove the row, or select columns with --time, --columns, --lock JOINT=VALUE"
-        ) from None
+        cure = "repair or remove the row, or select columns with --time, --columns, --lock JOINT=VALUE"
+        raise JounceError(f"{error}; {cure}") from None

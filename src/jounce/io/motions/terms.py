@@ -1,9 +1,8 @@
-"""YAML motions: analytic terms per joint, every key and number checked; and those of a motion as such a file."""
+"""Motions in YAML and JSON: analytic terms per joint, every key and number checked, or a trajectory of ROS."""
 
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,12 +16,17 @@ from jounce.motion.analytic import Analytic, Cosine, Terms
 from jounce.motion.base import COLUMNS
 from jounce.motion.curves import COMPONENTS
 from jounce.motion.description import Description, motion_of
+from jounce.motion.matching import matched
+from jounce.motion.ros import trajectories_in
 
-MOST_STATES = 100_000_000  # states; a slip of the pen asks for more
+MAX_MOTION_STATES = 100_000_000  # 800 MB per column: more is a typing error
 
 
 def read(entry: Entry, mechanism: Mechanism) -> Motion:
-    """The motion of a YAML or JSON file for a mechanism."""
+    """The motion of a file for a mechanism; a JointTrajectory may be alone or in a plan."""
+    if next(trajectories_in(entry.value), None) is not None:
+        with at(entry.place):
+            return matched(Motion.from_joint_trajectory(entry.value), mechanism)
     description = terms_in(entry)
     with at(entry.path):
         return motion_of(description, mechanism)
@@ -34,13 +38,11 @@ def terms_in(entry: Entry) -> Description:
     moves ``base: {x: {offset, ...}, ..., qz: {...}}``."""
     motion = entry.keys(("time", "joints"), ("name", "wrenches", "base"))
     joints = motion.get("joints").named("joints").members()
-    wrenches = motion.get("wrenches", {}).named("wrenches").members()
+    bodies = motion.get("wrenches", {}).named("wrenches").members()
+    wrenches = {body: terms.named(f"the wrench of {quoted(body)}") for body, terms in bodies.items()}
     return Description(
         {name: _curve(terms.named(f"joint {quoted(name)}")) for name, terms in joints.items()},
-        {
-            body: _components(terms.named(f"the wrench of {quoted(body)}"), COMPONENTS)
-            for body, terms in wrenches.items()
-        },
+        {body: _components(terms, COMPONENTS) for body, terms in wrenches.items()},
         _times(motion.get("time").named("time")),
         _components(motion.get("base").named("base"), COLUMNS) if "base" in motion.members() else None,
     )
@@ -49,10 +51,10 @@ def terms_in(entry: Entry) -> Description:
 def _times(time: Entry) -> np.ndarray:
     time.keys(("stop", "count"), ("start",))
     start, stop, count = time.get("start", 0).number(), time.get("stop").number(), time.get("count").value
-    counts = isinstance(count, int) and not isinstance(count, bool) and 2 <= count <= MOST_STATES
+    counts = isinstance(count, int) and not isinstance(count, bool) and 2 <= count <= MAX_MOTION_STATES
     if not counts or not start < stop or math.isinf(stop - start):
         came = f"time runs from {start:g} to {stop:g} in {quoted(count)} states"
-        raise JounceError(f"{time.place}: {came}; expected stop > start, count 2 to {MOST_STATES}")
+        raise JounceError(f"{time.place}: {came}; expected stop > start, count 2 to {MAX_MOTION_STATES}")
     return np.linspace(start, stop, count)
 
 
@@ -64,13 +66,11 @@ def _curve(terms: Entry) -> Terms:
     terms.keys((), ("offset", "cosines", "polynomial"))
     powers = [power.number() for power in terms.get("polynomial", [0]).items(least=1)]
     powers[0] += terms.get("offset", 0).number()
-    cosines = terms.get("cosines", []).items(f"cosine of {terms.what}")
-    return Terms(tuple(powers), tuple(_cosine(cosine) for cosine in cosines))
-
-
-def _cosine(cosine: Entry) -> Cosine:
-    cosine.keys(("amplitude", "frequency"), ("phase",))
-    return Cosine(*(cosine.get(key, 0).number() for key in ("amplitude", "frequency", "phase")))
+    cosines = []
+    for cosine in terms.get("cosines", []).items(f"cosine of {terms.what}"):
+        cosine.keys(("amplitude", "frequency"), ("phase",))
+        cosines.append(Cosine(*(cosine.get(key, 0).number() for key in ("amplitude", "frequency", "phase"))))
+    return Terms(tuple(powers), tuple(cosines))
 
 
 def write(path: Path, motion: Motion, joints: Sequence[str]) -> None:
@@ -78,12 +78,11 @@ def write(path: Path, motion: Motion, joints: Sequence[str]) -> None:
     if not isinstance(motion.curve, Analytic):
         raise JounceError(f"{path}: the motion has no analytic terms; expected a table, .csv or .npz")
     time = {"start": motion.start, "stop": motion.stop, "count": len(motion.times)}
-    data = {"time": time, "joints": dict(zip(joints, map(_data, motion.curve.terms), strict=True))}
+    terms = [
+        {"polynomial": list(term.polynomial), "cosines": [vars(cosine) for cosine in term.cosines]}
+        for term in motion.curve.terms
+    ]
+    data = {"time": time, "joints": dict(zip(joints, terms, strict=True))}
     text = writing.json_of(data) if path.suffix.lower() == ".json" else writing.yaml_of(data)
     with files.written_whole(path) as part:
         part.write_text(text, encoding="utf-8", newline="\n")
-
-
-def _data(terms: Terms) -> dict[str, Any]:
-    """The terms of a joint as `_curve` reads them."""
-    return {"polynomial": list(terms.polynomial), "cosines": [vars(cosine) for cosine in terms.cosines]}

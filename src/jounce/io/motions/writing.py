@@ -16,17 +16,17 @@ from jounce.motion.base import NAMES
 from jounce.motion.columns import TIME
 from jounce.spatial.series import SUFFIX, rate_name
 
-PIECE = 1000  # rows
+ROWS_PER_MOTION_PIECE = 1000  # about 1 MB for a robot of 30 joints with three rates
 DEVIATION, SAMPLE, MEASURED = "_sd", "_sample", "_measured"  # what follows the name of a quantity in a column's
-RATE = re.compile("(q|Q|theta|tau|i|u)" + SUFFIX)  # of the names of quantities that are written
-BREAK = "break"  # the column of breaks: the order of the derivative that jumps since the row before, else -1
+WRITTEN_QUANTITY = re.compile("(q|Q|theta|tau|i|u)" + SUFFIX)  # of the names of quantities that are written
+BREAK_COLUMN = "break"  # the column of breaks: the order of the derivative that jumps since the row before, else -1
 
 
 def pieces(motion: Motion, joints: Sequence[str], order: int) -> Iterator[Columns]:
     """A motion at its times as ``NAME.q, NAME.qd, ...``, piece by piece, a table that is read as a motion again."""
     breaks = [(found.t, found.order) for found in motion.breaks_to(order) if found.symbol != "W"]
-    for start in range(0, len(motion.times), PIECE):
-        part = slice(start, start + PIECE)
+    for start in range(0, len(motion.times), ROWS_PER_MOTION_PIECE):
+        part = slice(start, start + ROWS_PER_MOTION_PIECE)
         t = motion.times[part]
         columns: Columns = {"t": t}
         columns |= of_joints(motion, joints, t, order) | of_base(motion, t, order)
@@ -85,7 +85,7 @@ def about(mechanism: Mechanism, order: int) -> About:
 def _unit(owners: Mapping[str, str], name: str) -> str:
     """The unit of a column ``NAME.Qd``; none where it is no quantity of a joint or motor."""
     owner, _, symbol = name.removesuffix(DEVIATION).removesuffix(SAMPLE).removesuffix(MEASURED).rpartition(".")
-    rate = RATE.fullmatch(symbol)
+    rate = WRITTEN_QUANTITY.fullmatch(symbol)
     if owner not in owners or rate is None:
         return ""
     k = int(rate[2][:-1] or 1) if rate[2] else 0
@@ -116,4 +116,4 @@ def break_marks(motion: Motion, breaks: Sequence[tuple[float, int]], t: np.ndarr
     here = t[row] == after
     orders = np.full(len(t), np.inf)
     np.minimum.at(orders, row[here], jumps[here])
-    return {BREAK: np.where(np.isfinite(orders), orders, -1.0)}
+    return {BREAK_COLUMN: np.where(np.isfinite(orders), orders, -1.0)}

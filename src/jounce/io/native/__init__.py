@@ -21,6 +21,6 @@ A robot that floats states its base, which is the parent of bodies and frames in
 base: {name: trunk, inertia: {mass: 9, com: [0, 0, 0], inertia: [0.1, 0, 0, 0.2, 0, 0.2]}}
 """
 
-GROUND = "ground"  # what roots stand on; no name of a body
-BASE = "base"
-UNITS = "SI"
+GROUND_NAME = "ground"  # what roots stand on; no name of a body
+BASE_KEY = "base"
+FILE_UNITS = "SI"

@@ -27,10 +27,10 @@ from jounce.model.motors import Motor
 from jounce.model.spring_table import SpringTable
 from jounce.model.springs import CubicSpring, DampedSpring, Spring
 
-SECTION = "elastic"
-FRICTION = {"viscous": 0.0, "friction": 0.0, "eps": EPS}  # keys of a motor's friction, and their defaults
-TERMS = ElasticParameters().damping_terms
-SPRINGS: tuple[tuple[type[CubicSpring | SpringTable], tuple[str, ...]], ...] = (
+ELASTIC_SECTION = "elastic"
+FRICTION_DEFAULTS = {"viscous": 0.0, "friction": 0.0, "eps": EPS}  # keys of a motor's friction, and their defaults
+DEFAULT_DAMPING_TERMS = ElasticParameters().damping_terms
+SPRING_KEYS: tuple[tuple[type[CubicSpring | SpringTable], tuple[str, ...]], ...] = (
     (CubicSpring, ("k", "k3")),
     (SpringTable, ("deflections", "forces")),
 )
@@ -38,15 +38,15 @@ SPRINGS: tuple[tuple[type[CubicSpring | SpringTable], tuple[str, ...]], ...] = (
 
 def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
     """The mechanism with the springs and motors of a file, if it states any."""
-    if SECTION not in robot.value:
+    if ELASTIC_SECTION not in robot.value:
         return mechanism
-    section = robot.get(SECTION).keys(("joints",), ("coupling", "damping_terms"))
-    found: dict[str, dict[str, Any]] = {key: {} for key in KEYS}
+    section = robot.get(ELASTIC_SECTION).keys(("joints",), ("coupling", "damping_terms"))
+    found: dict[str, dict[str, Any]] = {key: {} for key in ENTRY_READERS}
     for name, entry in section.get("joints").members().items():
         if name not in mechanism.coordinates:
             raise JounceError(f"{entry.place}: {no_such('coordinate', name, mechanism.coordinates, section.what)}")
-        for key, value in entry.keys((), tuple(KEYS)).members().items():
-            found[key][name] = KEYS[key](value)
+        for key, value in entry.keys((), tuple(ENTRY_READERS)).members().items():
+            found[key][name] = ENTRY_READERS[key](value)
     stated = {key: found[key] or None for key in ("stiffness", "rotor", "damping", "spring")}
     with at(section.place):
         elastic = with_elasticity(
@@ -55,14 +55,14 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
                 **{**stated, "stiffness": found["stiffness"]},
                 motors=found["motor"] or None,
                 coupling=section.get("coupling", "spong").value,
-                damping_terms=section.get("damping_terms", TERMS).value,
+                damping_terms=section.get("damping_terms", DEFAULT_DAMPING_TERMS).value,
             ),
         )
     e = elastic.elasticity
     assert e is not None
     own: dict[str, Any] = {
         key: np.array([found[key].get(name, x) for name, x in zip(mechanism.coordinates, e.arrays[key], strict=True)])
-        for key in FRICTION
+        for key in FRICTION_DEFAULTS
     }
     return replace(elastic, elasticity=replace(e, **own))
 
@@ -79,24 +79,25 @@ def _eps(entry: Entry) -> float:
     return number
 
 
-def _spring(entry: Entry) -> Spring | AntagonisticSprings:
-    """A spring by its coefficients or its table; a list of two springs has a motor each."""
-    if isinstance(entry.value, list):
-        if len(items := entry.items()) != 2:
-            raise entry.error("a spring, or two with a motor each")
-        return AntagonisticSprings(*map(_one_spring, items))
-    return _one_spring(entry)
+def _springs(entry: Entry) -> Spring | AntagonisticSprings:
+    """A spring, or a list of two with a motor each."""
+    if not isinstance(entry.value, list):
+        return _spring(entry)
+    if len(items := entry.items()) != 2:
+        raise entry.error("a spring, or two with a motor each")
+    return AntagonisticSprings(*map(_spring, items))
 
 
-def _one_spring(entry: Entry) -> Spring:
-    members = entry.keys((), tuple(key for _, keys in SPRINGS for key in keys)).members()
+def _spring(entry: Entry) -> Spring:
+    """A spring by its coefficients or its table."""
+    members = entry.keys((), tuple(key for _, keys in SPRING_KEYS for key in keys)).members()
     if "k" in members or "k3" in members:
         numbers = {key: x.number() for key, x in entry.keys(("k",), ("k3",)).members().items()}
-        with entry.refusals():
+        with at(entry.place):
             return CubicSpring(**numbers)
     entry.keys(("deflections", "forces"))
     columns = [[x.number() for x in members[key].items()] for key in ("deflections", "forces")]
-    with entry.refusals():
+    with at(entry.place):
         return SpringTable(*columns)
 
 
@@ -104,13 +105,13 @@ def _motor(entry: Entry) -> Motor:
     given = entry.keys((), tuple(field.name for field in fields(Motor))).members()
     read: dict[str, Callable[[Entry], Any]] = {"body": Entry.text, "axis": lambda x: tuple(x.numbers((3,)).tolist())}
     numbers = {key: read.get(key, Entry.number)(x) for key, x in given.items()}
-    with entry.refusals():
+    with at(entry.place):
         return Motor(**numbers)
 
 
-KEYS: dict[str, Callable[[Entry], Any]] = {
+ENTRY_READERS: dict[str, Callable[[Entry], Any]] = {
     "stiffness": Entry.number,
-    "spring": _spring,
+    "spring": _springs,
     "damping": _not_negative,
     "rotor": Entry.number,
     "viscous": _not_negative,
@@ -125,11 +126,11 @@ def section(mechanism: Mechanism) -> dict[str, Any]:
     e = mechanism.elasticity
     if e is None:
         return {}
-    terms = max((law.terms for law in e.springs if isinstance(law, DampedSpring)), default=TERMS)
+    terms = max((law.terms for law in e.springs if isinstance(law, DampedSpring)), default=DEFAULT_DAMPING_TERMS)
     head: dict[str, Any] = {} if e.level is None else {"coupling": e.level}
-    head |= {} if terms == TERMS else {"damping_terms": terms}
+    head |= {} if terms == DEFAULT_DAMPING_TERMS else {"damping_terms": terms}
     joints = {name: _joint(e, j, name) for j, name in enumerate(mechanism.coordinates)}
-    return {SECTION: head | {"joints": {name: said for name, said in joints.items() if said}}}
+    return {ELASTIC_SECTION: head | {"joints": {name: said for name, said in joints.items() if said}}}
 
 
 def _joint(e: Elasticity, j: int, name: str) -> dict[str, Any]:
@@ -138,17 +139,14 @@ def _joint(e: Elasticity, j: int, name: str) -> dict[str, Any]:
     said = _law(e.springs[j] if e.springs else None, float(e.stiffness[j]), name)
     if e.rotor[j] and (motor is None or motor.inertia is None):
         said["rotor"] = float(e.rotor[j])
-    known = dict(FRICTION)
+    known = dict(FRICTION_DEFAULTS)
     if motor is not None:
         known |= {"viscous": motor.damping * motor.gear**2, "friction": motor.friction * abs(motor.gear)}
     said |= {key: float(e.arrays[key][j]) for key, x in known.items() if e.arrays[key][j] != x}
-    return said if motor is None else said | {"motor": _motor_data(motor)}
-
-
-def _motor_data(motor: Motor) -> dict[str, Any]:
-    plain = vars(Motor())
-    stated = {key: x for key, x in vars(motor).items() if x != plain[key]}
-    return {key: list(x) if key == "axis" else x for key, x in stated.items()}
+    if motor is not None:
+        stated = {key: x for key, x in vars(motor).items() if x != vars(Motor())[key]}
+        said["motor"] = {key: list(x) if key == "axis" else x for key, x in stated.items()}
+    return said
 
 
 def _law(law: Law | None, stiffness: float, name: str) -> dict[str, Any]:
@@ -164,10 +162,9 @@ def _law(law: Law | None, stiffness: float, name: str) -> dict[str, Any]:
 
 
 def _numbers(spring: Spring, name: str) -> dict[str, Any]:
-    for kind, keys in SPRINGS:
+    for kind, keys in SPRING_KEYS:
         if isinstance(spring, kind):
             found = {key: getattr(spring, key) for key in keys}
             return {key: list(x) if isinstance(x, tuple) else x for key, x in found.items()}
-    raise JounceError(
-        f"the spring of joint {quoted(name)} is a function, which a file cannot hold; save a jounce.SpringTable of it"
-    )
+    cure = "save a jounce.SpringTable of it"
+    raise JounceError(f"the spring of joint {quoted(name)} is a function, which a file cannot hold; {cure}")

@@ -20,18 +20,18 @@ from jounce.io.entries import Entry
 from jounce.model.loops import Z
 from jounce.model.mechanism import Mechanism
 
-SECTION, KEYS = "loops", ("actuated", "independent", "weights", "start")
+LOOPS_SECTION, LOOP_KEYS = "loops", ("actuated", "independent", "weights", "start")
 
 
 def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
     """The mechanism with the loops of a file closed; without actuated joints they are kept, open."""
-    if SECTION not in robot.value:
-        for key in KEYS:
+    if LOOPS_SECTION not in robot.value:
+        for key in LOOP_KEYS:
             if key in robot.value:
-                raise robot.get(key).error(f"{SECTION!r} too, a list of cut joints")
+                raise robot.get(key).error(f"{LOOPS_SECTION!r} too, a list of cut joints")
         return mechanism
     loops = []
-    for entry in robot.get(SECTION).items(least=1):
+    for entry in robot.get(LOOPS_SECTION).items(least=1):
         given = entry.keys(("frames",), ("joint", "axis"))
         frames = [frame.text() for frame in given.get("frames").items()]
         if len(frames) != 2:
@@ -42,17 +42,14 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
     mechanism = replace(mechanism, loops=tuple(loops))
     if "actuated" not in robot.value:
         return mechanism
-    stated: dict[str, Any] = {
-        key: [name.text() for name in robot.get(key).items(least=1)]
-        for key in ("actuated", "independent")
-        if key in robot.value
-    }
-    stated |= {
-        key: {name: value.number() for name, value in robot.get(key).members().items()}
-        for key in ("weights", "start")
-        if key in robot.value
-    }
-    with at(robot.get(SECTION).place):
+    stated: dict[str, Any] = {}
+    for key in [key for key in LOOP_KEYS if key in robot.value]:
+        given = robot.get(key)
+        if key in ("actuated", "independent"):
+            stated[key] = [name.text() for name in given.items(least=1)]
+        else:
+            stated[key] = {name: value.number() for name, value in given.members().items()}
+    with at(robot.get(LOOPS_SECTION).place):
         return with_loops(mechanism, coordinates=stated.pop("independent", None), **stated)
 
 
@@ -60,7 +57,7 @@ def section(mechanism: Mechanism) -> dict[str, Any]:
     """What a file states of the loops of a mechanism."""
     if not mechanism.loops:
         return {}
-    stated: dict[str, Any] = {SECTION: [_stated(loop) for loop in mechanism.loops]}
+    stated: dict[str, Any] = {LOOPS_SECTION: [_stated(loop) for loop in mechanism.loops]}
     c = mechanism.closure
     if c is None:
         return stated

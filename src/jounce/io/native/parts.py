@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from jounce.core.errors import JounceError, no_such
+from jounce.core.errors import JounceError, at, no_such
 from jounce.io.entries import Entry
-from jounce.io.native import UNITS
+from jounce.io.native import FILE_UNITS
 from jounce.io.orientation import direction, from_rpy
 from jounce.model.drives import UNDRIVEN, drive_error
 from jounce.model.kinds import EFFORT_KINDS, ENDS, FORCES, KEYS
@@ -16,20 +16,20 @@ from jounce.spatial import lie
 from jounce.spatial.groups import GROUPS, Group, group_of
 from jounce.spatial.inertia import inertia_matrix, symmetric
 
-KINDS = {  # of joints: the keys that each needs, and those it may have
+SINGLE_JOINT_KEYS = {  # of joints: the keys that each needs, and those it may have
     "revolute": (("axis",), ("point",)),
     "prismatic": (("axis",), ()),
     "helical": (("axis", "pitch"), ("point",)),
 }
-IDENTITY = np.eye(3).tolist()
-BESIDE = ("limits", "drive", "follows")  # keys of every joint
+IDENTITY_ROWS = np.eye(3).tolist()
+COMMON_JOINT_KEYS = ("limits", "drive", "follows")  # keys of every joint
 
 
 def check_units(robot: Entry) -> None:
     """Refuse a file of other units than SI."""
     units = robot.get("units")
-    if units.value != UNITS:
-        raise units.error(f"{UNITS}: m, kg, s, rad")
+    if units.value != FILE_UNITS:
+        raise units.error(f"{FILE_UNITS}: m, kg, s, rad")
 
 
 def pose(carried: Entry, key: str = "pose", angle: float = 1.0) -> np.ndarray:
@@ -41,14 +41,12 @@ def pose(carried: Entry, key: str = "pose", angle: float = 1.0) -> np.ndarray:
     if entry.alone("matrix", ("position", "rotation", "rpy")):
         T = entry.get("matrix").numbers((4, 4))
     else:
-        turned = entry.alone("rpy", ("rotation",))
-        R = (
-            from_rpy(angle * entry.get("rpy").numbers((3,)), entry.get("rpy").place)
-            if turned
-            else entry.get("rotation", IDENTITY).numbers((3, 3))
-        )
+        if entry.alone("rpy", ("rotation",)):
+            R = from_rpy(angle * entry.get("rpy").numbers((3,)), entry.get("rpy").place)
+        else:
+            R = entry.get("rotation", IDENTITY_ROWS).numbers((3, 3))
         T = lie.pose(R, entry.get("position", [0, 0, 0]).numbers((3,))[:, None])
-    with entry.refusals():
+    with at(entry.place):
         exact_pose(T, entry.what)
     return T + 0.0  # as it stands: `from_screws` makes it exact, and a frame is read back as it was written
 
@@ -56,15 +54,15 @@ def pose(carried: Entry, key: str = "pose", angle: float = 1.0) -> np.ndarray:
 def screw(joint: Entry) -> np.ndarray:
     """The joint screw: of type, axis (of any length), point and pitch, or its six numbers."""
     if joint.alone("screw", ("type", "axis", "point", "pitch")):
-        given = joint.keys(("name", "screw"), BESIDE).get("screw")
-        with given.refusals():
+        given = joint.keys(("name", "screw"), COMMON_JOINT_KEYS).get("screw")
+        with at(given.place):
             return exact_screw(given.numbers((6,)), given.what)
     kind = joint.need("type", ("name", "type", "axis"))
-    if kind.text() not in KINDS:
-        known = (*KINDS, *GROUPS)
+    if kind.text() not in SINGLE_JOINT_KEYS:
+        known = (*SINGLE_JOINT_KEYS, *GROUPS)
         raise JounceError(f"{kind.place}: {joint.what}: {no_such('joint type', kind.value, known)}")
-    needed, optional = KINDS[kind.value]
-    joint.keys(("name", "type", *needed), (*optional, *BESIDE))
+    needed, optional = SINGLE_JOINT_KEYS[kind.value]
+    joint.keys(("name", "type", *needed), (*optional, *COMMON_JOINT_KEYS))
     axis = direction(joint.get("axis").numbers((3,)))
     if axis is None:
         raise joint.get("axis").error("a direction")
@@ -102,17 +100,11 @@ def along(kind: str, axis: np.ndarray, point: np.ndarray, pitch: float) -> np.nd
     return np.concatenate([axis, np.cross(point, axis) + pitch * axis])
 
 
-def limits(joint: Entry) -> dict[str, Stated]:
-    """The limits that are stated of a joint variable: a number for both directions, or [lower, upper]."""
-    return stated_limits(joint, joint.get("limits", {}))
-
-
-def stated_limits(joint: Entry, entry: Entry) -> dict[str, Stated]:
-    """The limits of a joint that stand in an entry, checked."""
-    entry.keys((), KEYS)
+def limits(joint: Entry, entry: Entry | None = None) -> dict[str, Stated]:
+    """The limits of a joint variable, stated in an entry of its own or its joint's: a number, or [lower, upper]."""
+    entry = (entry or joint.get("limits", {})).keys((), KEYS)
     stated = {key: _bound(key, value) for key, value in entry.members().items()}
-    error = limit_error(**stated)
-    if error:
+    if error := limit_error(**stated):
         raise JounceError(f"{entry.place}: {joint.what}: {error}")
     return stated
 
@@ -120,11 +112,10 @@ def stated_limits(joint: Entry, entry: Entry) -> dict[str, Stated]:
 def _bound(key: str, entry: Entry) -> Stated:
     if key in ENDS or not isinstance(entry.value, list):
         return entry.number()
-    open_ends = (-math.inf, math.inf)
-    ends = entry.items()
-    if len(ends) != 2:
+    if len(ends := entry.items()) != 2:
         raise entry.error("a number, or two: [lower, upper]")
-    return tuple(free if end.value is None else end.number() for end, free in zip(ends, open_ends, strict=True))
+    unbounded = (-math.inf, math.inf)
+    return tuple(free if end.value is None else end.number() for end, free in zip(ends, unbounded, strict=True))
 
 
 def without_gravity(robot: Entry) -> tuple[str, ...]:
@@ -140,8 +131,7 @@ def drive(joint: Entry) -> dict[str, float]:
     """The drive train of a joint variable, zero where it is left out."""
     entry = joint.get("drive", {}).keys((), tuple(UNDRIVEN))
     stated = UNDRIVEN | {key: number.number() for key, number in entry.members().items()}
-    error = drive_error(**stated)
-    if error:
+    if error := drive_error(**stated):
         raise JounceError(f"{entry.place}: {joint.what}: {error}")
     return stated
 
@@ -158,7 +148,7 @@ def inertia(body: Entry) -> np.ndarray:
         mass, com = entry.get("mass").number(), entry.get("com").numbers((3,))
         theta = entry.get("inertia").numbers((6,), (3, 3))
         R = entry.get("rotation").numbers((3, 3)) if "rotation" in entry.value else None
-        with entry.refusals():
+        with at(entry.place):
             M = inertia_matrix(mass, com, theta if theta.ndim == 2 else symmetric(theta), rotation=R)
-    with entry.refusals():
+    with at(entry.place):
         return exact_inertia(M, entry.what)

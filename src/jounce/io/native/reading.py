@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, at, no_such, quoted
 from jounce.io.entries import Entry
-from jounce.io.native import BASE, GROUND, elastic, loops, parts
+from jounce.io.native import BASE_KEY, GROUND_NAME, elastic, loops, parts
 from jounce.model.drives import UNDRIVEN
 from jounce.model.frame import Frame
 from jounce.model.mechanism import GRAVITY, Mechanism
@@ -20,8 +20,8 @@ Variable = tuple[str, np.ndarray, Entry]  # of a joint: its name, its screw, and
 
 def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mechanism:
     """The mechanism of a file's content, under its own gravity unless another is given; ``base="fixed"`` welds it."""
-    optional = ("name", "gravity", BASE, "coordinates", "frames", "limits_of", elastic.SECTION)
-    robot.keys(("units", "bodies"), (*optional, loops.SECTION, *loops.KEYS))
+    optional = ("name", "gravity", BASE_KEY, "coordinates", "frames", "limits_of", elastic.ELASTIC_SECTION)
+    robot.keys(("units", "bodies"), (*optional, loops.LOOPS_SECTION, *loops.LOOP_KEYS))
     parts.check_units(robot)
     own = robot.get("gravity", list(GRAVITY)).numbers((3,))
     listed = robot.get("bodies").items(least=1)
@@ -35,9 +35,9 @@ def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mecha
     _distinct_names(joints)
     variables = [parts.variables(joint) for joint in joints]
     _distinct_names([*stated, *bodies, *frames])
-    if GROUND in names:
-        raise bodies[names[GROUND]].get("name").error("another name: it denotes the ground")
-    places = {stated[0].get("name").value if stated else GROUND: -1, **names}
+    if GROUND_NAME in names:
+        raise bodies[names[GROUND_NAME]].get("name").error("another name: it denotes the ground")
+    places = {stated[0].get("name").value if stated else GROUND_NAME: -1, **names}
     floats = bool(stated) and base != "fixed"
     built = _build(robot, stated, floats, bodies, joints, variables, places, own if gravity is None else gravity)
     placed = [Frame(f.get("name").value, _carrier(f.get("body"), places) + floats, parts.pose(f)) for f in frames]
@@ -49,15 +49,13 @@ def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mecha
 
 def _base(robot: Entry, base: str | None) -> list[Entry]:
     """The base that a file states, if it does; raise if it is to float and the file states none."""
-    if BASE not in robot.value:
+    if BASE_KEY not in robot.value:
         if base == "floating":
-            raise JounceError(
-                f"{robot.place}: {robot.what} stands on the ground; to float it needs {BASE!r}, a name and an inertia,"
-                " as `jounce convert --base floating` writes it"
-            )
+            needs = f"{BASE_KEY!r}, a name and an inertia, as `jounce convert --base floating` writes it"
+            raise JounceError(f"{robot.place}: {robot.what} stands on the ground; to float it needs {needs}")
         return []
-    stated = _named_entry(BASE, robot.get(BASE).keys(("name",), ("inertia",)))
-    if stated.get("name").value == GROUND:
+    stated = _named_entry(BASE_KEY, robot.get(BASE_KEY).keys(("name",), ("inertia",)))
+    if stated.get("name").value == GROUND_NAME:
         raise stated.get("name").error("another name: it denotes the ground")
     return [stated]
 
@@ -75,19 +73,19 @@ def _build(
     """The mechanism of bodies on joints, but for the names of joints and for frames."""
     parent = [_carrier(body.get("parent"), places, i) for i, body in enumerate(bodies)]
     each = [(joint, *variable) for joint, own in zip(joints, variables, strict=True) for variable in own]
-    name, coordinates = robot.get("name", robot.path.stem).text(), _coordinates(robot, each)
+    coordinates = _coordinates(robot, each)
     G, g = _coupling(each, coordinates)
     for coordinate, column in zip(coordinates, G.T, strict=True):
         if not column.any():
             raise robot.get("coordinates").error(f"a joint that moves with {quoted(coordinate)}")
     limits, drives = [parts.limits(stated) for *_, stated in each], [parts.drive(stated) for *_, stated in each]
-    X, M = [x for _, _, x, _ in each], [parts.inertia(body) for body in bodies]
+    name, M = robot.get("name", robot.path.stem).text(), [parts.inertia(body) for body in bodies]
     B = [parts.pose(body) for body in bodies]
     with at(robot.path):
         M_base = parts.inertia(base[0]) if base else None
         return from_screws(
             np.stack(B),
-            np.stack(X),
+            np.stack([x for _, _, x, _ in each]),
             np.stack(M),
             parent,
             tuple(places)[1:],
@@ -124,21 +122,20 @@ def _carrier(entry: Entry, places: Index, before: int | None = None) -> int:
     """The index of the body that an entry names, which must be one of the first `before`; -1 is the ground or base."""
     name = entry.text()
     if name not in places:
-        floats = "" if GROUND in places else "the robot floats: "
+        floats = "" if GROUND_NAME in places else "the robot floats: "
         raise JounceError(f"{entry.place}: {entry.what}: {floats}{no_such('body', name, places)}")
     if before is not None and places[name] >= before:
-        raise entry.error(f"{'the ground' if GROUND in places else 'the base'} or a body above")
+        raise entry.error(f"{'the ground' if GROUND_NAME in places else 'the base'} or a body above")
     return places[name]
 
 
-def _coordinates(robot: Entry, variables: Sequence[tuple[Entry, str, np.ndarray, Entry]]) -> Index:
+def _coordinates(robot: Entry, variables: Sequence[tuple[Entry, *Variable]]) -> Index:
     """The names of the coordinates: those listed, else the joint variables that follow nothing."""
     free = {name: joint for joint, name, *_ in variables if "follows" not in joint.value}
     if "coordinates" not in robot.value:
         if not free:
-            raise JounceError(
-                f"{robot.place}: every joint follows others; 'coordinates' must list those that they follow"
-            )
+            cure = "'coordinates' must list those that they follow"
+            raise JounceError(f"{robot.place}: every joint follows others; {cure}")
         return {name: j for j, name in enumerate(free)}
     listed = robot.get("coordinates")
     names = {name.text(): i for i, name in enumerate(listed.items(least=1))}
@@ -150,9 +147,7 @@ def _coordinates(robot: Entry, variables: Sequence[tuple[Entry, str, np.ndarray,
     return names
 
 
-def _coupling(
-    variables: Sequence[tuple[Entry, str, np.ndarray, Entry]], coordinates: Index
-) -> tuple[np.ndarray, np.ndarray]:
+def _coupling(variables: Sequence[tuple[Entry, *Variable]], coordinates: Index) -> tuple[np.ndarray, np.ndarray]:
     """G and g of the joint variables ``theta = G q + g``."""
     G, g = np.zeros((len(variables), len(coordinates))), np.zeros(len(variables))
     for i, (joint, own, *_) in enumerate(variables):

@@ -10,7 +10,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, listed, quoted
 from jounce.core.scalars import is_symbolic
-from jounce.io.native import BASE, GROUND, UNITS, elastic, loops, parts
+from jounce.io.native import BASE_KEY, FILE_UNITS, GROUND_NAME, elastic, loops, parts
 from jounce.model.drives import UNDRIVEN
 from jounce.model.kinds import FORCES
 from jounce.model.mechanism import Mechanism, body_name
@@ -55,11 +55,13 @@ def document(mechanism: Mechanism) -> dict[str, Any]:
     mechanism = mechanism.tree
     joints = {i: _joint(mechanism, i) for i in range(mechanism.floats, mechanism.nb)}
     free = [mechanism.joints[j] for i, joint in joints.items() if "follows" not in joint for j in mechanism.columns[i]]
-    frames = [{"name": f.name, "body": body_name(mechanism, f.body, GROUND), **_pose(f.T)} for f in mechanism.frames]
+    frames = [
+        {"name": f.name, "body": body_name(mechanism, f.body, GROUND_NAME), **_pose(f.T)} for f in mechanism.frames
+    ]
     bodies = [
         {
             "name": mechanism.bodies[i],
-            "parent": body_name(mechanism, mechanism.parent[i], GROUND),
+            "parent": body_name(mechanism, mechanism.parent[i], GROUND_NAME),
             **_pose(mechanism.B[i]),
             "joint": joints[i],
             **_inertia(mechanism.M[i]),
@@ -67,8 +69,8 @@ def document(mechanism: Mechanism) -> dict[str, Any]:
         for i in joints
     ]
     coordinates = {} if free == list(mechanism.coordinates) else {"coordinates": list(mechanism.coordinates)}
-    head: dict[str, Any] = {"name": mechanism.name, "units": UNITS, "gravity": _plain(mechanism.gravity)}
-    head |= {BASE: {"name": mechanism.bodies[0], **_inertia(mechanism.M[0])}} if mechanism.floats else {}
+    head: dict[str, Any] = {"name": mechanism.name, "units": FILE_UNITS, "gravity": _plain(mechanism.gravity)}
+    head |= {BASE_KEY: {"name": mechanism.bodies[0], **_inertia(mechanism.M[0])}} if mechanism.floats else {}
     head |= {"bodies": bodies}
     of = {"limits_of": dict.fromkeys(mechanism.limits.without_gravity, FORCES[1])}
     end = {"frames": frames} if frames else {}
@@ -83,8 +85,8 @@ def _check(mechanism: Mechanism) -> None:
     for name, array in mechanism.arrays.items():
         if np.any(array.astype(float) != array):
             raise JounceError(f"{name} of {robot} has more digits than a double; a robot file holds doubles")
-    if GROUND in mechanism.bodies:
-        raise JounceError(f"a body is named {GROUND!r}, which denotes the ground in a file; rename the body")
+    if GROUND_NAME in mechanism.bodies:
+        raise JounceError(f"a body is named {GROUND_NAME!r}, which denotes the ground in a file; rename the body")
 
 
 def _plain(x: Any) -> Any:
@@ -121,9 +123,8 @@ def _several(mechanism: Mechanism, i: int, joint: Position) -> dict[str, Any]:
     own, X, point = list(mechanism.columns[i]), mechanism.X[list(mechanism.columns[i])], np.asarray(joint.T)[:3, 3]
     names = [f"{joint.name}.{velocity}" for velocity in joint.group.velocities]
     if names != (stated := [mechanism.joints[j] for j in own]):
-        raise JounceError(
-            f"the variables of a {joint.group.name} joint are {listed(stated)}; a file has {listed(names)}"
-        )
+        came = f"the variables of a {joint.group.name} joint are {listed(stated)}"
+        raise JounceError(f"{came}; a file has {listed(names)}")
     said: dict[str, Any] = {"name": joint.name, "type": joint.group.name}
     if not np.array_equal(parts.placed(joint.group, point), X):
         said["screws"] = _plain(X)

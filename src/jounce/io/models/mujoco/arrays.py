@@ -12,12 +12,13 @@ from jounce.core.errors import JounceError
 from jounce.spatial import lie
 
 UNNAMED = "MuJoCo Model"  # what MuJoCo calls a model without a name
-NUMBERS = {  # what places and weighs the parts: checked here to be finite, limits and drives where they are read
+FINITE_ARRAYS = {  # what places and weighs the parts: checked here to be finite, limits and drives where they are read
     "body": ("body_pos", "body_quat", "body_mass", "body_ipos", "body_iquat", "body_inertia"),
     "joint": ("jnt_pos", "jnt_axis"),
     "site": ("site_pos", "site_quat"),
 }
-BESIDE = (
+REQUIRED_ARRAYS = (
+    *(name for names in FINITE_ARRAYS.values() for name in names),
     *("name_bodyadr", "body_parentid", "body_jntadr", "body_jntnum", "body_gravcomp", "body_plugin"),
     *("name_jntadr", "jnt_type", "jnt_qposadr", "jnt_dofadr", "name_siteadr", "site_bodyid", "qpos0", "qpos_spring"),
     *("jnt_limited", "jnt_range", "jnt_actfrclimited", "jnt_actfrcrange"),
@@ -26,7 +27,7 @@ BESIDE = (
     *("actuator_trntype", "actuator_trnid", "actuator_gear", "actuator_forcelimited", "actuator_forcerange"),
     *("tendon_stiffness", "tendon_damping", "tendon_frictionloss", "nflex"),
 )
-LATER = (  # arrays that MuJoCo 3.3 does not have: nothing where they are missing
+NEWER_ARRAYS = (  # arrays that MuJoCo 3.3 does not have: nothing where they are missing
     *("dof_dampingpoly", "jnt_stiffnesspoly", "jnt_springyield", "tendon_armature"),
     *("actuator_armature", "actuator_damping", "actuator_dampingpoly"),
 )
@@ -36,7 +37,7 @@ LATER = (  # arrays that MuJoCo 3.3 does not have: nothing where they are missin
 class Arrays:
     """The arrays of a model by MuJoCo's names, and the names of its parts."""
 
-    of: Mapping[str, np.ndarray]
+    values: Mapping[str, np.ndarray]
     name: str
     place: str  # what messages call the model
     bodies: tuple[str, ...]  # the first is the world
@@ -46,29 +47,32 @@ class Arrays:
     fluid: bool  # whether it moves in one
     off: frozenset[str]  # what its flags disable: "GRAVITY", "SPRING", ...
 
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.values[name]
+
     def acts(self, *flags: str) -> bool:
         """Whether none of some flags disables it."""
         return self.off.isdisjoint(flags)
 
     def pose(self, position: str, quaternion: str, i: int) -> np.ndarray:
         """The pose (4, 4) of a position and a unit quaternion (w, x, y, z)."""
-        return lie.pose(lie.from_quaternion(self.of[quaternion][i]), self.of[position][i][:, None])
+        return lie.pose(lie.from_quaternion(self[quaternion][i]), self[position][i][:, None])
 
 
 def arrays(model: Any, file: Path | None, what: str = "from_mujoco()") -> Arrays:
     """Return the arrays of a model; raise `JounceError`, naming `file`, if it is not a model or not finite."""
     try:
-        of = {name: np.asarray(getattr(model, name)) for names in (*NUMBERS.values(), BESIDE) for name in names}
+        values = {name: np.asarray(getattr(model, name)) for name in REQUIRED_ARRAYS}
         option, texts = model.opt, bytes(model.names)
     except AttributeError as error:
         came = f"{type(model).__name__}, which has no {error.name!r}"
         raise JounceError(f"{what} expects a mujoco.MjModel, got {came}") from None
-    of |= {name: np.asarray(getattr(model, name, 0.0)) for name in LATER}
+    values |= {name: np.asarray(getattr(model, name, 0.0)) for name in NEWER_ARRAYS}
     name = _text(texts, 0)
     name = file.stem if file and name == UNNAMED else name
-    bodies, joints, sites = ([_text(texts, at) for at in of[f"name_{kind}adr"]] for kind in ("body", "jnt", "site"))
+    bodies, joints, sites = ([_text(texts, at) for at in values[f"name_{kind}adr"]] for kind in ("body", "jnt", "site"))
     found = Arrays(
-        of=of,
+        values=values,
         name=name,
         place=f"model {name!r}" if file is None else str(file),
         bodies=_fill_names(bodies, "body", first=0),
@@ -102,7 +106,7 @@ def _fill_names(given: list[str], stem: str, first: int) -> tuple[str, ...]:
 def _disabled_flags(flags: int) -> frozenset[str]:
     if not flags:
         return frozenset()
-    from mujoco import mjtDisableBit  # which bit says what has changed from version to version
+    from mujoco import mjtDisableBit  # the bits differ between versions
 
     said = mjtDisableBit.__members__.items()
     return frozenset(name.removeprefix("mjDSBL_") for name, bit in said if flags & int(bit))
@@ -110,8 +114,8 @@ def _disabled_flags(flags: int) -> frozenset[str]:
 
 def _check(found: Arrays) -> None:
     called = {"body": found.bodies, "joint": found.joints, "site": found.sites}
-    for kind, names in NUMBERS.items():
+    for kind, names in FINITE_ARRAYS.items():
         for name in names:
-            for i in np.argwhere(~np.isfinite(found.of[name]))[:1, 0]:
-                came = f"{name} of {kind} {called[kind][i]!r} is {found.of[name][i].tolist()}"
+            for i in np.argwhere(~np.isfinite(found[name]))[:1, 0]:
+                came = f"{name} of {kind} {called[kind][i]!r} is {found[name][i].tolist()}"
                 raise JounceError(f"{found.place}: {came}; expected finite numbers")

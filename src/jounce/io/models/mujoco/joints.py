@@ -12,54 +12,50 @@ from jounce.model import tree
 from jounce.model.stated import Stated
 from jounce.spatial import groups, lie
 
-FLOATING = 0  # MuJoCo's types of joints
-BALL = 1
-FREE_JOINTS = {FLOATING: "floating", BALL: "spherical"}
-SLIDE = 2
-AT_A_JOINT = (0, 1)  # transmissions of actuators: in a joint's frame or its parent's, the same for one axis
+FREE_JOINT_TYPE, BALL_JOINT_TYPE, SLIDE_JOINT_TYPE = 0, 1, 2  # mujoco.mjtJoint
+FREE_JOINT_KINDS = {FREE_JOINT_TYPE: "floating", BALL_JOINT_TYPE: "spherical"}
+JOINT_TRANSMISSION_TYPES = (0, 1)  # mujoco.mjtTrn, in a joint's frame or its parent's: the same for one axis
 
 
 def moves_along_one_screw(m: Arrays, j: int) -> bool:
     """Whether a joint is a hinge or a slide."""
-    return int(m.of["jnt_type"][j]) not in FREE_JOINTS
+    return int(m["jnt_type"][j]) not in FREE_JOINT_KINDS
 
 
 def joint(m: Arrays, j: int, parent: str, child: str, B: np.ndarray, mimic: tree.Mimic | None) -> tree.Joint:
     """A joint between two links; B is the child's pose where the joint variable is `qpos0`."""
-    name, kind = m.joints[j], int(m.of["jnt_type"][j])
-    if kind == FLOATING:
-        return tree.Joint(name, parent, child, B, None, None, {}, {}, m.place, free=FREE_JOINTS[kind])
-    if kind == BALL:
-        X = lie.Ad(lie.pose(np.eye(3), m.of["jnt_pos"][j][:, None])) @ groups.BALL.X
-        return tree.Joint(
-            name, parent, child, B, X.T, None, _angle(m, j), _drive(m, j), m.place, free=FREE_JOINTS[kind]
-        )
-    X, start = _screw(m, j), m.of["qpos0"][m.of["jnt_qposadr"][j]]
+    name, kind = m.joints[j], int(m["jnt_type"][j])
+    if kind == FREE_JOINT_TYPE:
+        return tree.Joint(name, parent, child, B, None, None, {}, {}, m.place, free=FREE_JOINT_KINDS[kind])
+    if kind == BALL_JOINT_TYPE:
+        X, free = lie.Ad(lie.pose(np.eye(3), m["jnt_pos"][j][:, None])) @ groups.BALL.X, FREE_JOINT_KINDS[kind]
+        return tree.Joint(name, parent, child, B, X.T, None, _angle(m, j), _drive(m, j), m.place, free=free)
+    X, start = _screw(m, j), m["qpos0"][m["jnt_qposadr"][j]]
     B = B @ lie.exp(X, -start[None, None]) if start else B
     return tree.Joint(name, parent, child, B, X, mimic, _limits(m, j), _drive(m, j), m.place)
 
 
 def _angle(m: Arrays, j: int) -> dict[str, Stated]:
     """The range of a ball: that of the angle of its whole turn, which is pi at most."""
-    most = float(m.of["jnt_range"][j][1])
-    return {"lower": -most, "upper": most} if m.of["jnt_limited"][j] and most < np.pi else {}
+    most = float(m["jnt_range"][j][1])
+    return {"lower": -most, "upper": most} if m["jnt_limited"][j] and most < np.pi else {}
 
 
 def _screw(m: Arrays, j: int) -> np.ndarray:
-    axis = m.of["jnt_axis"][j]
-    if m.of["jnt_type"][j] == SLIDE:
+    axis = m["jnt_axis"][j]
+    if m["jnt_type"][j] == SLIDE_JOINT_TYPE:
         return np.concatenate([np.zeros(3), axis])
-    return np.concatenate([axis, np.cross(m.of["jnt_pos"][j], axis)])
+    return np.concatenate([axis, np.cross(m["jnt_pos"][j], axis)])
 
 
 def _limits(m: Arrays, j: int) -> dict[str, Stated]:
     """The range of a joint, and what its actuators may exert together: the sum of their ranges, if all have one."""
     stated: dict[str, Stated] = {}
-    if m.of["jnt_limited"][j]:
-        stated["lower"], stated["upper"] = m.of["jnt_range"][j].tolist()
+    if m["jnt_limited"][j]:
+        stated["lower"], stated["upper"] = m["jnt_range"][j].tolist()
     lower, upper = _actuators(m, j)
-    if m.of["jnt_actfrclimited"][j]:
-        low, high = m.of["jnt_actfrcrange"][j].tolist()
+    if m["jnt_actfrclimited"][j]:
+        low, high = m["jnt_actfrcrange"][j].tolist()
         lower, upper = max(lower, low), min(upper, high)
     if np.isfinite([lower, upper]).any():
         stated["effort"] = upper if lower == -upper else (lower, upper)
@@ -69,28 +65,28 @@ def _limits(m: Arrays, j: int) -> dict[str, Stated]:
 def _actuators(m: Arrays, j: int) -> tuple[float, float]:
     """The smallest and largest force of the actuators of a joint; infinite without actuators or ranges."""
     acting = np.flatnonzero(_acting(m, j))
-    if not acting.size or not m.of["actuator_forcelimited"][acting].all():
+    if not acting.size or not m["actuator_forcelimited"][acting].all():
         return -np.inf, np.inf
-    ends = m.of["actuator_forcerange"][acting] * m.of["actuator_gear"][acting, :1]
+    ends = m["actuator_forcerange"][acting] * m["actuator_gear"][acting, :1]
     return float(ends.min(axis=1).sum()), float(ends.max(axis=1).sum())
 
 
 def _drive(m: Arrays, j: int) -> dict[str, float]:
     """Return the drive of a joint, with the actuators' armature and damping times the gear squared."""
-    dof, single = m.of["jnt_dofadr"][j], moves_along_one_screw(m, j)
-    gears = single * _acting(m, j) * m.of["actuator_gear"][:, 0] ** 2
+    dof, single = m["jnt_dofadr"][j], moves_along_one_screw(m, j)
+    gears = single * _acting(m, j) * m["actuator_gear"][:, 0] ** 2
     stated = {
-        "armature": m.of["dof_armature"][dof] + np.sum(gears * m.of["actuator_armature"]),
-        "damping": m.of["dof_damping"][dof] + np.sum(gears * m.of["actuator_damping"]),
-        "friction": m.of["dof_frictionloss"][dof] * m.acts("FRICTIONLOSS", "CONSTRAINT"),
-        "stiffness": single * m.of["jnt_stiffness"][j] * m.acts("SPRING", "PASSIVE"),
+        "armature": m["dof_armature"][dof] + np.sum(gears * m["actuator_armature"]),
+        "damping": m["dof_damping"][dof] + np.sum(gears * m["actuator_damping"]),
+        "friction": m["dof_frictionloss"][dof] * m.acts("FRICTIONLOSS", "CONSTRAINT"),
+        "stiffness": single * m["jnt_stiffness"][j] * m.acts("SPRING", "PASSIVE"),
     }
     stated["damping"] *= m.acts("DAMPER", "PASSIVE")
     if stated["stiffness"]:
-        stated["rest"] = m.of["qpos_spring"][m.of["jnt_qposadr"][j]]
+        stated["rest"] = m["qpos_spring"][m["jnt_qposadr"][j]]
     return {key: float(x) for key, x in stated.items()}
 
 
 def _acting(m: Arrays, j: int) -> np.ndarray:
     """Which of the actuators act on a joint."""
-    return np.isin(m.of["actuator_trntype"], AT_A_JOINT) & (m.of["actuator_trnid"][:, 0] == j)
+    return np.isin(m["actuator_trntype"], JOINT_TRANSMISSION_TYPES) & (m["actuator_trnid"][:, 0] == j)

@@ -2,7 +2,7 @@
 
 The joints of a body act one after another: the last moves the body, those before it massless links, BODY:JOINT by name.
 Bodies without a joint are welded, and so are named sites, as massless links, unless a body has their name, and the ends
-of loops.
+of constraints.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from jounce.core.errors import JounceError, at
-from jounce.io.models.mujoco import couplings, joints, loops, outside
+from jounce.io.models.mujoco import constraints, joints, outside
 from jounce.io.models.mujoco.arrays import Arrays, arrays, distinct
 from jounce.model import tree
 from jounce.model.mechanism import Mechanism
@@ -28,21 +28,25 @@ def mechanism(
         tree.check_base(base)
     if not m.joints:
         raise JounceError(f"{m.place}: no joint; expected at least one movable joint")
-    mimics = couplings.mimics(m)
-    active = couplings.active(m)
-    tied = loops.ties(m, active, {*m.bodies, *m.joints, *m.sites})
+    mimics = constraints.mimics(m)
+    active = constraints.active(m)
+    tied = constraints.ties(m, active, {*m.bodies, *m.joints, *m.sites})
     links, between = _bodies(m, mimics, [end for tie in tied for end in (tie.a, tie.b)], welded=base == "fixed")
     outside.warn_of(m, ties=len(active) - len(mimics) - len(tied), floats=base != "fixed")
     own = m.gravity * m.acts("GRAVITY")
     given = own if gravity is None else gravity
     built = tree.mechanism(links, between, given, m.name, m.place, base=base, root=root, world=m.bodies[0])
-    return loops.close(m, built, tied)
+    return constraints.close(m, built, tied)
 
 
 def _bodies(
-    m: Arrays, mimics: dict[int, tree.Mimic], ends: Sequence[loops.End], welded: bool
+    m: Arrays, mimics: dict[int, tree.Mimic], ends: Sequence[constraints.End], welded: bool
 ) -> tuple[list[tree.Link], list[tree.Joint]]:
-    links = [tree.Link(body, _inertia(m, i), m.place) for i, body in enumerate(m.bodies)]
+    links = []
+    for i, body in enumerate(m.bodies):
+        principal, theta = m.pose("body_ipos", "body_iquat", i), np.diag(m["body_inertia"][i])
+        M = inertia_matrix(m["body_mass"][i], principal[:3, 3], theta, rotation=principal[:3, :3])
+        links.append(tree.Link(body, M, m.place))
     between: list[tree.Joint] = []
     taken, called = set(m.bodies), set(m.joints)
 
@@ -54,10 +58,10 @@ def _bodies(
         return link
 
     for i, body in enumerate(m.bodies[1:], 1):
-        carrier, B = m.bodies[m.of["body_parentid"][i]], m.pose("body_pos", "body_quat", i)
-        own = range(m.of["body_jntadr"][i], m.of["body_jntadr"][i] + m.of["body_jntnum"][i])
+        carrier, B = m.bodies[m["body_parentid"][i]], m.pose("body_pos", "body_quat", i)
+        own = range(m["body_jntadr"][i], m["body_jntadr"][i] + m["body_jntnum"][i])
         for j in own:
-            if m.of["jnt_type"][j] == joints.FLOATING and not welded:
+            if m["jnt_type"][j] == joints.FREE_JOINT_TYPE and not welded:
                 B = np.eye(4)  # its q is the pose in the world, wherever the file has the body
             child = body if j == own[-1] else massless(distinct(f"{body}:{m.joints[j]}", taken))
             between.append(joints.joint(m, j, carrier, child, B, mimics.get(j)))
@@ -66,13 +70,7 @@ def _bodies(
             weld(body, carrier, B)
     for i, site in enumerate(m.sites):
         if site and site not in taken:
-            weld(massless(site), m.bodies[m.of["site_bodyid"][i]], m.pose("site_pos", "site_quat", i))
+            weld(massless(site), m.bodies[m["site_bodyid"][i]], m.pose("site_pos", "site_quat", i))
     for end in ends:
         weld(massless(end.frame), end.body, end.T)
     return links, between
-
-
-def _inertia(m: Arrays, i: int) -> np.ndarray:
-    principal = m.pose("body_ipos", "body_iquat", i)
-    theta = np.diag(m.of["body_inertia"][i])
-    return inertia_matrix(m.of["body_mass"][i], principal[:3, 3], theta, rotation=principal[:3, :3])

@@ -6,7 +6,14 @@
 | MuJoCo | w, x, y, z | world axes | base axes | rates of the components of qvel |
 """
 
-from jounce.io.models.states.conversion import RobotState, forces_from, forces_to, layout_of, state_from, state_to
-from jounce.io.models.states.layout import Layout
+from jounce.io.models.states.conversion import (
+    RobotState,
+    forces_from,
+    forces_to,
+    read_model_layout,
+    state_from,
+    state_to,
+)
+from jounce.io.models.states.layout import ModelLayout
 
-__all__ = ["Layout", "RobotState", "forces_from", "forces_to", "layout_of", "state_from", "state_to"]
+__all__ = ["ModelLayout", "RobotState", "forces_from", "forces_to", "read_model_layout", "state_from", "state_to"]

@@ -1,6 +1,6 @@
 """States and forces of a robot from and to the vectors of other libraries."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,17 +9,18 @@ import numpy as np
 from jounce.arguments.base import base_of, terms_of
 from jounce.arguments.rates import column, position, rates_of
 from jounce.core.errors import JounceError, listed, one_of, quoted
-from jounce.core.scalars import is_numeric, shaped
+from jounce.core.scalars import batch_of, broadcast, concatenate, is_numeric, shaped
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.io.models.states import mujoco, pinocchio
 from jounce.io.models.states.free_joint import check_unit, force_from, force_to, motion_from, put_motion
-from jounce.io.models.states.layout import Layout, Place, match
+from jounce.io.models.states.layout import ModelLayout, Place, match
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import position_count, single_positions
 from jounce.spatial.groups import FREE
+from jounce.spatial.series import rate_name
 
 LAYOUTS = {"pinocchio": pinocchio.layout, "mujoco": mujoco.layout}  # of a model, by library
-APART = 1e-2  # rad or m: how far a joint may be from what it follows; MuJoCo's constraints are soft
+FOLLOWER_TOLERANCE = 1e-2  # rad or m: MuJoCo's constraints are soft, so that a joint leaves what it follows
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,19 +62,19 @@ class RobotState:
         return tuple(x for x in (self.q, self.qd, self.q2d) if x is not None)
 
 
-def layout_of(library: str, model: Any) -> Layout:
+def read_model_layout(library: str, model: Any) -> ModelLayout:
     """Where a model of a library, by its name, has its joints."""
     return LAYOUTS[one_of("library", library, LAYOUTS)](model)
 
 
-def state_from(mechanism: Mechanism, layout: Layout, given: Sequence[object], tau: object = None) -> RobotState:
+def state_from(mechanism: Mechanism, layout: ModelLayout, given: Sequence[object], tau: object = None) -> RobotState:
     """The state of a robot from q, v, a of a library, and its forces where tau is given."""
     found, labels = match(mechanism, layout), layout.labels
     count = max(k for k, term in enumerate(given) if term is not None or k == 0) + 1
     sizes = (layout.nq, layout.nv, layout.nv)
     terms = [_vector(layout, *item) for item in zip(given[:count], labels[:count], sizes[:count], strict=True)]
-    batch = _common([x.shape[:-1] for x in terms])
-    terms = [np.broadcast_to(x, (*batch, x.shape[-1])) for x in terms]
+    terms = broadcast(terms, [1] * count, labels[:count])
+    batch = terms[0].shape[:-1]
     theta = {i: _position(terms[0], place, mechanism.joints[i], labels[0]) for i, place in found.joints.items()}
     alone = np.zeros((*batch, mechanism.n))
     q, *rates = (np.zeros((*batch, n)) for n in (found.nq, mechanism.nv, mechanism.nv)[:count])
@@ -97,7 +98,7 @@ def state_from(mechanism: Mechanism, layout: Layout, given: Sequence[object], ta
 
 
 def state_to(
-    mechanism: Mechanism, layout: Layout, given: Sequence[object], base: object, Q: object = None
+    mechanism: Mechanism, layout: ModelLayout, given: Sequence[object], base: object, Q: object = None
 ) -> tuple[np.ndarray, ...]:
     """The vectors q, v, a of a library, as many as rates of q are given, and its forces where Q is given."""
     alone = Q is not None and all(x is None for x in given)
@@ -106,22 +107,23 @@ def state_to(
     return vectors if Q is None else (*vectors, forces_to(mechanism, layout, Q, terms_of(base)[:1] or None, q))
 
 
-def _motion_to(mechanism: Mechanism, layout: Layout, given: Sequence[object], base: object) -> tuple[np.ndarray, ...]:
+def _motion_to(
+    mechanism: Mechanism, layout: ModelLayout, given: Sequence[object], base: object
+) -> tuple[np.ndarray, ...]:
     """The vectors q, v, a of a library; joints that the robot lacks are at rest."""
     found = match(mechanism, layout)
     rates = [_numbers(x, "q") for x in rates_of(mechanism, given, QUANTITIES["poses"])]
     motion = _base(mechanism, base, len(rates))
-    batches = [*(x.shape[:-1] for x in rates), *(x.shape[: -1 if k else -2] for k, x in enumerate(motion))]
-    batch = _common(batches)
+    labels = [*(rate_name("q", k) for k in range(len(rates))), *("C", "V", "Vd")[: len(motion)]]
+    batch = batch_of([*rates, *motion], [*(1 for _ in rates), 2, 1, 1][: len(labels)], labels)
     out = [np.tile(layout.rest, (*batch, 1)), *(np.zeros((*batch, layout.nv)) for _ in rates[1:])]
     for i, place in found.joints.items():
         angle = rates[0] @ (single_positions(mechanism).T @ mechanism.G[i]) + mechanism.g[i]
-        others = [x @ mechanism.G[i] for x in rates[1:]]
         out[0][..., place.q] = np.cos(angle) if place.turns else angle
         if place.turns:
             out[0][..., place.q + 1] = np.sin(angle)
-        for x, rate in zip(out[1:], others, strict=True):
-            x[..., place.v] = rate
+        for x, rate in zip(out[1:], rates[1:], strict=True):
+            x[..., place.v] = rate @ mechanism.G[i]
     whole = _whole(rates, motion)
     for joint, own, coordinates in found.several:
         put_motion(joint, [whole[0][..., own], *(rate[..., coordinates] for rate in whole[1:])], out)
@@ -131,20 +133,15 @@ def _motion_to(mechanism: Mechanism, layout: Layout, given: Sequence[object], ba
 def _whole(rates: Sequence[np.ndarray], motion: Sequence[np.ndarray]) -> list[np.ndarray]:
     """q, v, a with those of a base first, if it moves."""
     moved = [FREE.numbers(motion[0]), *motion[1:]] if motion else [x[..., :0] for x in rates]
-    return [np.concatenate([*_together(*both)], axis=-1) for both in zip(moved, rates, strict=False)]
+    return [concatenate(both, axis=-1) for both in zip(moved, rates, strict=False)]
 
 
-def _together(a: np.ndarray, b: np.ndarray) -> Iterator[np.ndarray]:
-    """Both with the same batch axes."""
-    batch = _common([a.shape[:-1], b.shape[:-1]])
-    yield from (np.broadcast_to(x, (*batch, x.shape[-1])) for x in (a, b))
-
-
-def forces_from(mechanism: Mechanism, layout: Layout, tau: object, q: object = None) -> np.ndarray:
+def forces_from(mechanism: Mechanism, layout: ModelLayout, tau: object, q: object = None) -> np.ndarray:
     """The forces Q of a robot from those of a library; its q, where they are in world axes."""
     found, x = match(mechanism, layout), _vector(layout, tau, layout.labels[3], layout.nv)
     if found.in_world:
-        at, x = _together(_vector(layout, q, layout.labels[0], layout.nq), x)
+        labels = (layout.labels[0], layout.labels[3])
+        at, x = broadcast([_vector(layout, q, labels[0], layout.nq), x], [1, 1], labels)
     Q = np.zeros((*x.shape[:-1], mechanism.nv))
     Q[..., mechanism.nv - mechanism.n :] = x[..., [p.v for p in found.joints.values()]] @ mechanism.G[[*found.joints]]
     for joint, _, coordinates in found.several:
@@ -153,7 +150,9 @@ def forces_from(mechanism: Mechanism, layout: Layout, tau: object, q: object = N
     return Q
 
 
-def forces_to(mechanism: Mechanism, layout: Layout, Q: object, base: object = None, q: object = None) -> np.ndarray:
+def forces_to(
+    mechanism: Mechanism, layout: ModelLayout, Q: object, base: object = None, q: object = None
+) -> np.ndarray:
     """The forces of a library from those of a robot; the pose of the base, or q, where they are in world axes."""
     found = match(mechanism, layout)
     forces = _numbers(column(mechanism, Q, "Q", mechanism.nv), "Q")
@@ -164,7 +163,7 @@ def forces_to(mechanism: Mechanism, layout: Layout, Q: object, base: object = No
     if behind and q is None:
         raise JounceError(f"q is None; expected it, as {layout.what} has forces on {quoted(behind[0])} in world axes")
     own = _numbers(position(mechanism, q), "q") if behind else np.zeros(position_count(mechanism))
-    whole, forces = _together(_whole([own], motion)[0], forces)
+    whole, forces = broadcast([_whole([own], motion)[0], forces], [1, 1], ["q", "Q"])
     tau = np.zeros((*forces.shape[:-1], layout.nv))
     for i, place in found.joints.items():
         if (name := mechanism.joints[i]) in mechanism.coordinates:
@@ -174,7 +173,7 @@ def forces_to(mechanism: Mechanism, layout: Layout, Q: object, base: object = No
     return tau
 
 
-def _vector(layout: Layout, given: object, label: str, size: int) -> np.ndarray:
+def _vector(layout: ModelLayout, given: object, label: str, size: int) -> np.ndarray:
     if given is None:
         raise JounceError(f"{label} is None; expected an array (..., {size}) of {layout.what}")
     return _numbers(shaped(given, (size,), label, f", as {layout.what} has it"), label)
@@ -200,11 +199,11 @@ def _check_follower(mechanism: Mechanism, i: int, place: Place, theta: np.ndarra
     off = np.abs(theta - expected)
     if place.turns:
         off = np.minimum(off % (2 * np.pi), -off % (2 * np.pi))
-    if (off > APART).any():
+    if (off > FOLLOWER_TOLERANCE).any():
         at = np.unravel_index(np.nanargmax(off), off.shape)
         leaders = listed(mechanism.coordinates[j] for j in np.flatnonzero(mechanism.G[i]))
-        came = f"{label} has joint {quoted(mechanism.joints[i])} at {theta[at]:.6g}"
-        raise JounceError(f"{came}; it follows {leaders}, expected {expected[at]:.6g} within {APART:g} rad or m")
+        came = f"{label} has joint {quoted(mechanism.joints[i])} at {theta[at]:.6g}; it follows {leaders}"
+        raise JounceError(f"{came}, expected {expected[at]:.6g} within {FOLLOWER_TOLERANCE:g} rad or m")
 
 
 def _base(mechanism: Mechanism, base: object, count: int) -> list[np.ndarray]:
@@ -214,11 +213,3 @@ def _base(mechanism: Mechanism, base: object, count: int) -> list[np.ndarray]:
             raise JounceError(f"base is given, yet {mechanism.name!r} does not float; expected base=None")
         return []
     return [_numbers(x, "base") for x in base_of(mechanism, base, count, "this state")]
-
-
-def _common(batches: Sequence[tuple[int, ...]]) -> tuple[int, ...]:
-    try:
-        return np.broadcast_shapes(*batches)
-    except ValueError:
-        shown = ", ".join(map(str, dict.fromkeys(batches)))
-        raise JounceError(f"batch axes {shown} do not broadcast; expected the same, or 1") from None

@@ -9,12 +9,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jounce.arguments.poses import POSE_TOLERANCE, worst_sample
 from jounce.core.errors import JounceError, quoted
 from jounce.io.models.states.layout import FreeJoint
 from jounce.spatial.groups import FREE
 from jounce.spatial.lie import Ad, inverse, rotation
-
-UNIT = 1e-6  # how far a quaternion, or a cosine and a sine, may be from unit length
 
 
 def motion_from(joint: FreeJoint, terms: Sequence[np.ndarray], label: str) -> list[np.ndarray]:
@@ -75,8 +74,8 @@ def check_unit(x: np.ndarray, what: str) -> np.ndarray:
     """Return vectors (..., k) that are meant to have unit length, with unit length; NaN passes."""
     length = np.linalg.norm(x, axis=-1, keepdims=True)
     off = np.abs(length - 1)[..., 0]
-    if (off > UNIT).any():
-        at = np.unravel_index(np.nanargmax(off), off.shape)
-        where = f" of sample {', '.join(map(str, at))}" if at else ""
-        raise JounceError(f"{what}{where} has norm {length[at][0]:.6g}; expected 1 within {UNIT:g}: normalize it")
+    if (off > POSE_TOLERANCE).any():
+        at, where = worst_sample(off)
+        came = f"{what}{where} has norm {length[at][0]:.6g}"
+        raise JounceError(f"{came}; expected 1 within {POSE_TOLERANCE:g}: normalize it")
     return np.asarray(x / length)

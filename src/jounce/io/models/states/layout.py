@@ -13,7 +13,7 @@ from jounce.spatial.groups import Group
 
 @dataclass(frozen=True)
 class Place:
-    """Where the coordinate of a joint stands in q and v; a joint that turns freely has a cosine and a sine in q."""
+    """The index of a joint's coordinate in q and v; a joint that turns freely has a cosine and a sine in q."""
 
     q: int
     v: int
@@ -38,7 +38,7 @@ class FreeJoint:
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class ModelLayout:
     """The vectors of a model: sizes, and joints by name."""
 
     what: str  # for messages
@@ -68,7 +68,7 @@ class Match:
         return any(joint.in_world for joint, *_ in self.several)
 
 
-def match(mechanism: Mechanism, layout: Layout) -> Match:
+def match(mechanism: Mechanism, layout: ModelLayout) -> Match:
     """Return the joints of a robot in a model; raise unless all that move its bodies are joints of both."""
     if mechanism.closure:
         raise JounceError(
@@ -104,7 +104,7 @@ def _behind(own: slice, count: int) -> slice:
     return slice(own.start + count, own.stop + count)
 
 
-def _carrier_of_base(mechanism: Mechanism, layout: Layout) -> FreeJoint:
+def _carrier_of_base(mechanism: Mechanism, layout: ModelLayout) -> FreeJoint:
     base = mechanism.bodies[0]
     for joint in layout.free.values():
         if base in joint.moved:

@@ -5,15 +5,13 @@ from typing import Any
 import numpy as np
 
 from jounce.io.models.pinocchio import FREE_FLYER, check_model, moved_bodies, parts_of
-from jounce.io.models.states.layout import FreeJoint, Layout, Place
+from jounce.io.models.states.layout import FreeJoint, ModelLayout, Place
 from jounce.model import tree
 
-BODIES = ("BODY", "OP_FRAME", "SENSOR", "JOINT")  # frames that may be the base
-
-LABELS = ("q", "v", "a", "tau")
+BASE_FRAME_TYPES = ("BODY", "OP_FRAME", "SENSOR", "JOINT")  # frames that may be the base
 
 
-def layout(model: Any) -> Layout:
+def layout(model: Any) -> ModelLayout:
     """Return where a model has its joints."""
     check_model(model, "model=")
     joints, bodies = list(model.joints), moved_bodies(model)
@@ -45,8 +43,8 @@ def layout(model: Any) -> Layout:
         beyond[model.parents[i]] |= beyond[i] | {*own[i]}
     carries = {name: frozenset(beyond[i]) for i in range(1, len(joints)) for name in own[i] if joints[i].nv}
     what = f"model {model.name or 'robot'!r}"
-    return Layout(what, LABELS, model.nq, model.nv, rest, places, free, carries)
+    return ModelLayout(what, ("q", "v", "a", "tau"), model.nq, model.nv, rest, places, free, carries)
 
 
 def _is_body(frame: Any) -> bool:
-    return frame.type.name in BODIES
+    return frame.type.name in BASE_FRAME_TYPES

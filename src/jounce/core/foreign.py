@@ -1,0 +1,62 @@
+"""Values from elsewhere: text, masked arrays, NA of pandas, CasADi matrices, spatial vectors of Pinocchio."""
+
+import math
+import sys
+from typing import Any
+
+import numpy as np
+
+from jounce.core.errors import JounceError
+
+
+def parse_finite(text: str) -> float | None:
+    """Parse a finite decimal number, or return None; 1_000 and digits of other scripts are not accepted."""
+    if "_" in text or not text.isascii():
+        return None
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+def refuse_spatial(x: Any, what: str) -> None:
+    """Raise `JounceError` for spatial vectors of Pinocchio, or lists of them: NumPy takes them in their own order."""
+    if isinstance(x, np.ndarray):
+        return
+    entries = x if type(x) in (list, tuple) or type(x).__name__.startswith("StdVec") else (x,)
+    if any(hasattr(type(entry), "angular") and hasattr(type(entry), "linear") for entry in entries):
+        came = f"{what} is of type {type(x).__name__}, whose array is (linear; angular)"
+        raise JounceError(f"{came}; expected (angular; linear): numpy.concatenate([x.angular, x.linear])")
+
+
+def fill_masked(x: Any) -> Any:
+    """`x` with NaN where it is masked, as are the arrays that lists hold."""
+    if isinstance(x, np.ma.MaskedArray) and x.dtype.kind in "biufO":
+        kind = x.dtype if x.dtype.kind == "O" else np.result_type(x.dtype, np.float64)
+        return np.ma.filled(x.astype(kind), np.nan)
+    return [fill_masked(part) for part in x] if type(x) in (list, tuple) and is_masked(x) else x
+
+
+def is_masked(x: Any) -> bool:
+    """Whether an array has a mask, or one in a list or tuple of them."""
+    return isinstance(x, np.ma.MaskedArray) or (type(x) in (list, tuple) and any(map(is_masked, x)))
+
+
+def fill_missing(array: np.ndarray) -> np.ndarray:
+    """An array with NaN in place of NA, if pandas is there to have made any."""
+    pandas = sys.modules.get("pandas")
+    if pandas is None or array.dtype.kind != "O":
+        return array
+    return np.asarray(np.frompyfunc(lambda v: np.nan if v is pandas.NA else v, 1, 1)(array), dtype=object)
+
+
+def from_casadi(x: Any, what: str) -> np.ndarray:
+    """The entries of a CasADi matrix, `SX` or numbers: (n,) of a column or a row, else (m, n)."""
+    if type(x).__name__ not in ("SX", "DM"):
+        cure = "expected SX, or call with it what robot.casadi_function returns"
+        raise JounceError(f"{what} is a CasADi {type(x).__name__}; {cure}")
+    array = np.empty(x.shape, dtype=object)
+    for index in np.ndindex(*x.shape):
+        array[index] = x[index] if type(x).__name__ == "SX" else float(x[index])
+    return array.ravel() if 1 in x.shape else array
