@@ -14,7 +14,7 @@ from jounce.limits.basis import Basis
 from jounce.limits.friction import friction_of
 from jounce.limits.path import path_of
 from jounce.limits.problem import problem_of, without_friction
-from jounce.limits.retime import AGAIN, FINER, GAP, Grid
+from jounce.limits.retime import DUALITY_GAP, GRID_POINTS_PER_POINT, WARM_START_GAP, Grid
 from jounce.model.kinds import EFFORT_KINDS
 from jounce.motion.time_law import Paced, TimeLaw
 
@@ -258,7 +258,7 @@ def test_the_program_stops_at_the_gap_that_the_page_states(robot, limits):
     from benchmarks.retime import ipopt
 
     grid = Grid.of(problem_of(robot.with_limits(**limits), move(UR5, 2), 0.99), 20, 20.0)
-    points = slice(None, grid.count, FINER)
+    points = slice(None, grid.count, GRID_POINTS_PER_POINT)
     program = Program(grid.basis, grid.at.taken(points), grid.rows.taken(points), grid.free)
     best, inner = ipopt(grid, points), grid.inner(np.ones(grid.basis.count))
 
@@ -267,9 +267,9 @@ def test_the_program_stops_at_the_gap_that_the_page_states(robot, limits):
         assert program.rows.excess(program.at.jets(c)).max() < 0
         return grid.basis.duration(c) / best - 1
 
-    for first in (1.0, AGAIN):
-        assert -1e-7 < gap(GAP, first) < STATED_GAP
-    assert gap(30 * GAP, AGAIN) > STATED_GAP
+    for first in (1.0, WARM_START_GAP):
+        assert -1e-7 < gap(DUALITY_GAP, first) < STATED_GAP
+    assert gap(30 * DUALITY_GAP, WARM_START_GAP) > STATED_GAP
 
 
 def test_with_velocity_and_torque_alone_it_is_as_fast_as_toppra():
@@ -393,7 +393,7 @@ def test_friction_in_closed_loops_is_known_where_the_coordinates_are():
 
 
 def test_a_time_law_that_misses_where_friction_turns_over_is_refused(monkeypatch):
-    monkeypatch.setattr(friction, "NEAR_TURNS", np.empty(0))
+    monkeypatch.setattr(friction, "_TURN_OFFSETS", np.empty(0))
     robot, motion, _ = turning(1e-3)
     with pytest.raises(
         JounceError, match=r"^retiming fails: effort rate of .*, where at most 0.99 .* within 0.001 rad/s"

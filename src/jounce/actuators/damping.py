@@ -26,13 +26,14 @@ from jounce.motion.hermite import between, coefficients
 from jounce.motion.motion import Motion
 from jounce.spatial.series import columns
 
-TERMS = 60  # of the recursion downward, where z < 6: it then neglects less than 6^60 / 60! = 1e-35
-STAGES = 5  # of the Runge-Kutta method, which has the order 9
-NEWTON, ROUNDING = 20, 1e-15  # its iterations at most, and the relative change that ends them
-STEPS = 200  # of a motion at first, which resolve most motions
-ROUNDS = 8  # of halving the steps: the error, which goes with their sixth power, is then 3e14 times smaller
-AGREEMENT = 1e-12  # relative change of deflections by halved steps: the error that is left is a small part of it
-MAX_CHANGE = 1e-8  # relative, by the last halving: steps that resolve the motion leave less than a tenth of it as error
+_DOWNWARD_TERMS = 60  # of the recursion downward, where z < 6: it then neglects less than 6^60 / 60! = 1e-35
+_RADAU_STAGES = 5  # of the Runge-Kutta method, which has order 9: above that of the quintics of Q
+_MAX_STAGE_STEPS = 20  # of Newton's method for the stages, which converges quadratically
+_STAGE_TOLERANCE = 1e-15  # relative change of the stages that ends Newton's method: rounding
+_FIRST_DAMPER_STEPS = 200  # of a motion, which resolve most motions
+_MAX_DAMPER_HALVINGS = 8  # of the steps: the error, which goes with their sixth power, is then 3e14 times smaller
+_DEFLECTION_TOLERANCE = 1e-12  # relative change by halved steps: the error that is left is a small part of it
+_MAX_DEFLECTION_CHANGE = 1e-8  # relative, by the last halving: resolved motions leave less than a tenth of it as error
 SIDES: tuple[Literal["left"], Literal["right"]] = ("left", "right")
 Sides = tuple[Sequence[np.ndarray], Sequence[np.ndarray]]  # Q, Qd, Q2d (N, n) just before and just after times
 Sampled = Callable[[np.ndarray], Sides]
@@ -46,20 +47,20 @@ def integrate_deflections(robot: Engine, motion: Motion, t: np.ndarray, method: 
     joints = list(laws)
     sampled = _sample_forces(robot, motion, joints, method)
     breaks = [b.t for b in motion.breaks_to(FORCES.rates + 1) if motion.start < b.t < t.max()]
-    even = np.linspace(motion.start, max(float(t.max()), motion.start), STEPS + 1)
+    even = np.linspace(motion.start, max(float(t.max()), motion.start), _FIRST_DAMPER_STEPS + 1)
     grid = np.unique(np.concatenate([even, t, breaks]))
     start = _initial_deflections(robot, motion, laws, method)
     known = _solve(list(laws.values()), grid, sampled, start)
     before = np.inf
-    for _ in range(ROUNDS):
+    for _ in range(_MAX_DAMPER_HALVINGS):
         finer = np.unique(np.concatenate([grid, (grid[1:] + grid[:-1]) / 2]))
         better = _solve(list(laws.values()), finer, sampled, start)
         change = np.abs(better[np.searchsorted(finer, grid)] - known).max(axis=0)
         grid, known = finer, better
         _check_ends(robot, laws, grid, known)
         size = np.abs(known).max(axis=0)
-        resolved = change <= MAX_CHANGE * size
-        close = change <= AGREEMENT * size
+        resolved = change <= _MAX_DEFLECTION_CHANGE * size
+        close = change <= _DEFLECTION_TOLERANCE * size
         if (close | (resolved & (change > before / 2))).all():  # or rounding is what is left
             break
         before = change
@@ -145,7 +146,7 @@ def integrals(z: np.ndarray, count: int) -> np.ndarray:
     """
     down, few = np.zeros_like(z), np.minimum(z, count)
     low: list[np.ndarray] = []
-    for j in reversed(range(TERMS)):
+    for j in reversed(range(_DOWNWARD_TERMS)):
         down = (1 - few * down) / (j + 1)  # I_j from I_(j + 1)
         low.insert(0, down)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -185,12 +186,12 @@ def nonlinear(spring: Spring, D: float, t: np.ndarray, Q: Sides, start: float) -
         if not low <= found[-1] <= high:
             break
         stages = np.full(len(nodes), found[-1])
-        for _ in range(NEWTON):
+        for _ in range(_MAX_STAGE_STEPS):
             phi = spring._derivatives(stages)
             residual = stages - found[-1] - step * A @ (force - phi[0])
             change = np.linalg.solve(np.eye(len(nodes)) + step * A * phi[1], residual)
             stages = stages - change
-            if np.abs(change).max() <= ROUNDING * np.abs(stages).max():
+            if np.abs(change).max() <= _STAGE_TOLERANCE * np.abs(stages).max():
                 break
         found.append(float(stages[-1]))
     deflection = np.full(len(t), np.nan)
@@ -201,9 +202,9 @@ def nonlinear(spring: Spring, D: float, t: np.ndarray, Q: Sides, start: float) -
 @cache
 def _radau() -> tuple[np.ndarray, np.ndarray]:
     """The nodes and the matrix of a Radau IIA method, whose last stage is the end of the step."""
-    polynomial = np.zeros(STAGES + 1)
+    polynomial = np.zeros(_RADAU_STAGES + 1)
     polynomial[-2:] = -1, 1
     nodes = (np.polynomial.legendre.legroots(polynomial) + 1) / 2
     nodes[-1] = 1
-    powers = np.arange(STAGES)
+    powers = np.arange(_RADAU_STAGES)
     return nodes, nodes[:, None] ** (powers + 1) / (powers + 1) @ np.linalg.inv(nodes[:, None] ** powers)

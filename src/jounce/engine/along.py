@@ -26,11 +26,11 @@ from jounce.motion.matching import matched
 from jounce.motion.motion import Break, Motion
 from jounce.motion.units import warn_of_degrees
 
-PIECE = 1000  # states
-PERTURBED = 200_000  # states computed for the deviations of forces, which change slowly: between them they are linear
-GLANCES = 200  # states by which the unit of a motion is judged
-ROUNDING = 1e-12  # of the largest rate of all joints: smaller differences of the two sides of a break are no jumps
-FIRST = FORCES.rates - 1  # the order of the rate of q that Q itself takes: q2d
+_STATES_PER_PIECE = 1000  # computed together: bounds working memory, and each piece reports progress
+_MAX_PERTURBED_STATES = 200_000  # computed for deviations of forces, which change slowly: linear between fewer times
+_UNIT_SAMPLES = 200  # even times of a motion by which its unit, rad or degrees, is judged
+_FORCE_JUMP_TOLERANCE = 1e-12  # of the largest rate of all joints: smaller differences at a break are rounding
+Q_RATE_ORDER = FORCES.rates - 1  # the order of the rate of q that Q itself takes: q2d
 
 Progress = Callable[[int, int], object]  # of the number of states done, and of all
 Rates = tuple[np.ndarray, ...]
@@ -105,7 +105,7 @@ def forces_along(
     `row` may be another quantity (n,) that takes as many rates of q or more, such as motor torques.
     """
     path, highest = checked_motion(robot.mechanism, motion), checked_order(order)
-    q, qd = path(np.linspace(path.start, path.stop, GLANCES), 1)
+    q, qd = path(np.linspace(path.start, path.stop, _UNIT_SAMPLES), 1)
     warn_of_degrees(q, qd, robot.mechanism, "the motion")
     times = path.times if t is None else path.checked(t)
     if times.ndim != 1 or not times.size:
@@ -149,8 +149,8 @@ def pieces_along(
     """
     uncertain: list[list[np.ndarray]] = []  # times of each piece, by order
     spread = _spreads(robot, motion, times, order, method, row)
-    for start in range(0, len(times), PIECE):
-        t = times[start : start + PIECE]
+    for start in range(0, len(times), _STATES_PER_PIECE):
+        t = times[start : start + _STATES_PER_PIECE]
         rates, base = motion(t, order + row.rates - 1), motion.base(t, order + row.rates - 1)
         W, near = motion.wrench(t, order + row.wrench_rates - 1), positions(robot, motion, t)
         try:
@@ -186,12 +186,12 @@ def force_breaks(
     lowest = np.array([min(cause.order - taken[cause.symbol] for cause in causes) for _, causes in known], dtype=int)
     t = np.array([t for t, _ in known])
     jumps = np.zeros((order + 1, len(t), _size(robot, row)))
-    for start in range(0, len(t), PIECE):
-        part = slice(start, start + PIECE)
+    for start in range(0, len(t), _STATES_PER_PIECE):
+        part = slice(start, start + _STATES_PER_PIECE)
         before, after = (_one_sided(robot, motion, t[part], order, side, method, row) for side in ("left", "right"))
         size = np.maximum(np.abs(before), np.abs(after)).max(axis=2, keepdims=True)
         difference = np.subtract(after, before)
-        jumps[:, part] = np.where(np.abs(difference) > ROUNDING * size, difference, 0)
+        jumps[:, part] = np.where(np.abs(difference) > _FORCE_JUMP_TOLERANCE * size, difference, 0)
     return tuple(
         ForceBreak(
             time, max(int(k), -1), *((jumps[k, i], causes, tuple(jumps[k + 1 :, i])) if k >= 0 else (None, causes))
@@ -254,18 +254,18 @@ def _spreads(
     if motion.deviations(times[:1], 0) is None and not smoothed and not on_base:
         return None
     every = np.unique(times)
-    count = max(2, PERTURBED // ((motion.curve.columns + 7 * on_base + 6 * len(smoothed)) * (highest + 1)))
+    count = max(2, _MAX_PERTURBED_STATES // ((motion.curve.columns + 7 * on_base + 6 * len(smoothed)) * (highest + 1)))
     t = every[np.unique(np.linspace(0, len(every) - 1, min(count, len(every))).astype(int))]
     total = np.zeros((order + 1, len(t), _size(robot, row)))
-    for start in range(0, len(t), PIECE):
-        part = t[start : start + PIECE]
+    for start in range(0, len(t), _STATES_PER_PIECE):
+        part = t[start : start + _STATES_PER_PIECE]
         rates, W, base = motion(part, highest), motion.wrench(part, of_wrench), motion.base(part, highest)
         near = positions(robot, motion, part)
         true = np.array(_compute_certain(robot, rates, W, base, near, method, row))
         for q, load, moved in _perturbed(motion, part, rates, W, base, highest, of_wrench):
             there = near if near is None else closing.close_loops(robot.mechanism, q[0], near, closing_step(robot))
             found = np.array(_compute_certain(robot, q, load, moved, there, method, row))
-            total[:, start : start + PIECE] += (found - true) ** 2
+            total[:, start : start + _STATES_PER_PIECE] += (found - true) ** 2
     certain = np.isfinite(total).all(axis=(0, 2))
     t, known = (t[certain], np.sqrt(total[:, certain])) if certain.any() else (t, np.sqrt(total))
 

@@ -28,16 +28,17 @@ from jounce.motion.hermite import Hermite
 from jounce.motion.matching import Columns, unwrapped
 from jounce.motion.motion import STEP, Motion
 
-FEWEST, MOST = 512, 2**20  # even intervals of a motion, at whose ends it is looked at
-STRIDE = 8  # samples of a motion in such an interval
-BLOCK = 1000  # times that are looked at together
-HALVINGS = 8  # of an interval whose ends do not agree, before they count as a jump
-FAILURES = 4  # of these, where loops cannot be closed at all
-AGREEMENT = 0.5  # of the way between neighbours: what their rates may leave unexplained
-FLOOR = 1e-10  # rad or sizes of the robot: shorter ways need no explanation
-SAME = 1e-6  # rad or sizes of the robot: positions no further apart are of one branch
-CURE = "expected a motion that keeps away from singular configurations"
-COORDINATES = Computation("coordinates", 2)
+_MIN_PATH_INTERVALS = 512  # even intervals of any motion, at whose ends positions are known
+_MAX_PATH_INTERVALS = 2**20  # of long logs, which bounds time and memory
+_SAMPLES_PER_PATH_INTERVAL = 8  # of a motion, which rarely moves far between
+_MAX_STATES_AT_ONCE = 1000  # times continued from one position together
+_MAX_BRANCH_HALVINGS = 8  # of an interval whose ends do not agree, before they count as a jump
+_MAX_CLOSING_HALVINGS = 4  # of an interval at whose end loops cannot be closed, before that counts as their limit
+_MAX_UNEXPLAINED_SHARE = 0.5  # of the way between neighbours: what their rates may leave unexplained
+_MIN_EXPLAINED_WAY = 1e-10  # rad or sizes of the robot: shorter ways are rounding
+_BRANCH_TOLERANCE = 1e-6  # rad or sizes of the robot: positions no further apart are of one branch
+_SINGULAR_CURE = "expected a motion that keeps away from singular configurations"
+_COORDINATE_RATES = Computation("coordinates", 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +94,8 @@ class ClosedCurve:
 
     def rates_of(self, q: np.ndarray, rates: Sequence[np.ndarray]) -> np.ndarray:
         """The velocities and accelerations (2, K, N) of all coordinates; unknown ones count as 0."""
-        known = [*rates, *[0 * rates[0]] * (COORDINATES.rates - len(rates))]
-        return np.stack(compute_by_method(COORDINATES, "recursion", self.m, [*known, q[:, self.dependent]])[1:])
+        known = [*rates, *[0 * rates[0]] * (_COORDINATE_RATES.rates - len(rates))]
+        return np.stack(compute_by_method(_COORDINATE_RATES, "recursion", self.m, [*known, q[:, self.dependent]])[1:])
 
     def agreeing(self, s: States) -> np.ndarray:
         """Which neighbours, (K - 1,), are on one branch, by their rates, or are apart because q itself jumps."""
@@ -104,7 +105,7 @@ class ClosedCurve:
         in_way = np.abs(np.diff(x, axis=0) - h / 2 * (v + w) + h**2 / 12 * (b - a))
         in_velocity = np.abs(w - v - h / 2 * (a + b))
         way = h * np.maximum(np.abs(v), np.abs(w)).max(axis=1, keepdims=True)
-        explained = (in_way + h * in_velocity <= AGREEMENT * way + FLOOR).all(axis=1)
+        explained = (in_way + h * in_velocity <= _MAX_UNEXPLAINED_SHARE * way + _MIN_EXPLAINED_WAY).all(axis=1)
         return np.asarray(explained & ~self.crossing(s) | np.isnan(s.before[0, 1:]).any(axis=1))
 
     def crossing(self, s: States) -> np.ndarray:
@@ -118,7 +119,7 @@ class ClosedCurve:
     def path(self, t: np.ndarray, start: np.ndarray) -> States:
         """States on one branch at times (K,), and between them where neighbours do not agree at once."""
         reach, longest = closing.FIRST_STEP * newton.scales(self.m).coordinates[self.own], np.diff(t).max()
-        done, todo, size = [self.states(t[:1], start)], t[1:], BLOCK
+        done, todo, size = [self.states(t[:1], start)], t[1:], _MAX_STATES_AT_ONCE
         while todo.size:
             last = done[-1].taken(slice(-1, None))
             far = np.abs(self.curve.rates(todo[:size], 0)[0] - last.q[:, self.own]) > reach
@@ -133,10 +134,10 @@ class ClosedCurve:
                 done.append(found.taken(slice(0, count)))
                 todo = todo[count:]
             elif len(part) == 1:
-                if part[0] - last.t[0] < longest / 2 ** (HALVINGS if found else FAILURES):
+                if part[0] - last.t[0] < longest / 2 ** (_MAX_BRANCH_HALVINGS if found else _MAX_CLOSING_HALVINGS):
                     raise self.error(last, float(part[0]), found)
                 todo = np.insert(todo, 0, (last.t[0] + part[0]) / 2)
-            size = min(BLOCK, 2 * len(part)) if count == len(part) else 1
+            size = min(_MAX_STATES_AT_ONCE, 2 * len(part)) if count == len(part) else 1
         return joined(done)
 
     def error(self, last: States, t: float, found: States | None) -> JounceError:
@@ -148,7 +149,7 @@ class ClosedCurve:
         inverse = inverse_conditions(self.m, s.q).min()
         return JounceError(
             f"{self.m.name!r}: the branch jumps along the motion at t = {t:.9g} s, where 1/cond is {inverse:.2g}: rates"
-            f" of {others} jump, and those of {own} do not; {CURE}"
+            f" of {others} jump, and those of {own} do not; {_SINGULAR_CURE}"
         )
 
 
@@ -158,7 +159,7 @@ def lost(m: Mechanism, t: float, q: np.ndarray, stuck: bool) -> JounceError:
     beyond = ", and the loops cannot be closed beyond" if stuck else ""
     return JounceError(
         f"{m.name!r}: constraints are lost along the motion at t = {t:.9g} s, where 1/cond is {inverse:.2g}{beyond};"
-        f" {CURE}"
+        f" {_SINGULAR_CURE}"
     )
 
 
@@ -176,7 +177,7 @@ def positions(
         return None
     curve, inner, order = unwrapped(motion.curve, t)
     samples = (curve.stop - curve.start) / STEP if motion.grid is None else len(motion.grid)
-    count = max(FEWEST, min(MOST, int(samples / STRIDE)))
+    count = max(_MIN_PATH_INTERVALS, min(_MAX_PATH_INTERVALS, int(samples / _SAMPLES_PER_PATH_INTERVAL)))
     fixed: Any = curve  # curves are immutable, hence keys
     step = closing_step(robot)
     path = _path(m, fixed, order, count, tuple(motion.branch.items()), step)
@@ -224,7 +225,7 @@ def positions_of_rows(robot: Engine, t: np.ndarray, rates: Sequence[np.ndarray],
     both = closed.rates_of(q, rates)
     for i in np.flatnonzero(~closed.agreeing(States(t, q, both, both))):
         off = np.abs((closed.path(t[i : i + 2], q[i]).q[-1] - q[i + 1]) / newton.scales(m).coordinates)
-        if off.max() > SAME:
+        if off.max() > _BRANCH_TOLERANCE:
             joint = closure_of(m).coordinates[int(off.argmax())]
             raise JounceError(
                 f"{m.name!r}: the branch jumps between the rows at t = {t[i]:.9g} and {t[i + 1]:.9g} s: joint"

@@ -14,16 +14,16 @@ from jounce.core.errors import JounceError
 from jounce.limits.basis import Basis, Local
 from jounce.limits.rows import Rows
 
-STEPS = 300  # of Newton's method at most
-NEAR = 5.0  # Newton's decrement, in units of mu, from which on mu is made smaller
-SHRINK = 0.1  # of mu
-BACK = 0.99  # of the way to the nearest bound is the longest step
-HALVINGS = 40
-ROOM = 1e-3  # of a bound
-CENTRAL = 10.0  # times the duration is the weight of the bounds there
-SHIFTS = (0.0, 1e-12, 1e-9, 1e-6)  # of the Newton matrix's diagonal, until it is positive definite
+_MAX_BARRIER_STEPS = 300  # of Newton's method: several times as many as problems have been seen to take
+_DECREMENT_TO_SHRINK_MU = 5.0  # Newton's decrement in units of mu: centred well enough for the next mu
+_MU_FACTOR = 0.1  # from one mu to the next
+_MAX_SHARE_TO_BOUND = 0.99  # of the way to the nearest bound: iterates stay strictly within
+_MAX_LINE_SEARCH_HALVINGS = 40  # to 1e-12 of the step: then rounding hides any progress
+_MIN_BOUND_DISTANCE = 1e-3  # of a bound: closer coefficients are no start for the barrier
+_CENTRING_WEIGHT = 10.0  # durations: the weight of the barrier while feasible coefficients are sought
+_CENTRING_STEPS = 3  # of Newton's method between two widths of the bounds: the centre need only be near
+_DIAGONAL_SHIFTS = (0.0, 1e-12, 1e-9, 1e-6)  # of the Newton matrix's diagonal, tried until it has a Cholesky factor
 UNEVEN = "retiming fails: the paces of the motion differ by too much; retime its parts, and add the results"
-CENTRE = 3  # steps towards the centre of widened bounds
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,9 @@ class Program:
     def feasible(self, c: np.ndarray) -> bool:
         """Whether all rows are within their bounds, and have room to move there."""
         jet = self.at.jets(c)
-        return bool(jet[0].min() > 0 and self.basis.speeds(c).min() > 0 and self.rows.excess(jet).max() < -ROOM)
+        return bool(
+            jet[0].min() > 0 and self.basis.speeds(c).min() > 0 and self.rows.excess(jet).max() < -_MIN_BOUND_DISTANCE
+        )
 
 
 def within(program: Program, c: np.ndarray) -> np.ndarray | None:
@@ -47,15 +49,15 @@ def within(program: Program, c: np.ndarray) -> np.ndarray | None:
     The bounds are widened until they hold, and then drawn in as the centre of what they leave moves.
     """
     jet = program.at.jets(c)
-    for _ in range(STEPS):
+    for _ in range(_MAX_BARRIER_STEPS):
         excess = float(program.rows.excess(jet).max())
-        if excess < -ROOM:
+        if excess < -_MIN_BOUND_DISTANCE:
             return c
-        wider = program.rows.relaxed(max(1.05 * excess, 0.0) + 20 * ROOM)
+        wider = program.rows.relaxed(max(1.05 * excess, 0.0) + 20 * _MIN_BOUND_DISTANCE)
         relaxed = Program(program.basis, program.at, wider, program.free)
-        mu = CENTRAL * program.basis.duration(c) / wider.factors[:, :, 0].size
+        mu = _CENTRING_WEIGHT * program.basis.duration(c) / wider.factors[:, :, 0].size
         now = _iterate(relaxed, c, mu)
-        for _ in range(CENTRE):
+        for _ in range(_CENTRING_STEPS):
             _step(relaxed, now, mu)
         c, jet = now.c, program.at.jets(now.c)
         if program.rows.excess(jet).max() > excess - 1e-4 * abs(excess):
@@ -82,14 +84,14 @@ def fastest(program: Program, c: np.ndarray, gap: float, first: float = 1.0) -> 
     rows, duration = 2 * program.rows.factors[:, :, 0].size, program.basis.duration(c)
     mu = first * duration / rows
     now = _iterate(program, c, mu)
-    for _ in range(STEPS):
+    for _ in range(_MAX_BARRIER_STEPS):
         decrement, length = _step(program, now, mu)
         if length == 0:
             break
-        if decrement < NEAR and length > 0.5:
+        if decrement < _DECREMENT_TO_SHRINK_MU and length > 0.5:
             if mu * rows < gap * program.basis.duration(now.c):
                 break
-            mu *= SHRINK
+            mu *= _MU_FACTOR
     return now.c
 
 
@@ -120,9 +122,9 @@ def _step(program: Program, now: Iterate, mu: float) -> tuple[float, float]:
     down = mu / now.above - now.push_down + now.push_down / now.above * moved
     up = mu / now.below - now.push_up - now.push_up / now.below * moved
     decrease = float(-gradient @ move)
-    length = min(1.0, BACK / max((moved / now.above).max(), (-moved / now.below).max(), 1e-9))
+    length = min(1.0, _MAX_SHARE_TO_BOUND / max((moved / now.above).max(), (-moved / now.below).max(), 1e-9))
     taken = _line_search(program, now, mu, move, length, decrease)
-    dual = min(1.0, BACK / max((-down / now.push_down).max(), (-up / now.push_up).max(), 1e-9))
+    dual = min(1.0, _MAX_SHARE_TO_BOUND / max((-down / now.push_down).max(), (-up / now.push_up).max(), 1e-9))
     for push, change, distance in ((now.push_down, down, now.above), (now.push_up, up, now.below)):
         push += dual * change
         np.clip(push, 1e-10 * mu / distance, 1e10 * mu / distance, out=push)
@@ -151,7 +153,7 @@ def _solved(
     except LinAlgError:
         sizes, axes = np.linalg.eigh(outer + bent)
     convex = np.matmul(axes * sizes.clip(0)[:, None, :], axes.transpose(0, 2, 1))
-    for shift in SHIFTS:
+    for shift in _DIAGONAL_SHIFTS:
         try:
             return cho_solve_banded((factored(convex, shift), False), gradient)
         except LinAlgError:  # rounding, where the speeds along the path differ by many powers of ten
@@ -161,13 +163,13 @@ def _solved(
 
 def _line_search(program: Program, now: Iterate, mu: float, move: np.ndarray, length: float, decrease: float) -> float:
     """Move as far as the barrier function falls, and all rows stay within their bounds; how far that is."""
-    floor = 0.1 * (1 - BACK)
+    floor = 0.1 * (1 - _MAX_SHARE_TO_BOUND)
 
     def barrier(c: np.ndarray, *distances: np.ndarray) -> float:
         return program.basis.duration(c) - mu * float(sum(np.log(distance).sum() for distance in distances))
 
     before = barrier(now.c, now.above, now.below, program.at.jets(now.c)[0])
-    for _ in range(HALVINGS):
+    for _ in range(_MAX_LINE_SEARCH_HALVINGS):
         c = now.c + length * move
         jet = program.at.jets(c)
         if jet[0].min() > 0 and program.basis.speeds(c).min() > 0:

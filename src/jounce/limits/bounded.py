@@ -10,7 +10,7 @@ import numpy as np
 from jounce.arguments.requests import more_rates
 from jounce.dynamics import electrical
 from jounce.dynamics.quantities import FORCES, QUANTITIES, Quantity, row_of
-from jounce.engine.along import FIRST
+from jounce.engine.along import Q_RATE_ORDER
 from jounce.engine.closed_path import named_by_time, on_tree, positions
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
@@ -23,14 +23,13 @@ from jounce.motion.hermite import counting_to
 from jounce.motion.motion import Motion
 from jounce.spatial import series
 
-SMOOTH = 2  # derivatives that are used where they are known: a quintic between samples has two at each end
+HERMITE_DERIVATIVES = 2  # used where they are known: a quintic between samples takes two at each end
 
 Side = Literal["right", "left"]
 Span = tuple[float, float]
 Rates = tuple[np.ndarray, ...]
 Wrenches = Sequence[Mapping[str, np.ndarray]] | None
 Series = Mapping[str, Sequence[np.ndarray]]  # by kind: a quantity and its derivatives, (N, n) each
-POSITIONS, TORQUES = "motor_positions", "motor_torques"
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +106,7 @@ class Bounded:
     @cached_property
     def force_rates(self) -> Mapping[str, int]:
         """The highest rate of Q that each kind of limit of forces, power or motors takes."""
-        return {kind: motion_order(self.robot, kind) - FIRST for kind in self.kinds if KINDS[kind].of != "q"}
+        return {kind: motion_order(self.robot, kind) - Q_RATE_ORDER for kind in self.kinds if KINDS[kind].of != "q"}
 
     @cached_property
     def orders(self) -> Mapping[str, int]:
@@ -118,7 +117,9 @@ class Bounded:
                 needed[name] = max(needed.get(name, 0), order)
         known = self.motion.highest
         return {
-            name: SMOOTH if known is None else max(least, min(SMOOTH, known - self.row(name).rates + 1))
+            name: HERMITE_DERIVATIVES
+            if known is None
+            else max(least, min(HERMITE_DERIVATIVES, known - self.row(name).rates + 1))
             for name, least in needed.items()
         }
 
@@ -136,9 +137,9 @@ class Bounded:
         """The highest rate of q that is used."""
         known = self.motion.highest
         ways = [KINDS[kind].rate for kind in self.kinds if KINDS[kind].of == "q"]
-        smooth = max((k + SMOOTH for k in ways), default=0)
+        smooth = max((k + HERMITE_DERIVATIVES for k in ways), default=0)
         order = smooth if known is None else max([*ways, min(smooth, known)])
-        return max(order, self.force_order + FIRST) if self.forces else order
+        return max(order, self.force_order + Q_RATE_ORDER) if self.forces else order
 
     def series(self, t: np.ndarray, side: Side = "right") -> Series:
         """The quantities that are bounded, with derivatives, at times (N,)."""
@@ -147,7 +148,9 @@ class Bounded:
             near = positions(self.robot, self.motion, t, side)
             joints = joint_rates(self.robot, rates, near, self.follow)
             found: dict[str, Sequence[np.ndarray]] = {
-                kind: joints[k : k + SMOOTH + 1] for k, kind in enumerate(MOTION_KINDS) if kind in self.kinds
+                kind: joints[k : k + HERMITE_DERIVATIVES + 1]
+                for k, kind in enumerate(MOTION_KINDS)
+                if kind in self.kinds
             }
             if "position" in found and extent_names(m) != m.coordinates:
                 found["position"] = joints[:1]  # swings, ... whose rates are not the velocities
@@ -198,7 +201,7 @@ class Bounded:
         e = self.robot.mechanism.elasticity
         assert e is not None  # else `known_kinds` has no limits of motors
         if KINDS[kind].data:
-            both = electrical.outputs(e, values.get(POSITIONS, ()), values[TORQUES])
+            both = electrical.outputs(e, values.get("motor_positions", ()), values["motor_torques"])
             return [np.nan_to_num(x) for x in both[KINDS[kind].of == "u"] or ()]
         return values[next(iter(KINDS[kind].takes))]
 
@@ -219,7 +222,7 @@ def quantities_of(robot: Engine, kind: str) -> Mapping[str, int]:
         return {}
     if row.force:
         return {efforts(robot.mechanism).name: row.rate}
-    return {**row.takes} | ({TORQUES: 1} if kind == "motor_voltage" and e and e.is_inductive else {})
+    return {**row.takes} | ({"motor_torques": 1} if kind == "motor_voltage" and e and e.is_inductive else {})
 
 
 def motion_order(robot: Engine, kind: str) -> int:
@@ -235,7 +238,7 @@ def _row(robot: Engine, name: str) -> Quantity:
 def order_needed(robot: Engine) -> int:
     """The highest rate of Q that a motion must carry for the limits of a robot: q to q2d for 0, q to q4d for 2."""
     kinds = known_kinds(robot, joint_limits(robot.mechanism))
-    return max([0, *(motion_order(robot, kind) - FIRST for kind in kinds)])
+    return max([0, *(motion_order(robot, kind) - Q_RATE_ORDER for kind in kinds)])
 
 
 def at_speed(

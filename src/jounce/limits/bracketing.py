@@ -12,11 +12,11 @@ from jounce.model.elasticity import Law
 from jounce.model.kinds import KINDS
 from jounce.model.springs import CubicSpring, DampedSpring
 
-STEP = 1 / 32  # between factors that are tried: limits broken only between two of them are not noticed
-GROWTH = 1.05  # of factors above 1
-MOST = 1000.0
-EXACT = 1e-13  # of a factor
-HALVINGS = 30  # from the first step down, before the motion is refused
+_SPEED_FACTOR_STEP = 1 / 32  # between the factors that are tried: limits broken only between two of them are missed
+_SPEED_FACTOR_GROWTH = 1.05  # from one factor to the next above 1: steps in proportion, a twentieth each
+_MAX_SPEED_FACTOR = 1000.0  # times the given speed: no motion is meant to be faster, so that no limit bounds it
+_SPEED_FACTOR_TOLERANCE = 1e-13  # relative, close to the rounding of a check
+_MAX_SPEED_FACTOR_HALVINGS = 30  # of the first step, to 3e-11: where no slower factor keeps the limits either
 
 Place = tuple[str, int, float]  # of a limit: kind, joint, time in the given motion
 
@@ -41,18 +41,22 @@ def bracketed_factor(b: Bounded) -> tuple[float, Place]:
     from scipy.optimize import brentq
 
     states_of(b)  # which refuses what is broken at every speed
-    low, high = 0.0, STEP
+    low, high = 0.0, _SPEED_FACTOR_STEP
     while worst_at(b, high)[0] <= 1:
-        low, high = high, high + STEP if high < 1 else high * GROWTH
-        if high > MOST:
-            raise JounceError(f"no limit bounds the speed of this motion up to {MOST:g} times its own")
-    for _ in range(HALVINGS):
+        low, high = high, high + _SPEED_FACTOR_STEP if high < 1 else high * _SPEED_FACTOR_GROWTH
+        if high > _MAX_SPEED_FACTOR:
+            raise JounceError(f"no limit bounds the speed of this motion up to {_MAX_SPEED_FACTOR:g} times its own")
+    for _ in range(_MAX_SPEED_FACTOR_HALVINGS):
         if low:
             break
         low, high = (high / 2, high) if worst_at(b, high / 2)[0] <= 1 else (0.0, high / 2)
     if not low:
         raise JounceError(f"no factor of speed down to {high:.1g} keeps the limits; with_limits states others")
-    factor = float(brentq(lambda c: worst_at(b, c)[0] - 1, low, high, xtol=EXACT * low, rtol=EXACT))
+    factor = float(
+        brentq(
+            lambda c: worst_at(b, c)[0] - 1, low, high, xtol=_SPEED_FACTOR_TOLERANCE * low, rtol=_SPEED_FACTOR_TOLERANCE
+        )
+    )
     return factor, worst_at(b, factor)[1]
 
 

@@ -9,8 +9,8 @@ from jounce.limits.joints import in_columns, of_joints
 from jounce.model.kinds import KINDS, MOTION_KINDS, MOTOR_KINDS
 from jounce.model.positions import positions as joints_of_several
 
-MAX_OVER_MEDIAN = 10.0  # of deviations in a window: towards the ends of a fit they rise by powers of ten
-COMPARED_TIMES = 2000  # of a motion, at which deviations are compared with their median
+_MAX_DEVIATION_OVER_MEDIAN = 10.0  # within a window: towards the ends of a fit deviations rise by powers of ten
+_MAX_COMPARED_TIMES = 2000  # of a motion, for the median of deviations, which change slowly
 
 Deviations = dict[str, np.ndarray]  # by kind, (N, joints); NaN where they are not known
 
@@ -77,11 +77,11 @@ def _along(b: Bounded, t: np.ndarray, row: Quantity, order: int) -> tuple[list[n
 def windows_of(b: Bounded) -> dict[str, Span]:
     """The times between which each kind is known well, of the kinds that are not known well along the whole motion."""
     times = b.motion.times
-    t = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), COMPARED_TIMES)).astype(int))]
+    t = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), _MAX_COMPARED_TIMES)).astype(int))]
     found = {}
     for kind, deviations in deviations_of(b, t).items():
         off = deviations[:, ~np.isnan(deviations).any(axis=0)]
-        well = np.flatnonzero((off <= MAX_OVER_MEDIAN * np.median(off, axis=0)).all(axis=1))
+        well = np.flatnonzero((off <= _MAX_DEVIATION_OVER_MEDIAN * np.median(off, axis=0)).all(axis=1))
         ends = (well[0], well[-1]) if well.size else (0, 0)
         if ends != (0, len(t) - 1):
             found[kind] = (float(t[ends[0]]), float(t[ends[1]]))

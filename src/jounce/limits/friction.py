@@ -24,9 +24,9 @@ from jounce.model.kinds import KINDS
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
 
-NEAR_TURNS = 0.5 ** np.arange(8, 20, 0.25)  # of the duration: from a turn so far away friction is looked at
-HALVINGS = 0.5 ** np.arange(1, 44)  # of the time from a turn to the next row, down to the rounding of times
-STEEP = (1 / 16, 32.0)  # times eps: between these velocities tanh changes; beyond, by less than rounding
+_TURN_OFFSETS = 0.5 ** np.arange(8, 20, 0.25)  # of the duration: how far from a turn points are added, 4e-3 to 2e-6
+_TURN_SHARES = 0.5 ** np.arange(1, 44)  # of the time from a turn to the next row, down to the rounding of times
+_TANH_RANGE = (1 / 16, 32.0)  # eps: velocities between which tanh changes; beyond, by less than rounding
 
 
 class Smooth(NamedTuple):
@@ -64,7 +64,7 @@ class Friction:
         """Times near which a joint with friction begins to move, stops or turns round, as `count` times show."""
         velocity = _velocity(motion, self.ratios[:, columns].T)
         turns, _, _ = _zeros(velocity, np.linspace(motion.start, motion.stop, count))
-        near = turns[:, None] + motion.duration * np.concatenate([-NEAR_TURNS, [0.0], NEAR_TURNS])
+        near = turns[:, None] + motion.duration * np.concatenate([-_TURN_OFFSETS, [0.0], _TURN_OFFSETS])
         return near[(near >= motion.start) & (near <= motion.stop)]
 
     def reversals(self, motion: Motion, t: np.ndarray) -> np.ndarray:
@@ -73,11 +73,11 @@ class Friction:
         Its rates have peaks there as narrow as eps is small.
         """
         velocity = _velocity(motion, self.ratios.T * self.slope.T)
-        turns, at, joint = _zeros(velocity, t, least=STEEP[0])
+        turns, at, joint = _zeros(velocity, t, least=_TANH_RANGE[0])
         turn, low, high = (x[:, None] for x in (turns, t[at], t[at + 1]))
-        near = np.concatenate([turn - (turn - low) * HALVINGS, turn + (high - turn) * HALVINGS], axis=1)
+        near = np.concatenate([turn - (turn - low) * _TURN_SHARES, turn + (high - turn) * _TURN_SHARES], axis=1)
         v = np.abs(velocity(near.ravel())[np.arange(near.size), np.repeat(joint, near.shape[1])]).reshape(near.shape)
-        return np.concatenate([turns, near[(v >= STEEP[0]) & (v <= STEEP[1])]])
+        return np.concatenate([turns, near[(v >= _TANH_RANGE[0]) & (v <= _TANH_RANGE[1])]])
 
     def along(self, rates: tuple[np.ndarray, ...], kinds: tuple[str, ...]) -> "FrictionAlong":
         """The friction along a path with q', q'', ... (N, n), as limits of some kinds take it."""
@@ -105,7 +105,7 @@ class FrictionAlong:
         """The factors (N, n) of the products in what limits of a kind bound, along a path with q' = `rate`."""
         if kind not in self.kinds:
             return {}
-        first = len(pace.PRODUCTS) + self.kinds.index(kind) * len(self.friction.onto)
+        first = len(pace.PRODUCT_POWERS) + self.kinds.index(kind) * len(self.friction.onto)
         each = rate if kind == "power" else np.ones_like(rate)
         return {first + i: onto * each for i, onto in enumerate(self.friction.onto)}
 

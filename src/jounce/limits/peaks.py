@@ -11,8 +11,8 @@ from jounce.limits.ratios import SIGNS
 from jounce.limits.search import largest, root
 from jounce.model.kinds import KINDS
 
-GRID = 17  # values of a polynomial on its piece, between which a peak is bracketed
-FLAT = 1e-12  # of the values of a polynomial: lower peaks are rounding, and its ends as high
+_SAMPLES_PER_PIECE = 17  # of a polynomial: many for the six extremes of degree 7
+_MIN_PEAK_HEIGHT = 1e-12  # of the values of a polynomial: lower peaks are rounding, and the ends as high
 
 
 class Peaks(NamedTuple):
@@ -28,7 +28,7 @@ class Peaks(NamedTuple):
 def peaks_of(b: Bounded, pieces: Pieces, floor: Callable[[Pieces, str, int], np.ndarray]) -> Peaks:
     """The extremes inside pieces that pass a floor (K, n), given by kind and sign; each is exact."""
     found: list[tuple[np.ndarray, ...]] = []
-    u = np.linspace(0, 1, GRID)
+    u = np.linspace(0, 1, _SAMPLES_PER_PIECE)
     for kind in pieces.kinds if pieces.width.all() else ():
         c = pieces.polynomials[kind]
         bernstein = hull(c)
@@ -40,12 +40,14 @@ def peaks_of(b: Bounded, pieces: Pieces, floor: Callable[[Pieces, str, int], np.
             near = c[:, i, j]
             y, slope = (sign * _on_grid(x, u) for x in (near, near[:-1] * np.arange(len(c) - 1, 0, -1)[:, None]))
             inner = (slope[:-1] > 0) & (slope[1:] <= 0)
-            tangents = np.maximum(y[:-1] + slope[:-1] / (GRID - 1), y[1:] - slope[1:] / (GRID - 1))  # above any peak
+            tangents = np.maximum(
+                y[:-1] + slope[:-1] / (_SAMPLES_PER_PIECE - 1), y[1:] - slope[1:] / (_SAMPLES_PER_PIECE - 1)
+            )  # above any peak
             inner &= tangents > least[i, j]
-            inner &= (slope[:-1] - slope[1:]) / GRID > FLAT * np.abs(y).max(axis=0)
+            inner &= (slope[:-1] - slope[1:]) / _SAMPLES_PER_PIECE > _MIN_PEAK_HEIGHT * np.abs(y).max(axis=0)
             at, which = np.nonzero(inner)
             start, width = pieces.start[i[which]], pieces.width[i[which], 0]
-            low, high = (u[at_end.clip(0, GRID - 1)] * width + start for at_end in (at - 1, at + 2))
+            low, high = (u[at_end.clip(0, _SAMPLES_PER_PIECE - 1)] * width + start for at_end in (at - 1, at + 2))
             high = np.minimum(high, np.nextafter(pieces.stop[i[which]], start))  # at a break another piece begins
             count = len(which)
             found.append((np.full(count, kind), j[which], np.full(count, sign), low, high))

@@ -13,26 +13,25 @@ from math import comb
 
 import numpy as np
 
-from jounce.limits.bounded import SMOOTH, Bounded, Series, Span
+from jounce.limits.bounded import HERMITE_DERIVATIVES, Bounded, Series, Span
 from jounce.limits.friction import friction_of
-from jounce.limits.ratios import SIGNS, STILL, Scale
+from jounce.limits.ratios import SIGNS, ZERO_BOUND_TOLERANCE, Scale
 from jounce.model.kinds import KINDS
 from jounce.motion.hermite import coefficients
 
-SPLIT = (
-    0.45  # of a piece: in its middle a motion from rest to rest agrees with any polynomial, as both are odd about it
-)
-TOLERANCE = 1e-5  # of the largest value: polynomials of rates may miss the place of the split by as much; half as long
-TRUST = 1e-6  # of the largest value: they miss it by less, and polynomials through values must; they are trusted to it
-DEGREE = 7  # of polynomials through values: that of q2d between rows that state q to q4d; q3d and q4d have lower ones
-NODES = (1 - np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)) / 2  # of a piece, where these values are: Lobatto's
-THROUGH = np.linalg.inv(np.vander(NODES))  # from the values to coefficients, highest power first
-NEGLIGIBLE = 1e-3  # of a limit: smaller values are compared with that much of it, or their rounding would be followed
-NUDGE = 1e-6  # of a piece: values so much earlier and later differ by rounding alone
-ROUNDING_MARGIN = 8.0  # times such a difference is rounding too, which splitting does not lessen
-DEEPEST = 10  # times that a piece is split
-CLOSE = 1e-9  # of the duration: times closer to a break are that break
-BLOCK = 8000  # pieces worked on at a time: fewer take most of the time to call NumPy, more do not fit in a cache
+# Of a piece: in its middle a motion from rest to rest agrees with any polynomial, as both are odd about it.
+_SPLIT_SHARE = 0.45
+_HERMITE_TOLERANCE = 1e-5  # of the largest value, at the split: the halves miss less than a tenth of it
+PIECE_TOLERANCE = 1e-6  # of the largest value: what polynomials may miss inside their piece
+_LOBATTO_DEGREE = 7  # of polynomials through values: that of q2d between rows that state q to q4d
+_LOBATTO_NODES = (1 - np.cos(np.pi * np.arange(_LOBATTO_DEGREE + 1) / _LOBATTO_DEGREE)) / 2  # shares of a piece
+_LOBATTO_TO_POWERS = np.linalg.inv(np.vander(_LOBATTO_NODES))  # from values to coefficients, highest power first
+MIN_SHARE_OF_LIMIT = 1e-3  # smaller values are compared with that much of the limit, else rounding would be followed
+_ROUNDING_PROBE = 1e-6  # of a piece: values so much earlier and later differ by rounding alone
+_ROUNDING_FACTOR = 8.0  # times such a difference is rounding too, which splitting does not lessen
+_MAX_PIECE_SPLITS = 10  # of a piece, to a thousandth: what is not resolved then is reported
+_BREAK_TIME_TOLERANCE = 1e-9  # of the duration: times closer to a break are that break
+_PIECES_PER_BLOCK = 8000  # worked on together: fewer take most of the time to call NumPy, more leave the cache
 
 
 Values = Mapping[str, np.ndarray]  # by kind, (K, n)
@@ -98,8 +97,8 @@ def part_pieces(b: Bounded, span: Span) -> Iterator[Pieces]:
     if len(knots) == 1:  # a motion of one state
         state = b.values(knots)
         yield Pieces(knots, knots, state, state, {}, {})
-    for first in range(0, len(knots) - 1, BLOCK):
-        t, jumps = knots[first : first + BLOCK + 1], is_break[first : first + BLOCK + 1]
+    for first in range(0, len(knots) - 1, _PIECES_PER_BLOCK):
+        t, jumps = knots[first : first + _PIECES_PER_BLOCK + 1], is_break[first : first + _PIECES_PER_BLOCK + 1]
         right = b.series(t)
         left = b.series(t[jumps], "left") if jumps.any() else {}
         ends = {kind: [x.copy() for x in series] for kind, series in right.items()}
@@ -117,7 +116,9 @@ def knots_of(b: Bounded, span: Span) -> tuple[np.ndarray, np.ndarray]:
     breaks = [found.t for found in motion.breaks_to(order)]
     for curve in motion.loads.values():
         known = curve.highest
-        breaks += [jump.t for jump in curve.jumps(SMOOTH if known is None else min(SMOOTH, known))]
+        breaks += [
+            jump.t for jump in curve.jumps(HERMITE_DERIVATIVES if known is None else min(HERMITE_DERIVATIVES, known))
+        ]
     jumps = np.unique([t for t in breaks if start < t <= stop])
     every = np.unique([start, *motion.times[(motion.times > start) & (motion.times < stop)], stop])
     if b.forces and (friction := friction_of(b.robot.mechanism)) and not b.robot.mechanism.closure:
@@ -126,7 +127,7 @@ def knots_of(b: Bounded, span: Span) -> tuple[np.ndarray, np.ndarray]:
         return every, np.zeros(len(every), dtype=bool)
     apart = np.abs(every - jumps[np.abs(np.searchsorted(jumps, every)).clip(0, len(jumps) - 1)])
     before = np.abs(every - jumps[(np.searchsorted(jumps, every) - 1).clip(0)])
-    kept = every[np.minimum(apart, before) > CLOSE * motion.duration]
+    kept = every[np.minimum(apart, before) > _BREAK_TIME_TOLERANCE * motion.duration]
     knots = np.unique(np.concatenate([[start], kept, jumps, [stop]]))
     return knots, np.isin(knots, jumps)
 
@@ -134,7 +135,7 @@ def knots_of(b: Bounded, span: Span) -> tuple[np.ndarray, np.ndarray]:
 def _between(b: Bounded, t: np.ndarray, left: Series, right: Series) -> Pieces:
     """Pieces between times (K + 1,) with the series at both ends, (K, n) each: in two, or through values inside."""
     start, stop = t[:-1], t[1:]
-    middle = start + SPLIT * (stop - start)
+    middle = start + _SPLIT_SHARE * (stop - start)
     exact = b.series(middle)
     whole, *halves = (
         _of_rates(*ends)
@@ -145,7 +146,7 @@ def _between(b: Bounded, t: np.ndarray, left: Series, right: Series) -> Pieces:
         for kind, ends in ((kind, (whole.left[kind], whole.right[kind], halves[0].right[kind])) for kind in b.kinds)
     }
     missed = _missed(whole, middle, halves[0].right)
-    wrong = np.any([(missed[kind] > TOLERANCE * scales[kind]).any(axis=1) for kind in b.kinds], axis=0)
+    wrong = np.any([(missed[kind] > _HERMITE_TOLERANCE * scales[kind]).any(axis=1) for kind in b.kinds], axis=0)
     wrong |= any(len(series) == 1 for series in left.values())
     divisible = (start < middle) & (middle < stop)  # stamps since 1970 step by 2.4e-7 s
     good = [half.taken(divisible & ~wrong) for half in halves]
@@ -167,32 +168,36 @@ def _of_rates(start: np.ndarray, stop: np.ndarray, left: Series, right: Series) 
 
 def _through(b: Bounded, pieces: Pieces, scales: Values) -> Iterator[Pieces]:
     """Pieces with polynomials through exact values inside, split where these miss another one."""
-    for depth in range(DEEPEST if len(pieces.start) else 0):
-        middle = pieces.start + SPLIT * (pieces.stop - pieces.start)
-        inner = pieces.start[:, None] + NODES[1:-1] * pieces.width
+    for depth in range(_MAX_PIECE_SPLITS if len(pieces.start) else 0):
+        middle = pieces.start + _SPLIT_SHARE * (pieces.stop - pieces.start)
+        inner = pieces.start[:, None] + _LOBATTO_NODES[1:-1] * pieces.width
         inner = np.minimum(inner, np.nextafter(pieces.stop, pieces.start)[:, None])  # at a break another one begins
         count = len(middle)
         values = b.values(np.concatenate([middle, inner.T.ravel()]))
         exact, nodes = ({kind: x[part] for kind, x in values.items()} for part in (slice(count), slice(count, None)))
         polynomials = {}
         for kind in b.kinds:
-            left, right, between = pieces.left[kind], pieces.right[kind], nodes[kind].reshape(DEGREE - 1, count, -1)
-            polynomials[kind] = np.einsum("ij,jkn->ikn", THROUGH, np.stack([left, *between, right]))
+            left, right, between = (
+                pieces.left[kind],
+                pieces.right[kind],
+                nodes[kind].reshape(_LOBATTO_DEGREE - 1, count, -1),
+            )
+            polynomials[kind] = np.einsum("ij,jkn->ikn", _LOBATTO_TO_POWERS, np.stack([left, *between, right]))
         pieces = replace(pieces, polynomials=polynomials)
         missed = _missed(pieces, middle, exact)
         rounded = 16 * np.spacing(np.abs(middle))[:, None] / pieces.width  # much where stamps are those since 1970
-        beyond = {kind: missed[kind] - (TRUST + rounded) * scales[kind] for kind in b.kinds}
+        beyond = {kind: missed[kind] - (PIECE_TOLERANCE + rounded) * scales[kind] for kind in b.kinds}
         wrong = np.any([(x > 0).any(axis=1) for x in beyond.values()], axis=0)
         if wrong.any():
             rounding = _rounding(b, middle[wrong], pieces.width[wrong, 0])
             wrong[wrong] = np.any(
-                [(beyond[kind][wrong] > ROUNDING_MARGIN * rounding[kind]).any(axis=1) for kind in b.kinds], axis=0
+                [(beyond[kind][wrong] > _ROUNDING_FACTOR * rounding[kind]).any(axis=1) for kind in b.kinds], axis=0
             )
         wrong &= (pieces.start < middle) & (middle < pieces.stop)
         yield pieces.taken(~wrong)
         if not wrong.any():
             break
-        if depth + 1 == DEEPEST:
+        if depth + 1 == _MAX_PIECE_SPLITS:
             yield replace(pieces, missed=missed).taken(wrong)
             break
         first = replace(pieces, stop=middle, right=exact)
@@ -210,12 +215,12 @@ def _missed(pieces: Pieces, t: np.ndarray, values: Values) -> dict[str, np.ndarr
 def _negligible(scale: Scale) -> np.ndarray:
     """The values (n,) of which polynomials need no digits; infinite where nothing is bounded."""
     reach = np.minimum(*(np.abs(scale.reach(sign)) for sign in SIGNS))
-    return np.maximum(NEGLIGIBLE * reach, STILL / TOLERANCE)
+    return np.maximum(MIN_SHARE_OF_LIMIT * reach, ZERO_BOUND_TOLERANCE / _HERMITE_TOLERANCE)
 
 
 def _rounding(b: Bounded, t: np.ndarray, width: np.ndarray) -> dict[str, np.ndarray]:
     """By how much values (N, n) differ from those at times that are as good as the same."""
-    step = np.maximum(NUDGE * width, 2 * np.spacing(np.abs(t)))
+    step = np.maximum(_ROUNDING_PROBE * width, 2 * np.spacing(np.abs(t)))
     at, early, late = (b.values(t + sign * step) for sign in (0, -1, 1))
     return {kind: np.maximum(np.abs(early[kind] - x), np.abs(late[kind] - x)) for kind, x in at.items()}
 

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from jounce.core.errors import JounceError, listed, quoted
-from jounce.engine.along import FIRST
+from jounce.engine.along import Q_RATE_ORDER
 from jounce.engine.closed_path import positions
 from jounce.engine.engine import Engine, like
 from jounce.limits.bounded import known_kinds, motion_order
@@ -21,9 +21,9 @@ from jounce.model.positions import extent_names
 from jounce.motion import Motion
 from jounce.spatial.series import rate_name
 
-STILL = 1e-6  # of the largest velocity of a motion: slower is at rest
-SLOWEST, FASTEST = 1e-9, 1e9  # uniform speeds that are tried
-ROUNDING = 1e-9  # of a position, or of the largest value of a rate that jumps
+_REST_VELOCITY_SHARE = 1e-6  # of the largest velocity of the motion: slower than this, it rests
+_MIN_UNIFORM_SPEED, MAX_UNIFORM_SPEED = 1e-9, 1e9  # times the speed of the motion: beyond them no limit decides
+_PATH_ROUNDING = 1e-9  # of a position, or of the largest value of a rate that jumps: what computing them may leave
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,19 +77,19 @@ class Problem:
 
     def uniform(self, path: Path) -> float:
         """The speed of a uniform time law within all limits: of an interval of such speeds the fastest."""
-        rows = self.rows(path, FASTEST)
+        rows = self.rows(path, MAX_UNIFORM_SPEED)
 
         def feasible(speed: float) -> bool:
             values = rows.uniform(speed)
             return bool((values < rows.upper).all() and (values > rows.lower).all())
 
         speed = 1.0
-        while not feasible(speed) and speed > SLOWEST:
+        while not feasible(speed) and speed > _MIN_UNIFORM_SPEED:
             speed /= 1.1
-        while feasible(1.1 * speed) and speed < FASTEST:
+        while feasible(1.1 * speed) and speed < MAX_UNIFORM_SPEED:
             speed *= 1.1
-        if speed >= FASTEST or speed <= SLOWEST:
-            raise self.unbounded() if speed >= FASTEST else self._stuck(rows)
+        if speed >= MAX_UNIFORM_SPEED or speed <= _MIN_UNIFORM_SPEED:
+            raise self.unbounded() if speed >= MAX_UNIFORM_SPEED else self._stuck(rows)
         low, high = speed, 1.1 * speed
         for _ in range(40):
             middle = (low + high) / 2
@@ -145,7 +145,7 @@ def problem_of(robot: Engine, motion: Motion, share: float) -> Problem:
     needs = {kind: motion_order(robot, kind) for kind in kinds}
     highest = max(kinds, key=needs.__getitem__)
     _check_breaks(motion, robot.joint_names, needs[highest], highest)
-    friction, order = _friction(robot), max(0, needs[highest] - FIRST)
+    friction, order = _friction(robot), max(0, needs[highest] - Q_RATE_ORDER)
     return Problem(without_friction(robot), motion, limits, share, order, _moving(motion), friction)
 
 
@@ -156,7 +156,7 @@ def check_path(problem: Problem, sigma: np.ndarray, path: Path) -> None:
     names = extent_names(problem.robot.mechanism.tree)
     units = joint_units(problem.robot.mechanism)
     lower, upper = problem.limits.bounds("position")
-    slack = ROUNDING * np.maximum(1, np.abs(path.q[0]).max(axis=0))
+    slack = _PATH_ROUNDING * np.maximum(1, np.abs(path.q[0]).max(axis=0))
     outside = np.argwhere((path.q[0] < lower - slack) | (path.q[0] > upper + slack))
     if len(outside):
         i, j = outside[0]
@@ -193,7 +193,7 @@ def _check_zero(robot: Engine, motion: Motion, limits: Limits, kinds: Sequence[s
         for j in zero:
             t = np.linspace(motion.start, motion.stop, 101)
             speed = np.abs(joint_rates(robot, motion(t, 1), positions(robot, motion, t))[1]).max(axis=0)
-            if speed[j] > STILL * speed.max():
+            if speed[j] > _REST_VELOCITY_SHARE * speed.max():
                 joint = quoted(joint_names(robot.mechanism)[j])
                 raise JounceError(f"the {kind} limit of joint {joint} is 0, and the joint moves")
 
@@ -202,7 +202,7 @@ def _moving(motion: Motion) -> tuple[bool, bool]:
     """Whether a motion moves at its start and at its end."""
     sigma = np.linspace(motion.start, motion.stop, 101)
     speed = np.abs(motion(sigma, 1)[1]).max(axis=1)
-    return bool(speed[0] > STILL * speed.max()), bool(speed[-1] > STILL * speed.max())
+    return bool(speed[0] > _REST_VELOCITY_SHARE * speed.max()), bool(speed[-1] > _REST_VELOCITY_SHARE * speed.max())
 
 
 def _check_breaks(motion: Motion, names: Sequence[str], rate: int, kind: str) -> None:
@@ -211,7 +211,7 @@ def _check_breaks(motion: Motion, names: Sequence[str], rate: int, kind: str) ->
     real = [
         found
         for found in motion.breaks_to(rate - 1)
-        if found.symbol != "q" or abs(found.jump) > ROUNDING * peaks[found.order]
+        if found.symbol != "q" or abs(found.jump) > _PATH_ROUNDING * peaks[found.order]
     ]
     if real:
         first = real[0]

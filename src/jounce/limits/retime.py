@@ -23,25 +23,26 @@ from jounce.model.positions import number_rates
 from jounce.motion import Motion
 from jounce.motion.time_law import Paced, TimeLaw
 
-INTERVALS = 30  # of the first spline
-MOST_AT_FIRST, MOST_INTERVALS = 480, 1920
-RESOLVED = 0.01  # of the largest velocity, or of the way: by so much two points may be off what is between them
-POINTS = 5  # of the path in each interval
-FINER = 8  # times as many points look for what happens between them
-GAP = 3e-4  # of the duration, between a time law and the fastest of its spline
-AGAIN = 0.03  # such a gap, with which the program begins from a solution of a similar one
-WORTH = 5e-3  # of the duration, which twice as many intervals must save to be tried again
-ROUNDS = 6  # of rows added where a limit is exceeded between the points
-BETWEEN = 1e-3  # of a limit: by so much it may be exceeded between the points before rows are added
-REACHES = (20.0, 400.0, 8000.0)  # times as fast as the fastest uniform one is the highest speed along the path
-UNBOUNDED = 0.01  # of the path, on which nothing but the highest speed decides, is too much
-DECIDES = 0.97  # of a bound from which on it decides
-INSIDE = 0.95  # of the fastest uniform speed: where the program begins
-LEAST, BISECTIONS = 1e-4, 6  # of the way towards coefficients within the limits
-NEARLY = 0.05  # of a bound: points further from it need not be looked at again
-UNRESOLVED = 0.01  # of a limit: by more it is not exceeded between points that show all that happens
-SURE = 8  # times as many points as those of a grid tell that x is above 0
-SHORT = 0.004  # of the duration: shorter stretches are not told
+FIRST_INTERVALS = 30  # of the first spline: enough for a point-to-point motion, and cheap
+_MAX_FIRST_TIME_LAW_INTERVALS = 480  # of the first spline: a motion that needs more has very uneven speeds
+_MAX_TIME_LAW_INTERVALS = 1920  # of the last spline, which bounds time and memory
+_MAX_SAMPLING_ERROR = 0.01  # of the largest velocity, or of the way: what interpolation between two points may miss
+_POINTS_PER_INTERVAL = 5  # of the path: rows at five points for each coefficient that an interval adds
+GRID_POINTS_PER_POINT = 8  # finer points on which excesses between those of the program are sought
+DUALITY_GAP = 3e-4  # of the duration, between a time law and the fastest of its spline
+WARM_START_GAP = 0.03  # of the duration: with it the program begins from the solution of a similar one
+_MIN_GAIN_OF_REFINEMENT = 5e-3  # of the duration, which twice as many intervals must save to be doubled again
+_MAX_ADDED_ROUNDS = 6  # of rows added where a limit is exceeded between the points
+_MAX_EXCESS_BETWEEN_POINTS = 1e-3  # of a limit: what is left is drawn back within at the end
+SPEED_CAPS = (20.0, 400.0, 8000.0)  # fastest uniform speeds: the highest speed along the path, raised where it decides
+_MAX_CAPPED_SHARE = 0.01  # of the path: where the cap decides on more, no limit bounds the speed
+_MIN_BINDING_RATIO = 0.97  # to a bound from which on it counts as deciding: the barrier keeps some distance
+START_SPEED_SHARE = 0.95  # of the fastest uniform speed, where the program begins: strictly within
+_FIRST_SHRINK, _SHRINK_BISECTIONS = 1e-4, 6  # of the way to coefficients within the limits, doubled, then refined
+_RECHECKED_DISTANCE = 0.05  # of a bound: rows further from it are not looked at again while coefficients are drawn in
+_MAX_UNRESOLVED_EXCESS = 0.01  # of a limit: a check that finds more shows that friction turned between the points
+_POSITIVITY_SAMPLES_PER_POINT = 8  # of x, per point of the grid, before its root is taken
+_MIN_STRETCH_SHARE = 0.004  # of the duration: shorter stretches are not reported
 
 
 class Stretch(NamedTuple):
@@ -93,7 +94,7 @@ def retime(robot: Engine, motion: object, margin: object = 0.01) -> Retiming:
         raise JounceError(f"margin is {quoted(margin)}; expected a number from 0 to below 1, 0.01 for 99 % of a limit")
     problem = problem_of(robot, given, 1 - float(margin))  # type: ignore[arg-type]
     intervals = _resolving(robot, given)
-    for reach in REACHES:
+    for reach in SPEED_CAPS:
         grid, c = _fastest(Grid.of(problem, intervals, reach))
         if grid.bounded(c):
             return _verified(robot, grid.result(c), problem)
@@ -105,7 +106,7 @@ def _verified(robot: Engine, found: Retiming, problem: Problem) -> Retiming:
     if problem.friction:
         rows = [row for row in check(robot, found.motion).table if row.limit != "position"]
         worst = max(rows, key=lambda row: row.ratio)
-        if worst.ratio > problem.share * (1 + UNRESOLVED):
+        if worst.ratio > problem.share * (1 + _MAX_UNRESOLVED_EXCESS):
             raise JounceError(
                 f"retiming fails: {worst}, where at most {problem.share:g} is expected:"
                 f" the Coulomb friction turns over within {1 / problem.friction.slope.max():g} rad/s or m/s, which is"
@@ -116,15 +117,15 @@ def _verified(robot: Engine, found: Retiming, problem: Problem) -> Retiming:
 
 def _resolving(robot: Engine, motion: Motion) -> int:
     """A number of intervals whose finer points follow the velocities of a motion."""
-    intervals = INTERVALS
-    while intervals <= MOST_AT_FIRST:
-        t = np.linspace(motion.start, motion.stop, 2 * FINER * POINTS * intervals + 1)
+    intervals = FIRST_INTERVALS
+    while intervals <= _MAX_FIRST_TIME_LAW_INTERVALS:
+        t = np.linspace(motion.start, motion.stop, 2 * GRID_POINTS_PER_POINT * _POINTS_PER_INTERVAL * intervals + 1)
         q, velocity = motion(t, 1)
         speed = number_rates(robot.mechanism, q, velocity)
         chord, step = (speed[:-1:2] + speed[2::2]) / 2, 2 * (t[1] - t[0])
         off = np.abs(speed[1::2] - chord).max()
         missed = np.abs(q[2::2] - q[:-1:2] - step * (chord + 2 * speed[1::2]) / 3).max()  # by Simpson's rule
-        if off <= RESOLVED * np.abs(speed).max() and missed <= RESOLVED * np.ptp(q, axis=0).max():
+        if off <= _MAX_SAMPLING_ERROR * np.abs(speed).max() and missed <= _MAX_SAMPLING_ERROR * np.ptp(q, axis=0).max():
             return intervals
         intervals *= 2
     raise JounceError(UNEVEN)
@@ -134,15 +135,15 @@ def _fastest(grid: "Grid") -> tuple["Grid", np.ndarray]:
     """The fastest spline, of as many intervals as pay."""
     inner = grid.inner(np.ones(grid.basis.count))
     c = grid.solved(inner, inner, 1.0)
-    while grid.basis.intervals < MOST_INTERVALS:
+    while grid.basis.intervals < _MAX_TIME_LAW_INTERVALS:
         finer = Grid.of(grid.problem, 2 * grid.basis.intervals, grid.reach, grid.uniform)
         inner, coarse = (finer.basis.through(grid.basis.spline(x)) for x in (inner, c))
         inner = finer.inner(inner)
-        better = finer.solved(coarse, inner, AGAIN)
+        better = finer.solved(coarse, inner, WARM_START_GAP)
         before, after = grid.basis.duration(c), finer.basis.duration(better)
         if after < before:
             grid, c = finer, better
-        if after > (1 - WORTH) * before:
+        if after > (1 - _MIN_GAIN_OF_REFINEMENT) * before:
             break
     if grid.free.all() and grid.basis.duration(c) > grid.problem.motion.duration / grid.uniform:
         c = np.full(grid.basis.count, grid.uniform**2)
@@ -151,7 +152,7 @@ def _fastest(grid: "Grid") -> tuple["Grid", np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """A problem with splines of some intervals, and its path at points that are FINER than those of the program."""
+    """A problem with splines of some intervals, and its path at finer points than those of the program."""
 
     problem: Problem
     basis: Basis
@@ -167,7 +168,7 @@ class Grid:
     def of(cls, problem: Problem, intervals: int, reach: float, uniform: float | None = None) -> "Grid":
         """The grid with a number of intervals; the path is checked where the uniform speed is not known yet."""
         basis = Basis(problem.motion.start, problem.motion.stop, intervals)
-        sigma, count = problem.points(FINER * POINTS * intervals + 1)
+        sigma, count = problem.points(GRID_POINTS_PER_POINT * _POINTS_PER_INTERVAL * intervals + 1)
         path = problem.path(sigma, count)
         if uniform is None:
             check_path(problem, sigma, path)
@@ -185,7 +186,7 @@ class Grid:
     def inner(self, c: np.ndarray) -> np.ndarray:
         """Coefficients well within all limits: uniform ones, or near to some others where the speed of an end stays."""
         if self.free.all():
-            return np.full(self.basis.count, (INSIDE * self.uniform) ** 2)
+            return np.full(self.basis.count, (START_SPEED_SHARE * self.uniform) ** 2)
         program = Program(self.basis, self.at, self.rows, self.free)
         found = within(program, c)
         if found is None:
@@ -195,21 +196,21 @@ class Grid:
     def solved(self, c: np.ndarray, inner: np.ndarray, first: float) -> np.ndarray:
         """The coefficients of the fastest spline within all limits, between the points too, from some others."""
         chosen = np.zeros(len(self.rows.factors), dtype=bool)
-        chosen[: self.count : FINER] = chosen[self.count - 1 :] = True
-        for _ in range(ROUNDS):
+        chosen[: self.count : GRID_POINTS_PER_POINT] = chosen[self.count - 1 :] = True
+        for _ in range(_MAX_ADDED_ROUNDS):
             program = Program(self.basis, self.at.taken(chosen), self.rows.taken(chosen), self.free)
-            c = fastest(program, drawn(c, inner, program.feasible), GAP, first)
-            peaks = _peaks(self.rows.excess(self.at.jets(c))[: self.count], BETWEEN)
+            c = fastest(program, drawn(c, inner, program.feasible), DUALITY_GAP, first)
+            peaks = _peaks(self.rows.excess(self.at.jets(c))[: self.count], _MAX_EXCESS_BETWEEN_POINTS)
             if not peaks.size:
                 break
-            chosen[peaks], first = True, AGAIN
+            chosen[peaks], first = True, WARM_START_GAP
         return self._held(c, inner)
 
     def _held(self, c: np.ndarray, inner: np.ndarray) -> np.ndarray:
         """The coefficients, drawn to those well within the limits by what these are exceeded between the points."""
-        near = self.rows.excess(self.at.jets(c)).max(axis=1) > -NEARLY
+        near = self.rows.excess(self.at.jets(c)).max(axis=1) > -_RECHECKED_DISTANCE
         looked = [(self.rows.taken(near), self.at.taken(near))]
-        for _ in range(ROUNDS):
+        for _ in range(_MAX_ADDED_ROUNDS):
             c = drawn(c, inner, lambda c: all(bool((rows.excess(at.jets(c)) <= 0).all()) for rows, at in looked))
             sigma = self._tops(c)
             if not sigma.size:
@@ -225,7 +226,7 @@ class Grid:
         with np.errstate(divide="ignore", invalid="ignore"):
             slope = (rise[1:] * step[:-1] + rise[:-1] * step[1:]) / both
             bend = 2 * (rise[1:] - rise[:-1]) / both
-            above = (rise[:-1] > 0) & (rise[1:] < 0) & (value - slope**2 / (2 * bend) > BETWEEN / 10)
+            above = (rise[:-1] > 0) & (rise[1:] < 0) & (value - slope**2 / (2 * bend) > _MAX_EXCESS_BETWEEN_POINTS / 10)
             return np.unique((sigma[1:-1, None] - slope / bend)[above])
 
     def _impossible(self, program: Program, c: np.ndarray) -> JounceError:
@@ -244,12 +245,12 @@ class Grid:
         """Whether the limits decide the speed along nearly all of the path, and not the highest speed."""
         way = np.abs(self.path.q[1][: self.count]).sum(axis=1) * np.gradient(self.sigma[: self.count])
         x = self.at.jets(c)[0, : self.count]
-        return bool(way[x > (self.reach * self.uniform) ** 2 / 4].sum() <= UNBOUNDED * way.sum())
+        return bool(way[x > (self.reach * self.uniform) ** 2 / 4].sum() <= _MAX_CAPPED_SHARE * way.sum())
 
     def result(self, c: np.ndarray) -> Retiming:
         """The motion with x of some coefficients."""
         given, spline = self.problem.motion, self.basis.spline(c)
-        if spline(np.linspace(given.start, given.stop, SURE * self.count)).min() <= 0:
+        if spline(np.linspace(given.start, given.stop, _POSITIVITY_SAMPLES_PER_POINT * self.count)).min() <= 0:
             raise JounceError(UNEVEN)
         law = TimeLaw(spline, given.start, given.stop, given.start)
         motion = replace(
@@ -270,13 +271,13 @@ class Grid:
         near = rows.nearness(jet)[: self.count]
         row = near.argmax(axis=1)
         at = np.arange(self.count)
-        joints = np.where(near[at, row] > DECIDES, rows.joints[at, row], -1)
+        joints = np.where(near[at, row] > _MIN_BINDING_RATIO, rows.joints[at, row], -1)
         t = law.times(self.sigma[: self.count])
         found = []
         for (kind, joint), group in groupby(at.tolist(), key=lambda i: (rows.kinds[row[i]], int(joints[i]))):
             which = list(group)
             first, last = t[which[0]], t[min(which[-1] + 1, self.count - 1)]
-            if joint >= 0 and last - first > SHORT * (t[-1] - t[0]):
+            if joint >= 0 and last - first > _MIN_STRETCH_SHARE * (t[-1] - t[0]):
                 found.append(Stretch(joint_names(self.problem.robot.mechanism)[joint], kind, float(first), float(last)))
         return tuple(found)
 
@@ -285,11 +286,11 @@ def drawn(c: np.ndarray, inner: np.ndarray, fits: Callable[[np.ndarray], bool]) 
     """Coefficients that fit, between some and others that do: as little as possible towards the latter."""
     if fits(c):
         return c
-    low, high = 0.0, LEAST
+    low, high = 0.0, _FIRST_SHRINK
     while high < 1 and not fits(c + high * (inner - c)):
         low, high = high, 2 * high
     high = min(high, 1.0)
-    for _ in range(BISECTIONS):
+    for _ in range(_SHRINK_BISECTIONS):
         middle = (low + high) / 2
         low, high = (low, middle) if fits(c + middle * (inner - c)) else (middle, high)
     return c + high * (inner - c)

@@ -19,10 +19,10 @@ from jounce.limits.validation import bounded
 from jounce.limits.worst import Worst
 from jounce.motion.motion import Motion
 
-CLOSE = 2e-10  # of a ratio beyond 1: factors are as exact
-ROUNDS = 40  # of refinement between samples; it takes three or four
-LEAST = 1e-9  # a smaller factor comes of a limit of 0
-BISECTIONS = 24  # of the factor where samples are uncertain: to 1e-7
+_BINDING_RATIO_TOLERANCE = 2e-10  # of a ratio above 1: factors are as exact
+_MAX_SLOWDOWN_ROUNDS = 40  # of states added between samples; motions take three or four
+_MIN_SPEED_FACTOR = 1e-9  # only a limit of 0 makes the factor smaller: no useful motion lasts 1e9 times as long
+_FACTOR_BISECTIONS = 24  # of the factor where samples are uncertain: 2^-24 = 6e-8, finer than their deviations
 
 
 class Binding(NamedTuple):
@@ -101,7 +101,7 @@ def _slower(b: Bounded, factor: float) -> tuple[float, Place] | None:
     if place is None:
         return None
     low, high = 0.0, factor
-    for _ in range(BISECTIONS):
+    for _ in range(_FACTOR_BISECTIONS):
         middle = (low + high) / 2
         beyond = _beyond_windows(b, middle)
         low, high, place = (middle, high, place) if beyond is None else (low, middle, beyond)
@@ -142,7 +142,7 @@ def _first(b: Bounded, states: Feasible) -> float:
     """The largest factor below which all are feasible: refined between samples there, and where limits are near."""
     if np.isinf(states.factor):
         states.add(times_beyond(b, 1.0))  # which refuses what is broken at every speed between the states
-    for _ in range(ROUNDS):
+    for _ in range(_MAX_SLOWDOWN_ROUNDS):
         factor = _finite(states)
         near = states.near_misses(factor)
         beyond = np.unique(np.concatenate([times_beyond(b, at) for at in (*near, factor)]))
@@ -154,7 +154,7 @@ def _first(b: Bounded, states: Feasible) -> float:
 
 def _largest(b: Bounded, states: Feasible) -> float:
     """The largest feasible factor, refined between samples."""
-    for _ in range(ROUNDS):
+    for _ in range(_MAX_SLOWDOWN_ROUNDS):
         beyond = times_beyond(b, states.largest)
         if states.largest <= states.factor or not beyond.size:
             break
@@ -166,7 +166,7 @@ def _finite(states: Feasible) -> float:
     factor = states.factor
     if np.isinf(factor):
         raise JounceError("no limit bounds the speed of this motion: it does not move, or with_limits must state more")
-    if factor < LEAST:
+    if factor < _MIN_SPEED_FACTOR:
         i = states.first
         joint, kind = states.b.joints[states.joint[i]], str(states.kind[i]).replace("_", " ")
         raise JounceError(f"joint {quoted(joint)} moves at t = {states.t[i]:.6g} s, and its limit of {kind} is 0")
@@ -176,7 +176,7 @@ def _finite(states: Feasible) -> float:
 def times_beyond(b: Bounded, factor: float) -> np.ndarray:
     """When, between samples too, the motion at a factor of speed is farthest beyond limits, in the given motion."""
     worst = worst_of(b, factor)
-    found = [worst.t[side][ratio > 1 + CLOSE] for side, ratio in worst.ratios.items()]
+    found = [worst.t[side][ratio > 1 + _BINDING_RATIO_TOLERANCE] for side, ratio in worst.ratios.items()]
     return np.asarray(b.motion.start + (np.unique(np.concatenate(found)) - b.motion.start) * factor)
 
 

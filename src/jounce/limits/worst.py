@@ -9,8 +9,8 @@ from jounce.engine.along import ForceBreak
 from jounce.limits.bounded import Bounded, Span
 from jounce.limits.joints import columns_of, in_columns, of_joints
 from jounce.limits.peaks import Peaks, peaks_of, picked
-from jounce.limits.pieces import NEGLIGIBLE, TRUST, Pieces, hull
-from jounce.limits.ratios import ROUNDING, SIGNS
+from jounce.limits.pieces import MIN_SHARE_OF_LIMIT, PIECE_TOLERANCE, Pieces, hull
+from jounce.limits.ratios import LIMIT_TOLERANCE, SIGNS
 from jounce.limits.search import root
 from jounce.model.kinds import KINDS, MOTION_KINDS
 from jounce.model.positions import positions
@@ -91,7 +91,7 @@ class Worst:
             unknown = [np.ones(len(columns_of(m, row)))]  # where q or qd jumps: an impulse
             known = unknown if met.jump is None else of_joints(m, (met.jump, *met.higher), row)
             for order, force in enumerate(in_columns(m, known, row), start=met.order):
-                for i in np.flatnonzero(np.abs(force) > ROUNDING * np.abs(force).max()).tolist():
+                for i in np.flatnonzero(np.abs(force) > LIMIT_TOLERANCE * np.abs(force).max()).tolist():
                     for kind, rate in self.b.force_rates.items():
                         if order < rate:
                             self._jump(kind, i, met.t, float(force[i]), either=met.jump is None or rate > order + 1)
@@ -104,14 +104,14 @@ class Worst:
         if several is not None:  # a number of it jumps: which of its velocities do, these say
             t, columns = np.array([found.t]), range(len(b.joints))[several.coordinates]
             after, before = (b.rates(t, found.order, side)[found.order][0] for side in ("right", "left"))
-            return {j: float(after[j] - before[j]) for j in columns if abs(after[j] - before[j]) > ROUNDING}
+            return {j: float(after[j] - before[j]) for j in columns if abs(after[j] - before[j]) > LIMIT_TOLERANCE}
         jumps = {b.joints.index(own): found.jump}
         if b.follow:
             t = np.array([found.t])
             after, before = (b.rates(t, found.order, side)[found.order][0] for side in ("right", "left"))
             size = np.abs(after - before)
             follow = [j for j, name in enumerate(b.joints) if name not in names]
-            jumps |= {j: float(after[j] - before[j]) for j in follow if size[j] > ROUNDING * size.max()}
+            jumps |= {j: float(after[j] - before[j]) for j in follow if size[j] > LIMIT_TOLERANCE * size.max()}
         return jumps
 
     def _jump(self, kind: str, j: int, t: float, jump: float, either: bool) -> None:
@@ -141,8 +141,8 @@ class Worst:
         within = np.minimum(sign * pieces.left[kind], sign * pieces.right[kind]) <= bound
         least = np.where(within, np.minimum(self.value[kind, sign], bound), self.value[kind, sign])
         with np.errstate(invalid="ignore"):  # of infinite bounds
-            negligible = sign * scale.centre + NEGLIGIBLE * scale.reach(sign)
-            least = np.maximum(least - TRUST * self.largest[kind], negligible)
+            negligible = sign * scale.centre + MIN_SHARE_OF_LIMIT * scale.reach(sign)
+            least = np.maximum(least - PIECE_TOLERANCE * self.largest[kind], negligible)
         return np.where(np.isfinite(bound), least, np.inf)
 
     def _add_spans(self, pieces: Pieces, peaks: Peaks) -> None:

@@ -9,8 +9,8 @@ from jounce.checks.audit.finding import Finding
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 
-ROUNDING = 1e-9  # of the largest entry of a tensor: no break of a law
-ALIKE = 1e-6  # how near, relatively, copied moments are after the passage through poses and Steiner's theorem
+_TENSOR_TOLERANCE = 1e-9  # of the largest entry of a tensor: less is rounding, and breaks no law
+_MOMENT_TOLERANCE = 1e-6  # relative: what poses and Steiner's theorem leave of copied moments
 _MEASURE = "take it from CAD, a data sheet or an identification"
 
 
@@ -39,11 +39,11 @@ def _defect(body: str, M: np.ndarray) -> Finding | None:
         return massless if np.any(M) else None
     principal = inertia.principal_moments(M)
     least, slack = float(principal[0]), inertia.triangle_slack(principal)
-    if least < -ROUNDING * largest:
+    if least < -_TENSOR_TOLERANCE * largest:
         text = f"principal moment {least:.3g} kg m^2 about the COM is negative"
         advice = "check the signs of the products of inertia, and that the tensor is about the COM, not the link frame"
         return error(kind="negative moment", number=least, unit="kg m^2", text=text, advice=advice)
-    if slack < -ROUNDING * largest:
+    if slack < -_TENSOR_TOLERANCE * largest:
         share = f"{-100 * slack / float(principal[2]):.2g} % of the largest"
         text = f"principal moments about the COM violate the triangle inequality by {-slack:.3g} kg m^2, {share}"
         advice = "keep more digits or use the nearest valid tensor; a large violation is a wrong axis, sign or order"
@@ -58,7 +58,7 @@ def placeholders(mechanism: Mechanism) -> list[Finding]:
     moments = np.array([inertia.principal_moments(M[i]) for i in massive]).reshape(-1, 3)
     found, left = [], np.ones(len(massive), dtype=bool)
     for i, own in zip(massive, moments, strict=True):
-        alike = massive[left & np.isclose(moments, own, rtol=ALIKE, atol=0).all(axis=1)]
+        alike = massive[left & np.isclose(moments, own, rtol=_MOMENT_TOLERANCE, atol=0).all(axis=1)]
         if i not in alike or is_point(M[i]):
             continue
         left &= ~np.isin(massive, alike)
@@ -106,13 +106,13 @@ def point_masses(mechanism: Mechanism) -> list[Finding]:
 
 def is_point(M: np.ndarray) -> bool:
     """Whether a body that has mass has no moments about its COM, but for rounding."""
-    return bool(np.abs(inertia.principal_moments(M)).max() <= ROUNDING * np.abs(M[:3, :3]).max())
+    return bool(np.abs(inertia.principal_moments(M)).max() <= _TENSOR_TOLERANCE * np.abs(M[:3, :3]).max())
 
 
 def _is_round(moments: np.ndarray) -> bool:
     """Whether three moments are one number of one digit, such as 1, 0.1 or 0.002."""
     number = float(f"{moments[2]:.0e}")
-    return bool(np.allclose(moments, number, rtol=ALIKE, atol=0))
+    return bool(np.allclose(moments, number, rtol=_MOMENT_TOLERANCE, atol=0))
 
 
 def _placeholder(

@@ -7,7 +7,7 @@ from jounce.model.coordinates import TURNS, leading_joints
 from jounce.model.kinds import units_of
 from jounce.model.mechanism import Mechanism, single_variables
 
-LARGEST = 720.0  # of limits in degrees; beyond it a number stands for no limit
+_MAX_DEGREES = 720.0  # two turns: a larger position limit stands for no limit rather than for degrees
 
 
 def limits(mechanism: Mechanism) -> list[Finding]:
@@ -52,7 +52,7 @@ def degrees(mechanism: Mechanism) -> list[Finding]:
     largest = np.maximum(
         *(np.nan_to_num(np.abs(x), posinf=0) for x in (mechanism.limits.lower, mechanism.limits.upper))
     )
-    found = np.flatnonzero(mechanism.X[:, :3].any(axis=1) & (largest > TURNS) & (largest <= LARGEST))
+    found = np.flatnonzero(mechanism.X[:, :3].any(axis=1) & (largest > TURNS) & (largest <= _MAX_DEGREES))
     if not found.size:
         return []
     worst = float(largest[found].max())

@@ -16,11 +16,13 @@ from jounce.model.mechanism import Mechanism, reference_poses
 from jounce.model.positions import anchors
 from jounce.spatial import inertia
 
-OSMIUM, WATER, AIR = 22600.0, 1000.0, 1.2  # kg/m^3: the densest there is; most links are near; lighter is no link
-SMALLEST, LARGEST = 0.005, 50.0  # m between the joints of a robot
-FAR = 3.0  # sizes of the robot from its joint to a COM
-APART = 1000.0  # factor from the median mass
-EARTH, PLANETS = (9.7, 9.9), (1.0, 30.0)  # m/s^2
+_OSMIUM_DENSITY = 22600.0  # kg/m^3, the densest metal: no link is denser
+_WATER_DENSITY = 1000.0  # kg/m^3, to compare with: most links are near it
+_AIR_DENSITY = 1.2  # kg/m^3: no link is lighter
+_MIN_ROBOT_SIZE, _MAX_ROBOT_SIZE = 0.005, 50.0  # m between the joints: a factor of 1000 in units leaves this range
+_MAX_COM_DISTANCE = 3.0  # sizes of the robot, from a joint to the COM that it moves
+_MAX_MASS_RATIO = 1000.0  # to the median mass: grams for kilograms
+_EARTH_GRAVITY, _PLANET_GRAVITY = (9.7, 9.9), (1.0, 30.0)  # m/s^2: anywhere on Earth; from the Moon to Jupiter
 
 
 def densities(mechanism: Mechanism) -> list[Finding]:
@@ -34,9 +36,9 @@ def densities(mechanism: Mechanism) -> list[Finding]:
             continue
         P = np.maximum(principal.sum() / 2 - principal, 0) / M[3, 3]  # principal second moments, a unit of mass
         ball, ellipsoid = _ball(P.sum()), _ellipsoid(P)
-        if ball > 0 and M[3, 3] / ball > OSMIUM:
+        if ball > 0 and M[3, 3] / ball > _OSMIUM_DENSITY:
             dense[i] = float(M[3, 3] / ball)
-        elif ellipsoid > 0 and 0 < M[3, 3] / ellipsoid < AIR:
+        elif ellipsoid > 0 and 0 < M[3, 3] / ellipsoid < _AIR_DENSITY:
             thin[i] = float(M[3, 3] / ellipsoid)
     return [
         *_density(mechanism, dense, max, "small", "denser than osmium, the densest metal"),
@@ -62,7 +64,7 @@ def _density(
     i = worst(found, key=found.__getitem__)
     M, names = mechanism.M[i], mechanism.bodies
     k = float(np.sqrt(inertia.principal_moments(M)[2] / M[3, 3]))
-    off = f"moments {(WATER / found[i]) ** (2 / 3):.2g} times those of as much water"
+    off = f"moments {(_WATER_DENSITY / found[i]) ** (2 / 3):.2g} times those of as much water"
     most = f"; {names[i]} most" if len(found) > 1 else ""
     gyration = f"{M[3, 3]:.3g} kg with a radius of gyration of {k:.2g} m"
     return [
@@ -82,7 +84,7 @@ def masses(mechanism: Mechanism) -> list[Finding]:
     """Masses a factor of 1000 and more from the median."""
     m, names = mechanism.M[:, 3, 3], mechanism.bodies
     median = float(np.median(m[m > 0])) if np.any(m > 0) else 0.0
-    off = [i for i in range(len(m)) if m[i] > 0 and not 1 / APART < m[i] / median < APART]
+    off = [i for i in range(len(m)) if m[i] > 0 and not 1 / _MAX_MASS_RATIO < m[i] / median < _MAX_MASS_RATIO]
     if not off:
         return []
     i = max(off, key=lambda i: abs(np.log(m[i] / median)))
@@ -106,7 +108,7 @@ def sizes(mechanism: Mechanism) -> list[Finding]:
     size, reach = _size(mechanism, points), _reach(mechanism, points)
     span = size or max(reach)
     found = []
-    if span > 0 and not SMALLEST <= span <= LARGEST:
+    if span > 0 and not _MIN_ROBOT_SIZE <= span <= _MAX_ROBOT_SIZE:
         between = "between its joints" if size else "from its joint to a COM"
         found.append(
             Finding(
@@ -118,7 +120,7 @@ def sizes(mechanism: Mechanism) -> list[Finding]:
                 advice="lengths are in m: 1 mm = 1e-3 m; scale positions of joints and COMs, and moments",
             )
         )
-    far = [j for j, x in enumerate(reach) if size and x > max(FAR * size, 5.0)]
+    far = [j for j, x in enumerate(reach) if size and x > max(_MAX_COM_DISTANCE * size, 5.0)]
     if far:
         k, bodies = max(far, key=reach.__getitem__), [mechanism.bodies[mechanism.owners[j]] for j in far]
         most = f" of {bodies[far.index(k)]}" if len(far) > 1 else ""
@@ -161,9 +163,9 @@ def _reach(mechanism: Mechanism, points: np.ndarray) -> list[float]:
 def gravity(mechanism: Mechanism) -> list[Finding]:
     """Find gravity that is zero, of another planet, or of no planet."""
     g = float(np.linalg.norm(mechanism.gravity))
-    if EARTH[0] <= g <= EARTH[1]:
+    if _EARTH_GRAVITY[0] <= g <= _EARTH_GRAVITY[1]:
         return []
-    likely = g == 0 or PLANETS[0] <= g <= PLANETS[1]
+    likely = g == 0 or _PLANET_GRAVITY[0] <= g <= _PLANET_GRAVITY[1]
     text = "no gravity" if g == 0 else f"gravity is {g:.4g} m/s^2"
     advice = (
         "correct in orbit" if g == 0 else "correct on another planet" if likely else "not the gravity of any planet"

@@ -19,7 +19,8 @@ from jounce.spatial.lie import hat, position, rotation, to_quaternion
 
 NAME = "MuJoCo"
 SUFFIX = ".xml"  # of the files that it reads itself
-ANY = 1.0, [0.1, 0.2, 0.3], [0.5, -0.5, 0.1, 0.7], [0.2, 0.3, 0.4]  # an inertia without symmetries to make use of
+# Mass, COM, orientation and moments, without symmetries that MuJoCo could make use of.
+_PLACEHOLDER_INERTIA = 1.0, [0.1, 0.2, 0.3], [0.5, -0.5, 0.1, 0.7], [0.2, 0.3, 0.4]
 
 
 def of_file(mechanism: Mechanism, path: Path) -> Peer:
@@ -45,7 +46,7 @@ def _build(mujoco: Any, mechanism: Mechanism) -> Any:
         body = (bodies[p] if p >= 0 else spec.worldbody).add_body(
             pos=position(B)[:, 0].astype(float), quat=to_quaternion(rotation(B).astype(float))
         )
-        body.mass, body.ipos, body.iquat, body.inertia = ANY
+        body.mass, body.ipos, body.iquat, body.inertia = _PLACEHOLDER_INERTIA
         body.explicitinertial = True
         bodies.append(body)
     if chain.floats:
