@@ -1,6 +1,6 @@
 """Physically inconsistent inertias, and placeholders."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -51,12 +51,12 @@ def _defect(body: str, M: np.ndarray) -> Finding | None:
     return None
 
 
-def placeholders(mechanism: Mechanism) -> list[Finding]:
+def placeholders(mechanism: Mechanism) -> Iterator[Finding]:
     """Tensors of one round number times the identity, and the same tensor on bodies of different mass."""
     M = mechanism.M
     massive = np.flatnonzero(M[:, 3, 3] > 0)
     moments = np.array([inertia.principal_moments(M[i]) for i in massive]).reshape(-1, 3)
-    found, left = [], np.ones(len(massive), dtype=bool)
+    left = np.ones(len(massive), dtype=bool)
     for i, own in zip(massive, moments, strict=True):
         alike = massive[left & np.isclose(moments, own, rtol=_MOMENT_TOLERANCE, atol=0).all(axis=1)]
         if i not in alike or is_point(M[i]):
@@ -70,38 +70,35 @@ def placeholders(mechanism: Mechanism) -> list[Finding]:
             text = f"the same principal moments, up to {own[2]:.3g} kg m^2, on {len(alike)} bodies {spread}"
         else:
             continue
-        found.append(_placeholder(mechanism, alike.tolist(), float(own[2]), "kg m^2", text, "inertia"))
-    return found
+        yield _placeholder(mechanism, alike.tolist(), float(own[2]), "kg m^2", text, "inertia")
 
 
-def unit_masses(mechanism: Mechanism) -> list[Finding]:
+def unit_masses(mechanism: Mechanism) -> Iterator[Finding]:
     """Masses of exactly 1 kg on most bodies, at least three."""
     masses = mechanism.M[:, 3, 3]
     ones = [i for i, mass in enumerate(masses) if mass == 1]
     if len(ones) < 3 or 2 * len(ones) <= len(masses):
-        return []
+        return
     text = f"mass 1 kg on {len(ones)} of {len(masses)} bodies"
-    return [_placeholder(mechanism, ones, 1.0, "kg", text, "mass")]
+    yield _placeholder(mechanism, ones, 1.0, "kg", text, "mass")
 
 
-def point_masses(mechanism: Mechanism) -> list[Finding]:
+def point_masses(mechanism: Mechanism) -> Iterator[Finding]:
     """Bodies with mass and no moments about their COM."""
     inertias = mechanism.M
     points = [i for i, M in enumerate(inertias) if M[3, 3] > 0 and is_point(M)]
     if not points:
-        return []
+        return
     heaviest = float(max(inertias[i, 3, 3] for i in points))
-    return [
-        Finding(
-            severity="note",
-            kind="point mass",
-            bodies=_names(mechanism, points),
-            number=heaviest,
-            unit="kg",
-            text=f"mass, {heaviest:.3g} kg at most, without moments about its COM",
-            advice="fine for a point mass; otherwise state the moments of inertia",
-        )
-    ]
+    yield Finding(
+        severity="note",
+        kind="point mass",
+        bodies=_names(mechanism, points),
+        number=heaviest,
+        unit="kg",
+        text=f"mass, {heaviest:.3g} kg at most, without moments about its COM",
+        advice="fine for a point mass; otherwise state the moments of inertia",
+    )
 
 
 def is_point(M: np.ndarray) -> bool:
