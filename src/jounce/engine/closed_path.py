@@ -1,8 +1,17 @@
 """Positions of closed robots along a motion, continued from its start: the branch in which loops close stays the same.
 
-Neighbouring positions belong together if velocities and accelerations of the dependent coordinates explain how far
-these move, and no singular configuration lies between; if not, times between are looked at. A branch that jumps does so
-at any distance.
+Problem: all coordinates q(t) that close the loops, given the independent ones over time, on the branch of the start.
+
+Algorithm: numerical continuation in time [1]. Newton's method (`dynamics.closing`) closes the loops at the next times
+from the last position. Neighbours belong together if velocities and accelerations of the dependent coordinates explain
+how far these move, by the trapezoidal rule with its end correction, and no singular configuration lies between: no
+determinant of the constraints changes its sign. If not, the interval is halved.
+
+Invariant: states that are kept agree with their predecessors. Failure: a branch that jumps does so at any distance, so
+that an interval halved several times without agreement raises `JounceError`, with the time; so does one at whose end
+loops cannot be closed.
+
+[1] E. L. Allgower, K. Georg, Introduction to Numerical Continuation Methods, 2003.
 """
 
 from collections.abc import Iterator, Sequence
@@ -121,6 +130,7 @@ class ClosedCurve:
         reach, longest = closing.FIRST_STEP * newton.scales(self.m).coordinates[self.own], np.diff(t).max()
         done, todo, size = [self.states(t[:1], start)], t[1:], _MAX_STATES_AT_ONCE
         while todo.size:
+            # As many times together as lie within the first step that Newton's method is trusted with.
             last = done[-1].taken(slice(-1, None))
             far = np.abs(self.curve.rates(todo[:size], 0)[0] - last.q[:, self.own]) > reach
             part = todo[: max(1, *np.flatnonzero(far.any(axis=1))[:1])] if far.any() else todo[:size]
@@ -128,12 +138,13 @@ class ClosedCurve:
                 found: States | None = self.states(part, last.q[0])
             except JounceError:
                 found = None
+            # Keep the states up to the first that does not agree with its predecessor.
             agrees = np.zeros(1, dtype=bool) if found is None else self.agreeing(joined([last, found]))
             count = len(agrees) if agrees.all() else int(agrees.argmin())
             if found is not None and count:
                 done.append(found.taken(slice(0, count)))
                 todo = todo[count:]
-            elif len(part) == 1:
+            elif len(part) == 1:  # the next one alone does not agree: look halfway, or give up
                 if part[0] - last.t[0] < longest / 2 ** (_MAX_BRANCH_HALVINGS if found else _MAX_CLOSING_HALVINGS):
                     raise self.error(last, float(part[0]), found)
                 todo = np.insert(todo, 0, (last.t[0] + part[0]) / 2)

@@ -1,9 +1,25 @@
 """The fastest time law as a spline x(sigma) with limits as rows: an interior-point method whose iterates are feasible.
 
-It minimizes the duration, the integral of x^(-1/2), minus mu times the logarithms of all distances from the bounds, for
-ever smaller mu, by Newton's method on primal and dual variables. The rows at a point take x and its derivatives there,
-so that the Newton matrix has the band of the B-splines: a step costs as much as evaluating the rows. That x is above 0
-is a bound too: steep friction draws it there where the robot rests.
+Problem: the coefficients c of x = sigma'(t)^2 that minimize the duration, the integral of x^(-1/2), while
+``lower <= rows(x, x', x'', x''') <= upper`` at given points and x > 0 (steep friction draws x there where the robot
+rests). Rows of velocities, accelerations and forces without damping are linear in c, and the problem is convex [1];
+those with a factor sqrt(x), as of jerks, are not, and a local minimum is found.
+
+Algorithm: a primal-dual barrier method ([2], chapter 19). For ever smaller mu, Newton's method solves the perturbed
+optimality conditions of ``duration - mu sum log(distances)``, with a line search on this function, steps that stop
+short of the bounds, and multipliers kept near mu / distance as in IPOPT [3]. A row at a point takes x there alone, so
+that the Newton matrix has the band of the B-splines: a step costs as much as evaluating the rows.
+
+Invariant: every iterate is strictly within all bounds, so that stopping early costs time and never a limit.
+
+Failure: the search ends where no step makes progress. `JounceError` where the Newton matrix has no Cholesky factor,
+although made convex: speeds along the path then differ by many powers of ten.
+
+[1] D. Verscheure et al., Time-optimal path tracking for robots: a convex optimization approach, IEEE Trans. Automatic
+    Control 54 (2009).
+[2] J. Nocedal, S. J. Wright, Numerical Optimization, 2nd edition, 2006.
+[3] A. Waechter, L. T. Biegler, On the implementation of an interior-point filter line-search algorithm, Mathematical
+    Programming 106 (2006), equation 16.
 """
 
 from dataclasses import dataclass
@@ -53,6 +69,7 @@ def within(program: Program, c: np.ndarray) -> np.ndarray | None:
         excess = float(program.rows.excess(jet).max())
         if excess < -_MIN_BOUND_DISTANCE:
             return c
+        # Bounds so wide that c is strictly within them, and a few steps towards their centre.
         wider = program.rows.relaxed(max(1.05 * excess, 0.0) + 20 * _MIN_BOUND_DISTANCE)
         relaxed = Program(program.basis, program.at, wider, program.free)
         mu = _CENTRING_WEIGHT * program.basis.duration(c) / wider.factors[:, :, 0].size
@@ -60,6 +77,7 @@ def within(program: Program, c: np.ndarray) -> np.ndarray | None:
         for _ in range(_CENTRING_STEPS):
             _step(relaxed, now, mu)
         c, jet = now.c, program.at.jets(now.c)
+        # Without progress by Armijo's rule the centre of the widened bounds stays outside of the given ones.
         if program.rows.excess(jet).max() > excess - 1e-4 * abs(excess):
             return None
     return None
@@ -88,6 +106,7 @@ def fastest(program: Program, c: np.ndarray, gap: float, first: float = 1.0) -> 
         decrement, length = _step(program, now, mu)
         if length == 0:
             break
+        # Nearly central: mu times the number of bounds is the gap to the minimum where the problem is convex.
         if decrement < _DECREMENT_TO_SHRINK_MU and length > 0.5:
             if mu * rows < gap * program.basis.duration(now.c):
                 break
@@ -105,6 +124,7 @@ def _step(program: Program, now: Iterate, mu: float) -> tuple[float, float]:
     """One Newton step; its decrement in units of mu, and its length, 0 where none makes progress."""
     rows, at = program.rows, program.at
     jet = at.jets(now.c)
+    # Hessian, point by point: multipliers over distances along the rows' slopes, and the rows' own curvature.
     first, second = rows.derivatives(jet)
     slopes = np.matmul(rows.factors, first.transpose(2, 0, 1))  # (N, R, J)
     stiffness = now.push_down / now.above + now.push_up / now.below
@@ -112,16 +132,19 @@ def _step(program: Program, now: Iterate, mu: float) -> tuple[float, float]:
     outer[:, 0, 0] += mu / jet[0] ** 2
     pushes = np.matmul((now.push_down - now.push_up)[:, None], rows.factors)[:, 0]
     bent = np.einsum("nk,kijn->nij", pushes, second)
+    # Gradient of the barrier function, and the Newton step of c; coefficients at ends that move are fixed.
     force = np.matmul((mu / now.above - mu / now.below)[:, None], slopes)[:, 0]
     force[:, 0] -= mu / jet[0]
     slope, curvature = program.basis.duration_derivatives(now.c)
     gradient = slope + at.collect(force)
     gradient[~program.free] = 0
     move = -_solved(program, outer, bent, curvature, gradient)
+    # The rows' changes, and the Newton steps of the multipliers that follow from them.
     moved = np.matmul(slopes, at.jets(move)[: rows.jet].T[:, :, None])[:, :, 0]
     down = mu / now.above - now.push_down + now.push_down / now.above * moved
     up = mu / now.below - now.push_up - now.push_up / now.below * moved
     decrease = float(-gradient @ move)
+    # Steps that stop short of the bounds: of c with a line search, of the multipliers without.
     length = min(1.0, _MAX_SHARE_TO_BOUND / max((moved / now.above).max(), (-moved / now.below).max(), 1e-9))
     taken = _line_search(program, now, mu, move, length, decrease)
     dual = min(1.0, _MAX_SHARE_TO_BOUND / max((-down / now.push_down).max(), (-up / now.push_up).max(), 1e-9))

@@ -1,4 +1,9 @@
-"""B-splines on a path: values and derivatives at points, and the duration that a spline x(sigma) makes."""
+"""B-splines on a path: values and derivatives at points, and the duration that a spline x(sigma) makes.
+
+At a point only k + 1 B-splines of degree k are not zero (C. de Boor, A Practical Guide to Splines, 2001), so that
+gradients and Hessians by the coefficients are sums of small blocks, and Hessians have k + 1 bands. The duration, the
+integral of x^(-1/2), is a Gauss-Legendre sum in each interval; x must be above 0 at its points.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -3,7 +3,6 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 
@@ -11,9 +10,9 @@ from jounce.arguments.requests import more_rates
 from jounce.dynamics import electrical
 from jounce.dynamics.quantities import FORCES, QUANTITIES, Quantity, row_of
 from jounce.engine.along import Q_RATE_ORDER
-from jounce.engine.closed_path import named_by_time, on_tree, positions
-from jounce.engine.dispatch import compute
+from jounce.engine.closed_path import named_by_time, positions
 from jounce.engine.engine import Engine
+from jounce.engine.motion_states import MotionStates, Rates, Side
 from jounce.limits.joints import efforts, in_columns, joint_limits, joint_names, joint_rates, of_joints
 from jounce.limits.ratios import Scale, scale_of
 from jounce.model.kinds import KINDS, MOTION_KINDS, MOTOR_KINDS
@@ -25,10 +24,7 @@ from jounce.spatial import series
 
 HERMITE_DERIVATIVES = 2  # used where they are known: a quintic between samples takes two at each end
 
-Side = Literal["right", "left"]
 Span = tuple[float, float]
-Rates = tuple[np.ndarray, ...]
-Wrenches = Sequence[Mapping[str, np.ndarray]] | None
 Series = Mapping[str, Sequence[np.ndarray]]  # by kind: a quantity and its derivatives, (N, n) each
 
 
@@ -109,18 +105,23 @@ class Bounded:
         return {kind: motion_order(self.robot, kind) - Q_RATE_ORDER for kind in self.kinds if KINDS[kind].of != "q"}
 
     @cached_property
-    def orders(self) -> Mapping[str, int]:
-        """The quantities that are used, and of each the highest rate: the second where the motion knows enough."""
+    def needed_orders(self) -> Mapping[str, int]:
+        """The quantities that limits take, and of each the highest rate."""
         needed: dict[str, int] = {}
         for kind in self.kinds:
             for name, order in quantities_of(self.robot, kind).items():
                 needed[name] = max(needed.get(name, 0), order)
+        return needed
+
+    @cached_property
+    def orders(self) -> Mapping[str, int]:
+        """The same quantities, and of each the highest rate used: the second where the motion knows enough."""
         known = self.motion.highest
         return {
             name: HERMITE_DERIVATIVES
             if known is None
             else max(least, min(HERMITE_DERIVATIVES, known - self.row(name).rates + 1))
-            for name, least in needed.items()
+            for name, least in self.needed_orders.items()
         }
 
     def row(self, name: str) -> Quantity:
@@ -144,9 +145,8 @@ class Bounded:
     def series(self, t: np.ndarray, side: Side = "right") -> Series:
         """The quantities that are bounded, with derivatives, at times (N,)."""
         with named_by_time(t), counting_to(self.motion_order):
-            rates, m = self.motion(t, self.rate_order, side), self.robot.mechanism
-            near = positions(self.robot, self.motion, t, side)
-            joints = joint_rates(self.robot, rates, near, self.follow)
+            m, states = self.robot.mechanism, self.states(t, self.orders, self.rate_order, side)
+            joints = joint_rates(self.robot, states.rates, states.near, self.follow)
             found: dict[str, Sequence[np.ndarray]] = {
                 kind: joints[k : k + HERMITE_DERIVATIVES + 1]
                 for k, kind in enumerate(MOTION_KINDS)
@@ -156,7 +156,7 @@ class Bounded:
                 found["position"] = joints[:1]  # swings, ... whose rates are not the velocities
             if not self.forces:
                 return found
-            values = {name: self.quantity(name, order, rates, t, side, near) for name, order in self.orders.items()}
+            values = {name: self.quantity(states, name, order) for name, order in self.orders.items()}
             found |= {
                 kind: in_columns(m, self.of_motor(kind, values), FORCES) for kind in MOTOR_KINDS if kind in self.kinds
             }
@@ -165,8 +165,7 @@ class Bounded:
             forces = {False: in_columns(m, values[self.efforts.name], self.efforts)}  # by whether gravity is left out
             order, kinds = len(forces[False]) - 1, [kind for kind in self.kinds if KINDS[kind].force]
             if any(kind in self.limits.without_gravity for kind in kinds):
-                base = self.motion.base(t, order, side)
-                weight = in_columns(m, gravity(self.robot, rates[: order + 1], base, near), self.efforts)
+                weight = in_columns(m, gravity(self.robot, states, order), self.efforts)
                 forces[True] = [Q - g for Q, g in zip(forces[False], weight, strict=True)]
             qd, slope = series.Series.of(joints[1:]), self.limits.effort_slope
             for kind in kinds:
@@ -180,21 +179,14 @@ class Bounded:
         with named_by_time(t):
             return joint_rates(self.robot, self.motion(t, order, side), near, self.follow)
 
-    def quantity(
-        self,
-        name: str,
-        order: int,
-        rates: Rates,
-        t: np.ndarray,
-        side: Side,
-        near: np.ndarray | None,
-        speed: float = 1.0,
-    ) -> list[np.ndarray]:
-        """A quantity and its rates up to an order, at a factor of speed; `rates` are those of the motion."""
-        row = self.row(name)
-        W = self.motion.wrench(t, order + row.wrench_rates - 1, side)
-        base = self.motion.base(t, order + row.rates - 1, side)
-        return at_speed(self.robot, name, rates, W, speed, order, base, near)
+    def states(self, t: np.ndarray, orders: Mapping[str, int], rates: int, side: Side = "right") -> MotionStates:
+        """What quantities take up to an order each, and at least some rates of q."""
+        rows = [(self.row(name), order) for name, order in orders.items()]
+        return MotionStates.sample(self.robot, self.motion, t, rows, side, rates)
+
+    def quantity(self, states: MotionStates, name: str, order: int, speed: float = 1.0) -> list[np.ndarray]:
+        """A quantity and its rates up to an order, at a factor of the speed of the motion."""
+        return at_speed(self.robot, states, self.row(name), order, speed)
 
     def of_motor(self, kind: str, values: Mapping[str, list[np.ndarray]]) -> list[np.ndarray]:
         """What a limit of motors bounds, with rates, of positions and torques; 0 for motors without data."""
@@ -241,28 +233,12 @@ def order_needed(robot: Engine) -> int:
     return max([0, *(motion_order(robot, kind) - Q_RATE_ORDER for kind in kinds)])
 
 
-def at_speed(
-    robot: Engine,
-    name: str,
-    rates: Rates,
-    wrench: Wrenches,
-    c: float,
-    order: int,
-    base: Rates | None,
-    near: np.ndarray | None,
-) -> list[np.ndarray]:
-    """A quantity of the motors and its rates up to an order at c times the speed; `near` are positions of the tree.
-
-    Wrenches over time and the base go with the path.
-    """
-    W = wrench and tuple({body: w * c**k for body, w in of.items()} for k, of in enumerate(wrench))
-    row = _row(robot, name)
-    scaled = tuple(rate * c**k for k, rate in enumerate(rates[: order + row.rates]))
-    moved = base and tuple(term * c**k for k, term in enumerate(base))
-    return of_joints(robot.mechanism, compute(robot, name, on_tree(scaled, near), wrench=W, base=moved), row)
+def at_speed(robot: Engine, states: MotionStates, row: Quantity, order: int, c: float) -> list[np.ndarray]:
+    """A quantity of the joints and its rates up to an order at c times the speed."""
+    return of_joints(robot.mechanism, states.upto(row, order).scaled(c).compute(robot, row.name), row)
 
 
-def gravity(robot: Engine, rates: Rates, base: Rates | None, near: np.ndarray | None) -> list[np.ndarray]:
+def gravity(robot: Engine, states: MotionStates, order: int) -> list[np.ndarray]:
     """The gravity forces of the joints and their rates."""
-    found = compute(robot, "gravity_forces", on_tree(rates, near), base=base)
-    return of_joints(robot.mechanism, found, QUANTITIES["gravity_forces"])
+    row = QUANTITIES["gravity_forces"]
+    return of_joints(robot.mechanism, replace(states.upto(row, order), wrench=None).compute(robot, row.name), row)

@@ -1,4 +1,13 @@
-"""Peaks between samples: found on the polynomials, then placed by exact evaluation."""
+"""Peaks between samples: found on the polynomials of pieces, then placed by exact evaluation.
+
+Polynomials whose Bernstein coefficients stay below a floor have no peak above it (the convex hull property [1]), which
+discards most of them. On the others a change of sign of the slope between even samples brackets a peak, unless the
+tangents there meet below the floor. Its place is the zero of the exact derivative, by `search.root`, or, where the
+derivative is not known or does not change its sign, the maximum by `search.largest`. Values are always exact; two peaks
+between the same two samples of a polynomial count as one.
+
+[1] G. Farin, Curves and Surfaces for CAGD, 5th edition, 2002.
+"""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -33,10 +42,12 @@ def peaks_of(b: Bounded, pieces: Pieces, floor: Callable[[Pieces, str, int], np.
         c = pieces.polynomials[kind]
         bernstein = hull(c)
         for sign in SIGNS:
+            # Discard polynomials that cannot reach the floor.
             least = floor(pieces, kind, sign)
             i, j = np.nonzero((sign * bernstein).max(axis=0) > least)
             if not i.size:
                 continue
+            # Samples between which the slope changes its sign, and the tangents meet above the floor.
             near = c[:, i, j]
             y, slope = (sign * _on_grid(x, u) for x in (near, near[:-1] * np.arange(len(c) - 1, 0, -1)[:, None]))
             inner = (slope[:-1] > 0) & (slope[1:] <= 0)
@@ -45,6 +56,7 @@ def peaks_of(b: Bounded, pieces: Pieces, floor: Callable[[Pieces, str, int], np.
             )  # above any peak
             inner &= tangents > least[i, j]
             inner &= (slope[:-1] - slope[1:]) / _SAMPLES_PER_PIECE > _MIN_PEAK_HEIGHT * np.abs(y).max(axis=0)
+            # Brackets in time, one sample wider on both sides: the polynomial may misplace the peak.
             at, which = np.nonzero(inner)
             start, width = pieces.start[i[which]], pieces.width[i[which], 0]
             low, high = (u[at_end.clip(0, _SAMPLES_PER_PIECE - 1)] * width + start for at_end in (at - 1, at + 2))

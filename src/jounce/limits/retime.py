@@ -1,4 +1,20 @@
-"""The fastest time law along the path of a motion, under all limits of a robot."""
+"""The fastest time law along the path of a motion, under all limits of a robot.
+
+Problem: x(sigma) = sigma'(t)^2 > 0 along a given path q(sigma) that minimizes the duration, with every limit kept.
+
+Algorithm: direct transcription [1]. x is a spline, limits are rows at some points of each interval, and `barrier` finds
+the coefficients. Points between at which a row peaks beyond its bound are added, and the program is solved again from
+the last solution drawn towards one that is well within (an exchange method). Splines of twice as many intervals follow
+as long as the duration falls by enough.
+
+Invariants: a finer spline contains the coarser one, so that refining starts from the last solution; what is still
+exceeded between points is drawn back within at the end.
+
+Failure: `JounceError` where no limit bounds the speed along part of the path, where velocities given at the ends leave
+no time law, where speeds along the path are too uneven, and where friction turns over between the points.
+
+[1] J. T. Betts, Practical Methods for Optimal Control and Estimation Using Nonlinear Programming, 2nd edition, 2010.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -136,6 +152,7 @@ def _fastest(grid: "Grid") -> tuple["Grid", np.ndarray]:
     inner = grid.inner(np.ones(grid.basis.count))
     c = grid.solved(inner, inner, 1.0)
     while grid.basis.intervals < _MAX_TIME_LAW_INTERVALS:
+        # The same splines on twice as many intervals, from which the finer problem starts.
         finer = Grid.of(grid.problem, 2 * grid.basis.intervals, grid.reach, grid.uniform)
         inner, coarse = (finer.basis.through(grid.basis.spline(x)) for x in (inner, c))
         inner = finer.inner(inner)
@@ -200,6 +217,7 @@ class Grid:
         for _ in range(_MAX_ADDED_ROUNDS):
             program = Program(self.basis, self.at.taken(chosen), self.rows.taken(chosen), self.free)
             c = fastest(program, drawn(c, inner, program.feasible), DUALITY_GAP, first)
+            # Exchange: the rows that peak beyond their bounds between the points join the program.
             peaks = _peaks(self.rows.excess(self.at.jets(c))[: self.count], _MAX_EXCESS_BETWEEN_POINTS)
             if not peaks.size:
                 break

@@ -14,8 +14,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from jounce.dynamics.quantities import FORCES
-from jounce.engine.closed_path import named_by_time, positions
-from jounce.limits.bounded import Bounded, Side, gravity, quantities_of
+from jounce.engine.closed_path import named_by_time
+from jounce.engine.motion_states import MotionStates, Side
+from jounce.limits.bounded import Bounded, gravity, quantities_of
 from jounce.limits.joints import in_columns, joint_rates
 from jounce.model.kinds import KINDS, MOTION_KINDS, MOTOR_KINDS
 
@@ -26,20 +27,19 @@ Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # (N, n) each: of c^0, c^1 an
 def polynomials(b: Bounded, t: np.ndarray, side: Side = "right") -> Polynomials:
     """Coefficients (degree + 1, N, n) of what limits bound, lowest power of c first, at times (N,) by kind."""
     with named_by_time(t):
-        rates, m = b.motion(t, b.motion_order, side), b.robot.mechanism
-        near = positions(b.robot, b.motion, t, side)
-        joints = joint_rates(b.robot, rates, near, b.follow)
+        m, orders = b.robot.mechanism, b.needed_orders
+        states = b.states(t, orders, b.motion_order, side)
+        joints = joint_rates(b.robot, states.rates, states.near, b.follow)
         found = {kind: _monomial(joints[k], k) for k, kind in enumerate(MOTION_KINDS) if kind in b.kinds}
-        found |= {kind: _of_motors(b, kind, rates, t, side, near) for kind in MOTOR_KINDS if kind in b.kinds}
-        if b.efforts.name not in b.orders:
+        found |= {kind: _of_motors(b, kind, states) for kind in MOTOR_KINDS if kind in b.kinds}
+        if b.efforts.name not in orders:
             return found
-        kinds = [kind for kind in b.kinds if KINDS[kind].force]
-        parts = _parts(b, rates, t, max(KINDS[kind].rate for kind in kinds), side, near)
-        for kind in kinds:
+        parts = _parts(b, states, orders[b.efforts.name])
+        for kind in (kind for kind in b.kinds if KINDS[kind].force):
             k = KINDS[kind].rate
             c = np.pad(np.stack(parts[k]), ((k, 0), (0, 0), (0, 0)))
             if kind in b.limits.without_gravity:
-                c[k] -= gravity(b.robot, rates[: k + 1], b.motion.base(t, k, side), near)[k]
+                c[k] -= gravity(b.robot, states, k)[k]
             [c] = in_columns(m, [c], b.efforts)
             if kind == "stall_effort":
                 c[1] += b.limits.effort_slope * joints[1]
@@ -51,13 +51,11 @@ def _monomial(rate: np.ndarray, k: int) -> np.ndarray:
     return np.concatenate([np.zeros((k, *rate.shape)), rate[None]])
 
 
-def _parts(
-    b: Bounded, rates: "tuple[np.ndarray, ...]", t: np.ndarray, order: int, side: Side, near: np.ndarray | None
-) -> list[Parts]:
+def _parts(b: Bounded, states: MotionStates, order: int) -> list[Parts]:
     """S, V, D and their derivatives along the motion up to an order."""
 
     def at(c: float) -> list[np.ndarray]:
-        return b.quantity(b.efforts.name, order, rates, t, side, near, c)
+        return b.quantity(states, b.efforts.name, order, c)
 
     static, one, back = at(0.0)[0], at(1.0), at(-1.0)
     two, far_back = (at(2.0), at(-2.0)) if order else ([], [])
@@ -70,16 +68,14 @@ def _parts(
     return parts
 
 
-def _of_motors(
-    b: Bounded, kind: str, rates: "tuple[np.ndarray, ...]", t: np.ndarray, side: Side, near: np.ndarray | None
-) -> np.ndarray:
+def _of_motors(b: Bounded, kind: str, states: MotionStates) -> np.ndarray:
     """The polynomial of a motor, from its values at c = 0, 1, -1, 2, -2, ..."""
     orders = quantities_of(b.robot, kind)
     count = max(b.row(name).rates + order for name, order in orders.items())
     c = [(-1) ** (i + 1) * ((i + 1) // 2) for i in range(count)]
     values = []
     for speed in c:
-        known = {name: b.quantity(name, order, rates, t, side, near, float(speed)) for name, order in orders.items()}
+        known = {name: b.quantity(states, name, order, float(speed)) for name, order in orders.items()}
         values.append(b.of_motor(kind, known)[KINDS[kind].rate])
     found = np.tensordot(np.linalg.inv(np.vander(c, increasing=True)), np.stack(values), axes=1)
     return in_columns(b.robot.mechanism, [found], FORCES)[0]

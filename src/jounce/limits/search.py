@@ -1,4 +1,13 @@
-"""Zeros and maxima of many functions of time at once, each between two times."""
+"""Zeros and maxima of many functions of time at once, each between two times.
+
+`root` brackets a change of sign by Chandrupatla's method [1]: inverse quadratic interpolation where the latest three
+points make it safe, else halving. The bracket always holds the zero and shrinks at every step; functions without a
+change of sign return an end. `largest` narrows an even grid about its best point; of a function with several peaks
+between two points of the grid it may return any.
+
+[1] T. R. Chandrupatla, A new hybrid quadratic/bisection algorithm for finding the zero of a nonlinear function without
+    using derivatives, Advances in Engineering Software 28 (1997).
+"""
 
 from collections.abc import Callable
 
@@ -13,7 +22,7 @@ _MAX_NARROWINGS = 9  # each to an eighth: after 1e-8 of the bracket a peak is as
 def root(
     f: Callable[[np.ndarray, np.ndarray], np.ndarray], low: np.ndarray, high: np.ndarray, ends: np.ndarray | None = None
 ) -> np.ndarray:
-    """Where functions, one at each place, change sign between two times: inverse interpolation, halving where it fails.
+    """Where functions, one at each place, change sign between two times.
 
     `f` takes times and the places that they belong to; `ends` (2, N) are its values at the two times, if known.
     Where a function does not change sign, its zero is taken at the end where it is smaller.
@@ -28,12 +37,14 @@ def root(
     for _ in range(_MAX_ROOT_STEPS):
         if not left.size:
             break
+        # Evaluate all open places at once, and keep the part of each bracket that holds the change of sign.
         t = a + share * (b - a)
         ft = f(t, left)
         keeps = np.sign(ft) == np.sign(fa)
         c, fc = np.where(keeps, a, b), np.where(keeps, fa, fb)
         b, fb = np.where(keeps, b, a), np.where(keeps, fb, fa)
         a, fa = t, ft
+        # The better end is the answer so far; brackets as narrow as rounding are closed.
         found[left] = best = np.where(np.abs(fa) < np.abs(fb), a, b)
         tolerance = 4 * _ROOT_TOLERANCE * np.maximum(np.abs(best), (high - low)[left])
         width = np.abs(b - a)

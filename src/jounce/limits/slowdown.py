@@ -1,4 +1,19 @@
-"""The largest factor of speed at which a motion keeps every limit."""
+"""The largest factor of speed at which a motion keeps every limit.
+
+Problem: the largest c such that the motion at every speed up to c times its own keeps all limits at all times, a
+semi-infinite program in one variable.
+
+Algorithm: at one state each limited value is a polynomial in c (`scaling`), whose roots bound the intervals of c that
+break a limit (`feasible`). The first interval of all states gives a c; a check of the motion at this c, peaks between
+samples included, yields the states at which it is farthest beyond a limit, and these are added until there is none: the
+exchange method of semi-infinite programming [1]. Factors at which samples come near a limit and recede again are
+checked as well. With Coulomb friction or bent springs there are no polynomials, and `bracketing` searches for c.
+
+Invariant: c only falls as states are added. It fails, with `JounceError`, where a limit is broken at every speed, where
+none bounds the speed, and where a limit of a joint that moves is 0.
+
+[1] R. Hettich, K. O. Kortanek, Semi-infinite programming: theory, methods, and applications, SIAM Review 35 (1993).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -144,6 +159,7 @@ def _first(b: Bounded, states: Feasible) -> float:
         states.add(times_beyond(b, 1.0))  # which refuses what is broken at every speed between the states
     for _ in range(_MAX_SLOWDOWN_ROUNDS):
         factor = _finite(states)
+        # Exchange: states farthest beyond a limit at this factor, or where smaller ones come near, bound the next.
         near = states.near_misses(factor)
         beyond = np.unique(np.concatenate([times_beyond(b, at) for at in (*near, factor)]))
         if not beyond.size:
