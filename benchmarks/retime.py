@@ -17,8 +17,9 @@ from benchmarks.tables import paragraph, table
 from jounce import Motion, Robot, load
 from jounce.io.files import written_whole
 from jounce.limits.friction import FrictionAlong
+from jounce.limits.grid import START_SPEED_SHARE, Grid
 from jounce.limits.problem import problem_of
-from jounce.limits.retime import FIRST_INTERVALS, SPEED_CAPS, START_SPEED_SHARE, Grid, Retiming, retime
+from jounce.limits.retime import FIRST_INTERVALS, SPEED_CAPS, Retiming, retime
 
 MARGIN = 0.01
 EVERY = 4  # IPOPT gets the rows of every fourth point at which retime checks its result

@@ -12,9 +12,9 @@ from jounce.limits import friction, pace
 from jounce.limits.barrier import Program, fastest
 from jounce.limits.basis import Basis
 from jounce.limits.friction import friction_of
+from jounce.limits.grid import DUALITY_GAP, GRID_POINTS_PER_POINT, WARM_START_GAP, Grid
 from jounce.limits.path import path_of
 from jounce.limits.problem import problem_of, without_friction
-from jounce.limits.retime import DUALITY_GAP, GRID_POINTS_PER_POINT, WARM_START_GAP, Grid
 from jounce.model.kinds import EFFORT_KINDS
 from jounce.motion.time_law import Paced, TimeLaw
 

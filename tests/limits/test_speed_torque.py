@@ -13,8 +13,8 @@ from test_retime import RUBBING, STATED_GAP, UR5, largest, move, rubbing
 import jounce
 from jounce.cli import main
 from jounce.limits.barrier import Program, fastest
+from jounce.limits.grid import DUALITY_GAP, GRID_POINTS_PER_POINT, Grid
 from jounce.limits.problem import problem_of
-from jounce.limits.retime import DUALITY_GAP, GRID_POINTS_PER_POINT, Grid
 from jounce.limits.samples import worst_broken
 from jounce.model.coordinates import coordinate_limits
 

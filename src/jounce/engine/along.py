@@ -1,8 +1,7 @@
 """Forces along a motion, computed piece by piece: working memory is bounded, and a callback reports the progress."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 from itertools import groupby
 from typing import NamedTuple
 
@@ -11,21 +10,16 @@ import numpy as np
 from jounce.arguments.rates import checked_order
 from jounce.core.errors import JounceError, UncertainError, at, quoted, warn
 from jounce.core.typing import ArrayLike
-from jounce.dynamics import closing
-from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import FORCES, Quantity
 from jounce.engine import digits
-from jounce.engine.backends import closing_step
 from jounce.engine.engine import Engine
+from jounce.engine.force_deviations import compute_certain, entry_count, interpolate_deviations
 from jounce.engine.motion_states import MotionStates, Rates, Side
 from jounce.model.mechanism import Mechanism
-from jounce.motion.base import motion_of, perturbed, states_of
 from jounce.motion.matching import matched
 from jounce.motion.motion import Break, Motion
 from jounce.motion.units import warn_of_degrees
 
-_STATES_PER_PIECE = 1000  # computed together: bounds working memory, and each piece reports progress
-_MAX_PERTURBED_STATES = 200_000  # computed for deviations of forces, which change slowly: linear between fewer times
 _UNIT_SAMPLES = 200  # even times of a motion by which its unit, rad or degrees, is judged
 _FORCE_JUMP_TOLERANCE = 1e-12  # of the largest rate of all joints: smaller differences at a break are rounding
 Q_RATE_ORDER = FORCES.rates - 1  # the order of the rate of q that Q itself takes: q2d
@@ -146,17 +140,16 @@ def pieces_along(
     rows without certain digits, which are NaN.
     """
     uncertain: list[list[np.ndarray]] = []  # times of each piece, by order
-    spread = _spreads(robot, motion, times, order, method, row)
-    for start in range(0, len(times), _STATES_PER_PIECE):
-        t = times[start : start + _STATES_PER_PIECE]
-        states = MotionStates.sample(robot, motion, t, [(row, order)])
+    spread = interpolate_deviations(robot, motion, times, order, method, row)
+    for part, states in MotionStates.pieces(robot, motion, times, [(row, order)]):
+        t = times[part]
         try:
             forces = states.compute(robot, row.name, method)
         except UncertainError as error:
             forces = error.results
             uncertain.append([t[where] for where in error.uncertain])
         if progress is not None:
-            progress(start + len(t), len(times))
+            progress(part.start + len(t), len(times))
         yield Along(t, states.rates, forces, spread and spread(t), base=states.base)
     if uncertain:
         by_order = map(np.concatenate, zip(*uncertain, strict=True))
@@ -175,13 +168,10 @@ def force_breaks(
     taken = {"q": row.rates, "base": row.rates, "W": row.wrench_rates}  # how many rates the quantity itself takes
     lowest = [min(cause.order - taken[cause.symbol] + 1 for cause in causes) for _, causes in known]
     t = np.array([t for t, _ in known])
-    jumps = np.zeros((order + 1, len(t), _size(robot, row)))
-    for start in range(0, len(t), _STATES_PER_PIECE):
-        part = slice(start, start + _STATES_PER_PIECE)
-        before, after = (
-            _compute_certain(robot, MotionStates.sample(robot, motion, t[part], [(row, order)], side), method, row)
-            for side in SIDES
-        )
+    jumps = np.zeros((order + 1, len(t), entry_count(robot, row)))
+    of_sides = (MotionStates.pieces(robot, motion, t, [(row, order)], side) for side in SIDES)
+    for (part, left), (_, right) in zip(*of_sides, strict=True):
+        before, after = (compute_certain(robot, states, method, row) for states in (left, right))
         size = np.maximum(np.abs(before), np.abs(after)).max(axis=2, keepdims=True)
         difference = np.subtract(after, before)
         jumps[:, part] = np.where(np.abs(difference) > _FORCE_JUMP_TOLERANCE * size, difference, 0)
@@ -191,70 +181,6 @@ def force_breaks(
         else ForceBreak(time, -1, None, causes)
         for i, (k, (time, causes)) in enumerate(zip(lowest, known, strict=True))
     )
-
-
-def _compute_certain(robot: Engine, states: MotionStates, method: str | None, row: Quantity) -> Rates:
-    """A quantity with its rates, NaN where no digits are certain."""
-    try:
-        return states.compute(robot, row.name, method)
-    except UncertainError as error:
-        return error.results
-
-
-def _size(robot: Engine, row: Quantity) -> int:
-    """The number of entries of a quantity for one state: n, or nv of the forces on a robot that floats."""
-    [size] = Computation(row.name, 0).shape(robot.mechanism)
-    return size
-
-
-def _spreads(
-    robot: Engine, motion: Motion, times: np.ndarray, order: int, method: str | None, row: Quantity
-) -> Callable[[np.ndarray], Rates] | None:
-    """The standard deviations of the forces over time: computed with each entry of q, W and the base off by its own.
-
-    The rates are assumed independent, which overestimates slightly: the highest rates dominate.
-    """
-    highest = order + row.rates - 1
-    smoothed = [body for body, load in motion.loads.items() if load.deviations(times[:1], 0) is not None]
-    on_base = motion.base_curve is not None and motion.base_curve.deviations(times[:1], 0) is not None
-    if motion.deviations(times[:1], 0) is None and not smoothed and not on_base:
-        return None
-    every = np.unique(times)
-    entries = motion.curve.columns + 7 * on_base + 6 * len(smoothed)
-    count = max(2, _MAX_PERTURBED_STATES // (entries * (highest + 1)))
-    t = every[np.unique(np.linspace(0, len(every) - 1, min(count, len(every))).astype(int))]
-    total = np.zeros((order + 1, len(t), _size(robot, row)))
-    for start in range(0, len(t), _STATES_PER_PIECE):
-        part = t[start : start + _STATES_PER_PIECE]
-        states = MotionStates.sample(robot, motion, part, [(row, order)])
-        true = np.array(_compute_certain(robot, states, method, row))
-        for moved in _perturbed(motion, part, states):
-            if moved.near is not None:
-                near = closing.close_loops(robot.mechanism, moved.rates[0], moved.near, closing_step(robot))
-                moved = replace(moved, near=near)
-            found = np.array(_compute_certain(robot, moved, method, row))
-            total[:, start : start + _STATES_PER_PIECE] += (found - true) ** 2
-    certain = np.isfinite(total).all(axis=(0, 2))
-    t, known = (t[certain], np.sqrt(total[:, certain])) if certain.any() else (t, np.sqrt(total))
-
-    def interpolate(times: np.ndarray) -> Rates:
-        return tuple(np.stack([np.interp(times, t, column) for column in rate.T], axis=1) for rate in known)
-
-    return interpolate
-
-
-def _perturbed(motion: Motion, t: np.ndarray, states: MotionStates) -> Iterator[MotionStates]:
-    """States at times with each entry of q, W and the base off by its standard deviation, one by one."""
-    highest, W = len(states.rates) - 1, states.wrench or ()
-    for q in perturbed(motion.curve, t, highest, partial(states_of, motion.several)):
-        yield replace(states, rates=q)
-    for k, by_body in enumerate(motion.wrench_deviations(t, len(W) - 1) if W else ()):
-        for body, off in by_body.items():
-            for j in np.flatnonzero(off.any(axis=0)).tolist():
-                moved = {**W[k], body: W[k][body] + off * (np.arange(6) == j)}
-                yield replace(states, wrench=(*W[:k], moved, *W[k + 1 :]))
-    for base in perturbed(motion.base_curve, t, highest, motion_of) if motion.base_curve else ():
-        yield replace(states, base=base)
 
 
 def _join(parts: list[Rates]) -> Rates:
