@@ -96,7 +96,7 @@ def motors_along(
         highest = len(found.rates) - rows[0].rates
         theta = forces_along(robot, motion, found.t, highest, method, None, rows[0]).forces
     except UnreachableError:
-        _of_integrals(robot, motion, t, checked_order(order), None, *options)  # which tells the time
+        _of_integrals(robot, motion, t, checked_order(order), None, *options)  # which reports the time
         raise
     _check_stiffness_between(robot.mechanism, found.t, theta[0] - found.rates[0])
     outputs = electrical.outputs(e, theta, found.forces)

@@ -49,7 +49,7 @@ class Check:
 
     @property
     def passed(self) -> bool:
-        """Whether the error is one of rounding, or of differentiation where that is what it was compared with."""
+        """Whether the error is one of rounding, or of differentiation where differences are compared."""
         return self.error is None or self.error <= self.allowed
 
 

@@ -1,4 +1,4 @@
-"""What limits bound along a motion: q to q4d, Q to Q2d, Q - Qgrav, power and motors, with derivatives, at any times."""
+"""The values that limits bound along a motion, with derivatives, at any times: q to q4d, Q to Q2d, power, motors."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -68,12 +68,12 @@ class Bounded:
         return joint_names(self.robot.mechanism)
 
     def name(self, kind: str, joint: int) -> str:
-        """What a kind of limit bounds, as a name: that of a joint, but where its velocities are no rates of it."""
+        """The name of what a limit bounds: the joint, or the extent of a joint of several screws for its position."""
         return (extent_names(self.robot.mechanism.tree) if kind == "position" else self.joints)[joint]
 
     @cached_property
     def scales(self) -> Mapping[str, Scale]:
-        """What ratios to the limits are measured by."""
+        """The scales of the ratios to the limits."""
         return {kind: scale_of(self.limits.bounds(kind), kind) for kind in self.kinds}
 
     @cached_property
@@ -96,7 +96,7 @@ class Bounded:
 
     @cached_property
     def motion_order(self) -> int:
-        """The highest rate of q that limits take; what is used beyond it only helps between times."""
+        """The highest rate of q that limits take; higher ones only serve interpolation between times."""
         return max(motion_order(self.robot, kind) for kind in self.kinds)
 
     @cached_property
@@ -203,12 +203,12 @@ class Bounded:
 
 
 def known_kinds(robot: Engine, limits: Limits) -> tuple[str, ...]:
-    """The kinds of limits that a motion of a robot is held against: those of motors where its joints are elastic."""
+    """The kinds of limits that are checked along a motion: those of motors only where joints are elastic."""
     return tuple(kind for kind in limits.kinds if not KINDS[kind].takes or robot.mechanism.elasticity is not None)
 
 
 def quantities_of(robot: Engine, kind: str) -> Mapping[str, int]:
-    """The quantities that a kind of limit takes, and the highest rate of each; none of a limit of the motion."""
+    """The quantities that a kind of limit takes, with the highest rate of each; none for limits of the motion."""
     row, e = KINDS[kind], robot.mechanism.elasticity
     if row.of == "q":
         return {}

@@ -28,7 +28,7 @@ Place = tuple[str, int, float]  # of a limit: kind, joint, time in the given mot
 
 
 def is_polynomial(b: Bounded) -> bool:
-    """Whether what is limited is a polynomial of the factor: no Coulomb friction of links or motors, linear springs."""
+    """Whether limited values are polynomials of the factor: linear springs, and no friction of links or motors."""
     mechanism = b.robot.mechanism
     if b.forces and friction_of(mechanism):
         return False
@@ -37,16 +37,16 @@ def is_polynomial(b: Bounded) -> bool:
 
 
 def _bends(law: Law | None) -> bool:
-    """Whether the force of a spring is not in proportion to its deflection."""
+    """Whether the force of a spring is not proportional to its deflection."""
     spring = law.spring if isinstance(law, DampedSpring) else law
     return spring is not None and not (isinstance(spring, CubicSpring) and spring.k3 == 0)
 
 
 def bracketed_factor(b: Bounded) -> tuple[float, Place]:
-    """The first of a row of factors that breaks a limit, and between it and the one before the factor that does."""
+    """The factor at which a limit is met, and which limit that is."""
     from scipy.optimize import brentq
 
-    states_of(b)  # which refuses what is broken at every speed
+    states_of(b)  # raises where a limit is broken at every speed
     # Rise until a limit is broken.
     low, high = 0.0, _SPEED_FACTOR_STEP
     while worst_at(b, high)[0] <= 1:

@@ -1,4 +1,4 @@
-"""Standard deviations of what limits bound along a measured motion, and between which times each is known well."""
+"""Standard deviations of limited values along a measured motion, and the windows in which each is known well."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ Deviations = dict[str, np.ndarray]  # by kind, (N, joints); NaN where they are n
 def deviations_of(b: Bounded, t: np.ndarray) -> Deviations:
     """Standard deviations at times (N,), without the kinds that are exact.
 
-    Those of joints that follow others in closed loops are not known, but for their forces.
+    Of joints that follow others in closed loops only the deviations of forces are known.
     """
     m = b.motion
     curves = (m.curve, *m.loads.values(), *([m.base_curve] if m.base_curve else []))
@@ -38,7 +38,7 @@ def deviations_of(b: Bounded, t: np.ndarray) -> Deviations:
 
 
 def _of_forces(b: Bounded, t: np.ndarray, off: np.ndarray) -> Deviations:
-    """Those of efforts with their rates, of the power and of stall efforts; velocities deviate by `off` (N, joints)."""
+    """The deviations of efforts with rates, power and stall efforts, from those of velocities, `off` (N, joints)."""
     kinds = [kind for kind in b.kinds if KINDS[kind].force]
     if not kinds:
         return {}
@@ -55,7 +55,7 @@ def _of_forces(b: Bounded, t: np.ndarray, off: np.ndarray) -> Deviations:
 
 
 def _of_motors(b: Bounded, t: np.ndarray) -> Deviations:
-    """Those of motors; of voltages the sum of those of their parts, which is at least theirs."""
+    """The deviations of motors; those of voltages are sums over their parts, an upper bound."""
     found = {}
     for kind in MOTOR_KINDS:
         if kind in b.kinds:

@@ -158,7 +158,7 @@ def _static_error(b: Bounded, kind: str, j: int, value: float, bound: float, t: 
 
 
 def states_of(b: Bounded) -> list[tuple[np.ndarray, Polynomials]]:
-    """The times at which a motion is looked at, with the polynomials there; at breaks and the end from the left too."""
+    """The times of all pieces with the polynomials there, from the left too at breaks and at the end."""
     breaks = [found.t for found in b.motion.breaks_to(b.rate_order)]
     states: list[tuple[np.ndarray, Polynomials]] = []
     for part, span in parts_of(b):

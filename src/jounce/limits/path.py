@@ -105,8 +105,8 @@ class Path:
 def path_of(robot: Engine, motion: "Motion", sigma: np.ndarray, order: int, left: bool = False) -> Path:
     """The path of a motion at times sigma (N,), its forces up to an order of time derivatives.
 
-    Inverse dynamics at the speeds 1, -1 and 2 along the path tells apart what does not depend on speed, what is linear
-    in it, and what is quadratic.
+    Inverse dynamics at the speeds 1, -1 and 2 along the path separates what does not depend on speed, what is linear in
+    it, and what is quadratic.
     """
     with named_by_time(sigma):
         m, side = robot.mechanism, SIDES[not left]

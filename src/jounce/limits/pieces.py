@@ -54,7 +54,7 @@ class Pieces:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """The kinds of limits that they are looked at for."""
+        """The kinds of limits whose values they have."""
         return tuple(self.left)
 
     @property
@@ -213,13 +213,13 @@ def _missed(pieces: Pieces, t: np.ndarray, values: Values) -> dict[str, np.ndarr
 
 
 def _negligible(scale: Scale) -> np.ndarray:
-    """The values (n,) of which polynomials need no digits; infinite where nothing is bounded."""
+    """The values (n,) too small to need digits; infinite where nothing is bounded."""
     reach = np.minimum(*(np.abs(scale.reach(sign)) for sign in SIGNS))
     return np.maximum(MIN_SHARE_OF_LIMIT * reach, ZERO_BOUND_TOLERANCE / _HERMITE_TOLERANCE)
 
 
 def _rounding(b: Bounded, t: np.ndarray, width: np.ndarray) -> dict[str, np.ndarray]:
-    """By how much values (N, n) differ from those at times that are as good as the same."""
+    """By how much values (N, n) differ from those at times that are nearly the same: their rounding."""
     step = np.maximum(_ROUNDING_PROBE * width, 2 * np.spacing(np.abs(t)))
     at, early, late = (b.values(t + sign * step) for sign in (0, -1, 1))
     return {kind: np.maximum(np.abs(early[kind] - x), np.abs(late[kind] - x)) for kind, x in at.items()}

@@ -28,7 +28,7 @@ _PATH_ROUNDING = 1e-9  # of a position, or of the largest value of a rate that j
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A motion whose path is retimed, and the limits of its coordinates, of which a share is used.
+    """A motion whose path is retimed, the limits of its coordinates, and the share of them that may be used.
 
     `order` is that of the rates of Q that the limits take, `moving` whether the motion moves at its start and its end:
     its velocity and acceleration remain there. `robot` has no Coulomb friction, which is `friction`.
@@ -48,9 +48,9 @@ class Problem:
         return np.unique([found.t for found in self.motion.breaks_to(self.order + 3)])
 
     def points(self, count: int) -> tuple[np.ndarray, int]:
-        """`count` even points of the path, with more where joints with friction turn round, and how many these are.
+        """`count` even points of the path and more where joints with friction turn round, then its breaks twice.
 
-        Then those of its breaks twice: before and after each.
+        The number returned is that of the points without the breaks, which stand for before and after each.
         """
         even = np.linspace(self.motion.start, self.motion.stop, count)
         if self.friction:
@@ -124,7 +124,7 @@ def problem_of(robot: Engine, motion: Motion, share: float) -> Problem:
     kinds = [kind for kind in known_kinds(robot, limits) if kind != "position"]
     if motors := [kind for kind in kinds if KINDS[kind].takes]:
         raise JounceError(
-            f"retime does not know limits of motors ({listed(motors)}); take them away,"
+            f"retime does not support limits of motors ({listed(motors)}); remove them,"
             f" robot.with_limits({motors[0]}=float('inf')), and check the result with them: robot.slowdown keeps them"
         )
     forces = [kind for kind in kinds if KINDS[kind].force]
@@ -132,8 +132,8 @@ def problem_of(robot: Engine, motion: Motion, share: float) -> Problem:
         bounds, names = limits.bounds(forces[0]), joint_names(robot.mechanism)
         bounded = [name for j, name in enumerate(names) if np.isfinite(bounds[:, j]).any()]
         raise JounceError(
-            f"retime knows limits of {listed(forces)} only where motors are at the coordinates,"
-            f" {listed(robot.joint_names)}; take them away, robot.with_limits({forces[0]}=dict.fromkeys({bounded},"
+            f"retime supports limits of {listed(forces)} only where motors are at the coordinates,"
+            f" {listed(robot.joint_names)}; remove them, robot.with_limits({forces[0]}=dict.fromkeys({bounded},"
             " float('inf'))), and check the result with them: robot.slowdown keeps them"
         )
     _check_zero(robot, motion, limits, kinds)
@@ -242,7 +242,7 @@ def _friction(robot: Engine) -> Friction | None:
     rubs = np.flatnonzero(friction.ratios.any(axis=0))
     if passive := [joint_names(m)[j] for j in rubs if joint_names(m)[j] not in m.coordinates]:
         raise JounceError(
-            f"retime does not know Coulomb friction of joints that follow others in closed loops ({listed(passive)});"
-            " leave it out, robot.with_drives(['armature', 'damping', 'spring']), and check the result with it"
+            f"retime does not support Coulomb friction of joints that follow others in closed loops ({listed(passive)});"
+            " omit it, robot.with_drives(['armature', 'damping', 'spring']), and check the result with it"
         )
     return friction

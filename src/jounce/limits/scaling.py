@@ -1,10 +1,10 @@
-"""How what limits bound depends on the speed: polynomials in the factor c of q_c(t) = q(c t), at each time of the path.
+"""Limited values as polynomials in the factor of speed c, of q_c(t) = q(c t), at each time of the path.
 
     Q_c   = S + c V + c^2 D                    S: static (gravity, springs, wrenches), V: viscous, D: inertial
     Qd_c  = c S' + c^2 V' + c^3 D'             ' along the given motion
     Q2d_c = c^2 S'' + c^3 V'' + c^4 D''
 
-Wrenches given over time go with the path: W stays, and its k-th rate is multiplied by c^k. The parts are told apart by
+Wrenches given over time go with the path: W stays, and its k-th rate is multiplied by c^k. The parts follow from
 evaluating the inverse dynamics at c = 0, 1, -1, 2, -2. Positions, velocities and torques of motors behind linear
 springs are polynomials of degree 2, 3 and 4, which as many values and one more determine.
 """
@@ -61,7 +61,7 @@ def _parts(b: Bounded, states: MotionStates, order: int) -> list[Parts]:
     two, far_back = (at(2.0), at(-2.0)) if order else ([], [])
     parts: list[Parts] = []
     for k in range(order + 1):
-        sign = (-1) ** k  # of the powers that S and D go with
+        sign = (-1) ** k  # of the powers of c that S and D have
         V, near = (one[k] - sign * back[k]) / 2, (one[k] + sign * back[k]) / 2
         D = ((two[k] + sign * far_back[k]) / 2 / 2**k - near) / 3 if k else near - static
         parts.append((near - D if k else static, V, D))

@@ -111,7 +111,7 @@ def slowdown(robot: Engine, motion: object) -> Slowdown:
 
 
 def _slower(b: Bounded, factor: float) -> tuple[float, Place] | None:
-    """The factor, and its limit, at which values outside of windows are no longer beyond; None where none are."""
+    """The factor at which values outside of windows keep their limits, and the last limit; None where all keep them."""
     place = _beyond_windows(b, factor)
     if place is None:
         return None
@@ -156,7 +156,7 @@ def _window_notes(b: Bounded) -> tuple[str, ...]:
 def _first(b: Bounded, states: Feasible) -> float:
     """The largest factor below which all are feasible: refined between samples there, and where limits are near."""
     if np.isinf(states.factor):
-        states.add(times_beyond(b, 1.0))  # which refuses what is broken at every speed between the states
+        states.add(times_beyond(b, 1.0))  # raises where a limit between the states is broken at every speed
     for _ in range(_MAX_SLOWDOWN_ROUNDS):
         factor = _finite(states)
         # Exchange: states farthest beyond a limit at this factor, or where smaller ones come near, bound the next.

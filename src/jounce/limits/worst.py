@@ -36,12 +36,12 @@ class Worst:
         self.unresolved: Spans = {}
 
     def take(self, pieces: Pieces) -> None:
-        """Look at pieces of the motion, which follow those taken before."""
+        """Take in pieces of the motion, which follow earlier ones."""
         peaks = self.take_worst(pieces)
         self._add_spans(pieces, peaks)
 
     def take_worst(self, pieces: Pieces) -> Peaks:
-        """Look at pieces of the motion for the worst values alone; returns the peaks between the ends of pieces."""
+        """Take in the worst values of pieces alone; returns the peaks between the ends of pieces."""
         for kind in pieces.kinds:
             for t, values in ((pieces.start, pieces.left[kind]), (pieces.stop, pieces.right[kind])):
                 self.largest[kind] = np.maximum(self.largest[kind], np.abs(values).max(axis=0))
@@ -55,7 +55,7 @@ class Worst:
         return peaks
 
     def _take_unresolved(self, pieces: Pieces) -> None:
-        """Note where polynomials and what they miss, together, reach a bound."""
+        """Record where a polynomial and its error together reach a bound."""
         for kind, missed in pieces.missed.items():
             coarse = pieces.taken(np.flatnonzero(missed.any(axis=1)))
             ends = hull(coarse.polynomials[kind]) if len(coarse.start) else np.zeros((1, 0, missed.shape[1]))
@@ -101,7 +101,7 @@ class Worst:
         b, names = self.b, self.b.robot.joint_names
         own = found.joint if isinstance(found.joint, str) else names[found.joint]
         several = next((x for x in positions(b.robot.mechanism.tree).values() if own in x.names), None)
-        if several is not None:  # a number of it jumps: which of its velocities do, these say
+        if several is not None:  # one of its numbers jumps: its velocities show which of them do
             t, columns = np.array([found.t]), range(len(b.joints))[several.coordinates]
             after, before = (b.rates(t, found.order, side)[found.order][0] for side in ("right", "left"))
             return {j: float(after[j] - before[j]) for j in columns if abs(after[j] - before[j]) > LIMIT_TOLERANCE}
@@ -132,7 +132,7 @@ class Worst:
         return {(kind, sign): self.b.scales[kind].ratio(sign * x, sign) for (kind, sign), x in self.value.items()}
 
     def _floor(self, pieces: Pieces, kind: str, sign: int) -> np.ndarray:
-        """What a peak in pieces must reach to matter, (K, n): the worst value, or the bound if an end is within it.
+        """The least height of a peak that matters, (K, n): the worst value, or the bound if an end is within it.
 
         Less than a negligible share of the bound does not: the rounding of rates of forces has thousands of peaks.
         """

@@ -102,7 +102,7 @@ def point_masses(mechanism: Mechanism) -> Iterator[Finding]:
 
 
 def is_point(M: np.ndarray) -> bool:
-    """Whether a body that has mass has no moments about its COM, but for rounding."""
+    """Whether a body with mass has no moments about its COM beyond rounding."""
     return bool(np.abs(inertia.principal_moments(M)).max() <= _TENSOR_TOLERANCE * np.abs(M[:3, :3]).max())
 
 

@@ -1,4 +1,4 @@
-"""What a file leaves out of its joints or states in other units: limits and axes."""
+"""Limits and axes that a file leaves out, and limits in degrees."""
 
 from collections.abc import Iterator
 

@@ -1,6 +1,6 @@
 """Orders of magnitude: lengths, masses and moments in other units than m, kg and kg m^2, and odd gravity.
 
-The sharpest of these judgements needs no scale: the second moments of a mass m within any shape of density rho are at
+The sharpest of these tests needs no scale: the second moments of a mass m within any shape of density rho are at
 least those of a ball of it, ``tr P >= 3/5 m R^2`` with ``m = 4/3 pi rho R^3``, so that from mass and moments follows a
 density that the body exceeds somewhere. Where the moments are large, the density of the ellipsoid that has them says by
 how much.

@@ -106,7 +106,7 @@ def _peer(mujoco: Any, mechanism: Mechanism, model: Any, source: str) -> Peer:
 
 
 def _call(mujoco: Any, function: Callable[[Any, Any], None], model: Any, data: Any) -> None:
-    """Call a function of MuJoCo; what it warns of is passed on."""
+    """Call a function of MuJoCo, and pass its warnings on."""
     with warnings_of(mujoco) as said:
         function(model, data)
     for warning in said:
