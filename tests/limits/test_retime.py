@@ -388,7 +388,7 @@ def test_friction_in_closed_loops_is_known_where_the_coordinates_are():
     own = np.isin(robot.mechanism.joints, robot.joint_names)
     found = rubbing(robot, 1.0 * own).retime(motion)
     assert 0.985 < rubbing(robot, 1.0 * own).check(found.motion).worst.ratio < 0.9902
-    with pytest.raises(JounceError, match=r"follow others in closed loops \(left_elbow, right_elbow\); leave it out"):
+    with pytest.raises(JounceError, match=r"follow others in closed loops \(left_elbow, right_elbow\); omit it"):
         rubbing(robot, np.ones(4)).retime(motion)
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -54,12 +55,14 @@ class Bounded:
         """The same motion and some of the kinds."""
         return replace(self, kinds=tuple(kind for kind in self.kinds if kind in kinds))
 
+    def given_times(self, t: Any, factor: float) -> Any:
+        """The times in this motion of times, numbers or arrays, at a factor of its speed."""
+        return self.motion.start + (t - self.motion.start) * factor
+
     def scaled(self, factor: float) -> "Bounded":
         """The motion `factor` times as long."""
-        start = self.motion.start
-        windows = {
-            kind: (start + (a - start) * factor, start + (z - start) * factor) for kind, (a, z) in self.windows.items()
-        }
+        at = self.given_times
+        windows = {kind: (at(start, factor), at(stop, factor)) for kind, (start, stop) in self.windows.items()}
         return replace(self, motion=self.motion.scaled(factor), windows=windows)
 
     @property
@@ -156,7 +159,7 @@ class Bounded:
                 found["position"] = joints[:1]  # swings, ... whose rates are not the velocities
             if not self.forces:
                 return found
-            values = {name: self.quantity(states, name, order) for name, order in self.orders.items()}
+            values = {name: at_speed(self.robot, states, self.row(name), k) for name, k in self.orders.items()}
             found |= {
                 kind: in_columns(m, self.of_motor(kind, values), FORCES) for kind in MOTOR_KINDS if kind in self.kinds
             }
@@ -183,10 +186,6 @@ class Bounded:
         """What quantities take up to an order each, and at least some rates of q."""
         rows = [(self.row(name), order) for name, order in orders.items()]
         return MotionStates.sample(self.robot, self.motion, t, rows, side, rates)
-
-    def quantity(self, states: MotionStates, name: str, order: int, speed: float = 1.0) -> list[np.ndarray]:
-        """A quantity and its rates up to an order, at a factor of the speed of the motion."""
-        return at_speed(self.robot, states, self.row(name), order, speed)
 
     def of_motor(self, kind: str, values: Mapping[str, list[np.ndarray]]) -> list[np.ndarray]:
         """What a limit of motors bounds, with rates, of positions and torques; 0 for motors without data."""
@@ -233,7 +232,7 @@ def order_needed(robot: Engine) -> int:
     return max([0, *(motion_order(robot, kind) - Q_RATE_ORDER for kind in kinds)])
 
 
-def at_speed(robot: Engine, states: MotionStates, row: Quantity, order: int, c: float) -> list[np.ndarray]:
+def at_speed(robot: Engine, states: MotionStates, row: Quantity, order: int, c: float = 1.0) -> list[np.ndarray]:
     """A quantity of the joints and its rates up to an order at c times the speed."""
     return of_joints(robot.mechanism, states.upto(row, order).scaled(c).compute(robot, row.name), row)
 

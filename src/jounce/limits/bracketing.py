@@ -60,11 +60,8 @@ def bracketed_factor(b: Bounded) -> tuple[float, Place]:
         low, high = (high / 2, high) if worst_at(b, high / 2)[0] <= 1 else (0.0, high / 2)
     if not low:
         raise JounceError(f"no factor of speed down to {high:.1g} keeps the limits; with_limits states others")
-    factor = float(
-        brentq(
-            lambda c: worst_at(b, c)[0] - 1, low, high, xtol=_SPEED_FACTOR_TOLERANCE * low, rtol=_SPEED_FACTOR_TOLERANCE
-        )
-    )
+    relative = _SPEED_FACTOR_TOLERANCE
+    factor = float(brentq(lambda c: worst_at(b, c)[0] - 1, low, high, xtol=relative * low, rtol=relative))
     return factor, worst_at(b, factor)[1]
 
 
@@ -74,8 +71,7 @@ def worst_at(b: Bounded, factor: float) -> tuple[float, Place]:
     found = []
     for (kind, sign), ratio in worst.ratios.items():
         j = int(np.argmax(ratio))
-        t = b.motion.start + (worst.t[kind, sign][j] - b.motion.start) * factor
-        found.append((float(ratio[j]), (kind, j, float(t))))
+        found.append((float(ratio[j]), (kind, j, float(b.given_times(worst.t[kind, sign][j], factor)))))
     return max(found)
 
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jounce.limits.bounded import Bounded
-from jounce.limits.pieces import Pieces, hull
+from jounce.limits.pieces import Pieces, hull, values_at
 from jounce.limits.ratios import SIGNS
 from jounce.limits.search import largest, root
 from jounce.model.kinds import KINDS
@@ -49,7 +49,9 @@ def peaks_of(b: Bounded, pieces: Pieces, floor: Callable[[Pieces, str, int], np.
                 continue
             # Samples between which the slope changes its sign, and the tangents meet above the floor.
             near = c[:, i, j]
-            y, slope = (sign * _on_grid(x, u) for x in (near, near[:-1] * np.arange(len(c) - 1, 0, -1)[:, None]))
+            y, slope = (
+                sign * values_at(x, u[:, None]) for x in (near, near[:-1] * np.arange(len(c) - 1, 0, -1)[:, None])
+            )
             inner = (slope[:-1] > 0) & (slope[1:] <= 0)
             tangents = np.maximum(
                 y[:-1] + slope[:-1] / (_SAMPLES_PER_PIECE - 1), y[1:] - slope[1:] / (_SAMPLES_PER_PIECE - 1)
@@ -109,11 +111,3 @@ def picked(b: Bounded, t: np.ndarray, kind: np.ndarray, joint: np.ndarray, deriv
         mine = np.flatnonzero(kind == name)
         found[mine] = known[KINDS[name].derivative + derivative][mine, joint[mine]]
     return found
-
-
-def _on_grid(c: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """The values (grid, C) of polynomials with coefficients (degree + 1, C)."""
-    value = np.zeros((len(u), c.shape[1]))
-    for coefficient in c:
-        value = value * u[:, None] + coefficient
-    return value

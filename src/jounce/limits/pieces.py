@@ -12,6 +12,7 @@ from itertools import pairwise
 from math import comb
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 
 from jounce.limits.bounded import HERMITE_DERIVATIVES, Bounded, Series, Span
 from jounce.limits.friction import friction_of
@@ -71,18 +72,13 @@ class Pieces:
         return Pieces(self.start[which], self.stop[which], left, right, polynomials, missed)
 
 
-def parts_of(b: Bounded) -> list[tuple[Bounded, Span]]:
+def parts_of(b: Bounded) -> Iterator[tuple[Bounded, Span]]:
     """The motion between the ends of windows, with the kinds that are known well there."""
     edges = np.unique([b.whole, *map(b.window, b.kinds)])
-    spans = [(float(a), float(z)) for a, z in pairwise(edges)] or [b.whole]
-    parts = [
-        (
-            b.of_kinds([kind for kind in b.kinds if b.window(kind)[0] <= start and stop <= b.window(kind)[1]]),
-            (start, stop),
-        )
-        for start, stop in spans
-    ]
-    return [(part, span) for part, span in parts if part.kinds]
+    for start, stop in pairwise(edges.tolist()) if len(edges) > 1 else [b.whole]:
+        known = [kind for kind in b.kinds if b.window(kind)[0] <= start and stop <= b.window(kind)[1]]
+        if known:
+            yield b.of_kinds(known), (start, stop)
 
 
 def pieces_of(b: Bounded) -> Iterator[Pieces]:
@@ -112,13 +108,11 @@ def part_pieces(b: Bounded, span: Span) -> Iterator[Pieces]:
 
 def knots_of(b: Bounded, span: Span) -> tuple[np.ndarray, np.ndarray]:
     """The times of a motion and of its breaks in a span, with its ends, and which of them are breaks."""
-    motion, order, (start, stop) = b.motion, b.rate_order, span
-    breaks = [found.t for found in motion.breaks_to(order)]
+    motion, (start, stop) = b.motion, span
+    breaks = [found.t for found in motion.breaks_to(b.rate_order)]
     for curve in motion.loads.values():
-        known = curve.highest
-        breaks += [
-            jump.t for jump in curve.jumps(HERMITE_DERIVATIVES if known is None else min(HERMITE_DERIVATIVES, known))
-        ]
+        order = HERMITE_DERIVATIVES if curve.highest is None else min(HERMITE_DERIVATIVES, curve.highest)
+        breaks += [jump.t for jump in curve.jumps(order)]
     jumps = np.unique([t for t in breaks if start < t <= stop])
     every = np.unique([start, *motion.times[(motion.times > start) & (motion.times < stop)], stop])
     if b.forces and (friction := friction_of(b.robot.mechanism)) and not b.robot.mechanism.closure:
@@ -241,11 +235,8 @@ def _joined(parts: list[Pieces]) -> Pieces:
 
 
 def values_at(c: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """The values (K, n) of polynomials at a u of each piece, (K, 1), or of all."""
-    value = c[0]
-    for coefficient in c[1:]:
-        value = value * u + coefficient
-    return value
+    """The values of polynomials with coefficients (degree + 1, ...), highest power first, at u that broadcast."""
+    return np.asarray(polyval(u, c[::-1], tensor=False))
 
 
 def hull(c: np.ndarray) -> np.ndarray:

@@ -242,7 +242,7 @@ def _friction(robot: Engine) -> Friction | None:
     rubs = np.flatnonzero(friction.ratios.any(axis=0))
     if passive := [joint_names(m)[j] for j in rubs if joint_names(m)[j] not in m.coordinates]:
         raise JounceError(
-            f"retime does not support Coulomb friction of joints that follow others in closed loops ({listed(passive)});"
-            " omit it, robot.with_drives(['armature', 'damping', 'spring']), and check the result with it"
+            f"retime does not support Coulomb friction of joints that follow others in closed loops ({listed(passive)}"
+            "); omit it, robot.with_drives(['armature', 'damping', 'spring']), and check the result with it"
         )
     return friction

@@ -12,11 +12,12 @@ springs are polynomials of degree 2, 3 and 4, which as many values and one more 
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 
 from jounce.dynamics.quantities import FORCES
 from jounce.engine.closed_path import named_by_time
 from jounce.engine.motion_states import MotionStates, Side
-from jounce.limits.bounded import Bounded, gravity, quantities_of
+from jounce.limits.bounded import Bounded, at_speed, gravity, quantities_of
 from jounce.limits.joints import in_columns, joint_rates
 from jounce.model.kinds import KINDS, MOTION_KINDS, MOTOR_KINDS
 
@@ -55,7 +56,7 @@ def _parts(b: Bounded, states: MotionStates, order: int) -> list[Parts]:
     """S, V, D and their derivatives along the motion up to an order."""
 
     def at(c: float) -> list[np.ndarray]:
-        return b.quantity(states, b.efforts.name, order, c)
+        return at_speed(b.robot, states, b.row(b.efforts.name), order, c)
 
     static, one, back = at(0.0)[0], at(1.0), at(-1.0)
     two, far_back = (at(2.0), at(-2.0)) if order else ([], [])
@@ -75,7 +76,7 @@ def _of_motors(b: Bounded, kind: str, states: MotionStates) -> np.ndarray:
     c = [(-1) ** (i + 1) * ((i + 1) // 2) for i in range(count)]
     values = []
     for speed in c:
-        known = {name: b.quantity(states, name, order, float(speed)) for name, order in orders.items()}
+        known = {name: at_speed(b.robot, states, b.row(name), k, float(speed)) for name, k in orders.items()}
         values.append(b.of_motor(kind, known)[KINDS[kind].rate])
     found = np.tensordot(np.linalg.inv(np.vander(c, increasing=True)), np.stack(values), axes=1)
     return in_columns(b.robot.mechanism, [found], FORCES)[0]
@@ -94,14 +95,8 @@ def positive_roots(f: np.ndarray) -> np.ndarray:
     with np.errstate(all="ignore"):
         real = (np.abs(z.imag) <= 1e-9 * np.abs(z)) & (z.real > 0)
         c = np.where(real, 1 / z.real, np.inf)
-        value, slope = _value(f, c), _value(f[1:] * np.arange(1, degree + 1)[:, None], c)
+        slopes = f[1:] * np.arange(1, degree + 1)[:, None]
+        value, slope = (polyval(c, x[..., None], tensor=False) for x in (f, slopes))
         step = value / slope
         c = np.where(np.isfinite(step) & (np.abs(step) < 1e-6 * c), c - step, c)
     return np.sort(c, axis=1)
-
-
-def _value(f: np.ndarray, c: np.ndarray) -> np.ndarray:
-    value = np.zeros_like(c)
-    for coefficient in f[::-1]:
-        value = value * c + coefficient[:, None]
-    return value

@@ -138,8 +138,7 @@ def _beyond_windows(b: Bounded, factor: float) -> Place | None:
     for (kind, sign), spans in worst.spans.items():
         for j, found in enumerate(spans):
             if found:
-                t = b.motion.start + (float(worst.t[kind, sign][j]) - b.motion.start) * factor
-                return kind, j, t
+                return kind, j, float(b.given_times(worst.t[kind, sign][j], factor))
     return None
 
 
@@ -193,7 +192,7 @@ def times_beyond(b: Bounded, factor: float) -> np.ndarray:
     """When, between samples too, the motion at a factor of speed is farthest beyond limits, in the given motion."""
     worst = worst_of(b, factor)
     found = [worst.t[side][ratio > 1 + _BINDING_RATIO_TOLERANCE] for side, ratio in worst.ratios.items()]
-    return np.asarray(b.motion.start + (np.unique(np.concatenate(found)) - b.motion.start) * factor)
+    return np.asarray(b.given_times(np.unique(np.concatenate(found)), factor))
 
 
 def _refuse_jumps(b: Bounded, breaks: Sequence[ForceBreak]) -> None:

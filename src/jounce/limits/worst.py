@@ -101,18 +101,17 @@ class Worst:
         b, names = self.b, self.b.robot.joint_names
         own = found.joint if isinstance(found.joint, str) else names[found.joint]
         several = next((x for x in positions(b.robot.mechanism.tree).values() if own in x.names), None)
+        if several is None and not b.follow:
+            return {b.joints.index(own): found.jump}
+        t = np.array([found.t])
+        after, before = (b.rates(t, found.order, side)[found.order][0] for side in ("right", "left"))
+        jump = after - before
         if several is not None:  # one of its numbers jumps: its velocities show which of them do
-            t, columns = np.array([found.t]), range(len(b.joints))[several.coordinates]
-            after, before = (b.rates(t, found.order, side)[found.order][0] for side in ("right", "left"))
-            return {j: float(after[j] - before[j]) for j in columns if abs(after[j] - before[j]) > LIMIT_TOLERANCE}
-        jumps = {b.joints.index(own): found.jump}
-        if b.follow:
-            t = np.array([found.t])
-            after, before = (b.rates(t, found.order, side)[found.order][0] for side in ("right", "left"))
-            size = np.abs(after - before)
-            follow = [j for j, name in enumerate(b.joints) if name not in names]
-            jumps |= {j: float(after[j] - before[j]) for j in follow if size[j] > LIMIT_TOLERANCE * size.max()}
-        return jumps
+            columns = range(len(b.joints))[several.coordinates]
+            return {j: float(jump[j]) for j in columns if abs(jump[j]) > LIMIT_TOLERANCE}
+        follow = [j for j, name in enumerate(b.joints) if name not in names]
+        least = LIMIT_TOLERANCE * np.abs(jump).max()
+        return {b.joints.index(own): found.jump} | {j: float(jump[j]) for j in follow if abs(jump[j]) > least}
 
     def _jump(self, kind: str, j: int, t: float, jump: float, either: bool) -> None:
         """Count a jump of a lower rate as an infinite value of a kind: of its sign, or of either one."""

@@ -23,7 +23,7 @@ SUFFIX = ".xml"  # of the files that it reads itself
 _PLACEHOLDER_INERTIA = 1.0, [0.1, 0.2, 0.3], [0.5, -0.5, 0.1, 0.7], [0.2, 0.3, 0.4]
 
 
-def of_file(mechanism: Mechanism, path: Path) -> Peer:
+def read_peer(mechanism: Mechanism, path: Path) -> Peer:
     """The model of an MJCF file."""
     import mujoco
 
@@ -32,7 +32,7 @@ def of_file(mechanism: Mechanism, path: Path) -> Peer:
     return _peer(mujoco, mechanism, model, OWN_READING)
 
 
-def of_data(mechanism: Mechanism) -> Peer:
+def build_peer(mechanism: Mechanism) -> Peer:
     """The model of our data."""
     import mujoco
 
