@@ -79,7 +79,7 @@ def densest(robot: Robot, found: Retiming) -> float:
 def last_grid(robot: Robot, motion: Motion, found: Retiming) -> Grid:
     """The grid of the spline of a result."""
     problem = problem_of(robot, motion, 1 - MARGIN)
-    return Grid.of(problem, len(np.unique(found.law.x.t)) - 1, SPEED_CAPS[0])
+    return Grid.build(problem, len(np.unique(found.law.x.t)) - 1, SPEED_CAPS[0])
 
 
 def ipopt(grid: Grid, points: slice | np.ndarray | None = None) -> float:
@@ -87,7 +87,7 @@ def ipopt(grid: Grid, points: slice | np.ndarray | None = None) -> float:
     import casadi as ca
 
     basis, some = grid.basis, slice(None, grid.count, EVERY) if points is None else points
-    at, rows = grid.at.taken(some), grid.rows.taken(some)
+    at, rows = grid.at.select(some), grid.rows.select(some)
     scale = (START_SPEED_SHARE * grid.uniform) ** 2
     c = ca.MX.sym("c", basis.count)
 

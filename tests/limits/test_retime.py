@@ -152,7 +152,7 @@ def test_splines_are_refined_exactly_whatever_the_duration():
         coarse, fine = (Basis(start, start + duration, intervals) for intervals in (6, 12))
         c = rng.uniform(0.5, 1.5, coarse.count)
         sigma = np.linspace(start, start + duration, 41)
-        found = fine.spline(fine.through(coarse.spline(c)))(sigma)
+        found = fine.spline(fine.refine(coarse.spline(c)))(sigma)
         np.testing.assert_allclose(found, coarse.spline(c)(sigma), rtol=1e-11)
 
 
@@ -236,9 +236,9 @@ def test_the_program_finds_what_ipopt_finds():
 
     del casadi
     robot = UR5.with_limits(effort_rate=10 * UR5.limits.effort)
-    grid = Grid.of(problem_of(robot, move(robot), 0.99), 20, 20.0)
+    grid = Grid.build(problem_of(robot, move(robot), 0.99), 20, 20.0)
     inner = grid.inner(np.ones(grid.basis.count))
-    c = grid.solved(inner, inner, 1.0)
+    c = grid.solve(inner, inner, 1.0)
     assert grid.basis.duration(c) == pytest.approx(ipopt(grid), rel=2e-3)
 
 
@@ -257,9 +257,9 @@ def test_the_program_stops_at_the_gap_that_the_page_states(robot, limits):
     pytest.importorskip("casadi")
     from benchmarks.retime import ipopt
 
-    grid = Grid.of(problem_of(robot.with_limits(**limits), move(UR5, 2), 0.99), 20, 20.0)
+    grid = Grid.build(problem_of(robot.with_limits(**limits), move(UR5, 2), 0.99), 20, 20.0)
     points = slice(None, grid.count, GRID_POINTS_PER_POINT)
-    program = Program(grid.basis, grid.at.taken(points), grid.rows.taken(points), grid.free)
+    program = Program(grid.basis, grid.at.select(points), grid.rows.select(points), grid.free)
     best, inner = ipopt(grid, points), grid.inner(np.ones(grid.basis.count))
 
     def gap(share, first):

@@ -89,9 +89,9 @@ def test_the_fastest_time_law_keeps_the_line_and_is_that_of_ipopt(robot, limits)
     assert "stall_effort" in {stretch.limit for stretch in found.binding}
     free = robot.with_limits(stall_effort=np.inf)
     assert shares(robot, free.retime(motion).motion, 501).max() > 1.1
-    grid = Grid.of(problem_of(robot, motion, 0.99), 20, 20.0)
+    grid = Grid.build(problem_of(robot, motion, 0.99), 20, 20.0)
     points = slice(None, grid.count, GRID_POINTS_PER_POINT)
-    program = Program(grid.basis, grid.at.taken(points), grid.rows.taken(points), grid.free)
+    program = Program(grid.basis, grid.at.select(points), grid.rows.select(points), grid.free)
     c = fastest(program, grid.inner(np.ones(grid.basis.count)), DUALITY_GAP)
     assert -1e-7 < grid.basis.duration(c) / ipopt(grid, points) - 1 < STATED_GAP
 

@@ -86,7 +86,7 @@ def positions_of_rows(robot: Engine, t: np.ndarray, rates: Sequence[np.ndarray],
     q = closing.close_loops(m, rates[0], q, step)
     closed = ClosedCurve(m, Hermite(t, tuple(rates)), step)
     both = closed.rates_of(q, rates)
-    for i in np.flatnonzero(~closed.agreeing(States(t, q, both, both))):
+    for i in np.flatnonzero(~closed.find_agreeing(States(t, q, both, both))):
         off = np.abs((closed.path(t[i : i + 2], q[i]).q[-1] - q[i + 1]) / newton.scales(m).coordinates)
         if off.max() > _BRANCH_TOLERANCE:
             joint = closure_of(m).coordinates[int(off.argmax())]

@@ -46,7 +46,7 @@ class States:
     after: np.ndarray
     before: np.ndarray
 
-    def taken(self, which: slice) -> "States":
+    def select(self, which: slice) -> "States":
         """Some of them."""
         return States(self.t[which], self.q[which], self.after[:, which], self.before[:, which])
 
@@ -93,7 +93,7 @@ class ClosedCurve:
         known = [*rates, *[0 * rates[0]] * (_COORDINATE_RATES.rates - len(rates))]
         return np.stack(compute_by_method(_COORDINATE_RATES, "recursion", self.m, [*known, q[:, self.dependent]])[1:])
 
-    def agreeing(self, s: States) -> np.ndarray:
+    def find_agreeing(self, s: States) -> np.ndarray:
         """Which neighbours, (K - 1,), are on one branch, by their rates, or are apart because q itself jumps."""
         sizes = newton.scales(self.m).coordinates[self.dependent]
         x, h = s.q[:, self.dependent] / sizes, np.diff(s.t)[:, None]
@@ -118,7 +118,7 @@ class ClosedCurve:
         done, todo, size = [self.states(t[:1], start)], t[1:], _MAX_STATES_AT_ONCE
         while todo.size:
             # As many times together as lie within the first step that Newton's method is trusted with.
-            last = done[-1].taken(slice(-1, None))
+            last = done[-1].select(slice(-1, None))
             far = np.abs(self.curve.rates(todo[:size], 0)[0] - last.q[:, self.own]) > reach
             part = todo[: max(1, *np.flatnonzero(far.any(axis=1))[:1])] if far.any() else todo[:size]
             try:
@@ -126,10 +126,10 @@ class ClosedCurve:
             except JounceError:
                 found = None
             # Keep the states up to the first that does not agree with its predecessor.
-            agrees = np.zeros(1, dtype=bool) if found is None else self.agreeing(joined([last, found]))
+            agrees = np.zeros(1, dtype=bool) if found is None else self.find_agreeing(joined([last, found]))
             count = len(agrees) if agrees.all() else int(agrees.argmin())
             if found is not None and count:
-                done.append(found.taken(slice(0, count)))
+                done.append(found.select(slice(0, count)))
                 todo = todo[count:]
             elif len(part) == 1:  # the next one alone does not agree: look halfway, or give up
                 if part[0] - last.t[0] < longest / 2 ** (_MAX_BRANCH_HALVINGS if found else _MAX_CLOSING_HALVINGS):

@@ -70,7 +70,7 @@ def within(program: Program, c: np.ndarray) -> np.ndarray | None:
         if excess < -_MIN_BOUND_DISTANCE:
             return c
         # Bounds so wide that c is strictly within them, and a few steps towards their centre.
-        wider = program.rows.relaxed(max(1.05 * excess, 0.0) + 20 * _MIN_BOUND_DISTANCE)
+        wider = program.rows.widen(max(1.05 * excess, 0.0) + 20 * _MIN_BOUND_DISTANCE)
         relaxed = Program(program.basis, program.at, wider, program.free)
         mu = _CENTRING_WEIGHT * program.basis.duration(c) / wider.factors[:, :, 0].size
         now = _iterate(relaxed, c, mu)

@@ -28,7 +28,7 @@ class Local:
     values: np.ndarray
     count: int
 
-    def taken(self, points: np.ndarray | slice) -> "Local":
+    def select(self, points: np.ndarray | slice) -> "Local":
         """The same at some of the points."""
         return Local(self.index[points], self.values[points], self.count)
 
@@ -82,7 +82,7 @@ class Basis:
 
         return BSpline(self.knots, c, _TIME_LAW_DEGREE, extrapolate=False)
 
-    def through(self, spline: "BSpline") -> np.ndarray:
+    def refine(self, spline: "BSpline") -> np.ndarray:
         """The coefficients of a spline of fewer intervals, each of which is several of these."""
         from scipy.interpolate import make_interp_spline
 
@@ -90,7 +90,7 @@ class Basis:
         greville = greville.clip(self.first, self.last)  # means of equal knots are off by rounding
         return make_interp_spline(greville, spline(greville), k=_TIME_LAW_DEGREE, t=self.knots).c
 
-    def at(self, sigma: np.ndarray) -> Local:
+    def evaluate(self, sigma: np.ndarray) -> Local:
         """The B-splines at points."""
         from scipy.interpolate import BSpline
 
@@ -126,4 +126,4 @@ class Basis:
         ends = self.knots[_TIME_LAW_DEGREE:-_TIME_LAW_DEGREE]
         half = np.diff(ends)[:, None] / 2
         sigma = ends[:-1, None] + half * (1 + u)
-        return self.at(sigma.ravel()), (half * w).ravel()
+        return self.evaluate(sigma.ravel()), (half * w).ravel()

@@ -51,7 +51,7 @@ class Bounded:
         """The times between which a kind of limit is known well."""
         return self.windows.get(kind, self.whole)
 
-    def of_kinds(self, kinds: Collection[str]) -> "Bounded":
+    def select_kinds(self, kinds: Collection[str]) -> "Bounded":
         """The same motion and some of the kinds."""
         return replace(self, kinds=tuple(kind for kind in self.kinds if kind in kinds))
 
@@ -161,7 +161,9 @@ class Bounded:
                 return found
             values = {name: at_speed(self.robot, states, self.row(name), k) for name, k in self.orders.items()}
             found |= {
-                kind: in_columns(m, self.of_motor(kind, values), FORCES) for kind in MOTOR_KINDS if kind in self.kinds
+                kind: in_columns(m, self.motor_values(kind, values), FORCES)
+                for kind in MOTOR_KINDS
+                if kind in self.kinds
             }
             if self.efforts.name not in values:
                 return found
@@ -187,7 +189,7 @@ class Bounded:
         rows = [(self.row(name), order) for name, order in orders.items()]
         return MotionStates.sample(self.robot, self.motion, t, rows, side, rates)
 
-    def of_motor(self, kind: str, values: Mapping[str, list[np.ndarray]]) -> list[np.ndarray]:
+    def motor_values(self, kind: str, values: Mapping[str, list[np.ndarray]]) -> list[np.ndarray]:
         """What a limit of motors bounds, with rates, of positions and torques; 0 for motors without data."""
         e = self.robot.mechanism.elasticity
         assert e is not None  # else `known_kinds` has no limits of motors

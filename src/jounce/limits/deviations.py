@@ -61,7 +61,7 @@ def _of_motors(b: Bounded, t: np.ndarray) -> Deviations:
         if kind in b.kinds:
             spread = {name: _along(b, t, b.row(name), k)[0] for name, k in quantities_of(b.robot, kind).items()}
             if all(spread.values()):
-                of_motor = b.of_motor(kind, spread)[KINDS[kind].rate]
+                of_motor = b.motor_values(kind, spread)[KINDS[kind].rate]
                 [found[kind]] = in_columns(b.robot.mechanism, [np.abs(of_motor)], FORCES)
     return found
 

@@ -33,7 +33,7 @@ class Feasible:
         for which in (np.equal, np.not_equal):  # some states first, which bound the others
             for times, states in parts:
                 some = which(np.arange(len(times)) % stride, 0)
-                self._take({kind: c[:, some] for kind, c in states.items()}, times[some])
+                self._add_states({kind: c[:, some] for kind, c in states.items()}, times[some])
 
     def add(self, t: np.ndarray) -> None:
         """Add the states at some times, (N,)."""
@@ -42,9 +42,9 @@ class Feasible:
             if some.size:
                 found = polynomials(part, some)
                 refuse_static(part, found, some)
-                self._take(found, some)
+                self._add_states(found, some)
 
-    def _take(self, states: Polynomials, t: np.ndarray) -> None:
+    def _add_states(self, states: Polynomials, t: np.ndarray) -> None:
         self.states.append(states)
         highest = self.ceiling
         for kind, c in states.items():

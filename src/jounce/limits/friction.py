@@ -96,7 +96,7 @@ class FrictionAlong:
     rates: tuple[np.ndarray, ...]
     kinds: tuple[str, ...]
 
-    def taken(self, points: np.ndarray | slice) -> "FrictionAlong":
+    def select(self, points: np.ndarray | slice) -> "FrictionAlong":
         """The friction at some of the points."""
         return replace(self, rates=tuple(rate[:, points] for rate in self.rates))
 
@@ -116,8 +116,8 @@ class FrictionAlong:
     def products(self, jet: np.ndarray) -> np.ndarray:
         """The products (M, N) at jets (4, N)."""
         known = pace.products(jet)
-        bent = self._bent(known[pace.S1])
-        return np.concatenate(self._found(bent, lambda terms: sum(c * known[k] for k, c in terms.items())))
+        bent = self._tanh_derivatives(known[pace.S1])
+        return np.concatenate(self._evaluate(bent, lambda terms: sum(c * known[k] for k, c in terms.items())))
 
     def derivatives(self, jet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gradients (M, 4, N) and Hessians (M, 4, 4, N) of the products."""
@@ -131,15 +131,15 @@ class FrictionAlong:
 
         velocity = combined({pace.S1: self.rates[0]})
         outer = velocity.first[:, :, None] * velocity.first[:, None]
-        bent = [x[:, None] for x in self._bent(values[pace.S1])]
+        bent = [x[:, None] for x in self._tanh_derivatives(values[pace.S1])]
         smooth = [
             Smooth(x[:, 0], slope * velocity.first, curvature[:, None] * outer + slope[:, None] * velocity.second)
             for x, slope, curvature in zip(bent, bent[1:], bent[2:], strict=False)
         ]
-        found = self._found(smooth, combined)
+        found = self._evaluate(smooth, combined)
         return np.concatenate([x.first for x in found]), np.concatenate([x.second for x in found])
 
-    def _bent(self, speed: np.ndarray) -> list[np.ndarray]:
+    def _tanh_derivatives(self, speed: np.ndarray) -> list[np.ndarray]:
         """tanh(w theta' s1) and its first four derivatives by theta' s1."""
         w = self.friction.slope
         y = np.tanh(w * self.rates[0] * speed)
@@ -147,7 +147,7 @@ class FrictionAlong:
         bent = [y, slope, -2 * y * slope, slope * (6 * y * y - 2), slope * y * (16 - 24 * y * y)]
         return [w**k * x for k, x in enumerate(bent)]
 
-    def _found(self, bent: list[Any], combined: Callable[[Terms], Any]) -> list[Any]:
+    def _evaluate(self, bent: list[Any], combined: Callable[[Terms], Any]) -> list[Any]:
         """The products by kind, as arrays or `Smooth`, of derivatives of tanh and of what sums of products are."""
         q, found = self.rates, []
         for kind in self.kinds:

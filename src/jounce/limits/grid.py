@@ -41,16 +41,16 @@ class Grid:
     reach: float  # times as fast as this is the highest speed
 
     @classmethod
-    def of(cls, problem: Problem, intervals: int, reach: float, uniform: float | None = None) -> "Grid":
+    def build(cls, problem: Problem, intervals: int, reach: float, uniform: float | None = None) -> "Grid":
         """The grid with a number of intervals; the path is checked where the uniform speed is not known yet."""
         basis = Basis(problem.motion.start, problem.motion.stop, intervals)
         sigma, count = problem.points(GRID_POINTS_PER_INTERVAL * intervals + 1)
         path = problem.path(sigma, count)
         if uniform is None:
             check_path(problem, sigma, path)
-            uniform = 1.0 if any(problem.moving) else problem.uniform(path)
+            uniform = 1.0 if any(problem.moving) else problem.uniform_speed(path)
         rows = problem.rows(path, reach * uniform)
-        return cls(problem, basis, sigma, count, path, basis.at(sigma), rows, uniform, reach)
+        return cls(problem, basis, sigma, count, path, basis.evaluate(sigma), rows, uniform, reach)
 
     @property
     def free(self) -> np.ndarray:
@@ -66,36 +66,36 @@ class Grid:
         program = Program(self.basis, self.at, self.rows, self.free)
         found = within(program, c)
         if found is None:
-            raise self._impossible(program, c)
+            raise self._infeasible_error(program, c)
         return found
 
-    def solved(self, c: np.ndarray, inner: np.ndarray, first: float) -> np.ndarray:
+    def solve(self, c: np.ndarray, inner: np.ndarray, first: float) -> np.ndarray:
         """The coefficients of the fastest spline within all limits, between the points too, from some others."""
         chosen = np.zeros(len(self.rows.factors), dtype=bool)
         chosen[: self.count : GRID_POINTS_PER_POINT] = chosen[self.count - 1 :] = True
         for _ in range(_MAX_ADDED_ROUNDS):
-            program = Program(self.basis, self.at.taken(chosen), self.rows.taken(chosen), self.free)
+            program = Program(self.basis, self.at.select(chosen), self.rows.select(chosen), self.free)
             c = fastest(program, drawn(c, inner, program.feasible), DUALITY_GAP, first)
             # Exchange: the rows that peak beyond their bounds between the points join the program.
             peaks = _peaks(self.rows.excess(self.at.jets(c))[: self.count], _MAX_EXCESS_BETWEEN_POINTS)
             if not peaks.size:
                 break
             chosen[peaks], first = True, WARM_START_GAP
-        return self._held(c, inner)
+        return self._draw_within(c, inner)
 
-    def _held(self, c: np.ndarray, inner: np.ndarray) -> np.ndarray:
+    def _draw_within(self, c: np.ndarray, inner: np.ndarray) -> np.ndarray:
         """The coefficients, drawn to those well within the limits by what these are exceeded between the points."""
         near = self.rows.excess(self.at.jets(c)).max(axis=1) > -_RECHECKED_DISTANCE
-        looked = [(self.rows.taken(near), self.at.taken(near))]
+        looked = [(self.rows.select(near), self.at.select(near))]
         for _ in range(_MAX_ADDED_ROUNDS):
             c = drawn(c, inner, lambda c: all(bool((rows.excess(at.jets(c)) <= 0).all()) for rows, at in looked))
-            sigma = self._tops(c)
+            sigma = self._find_tops(c)
             if not sigma.size:
                 break
-            looked.append((self.problem.rows_at(sigma, self.reach * self.uniform), self.basis.at(sigma)))
+            looked.append((self.problem.rows_at(sigma, self.reach * self.uniform), self.basis.evaluate(sigma)))
         return c
 
-    def _tops(self, c: np.ndarray) -> np.ndarray:
+    def _find_tops(self, c: np.ndarray) -> np.ndarray:
         """Where rows peak above their limits between the points, by parabolas through three of these each."""
         sigma = self.sigma[: self.count]
         excess, step = self.rows.excess(self.at.jets(c))[: self.count], np.diff(sigma)[:, None]
@@ -106,7 +106,7 @@ class Grid:
             above = (rise[:-1] > 0) & (rise[1:] < 0) & (value - slope**2 / (2 * bend) > _MAX_EXCESS_BETWEEN_POINTS / 10)
             return np.unique((sigma[1:-1, None] - slope / bend)[above])
 
-    def _impossible(self, program: Program, c: np.ndarray) -> JounceError:
+    def _infeasible_error(self, program: Program, c: np.ndarray) -> JounceError:
         """The error where the speed of the motion at its ends, which remains, leaves no time law within the limits."""
         excess = program.rows.excess(program.at.jets(c))
         point, row = np.unravel_index(excess.argmax(), excess.shape)
@@ -118,7 +118,7 @@ class Grid:
             " expected a motion from rest to rest, or a slower one: motion.scaled(2)"
         )
 
-    def bounded(self, c: np.ndarray) -> bool:
+    def is_bounded(self, c: np.ndarray) -> bool:
         """Whether the limits decide the speed along nearly all of the path, and not the highest speed."""
         way = np.abs(self.path.q[1][: self.count]).sum(axis=1) * np.gradient(self.sigma[: self.count])
         x = self.at.jets(c)[0, : self.count]

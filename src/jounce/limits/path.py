@@ -49,7 +49,7 @@ class Path:
     g: list[np.ndarray]
     gravity: list[np.ndarray]
 
-    def joined(self, other: "Path") -> "Path":
+    def join_points(self, other: "Path") -> "Path":
         """The path at the points of both."""
         parts = (
             [np.concatenate(pair) for pair in zip(mine, theirs, strict=True)]

@@ -80,7 +80,7 @@ def _placed(
     def value(t: np.ndarray) -> np.ndarray:
         return picked(b, t, kind, joint, 0)
 
-    series = b.of_kinds(set(kind.tolist())).series(low[:1])
+    series = b.select_kinds(set(kind.tolist())).series(low[:1])
     known = np.array([len(series[k]) > KINDS[k].derivative + 1 for k in kind.tolist()])
     t, places = np.empty(len(low)), np.flatnonzero(known)
     if places.size:
@@ -105,7 +105,7 @@ def _placed(
 
 def picked(b: Bounded, t: np.ndarray, kind: np.ndarray, joint: np.ndarray, derivative: int) -> np.ndarray:
     """What limits bound, of one kind and joint at each time, or a derivative of it."""
-    series = b.of_kinds(set(kind.tolist())).series(t)
+    series = b.select_kinds(set(kind.tolist())).series(t)
     found = np.empty(len(t))
     for name, known in series.items():
         mine = np.flatnonzero(kind == name)

@@ -63,7 +63,7 @@ class Pieces:
         """How long they last, (K, 1)."""
         return (self.stop - self.start)[:, None]
 
-    def taken(self, which: np.ndarray) -> "Pieces":
+    def select(self, which: np.ndarray) -> "Pieces":
         """Some of the pieces."""
         left, right, missed = (
             {kind: x[which] for kind, x in values.items()} for values in (self.left, self.right, self.missed)
@@ -78,7 +78,7 @@ def parts_of(b: Bounded) -> Iterator[tuple[Bounded, Span]]:
     for start, stop in pairwise(edges.tolist()) if len(edges) > 1 else [b.whole]:
         known = [kind for kind in b.kinds if b.window(kind)[0] <= start and stop <= b.window(kind)[1]]
         if known:
-            yield b.of_kinds(known), (start, stop)
+            yield b.select_kinds(known), (start, stop)
 
 
 def pieces_of(b: Bounded) -> Iterator[Pieces]:
@@ -143,8 +143,8 @@ def _between(b: Bounded, t: np.ndarray, left: Series, right: Series) -> Pieces:
     wrong = np.any([(missed[kind] > _HERMITE_TOLERANCE * scales[kind]).any(axis=1) for kind in b.kinds], axis=0)
     wrong |= any(len(series) == 1 for series in left.values())
     divisible = (start < middle) & (middle < stop)  # stamps since 1970 step by 2.4e-7 s
-    good = [half.taken(divisible & ~wrong) for half in halves]
-    return _joined([whole.taken(~divisible), *good, *_through(b, whole.taken(divisible & wrong), scales)])
+    good = [half.select(divisible & ~wrong) for half in halves]
+    return _joined([whole.select(~divisible), *good, *_through(b, whole.select(divisible & wrong), scales)])
 
 
 def _of_rates(start: np.ndarray, stop: np.ndarray, left: Series, right: Series) -> Pieces:
@@ -188,15 +188,15 @@ def _through(b: Bounded, pieces: Pieces, scales: Values) -> Iterator[Pieces]:
                 [(beyond[kind][wrong] > _ROUNDING_FACTOR * rounding[kind]).any(axis=1) for kind in b.kinds], axis=0
             )
         wrong &= (pieces.start < middle) & (middle < pieces.stop)
-        yield pieces.taken(~wrong)
+        yield pieces.select(~wrong)
         if not wrong.any():
             break
         if depth + 1 == _MAX_PIECE_SPLITS:
-            yield replace(pieces, missed=missed).taken(wrong)
+            yield replace(pieces, missed=missed).select(wrong)
             break
         first = replace(pieces, stop=middle, right=exact)
         second = replace(pieces, start=middle, left=exact)
-        pieces = _joined([first.taken(wrong), second.taken(wrong)])
+        pieces = _joined([first.select(wrong), second.select(wrong)])
 
 
 def _missed(pieces: Pieces, t: np.ndarray, values: Values) -> dict[str, np.ndarray]:
@@ -231,7 +231,7 @@ def _joined(parts: list[Pieces]) -> Pieces:
         found = [part.polynomials[kind] for part in parts if len(part.start)]
         degree = max(map(len, found))
         polynomials[kind] = np.concatenate([np.pad(c, ((degree - len(c), 0), (0, 0), (0, 0))) for c in found], axis=1)
-    return Pieces(start, stop, left, right, polynomials, missed).taken(np.argsort(start, kind="stable"))
+    return Pieces(start, stop, left, right, polynomials, missed).select(np.argsort(start, kind="stable"))
 
 
 def values_at(c: np.ndarray, u: np.ndarray) -> np.ndarray:

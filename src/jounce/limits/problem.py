@@ -64,7 +64,7 @@ class Problem:
         path = path_of(self.robot, self.motion, sigma[:count], self.order)
         for left in (True, False):
             if self.breaks.size:
-                path = path.joined(path_of(self.robot, self.motion, self.breaks, self.order, left))
+                path = path.join_points(path_of(self.robot, self.motion, self.breaks, self.order, left))
         return path
 
     def rows_at(self, sigma: np.ndarray, fastest: float) -> Rows:
@@ -75,7 +75,7 @@ class Problem:
         """The limits along a path, x below the square of `fastest`."""
         return rows_of(path, self.limits, self.share, fastest, self.friction)
 
-    def uniform(self, path: Path) -> float:
+    def uniform_speed(self, path: Path) -> float:
         """The speed of a uniform time law within all limits: of an interval of such speeds the fastest."""
         rows = self.rows(path, MAX_UNIFORM_SPEED)
 
@@ -89,14 +89,14 @@ class Problem:
         while feasible(1.1 * speed) and speed < MAX_UNIFORM_SPEED:
             speed *= 1.1
         if speed >= MAX_UNIFORM_SPEED or speed <= _MIN_UNIFORM_SPEED:
-            raise self.unbounded() if speed >= MAX_UNIFORM_SPEED else self._stuck(rows)
+            raise self.unbounded_error() if speed >= MAX_UNIFORM_SPEED else self._stuck_error(rows)
         low, high = speed, 1.1 * speed
         for _ in range(40):
             middle = (low + high) / 2
             low, high = (middle, high) if feasible(middle) else (low, middle)
         return low
 
-    def unbounded(self) -> JounceError:
+    def unbounded_error(self) -> JounceError:
         """The error where no limit keeps a path from being passed at any speed."""
         velocity = self.limits.bounds("velocity")
         free = [name for j, name in enumerate(joint_names(self.robot.mechanism)) if np.isinf(velocity[:, j]).all()]
@@ -106,7 +106,7 @@ class Problem:
             f"no limit bounds the speed along part of the path{missing}: state one with robot.with_limits(velocity=...)"
         )
 
-    def _stuck(self, rows: Rows) -> JounceError:
+    def _stuck_error(self, rows: Rows) -> JounceError:
         values = rows.uniform(0.0)
         values = np.maximum(values - rows.upper, rows.lower - values)
         point, row = np.unravel_index(values.argmax(), values.shape)

@@ -98,10 +98,10 @@ def retime(robot: Engine, motion: object, margin: object = 0.01) -> Retiming:
     problem = problem_of(robot, given, 1 - float(margin))  # type: ignore[arg-type]
     intervals = _resolving(robot, given)
     for reach in SPEED_CAPS:
-        grid, c = _fastest(Grid.of(problem, intervals, reach))
-        if grid.bounded(c):
+        grid, c = _fastest(Grid.build(problem, intervals, reach))
+        if grid.is_bounded(c):
             return _verified(robot, _result(grid, c), problem)
-    raise problem.unbounded()
+    raise problem.unbounded_error()
 
 
 def _verified(robot: Engine, found: Retiming, problem: Problem) -> Retiming:
@@ -137,13 +137,13 @@ def _resolving(robot: Engine, motion: Motion) -> int:
 def _fastest(grid: Grid) -> tuple[Grid, np.ndarray]:
     """The fastest spline, of as many intervals as pay."""
     inner = grid.inner(np.ones(grid.basis.count))
-    c = grid.solved(inner, inner, 1.0)
+    c = grid.solve(inner, inner, 1.0)
     while grid.basis.intervals < _MAX_TIME_LAW_INTERVALS:
         # The same splines on twice as many intervals, from which the finer problem starts.
-        finer = Grid.of(grid.problem, 2 * grid.basis.intervals, grid.reach, grid.uniform)
-        inner, coarse = (finer.basis.through(grid.basis.spline(x)) for x in (inner, c))
+        finer = Grid.build(grid.problem, 2 * grid.basis.intervals, grid.reach, grid.uniform)
+        inner, coarse = (finer.basis.refine(grid.basis.spline(x)) for x in (inner, c))
         inner = finer.inner(inner)
-        better = finer.solved(coarse, inner, WARM_START_GAP)
+        better = finer.solve(coarse, inner, WARM_START_GAP)
         before, after = grid.basis.duration(c), finer.basis.duration(better)
         if after < before:
             grid, c = finer, better

@@ -80,12 +80,12 @@ class Rows:
         values = self.values(np.where(possible, jet, 1.0))
         return np.where(possible[:, None], np.maximum(values - self.upper, self.lower - values), np.inf)
 
-    def taken(self, points: np.ndarray | slice) -> "Rows":
+    def select(self, points: np.ndarray | slice) -> "Rows":
         """The rows at some of the points."""
-        friction = self.friction and self.friction.taken(points)
+        friction = self.friction and self.friction.select(points)
         return replace(self, factors=self.factors[points], joints=self.joints[points], friction=friction)
 
-    def relaxed(self, by: float) -> "Rows":
+    def widen(self, by: float) -> "Rows":
         """The rows with wider bounds."""
         return replace(self, lower=self.lower - by, upper=self.upper + by)
 

@@ -77,7 +77,7 @@ def _of_motors(b: Bounded, kind: str, states: MotionStates) -> np.ndarray:
     values = []
     for speed in c:
         known = {name: at_speed(b.robot, states, b.row(name), k, float(speed)) for name, k in orders.items()}
-        values.append(b.of_motor(kind, known)[KINDS[kind].rate])
+        values.append(b.motor_values(kind, known)[KINDS[kind].rate])
     found = np.tensordot(np.linalg.inv(np.vander(c, increasing=True)), np.stack(values), axes=1)
     return in_columns(b.robot.mechanism, [found], FORCES)[0]
 

@@ -37,9 +37,9 @@ def _outside(b: Bounded) -> Iterator[tuple[Bounded, np.ndarray]]:
     before = {kind: start for kind, (start, _) in b.windows.items() if start > first}
     after = {kind: stop for kind, (_, stop) in b.windows.items() if stop < last}
     if before:
-        yield b.of_kinds(before), _times(b.of_kinds(before), [first, *before.values()])
+        yield b.select_kinds(before), _times(b.select_kinds(before), [first, *before.values()])
     if after:
-        yield b.of_kinds(after), _times(b.of_kinds(after), [*after.values(), last])
+        yield b.select_kinds(after), _times(b.select_kinds(after), [*after.values(), last])
 
 
 def _times(b: Bounded, ends: Sequence[float]) -> np.ndarray:

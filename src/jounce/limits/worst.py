@@ -57,7 +57,7 @@ class Worst:
     def _take_unresolved(self, pieces: Pieces) -> None:
         """Record where a polynomial and its error together reach a bound."""
         for kind, missed in pieces.missed.items():
-            coarse = pieces.taken(np.flatnonzero(missed.any(axis=1)))
+            coarse = pieces.select(np.flatnonzero(missed.any(axis=1)))
             ends = hull(coarse.polynomials[kind]) if len(coarse.start) else np.zeros((1, 0, missed.shape[1]))
             for sign in SIGNS:
                 reach = (sign * ends).max(axis=0) + coarse.missed[kind]

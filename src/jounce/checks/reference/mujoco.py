@@ -81,7 +81,7 @@ def _build(mujoco: Any, mechanism: Mechanism) -> Any:
 
 
 def _peer(mujoco: Any, mechanism: Mechanism, model: Any, source: str) -> Peer:
-    convert = Converter.of(mechanism, states.layout_of("mujoco", model))
+    convert = Converter.match(mechanism, states.layout_of("mujoco", model))
     for bit in ("CONSTRAINT", "ACTUATION", "SPRING", "DAMPER"):
         model.opt.disableflags |= getattr(mujoco.mjtDisableBit, f"mjDSBL_{bit}")
     model.opt.gravity[:] = mechanism.gravity

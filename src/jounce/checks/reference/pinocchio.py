@@ -105,7 +105,7 @@ def _depth_first(parent: Sequence[int], body: int = -1) -> Iterator[int]:
 
 
 def _peer(pin: Any, mechanism: Mechanism, model: Any, source: str) -> Peer:
-    data, convert = model.createData(), Converter.of(mechanism, states.layout_of("pinocchio", model))
+    data, convert = model.createData(), Converter.match(mechanism, states.layout_of("pinocchio", model))
 
     def forces(theta: Sequence[np.ndarray], base: object) -> np.ndarray:
         q, v, a = convert.state(theta, base)
