@@ -130,7 +130,7 @@ class _Sized:
         self.value, self.square = value, np.square(value) if square is None else square
 
     def __array_namespace__(self, **_: Any) -> SimpleNamespace:
-        return _NAMESPACE
+        return _SIZED_NAMESPACE
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -221,7 +221,7 @@ def _concatenate(arrays: Sequence[Any], axis: int) -> _Sized:
     return _Sized(np.concatenate([x.value for x in parts], axis), np.concatenate([x.square for x in parts], axis))
 
 
-_NAMESPACE = SimpleNamespace(
+_SIZED_NAMESPACE = SimpleNamespace(
     broadcast_to=lambda x, shape: _make_sized(x).map(lambda a: np.broadcast_to(a, shape)),
     concatenate=_concatenate,
     zeros_like=lambda x: x.map(np.zeros_like),

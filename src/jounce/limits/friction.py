@@ -76,9 +76,11 @@ class Friction:
 
         Its rates have peaks there as narrow as eps is small.
         """
+        # Zeros of velocities in units of eps, where tanh is not linear between neighbours of t.
         velocity = _velocity(motion, self.ratios.T * self.slope.T)
         turns, at, joint = _zeros(velocity, t, least=_TANH_RANGE[0])
         turn, low, high = (x[:, None] for x in (turns, t[at], t[at + 1]))
+        # Times at halves, quarters, ... of the way to both neighbours; those where tanh changes are kept.
         near = np.concatenate([turn - (turn - low) * _TURN_SHARES, turn + (high - turn) * _TURN_SHARES], axis=1)
         v = np.abs(velocity(near.ravel())[np.arange(near.size), np.repeat(joint, near.shape[1])]).reshape(near.shape)
         return np.concatenate([turns, near[(v >= _TANH_RANGE[0]) & (v <= _TANH_RANGE[1])]])

@@ -2,8 +2,10 @@
 
 Breaks of the motion are ends of pieces. Between two times of a motion the polynomials are those of the rates at both
 ends, quintic where two are known. Where they miss the exact value near the middle, or no rate is known, polynomials go
-through exact values inside, and a piece is split until they agree. A piece has the kinds of limits in whose windows it
-lies.
+through exact values at Chebyshev-Lobatto points (L. N. Trefethen, Approximation Theory and Approximation Practice,
+2013), and a piece is split until they agree to `PIECE_TOLERANCE` or to the rounding of the values. Pieces that still
+disagree after the last split keep how much they miss, which a check reports. A piece has the kinds of limits in whose
+windows it lies.
 """
 
 from collections.abc import Iterator, Mapping
@@ -33,7 +35,6 @@ _ROUNDING_FACTOR = 8.0  # times such a difference is rounding too, which splitti
 _MAX_PIECE_SPLITS = 10  # of a piece, to a thousandth: what is not resolved then is reported
 _BREAK_TIME_TOLERANCE = 1e-9  # of the duration: times closer to a break are that break
 _PIECES_PER_BLOCK = 8000  # worked on together: fewer take most of the time to call NumPy, more leave the cache
-
 
 Values = Mapping[str, np.ndarray]  # by kind, (K, n)
 
@@ -167,6 +168,7 @@ def _through(b: Bounded, pieces: Pieces, scales: Values) -> Iterator[Pieces]:
         inner = pieces.start[:, None] + _LOBATTO_NODES[1:-1] * pieces.width
         inner = np.minimum(inner, np.nextafter(pieces.stop, pieces.start)[:, None])  # at a break another one begins
         count = len(middle)
+        # Interpolate exact values inside, and test the polynomials at another one.
         values = b.values(np.concatenate([middle, inner.T.ravel()]))
         exact, nodes = ({kind: x[part] for kind, x in values.items()} for part in (slice(count), slice(count, None)))
         polynomials = {}
@@ -182,11 +184,12 @@ def _through(b: Bounded, pieces: Pieces, scales: Values) -> Iterator[Pieces]:
         rounded = 16 * np.spacing(np.abs(middle))[:, None] / pieces.width  # much where stamps are those since 1970
         beyond = {kind: missed[kind] - (PIECE_TOLERANCE + rounded) * scales[kind] for kind in b.kinds}
         wrong = np.any([(x > 0).any(axis=1) for x in beyond.values()], axis=0)
-        if wrong.any():
+        if wrong.any():  # differences of rounding are not followed
             rounding = _rounding(b, middle[wrong], pieces.width[wrong, 0])
             wrong[wrong] = np.any(
                 [(beyond[kind][wrong] > _ROUNDING_FACTOR * rounding[kind]).any(axis=1) for kind in b.kinds], axis=0
             )
+        # Pieces that agree are done; the others are split, as long as there is a time between their ends.
         wrong &= (pieces.start < middle) & (middle < pieces.stop)
         yield pieces.select(~wrong)
         if not wrong.any():

@@ -15,7 +15,6 @@ _MAX_BOUND_RATIO = 1e6  # of a bound that is infinite to the stated one: finite 
 # Of each product, the highest derivative of x that it takes.
 _PRODUCT_JET_ORDERS = (0, 0, 0, 1, 0, 1, 2, 0, 1, 1, 2, 3)
 
-
 Part = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]  # factors, bounds, joints, kinds
 
 

@@ -5,7 +5,7 @@ semi-infinite program in one variable.
 
 Algorithm: at one state each limited value is a polynomial in c (`scaling`), whose roots bound the intervals of c that
 break a limit (`feasible`). The first interval of all states gives a c; a check of the motion at this c, peaks between
-samples included, yields the states at which it is farthest beyond a limit, and these are added until there is none: the
+samples included, yields the states at which it is farthest beyond a limit, and these are added until no limit is broken: the
 exchange method of semi-infinite programming [1]. Factors at which samples come near a limit and recede again are
 checked as well. With Coulomb friction or bent springs there are no polynomials, and `bracketing` searches for c.
 

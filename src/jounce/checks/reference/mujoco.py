@@ -18,7 +18,7 @@ from jounce.spatial.groups import BALL, FREE
 from jounce.spatial.lie import hat, position, rotation, to_quaternion
 
 NAME = "MuJoCo"
-SUFFIX = ".xml"  # of the files that it reads itself
+FILE_SUFFIX = ".xml"  # of the files that it reads itself
 # Mass, COM, orientation and moments, without symmetries that MuJoCo could make use of.
 _PLACEHOLDER_INERTIA = 1.0, [0.1, 0.2, 0.3], [0.5, -0.5, 0.1, 0.7], [0.2, 0.3, 0.4]
 

@@ -20,7 +20,7 @@ from jounce.spatial.groups import PLANAR
 from jounce.spatial.lie import hat, position, rotation
 
 NAME = "Pinocchio"
-SUFFIX = ".urdf"  # of the files that it reads itself
+FILE_SUFFIX = ".urdf"  # of the files that it reads itself
 
 
 def read_peer(mechanism: Mechanism, path: Path) -> Peer:
