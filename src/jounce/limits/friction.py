@@ -8,8 +8,8 @@ With ' for d/dsigma, theta a joint variable, w = 1 / eps and u = w theta' s1, on
 
 and F s1 is that of the power where theta' is 1. All are functions of x, x', x'' and of the path.
 
-Friction changes fastest where a joint turns round: `turns` and `reversals` find these times by `search.root`, between
-neighbours of given times, and return times around each at distances in a geometric series. A joint that turns round
+Friction changes fastest where a joint turns round: these times are zeros of its velocity between neighbours of given
+times, and `turns` and `reversals` return times around each at distances in a geometric series. A joint that turns round
 twice between two of the given times is not noticed.
 """
 

@@ -2,9 +2,9 @@
 
 Polynomials whose Bernstein coefficients stay below a floor have no peak above it (the convex hull property [1]), which
 discards most of them. On the others a change of sign of the slope between even samples brackets a peak, unless the
-tangents there meet below the floor. Its place is the zero of the exact derivative, by `search.root`, or, where the
-derivative is not known or does not change its sign, the maximum by `search.largest`. Values are always exact; two peaks
-between the same two samples of a polynomial count as one.
+tangents there meet below the floor. Its place is the zero of the exact derivative, or, where the derivative is not
+known or does not change its sign, the maximum on ever finer grids. Values are always exact; two peaks between the same
+two samples of a polynomial count as one.
 
 [1] G. Farin, Curves and Surfaces for CAGD, 5th edition, 2002.
 """

@@ -1,9 +1,9 @@
 """Zeros and maxima of many functions of time at once, each between two times.
 
-`root` brackets a change of sign by Chandrupatla's method [1]: inverse quadratic interpolation where the latest three
-points make it safe, else halving. The bracket always holds the zero and shrinks at every step; functions without a
-change of sign return an end. `largest` narrows an even grid about its best point; of a function with several peaks
-between two points of the grid it may return any.
+Zeros are bracketed by Chandrupatla's method [1]: inverse quadratic interpolation where the latest three points make it
+safe, else halving. The bracket always holds the zero and shrinks at every step; functions without a change of sign
+return an end. Maxima are those of even grids, narrowed about the best point; of a function with several peaks between
+two points of a grid any may be returned.
 
 [1] T. R. Chandrupatla, A new hybrid quadratic/bisection algorithm for finding the zero of a nonlinear function without
     using derivatives, Advances in Engineering Software 28 (1997).

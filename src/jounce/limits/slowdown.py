@@ -3,11 +3,11 @@
 Problem: the largest c such that the motion at every speed up to c times its own keeps all limits at all times, a
 semi-infinite program in one variable.
 
-Algorithm: at one state each limited value is a polynomial in c (`scaling`), whose roots bound the intervals of c that
-break a limit (`feasible`). The first interval of all states gives a c; a check of the motion at this c, peaks between
-samples included, yields the states at which it is farthest beyond a limit, and these are added until no limit is broken: the
-exchange method of semi-infinite programming [1]. Factors at which samples come near a limit and recede again are
-checked as well. With Coulomb friction or bent springs there are no polynomials, and `bracketing` searches for c.
+Algorithm: at one state each limited value is a polynomial in c, whose roots bound the intervals of c that break a
+limit. The first interval of all states gives a c; a check of the motion at this c, peaks between samples included,
+yields the states at which it is farthest beyond a limit, and these are added until no limit is broken: the exchange
+method of semi-infinite programming [1]. Factors at which samples come near a limit and recede again are checked as
+well. With Coulomb friction or bent springs there are no polynomials, and c is bracketed by direct evaluation.
 
 Invariant: c only falls as states are added. It fails, with `JounceError`, where a limit is broken at every speed, where
 none bounds the speed, and where a limit of a joint that moves is 0.
