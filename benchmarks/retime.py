@@ -17,8 +17,9 @@ from benchmarks.tables import paragraph, table
 from jounce import Motion, Robot, load
 from jounce.io.files import written_whole
 from jounce.limits.friction import FrictionAlong
+from jounce.limits.grid import START_SPEED_SHARE, Grid
 from jounce.limits.problem import problem_of
-from jounce.limits.retime import INSIDE, INTERVALS, REACHES, Grid, Retiming, retime
+from jounce.limits.retime import FIRST_INTERVALS, SPEED_CAPS, Retiming, retime
 
 MARGIN = 0.01
 EVERY = 4  # IPOPT gets the rows of every fourth point at which retime checks its result
@@ -78,7 +79,7 @@ def densest(robot: Robot, found: Retiming) -> float:
 def last_grid(robot: Robot, motion: Motion, found: Retiming) -> Grid:
     """The grid of the spline of a result."""
     problem = problem_of(robot, motion, 1 - MARGIN)
-    return Grid.of(problem, len(np.unique(found.law.x.t)) - 1, REACHES[0])
+    return Grid.build(problem, len(np.unique(found.law.x.t)) - 1, SPEED_CAPS[0])
 
 
 def ipopt(grid: Grid, points: slice | np.ndarray | None = None) -> float:
@@ -86,8 +87,8 @@ def ipopt(grid: Grid, points: slice | np.ndarray | None = None) -> float:
     import casadi as ca
 
     basis, some = grid.basis, slice(None, grid.count, EVERY) if points is None else points
-    at, rows = grid.at.taken(some), grid.rows.taken(some)
-    scale = (INSIDE * grid.uniform) ** 2
+    at, rows = grid.at.select(some), grid.rows.select(some)
+    scale = (START_SPEED_SHARE * grid.uniform) ** 2
     c = ca.MX.sym("c", basis.count)
 
     def values(local: Any, k: int) -> Any:
@@ -204,7 +205,7 @@ def main() -> None:
             the fastest uniform time law, of the fastest, and of what IPOPT finds from the same start for the same
             spline and limits. Without the limit of torque rate it is compared with toppra. The largest share of a limit
             is that on a grid {DENSER} times as dense as the program's; the last column is the processor time that
-            `retime` takes, kernels warm. Splines begin with {INTERVALS} intervals and are refined where that pays."""
+            `retime` takes, kernels warm. Splines begin with {FIRST_INTERVALS} intervals, refined where that pays."""
         ),
         *table(head, rows),
         *[f"* {name}: {value}" for name, value in machine.described()],

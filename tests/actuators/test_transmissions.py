@@ -138,7 +138,7 @@ def force_of(along):
 
 def test_long_batches_name_the_state_without_stiffness(monkeypatch):
     """Batches are cut in pieces, and the index is that in the whole."""
-    monkeypatch.setattr(generic, "PIECE", 1)
+    monkeypatch.setattr(generic, "MAX_WORKING_BYTES", 1)
     arm = ROBOT.elastic(spring=CubicSpring(0, 1e4), rotor=0.1)
     q, zero = np.tile([0.3, 0.2], (2, 3, 1)), np.zeros((2, 3, 2))
     q[1, 0] = np.pi / 2, 0
@@ -276,7 +276,7 @@ def test_motions_that_steps_do_not_resolve_are_refused(monkeypatch):
         np.testing.assert_allclose(delta[-1], expected, atol=1e-10 * np.abs(expected).max())
 
     check([end])
-    monkeypatch.setattr(damping, "ROUNDS", 4)
+    monkeypatch.setattr(damping, "_MAX_DAMPER_HALVINGS", 4)
     refusal(
         lambda: arm.motors_along(motion, [end]),
         "joint 'joint1': the deflection of",

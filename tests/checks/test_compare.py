@@ -227,7 +227,7 @@ def test_the_command_prints_json():
 
 
 def test_the_command_ends_with_1_where_something_differs(monkeypatch):
-    monkeypatch.setattr("jounce.checks.compare.ALLOWED", {"exact": 0.0, "differences": 0.0})
+    monkeypatch.setattr("jounce.checks.compare.MAX_COMPARISON_ERRORS", {"exact": 0.0, "differences": 0.0})
     result = CliRunner().invoke(main, ["compare", "planar2r", "--states", "3"])
     assert result.exit_code == 1
     assert "TOO LARGE" in result.output

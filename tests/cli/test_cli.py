@@ -17,7 +17,7 @@ from files import BODY, GOOD, ODD, joint, link, robot_file
 import jounce
 from jounce.checks.description import describe
 from jounce.cli import main
-from jounce.engine import along
+from jounce.engine import motion_states
 from jounce.io import tables
 from jounce.motion.spline import Spline
 from jounce.motion.table import from_table
@@ -234,7 +234,7 @@ def test_run_refuses_what_memory_does_not_bear(folder, monkeypatch, error):
     def fails(*_, **__):
         raise error
 
-    monkeypatch.setattr(along, "compute", fails)
+    monkeypatch.setattr(motion_states, "compute", fails)
     before, result = contents(folder), call(*RUN)
     assert (result.exit_code, result.stdout) == (2, "")
     [line] = result.stderr.splitlines()

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 import jounce
 from jounce.cli import main
-from jounce.engine import along
+from jounce.engine import motion_states
 from jounce.figures.curves import over_time
 from jounce.figures.table import run_of
 from jounce.io import tables
@@ -117,7 +117,7 @@ def test_run_tells_breaks_and_writes_rates_and_measured_torques(tmp_path, log, p
 
 def test_the_largest_values_are_known_ones_with_their_deviations(tmp_path, monkeypatch):
     """Not those at the ends of the fit, where deviations are larger than values."""
-    monkeypatch.setattr(along, "PIECE", 300)
+    monkeypatch.setattr(motion_states, "_STATES_PER_PIECE", 300)
     t, noise = np.arange(1500) / 1000, np.random.default_rng(0).normal(0, 1e-5, (2, 1500))
     log, out = tmp_path / "log.csv", tmp_path / "forces.csv"
     tables.write(log, {"t": t, "joint1": np.sin(3 * t) + noise[0], "joint2": np.cos(4 * t) + noise[1]})

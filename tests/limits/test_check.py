@@ -471,7 +471,7 @@ def test_a_peak_higher_than_one_of_an_earlier_block_is_found_between_points_of_t
     monkeypatch, first, share, verdict
 ):
     """Quintics from rest to rest: accelerations reach 10 / sqrt(3), 1 % more than at any sixteenth of the way."""
-    monkeypatch.setattr(pieces, "BLOCK", 1)
+    monkeypatch.setattr(pieces, "_PIECES_PER_BLOCK", 1)
     arm = jounce.load("planar2r").locked({"joint2": 0.0})
     table = {"joint1.q": [0, first, first + 1], "joint1.qd": np.zeros(3), "joint1.q2d": np.zeros(3)}
     motion = jounce.load_motion({"t": [0.0, 1.0, 2.0], **table}, arm, 0)

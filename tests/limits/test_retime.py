@@ -12,9 +12,9 @@ from jounce.limits import friction, pace
 from jounce.limits.barrier import Program, fastest
 from jounce.limits.basis import Basis
 from jounce.limits.friction import friction_of
+from jounce.limits.grid import DUALITY_GAP, GRID_POINTS_PER_POINT, WARM_START_GAP, Grid
 from jounce.limits.path import path_of
 from jounce.limits.problem import problem_of, without_friction
-from jounce.limits.retime import AGAIN, FINER, GAP, Grid
 from jounce.model.kinds import EFFORT_KINDS
 from jounce.motion.time_law import Paced, TimeLaw
 
@@ -152,7 +152,7 @@ def test_splines_are_refined_exactly_whatever_the_duration():
         coarse, fine = (Basis(start, start + duration, intervals) for intervals in (6, 12))
         c = rng.uniform(0.5, 1.5, coarse.count)
         sigma = np.linspace(start, start + duration, 41)
-        found = fine.spline(fine.through(coarse.spline(c)))(sigma)
+        found = fine.spline(fine.refine(coarse.spline(c)))(sigma)
         np.testing.assert_allclose(found, coarse.spline(c)(sigma), rtol=1e-11)
 
 
@@ -236,9 +236,9 @@ def test_the_program_finds_what_ipopt_finds():
 
     del casadi
     robot = UR5.with_limits(effort_rate=10 * UR5.limits.effort)
-    grid = Grid.of(problem_of(robot, move(robot), 0.99), 20, 20.0)
+    grid = Grid.build(problem_of(robot, move(robot), 0.99), 20, 20.0)
     inner = grid.inner(np.ones(grid.basis.count))
-    c = grid.solved(inner, inner, 1.0)
+    c = grid.solve(inner, inner, 1.0)
     assert grid.basis.duration(c) == pytest.approx(ipopt(grid), rel=2e-3)
 
 
@@ -257,9 +257,9 @@ def test_the_program_stops_at_the_gap_that_the_page_states(robot, limits):
     pytest.importorskip("casadi")
     from benchmarks.retime import ipopt
 
-    grid = Grid.of(problem_of(robot.with_limits(**limits), move(UR5, 2), 0.99), 20, 20.0)
-    points = slice(None, grid.count, FINER)
-    program = Program(grid.basis, grid.at.taken(points), grid.rows.taken(points), grid.free)
+    grid = Grid.build(problem_of(robot.with_limits(**limits), move(UR5, 2), 0.99), 20, 20.0)
+    points = slice(None, grid.count, GRID_POINTS_PER_POINT)
+    program = Program(grid.basis, grid.at.select(points), grid.rows.select(points), grid.free)
     best, inner = ipopt(grid, points), grid.inner(np.ones(grid.basis.count))
 
     def gap(share, first):
@@ -267,9 +267,9 @@ def test_the_program_stops_at_the_gap_that_the_page_states(robot, limits):
         assert program.rows.excess(program.at.jets(c)).max() < 0
         return grid.basis.duration(c) / best - 1
 
-    for first in (1.0, AGAIN):
-        assert -1e-7 < gap(GAP, first) < STATED_GAP
-    assert gap(30 * GAP, AGAIN) > STATED_GAP
+    for first in (1.0, WARM_START_GAP):
+        assert -1e-7 < gap(DUALITY_GAP, first) < STATED_GAP
+    assert gap(30 * DUALITY_GAP, WARM_START_GAP) > STATED_GAP
 
 
 def test_with_velocity_and_torque_alone_it_is_as_fast_as_toppra():
@@ -388,12 +388,12 @@ def test_friction_in_closed_loops_is_known_where_the_coordinates_are():
     own = np.isin(robot.mechanism.joints, robot.joint_names)
     found = rubbing(robot, 1.0 * own).retime(motion)
     assert 0.985 < rubbing(robot, 1.0 * own).check(found.motion).worst.ratio < 0.9902
-    with pytest.raises(JounceError, match=r"follow others in closed loops \(left_elbow, right_elbow\); leave it out"):
+    with pytest.raises(JounceError, match=r"follow others in closed loops \(left_elbow, right_elbow\); omit it"):
         rubbing(robot, np.ones(4)).retime(motion)
 
 
 def test_a_time_law_that_misses_where_friction_turns_over_is_refused(monkeypatch):
-    monkeypatch.setattr(friction, "NEAR_TURNS", np.empty(0))
+    monkeypatch.setattr(friction, "_TURN_OFFSETS", np.empty(0))
     robot, motion, _ = turning(1e-3)
     with pytest.raises(
         JounceError, match=r"^retiming fails: effort rate of .*, where at most 0.99 .* within 0.001 rad/s"

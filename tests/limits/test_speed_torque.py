@@ -13,8 +13,8 @@ from test_retime import RUBBING, STATED_GAP, UR5, largest, move, rubbing
 import jounce
 from jounce.cli import main
 from jounce.limits.barrier import Program, fastest
+from jounce.limits.grid import DUALITY_GAP, GRID_POINTS_PER_POINT, Grid
 from jounce.limits.problem import problem_of
-from jounce.limits.retime import FINER, GAP, Grid
 from jounce.limits.samples import worst_broken
 from jounce.model.coordinates import coordinate_limits
 
@@ -89,10 +89,10 @@ def test_the_fastest_time_law_keeps_the_line_and_is_that_of_ipopt(robot, limits)
     assert "stall_effort" in {stretch.limit for stretch in found.binding}
     free = robot.with_limits(stall_effort=np.inf)
     assert shares(robot, free.retime(motion).motion, 501).max() > 1.1
-    grid = Grid.of(problem_of(robot, motion, 0.99), 20, 20.0)
-    points = slice(None, grid.count, FINER)
-    program = Program(grid.basis, grid.at.taken(points), grid.rows.taken(points), grid.free)
-    c = fastest(program, grid.inner(np.ones(grid.basis.count)), GAP)
+    grid = Grid.build(problem_of(robot, motion, 0.99), 20, 20.0)
+    points = slice(None, grid.count, GRID_POINTS_PER_POINT)
+    program = Program(grid.basis, grid.at.select(points), grid.rows.select(points), grid.free)
+    c = fastest(program, grid.inner(np.ones(grid.basis.count)), DUALITY_GAP)
     assert -1e-7 < grid.basis.duration(c) / ipopt(grid, points) - 1 < STATED_GAP
 
 

@@ -147,7 +147,7 @@ def test_a_slowdown_and_a_retiming_keep_limits_of_passive_joints(robot):
 
 
 def test_limits_of_redundant_motors_bound_their_shares(robot):
-    """Three motors in two coordinates: efforts of the third are checked, and retiming tells that it does not know."""
+    """Three motors in two coordinates: efforts of the third are checked, and retiming refuses them."""
     motors = [*robot.joint_names, "left_elbow"]
     redundant = robot.closed(actuated=motors, coordinates=robot.joint_names).with_limits(effort={"left_elbow": 1e-3})
     motion = swing()
@@ -155,7 +155,7 @@ def test_limits_of_redundant_motors_bound_their_shares(robot):
     u = redundant.actuator_forces(*motion(np.linspace(0, 2, 1001), 2))
     assert abs(row.value) == pytest.approx(np.abs(u[:, 2]).max(), rel=1e-4)
     joints = r"\['left_shoulder', 'left_elbow', 'right_shoulder'\]"
-    with pytest.raises(JounceError, match=rf"retime knows .* where motors are at .*=dict.fromkeys\({joints}, float"):
+    with pytest.raises(JounceError, match=rf"retime supports .* where motors are at .*=dict.fromkeys\({joints}, float"):
         redundant.retime(motion)
     corner = Motion.polynomial([[2.2, 0.1], [0.94, 0.1]], 1.0) + Motion.polynomial([[2.3, 0], [1.04, 0]], 1.0)
     impulse = next(row for row in redundant.check(corner).table if row.limit == "effort")

@@ -9,7 +9,7 @@ from quantities import branched, rigid
 from robots import relative_error
 
 import jounce
-from jounce.engine import along
+from jounce.engine import motion_states
 
 ROBOT = rigid(branched())
 T = np.linspace(0, 1, 50)
@@ -26,7 +26,7 @@ MOTION = motion_of(ROBOT)
 
 @pytest.fixture(params=[1, 7, 50, 1000])
 def _piece(request, monkeypatch):
-    monkeypatch.setattr(along, "PIECE", request.param)
+    monkeypatch.setattr(motion_states, "_STATES_PER_PIECE", request.param)
 
 
 @pytest.mark.usefixtures("_piece")
@@ -76,11 +76,11 @@ def test_progress_counts_the_states_up_to_the_last():
     done = [done for done, _ in said]
     assert done == sorted(set(done))
     assert {total for _, total in said} == {len(T)} == {done[-1]}
-    assert len(said) == -(-len(T) // along.PIECE)
+    assert len(said) == -(-len(T) // motion_states._STATES_PER_PIECE)
 
 
 def test_an_error_of_the_callback_ends_the_computation(monkeypatch):
-    monkeypatch.setattr(along, "PIECE", 10)
+    monkeypatch.setattr(motion_states, "_STATES_PER_PIECE", 10)
     said = []
 
     def stop(done, _):

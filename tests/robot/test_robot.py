@@ -121,7 +121,8 @@ def test_ten_thousand_states(method):
 def test_long_batches_are_worked_in_pieces_without_a_seam(robot, monkeypatch):
     q, W = state(robot, (5, 7), 5), np.random.default_rng(3).normal(size=(7, 6))
     whole = robot.inverse_dynamics(*q, wrench=(W, W, W))
-    monkeypatch.setattr("jounce.engine.generic.PIECE", 8 * 4 * 7 * 4)  # four states a piece: the last one ragged
+    four_states = 8 * 4 * 7 * 4  # bytes: the last piece is ragged
+    monkeypatch.setattr("jounce.engine.generic.MAX_WORKING_BYTES", four_states)
     pieces = robot.inverse_dynamics(*q, wrench=(W, W, W))
     for a, b in zip(whole, pieces, strict=True):
         assert relative_error(b, a) < 1e-14

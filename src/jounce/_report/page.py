@@ -14,7 +14,7 @@ from jounce._report.packing import packed
 from jounce._report.panels import PANELS
 from jounce._report.subject import HIGHEST, Subject, subject_of
 from jounce.core.errors import JounceError, escaped, quoted
-from jounce.engine.along import FIRST, checked_motion
+from jounce.engine.along import Q_RATE_ORDER, checked_motion
 from jounce.engine.engine import Engine
 from jounce.io import files
 from jounce.io.visuals import URDF_SUFFIX
@@ -136,7 +136,7 @@ def _check_still(robot: Engine, motion: Motion) -> None:
 def _order(motion: Motion, order: int | None) -> int:
     known = motion.highest
     if order is None:
-        return HIGHEST if known is None else max(0, min(HIGHEST, known - FIRST))
+        return HIGHEST if known is None else max(0, min(HIGHEST, known - Q_RATE_ORDER))
     if isinstance(order, bool) or not isinstance(order, int | np.integer) or not 0 <= int(order) <= HIGHEST:
         raise JounceError(f"order is {quoted(order)}; expected 0, 1 or 2: the highest rate of Q on the page")
     return int(order)

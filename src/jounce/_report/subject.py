@@ -13,7 +13,7 @@ from jounce._report.meshes import Meshes, meshes_of
 from jounce.actuators.along import motors_along
 from jounce.core.errors import JounceError
 from jounce.dynamics.stretch import elasticity_of
-from jounce.engine.along import FIRST, Along, forces_along
+from jounce.engine.along import Q_RATE_ORDER, Along, forces_along
 from jounce.engine.closed_path import named_by_time, on_tree, positions
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
@@ -120,7 +120,7 @@ def subject_of(
     before = (breaks - BEFORE * motion.duration).clip(motion.start)
     t = np.unique(np.concatenate([motion.times, worst, ends, breaks, before]))
     along = forces_along(robot, motion, t, order, None, None, efforts(m))
-    shown = (order + 1) * 2 + FIRST + len(limits.without_gravity) + 1 + len(MOTOR_KINDS)  # quantities, at most
+    shown = (order + 1) * 2 + Q_RATE_ORDER + len(limits.without_gravity) + 1 + len(MOTOR_KINDS)  # quantities, at most
     count = int(np.clip(SHOWN_VALUES // (shown * m.tree.n), LEAST_FRAMES, FRAMES))
     even = np.linspace(0, len(along.t) - 1, min(count, len(along.t))).astype(int)
     frames = np.union1d(even, np.searchsorted(along.t, [*worst, *breaks[:count]]))
@@ -180,7 +180,7 @@ def _loop_wrenches(robot: Engine, motion: Motion, along: Along) -> np.ndarray | 
     if robot.mechanism.closure is None:
         return None
     W, near = motion.wrench(along.t, 0), positions(robot, motion, along.t)
-    return np.asarray(compute(robot, "loop_wrenches", on_tree(along.rates[: FIRST + 1], near), wrench=W))
+    return np.asarray(compute(robot, "loop_wrenches", on_tree(along.rates[: Q_RATE_ORDER + 1], near), wrench=W))
 
 
 def own_joints(m: Mechanism) -> list[int]:

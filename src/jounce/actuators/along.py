@@ -27,7 +27,7 @@ from jounce.motion.motion import Motion
 from jounce.spatial.series import columns
 
 Rates = tuple[np.ndarray, ...]
-POSITIONS, TORQUES = QUANTITIES["motor_positions"], QUANTITIES["motor_torques"]
+_POSITION_ROW, _TORQUE_ROW = QUANTITIES["motor_positions"], QUANTITIES["motor_torques"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ def motors_along(
 ) -> ElasticAlong:
     """Motor positions, and motor torques up to an order, along a motion of a robot with elastic joints."""
     moves = isinstance(motion, Motion) and motion.base_curve is not None
-    check_existence(robot.mechanism, POSITIONS.name, moves or robot.mechanism.floats, "motors_along")
+    check_existence(robot.mechanism, _POSITION_ROW.name, moves or robot.mechanism.floats, "motors_along")
     e, options = elasticity_of(robot.mechanism), (method, progress)
     if not e.pairs:
         stiffnesses_of(robot.mechanism, stiffness, 1)  # none, or an error
@@ -91,12 +91,12 @@ def motors_along(
         links, theta, tau = _of_integrals(robot, motion, t, checked_order(order), stiffness, *options)
         return ElasticAlong(links.t, links.rates, theta, tau, *electrical.outputs(e, theta, tau), breaks=links.breaks)
     try:
-        rows = [row_of(row.name, e.more_rates) for row in (POSITIONS, TORQUES)]
+        rows = [row_of(row.name, e.more_rates) for row in (_POSITION_ROW, _TORQUE_ROW)]
         found = forces_along(robot, motion, t, order, *options, rows[1])
         highest = len(found.rates) - rows[0].rates
         theta = forces_along(robot, motion, found.t, highest, method, None, rows[0]).forces
     except UnreachableError:
-        _of_integrals(robot, motion, t, checked_order(order), None, *options)  # which tells the time
+        _of_integrals(robot, motion, t, checked_order(order), None, *options)  # which reports the time
         raise
     _check_stiffness_between(robot.mechanism, found.t, theta[0] - found.rates[0])
     outputs = electrical.outputs(e, theta, found.forces)

@@ -2,14 +2,20 @@
 
 Between samples Q is the quintic Hermite polynomial of Q, Qd, Q2d. A linear spring then has the exact solution
 ``delta(t + h) = e^-z delta(t) + h/D sum_j c_j I_j(z)`` with z = K h / D, the coefficients c_j of Q in u from 0 to 1,
-and ``I_j = integral of e^(-z (1 - u)) u^j``. Other springs take the Radau IIA method of order 9 on the same
-polynomials. Deflections start from the series of the damper, which a robot at rest has exactly; steps are halved until
-they no longer change.
+and ``I_j = integral of e^(-z (1 - u)) u^j``. Other springs take the Radau IIA method of order 9 [1] on the same
+polynomials, which is L-stable: time constants D / K may be far below the step. Deflections start from the series of the
+damper, which a robot at rest has exactly.
+
+All steps are halved until deflections no longer change; breaks of the motion are ends of steps, as no polynomial passes
+them. It fails, with `JounceError`, where a deflection leaves the range of its spring, and where the last halving still
+changes it.
+
+[1] E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd edition, 1996, section IV.8.
 """
 
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -18,22 +24,22 @@ from jounce.dynamics import deflections
 from jounce.dynamics.quantities import FORCES
 from jounce.dynamics.recursion.joints import rows
 from jounce.dynamics.stretch import elasticity_of
-from jounce.engine.closed_path import on_tree, positions
-from jounce.engine.dispatch import compute
+from jounce.engine.along import SIDES
 from jounce.engine.engine import Engine
+from jounce.engine.motion_states import MotionStates, Side
 from jounce.model.springs import CubicSpring, DampedSpring, Spring
 from jounce.motion.hermite import between, coefficients
 from jounce.motion.motion import Motion
 from jounce.spatial.series import columns
 
-TERMS = 60  # of the recursion downward, where z < 6: it then neglects less than 6^60 / 60! = 1e-35
-STAGES = 5  # of the Runge-Kutta method, which has the order 9
-NEWTON, ROUNDING = 20, 1e-15  # its iterations at most, and the relative change that ends them
-STEPS = 200  # of a motion at first, which resolve most motions
-ROUNDS = 8  # of halving the steps: the error, which goes with their sixth power, is then 3e14 times smaller
-AGREEMENT = 1e-12  # relative change of deflections by halved steps: the error that is left is a small part of it
-MAX_CHANGE = 1e-8  # relative, by the last halving: steps that resolve the motion leave less than a tenth of it as error
-SIDES: tuple[Literal["left"], Literal["right"]] = ("left", "right")
+_DOWNWARD_TERMS = 60  # of the recursion downward, where z < 6: it then neglects less than 6^60 / 60! = 1e-35
+_RADAU_STAGES = 5  # of the Runge-Kutta method, which has order 9: above that of the quintics of Q
+_MAX_STAGE_STEPS = 20  # of Newton's method for the stages, which converges quadratically
+_STAGE_TOLERANCE = 1e-15  # relative change of the stages that ends Newton's method: rounding
+_FIRST_DAMPER_STEPS = 200  # of a motion, which resolve most motions
+_MAX_DAMPER_HALVINGS = 8  # of the steps: the error, which goes with their sixth power, is then 3e14 times smaller
+_DEFLECTION_TOLERANCE = 1e-12  # relative change by halved steps: the error that is left is a small part of it
+_MAX_DEFLECTION_CHANGE = 1e-8  # relative, by the last halving: resolved motions leave less than a tenth of it as error
 Sides = tuple[Sequence[np.ndarray], Sequence[np.ndarray]]  # Q, Qd, Q2d (N, n) just before and just after times
 Sampled = Callable[[np.ndarray], Sides]
 
@@ -46,21 +52,23 @@ def integrate_deflections(robot: Engine, motion: Motion, t: np.ndarray, method: 
     joints = list(laws)
     sampled = _sample_forces(robot, motion, joints, method)
     breaks = [b.t for b in motion.breaks_to(FORCES.rates + 1) if motion.start < b.t < t.max()]
-    even = np.linspace(motion.start, max(float(t.max()), motion.start), STEPS + 1)
+    even = np.linspace(motion.start, max(float(t.max()), motion.start), _FIRST_DAMPER_STEPS + 1)
     grid = np.unique(np.concatenate([even, t, breaks]))
     start = _initial_deflections(robot, motion, laws, method)
     known = _solve(list(laws.values()), grid, sampled, start)
     before = np.inf
-    for _ in range(ROUNDS):
+    for _ in range(_MAX_DAMPER_HALVINGS):
+        # Solve again with a time halfway between neighbours, and compare at the old times.
         finer = np.unique(np.concatenate([grid, (grid[1:] + grid[:-1]) / 2]))
         better = _solve(list(laws.values()), finer, sampled, start)
         change = np.abs(better[np.searchsorted(finer, grid)] - known).max(axis=0)
         grid, known = finer, better
         _check_ends(robot, laws, grid, known)
         size = np.abs(known).max(axis=0)
-        resolved = change <= MAX_CHANGE * size
-        close = change <= AGREEMENT * size
-        if (close | (resolved & (change > before / 2))).all():  # or rounding is what is left
+        resolved = change <= _MAX_DEFLECTION_CHANGE * size
+        # Done where nothing changes, or where changes are small and no longer fall: rounding is what is left.
+        close = change <= _DEFLECTION_TOLERANCE * size
+        if (close | (resolved & (change > before / 2))).all():
             break
         before = change
     if not resolved.all():
@@ -89,22 +97,16 @@ def _sample_forces(robot: Engine, motion: Motion, joints: Sequence[int], method:
     """Q, Qd, Q2d (N, k) of some joints just before and just after times of a motion."""
 
     def both(t: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        sides = []
-        for side in SIDES:
-            sides.append([rate[:, joints] for rate in _forces(robot, motion, t, side, method)])
-        return sides[0], sides[1]
+        before, after = ([rate[:, joints] for rate in _forces(robot, motion, t, side, method)] for side in SIDES)
+        return before, after
 
     return both
 
 
-def _forces(
-    robot: Engine, motion: Motion, t: np.ndarray, side: Literal["left", "right"], method: Any
-) -> list[np.ndarray]:
+def _forces(robot: Engine, motion: Motion, t: np.ndarray, side: Side, method: Any) -> list[np.ndarray]:
     """Q, Qd, Q2d (N, n) of the joints."""
-    W, base = motion.wrench(t, 2, side), motion.base(t, 4, side)
-    rates = on_tree(motion(t, 4, side), positions(robot, motion, t, side))
-    found = compute(robot, FORCES.name, rates, wrench=W, base=base, method=method)
-    return [rate[:, -robot.n :] for rate in found]
+    states = MotionStates.sample(robot, motion, t, [(FORCES, 2)], side)
+    return [rate[:, -robot.n :] for rate in states.compute(robot, FORCES.name, method)]
 
 
 def _initial_deflections(robot: Engine, motion: Motion, laws: dict[int, DampedSpring], method: Any) -> np.ndarray:
@@ -145,7 +147,7 @@ def integrals(z: np.ndarray, count: int) -> np.ndarray:
     """
     down, few = np.zeros_like(z), np.minimum(z, count)
     low: list[np.ndarray] = []
-    for j in reversed(range(TERMS)):
+    for j in reversed(range(_DOWNWARD_TERMS)):
         down = (1 - few * down) / (j + 1)  # I_j from I_(j + 1)
         low.insert(0, down)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -184,13 +186,14 @@ def nonlinear(spring: Spring, D: float, t: np.ndarray, Q: Sides, start: float) -
     for step, force in zip(h[:, 0] / D, forces, strict=True):
         if not low <= found[-1] <= high:
             break
+        # Newton's method for the deflections at the stages, from that at the start of the step.
         stages = np.full(len(nodes), found[-1])
-        for _ in range(NEWTON):
+        for _ in range(_MAX_STAGE_STEPS):
             phi = spring._derivatives(stages)
             residual = stages - found[-1] - step * A @ (force - phi[0])
             change = np.linalg.solve(np.eye(len(nodes)) + step * A * phi[1], residual)
             stages = stages - change
-            if np.abs(change).max() <= ROUNDING * np.abs(stages).max():
+            if np.abs(change).max() <= _STAGE_TOLERANCE * np.abs(stages).max():
                 break
         found.append(float(stages[-1]))
     deflection = np.full(len(t), np.nan)
@@ -201,9 +204,9 @@ def nonlinear(spring: Spring, D: float, t: np.ndarray, Q: Sides, start: float) -
 @cache
 def _radau() -> tuple[np.ndarray, np.ndarray]:
     """The nodes and the matrix of a Radau IIA method, whose last stage is the end of the step."""
-    polynomial = np.zeros(STAGES + 1)
+    polynomial = np.zeros(_RADAU_STAGES + 1)
     polynomial[-2:] = -1, 1
     nodes = (np.polynomial.legendre.legroots(polynomial) + 1) / 2
     nodes[-1] = 1
-    powers = np.arange(STAGES)
+    powers = np.arange(_RADAU_STAGES)
     return nodes, nodes[:, None] ** (powers + 1) / (powers + 1) @ np.linalg.inv(nodes[:, None] ** powers)

@@ -28,12 +28,13 @@ from jounce.model.positions import positions, single_positions
 from jounce.model.screws import from_screws
 from jounce.spatial.series import rate_name
 
-STEPS = 0.2 * 2.0 ** -np.arange(9)  # s, of differences; the best one counts
-STENCIL = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])  # of nine points
-NEAR = 0.1  # rad or sizes of the robot, and per s, per s^2, ...: how states of closed robots vary about the start
-ALLOWED = {"exact": 1e-9, "differences": 1e-6}  # what an error may be; differences cannot show less
+_DIFFERENCE_STEPS = 0.2 * 2.0 ** -np.arange(9)  # s: the best one counts, as truncation falls and rounding rises
+# Of the first derivative at nine even points, of order 8 (Fornberg 1988).
+_DIFFERENCE_STENCIL = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
+_STATE_SPREAD = 0.1  # rad or sizes of the robot, per s, per s^2, ...: states of closed robots stay near the start
+MAX_COMPARISON_ERRORS = {"exact": 1e-9, "differences": 1e-6}  # relative; differences cannot show less
 
-CARRIER = Engine(from_screws([np.eye(4)] * 6, np.roll(np.eye(6), 3, axis=0), np.zeros((6, 6, 6))))
+_BASE_CARRIER = Engine(from_screws([np.eye(4)] * 6, np.roll(np.eye(6), 3, axis=0), np.zeros((6, 6, 6))))
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class Check:
 
     @property
     def passed(self) -> bool:
-        """Whether the error is one of rounding, or of differentiation where that is what it was compared with."""
+        """Whether the error is one of rounding, or of differentiation where differences are compared."""
         return self.error is None or self.error <= self.allowed
 
 
@@ -60,7 +61,7 @@ def compare(
     m, q = rigid.mechanism, rng.uniform(-1, 1, (order + 3, states, robot.n))
     if m.closure:
         own = list(m.closure.independent)
-        q *= NEAR * scales(m).coordinates[own]
+        q *= _STATE_SPREAD * scales(m).coordinates[own]
         q[0] += m.closure.start[own]
     x = _Motion(q, rng.uniform(-1, 1, (order + 3, states, 6)) if m.floats else None)
     sizes = x.forces(rigid) if m.closure else _sizes(m, order, x)  # squares outgrow what constraints are solved for
@@ -112,8 +113,10 @@ class _Motion:
 
 def _carried(rates: np.ndarray) -> tuple[np.ndarray, ...]:
     """C, V, Vd, ... of a body on six joints with these rates."""
-    C = compute(CARRIER, "poses", [*rates[:1]], body="body6", method="recursion")
-    more = as_tuple(compute(CARRIER, "twists", [*rates], body="body6", method="recursion")) if len(rates) > 1 else ()
+    C = compute(_BASE_CARRIER, "poses", [*rates[:1]], body="body6", method="recursion")
+    more = (
+        as_tuple(compute(_BASE_CARRIER, "twists", [*rates], body="body6", method="recursion")) if len(rates) > 1 else ()
+    )
     return C, *more
 
 
@@ -147,7 +150,7 @@ def _with_peers(robot: Engine, source: Path | None, x: _Motion) -> Iterator[Chec
         }
         for name, expected in theirs.items():
             error = _error(ours[name], np.stack(expected), sizes[name])
-            yield Check(name, peer.name, error, ALLOWED["exact"], peer.source)
+            yield Check(name, peer.name, error, MAX_COMPARISON_ERRORS["exact"], peer.source)
 
 
 def _with_paths(robot: Engine, x: _Motion, sizes: Sequence[np.ndarray]) -> Iterator[Check]:
@@ -160,7 +163,7 @@ def _with_paths(robot: Engine, x: _Motion, sizes: Sequence[np.ndarray]) -> Itera
     }
     for name, results in paths.items():
         for k, (found, expected, size) in enumerate(zip(own, results(), sizes, strict=True)):
-            yield Check(rate_name("Q", k), name, _error(found, expected, size), ALLOWED["exact"])
+            yield Check(rate_name("Q", k), name, _error(found, expected, size), MAX_COMPARISON_ERRORS["exact"])
 
 
 def _with_differences(robot: Engine, x: _Motion, sizes: Sequence[np.ndarray]) -> Iterator[Check]:
@@ -168,10 +171,15 @@ def _with_differences(robot: Engine, x: _Motion, sizes: Sequence[np.ndarray]) ->
     exact = x.forces(robot)
     for k in range(1, len(exact)):
         errors = []
-        for h in STEPS:
+        for h in _DIFFERENCE_STEPS:
             along = [x.map(partial(_shift, t=j * h)).forces(robot, k + 2)[-1] for j in range(-4, 5)]
-            errors.append(_error(np.tensordot(STENCIL, along, 1) / h, exact[k], sizes[k]))
-        yield Check(rate_name("Q", k), f"differences of {rate_name('Q', k - 1)}", min(errors), ALLOWED["differences"])
+            errors.append(_error(np.tensordot(_DIFFERENCE_STENCIL, along, 1) / h, exact[k], sizes[k]))
+        yield Check(
+            rate_name("Q", k),
+            f"differences of {rate_name('Q', k - 1)}",
+            min(errors),
+            MAX_COMPARISON_ERRORS["differences"],
+        )
 
 
 def _shift(q: np.ndarray, t: float) -> np.ndarray:

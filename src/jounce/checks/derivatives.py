@@ -17,7 +17,7 @@ from jounce.dynamics.loops import closure_of
 from jounce.engine.generic import compute_by_method
 from jounce.model.mechanism import Mechanism
 
-STEP = 1e-100
+_COMPLEX_STEP = 1e-100  # its square vanishes, and it is no difference: no digits cancel
 
 
 def product(
@@ -33,8 +33,8 @@ def product(
     def along(directions: Sequence[np.ndarray]) -> list[np.ndarray]:
         rates = [change(mechanism, port, a, d) for port, a, d in zip(free, x, directions, strict=False)]
         rates += _of_followers(mechanism, x[0], rates[0], x[-1]) if mechanism.closure else []
-        moved = [a + 1j * STEP * d for a, d in zip(x, rates, strict=True)]
-        return [y.imag / STEP for y in compute_by_method(values, method, mechanism, moved)]
+        moved = [a + 1j * _COMPLEX_STEP * d for a, d in zip(x, rates, strict=True)]
+        return [y.imag / _COMPLEX_STEP for y in compute_by_method(values, method, mechanism, moved)]
 
     if computation.product == "jvp":
         return along(others)

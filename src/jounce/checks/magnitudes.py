@@ -28,7 +28,7 @@ from jounce.model.springs import Spring, force_along
 from jounce.spatial.groups import of_angle, of_quaternion
 from jounce.spatial.series import Series
 
-METHODS = ("closed_form", "recursion")  # in the body frames as they are given; in those on the joint axes
+_COMPARED_METHODS = ("closed_form", "recursion")  # in the body frames as given, and in those on the joint axes
 
 
 def magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]) -> tuple[np.ndarray, ...]:
@@ -45,7 +45,7 @@ def magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequence[
         return _of_accelerations(mechanism, computation, arrays)
     by_method = [
         compute_by_method(computation, method, mechanism, [_Sized(np.asarray(x, dtype=float)) for x in arrays])
-        for method in METHODS
+        for method in _COMPARED_METHODS
         if method in computation.quantity.methods
     ]
     return tuple(np.sqrt(np.max([x.square for x in terms], axis=0)) for terms in zip(*by_method, strict=True))
@@ -130,7 +130,7 @@ class _Sized:
         self.value, self.square = value, np.square(value) if square is None else square
 
     def __array_namespace__(self, **_: Any) -> SimpleNamespace:
-        return _NAMESPACE
+        return _SIZED_NAMESPACE
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -221,7 +221,7 @@ def _concatenate(arrays: Sequence[Any], axis: int) -> _Sized:
     return _Sized(np.concatenate([x.value for x in parts], axis), np.concatenate([x.square for x in parts], axis))
 
 
-_NAMESPACE = SimpleNamespace(
+_SIZED_NAMESPACE = SimpleNamespace(
     broadcast_to=lambda x, shape: _make_sized(x).map(lambda a: np.broadcast_to(a, shape)),
     concatenate=_concatenate,
     zeros_like=lambda x: x.map(np.zeros_like),

@@ -2,39 +2,31 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
 from itertools import groupby
-from typing import Any, Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from jounce.arguments.rates import checked_order
 from jounce.core.errors import JounceError, UncertainError, at, quoted, warn
 from jounce.core.typing import ArrayLike
-from jounce.dynamics import closing
-from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import FORCES, Quantity
 from jounce.engine import digits
-from jounce.engine.backends import closing_step
-from jounce.engine.closed_path import on_tree, positions
-from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
-from jounce.engine.generic import as_tuple
+from jounce.engine.force_deviations import compute_certain, entry_count, interpolate_deviations
+from jounce.engine.motion_states import MotionStates, Rates, Side
 from jounce.model.mechanism import Mechanism
-from jounce.motion.base import motion_of, perturbed, states_of
 from jounce.motion.matching import matched
 from jounce.motion.motion import Break, Motion
 from jounce.motion.units import warn_of_degrees
 
-PIECE = 1000  # states
-PERTURBED = 200_000  # states computed for the deviations of forces, which change slowly: between them they are linear
-GLANCES = 200  # states by which the unit of a motion is judged
-ROUNDING = 1e-12  # of the largest rate of all joints: smaller differences of the two sides of a break are no jumps
-FIRST = FORCES.rates - 1  # the order of the rate of q that Q itself takes: q2d
+_UNIT_SAMPLES = 200  # even times of a motion by which its unit, rad or degrees, is judged
+_FORCE_JUMP_TOLERANCE = 1e-12  # of the largest rate of all joints: smaller differences at a break are rounding
+Q_RATE_ORDER = FORCES.rates - 1  # the order of the rate of q that Q itself takes: q2d
+
+SIDES: tuple[Side, Side] = ("left", "right")  # of a break: before it and after it
 
 Progress = Callable[[int, int], object]  # of the number of states done, and of all
-Rates = tuple[np.ndarray, ...]
-Wrenches = tuple[dict[str, np.ndarray], ...]
 
 
 class ForceBreak(NamedTuple):
@@ -105,7 +97,7 @@ def forces_along(
     `row` may be another quantity (n,) that takes as many rates of q or more, such as motor torques.
     """
     path, highest = checked_motion(robot.mechanism, motion), checked_order(order)
-    q, qd = path(np.linspace(path.start, path.stop, GLANCES), 1)
+    q, qd = path(np.linspace(path.start, path.stop, _UNIT_SAMPLES), 1)
     warn_of_degrees(q, qd, robot.mechanism, "the motion")
     times = path.times if t is None else path.checked(t)
     if times.ndim != 1 or not times.size:
@@ -148,25 +140,20 @@ def pieces_along(
     rows without certain digits, which are NaN.
     """
     uncertain: list[list[np.ndarray]] = []  # times of each piece, by order
-    spread = _spreads(robot, motion, times, order, method, row)
-    for start in range(0, len(times), PIECE):
-        t = times[start : start + PIECE]
-        rates, base = motion(t, order + row.rates - 1), motion.base(t, order + row.rates - 1)
-        W, near = motion.wrench(t, order + row.wrench_rates - 1), positions(robot, motion, t)
+    spread = interpolate_deviations(robot, motion, times, order, method, row)
+    for part, states in MotionStates.pieces(robot, motion, times, [(row, order)]):
+        t = times[part]
         try:
-            forces = _compute(robot, rates, W, base, near, method, row)
+            forces = states.compute(robot, row.name, method)
         except UncertainError as error:
             forces = error.results
             uncertain.append([t[where] for where in error.uncertain])
         if progress is not None:
-            progress(start + len(t), len(times))
-        yield Along(t, rates, forces, spread and spread(t), base=base)
+            progress(part.start + len(t), len(times))
+        yield Along(t, states.rates, forces, spread and spread(t), base=states.base)
     if uncertain:
-        warn(
-            digits.describe(
-                robot.mechanism, row.names(order), map(np.concatenate, zip(*uncertain, strict=True)), len(times)
-            )
-        )
+        by_order = map(np.concatenate, zip(*uncertain, strict=True))
+        warn(digits.describe(robot.mechanism, row.names(order), by_order, len(times)))
 
 
 def force_breaks(
@@ -178,122 +165,22 @@ def force_breaks(
         for t, causes in groupby(motion.breaks_to(order + row.rates - 1), key=lambda found: found.t)
         if times.min() <= t <= times.max()
     ]
-    taken = {
-        "q": row.rates - 1,
-        "base": row.rates - 1,
-        "W": row.wrench_rates - 1,
-    }  # the order of each that the quantity itself takes
-    lowest = np.array([min(cause.order - taken[cause.symbol] for cause in causes) for _, causes in known], dtype=int)
+    taken = {"q": row.rates, "base": row.rates, "W": row.wrench_rates}  # how many rates the quantity itself takes
+    lowest = [min(cause.order - taken[cause.symbol] + 1 for cause in causes) for _, causes in known]
     t = np.array([t for t, _ in known])
-    jumps = np.zeros((order + 1, len(t), _size(robot, row)))
-    for start in range(0, len(t), PIECE):
-        part = slice(start, start + PIECE)
-        before, after = (_one_sided(robot, motion, t[part], order, side, method, row) for side in ("left", "right"))
+    jumps = np.zeros((order + 1, len(t), entry_count(robot, row)))
+    of_sides = (MotionStates.pieces(robot, motion, t, [(row, order)], side) for side in SIDES)
+    for (part, left), (_, right) in zip(*of_sides, strict=True):
+        before, after = (compute_certain(robot, states, method, row) for states in (left, right))
         size = np.maximum(np.abs(before), np.abs(after)).max(axis=2, keepdims=True)
         difference = np.subtract(after, before)
-        jumps[:, part] = np.where(np.abs(difference) > ROUNDING * size, difference, 0)
+        jumps[:, part] = np.where(np.abs(difference) > _FORCE_JUMP_TOLERANCE * size, difference, 0)
     return tuple(
-        ForceBreak(
-            time, max(int(k), -1), *((jumps[k, i], causes, tuple(jumps[k + 1 :, i])) if k >= 0 else (None, causes))
-        )
+        ForceBreak(time, k, jumps[k, i], causes, tuple(jumps[k + 1 :, i]))
+        if k >= 0
+        else ForceBreak(time, -1, None, causes)
         for i, (k, (time, causes)) in enumerate(zip(lowest, known, strict=True))
     )
-
-
-def _one_sided(
-    robot: Engine,
-    motion: Motion,
-    t: np.ndarray,
-    order: int,
-    side: Literal["left", "right"],
-    method: str | None,
-    row: Quantity,
-) -> Rates:
-    highest = order + row.rates - 1
-    rates, base = motion(t, highest, side), motion.base(t, highest, side)
-    W, near = motion.wrench(t, order + row.wrench_rates - 1, side), positions(robot, motion, t, side)
-    return _compute_certain(robot, rates, W, base, near, method, row)
-
-
-def _compute_certain(*given: Any) -> Rates:
-    """A quantity with its rates, NaN where no digits are certain."""
-    try:
-        return _compute(*given)
-    except UncertainError as error:
-        return error.results
-
-
-def _compute(
-    robot: Engine,
-    rates: Rates,
-    W: Wrenches | None,
-    base: Rates | None,
-    near: np.ndarray | None,
-    method: str | None,
-    row: Quantity,
-) -> Rates:
-    return as_tuple(compute(robot, row.name, on_tree(rates, near), wrench=W, base=base, method=method))
-
-
-def _size(robot: Engine, row: Quantity) -> int:
-    """The number of entries of a quantity for one state: n, or nv of the forces on a robot that floats."""
-    [size] = Computation(row.name, 0).shape(robot.mechanism)
-    return size
-
-
-def _spreads(
-    robot: Engine, motion: Motion, times: np.ndarray, order: int, method: str | None, row: Quantity
-) -> Callable[[np.ndarray], Rates] | None:
-    """The standard deviations of the forces over time: computed with each entry of q, W and the base off by its own.
-
-    The rates are assumed independent, which overestimates slightly: the highest rates dominate.
-    """
-    highest, of_wrench = order + row.rates - 1, order + row.wrench_rates - 1
-    smoothed = [body for body, load in motion.loads.items() if load.deviations(times[:1], 0) is not None]
-    on_base = motion.base_curve is not None and motion.base_curve.deviations(times[:1], 0) is not None
-    if motion.deviations(times[:1], 0) is None and not smoothed and not on_base:
-        return None
-    every = np.unique(times)
-    count = max(2, PERTURBED // ((motion.curve.columns + 7 * on_base + 6 * len(smoothed)) * (highest + 1)))
-    t = every[np.unique(np.linspace(0, len(every) - 1, min(count, len(every))).astype(int))]
-    total = np.zeros((order + 1, len(t), _size(robot, row)))
-    for start in range(0, len(t), PIECE):
-        part = t[start : start + PIECE]
-        rates, W, base = motion(part, highest), motion.wrench(part, of_wrench), motion.base(part, highest)
-        near = positions(robot, motion, part)
-        true = np.array(_compute_certain(robot, rates, W, base, near, method, row))
-        for q, load, moved in _perturbed(motion, part, rates, W, base, highest, of_wrench):
-            there = near if near is None else closing.close_loops(robot.mechanism, q[0], near, closing_step(robot))
-            found = np.array(_compute_certain(robot, q, load, moved, there, method, row))
-            total[:, start : start + PIECE] += (found - true) ** 2
-    certain = np.isfinite(total).all(axis=(0, 2))
-    t, known = (t[certain], np.sqrt(total[:, certain])) if certain.any() else (t, np.sqrt(total))
-
-    def interpolated(times: np.ndarray) -> Rates:
-        return tuple(np.stack([np.interp(times, t, column) for column in rate.T], axis=1) for rate in known)
-
-    return interpolated
-
-
-def _perturbed(
-    motion: Motion,
-    t: np.ndarray,
-    rates: Rates,
-    W: Wrenches | None,
-    base: Rates | None,
-    highest: int,
-    of_wrench: int,
-) -> Iterator[tuple[Rates, Wrenches | None, Rates | None]]:
-    """The rates, wrenches and base at times with each of their entries off by its standard deviation, one by one."""
-    for q in perturbed(motion.curve, t, highest, partial(states_of, motion.several)):
-        yield q, W, base
-    for k, by_body in enumerate(motion.wrench_deviations(t, of_wrench) if W else ()):
-        for body, off in by_body.items():
-            for j in np.flatnonzero(off.any(axis=0)).tolist():
-                moved = W[k] | {body: W[k][body] + off * (np.arange(6) == j)} if W else {}
-                yield rates, (*W[:k], moved, *W[k + 1 :]) if W else None, base
-    for other in perturbed(motion.base_curve, t, highest, motion_of) if motion.base_curve else ():
-        yield rates, W, other
 
 
 def _join(parts: list[Rates]) -> Rates:

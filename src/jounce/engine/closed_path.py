@@ -1,32 +1,18 @@
-"""Positions of closed robots along a motion, continued from its start: the branch in which loops close stays the same.
-
-Neighbouring positions belong together if velocities and accelerations of the dependent coordinates explain how far
-these move, and no singular configuration lies between; if not, times between are looked at. A branch that jumps does so
-at any distance.
-"""
+"""Positions of closed robots at times of a motion, and at rows of a log, all on one branch."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
 
-from jounce.core.errors import JounceError, UncertainError, at, listed
+from jounce.core.errors import JounceError, UncertainError, at
 from jounce.dynamics import closing, newton
-from jounce.dynamics.assembly import (
-    MIN_INVERSE_CONDITION,
-    crossing,
-    inverse_conditions,
-    inverse_conditions_of,
-    solved_constraints,
-)
-from jounce.dynamics.computation import Computation
 from jounce.dynamics.loops import closure_of
 from jounce.engine.backends import closing_step
+from jounce.engine.continuation import ClosedCurve, States, lost
 from jounce.engine.engine import Engine
-from jounce.engine.generic import compute_by_method
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.motion.curves import Curve
@@ -34,138 +20,10 @@ from jounce.motion.hermite import Hermite
 from jounce.motion.matching import Columns, unwrapped
 from jounce.motion.motion import STEP, Motion
 
-FEWEST, MOST = 512, 2**20  # even intervals of a motion, at whose ends it is looked at
-STRIDE = 8  # samples of a motion in such an interval
-BLOCK = 1000  # times that are looked at together
-HALVINGS = 8  # of an interval whose ends do not agree, before they count as a jump
-FAILURES = 4  # of these, where loops cannot be closed at all
-AGREEMENT = 0.5  # of the way between neighbours: what their rates may leave unexplained
-FLOOR = 1e-10  # rad or sizes of the robot: shorter ways need no explanation
-SAME = 1e-6  # rad or sizes of the robot: positions no further apart are of one branch
-CURE = "expected a motion that keeps away from singular configurations"
-COORDINATES = Computation("coordinates", 2)
-
-
-@dataclass(frozen=True, eq=False)
-class States:
-    """Times (K,), all coordinates q (K, N) of the tree then, and two rates (2, K, N) of them after and before."""
-
-    t: np.ndarray
-    q: np.ndarray
-    after: np.ndarray
-    before: np.ndarray
-
-    def taken(self, which: slice) -> "States":
-        """Some of them."""
-        return States(self.t[which], self.q[which], self.after[:, which], self.before[:, which])
-
-
-def joined(parts: Sequence[States]) -> States:
-    """States that follow each other."""
-    t, q = (np.concatenate([getattr(part, name) for part in parts]) for name in ("t", "q"))
-    return States(t, q, *(np.concatenate([getattr(part, x) for part in parts], axis=1) for x in ("after", "before")))
-
-
-@dataclass(frozen=True, eq=False)
-class ClosedCurve:
-    """A closed robot on a curve of its independent coordinates."""
-
-    m: Mechanism
-    curve: Curve
-    step: newton.Step | None  # that closes the loops, by default in NumPy
-
-    @property
-    def own(self) -> list[int]:
-        """The places of the independent coordinates."""
-        return list(closure_of(self.m).independent)
-
-    @property
-    def dependent(self) -> list[int]:
-        """The places of the dependent coordinates."""
-        return list(closure_of(self.m).dependent)
-
-    def states(self, t: np.ndarray, near: np.ndarray) -> States:
-        """The states at times, continued from positions (N,) nearby."""
-        order = 2 if self.curve.highest is None else min(2, self.curve.highest)
-        rates = self.curve.rates(t, order)
-        q = closing.close_loops(self.m, rates[0], near, self.step)
-        after = self.rates_of(q, rates)
-        before, breaks = after.copy(), np.flatnonzero(np.isin(t, [jump.t for jump in self.curve.jumps(order)]))
-        if breaks.size:
-            left = self.curve.rates(t[breaks], order, True)
-            before[:, breaks] = self.rates_of(closing.close_loops(self.m, left[0], q[breaks], self.step), left)
-            before[:, breaks[(left[0] != rates[0][breaks]).any(axis=1)]] = np.nan  # where q jumps, nothing is continued
-        return States(t, q, after, before)
-
-    def rates_of(self, q: np.ndarray, rates: Sequence[np.ndarray]) -> np.ndarray:
-        """The velocities and accelerations (2, K, N) of all coordinates; unknown ones count as 0."""
-        known = [*rates, *[0 * rates[0]] * (COORDINATES.rates - len(rates))]
-        return np.stack(compute_by_method(COORDINATES, "recursion", self.m, [*known, q[:, self.dependent]])[1:])
-
-    def agreeing(self, s: States) -> np.ndarray:
-        """Which neighbours, (K - 1,), are on one branch, by their rates, or are apart because q itself jumps."""
-        sizes = newton.scales(self.m).coordinates[self.dependent]
-        x, h = s.q[:, self.dependent] / sizes, np.diff(s.t)[:, None]
-        (v, a), (w, b) = (rates[..., self.dependent] / sizes for rates in (s.after[:, :-1], s.before[:, 1:]))
-        in_way = np.abs(np.diff(x, axis=0) - h / 2 * (v + w) + h**2 / 12 * (b - a))
-        in_velocity = np.abs(w - v - h / 2 * (a + b))
-        way = h * np.maximum(np.abs(v), np.abs(w)).max(axis=1, keepdims=True)
-        explained = (in_way + h * in_velocity <= AGREEMENT * way + FLOOR).all(axis=1)
-        return np.asarray(explained & ~self.crossing(s) | np.isnan(s.before[0, 1:]).any(axis=1))
-
-    def crossing(self, s: States) -> np.ndarray:
-        """Which neighbours, (K - 1,), have a singular configuration between them: a determinant changes its sign.
-
-        Or the later one is singular itself.
-        """
-        A = solved_constraints(self.m, s.q)
-        return np.asarray((inverse_conditions_of(A[1:]) < MIN_INVERSE_CONDITION) | crossing(A[:-1], A[1:]))
-
-    def path(self, t: np.ndarray, start: np.ndarray) -> States:
-        """States on one branch at times (K,), and between them where neighbours do not agree at once."""
-        reach, longest = closing.FIRST_CONTINUATION_STEP * newton.scales(self.m).coordinates[self.own], np.diff(t).max()
-        done, todo, size = [self.states(t[:1], start)], t[1:], BLOCK
-        while todo.size:
-            last = done[-1].taken(slice(-1, None))
-            far = np.abs(self.curve.rates(todo[:size], 0)[0] - last.q[:, self.own]) > reach
-            part = todo[: max(1, *np.flatnonzero(far.any(axis=1))[:1])] if far.any() else todo[:size]
-            try:
-                found: States | None = self.states(part, last.q[0])
-            except JounceError:
-                found = None
-            agrees = np.zeros(1, dtype=bool) if found is None else self.agreeing(joined([last, found]))
-            count = len(agrees) if agrees.all() else int(agrees.argmin())
-            if found is not None and count:
-                done.append(found.taken(slice(0, count)))
-                todo = todo[count:]
-            elif len(part) == 1:
-                if part[0] - last.t[0] < longest / 2 ** (HALVINGS if found else FAILURES):
-                    raise self.error(last, float(part[0]), found)
-                todo = np.insert(todo, 0, (last.t[0] + part[0]) / 2)
-            size = min(BLOCK, 2 * len(part)) if count == len(part) else 1
-        return joined(done)
-
-    def error(self, last: States, t: float, found: States | None) -> JounceError:
-        """The error where a branch ends between two times, or jumps."""
-        s = last if found is None else joined([last, found])
-        if found is None or self.crossing(s).any():
-            return lost(self.m, t, s.q, found is None)
-        others, own = (listed(self.m.tree.coordinates[j] for j in places) for places in (self.dependent, self.own))
-        inverse = inverse_conditions(self.m, s.q).min()
-        return JounceError(
-            f"{self.m.name!r}: the branch jumps along the motion at t = {t:.9g} s, where 1/cond is {inverse:.2g}: rates"
-            f" of {others} jump, and those of {own} do not; {CURE}"
-        )
-
-
-def lost(m: Mechanism, t: float, q: np.ndarray, stuck: bool) -> JounceError:
-    """The error where constraints are lost along a motion, near positions (K, N), and loops stay open or not."""
-    inverse = inverse_conditions(m, q).min()
-    beyond = ", and the loops cannot be closed beyond" if stuck else ""
-    return JounceError(
-        f"{m.name!r}: constraints are lost along the motion at t = {t:.9g} s, where 1/cond is {inverse:.2g}{beyond};"
-        f" {CURE}"
-    )
+_MIN_PATH_INTERVALS = 512  # even intervals of any motion, at whose ends positions are known
+_MAX_PATH_INTERVALS = 2**20  # of long logs, which bounds time and memory
+_SAMPLES_PER_PATH_INTERVAL = 8  # of a motion, which rarely moves far between
+_BRANCH_TOLERANCE = 1e-6  # rad or sizes of the robot: positions no further apart are of one branch
 
 
 def positions(
@@ -182,7 +40,7 @@ def positions(
         return None
     curve, inner, order = unwrapped(motion.curve, t)
     samples = (curve.stop - curve.start) / STEP if motion.grid is None else len(motion.grid)
-    count = max(FEWEST, min(MOST, int(samples / STRIDE)))
+    count = max(_MIN_PATH_INTERVALS, min(_MAX_PATH_INTERVALS, int(samples / _SAMPLES_PER_PATH_INTERVAL)))
     fixed: Any = curve  # curves are immutable, hence keys
     step = closing_step(robot)
     path = _path(m, fixed, order, count, tuple(motion.branch.items()), step)
@@ -228,9 +86,9 @@ def positions_of_rows(robot: Engine, t: np.ndarray, rates: Sequence[np.ndarray],
     q = closing.close_loops(m, rates[0], q, step)
     closed = ClosedCurve(m, Hermite(t, tuple(rates)), step)
     both = closed.rates_of(q, rates)
-    for i in np.flatnonzero(~closed.agreeing(States(t, q, both, both))):
+    for i in np.flatnonzero(~closed.find_agreeing(States(t, q, both, both))):
         off = np.abs((closed.path(t[i : i + 2], q[i]).q[-1] - q[i + 1]) / newton.scales(m).coordinates)
-        if off.max() > SAME:
+        if off.max() > _BRANCH_TOLERANCE:
             joint = closure_of(m).coordinates[int(off.argmax())]
             raise JounceError(
                 f"{m.name!r}: the branch jumps between the rows at t = {t[i]:.9g} and {t[i + 1]:.9g} s: joint"

@@ -5,7 +5,7 @@ that the constraints hold least, sigma the singular values of A_d. At a fold, wh
 are eps cond^2 at every order; at a change point, where branches cross, those of the k-th rate of Q are eps cond^(k +
 3). One threshold of the condition number serves neither. The estimate is the difference to the results at the position
 moved by 2 eps / sigma along each: of 20,000 states of three robots no result that it lets pass was off by more than
-twice `MAX_ERROR`.
+twice `_MAX_LOOP_ERROR`.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -21,18 +21,18 @@ from jounce.dynamics.newton import Step
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 
-EPS = float(np.finfo(float).eps)
-GAP_ROUNDING = 2  # eps, of closed loops: with 1 one of 5,000 results of a platform passed that was off by 9 MAX_ERROR
-MAX_ERROR = 1e-6  # of a result, relative to its size: a control loop's other errors are larger
+_DOUBLE_EPS = float(np.finfo(float).eps)
+_LOOP_GAP_EPS = 2  # eps, of closed loops: with 1 one of 5,000 results of a platform passed that was off by 9e-6
+_MAX_LOOP_ERROR = 1e-6  # of a result, relative to its size: a control loop's other errors are larger
 
 
 def max_condition(computation: Computation) -> float:
-    """The condition number up to which no result can have an error above `MAX_ERROR`: at a change point.
+    """The condition number up to which no result can have an error above `_MAX_LOOP_ERROR`: at a change point.
 
     An error eps cond of positions grows by cond with every rate of the dependent coordinates. A quantity takes as many
     of these as of q, and F, which counts as a velocity.
     """
-    return float((MAX_ERROR / EPS) ** (1 / (computation.rates + 1)))
+    return float((_MAX_LOOP_ERROR / _DOUBLE_EPS) ** (1 / (computation.rates + 1)))
 
 
 def displaced(
@@ -60,7 +60,7 @@ def displaced(
         return None
     eps = np.finfo(dependent.dtype).eps
     solved = np.searchsorted(c.dependent, c.solved)
-    off = GAP_ROUNDING * eps * ways / sizes[..., None] * s.coordinates[list(c.solved)]
+    off = _LOOP_GAP_EPS * eps * ways / sizes[..., None] * s.coordinates[list(c.solved)]
     found = []
     for way in (off.sum(axis=-2), off[:, -1]):
         moved = dependent.reshape(len(q), -1).copy()
@@ -77,8 +77,8 @@ def describe(m: Mechanism, names: Sequence[str], times: Iterable[np.ndarray], co
         if len(t)
     ]
     return (
-        f"{m.name!r}: the loops are so nearly singular that results have errors above {MAX_ERROR:g} of their size, and"
-        f" are NaN: {'; '.join(parts)}"
+        f"{m.name!r}: the loops are so nearly singular that results have errors above {_MAX_LOOP_ERROR:g} of their"
+        f" size, and are NaN: {'; '.join(parts)}"
     )
 
 
@@ -97,7 +97,7 @@ def certain_results(
 
     Raises
     ------
-    UncertainError : where results differ by more than `MAX_ERROR` of their size from those at displaced positions.
+    UncertainError : where results at displaced positions differ by more than `_MAX_LOOP_ERROR` of their size.
     """
     moved = displaced(m, arrays[0], arrays[-1], max_condition(asked), step) if m.closure else None
     if moved is None:
@@ -112,14 +112,14 @@ def check(m: Mechanism, names: Sequence[str], axes: int, results: Results, other
 
     Raises
     ------
-    UncertainError : where they differ by more than `MAX_ERROR` of their size.
+    UncertainError : where they differ by more than `_MAX_LOOP_ERROR` of their size.
     """
     errors, uncertain, kept, own = [0.0], [], [], tuple(range(-axes, 0))
     for x, *moved in zip(results, *others, strict=True):
         size = np.abs(x).max(axis=own, keepdims=True)
         off = np.max([np.abs(y - x).max(axis=own, keepdims=True) for y in moved], axis=0)
         known = ~np.isnan(size)  # those of missing numbers are missing
-        bad = known & ~(off <= MAX_ERROR * size)
+        bad = known & ~(off <= _MAX_LOOP_ERROR * size)
         with np.errstate(all="ignore"):
             errors.append(float(np.max(off / size, where=bad, initial=0.0)))
         kept.append(np.where(bad, np.nan, x))
@@ -133,7 +133,7 @@ def check(m: Mechanism, names: Sequence[str], axes: int, results: Results, other
     cure = f"; {listed(good)} {'is' if len(good) == 1 else 'are'} certain there: give fewer rates" if good else ""
     raise UncertainError(
         f"{m.name!r}: {listed(bad)} at q{which} would be off by up to {max(errors):.2g} of the size, since the loops"
-        f" are nearly singular there; expected an error below {MAX_ERROR:g}{cure or '; expected q farther away'}",
+        f" are nearly singular there; expected an error below {_MAX_LOOP_ERROR:g}{cure or '; expected q farther away'}",
         tuple(kept),
         names,
         uncertain,

@@ -62,7 +62,7 @@ def compute(
             return kernel.ufunc(*arrays, out=into)
     except (FloatingPointError, Warning):  # where np.errstate or a filter asks for it
         raise
-    except Exception:  # the long way serves all others, and says what is wrong with them
+    except Exception:  # all other calls take the long way, which reports what is wrong
         pass
     plain = bool(form) and {type(x) for x in (*given, *terms, *moved)} <= {np.ndarray, NoneType}
     plain = plain and type(threads) is int
@@ -133,7 +133,7 @@ def checked_arguments(
 
 
 def _run(call: Call) -> Any:
-    """Run a call; of a closed robot near singular positions once more, to see which digits there are."""
+    """Run a call; near singular positions of a closed robot again, to determine which digits are certain."""
     robot, asked = call.robot, call.computation
     if robot.mechanism.closure:
         m, names = with_constraints(robot, asked), asked.quantity.names(asked.order)
@@ -168,7 +168,7 @@ def _needs_inverse(robot: Engine, computation: Computation) -> bool:
 
 
 def _infinite_where_singular(call: Call, found: Any) -> Any:
-    """Results that are infinite, with NumPy's warning, where pivots of the mass matrix are rounding instead of zero."""
+    """Results with infinite entries, and NumPy's warning, where pivots of the mass matrix are only rounding."""
     m = call.robot.mechanism
     at = [call.arrays[0], *(call.arrays[-1:] if m.closure else [])]
     if not all(map(is_numeric, call.arrays)):

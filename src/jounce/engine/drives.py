@@ -1,4 +1,4 @@
-"""What drive terms contribute: their forces, and the columns of regressors."""
+"""The contributions of drive terms: forces, and columns of regressors."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -35,7 +35,7 @@ def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str
 def _of_drives(
     mechanism: Mechanism, name: str, given: Sequence[Any], width: int, law: Callable[[Mechanism, Series], Series]
 ) -> tuple[Array, ...]:
-    """Compute what drives contribute to a quantity, by their law, for given rates of the coordinates."""
+    """Compute the contribution of drives to a quantity by its law, for given rates of the coordinates."""
     row, (given, whole) = row_of(name), positions.split_rates(mechanism, given)
     q = rates_of(mechanism, given, row)
     model, asked = cast_model(mechanism, q), Computation(name, len(q) - row.rates)

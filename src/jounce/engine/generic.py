@@ -17,14 +17,14 @@ from jounce.spatial.series import Series
 
 Law = Callable[[Sequence[Array]], Series]  # from the arrays of the ports to a quantity
 
-PIECE = 2**20  # bytes that a working array of a piece may take: longer batches are cut, to stay near the cache
+MAX_WORKING_BYTES = 2**20  # of a working array of a piece: longer batches are cut, to stay near the cache
 
 
 def evaluate(law: Law, ports: Sequence[Port], arrays: Sequence[Array], count: int, width: int) -> tuple[Array, ...]:
     """Return the first terms of a law for the whole batch; `width` is the number of working scalars per state."""
     arrays = broadcast(arrays, *_axes(ports))
     batch = arrays[0].shape[:-1]
-    size, piece = int(np.prod(batch)), max(1, PIECE // (8 * width))
+    size, piece = int(np.prod(batch)), max(1, MAX_WORKING_BYTES // (8 * width))
     if size <= piece or not all(is_numeric(x) for x in arrays):
         with _of_state(batch, 0):
             return law(arrays).upto(count - 1)

@@ -19,14 +19,7 @@ from jounce.spatial.series import Series, rate_name
 
 
 def wrench_of_load(
-    mechanism: Mechanism,
-    given: Sequence[Any],
-    base: Any,
-    body: str,
-    force: Any,
-    torque: Any,
-    frame: str,
-    point: Any,
+    mechanism: Mechanism, given: Sequence[Any], base: Any, body: str, force: Any, torque: Any, frame: str, point: Any
 ) -> Any:
     """Compute the wrenches W that correspond to a load on a body, for given rates of the coordinates."""
     given, whole = positions.split_rates(mechanism, given)

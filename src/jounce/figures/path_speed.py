@@ -11,7 +11,7 @@ from jounce.limits import pace
 from jounce.limits.friction import friction_of
 from jounce.limits.joints import joint_limits
 from jounce.limits.path import Path, path_of
-from jounce.limits.problem import FASTEST, without_friction
+from jounce.limits.problem import MAX_UNIFORM_SPEED, without_friction
 from jounce.limits.rows import rows_of
 from jounce.model.kinds import KINDS, LINE
 from jounce.model.limits import unlimited
@@ -80,7 +80,7 @@ def _curves(robot: Engine, path: Path, reached: np.ndarray) -> dict[str, np.ndar
     drawn = [[*KINDS].index(kind) for kind in ("velocity", "effort", "acceleration", *LINE)]
     table = unlimited(limits.table.shape[-1]).table
     table[drawn] = limits.table[drawn]
-    rows, found = rows_of(path, replace(limits, table=table), 1.0, FASTEST, friction_of(robot.mechanism)), {}
+    rows, found = rows_of(path, replace(limits, table=table), 1.0, MAX_UNIFORM_SPEED, friction_of(robot.mechanism)), {}
     if np.isfinite(limits.bounds("velocity")).any():
         found["velocity limits"] = rows.factors[:, 0, rows.used == pace.S1_2].ravel() ** -0.5
     first = [i for i, kind in enumerate(rows.kinds) if kind in ("effort", "acceleration", "stall_effort")]

@@ -15,7 +15,7 @@ import numpy as np
 
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities.names import QuantityName
-from jounce.engine.along import FIRST
+from jounce.engine.along import Q_RATE_ORDER
 from jounce.engine.backends import compile_ahead
 from jounce.engine.engine import Engine
 from jounce.engine.generic import as_tuple
@@ -135,8 +135,8 @@ def room_of(robot: Engine, limits: Limits, kinds: Sequence[str]) -> Room:
         tuple(kinds),
         scale,
         tuple((sign, np.flatnonzero(on)) for sign, on in finite.items() if on.any()),
-        max([FIRST, *(motion_order(robot, kind) for kind in kinds)]),
-        _force(robot, "inverse_dynamics", order, FIRST) if forces else None,
+        max([Q_RATE_ORDER, *(motion_order(robot, kind) for kind in kinds)]),
+        _force(robot, "inverse_dynamics", order, Q_RATE_ORDER) if forces else None,
         _force(robot, "gravity_forces", max(bare), 0) if bare else None,
     )
 

@@ -22,10 +22,9 @@ def ratios_along(robot: Engine, motion: "Motion") -> tuple[np.ndarray, dict[str,
     found: dict[str, list[np.ndarray]] = {kind: [] for kind in b.kinds}
     for pieces in pieces_of(b):
         times.append(np.column_stack([pieces.start, (pieces.start + pieces.stop) / 2, pieces.stop]).ravel())
-        for kind in b.kinds:
-            if kind not in pieces.kinds:
-                found[kind].append(np.full((3 * len(pieces.start), len(b.joints)), np.nan))
-                continue
+        for kind in set(b.kinds) - set(pieces.kinds):
+            found[kind].append(np.full((3 * len(pieces.start), len(b.joints)), np.nan))
+        for kind in pieces.kinds:
             left, right = pieces.left[kind], pieces.right[kind]
             middle = values_at(pieces.polynomials[kind], np.array(0.5)) if pieces.width.all() else left
             values = np.stack([left, middle, right], axis=1).reshape(-1, len(b.joints))

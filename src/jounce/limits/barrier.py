@@ -1,9 +1,25 @@
 """The fastest time law as a spline x(sigma) with limits as rows: an interior-point method whose iterates are feasible.
 
-It minimizes the duration, the integral of x^(-1/2), minus mu times the logarithms of all distances from the bounds, for
-ever smaller mu, by Newton's method on primal and dual variables. The rows at a point take x and its derivatives there,
-so that the Newton matrix has the band of the B-splines: a step costs as much as evaluating the rows. That x is above 0
-is a bound too: steep friction draws it there where the robot rests.
+Problem: the coefficients c of x = sigma'(t)^2 that minimize the duration, the integral of x^(-1/2), while
+``lower <= rows(x, x', x'', x''') <= upper`` at given points and x > 0 (steep friction draws x there where the robot
+rests). Rows of velocities, accelerations and forces without damping are linear in c, and the problem is convex [1];
+those with a factor sqrt(x), as of jerks, are not, and a local minimum is found.
+
+Algorithm: a primal-dual barrier method ([2], chapter 19). For ever smaller mu, Newton's method solves the perturbed
+optimality conditions of ``duration - mu sum log(distances)``, with a line search on this function, steps that stop
+short of the bounds, and multipliers kept near mu / distance as in IPOPT [3]. A row at a point takes x there alone, so
+that the Newton matrix has the band of the B-splines: a step costs as much as evaluating the rows.
+
+Invariant: every iterate is strictly within all bounds, so that stopping early costs time and never a limit.
+
+Failure: the search ends where no step makes progress. `JounceError` where the Newton matrix has no Cholesky factor,
+although made convex: speeds along the path then differ by many powers of ten.
+
+[1] D. Verscheure et al., Time-optimal path tracking for robots: a convex optimization approach, IEEE Trans. Automatic
+    Control 54 (2009).
+[2] J. Nocedal, S. J. Wright, Numerical Optimization, 2nd edition, 2006.
+[3] A. Waechter, L. T. Biegler, On the implementation of an interior-point filter line-search algorithm, Mathematical
+    Programming 106 (2006), equation 16.
 """
 
 from dataclasses import dataclass
@@ -14,16 +30,16 @@ from jounce.core.errors import JounceError
 from jounce.limits.basis import Basis, Local
 from jounce.limits.rows import Rows
 
-STEPS = 300  # of Newton's method at most
-NEAR = 5.0  # Newton's decrement, in units of mu, from which on mu is made smaller
-SHRINK = 0.1  # of mu
-BACK = 0.99  # of the way to the nearest bound is the longest step
-HALVINGS = 40
-ROOM = 1e-3  # of a bound
-CENTRAL = 10.0  # times the duration is the weight of the bounds there
-SHIFTS = (0.0, 1e-12, 1e-9, 1e-6)  # of the Newton matrix's diagonal, until it is positive definite
+_MAX_BARRIER_STEPS = 300  # of Newton's method: several times as many as problems have been seen to take
+_DECREMENT_TO_SHRINK_MU = 5.0  # Newton's decrement in units of mu: centred well enough for the next mu
+_MU_FACTOR = 0.1  # from one mu to the next
+_MAX_SHARE_TO_BOUND = 0.99  # of the way to the nearest bound: iterates stay strictly within
+_MAX_LINE_SEARCH_HALVINGS = 40  # to 1e-12 of the step: then rounding hides any progress
+_MIN_BOUND_DISTANCE = 1e-3  # of a bound: closer coefficients are no start for the barrier
+_CENTRING_WEIGHT = 10.0  # durations: the weight of the barrier while feasible coefficients are sought
+_CENTRING_STEPS = 3  # of Newton's method between two widths of the bounds: the centre need only be near
+_DIAGONAL_SHIFTS = (0.0, 1e-12, 1e-9, 1e-6)  # of the Newton matrix's diagonal, tried until it has a Cholesky factor
 UNEVEN = "retiming fails: the paces of the motion differ by too much; retime its parts, and add the results"
-CENTRE = 3  # steps towards the centre of widened bounds
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +54,9 @@ class Program:
     def feasible(self, c: np.ndarray) -> bool:
         """Whether all rows are within their bounds, and have room to move there."""
         jet = self.at.jets(c)
-        return bool(jet[0].min() > 0 and self.basis.speeds(c).min() > 0 and self.rows.excess(jet).max() < -ROOM)
+        return bool(
+            jet[0].min() > 0 and self.basis.speeds(c).min() > 0 and self.rows.excess(jet).max() < -_MIN_BOUND_DISTANCE
+        )
 
 
 def within(program: Program, c: np.ndarray) -> np.ndarray | None:
@@ -47,17 +65,19 @@ def within(program: Program, c: np.ndarray) -> np.ndarray | None:
     The bounds are widened until they hold, and then drawn in as the centre of what they leave moves.
     """
     jet = program.at.jets(c)
-    for _ in range(STEPS):
+    for _ in range(_MAX_BARRIER_STEPS):
         excess = float(program.rows.excess(jet).max())
-        if excess < -ROOM:
+        if excess < -_MIN_BOUND_DISTANCE:
             return c
-        wider = program.rows.relaxed(max(1.05 * excess, 0.0) + 20 * ROOM)
+        # Bounds so wide that c is strictly within them, and a few steps towards their centre.
+        wider = program.rows.widen(max(1.05 * excess, 0.0) + 20 * _MIN_BOUND_DISTANCE)
         relaxed = Program(program.basis, program.at, wider, program.free)
-        mu = CENTRAL * program.basis.duration(c) / wider.factors[:, :, 0].size
+        mu = _CENTRING_WEIGHT * program.basis.duration(c) / wider.factors[:, :, 0].size
         now = _iterate(relaxed, c, mu)
-        for _ in range(CENTRE):
+        for _ in range(_CENTRING_STEPS):
             _step(relaxed, now, mu)
         c, jet = now.c, program.at.jets(now.c)
+        # Without progress by Armijo's rule the centre of the widened bounds stays outside of the given ones.
         if program.rows.excess(jet).max() > excess - 1e-4 * abs(excess):
             return None
     return None
@@ -82,14 +102,15 @@ def fastest(program: Program, c: np.ndarray, gap: float, first: float = 1.0) -> 
     rows, duration = 2 * program.rows.factors[:, :, 0].size, program.basis.duration(c)
     mu = first * duration / rows
     now = _iterate(program, c, mu)
-    for _ in range(STEPS):
+    for _ in range(_MAX_BARRIER_STEPS):
         decrement, length = _step(program, now, mu)
         if length == 0:
             break
-        if decrement < NEAR and length > 0.5:
+        # Nearly central: mu times the number of bounds is the gap to the minimum where the problem is convex.
+        if decrement < _DECREMENT_TO_SHRINK_MU and length > 0.5:
             if mu * rows < gap * program.basis.duration(now.c):
                 break
-            mu *= SHRINK
+            mu *= _MU_FACTOR
     return now.c
 
 
@@ -103,6 +124,7 @@ def _step(program: Program, now: Iterate, mu: float) -> tuple[float, float]:
     """One Newton step; its decrement in units of mu, and its length, 0 where none makes progress."""
     rows, at = program.rows, program.at
     jet = at.jets(now.c)
+    # Hessian, point by point: multipliers over distances along the rows' slopes, and the rows' own curvature.
     first, second = rows.derivatives(jet)
     slopes = np.matmul(rows.factors, first.transpose(2, 0, 1))  # (N, R, J)
     stiffness = now.push_down / now.above + now.push_up / now.below
@@ -110,19 +132,22 @@ def _step(program: Program, now: Iterate, mu: float) -> tuple[float, float]:
     outer[:, 0, 0] += mu / jet[0] ** 2
     pushes = np.matmul((now.push_down - now.push_up)[:, None], rows.factors)[:, 0]
     bent = np.einsum("nk,kijn->nij", pushes, second)
+    # Gradient of the barrier function, and the Newton step of c; coefficients at ends that move are fixed.
     force = np.matmul((mu / now.above - mu / now.below)[:, None], slopes)[:, 0]
     force[:, 0] -= mu / jet[0]
     slope, curvature = program.basis.duration_derivatives(now.c)
     gradient = slope + at.collect(force)
     gradient[~program.free] = 0
     move = -_solved(program, outer, bent, curvature, gradient)
+    # The rows' changes, and the Newton steps of the multipliers that follow from them.
     moved = np.matmul(slopes, at.jets(move)[: rows.jet].T[:, :, None])[:, :, 0]
     down = mu / now.above - now.push_down + now.push_down / now.above * moved
     up = mu / now.below - now.push_up - now.push_up / now.below * moved
     decrease = float(-gradient @ move)
-    length = min(1.0, BACK / max((moved / now.above).max(), (-moved / now.below).max(), 1e-9))
+    # Steps that stop short of the bounds: of c with a line search, of the multipliers without.
+    length = min(1.0, _MAX_SHARE_TO_BOUND / max((moved / now.above).max(), (-moved / now.below).max(), 1e-9))
     taken = _line_search(program, now, mu, move, length, decrease)
-    dual = min(1.0, BACK / max((-down / now.push_down).max(), (-up / now.push_up).max(), 1e-9))
+    dual = min(1.0, _MAX_SHARE_TO_BOUND / max((-down / now.push_down).max(), (-up / now.push_up).max(), 1e-9))
     for push, change, distance in ((now.push_down, down, now.above), (now.push_up, up, now.below)):
         push += dual * change
         np.clip(push, 1e-10 * mu / distance, 1e10 * mu / distance, out=push)
@@ -151,7 +176,7 @@ def _solved(
     except LinAlgError:
         sizes, axes = np.linalg.eigh(outer + bent)
     convex = np.matmul(axes * sizes.clip(0)[:, None, :], axes.transpose(0, 2, 1))
-    for shift in SHIFTS:
+    for shift in _DIAGONAL_SHIFTS:
         try:
             return cho_solve_banded((factored(convex, shift), False), gradient)
         except LinAlgError:  # rounding, where the speeds along the path differ by many powers of ten
@@ -161,13 +186,13 @@ def _solved(
 
 def _line_search(program: Program, now: Iterate, mu: float, move: np.ndarray, length: float, decrease: float) -> float:
     """Move as far as the barrier function falls, and all rows stay within their bounds; how far that is."""
-    floor = 0.1 * (1 - BACK)
+    floor = 0.1 * (1 - _MAX_SHARE_TO_BOUND)
 
     def barrier(c: np.ndarray, *distances: np.ndarray) -> float:
         return program.basis.duration(c) - mu * float(sum(np.log(distance).sum() for distance in distances))
 
     before = barrier(now.c, now.above, now.below, program.at.jets(now.c)[0])
-    for _ in range(HALVINGS):
+    for _ in range(_MAX_LINE_SEARCH_HALVINGS):
         c = now.c + length * move
         jet = program.at.jets(c)
         if jet[0].min() > 0 and program.basis.speeds(c).min() > 0:

@@ -1,4 +1,9 @@
-"""B-splines on a path: values and derivatives at points, and the duration that a spline x(sigma) makes."""
+"""B-splines on a path: values and derivatives at points, and the duration that a spline x(sigma) makes.
+
+At a point only k + 1 B-splines of degree k are not zero (C. de Boor, A Practical Guide to Splines, 2001), so that
+gradients and Hessians by the coefficients are sums of small blocks, and Hessians have k + 1 bands. The duration, the
+integral of x^(-1/2), is a Gauss-Legendre sum in each interval; x must be above 0 at its points.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -6,13 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.limits.pace import JET
+from jounce.limits.pace import JET_SIZE
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-DEGREE = 5  # x is C^4, so that the motion is smooth up to q5d
-POINTS = 4  # of Gauss and Legendre in each interval, for the duration
+_TIME_LAW_DEGREE = 5  # of x(sigma), which is then C^4, so that the motion is smooth up to q5d
+_DURATION_NODES = 4  # of Gauss and Legendre in each interval: exact to degree 7, more than a smooth x^(-1/2) needs
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +28,7 @@ class Local:
     values: np.ndarray
     count: int
 
-    def taken(self, points: np.ndarray | slice) -> "Local":
+    def select(self, points: np.ndarray | slice) -> "Local":
         """The same at some of the points."""
         return Local(self.index[points], self.values[points], self.count)
 
@@ -64,39 +69,41 @@ class Basis:
     @cached_property
     def knots(self) -> np.ndarray:
         """The knots, the ends repeated."""
-        return np.pad(np.linspace(self.first, self.last, self.intervals + 1), DEGREE, mode="edge")
+        return np.pad(np.linspace(self.first, self.last, self.intervals + 1), _TIME_LAW_DEGREE, mode="edge")
 
     @property
     def count(self) -> int:
         """The number of coefficients."""
-        return self.intervals + DEGREE
+        return self.intervals + _TIME_LAW_DEGREE
 
     def spline(self, c: np.ndarray) -> "BSpline":
         """The spline with coefficients c."""
         from scipy.interpolate import BSpline
 
-        return BSpline(self.knots, c, DEGREE, extrapolate=False)
+        return BSpline(self.knots, c, _TIME_LAW_DEGREE, extrapolate=False)
 
-    def through(self, spline: "BSpline") -> np.ndarray:
+    def refine(self, spline: "BSpline") -> np.ndarray:
         """The coefficients of a spline of fewer intervals, each of which is several of these."""
         from scipy.interpolate import make_interp_spline
 
-        greville = np.array([self.knots[i + 1 : i + DEGREE + 1].mean() for i in range(self.count)])
+        greville = np.array([self.knots[i + 1 : i + _TIME_LAW_DEGREE + 1].mean() for i in range(self.count)])
         greville = greville.clip(self.first, self.last)  # means of equal knots are off by rounding
-        return make_interp_spline(greville, spline(greville), k=DEGREE, t=self.knots).c
+        return make_interp_spline(greville, spline(greville), k=_TIME_LAW_DEGREE, t=self.knots).c
 
-    def at(self, sigma: np.ndarray) -> Local:
+    def evaluate(self, sigma: np.ndarray) -> Local:
         """The B-splines at points."""
         from scipy.interpolate import BSpline
 
-        i = (np.searchsorted(self.knots, sigma, side="right") - 1).clip(DEGREE, self.count - 1)
-        index = (i - DEGREE)[:, None] + np.arange(DEGREE + 1)
-        values = np.empty((len(sigma), JET, DEGREE + 1))
+        i = (np.searchsorted(self.knots, sigma, side="right") - 1).clip(_TIME_LAW_DEGREE, self.count - 1)
+        index = (i - _TIME_LAW_DEGREE)[:, None] + np.arange(_TIME_LAW_DEGREE + 1)
+        values = np.empty((len(sigma), JET_SIZE, _TIME_LAW_DEGREE + 1))
         rows = np.arange(len(sigma))
-        for phase in range(DEGREE + 1):  # every (k + 1)-th B-spline at once: no two of them overlap
-            some = BSpline(self.knots, (np.arange(self.count) % (DEGREE + 1) == phase).astype(float), DEGREE)
-            for k in range(JET):
-                values[rows, k, (phase - index[:, 0]) % (DEGREE + 1)] = some(sigma, nu=k)
+        for phase in range(_TIME_LAW_DEGREE + 1):  # every (k + 1)-th B-spline at once: no two of them overlap
+            some = BSpline(
+                self.knots, (np.arange(self.count) % (_TIME_LAW_DEGREE + 1) == phase).astype(float), _TIME_LAW_DEGREE
+            )
+            for k in range(JET_SIZE):
+                values[rows, k, (phase - index[:, 0]) % (_TIME_LAW_DEGREE + 1)] = some(sigma, nu=k)
         return Local(index, values, self.count)
 
     def speeds(self, c: np.ndarray) -> np.ndarray:
@@ -115,8 +122,8 @@ class Basis:
 
     @cached_property
     def _quadrature(self) -> tuple[Local, np.ndarray]:
-        u, w = np.polynomial.legendre.leggauss(POINTS)
-        ends = self.knots[DEGREE:-DEGREE]
+        u, w = np.polynomial.legendre.leggauss(_DURATION_NODES)
+        ends = self.knots[_TIME_LAW_DEGREE:-_TIME_LAW_DEGREE]
         half = np.diff(ends)[:, None] / 2
         sigma = ends[:-1, None] + half * (1 + u)
-        return self.at(sigma.ravel()), (half * w).ravel()
+        return self.evaluate(sigma.ravel()), (half * w).ravel()

@@ -1,19 +1,19 @@
-"""What limits bound along a motion: q to q4d, Q to Q2d, Q - Qgrav, power and motors, with derivatives, at any times."""
+"""The values that limits bound along a motion, with derivatives, at any times: q to q4d, Q to Q2d, power, motors."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any
 
 import numpy as np
 
 from jounce.arguments.requests import more_rates
 from jounce.dynamics import electrical
 from jounce.dynamics.quantities import FORCES, QUANTITIES, Quantity, row_of
-from jounce.engine.along import FIRST
-from jounce.engine.closed_path import named_by_time, on_tree, positions
-from jounce.engine.dispatch import compute
+from jounce.engine.along import Q_RATE_ORDER
+from jounce.engine.closed_path import named_by_time, positions
 from jounce.engine.engine import Engine
+from jounce.engine.motion_states import MotionStates, Rates, Side
 from jounce.limits.joints import efforts, in_columns, joint_limits, joint_names, joint_rates, of_joints
 from jounce.limits.ratios import Scale, scale_of
 from jounce.model.kinds import KINDS, MOTION_KINDS, MOTOR_KINDS
@@ -23,14 +23,10 @@ from jounce.motion.hermite import counting_to
 from jounce.motion.motion import Motion
 from jounce.spatial import series
 
-SMOOTH = 2  # derivatives that are used where they are known: a quintic between samples has two at each end
+HERMITE_DERIVATIVES = 2  # used where they are known: a quintic between samples takes two at each end
 
-Side = Literal["right", "left"]
 Span = tuple[float, float]
-Rates = tuple[np.ndarray, ...]
-Wrenches = Sequence[Mapping[str, np.ndarray]] | None
 Series = Mapping[str, Sequence[np.ndarray]]  # by kind: a quantity and its derivatives, (N, n) each
-POSITIONS, TORQUES = "motor_positions", "motor_torques"
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,16 +51,18 @@ class Bounded:
         """The times between which a kind of limit is known well."""
         return self.windows.get(kind, self.whole)
 
-    def of_kinds(self, kinds: Collection[str]) -> "Bounded":
+    def select_kinds(self, kinds: Collection[str]) -> "Bounded":
         """The same motion and some of the kinds."""
         return replace(self, kinds=tuple(kind for kind in self.kinds if kind in kinds))
 
+    def given_times(self, t: Any, factor: float) -> Any:
+        """The times in this motion of times, numbers or arrays, at a factor of its speed."""
+        return self.motion.start + (t - self.motion.start) * factor
+
     def scaled(self, factor: float) -> "Bounded":
         """The motion `factor` times as long."""
-        start = self.motion.start
-        windows = {
-            kind: (start + (a - start) * factor, start + (z - start) * factor) for kind, (a, z) in self.windows.items()
-        }
+        at = self.given_times
+        windows = {kind: (at(start, factor), at(stop, factor)) for kind, (start, stop) in self.windows.items()}
         return replace(self, motion=self.motion.scaled(factor), windows=windows)
 
     @property
@@ -73,12 +71,12 @@ class Bounded:
         return joint_names(self.robot.mechanism)
 
     def name(self, kind: str, joint: int) -> str:
-        """What a kind of limit bounds, as a name: that of a joint, but where its velocities are no rates of it."""
+        """The name of what a limit bounds: the joint, or the extent of a joint of several screws for its position."""
         return (extent_names(self.robot.mechanism.tree) if kind == "position" else self.joints)[joint]
 
     @cached_property
     def scales(self) -> Mapping[str, Scale]:
-        """What ratios to the limits are measured by."""
+        """The scales of the ratios to the limits."""
         return {kind: scale_of(self.limits.bounds(kind), kind) for kind in self.kinds}
 
     @cached_property
@@ -101,25 +99,32 @@ class Bounded:
 
     @cached_property
     def motion_order(self) -> int:
-        """The highest rate of q that limits take; what is used beyond it only helps between times."""
+        """The highest rate of q that limits take; higher ones only serve interpolation between times."""
         return max(motion_order(self.robot, kind) for kind in self.kinds)
 
     @cached_property
     def force_rates(self) -> Mapping[str, int]:
         """The highest rate of Q that each kind of limit of forces, power or motors takes."""
-        return {kind: motion_order(self.robot, kind) - FIRST for kind in self.kinds if KINDS[kind].of != "q"}
+        return {kind: motion_order(self.robot, kind) - Q_RATE_ORDER for kind in self.kinds if KINDS[kind].of != "q"}
 
     @cached_property
-    def orders(self) -> Mapping[str, int]:
-        """The quantities that are used, and of each the highest rate: the second where the motion knows enough."""
+    def needed_orders(self) -> Mapping[str, int]:
+        """The quantities that limits take, and of each the highest rate."""
         needed: dict[str, int] = {}
         for kind in self.kinds:
             for name, order in quantities_of(self.robot, kind).items():
                 needed[name] = max(needed.get(name, 0), order)
+        return needed
+
+    @cached_property
+    def orders(self) -> Mapping[str, int]:
+        """The same quantities, and of each the highest rate used: the second where the motion knows enough."""
         known = self.motion.highest
         return {
-            name: SMOOTH if known is None else max(least, min(SMOOTH, known - self.row(name).rates + 1))
-            for name, least in needed.items()
+            name: HERMITE_DERIVATIVES
+            if known is None
+            else max(least, min(HERMITE_DERIVATIVES, known - self.row(name).rates + 1))
+            for name, least in self.needed_orders.items()
         }
 
     def row(self, name: str) -> Quantity:
@@ -136,34 +141,36 @@ class Bounded:
         """The highest rate of q that is used."""
         known = self.motion.highest
         ways = [KINDS[kind].rate for kind in self.kinds if KINDS[kind].of == "q"]
-        smooth = max((k + SMOOTH for k in ways), default=0)
+        smooth = max((k + HERMITE_DERIVATIVES for k in ways), default=0)
         order = smooth if known is None else max([*ways, min(smooth, known)])
-        return max(order, self.force_order + FIRST) if self.forces else order
+        return max(order, self.force_order + Q_RATE_ORDER) if self.forces else order
 
     def series(self, t: np.ndarray, side: Side = "right") -> Series:
         """The quantities that are bounded, with derivatives, at times (N,)."""
         with named_by_time(t), counting_to(self.motion_order):
-            rates, m = self.motion(t, self.rate_order, side), self.robot.mechanism
-            near = positions(self.robot, self.motion, t, side)
-            joints = joint_rates(self.robot, rates, near, self.follow)
+            m, states = self.robot.mechanism, self.states(t, self.orders, self.rate_order, side)
+            joints = joint_rates(self.robot, states.rates, states.near, self.follow)
             found: dict[str, Sequence[np.ndarray]] = {
-                kind: joints[k : k + SMOOTH + 1] for k, kind in enumerate(MOTION_KINDS) if kind in self.kinds
+                kind: joints[k : k + HERMITE_DERIVATIVES + 1]
+                for k, kind in enumerate(MOTION_KINDS)
+                if kind in self.kinds
             }
             if "position" in found and extent_names(m) != m.coordinates:
                 found["position"] = joints[:1]  # swings, ... whose rates are not the velocities
             if not self.forces:
                 return found
-            values = {name: self.quantity(name, order, rates, t, side, near) for name, order in self.orders.items()}
+            values = {name: at_speed(self.robot, states, self.row(name), k) for name, k in self.orders.items()}
             found |= {
-                kind: in_columns(m, self.of_motor(kind, values), FORCES) for kind in MOTOR_KINDS if kind in self.kinds
+                kind: in_columns(m, self.motor_values(kind, values), FORCES)
+                for kind in MOTOR_KINDS
+                if kind in self.kinds
             }
             if self.efforts.name not in values:
                 return found
             forces = {False: in_columns(m, values[self.efforts.name], self.efforts)}  # by whether gravity is left out
             order, kinds = len(forces[False]) - 1, [kind for kind in self.kinds if KINDS[kind].force]
             if any(kind in self.limits.without_gravity for kind in kinds):
-                base = self.motion.base(t, order, side)
-                weight = in_columns(m, gravity(self.robot, rates[: order + 1], base, near), self.efforts)
+                weight = in_columns(m, gravity(self.robot, states, order), self.efforts)
                 forces[True] = [Q - g for Q, g in zip(forces[False], weight, strict=True)]
             qd, slope = series.Series.of(joints[1:]), self.limits.effort_slope
             for kind in kinds:
@@ -177,28 +184,17 @@ class Bounded:
         with named_by_time(t):
             return joint_rates(self.robot, self.motion(t, order, side), near, self.follow)
 
-    def quantity(
-        self,
-        name: str,
-        order: int,
-        rates: Rates,
-        t: np.ndarray,
-        side: Side,
-        near: np.ndarray | None,
-        speed: float = 1.0,
-    ) -> list[np.ndarray]:
-        """A quantity and its rates up to an order, at a factor of speed; `rates` are those of the motion."""
-        row = self.row(name)
-        W = self.motion.wrench(t, order + row.wrench_rates - 1, side)
-        base = self.motion.base(t, order + row.rates - 1, side)
-        return at_speed(self.robot, name, rates, W, speed, order, base, near)
+    def states(self, t: np.ndarray, orders: Mapping[str, int], rates: int, side: Side = "right") -> MotionStates:
+        """What quantities take up to an order each, and at least some rates of q."""
+        rows = [(self.row(name), order) for name, order in orders.items()]
+        return MotionStates.sample(self.robot, self.motion, t, rows, side, rates)
 
-    def of_motor(self, kind: str, values: Mapping[str, list[np.ndarray]]) -> list[np.ndarray]:
+    def motor_values(self, kind: str, values: Mapping[str, list[np.ndarray]]) -> list[np.ndarray]:
         """What a limit of motors bounds, with rates, of positions and torques; 0 for motors without data."""
         e = self.robot.mechanism.elasticity
         assert e is not None  # else `known_kinds` has no limits of motors
         if KINDS[kind].data:
-            both = electrical.outputs(e, values.get(POSITIONS, ()), values[TORQUES])
+            both = electrical.outputs(e, values.get("motor_positions", ()), values["motor_torques"])
             return [np.nan_to_num(x) for x in both[KINDS[kind].of == "u"] or ()]
         return values[next(iter(KINDS[kind].takes))]
 
@@ -208,18 +204,18 @@ class Bounded:
 
 
 def known_kinds(robot: Engine, limits: Limits) -> tuple[str, ...]:
-    """The kinds of limits that a motion of a robot is held against: those of motors where its joints are elastic."""
+    """The kinds of limits that are checked along a motion: those of motors only where joints are elastic."""
     return tuple(kind for kind in limits.kinds if not KINDS[kind].takes or robot.mechanism.elasticity is not None)
 
 
 def quantities_of(robot: Engine, kind: str) -> Mapping[str, int]:
-    """The quantities that a kind of limit takes, and the highest rate of each; none of a limit of the motion."""
+    """The quantities that a kind of limit takes, with the highest rate of each; none for limits of the motion."""
     row, e = KINDS[kind], robot.mechanism.elasticity
     if row.of == "q":
         return {}
     if row.force:
         return {efforts(robot.mechanism).name: row.rate}
-    return {**row.takes} | ({TORQUES: 1} if kind == "motor_voltage" and e and e.is_inductive else {})
+    return {**row.takes} | ({"motor_torques": 1} if kind == "motor_voltage" and e and e.is_inductive else {})
 
 
 def motion_order(robot: Engine, kind: str) -> int:
@@ -235,31 +231,15 @@ def _row(robot: Engine, name: str) -> Quantity:
 def order_needed(robot: Engine) -> int:
     """The highest rate of Q that a motion must carry for the limits of a robot: q to q2d for 0, q to q4d for 2."""
     kinds = known_kinds(robot, joint_limits(robot.mechanism))
-    return max([0, *(motion_order(robot, kind) - FIRST for kind in kinds)])
+    return max([0, *(motion_order(robot, kind) - Q_RATE_ORDER for kind in kinds)])
 
 
-def at_speed(
-    robot: Engine,
-    name: str,
-    rates: Rates,
-    wrench: Wrenches,
-    c: float,
-    order: int,
-    base: Rates | None,
-    near: np.ndarray | None,
-) -> list[np.ndarray]:
-    """A quantity of the motors and its rates up to an order at c times the speed; `near` are positions of the tree.
-
-    Wrenches over time and the base go with the path.
-    """
-    W = wrench and tuple({body: w * c**k for body, w in of.items()} for k, of in enumerate(wrench))
-    row = _row(robot, name)
-    scaled = tuple(rate * c**k for k, rate in enumerate(rates[: order + row.rates]))
-    moved = base and tuple(term * c**k for k, term in enumerate(base))
-    return of_joints(robot.mechanism, compute(robot, name, on_tree(scaled, near), wrench=W, base=moved), row)
+def at_speed(robot: Engine, states: MotionStates, row: Quantity, order: int, c: float = 1.0) -> list[np.ndarray]:
+    """A quantity of the joints and its rates up to an order at c times the speed."""
+    return of_joints(robot.mechanism, states.upto(row, order).scaled(c).compute(robot, row.name), row)
 
 
-def gravity(robot: Engine, rates: Rates, base: Rates | None, near: np.ndarray | None) -> list[np.ndarray]:
+def gravity(robot: Engine, states: MotionStates, order: int) -> list[np.ndarray]:
     """The gravity forces of the joints and their rates."""
-    found = compute(robot, "gravity_forces", on_tree(rates, near), base=base)
-    return of_joints(robot.mechanism, found, QUANTITIES["gravity_forces"])
+    row = QUANTITIES["gravity_forces"]
+    return of_joints(robot.mechanism, replace(states.upto(row, order), wrench=None).compute(robot, row.name), row)

@@ -1,4 +1,10 @@
-"""Factors of speed by direct evaluation, where they enter no polynomial: Coulomb friction is a tanh of a velocity."""
+"""Factors of speed by direct evaluation, where they enter no polynomial: Coulomb friction is a tanh of a velocity.
+
+The function is the largest ratio to a limit of the whole motion at a factor c, peaks between samples included. Factors
+rise in steps until one breaks a limit; Brent's method (`scipy.optimize.brentq`) then finds where it is 1, between
+this factor and the last one that kept all limits. Limits that are broken only between two factors of the steps are not
+noticed. `JounceError` where no factor up to a thousand breaks a limit, and where none down to 3e-11 keeps them.
+"""
 
 import numpy as np
 
@@ -12,17 +18,17 @@ from jounce.model.elasticity import Law
 from jounce.model.kinds import KINDS
 from jounce.model.springs import CubicSpring, DampedSpring
 
-STEP = 1 / 32  # between factors that are tried: limits broken only between two of them are not noticed
-GROWTH = 1.05  # of factors above 1
-MOST = 1000.0
-EXACT = 1e-13  # of a factor
-HALVINGS = 30  # from the first step down, before the motion is refused
+_SPEED_FACTOR_STEP = 1 / 32  # between the factors that are tried: limits broken only between two of them are missed
+_SPEED_FACTOR_GROWTH = 1.05  # from one factor to the next above 1: steps in proportion, a twentieth each
+_MAX_SPEED_FACTOR = 1000.0  # times the given speed: no motion is meant to be faster, so that no limit bounds it
+_SPEED_FACTOR_TOLERANCE = 1e-13  # relative, close to the rounding of a check
+_MAX_SPEED_FACTOR_HALVINGS = 30  # of the first step, to 3e-11: where no slower factor keeps the limits either
 
 Place = tuple[str, int, float]  # of a limit: kind, joint, time in the given motion
 
 
 def is_polynomial(b: Bounded) -> bool:
-    """Whether what is limited is a polynomial of the factor: no Coulomb friction of links or motors, linear springs."""
+    """Whether limited values are polynomials of the factor: linear springs, and no friction of links or motors."""
     mechanism = b.robot.mechanism
     if b.forces and friction_of(mechanism):
         return False
@@ -31,28 +37,31 @@ def is_polynomial(b: Bounded) -> bool:
 
 
 def _bends(law: Law | None) -> bool:
-    """Whether the force of a spring is not in proportion to its deflection."""
+    """Whether the force of a spring is not proportional to its deflection."""
     spring = law.spring if isinstance(law, DampedSpring) else law
     return spring is not None and not (isinstance(spring, CubicSpring) and spring.k3 == 0)
 
 
 def bracketed_factor(b: Bounded) -> tuple[float, Place]:
-    """The first of a row of factors that breaks a limit, and between it and the one before the factor that does."""
+    """The factor at which a limit is met, and which limit that is."""
     from scipy.optimize import brentq
 
-    states_of(b)  # which refuses what is broken at every speed
-    low, high = 0.0, STEP
+    states_of(b)  # raises where a limit is broken at every speed
+    # Rise until a limit is broken.
+    low, high = 0.0, _SPEED_FACTOR_STEP
     while worst_at(b, high)[0] <= 1:
-        low, high = high, high + STEP if high < 1 else high * GROWTH
-        if high > MOST:
-            raise JounceError(f"no limit bounds the speed of this motion up to {MOST:g} times its own")
-    for _ in range(HALVINGS):
+        low, high = high, high + _SPEED_FACTOR_STEP if high < 1 else high * _SPEED_FACTOR_GROWTH
+        if high > _MAX_SPEED_FACTOR:
+            raise JounceError(f"no limit bounds the speed of this motion up to {_MAX_SPEED_FACTOR:g} times its own")
+    # Where already the first factor breaks one, fall until none is broken.
+    for _ in range(_MAX_SPEED_FACTOR_HALVINGS):
         if low:
             break
         low, high = (high / 2, high) if worst_at(b, high / 2)[0] <= 1 else (0.0, high / 2)
     if not low:
         raise JounceError(f"no factor of speed down to {high:.1g} keeps the limits; with_limits states others")
-    factor = float(brentq(lambda c: worst_at(b, c)[0] - 1, low, high, xtol=EXACT * low, rtol=EXACT))
+    relative = _SPEED_FACTOR_TOLERANCE
+    factor = float(brentq(lambda c: worst_at(b, c)[0] - 1, low, high, xtol=relative * low, rtol=relative))
     return factor, worst_at(b, factor)[1]
 
 
@@ -62,8 +71,7 @@ def worst_at(b: Bounded, factor: float) -> tuple[float, Place]:
     found = []
     for (kind, sign), ratio in worst.ratios.items():
         j = int(np.argmax(ratio))
-        t = b.motion.start + (worst.t[kind, sign][j] - b.motion.start) * factor
-        found.append((float(ratio[j]), (kind, j, float(t))))
+        found.append((float(ratio[j]), (kind, j, float(b.given_times(worst.t[kind, sign][j], factor)))))
     return max(found)
 
 

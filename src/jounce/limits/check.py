@@ -213,13 +213,11 @@ def _table(b: Bounded, worst: Worst, undecided: Spans) -> tuple[CheckedLimit, ..
 
 def _shares(b: Bounded, undecided: Spans) -> dict[str, float]:
     """The share of time in which each kind is decided for all joints."""
-    spans = {
-        kind: join_spans([span for (of, _), found in undecided.items() if of == kind for span in found])
-        for kind in b.kinds
-    }
-    return {
-        kind: 1 - sum(stop - start for start, stop in found) / (b.motion.duration or 1) for kind, found in spans.items()
-    }
+    shares = {}
+    for kind in b.kinds:
+        spans = join_spans([span for (of, _), found in undecided.items() if of == kind for span in found])
+        shares[kind] = 1 - sum(stop - start for start, stop in spans) / (b.motion.duration or 1)
+    return shares
 
 
 def notes_of(b: Bounded, breaks: tuple[ForceBreak, ...]) -> tuple[str, ...]:

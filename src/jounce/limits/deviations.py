@@ -1,4 +1,4 @@
-"""Standard deviations of what limits bound along a measured motion, and between which times each is known well."""
+"""Standard deviations of limited values along a measured motion, and the windows in which each is known well."""
 
 import numpy as np
 
@@ -9,8 +9,8 @@ from jounce.limits.joints import in_columns, of_joints
 from jounce.model.kinds import KINDS, MOTION_KINDS, MOTOR_KINDS
 from jounce.model.positions import positions as joints_of_several
 
-MAX_OVER_MEDIAN = 10.0  # of deviations in a window: towards the ends of a fit they rise by powers of ten
-COMPARED_TIMES = 2000  # of a motion, at which deviations are compared with their median
+_MAX_DEVIATION_OVER_MEDIAN = 10.0  # within a window: towards the ends of a fit deviations rise by powers of ten
+_MAX_COMPARED_TIMES = 2000  # of a motion, for the median of deviations, which change slowly
 
 Deviations = dict[str, np.ndarray]  # by kind, (N, joints); NaN where they are not known
 
@@ -18,7 +18,7 @@ Deviations = dict[str, np.ndarray]  # by kind, (N, joints); NaN where they are n
 def deviations_of(b: Bounded, t: np.ndarray) -> Deviations:
     """Standard deviations at times (N,), without the kinds that are exact.
 
-    Those of joints that follow others in closed loops are not known, but for their forces.
+    Of joints that follow others in closed loops only the deviations of forces are known.
     """
     m = b.motion
     curves = (m.curve, *m.loads.values(), *([m.base_curve] if m.base_curve else []))
@@ -38,7 +38,7 @@ def deviations_of(b: Bounded, t: np.ndarray) -> Deviations:
 
 
 def _of_forces(b: Bounded, t: np.ndarray, off: np.ndarray) -> Deviations:
-    """Those of efforts with their rates, of the power and of stall efforts; velocities deviate by `off` (N, joints)."""
+    """The deviations of efforts with rates, power and stall efforts, from those of velocities, `off` (N, joints)."""
     kinds = [kind for kind in b.kinds if KINDS[kind].force]
     if not kinds:
         return {}
@@ -55,13 +55,13 @@ def _of_forces(b: Bounded, t: np.ndarray, off: np.ndarray) -> Deviations:
 
 
 def _of_motors(b: Bounded, t: np.ndarray) -> Deviations:
-    """Those of motors; of voltages the sum of those of their parts, which is at least theirs."""
+    """The deviations of motors; those of voltages are sums over their parts, an upper bound."""
     found = {}
     for kind in MOTOR_KINDS:
         if kind in b.kinds:
             spread = {name: _along(b, t, b.row(name), k)[0] for name, k in quantities_of(b.robot, kind).items()}
             if all(spread.values()):
-                of_motor = b.of_motor(kind, spread)[KINDS[kind].rate]
+                of_motor = b.motor_values(kind, spread)[KINDS[kind].rate]
                 [found[kind]] = in_columns(b.robot.mechanism, [np.abs(of_motor)], FORCES)
     return found
 
@@ -77,11 +77,11 @@ def _along(b: Bounded, t: np.ndarray, row: Quantity, order: int) -> tuple[list[n
 def windows_of(b: Bounded) -> dict[str, Span]:
     """The times between which each kind is known well, of the kinds that are not known well along the whole motion."""
     times = b.motion.times
-    t = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), COMPARED_TIMES)).astype(int))]
+    t = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), _MAX_COMPARED_TIMES)).astype(int))]
     found = {}
     for kind, deviations in deviations_of(b, t).items():
         off = deviations[:, ~np.isnan(deviations).any(axis=0)]
-        well = np.flatnonzero((off <= MAX_OVER_MEDIAN * np.median(off, axis=0)).all(axis=1))
+        well = np.flatnonzero((off <= _MAX_DEVIATION_OVER_MEDIAN * np.median(off, axis=0)).all(axis=1))
         ends = (well[0], well[-1]) if well.size else (0, 0)
         if ends != (0, len(t) - 1):
             found[kind] = (float(t[ends[0]]), float(t[ends[1]]))

@@ -10,10 +10,10 @@ from jounce.limits.ratios import SIGNS
 from jounce.limits.scaling import Polynomials, polynomials, positive_roots
 from jounce.model.kinds import KINDS
 
-TINY = 1e-300  # in place of a bound of 0
-NEAR = 0.98  # of a limit: a factor at which samples come as near is looked at between them
-GRID = 128  # factors, among which the nearest approaches are sought
-SUBSET = 400  # states that bound the factor before all are looked at
+_ZERO_BOUND_STAND_IN = 1e-300  # in the place of a bound of 0: roots divide by it
+_NEAR_MISS_RATIO = 0.98  # to a limit: where samples come as near, values between them may break it
+_NEAR_MISS_FACTORS = 128  # even factors of speed, among which the nearest approaches are sought
+_FIRST_STATES = 400  # states whose roots bound the factor first, so that few of the others need roots
 
 
 class Feasible:
@@ -29,11 +29,11 @@ class Feasible:
         self.joint = np.empty(0, dtype=int)
         self.states: list[Polynomials] = []  # polynomials by kind
         parts = states_of(b)
-        stride = max(1, sum(len(times) for times, _ in parts) // SUBSET)
+        stride = max(1, sum(len(times) for times, _ in parts) // _FIRST_STATES)
         for which in (np.equal, np.not_equal):  # some states first, which bound the others
             for times, states in parts:
                 some = which(np.arange(len(times)) % stride, 0)
-                self._take({kind: c[:, some] for kind, c in states.items()}, times[some])
+                self._add_states({kind: c[:, some] for kind, c in states.items()}, times[some])
 
     def add(self, t: np.ndarray) -> None:
         """Add the states at some times, (N,)."""
@@ -42,9 +42,9 @@ class Feasible:
             if some.size:
                 found = polynomials(part, some)
                 refuse_static(part, found, some)
-                self._take(found, some)
+                self._add_states(found, some)
 
-    def _take(self, states: Polynomials, t: np.ndarray) -> None:
+    def _add_states(self, states: Polynomials, t: np.ndarray) -> None:
         self.states.append(states)
         highest = self.ceiling
         for kind, c in states.items():
@@ -79,7 +79,7 @@ class Feasible:
 
     def near_misses(self, factor: float) -> np.ndarray:
         """The factors below one at which states come nearest to a limit and recede from it again."""
-        c = np.linspace(0, factor, GRID + 1)
+        c = np.linspace(0, factor, _NEAR_MISS_FACTORS + 1)
         found = []
         for kind in self.b.kinds:
             if KINDS[kind].of == "q":
@@ -89,11 +89,13 @@ class Feasible:
                 highest = np.full((len(c), len(self.b.joints)), -np.inf)
                 for f in (state[kind] for state in self.states if kind in state):
                     most = sum(np.abs(x) * factor**k for k, x in enumerate(f))
-                    rows = np.flatnonzero((scale.ratio(sign * most, sign) > NEAR).any(axis=1))
+                    rows = np.flatnonzero((scale.ratio(sign * most, sign) > _NEAR_MISS_RATIO).any(axis=1))
                     if rows.size:
                         values = sum(x[rows] * c[:, None, None] ** k for k, x in enumerate(f))
                         highest = np.maximum(highest, scale.ratio(values, sign).max(axis=1))
-                inner = (highest[1:-1] >= highest[:-2]) & (highest[1:-1] > highest[2:]) & (highest[1:-1] > NEAR)
+                inner = (
+                    (highest[1:-1] >= highest[:-2]) & (highest[1:-1] > highest[2:]) & (highest[1:-1] > _NEAR_MISS_RATIO)
+                )
                 found.append(c[1:-1][inner.any(axis=1)])
         return np.unique(np.concatenate(found)) if found else np.empty(0)
 
@@ -107,7 +109,9 @@ class Feasible:
         i, j = np.nonzero((reach > -f[0]) & (f[1:] != 0).any(axis=0))
         if not i.size:
             return
-        roots = positive_roots(np.minimum(f[:, i, j], np.where(np.arange(len(f)) > 0, np.inf, -TINY)[:, None]))
+        roots = positive_roots(
+            np.minimum(f[:, i, j], np.where(np.arange(len(f)) > 0, np.inf, -_ZERO_BOUND_STAND_IN)[:, None])
+        )
         degree = roots.shape[1]
         starts = roots[:, ::2]
         stops = np.concatenate([roots[:, 1::2], np.full((len(roots), degree % 2), np.inf)], axis=1)
@@ -154,7 +158,7 @@ def _static_error(b: Bounded, kind: str, j: int, value: float, bound: float, t: 
 
 
 def states_of(b: Bounded) -> list[tuple[np.ndarray, Polynomials]]:
-    """The times at which a motion is looked at, with the polynomials there; at breaks and the end from the left too."""
+    """The times of all pieces with the polynomials there, from the left too at breaks and at the end."""
     breaks = [found.t for found in b.motion.breaks_to(b.rate_order)]
     states: list[tuple[np.ndarray, Polynomials]] = []
     for part, span in parts_of(b):

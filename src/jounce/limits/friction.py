@@ -7,6 +7,10 @@ With ' for d/dsigma, theta a joint variable, w = 1 / eps and u = w theta' s1, on
     F2d  = w^2 tanh''(u) A^2 + w tanh'(u) B,       B = theta' s3 + 3 theta'' s1 s2 + theta''' s1^3
 
 and F s1 is that of the power where theta' is 1. All are functions of x, x', x'' and of the path.
+
+Friction changes fastest where a joint turns round: these times are zeros of its velocity between neighbours of given
+times, and `turns` and `reversals` return times around each at distances in a geometric series. A joint that turns round
+twice between two of the given times is not noticed.
 """
 
 from collections.abc import Callable
@@ -24,9 +28,9 @@ from jounce.model.kinds import KINDS
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
 
-NEAR_TURNS = 0.5 ** np.arange(8, 20, 0.25)  # of the duration: from a turn so far away friction is looked at
-HALVINGS = 0.5 ** np.arange(1, 44)  # of the time from a turn to the next row, down to the rounding of times
-STEEP = (1 / 16, 32.0)  # times eps: between these velocities tanh changes; beyond, by less than rounding
+_TURN_OFFSETS = 0.5 ** np.arange(8, 20, 0.25)  # of the duration: how far from a turn points are added, 4e-3 to 2e-6
+_TURN_SHARES = 0.5 ** np.arange(1, 44)  # of the time from a turn to the next row, down to the rounding of times
+_TANH_RANGE = (1 / 16, 32.0)  # eps: velocities between which tanh changes; beyond, by less than rounding
 
 
 class Smooth(NamedTuple):
@@ -64,7 +68,7 @@ class Friction:
         """Times near which a joint with friction begins to move, stops or turns round, as `count` times show."""
         velocity = _velocity(motion, self.ratios[:, columns].T)
         turns, _, _ = _zeros(velocity, np.linspace(motion.start, motion.stop, count))
-        near = turns[:, None] + motion.duration * np.concatenate([-NEAR_TURNS, [0.0], NEAR_TURNS])
+        near = turns[:, None] + motion.duration * np.concatenate([-_TURN_OFFSETS, [0.0], _TURN_OFFSETS])
         return near[(near >= motion.start) & (near <= motion.stop)]
 
     def reversals(self, motion: Motion, t: np.ndarray) -> np.ndarray:
@@ -72,12 +76,14 @@ class Friction:
 
         Its rates have peaks there as narrow as eps is small.
         """
+        # Zeros of velocities in units of eps, where tanh is not linear between neighbours of t.
         velocity = _velocity(motion, self.ratios.T * self.slope.T)
-        turns, at, joint = _zeros(velocity, t, least=STEEP[0])
+        turns, at, joint = _zeros(velocity, t, least=_TANH_RANGE[0])
         turn, low, high = (x[:, None] for x in (turns, t[at], t[at + 1]))
-        near = np.concatenate([turn - (turn - low) * HALVINGS, turn + (high - turn) * HALVINGS], axis=1)
+        # Times at halves, quarters, ... of the way to both neighbours; those where tanh changes are kept.
+        near = np.concatenate([turn - (turn - low) * _TURN_SHARES, turn + (high - turn) * _TURN_SHARES], axis=1)
         v = np.abs(velocity(near.ravel())[np.arange(near.size), np.repeat(joint, near.shape[1])]).reshape(near.shape)
-        return np.concatenate([turns, near[(v >= STEEP[0]) & (v <= STEEP[1])]])
+        return np.concatenate([turns, near[(v >= _TANH_RANGE[0]) & (v <= _TANH_RANGE[1])]])
 
     def along(self, rates: tuple[np.ndarray, ...], kinds: tuple[str, ...]) -> "FrictionAlong":
         """The friction along a path with q', q'', ... (N, n), as limits of some kinds take it."""
@@ -92,7 +98,7 @@ class FrictionAlong:
     rates: tuple[np.ndarray, ...]
     kinds: tuple[str, ...]
 
-    def taken(self, points: np.ndarray | slice) -> "FrictionAlong":
+    def select(self, points: np.ndarray | slice) -> "FrictionAlong":
         """The friction at some of the points."""
         return replace(self, rates=tuple(rate[:, points] for rate in self.rates))
 
@@ -105,15 +111,15 @@ class FrictionAlong:
         """The factors (N, n) of the products in what limits of a kind bound, along a path with q' = `rate`."""
         if kind not in self.kinds:
             return {}
-        first = len(pace.PRODUCTS) + self.kinds.index(kind) * len(self.friction.onto)
+        first = len(pace.PRODUCT_POWERS) + self.kinds.index(kind) * len(self.friction.onto)
         each = rate if kind == "power" else np.ones_like(rate)
         return {first + i: onto * each for i, onto in enumerate(self.friction.onto)}
 
     def products(self, jet: np.ndarray) -> np.ndarray:
         """The products (M, N) at jets (4, N)."""
         known = pace.products(jet)
-        bent = self._bent(known[pace.S1])
-        return np.concatenate(self._found(bent, lambda terms: sum(c * known[k] for k, c in terms.items())))
+        bent = self._tanh_derivatives(known[pace.S1])
+        return np.concatenate(self._evaluate(bent, lambda terms: sum(c * known[k] for k, c in terms.items())))
 
     def derivatives(self, jet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gradients (M, 4, N) and Hessians (M, 4, 4, N) of the products."""
@@ -127,15 +133,15 @@ class FrictionAlong:
 
         velocity = combined({pace.S1: self.rates[0]})
         outer = velocity.first[:, :, None] * velocity.first[:, None]
-        bent = [x[:, None] for x in self._bent(values[pace.S1])]
+        bent = [x[:, None] for x in self._tanh_derivatives(values[pace.S1])]
         smooth = [
             Smooth(x[:, 0], slope * velocity.first, curvature[:, None] * outer + slope[:, None] * velocity.second)
             for x, slope, curvature in zip(bent, bent[1:], bent[2:], strict=False)
         ]
-        found = self._found(smooth, combined)
+        found = self._evaluate(smooth, combined)
         return np.concatenate([x.first for x in found]), np.concatenate([x.second for x in found])
 
-    def _bent(self, speed: np.ndarray) -> list[np.ndarray]:
+    def _tanh_derivatives(self, speed: np.ndarray) -> list[np.ndarray]:
         """tanh(w theta' s1) and its first four derivatives by theta' s1."""
         w = self.friction.slope
         y = np.tanh(w * self.rates[0] * speed)
@@ -143,7 +149,7 @@ class FrictionAlong:
         bent = [y, slope, -2 * y * slope, slope * (6 * y * y - 2), slope * y * (16 - 24 * y * y)]
         return [w**k * x for k, x in enumerate(bent)]
 
-    def _found(self, bent: list[Any], combined: Callable[[Terms], Any]) -> list[Any]:
+    def _evaluate(self, bent: list[Any], combined: Callable[[Terms], Any]) -> list[Any]:
         """The products by kind, as arrays or `Smooth`, of derivatives of tanh and of what sums of products are."""
         q, found = self.rates, []
         for kind in self.kinds:

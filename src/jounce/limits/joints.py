@@ -56,14 +56,14 @@ def efforts(m: Mechanism) -> Quantity:
 
 
 def columns_of(m: Mechanism, row: Quantity) -> Sequence[int]:
-    """The columns of what a quantity has of motors, or else of coordinates."""
+    """The columns of a quantity, which are motors or coordinates."""
     if m.closure is None:
         return range(m.n)
     return m.closure.actuated if "motors" in row.shape else m.closure.independent
 
 
 def of_joints(m: Mechanism, found: Any, row: Quantity) -> list[np.ndarray]:
-    """A quantity and its rates without what it has of a base, which no limit bounds."""
+    """A quantity and its rates without the entries of a base, which no limit bounds."""
     return [x[..., -len(columns_of(m, row)) :] for x in as_tuple(found)]
 
 
@@ -79,7 +79,7 @@ def joint_rates(
 ) -> tuple[np.ndarray, ...]:
     """q, qd, ... of all joints; where those that follow others are not needed, these are zero.
 
-    In the place of q stands what its limits bound, such as the swing of a ball.
+    The first term is what position limits bound, such as the swing of a ball in the place of its coordinates.
     """
     m = robot.mechanism
     if position is None:

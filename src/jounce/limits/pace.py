@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-JET = 4  # x, x', x'', x''' at a point of the path: what the products depend on
+JET_SIZE = 4  # x, x', x'', x''' at a point of the path: the rate Q2d takes sigma'''' and no higher one
 # The powers of sigma', sigma'', sigma''', sigma'''' in each product; their order is that of the factors' axis.
-PRODUCTS = (
+PRODUCT_POWERS = (
     (0, 0, 0, 0), (1, 0, 0, 0), (2, 0, 0, 0), (0, 1, 0, 0), (3, 0, 0, 0), (1, 1, 0, 0),
     (0, 0, 1, 0), (4, 0, 0, 0), (2, 1, 0, 0), (0, 2, 0, 0), (1, 0, 1, 0), (0, 0, 0, 1),
 )  # fmt: skip
-ONE, S1, S1_2, S2, S1_3, S1_S2, S3, S1_4, S1_2_S2, S2_2, S1_S3, S4 = range(len(PRODUCTS))
+ONE, S1, S1_2, S2, S1_3, S1_S2, S3, S1_4, S1_2_S2, S2_2, S1_S3, S4 = range(len(PRODUCT_POWERS))
 
 
 def products(jet: np.ndarray) -> np.ndarray:
@@ -56,7 +56,10 @@ def derivatives(jet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         S1_S3: {(0, 2): 0.5},
         S4: {(0, 3): 0.5, (1, 2): 0.25},
     }
-    first, second = np.zeros((len(PRODUCTS), JET, len(x))), np.zeros((len(PRODUCTS), JET, JET, len(x)))
+    first, second = (
+        np.zeros((len(PRODUCT_POWERS), JET_SIZE, len(x))),
+        np.zeros((len(PRODUCT_POWERS), JET_SIZE, JET_SIZE, len(x))),
+    )
     for k, row in gradient.items():
         for i, term in enumerate(row):
             first[k, i] = term

@@ -9,15 +9,16 @@ with sk the k-th time derivative of sigma and ' for d/dsigma: a = M q' is the ge
 damping takes, g what does not depend on speed: gravity, springs, and wrenches, which go with the path.
 """
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jounce.dynamics.quantities import FORCES, QUANTITIES
-from jounce.engine.closed_path import named_by_time, on_tree, positions
-from jounce.engine.dispatch import compute
+from jounce.engine.along import SIDES
+from jounce.engine.closed_path import named_by_time
 from jounce.engine.engine import Engine
+from jounce.engine.motion_states import MotionStates
 from jounce.limits import pace
 from jounce.limits.bounded import at_speed, gravity
 from jounce.limits.joints import in_columns, joint_rates, of_joints
@@ -48,7 +49,7 @@ class Path:
     g: list[np.ndarray]
     gravity: list[np.ndarray]
 
-    def joined(self, other: "Path") -> "Path":
+    def join_points(self, other: "Path") -> "Path":
         """The path at the points of both."""
         parts = (
             [np.concatenate(pair) for pair in zip(mine, theirs, strict=True)]
@@ -104,17 +105,15 @@ class Path:
 def path_of(robot: Engine, motion: "Motion", sigma: np.ndarray, order: int, left: bool = False) -> Path:
     """The path of a motion at times sigma (N,), its forces up to an order of time derivatives.
 
-    Inverse dynamics at the speeds 1, -1 and 2 along the path tells apart what does not depend on speed, what is linear
-    in it, and what is quadratic.
+    Inverse dynamics at the speeds 1, -1 and 2 along the path separates what does not depend on speed, what is linear in
+    it, and what is quadratic.
     """
     with named_by_time(sigma):
-        side: Literal["left", "right"] = "left" if left else "right"
-        q = motion(sigma, order + 2, side)
-        W, base = motion.wrench(sigma, order, side), motion.base(sigma, order + 2, side)
-        m, near = robot.mechanism, positions(robot, motion, sigma, side)
+        m, side = robot.mechanism, SIDES[not left]
+        states = MotionStates.sample(robot, motion, sigma, [(FORCES, order)], side)
 
         def forces(speed: float) -> list[np.ndarray]:
-            found = in_columns(m, at_speed(robot, FORCES.name, q, W, speed, order, base, near), FORCES)
+            found = in_columns(m, at_speed(robot, states, FORCES, order, speed), FORCES)
             return [rate / speed**k for k, rate in enumerate(found)]
 
         b, v, g = [], [], []
@@ -124,7 +123,7 @@ def path_of(robot: Engine, motion: "Motion", sigma: np.ndarray, order: int, left
             v.append(odd)
             g.append(even - b[-1])
         momentum = QUANTITIES["generalized_momentum"]
-        p = compute(robot, momentum.name, on_tree(q[: order + 2], near), base=base and base[: order + 2])
-        weight = gravity(robot, q[: order + 1], base and base[: order + 1], near)
+        p = replace(states.upto(momentum, order), wrench=None).compute(robot, momentum.name)
         a = in_columns(m, of_joints(m, p, momentum), momentum)
-        return Path(joint_rates(robot, q, near), a, b, v, g, in_columns(m, weight, FORCES))
+        weight = in_columns(m, gravity(robot, states, order), FORCES)
+        return Path(joint_rates(robot, states.rates, states.near), a, b, v, g, weight)

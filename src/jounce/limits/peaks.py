@@ -1,4 +1,13 @@
-"""Peaks between samples: found on the polynomials, then placed by exact evaluation."""
+"""Peaks between samples: found on the polynomials of pieces, then placed by exact evaluation.
+
+Polynomials whose Bernstein coefficients stay below a floor have no peak above it (the convex hull property [1]), which
+discards most of them. On the others a change of sign of the slope between even samples brackets a peak, unless the
+tangents there meet below the floor. Its place is the zero of the exact derivative, or, where the derivative is not
+known or does not change its sign, the maximum on ever finer grids. Values are always exact; two peaks between the same
+two samples of a polynomial count as one.
+
+[1] G. Farin, Curves and Surfaces for CAGD, 5th edition, 2002.
+"""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -6,13 +15,13 @@ from typing import NamedTuple
 import numpy as np
 
 from jounce.limits.bounded import Bounded
-from jounce.limits.pieces import Pieces, hull
+from jounce.limits.pieces import Pieces, hull, values_at
 from jounce.limits.ratios import SIGNS
 from jounce.limits.search import largest, root
 from jounce.model.kinds import KINDS
 
-GRID = 17  # values of a polynomial on its piece, between which a peak is bracketed
-FLAT = 1e-12  # of the values of a polynomial: lower peaks are rounding, and its ends as high
+_SAMPLES_PER_PIECE = 17  # of a polynomial: many for the six extremes of degree 7
+_MIN_PEAK_HEIGHT = 1e-12  # of the values of a polynomial: lower peaks are rounding, and the ends as high
 
 
 class Peaks(NamedTuple):
@@ -28,24 +37,31 @@ class Peaks(NamedTuple):
 def peaks_of(b: Bounded, pieces: Pieces, floor: Callable[[Pieces, str, int], np.ndarray]) -> Peaks:
     """The extremes inside pieces that pass a floor (K, n), given by kind and sign; each is exact."""
     found: list[tuple[np.ndarray, ...]] = []
-    u = np.linspace(0, 1, GRID)
+    u = np.linspace(0, 1, _SAMPLES_PER_PIECE)
     for kind in pieces.kinds if pieces.width.all() else ():
         c = pieces.polynomials[kind]
         bernstein = hull(c)
         for sign in SIGNS:
+            # Discard polynomials that cannot reach the floor.
             least = floor(pieces, kind, sign)
             i, j = np.nonzero((sign * bernstein).max(axis=0) > least)
             if not i.size:
                 continue
+            # Samples between which the slope changes its sign, and the tangents meet above the floor.
             near = c[:, i, j]
-            y, slope = (sign * _on_grid(x, u) for x in (near, near[:-1] * np.arange(len(c) - 1, 0, -1)[:, None]))
+            y, slope = (
+                sign * values_at(x, u[:, None]) for x in (near, near[:-1] * np.arange(len(c) - 1, 0, -1)[:, None])
+            )
             inner = (slope[:-1] > 0) & (slope[1:] <= 0)
-            tangents = np.maximum(y[:-1] + slope[:-1] / (GRID - 1), y[1:] - slope[1:] / (GRID - 1))  # above any peak
+            tangents = np.maximum(
+                y[:-1] + slope[:-1] / (_SAMPLES_PER_PIECE - 1), y[1:] - slope[1:] / (_SAMPLES_PER_PIECE - 1)
+            )  # above any peak
             inner &= tangents > least[i, j]
-            inner &= (slope[:-1] - slope[1:]) / GRID > FLAT * np.abs(y).max(axis=0)
+            inner &= (slope[:-1] - slope[1:]) / _SAMPLES_PER_PIECE > _MIN_PEAK_HEIGHT * np.abs(y).max(axis=0)
+            # Brackets in time, one sample wider on both sides: the polynomial may misplace the peak.
             at, which = np.nonzero(inner)
             start, width = pieces.start[i[which]], pieces.width[i[which], 0]
-            low, high = (u[at_end.clip(0, GRID - 1)] * width + start for at_end in (at - 1, at + 2))
+            low, high = (u[at_end.clip(0, _SAMPLES_PER_PIECE - 1)] * width + start for at_end in (at - 1, at + 2))
             high = np.minimum(high, np.nextafter(pieces.stop[i[which]], start))  # at a break another piece begins
             count = len(which)
             found.append((np.full(count, kind), j[which], np.full(count, sign), low, high))
@@ -64,7 +80,7 @@ def _placed(
     def value(t: np.ndarray) -> np.ndarray:
         return picked(b, t, kind, joint, 0)
 
-    series = b.of_kinds(set(kind.tolist())).series(low[:1])
+    series = b.select_kinds(set(kind.tolist())).series(low[:1])
     known = np.array([len(series[k]) > KINDS[k].derivative + 1 for k in kind.tolist()])
     t, places = np.empty(len(low)), np.flatnonzero(known)
     if places.size:
@@ -89,17 +105,9 @@ def _placed(
 
 def picked(b: Bounded, t: np.ndarray, kind: np.ndarray, joint: np.ndarray, derivative: int) -> np.ndarray:
     """What limits bound, of one kind and joint at each time, or a derivative of it."""
-    series = b.of_kinds(set(kind.tolist())).series(t)
+    series = b.select_kinds(set(kind.tolist())).series(t)
     found = np.empty(len(t))
     for name, known in series.items():
         mine = np.flatnonzero(kind == name)
         found[mine] = known[KINDS[name].derivative + derivative][mine, joint[mine]]
     return found
-
-
-def _on_grid(c: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """The values (grid, C) of polynomials with coefficients (degree + 1, C)."""
-    value = np.zeros((len(u), c.shape[1]))
-    for coefficient in c:
-        value = value * u[:, None] + coefficient
-    return value

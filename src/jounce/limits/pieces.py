@@ -2,8 +2,10 @@
 
 Breaks of the motion are ends of pieces. Between two times of a motion the polynomials are those of the rates at both
 ends, quintic where two are known. Where they miss the exact value near the middle, or no rate is known, polynomials go
-through exact values inside, and a piece is split until they agree. A piece has the kinds of limits in whose windows it
-lies.
+through exact values at Chebyshev-Lobatto points (L. N. Trefethen, Approximation Theory and Approximation Practice,
+2013), and a piece is split until they agree to `PIECE_TOLERANCE` or to the rounding of the values. Pieces that still
+disagree after the last split keep how much they miss, which a check reports. A piece has the kinds of limits in whose
+windows it lies.
 """
 
 from collections.abc import Iterator, Mapping
@@ -12,28 +14,27 @@ from itertools import pairwise
 from math import comb
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 
-from jounce.limits.bounded import SMOOTH, Bounded, Series, Span
+from jounce.limits.bounded import HERMITE_DERIVATIVES, Bounded, Series, Span
 from jounce.limits.friction import friction_of
-from jounce.limits.ratios import SIGNS, STILL, Scale
+from jounce.limits.ratios import SIGNS, ZERO_BOUND_TOLERANCE, Scale
 from jounce.model.kinds import KINDS
 from jounce.motion.hermite import coefficients
 
-SPLIT = (
-    0.45  # of a piece: in its middle a motion from rest to rest agrees with any polynomial, as both are odd about it
-)
-TOLERANCE = 1e-5  # of the largest value: polynomials of rates may miss the place of the split by as much; half as long
-TRUST = 1e-6  # of the largest value: they miss it by less, and polynomials through values must; they are trusted to it
-DEGREE = 7  # of polynomials through values: that of q2d between rows that state q to q4d; q3d and q4d have lower ones
-NODES = (1 - np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)) / 2  # of a piece, where these values are: Lobatto's
-THROUGH = np.linalg.inv(np.vander(NODES))  # from the values to coefficients, highest power first
-NEGLIGIBLE = 1e-3  # of a limit: smaller values are compared with that much of it, or their rounding would be followed
-NUDGE = 1e-6  # of a piece: values so much earlier and later differ by rounding alone
-ROUNDING_MARGIN = 8.0  # times such a difference is rounding too, which splitting does not lessen
-DEEPEST = 10  # times that a piece is split
-CLOSE = 1e-9  # of the duration: times closer to a break are that break
-BLOCK = 8000  # pieces worked on at a time: fewer take most of the time to call NumPy, more do not fit in a cache
-
+# Of a piece: in its middle a motion from rest to rest agrees with any polynomial, as both are odd about it.
+_SPLIT_SHARE = 0.45
+_HERMITE_TOLERANCE = 1e-5  # of the largest value, at the split: the halves miss less than a tenth of it
+PIECE_TOLERANCE = 1e-6  # of the largest value: what polynomials may miss inside their piece
+_LOBATTO_DEGREE = 7  # of polynomials through values: that of q2d between rows that state q to q4d
+_LOBATTO_NODES = (1 - np.cos(np.pi * np.arange(_LOBATTO_DEGREE + 1) / _LOBATTO_DEGREE)) / 2  # shares of a piece
+_LOBATTO_TO_POWERS = np.linalg.inv(np.vander(_LOBATTO_NODES))  # from values to coefficients, highest power first
+MIN_SHARE_OF_LIMIT = 1e-3  # smaller values are compared with that much of the limit, else rounding would be followed
+_ROUNDING_PROBE = 1e-6  # of a piece: values so much earlier and later differ by rounding alone
+_ROUNDING_FACTOR = 8.0  # times such a difference is rounding too, which splitting does not lessen
+_MAX_PIECE_SPLITS = 10  # of a piece, to a thousandth: what is not resolved then is reported
+_BREAK_TIME_TOLERANCE = 1e-9  # of the duration: times closer to a break are that break
+_PIECES_PER_BLOCK = 8000  # worked on together: fewer take most of the time to call NumPy, more leave the cache
 
 Values = Mapping[str, np.ndarray]  # by kind, (K, n)
 
@@ -55,7 +56,7 @@ class Pieces:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """The kinds of limits that they are looked at for."""
+        """The kinds of limits whose values they have."""
         return tuple(self.left)
 
     @property
@@ -63,7 +64,7 @@ class Pieces:
         """How long they last, (K, 1)."""
         return (self.stop - self.start)[:, None]
 
-    def taken(self, which: np.ndarray) -> "Pieces":
+    def select(self, which: np.ndarray) -> "Pieces":
         """Some of the pieces."""
         left, right, missed = (
             {kind: x[which] for kind, x in values.items()} for values in (self.left, self.right, self.missed)
@@ -72,18 +73,13 @@ class Pieces:
         return Pieces(self.start[which], self.stop[which], left, right, polynomials, missed)
 
 
-def parts_of(b: Bounded) -> list[tuple[Bounded, Span]]:
+def parts_of(b: Bounded) -> Iterator[tuple[Bounded, Span]]:
     """The motion between the ends of windows, with the kinds that are known well there."""
     edges = np.unique([b.whole, *map(b.window, b.kinds)])
-    spans = [(float(a), float(z)) for a, z in pairwise(edges)] or [b.whole]
-    parts = [
-        (
-            b.of_kinds([kind for kind in b.kinds if b.window(kind)[0] <= start and stop <= b.window(kind)[1]]),
-            (start, stop),
-        )
-        for start, stop in spans
-    ]
-    return [(part, span) for part, span in parts if part.kinds]
+    for start, stop in pairwise(edges.tolist()) if len(edges) > 1 else [b.whole]:
+        known = [kind for kind in b.kinds if b.window(kind)[0] <= start and stop <= b.window(kind)[1]]
+        if known:
+            yield b.select_kinds(known), (start, stop)
 
 
 def pieces_of(b: Bounded) -> Iterator[Pieces]:
@@ -98,8 +94,8 @@ def part_pieces(b: Bounded, span: Span) -> Iterator[Pieces]:
     if len(knots) == 1:  # a motion of one state
         state = b.values(knots)
         yield Pieces(knots, knots, state, state, {}, {})
-    for first in range(0, len(knots) - 1, BLOCK):
-        t, jumps = knots[first : first + BLOCK + 1], is_break[first : first + BLOCK + 1]
+    for first in range(0, len(knots) - 1, _PIECES_PER_BLOCK):
+        t, jumps = knots[first : first + _PIECES_PER_BLOCK + 1], is_break[first : first + _PIECES_PER_BLOCK + 1]
         right = b.series(t)
         left = b.series(t[jumps], "left") if jumps.any() else {}
         ends = {kind: [x.copy() for x in series] for kind, series in right.items()}
@@ -113,11 +109,11 @@ def part_pieces(b: Bounded, span: Span) -> Iterator[Pieces]:
 
 def knots_of(b: Bounded, span: Span) -> tuple[np.ndarray, np.ndarray]:
     """The times of a motion and of its breaks in a span, with its ends, and which of them are breaks."""
-    motion, order, (start, stop) = b.motion, b.rate_order, span
-    breaks = [found.t for found in motion.breaks_to(order)]
+    motion, (start, stop) = b.motion, span
+    breaks = [found.t for found in motion.breaks_to(b.rate_order)]
     for curve in motion.loads.values():
-        known = curve.highest
-        breaks += [jump.t for jump in curve.jumps(SMOOTH if known is None else min(SMOOTH, known))]
+        order = HERMITE_DERIVATIVES if curve.highest is None else min(HERMITE_DERIVATIVES, curve.highest)
+        breaks += [jump.t for jump in curve.jumps(order)]
     jumps = np.unique([t for t in breaks if start < t <= stop])
     every = np.unique([start, *motion.times[(motion.times > start) & (motion.times < stop)], stop])
     if b.forces and (friction := friction_of(b.robot.mechanism)) and not b.robot.mechanism.closure:
@@ -126,7 +122,7 @@ def knots_of(b: Bounded, span: Span) -> tuple[np.ndarray, np.ndarray]:
         return every, np.zeros(len(every), dtype=bool)
     apart = np.abs(every - jumps[np.abs(np.searchsorted(jumps, every)).clip(0, len(jumps) - 1)])
     before = np.abs(every - jumps[(np.searchsorted(jumps, every) - 1).clip(0)])
-    kept = every[np.minimum(apart, before) > CLOSE * motion.duration]
+    kept = every[np.minimum(apart, before) > _BREAK_TIME_TOLERANCE * motion.duration]
     knots = np.unique(np.concatenate([[start], kept, jumps, [stop]]))
     return knots, np.isin(knots, jumps)
 
@@ -134,7 +130,7 @@ def knots_of(b: Bounded, span: Span) -> tuple[np.ndarray, np.ndarray]:
 def _between(b: Bounded, t: np.ndarray, left: Series, right: Series) -> Pieces:
     """Pieces between times (K + 1,) with the series at both ends, (K, n) each: in two, or through values inside."""
     start, stop = t[:-1], t[1:]
-    middle = start + SPLIT * (stop - start)
+    middle = start + _SPLIT_SHARE * (stop - start)
     exact = b.series(middle)
     whole, *halves = (
         _of_rates(*ends)
@@ -145,11 +141,11 @@ def _between(b: Bounded, t: np.ndarray, left: Series, right: Series) -> Pieces:
         for kind, ends in ((kind, (whole.left[kind], whole.right[kind], halves[0].right[kind])) for kind in b.kinds)
     }
     missed = _missed(whole, middle, halves[0].right)
-    wrong = np.any([(missed[kind] > TOLERANCE * scales[kind]).any(axis=1) for kind in b.kinds], axis=0)
+    wrong = np.any([(missed[kind] > _HERMITE_TOLERANCE * scales[kind]).any(axis=1) for kind in b.kinds], axis=0)
     wrong |= any(len(series) == 1 for series in left.values())
     divisible = (start < middle) & (middle < stop)  # stamps since 1970 step by 2.4e-7 s
-    good = [half.taken(divisible & ~wrong) for half in halves]
-    return _joined([whole.taken(~divisible), *good, *_through(b, whole.taken(divisible & wrong), scales)])
+    good = [half.select(divisible & ~wrong) for half in halves]
+    return _joined([whole.select(~divisible), *good, *_through(b, whole.select(divisible & wrong), scales)])
 
 
 def _of_rates(start: np.ndarray, stop: np.ndarray, left: Series, right: Series) -> Pieces:
@@ -167,37 +163,43 @@ def _of_rates(start: np.ndarray, stop: np.ndarray, left: Series, right: Series) 
 
 def _through(b: Bounded, pieces: Pieces, scales: Values) -> Iterator[Pieces]:
     """Pieces with polynomials through exact values inside, split where these miss another one."""
-    for depth in range(DEEPEST if len(pieces.start) else 0):
-        middle = pieces.start + SPLIT * (pieces.stop - pieces.start)
-        inner = pieces.start[:, None] + NODES[1:-1] * pieces.width
+    for depth in range(_MAX_PIECE_SPLITS if len(pieces.start) else 0):
+        middle = pieces.start + _SPLIT_SHARE * (pieces.stop - pieces.start)
+        inner = pieces.start[:, None] + _LOBATTO_NODES[1:-1] * pieces.width
         inner = np.minimum(inner, np.nextafter(pieces.stop, pieces.start)[:, None])  # at a break another one begins
         count = len(middle)
+        # Interpolate exact values inside, and test the polynomials at another one.
         values = b.values(np.concatenate([middle, inner.T.ravel()]))
         exact, nodes = ({kind: x[part] for kind, x in values.items()} for part in (slice(count), slice(count, None)))
         polynomials = {}
         for kind in b.kinds:
-            left, right, between = pieces.left[kind], pieces.right[kind], nodes[kind].reshape(DEGREE - 1, count, -1)
-            polynomials[kind] = np.einsum("ij,jkn->ikn", THROUGH, np.stack([left, *between, right]))
+            left, right, between = (
+                pieces.left[kind],
+                pieces.right[kind],
+                nodes[kind].reshape(_LOBATTO_DEGREE - 1, count, -1),
+            )
+            polynomials[kind] = np.einsum("ij,jkn->ikn", _LOBATTO_TO_POWERS, np.stack([left, *between, right]))
         pieces = replace(pieces, polynomials=polynomials)
         missed = _missed(pieces, middle, exact)
         rounded = 16 * np.spacing(np.abs(middle))[:, None] / pieces.width  # much where stamps are those since 1970
-        beyond = {kind: missed[kind] - (TRUST + rounded) * scales[kind] for kind in b.kinds}
+        beyond = {kind: missed[kind] - (PIECE_TOLERANCE + rounded) * scales[kind] for kind in b.kinds}
         wrong = np.any([(x > 0).any(axis=1) for x in beyond.values()], axis=0)
-        if wrong.any():
+        if wrong.any():  # differences of rounding are not followed
             rounding = _rounding(b, middle[wrong], pieces.width[wrong, 0])
             wrong[wrong] = np.any(
-                [(beyond[kind][wrong] > ROUNDING_MARGIN * rounding[kind]).any(axis=1) for kind in b.kinds], axis=0
+                [(beyond[kind][wrong] > _ROUNDING_FACTOR * rounding[kind]).any(axis=1) for kind in b.kinds], axis=0
             )
+        # Pieces that agree are done; the others are split, as long as there is a time between their ends.
         wrong &= (pieces.start < middle) & (middle < pieces.stop)
-        yield pieces.taken(~wrong)
+        yield pieces.select(~wrong)
         if not wrong.any():
             break
-        if depth + 1 == DEEPEST:
-            yield replace(pieces, missed=missed).taken(wrong)
+        if depth + 1 == _MAX_PIECE_SPLITS:
+            yield replace(pieces, missed=missed).select(wrong)
             break
         first = replace(pieces, stop=middle, right=exact)
         second = replace(pieces, start=middle, left=exact)
-        pieces = _joined([first.taken(wrong), second.taken(wrong)])
+        pieces = _joined([first.select(wrong), second.select(wrong)])
 
 
 def _missed(pieces: Pieces, t: np.ndarray, values: Values) -> dict[str, np.ndarray]:
@@ -208,14 +210,14 @@ def _missed(pieces: Pieces, t: np.ndarray, values: Values) -> dict[str, np.ndarr
 
 
 def _negligible(scale: Scale) -> np.ndarray:
-    """The values (n,) of which polynomials need no digits; infinite where nothing is bounded."""
+    """The values (n,) too small to need digits; infinite where nothing is bounded."""
     reach = np.minimum(*(np.abs(scale.reach(sign)) for sign in SIGNS))
-    return np.maximum(NEGLIGIBLE * reach, STILL / TOLERANCE)
+    return np.maximum(MIN_SHARE_OF_LIMIT * reach, ZERO_BOUND_TOLERANCE / _HERMITE_TOLERANCE)
 
 
 def _rounding(b: Bounded, t: np.ndarray, width: np.ndarray) -> dict[str, np.ndarray]:
-    """By how much values (N, n) differ from those at times that are as good as the same."""
-    step = np.maximum(NUDGE * width, 2 * np.spacing(np.abs(t)))
+    """By how much values (N, n) differ from those at times that are nearly the same: their rounding."""
+    step = np.maximum(_ROUNDING_PROBE * width, 2 * np.spacing(np.abs(t)))
     at, early, late = (b.values(t + sign * step) for sign in (0, -1, 1))
     return {kind: np.maximum(np.abs(early[kind] - x), np.abs(late[kind] - x)) for kind, x in at.items()}
 
@@ -232,15 +234,12 @@ def _joined(parts: list[Pieces]) -> Pieces:
         found = [part.polynomials[kind] for part in parts if len(part.start)]
         degree = max(map(len, found))
         polynomials[kind] = np.concatenate([np.pad(c, ((degree - len(c), 0), (0, 0), (0, 0))) for c in found], axis=1)
-    return Pieces(start, stop, left, right, polynomials, missed).taken(np.argsort(start, kind="stable"))
+    return Pieces(start, stop, left, right, polynomials, missed).select(np.argsort(start, kind="stable"))
 
 
 def values_at(c: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """The values (K, n) of polynomials at a u of each piece, (K, 1), or of all."""
-    value = c[0]
-    for coefficient in c[1:]:
-        value = value * u + coefficient
-    return value
+    """The values of polynomials with coefficients (degree + 1, ...), highest power first, at u that broadcast."""
+    return np.asarray(polyval(u, c[::-1], tensor=False))
 
 
 def hull(c: np.ndarray) -> np.ndarray:

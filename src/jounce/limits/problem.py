@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from jounce.core.errors import JounceError, listed, quoted
-from jounce.engine.along import FIRST
+from jounce.engine.along import Q_RATE_ORDER
 from jounce.engine.closed_path import positions
 from jounce.engine.engine import Engine, like
 from jounce.limits.bounded import known_kinds, motion_order
@@ -21,14 +21,14 @@ from jounce.model.positions import extent_names
 from jounce.motion import Motion
 from jounce.spatial.series import rate_name
 
-STILL = 1e-6  # of the largest velocity of a motion: slower is at rest
-SLOWEST, FASTEST = 1e-9, 1e9  # uniform speeds that are tried
-ROUNDING = 1e-9  # of a position, or of the largest value of a rate that jumps
+_REST_VELOCITY_SHARE = 1e-6  # of the largest velocity of the motion: slower than this, it rests
+_MIN_UNIFORM_SPEED, MAX_UNIFORM_SPEED = 1e-9, 1e9  # times the speed of the motion: beyond them no limit decides
+_PATH_ROUNDING = 1e-9  # of a position, or of the largest value of a rate that jumps: what computing them may leave
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A motion whose path is retimed, and the limits of its coordinates, of which a share is used.
+    """A motion whose path is retimed, the limits of its coordinates, and the share of them that may be used.
 
     `order` is that of the rates of Q that the limits take, `moving` whether the motion moves at its start and its end:
     its velocity and acceleration remain there. `robot` has no Coulomb friction, which is `friction`.
@@ -48,9 +48,9 @@ class Problem:
         return np.unique([found.t for found in self.motion.breaks_to(self.order + 3)])
 
     def points(self, count: int) -> tuple[np.ndarray, int]:
-        """`count` even points of the path, with more where joints with friction turn round, and how many these are.
+        """`count` even points of the path and more where joints with friction turn round, then its breaks twice.
 
-        Then those of its breaks twice: before and after each.
+        The number returned is that of the points without the breaks, which stand for before and after each.
         """
         even = np.linspace(self.motion.start, self.motion.stop, count)
         if self.friction:
@@ -64,7 +64,7 @@ class Problem:
         path = path_of(self.robot, self.motion, sigma[:count], self.order)
         for left in (True, False):
             if self.breaks.size:
-                path = path.joined(path_of(self.robot, self.motion, self.breaks, self.order, left))
+                path = path.join_points(path_of(self.robot, self.motion, self.breaks, self.order, left))
         return path
 
     def rows_at(self, sigma: np.ndarray, fastest: float) -> Rows:
@@ -75,28 +75,28 @@ class Problem:
         """The limits along a path, x below the square of `fastest`."""
         return rows_of(path, self.limits, self.share, fastest, self.friction)
 
-    def uniform(self, path: Path) -> float:
+    def uniform_speed(self, path: Path) -> float:
         """The speed of a uniform time law within all limits: of an interval of such speeds the fastest."""
-        rows = self.rows(path, FASTEST)
+        rows = self.rows(path, MAX_UNIFORM_SPEED)
 
         def feasible(speed: float) -> bool:
             values = rows.uniform(speed)
             return bool((values < rows.upper).all() and (values > rows.lower).all())
 
         speed = 1.0
-        while not feasible(speed) and speed > SLOWEST:
+        while not feasible(speed) and speed > _MIN_UNIFORM_SPEED:
             speed /= 1.1
-        while feasible(1.1 * speed) and speed < FASTEST:
+        while feasible(1.1 * speed) and speed < MAX_UNIFORM_SPEED:
             speed *= 1.1
-        if speed >= FASTEST or speed <= SLOWEST:
-            raise self.unbounded() if speed >= FASTEST else self._stuck(rows)
+        if speed >= MAX_UNIFORM_SPEED or speed <= _MIN_UNIFORM_SPEED:
+            raise self.unbounded_error() if speed >= MAX_UNIFORM_SPEED else self._stuck_error(rows)
         low, high = speed, 1.1 * speed
         for _ in range(40):
             middle = (low + high) / 2
             low, high = (middle, high) if feasible(middle) else (low, middle)
         return low
 
-    def unbounded(self) -> JounceError:
+    def unbounded_error(self) -> JounceError:
         """The error where no limit keeps a path from being passed at any speed."""
         velocity = self.limits.bounds("velocity")
         free = [name for j, name in enumerate(joint_names(self.robot.mechanism)) if np.isinf(velocity[:, j]).all()]
@@ -106,7 +106,7 @@ class Problem:
             f"no limit bounds the speed along part of the path{missing}: state one with robot.with_limits(velocity=...)"
         )
 
-    def _stuck(self, rows: Rows) -> JounceError:
+    def _stuck_error(self, rows: Rows) -> JounceError:
         values = rows.uniform(0.0)
         values = np.maximum(values - rows.upper, rows.lower - values)
         point, row = np.unravel_index(values.argmax(), values.shape)
@@ -124,7 +124,7 @@ def problem_of(robot: Engine, motion: Motion, share: float) -> Problem:
     kinds = [kind for kind in known_kinds(robot, limits) if kind != "position"]
     if motors := [kind for kind in kinds if KINDS[kind].takes]:
         raise JounceError(
-            f"retime does not know limits of motors ({listed(motors)}); take them away,"
+            f"retime does not support limits of motors ({listed(motors)}); remove them,"
             f" robot.with_limits({motors[0]}=float('inf')), and check the result with them: robot.slowdown keeps them"
         )
     forces = [kind for kind in kinds if KINDS[kind].force]
@@ -132,8 +132,8 @@ def problem_of(robot: Engine, motion: Motion, share: float) -> Problem:
         bounds, names = limits.bounds(forces[0]), joint_names(robot.mechanism)
         bounded = [name for j, name in enumerate(names) if np.isfinite(bounds[:, j]).any()]
         raise JounceError(
-            f"retime knows limits of {listed(forces)} only where motors are at the coordinates,"
-            f" {listed(robot.joint_names)}; take them away, robot.with_limits({forces[0]}=dict.fromkeys({bounded},"
+            f"retime supports limits of {listed(forces)} only where motors are at the coordinates,"
+            f" {listed(robot.joint_names)}; remove them, robot.with_limits({forces[0]}=dict.fromkeys({bounded},"
             " float('inf'))), and check the result with them: robot.slowdown keeps them"
         )
     _check_zero(robot, motion, limits, kinds)
@@ -145,7 +145,7 @@ def problem_of(robot: Engine, motion: Motion, share: float) -> Problem:
     needs = {kind: motion_order(robot, kind) for kind in kinds}
     highest = max(kinds, key=needs.__getitem__)
     _check_breaks(motion, robot.joint_names, needs[highest], highest)
-    friction, order = _friction(robot), max(0, needs[highest] - FIRST)
+    friction, order = _friction(robot), max(0, needs[highest] - Q_RATE_ORDER)
     return Problem(without_friction(robot), motion, limits, share, order, _moving(motion), friction)
 
 
@@ -156,7 +156,7 @@ def check_path(problem: Problem, sigma: np.ndarray, path: Path) -> None:
     names = extent_names(problem.robot.mechanism.tree)
     units = joint_units(problem.robot.mechanism)
     lower, upper = problem.limits.bounds("position")
-    slack = ROUNDING * np.maximum(1, np.abs(path.q[0]).max(axis=0))
+    slack = _PATH_ROUNDING * np.maximum(1, np.abs(path.q[0]).max(axis=0))
     outside = np.argwhere((path.q[0] < lower - slack) | (path.q[0] > upper + slack))
     if len(outside):
         i, j = outside[0]
@@ -193,7 +193,7 @@ def _check_zero(robot: Engine, motion: Motion, limits: Limits, kinds: Sequence[s
         for j in zero:
             t = np.linspace(motion.start, motion.stop, 101)
             speed = np.abs(joint_rates(robot, motion(t, 1), positions(robot, motion, t))[1]).max(axis=0)
-            if speed[j] > STILL * speed.max():
+            if speed[j] > _REST_VELOCITY_SHARE * speed.max():
                 joint = quoted(joint_names(robot.mechanism)[j])
                 raise JounceError(f"the {kind} limit of joint {joint} is 0, and the joint moves")
 
@@ -202,7 +202,7 @@ def _moving(motion: Motion) -> tuple[bool, bool]:
     """Whether a motion moves at its start and at its end."""
     sigma = np.linspace(motion.start, motion.stop, 101)
     speed = np.abs(motion(sigma, 1)[1]).max(axis=1)
-    return bool(speed[0] > STILL * speed.max()), bool(speed[-1] > STILL * speed.max())
+    return bool(speed[0] > _REST_VELOCITY_SHARE * speed.max()), bool(speed[-1] > _REST_VELOCITY_SHARE * speed.max())
 
 
 def _check_breaks(motion: Motion, names: Sequence[str], rate: int, kind: str) -> None:
@@ -211,7 +211,7 @@ def _check_breaks(motion: Motion, names: Sequence[str], rate: int, kind: str) ->
     real = [
         found
         for found in motion.breaks_to(rate - 1)
-        if found.symbol != "q" or abs(found.jump) > ROUNDING * peaks[found.order]
+        if found.symbol != "q" or abs(found.jump) > _PATH_ROUNDING * peaks[found.order]
     ]
     if real:
         first = real[0]
@@ -242,7 +242,7 @@ def _friction(robot: Engine) -> Friction | None:
     rubs = np.flatnonzero(friction.ratios.any(axis=0))
     if passive := [joint_names(m)[j] for j in rubs if joint_names(m)[j] not in m.coordinates]:
         raise JounceError(
-            f"retime does not know Coulomb friction of joints that follow others in closed loops ({listed(passive)});"
-            " leave it out, robot.with_drives(['armature', 'damping', 'spring']), and check the result with it"
+            f"retime does not support Coulomb friction of joints that follow others in closed loops ({listed(passive)}"
+            "); omit it, robot.with_drives(['armature', 'damping', 'spring']), and check the result with it"
         )
     return friction

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-STILL = 1e-12  # against a bound of 0: less counts as 0
-ROUNDING = 1e-9  # of the reach of a limit: less beyond it is rounding
+ZERO_BOUND_TOLERANCE = 1e-12  # SI units: against a bound of 0, less counts as 0
+LIMIT_TOLERANCE = 1e-9  # of the reach of a limit: less beyond it is rounding
 SIGNS = (1, -1)  # of values: against the upper bound, and against the lower one
 
 
@@ -29,7 +29,7 @@ class Scale:
     def tolerant(self, sign: int) -> np.ndarray:
         """The bounds of signed values, with room for rounding."""
         bound = self.bound(sign)
-        return np.where(np.isfinite(bound), bound + ROUNDING * np.abs(self.reach(sign)), np.inf)
+        return np.where(np.isfinite(bound), bound + LIMIT_TOLERANCE * np.abs(self.reach(sign)), np.inf)
 
     @np.errstate(all="ignore")
     def ratio(self, value: np.ndarray, sign: int, joint: np.ndarray | slice = slice(None)) -> np.ndarray:
@@ -37,7 +37,7 @@ class Scale:
         reach, way, free = self.reach(sign)[joint], value - self.centre[joint], np.isinf(self.bound(sign)[joint])
         ratio = way / (sign * reach)
         if not reach.all():
-            ratio = np.where(reach == 0, np.where(sign * way > STILL, np.inf, 0.0), ratio)
+            ratio = np.where(reach == 0, np.where(sign * way > ZERO_BOUND_TOLERANCE, np.inf, 0.0), ratio)
         return np.where(free, -np.inf, ratio) if free.any() else ratio
 
     def largest(self, value: np.ndarray) -> np.ndarray:

@@ -1,6 +1,21 @@
-"""The fastest time law along the path of a motion, under all limits of a robot."""
+"""The fastest time law along the path of a motion, under all limits of a robot.
 
-from collections.abc import Callable
+Problem: x(sigma) = sigma'(t)^2 > 0 along a given path q(sigma) that minimizes the duration, with every limit kept.
+
+Algorithm: direct transcription [1]. x is a spline, limits are rows at some points of each interval, and `barrier` finds
+the coefficients. Points between at which a row peaks beyond its bound are added, and the program is solved again from
+the last solution drawn towards one that is well within (an exchange method). Splines of twice as many intervals follow
+as long as the duration falls by enough.
+
+Invariants: a finer spline contains the coarser one, so that refining starts from the last solution; what is still
+exceeded between points is drawn back within at the end.
+
+Failure: `JounceError` where no limit bounds the speed along part of the path, where velocities given at the ends leave
+no time law, where speeds along the path are too uneven, and where friction turns over between the points.
+
+[1] J. T. Betts, Practical Methods for Optimal Control and Estimation Using Nonlinear Programming, 2nd edition, 2010.
+"""
+
 from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import NamedTuple
@@ -12,36 +27,25 @@ from jounce.core.errors import JounceError, quoted
 from jounce.core.scalars import is_finite
 from jounce.engine.along import checked_motion
 from jounce.engine.engine import Engine
-from jounce.limits.barrier import UNEVEN, Program, fastest, within
-from jounce.limits.basis import Basis, Local
+from jounce.limits.barrier import UNEVEN
 from jounce.limits.check import check
+from jounce.limits.grid import GRID_POINTS_PER_INTERVAL, WARM_START_GAP, Grid
 from jounce.limits.joints import joint_names
-from jounce.limits.path import Path
-from jounce.limits.problem import Problem, check_path, problem_of
-from jounce.limits.rows import Rows
+from jounce.limits.problem import Problem, problem_of
 from jounce.model.positions import number_rates
 from jounce.motion import Motion
 from jounce.motion.time_law import Paced, TimeLaw
 
-INTERVALS = 30  # of the first spline
-MOST_AT_FIRST, MOST_INTERVALS = 480, 1920
-RESOLVED = 0.01  # of the largest velocity, or of the way: by so much two points may be off what is between them
-POINTS = 5  # of the path in each interval
-FINER = 8  # times as many points look for what happens between them
-GAP = 3e-4  # of the duration, between a time law and the fastest of its spline
-AGAIN = 0.03  # such a gap, with which the program begins from a solution of a similar one
-WORTH = 5e-3  # of the duration, which twice as many intervals must save to be tried again
-ROUNDS = 6  # of rows added where a limit is exceeded between the points
-BETWEEN = 1e-3  # of a limit: by so much it may be exceeded between the points before rows are added
-REACHES = (20.0, 400.0, 8000.0)  # times as fast as the fastest uniform one is the highest speed along the path
-UNBOUNDED = 0.01  # of the path, on which nothing but the highest speed decides, is too much
-DECIDES = 0.97  # of a bound from which on it decides
-INSIDE = 0.95  # of the fastest uniform speed: where the program begins
-LEAST, BISECTIONS = 1e-4, 6  # of the way towards coefficients within the limits
-NEARLY = 0.05  # of a bound: points further from it need not be looked at again
-UNRESOLVED = 0.01  # of a limit: by more it is not exceeded between points that show all that happens
-SURE = 8  # times as many points as those of a grid tell that x is above 0
-SHORT = 0.004  # of the duration: shorter stretches are not told
+FIRST_INTERVALS = 30  # of the first spline: enough for a point-to-point motion, and cheap
+_MAX_FIRST_TIME_LAW_INTERVALS = 480  # of the first spline: a motion that needs more has very uneven speeds
+_MAX_TIME_LAW_INTERVALS = 1920  # of the last spline, which bounds time and memory
+_MAX_SAMPLING_ERROR = 0.01  # of the largest velocity, or of the way: what interpolation between two points may miss
+_MIN_GAIN_OF_REFINEMENT = 5e-3  # of the duration, which twice as many intervals must save to be doubled again
+SPEED_CAPS = (20.0, 400.0, 8000.0)  # fastest uniform speeds: the highest speed along the path, raised where it decides
+_MIN_BINDING_RATIO = 0.97  # to a bound from which on it counts as deciding: the barrier keeps some distance
+_MAX_UNRESOLVED_EXCESS = 0.01  # of a limit: a check that finds more shows that friction turned between the points
+_POSITIVITY_SAMPLES_PER_POINT = 8  # of x, per point of the grid, before its root is taken
+_MIN_STRETCH_SHARE = 0.004  # of the duration: shorter stretches are not reported
 
 
 class Stretch(NamedTuple):
@@ -93,11 +97,11 @@ def retime(robot: Engine, motion: object, margin: object = 0.01) -> Retiming:
         raise JounceError(f"margin is {quoted(margin)}; expected a number from 0 to below 1, 0.01 for 99 % of a limit")
     problem = problem_of(robot, given, 1 - float(margin))  # type: ignore[arg-type]
     intervals = _resolving(robot, given)
-    for reach in REACHES:
-        grid, c = _fastest(Grid.of(problem, intervals, reach))
-        if grid.bounded(c):
-            return _verified(robot, grid.result(c), problem)
-    raise problem.unbounded()
+    for reach in SPEED_CAPS:
+        grid, c = _fastest(Grid.build(problem, intervals, reach))
+        if grid.is_bounded(c):
+            return _verified(robot, _result(grid, c), problem)
+    raise problem.unbounded_error()
 
 
 def _verified(robot: Engine, found: Retiming, problem: Problem) -> Retiming:
@@ -105,7 +109,7 @@ def _verified(robot: Engine, found: Retiming, problem: Problem) -> Retiming:
     if problem.friction:
         rows = [row for row in check(robot, found.motion).table if row.limit != "position"]
         worst = max(rows, key=lambda row: row.ratio)
-        if worst.ratio > problem.share * (1 + UNRESOLVED):
+        if worst.ratio > problem.share * (1 + _MAX_UNRESOLVED_EXCESS):
             raise JounceError(
                 f"retiming fails: {worst}, where at most {problem.share:g} is expected:"
                 f" the Coulomb friction turns over within {1 / problem.friction.slope.max():g} rad/s or m/s, which is"
@@ -116,187 +120,71 @@ def _verified(robot: Engine, found: Retiming, problem: Problem) -> Retiming:
 
 def _resolving(robot: Engine, motion: Motion) -> int:
     """A number of intervals whose finer points follow the velocities of a motion."""
-    intervals = INTERVALS
-    while intervals <= MOST_AT_FIRST:
-        t = np.linspace(motion.start, motion.stop, 2 * FINER * POINTS * intervals + 1)
+    intervals = FIRST_INTERVALS
+    while intervals <= _MAX_FIRST_TIME_LAW_INTERVALS:
+        t = np.linspace(motion.start, motion.stop, 2 * GRID_POINTS_PER_INTERVAL * intervals + 1)
         q, velocity = motion(t, 1)
         speed = number_rates(robot.mechanism, q, velocity)
         chord, step = (speed[:-1:2] + speed[2::2]) / 2, 2 * (t[1] - t[0])
         off = np.abs(speed[1::2] - chord).max()
         missed = np.abs(q[2::2] - q[:-1:2] - step * (chord + 2 * speed[1::2]) / 3).max()  # by Simpson's rule
-        if off <= RESOLVED * np.abs(speed).max() and missed <= RESOLVED * np.ptp(q, axis=0).max():
+        if off <= _MAX_SAMPLING_ERROR * np.abs(speed).max() and missed <= _MAX_SAMPLING_ERROR * np.ptp(q, axis=0).max():
             return intervals
         intervals *= 2
     raise JounceError(UNEVEN)
 
 
-def _fastest(grid: "Grid") -> tuple["Grid", np.ndarray]:
+def _fastest(grid: Grid) -> tuple[Grid, np.ndarray]:
     """The fastest spline, of as many intervals as pay."""
     inner = grid.inner(np.ones(grid.basis.count))
-    c = grid.solved(inner, inner, 1.0)
-    while grid.basis.intervals < MOST_INTERVALS:
-        finer = Grid.of(grid.problem, 2 * grid.basis.intervals, grid.reach, grid.uniform)
-        inner, coarse = (finer.basis.through(grid.basis.spline(x)) for x in (inner, c))
+    c = grid.solve(inner, inner, 1.0)
+    while grid.basis.intervals < _MAX_TIME_LAW_INTERVALS:
+        # The same splines on twice as many intervals, from which the finer problem starts.
+        finer = Grid.build(grid.problem, 2 * grid.basis.intervals, grid.reach, grid.uniform)
+        inner, coarse = (finer.basis.refine(grid.basis.spline(x)) for x in (inner, c))
         inner = finer.inner(inner)
-        better = finer.solved(coarse, inner, AGAIN)
+        better = finer.solve(coarse, inner, WARM_START_GAP)
         before, after = grid.basis.duration(c), finer.basis.duration(better)
         if after < before:
             grid, c = finer, better
-        if after > (1 - WORTH) * before:
+        if after > (1 - _MIN_GAIN_OF_REFINEMENT) * before:
             break
     if grid.free.all() and grid.basis.duration(c) > grid.problem.motion.duration / grid.uniform:
         c = np.full(grid.basis.count, grid.uniform**2)
     return grid, c
 
 
-@dataclass(frozen=True, eq=False)
-class Grid:
-    """A problem with splines of some intervals, and its path at points that are FINER than those of the program."""
-
-    problem: Problem
-    basis: Basis
-    sigma: np.ndarray
-    count: int  # of sigma without breaks
-    path: Path
-    at: Local
-    rows: Rows
-    uniform: float  # the speed of the fastest uniform time law
-    reach: float  # times as fast as this is the highest speed
-
-    @classmethod
-    def of(cls, problem: Problem, intervals: int, reach: float, uniform: float | None = None) -> "Grid":
-        """The grid with a number of intervals; the path is checked where the uniform speed is not known yet."""
-        basis = Basis(problem.motion.start, problem.motion.stop, intervals)
-        sigma, count = problem.points(FINER * POINTS * intervals + 1)
-        path = problem.path(sigma, count)
-        if uniform is None:
-            check_path(problem, sigma, path)
-            uniform = 1.0 if any(problem.moving) else problem.uniform(path)
-        rows = problem.rows(path, reach * uniform)
-        return cls(problem, basis, sigma, count, path, basis.at(sigma), rows, uniform, reach)
-
-    @property
-    def free(self) -> np.ndarray:
-        """Which coefficients are free: where an end moves, x = 1 and x' = 0 there."""
-        free = np.ones(self.basis.count, dtype=bool)
-        free[:2], free[-2:] = (not moves for moves in self.problem.moving)
-        return free
-
-    def inner(self, c: np.ndarray) -> np.ndarray:
-        """Coefficients well within all limits: uniform ones, or near to some others where the speed of an end stays."""
-        if self.free.all():
-            return np.full(self.basis.count, (INSIDE * self.uniform) ** 2)
-        program = Program(self.basis, self.at, self.rows, self.free)
-        found = within(program, c)
-        if found is None:
-            raise self._impossible(program, c)
-        return found
-
-    def solved(self, c: np.ndarray, inner: np.ndarray, first: float) -> np.ndarray:
-        """The coefficients of the fastest spline within all limits, between the points too, from some others."""
-        chosen = np.zeros(len(self.rows.factors), dtype=bool)
-        chosen[: self.count : FINER] = chosen[self.count - 1 :] = True
-        for _ in range(ROUNDS):
-            program = Program(self.basis, self.at.taken(chosen), self.rows.taken(chosen), self.free)
-            c = fastest(program, drawn(c, inner, program.feasible), GAP, first)
-            peaks = _peaks(self.rows.excess(self.at.jets(c))[: self.count], BETWEEN)
-            if not peaks.size:
-                break
-            chosen[peaks], first = True, AGAIN
-        return self._held(c, inner)
-
-    def _held(self, c: np.ndarray, inner: np.ndarray) -> np.ndarray:
-        """The coefficients, drawn to those well within the limits by what these are exceeded between the points."""
-        near = self.rows.excess(self.at.jets(c)).max(axis=1) > -NEARLY
-        looked = [(self.rows.taken(near), self.at.taken(near))]
-        for _ in range(ROUNDS):
-            c = drawn(c, inner, lambda c: all(bool((rows.excess(at.jets(c)) <= 0).all()) for rows, at in looked))
-            sigma = self._tops(c)
-            if not sigma.size:
-                break
-            looked.append((self.problem.rows_at(sigma, self.reach * self.uniform), self.basis.at(sigma)))
-        return c
-
-    def _tops(self, c: np.ndarray) -> np.ndarray:
-        """Where rows peak above their limits between the points, by parabolas through three of these each."""
-        sigma = self.sigma[: self.count]
-        excess, step = self.rows.excess(self.at.jets(c))[: self.count], np.diff(sigma)[:, None]
-        rise, value, both = np.diff(excess, axis=0) / step, excess[1:-1], step[1:] + step[:-1]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            slope = (rise[1:] * step[:-1] + rise[:-1] * step[1:]) / both
-            bend = 2 * (rise[1:] - rise[:-1]) / both
-            above = (rise[:-1] > 0) & (rise[1:] < 0) & (value - slope**2 / (2 * bend) > BETWEEN / 10)
-            return np.unique((sigma[1:-1, None] - slope / bend)[above])
-
-    def _impossible(self, program: Program, c: np.ndarray) -> JounceError:
-        """The error where the speed of the motion at its ends, which remains, leaves no time law within the limits."""
-        excess = program.rows.excess(program.at.jets(c))
-        point, row = np.unravel_index(excess.argmax(), excess.shape)
-        joint = joint_names(self.problem.robot.mechanism)[program.rows.joints[point, row]]
-        ends = [end for end, moves in zip(("start", "end"), self.problem.moving, strict=True) if moves]
-        return JounceError(
-            f"the motion moves at its {' and '.join(ends)}, and no time law keeps the velocity there within the limits"
-            f" (worst: {program.rows.kinds[row]} of joint {quoted(joint)});"
-            " expected a motion from rest to rest, or a slower one: motion.scaled(2)"
-        )
-
-    def bounded(self, c: np.ndarray) -> bool:
-        """Whether the limits decide the speed along nearly all of the path, and not the highest speed."""
-        way = np.abs(self.path.q[1][: self.count]).sum(axis=1) * np.gradient(self.sigma[: self.count])
-        x = self.at.jets(c)[0, : self.count]
-        return bool(way[x > (self.reach * self.uniform) ** 2 / 4].sum() <= UNBOUNDED * way.sum())
-
-    def result(self, c: np.ndarray) -> Retiming:
-        """The motion with x of some coefficients."""
-        given, spline = self.problem.motion, self.basis.spline(c)
-        if spline(np.linspace(given.start, given.stop, SURE * self.count)).min() <= 0:
-            raise JounceError(UNEVEN)
-        law = TimeLaw(spline, given.start, given.stop, given.start)
-        motion = replace(
-            given,
-            curve=Paced(given.curve, law),
-            loads={body: Paced(curve, law) for body, curve in given.loads.items()},
-            base_curve=given.base_curve and Paced(given.base_curve, law),
-            source=f"{given.source}, retimed",
-            samples=None,
-            grid=None,
-            torques=None,
-        )
-        return Retiming(motion, motion.duration, self._binding(c, law), law)
-
-    def _binding(self, c: np.ndarray, law: TimeLaw) -> tuple[Stretch, ...]:
-        """The stretches on which a limit decides."""
-        rows, jet = self.rows, self.at.jets(c)
-        near = rows.nearness(jet)[: self.count]
-        row = near.argmax(axis=1)
-        at = np.arange(self.count)
-        joints = np.where(near[at, row] > DECIDES, rows.joints[at, row], -1)
-        t = law.times(self.sigma[: self.count])
-        found = []
-        for (kind, joint), group in groupby(at.tolist(), key=lambda i: (rows.kinds[row[i]], int(joints[i]))):
-            which = list(group)
-            first, last = t[which[0]], t[min(which[-1] + 1, self.count - 1)]
-            if joint >= 0 and last - first > SHORT * (t[-1] - t[0]):
-                found.append(Stretch(joint_names(self.problem.robot.mechanism)[joint], kind, float(first), float(last)))
-        return tuple(found)
+def _result(grid: Grid, c: np.ndarray) -> Retiming:
+    """The motion with x of some coefficients."""
+    given, spline = grid.problem.motion, grid.basis.spline(c)
+    if spline(np.linspace(given.start, given.stop, _POSITIVITY_SAMPLES_PER_POINT * grid.count)).min() <= 0:
+        raise JounceError(UNEVEN)
+    law = TimeLaw(spline, given.start, given.stop, given.start)
+    motion = replace(
+        given,
+        curve=Paced(given.curve, law),
+        loads={body: Paced(curve, law) for body, curve in given.loads.items()},
+        base_curve=given.base_curve and Paced(given.base_curve, law),
+        source=f"{given.source}, retimed",
+        samples=None,
+        grid=None,
+        torques=None,
+    )
+    return Retiming(motion, motion.duration, _binding(grid, c, law), law)
 
 
-def drawn(c: np.ndarray, inner: np.ndarray, fits: Callable[[np.ndarray], bool]) -> np.ndarray:
-    """Coefficients that fit, between some and others that do: as little as possible towards the latter."""
-    if fits(c):
-        return c
-    low, high = 0.0, LEAST
-    while high < 1 and not fits(c + high * (inner - c)):
-        low, high = high, 2 * high
-    high = min(high, 1.0)
-    for _ in range(BISECTIONS):
-        middle = (low + high) / 2
-        low, high = (low, middle) if fits(c + middle * (inner - c)) else (middle, high)
-    return c + high * (inner - c)
-
-
-def _peaks(excess: np.ndarray, above: float) -> np.ndarray:
-    """The points at which a row (N, R) has a peak above a bound."""
-    inner = np.pad(excess, ((1, 1), (0, 0)), constant_values=-np.inf)
-    peak = (excess > above) & (excess >= inner[:-2]) & (excess >= inner[2:])
-    return np.flatnonzero(peak.any(axis=1))
+def _binding(grid: Grid, c: np.ndarray, law: TimeLaw) -> tuple[Stretch, ...]:
+    """The stretches on which a limit decides."""
+    rows, jet = grid.rows, grid.at.jets(c)
+    near = rows.nearness(jet)[: grid.count]
+    row = near.argmax(axis=1)
+    at = np.arange(grid.count)
+    joints = np.where(near[at, row] > _MIN_BINDING_RATIO, rows.joints[at, row], -1)
+    t = law.times(grid.sigma[: grid.count])
+    found = []
+    for (kind, joint), group in groupby(at.tolist(), key=lambda i: (rows.kinds[row[i]], int(joints[i]))):
+        which = list(group)
+        first, last = t[which[0]], t[min(which[-1] + 1, grid.count - 1)]
+        if joint >= 0 and last - first > _MIN_STRETCH_SHARE * (t[-1] - t[0]):
+            found.append(Stretch(joint_names(grid.problem.robot.mechanism)[joint], kind, float(first), float(last)))
+    return tuple(found)

@@ -11,9 +11,9 @@ from jounce.limits.ratios import scale_of
 from jounce.model.kinds import KINDS
 from jounce.model.limits import Limits
 
-ONE_SIDED = 1e6  # times the stated bound stands in for the other one, where that is infinite
-HIGHEST_JET = (0, 0, 0, 1, 0, 1, 2, 0, 1, 1, 2, 3)  # of each product, the derivative of x that it takes
-
+_MAX_BOUND_RATIO = 1e6  # of a bound that is infinite to the stated one: finite for the barrier, and never binding
+# Of each product, the highest derivative of x that it takes.
+_PRODUCT_JET_ORDERS = (0, 0, 0, 1, 0, 1, 2, 0, 1, 1, 2, 3)
 
 Part = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]  # factors, bounds, joints, kinds
 
@@ -49,7 +49,7 @@ class Rows:
     @property
     def jet(self) -> int:
         """How many of x, x', x'', x''' the rows take."""
-        highest = HIGHEST_JET + (self.friction.highest_jet if self.friction else ())
+        highest = _PRODUCT_JET_ORDERS + (self.friction.highest_jet if self.friction else ())
         return 1 + max((highest[k] for k in self.used), default=0)
 
     def values(self, jet: np.ndarray) -> np.ndarray:
@@ -69,7 +69,7 @@ class Rows:
 
     def uniform(self, speed: float) -> np.ndarray:
         """The rows (N, R) at a uniform speed, 0 for those at rest."""
-        jet = np.zeros((pace.JET, len(self.factors)))
+        jet = np.zeros((pace.JET_SIZE, len(self.factors)))
         jet[0] = speed**2
         return self.values(jet)
 
@@ -79,12 +79,12 @@ class Rows:
         values = self.values(np.where(possible, jet, 1.0))
         return np.where(possible[:, None], np.maximum(values - self.upper, self.lower - values), np.inf)
 
-    def taken(self, points: np.ndarray | slice) -> "Rows":
+    def select(self, points: np.ndarray | slice) -> "Rows":
         """The rows at some of the points."""
-        friction = self.friction and self.friction.taken(points)
+        friction = self.friction and self.friction.select(points)
         return replace(self, factors=self.factors[points], joints=self.joints[points], friction=friction)
 
-    def relaxed(self, by: float) -> "Rows":
+    def widen(self, by: float) -> "Rows":
         """The rows with wider bounds."""
         return replace(self, lower=self.lower - by, upper=self.upper + by)
 
@@ -104,7 +104,7 @@ def rows_of(path: Path, limits: Limits, share: float, fastest: float, friction: 
     kinds = [kind for kind in limits.kinds if kind not in ("position", "velocity") and not KINDS[kind].takes]
     forces = tuple(kind for kind in kinds if KINDS[kind].force)
     rubbing = friction.along(path.q[1:], forces) if friction and forces else None
-    size = len(pace.PRODUCTS) + (len(rubbing.highest_jet) if rubbing else 0)
+    size = len(pace.PRODUCT_POWERS) + (len(rubbing.highest_jet) if rubbing else 0)
     found: list[Part] = [_speed(path, limits.bounds("velocity") * share, fastest, size)]
     for kind in kinds:
         terms = _terms(path, kind, limits) | (rubbing.terms(kind, path.q[1]) if rubbing else {})
@@ -139,8 +139,8 @@ def _rows(kind: str, terms: Terms, bounds: np.ndarray, products: int) -> Part:
     joints = np.broadcast_to(limited, (points, len(limited)))
     return (
         factors[:, limited] / scale[:, None],
-        (lower / scale).clip(-ONE_SIDED),
-        (upper / scale).clip(max=ONE_SIDED),
+        (lower / scale).clip(-_MAX_BOUND_RATIO),
+        (upper / scale).clip(max=_MAX_BOUND_RATIO),
         joints,
         (kind,) * len(limited),
     )
@@ -153,4 +153,4 @@ def _speed(path: Path, bounds: np.ndarray, fastest: float, products: int) -> Par
     factors[:, 0, pace.S1_2] = np.maximum(ratio.max(axis=1), 1 / fastest) ** 2
     joints = np.where(ratio.max(axis=1) * fastest < 1, -1, ratio.argmax(axis=1))
     one = np.ones(1)
-    return factors, -ONE_SIDED * one, one, joints[:, None], ("velocity",)
+    return factors, -_MAX_BOUND_RATIO * one, one, joints[:, None], ("velocity",)

@@ -1,4 +1,4 @@
-"""The worst limit at samples of a motion whose forces are computed anyway; between them only a check looks."""
+"""The worst limit at samples of a motion whose forces are known; only a check finds what happens between them."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -29,7 +29,7 @@ def worst_broken(
         if not np.isfinite(limits.bounds(kind)).any():
             continue
         scale = scale_of(limits.bounds(kind), kind)
-        x = np.asfortranarray(value)  # whose columns are summed up several times as fast
+        x = np.asfortranarray(value)  # whose columns are reduced several times as fast
         ends = np.maximum(scale.ratio(x.max(axis=0), 1), scale.ratio(x.min(axis=0), -1))
         if not (ends <= 1).all():  # or some are not known
             ratio = scale.largest(value)
@@ -42,7 +42,7 @@ def worst_broken(
 def values_of(
     limits: Limits, rates: Sequence[np.ndarray], forces: Sequence[np.ndarray], gravity: Sequence[np.ndarray] = ()
 ) -> dict[str, np.ndarray]:
-    """What limits bound, by kind, of rates q, qd, ..., Q, Qd, ... and Qgrav (N, n); without it not what is less it."""
+    """The limited values by kind, from q, qd, ..., Q, Qd, ... and Qgrav (N, n); without Qgrav none of Q - Qgrav."""
     found, weight = dict(zip(MOTION_KINDS, rates, strict=False)), dict(zip(EFFORT_KINDS, gravity, strict=False))
     slope = limits.effort_slope
     for kind, row in KINDS.items():

@@ -1,10 +1,10 @@
-"""How what limits bound depends on the speed: polynomials in the factor c of q_c(t) = q(c t), at each time of the path.
+"""Limited values as polynomials in the factor of speed c, of q_c(t) = q(c t), at each time of the path.
 
     Q_c   = S + c V + c^2 D                    S: static (gravity, springs, wrenches), V: viscous, D: inertial
     Qd_c  = c S' + c^2 V' + c^3 D'             ' along the given motion
     Q2d_c = c^2 S'' + c^3 V'' + c^4 D''
 
-Wrenches given over time go with the path: W stays, and its k-th rate is multiplied by c^k. The parts are told apart by
+Wrenches given over time go with the path: W stays, and its k-th rate is multiplied by c^k. The parts follow from
 evaluating the inverse dynamics at c = 0, 1, -1, 2, -2. Positions, velocities and torques of motors behind linear
 springs are polynomials of degree 2, 3 and 4, which as many values and one more determine.
 """
@@ -12,10 +12,12 @@ springs are polynomials of degree 2, 3 and 4, which as many values and one more 
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 
 from jounce.dynamics.quantities import FORCES
-from jounce.engine.closed_path import named_by_time, positions
-from jounce.limits.bounded import Bounded, Side, gravity, quantities_of
+from jounce.engine.closed_path import named_by_time
+from jounce.engine.motion_states import MotionStates, Side
+from jounce.limits.bounded import Bounded, at_speed, gravity, quantities_of
 from jounce.limits.joints import in_columns, joint_rates
 from jounce.model.kinds import KINDS, MOTION_KINDS, MOTOR_KINDS
 
@@ -26,20 +28,19 @@ Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # (N, n) each: of c^0, c^1 an
 def polynomials(b: Bounded, t: np.ndarray, side: Side = "right") -> Polynomials:
     """Coefficients (degree + 1, N, n) of what limits bound, lowest power of c first, at times (N,) by kind."""
     with named_by_time(t):
-        rates, m = b.motion(t, b.motion_order, side), b.robot.mechanism
-        near = positions(b.robot, b.motion, t, side)
-        joints = joint_rates(b.robot, rates, near, b.follow)
+        m, orders = b.robot.mechanism, b.needed_orders
+        states = b.states(t, orders, b.motion_order, side)
+        joints = joint_rates(b.robot, states.rates, states.near, b.follow)
         found = {kind: _monomial(joints[k], k) for k, kind in enumerate(MOTION_KINDS) if kind in b.kinds}
-        found |= {kind: _of_motors(b, kind, rates, t, side, near) for kind in MOTOR_KINDS if kind in b.kinds}
-        if b.efforts.name not in b.orders:
+        found |= {kind: _of_motors(b, kind, states) for kind in MOTOR_KINDS if kind in b.kinds}
+        if b.efforts.name not in orders:
             return found
-        kinds = [kind for kind in b.kinds if KINDS[kind].force]
-        parts = _parts(b, rates, t, max(KINDS[kind].rate for kind in kinds), side, near)
-        for kind in kinds:
+        parts = _parts(b, states, orders[b.efforts.name])
+        for kind in (kind for kind in b.kinds if KINDS[kind].force):
             k = KINDS[kind].rate
             c = np.pad(np.stack(parts[k]), ((k, 0), (0, 0), (0, 0)))
             if kind in b.limits.without_gravity:
-                c[k] -= gravity(b.robot, rates[: k + 1], b.motion.base(t, k, side), near)[k]
+                c[k] -= gravity(b.robot, states, k)[k]
             [c] = in_columns(m, [c], b.efforts)
             if kind == "stall_effort":
                 c[1] += b.limits.effort_slope * joints[1]
@@ -51,36 +52,32 @@ def _monomial(rate: np.ndarray, k: int) -> np.ndarray:
     return np.concatenate([np.zeros((k, *rate.shape)), rate[None]])
 
 
-def _parts(
-    b: Bounded, rates: "tuple[np.ndarray, ...]", t: np.ndarray, order: int, side: Side, near: np.ndarray | None
-) -> list[Parts]:
+def _parts(b: Bounded, states: MotionStates, order: int) -> list[Parts]:
     """S, V, D and their derivatives along the motion up to an order."""
 
     def at(c: float) -> list[np.ndarray]:
-        return b.quantity(b.efforts.name, order, rates, t, side, near, c)
+        return at_speed(b.robot, states, b.row(b.efforts.name), order, c)
 
     static, one, back = at(0.0)[0], at(1.0), at(-1.0)
     two, far_back = (at(2.0), at(-2.0)) if order else ([], [])
     parts: list[Parts] = []
     for k in range(order + 1):
-        sign = (-1) ** k  # of the powers that S and D go with
+        sign = (-1) ** k  # of the powers of c that S and D have
         V, near = (one[k] - sign * back[k]) / 2, (one[k] + sign * back[k]) / 2
         D = ((two[k] + sign * far_back[k]) / 2 / 2**k - near) / 3 if k else near - static
         parts.append((near - D if k else static, V, D))
     return parts
 
 
-def _of_motors(
-    b: Bounded, kind: str, rates: "tuple[np.ndarray, ...]", t: np.ndarray, side: Side, near: np.ndarray | None
-) -> np.ndarray:
+def _of_motors(b: Bounded, kind: str, states: MotionStates) -> np.ndarray:
     """The polynomial of a motor, from its values at c = 0, 1, -1, 2, -2, ..."""
     orders = quantities_of(b.robot, kind)
     count = max(b.row(name).rates + order for name, order in orders.items())
     c = [(-1) ** (i + 1) * ((i + 1) // 2) for i in range(count)]
     values = []
     for speed in c:
-        known = {name: b.quantity(name, order, rates, t, side, near, float(speed)) for name, order in orders.items()}
-        values.append(b.of_motor(kind, known)[KINDS[kind].rate])
+        known = {name: at_speed(b.robot, states, b.row(name), k, float(speed)) for name, k in orders.items()}
+        values.append(b.motor_values(kind, known)[KINDS[kind].rate])
     found = np.tensordot(np.linalg.inv(np.vander(c, increasing=True)), np.stack(values), axes=1)
     return in_columns(b.robot.mechanism, [found], FORCES)[0]
 
@@ -98,14 +95,8 @@ def positive_roots(f: np.ndarray) -> np.ndarray:
     with np.errstate(all="ignore"):
         real = (np.abs(z.imag) <= 1e-9 * np.abs(z)) & (z.real > 0)
         c = np.where(real, 1 / z.real, np.inf)
-        value, slope = _value(f, c), _value(f[1:] * np.arange(1, degree + 1)[:, None], c)
+        slopes = f[1:] * np.arange(1, degree + 1)[:, None]
+        value, slope = (polyval(c, x[..., None], tensor=False) for x in (f, slopes))
         step = value / slope
         c = np.where(np.isfinite(step) & (np.abs(step) < 1e-6 * c), c - step, c)
     return np.sort(c, axis=1)
-
-
-def _value(f: np.ndarray, c: np.ndarray) -> np.ndarray:
-    value = np.zeros_like(c)
-    for coefficient in f[::-1]:
-        value = value * c + coefficient[:, None]
-    return value

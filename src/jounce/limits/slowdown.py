@@ -1,4 +1,19 @@
-"""The largest factor of speed at which a motion keeps every limit."""
+"""The largest factor of speed at which a motion keeps every limit.
+
+Problem: the largest c such that the motion at every speed up to c times its own keeps all limits at all times, a
+semi-infinite program in one variable.
+
+Algorithm: at one state each limited value is a polynomial in c, whose roots bound the intervals of c that break a
+limit. The first interval of all states gives a c; a check of the motion at this c, peaks between samples included,
+yields the states at which it is farthest beyond a limit, and these are added until no limit is broken: the exchange
+method of semi-infinite programming [1]. Factors at which samples come near a limit and recede again are checked as
+well. With Coulomb friction or bent springs there are no polynomials, and c is bracketed by direct evaluation.
+
+Invariant: c only falls as states are added. It fails, with `JounceError`, where a limit is broken at every speed, where
+none bounds the speed, and where a limit of a joint that moves is 0.
+
+[1] R. Hettich, K. O. Kortanek, Semi-infinite programming: theory, methods, and applications, SIAM Review 35 (1993).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,10 +34,10 @@ from jounce.limits.validation import bounded
 from jounce.limits.worst import Worst
 from jounce.motion.motion import Motion
 
-CLOSE = 2e-10  # of a ratio beyond 1: factors are as exact
-ROUNDS = 40  # of refinement between samples; it takes three or four
-LEAST = 1e-9  # a smaller factor comes of a limit of 0
-BISECTIONS = 24  # of the factor where samples are uncertain: to 1e-7
+_BINDING_RATIO_TOLERANCE = 2e-10  # of a ratio above 1: factors are as exact
+_MAX_SLOWDOWN_ROUNDS = 40  # of states added between samples; motions take three or four
+_MIN_SPEED_FACTOR = 1e-9  # only a limit of 0 makes the factor smaller: no useful motion lasts 1e9 times as long
+_FACTOR_BISECTIONS = 24  # of the factor where samples are uncertain: 2^-24 = 6e-8, finer than their deviations
 
 
 class Binding(NamedTuple):
@@ -96,12 +111,12 @@ def slowdown(robot: Engine, motion: object) -> Slowdown:
 
 
 def _slower(b: Bounded, factor: float) -> tuple[float, Place] | None:
-    """The factor, and its limit, at which values outside of windows are no longer beyond; None where none are."""
+    """The factor at which values outside of windows keep their limits, and the last limit; None where all keep them."""
     place = _beyond_windows(b, factor)
     if place is None:
         return None
     low, high = 0.0, factor
-    for _ in range(BISECTIONS):
+    for _ in range(_FACTOR_BISECTIONS):
         middle = (low + high) / 2
         beyond = _beyond_windows(b, middle)
         low, high, place = (middle, high, place) if beyond is None else (low, middle, beyond)
@@ -123,8 +138,7 @@ def _beyond_windows(b: Bounded, factor: float) -> Place | None:
     for (kind, sign), spans in worst.spans.items():
         for j, found in enumerate(spans):
             if found:
-                t = b.motion.start + (float(worst.t[kind, sign][j]) - b.motion.start) * factor
-                return kind, j, t
+                return kind, j, float(b.given_times(worst.t[kind, sign][j], factor))
     return None
 
 
@@ -141,9 +155,10 @@ def _window_notes(b: Bounded) -> tuple[str, ...]:
 def _first(b: Bounded, states: Feasible) -> float:
     """The largest factor below which all are feasible: refined between samples there, and where limits are near."""
     if np.isinf(states.factor):
-        states.add(times_beyond(b, 1.0))  # which refuses what is broken at every speed between the states
-    for _ in range(ROUNDS):
+        states.add(times_beyond(b, 1.0))  # raises where a limit between the states is broken at every speed
+    for _ in range(_MAX_SLOWDOWN_ROUNDS):
         factor = _finite(states)
+        # Exchange: states farthest beyond a limit at this factor, or where smaller ones come near, bound the next.
         near = states.near_misses(factor)
         beyond = np.unique(np.concatenate([times_beyond(b, at) for at in (*near, factor)]))
         if not beyond.size:
@@ -154,7 +169,7 @@ def _first(b: Bounded, states: Feasible) -> float:
 
 def _largest(b: Bounded, states: Feasible) -> float:
     """The largest feasible factor, refined between samples."""
-    for _ in range(ROUNDS):
+    for _ in range(_MAX_SLOWDOWN_ROUNDS):
         beyond = times_beyond(b, states.largest)
         if states.largest <= states.factor or not beyond.size:
             break
@@ -166,7 +181,7 @@ def _finite(states: Feasible) -> float:
     factor = states.factor
     if np.isinf(factor):
         raise JounceError("no limit bounds the speed of this motion: it does not move, or with_limits must state more")
-    if factor < LEAST:
+    if factor < _MIN_SPEED_FACTOR:
         i = states.first
         joint, kind = states.b.joints[states.joint[i]], str(states.kind[i]).replace("_", " ")
         raise JounceError(f"joint {quoted(joint)} moves at t = {states.t[i]:.6g} s, and its limit of {kind} is 0")
@@ -176,8 +191,8 @@ def _finite(states: Feasible) -> float:
 def times_beyond(b: Bounded, factor: float) -> np.ndarray:
     """When, between samples too, the motion at a factor of speed is farthest beyond limits, in the given motion."""
     worst = worst_of(b, factor)
-    found = [worst.t[side][ratio > 1 + CLOSE] for side, ratio in worst.ratios.items()]
-    return np.asarray(b.motion.start + (np.unique(np.concatenate(found)) - b.motion.start) * factor)
+    found = [worst.t[side][ratio > 1 + _BINDING_RATIO_TOLERANCE] for side, ratio in worst.ratios.items()]
+    return np.asarray(b.given_times(np.unique(np.concatenate(found)), factor))
 
 
 def _refuse_jumps(b: Bounded, breaks: Sequence[ForceBreak]) -> None:

@@ -12,8 +12,8 @@ from jounce.limits.pieces import Pieces, part_pieces
 from jounce.limits.ratios import SIGNS
 from jounce.limits.worst import Spans, Worst, runs
 
-DECISIVE_DEVIATIONS = 2.0  # between a value and its limit: from there on it is known on which side the value lies
-BLOCK = 2000  # times worked on at a time
+_DECISIVE_DEVIATIONS = 2.0  # between a value and its limit: 95 % of normal errors are smaller
+_UNCERTAIN_TIMES_AT_ONCE = 2000  # times evaluated together, which bounds working memory
 
 
 def take_uncertain(b: Bounded, worst: Worst) -> Spans:
@@ -37,9 +37,9 @@ def _outside(b: Bounded) -> Iterator[tuple[Bounded, np.ndarray]]:
     before = {kind: start for kind, (start, _) in b.windows.items() if start > first}
     after = {kind: stop for kind, (_, stop) in b.windows.items() if stop < last}
     if before:
-        yield b.of_kinds(before), _times(b.of_kinds(before), [first, *before.values()])
+        yield b.select_kinds(before), _times(b.select_kinds(before), [first, *before.values()])
     if after:
-        yield b.of_kinds(after), _times(b.of_kinds(after), [*after.values(), last])
+        yield b.select_kinds(after), _times(b.select_kinds(after), [*after.values(), last])
 
 
 def _times(b: Bounded, ends: Sequence[float]) -> np.ndarray:
@@ -57,7 +57,7 @@ def _any_peak(b: Bounded, pieces: Pieces, kind: str, sign: int) -> np.ndarray:
 
 
 def _values(b: Bounded, t: np.ndarray) -> dict[str, np.ndarray]:
-    blocks = [b.values(t[i : i + BLOCK]) for i in range(0, len(t), BLOCK)]
+    blocks = [b.values(t[i : i + _UNCERTAIN_TIMES_AT_ONCE]) for i in range(0, len(t), _UNCERTAIN_TIMES_AT_ONCE)]
     return {kind: np.concatenate([block[kind] for block in blocks]) for kind in b.kinds}
 
 
@@ -66,7 +66,7 @@ def _take(worst: Worst, kind: str, t: np.ndarray, values: np.ndarray, off: np.nd
     unclear, broken = (np.zeros(values.shape, dtype=bool) for _ in range(2))
     for sign in SIGNS:
         excess = sign * values - worst.b.scales[kind].tolerant(sign)
-        beyond, within = excess > DECISIVE_DEVIATIONS * off, excess <= -DECISIVE_DEVIATIONS * off
+        beyond, within = excess > _DECISIVE_DEVIATIONS * off, excess <= -_DECISIVE_DEVIATIONS * off
         worst.take_values(kind, sign, t, np.where(beyond | within, sign * values, -np.inf), beyond)
         unclear |= ~(beyond | within) & np.isfinite(excess)
         broken |= beyond

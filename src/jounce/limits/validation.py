@@ -1,4 +1,4 @@
-"""A robot along a motion, checked before limits are: joints match, limits are stated, and what they bound is known."""
+"""A robot along a motion, checked: joints match, limits are stated, and the values that they bound are known."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -49,7 +49,7 @@ def _check_data(robot: Engine, limits: Limits, kinds: Sequence[str]) -> None:
 
 
 def _check_stiffness(robot: Engine, kinds: Sequence[str]) -> None:
-    """Raise `JounceError` where motors are bounded whose rates may be infinite between the times looked at."""
+    """Raise `JounceError` where motors are bounded whose rates may be infinite between the times that are checked."""
     e, of_motors = robot.mechanism.elasticity, [kind for kind in kinds if KINDS[kind].takes]
     if e and e.slack and of_motors:
         raise JounceError(

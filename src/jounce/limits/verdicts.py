@@ -6,14 +6,14 @@ from typing import Literal
 
 from jounce.core.errors import listed
 from jounce.limits.bounded import Span
-from jounce.limits.ratios import ROUNDING
+from jounce.limits.ratios import LIMIT_TOLERANCE
 
 Verdict = Literal["kept", "broken", "undecided"]
 
 
 def verdict_of(ratio: float, undecided: Sequence[object]) -> Verdict:
     """The verdict on a limit by its worst ratio where it is decided, and the spans where it is not."""
-    return "broken" if ratio > 1 + ROUNDING else "undecided" if undecided else "kept"
+    return "broken" if ratio > 1 + LIMIT_TOLERANCE else "undecided" if undecided else "kept"
 
 
 def overall(verdicts: Collection[Verdict]) -> Verdict:

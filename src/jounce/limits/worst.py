@@ -9,8 +9,8 @@ from jounce.engine.along import ForceBreak
 from jounce.limits.bounded import Bounded, Span
 from jounce.limits.joints import columns_of, in_columns, of_joints
 from jounce.limits.peaks import Peaks, peaks_of, picked
-from jounce.limits.pieces import NEGLIGIBLE, TRUST, Pieces, hull
-from jounce.limits.ratios import ROUNDING, SIGNS
+from jounce.limits.pieces import MIN_SHARE_OF_LIMIT, PIECE_TOLERANCE, Pieces, hull
+from jounce.limits.ratios import LIMIT_TOLERANCE, SIGNS
 from jounce.limits.search import root
 from jounce.model.kinds import KINDS, MOTION_KINDS
 from jounce.model.positions import positions
@@ -36,12 +36,12 @@ class Worst:
         self.unresolved: Spans = {}
 
     def take(self, pieces: Pieces) -> None:
-        """Look at pieces of the motion, which follow those taken before."""
+        """Take in pieces of the motion, which follow earlier ones."""
         peaks = self.take_worst(pieces)
         self._add_spans(pieces, peaks)
 
     def take_worst(self, pieces: Pieces) -> Peaks:
-        """Look at pieces of the motion for the worst values alone; returns the peaks between the ends of pieces."""
+        """Take in the worst values of pieces alone; returns the peaks between the ends of pieces."""
         for kind in pieces.kinds:
             for t, values in ((pieces.start, pieces.left[kind]), (pieces.stop, pieces.right[kind])):
                 self.largest[kind] = np.maximum(self.largest[kind], np.abs(values).max(axis=0))
@@ -55,9 +55,9 @@ class Worst:
         return peaks
 
     def _take_unresolved(self, pieces: Pieces) -> None:
-        """Note where polynomials and what they miss, together, reach a bound."""
+        """Record where a polynomial and its error together reach a bound."""
         for kind, missed in pieces.missed.items():
-            coarse = pieces.taken(np.flatnonzero(missed.any(axis=1)))
+            coarse = pieces.select(np.flatnonzero(missed.any(axis=1)))
             ends = hull(coarse.polynomials[kind]) if len(coarse.start) else np.zeros((1, 0, missed.shape[1]))
             for sign in SIGNS:
                 reach = (sign * ends).max(axis=0) + coarse.missed[kind]
@@ -91,7 +91,7 @@ class Worst:
             unknown = [np.ones(len(columns_of(m, row)))]  # where q or qd jumps: an impulse
             known = unknown if met.jump is None else of_joints(m, (met.jump, *met.higher), row)
             for order, force in enumerate(in_columns(m, known, row), start=met.order):
-                for i in np.flatnonzero(np.abs(force) > ROUNDING * np.abs(force).max()).tolist():
+                for i in np.flatnonzero(np.abs(force) > LIMIT_TOLERANCE * np.abs(force).max()).tolist():
                     for kind, rate in self.b.force_rates.items():
                         if order < rate:
                             self._jump(kind, i, met.t, float(force[i]), either=met.jump is None or rate > order + 1)
@@ -101,18 +101,17 @@ class Worst:
         b, names = self.b, self.b.robot.joint_names
         own = found.joint if isinstance(found.joint, str) else names[found.joint]
         several = next((x for x in positions(b.robot.mechanism.tree).values() if own in x.names), None)
-        if several is not None:  # a number of it jumps: which of its velocities do, these say
-            t, columns = np.array([found.t]), range(len(b.joints))[several.coordinates]
-            after, before = (b.rates(t, found.order, side)[found.order][0] for side in ("right", "left"))
-            return {j: float(after[j] - before[j]) for j in columns if abs(after[j] - before[j]) > ROUNDING}
-        jumps = {b.joints.index(own): found.jump}
-        if b.follow:
-            t = np.array([found.t])
-            after, before = (b.rates(t, found.order, side)[found.order][0] for side in ("right", "left"))
-            size = np.abs(after - before)
-            follow = [j for j, name in enumerate(b.joints) if name not in names]
-            jumps |= {j: float(after[j] - before[j]) for j in follow if size[j] > ROUNDING * size.max()}
-        return jumps
+        if several is None and not b.follow:
+            return {b.joints.index(own): found.jump}
+        t = np.array([found.t])
+        after, before = (b.rates(t, found.order, side)[found.order][0] for side in ("right", "left"))
+        jump = after - before
+        if several is not None:  # one of its numbers jumps: its velocities show which of them do
+            columns = range(len(b.joints))[several.coordinates]
+            return {j: float(jump[j]) for j in columns if abs(jump[j]) > LIMIT_TOLERANCE}
+        follow = [j for j, name in enumerate(b.joints) if name not in names]
+        least = LIMIT_TOLERANCE * np.abs(jump).max()
+        return {b.joints.index(own): found.jump} | {j: float(jump[j]) for j in follow if abs(jump[j]) > least}
 
     def _jump(self, kind: str, j: int, t: float, jump: float, either: bool) -> None:
         """Count a jump of a lower rate as an infinite value of a kind: of its sign, or of either one."""
@@ -132,7 +131,7 @@ class Worst:
         return {(kind, sign): self.b.scales[kind].ratio(sign * x, sign) for (kind, sign), x in self.value.items()}
 
     def _floor(self, pieces: Pieces, kind: str, sign: int) -> np.ndarray:
-        """What a peak in pieces must reach to matter, (K, n): the worst value, or the bound if an end is within it.
+        """The least height of a peak that matters, (K, n): the worst value, or the bound if an end is within it.
 
         Less than a negligible share of the bound does not: the rounding of rates of forces has thousands of peaks.
         """
@@ -141,8 +140,8 @@ class Worst:
         within = np.minimum(sign * pieces.left[kind], sign * pieces.right[kind]) <= bound
         least = np.where(within, np.minimum(self.value[kind, sign], bound), self.value[kind, sign])
         with np.errstate(invalid="ignore"):  # of infinite bounds
-            negligible = sign * scale.centre + NEGLIGIBLE * scale.reach(sign)
-            least = np.maximum(least - TRUST * self.largest[kind], negligible)
+            negligible = sign * scale.centre + MIN_SHARE_OF_LIMIT * scale.reach(sign)
+            least = np.maximum(least - PIECE_TOLERANCE * self.largest[kind], negligible)
         return np.where(np.isfinite(bound), least, np.inf)
 
     def _add_spans(self, pieces: Pieces, peaks: Peaks) -> None:

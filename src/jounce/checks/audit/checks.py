@@ -1,6 +1,6 @@
 """`audit`: all the checks in a row."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from jounce.checks.audit.units import densities, gravity, masses, sizes
 from jounce.core.errors import JounceError
 from jounce.model.mechanism import Mechanism
 
-CHECKS: tuple[Callable[[Mechanism], list[Finding]], ...] = (
+CHECKS: tuple[Callable[[Mechanism], Iterable[Finding]], ...] = (
     impossible,
     singular,
     placeholders,

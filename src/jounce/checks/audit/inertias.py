@@ -1,6 +1,6 @@
 """Physically inconsistent inertias, and placeholders."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -9,8 +9,8 @@ from jounce.checks.audit.finding import Finding
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 
-ROUNDING = 1e-9  # of the largest entry of a tensor: no break of a law
-ALIKE = 1e-6  # how near, relatively, copied moments are after the passage through poses and Steiner's theorem
+_TENSOR_TOLERANCE = 1e-9  # of the largest entry of a tensor: less is rounding, and breaks no law
+_MOMENT_TOLERANCE = 1e-6  # relative: what poses and Steiner's theorem leave of copied moments
 _MEASURE = "take it from CAD, a data sheet or an identification"
 
 
@@ -39,11 +39,11 @@ def _defect(body: str, M: np.ndarray) -> Finding | None:
         return massless if np.any(M) else None
     principal = inertia.principal_moments(M)
     least, slack = float(principal[0]), inertia.triangle_slack(principal)
-    if least < -ROUNDING * largest:
+    if least < -_TENSOR_TOLERANCE * largest:
         text = f"principal moment {least:.3g} kg m^2 about the COM is negative"
         advice = "check the signs of the products of inertia, and that the tensor is about the COM, not the link frame"
         return error(kind="negative moment", number=least, unit="kg m^2", text=text, advice=advice)
-    if slack < -ROUNDING * largest:
+    if slack < -_TENSOR_TOLERANCE * largest:
         share = f"{-100 * slack / float(principal[2]):.2g} % of the largest"
         text = f"principal moments about the COM violate the triangle inequality by {-slack:.3g} kg m^2, {share}"
         advice = "keep more digits or use the nearest valid tensor; a large violation is a wrong axis, sign or order"
@@ -51,14 +51,14 @@ def _defect(body: str, M: np.ndarray) -> Finding | None:
     return None
 
 
-def placeholders(mechanism: Mechanism) -> list[Finding]:
+def placeholders(mechanism: Mechanism) -> Iterator[Finding]:
     """Tensors of one round number times the identity, and the same tensor on bodies of different mass."""
     M = mechanism.M
     massive = np.flatnonzero(M[:, 3, 3] > 0)
     moments = np.array([inertia.principal_moments(M[i]) for i in massive]).reshape(-1, 3)
-    found, left = [], np.ones(len(massive), dtype=bool)
+    left = np.ones(len(massive), dtype=bool)
     for i, own in zip(massive, moments, strict=True):
-        alike = massive[left & np.isclose(moments, own, rtol=ALIKE, atol=0).all(axis=1)]
+        alike = massive[left & np.isclose(moments, own, rtol=_MOMENT_TOLERANCE, atol=0).all(axis=1)]
         if i not in alike or is_point(M[i]):
             continue
         left &= ~np.isin(massive, alike)
@@ -70,49 +70,46 @@ def placeholders(mechanism: Mechanism) -> list[Finding]:
             text = f"the same principal moments, up to {own[2]:.3g} kg m^2, on {len(alike)} bodies {spread}"
         else:
             continue
-        found.append(_placeholder(mechanism, alike.tolist(), float(own[2]), "kg m^2", text, "inertia"))
-    return found
+        yield _placeholder(mechanism, alike.tolist(), float(own[2]), "kg m^2", text, "inertia")
 
 
-def unit_masses(mechanism: Mechanism) -> list[Finding]:
+def unit_masses(mechanism: Mechanism) -> Iterator[Finding]:
     """Masses of exactly 1 kg on most bodies, at least three."""
     masses = mechanism.M[:, 3, 3]
     ones = [i for i, mass in enumerate(masses) if mass == 1]
     if len(ones) < 3 or 2 * len(ones) <= len(masses):
-        return []
+        return
     text = f"mass 1 kg on {len(ones)} of {len(masses)} bodies"
-    return [_placeholder(mechanism, ones, 1.0, "kg", text, "mass")]
+    yield _placeholder(mechanism, ones, 1.0, "kg", text, "mass")
 
 
-def point_masses(mechanism: Mechanism) -> list[Finding]:
+def point_masses(mechanism: Mechanism) -> Iterator[Finding]:
     """Bodies with mass and no moments about their COM."""
     inertias = mechanism.M
     points = [i for i, M in enumerate(inertias) if M[3, 3] > 0 and is_point(M)]
     if not points:
-        return []
+        return
     heaviest = float(max(inertias[i, 3, 3] for i in points))
-    return [
-        Finding(
-            severity="note",
-            kind="point mass",
-            bodies=_names(mechanism, points),
-            number=heaviest,
-            unit="kg",
-            text=f"mass, {heaviest:.3g} kg at most, without moments about its COM",
-            advice="fine for a point mass; otherwise state the moments of inertia",
-        )
-    ]
+    yield Finding(
+        severity="note",
+        kind="point mass",
+        bodies=_names(mechanism, points),
+        number=heaviest,
+        unit="kg",
+        text=f"mass, {heaviest:.3g} kg at most, without moments about its COM",
+        advice="fine for a point mass; otherwise state the moments of inertia",
+    )
 
 
 def is_point(M: np.ndarray) -> bool:
-    """Whether a body that has mass has no moments about its COM, but for rounding."""
-    return bool(np.abs(inertia.principal_moments(M)).max() <= ROUNDING * np.abs(M[:3, :3]).max())
+    """Whether a body with mass has no moments about its COM beyond rounding."""
+    return bool(np.abs(inertia.principal_moments(M)).max() <= _TENSOR_TOLERANCE * np.abs(M[:3, :3]).max())
 
 
 def _is_round(moments: np.ndarray) -> bool:
     """Whether three moments are one number of one digit, such as 1, 0.1 or 0.002."""
     number = float(f"{moments[2]:.0e}")
-    return bool(np.allclose(moments, number, rtol=ALIKE, atol=0))
+    return bool(np.allclose(moments, number, rtol=_MOMENT_TOLERANCE, atol=0))
 
 
 def _placeholder(

@@ -1,4 +1,6 @@
-"""What a file leaves out of its joints or states in other units: limits and axes."""
+"""Limits and axes that a file leaves out, and limits in degrees."""
+
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -7,81 +9,71 @@ from jounce.model.coordinates import TURNS, leading_joints
 from jounce.model.kinds import units_of
 from jounce.model.mechanism import Mechanism, single_variables
 
-LARGEST = 720.0  # of limits in degrees; beyond it a number stands for no limit
+_MAX_DEGREES = 720.0  # two turns: a larger position limit stands for no limit rather than for degrees
 
 
-def limits(mechanism: Mechanism) -> list[Finding]:
+def limits(mechanism: Mechanism) -> Iterator[Finding]:
     """Effort and velocity limits that are missing or zero, of the joints that are driven; a finding for each kind."""
     alone = single_variables(mechanism).values()  # no motor turns a ball
     driven = sorted({*alone} & {*leading_joints(mechanism)})  # what follows others has no drive of its own
-    found = []
     for kind, act in (("effort", "exert a force"), ("velocity", "move")):
         stated, unit = getattr(mechanism.limits, kind)[driven], units_of(kind)
         missing, zero = np.isinf(stated), stated == 0
         everywhere = bool(missing.all())
         others = " on any joint" if everywhere else f", unlike the other {int((~missing).sum())}"
         if missing.any():
-            found.append(
-                Finding(
-                    severity="note" if everywhere else "warning",
-                    kind=f"{kind} limit",
-                    joints=tuple(mechanism.joints[i] for i in np.compress(missing, driven)),
-                    number=float(missing.sum()),
-                    unit="joints",
-                    text=f"no {kind} limit{others}",
-                    advice=f"nothing checks a motion against it; state {kind}= in {unit}",
-                )
+            yield Finding(
+                severity="note" if everywhere else "warning",
+                kind=f"{kind} limit",
+                joints=tuple(mechanism.joints[i] for i in np.compress(missing, driven)),
+                number=float(missing.sum()),
+                unit="joints",
+                text=f"no {kind} limit{others}",
+                advice=f"nothing checks a motion against it; state {kind}= in {unit}",
             )
         if zero.any():
-            found.append(
-                Finding(
-                    severity="warning",
-                    kind=f"{kind} limit",
-                    joints=tuple(mechanism.joints[i] for i in np.compress(zero, driven)),
-                    number=0.0,
-                    unit=unit,
-                    text=f"{kind} limit 0: the joint could never {act}",
-                    advice=f"state that of the drive in {unit}, or omit it if it is unknown",
-                )
+            yield Finding(
+                severity="warning",
+                kind=f"{kind} limit",
+                joints=tuple(mechanism.joints[i] for i in np.compress(zero, driven)),
+                number=0.0,
+                unit=unit,
+                text=f"{kind} limit 0: the joint could never {act}",
+                advice=f"state that of the drive in {unit}, or omit it if it is unknown",
             )
-    return found
 
 
-def degrees(mechanism: Mechanism) -> list[Finding]:
+def degrees(mechanism: Mechanism) -> Iterator[Finding]:
     """Position limits of revolute joints that look like degrees."""
     largest = np.maximum(
         *(np.nan_to_num(np.abs(x), posinf=0) for x in (mechanism.limits.lower, mechanism.limits.upper))
     )
-    found = np.flatnonzero(mechanism.X[:, :3].any(axis=1) & (largest > TURNS) & (largest <= LARGEST))
+    found = np.flatnonzero(mechanism.X[:, :3].any(axis=1) & (largest > TURNS) & (largest <= _MAX_DEGREES))
     if not found.size:
-        return []
+        return
     worst = float(largest[found].max())
-    return [
-        Finding(
-            severity="warning",
-            kind="position limit",
-            joints=tuple(mechanism.joints[i] for i in found),
-            number=worst,
-            unit="rad",
-            text=f"position limit of up to {worst:.4g} rad, {worst / (2 * np.pi):.3g} turns: it looks like degrees",
-            advice=f"limits are in rad: {worst:.4g} deg are {np.deg2rad(worst):.4g} rad",
-        )
-    ]
+    yield Finding(
+        severity="warning",
+        kind="position limit",
+        joints=tuple(mechanism.joints[i] for i in found),
+        number=worst,
+        unit="rad",
+        text=f"position limit of up to {worst:.4g} rad, {worst / (2 * np.pi):.3g} turns: it looks like degrees",
+        advice=f"limits are in rad: {worst:.4g} deg are {np.deg2rad(worst):.4g} rad",
+    )
 
 
-def axes(mechanism: Mechanism) -> list[Finding]:
+def axes(mechanism: Mechanism) -> Iterator[Finding]:
     """Joints whose axis the file leaves out."""
     found = tuple(joint for joint in mechanism.default_axes if joint in mechanism.joints)
     if not found:
-        return []
-    return [
-        Finding(
-            severity="note",
-            kind="axis",
-            joints=found,
-            number=float(len(found)),
-            unit="joints",
-            text="the file states no <axis>: the axis is the format's default, 1 0 0",
-            advice='state it: <axis xyz="1 0 0"/>',
-        )
-    ]
+        return
+    yield Finding(
+        severity="note",
+        kind="axis",
+        joints=found,
+        number=float(len(found)),
+        unit="joints",
+        text="the file states no <axis>: the axis is the format's default, 1 0 0",
+        advice='state it: <axis xyz="1 0 0"/>',
+    )

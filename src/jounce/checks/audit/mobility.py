@@ -1,5 +1,7 @@
 """Joints that move no inertia: massless bodies, and coordinates in which the mass matrix is singular."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from jounce.checks.audit.finding import Finding
@@ -7,7 +9,7 @@ from jounce.dynamics.mobility import idle_coordinates
 from jounce.model.mechanism import Mechanism
 
 
-def massless(mechanism: Mechanism) -> list[Finding]:
+def massless(mechanism: Mechanism) -> Iterator[Finding]:
     """Find massless bodies: those that carry mass, which have no effect, and those that carry none.
 
     Bodies that a closed loop joins carry the mass of each other.
@@ -22,49 +24,41 @@ def massless(mechanism: Mechanism) -> list[Finding]:
         if p >= 0:
             carries[p] |= carries[i]
     between, tips = np.flatnonzero(empty & carries), np.flatnonzero(empty & ~carries)
-    found = []
     if between.size:
-        found.append(
-            Finding(
-                severity="note",
-                kind="massless",
-                bodies=tuple(mechanism.bodies[i] for i in between),
-                number=0.0,
-                unit="kg",
-                text="massless, but carries bodies with mass: no effect on forces or mass matrix",
-                advice="correct for an intermediate frame of a joint with several axes; otherwise state the inertia",
-            )
+        yield Finding(
+            severity="note",
+            kind="massless",
+            bodies=tuple(mechanism.bodies[i] for i in between),
+            number=0.0,
+            unit="kg",
+            text="massless, but carries bodies with mass: no effect on forces or mass matrix",
+            advice="correct for an intermediate frame of a joint with several axes; otherwise state the inertia",
         )
     if tips.size:
-        found.append(
-            Finding(
-                severity="warning",
-                kind="massless tip",
-                bodies=tuple(mechanism.bodies[i] for i in tips),
-                number=0.0,
-                unit="kg",
-                text="massless, as is everything it carries: its joint needs no force",
-                advice="state the inertia, or make the joint fixed",
-            )
+        yield Finding(
+            severity="warning",
+            kind="massless tip",
+            bodies=tuple(mechanism.bodies[i] for i in tips),
+            number=0.0,
+            unit="kg",
+            text="massless, as is everything it carries: its joint needs no force",
+            advice="state the inertia, or make the joint fixed",
         )
-    return found
 
 
-def singular(mechanism: Mechanism) -> list[Finding]:
+def singular(mechanism: Mechanism) -> Iterator[Finding]:
     """Coordinates that move without kinetic energy in every configuration: no forward dynamics, no ``M^-1``."""
     rank, idle = idle_coordinates(mechanism)
     if not idle:
-        return []
+        return
     unit = "velocities" if mechanism.floats else "coordinates"
-    return [
-        Finding(
-            severity="error",
-            kind="singular mass matrix",
-            joints=idle,
-            number=float(mechanism.nv - rank),
-            unit=unit,
-            text=f"moves no inertia{' together' if len(idle) > mechanism.nv - rank else ''}: "
-            f"the mass matrix is singular, of rank {rank} for {mechanism.nv} {unit}",
-            advice="inverse dynamics is not affected; for forward dynamics state the inertia, or fix the joint",
-        )
-    ]
+    yield Finding(
+        severity="error",
+        kind="singular mass matrix",
+        joints=idle,
+        number=float(mechanism.nv - rank),
+        unit=unit,
+        text=f"moves no inertia{' together' if len(idle) > mechanism.nv - rank else ''}: "
+        f"the mass matrix is singular, of rank {rank} for {mechanism.nv} {unit}",
+        advice="inverse dynamics is not affected; for forward dynamics state the inertia, or fix the joint",
+    )

@@ -1,4 +1,4 @@
-"""Names that other programs take for more than names."""
+"""Names that spreadsheets interpret as formulas."""
 
 from jounce.checks.audit.finding import Finding
 from jounce.model.mechanism import Mechanism

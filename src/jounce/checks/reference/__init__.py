@@ -25,9 +25,9 @@ class Absence:
 def peers(mechanism: Mechanism, path: Path | None) -> Iterator[Peer | Absence]:
     """Return the installed libraries' models: read from the file where possible, otherwise built from the mechanism."""
     for library in (pinocchio, mujoco):
-        ways = [partial(library.of_data, mechanism)]
-        if path is not None and path.suffix.lower() == library.SUFFIX:
-            ways.insert(0, partial(library.of_file, mechanism, path))
+        ways = [partial(library.build_peer, mechanism)]
+        if path is not None and path.suffix.lower() == library.FILE_SUFFIX:
+            ways.insert(0, partial(library.read_peer, mechanism, path))
         yield from _first(library.NAME, ways)
 
 

@@ -18,11 +18,12 @@ from jounce.spatial.groups import BALL, FREE
 from jounce.spatial.lie import hat, position, rotation, to_quaternion
 
 NAME = "MuJoCo"
-SUFFIX = ".xml"  # of the files that it reads itself
-ANY = 1.0, [0.1, 0.2, 0.3], [0.5, -0.5, 0.1, 0.7], [0.2, 0.3, 0.4]  # an inertia without symmetries to make use of
+FILE_SUFFIX = ".xml"  # of the files that it reads itself
+# Mass, COM, orientation and moments, without symmetries that MuJoCo could make use of.
+_PLACEHOLDER_INERTIA = 1.0, [0.1, 0.2, 0.3], [0.5, -0.5, 0.1, 0.7], [0.2, 0.3, 0.4]
 
 
-def of_file(mechanism: Mechanism, path: Path) -> Peer:
+def read_peer(mechanism: Mechanism, path: Path) -> Peer:
     """The model of an MJCF file."""
     import mujoco
 
@@ -31,7 +32,7 @@ def of_file(mechanism: Mechanism, path: Path) -> Peer:
     return _peer(mujoco, mechanism, model, OWN_READING)
 
 
-def of_data(mechanism: Mechanism) -> Peer:
+def build_peer(mechanism: Mechanism) -> Peer:
     """The model of our data."""
     import mujoco
 
@@ -45,7 +46,7 @@ def _build(mujoco: Any, mechanism: Mechanism) -> Any:
         body = (bodies[p] if p >= 0 else spec.worldbody).add_body(
             pos=position(B)[:, 0].astype(float), quat=to_quaternion(rotation(B).astype(float))
         )
-        body.mass, body.ipos, body.iquat, body.inertia = ANY
+        body.mass, body.ipos, body.iquat, body.inertia = _PLACEHOLDER_INERTIA
         body.explicitinertial = True
         bodies.append(body)
     if chain.floats:
@@ -80,7 +81,7 @@ def _build(mujoco: Any, mechanism: Mechanism) -> Any:
 
 
 def _peer(mujoco: Any, mechanism: Mechanism, model: Any, source: str) -> Peer:
-    convert = Converter.of(mechanism, states.read_model_layout("mujoco", model))
+    convert = Converter.match(mechanism, states.read_model_layout("mujoco", model))
     for bit in ("CONSTRAINT", "ACTUATION", "SPRING", "DAMPER"):
         model.opt.disableflags |= getattr(mujoco.mjtDisableBit, f"mjDSBL_{bit}")
     model.opt.gravity[:] = mechanism.gravity
@@ -105,7 +106,7 @@ def _peer(mujoco: Any, mechanism: Mechanism, model: Any, source: str) -> Peer:
 
 
 def _call(mujoco: Any, function: Callable[[Any, Any], None], model: Any, data: Any) -> None:
-    """Call a function of MuJoCo; what it warns of is passed on."""
+    """Call a function of MuJoCo, and pass its warnings on."""
     with warnings_of(mujoco) as said:
         function(model, data)
     for warning in said:

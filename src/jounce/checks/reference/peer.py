@@ -52,7 +52,7 @@ class Converter:
     layout: states.ModelLayout
 
     @classmethod
-    def of(cls, mechanism: Mechanism, layout: states.ModelLayout) -> "Converter":
+    def match(cls, mechanism: Mechanism, layout: states.ModelLayout) -> "Converter":
         """Raise `NotComparableError` unless the joints of the mechanism are those of the model."""
         several = {x.name for x in positions(mechanism).values()}
         single = {mechanism.joints[j] for j in single_variables(mechanism).values()}

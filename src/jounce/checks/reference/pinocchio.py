@@ -1,13 +1,15 @@
 """Pinocchio as a peer: its own reading of a URDF, or a model built joint by joint in the frames on the axes."""
 
+import os
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 import numpy as np
 
 from jounce.checks.reference.peer import OUR_DATA, OWN_READING, Converter, NotComparableError, Peer
-from jounce.checks.reference.terminal import errors_caught
 from jounce.core.errors import one_line
 from jounce.io.models import states
 from jounce.model.equivalent import on_axes
@@ -18,10 +20,10 @@ from jounce.spatial.groups import PLANAR
 from jounce.spatial.lie import hat, position, rotation
 
 NAME = "Pinocchio"
-SUFFIX = ".urdf"  # of the files that it reads itself
+FILE_SUFFIX = ".urdf"  # of the files that it reads itself
 
 
-def of_file(mechanism: Mechanism, path: Path) -> Peer:
+def read_peer(mechanism: Mechanism, path: Path) -> Peer:
     """The model of a URDF."""
     import pinocchio as pin
 
@@ -29,7 +31,7 @@ def of_file(mechanism: Mechanism, path: Path) -> Peer:
         raise NotComparableError("it takes z for the normal of planar joints, whatever their <axis>")
     said: list[str] = []
     try:
-        with errors_caught(said):
+        with _capture_errors(said):
             model = pin.buildModelFromUrdf(str(path))
             if mechanism.floats and not states.read_model_layout("pinocchio", model).free:
                 model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
@@ -40,7 +42,26 @@ def of_file(mechanism: Mechanism, path: Path) -> Peer:
     return _peer(pin, mechanism, model, OWN_READING)
 
 
-def of_data(mechanism: Mechanism) -> Peer:
+@contextmanager
+def _capture_errors(said: list[str]) -> Iterator[None]:
+    """Append what foreign code writes directly to standard error, bypassing Python, to `said` at the end."""
+    try:
+        before = os.dup(2)
+    except OSError:  # closed: nothing to keep it from
+        yield
+        return
+    with TemporaryFile() as file:
+        os.dup2(file.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(before, 2)
+            os.close(before)
+            file.seek(0)
+            said.append(file.read().decode(errors="replace"))
+
+
+def build_peer(mechanism: Mechanism) -> Peer:
     """The model of our data."""
     import pinocchio as pin
 
@@ -84,7 +105,7 @@ def _depth_first(parent: Sequence[int], body: int = -1) -> Iterator[int]:
 
 
 def _peer(pin: Any, mechanism: Mechanism, model: Any, source: str) -> Peer:
-    data, convert = model.createData(), Converter.of(mechanism, states.read_model_layout("pinocchio", model))
+    data, convert = model.createData(), Converter.match(mechanism, states.read_model_layout("pinocchio", model))
 
     def forces(theta: Sequence[np.ndarray], base: object) -> np.ndarray:
         q, v, a = convert.state(theta, base)
