@@ -97,7 +97,7 @@ def test_filtered_rows_fit_filtered_forces_whatever_the_pieces(law, monkeypatch)
         Q = robot.inverse_dynamics(*rates, wrench=W)
         right = Q if law is momentum else np.einsum("ti,ti->t", rates[1], Q)[:, None]
         assert relative_error(found, through.of(right)) < 1e-4
-    monkeypatch.setattr(filters, "PIECE", 37)
+    monkeypatch.setattr(filters, "MAX_REGRESSOR_SAMPLES", 37)
     parts = list(filtered_rows(law, robot, motion, COLUMNS, through))
     assert [part.stop for part, _ in parts][-2:] == [223, 250]
     np.testing.assert_allclose(np.concatenate([y for _, y in parts]), rows, rtol=0, atol=1e-12 * np.abs(rows).max())

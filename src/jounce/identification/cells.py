@@ -17,11 +17,11 @@ from jounce.engine.engine import Engine
 from jounce.identification.measurements import Measurements
 from jounce.motion.motion import Motion
 
-PIECE = 2000  # states whose regressors are held at once
-SHARE = 0.99  # of the power of the model's forces, which the band of a motion holds
-GRID = 1 << 16  # points at most by which it is found
-CELLS = 2.0  # in a period of the highest frequency of the band: what Nyquist asks for
-QUIET = 1e-9  # of the largest column, below which one does not vary
+MAX_REGRESSOR_SAMPLES = 2000  # whose regressors are held at once: 8 MB of an arm of seven joints
+BAND_POWER_SHARE = 0.99  # of the power of the model's forces: the band of a motion ends where it holds this much
+MAX_SPECTRUM_SAMPLES = 1 << 16  # from which the band is found; a power of 2, of which FFTs are fast
+CELLS_PER_PERIOD = 2.0  # of the highest frequency of the band: the Nyquist rate
+MIN_RELATIVE_VARIATION = 1e-9  # of standard deviations to the largest: a column with less is constant but for rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +90,8 @@ def regressors(
     robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """Yield the regressor along a motion in pieces of some times, with columns of drive terms."""
-    for start in range(0, len(t), PIECE):
-        part = slice(start, start + PIECE)
+    for start in range(0, len(t), MAX_REGRESSOR_SAMPLES):
+        part = slice(start, start + MAX_REGRESSOR_SAMPLES)
         yield part, np.asarray(regressor(robot, "regressor", motion(t[part], 2), terms, base=motion.base(t[part], 2)))
 
 
@@ -121,14 +121,14 @@ def band_of(t: np.ndarray, forces: np.ndarray, velocities: np.ndarray, eps: np.n
     Friction follows from the velocities (N, nc) of joints with smoothing velocities eps; times (N,) increase.
     """
     step = step_of(t)
-    even = t[0] + step * np.arange(min(GRID, int((t[-1] - t[0]) / step) + 1))
+    even = t[0] + step * np.arange(min(MAX_SPECTRUM_SAMPLES, int((t[-1] - t[0]) / step) + 1))
     given = np.concatenate([forces, np.tanh(velocities / eps)], axis=1)
     columns = np.stack([np.interp(even, t, column) for column in given.T], axis=1)
     columns = columns - columns.mean(axis=0)
     sizes = columns.std(axis=0)
-    varying = sizes > QUIET * max(1.0, sizes.max())
+    varying = sizes > MIN_RELATIVE_VARIATION * max(1.0, sizes.max())
     power = np.cumsum((np.abs(np.fft.rfft(columns[:, varying] / sizes[varying], axis=0)) ** 2).sum(axis=1))
-    return float(np.searchsorted(power, SHARE * power[-1]) / (len(even) * step))
+    return float(np.searchsorted(power, BAND_POWER_SHARE * power[-1]) / (len(even) * step))
 
 
 def step_of(t: np.ndarray) -> float:

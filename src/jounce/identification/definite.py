@@ -27,13 +27,14 @@ import numpy as np
 from jounce.core.errors import JounceError
 from jounce.core.typing import Floats
 
-STEPS = 300
-LEAST = 0.1  # of the mean of S X, to be reached by a step
-FARTHEST = 0.9  # of the way to singular matrices
-CONVERGED = 1e-8  # relative steps, of which the next would be smaller than rounding
-ROUNDING = 1e-12  # relative changes of f that end the search if the steps do not become smaller
-_ROWS, _COLUMNS = np.triu_indices(4)
-_NORM = np.where(_ROWS == _COLUMNS, 1.0, np.sqrt(2.0))  # so that ten entries have the norm of the symmetric matrix
+MAX_INTERIOR_POINT_STEPS = 300  # most data take 10 to 20
+MIN_MU_RATIO = 0.1  # of the mu that a step aims at to the mean of S X: with smaller ones steps end at the boundary
+MAX_SHARE_TO_BOUNDARY = 0.9  # of the way to singular matrices that a step goes, so that S and X stay definite
+INTERIOR_POINT_STEP_TOLERANCE = 1e-8  # relative; Newton squares it, so that the next step would be rounding
+DECREMENT_TOLERANCE = 1e-12  # relative change of f that ends the search where rounding keeps steps large
+_UPPER_ROWS, _UPPER_COLUMNS = np.triu_indices(4)
+# factors that give the ten entries the norm of the symmetric matrix
+_ENTRY_FACTORS = np.where(_UPPER_ROWS == _UPPER_COLUMNS, 1.0, np.sqrt(2.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,21 +60,23 @@ def minimum(problem: Problem) -> tuple[Floats, Floats]:
     V, t, last = one, 1.0, np.inf
     slope = np.einsum("k,kbij->bij", problem.R @ problem.own - _off(problem, V), problem.C)
     W = np.sqrt(max(problem.weight, np.abs(slope).max())) * one  # X = W W^T
-    for _ in range(STEPS):
+    for _ in range(MAX_INTERIOR_POINT_STEPS):
         _, s, turn = np.linalg.svd(W.mT @ V)
         G, D, sizes = V @ turn.mT / np.sqrt(s)[:, None], s[:, None] * one, np.sqrt(s[:, :, None] * s[:, None])
-        mu = max(problem.weight, max(LEAST, 1 - t) * float(np.mean(s * s)))
+        mu = max(problem.weight, max(MIN_MU_RATIO, 1 - t) * float(np.mean(s * s)))
         Z, d = _step(problem, G, s, mu)
         back = mu * np.linalg.inv(D) - D - Z
         nearest = min(np.linalg.eigvalsh(change / sizes).min() for change in (Z, back))
-        t = 1.0 if nearest > -FARTHEST else -FARTHEST / nearest
+        t = 1.0 if nearest > -MAX_SHARE_TO_BOUNDARY else -MAX_SHARE_TO_BOUNDARY / nearest
         V, W = G @ np.linalg.cholesky(D + t * Z), np.linalg.solve(G.mT, np.linalg.cholesky(D + t * back))
         change, r = float(np.abs(Z / sizes).max()), problem.R @ d - _off(problem, V)
-        rounding = last / 2 < change and mu * change**2 < ROUNDING * (mu + r @ r / 2)
-        if mu == problem.weight and t == 1 and (change < CONVERGED or rounding):
+        rounding = last / 2 < change and mu * change**2 < DECREMENT_TOLERANCE * (mu + r @ r / 2)
+        if mu == problem.weight and t == 1 and (change < INTERIOR_POINT_STEP_TOLERANCE or rounding):
             return V, d
         last = change
-    raise JounceError(f"no physically consistent parameters within {STEPS} steps; expected a smaller prior")
+    raise JounceError(
+        f"no physically consistent parameters within {MAX_INTERIOR_POINT_STEPS} steps; expected a smaller prior"
+    )
 
 
 def _step(problem: Problem, G: Floats, s: Floats, mu: float) -> tuple[Floats, Floats]:
@@ -81,7 +84,7 @@ def _step(problem: Problem, G: Floats, s: Floats, mu: float) -> tuple[Floats, Fl
     from scipy.linalg import solve_triangular
     from scipy.optimize import nnls
 
-    J = _entries(G.mT @ problem.C @ G).reshape(len(problem.y), len(_NORM) * len(G))
+    J = _entries(G.mT @ problem.C @ G).reshape(len(problem.y), len(_ENTRY_FACTORS) * len(G))
     target = _entries(mu / s[:, None] * np.eye(4) - problem.weight * G.mT @ G).ravel()
     order = np.argsort(problem.positive, kind="stable")  # those with bounds last, to be found from the last rows alone
     w, n, size = np.sqrt(problem.weight), J.shape[1], J.shape[1] + len(order)
@@ -93,7 +96,7 @@ def _step(problem: Problem, G: Floats, s: Floats, mu: float) -> tuple[Floats, Fl
     x = np.append(solve_triangular(T[:k, :k], T[:k, -1] - T[:k, k:size] @ bounded), bounded)
     z, d = x[:n], x[n:][np.argsort(order)]
     Z = np.zeros((len(G), 4, 4))
-    Z[:, _ROWS, _COLUMNS] = Z[:, _COLUMNS, _ROWS] = z.reshape(-1, 10) / _NORM
+    Z[:, _UPPER_ROWS, _UPPER_COLUMNS] = Z[:, _UPPER_COLUMNS, _UPPER_ROWS] = z.reshape(-1, 10) / _ENTRY_FACTORS
     return Z, d
 
 
@@ -104,4 +107,4 @@ def _off(problem: Problem, V: Floats) -> Floats:
 
 def _entries(S: Floats) -> Floats:
     """The entries of symmetric matrices, as vectors of the same norm: (..., 4, 4) to (..., 10)."""
-    return np.asarray(S[..., _ROWS, _COLUMNS] * _NORM)
+    return np.asarray(S[..., _UPPER_ROWS, _UPPER_COLUMNS] * _ENTRY_FACTORS)

@@ -12,9 +12,9 @@ from jounce.identification.problem import Problem
 
 MAX_DELAY = 0.2  # s, beyond which forces and positions hardly come from one log
 MAX_DELAY_SHARE = 0.1  # of the time that is used: the ends, which are left out, are twice as much
-DELAYS = 81  # that are tried, 5 ms apart
+DELAY_COUNT = 81  # of the delays that are tried, 5 ms apart; odd, so that one of them is 0
 MAX_REMAINDER_RATIO = 0.8  # of mean squares left with the best delay to those without one, for a delay to be reported
-RANK_TOLERANCE = 1e-9  # of the largest singular value
+DELAY_RANK_TOLERANCE = 1e-9  # of singular values to the largest: directions with less hold no data
 
 
 def find_delay(posed: Problem) -> tuple[float, float] | None:
@@ -31,21 +31,21 @@ def find_delay(posed: Problem) -> tuple[float, float] | None:
     columns = posed.cells.Y[..., posed.columns][kept]
     if longest <= 0 or len(columns) <= 2 * columns.shape[1]:
         return None
-    delays = np.linspace(-longest, longest, DELAYS)
+    delays = np.linspace(-longest, longest, DELAY_COUNT)
     late = np.stack([_read_later(samples.forces, samples.weights, t, place, delay) for delay in delays])
     off = (late - posed.cells.model)[:, kept].T  # (rows, delays)
     force = np.nonzero(kept)[1]
     weights = np.sqrt(posed.cells.counts[kept])
     for _ in range(2):  # forces of all sizes alike at first, then as exact as they are found to be
         left = _remainders(columns * weights[:, None], off * weights[:, None])
-        here = left[:, DELAYS // 2] ** 2
+        here = left[:, DELAY_COUNT // 2] ** 2
         means = np.bincount(force, here) / np.maximum(np.bincount(force), 1)
         if not (means[force] > 0).all():
             return None  # exactly explained
         weights = weights / np.sqrt(means[force])
     total = (left**2 / means[force][:, None]).sum(axis=0)
     best = int(total.argmin())
-    ratio = float(total[best] / total[DELAYS // 2])
+    ratio = float(total[best] / total[DELAY_COUNT // 2])
     return None if ratio > MAX_REMAINDER_RATIO else (float(delays[best]), ratio)
 
 
@@ -61,5 +61,5 @@ def _read_later(forces: np.ndarray, weights: np.ndarray, t: np.ndarray, place: n
 def _remainders(columns: np.ndarray, right: np.ndarray) -> np.ndarray:
     """What least squares leaves of right sides."""
     U, sizes, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), full_matrices=False)
-    U = U[:, sizes > RANK_TOLERANCE * sizes[0]]
+    U = U[:, sizes > DELAY_RANK_TOLERANCE * sizes[0]]
     return np.asarray(right - U @ (U.T @ right))

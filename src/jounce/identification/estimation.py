@@ -24,8 +24,7 @@ from jounce.model.inertial import with_parameters
 from jounce.model.positions import check_single
 from jounce.motion.motion import Motion
 
-DRIVES: tuple[DriveColumn, ...] = ("damping", "friction", "offset")
-FIRMEST = 1e-9  # prior: no model is better, and squares of smaller ones overflow
+MIN_PRIOR = 1e-9  # relative deviation: no model is better, and squares of smaller ones overflow
 
 
 def identify(
@@ -46,8 +45,8 @@ def identify(
     one_of("method", method, get_args(Equations))
     terms = select_columns(drives)
     model = model_of(robot, terms, eps)
-    if not is_finite(prior) or not prior >= FIRMEST:
-        raise JounceError(f"prior is {quoted(prior)}; expected a relative standard deviation, {FIRMEST:g} or more")
+    if not is_finite(prior) or not prior >= MIN_PRIOR:
+        raise JounceError(f"prior is {quoted(prior)}; expected a relative standard deviation, {MIN_PRIOR:g} or more")
     check_single(model.mechanism, "identify()")
     path = checked_motion(model.mechanism, motion)
     given = measurements(model.mechanism, path, forces, t, weights, deviations)

@@ -25,9 +25,9 @@ from jounce.identification.measurements import Measurements
 from jounce.model.coordinates import force_names
 from jounce.motion.motion import Motion
 
-MEMORY = 1e-3  # share of missing samples in filtered ones, below which these count
-GAP = 0.3  # of the time constant of the filter: a line over shorter gaps has errors of a percent at most
-STILL = 1e-3  # of its mean, which is added to the variance of the power: the robot may be at rest
+MAX_MISSING_SHARE = 1e-3  # of missing samples in a filtered one that counts: the filter has forgotten them, e^-7
+MAX_GAP_TIME_CONSTANTS = 0.3  # of the filter: a line over shorter gaps has errors of a percent at most
+MIN_POWER_VARIANCE_RATIO = 1e-3  # to its mean, added to the variance of the power, which is 0 of a robot at rest
 
 
 class Balance(NamedTuple):
@@ -102,7 +102,7 @@ def cells_of_power(
     whole, missing = _without_gaps(samples, through.cutoff)
     present = _present(missing.max(axis=1, keepdims=True), through)
     variance = through.of((qd**2 / whole.weights).sum(axis=1, keepdims=True)).clip(0)  # by that of each force
-    weights = present / (variance + (STILL * variance.mean() or 1.0))
+    weights = present / (variance + (MIN_POWER_VARIANCE_RATIO * variance.mean() or 1.0))
     rows = filtered_rows(energy, robot, motion, terms, through)
     right = through.of((qd * whole.forces).sum(axis=1, keepdims=True))
     spread = (qd**2 * _spread(robot, motion, through)).sum(axis=1, keepdims=True)
@@ -119,13 +119,13 @@ def _without_gaps(samples: Measurements, cutoff: float) -> tuple[Measurements, n
         forces[:, j], weights[:, j] = (np.interp(t, known, x[there, j]) for x in (forces, weights))
         later = np.searchsorted(known, t)
         gap = np.append(known, np.inf)[later] - np.append(-np.inf, known)[later]
-        missing[:, j] &= gap * cutoff > GAP
+        missing[:, j] &= gap * cutoff > MAX_GAP_TIME_CONSTANTS
     return Measurements(t, forces, weights), missing
 
 
 def _present(missing: np.ndarray, through: LowPass) -> np.ndarray:
     """Which of the filtered samples hold next to nothing of missing ones."""
-    return (through.of(missing.astype(float)) < MEMORY) & ~missing
+    return (through.of(missing.astype(float)) < MAX_MISSING_SHARE) & ~missing
 
 
 def _spread(robot: Engine, motion: Motion, through: LowPass) -> np.ndarray:

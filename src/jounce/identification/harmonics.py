@@ -13,8 +13,8 @@ import numpy as np
 
 from jounce.motion import Motion
 
-FEWEST = 3  # harmonics: with two of them, nothing moves that is at rest at the ends
-POINTS = 32  # of a period of the highest harmonic, at which series are evaluated
+MIN_HARMONICS = 3  # with two of them, nothing moves that is at rest at the ends
+POINTS_PER_HIGHEST_PERIOD = 32  # of the highest harmonic: between such points peaks are higher by 0.5 % at most
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Harmonics:
     @property
     def step(self) -> float:
         """Between the points at which the series are evaluated, s."""
-        return self.period / (POINTS * self.count)
+        return self.period / (POINTS_PER_HIGHEST_PERIOD * self.count)
 
     @cached_property
     def cosines(self) -> np.ndarray:
@@ -49,7 +49,7 @@ class Harmonics:
 
     def basis(self, order: int) -> np.ndarray:
         """The series of each free amplitude with its rates, (order + 1, points, 2 count - 3)."""
-        points = POINTS * self.count
+        points = POINTS_PER_HIGHEST_PERIOD * self.count
         k = np.arange(1, self.count + 1)
         angles = k * (2 * np.pi * np.arange(points) / points)[:, None]
         found = np.empty((order + 1, points, self.cosines.shape[1]))

@@ -21,8 +21,8 @@ from jounce.model.coordinates import joint_variables
 from jounce.native.kernel import Kernel
 from jounce.spatial.series import columns
 
-FLOOR = 1e-12  # of information, in units of typical states: what a motion shows less is nothing
-DEPENDENT = 1e-7  # of its length: a column with less outside of the span of others tells nothing new
+INFORMATION_FLOOR = 1e-12  # of typical states, added to the matrix: log det is finite even of motions that show less
+COLUMN_RANK_TOLERANCE = 1e-7  # of its length: a column with less outside of the span of those before depends on them
 
 Rates = Sequence[np.ndarray]  # q, qd, q2d, ..., (M, n) each
 
@@ -74,7 +74,7 @@ class Information:
         """
         Y = self._regressor(rates)
         A = self._columns(Y)
-        H = _mean_square(A) + FLOOR * np.eye(len(self.names))
+        H = _mean_square(A) + INFORMATION_FLOOR * np.eye(len(self.names))
         pushes = np.zeros_like(Y)
         pushes[..., self.places] = A @ (np.linalg.inv(H) * (-2 / len(A)) / self.sizes)
         pushes *= self.roots[:, None]
@@ -113,7 +113,7 @@ def information(robot: Engine, terms: tuple[DriveColumn, ...], weights: np.ndarr
     A = Y.reshape(-1, Y.shape[-1])[:, places]
     sizes = np.sqrt(np.mean(A**2, axis=0) * robot.n)
     R = np.linalg.qr(A / np.where(sizes > 0, sizes, 1) / np.sqrt(len(typical[0])), mode="r")
-    seen = np.abs(np.diag(R)) > DEPENDENT  # of what columns before leave of each
+    seen = np.abs(np.diag(R)) > COLUMN_RANK_TOLERANCE  # of what columns before leave of each
     return Information(
         robot, terms, np.sqrt(weights), tuple(names[seen].tolist()), tuple(names[~seen].tolist()),
         places[seen], sizes[seen], compile_ahead(robot, Computation("regressor", 0, product="vjp")),

@@ -12,13 +12,13 @@ from jounce.model.coordinates import force_names
 from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
 
-WITHOUT = "the motion has no measured forces"
-CURE = (
+NO_FORCES = "the motion has no measured forces"
+NO_FORCES_CURE = (
     "expected columns such as tau_JOINT in its table, named by --torques 'tau{number}' (torques=),"
     " or an array (N, n) of forces"
 )
 
-LEAST = {
+FACTOR_BOUNDS = {  # the least number that a caller may give, and what it means
     "weights": (0.0, "factors of inverse variances: 0, which leaves a force out, or more"),
     "deviations": (1e-100, "standard deviations above 0, N m or N"),  # of which the squares are not 0
 }
@@ -84,7 +84,7 @@ def measurements(
     inside = (times >= motion.start) & (times <= motion.stop) & there.any(axis=1)
     if not inside.any():
         span = f"from {motion.start:.6g} to {motion.stop:.6g} s"
-        raise JounceError(f"{WITHOUT} {span} that count; {CURE}")
+        raise JounceError(f"{NO_FORCES} {span} that count; {NO_FORCES_CURE}")
     there = there[inside]
     return Measurements(times[inside], np.where(there, values[inside], 0.0), np.where(there, factors[inside], 0.0))
 
@@ -92,7 +92,7 @@ def measurements(
 def _of_motion(mechanism: Mechanism, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     """The times and forces that the table of the motion states; those on a base that floats are not measured."""
     if motion.torques is None:
-        raise JounceError(f"{WITHOUT}; {CURE}")
+        raise JounceError(f"{NO_FORCES}; {NO_FORCES_CURE}")
     times, torques = motion.torques
     base = np.full((len(times), mechanism.nv - mechanism.n), np.nan)
     return times, np.concatenate([base, torques], axis=1)
@@ -107,7 +107,7 @@ def _factors(label: str, given: ArrayLike | None, shape: Sequence[int]) -> np.nd
         raise JounceError(
             f"{label} have shape {found.shape}; expected a number, ({shape[1]},), one per force, or {tuple(shape)}"
         )
-    least, meaning = LEAST[label]
+    least, meaning = FACTOR_BOUNDS[label]
     if (wrong := ~(np.isfinite(found) & (found >= least))).any():
         raise JounceError(f"{label} hold {found[wrong].flat[0]:g}; expected {meaning}")
     return found

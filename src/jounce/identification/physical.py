@@ -38,11 +38,11 @@ from jounce.model.drives import AMOUNTS, OFFSET
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 
-WEIGHT = 1e-2  # of the divergence, in units of half the squared residual over the variance
-SINGULAR = 1e-6  # relative second moments below which a body is stated as flat, or as points
-THICKNESS = 1e-3  # relative second moments that it gets, to have an inside: one thirtieth as thick as wide
-POINT = 1e-9  # of the squared length of a robot: second moments per mass that are rounding
-SIGNED = ("spring", OFFSET)  # drive terms whose parameters may be negative
+DEFAULT_DIVERGENCE_WEIGHT = 1e-2  # in units of half the squared residual over the variance: a prior of 10
+MIN_RELATIVE_MOMENT = 1e-6  # of second moments to the largest: a body with less is flat, or made of points
+RAISED_RELATIVE_MOMENT = 1e-3  # that such a body gets, to have an inside: one thirtieth as thick as wide
+POINT_MASS_TOLERANCE = 1e-9  # of the squared length of a robot: smaller second moments per mass are rounding
+SIGNED_TERMS = ("spring", OFFSET)  # drive terms whose parameters may be negative
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ def consistent_parameters(
     estimate: Floats,
     terms: Sequence[DriveColumn] = (),
     *,
-    weight: float = WEIGHT,
+    weight: float = DEFAULT_DIVERGENCE_WEIGHT,
 ) -> ConsistentParameters:
     """Fit physically consistent inertial parameters, and parameters of drive terms, to data.
 
@@ -121,7 +121,7 @@ def consistent_parameters(
         R=R[:, base.count :][:, seen] * scale,
         y=R @ estimate,
         own=d[seen] / scale,
-        positive=np.repeat(np.array([term not in SIGNED for term in terms], dtype=bool), len(mechanism.joints))[seen],
+        positive=np.repeat([term not in SIGNED_TERMS for term in terms], len(mechanism.joints)).astype(bool)[seen],
         weight=weight,
     )
     V, d[seen] = minimum(problem)
@@ -163,10 +163,10 @@ def _inside(Pi: Floats, length: float) -> Floats:
     c = Pi[:, :3, 3:] / m
     size, axes = np.linalg.eigh(Pi[:, :3, :3] - m * c @ c.mT)
     whole = m[:, 0] * length**2
-    largest = np.where(size[:, 2:] > POINT * whole, size[:, 2:], whole)
+    largest = np.where(size[:, 2:] > POINT_MASS_TOLERANCE * whole, size[:, 2:], whole)
     raised = Pi.copy()
-    raised[:, :3, :3] = axes * np.maximum(size, THICKNESS * largest)[:, None] @ axes.mT + m * c @ c.mT
-    return np.where((size[:, :1] < SINGULAR * largest)[..., None], raised, Pi)
+    raised[:, :3, :3] = axes * np.maximum(size, RAISED_RELATIVE_MOMENT * largest)[:, None] @ axes.mT + m * c @ c.mT
+    return np.where((size[:, :1] < MIN_RELATIVE_MOMENT * largest)[..., None], raised, Pi)
 
 
 def _own_drives(mechanism: Mechanism, terms: Sequence[DriveColumn]) -> Floats:

@@ -11,14 +11,14 @@ from jounce.core.typing import DriveColumn, Equations
 from jounce.dynamics.base_parameters import BaseParameters, base_parameters
 from jounce.engine.along import forces_along
 from jounce.engine.engine import Engine, R, like
-from jounce.identification.cells import CELLS, Cells, band_of, cells_of, regressors, step_of
+from jounce.identification.cells import CELLS_PER_PERIOD, Cells, band_of, cells_of, regressors, step_of
 from jounce.identification.filtered import FILTERED
 from jounce.identification.measurements import Measurements
 from jounce.model.drives import AMOUNTS, OFFSET, with_eps
 from jounce.model.inertial import parameters_of
 from jounce.motion.motion import Motion
 
-ROWS = 4  # cells of all forces per parameter, at least
+CELLS_PER_PARAMETER = 4  # of all forces, at least: residuals of fewer say little of the variances
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,4 +148,5 @@ def _columns(robot: Engine, base: BaseParameters, terms: Sequence[DriveColumn]) 
 def _width(samples: Measurements, band: float, count: int) -> float:
     """The width of cells that a band needs, so that there are enough for the number of parameters."""
     duration, forces = float(samples.t[-1] - samples.t[0]), np.count_nonzero(samples.weights.any(axis=0))
-    return min(1 / (CELLS * band) if band else np.inf, duration * forces / (ROWS * count)) or 1.0
+    longest = duration * forces / (CELLS_PER_PARAMETER * count)
+    return min(1 / (CELLS_PER_PERIOD * band) if band else np.inf, longest) or 1.0

@@ -13,10 +13,11 @@ import numpy as np
 
 from jounce.identification.cells import Cells
 
-RANK = 1e-12  # of an eigenvalue of the scaled information, relative to the largest: what is smaller is rounding
-BLIND = 1e-8  # square of what a parameter has of directions without information: below, it is rounding
-ROUNDS, SETTLED = 30, 1e-3  # of the weights, and the change of their logarithm at which they stay
-EXACT = 1e-6  # least deviation of forces relative to their size: no sensor is better
+INFORMATION_RANK_TOLERANCE = 1e-12  # of eigenvalues of the scaled information to the largest: smaller ones are rounding
+NULL_SPACE_TOLERANCE = 1e-8  # squared share of directions without information in a parameter: below, it is rounding
+MAX_REWEIGHTINGS = 30  # good data take fewer than 20
+LOG_VARIANCE_TOLERANCE = 1e-3  # change of the logarithm at which variances stay: far less than they are known to
+MIN_RELATIVE_DEVIATION = 1e-6  # of forces to their size: no sensor is better
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,12 +80,12 @@ def regression(cells: Cells, chosen: np.ndarray, known: bool) -> Regression:
     """
     measured = (cells.counts > 0).any(axis=0)
     largest = _mean_square(cells, cells.model + cells.off)
-    least = EXACT**2 * np.where(largest > 0, largest, largest.max() or 1.0)
+    least = MIN_RELATIVE_DEVIATION**2 * np.where(largest > 0, largest, largest.max() or 1.0)
     start = 1.0 if known else np.maximum(_mean_square(cells, cells.off), least)
     variances = np.where(measured, start, np.inf)
-    for _ in range(0 if known else ROUNDS):
+    for _ in range(0 if known else MAX_REWEIGHTINGS):
         before, variances = variances, np.maximum(variances * _excess(cells, chosen, variances), least)
-        if np.abs(np.log(variances[measured] / before[measured])).max() < SETTLED:
+        if np.abs(np.log(variances[measured] / before[measured])).max() < LOG_VARIANCE_TOLERANCE:
             break
     Y, off = _weighted(cells, variances)
     deviations = np.sqrt(variances / np.where(measured, cells.counts.mean(axis=0), 1.0))
@@ -136,6 +137,6 @@ def _directions(information: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nda
     scale = np.sqrt(np.diag(information))
     scale = np.where(scale > 0, scale, 1.0)
     values, vectors = np.linalg.eigh(information / scale / scale[:, None])
-    seen = values > RANK * values.max(initial=0.0)
-    blind = (vectors[:, ~seen] ** 2).sum(axis=1) > BLIND
+    seen = values > INFORMATION_RANK_TOLERANCE * values.max(initial=0.0)
+    blind = (vectors[:, ~seen] ** 2).sum(axis=1) > NULL_SPACE_TOLERANCE
     return vectors[:, seen] / scale[:, None] / np.sqrt(values[seen]), values[seen], blind

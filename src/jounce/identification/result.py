@@ -17,7 +17,7 @@ from jounce.model.coordinates import generalized_forces
 from jounce.model.drives import OFFSET
 from jounce.motion.motion import Motion
 
-PARTS = {"used": "residual", "rest": "rest of the data"}  # of the samples, and their titles
+PART_TITLES = {"used": "residual", "rest": "rest of the data"}  # of the samples, and their titles
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -148,7 +148,7 @@ class Identification(Generic[R]):
             values = (f"{row.value:.6g}", f"{row.deviation:.2g}", f"{row.model:.6g}")
             rows.append((row.name, *values, row.unit, "" if row.seen else "not seen"))
         lines = aligned(rows)
-        for part, title in PARTS.items():
+        for part, title in PART_TITLES.items():
             some = [of for of in self.residuals if of.part == part]
             rows = [(title, "measured", "model", "identified", "unit", "all samples: model", "identified")]
             for of in some:

@@ -18,11 +18,11 @@ from jounce.identification.room import Room
 from jounce.model.kinds import MOTION_KINDS
 from jounce.model.limits import Limits
 
-STAGES = ((2.5, 0.15), (0.25, 0.015), (0.025, 0.0015))  # weight of the barrier per parameter, room that is kept
-STEPS = 300  # of BFGS in each stage at most
-SLOPE = 0.1  # of the loss, per unit of amplitudes, at which a stage ends: more changes deviations by less than 1 %
-AMPLITUDE = 0.3  # of random series, in units of the limits
-RESTS = 20  # poses from which one is sought that effort limits let a robot hold
+BARRIER_STAGES = ((2.5, 0.15), (0.25, 0.015), (0.025, 0.0015))  # weight of the barrier per parameter, room that is kept
+MAX_BFGS_STEPS = 300  # in each stage, a bound of the time that it takes
+LOSS_GRADIENT_TOLERANCE = 0.1  # per unit of amplitudes, ends a stage: the rest changes deviations by less than 1 %
+MAX_START_AMPLITUDE = 0.3  # of random series, in units of the limits: several of them add up
+MAX_REST_STARTS = 20  # poses from which one is sought that effort limits let the robot hold
 
 Progress = Callable[[int, int], object]  # of the number of starts done, and of all
 
@@ -89,13 +89,13 @@ class Search:
 
     def random(self, rng: np.random.Generator) -> np.ndarray:
         """A random series about a random pose, in the units of amplitudes."""
-        u = AMPLITUDE * rng.uniform(-1, 1, self.units.shape)
+        u = MAX_START_AMPLITUDE * rng.uniform(-1, 1, self.units.shape)
         u[0] = rng.uniform(-0.5, 0.5, len(self.middle))
         return u.ravel()
 
     def _minimum(self, u: np.ndarray) -> np.ndarray:
         count = len(self.information.names)
-        for weight, delta in STAGES:
+        for weight, delta in BARRIER_STAGES:
             u = _minimum(self.loss, u, count * weight, delta)
         return u
 
@@ -112,11 +112,11 @@ class Search:
             return (self.middle + self.reaches[:1] * u, *zero)
 
         def barrier(u: np.ndarray) -> tuple[float, np.ndarray]:
-            value, gradients = self.room.loss(rates(u), self.share, STAGES[1][1])
+            value, gradients = self.room.loss(rates(u), self.share, BARRIER_STAGES[1][1])
             return value, gradients[0][0] * self.reaches[0]
 
         worst = []
-        for i in range(RESTS):
+        for i in range(MAX_REST_STARTS):
             u = rng.uniform(-0.8, 0.8, len(self.middle)) if i else np.zeros(len(self.middle))
             u = _minimum(barrier, u)
             worst.append(self.room.worst(rates(u)))
@@ -132,10 +132,9 @@ class Search:
 
 def _minimum(loss: Callable[..., tuple[float, np.ndarray]], u: np.ndarray, *arguments: float) -> np.ndarray:
     """A local minimum of a loss with its gradient, by BFGS: L-BFGS takes half as many steps again."""
-    found: np.ndarray = minimize(
-        loss, u, arguments, method="BFGS", jac=True, options={"maxiter": STEPS, "gtol": SLOPE}
-    ).x
-    return found
+    options = {"maxiter": MAX_BFGS_STEPS}
+    found = minimize(loss, u, arguments, method="BFGS", jac=True, tol=LOSS_GRADIENT_TOLERANCE, options=options)
+    return np.asarray(found.x)
 
 
 def reaches_of(limits: Limits, series: Harmonics, order: int) -> np.ndarray:

@@ -17,7 +17,7 @@ from jounce.model.kinds import KINDS, MOTION_KINDS
 from jounce.model.limits import Limits
 from jounce.model.positions import check_single
 
-TYPICAL = 4  # rows of typical states per column of the regressor, by which columns are found that depend on others
+TYPICAL_ROWS_PER_COLUMN = 4  # of the regressor of random states, so that only dependent columns depend in these
 
 
 def search_of(
@@ -119,7 +119,8 @@ def _told(
     rng: np.random.Generator,
 ) -> Information:
     """The information of motions that go as far as the limits let them."""
-    count = TYPICAL * (10 * len(robot.body_names) + len(terms) * len(robot.mechanism.joints)) // robot.n + 1
+    columns = 10 * len(robot.body_names) + len(terms) * len(robot.mechanism.joints)
+    count = TYPICAL_ROWS_PER_COLUMN * columns // robot.n + 1
     states = rng.uniform(-1, 1, (3, count, robot.n)) * reaches[:3, None]
     states[0] = middle + np.where(reaches[1] > 0, states[0], states[0, 0])  # a joint that stands still, anywhere
     found = information(robot, terms, weights, tuple(states))

@@ -9,14 +9,14 @@ from jounce.core.typing import Equations
 from jounce.identification.delay import find_delay
 from jounce.identification.filtered import FILTERED
 from jounce.identification.problem import Problem
-from jounce.identification.regression import EXACT
+from jounce.identification.regression import MIN_RELATIVE_DEVIATION
 from jounce.identification.residuals import ForceResidual
 from jounce.model.coordinates import force_names
 
-OPPOSED = -0.5  # correlation of measured forces with those of the model, below which their sign is suspected
-ALIKE = 0.8  # and that above which their size is compared
-FACTOR = 10.0  # in size, beyond which the unit is suspected: no parameters are that wrong
-MOST = 0.5  # of a force, from which on what remains of it is more than friction or noise
+MAX_OPPOSED_CORRELATION = -0.5  # of measured forces with those of the model: below it their sign is suspected
+MIN_SIMILAR_CORRELATION = 0.8  # of the same: above it their sizes are compared
+MAX_SIZE_RATIO = 10.0  # of these sizes, beyond which the unit is suspected: no parameters are that wrong
+MAX_UNEXPLAINED_SHARE = 0.5  # of a force: what remains beyond it is more than friction or noise
 
 
 def suspicions(posed: Problem, method: Equations) -> list[str]:
@@ -31,8 +31,8 @@ def suspicions(posed: Problem, method: Equations) -> list[str]:
 def unexplained(rows: Sequence[ForceResidual]) -> list[str]:
     """Return which of the forces that were used the identified robot explains less than half of."""
     used = [row for row in rows if row.part == "used"]
-    least = EXACT * max((max(row.measured, row.model) for row in used), default=0.0)
-    left = [row for row in used if row.identified > max(MOST * row.measured, least)]
+    least = MIN_RELATIVE_DEVIATION * max((max(row.measured, row.model) for row in used), default=0.0)
+    left = [row for row in used if row.identified > max(MAX_UNEXPLAINED_SHARE * row.measured, least)]
     if not left:
         return []
     worst = max(left, key=lambda row: row.identified)
@@ -51,7 +51,7 @@ def _absent(posed: Problem, names: tuple[str, ...]) -> list[str]:
     missing = joints & ~there.any(axis=0)
     first = np.take_along_axis(samples.forces, there.argmax(axis=0)[None], axis=0)
     same = (~there | (samples.forces == first)).all(axis=0) & (there.sum(axis=0) > 1)
-    varies = np.ptp(model, axis=0) > EXACT * np.abs(model).max()
+    varies = np.ptp(model, axis=0) > MIN_RELATIVE_DEVIATION * np.abs(model).max()
     found = []
     if missing.any():
         found.append(f"forces of {_of(names, missing)} are not measured: no column, NaN or a weight of 0")
@@ -86,15 +86,15 @@ def _unlike(posed: Problem, names: tuple[str, ...]) -> list[str]:
     there = (of_model > 0) & (of_forces > 0)
     correlation = np.where(there, shared / np.sqrt(np.where(there, of_model * of_forces, 1.0)), 0.0)
     size = np.where(there, np.sqrt(of_forces / np.where(there, of_model, 1.0)), 1.0)
-    alike = np.abs(correlation) > ALIKE
+    alike = np.abs(correlation) > MIN_SIMILAR_CORRELATION
     found = []
-    if (opposed := correlation < OPPOSED).any():
+    if (opposed := correlation < MAX_OPPOSED_CORRELATION).any():
         worst = correlation[opposed].min()
         found.append(
             f"forces of {_of(names, opposed)} seem to have the wrong sign: their correlation with the model's is"
             f" {worst:.2g}; expected Q = M q2d + C qd + Qgrav, which the drives exert on the robot"
         )
-    if (odd := alike & (np.abs(np.log(size)) > np.log(FACTOR))).any():
+    if (odd := alike & (np.abs(np.log(size)) > np.log(MAX_SIZE_RATIO))).any():
         ratio = float(np.exp(np.log(size[odd]).mean()))
         found.append(
             f"forces of {_of(names, odd)} seem to have the wrong unit: they are {ratio:.3g} times those of the model;"

@@ -12,10 +12,10 @@ from jounce.identification.regression import Solution, row_weights
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 
-UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)  # of the inertial parameters of one body
-POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # of a length in them
-SLIGHT = 0.01  # of a force, which is the least size of what drives add
-TRACE = [inertia.PARAMETERS.index(name) for name in ("Ixx", "Iyy", "Izz")]
+INERTIAL_UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)  # of the inertial parameters of one body
+LENGTH_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # of a length in them
+MIN_DRIVE_FORCE_SHARE = 0.01  # of a force: less is not worth the name of a drive term
+TRACE_PLACES = [inertia.PARAMETERS.index(name) for name in ("Ixx", "Iyy", "Izz")]
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def parameter_table(posed: Problem, solution: Solution, variances: np.ndarray) -
     m, base, model = posed.robot.mechanism, posed.base, posed.own
     revolute = [bool(np.any(X[:3])) for X in m.X]
     names = [*base.names, *(f"{joint} {term}" for term in posed.terms for joint in m.joints)]
-    units = [UNITS[column % len(UNITS)] for column in base.columns]
+    units = [INERTIAL_UNITS[column % len(INERTIAL_UNITS)] for column in base.columns]
     units += [_unit(term, turns) for term in posed.terms for turns in revolute]
     values, spreads = model + solution.x, np.sqrt(np.diag(solution.covariance))
     sizes = np.append(_inertial_sizes(m, base), _drive_sizes(posed.cells, variances, posed.columns[base.count :]))
@@ -72,10 +72,10 @@ def parameter_table(posed: Problem, solution: Solution, variances: np.ndarray) -
 def _inertial_sizes(m: Mechanism, base: BaseParameters) -> np.ndarray:
     """The sizes of the base parameters: m, m r or m r^2 of a body, r its radius about the origin of its frame."""
     p = inertia.parameters(m.M).astype(float)
-    mass, moments = np.abs(p[:, 0]), np.abs(p[:, TRACE].sum(axis=1)) / 2
+    mass, moments = np.abs(p[:, 0]), np.abs(p[:, TRACE_PLACES].sum(axis=1)) / 2
     r = np.sqrt(np.divide(moments, mass, out=np.zeros_like(mass), where=mass > 0))
     mass, r = (np.where(x > 0, x, x[x > 0].mean() if x.any() else 0.0) for x in (mass, r))
-    return (mass[:, None] * r[:, None] ** POWERS).ravel()[base.columns]
+    return (mass[:, None] * r[:, None] ** LENGTH_POWERS).ravel()[base.columns]
 
 
 def _drive_sizes(cells: Cells, variances: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -84,7 +84,7 @@ def _drive_sizes(cells: Cells, variances: np.ndarray, columns: np.ndarray) -> np
     A hundredth of the measured forces counts too: of a model that leaves nothing it is seen that it leaves nothing.
     """
     weights = row_weights(cells, variances)
-    left = (weights * (cells.off**2 + (SLIGHT * (cells.off + cells.model)) ** 2)).sum(axis=0)
+    left = (weights * (cells.off**2 + (MIN_DRIVE_FORCE_SHARE * (cells.off + cells.model)) ** 2)).sum(axis=0)
     power = (weights[..., None] * cells.Y[..., columns] ** 2).sum(axis=0)
     total = power.sum(axis=0)
     return np.sqrt(((power > 0) * left[:, None]).sum(axis=0) / np.where(total > 0, total, np.inf))

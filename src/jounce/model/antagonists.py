@@ -21,13 +21,14 @@ from jounce.model.inversion import UnreachableError, rising_root
 from jounce.model.springs import CubicSpring, Spring, force_along, spring_of
 from jounce.spatial.series import Series, from_rate
 
-FIRST_STEP = 1e-3  # rad or m, of a search for a difference, doubled from step to step
-DOUBLINGS = 16  # of that step, up to 30 rad or m
-HALVINGS, ROUNDS = 6, 8  # of a bracket, each round followed by an attempt with Newton's method
-PRECISE = 30  # halvings for the least stiffness: e to 1e-9 of a bracket, and the stiffness there to its square
-POLISHING = 6  # steps of Newton's method, which squares the error of a bracket halved 6 times in each
-ROUNDING = 1e-13  # relative, of a stiffness that both springs add up to
-MARGIN = 1e-9  # by which a stiffness must be above the least, where its rates are infinite
+FIRST_DIFFERENCE_STEP = 1e-3  # rad or m, of the search for a bracket of e; it doubles from step to step
+MAX_DIFFERENCE_DOUBLINGS = 16  # of that step: the last one is 33 rad or m
+HALVINGS_PER_ATTEMPT = 6  # of the bracket of e before each attempt with Newton's method
+MAX_NEWTON_ATTEMPTS = 8  # after which bisection alone has halved the bracket 48 times
+LEAST_STIFFNESS_HALVINGS = 30  # give e to 1e-9 of a bracket, and the least stiffness there to the square of that
+NEWTON_STEPS_PER_ATTEMPT = 6  # each squares the error, which is at first 2^-6 of a bracket
+STIFFNESS_TOLERANCE = 1e-13  # relative, of the sum of both stiffnesses: rounding with room for cancellation
+MIN_STIFFNESS_MARGIN = 1e-9  # relative, by which a stiffness must exceed the least one, at which rates are infinite
 
 
 @dataclass(frozen=True)
@@ -105,12 +106,12 @@ def deflections(springs: AntagonisticSprings, Q: np.ndarray, S: np.ndarray) -> t
     with np.errstate(all="ignore"):
         low = _below(springs, curve, S, known)
         least = curve(low).S
-        check(least * (1 + MARGIN) < S, least, "above")
+        check(least * (1 + MIN_STIFFNESS_MARGIN) < S, least, "above")
         near, far = _bracket(curve, lambda x: ~(x.S < S), low, 1.0, known)
-        for _ in range(ROUNDS):
-            near, far = _halve(curve, lambda x: ~(x.S < S), near, far, HALVINGS)
+        for _ in range(MAX_NEWTON_ATTEMPTS):
+            near, far = _halve(curve, lambda x: ~(x.S < S), near, far, HALVINGS_PER_ATTEMPT)
             (d1, d2), off = _polish(springs, Q, S, curve(near).d)
-            found = (off <= ROUNDING * S) & (d1 - d2 > low)
+            found = (off <= STIFFNESS_TOLERANCE * S) & (d1 - d2 > low)
             if found[known].all():
                 break
         check(found, curve(near).S, "below")
@@ -159,7 +160,7 @@ def _below(springs: AntagonisticSprings, curve: Curve, S: np.ndarray, known: np.
 
     near, far = _bracket(curve, lambda x: turned(x) | (x.S < S), start, way, known)
     if not (curve(far).S < S)[known].all():  # steps went over the least, which may still be below
-        near, far = _halve(curve, turned, near, far, PRECISE)
+        near, far = _halve(curve, turned, near, far, LEAST_STIFFNESS_HALVINGS)
     return np.where(np.isnan(curve(far).S), near, far)
 
 
@@ -172,11 +173,11 @@ def _bracket(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Two differences on the way from a start: the condition holds at the second, if anywhere, and not at the first."""
     near = far = start
-    for k in range(DOUBLINGS):
+    for k in range(MAX_DIFFERENCE_DOUBLINGS):
         going = known & ~passed(curve(far))
         if not going.any():
             break
-        near, far = np.where(going, far, near), np.where(going, start + way * FIRST_STEP * 2**k, far)
+        near, far = np.where(going, far, near), np.where(going, start + way * FIRST_DIFFERENCE_STEP * 2**k, far)
     return near, far
 
 
@@ -195,7 +196,7 @@ def _polish(
     springs: AntagonisticSprings, Q: np.ndarray, S: np.ndarray, d: tuple[np.ndarray, np.ndarray]
 ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
     """Newton's method for both equations, and what it leaves of the stiffness."""
-    for _ in range(POLISHING):
+    for _ in range(NEWTON_STEPS_PER_ATTEMPT):
         one, two = springs.first._derivatives(d[0]), springs.second._derivatives(d[1])
         force, stiffness = Q - one[0] - two[0], S - one[1] - two[1]
         factor = 1 / (one[1] * two[2] - two[1] * one[2])

@@ -21,7 +21,8 @@ from jounce.spatial.series import Series
 T = TypeVar("T", Array, Series)
 
 BASE_FORCES = tuple(f"base.{component}" for component in ("mx", "my", "mz", "fx", "fy", "fz"))
-TURNS = 8 * np.pi  # rad: four turns, further than joints without limits are taken to go
+MAX_UNLIMITED_ANGLE = 8 * np.pi  # rad: four turns, further than joints without limits are taken to go
+MIN_DEGREES_ANGLE = 6.3  # rad, just above a turn: only larger angles are taken for degrees
 
 
 def joint_variables(mechanism: Mechanism, q: Series) -> Series:
@@ -166,6 +167,6 @@ def following_efforts(mechanism: Mechanism) -> list[str]:
 
 def likely_positions(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
     """Bounds (nc,) of the joint variables: their limits, and some turns for those that turn without any."""
-    widest = np.where(mechanism.X[:, :3].any(axis=1), TURNS, np.inf)
+    widest = np.where(mechanism.X[:, :3].any(axis=1), MAX_UNLIMITED_ANGLE, np.inf)
     lower, upper = mechanism.limits.lower, mechanism.limits.upper
     return np.where(np.isfinite(lower), lower, -widest), np.where(np.isfinite(upper), upper, widest)

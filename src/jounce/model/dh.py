@@ -18,14 +18,14 @@ import numpy as np
 from jounce.core import scalars
 from jounce.core.errors import JounceError, at, one_of, quoted, several, true_or_false, warn
 from jounce.core.scalars import Array, asarray, is_symbolic
+from jounce.model.coordinates import MIN_DEGREES_ANGLE
 from jounce.model.frame import Frame
 from jounce.model.mechanism import Mechanism
 from jounce.model.screws import exact_pose, from_screws
 
-PARAMETERS = ("a", "alpha", "d", "theta")
+DH_PARAMETERS = ("a", "alpha", "d", "theta")
 CONVENTIONS = ("standard", "modified")
 TYPES = ("revolute", "prismatic")
-TURN = 6.3  # rad
 TOOL = "tool"  # the name of its frame
 
 Row = tuple[Array, str]  # a, alpha, d, theta in rad, (4,), and the type of the joint
@@ -106,7 +106,7 @@ def _array(entries: list[Any]) -> Array:
 def _rows(table: Any, types: Sequence[str] | None) -> list[Row]:
     rows = several(table) if isinstance(table, Sequence | np.ndarray) and not isinstance(table, str) else []
     if not rows:
-        raise JounceError(f"table is {quoted(table)}; expected rows of {', '.join(PARAMETERS)}")
+        raise JounceError(f"table is {quoted(table)}; expected rows of {', '.join(DH_PARAMETERS)}")
     named = [isinstance(row, Mapping) for row in rows]
     if types is None:
         kinds = [row.get("type", TYPES[0]) if isinstance(row, Mapping) else TYPES[0] for row in rows]
@@ -124,14 +124,14 @@ def _rows(table: Any, types: Sequence[str] | None) -> list[Row]:
 
 def _row(row: Any, label: str) -> Array:
     """a, alpha, d and theta of a row, which are numbers in this order or have these names."""
-    order = ", ".join(PARAMETERS)
+    order = ", ".join(DH_PARAMETERS)
     if isinstance(row, Mapping):
         for key in row:
-            one_of("key", key, [*PARAMETERS, "type"], label)
-        for key in PARAMETERS:
+            one_of("key", key, [*DH_PARAMETERS, "type"], label)
+        for key in DH_PARAMETERS:
             if key not in row:
                 raise JounceError(f"{label} has no {key!r}; expected {order}")
-        row = [row[key] for key in PARAMETERS]
+        row = [row[key] for key in DH_PARAMETERS]
     numbers = asarray(row, label)
     if numbers.shape != (4,):
         raise JounceError(f"{label} has shape {numbers.shape}; expected 4 numbers: {order}")
@@ -146,8 +146,8 @@ def _warn_of_degrees(rows: Sequence[Row]) -> None:
     """Warn of the first angle that is more than a turn."""
     for i, (row, _) in enumerate(rows):
         for name in ("alpha", "theta"):
-            angle = row[PARAMETERS.index(name)]
-            if isinstance(angle, float) and abs(angle) > TURN:
+            angle = row[DH_PARAMETERS.index(name)]
+            if isinstance(angle, float) and abs(angle) > MIN_DEGREES_ANGLE:
                 cure = "degrees=True (angles: deg in a file) takes degrees"
                 warn(f"table[{i}]: {name} is {angle:g} rad, more than a turn; {cure}")
                 return

@@ -22,7 +22,7 @@ from jounce.model.springs import CubicSpring, DampedSpring, Spring
 
 Law: TypeAlias = Spring | DampedSpring | AntagonisticSprings
 SpringLaw: TypeAlias = Spring | AntagonisticSprings | Callable[[Any], Any]  # as callers give it
-ARRAYS = ("stiffness", "rotor", "viscous", "friction", "eps")  # the numbers, one per coordinate
+ELASTIC_ARRAYS = ("stiffness", "rotor", "viscous", "friction", "eps")  # the numbers, one per coordinate
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -117,7 +117,7 @@ class Elasticity:
     @property
     def arrays(self) -> Mapping[str, Array]:
         """The numbers by name."""
-        return {name: getattr(self, name) for name in ARRAYS}
+        return {name: getattr(self, name) for name in ELASTIC_ARRAYS}
 
     def map(self, convert: Callable[[Array], Array]) -> "Elasticity":
         """The same springs and motors with other numbers.

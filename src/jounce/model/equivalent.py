@@ -17,12 +17,12 @@ import numpy as np
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array, concatenate, is_symbolic, is_zero
 from jounce.model.casting import with_exact_integers
+from jounce.model.frame import UNIT_ROUNDING
 from jounce.model.mechanism import Mechanism, reference_poses, single_variables
 from jounce.model.positions import positions
 from jounce.spatial import inertia
 from jounce.spatial.lie import Ad, hat, inverse, pose, position, rotation
 
-ROUNDING = 1e-15  # what rounding leaves of an exact 0 in a rotation or a pitch
 _I = np.eye(3, dtype=int)
 _Z = _I[:, 2:]
 
@@ -222,9 +222,9 @@ def _exact(a: Array) -> Array:
     if is_symbolic(a):
         return np.asarray(np.frompyfunc(_exact_number, 1, 1)(a), dtype=object)
     near = np.rint(a)
-    a = np.where((np.abs(a - near) < ROUNDING) & (np.abs(near) <= 1), near, a)
+    a = np.where((np.abs(a - near) < UNIT_ROUNDING) & (np.abs(near) <= 1), near, a)
     return a.astype(int) if np.all(a == np.rint(a)) else a
 
 
 def _exact_number(x: object) -> object:
-    return round(x) if isinstance(x, float) and abs(x) < 2 and abs(x - round(x)) < ROUNDING else x
+    return round(x) if isinstance(x, float) and abs(x) < 2 and abs(x - round(x)) < UNIT_ROUNDING else x

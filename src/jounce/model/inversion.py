@@ -15,9 +15,9 @@ from jounce.model.springs import CubicSpring, Spring
 
 Slope = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # of deflections, to forces and stiffnesses
 
-STEPS = 200  # of which bisection alone takes some 60
-DOUBLINGS = 60  # of a bracket that is not bounded
-START_TERMS = 5  # of the exponent 1/3 in the start value: what is left out is below 1/3072
+MAX_ROOT_STEPS = 200  # of which bisection alone takes some 60
+MAX_BRACKET_DOUBLINGS = 60  # of the step to the far end: 1e18 times the first one
+HALLEY_START_TERMS = 5  # of the series of the exponent 1/3 in the start value: what is left out is 1/3072
 HALLEY_STEPS = 3  # which take errors from 26 % to 0.7 %, 3e-7 and 2e-20
 
 
@@ -56,7 +56,7 @@ def _cubic(spring: CubicSpring, force: Array) -> Array:
     y = force * (ratio / spring.k)
     w = y * y
     root = product = sqrt(sqrt(w + 1))
-    for _ in range(START_TERMS - 1):
+    for _ in range(HALLEY_START_TERMS - 1):
         root = sqrt(sqrt(root))
         product = product * root
     m = reciprocal(product)
@@ -102,7 +102,7 @@ def rising_root(slope: Slope, target: np.ndarray, bounds: tuple[np.ndarray | flo
     low, high, x = _bracket(slope, target, bounds)
     last = before = high - low
     done = lost = np.isnan(low) | np.isnan(target)
-    for _ in range(STEPS):
+    for _ in range(MAX_ROOT_STEPS):
         f, rise = slope(x)
         above = f > target
         low, high = np.where(above, low, x), np.where(above, x, high)
@@ -128,7 +128,7 @@ def _bracket(
     guess = np.clip(middle + (target - f) / rise, least, most)
     step = np.maximum(np.abs(guess - middle), np.finfo(float).tiny)
     far = guess
-    for _ in range(DOUBLINGS):
+    for _ in range(MAX_BRACKET_DOUBLINGS):
         short = (slope(far)[0] - target) * way < 0
         if not short.any():
             break

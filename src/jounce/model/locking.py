@@ -8,7 +8,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, listed, one_of, quoted, several, warn
 from jounce.core.scalars import Array, is_finite, is_numeric
-from jounce.model.coordinates import likely_positions
+from jounce.model.coordinates import MIN_DEGREES_ANGLE, likely_positions
 from jounce.model.drives import Drives
 from jounce.model.frame import Frame
 from jounce.model.mechanism import Mechanism
@@ -16,8 +16,7 @@ from jounce.model.positions import Position, positions
 from jounce.model.screws import exact_inertia, exact_pose
 from jounce.spatial import inertia, lie
 
-SLACK = 1e-3  # of the range of a joint: limits in files are rounded
-TURN = 6.3  # rad: what is less is not taken for degrees
+LIMIT_SLACK = 1e-3  # of the range of a joint, by which positions may exceed limits: those in files are rounded
 
 
 def locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
@@ -80,7 +79,7 @@ def locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
 def warn_of_limits(mechanism: Mechanism, still: Iterable[int], theta: np.ndarray, state: str) -> None:
     """Warn of joints that are held where they cannot be, and tell where degrees would be right."""
     limits, (lower, upper) = mechanism.limits, likely_positions(mechanism)
-    slack = np.where(np.isfinite(upper - lower), SLACK * (upper - lower), 0)
+    slack = np.where(np.isfinite(upper - lower), LIMIT_SLACK * (upper - lower), 0)
     revolute = mechanism.X[:, :3].any(axis=1)
 
     def is_beyond(x: np.ndarray) -> np.ndarray:
@@ -92,7 +91,7 @@ def warn_of_limits(mechanism: Mechanism, still: Iterable[int], theta: np.ndarray
         i, unit = found[0], "rad" if revolute[found[0]] else "m"
         stated = np.isfinite([limits.lower[i], limits.upper[i]]).any()
         reach = f"its limits are {limits.lower[i]:.6g} to {limits.upper[i]:.6g} {unit}"
-        turns = revolute[i] and abs(theta[i]) > TURN and not is_beyond(radians)[i]
+        turns = revolute[i] and abs(theta[i]) > MIN_DEGREES_ANGLE and not is_beyond(radians)[i]
         cure = f"; {theta[i]:.6g} deg are {radians[i]:.6g} rad" if turns else ""
         more = f" (and {len(found) - 1} more joints)" if found[1:] else ""
         came = f"joint {quoted(mechanism.joints[i])} {state} {theta[i]:.6g} {unit}"

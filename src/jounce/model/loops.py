@@ -12,11 +12,10 @@ from functools import cached_property
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate
-from jounce.model.frame import Frame
+from jounce.model.frame import UNIT_ROUNDING, Frame
 
-Z = (0, 0, 1)
-ROUNDING = 1e-15  # what rounding leaves of an exact 0
-_I, _O = np.eye(3, dtype=int), np.zeros((3, 3), dtype=int)
+Z = (0, 0, 1)  # the axis of a cut joint that states none
+_I = np.eye(3, dtype=int)
 
 
 def _across(axis: np.ndarray) -> np.ndarray:
@@ -29,12 +28,12 @@ def _across(axis: np.ndarray) -> np.ndarray:
 def _exact(directions: np.ndarray) -> np.ndarray:
     """Directions along axes as integers, which keep zeros and symbols exact."""
     whole = np.rint(directions)
-    return whole.astype(int) if (np.abs(directions - whole) <= ROUNDING).all() else directions
+    return whole.astype(int) if (np.abs(directions - whole) <= UNIT_ROUNDING).all() else directions
 
 
 # of a cut joint, the directions in which it allows no turn and no slide
 HELD: Mapping[str, Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
-    "spherical": lambda axis: (_O[:0], _I),
+    "spherical": lambda axis: (_I[:0], _I),
     "revolute": lambda axis: (_across(axis), _I),
     "prismatic": lambda axis: (_I, _across(axis)),
     "cylindrical": lambda axis: (_across(axis), _across(axis)),

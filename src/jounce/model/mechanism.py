@@ -20,8 +20,7 @@ from jounce.model.frame import Frame
 from jounce.model.limits import Limits
 from jounce.model.loops import Closure, Loop
 
-GRAVITY = (0, 0, -9.81)  # m/s^2, unless told otherwise
-DATA = ("B", "X", "M", "gravity", "G", "g")  # the arrays of a mechanism
+GRAVITY = (0, 0, -9.81)  # m/s^2, unless a caller or a file states another
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -121,7 +120,7 @@ class Mechanism:
     @property
     def arrays(self) -> dict[str, Array]:
         """The numbers of the rigid bodies and their joints by name."""
-        return {name: getattr(self, name) for name in DATA}
+        return {name: getattr(self, name) for name in ("B", "X", "M", "gravity", "G", "g")}
 
     @property
     def is_numeric(self) -> bool:

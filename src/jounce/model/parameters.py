@@ -17,9 +17,9 @@ from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 from jounce.spatial.lie import pose, rotation
 
-PARAMETERS = ("gravity", "masses", "lengths", "payload")
-PAYLOAD = {"mass": 1, "com": 3, "inertia": 6}  # what a payload consists of
-_POINT = np.diag([0, 0, 0, 1, 1, 1])  # the inertia matrix of 1 kg at the frame's origin
+MODEL_PARAMETERS = ("gravity", "masses", "lengths", "payload")
+PAYLOAD_SIZES = {"mass": 1, "com": 3, "inertia": 6}  # what a payload consists of
+_UNIT_POINT_MASS = np.diag([0, 0, 0, 1, 1, 1])  # the inertia matrix of 1 kg at the frame's origin
 
 
 def parametrise(
@@ -53,7 +53,7 @@ def parametrise(
     if "masses" in symbols:
         M = np.stack([_of_mass(M_i, symbols["masses"][i : i + 1, None]) for i, M_i in enumerate(M)])
     for stem, frame in _payloads(mechanism, names).items():
-        mass, com, six = (symbols[f"{stem}_{part}"] for part in PAYLOAD)
+        mass, com, six = (symbols[f"{stem}_{part}"] for part in PAYLOAD_SIZES)
         added = inertia.shift_inertia(
             inertia.inertia_matrix(mass, com, inertia.symmetric(six)), exact_integers(frame.T)
         )
@@ -67,7 +67,7 @@ def own_values(mechanism: Mechanism, names: Sequence[str]) -> dict[str, np.ndarr
     lengths = mechanism.B[int(mechanism.floats) :, :3, 3]
     own = {"gravity": mechanism.gravity, "masses": mechanism.M[:, 3, 3], "lengths": lengths}
     payloads = _payloads(mechanism, names)
-    nothing = {f"{stem}_{part}": np.zeros(size) for stem in payloads for part, size in PAYLOAD.items()}
+    nothing = {f"{stem}_{part}": np.zeros(size) for stem in payloads for part, size in PAYLOAD_SIZES.items()}
     return {name: own[name] for name in names if name in own} | nothing
 
 
@@ -75,13 +75,13 @@ def _payloads(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Frame]:
     """Check `names`, and map the stem of each payload's symbols to the frame of the payload."""
     texts = isinstance(names, Sequence) and not isinstance(names, str) and all(isinstance(x, str) for x in names)
     if not texts or len(set(names)) != len(names):
-        known = ", ".join(PARAMETERS)
+        known = ", ".join(MODEL_PARAMETERS)
         raise JounceError(f"parameters are {quoted(names)}; expected a list of different names of {known}")
     payloads: dict[str, Frame] = {}
     for name in names:
         kind, colon, body = name.partition(":")
-        if kind not in PARAMETERS or (colon and kind != "payload"):
-            raise no_such("parameter", name, [*PARAMETERS, "payload:BODY"])
+        if kind not in MODEL_PARAMETERS or (colon and kind != "payload"):
+            raise no_such("parameter", name, [*MODEL_PARAMETERS, "payload:BODY"])
         if kind == "payload":
             frame = mechanism.frame(body if colon else _tip(mechanism))
             if frame.body < 0:
@@ -101,4 +101,4 @@ def _tip(mechanism: Mechanism) -> str:
 
 def _of_mass(M: Array, mass: Array) -> Array:
     """Scale the inertia matrix of a body to another mass, (1, 1)."""
-    return M + mass * _POINT if is_zero(M[3, 3]) else mass * exact_integers(M / M[3, 3])
+    return M + mass * _UNIT_POINT_MASS if is_zero(M[3, 3]) else mass * exact_integers(M / M[3, 3])

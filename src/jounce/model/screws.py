@@ -9,6 +9,7 @@ from jounce.core.errors import JounceError, one_line, one_of, quoted, several, s
 from jounce.core.scalars import Array, asarray, is_finite, is_numeric, is_symbolic
 from jounce.model.casting import with_exact_integers
 from jounce.model.drives import UNDRIVEN, Drives, drive_error
+from jounce.model.frame import UNIT_ROUNDING
 from jounce.model.limits import Limits
 from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.model.positions import positions
@@ -17,7 +18,6 @@ from jounce.model.stated import checked_limits
 from jounce.spatial import inertia, lie
 
 UNIT_TOLERANCE = 1e-9  # how far a direction or rotation may be from unit length before it is taken for a mistake
-ROUNDING = 1e-15  # what making them exact leaves; nothing as close is touched, so that data pass the door unchanged
 
 
 def from_screws(
@@ -165,7 +165,7 @@ def exact_pose(T: np.ndarray, label: str) -> np.ndarray:
     if not error <= UNIT_TOLERANCE or np.linalg.det(R) < 0 or np.any(T[3] != [0, 0, 0, 1]):
         what = f"R^T R differs from I by {error:.2g}, det R = {np.linalg.det(R):.6g}, last row {T[3].tolist()}"
         raise JounceError(f"{label} is not a pose [[R, r], [0, 1]]: {what}")
-    return lie.pose(R if error <= ROUNDING else R @ (3 * np.eye(3) - R.T @ R) / 2, T[:3, 3:]) + 0.0
+    return lie.pose(R if error <= UNIT_ROUNDING else R @ (3 * np.eye(3) - R.T @ R) / 2, T[:3, 3:]) + 0.0
 
 
 def exact_screw(X: np.ndarray, label: str) -> np.ndarray:
@@ -175,7 +175,7 @@ def exact_screw(X: np.ndarray, label: str) -> np.ndarray:
     length = _length(X[:3]) or _length(X[3:])
     if not abs(length - 1) <= UNIT_TOLERANCE:
         raise JounceError(f"{label} = {X.tolist()} is not a unit screw (xi; eta): |xi| = 1, or xi = 0 and |eta| = 1")
-    return X if abs(length - 1) <= ROUNDING else X / length
+    return X if abs(length - 1) <= UNIT_ROUNDING else X / length
 
 
 def _length(v: np.ndarray) -> Any:

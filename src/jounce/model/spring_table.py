@@ -15,7 +15,7 @@ from jounce.spatial.series import Series
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
-DEGREE = 5  # of the spline through a table: its force has four continuous derivatives
+SPRING_SPLINE_DEGREE = 5  # so that the force has four continuous derivatives
 
 
 @dataclass(frozen=True)
@@ -59,10 +59,10 @@ class SpringTable(Spring):
                     " expected a monotone table"
                 )
             object.__setattr__(self, name, tuple(column.tolist()))
-        if not len(self.deflections) == len(self.forces) > DEGREE:
+        if not len(self.deflections) == len(self.forces) > SPRING_SPLINE_DEGREE:
             raise JounceError(
                 f"a spring table has {len(self.deflections)} deflections and {len(self.forces)} forces; expected as"
-                f" many of both, {DEGREE + 1} or more"
+                f" many of both, {SPRING_SPLINE_DEGREE + 1} or more"
             )
         self._check_rise()
 
@@ -87,7 +87,7 @@ class SpringTable(Spring):
         if not is_numeric(deflection):
             raise JounceError("a spring given by a table needs NumPy arrays of floats; use CubicSpring for symbols")
         splines = _splines(self)
-        return Series(lambda j: splines[j](deflection) if j <= DEGREE else np.zeros_like(deflection))
+        return Series(lambda j: splines[j](deflection) if j <= SPRING_SPLINE_DEGREE else np.zeros_like(deflection))
 
     def _energy(self, deflection: Array) -> Array:
         """The energy of the spring, J: zero at rest, or at the end of the table that is nearest to it."""
@@ -100,5 +100,5 @@ def _splines(spring: SpringTable) -> "list[PPoly]":
     """The spline through a table, and its derivatives."""
     from scipy.interpolate import PPoly, make_interp_spline
 
-    spline = PPoly.from_spline(make_interp_spline(spring.deflections, spring.forces, k=DEGREE).tck)
-    return [spline.derivative(j) for j in range(DEGREE + 1)]
+    spline = PPoly.from_spline(make_interp_spline(spring.deflections, spring.forces, k=SPRING_SPLINE_DEGREE).tck)
+    return [spline.derivative(j) for j in range(SPRING_SPLINE_DEGREE + 1)]

@@ -21,10 +21,10 @@ from jounce.program.program import Program
 from jounce.program.trace import Tape
 from jounce.spatial.series import Series
 
-NODES = 40  # of the quadrature for the energy of a function: exact for polynomials of degree 79
+ENERGY_QUADRATURE_NODES = 40  # of Gauss and Legendre: exact for polynomials of degree 79
 END_SLACK = 1e-9  # of the range of a spring: rounding of a difference theta - q may go beyond its ends by this much
 MAX_CUBIC_RATIO = 1e100  # of sqrt(k3 / k) / k, 1/(N m): forces up to 1e50 N m keep y y below 1e300, see `inversion`
-FUNCTIONS = "+ - * / **, and the functions sin, cos, tanh, exp, sqrt, sinh, cosh of NumPy"
+SPRING_OPERATIONS = "+ - * / **, and the functions sin, cos, tanh, exp, sqrt, sinh, cosh of NumPy"
 
 
 class Spring(ABC):
@@ -172,7 +172,7 @@ class SpringFunction(Spring):
         except Exception as error:  # whatever a caller's function, or NumPy on a symbol, raises
             why = one_line(error)
             raise JounceError(
-                f"a spring function may use {FUNCTIONS}; it raised: {why}; give a table instead"
+                f"a spring function may use {SPRING_OPERATIONS}; it raised: {why}; give a table instead"
             ) from None
         with np.errstate(all="ignore"):
             stiffness = spring._derivatives(np.zeros(()))[1]
@@ -195,7 +195,7 @@ class SpringFunction(Spring):
 
     def _energy(self, deflection: Array) -> Array:
         """The energy of the spring, J: zero at rest, by Gauss-Legendre quadrature."""
-        points, weights = np.polynomial.legendre.leggauss(NODES)
+        points, weights = np.polynomial.legendre.leggauss(ENERGY_QUADRATURE_NODES)
         force = self._derivatives(deflection[..., None] * (points + 1) / 2)[0]
         return deflection / 2 * (force @ weights)
 
