@@ -168,7 +168,7 @@ def test_it_is_shown_as_a_table(found):
         (LIMITED.with_limits(velocity=0), {}, "let no joint move"),
         (LIMITED.with_limits(effort=0), {}, "'joint1' is 0; expected room on both sides of 0: state another"),
         (LIMITED.with_limits(lower=-0.1, upper=0.1, effort=5), {}, "no pose is found that the limits let the robot"),
-        (ARM.with_limits(velocity=1e-4), {"drives": ["damping", "friction"]}, "does not tell the 10 parameters from"),
+        (ARM.with_limits(velocity=1e-4), {"drives": ["damping", "friction"]}, "does not separate the 10 parameters"),
         (LIMITED, {"period": 1e-3, "harmonics": 3}, "expected a longer period, more than 3 harmonics, or wider limits"),
     ],
 )  # fmt: skip

@@ -26,27 +26,13 @@ MIN_RELATIVE_VARIATION = 1e-9  # of standard deviations to the largest: a column
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Averages over cells of time.
+    """Averages over C cells of time, of nv forces and P parameters."""
 
-    Attributes
-    ----------
-    Y : (C, nv, P)
-        Regressor.
-    off : (C, nv)
-        Measured forces less those of the model as it is.
-    model : (C, nv)
-        Forces of the model as it is.
-    counts : (C, nv)
-        Sums of the weights of the samples; 0 where nothing is measured.
-    spread : (C, nv)
-        Variances of the model's forces that follow from those of the positions.
-    """
-
-    Y: np.ndarray
-    off: np.ndarray
-    model: np.ndarray
-    counts: np.ndarray
-    spread: np.ndarray
+    Y: np.ndarray  # (C, nv, P) regressor
+    off: np.ndarray  # (C, nv) measured forces less those of the model as it is
+    model: np.ndarray  # (C, nv) forces of the model as it is
+    counts: np.ndarray  # (C, nv) sums of the weights of the samples; 0 where nothing is measured
+    spread: np.ndarray  # (C, nv) variances of the model's forces that follow from those of the positions
 
 
 def cells_of(
@@ -97,8 +83,7 @@ def regressors(
 
 def places(t: np.ndarray, width: float) -> np.ndarray:
     """The number of the cell of a width in s in which each of some increasing times is; empty cells do not count."""
-    found: np.ndarray = np.unique(np.floor((t - t[0]) / width * (1 + 1e-12)), return_inverse=True)[1]
-    return found
+    return np.asarray(np.unique(np.floor((t - t[0]) / width * (1 + 1e-12)), return_inverse=True)[1])
 
 
 def averages(values: np.ndarray, weights: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

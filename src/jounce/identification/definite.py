@@ -16,8 +16,10 @@ D = G^T X G for a diagonal D (Nesterov's and Todd's scaling), a step ``S + G Z G
 
 linear least squares, bounded in d alone, in which information is not squared.
 
-M. J. Todd, K. C. Toh and R. H. Tütüncü, "On the Nesterov-Todd direction in semidefinite programming", SIAM Journal on
-Optimization 8, 1998.
+Algorithm: M. J. Todd, K. C. Toh and R. H. Tütüncü, "On the Nesterov-Todd direction in semidefinite programming", SIAM
+Journal on Optimization 8, 1998. Invariants: S = V V^T and X = W W^T are positive definite, as no step reaches singular
+matrices; mu never falls below weight. Failure: `JounceError` after MAX_INTERIOR_POINT_STEPS, where weight is so small
+against the data that the minimum is singular to rounding.
 """
 
 from dataclasses import dataclass
@@ -39,7 +41,7 @@ _ENTRY_FACTORS = np.where(_UPPER_ROWS == _UPPER_COLUMNS, 1.0, np.sqrt(2.0))
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is minimised."""
+    """The terms of f."""
 
     C: Floats  # (k, bodies, 4, 4), symmetric
     R: Floats  # (k, drives)
@@ -50,25 +52,25 @@ class Problem:
 
 
 def minimum(problem: Problem) -> tuple[Floats, Floats]:
-    """Return a root V of S = V V^T, and d, where f has its minimum.
-
-    Raises
-    ------
-    JounceError : if that takes too many steps.
-    """
+    """Return a root V of S = V V^T, and d, where f has its minimum; raise `JounceError` after too many steps."""
+    # the start: S = 1, and a multiple of 1 for X that is as large as the slope of the residual
     one = np.tile(np.eye(4), (problem.C.shape[1], 1, 1))
     V, t, last = one, 1.0, np.inf
     slope = np.einsum("k,kbij->bij", problem.R @ problem.own - _off(problem, V), problem.C)
     W = np.sqrt(max(problem.weight, np.abs(slope).max())) * one  # X = W W^T
     for _ in range(MAX_INTERIOR_POINT_STEPS):
+        # scaling: S = G D G^T, D = G^T X G
         _, s, turn = np.linalg.svd(W.mT @ V)
         G, D, sizes = V @ turn.mT / np.sqrt(s)[:, None], s[:, None] * one, np.sqrt(s[:, :, None] * s[:, None])
+        # mu: the more the last step was cut short, the closer to the mean of S X
         mu = max(problem.weight, max(MIN_MU_RATIO, 1 - t) * float(np.mean(s * s)))
         Z, d = _step(problem, G, s, mu)
+        # the largest share of the steps of S (Z) and X (back) after which both are definite
         back = mu * np.linalg.inv(D) - D - Z
         nearest = min(np.linalg.eigvalsh(change / sizes).min() for change in (Z, back))
         t = 1.0 if nearest > -MAX_SHARE_TO_BOUNDARY else -MAX_SHARE_TO_BOUNDARY / nearest
         V, W = G @ np.linalg.cholesky(D + t * Z), np.linalg.solve(G.mT, np.linalg.cholesky(D + t * back))
+        # convergence: only of full steps at the final mu
         change, r = float(np.abs(Z / sizes).max()), problem.R @ d - _off(problem, V)
         rounding = last / 2 < change and mu * change**2 < DECREMENT_TOLERANCE * (mu + r @ r / 2)
         if mu == problem.weight and t == 1 and (change < INTERIOR_POINT_STEP_TOLERANCE or rounding):
@@ -86,7 +88,8 @@ def _step(problem: Problem, G: Floats, s: Floats, mu: float) -> tuple[Floats, Fl
 
     J = _entries(G.mT @ problem.C @ G).reshape(len(problem.y), len(_ENTRY_FACTORS) * len(G))
     target = _entries(mu / s[:, None] * np.eye(4) - problem.weight * G.mT @ G).ravel()
-    order = np.argsort(problem.positive, kind="stable")  # those with bounds last, to be found from the last rows alone
+    # one least-squares problem in (z, d); the triangular factor leaves bounded variables, the last, to the last rows
+    order = np.argsort(problem.positive, kind="stable")
     w, n, size = np.sqrt(problem.weight), J.shape[1], J.shape[1] + len(order)
     A = np.block([[J, problem.R[:, order]], [np.diag(np.repeat([1.0, w], [n, len(order)]))]])
     b = np.concatenate([_off(problem, G * np.sqrt(s)[:, None]), target, w * problem.own[order]])
@@ -101,7 +104,7 @@ def _step(problem: Problem, G: Floats, s: Floats, mu: float) -> tuple[Floats, Fl
 
 
 def _off(problem: Problem, V: Floats) -> Floats:
-    """What R d has to be, y - C S."""
+    """y - C S, which R d approaches."""
     return np.asarray(problem.y - np.einsum("kbij,bij->k", problem.C, V @ V.mT))
 
 

@@ -15,10 +15,9 @@ from jounce.identification.measurements import measurements
 from jounce.identification.physical import ConsistentParameters, consistent_parameters
 from jounce.identification.problem import model_of, problem
 from jounce.identification.regression import regression, solve
-from jounce.identification.residuals import residuals
 from jounce.identification.result import Identification
 from jounce.identification.suspicions import suspicions, unexplained
-from jounce.identification.table import IdentifiedParameter, parameter_table
+from jounce.identification.table import IdentifiedParameter, parameter_table, residuals
 from jounce.model.drives import AMOUNTS, OFFSET, TERMS, select_columns
 from jounce.model.inertial import with_parameters
 from jounce.model.positions import check_single
@@ -111,14 +110,11 @@ def _identified(robot: R, terms: Sequence[DriveColumn], found: ConsistentParamet
 
 
 def _unseen(table: Sequence[IdentifiedParameter], rank: int) -> list[str]:
-    """What to know of parameters that the data do not see."""
+    """What to know of parameters that the data do not determine."""
     unseen = [row.name for row in table if not row.seen]
-    if not unseen:
-        return []
-    return [
-        f"the data do not see {listed(unseen)}: deviations exceed sizes (rank {rank} of {len(table)}); a faster or"
-        " longer motion of more joints sees them"
-    ]
+    known = f"deviations exceed sizes (rank {rank} of {len(table)})"
+    cure = "a faster or longer motion of more joints determines them"
+    return [f"the data do not determine {listed(unseen)}: {known}; {cure}"] if unseen else []
 
 
 def _bodies(found: ConsistentParameters) -> list[str]:

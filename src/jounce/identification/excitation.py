@@ -1,4 +1,4 @@
-"""Excitation: the motion within all limits whose forces tell most about the parameters of a robot."""
+"""Excitation: the motion within all limits whose forces determine the parameters of a robot best."""
 
 from dataclasses import dataclass
 
@@ -35,9 +35,9 @@ class Excitation:
     condition : float
         Condition number of W^(1/2) Y, its columns of unit length.
     parameters : tuple of str
-        The base parameters and drive terms that forces along the motion tell.
+        The base parameters and drive terms that forces along the motion determine.
     unseen : tuple of str
-        Those that no motion of this robot tells from them.
+        Those that no motion of this robot separates from them.
     check : Check
         Every limit along the motion, between samples too.
     notes : tuple of str
@@ -61,8 +61,8 @@ class Excitation:
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        told = f"{len(self.parameters)} parameters, condition {self.condition:.4g}"
-        return f"<Excitation: {self.motion.duration:g} s, {told}; worst: {self.check.worst}>"
+        size = f"{len(self.parameters)} parameters, condition {self.condition:.4g}"
+        return f"<Excitation: {self.motion.duration:g} s, {size}; worst: {self.check.worst}>"
 
     @property
     def limits(self) -> tuple[CheckedLimit, ...]:
@@ -107,14 +107,15 @@ def excite(
     search, notes = search_of(robot, series, select_columns(drives), weights, reach, margin, rng)
     rest = search.rest(rng)
     x, motion, found = _within(search, search.best(count, rng, progress), rest)
-    rates, told = search.rates(x), search.information
-    condition = told.condition(rates)
+    rates, information = search.rates(x), search.information
+    condition = information.condition(rates)
     if not condition <= MAX_CONDITION:
         raise JounceError(
-            f"the motion does not tell the {len(told.names)} parameters from each other (condition number"
-            f" {condition:.2g}); expected a longer period, more than {harmonics} harmonics, or wider limits"
+            f"the motion does not separate the {len(information.names)} parameters (condition number {condition:.2g});"
+            f" expected a longer period, more than {harmonics} harmonics, or wider limits"
         )
-    return Excitation(motion, told.log_det(rates), condition, told.names, told.unseen, found, notes)
+    names, unseen = information.names, information.unseen
+    return Excitation(motion, information.log_det(rates), condition, names, unseen, found, notes)
 
 
 def _within(search: Search, x: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, Motion, Check]:

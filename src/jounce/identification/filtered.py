@@ -4,11 +4,15 @@ Both are of the form ``d/dt (A theta) + R theta = b`` in the parameters theta, w
 generalized momentum changes by the forces b = Q, one equation per force; the energy by their power b = qd . Q, one
 equation. A filter of both sides takes the derivative away. The rows are averaged over cells of time, as those of forces
 are. The power has twice the band of the forces, and a variance that grows with the velocities.
+
+Algorithm: the power model of M. Gautier (IEEE ICRA 1997) and its counterpart of momentum, through `low_pass`, which
+integrates d/dt by parts. Invariant: model and measurements pass the same filter, so that the parameters stay what they
+are. Gaps that a line cannot bridge leave samples out until the filter has forgotten them. The power fails where a force
+is not measured or a base moves.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -30,13 +34,8 @@ MAX_GAP_TIME_CONSTANTS = 0.3  # of the filter: a line over shorter gaps has erro
 MIN_POWER_VARIANCE_RATIO = 1e-3  # to its mean, added to the variance of the power, which is 0 of a robot at rest
 
 
-class Balance(NamedTuple):
-    """A balance at some times, the columns of the parameters and behind them the model as it is: (N, rows, P + 1)."""
-
-    rest: np.ndarray  # R
-    stored: np.ndarray  # A
-
-
+# R and A at some times, the columns of the parameters and behind them the model as it is: (N, rows, P + 1) each
+Balance = tuple[np.ndarray, np.ndarray]
 Law = Callable[[Engine, Motion, np.ndarray, Sequence[DriveColumn]], Balance]
 
 
@@ -49,7 +48,7 @@ def momentum(robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[Drive
     p, pd = compute(robot, "generalized_momentum", (q, qd, still), base=base)
     Y = regressor(robot, "regressor", (q, qd, still), terms, base=base)
     Q = compute(robot, FORCES.name, (q, qd, still), wrench=W, base=base)
-    return Balance(_behind(Y - Ypd, Q - pd), _behind(Yp, p))
+    return _behind(Y - Ypd, Q - pd), _behind(Yp, p)
 
 
 def energy(robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]) -> Balance:
@@ -61,7 +60,7 @@ def energy(robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[DriveCo
     Y = regressor(robot, "regressor", (q, qd, still), terms)
     Q = compute(robot, FORCES.name, (q, qd, still), wrench=W)
     power = np.einsum("ti,tij->tj", qd, _behind(Y, Q))
-    return Balance((power - _behind(YEd, Td + Ud))[:, None], _behind(YE, T + U)[:, None])
+    return (power - _behind(YEd, Td + Ud))[:, None], _behind(YE, T + U)[:, None]
 
 
 def _behind(columns: np.ndarray, model: np.ndarray) -> np.ndarray:

@@ -71,5 +71,4 @@ class Harmonics:
 def _at_rest(count: int, powers: tuple[int, int]) -> np.ndarray:
     """An orthonormal basis (count, count - 2) of the amplitudes with sum_k k^p amplitude_k = 0 for both powers p."""
     k = np.arange(1, count + 1) / count
-    found: np.ndarray = np.linalg.svd(np.stack([k**power for power in powers]))[2][2:].T
-    return found
+    return np.asarray(np.linalg.svd(np.stack([k**power for power in powers]))[2][2:].T)

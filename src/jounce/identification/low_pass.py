@@ -1,6 +1,11 @@
 """A low-pass filter w / (s + w) of sampled signals, exact for signals that are cubic between samples at any times.
 
 The filter takes derivatives away: F[dv/dt] = w (v(t) - exp(-w (t - t0)) v(t0)) - w F[v], by integration by parts.
+
+Algorithm: exponential integration of y' = w (u - y), exact for the cubic through the four samples around each interval:
+y[k + 1] = exp(-w h) y[k] + w h sum of phi_p(-w h) times the coefficients of u, where the moments phi are confluent
+hypergeometric functions. Invariant: y[0] = 0, so that a constant u becomes
+u (1 - exp(-w (t - t0))). Samples that are far from evenly spaced are joined by lines.
 """
 
 from collections.abc import Callable, Iterator
@@ -28,6 +33,7 @@ class LowPass:
 
     def __call__(self, signal: Callable[[slice], tuple[np.ndarray, np.ndarray]]) -> Iterator[tuple[slice, np.ndarray]]:
         """The filtered u + dv/dt by pieces of samples, from a function that returns u and v at some samples."""
+        # F[u + dv/dt] = F[u - w v] + w v - w exp(-w (t - t0)) v(t0)
         w, (_, v_start) = self.cutoff, signal(slice(0, 1))
         y = 0 * v_start
         yield slice(0, 1), y
@@ -50,18 +56,14 @@ class LowPass:
 
 
 def low_pass(t: np.ndarray, cutoff: float) -> LowPass:
-    """The filter for increasing times (N,) and a cutoff frequency in Hz.
-
-    Raises
-    ------
-    JounceError : if there are fewer than 4 samples.
-    """
+    """The filter for increasing times (N,), four at least, and a cutoff frequency in Hz."""
     if len(t) < CUBIC_POINTS:
         raise JounceError(f"a filter needs {CUBIC_POINTS} samples or more, got {len(t)}")
     w, h = 2 * np.pi * cutoff, np.diff(t)
     first = np.clip(np.arange(len(h)) - 1, 0, len(t) - CUBIC_POINTS)
     near = first[:, None] + np.arange(CUBIC_POINTS)
     powers = np.arange(CUBIC_POINTS)
+    # weights of samples: those of moments of powers of the place in the interval, through the Vandermonde matrix
     x = ((t[near] - t[:-1, None]) / h[:, None])[:, None] ** powers[:, None]  # (N - 1, powers, points)
     moments = (w * h)[:, None] * hyp1f1(1, powers + 2, -(w * h)[:, None]) / (powers + 1)
     cubic = np.linalg.solve(x, moments[..., None])[..., 0]

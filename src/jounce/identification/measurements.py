@@ -26,21 +26,11 @@ FACTOR_BOUNDS = {  # the least number that a caller may give, and what it means
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
-    """Forces measured along a motion.
+    """Forces measured along a motion."""
 
-    Attributes
-    ----------
-    t : (N,)
-        Times within the motion, s, increasing.
-    forces : (N, nv)
-        Measured forces; 0 for those not measured.
-    weights : (N, nv)
-        Relative inverse variances; 0 where a force is not measured or does not count.
-    """
-
-    t: np.ndarray
-    forces: np.ndarray
-    weights: np.ndarray
+    t: np.ndarray  # (N,) times within the motion, s, increasing
+    forces: np.ndarray  # (N, nv) 0 for those not measured
+    weights: np.ndarray  # (N, nv) relative inverse variances; 0 where a force is not measured or does not count
 
     def part(self, rows: np.ndarray) -> "Measurements":
         """Some of the samples."""
@@ -55,13 +45,7 @@ def measurements(
     weights: ArrayLike | None,
     deviations: ArrayLike | None,
 ) -> Measurements:
-    """The measurements of a caller: forces (N, nv) at times (N,), those of the motion by default.
-
-    Raises
-    ------
-    JounceError : if no force is measured, a shape is wrong, a force is infinite, times do not increase or are
-        outside of the motion, or a weight is negative.
-    """
+    """The measurements of a caller, checked: forces (N, nv) at times (N,), those of the motion by default."""
     names = force_names(mechanism)
     if forces is None:
         if t is not None:

@@ -47,30 +47,16 @@ SIGNED_TERMS = ("spring", OFFSET)  # drive terms whose parameters may be negativ
 
 @dataclass(frozen=True, eq=False)
 class ConsistentParameters:
-    """Inertial parameters of bodies that can exist, with parameters of drive terms, fitted to data.
+    """Inertial parameters of bodies that can exist, with parameters of drive terms, fitted to data."""
 
-    Attributes
-    ----------
-    parameters : (10 nb,)
-        As `Robot.inertial_parameters`.
-    drives : dict of (joints,)
-        The parameters of each drive term.
-    values : (k,)
-        The same as base parameters, followed by the parameters of the drive terms.
-    excess : float
-        By how much they raise the squared residual, over its variance, above its unconditional minimum.
-    massless : tuple of str
-        Bodies without mass, which stay so.
-    thickened : tuple of str
-        Bodies that the robot states as flat, as points or as impossible: nearby ones stand for these.
-    """
-
-    parameters: Floats
-    drives: Mapping[DriveColumn, Floats]
-    values: Floats
-    excess: float
-    massless: tuple[str, ...]
-    thickened: tuple[str, ...]
+    parameters: Floats  # (10 nb,) as `Robot.inertial_parameters`
+    drives: Mapping[DriveColumn, Floats]  # (joints,) of each drive term
+    values: Floats  # (k,) the same as base parameters, followed by the parameters of the drive terms
+    excess: float  # of the squared residual, over its variance, above its unconditional minimum
+    massless: tuple[str, ...]  # bodies without mass, which stay so
+    thickened: tuple[
+        str, ...
+    ]  # bodies that the robot states as flat, points or impossible: nearby ones stand for these
 
 
 def consistent_parameters(
@@ -84,26 +70,11 @@ def consistent_parameters(
 ) -> ConsistentParameters:
     """Fit physically consistent inertial parameters, and parameters of drive terms, to data.
 
-    Parameters
-    ----------
-    mechanism : Mechanism
-        The robot with its own values, which the result stays near where the data say nothing.
-    base : BaseParameters
-        Of that robot.
-    information : (k, k)
-        A = sum of Y^T W Y over the samples, W the inverse covariance of the forces: of the `base.count` base
-        parameters followed by those of the drive terms, one of each joint for every term. It may be singular.
-    estimate : (k,)
-        z*, the parameters that minimise the squared residual: A z* = sum of Y^T W Q. Where A is singular, any.
-    terms : sequence of str
-        The drive terms, in the order of the columns of `Robot.regressor`.
-    weight : float
-        Of the divergence from the robot's own values.
+    `information` (k, k) is A = sum of Y^T W Y over the samples, W the inverse covariance of the forces, of the base
+    parameters followed by those of the drive terms, one of each joint for every term; it may be singular. `estimate`
+    (k,) is z*, which minimises the squared residual: A z* = sum of Y^T W Q; any such where A is singular.
 
-    Raises
-    ------
-    JounceError
-        If a body has moments but no mass, or a negative mass; if no body has mass; if the minimum is not found.
+    Raises `JounceError` if a body has moments but no mass, or a negative mass; if none has mass; without a minimum.
     """
     Pi = inertia.moment_matrix(mechanism.M)
     massive = _massive(mechanism, Pi)

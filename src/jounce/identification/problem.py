@@ -1,4 +1,9 @@
-"""The least-squares problem of an identification: a model, the motion, measured forces, and what is sought."""
+"""The least-squares problem of an identification: a model, the motion, measured forces, and what is sought.
+
+Rows are the forces, averaged over cells of time; unknowns are corrections of the base parameters and of drive terms.
+The band is that of the forces that the model predicts, unless a caller states it; cells are as wide as the band allows,
+and narrower where there would be too few of them for the number of parameters.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,40 +28,18 @@ CELLS_PER_PARAMETER = 4  # of all forces, at least: residuals of fewer say littl
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is known, and what is sought.
+    """What is known, and what is sought."""
 
-    Attributes
-    ----------
-    robot : Robot
-        The model.
-    motion : Motion
-        Of its joints, in its order.
-    terms : tuple of str
-        Drive terms that are sought.
-    base : BaseParameters
-        Of the model.
-    given : Measurements
-        All measured forces.
-    used : (N,)
-        Which of their samples are used.
-    model : (N, nv)
-        Forces of the model.
-    band, width : float
-        Highest frequency of the forces, Hz, and width of the cells, s.
-    cells : Cells
-        Averages of the samples that are used.
-    """
-
-    robot: Engine
-    motion: Motion
-    terms: tuple[DriveColumn, ...]
-    base: BaseParameters
-    given: Measurements
-    used: np.ndarray
-    model: np.ndarray
-    band: float
-    width: float
-    cells: Cells
+    robot: Engine  # the model
+    motion: Motion  # of its joints, in its order
+    terms: tuple[DriveColumn, ...]  # drive terms that are sought
+    base: BaseParameters  # of the model
+    given: Measurements  # all measured forces
+    used: np.ndarray  # (N,) which of their samples are used
+    model: np.ndarray  # (N, nv) forces of the model
+    band: float  # highest frequency of the forces, Hz
+    width: float  # of the cells, s
+    cells: Cells  # averages of the samples that are used
 
     @property
     def columns(self) -> np.ndarray:
@@ -67,8 +50,9 @@ class Problem:
     def own(self) -> np.ndarray:
         """The parameters with which the forces of the model are computed: drive terms that do not act are zero."""
         m = self.robot.mechanism
-        nothing = np.zeros(len(m.joints))
-        drives = [getattr(m.drives, AMOUNTS[term]) if term in m.acting else nothing for term in self.terms]
+        drives = [
+            getattr(m.drives, AMOUNTS[term]) if term in m.acting else np.zeros(len(m.joints)) for term in self.terms
+        ]
         return np.concatenate([self.base.values, *drives])
 
     def predicted(self, parameters: np.ndarray, drives: np.ndarray) -> np.ndarray:
@@ -87,12 +71,7 @@ def problem(
     band: float | None,
     method: Equations,
 ) -> Problem:
-    """Pose the problem, in cells whose width suits the motion.
-
-    Raises
-    ------
-    JounceError : if there are fewer measured forces than parameters, or the band is not one of the samples.
-    """
+    """Pose the problem; raise `JounceError` if forces are fewer than parameters, or samples cannot have the band."""
     base, samples = base_parameters(robot.mechanism), given.part(used)
     count = len(_columns(robot, base, terms))
     if (measured := np.count_nonzero(samples.weights)) < count:
@@ -122,12 +101,7 @@ def problem(
 
 
 def model_of(robot: R, terms: Sequence[DriveColumn], eps: float | None) -> R:
-    """Return a caller's robot with the smoothing velocity of friction that is asked for.
-
-    Raises
-    ------
-    JounceError : if its drives act on motors behind elastic joints, or eps has no use.
-    """
+    """Return a robot with another smoothing velocity of friction; refuse an eps without use, and drives of motors."""
     if robot.mechanism.elasticity is not None and set(terms) - {"spring", OFFSET}:
         raise JounceError(
             f"{robot.name} has elastic joints: its drives act on motors, not on links; drives=False (--drives none)"

@@ -1,4 +1,4 @@
-"""What identification finds: parameters with deviations, what the data do not see, residuals, and the robot."""
+"""The result of an identification: parameters with deviations, which the data determine, residuals, and the robot."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,8 +11,7 @@ from jounce.core.typing import ArrayLike
 from jounce.engine.along import checked_motion, forces_along
 from jounce.engine.engine import R
 from jounce.identification.cells import regressors
-from jounce.identification.residuals import ForceResidual
-from jounce.identification.table import IdentifiedParameter
+from jounce.identification.table import ForceResidual, IdentifiedParameter
 from jounce.model.coordinates import generalized_forces
 from jounce.model.drives import OFFSET
 from jounce.motion.motion import Motion
@@ -31,7 +30,7 @@ class Identification(Generic[R]):
     offsets : (joints,)
         Constant forces on the joint variables, N m or N; robots do not state them.
     table : tuple of IdentifiedParameter
-        Base parameters and drive parameters as the data alone tell them.
+        Base parameters and drive parameters as the data alone determine them.
     covariance : (K, K)
         Of the parameters of the table.
     rank : int
@@ -54,7 +53,7 @@ class Identification(Generic[R]):
     measured, model, predicted : (N, nv)
         Measured forces, NaN for those not measured, those of the model as it was, and those of the identified robot.
     notes : tuple of str
-        What is suspicious or not seen.
+        What is suspicious, and what the data do not determine.
 
     Examples
     --------
@@ -129,8 +128,7 @@ class Identification(Generic[R]):
             constant = np.concatenate([Y[..., -len(m.joints) :] @ self.offsets for _, Y in pieces])
         else:
             constant = np.append(np.zeros(m.nv - m.n), generalized_forces(m, self.offsets[:, None])[:, 0])
-        found: np.ndarray = along.forces[0] + constant
-        return found
+        return np.asarray(along.forces[0] + constant)
 
     def __repr__(self) -> str:
         seen = sum(row.seen for row in self.table)

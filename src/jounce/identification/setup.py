@@ -1,4 +1,4 @@
-"""What an excitation is searched for: the arguments of a caller checked, ranges, weights and parameters."""
+"""The search of an excitation from the arguments of a caller, checked: ranges, weights and parameters."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from jounce.core.scalars import asarray, is_finite
 from jounce.core.typing import ArrayLike, DriveColumn
 from jounce.engine.engine import Engine
 from jounce.identification.harmonics import Harmonics
-from jounce.identification.information import Information, information
+from jounce.identification.information import Information, information_of
 from jounce.identification.room import room_of
 from jounce.identification.search import Search, reaches_of
 from jounce.model.coordinates import coordinate_limits, coordinate_units
@@ -29,7 +29,7 @@ def search_of(
     margin: object,
     rng: np.random.Generator,
 ) -> tuple[Search, tuple[str, ...]]:
-    """What is searched for the arguments of a caller, checked, and notes on what is assumed."""
+    """The search for the arguments of a caller, checked, and notes on what is assumed."""
     if robot.mechanism.floats:
         raise JounceError(
             f"the base of {quoted(robot.name)} floats; expected one at rest, load(..., base='fixed') (--base)"
@@ -49,8 +49,8 @@ def search_of(
         raise JounceError(f"the limits of {quoted(robot.name)} let no joint move; expected room for one at least")
     middle = limits.bounds("position").mean(axis=0)
     inverse, equal = _weights(robot, limits, weights)
-    told = _told(robot, terms, inverse, middle, reaches, rng)
-    return Search(series, told, room, middle, reaches, 1 - left), (*notes, *equal)
+    information = _information(robot, terms, inverse, middle, reaches, rng)
+    return Search(series, information, room, middle, reaches, 1 - left), (*notes, *equal)
 
 
 def _bounded_positions(robot: Engine, reach: float) -> tuple[Limits, list[str]]:
@@ -110,7 +110,7 @@ def _weights(robot: Engine, limits: Limits, given: ArrayLike | None) -> tuple[np
     return weights.astype(float), []
 
 
-def _told(
+def _information(
     robot: Engine,
     terms: tuple[DriveColumn, ...],
     weights: np.ndarray,
@@ -118,12 +118,12 @@ def _told(
     reaches: np.ndarray,
     rng: np.random.Generator,
 ) -> Information:
-    """The information of motions that go as far as the limits let them."""
+    """The information of motions that go as far as the limits let them, from random states."""
     columns = 10 * len(robot.body_names) + len(terms) * len(robot.mechanism.joints)
     count = TYPICAL_ROWS_PER_COLUMN * columns // robot.n + 1
     states = rng.uniform(-1, 1, (3, count, robot.n)) * reaches[:3, None]
     states[0] = middle + np.where(reaches[1] > 0, states[0], states[0, 0])  # a joint that stands still, anywhere
-    found = information(robot, terms, weights, tuple(states))
+    found = information_of(robot, terms, weights, tuple(states))
     if not found.names:
         raise JounceError(f"no parameter of {quoted(robot.name)} enters the forces of joints that move")
     return found
