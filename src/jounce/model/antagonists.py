@@ -5,12 +5,18 @@
 Along the curve of one force, which the difference e = d1 - d2 runs through, springs that stiffen have a least
 stiffness. Beyond it two settings reach each stiffness. The one is taken at which the stiffness rises with e: with the
 larger e if springs stiffen, with the smaller if they soften.
+
+Algorithm, on arrays of all states at once: on the curve, where `rising_root` gives the mean deflection of each e, find
+an e of less stiffness (or of the least), double steps from there until S is reached, and halve this bracket until
+Newton's method for both equations converges from it (bisection safeguards Newton as in W. H. Press et al., Numerical
+Recipes, section 9.4). Invariant: the stiffness is below S at the near end of a bracket and not at the far one.
+Failure: `UnreachableError` where the curve does not reach S, with the stiffness that it does reach.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,9 +42,8 @@ class AntagonisticSprings:
     """Two springs of one joint, each with a motor of its own: a joint of variable stiffness.
 
     Both act on the joint in its own direction, ``Q = phi1(theta1 - q) + phi2(theta2 - q)``, and at least one of them
-    changes its stiffness with its deflection. A wanted stiffness S goes with each state. Of several settings
-    that have it, the one is taken at which it rises with theta1 - theta2: if springs stiffen, motor 1 is the one that
-    is wound up further.
+    changes its stiffness with its deflection. A wanted stiffness S goes with each state. Of several settings with it,
+    the one is taken at which it rises with theta1 - theta2: if springs stiffen, motor 1 is wound up further.
 
     Parameters
     ----------
@@ -69,8 +74,7 @@ class AntagonisticSprings:
             object.__setattr__(self, name, found)
 
 
-@dataclass(frozen=True)
-class _Setting:
+class _Setting(NamedTuple):
     """Deflections of both springs that carry a force, the stiffness S that they make, and the sign of dS/de."""
 
     d: tuple[np.ndarray, np.ndarray]
@@ -82,12 +86,7 @@ Curve = Callable[[np.ndarray], _Setting]  # the settings that carry a force, ove
 
 
 def deflections(springs: AntagonisticSprings, Q: np.ndarray, S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The deflections of both springs for a force and a stiffness, arrays of floats of one shape.
-
-    Raises
-    ------
-    UnreachableError : where no setting carries the force, or has the stiffness.
-    """
+    """The deflections of both springs for a force and a stiffness, arrays of floats; raise `UnreachableError`."""
     if not (is_numeric(Q) and is_numeric(S)):
         raise JounceError("two springs of one joint need NumPy arrays of floats")
     Q, S = np.broadcast_arrays(np.asarray(Q), np.asarray(S))
@@ -104,10 +103,13 @@ def deflections(springs: AntagonisticSprings, Q: np.ndarray, S: np.ndarray) -> t
             raise UnreachableError(f"no setting has stiffness {S.flat[i]:g} at force {Q.flat[i]:g}; {reason}", i)
 
     with np.errstate(all="ignore"):
+        # 1. a start with less stiffness than S
         low = _below(springs, curve, S, known)
         least = curve(low).S
         check(least * (1 + MIN_STIFFNESS_MARGIN) < S, least, "above")
+        # 2. a bracket in the direction in which the stiffness rises
         near, far = _bracket(curve, lambda x: ~(x.S < S), low, 1.0, known)
+        # 3. bisection, until Newton's method converges to a setting on this side of the least stiffness
         for _ in range(MAX_NEWTON_ATTEMPTS):
             near, far = _halve(curve, lambda x: ~(x.S < S), near, far, HALVINGS_PER_ATTEMPT)
             (d1, d2), off = _polish(springs, Q, S, curve(near).d)
@@ -200,8 +202,6 @@ def _polish(
         one, two = springs.first._derivatives(d[0]), springs.second._derivatives(d[1])
         force, stiffness = Q - one[0] - two[0], S - one[1] - two[1]
         factor = 1 / (one[1] * two[2] - two[1] * one[2])
-        d = (
-            d[0] + (two[2] * force - two[1] * stiffness) * factor,
-            d[1] + (one[1] * stiffness - one[2] * force) * factor,
-        )
+        first = (two[2] * force - two[1] * stiffness) * factor
+        d = d[0] + first, d[1] + (one[1] * stiffness - one[2] * force) * factor
     return d, np.abs(stiffness)

@@ -1,8 +1,12 @@
 """The deflection of a spring that carries a force.
 
-Cubic springs that do not soften have a fixed number of steps, for every scalar type. Others take Newton's method inside
-a bracket, on arrays of floats. Springs rise, so that a bracket holds one solution; a Newton step that leaves it, or
-does not halve the last but one, gives way to bisection.
+Problem: phi(d) = Q for d, where phi rises over an interval of deflections, so that a bracket holds one solution.
+Algorithm: cubic springs that do not soften take a fixed number of steps of Halley's method, for every scalar type.
+Others take Newton's method inside a bracket, on arrays of floats (R. P. Brent, Algorithms for Minimization without
+Derivatives, 1973, chapter 4, and W. H. Press et al., Numerical Recipes, section 9.4, rtsafe): a Newton step that leaves
+the bracket, or does not halve the last but one, gives way to bisection.
+Invariant: the force is at most Q at the low end of a bracket, and at least Q at the high end, state by state.
+Failure: `UnreachableError` where the interval ends before the force is reached; NaN in `rising_root`.
 """
 
 from collections.abc import Callable
@@ -30,12 +34,7 @@ class UnreachableError(JounceError):
 
 
 def deflection(spring: Spring, force: Array) -> Array:
-    """The deflection at which a spring exerts a force.
-
-    Raises
-    ------
-    UnreachableError : where the spring cannot exert the force.
-    """
+    """The deflection at which a spring exerts a force; raise `UnreachableError` where it cannot."""
     if is_numeric(force):
         return _numeric(spring, np.asarray(force))
     if isinstance(spring, CubicSpring) and spring.has_fixed_steps:
@@ -82,18 +81,12 @@ def _numeric(spring: Spring, force: np.ndarray) -> np.ndarray:
     lost = np.isnan(found) & np.isfinite(force)
     if lost.any():
         state = int(np.flatnonzero(lost)[0])
-        low, high = _extremes(slope, spring.range)
+        with np.errstate(all="ignore"):  # the forces at its ends, or far out
+            low, high = (float(slope(np.asarray(np.clip(end, -1e9, 1e9)))[0]) for end in spring.range)
         raise UnreachableError(
             f"no deflection of the spring carries {force.flat[state]:g}; it carries {low:g} to {high:g}", state
         )
     return found
-
-
-def _extremes(slope: Slope, bounds: tuple[float, float]) -> tuple[float, float]:
-    """The least and the greatest force of a spring, at its ends, or far out."""
-    with np.errstate(all="ignore"):
-        ends = [float(slope(np.asarray(np.clip(end, -1e9, 1e9)))[0]) for end in bounds]
-    return ends[0], ends[1]
 
 
 @np.errstate(all="ignore")
@@ -103,9 +96,11 @@ def rising_root(slope: Slope, target: np.ndarray, bounds: tuple[np.ndarray | flo
     last = before = high - low
     done = lost = np.isnan(low) | np.isnan(target)
     for _ in range(MAX_ROOT_STEPS):
+        # the bracket shrinks to x on one side
         f, rise = slope(x)
         above = f > target
         low, high = np.where(above, low, x), np.where(above, x, high)
+        # Newton's step, if it stays inside and is fast enough, or is down to rounding; else bisection
         step = (target - f) / rise
         at_end = (np.abs(step) <= 2 * np.finfo(float).eps * np.abs(x)) & np.isfinite(rise)
         fast = (x + step > low) & (x + step < high) & (2 * np.abs(step) <= before)
@@ -124,6 +119,7 @@ def _bracket(
     least, most = np.broadcast_to(bounds[0], target.shape), np.broadcast_to(bounds[1], target.shape)
     middle = np.where(np.isfinite(least) & np.isfinite(most), (least + most) / 2, np.clip(0.0, least, most))
     f, rise = slope(middle)
+    # the first guess, on the side of the target, and from there twice as far until the target is passed
     way = np.where(target >= f, 1.0, -1.0)
     guess = np.clip(middle + (target - f) / rise, least, most)
     step = np.maximum(np.abs(guess - middle), np.finfo(float).tiny)

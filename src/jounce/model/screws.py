@@ -55,7 +55,9 @@ def from_screws(
     coordinates = _names(joint_names, data["G"].shape[1], "joint_names", "joint" if G is None else "q")
     carriers = _tree(parent, nb)
     if base is not None:
-        bodies = (_base_name(base_name, bodies), *bodies)
+        if _text(base_name, "base_name") in bodies:
+            raise JounceError(f"base_name is {quoted(base_name)}, which is the name of a body; expected another")
+        bodies = (base_name, *bodies)
         data["B"], data["M"] = np.stack([np.eye(4), *data["B"]]), np.stack([_base_inertia(base), *data["M"]])
         carriers, moved = (-1, *(p + 1 for p in carriers)), tuple(i + 1 for i in moved)
     built = Mechanism(
@@ -80,10 +82,9 @@ def _owners(given: Sequence[int] | None, nb: int) -> tuple[int, ...]:
         return tuple(range(nb))
     numbers = several(given)
     if not all(is_finite(i) for i in numbers) or sorted(set(numbers)) != list(range(nb)) or sorted(numbers) != numbers:
-        raise JounceError(
-            f"owners is {quoted(given)}; expected the bodies 0 .. {nb - 1} that the screws move, in order"
-        )
-    return tuple(int(i) for i in numbers)
+        expected = f"the bodies 0 .. {nb - 1} that the screws move, in order"
+        raise JounceError(f"owners is {quoted(given)}; expected {expected}")
+    return tuple(map(int, numbers))
 
 
 def _base_inertia(given: Array) -> np.ndarray:
@@ -93,12 +94,6 @@ def _base_inertia(given: Array) -> np.ndarray:
     _check_finite(M, "base")
     M = exact_inertia(M, "base")
     return M + 0.0 if is_numeric(M) else M
-
-
-def _base_name(name: str, bodies: Sequence[str]) -> str:
-    if _text(name, "base_name") in bodies:
-        raise JounceError(f"base_name is {quoted(name)}, which is the name of a body; expected another")
-    return name
 
 
 def from_spatial_screws(A: Array, Y: Array, M: Array, parent: Sequence[int] | None = None, **data: Any) -> Mechanism:
@@ -120,17 +115,15 @@ def from_spatial_screws(A: Array, Y: Array, M: Array, parent: Sequence[int] | No
 def _data(x: Array, label: str) -> np.ndarray:
     """Return a copy of the caller's array; a robot's data must be concrete, even if states are traced."""
     array = asarray(x, label)
-    if is_symbolic(array) and any(
-        type(x).__module__.startswith("casadi") and type(x).__name__ == "MX" for x in array.flat
-    ):
+    kinds = {type(entry) for entry in array.flat} if is_symbolic(array) else set()
+    if any(kind.__module__.startswith("casadi") and kind.__name__ == "MX" for kind in kinds):
         cure = "robot.casadi_function(parameters=...) is called with MX"
         raise JounceError(f"{label} holds a CasADi MX; a robot's data may be SX: {cure}")
     try:
         return np.array(array if isinstance(array, np.ndarray) else np.asarray(array, dtype=np.float64))
     except Exception as error:  # such as a tracer of JAX
-        raise JounceError(
-            f"{label} is not concrete: {shortened(one_line(error))}; a state may be traced, the robot's data may not"
-        ) from None
+        why = shortened(one_line(error))
+        raise JounceError(f"{label} is not concrete: {why}; a state may be traced, the robot's data may not") from None
 
 
 def _check_shapes(data: Mapping[str, np.ndarray], nb: int, nc: int) -> None:
@@ -139,8 +132,7 @@ def _check_shapes(data: Mapping[str, np.ndarray], nb: int, nc: int) -> None:
     if data["gravity"].shape != (3,):
         raise JounceError(f"gravity has shape {data['gravity'].shape}; expected a vector (3,), as {GRAVITY}")
     n = data["G"].shape[1] if data["G"].ndim == 2 else 0
-    expected = {"X": (nc, 6), "M": (nb, 6, 6), "G": (nc, n), "g": (nc,)}
-    for label, shape in expected.items():
+    for label, shape in {"X": (nc, 6), "M": (nb, 6, 6), "G": (nc, n), "g": (nc,)}.items():
         if data[label].shape != shape or 0 in shape:
             raise JounceError(f"{label} has shape {data[label].shape}; expected {shape} for {nb} bodies")
     for label, array in data.items():
@@ -187,8 +179,7 @@ def exact_inertia(M: np.ndarray, label: str) -> np.ndarray:
     """Check an inertia matrix, and make its form exact: one mass, one first moment, one symmetric tensor."""
     if not is_numeric(M):
         return M
-    error = inertia.form_error(M)
-    if error:
+    if error := inertia.form_error(M):
         raise JounceError(f"{label} {error}; an inertia matrix is [[Theta, m c~], [-m c~, m I]]")
     return inertia.restore_form(M)
 
@@ -206,8 +197,7 @@ def _checked_drives(given: object, nb: int) -> Drives:
         if array.shape != (nb,) or not is_numeric(array):
             raise JounceError(f"drives: {key} has shape {array.shape}; expected numbers ({nb},), one per joint")
     for i in range(nb):
-        error = drive_error(**{key: array[i] for key, array in arrays.items()})
-        if error:
+        if error := drive_error(**{key: array[i] for key, array in arrays.items()}):
             raise JounceError(f"drives of joint {i}: {error}")
     return Drives(**{key: array + 0.0 for key, array in arrays.items()})  # no -0.0 among data
 
@@ -222,7 +212,7 @@ def _tree(parent: Sequence[int] | None, nb: int) -> tuple[int, ...]:
         if not is_finite(p) or p not in range(-1, i):
             earlier = f" or an earlier body, 0 .. {i - 1}" if i else ""
             raise JounceError(f"parent[{i}] = {quoted(p)}; expected -1 (the ground){earlier}")
-    return tuple(int(p) for p in numbers)
+    return tuple(map(int, numbers))
 
 
 def _text(name: object, label: str) -> str:
