@@ -17,7 +17,7 @@ from jounce.checks.audit.inertias import impossible
 from jounce.dynamics.base_parameters import base_parameters
 from jounce.identification.physical import DEFAULT_DIVERGENCE_WEIGHT, consistent_parameters
 from jounce.model import equivalent
-from jounce.model.inertial import parameters_of, with_parameters
+from jounce.model.parameters import parameters_of, with_parameters
 from jounce.spatial import inertia
 
 TERMS = ("armature", "damping", "friction", "offset")

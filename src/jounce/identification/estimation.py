@@ -19,7 +19,7 @@ from jounce.identification.result import Identification
 from jounce.identification.suspicions import suspicions, unexplained
 from jounce.identification.table import IdentifiedParameter, parameter_table, residuals
 from jounce.model.drives import AMOUNTS, OFFSET, TERMS, select_columns
-from jounce.model.inertial import with_parameters
+from jounce.model.parameters import with_parameters
 from jounce.model.positions import check_single
 from jounce.motion.motion import Motion
 
@@ -88,7 +88,6 @@ def identify(
 
 
 def _inside(span: tuple[float, float] | None, t: np.ndarray) -> np.ndarray:
-    """Which of the times are used."""
     if span is None:
         return np.ones(len(t), dtype=bool)
     times = np.asarray(asarray(span, "span"))
@@ -118,6 +117,5 @@ def _unseen(table: Sequence[IdentifiedParameter], rank: int) -> list[str]:
 
 
 def _bodies(found: ConsistentParameters) -> list[str]:
-    """What to know of the bodies."""
     said = {"have no mass, and keep none": found.massless, "were thin, and got an inside": found.thickened}
     return [f"bodies that {what}: {listed(which)}" for what, which in said.items() if which]

@@ -20,7 +20,7 @@ from jounce.identification.cells import CELLS_PER_PERIOD, Cells, band_of, cells_
 from jounce.identification.filtered import FILTERED
 from jounce.identification.measurements import Measurements
 from jounce.model.drives import AMOUNTS, OFFSET, with_eps
-from jounce.model.inertial import parameters_of
+from jounce.model.parameters import parameters_of
 from jounce.motion.motion import Motion
 
 CELLS_PER_PARAMETER = 4  # of all forces, at least: residuals of fewer say little of the variances

@@ -74,7 +74,6 @@ def _absent(posed: Problem, names: tuple[str, ...]) -> list[str]:
 
 
 def _late(posed: Problem) -> list[str]:
-    """What is said of a delay between forces and positions."""
     found = find_delay(posed)
     if found is None:
         return []

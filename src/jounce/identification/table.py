@@ -158,6 +158,5 @@ def _of_part(posed: Problem, predicted: np.ndarray, part: str, which: np.ndarray
 
 
 def _rms(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Weighted root mean squares of columns."""
     total = np.maximum(weights.sum(axis=0), np.finfo(float).tiny)
     return np.sqrt((weights * values**2).sum(axis=0) / total)

@@ -33,11 +33,6 @@ def joint_variables(mechanism: Mechanism, q: Series) -> Series:
     return Series(lambda k: mechanism.G @ q[k] if k else G @ q[0] + mechanism.g[:, None])
 
 
-def base_columns(mechanism: Mechanism) -> Array:
-    """(6, nv) integers: the twist of the base from the velocities; zero of a fixed robot."""
-    return np.eye(6, mechanism.nv, dtype=int) * int(mechanism.floats)
-
-
 def joint_columns(mechanism: Mechanism) -> Array:
     """(n, nv) integers: the rates of the coordinates from the velocities, which follow the twist of a floating base."""
     return np.eye(mechanism.nv, dtype=int)[-mechanism.n :]
@@ -48,7 +43,8 @@ def velocity_map(mechanism: Mechanism) -> Array:
     """The velocities of all joints, those of a floating base first, from those of the robot: (nc + 6, nv)."""
     if not mechanism.floats:
         return mechanism.G
-    return concatenate([base_columns(mechanism), mechanism.G @ joint_columns(mechanism)], axis=-2)
+    base = np.eye(6, mechanism.nv, dtype=int)  # the twist of the base leads
+    return concatenate([base, mechanism.G @ joint_columns(mechanism)], axis=-2)
 
 
 def velocities_of(mechanism: Mechanism, body: int) -> list[int]:
@@ -158,7 +154,7 @@ def coordinate_limits(mechanism: Mechanism) -> Limits:
 
 
 def following_efforts(mechanism: Mechanism) -> list[str]:
-    """The joints whose effort limits bound no coordinate: they follow others, and Q does not tell their share."""
+    """The joints whose effort limits bound no coordinate: they follow others, and Q is the sum of all shares."""
     limits, leaders = mechanism.limits, leading_joints(mechanism)
     kinds = [kind.name for kind in KINDS.values() if kind.of == "Q"]
     stated = [any(np.isfinite(limits.bounds(kind)[:, i]).any() for kind in kinds) for i in range(len(mechanism.joints))]

@@ -130,10 +130,9 @@ class Mechanism:
     @cached_property
     def tree(self) -> "Mechanism":
         """The robot with its loops open and its joints rigid; the mechanism itself where none is closed."""
-        c = self.closure
-        return (
-            self if c is None else replace(self, G=c.G, g=c.g, coordinates=c.coordinates, closure=None, elasticity=None)
-        )
+        if (c := self.closure) is None:
+            return self
+        return replace(self, G=c.G, g=c.g, coordinates=c.coordinates, closure=None, elasticity=None)
 
     @property
     def columns(self) -> tuple[tuple[int, ...], ...]:
@@ -205,12 +204,7 @@ def single_variables(mechanism: Mechanism) -> dict[int, int]:
 
 @lru_cache(maxsize=64)
 def reciprocal_mass(mechanism: Mechanism) -> Array:
-    """1 / m of the mass m of all bodies that move, a floating base included, (1,).
-
-    Raises
-    ------
-    JounceError : if they have no mass, and hence no centre of mass.
-    """
+    """1 / m of the mass m of all bodies that move, a floating base included, (1,); raise `JounceError` if it is 0."""
     mass = mechanism.M[:, 3:4, 3].sum(axis=0)
     if is_zero(mass[0]):
         raise JounceError(f"{mechanism.name!r} has no centre of mass, as all masses are 0; give its bodies mass")

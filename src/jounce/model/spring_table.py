@@ -83,7 +83,6 @@ class SpringTable(Spring):
         return self.deflections[0], self.deflections[-1]
 
     def _derivatives(self, deflection: Array) -> Series:
-        """phi, phi', phi'', ... at deflections of any shape."""
         if not is_numeric(deflection):
             raise JounceError("a spring given by a table needs NumPy arrays of floats; use CubicSpring for symbols")
         splines = _splines(self)
