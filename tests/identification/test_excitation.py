@@ -90,7 +90,7 @@ def test_gradients_are_those_of_differences(limits):
     rng = np.random.default_rng(0)
     search, _ = search_of(robot, Harmonics(4.0, 1, 3), COLUMNS, None, 3.0, 0.01, rng)
     for delta in (0.01, 0.5):  # with values on both sides of it
-        u, way = search.random(rng), rng.normal(size=search.units.size)
+        u, way = search.random_start(rng), rng.normal(size=search.units.size)
         h = 1e-5
         slope = (search.loss(u + h * way, 3.0, delta)[0] - search.loss(u - h * way, 3.0, delta)[0]) / (2 * h)
         gradient = search.loss(u, 3.0, delta)[1]

@@ -65,7 +65,7 @@ def averaged(
     for part, values in rows:
         if not total.ndim:
             total = np.zeros((place[-1] + 1, *values.shape[1:]))
-        _add(total, values * weights[part, :, None], place[part])
+        _add_rows(total, values * weights[part, :, None], place[part])
     measured, counts = averages(right, weights, place)
     total /= np.maximum(counts, np.finfo(float).tiny)[..., None]
     model = total[..., -1]
@@ -89,12 +89,12 @@ def places(t: np.ndarray, width: float) -> np.ndarray:
 def averages(values: np.ndarray, weights: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Weighted means of values (N, k) over cells, and the sums of the weights: (C, k) each."""
     total, sums = np.zeros((2, place[-1] + 1, values.shape[1]))
-    _add(total, values * weights, place)
-    _add(sums, weights, place)
+    _add_rows(total, values * weights, place)
+    _add_rows(sums, weights, place)
     return total / np.maximum(sums, np.finfo(float).tiny), sums
 
 
-def _add(total: np.ndarray, values: np.ndarray, place: np.ndarray) -> None:
+def _add_rows(total: np.ndarray, values: np.ndarray, place: np.ndarray) -> None:
     """Add rows of values to those of a total at increasing places."""
     starts = np.flatnonzero(np.diff(place, prepend=-1))
     total[place[starts]] += np.add.reduceat(values, starts)

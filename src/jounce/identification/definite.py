@@ -56,7 +56,7 @@ def minimum(problem: Problem) -> tuple[Floats, Floats]:
     # the start: S = 1, and a multiple of 1 for X that is as large as the slope of the residual
     one = np.tile(np.eye(4), (problem.C.shape[1], 1, 1))
     V, t, last = one, 1.0, np.inf
-    slope = np.einsum("k,kbij->bij", problem.R @ problem.own - _off(problem, V), problem.C)
+    slope = np.einsum("k,kbij->bij", problem.R @ problem.own - _residual_target(problem, V), problem.C)
     W = np.sqrt(max(problem.weight, np.abs(slope).max())) * one  # X = W W^T
     for _ in range(MAX_INTERIOR_POINT_STEPS):
         # scaling: S = G D G^T, D = G^T X G
@@ -64,14 +64,14 @@ def minimum(problem: Problem) -> tuple[Floats, Floats]:
         G, D, sizes = V @ turn.mT / np.sqrt(s)[:, None], s[:, None] * one, np.sqrt(s[:, :, None] * s[:, None])
         # mu: the more the last step was cut short, the closer to the mean of S X
         mu = max(problem.weight, max(MIN_MU_RATIO, 1 - t) * float(np.mean(s * s)))
-        Z, d = _step(problem, G, s, mu)
+        Z, d = _newton_step(problem, G, s, mu)
         # the largest share of the steps of S (Z) and X (back) after which both are definite
         back = mu * np.linalg.inv(D) - D - Z
         nearest = min(np.linalg.eigvalsh(change / sizes).min() for change in (Z, back))
         t = 1.0 if nearest > -MAX_SHARE_TO_BOUNDARY else -MAX_SHARE_TO_BOUNDARY / nearest
         V, W = G @ np.linalg.cholesky(D + t * Z), np.linalg.solve(G.mT, np.linalg.cholesky(D + t * back))
         # convergence: only of full steps at the final mu
-        change, r = float(np.abs(Z / sizes).max()), problem.R @ d - _off(problem, V)
+        change, r = float(np.abs(Z / sizes).max()), problem.R @ d - _residual_target(problem, V)
         rounding = last / 2 < change and mu * change**2 < DECREMENT_TOLERANCE * (mu + r @ r / 2)
         if mu == problem.weight and t == 1 and (change < INTERIOR_POINT_STEP_TOLERANCE or rounding):
             return V, d
@@ -81,18 +81,18 @@ def minimum(problem: Problem) -> tuple[Floats, Floats]:
     )
 
 
-def _step(problem: Problem, G: Floats, s: Floats, mu: float) -> tuple[Floats, Floats]:
+def _newton_step(problem: Problem, G: Floats, s: Floats, mu: float) -> tuple[Floats, Floats]:
     """Return Z, and d after the step."""
     from scipy.linalg import solve_triangular
     from scipy.optimize import nnls
 
-    J = _entries(G.mT @ problem.C @ G).reshape(len(problem.y), len(_ENTRY_FACTORS) * len(G))
-    target = _entries(mu / s[:, None] * np.eye(4) - problem.weight * G.mT @ G).ravel()
+    J = _to_vectors(G.mT @ problem.C @ G).reshape(len(problem.y), len(_ENTRY_FACTORS) * len(G))
+    target = _to_vectors(mu / s[:, None] * np.eye(4) - problem.weight * G.mT @ G).ravel()
     # one least-squares problem in (z, d); the triangular factor leaves bounded variables, the last, to the last rows
     order = np.argsort(problem.positive, kind="stable")
     w, n, size = np.sqrt(problem.weight), J.shape[1], J.shape[1] + len(order)
     A = np.block([[J, problem.R[:, order]], [np.diag(np.repeat([1.0, w], [n, len(order)]))]])
-    b = np.concatenate([_off(problem, G * np.sqrt(s)[:, None]), target, w * problem.own[order]])
+    b = np.concatenate([_residual_target(problem, G * np.sqrt(s)[:, None]), target, w * problem.own[order]])
     T = np.asarray(np.linalg.qr(np.column_stack([A, b]), mode="r"))
     k = size - np.count_nonzero(problem.positive)
     bounded = nnls(T[k:size, k:size], T[k:size, -1])[0] if k < size else np.zeros(0)
@@ -103,11 +103,11 @@ def _step(problem: Problem, G: Floats, s: Floats, mu: float) -> tuple[Floats, Fl
     return Z, d
 
 
-def _off(problem: Problem, V: Floats) -> Floats:
+def _residual_target(problem: Problem, V: Floats) -> Floats:
     """y - C S, which R d approaches."""
     return np.asarray(problem.y - np.einsum("kbij,bij->k", problem.C, V @ V.mT))
 
 
-def _entries(S: Floats) -> Floats:
+def _to_vectors(S: Floats) -> Floats:
     """The entries of symmetric matrices, as vectors of the same norm: (..., 4, 4) to (..., 10)."""
     return np.asarray(S[..., _UPPER_ROWS, _UPPER_COLUMNS] * _ENTRY_FACTORS)

@@ -49,24 +49,24 @@ def identify(
     check_single(model.mechanism, "identify()")
     path = checked_motion(model.mechanism, motion)
     given = measurements(model.mechanism, path, forces, t, weights, deviations)
-    posed = problem(model, path, terms, given, _inside(span, given.t), band, method)
+    posed = problem(model, path, terms, given, _select_samples(span, given.t), band, method)
     weighed = regression(posed.cells, posed.columns, known=deviations is not None)
     information = weighed.information[np.ix_(posed.columns, posed.columns)]
     solution = solve(information, weighed.right[posed.columns])
     table = parameter_table(posed, solution, weighed.variances)
-    notes = [*suspicions(posed, method), *_unseen(table, solution.rank)]
+    notes = [*suspicions(posed, method), *_undetermined_notes(table, solution.rank)]
     for text in notes:
         warn(text)
     found = consistent_parameters(
-        model.mechanism, posed.base, information, posed.own + solution.x, terms, weight=float(prior) ** -2
+        model.mechanism, posed.base, information, posed.model_parameters + solution.x, terms, weight=float(prior) ** -2
     )
-    predicted = posed.predicted(found.parameters, found.values[posed.base.count :])
+    predicted = posed.predict(found.parameters, found.values[posed.base.count :])
     rows, times = residuals(posed, predicted), given.t[posed.used]
     notes += (left := unexplained(rows))
     for text in left:
         warn(text)
     return Identification(
-        robot=_identified(model, terms, found),
+        robot=_build_robot(model, terms, found),
         offsets=found.drives.get(OFFSET, np.zeros(len(model.mechanism.joints))),
         table=table,
         covariance=solution.covariance,
@@ -83,11 +83,11 @@ def identify(
         measured=np.where(given.weights > 0, given.forces, np.nan),
         model=posed.model,
         predicted=predicted,
-        notes=(*notes, *_bodies(found)),
+        notes=(*notes, *_body_notes(found)),
     )
 
 
-def _inside(span: tuple[float, float] | None, t: np.ndarray) -> np.ndarray:
+def _select_samples(span: tuple[float, float] | None, t: np.ndarray) -> np.ndarray:
     if span is None:
         return np.ones(len(t), dtype=bool)
     times = np.asarray(asarray(span, "span"))
@@ -100,7 +100,7 @@ def _inside(span: tuple[float, float] | None, t: np.ndarray) -> np.ndarray:
     return inside
 
 
-def _identified(robot: R, terms: Sequence[DriveColumn], found: ConsistentParameters) -> R:
+def _build_robot(robot: R, terms: Sequence[DriveColumn], found: ConsistentParameters) -> R:
     """The robot with what was found; its drive terms act."""
     m = with_parameters(robot.mechanism, found.parameters)
     values = {AMOUNTS[term]: x for term, x in found.drives.items() if term != OFFSET}
@@ -108,7 +108,7 @@ def _identified(robot: R, terms: Sequence[DriveColumn], found: ConsistentParamet
     return like(robot, replace(m, drives=replace(m.drives, **values), acting=acting))
 
 
-def _unseen(table: Sequence[IdentifiedParameter], rank: int) -> list[str]:
+def _undetermined_notes(table: Sequence[IdentifiedParameter], rank: int) -> list[str]:
     """What to know of parameters that the data do not determine."""
     unseen = [row.name for row in table if not row.seen]
     known = f"deviations exceed sizes (rank {rank} of {len(table)})"
@@ -116,6 +116,6 @@ def _unseen(table: Sequence[IdentifiedParameter], rank: int) -> list[str]:
     return [f"the data do not determine {listed(unseen)}: {known}; {cure}"] if unseen else []
 
 
-def _bodies(found: ConsistentParameters) -> list[str]:
+def _body_notes(found: ConsistentParameters) -> list[str]:
     said = {"have no mass, and keep none": found.massless, "were thin, and got an inside": found.thickened}
     return [f"bodies that {what}: {listed(which)}" for what, which in said.items() if which]

@@ -105,8 +105,8 @@ def excite(
     times = number("period", period, "s"), whole("periods", periods, 1, MAX_REPETITIONS)
     series = Harmonics(*times, whole("harmonics", harmonics, MIN_HARMONICS, MAX_HARMONICS))
     search, notes = search_of(robot, series, select_columns(drives), weights, reach, margin, rng)
-    rest = search.rest(rng)
-    x, motion, found = _within(search, search.best(count, rng, progress), rest)
+    rest = search.find_rest(rng)
+    x, motion, found = _shrink_into_limits(search, search.find_best(count, rng, progress), rest)
     rates, information = search.rates(x), search.information
     condition = information.condition(rates)
     if not condition <= MAX_CONDITION:
@@ -118,7 +118,7 @@ def excite(
     return Excitation(motion, information.log_det(rates), condition, names, unseen, found, notes)
 
 
-def _within(search: Search, x: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, Motion, Check]:
+def _shrink_into_limits(search: Search, x: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, Motion, Check]:
     """A series drawn to a pose at rest as far as limits between its points need it, with its motion and the check."""
     robot, centre, size = search.information.robot, np.zeros_like(x), 1.0
     centre[0] = rest

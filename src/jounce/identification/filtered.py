@@ -36,7 +36,7 @@ MIN_POWER_VARIANCE_RATIO = 1e-3  # to its mean, added to the variance of the pow
 
 # R and A at some times, the columns of the parameters and behind them the model as it is: (N, rows, P + 1) each
 Balance = tuple[np.ndarray, np.ndarray]
-Law = Callable[[Engine, Motion, np.ndarray, Sequence[DriveColumn]], Balance]
+BalanceLaw = Callable[[Engine, Motion, np.ndarray, Sequence[DriveColumn]], Balance]
 
 
 def momentum(robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]) -> Balance:
@@ -48,7 +48,7 @@ def momentum(robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[Drive
     p, pd = compute(robot, "generalized_momentum", (q, qd, still), base=base)
     Y = regressor(robot, "regressor", (q, qd, still), terms, base=base)
     Q = compute(robot, FORCES.name, (q, qd, still), wrench=W, base=base)
-    return _behind(Y - Ypd, Q - pd), _behind(Yp, p)
+    return _append_model(Y - Ypd, Q - pd), _append_model(Yp, p)
 
 
 def energy(robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]) -> Balance:
@@ -59,17 +59,17 @@ def energy(robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[DriveCo
     (T, Td), (U, Ud) = compute(robot, "kinetic_energy", (q, qd, still)), compute(robot, "potential_energy", (q, qd))
     Y = regressor(robot, "regressor", (q, qd, still), terms)
     Q = compute(robot, FORCES.name, (q, qd, still), wrench=W)
-    power = np.einsum("ti,tij->tj", qd, _behind(Y, Q))
-    return (power - _behind(YEd, Td + Ud))[:, None], _behind(YE, T + U)[:, None]
+    power = np.einsum("ti,tij->tj", qd, _append_model(Y, Q))
+    return (power - _append_model(YEd, Td + Ud))[:, None], _append_model(YE, T + U)[:, None]
 
 
-def _behind(columns: np.ndarray, model: np.ndarray) -> np.ndarray:
+def _append_model(columns: np.ndarray, model: np.ndarray) -> np.ndarray:
     """Columns of parameters, and the model as it is behind them."""
     return np.concatenate([columns, model[..., None]], axis=-1)
 
 
 def filtered_rows(
-    law: Law, robot: Engine, motion: Motion, terms: Sequence[DriveColumn], through: LowPass
+    law: BalanceLaw, robot: Engine, motion: Motion, terms: Sequence[DriveColumn], through: LowPass
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """The filtered rows of a balance by pieces of samples: (n, rows, P + 1) that belong to the filtered right sides."""
     return through(lambda part: law(robot, motion, through.t[part], terms))
@@ -80,10 +80,16 @@ def cells_of_momentum(
 ) -> Cells:
     """Average the filtered balance of momentum over cells of a width in s; the forces have a band in Hz."""
     through = low_pass(samples.t, band)
-    whole, missing = _without_gaps(samples, through.cutoff)
+    whole, missing = _bridge_gaps(samples, through.cutoff)
     rows = filtered_rows(momentum, robot, motion, terms, through)
-    weights = whole.weights * _present(missing, through)
-    return averaged(rows, through.of(whole.forces), weights, _spread(robot, motion, through), places(samples.t, width))
+    weights = whole.weights * _settled_samples(missing, through)
+    return averaged(
+        rows,
+        through.apply(whole.forces),
+        weights,
+        _momentum_variances(robot, motion, through),
+        places(samples.t, width),
+    )
 
 
 def cells_of_power(
@@ -98,17 +104,17 @@ def cells_of_power(
         absent = listed(name for name, there in zip(names, measured, strict=True) if not there)
         raise JounceError(f"method='power' needs all forces, and {absent} is not measured; use method='momentum'")
     through, qd = low_pass(samples.t, 2 * band), motion(samples.t, 1)[1]
-    whole, missing = _without_gaps(samples, through.cutoff)
-    present = _present(missing.max(axis=1, keepdims=True), through)
-    variance = through.of((qd**2 / whole.weights).sum(axis=1, keepdims=True)).clip(0)  # by that of each force
+    whole, missing = _bridge_gaps(samples, through.cutoff)
+    present = _settled_samples(missing.max(axis=1, keepdims=True), through)
+    variance = through.apply((qd**2 / whole.weights).sum(axis=1, keepdims=True)).clip(0)  # by that of each force
     weights = present / (variance + (MIN_POWER_VARIANCE_RATIO * variance.mean() or 1.0))
     rows = filtered_rows(energy, robot, motion, terms, through)
-    right = through.of((qd * whole.forces).sum(axis=1, keepdims=True))
-    spread = (qd**2 * _spread(robot, motion, through)).sum(axis=1, keepdims=True)
+    right = through.apply((qd * whole.forces).sum(axis=1, keepdims=True))
+    spread = (qd**2 * _momentum_variances(robot, motion, through)).sum(axis=1, keepdims=True)
     return averaged(rows, right, weights, spread, places(samples.t, width / 2))
 
 
-def _without_gaps(samples: Measurements, cutoff: float) -> tuple[Measurements, np.ndarray]:
+def _bridge_gaps(samples: Measurements, cutoff: float) -> tuple[Measurements, np.ndarray]:
     """Measurements with lines over gaps of each force, and which of them (N, nv) are in gaps too long for that."""
     t, forces, weights = samples.t, samples.forces.copy(), samples.weights.copy()
     missing = weights == 0
@@ -122,12 +128,12 @@ def _without_gaps(samples: Measurements, cutoff: float) -> tuple[Measurements, n
     return Measurements(t, forces, weights), missing
 
 
-def _present(missing: np.ndarray, through: LowPass) -> np.ndarray:
+def _settled_samples(missing: np.ndarray, through: LowPass) -> np.ndarray:
     """Which of the filtered samples hold next to nothing of missing ones."""
-    return (through.of(missing.astype(float)) < MAX_MISSING_SHARE) & ~missing
+    return (through.apply(missing.astype(float)) < MAX_MISSING_SHARE) & ~missing
 
 
-def _spread(robot: Engine, motion: Motion, through: LowPass) -> np.ndarray:
+def _momentum_variances(robot: Engine, motion: Motion, through: LowPass) -> np.ndarray:
     """Variances (N, nv) of the filtered rate of the momentum that follow from those of the positions."""
     w, t = through.cutoff, through.t
     free = replace(motion, loads={})  # wrenches do not enter

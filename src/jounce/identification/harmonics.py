@@ -38,13 +38,13 @@ class Harmonics:
     @cached_property
     def cosines(self) -> np.ndarray:
         """The amplitudes of cosines (count, 2 count - 3) that belong to the free ones."""
-        even = _at_rest(self.count, (2, 4))
+        even = _rest_basis(self.count, (2, 4))
         return np.hstack([np.zeros((self.count, 1)), even, np.zeros_like(even)])
 
     @cached_property
     def sines(self) -> np.ndarray:
         """The amplitudes of sines (count, 2 count - 3) that belong to the free ones."""
-        odd = _at_rest(self.count, (1, 3))
+        odd = _rest_basis(self.count, (1, 3))
         return np.hstack([np.zeros((self.count, 1)), np.zeros_like(odd), odd])
 
     def basis(self, order: int) -> np.ndarray:
@@ -68,7 +68,7 @@ class Harmonics:
         return replace(found, source=source)
 
 
-def _at_rest(count: int, powers: tuple[int, int]) -> np.ndarray:
+def _rest_basis(count: int, powers: tuple[int, int]) -> np.ndarray:
     """An orthonormal basis (count, count - 2) of the amplitudes with sum_k k^p amplitude_k = 0 for both powers p."""
     k = np.arange(1, count + 1) / count
     return np.asarray(np.linalg.svd(np.stack([k**power for power in powers]))[2][2:].T)

@@ -69,7 +69,7 @@ class Information:
         return -float(np.linalg.slogdet(H)[1]), gradients
 
     def _regressor(self, rates: Rates) -> np.ndarray:
-        return _weighted(self.robot, self.terms, self.roots, rates)
+        return _weighted_regressor(self.robot, self.terms, self.roots, rates)
 
     def _columns(self, Y: np.ndarray) -> np.ndarray:
         """The columns (M, n, count) of the parameters in a weighted regressor, each over its typical size."""
@@ -89,7 +89,7 @@ class Information:
 def information_of(robot: Engine, terms: tuple[DriveColumn, ...], weights: np.ndarray, typical: Rates) -> Information:
     """The information of motions whose states are like typical ones: the parameters that forces there determine."""
     m, base = robot.mechanism, base_parameters(robot.mechanism)
-    Y = _weighted(robot, terms, np.sqrt(weights), typical)
+    Y = _weighted_regressor(robot, terms, np.sqrt(weights), typical)
     own = Y.shape[-1] - len(terms) * len(m.joints)
     names = np.array([*base.names, *(f"{joint} {term}" for term in terms for joint in m.joints)])
     places = np.concatenate([base.columns, np.arange(own, Y.shape[-1])])
@@ -108,7 +108,7 @@ def _mean_square(A: np.ndarray) -> np.ndarray:
     return np.asarray((A.mT @ A).sum(axis=0) / len(A))
 
 
-def _weighted(robot: Engine, terms: tuple[DriveColumn, ...], roots: np.ndarray, rates: Rates) -> np.ndarray:
+def _weighted_regressor(robot: Engine, terms: tuple[DriveColumn, ...], roots: np.ndarray, rates: Rates) -> np.ndarray:
     """The regressor (M, n, columns) with rows times the roots of the weights."""
     q, qd, q2d, *_ = rates
     return regressor(robot, "regressor", (q, qd, q2d), terms) * roots[:, None]

@@ -50,7 +50,7 @@ class LowPass:
             fading = w * np.exp(-w * (self.t[part] - self.t[0])).reshape(axes)
             yield part, filtered + direct - fading * v_start
 
-    def of(self, values: np.ndarray) -> np.ndarray:
+    def apply(self, values: np.ndarray) -> np.ndarray:
         """The filtered signal of values (N, ...) at all samples."""
         return np.concatenate([y for _, y in self(lambda part: (values[part], 0 * values[part]))])
 

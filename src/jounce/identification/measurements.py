@@ -50,10 +50,10 @@ def measurements(
     if forces is None:
         if t is not None:
             raise JounceError("t is for forces that are given too; leave it out, or give forces=")
-        times, values = _of_motion(mechanism, motion)
+        times, values = _motion_forces(mechanism, motion)
     else:
-        values = _numbers(forces, "forces")
-        times = motion.times if t is None else motion.checked(_numbers(t, "t"))
+        values = _check_numbers(forces, "forces")
+        times = motion.times if t is None else motion.checked(_check_numbers(t, "t"))
     if times.ndim != 1 or values.shape != (len(times), len(names)):
         whose = "times of the motion" if t is None else "times t"
         raise JounceError(f"forces have shape {values.shape}; expected {(times.size, len(names))}: {whose}, forces")
@@ -73,7 +73,7 @@ def measurements(
     return Measurements(times[inside], np.where(there, values[inside], 0.0), np.where(there, factors[inside], 0.0))
 
 
-def _of_motion(mechanism: Mechanism, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+def _motion_forces(mechanism: Mechanism, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     """The times and forces that the table of the motion states; those on a base that floats are not measured."""
     if motion.torques is None:
         raise JounceError(f"{NO_FORCES}; {NO_FORCES_CURE}")
@@ -86,7 +86,7 @@ def _factors(label: str, given: ArrayLike | None, shape: Sequence[int]) -> np.nd
     """Weights, which may be 0, or standard deviations, of all forces alike, per force, or per sample and force."""
     if given is None:
         return np.ones(())
-    found = _numbers(given, label)
+    found = _check_numbers(given, label)
     if found.shape not in ((), (shape[1],), tuple(shape)):
         raise JounceError(
             f"{label} have shape {found.shape}; expected a number, ({shape[1]},), one per force, or {tuple(shape)}"
@@ -97,7 +97,7 @@ def _factors(label: str, given: ArrayLike | None, shape: Sequence[int]) -> np.nd
     return found
 
 
-def _numbers(given: ArrayLike, label: str) -> np.ndarray:
+def _check_numbers(given: ArrayLike, label: str) -> np.ndarray:
     found = np.asarray(asarray(given, label))
     if found.dtype.kind != "f" or not np.size(found):
         raise JounceError(f"{label} is {quoted(given)}; expected an array of numbers")

@@ -77,18 +77,18 @@ def consistent_parameters(
     Raises `JounceError` if a body has moments but no mass, or a negative mass; if none has mass; without a minimum.
     """
     Pi = inertia.moment_matrix(mechanism.M)
-    massive = _massive(mechanism, Pi)
-    start = _inside(Pi[massive], length_scale(mechanism))
+    massive = _massive_bodies(mechanism, Pi)
+    start = _raise_moments(Pi[massive], length_scale(mechanism))
     thickened = massive[(start != Pi[massive]).any(axis=(1, 2))]
     T = np.asarray(np.linalg.cholesky(start))
-    d, R = _own_drives(mechanism, terms), _root(information)
+    d, R = _drive_values(mechanism, terms), _information_root(information)
     size = np.linalg.norm(R, axis=0)[base.count :]  # of the forces of each drive parameter
     everything = max(1.0, np.linalg.norm(R @ estimate), np.linalg.norm(R @ np.append(base.values, d)))
     seen = size > 0  # the others stay as they are
     scale = everything / size[seen]
     by_body = (R[:, : base.count] @ base.matrix).reshape(len(R), len(Pi), len(inertia.PARAMETERS))[:, massive]
     problem = Problem(
-        C=np.asarray(np.einsum("kbp,bijp->kbij", by_body, _by_entries(T))),
+        C=np.asarray(np.einsum("kbp,bijp->kbij", by_body, _entry_derivatives(T))),
         R=R[:, base.count :][:, seen] * scale,
         y=R @ estimate,
         own=d[seen] / scale,
@@ -111,7 +111,7 @@ def consistent_parameters(
     )
 
 
-def _massive(mechanism: Mechanism, Pi: Floats) -> np.ndarray:
+def _massive_bodies(mechanism: Mechanism, Pi: Floats) -> np.ndarray:
     """The places of the bodies that have mass; those without must not have moments."""
     for name, of_body in zip(mechanism.bodies, Pi, strict=True):
         if of_body[3, 3] < 0 or (of_body[3, 3] == 0 and of_body.any()):
@@ -128,7 +128,7 @@ def _massive(mechanism: Mechanism, Pi: Floats) -> np.ndarray:
     return massive
 
 
-def _inside(Pi: Floats, length: float) -> Floats:
+def _raise_moments(Pi: Floats, length: float) -> Floats:
     """Pseudo-inertias, with second moments about the COM raised where they are singular or those of no body."""
     m = Pi[:, 3:, 3:]
     c = Pi[:, :3, 3:] / m
@@ -140,14 +140,14 @@ def _inside(Pi: Floats, length: float) -> Floats:
     return np.where((size[:, :1] < MIN_RELATIVE_MOMENT * largest)[..., None], raised, Pi)
 
 
-def _own_drives(mechanism: Mechanism, terms: Sequence[DriveColumn]) -> Floats:
+def _drive_values(mechanism: Mechanism, terms: Sequence[DriveColumn]) -> Floats:
     """The robot's own parameters of drive terms; it states no offsets."""
     stated = vars(mechanism.drives)
     own = [np.zeros(len(mechanism.joints)) if term == OFFSET else stated[AMOUNTS[term]] for term in terms]
     return np.concatenate([np.zeros(0), *own])
 
 
-def _root(information: Floats) -> Floats:
+def _information_root(information: Floats) -> Floats:
     """R of ``A = R^T R``, without directions of which A holds no more than rounding: (rank, k)."""
     size = np.sqrt(np.diag(information))
     size = np.where(size > 0, size, 1.0)
@@ -156,7 +156,7 @@ def _root(information: Floats) -> Floats:
     return np.sqrt(w[kept, None]) * V.T[kept] * size
 
 
-def _by_entries(T: Array) -> Array:
+def _entry_derivatives(T: Array) -> Array:
     """The derivatives of inertial parameters by the entries of symmetric S in ``Pi = T S T^T``: (..., 4, 4, 10)."""
     unit = np.eye(16).reshape(4, 4, 4, 4)
     moments = T[..., None, None, :, :] @ (unit + unit.mT) @ T[..., None, None, :, :].mT / 2

@@ -44,10 +44,10 @@ class Problem:
     @property
     def columns(self) -> np.ndarray:
         """The columns of the regressor that are sought: those of base parameters and of drive terms."""
-        return _columns(self.robot, self.base, self.terms)
+        return _sought_columns(self.robot, self.base, self.terms)
 
     @property
-    def own(self) -> np.ndarray:
+    def model_parameters(self) -> np.ndarray:
         """The parameters with which the forces of the model are computed: drive terms that do not act are zero."""
         m = self.robot.mechanism
         drives = [
@@ -55,9 +55,11 @@ class Problem:
         ]
         return np.concatenate([self.base.values, *drives])
 
-    def predicted(self, parameters: np.ndarray, drives: np.ndarray) -> np.ndarray:
+    def predict(self, parameters: np.ndarray, drives: np.ndarray) -> np.ndarray:
         """The forces (N, nv) of a robot with other inertial parameters (10 nb,) and drive terms."""
-        change = np.append(parameters - parameters_of(self.robot.mechanism), drives - self.own[self.base.count :])
+        change = np.append(
+            parameters - parameters_of(self.robot.mechanism), drives - self.model_parameters[self.base.count :]
+        )
         pieces = regressors(self.robot, self.motion, self.given.t, self.terms)
         return np.asarray(self.model + np.concatenate([Y @ change for _, Y in pieces]))
 
@@ -73,7 +75,7 @@ def problem(
 ) -> Problem:
     """Pose the problem; raise `JounceError` if forces are fewer than parameters, or samples cannot have the band."""
     base, samples = base_parameters(robot.mechanism), given.part(used)
-    count = len(_columns(robot, base, terms))
+    count = len(_sought_columns(robot, base, terms))
     if (measured := np.count_nonzero(samples.weights)) < count:
         raise JounceError(
             f"{len(samples.t)} samples hold {measured} measured forces for {count} parameters; expected a longer motion"
@@ -92,7 +94,7 @@ def problem(
             f" {highest:.4g} Hz, half their rate"
         )
     band = float(band)
-    width = _width(samples, band, count)
+    width = _cell_width(samples, band, count)
     if method in FILTERED:
         cells = FILTERED[method](robot, motion, samples, terms, width, band)
     else:
@@ -115,11 +117,11 @@ def model_of(robot: R, terms: Sequence[DriveColumn], eps: float | None) -> R:
     return like(robot, replace(m, drives=with_eps(m.drives, eps)))
 
 
-def _columns(robot: Engine, base: BaseParameters, terms: Sequence[DriveColumn]) -> np.ndarray:
+def _sought_columns(robot: Engine, base: BaseParameters, terms: Sequence[DriveColumn]) -> np.ndarray:
     return np.append(base.columns, len(base.parameters) + np.arange(len(terms) * len(robot.mechanism.joints)))
 
 
-def _width(samples: Measurements, band: float, count: int) -> float:
+def _cell_width(samples: Measurements, band: float, count: int) -> float:
     """The width of cells that a band needs, so that there are enough for the number of parameters."""
     duration, forces = float(samples.t[-1] - samples.t[0]), np.count_nonzero(samples.weights.any(axis=0))
     longest = duration * forces / (CELLS_PER_PARAMETER * count)

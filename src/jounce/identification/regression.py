@@ -47,7 +47,7 @@ class Solution:
 
 def solve(information: np.ndarray, right: np.ndarray) -> Solution:
     """Solve information x = right in columns scaled to one."""
-    directions, values, blind = _directions(information)
+    directions, values, blind = _informed_directions(information)
     covariance = directions @ directions.T
     covariance[blind, blind] = np.inf
     condition = float(np.sqrt(values.max() / values.min())) if len(values) else np.inf
@@ -67,10 +67,10 @@ def regression(cells: Cells, chosen: np.ndarray, known: bool) -> Regression:
     variances = np.where(measured, start, np.inf)
     for _ in range(0 if known else MAX_REWEIGHTINGS):
         # the variances of residuals weighted by those before, until they reproduce themselves
-        before, variances = variances, np.maximum(variances * _excess(cells, chosen, variances), least)
+        before, variances = variances, np.maximum(variances * _variance_ratios(cells, chosen, variances), least)
         if np.abs(np.log(variances[measured] / before[measured])).max() < LOG_VARIANCE_TOLERANCE:
             break
-    Y, off = _weighted(cells, variances)
+    Y, off = _weighted_rows(cells, variances)
     deviations = np.sqrt(variances / np.where(measured, cells.counts.mean(axis=0), 1.0))
     return Regression(Y.T @ Y, Y.T @ off, variances, deviations)
 
@@ -82,11 +82,11 @@ def row_weights(cells: Cells, variances: np.ndarray) -> np.ndarray:
     return np.asarray(1 / (own + cells.spread))
 
 
-def _excess(cells: Cells, chosen: np.ndarray, variances: np.ndarray) -> np.ndarray:
+def _variance_ratios(cells: Cells, chosen: np.ndarray, variances: np.ndarray) -> np.ndarray:
     """How many times as large the residuals' variances (nv,) are as those that weigh them, by their periodograms."""
-    Y, off = _weighted(cells, variances)
+    Y, off = _weighted_rows(cells, variances)
     Y = Y[:, chosen]
-    orthonormal = Y @ _directions(Y.T @ Y)[0]
+    orthonormal = Y @ _informed_directions(Y.T @ Y)[0]
     rest = (off - orthonormal @ (orthonormal.T @ off)).reshape(cells.off.shape)
     orthonormal = orthonormal.reshape(*rest.shape, -1)
     leverage = (np.abs(np.fft.fft(orthonormal, axis=0, norm="ortho")) ** 2).sum(axis=-1)
@@ -96,7 +96,7 @@ def _excess(cells: Cells, chosen: np.ndarray, variances: np.ndarray) -> np.ndarr
     return np.divide(found, expected, out=np.ones_like(found), where=expected > 0)
 
 
-def _weighted(cells: Cells, variances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _weighted_rows(cells: Cells, variances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Regressor (C nv, P) and forces that the model leaves (C nv,) over the deviations of the rows."""
     roots = np.sqrt(row_weights(cells, variances))
     return (cells.Y * roots[..., None]).reshape(-1, cells.Y.shape[-1]), (cells.off * roots).ravel()
@@ -108,7 +108,7 @@ def _mean_square(cells: Cells, values: np.ndarray) -> np.ndarray:
     return np.asarray((cells.counts * values**2).sum(axis=0) / there)
 
 
-def _directions(information: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _informed_directions(information: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Directions X (P, r) with X^T information X = 1, their eigenvalues in columns scaled to one, and a mask (P,).
 
     The mask is of parameters that the data do not determine, alone or in combination.

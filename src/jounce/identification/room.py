@@ -135,11 +135,11 @@ def room_of(robot: Engine, limits: Limits, kinds: Sequence[str]) -> Room:
         scale,
         tuple((sign, np.flatnonzero(on)) for sign, on in finite.items() if on.any()),
         max([FIRST, *(motion_order(robot, kind) for kind in kinds)]),
-        _force(robot, "inverse_dynamics", order, FIRST) if forces else None,
-        _force(robot, "gravity_forces", max(bare), 0) if bare else None,
+        _compile_force(robot, "inverse_dynamics", order, FIRST) if forces else None,
+        _compile_force(robot, "gravity_forces", max(bare), 0) if bare else None,
     )
 
 
-def _force(robot: Engine, name: QuantityName, order: int, first: int) -> Force:
+def _compile_force(robot: Engine, name: QuantityName, order: int, first: int) -> Force:
     kernels = (compile_ahead(robot, Computation(name, order, product=product)) for product in (None, "vjp"))
     return Force(order, order + first + 1, *kernels)

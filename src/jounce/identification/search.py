@@ -82,26 +82,26 @@ class Search:
         by_amplitude = sum(rate.T @ push for rate, push in zip(self.basis, pushes, strict=True))
         return value + weight * barrier, (self.units * by_amplitude).ravel()
 
-    def best(self, starts: int, rng: np.random.Generator, progress: Progress | None) -> np.ndarray:
+    def find_best(self, starts: int, rng: np.random.Generator, progress: Progress | None) -> np.ndarray:
         """The free amplitudes of the best series from some random ones."""
         found, count = [], len(self.information.names)
         for i in range(starts):
-            u = self.random(rng)
+            u = self.random_start(rng)
             for weight, delta in BARRIER_STAGES:
-                u = _minimum(self.loss, u, count * weight, delta)
+                u = _minimise(self.loss, u, count * weight, delta)
             x = self.amplitudes(u)
             found.append((self.information.log_det(self.rates(x)), i, x))
             if progress is not None:
                 progress(i + 1, starts)
         return max(found)[2]
 
-    def random(self, rng: np.random.Generator) -> np.ndarray:
+    def random_start(self, rng: np.random.Generator) -> np.ndarray:
         """A random series about a random pose, in the units of amplitudes."""
         u = MAX_START_AMPLITUDE * rng.uniform(-1, 1, self.units.shape)
         u[0] = rng.uniform(-0.5, 0.5, len(self.middle))
         return u.ravel()
 
-    def rest(self, rng: np.random.Generator) -> np.ndarray:
+    def find_rest(self, rng: np.random.Generator) -> np.ndarray:
         """A pose (n,) in which all limits leave room at rest; raise `JounceError` if none is found."""
         zero = np.zeros((self.room.order, 1, len(self.middle)))
 
@@ -115,7 +115,7 @@ class Search:
         worst = []
         for i in range(MAX_REST_STARTS):
             u = rng.uniform(-0.8, 0.8, len(self.middle)) if i else np.zeros(len(self.middle))
-            u = _minimum(barrier, u)
+            u = _minimise(barrier, u)
             worst.append(self.room.worst(rates(u)))  # the barrier's minimum may be beyond a limit
             if worst[-1][0] < self.share:
                 return rates(u)[0][0]
@@ -127,7 +127,7 @@ class Search:
         )
 
 
-def _minimum(loss: Callable[..., tuple[float, np.ndarray]], u: np.ndarray, *arguments: float) -> np.ndarray:
+def _minimise(loss: Callable[..., tuple[float, np.ndarray]], u: np.ndarray, *arguments: float) -> np.ndarray:
     """A local minimum of a loss with its gradient, by BFGS: L-BFGS takes half as many steps again."""
     found = minimize(loss, u, arguments, "BFGS", jac=True, options={"maxiter": MAX_BFGS_STEPS, "gtol": MAX_LOSS_SLOPE})
     return np.asarray(found.x)

@@ -13,6 +13,7 @@ from jounce.core.errors import listed, shortened
 from jounce.core.typing import Equations
 from jounce.identification.cells import averages, places
 from jounce.identification.filtered import FILTERED
+from jounce.identification.measurements import Measurements
 from jounce.identification.problem import Problem
 from jounce.identification.regression import MIN_RELATIVE_DEVIATION
 from jounce.identification.table import ForceResidual
@@ -35,7 +36,11 @@ def suspicions(posed: Problem, method: Equations) -> list[str]:
     Equations of momentum and power are integrals, in which no delay is looked for.
     """
     names = force_names(posed.robot.mechanism)
-    return [*_absent(posed, names), *_unlike(posed, names), *([] if method in FILTERED else _late(posed))]
+    return [
+        *_missing_forces(posed, names),
+        *_sign_and_unit(posed, names),
+        *([] if method in FILTERED else _delay_warning(posed)),
+    ]
 
 
 def unexplained(rows: Sequence[ForceResidual]) -> list[str]:
@@ -54,7 +59,7 @@ def unexplained(rows: Sequence[ForceResidual]) -> list[str]:
     ]
 
 
-def _absent(posed: Problem, names: tuple[str, ...]) -> list[str]:
+def _missing_forces(posed: Problem, names: tuple[str, ...]) -> list[str]:
     """What is said of forces that are not measured, but for those on a base, and of sensors that stand still."""
     samples, model = posed.given.part(posed.used), posed.model[posed.used]
     there, joints = samples.weights > 0, np.arange(len(names)) >= len(names) - posed.robot.n
@@ -64,18 +69,17 @@ def _absent(posed: Problem, names: tuple[str, ...]) -> list[str]:
     varies = np.ptp(model, axis=0) > MIN_RELATIVE_DEVIATION * np.abs(model).max()
     found = []
     if missing.any():
-        found.append(f"forces of {_of(names, missing)} are not measured: no column, NaN or a weight of 0")
+        found.append(f"{_forces_of(names, missing)} are not measured: no column, NaN or a weight of 0")
     if (still := same & varies).any():
         found.append(
-            f"forces of {_of(names, still)} are constant, and those of the model are not; expected measured ones:"
+            f"{_forces_of(names, still)} are constant, and those of the model are not; expected measured ones:"
             " leave the columns of dead sensors out"
         )
     return found
 
 
-def _late(posed: Problem) -> list[str]:
-    found = find_delay(posed)
-    if found is None:
+def _delay_warning(posed: Problem) -> list[str]:
+    if (found := find_delay(posed)) is None:
         return []
     delay, ratio = found
     return [
@@ -85,7 +89,7 @@ def _late(posed: Problem) -> list[str]:
     ]
 
 
-def _unlike(posed: Problem, names: tuple[str, ...]) -> list[str]:
+def _sign_and_unit(posed: Problem, names: tuple[str, ...]) -> list[str]:
     """What is said of their sign and unit, by the correlation of measured forces with those of the model."""
     cells = posed.cells
     measured = cells.off + cells.model
@@ -100,20 +104,21 @@ def _unlike(posed: Problem, names: tuple[str, ...]) -> list[str]:
     if (opposed := correlation < MAX_OPPOSED_CORRELATION).any():
         worst = correlation[opposed].min()
         found.append(
-            f"forces of {_of(names, opposed)} seem to have the wrong sign: their correlation with the model's is"
+            f"{_forces_of(names, opposed)} seem to have the wrong sign: their correlation with the model's is"
             f" {worst:.2g}; expected Q = M q2d + C qd + Qgrav, which the drives exert on the robot"
         )
     if (odd := alike & (np.abs(np.log(size)) > np.log(MAX_SIZE_RATIO))).any():
         ratio = float(np.exp(np.log(size[odd]).mean()))
         found.append(
-            f"forces of {_of(names, odd)} seem to have the wrong unit: they are {ratio:.3g} times those of the model;"
+            f"{_forces_of(names, odd)} seem to have the wrong unit: they are {ratio:.3g} times those of the model;"
             " expected N m or N at the joints, behind the gears"
         )
     return found
 
 
-def _of(names: tuple[str, ...], which: np.ndarray) -> str:
-    return "all joints" if which.all() else listed(name for name, odd in zip(names, which, strict=True) if odd)
+def _forces_of(names: tuple[str, ...], which: np.ndarray) -> str:
+    some = listed(name for name, odd in zip(names, which, strict=True) if odd)
+    return f"forces of {'all joints' if which.all() else some}"
 
 
 def find_delay(posed: Problem) -> tuple[float, float] | None:
@@ -131,7 +136,7 @@ def find_delay(posed: Problem) -> tuple[float, float] | None:
     if longest <= 0 or len(columns) <= 2 * columns.shape[1]:
         return None
     delays = np.linspace(-longest, longest, DELAY_COUNT)
-    late = np.stack([_read_later(samples.forces, samples.weights, t, place, delay) for delay in delays])
+    late = np.stack([_delayed_averages(samples, place, delay) for delay in delays])
     off = (late - posed.cells.model)[:, kept].T  # (rows, delays)
     force = np.nonzero(kept)[1]
     weights = np.sqrt(posed.cells.counts[kept])
@@ -148,13 +153,13 @@ def find_delay(posed: Problem) -> tuple[float, float] | None:
     return None if ratio > MAX_REMAINDER_RATIO else (float(delays[best]), ratio)
 
 
-def _read_later(forces: np.ndarray, weights: np.ndarray, t: np.ndarray, place: np.ndarray, delay: float) -> np.ndarray:
+def _delayed_averages(samples: Measurements, place: np.ndarray, delay: float) -> np.ndarray:
     """The averages over cells of forces (N, nv) at times that are later by a delay."""
-    read = np.zeros_like(forces)
-    for j, (column, weight) in enumerate(zip(forces.T, weights.T, strict=True)):
-        if (there := weight > 0).any():
-            read[:, j] = np.interp(t + delay, t[there], column[there])
-    return averages(read, weights, place)[0]
+    read = np.zeros_like(samples.forces)
+    for j in np.flatnonzero((samples.weights > 0).any(axis=0)):
+        there = samples.weights[:, j] > 0
+        read[:, j] = np.interp(samples.t + delay, samples.t[there], samples.forces[there, j])
+    return averages(read, samples.weights, place)[0]
 
 
 def _remainders(columns: np.ndarray, right: np.ndarray) -> np.ndarray:

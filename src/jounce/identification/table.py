@@ -57,7 +57,7 @@ class IdentifiedParameter:
 
 def parameter_table(posed: Problem, solution: Solution, variances: np.ndarray) -> tuple[IdentifiedParameter, ...]:
     """The table of a solution, which corrects the model, with the variances (nv,) of the forces."""
-    m, base, model = posed.robot.mechanism, posed.base, posed.own
+    m, base, model = posed.robot.mechanism, posed.base, posed.model_parameters
     revolute = [bool(np.any(X[:3])) for X in m.X]
     names = [*base.names, *(f"{joint} {term}" for term in posed.terms for joint in m.joints)]
     units = [INERTIAL_UNITS[column % len(INERTIAL_UNITS)] for column in base.columns]
@@ -141,10 +141,10 @@ class ForceResidual:
 def residuals(posed: Problem, predicted: np.ndarray) -> tuple[ForceResidual, ...]:
     """The residuals of the model and of predicted forces (N, nv): of the samples that are used, then of the rest."""
     parts = (("used", posed.used), ("rest", ~posed.used))
-    return tuple(row for part, which in parts if which.any() for row in _of_part(posed, predicted, part, which))
+    return tuple(row for part, which in parts if which.any() for row in _part_residuals(posed, predicted, part, which))
 
 
-def _of_part(posed: Problem, predicted: np.ndarray, part: str, which: np.ndarray) -> Iterator[ForceResidual]:
+def _part_residuals(posed: Problem, predicted: np.ndarray, part: str, which: np.ndarray) -> Iterator[ForceResidual]:
     """The residuals of a part of the samples, of the forces that are measured there."""
     m, samples = posed.robot.mechanism, posed.given.part(which)
     place, w = places(samples.t, posed.width), samples.weights

@@ -93,7 +93,7 @@ def deflections(springs: AntagonisticSprings, Q: np.ndarray, S: np.ndarray) -> t
     known = np.isfinite(Q) & np.isfinite(S)
 
     def curve(e: np.ndarray) -> _Setting:
-        return _setting(springs, Q, e)
+        return _solve_setting(springs, Q, e)
 
     def check(reached: np.ndarray, bound: np.ndarray, word: str) -> None:
         if (lost := known & ~reached).any():
@@ -104,15 +104,15 @@ def deflections(springs: AntagonisticSprings, Q: np.ndarray, S: np.ndarray) -> t
 
     with np.errstate(all="ignore"):
         # 1. a start with less stiffness than S
-        low = _below(springs, curve, S, known)
+        low = _softer_difference(springs, curve, S, known)
         least = curve(low).S
         check(least * (1 + MIN_STIFFNESS_MARGIN) < S, least, "above")
         # 2. a bracket in the direction in which the stiffness rises
-        near, far = _bracket(curve, lambda x: ~(x.S < S), low, 1.0, known)
+        near, far = _find_bracket(curve, lambda x: ~(x.S < S), low, 1.0, known)
         # 3. bisection, until Newton's method converges to a setting on this side of the least stiffness
         for _ in range(MAX_NEWTON_ATTEMPTS):
-            near, far = _halve(curve, lambda x: ~(x.S < S), near, far, HALVINGS_PER_ATTEMPT)
-            (d1, d2), off = _polish(springs, Q, S, curve(near).d)
+            near, far = _halve_bracket(curve, lambda x: ~(x.S < S), near, far, HALVINGS_PER_ATTEMPT)
+            (d1, d2), off = _newton_steps(springs, Q, S, curve(near).d)
             found = (off <= STIFFNESS_TOLERANCE * S) & (d1 - d2 > low)
             if found[known].all():
                 break
@@ -136,7 +136,7 @@ def deflection_series(springs: AntagonisticSprings, Q: Series, S: Series) -> tup
     return first, second
 
 
-def _setting(springs: AntagonisticSprings, Q: np.ndarray, e: np.ndarray) -> _Setting:
+def _solve_setting(springs: AntagonisticSprings, Q: np.ndarray, e: np.ndarray) -> _Setting:
     """The setting that carries Q with the difference e: the mean deflection is the root of a rising function."""
 
     def slope(mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -151,7 +151,7 @@ def _setting(springs: AntagonisticSprings, Q: np.ndarray, e: np.ndarray) -> _Set
     return _Setting(d, one[1] + two[1], np.sign(one[2] * two[1] - two[2] * one[1]))
 
 
-def _below(springs: AntagonisticSprings, curve: Curve, S: np.ndarray, known: np.ndarray) -> np.ndarray:
+def _softer_difference(springs: AntagonisticSprings, curve: Curve, S: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Differences e with less than a stiffness, or else with the least."""
     (low1, high1), (low2, high2) = springs.first.range, springs.second.range
     start = np.full(S.shape, 0.0 if low1 - high2 < 0 < high1 - low2 else (low1 - high2 + high1 - low2) / 2)
@@ -160,13 +160,13 @@ def _below(springs: AntagonisticSprings, curve: Curve, S: np.ndarray, known: np.
     def turned(x: _Setting) -> np.ndarray:
         return ~(x.rise * way < 0)
 
-    near, far = _bracket(curve, lambda x: turned(x) | (x.S < S), start, way, known)
+    near, far = _find_bracket(curve, lambda x: turned(x) | (x.S < S), start, way, known)
     if not (curve(far).S < S)[known].all():  # steps went over the least, which may still be below
-        near, far = _halve(curve, turned, near, far, LEAST_STIFFNESS_HALVINGS)
+        near, far = _halve_bracket(curve, turned, near, far, LEAST_STIFFNESS_HALVINGS)
     return np.where(np.isnan(curve(far).S), near, far)
 
 
-def _bracket(
+def _find_bracket(
     curve: Curve,
     passed: Callable[[_Setting], np.ndarray],
     start: np.ndarray,
@@ -183,10 +183,10 @@ def _bracket(
     return near, far
 
 
-def _halve(
+def _halve_bracket(
     curve: Curve, passed: Callable[[_Setting], np.ndarray], near: np.ndarray, far: np.ndarray, times: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A bracket of `_bracket`, halved."""
+    """A bracket of `_find_bracket`, halved."""
     for _ in range(times):
         middle = (near + far) / 2
         beyond = passed(curve(middle))
@@ -194,7 +194,7 @@ def _halve(
     return near, far
 
 
-def _polish(
+def _newton_steps(
     springs: AntagonisticSprings, Q: np.ndarray, S: np.ndarray, d: tuple[np.ndarray, np.ndarray]
 ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
     """Newton's method for both equations, and what it leaves of the stiffness."""

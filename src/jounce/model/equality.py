@@ -19,7 +19,7 @@ def equal(a: Any, b: Any) -> bool:
     if isinstance(a, np.ndarray):
         if is_numeric(a) and is_numeric(b):
             return np.array_equal(a, b)
-        return a.shape == b.shape and all(map(_equal_scalars, a.flat, b.flat))
+        return a.shape == b.shape and all(map(_are_equal_scalars, a.flat, b.flat))
     if is_dataclass(a):
         return all(equal(getattr(a, field.name), getattr(b, field.name)) for field in fields(a) if field.compare)
     if isinstance(a, tuple):
@@ -32,7 +32,7 @@ def key(mechanism: Mechanism) -> Hashable:
     return mechanism.name, mechanism.parent, mechanism.bodies, mechanism.coordinates
 
 
-def _equal_scalars(x: Any, y: Any) -> bool:
+def _are_equal_scalars(x: Any, y: Any) -> bool:
     try:
         return x is y or bool(x == y)
     except Exception:  # symbols of CasADi that are not known to be the same have no truth value

@@ -36,16 +36,16 @@ class UnreachableError(JounceError):
 def deflection(spring: Spring, force: Array) -> Array:
     """The deflection at which a spring exerts a force; raise `UnreachableError` where it cannot."""
     if is_numeric(force):
-        return _numeric(spring, np.asarray(force))
+        return _solve_numeric(spring, np.asarray(force))
     if isinstance(spring, CubicSpring) and spring.has_fixed_steps:
-        return _cubic(spring, force)
+        return _solve_cubic(spring, force)
     kind = "is given by a function or table"
     if isinstance(spring, CubicSpring):
         kind = "softens" if spring.k3 < 0 else "has no stiffness k at rest"
     raise JounceError(f"a spring that {kind} needs NumPy arrays of floats; springs for symbols are linear or stiffen")
 
 
-def _cubic(spring: CubicSpring, force: Array) -> Array:
+def _solve_cubic(spring: CubicSpring, force: Array) -> Array:
     """Halley's method for m + y^2 m^3 = 1, where y is the force over k sqrt(k / k3), and the deflection force m / k.
 
     m is near v^(-1/3), v = 1 + y^2, and 1/3 = 1/4 + 1/16 + 1/64 + ...: with five terms, the start value is within 26 %
@@ -66,7 +66,7 @@ def _cubic(spring: CubicSpring, force: Array) -> Array:
     return force * (1 / spring.k) * m
 
 
-def _numeric(spring: Spring, force: np.ndarray) -> np.ndarray:
+def _solve_numeric(spring: Spring, force: np.ndarray) -> np.ndarray:
     def slope(d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         found = spring._derivatives(d)
         return found[0], found[1]
@@ -75,7 +75,7 @@ def _numeric(spring: Spring, force: np.ndarray) -> np.ndarray:
         if isinstance(spring, CubicSpring) and spring.k == 0:
             found = np.cbrt(force) / np.cbrt(spring.k3)
         elif isinstance(spring, CubicSpring) and spring.has_fixed_steps:
-            found = _cubic(spring, force)
+            found = _solve_cubic(spring, force)
         else:
             found = rising_root(slope, force, spring.range)
     lost = np.isnan(found) & np.isfinite(force)
@@ -92,7 +92,7 @@ def _numeric(spring: Spring, force: np.ndarray) -> np.ndarray:
 @np.errstate(all="ignore")
 def rising_root(slope: Slope, target: np.ndarray, bounds: tuple[np.ndarray | float, np.ndarray | float]) -> np.ndarray:
     """x with f(x) = target of a rising function, NaN where no x within bounds has it."""
-    low, high, x = _bracket(slope, target, bounds)
+    low, high, x = _find_bracket(slope, target, bounds)
     last = before = high - low
     done = lost = np.isnan(low) | np.isnan(target)
     for _ in range(MAX_ROOT_STEPS):
@@ -112,7 +112,7 @@ def rising_root(slope: Slope, target: np.ndarray, bounds: tuple[np.ndarray | flo
     return np.where(lost | ~done | ~(slope(x)[1] > 0), np.nan, x)
 
 
-def _bracket(
+def _find_bracket(
     slope: Slope, target: np.ndarray, bounds: tuple[np.ndarray | float, np.ndarray | float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Ends between which a rising function takes its targets, NaN where they are not found, and a first guess."""

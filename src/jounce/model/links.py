@@ -70,7 +70,7 @@ class Joint:
 Item = TypeVar("Item", Link, Joint)
 
 
-def distinct(items: Sequence[Item], kind: str) -> dict[str, Item]:
+def index_by_name(items: Sequence[Item], kind: str) -> dict[str, Item]:
     """The items by name; raise `JounceError` at the second one of a name."""
     found: dict[str, Item] = {}
     for item in items:

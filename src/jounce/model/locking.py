@@ -68,7 +68,7 @@ def locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
         slower = replace(mechanism, G=mechanism.G[:, free], g=g, coordinates=names, elasticity=elasticity)
         still = [not row.any() for row in slower.G]
         poses = {i: x.T @ x.group.pose(np.array(values[x.name], float)) @ lie.inverse(x.T) for i, x in welds.items()}
-        welded = _without(slower, still, poses)
+        welded = _merge_locked_bodies(slower, still, poses)
     if is_numeric(g) and is_numeric(mechanism.X):
         warn_of_limits(mechanism, np.flatnonzero(still), g, "is locked at")
     for array in (*welded.arrays.values(), *(frame.T for frame in welded.frames)):
@@ -109,7 +109,7 @@ def _check_numbers(joint: Position, value: object) -> None:
         raise JounceError(f"{named} is locked at {quoted(value)}; expected {', '.join(names)}")
 
 
-def _without(mechanism: Mechanism, still: list[bool], poses: Mapping[int, Array]) -> Mechanism:
+def _merge_locked_bodies(mechanism: Mechanism, still: list[bool], poses: Mapping[int, Array]) -> Mechanism:
     """Return the mechanism without its locked joints, each at its constant theta; those of several screws at a pose."""
     held = [bool(columns) and all(still[j] for j in columns) for columns in mechanism.columns]
     kept = [j for j, welded in enumerate(still) if not welded]

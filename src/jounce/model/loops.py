@@ -18,14 +18,14 @@ Z = (0, 0, 1)  # the axis of a cut joint that states none
 _I = np.eye(3, dtype=int)
 
 
-def _across(axis: np.ndarray) -> np.ndarray:
+def _perpendicular_directions(axis: np.ndarray) -> np.ndarray:
     """Two directions perpendicular to a unit vector and to each other, (2, 3); the axes of the frame where they are."""
     first = np.cross(axis, _I[np.argmin(np.abs(axis))])
     first = first / np.linalg.norm(first)
     return np.stack([first, np.cross(axis, first)]) + 0.0
 
 
-def _exact(directions: np.ndarray) -> np.ndarray:
+def _round_directions(directions: np.ndarray) -> np.ndarray:
     """Directions along axes as integers, which keep zeros and symbols exact."""
     whole = np.rint(directions)
     return whole.astype(int) if (np.abs(directions - whole) <= UNIT_ROUNDING).all() else directions
@@ -34,10 +34,10 @@ def _exact(directions: np.ndarray) -> np.ndarray:
 # of a cut joint, the directions in which it allows no turn and no slide
 HELD: Mapping[str, Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
     "spherical": lambda axis: (_I[:0], _I),
-    "revolute": lambda axis: (_across(axis), _I),
-    "prismatic": lambda axis: (_I, _across(axis)),
-    "cylindrical": lambda axis: (_across(axis), _across(axis)),
-    "planar": lambda axis: (_across(axis), axis[None]),
+    "revolute": lambda axis: (_perpendicular_directions(axis), _I),
+    "prismatic": lambda axis: (_I, _perpendicular_directions(axis)),
+    "cylindrical": lambda axis: (_perpendicular_directions(axis), _perpendicular_directions(axis)),
+    "planar": lambda axis: (_perpendicular_directions(axis), axis[None]),
     "fixed": lambda axis: (_I, _I),
 }
 
@@ -77,7 +77,7 @@ class Loop:
     def held(self) -> tuple[np.ndarray, np.ndarray]:
         """The directions (k, 3) and (l, 3), in the axes of frame a, in which the joint allows no turn and no slide."""
         turns, slides = HELD[self.joint](np.asarray(self.axis, dtype=float))
-        return _exact(turns), _exact(slides)
+        return _round_directions(turns), _round_directions(slides)
 
     @property
     def arrays(self) -> tuple[Array, ...]:
@@ -93,7 +93,7 @@ class Loop:
     @property
     def allowed(self) -> np.ndarray:
         """(6, 6): what is left of a relative twist that the joint allows; the projection across the rows."""
-        return _exact(np.eye(6, dtype=int) - self.rows.T @ self.rows)
+        return _round_directions(np.eye(6, dtype=int) - self.rows.T @ self.rows)
 
 
 @dataclass(frozen=True, eq=False)

@@ -137,7 +137,7 @@ class Mechanism:
     @property
     def columns(self) -> tuple[tuple[int, ...], ...]:
         """The joint variables that move each body: none of a base that floats, several of a joint of several screws."""
-        return _columns(self.owners, self.nb)
+        return _body_columns(self.owners, self.nb)
 
     @property
     def nb(self) -> int:
@@ -190,7 +190,7 @@ class Mechanism:
 
 
 @lru_cache(maxsize=64)
-def _columns(owners: tuple[int, ...], nb: int) -> tuple[tuple[int, ...], ...]:
+def _body_columns(owners: tuple[int, ...], nb: int) -> tuple[tuple[int, ...], ...]:
     found: list[list[int]] = [[] for _ in range(nb)]
     for j, i in enumerate(owners):
         found[i].append(j)

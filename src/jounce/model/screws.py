@@ -40,22 +40,22 @@ def from_screws(
 ) -> Mechanism:
     """A mechanism from body-fixed data, every array checked; see `Robot.from_screws` for what they are."""
     given = {"B": B, "X": X, "M": M, "gravity": gravity}
-    data: dict[str, Any] = {label: _data(array, label) for label, array in given.items()}
+    data: dict[str, Any] = {label: _copy_data(array, label) for label, array in given.items()}
     nb = data["B"].shape[0] if data["B"].ndim == 3 else 0
     check_size(nb)
-    moved = _owners(owners, nb)
+    moved = _check_owners(owners, nb)
     nc = len(moved)
-    data["G"] = np.eye(nc) if G is None else _data(G, "G")
-    data["g"] = np.zeros(nc) if g is None else _data(g, "g")
+    data["G"] = np.eye(nc) if G is None else _copy_data(G, "G")
+    data["g"] = np.zeros(nc) if g is None else _copy_data(g, "g")
     _check_shapes(data, nb, nc)
     for label, exact in (("B", exact_pose), ("X", exact_screw), ("M", exact_inertia)):
         data[label] = np.stack([exact(x, f"{label}[{i}]") for i, x in enumerate(data[label])])
     data |= {label: array + 0.0 for label, array in data.items() if is_numeric(array)}  # no -0.0 among data
-    bodies = _names(names, nb, "names", "body")
-    coordinates = _names(joint_names, data["G"].shape[1], "joint_names", "joint" if G is None else "q")
-    carriers = _tree(parent, nb)
+    bodies = _check_names(names, nb, "names", "body")
+    coordinates = _check_names(joint_names, data["G"].shape[1], "joint_names", "joint" if G is None else "q")
+    carriers = _check_parents(parent, nb)
     if base is not None:
-        if _text(base_name, "base_name") in bodies:
+        if _check_text(base_name, "base_name") in bodies:
             raise JounceError(f"base_name is {quoted(base_name)}, which is the name of a body; expected another")
         bodies = (base_name, *bodies)
         data["B"], data["M"] = np.stack([np.eye(4), *data["B"]]), np.stack([_base_inertia(base), *data["M"]])
@@ -65,18 +65,18 @@ def from_screws(
         parent=carriers,
         owners=moved,
         bodies=bodies,
-        joints=coordinates if G is None else _names(None, nc, "joints", "joint"),
+        joints=coordinates if G is None else _check_names(None, nc, "joints", "joint"),
         coordinates=coordinates,
         limits=checked_limits(limits, nc),
-        drives=_checked_drives(drives, nc),
+        drives=_check_drives(drives, nc),
         floats=base is not None,
-        name=_text(name, "name"),
+        name=_check_text(name, "name"),
     )
     positions(built)  # refuses joints of several screws that are none
     return with_exact_integers(built) if any(map(is_symbolic, built.arrays.values())) else built
 
 
-def _owners(given: Sequence[int] | None, nb: int) -> tuple[int, ...]:
+def _check_owners(given: Sequence[int] | None, nb: int) -> tuple[int, ...]:
     """The body that each joint variable moves: each body has some, in the order of the bodies."""
     if given is None:
         return tuple(range(nb))
@@ -88,7 +88,7 @@ def _owners(given: Sequence[int] | None, nb: int) -> tuple[int, ...]:
 
 
 def _base_inertia(given: Array) -> np.ndarray:
-    M = _data(given, "base")
+    M = _copy_data(given, "base")
     if M.shape != (6, 6):
         raise JounceError(f"base has shape {M.shape}; expected the inertia matrix (6, 6) of the base that floats")
     _check_finite(M, "base")
@@ -101,18 +101,18 @@ def from_spatial_screws(A: Array, Y: Array, M: Array, parent: Sequence[int] | No
 
     ``B_i = A_p^-1 A_i`` and ``X_i = Ad(A_i^-1) Y_i``.
     """
-    A, Y = _data(A, "A"), _data(Y, "Y")
+    A, Y = _copy_data(A, "A"), _copy_data(Y, "Y")
     nb = A.shape[0] if A.ndim == 3 else 0
     if nb == 0 or A.shape != (nb, 4, 4) or Y.shape != (nb, 6):
         raise JounceError(f"A and Y have shapes {A.shape} and {Y.shape}; expected (n, 4, 4) and (n, 6)")
     A = [exact_pose(T, f"A[{i}]") for i, T in enumerate(A)]
     Y = [exact_screw(y, f"Y[{i}]") for i, y in enumerate(Y)]
-    B = [A_i if p < 0 else lie.inverse(A[p]) @ A_i for A_i, p in zip(A, _tree(parent, nb), strict=True)]
+    B = [A_i if p < 0 else lie.inverse(A[p]) @ A_i for A_i, p in zip(A, _check_parents(parent, nb), strict=True)]
     X = [lie.Ad(lie.inverse(A_i)) @ Y_i for A_i, Y_i in zip(A, Y, strict=True)]
     return from_screws(np.stack(B), np.stack(X), M, parent, **data)
 
 
-def _data(x: Array, label: str) -> np.ndarray:
+def _copy_data(x: Array, label: str) -> np.ndarray:
     """Return a copy of the caller's array; a robot's data must be concrete, even if states are traced."""
     array = asarray(x, label)
     kinds = {type(entry) for entry in array.flat} if is_symbolic(array) else set()
@@ -184,7 +184,7 @@ def exact_inertia(M: np.ndarray, label: str) -> np.ndarray:
     return inertia.restore_form(M)
 
 
-def _checked_drives(given: object, nb: int) -> Drives:
+def _check_drives(given: object, nb: int) -> Drives:
     """The drive trains of joint variables: those of another robot, or a mapping of arrays, one number for each."""
     stated = vars(given) if isinstance(given, Drives) else {} if given is None else given
     if not isinstance(stated, Mapping):
@@ -192,7 +192,7 @@ def _checked_drives(given: object, nb: int) -> Drives:
     for key in stated:
         one_of("drive", key, UNDRIVEN)
     whole = {key: np.full(nb, value) for key, value in UNDRIVEN.items()}
-    arrays = {key: _data(array, key) for key, array in (whole | dict(stated)).items()}
+    arrays = {key: _copy_data(array, key) for key, array in (whole | dict(stated)).items()}
     for key, array in arrays.items():
         if array.shape != (nb,) or not is_numeric(array):
             raise JounceError(f"drives: {key} has shape {array.shape}; expected numbers ({nb},), one per joint")
@@ -202,7 +202,7 @@ def _checked_drives(given: object, nb: int) -> Drives:
     return Drives(**{key: array + 0.0 for key, array in arrays.items()})  # no -0.0 among data
 
 
-def _tree(parent: Sequence[int] | None, nb: int) -> tuple[int, ...]:
+def _check_parents(parent: Sequence[int] | None, nb: int) -> tuple[int, ...]:
     if parent is None:
         return tuple(range(-1, nb - 1))
     numbers = several(parent)
@@ -215,13 +215,13 @@ def _tree(parent: Sequence[int] | None, nb: int) -> tuple[int, ...]:
     return tuple(map(int, numbers))
 
 
-def _text(name: object, label: str) -> str:
+def _check_text(name: object, label: str) -> str:
     if not isinstance(name, str):
         raise JounceError(f"{label} is {quoted(name)}; expected a text")
     return name
 
 
-def _names(given: Sequence[str] | None, count: int, label: str, stem: str) -> tuple[str, ...]:
+def _check_names(given: Sequence[str] | None, count: int, label: str, stem: str) -> tuple[str, ...]:
     if given is None:
         return tuple(f"{stem}{i + 1}" for i in range(count))
     names = several(given)

@@ -17,7 +17,7 @@ import numpy as np
 from jounce.core.errors import JounceError, at, listed, no_such, quoted, shortened, warn
 from jounce.model.drives import UNDRIVEN
 from jounce.model.frame import Frame
-from jounce.model.links import FREE_JOINTS, Joint, Link, Mimic, check_numbers, distinct, outward_order
+from jounce.model.links import FREE_JOINTS, Joint, Link, Mimic, check_numbers, index_by_name, outward_order
 from jounce.model.mechanism import Mechanism
 from jounce.model.screws import from_screws
 from jounce.model.size import check_size
@@ -44,8 +44,8 @@ def mechanism(
     ``root`` is a link to start at: what it carries remains, it stands on the ground or floats itself, and everything
     else is left out. ``world`` is the link, if there is one, that is the ground by the format, and never floats.
     """
-    by_name = distinct(links, "link")
-    distinct(joints, "joint")
+    by_name = index_by_name(links, "link")
+    index_by_name(joints, "joint")
     check_numbers(links, joints)
     ordered = outward_order(by_name, joints)
     floating = None
@@ -54,13 +54,13 @@ def mechanism(
         if base == "floating":
             root = floating = _floating_link(by_name, ordered, root, world)
     if root is not None:
-        by_name, ordered = _from(root, by_name, ordered, file)
-    ordered = _settled(by_name, ordered, base, file)
-    if floating is not None and not _movable(ordered):  # nothing but the base: it is a free joint of the ground
+        by_name, ordered = _start_at(root, by_name, ordered, file)
+    ordered = _weld_free_joints(by_name, ordered, base, file)
+    if floating is not None and not _movable_joints(ordered):  # nothing but the base: it is a free joint of the ground
         called = next((joint.name for joint in joints if joint.child == floating), floating)
         ordered = [Joint(called, "", floating, np.eye(4), None, None, {}, {}, file, free="floating"), *ordered]
         floating = None
-    movable = _movable(ordered)
+    movable = _movable_joints(ordered)
     if not movable:
         stated = f"{len(by_name)} link{'s' * (len(by_name) != 1)} and {len(ordered)} joint{'s' * (len(ordered) != 1)}"
         cure = " or base='floating', by which the base moves freely" if base is None and by_name else ""
@@ -109,11 +109,11 @@ def mechanism(
     return replace(built, joints=tuple(name for _, name, _ in variables), frames=merged)
 
 
-def _movable(joints: Sequence[Joint]) -> list[Joint]:
+def _movable_joints(joints: Sequence[Joint]) -> list[Joint]:
     return [joint for joint in joints if len(joint.screws)]
 
 
-def _from(
+def _start_at(
     root: str, links: Mapping[str, Link], ordered: Sequence[Joint], file: str
 ) -> tuple[dict[str, Link], list[Joint]]:
     """Return the links and joints from a link outward, in the file's order."""
@@ -139,7 +139,7 @@ def _floating_link(links: Mapping[str, Link], ordered: Sequence[Joint], root: st
 
 def _free_link(links: Mapping[str, Link], ordered: Sequence[Joint]) -> str:
     """Return the link on the only floating joint on the ground, or, if there is no such joint, the only root link."""
-    roots, moving = _roots(links, ordered), _moving_on_ground(links, ordered)
+    roots, moving = _roots(links, ordered), _joints_on_ground(links, ordered)
     floating = [joint.child for joint in moving if joint.free == "floating"]
     if floating and len(moving) > 1:
         came = f"{len(moving)} links move on the ground, {listed(joint.child for joint in moving)}"
@@ -157,7 +157,7 @@ def _roots(links: Mapping[str, Link], ordered: Sequence[Joint]) -> list[str]:
     return [link for link in links if link not in above]
 
 
-def _moving_on_ground(links: Mapping[str, Link], ordered: Sequence[Joint]) -> list[Joint]:
+def _joints_on_ground(links: Mapping[str, Link], ordered: Sequence[Joint]) -> list[Joint]:
     """The joints that move on the roots, and on what is fixed to them."""
     ground, moving = set(_roots(links, ordered)), []
     for joint in ordered:
@@ -175,17 +175,17 @@ def check_base(base: object) -> None:
         raise JounceError(f"base is {quoted(base)}; expected {known}")
 
 
-def _settled(links: Mapping[str, Link], ordered: Sequence[Joint], base: str | None, file: str) -> list[Joint]:
+def _weld_free_joints(links: Mapping[str, Link], ordered: Sequence[Joint], base: str | None, file: str) -> list[Joint]:
     """The joints with the floating ones on the ground welded, with a warning, if `base` asks for it.
 
     Raises `JounceError` if `base` is left out and one link that moves freely carries all others.
     """
-    moving = _moving_on_ground(links, ordered)
+    moving = _joints_on_ground(links, ordered)
     floating = [joint for joint in moving if joint.free == "floating"]
     if base == "fixed" and floating:
         warn(f"{file}: base='fixed' welds at zero: {listed(f'{joint.name} ({joint.free})' for joint in floating)}")
         return [replace(joint, free=None, X=None) if joint in floating else joint for joint in ordered]
-    if base is None and len(moving) == len(floating) == 1 < len(_movable(ordered)):
+    if base is None and len(moving) == len(floating) == 1 < len(_movable_joints(ordered)):
         [joint] = floating
         ways = "base='floating', base='fixed' to weld it at its zero pose, or root= to start at another link"
         raise JounceError(f"{joint.place}: joint {quoted(joint.name)} is floating; expected {ways}")
