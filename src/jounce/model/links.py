@@ -11,7 +11,7 @@ from jounce.model.drives import drive_error
 from jounce.model.stated import Stated, limit_error
 from jounce.spatial.groups import BALL, FREE, PLANAR, Group
 
-FREE_JOINTS: Mapping[str, Group] = {"floating": FREE, "planar": PLANAR, "spherical": BALL}
+FREE_JOINT_GROUPS: Mapping[str, Group] = {"floating": FREE, "planar": PLANAR, "spherical": BALL}
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Joint:
     def screws(self) -> np.ndarray:
         """(k, 6): none of a fixed joint."""
         if self.free is not None and self.X is None:
-            return FREE_JOINTS[self.free].X.T
+            return FREE_JOINT_GROUPS[self.free].X.T
         return np.zeros((0, 6)) if self.X is None else self.X.reshape(-1, 6)
 
     @property
@@ -59,7 +59,7 @@ class Joint:
         """The names of its joint variables: its own, or several that begin with it."""
         if self.free is None:
             return [self.name] * len(self.screws)
-        return [f"{self.name}.{velocity}" for velocity in FREE_JOINTS[self.free].velocities]
+        return [f"{self.name}.{velocity}" for velocity in FREE_JOINT_GROUPS[self.free].velocities]
 
     @property
     def limited(self) -> list[str]:

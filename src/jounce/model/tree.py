@@ -17,14 +17,14 @@ import numpy as np
 from jounce.core.errors import JounceError, at, listed, no_such, quoted, shortened, warn
 from jounce.model.drives import UNDRIVEN
 from jounce.model.frame import Frame
-from jounce.model.links import FREE_JOINTS, Joint, Link, Mimic, check_numbers, index_by_name, outward_order
+from jounce.model.links import FREE_JOINT_GROUPS, Joint, Link, Mimic, check_numbers, index_by_name, outward_order
 from jounce.model.mechanism import Mechanism
 from jounce.model.screws import from_screws
 from jounce.model.size import check_size
 from jounce.model.stated import limits_of_joints
 from jounce.spatial import inertia
 
-__all__ = ["FREE_JOINTS", "Joint", "Link", "Mimic", "check_base", "mechanism"]
+__all__ = ["FREE_JOINT_GROUPS", "Joint", "Link", "Mimic", "check_base", "mechanism"]
 
 
 def mechanism(
