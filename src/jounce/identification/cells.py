@@ -4,6 +4,9 @@ Measured torques hold ripple of gears and noise far above the motion's band, and
 other. Averages over cells are the same linear map of both sides of Q = Y theta, so that the parameters stay what they
 are, while the rows become few and nearly independent (the parallel decimation of M. Gautier, "Dynamic identification of
 robots with power model", IEEE ICRA 1997).
+
+Cells have one width, at most half the shortest period of the band: the frequency below which the forces of the model
+have 99 % of their power, by a discrete Fourier transform. Samples count by their weights; empty cells are left out.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

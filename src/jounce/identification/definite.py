@@ -76,9 +76,8 @@ def minimum(problem: Problem) -> tuple[Floats, Floats]:
         if mu == problem.weight and t == 1 and (change < INTERIOR_POINT_STEP_TOLERANCE or rounding):
             return V, d
         last = change
-    raise JounceError(
-        f"no physically consistent parameters within {MAX_INTERIOR_POINT_STEPS} steps; expected a smaller prior"
-    )
+    steps = f"within {MAX_INTERIOR_POINT_STEPS} steps"
+    raise JounceError(f"no physically consistent parameters {steps}; expected a smaller prior")
 
 
 def _newton_step(problem: Problem, G: Floats, s: Floats, mu: float) -> tuple[Floats, Floats]:

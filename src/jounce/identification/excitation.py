@@ -110,10 +110,10 @@ def excite(
     rates, information = search.rates(x), search.information
     condition = information.condition(rates)
     if not condition <= MAX_CONDITION:
-        raise JounceError(
-            f"the motion does not separate the {len(information.names)} parameters (condition number {condition:.2g});"
-            f" expected a longer period, more than {harmonics} harmonics, or wider limits"
+        came = (
+            f"the motion does not separate the {len(information.names)} parameters (condition number {condition:.2g})"
         )
+        raise JounceError(f"{came}; expected a longer period, more than {harmonics} harmonics, or wider limits")
     names, unseen = information.names, information.unseen
     return Excitation(motion, information.log_det(rates), condition, names, unseen, found, notes)
 
@@ -122,6 +122,7 @@ def _shrink_into_limits(search: Search, x: np.ndarray, rest: np.ndarray) -> tupl
     """A series drawn to a pose at rest as far as limits between its points need it, with its motion and the check."""
     robot, centre, size = search.information.robot, np.zeros_like(x), 1.0
     centre[0] = rest
+    # limits hold at rest, so that some share of the series does too: it shrinks by the excess, and faster and faster
     for i in range(MAX_SHRINK_STEPS):
         near = centre + size * (x - centre)
         motion = search.series.motion(near, robot.joint_names)

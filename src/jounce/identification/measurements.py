@@ -88,9 +88,8 @@ def _factors(label: str, given: ArrayLike | None, shape: Sequence[int]) -> np.nd
         return np.ones(())
     found = _check_numbers(given, label)
     if found.shape not in ((), (shape[1],), tuple(shape)):
-        raise JounceError(
-            f"{label} have shape {found.shape}; expected a number, ({shape[1]},), one per force, or {tuple(shape)}"
-        )
+        expected = f"a number, ({shape[1]},), one per force, or {tuple(shape)}"
+        raise JounceError(f"{label} have shape {found.shape}; expected {expected}")
     least, meaning = FACTOR_BOUNDS[label]
     if (wrong := ~(np.isfinite(found) & (found >= least))).any():
         raise JounceError(f"{label} hold {found[wrong].flat[0]:g}; expected {meaning}")

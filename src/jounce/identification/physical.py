@@ -52,11 +52,8 @@ class ConsistentParameters:
     parameters: Floats  # (10 nb,) as `Robot.inertial_parameters`
     drives: Mapping[DriveColumn, Floats]  # (joints,) of each drive term
     values: Floats  # (k,) the same as base parameters, followed by the parameters of the drive terms
-    excess: float  # of the squared residual, over its variance, above its unconditional minimum
     massless: tuple[str, ...]  # bodies without mass, which stay so
-    thickened: tuple[
-        str, ...
-    ]  # bodies that the robot states as flat, points or impossible: nearby ones stand for these
+    thickened: tuple[str, ...]  # flat, point-like or impossible bodies, for which nearby ones stand
 
 
 def consistent_parameters(
@@ -99,13 +96,11 @@ def consistent_parameters(
     d[seen] *= scale
     Pi[massive] = (root := T @ V) @ root.mT
     p = inertia.parameters(inertia.from_moment_matrix(Pi)).ravel()
-    values = np.append(base.matrix @ p, d)
     names = np.array(mechanism.bodies)
     return ConsistentParameters(
         parameters=p,
         drives=dict(zip(terms, d.reshape(-1, len(mechanism.joints)), strict=True)),
-        values=values,
-        excess=float(np.sum((R @ (values - estimate)) ** 2)),
+        values=np.append(base.matrix @ p, d),
         massless=tuple(np.delete(names, massive).tolist()),
         thickened=tuple(names[thickened].tolist()),
     )
@@ -113,18 +108,14 @@ def consistent_parameters(
 
 def _massive_bodies(mechanism: Mechanism, Pi: Floats) -> np.ndarray:
     """The places of the bodies that have mass; those without must not have moments."""
+    start = "physically consistent parameters start from the robot's own: state"
     for name, of_body in zip(mechanism.bodies, Pi, strict=True):
         if of_body[3, 3] < 0 or (of_body[3, 3] == 0 and of_body.any()):
-            raise JounceError(
-                f"body {shortened(name)!r} has mass {of_body[3, 3]:g} kg and moments; physically consistent parameters"
-                " start from the robot's own: state a mass, or no inertia"
-            )
+            came = f"body {shortened(name)!r} has mass {of_body[3, 3]:g} kg and moments"
+            raise JounceError(f"{came}; {start} a mass, or no inertia")
     massive = np.flatnonzero(Pi[:, 3, 3])
     if not massive.size:
-        raise JounceError(
-            f"{mechanism.name}: no body has mass; physically consistent parameters start from the robot's own:"
-            " state a rough mass and inertia for each body"
-        )
+        raise JounceError(f"{mechanism.name}: no body has mass; {start} a rough mass and inertia for each body")
     return massive
 
 

@@ -77,10 +77,8 @@ def problem(
     base, samples = base_parameters(robot.mechanism), given.part(used)
     count = len(_sought_columns(robot, base, terms))
     if (measured := np.count_nonzero(samples.weights)) < count:
-        raise JounceError(
-            f"{len(samples.t)} samples hold {measured} measured forces for {count} parameters; expected a longer motion"
-            " or fewer drives="
-        )
+        came = f"{len(samples.t)} samples hold {measured} measured forces for {count} parameters"
+        raise JounceError(f"{came}; expected a longer motion or fewer drives=")
     along = forces_along(robot, motion, given.t, 0)
     model, deviations = along.forces[0], None if along.deviations is None else along.deviations[0][used]
     step = step_of(samples.t)
@@ -89,10 +87,8 @@ def problem(
         theta = along.rates[1][used] @ robot.mechanism.G.T
         band = band_of(samples.t, model[used], theta, robot.mechanism.drives.eps)
     elif not is_finite(band) or not lowest <= band <= highest:
-        raise JounceError(
-            f"band is {quoted(band)}; expected a frequency from {lowest:.4g} Hz, one period of the samples, to"
-            f" {highest:.4g} Hz, half their rate"
-        )
+        span = f"{lowest:.4g} Hz, one period of the samples, to {highest:.4g} Hz, half their rate"
+        raise JounceError(f"band is {quoted(band)}; expected a frequency from {span}")
     band = float(band)
     width = _cell_width(samples, band, count)
     if method in FILTERED:
@@ -105,10 +101,8 @@ def problem(
 def model_of(robot: R, terms: Sequence[DriveColumn], eps: float | None) -> R:
     """Return a robot with another smoothing velocity of friction; refuse an eps without use, and drives of motors."""
     if robot.mechanism.elasticity is not None and set(terms) - {"spring", OFFSET}:
-        raise JounceError(
-            f"{robot.name} has elastic joints: its drives act on motors, not on links; drives=False (--drives none)"
-            " identifies links from the torques of the springs"
-        )
+        cure = "drives=False (--drives none) identifies links from the torques of the springs"
+        raise JounceError(f"{robot.name} has elastic joints: its drives act on motors, not on links; {cure}")
     if eps is None:
         return robot
     if "friction" not in terms:

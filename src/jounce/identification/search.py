@@ -120,11 +120,10 @@ class Search:
             if worst[-1][0] < self.share:
                 return rates(u)[0][0]
         ratio, kind, joint = min(worst)
-        name = quoted(self.information.robot.joint_names[joint])
-        raise JounceError(
-            f"no pose is found that the limits let the robot hold: the {kind.replace('_', ' ')} of joint {name} takes"
-            f" {ratio:.3g} times its limit at rest, or more; raise it with robot.with_limits({kind}=...)"
-        )
+        what = f"{kind.replace('_', ' ')} of joint {quoted(self.information.robot.joint_names[joint])}"
+        came = f"the {what} takes {ratio:.3g} times its limit at rest, or more"
+        cure = f"raise it with robot.with_limits({kind}=...)"
+        raise JounceError(f"no pose is found that the limits let the robot hold: {came}; {cure}")
 
 
 def _minimise(loss: Callable[..., tuple[float, np.ndarray]], u: np.ndarray, *arguments: float) -> np.ndarray:

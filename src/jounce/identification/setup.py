@@ -31,9 +31,8 @@ def search_of(
 ) -> tuple[Search, tuple[str, ...]]:
     """The search for the arguments of a caller, checked, and notes on what is assumed."""
     if robot.mechanism.floats:
-        raise JounceError(
-            f"the base of {quoted(robot.name)} floats; expected one at rest, load(..., base='fixed') (--base)"
-        )
+        cure = "expected one at rest, load(..., base='fixed') (--base)"
+        raise JounceError(f"the base of {quoted(robot.name)} floats; {cure}")
     left = float(margin) if is_finite(margin) else -1.0  # type: ignore[arg-type]
     if not 0 <= left < 1:
         raise JounceError(f"margin is {quoted(margin)}; expected a share of the limits, 0 <= margin < 1")
@@ -60,10 +59,8 @@ def _bounded_positions(robot: Engine, reach: float) -> tuple[Limits, list[str]]:
     bare = ~(np.isfinite(lower) & np.isfinite(upper))
     for j in np.flatnonzero(bare):
         if units[j] == "m":
-            raise JounceError(
-                f"prismatic joint {quoted(robot.joint_names[j])} has no range; state one with"
-                " robot.with_limits(lower=..., upper=...) (--limits)"
-            )
+            cure = "state one with robot.with_limits(lower=..., upper=...) (--limits)"
+            raise JounceError(f"prismatic joint {quoted(robot.joint_names[j])} has no range; {cure}")
     first = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper - 2 * reach, -reach))
     last = np.where(np.isfinite(upper), upper, first + 2 * reach)
     table = limits.table.copy()
@@ -79,18 +76,15 @@ def _bounded_positions(robot: Engine, reach: float) -> tuple[Limits, list[str]]:
 def _check_limits(robot: Engine, limits: Limits, kinds: list[str]) -> None:
     """Raise `JounceError` where nothing limits how fast a robot moves, or a force has no room on one side."""
     if kinds == [MOTION_KINDS[0]]:
-        raise JounceError(
-            f"{quoted(robot.name)} states no limit of a rate or a force, and an excitation would go as far as it can;"
-            " state some with robot.with_limits(velocity=..., effort=...) (--limits)"
-        )
+        came = "states no limit of a rate or a force, and an excitation would go as far as it can"
+        cure = "state some with robot.with_limits(velocity=..., effort=...) (--limits)"
+        raise JounceError(f"{quoted(robot.name)} {came}; {cure}")
     for kind in kinds:
         zero = (limits.bounds(kind) == 0).any(axis=0)
         if kind not in MOTION_KINDS and zero.any():
             joint = quoted(robot.joint_names[int(zero.argmax())])
-            raise JounceError(
-                f"a limit of {kind} of joint {joint} is 0; expected room on both sides of 0: state another with"
-                f" robot.with_limits({kind}=...) (--limits)"
-            )
+            cure = f"expected room on both sides of 0: state another with robot.with_limits({kind}=...) (--limits)"
+            raise JounceError(f"a limit of {kind} of joint {joint} is 0; {cure}")
 
 
 def _weights(robot: Engine, limits: Limits, given: ArrayLike | None) -> tuple[np.ndarray, list[str]]:

@@ -71,10 +71,8 @@ def _missing_forces(posed: Problem, names: tuple[str, ...]) -> list[str]:
     if missing.any():
         found.append(f"{_forces_of(names, missing)} are not measured: no column, NaN or a weight of 0")
     if (still := same & varies).any():
-        found.append(
-            f"{_forces_of(names, still)} are constant, and those of the model are not; expected measured ones:"
-            " leave the columns of dead sensors out"
-        )
+        cure = "expected measured ones: leave the columns of dead sensors out"
+        found.append(f"{_forces_of(names, still)} are constant, and those of the model are not; {cure}")
     return found
 
 
@@ -103,16 +101,13 @@ def _sign_and_unit(posed: Problem, names: tuple[str, ...]) -> list[str]:
     found = []
     if (opposed := correlation < MAX_OPPOSED_CORRELATION).any():
         worst = correlation[opposed].min()
-        found.append(
-            f"{_forces_of(names, opposed)} seem to have the wrong sign: their correlation with the model's is"
-            f" {worst:.2g}; expected Q = M q2d + C qd + Qgrav, which the drives exert on the robot"
-        )
+        why = f"their correlation with the model's is {worst:.2g}"
+        cure = "expected Q = M q2d + C qd + Qgrav, which the drives exert on the robot"
+        found.append(f"{_forces_of(names, opposed)} seem to have the wrong sign: {why}; {cure}")
     if (odd := alike & (np.abs(np.log(size)) > np.log(MAX_SIZE_RATIO))).any():
         ratio = float(np.exp(np.log(size[odd]).mean()))
-        found.append(
-            f"{_forces_of(names, odd)} seem to have the wrong unit: they are {ratio:.3g} times those of the model;"
-            " expected N m or N at the joints, behind the gears"
-        )
+        why = f"they are {ratio:.3g} times those of the model; expected N m or N at the joints, behind the gears"
+        found.append(f"{_forces_of(names, odd)} seem to have the wrong unit: {why}")
     return found
 
 

@@ -96,10 +96,8 @@ def limit_place(mechanism: Mechanism, name: str, key: str) -> int:
     for joint in positions(mechanism).values():
         own, extents = mechanism.tree.coordinates[joint.coordinates], joint.extents
         if name in ((*own, joint.name) if key in ENDS else (*{*extents} - {*own}, joint.name)):
-            raise JounceError(
-                f"joint {quoted(name)} has no {key} limit: {joint.name!r} is a {joint.group.name} joint, with limits"
-                f" of {listed(extents if key in ENDS else own)}"
-            )
+            kind = f"a {joint.group.name} joint, with limits of {listed(extents if key in ENDS else own)}"
+            raise JounceError(f"joint {quoted(name)} has no {key} limit: {joint.name!r} is {kind}")
     return places[one_of("joint", name, places)]
 
 

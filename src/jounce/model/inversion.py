@@ -26,7 +26,7 @@ HALLEY_STEPS = 3  # which take errors from 26 % to 0.7 %, 3e-7 and 2e-20
 
 
 class UnreachableError(JounceError):
-    """No deflection fulfils what is asked for; `state` is the number of the first state of the batch without one."""
+    """No deflection carries a force or has a stiffness; `state` numbers the first state of the batch without one."""
 
     def __init__(self, text: str, state: int) -> None:
         super().__init__(text)

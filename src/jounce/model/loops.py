@@ -98,21 +98,11 @@ class Loop:
 
 @dataclass(frozen=True, eq=False)
 class FollowerRatios:
-    """Dependent coordinates that follow the independent ones by constant ratios, as those of parallelograms do.
+    """Dependent coordinates d = F u + offset of independent ones u by constant ratios F, as those of parallelograms."""
 
-    Attributes
-    ----------
-    places : tuple of int
-        Their places among the coordinates of the tree.
-    F : (len(places), n)
-        The ratios: d = F u + offset.
-    offset : (len(places),)
-        Their values at u = 0, rad or m.
-    """
-
-    places: tuple[int, ...]
-    F: Array
-    offset: Array
+    places: tuple[int, ...]  # of the k dependent coordinates among those of the tree
+    F: Array  # (k, n)
+    offset: Array  # (k,), rad or m
 
     def positions(self, u: Array) -> Array:
         """The followers (..., k) of independent coordinates (..., n)."""
@@ -182,8 +172,11 @@ def in_scalars(
     loops: Sequence[Loop], closure: Closure | None, convert: Callable[[Array], Array]
 ) -> tuple[tuple[Loop, ...], Closure | None]:
     """Loops and their closure with the numbers converted to other scalars."""
-    placed = [[replace(frame, T=convert(frame.T)) for frame in (loop.a, loop.b)] for loop in loops]
-    converted = tuple(replace(loop, a=a, b=b) for loop, (a, b) in zip(loops, placed, strict=True))
+
+    def placed(frame: Frame) -> Frame:
+        return replace(frame, T=convert(frame.T))
+
+    converted = tuple(replace(loop, a=placed(loop.a), b=placed(loop.b)) for loop in loops)
     if closure is None:
         return converted, None
     ratios = replace(closure.ratios, F=convert(closure.ratios.F), offset=convert(closure.ratios.offset))

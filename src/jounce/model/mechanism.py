@@ -106,11 +106,11 @@ class Mechanism:
     closure: Closure | None = None
 
     def __post_init__(self) -> None:
-        beside = (self.limits.table, *vars(self.drives).values(), *(frame.T for frame in self.frames))
+        stated = (self.limits.table, *vars(self.drives).values(), *(frame.T for frame in self.frames))
         elastic = self.elasticity.arrays.values() if self.elasticity else ()
         closing = [*self.closure.arrays.values(), self.closure.start] if self.closure else []
         closing += [array for loop in self.loops for array in loop.arrays]
-        for array in (*self.arrays.values(), *beside, *elastic, *closing):
+        for array in (*self.arrays.values(), *stated, *elastic, *closing):
             array.flags.writeable = False
 
     def __setstate__(self, state: dict[str, Any]) -> None:  # a copy or an unpickled one is as frozen as any

@@ -54,16 +54,13 @@ class SpringTable(Spring):
                 raise JounceError(f"spring table: {name} have shape {column.shape}; expected finite numbers (N,)")
             if (fall := np.flatnonzero(np.diff(column) <= 0)).size:
                 i = int(fall[0])
-                raise JounceError(
-                    f"spring table: {name} do not rise from row {i} ({column[i]:g}) to {i + 1} ({column[i + 1]:g});"
-                    " expected a monotone table"
-                )
+                rows = f"from row {i} ({column[i]:g}) to {i + 1} ({column[i + 1]:g})"
+                raise JounceError(f"spring table: {name} do not rise {rows}; expected a monotone table")
             object.__setattr__(self, name, tuple(column.tolist()))
         if not len(self.deflections) == len(self.forces) > SPRING_SPLINE_DEGREE:
-            raise JounceError(
-                f"a spring table has {len(self.deflections)} deflections and {len(self.forces)} forces; expected as"
-                f" many of both, {SPRING_SPLINE_DEGREE + 1} or more"
-            )
+            came = f"{len(self.deflections)} deflections and {len(self.forces)} forces"
+            least = f"as many of both, {SPRING_SPLINE_DEGREE + 1} or more"
+            raise JounceError(f"a spring table has {came}; expected {least}")
         self._check_rise()
 
     def _check_rise(self) -> None:
@@ -72,10 +69,8 @@ class SpringTable(Spring):
         points = np.concatenate([stiffness.x, turning[np.isfinite(turning)]])
         lowest = points[np.argmin(stiffness(points))]
         if not stiffness(lowest) > 0:
-            raise JounceError(
-                f"the spline through a spring table is not monotone: its force falls at the deflection {lowest:g};"
-                " expected more or smoother rows"
-            )
+            why = f"its force falls at the deflection {lowest:g}; expected more or smoother rows"
+            raise JounceError(f"the spline through a spring table is not monotone: {why}")
 
     @property
     def range(self) -> tuple[float, float]:

@@ -87,10 +87,8 @@ class CubicSpring(Spring):
 
     def __post_init__(self) -> None:
         if not (is_finite(self.k) and is_finite(self.k3) and (self.k > 0 or (self.k == 0 and self.k3 > 0))):
-            raise JounceError(
-                f"CubicSpring(k={quoted(self.k)}, k3={quoted(self.k3)}): expected a stiffness k above 0, in N m/rad or"
-                " N/m, and a finite k3; or k=0 with k3 above 0"
-            )
+            expected = "a stiffness k above 0, in N m/rad or N/m, and a finite k3; or k=0 with k3 above 0"
+            raise JounceError(f"CubicSpring(k={quoted(self.k)}, k3={quoted(self.k3)}): expected {expected}")
 
     @property
     def has_fixed_steps(self) -> bool:
