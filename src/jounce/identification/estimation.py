@@ -57,9 +57,8 @@ def identify(
     notes = [*suspicions(posed, method), *_undetermined_notes(table, solution.rank)]
     for text in notes:
         warn(text)
-    found = consistent_parameters(
-        model.mechanism, posed.base, information, posed.model_parameters + solution.x, terms, weight=float(prior) ** -2
-    )
+    estimate, weight = posed.model_parameters + solution.x, float(prior) ** -2
+    found = consistent_parameters(model.mechanism, posed.base, information, estimate, terms, weight=weight)
     predicted = posed.predict(found.parameters, found.values[posed.base.count :])
     rows, times = residuals(posed, predicted), given.t[posed.used]
     notes += (left := unexplained(rows))

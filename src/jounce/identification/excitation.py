@@ -110,10 +110,9 @@ def excite(
     rates, information = search.rates(x), search.information
     condition = information.condition(rates)
     if not condition <= MAX_CONDITION:
-        came = (
-            f"the motion does not separate the {len(information.names)} parameters (condition number {condition:.2g})"
-        )
-        raise JounceError(f"{came}; expected a longer period, more than {harmonics} harmonics, or wider limits")
+        cure = f"expected a longer period, more than {harmonics} harmonics, or wider limits"
+        came = f"{len(information.names)} parameters (condition number {condition:.2g})"
+        raise JounceError(f"the motion does not separate the {came}; {cure}")
     names, unseen = information.names, information.unseen
     return Excitation(motion, information.log_det(rates), condition, names, unseen, found, notes)
 

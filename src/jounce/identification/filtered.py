@@ -83,13 +83,8 @@ def cells_of_momentum(
     whole, missing = _bridge_gaps(samples, through.cutoff)
     rows = filtered_rows(momentum, robot, motion, terms, through)
     weights = whole.weights * _settled_samples(missing, through)
-    return averaged(
-        rows,
-        through.apply(whole.forces),
-        weights,
-        _momentum_variances(robot, motion, through),
-        places(samples.t, width),
-    )
+    spread = _momentum_variances(robot, motion, through)
+    return averaged(rows, through.apply(whole.forces), weights, spread, places(samples.t, width))
 
 
 def cells_of_power(

@@ -57,9 +57,8 @@ class Problem:
 
     def predict(self, parameters: np.ndarray, drives: np.ndarray) -> np.ndarray:
         """The forces (N, nv) of a robot with other inertial parameters (10 nb,) and drive terms."""
-        change = np.append(
-            parameters - parameters_of(self.robot.mechanism), drives - self.model_parameters[self.base.count :]
-        )
+        drives = drives - self.model_parameters[self.base.count :]
+        change = np.append(parameters - parameters_of(self.robot.mechanism), drives)
         pieces = regressors(self.robot, self.motion, self.given.t, self.terms)
         return np.asarray(self.model + np.concatenate([Y @ change for _, Y in pieces]))
 

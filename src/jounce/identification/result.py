@@ -136,9 +136,8 @@ class Identification(Generic[R]):
 
     def __str__(self) -> str:
         first, last = self.span
-        counts = (
-            f"{self.samples} samples, t = {first:g} .. {last:g} s, averaged to {self.cells} cells of {self.cell:.3g} s"
-        )
+        averages = f"averaged to {self.cells} cells of {self.cell:.3g} s"
+        counts = f"{self.samples} samples, t = {first:g} .. {last:g} s, {averages}"
         rank = f"rank {self.rank} of {len(self.table)}, condition {self.condition:.3g}"
         head = [f"{shortened(self.robot.name)}: {counts}, up to {self.band:.3g} Hz", rank, *self.notes, ""]
         rows: list[tuple[str, ...]] = [("parameter", "value", "deviation", "model", "unit", "")]

@@ -83,9 +83,8 @@ def _solve_numeric(spring: Spring, force: np.ndarray) -> np.ndarray:
         state = int(np.flatnonzero(lost)[0])
         with np.errstate(all="ignore"):  # the forces at its ends, or far out
             low, high = (float(slope(np.asarray(np.clip(end, -1e9, 1e9)))[0]) for end in spring.range)
-        raise UnreachableError(
-            f"no deflection of the spring carries {force.flat[state]:g}; it carries {low:g} to {high:g}", state
-        )
+        came = f"no deflection of the spring carries {force.flat[state]:g}"
+        raise UnreachableError(f"{came}; it carries {low:g} to {high:g}", state)
     return found
 
 

@@ -51,9 +51,8 @@ def parametrise(
         M = np.stack([_with_mass(M_i, symbols["masses"][i : i + 1, None]) for i, M_i in enumerate(M)])
     for stem, frame in _payloads(mechanism, names).items():
         mass, com, six = (symbols[f"{stem}_{part}"] for part in PAYLOAD_SIZES)
-        added = inertia.shift_inertia(
-            inertia.inertia_matrix(mass, com, inertia.symmetric(six)), exact_integers(frame.T)
-        )
+        load = inertia.inertia_matrix(mass, com, inertia.symmetric(six))
+        added = inertia.shift_inertia(load, exact_integers(frame.T))
         M = M + np.eye(len(M), dtype=int)[frame.body][:, None, None] * added
     gravity = symbols.get("gravity", mechanism.gravity)
     return with_exact_integers(replace(mechanism, B=B, M=M, gravity=np.array(gravity))), symbols

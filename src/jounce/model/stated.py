@@ -35,9 +35,8 @@ def limit_error(**stated: Stated) -> str | None:
     line = {key: float(np.max(stated.get(key, np.inf))) for key in LINE}
     if len(set(np.isfinite([*line.values()]))) > 1:
         words = " and ".join(f"{key} is {value:g}" for key, value in line.items())
-        return (
-            f"{words}; expected both, of the line effort / stall_effort + velocity / no_load_velocity = 1, or neither"
-        )
+        line_law = "effort / stall_effort + velocity / no_load_velocity = 1"
+        return f"{words}; expected both, of the line {line_law}, or neither"
     bounds: Mapping[str, Any] = {key: value for key, value in stated.items() if key not in ENDS}
     for key, value in bounds.items():
         if key in LINE:
