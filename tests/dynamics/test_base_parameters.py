@@ -17,7 +17,7 @@ from jounce.dynamics import assembly
 from jounce.dynamics.base_parameters import base_parameters
 from jounce.model import equivalent
 from jounce.model.frame import Frame
-from jounce.model.inertial import parameters_of
+from jounce.model.parameters import parameters_of
 from jounce.spatial import inertia
 
 AXES = [s * e for e in np.eye(3) for s in (1, -1)]

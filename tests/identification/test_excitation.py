@@ -90,7 +90,7 @@ def test_gradients_are_those_of_differences(limits):
     rng = np.random.default_rng(0)
     search, _ = search_of(robot, Harmonics(4.0, 1, 3), COLUMNS, None, 3.0, 0.01, rng)
     for delta in (0.01, 0.5):  # with values on both sides of it
-        u, way = search.random(rng), rng.normal(size=search.units.size)
+        u, way = search.random_start(rng), rng.normal(size=search.units.size)
         h = 1e-5
         slope = (search.loss(u + h * way, 3.0, delta)[0] - search.loss(u - h * way, 3.0, delta)[0]) / (2 * h)
         gradient = search.loss(u, 3.0, delta)[1]
@@ -168,7 +168,7 @@ def test_it_is_shown_as_a_table(found):
         (LIMITED.with_limits(velocity=0), {}, "let no joint move"),
         (LIMITED.with_limits(effort=0), {}, "'joint1' is 0; expected room on both sides of 0: state another"),
         (LIMITED.with_limits(lower=-0.1, upper=0.1, effort=5), {}, "no pose is found that the limits let the robot"),
-        (ARM.with_limits(velocity=1e-4), {"drives": ["damping", "friction"]}, "does not tell the 10 parameters from"),
+        (ARM.with_limits(velocity=1e-4), {"drives": ["damping", "friction"]}, "does not separate the 10 parameters"),
         (LIMITED, {"period": 1e-3, "harmonics": 3}, "expected a longer period, more than 3 harmonics, or wider limits"),
     ],
 )  # fmt: skip

@@ -44,7 +44,7 @@ def test_the_filter_is_exact_for_cubics_at_uneven_times(degree):
     t, f = uneven(np.random.default_rng(1), 60, 3.0), 0.7
     u, w = np.polynomial.Polynomial(np.arange(1.0, degree + 2)), 2 * np.pi * f
     steady = sum((-1 / w) ** k * u.deriv(k) for k in range(degree + 1))  # the polynomial with y' = w (u - y)
-    found = low_pass(t, f).of(u(t)[:, None])[:, 0]
+    found = low_pass(t, f).apply(u(t)[:, None])[:, 0]
     np.testing.assert_allclose(found, steady(t) - np.exp(-w * t) * steady(0), rtol=0, atol=1e-11 * abs(u(3.0)))
 
 
@@ -53,7 +53,7 @@ def test_where_intervals_differ_much_noise_is_not_amplified():
     through = low_pass(t, 2.0)
     assert np.abs(through.weights).sum() < 2 * through.weights.sum()
     w = through.cutoff
-    found = through.of(2 * t[:, None] - 1)[:, 0]
+    found = through.apply(2 * t[:, None] - 1)[:, 0]
     np.testing.assert_allclose(found, 2 * t - 1 - 2 / w + (1 + 2 / w) * np.exp(-w * t), atol=1e-12)
 
 
@@ -96,8 +96,8 @@ def test_filtered_rows_fit_filtered_forces_whatever_the_pieces(law, monkeypatch)
     for found, W in ((rows[..., :-1] @ p, None), (rows[..., -1], motion.wrench(t, 0))):
         Q = robot.inverse_dynamics(*rates, wrench=W)
         right = Q if law is momentum else np.einsum("ti,ti->t", rates[1], Q)[:, None]
-        assert relative_error(found, through.of(right)) < 1e-4
-    monkeypatch.setattr(filters, "PIECE", 37)
+        assert relative_error(found, through.apply(right)) < 1e-4
+    monkeypatch.setattr(filters, "MAX_REGRESSOR_SAMPLES", 37)
     parts = list(filtered_rows(law, robot, motion, COLUMNS, through))
     assert [part.stop for part, _ in parts][-2:] == [223, 250]
     np.testing.assert_allclose(np.concatenate([y for _, y in parts]), rows, rtol=0, atol=1e-12 * np.abs(rows).max())

@@ -1,4 +1,4 @@
-"""Identification: parameters within their deviations, what data do not see, refusals, loads, moving ground."""
+"""Identification: parameters within their deviations, what data do not determine, refusals, loads, moving ground."""
 
 from dataclasses import replace
 
@@ -98,7 +98,7 @@ def test_samples_of_weight_zero_do_not_count(arm, motion, Q):
 
 
 def test_a_force_that_is_not_measured_is_left_out(arm, motion, Q):
-    with pytest.warns(jounce.JounceWarning, match="not measured|do not see"):
+    with pytest.warns(jounce.JounceWarning, match="not measured|do not determine"):
         found = arm.identify(motion, Q, t=T, weights=[1, 0, 1])
     assert found.notes[0] == "forces of shoulder_lift_joint are not measured: no column, NaN or a weight of 0"
     assert [row.force for row in found.residuals] == [arm.joint_names[0], arm.joint_names[2]]
@@ -108,7 +108,7 @@ def test_a_force_that_is_not_measured_is_left_out(arm, motion, Q):
 
 def test_what_the_data_do_not_see_is_named(arm):
     one = jounce.Motion.fourier([0, 0.5, 0.2], [[0.4, 0, 0]], [[0.1, 0, 0]], 2.0, SECONDS)
-    with pytest.warns(jounce.JounceWarning, match=r"do not see .*elbow_joint friction.*rank \d+ of 24"):
+    with pytest.warns(jounce.JounceWarning, match=r"do not determine .*elbow_joint friction.*rank \d+ of 24"):
         found = arm.identify(one, arm.forces_along(one, T, order=0).forces[0], t=T)
     assert found.rank < 24
     unseen = {row.name: row for row in found.table if not row.seen}
@@ -157,7 +157,7 @@ def delayed(forces, delay):
 def test_forces_that_are_late_are_reported(arm, motion, Q, delay, noise, words):
     """Parameters hide some of a delay, and cannot hide all of it; noise of 6 N m hides half of what it leaves."""
     noisy = delayed(Q, delay) + noise * np.random.default_rng(3).normal(size=Q.shape)
-    with pytest.warns(jounce.JounceWarning, match="seem to come|do not see"):
+    with pytest.warns(jounce.JounceWarning, match="seem to come|do not determine"):
         found = arm.identify(motion, noisy, t=T)
     assert found.notes[0].startswith(f"measured forces seem to come {words} the positions")
 

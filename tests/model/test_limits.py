@@ -18,9 +18,10 @@ from jounce.cli import main
 from jounce.model import equivalent
 from jounce.model.casting import with_exact_integers, with_extended_precision
 from jounce.model.coordinates import coordinate_limits, following_efforts
+from jounce.model.frame import UNIT_ROUNDING
 from jounce.model.kinds import KEYS, KINDS, LINE
 from jounce.model.limits import Limits
-from jounce.model.screws import ROUNDING, exact_inertia, exact_pose, exact_screw
+from jounce.model.screws import exact_inertia, exact_pose, exact_screw
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
 ONE = {"B": [np.eye(4)], "X": [[0, 0, 1, 0, 0, 0]], "M": [np.eye(6)]}
@@ -164,7 +165,7 @@ def test_what_passed_the_door_passes_it_unchanged():
             assert once.tobytes() != rough.tobytes()
             assert np.abs(once - rough).max() < 2e-9 * max(1, np.abs(rough).max())
         R = exact_pose(T, "x")[:3, :3]
-        assert np.abs(R.T @ R - np.eye(3)).max() < ROUNDING
+        assert np.abs(R.T @ R - np.eye(3)).max() < UNIT_ROUNDING
         M = exact_inertia(M, "x")
         assert (M == M.T).all()
         assert (M[:3, 3:] == -M[:3, 3:].T).all()

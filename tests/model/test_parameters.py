@@ -8,7 +8,7 @@ from robots import golden, relative_error
 
 import jounce
 from jounce.core.errors import JounceError
-from jounce.model.parameters import PARAMETERS, own_values, parametrise
+from jounce.model.parameters import MODEL_PARAMETERS, own_values, parametrise
 from jounce.program.trace import Tape
 from jounce.spatial import inertia
 from jounce.spatial.lie import pose
@@ -37,7 +37,7 @@ def forces(mechanism, names, values, state):
     return np.reshape(tape.program(np.ravel(Q)).run(inputs), (3, -1))
 
 
-@pytest.mark.parametrize("names", [[name] for name in PARAMETERS] + [list(PARAMETERS)], ids="-".join)
+@pytest.mark.parametrize("names", [[name] for name in MODEL_PARAMETERS] + [list(MODEL_PARAMETERS)], ids="-".join)
 @pytest.mark.parametrize("name", ROBOTS)
 def test_own_values_change_nothing(name, names):
     mechanism = ROBOTS[name]()
@@ -58,7 +58,7 @@ def test_other_values_are_those_of_another_robot(name):
     scaled[-1] += jounce.inertia_matrix(2.5, com, inertia.symmetric(six))
     B = np.stack([pose(b[:3, :3], x[:, None]) for b, x in zip(m.B, lengths, strict=True)])
     other = jounce.Robot.from_screws(B, m.X, scaled, m.parent, gravity=gravity)
-    found = forces(m, placed(m, PARAMETERS), values, state)
+    found = forces(m, placed(m, MODEL_PARAMETERS), values, state)
     assert relative_error(found, other.inverse_dynamics(*state)) < 1e-12
 
 

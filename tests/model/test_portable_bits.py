@@ -6,7 +6,8 @@ import numpy as np
 from robots import random_rotation
 
 import jounce
-from jounce.model.screws import ROUNDING, exact_pose, exact_screw
+from jounce.model.frame import UNIT_ROUNDING
+from jounce.model.screws import exact_pose, exact_screw
 from jounce.spatial.inertia import symmetric
 
 
@@ -29,8 +30,8 @@ def test_the_same_rotations_and_screws_are_made_exact():
         errors = [abs(a * d + b * e + c * f - (i == j))
                   for i, (a, b, c) in enumerate(columns) for j, (d, e, f) in enumerate(columns)]  # fmt: skip
         left += [np.array_equal(exact_pose(T, "T"), T)]
-        assert left[-1] == (max(errors) <= ROUNDING)
+        assert left[-1] == (max(errors) <= UNIT_ROUNDING)
         X[:3] = columns[0]
         x, y, z = columns[0]
-        assert np.array_equal(exact_screw(X, "X"), X) == (abs(math.sqrt(x * x + y * y + z * z) - 1) <= ROUNDING)
+        assert np.array_equal(exact_screw(X, "X"), X) == (abs(math.sqrt(x * x + y * y + z * z) - 1) <= UNIT_ROUNDING)
     assert {*left} == {True, False}

@@ -95,7 +95,7 @@ FUNCTIONS = {
 GIVEN = {"identify": {"t": T, "drives": False}, "excite": {"period": 4, "starts": 1}, "casadi_function": {"order": 0}}
 
 
-@pytest.mark.filterwarnings("ignore:.*do not see:jounce.JounceWarning")
+@pytest.mark.filterwarnings("ignore:.*do not determine:jounce.JounceWarning")
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_a_function_of_one_robot_calls_the_method(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -13,7 +13,7 @@ import jounce
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.elasticity import Elasticity
 from jounce.model.frame import Frame
-from jounce.model.mechanism import DATA, Mechanism
+from jounce.model.mechanism import Mechanism
 from jounce.model.screws import exact_inertia, from_screws
 from jounce.spatial import lie
 from jounce.spatial.series import Series
@@ -50,7 +50,7 @@ def rates_of(case: dict[str, Any]) -> tuple[list[np.ndarray], list[np.ndarray]]:
 def parts(robot: jounce.Robot) -> tuple[Any, dict[str, Any]]:
     """All that a robot is, arrays by their bits."""
     m = robot.mechanism
-    arrays = {name: getattr(m, name) for name in DATA} | {"limits": m.limits.table} | {f.name: f.T for f in m.frames}
+    arrays = m.arrays | {"limits": m.limits.table} | {f.name: f.T for f in m.frames}
     tree = (m.floats, m.parent, m.owners)
     names = (m.name, tree, m.bodies, m.joints, m.coordinates, [(f.name, f.body) for f in m.frames])
     return names, {name: (array.dtype, array.shape, array.tobytes()) for name, array in arrays.items()}

@@ -11,8 +11,9 @@ from jounce.core.errors import JounceError, at, listed, one_of, quoted
 from jounce.core.scalars import asarray, is_numeric
 from jounce.dynamics import assembly, closing, followers
 from jounce.dynamics.loops import closure_of
+from jounce.model.frame import UNIT_ROUNDING
 from jounce.model.locking import locked, warn_of_limits
-from jounce.model.loops import HELD, ROUNDING, Closure, Loop, Z
+from jounce.model.loops import HELD, Closure, Loop, Z
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import check_single
 
@@ -154,7 +155,7 @@ def loop_between(tree: Mechanism, a: Any, b: Any, joint: Any = "spherical", axis
     if joint in ("spherical", "fixed"):  # which have none
         along = np.array(Z, dtype=float)
     length = np.linalg.norm(along)  # of what a file states, 1 but for rounding: it is read as it was written
-    return Loop(*frames, joint, along if abs(length - 1) < ROUNDING else along / length)
+    return Loop(*frames, joint, along if abs(length - 1) < UNIT_ROUNDING else along / length)
 
 
 def _places(tree: Mechanism, label: str, given: object) -> tuple[int, ...]:

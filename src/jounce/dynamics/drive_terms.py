@@ -33,7 +33,7 @@ def energy_regressor(m: Mechanism, q: Series, terms: Sequence[DriveColumn]) -> S
 
 
 def _units(
-    laws: Mapping[DriveColumn, drives.Law], m: Mechanism, q: Series, terms: Sequence[DriveColumn]
+    laws: Mapping[DriveColumn, drives.DriveLaw], m: Mechanism, q: Series, terms: Sequence[DriveColumn]
 ) -> list[Series]:
     c, theta = drives.coefficients(m.drives), joint_variables(m, q)
     return [drives.unit(laws, c, term, theta) for term in terms]

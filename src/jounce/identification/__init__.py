@@ -2,8 +2,7 @@
 
 from jounce.identification.estimation import identify
 from jounce.identification.excitation import Excitation, excite
-from jounce.identification.residuals import ForceResidual
 from jounce.identification.result import Identification
-from jounce.identification.table import IdentifiedParameter
+from jounce.identification.table import ForceResidual, IdentifiedParameter
 
 __all__ = ["Excitation", "ForceResidual", "Identification", "IdentifiedParameter", "excite", "identify"]

@@ -4,6 +4,9 @@ Measured torques hold ripple of gears and noise far above the motion's band, and
 other. Averages over cells are the same linear map of both sides of Q = Y theta, so that the parameters stay what they
 are, while the rows become few and nearly independent (the parallel decimation of M. Gautier, "Dynamic identification of
 robots with power model", IEEE ICRA 1997).
+
+Cells have one width, at most half the shortest period of the band: the frequency below which the forces of the model
+have 99 % of their power, by a discrete Fourier transform. Samples count by their weights; empty cells are left out.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,36 +20,22 @@ from jounce.engine.engine import Engine
 from jounce.identification.measurements import Measurements
 from jounce.motion.motion import Motion
 
-PIECE = 2000  # states whose regressors are held at once
-SHARE = 0.99  # of the power of the model's forces, which the band of a motion holds
-GRID = 1 << 16  # points at most by which it is found
-CELLS = 2.0  # in a period of the highest frequency of the band: what Nyquist asks for
-QUIET = 1e-9  # of the largest column, below which one does not vary
+MAX_REGRESSOR_SAMPLES = 2000  # whose regressors are held at once: 8 MB of an arm of seven joints
+BAND_POWER_SHARE = 0.99  # of the power of the model's forces: the band of a motion ends where it holds this much
+MAX_SPECTRUM_SAMPLES = 1 << 16  # from which the band is found; a power of 2, of which FFTs are fast
+CELLS_PER_PERIOD = 2.0  # of the highest frequency of the band: the Nyquist rate
+MIN_RELATIVE_VARIATION = 1e-9  # of standard deviations to the largest: a column with less is constant but for rounding
 
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Averages over cells of time.
+    """Averages over C cells of time, of nv forces and P parameters."""
 
-    Attributes
-    ----------
-    Y : (C, nv, P)
-        Regressor.
-    off : (C, nv)
-        Measured forces less those of the model as it is.
-    model : (C, nv)
-        Forces of the model as it is.
-    counts : (C, nv)
-        Sums of the weights of the samples; 0 where nothing is measured.
-    spread : (C, nv)
-        Variances of the model's forces that follow from those of the positions.
-    """
-
-    Y: np.ndarray
-    off: np.ndarray
-    model: np.ndarray
-    counts: np.ndarray
-    spread: np.ndarray
+    Y: np.ndarray  # (C, nv, P) regressor
+    off: np.ndarray  # (C, nv) measured forces less those of the model as it is
+    model: np.ndarray  # (C, nv) forces of the model as it is
+    counts: np.ndarray  # (C, nv) sums of the weights of the samples; 0 where nothing is measured
+    spread: np.ndarray  # (C, nv) variances of the model's forces that follow from those of the positions
 
 
 def cells_of(
@@ -79,7 +68,7 @@ def averaged(
     for part, values in rows:
         if not total.ndim:
             total = np.zeros((place[-1] + 1, *values.shape[1:]))
-        _add(total, values * weights[part, :, None], place[part])
+        _add_rows(total, values * weights[part, :, None], place[part])
     measured, counts = averages(right, weights, place)
     total /= np.maximum(counts, np.finfo(float).tiny)[..., None]
     model = total[..., -1]
@@ -90,26 +79,25 @@ def regressors(
     robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """Yield the regressor along a motion in pieces of some times, with columns of drive terms."""
-    for start in range(0, len(t), PIECE):
-        part = slice(start, start + PIECE)
+    for start in range(0, len(t), MAX_REGRESSOR_SAMPLES):
+        part = slice(start, start + MAX_REGRESSOR_SAMPLES)
         yield part, np.asarray(regressor(robot, "regressor", motion(t[part], 2), terms, base=motion.base(t[part], 2)))
 
 
 def places(t: np.ndarray, width: float) -> np.ndarray:
     """The number of the cell of a width in s in which each of some increasing times is; empty cells do not count."""
-    found: np.ndarray = np.unique(np.floor((t - t[0]) / width * (1 + 1e-12)), return_inverse=True)[1]
-    return found
+    return np.asarray(np.unique(np.floor((t - t[0]) / width * (1 + 1e-12)), return_inverse=True)[1])
 
 
 def averages(values: np.ndarray, weights: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Weighted means of values (N, k) over cells, and the sums of the weights: (C, k) each."""
     total, sums = np.zeros((2, place[-1] + 1, values.shape[1]))
-    _add(total, values * weights, place)
-    _add(sums, weights, place)
+    _add_rows(total, values * weights, place)
+    _add_rows(sums, weights, place)
     return total / np.maximum(sums, np.finfo(float).tiny), sums
 
 
-def _add(total: np.ndarray, values: np.ndarray, place: np.ndarray) -> None:
+def _add_rows(total: np.ndarray, values: np.ndarray, place: np.ndarray) -> None:
     """Add rows of values to those of a total at increasing places."""
     starts = np.flatnonzero(np.diff(place, prepend=-1))
     total[place[starts]] += np.add.reduceat(values, starts)
@@ -121,14 +109,14 @@ def band_of(t: np.ndarray, forces: np.ndarray, velocities: np.ndarray, eps: np.n
     Friction follows from the velocities (N, nc) of joints with smoothing velocities eps; times (N,) increase.
     """
     step = step_of(t)
-    even = t[0] + step * np.arange(min(GRID, int((t[-1] - t[0]) / step) + 1))
+    even = t[0] + step * np.arange(min(MAX_SPECTRUM_SAMPLES, int((t[-1] - t[0]) / step) + 1))
     given = np.concatenate([forces, np.tanh(velocities / eps)], axis=1)
     columns = np.stack([np.interp(even, t, column) for column in given.T], axis=1)
     columns = columns - columns.mean(axis=0)
     sizes = columns.std(axis=0)
-    varying = sizes > QUIET * max(1.0, sizes.max())
+    varying = sizes > MIN_RELATIVE_VARIATION * max(1.0, sizes.max())
     power = np.cumsum((np.abs(np.fft.rfft(columns[:, varying] / sizes[varying], axis=0)) ** 2).sum(axis=1))
-    return float(np.searchsorted(power, SHARE * power[-1]) / (len(even) * step))
+    return float(np.searchsorted(power, BAND_POWER_SHARE * power[-1]) / (len(even) * step))
 
 
 def step_of(t: np.ndarray) -> float:

@@ -15,17 +15,15 @@ from jounce.identification.measurements import measurements
 from jounce.identification.physical import ConsistentParameters, consistent_parameters
 from jounce.identification.problem import model_of, problem
 from jounce.identification.regression import regression, solve
-from jounce.identification.residuals import residuals
 from jounce.identification.result import Identification
 from jounce.identification.suspicions import suspicions, unexplained
-from jounce.identification.table import IdentifiedParameter, parameter_table
+from jounce.identification.table import IdentifiedParameter, parameter_table, residuals
 from jounce.model.drives import AMOUNTS, OFFSET, TERMS, select_columns
-from jounce.model.inertial import with_parameters
+from jounce.model.parameters import with_parameters
 from jounce.model.positions import check_single
 from jounce.motion.motion import Motion
 
-DRIVES: tuple[DriveColumn, ...] = ("damping", "friction", "offset")
-FIRMEST = 1e-9  # prior: no model is better, and squares of smaller ones overflow
+MIN_PRIOR = 1e-9  # relative deviation: no model is better, and squares of smaller ones overflow
 
 
 def identify(
@@ -46,29 +44,28 @@ def identify(
     one_of("method", method, get_args(Equations))
     terms = select_columns(drives)
     model = model_of(robot, terms, eps)
-    if not is_finite(prior) or not prior >= FIRMEST:
-        raise JounceError(f"prior is {quoted(prior)}; expected a relative standard deviation, {FIRMEST:g} or more")
+    if not is_finite(prior) or not prior >= MIN_PRIOR:
+        raise JounceError(f"prior is {quoted(prior)}; expected a relative standard deviation, {MIN_PRIOR:g} or more")
     check_single(model.mechanism, "identify()")
     path = checked_motion(model.mechanism, motion)
     given = measurements(model.mechanism, path, forces, t, weights, deviations)
-    posed = problem(model, path, terms, given, _inside(span, given.t), band, method)
+    posed = problem(model, path, terms, given, _select_samples(span, given.t), band, method)
     weighed = regression(posed.cells, posed.columns, known=deviations is not None)
     information = weighed.information[np.ix_(posed.columns, posed.columns)]
     solution = solve(information, weighed.right[posed.columns])
     table = parameter_table(posed, solution, weighed.variances)
-    notes = [*suspicions(posed, method), *_unseen(table, solution.rank)]
+    notes = [*suspicions(posed, method), *_undetermined_notes(table, solution.rank)]
     for text in notes:
         warn(text)
-    found = consistent_parameters(
-        model.mechanism, posed.base, information, posed.own + solution.x, terms, weight=float(prior) ** -2
-    )
-    predicted = posed.predicted(found.parameters, found.values[posed.base.count :])
+    estimate, weight = posed.model_parameters + solution.x, float(prior) ** -2
+    found = consistent_parameters(model.mechanism, posed.base, information, estimate, terms, weight=weight)
+    predicted = posed.predict(found.parameters, found.values[posed.base.count :])
     rows, times = residuals(posed, predicted), given.t[posed.used]
     notes += (left := unexplained(rows))
     for text in left:
         warn(text)
     return Identification(
-        robot=_identified(model, terms, found),
+        robot=_build_robot(model, terms, found),
         offsets=found.drives.get(OFFSET, np.zeros(len(model.mechanism.joints))),
         table=table,
         covariance=solution.covariance,
@@ -85,12 +82,11 @@ def identify(
         measured=np.where(given.weights > 0, given.forces, np.nan),
         model=posed.model,
         predicted=predicted,
-        notes=(*notes, *_bodies(found)),
+        notes=(*notes, *_body_notes(found)),
     )
 
 
-def _inside(span: tuple[float, float] | None, t: np.ndarray) -> np.ndarray:
-    """Which of the times are used."""
+def _select_samples(span: tuple[float, float] | None, t: np.ndarray) -> np.ndarray:
     if span is None:
         return np.ones(len(t), dtype=bool)
     times = np.asarray(asarray(span, "span"))
@@ -103,7 +99,7 @@ def _inside(span: tuple[float, float] | None, t: np.ndarray) -> np.ndarray:
     return inside
 
 
-def _identified(robot: R, terms: Sequence[DriveColumn], found: ConsistentParameters) -> R:
+def _build_robot(robot: R, terms: Sequence[DriveColumn], found: ConsistentParameters) -> R:
     """The robot with what was found; its drive terms act."""
     m = with_parameters(robot.mechanism, found.parameters)
     values = {AMOUNTS[term]: x for term, x in found.drives.items() if term != OFFSET}
@@ -111,18 +107,14 @@ def _identified(robot: R, terms: Sequence[DriveColumn], found: ConsistentParamet
     return like(robot, replace(m, drives=replace(m.drives, **values), acting=acting))
 
 
-def _unseen(table: Sequence[IdentifiedParameter], rank: int) -> list[str]:
-    """What to know of parameters that the data do not see."""
+def _undetermined_notes(table: Sequence[IdentifiedParameter], rank: int) -> list[str]:
+    """What to know of parameters that the data do not determine."""
     unseen = [row.name for row in table if not row.seen]
-    if not unseen:
-        return []
-    return [
-        f"the data do not see {listed(unseen)}: deviations exceed sizes (rank {rank} of {len(table)}); a faster or"
-        " longer motion of more joints sees them"
-    ]
+    known = f"deviations exceed sizes (rank {rank} of {len(table)})"
+    cure = "a faster or longer motion of more joints determines them"
+    return [f"the data do not determine {listed(unseen)}: {known}; {cure}"] if unseen else []
 
 
-def _bodies(found: ConsistentParameters) -> list[str]:
-    """What to know of the bodies."""
+def _body_notes(found: ConsistentParameters) -> list[str]:
     said = {"have no mass, and keep none": found.massless, "were thin, and got an inside": found.thickened}
     return [f"bodies that {what}: {listed(which)}" for what, which in said.items() if which]

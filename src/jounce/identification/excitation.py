@@ -1,4 +1,4 @@
-"""Excitation: the motion within all limits whose forces tell most about the parameters of a robot."""
+"""Excitation: the motion within all limits whose forces determine the parameters of a robot best."""
 
 from dataclasses import dataclass
 
@@ -7,17 +7,18 @@ import numpy as np
 from jounce.core.errors import JounceError, listed
 from jounce.core.typing import ArrayLike, DriveColumns
 from jounce.engine.engine import Engine
-from jounce.identification.harmonics import FEWEST, Harmonics
+from jounce.identification.harmonics import MIN_HARMONICS, Harmonics
 from jounce.identification.search import Progress, Search
 from jounce.identification.setup import number, search_of, whole
 from jounce.limits.check import Check, CheckedLimit, check
 from jounce.model.drives import select_columns
 from jounce.motion import Motion
 
-MOST, MANY = 50, 1000  # harmonics; starts and periods: more are slips of the pen
-SINGULAR = 1e5  # condition number from which on parameters cannot be told from each other
-DRAWN = 30  # times that a motion is drawn to a pose at rest, until it is within the limits between its points too
-LEAST = 1e-4  # of its size, by which it is drawn at first
+MAX_HARMONICS = 50  # more are slips of the pen
+MAX_REPETITIONS = 1000  # of starts, and of periods: likewise
+MAX_CONDITION = 1e5  # of W^(1/2) Y: beyond it the data do not separate the parameters
+MAX_SHRINK_STEPS = 30  # towards a pose at rest, until a motion is within the limits between its points too
+MIN_SHRINKAGE = 1e-4  # of the size, in the first step; it doubles from step to step
 
 
 @dataclass(frozen=True, repr=False)
@@ -34,9 +35,9 @@ class Excitation:
     condition : float
         Condition number of W^(1/2) Y, its columns of unit length.
     parameters : tuple of str
-        The base parameters and drive terms that forces along the motion tell.
+        The base parameters and drive terms that forces along the motion determine.
     unseen : tuple of str
-        Those that no motion of this robot tells from them.
+        Those that no motion of this robot separates from them.
     check : Check
         Every limit along the motion, between samples too.
     notes : tuple of str
@@ -60,8 +61,8 @@ class Excitation:
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        told = f"{len(self.parameters)} parameters, condition {self.condition:.4g}"
-        return f"<Excitation: {self.motion.duration:g} s, {told}; worst: {self.check.worst}>"
+        size = f"{len(self.parameters)} parameters, condition {self.condition:.4g}"
+        return f"<Excitation: {self.motion.duration:g} s, {size}; worst: {self.check.worst}>"
 
     @property
     def limits(self) -> tuple[CheckedLimit, ...]:
@@ -100,31 +101,32 @@ def excite(
     progress: Progress | None,
 ) -> Excitation:
     """Find the motion that excites a robot within its limits, see `Robot.excite`."""
-    count, rng = whole("starts", starts, 1, MANY), np.random.default_rng(whole("seed", seed, 0))
-    times = number("period", period, "s"), whole("periods", periods, 1, MANY)
-    series = Harmonics(*times, whole("harmonics", harmonics, FEWEST, MOST))
+    count, rng = whole("starts", starts, 1, MAX_REPETITIONS), np.random.default_rng(whole("seed", seed, 0))
+    times = number("period", period, "s"), whole("periods", periods, 1, MAX_REPETITIONS)
+    series = Harmonics(*times, whole("harmonics", harmonics, MIN_HARMONICS, MAX_HARMONICS))
     search, notes = search_of(robot, series, select_columns(drives), weights, reach, margin, rng)
-    rest = search.rest(rng)
-    x, motion, found = _within(search, search.best(count, rng, progress), rest)
-    rates, told = search.rates(x), search.information
-    condition = told.condition(rates)
-    if not condition <= SINGULAR:
-        raise JounceError(
-            f"the motion does not tell the {len(told.names)} parameters from each other (condition number"
-            f" {condition:.2g}); expected a longer period, more than {harmonics} harmonics, or wider limits"
-        )
-    return Excitation(motion, told.log_det(rates), condition, told.names, told.unseen, found, notes)
+    rest = search.find_rest(rng)
+    x, motion, found = _shrink_into_limits(search, search.find_best(count, rng, progress), rest)
+    rates, information = search.rates(x), search.information
+    condition = information.condition(rates)
+    if not condition <= MAX_CONDITION:
+        cure = f"expected a longer period, more than {harmonics} harmonics, or wider limits"
+        came = f"{len(information.names)} parameters (condition number {condition:.2g})"
+        raise JounceError(f"the motion does not separate the {came}; {cure}")
+    names, unseen = information.names, information.unseen
+    return Excitation(motion, information.log_det(rates), condition, names, unseen, found, notes)
 
 
-def _within(search: Search, x: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, Motion, Check]:
+def _shrink_into_limits(search: Search, x: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, Motion, Check]:
     """A series drawn to a pose at rest as far as limits between its points need it, with its motion and the check."""
     robot, centre, size = search.information.robot, np.zeros_like(x), 1.0
     centre[0] = rest
-    for i in range(DRAWN):
+    # limits hold at rest, so that some share of the series does too: it shrinks by the excess, and faster and faster
+    for i in range(MAX_SHRINK_STEPS):
         near = centre + size * (x - centre)
         motion = search.series.motion(near, robot.joint_names)
         found = check(robot, motion.with_step(search.series.step))
         if found.worst.ratio <= search.share:
             return near, motion, found
-        size *= 1 - max(1 - search.share / found.worst.ratio, min(LEAST * 2**i, 0.5))
+        size *= 1 - max(1 - search.share / found.worst.ratio, min(MIN_SHRINKAGE * 2**i, 0.5))
     raise JounceError(f"no excitation is found within the limits; the nearest one has {found.worst}")

@@ -4,11 +4,15 @@ Both are of the form ``d/dt (A theta) + R theta = b`` in the parameters theta, w
 generalized momentum changes by the forces b = Q, one equation per force; the energy by their power b = qd . Q, one
 equation. A filter of both sides takes the derivative away. The rows are averaged over cells of time, as those of forces
 are. The power has twice the band of the forces, and a variance that grows with the velocities.
+
+Algorithm: the power model of M. Gautier (IEEE ICRA 1997) and its counterpart of momentum, through `low_pass`, which
+integrates d/dt by parts. Invariant: model and measurements pass the same filter, so that the parameters stay what they
+are. Gaps that a line cannot bridge leave samples out until the filter has forgotten them. The power fails where a force
+is not measured or a base moves.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -25,19 +29,14 @@ from jounce.identification.measurements import Measurements
 from jounce.model.coordinates import force_names
 from jounce.motion.motion import Motion
 
-MEMORY = 1e-3  # share of missing samples in filtered ones, below which these count
-GAP = 0.3  # of the time constant of the filter: a line over shorter gaps has errors of a percent at most
-STILL = 1e-3  # of its mean, which is added to the variance of the power: the robot may be at rest
+MAX_MISSING_SHARE = 1e-3  # of missing samples in a filtered one that counts: the filter has forgotten them, e^-7
+MAX_GAP_TIME_CONSTANTS = 0.3  # of the filter: a line over shorter gaps has errors of a percent at most
+MIN_POWER_VARIANCE_RATIO = 1e-3  # to its mean, added to the variance of the power, which is 0 of a robot at rest
 
 
-class Balance(NamedTuple):
-    """A balance at some times, the columns of the parameters and behind them the model as it is: (N, rows, P + 1)."""
-
-    rest: np.ndarray  # R
-    stored: np.ndarray  # A
-
-
-Law = Callable[[Engine, Motion, np.ndarray, Sequence[DriveColumn]], Balance]
+# R and A at some times, the columns of the parameters and behind them the model as it is: (N, rows, P + 1) each
+Balance = tuple[np.ndarray, np.ndarray]
+BalanceLaw = Callable[[Engine, Motion, np.ndarray, Sequence[DriveColumn]], Balance]
 
 
 def momentum(robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]) -> Balance:
@@ -49,7 +48,7 @@ def momentum(robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[Drive
     p, pd = compute(robot, "generalized_momentum", (q, qd, still), base=base)
     Y = regressor(robot, "regressor", (q, qd, still), terms, base=base)
     Q = compute(robot, FORCES.name, (q, qd, still), wrench=W, base=base)
-    return Balance(_behind(Y - Ypd, Q - pd), _behind(Yp, p))
+    return _append_model(Y - Ypd, Q - pd), _append_model(Yp, p)
 
 
 def energy(robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]) -> Balance:
@@ -60,17 +59,17 @@ def energy(robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[DriveCo
     (T, Td), (U, Ud) = compute(robot, "kinetic_energy", (q, qd, still)), compute(robot, "potential_energy", (q, qd))
     Y = regressor(robot, "regressor", (q, qd, still), terms)
     Q = compute(robot, FORCES.name, (q, qd, still), wrench=W)
-    power = np.einsum("ti,tij->tj", qd, _behind(Y, Q))
-    return Balance((power - _behind(YEd, Td + Ud))[:, None], _behind(YE, T + U)[:, None])
+    power = np.einsum("ti,tij->tj", qd, _append_model(Y, Q))
+    return (power - _append_model(YEd, Td + Ud))[:, None], _append_model(YE, T + U)[:, None]
 
 
-def _behind(columns: np.ndarray, model: np.ndarray) -> np.ndarray:
+def _append_model(columns: np.ndarray, model: np.ndarray) -> np.ndarray:
     """Columns of parameters, and the model as it is behind them."""
     return np.concatenate([columns, model[..., None]], axis=-1)
 
 
 def filtered_rows(
-    law: Law, robot: Engine, motion: Motion, terms: Sequence[DriveColumn], through: LowPass
+    law: BalanceLaw, robot: Engine, motion: Motion, terms: Sequence[DriveColumn], through: LowPass
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """The filtered rows of a balance by pieces of samples: (n, rows, P + 1) that belong to the filtered right sides."""
     return through(lambda part: law(robot, motion, through.t[part], terms))
@@ -81,10 +80,11 @@ def cells_of_momentum(
 ) -> Cells:
     """Average the filtered balance of momentum over cells of a width in s; the forces have a band in Hz."""
     through = low_pass(samples.t, band)
-    whole, missing = _without_gaps(samples, through.cutoff)
+    whole, missing = _bridge_gaps(samples, through.cutoff)
     rows = filtered_rows(momentum, robot, motion, terms, through)
-    weights = whole.weights * _present(missing, through)
-    return averaged(rows, through.of(whole.forces), weights, _spread(robot, motion, through), places(samples.t, width))
+    weights = whole.weights * _settled_samples(missing, through)
+    spread = _momentum_variances(robot, motion, through)
+    return averaged(rows, through.apply(whole.forces), weights, spread, places(samples.t, width))
 
 
 def cells_of_power(
@@ -99,17 +99,17 @@ def cells_of_power(
         absent = listed(name for name, there in zip(names, measured, strict=True) if not there)
         raise JounceError(f"method='power' needs all forces, and {absent} is not measured; use method='momentum'")
     through, qd = low_pass(samples.t, 2 * band), motion(samples.t, 1)[1]
-    whole, missing = _without_gaps(samples, through.cutoff)
-    present = _present(missing.max(axis=1, keepdims=True), through)
-    variance = through.of((qd**2 / whole.weights).sum(axis=1, keepdims=True)).clip(0)  # by that of each force
-    weights = present / (variance + (STILL * variance.mean() or 1.0))
+    whole, missing = _bridge_gaps(samples, through.cutoff)
+    present = _settled_samples(missing.max(axis=1, keepdims=True), through)
+    variance = through.apply((qd**2 / whole.weights).sum(axis=1, keepdims=True)).clip(0)  # by that of each force
+    weights = present / (variance + (MIN_POWER_VARIANCE_RATIO * variance.mean() or 1.0))
     rows = filtered_rows(energy, robot, motion, terms, through)
-    right = through.of((qd * whole.forces).sum(axis=1, keepdims=True))
-    spread = (qd**2 * _spread(robot, motion, through)).sum(axis=1, keepdims=True)
+    right = through.apply((qd * whole.forces).sum(axis=1, keepdims=True))
+    spread = (qd**2 * _momentum_variances(robot, motion, through)).sum(axis=1, keepdims=True)
     return averaged(rows, right, weights, spread, places(samples.t, width / 2))
 
 
-def _without_gaps(samples: Measurements, cutoff: float) -> tuple[Measurements, np.ndarray]:
+def _bridge_gaps(samples: Measurements, cutoff: float) -> tuple[Measurements, np.ndarray]:
     """Measurements with lines over gaps of each force, and which of them (N, nv) are in gaps too long for that."""
     t, forces, weights = samples.t, samples.forces.copy(), samples.weights.copy()
     missing = weights == 0
@@ -119,16 +119,16 @@ def _without_gaps(samples: Measurements, cutoff: float) -> tuple[Measurements, n
         forces[:, j], weights[:, j] = (np.interp(t, known, x[there, j]) for x in (forces, weights))
         later = np.searchsorted(known, t)
         gap = np.append(known, np.inf)[later] - np.append(-np.inf, known)[later]
-        missing[:, j] &= gap * cutoff > GAP
+        missing[:, j] &= gap * cutoff > MAX_GAP_TIME_CONSTANTS
     return Measurements(t, forces, weights), missing
 
 
-def _present(missing: np.ndarray, through: LowPass) -> np.ndarray:
+def _settled_samples(missing: np.ndarray, through: LowPass) -> np.ndarray:
     """Which of the filtered samples hold next to nothing of missing ones."""
-    return (through.of(missing.astype(float)) < MEMORY) & ~missing
+    return (through.apply(missing.astype(float)) < MAX_MISSING_SHARE) & ~missing
 
 
-def _spread(robot: Engine, motion: Motion, through: LowPass) -> np.ndarray:
+def _momentum_variances(robot: Engine, motion: Motion, through: LowPass) -> np.ndarray:
     """Variances (N, nv) of the filtered rate of the momentum that follow from those of the positions."""
     w, t = through.cutoff, through.t
     free = replace(motion, loads={})  # wrenches do not enter

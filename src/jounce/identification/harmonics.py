@@ -13,8 +13,8 @@ import numpy as np
 
 from jounce.motion import Motion
 
-FEWEST = 3  # harmonics: with two of them, nothing moves that is at rest at the ends
-POINTS = 32  # of a period of the highest harmonic, at which series are evaluated
+MIN_HARMONICS = 3  # with two of them, nothing moves that is at rest at the ends
+POINTS_PER_HIGHEST_PERIOD = 32  # of the highest harmonic: between such points peaks are higher by 0.5 % at most
 
 
 @dataclass(frozen=True)
@@ -33,23 +33,23 @@ class Harmonics:
     @property
     def step(self) -> float:
         """Between the points at which the series are evaluated, s."""
-        return self.period / (POINTS * self.count)
+        return self.period / (POINTS_PER_HIGHEST_PERIOD * self.count)
 
     @cached_property
     def cosines(self) -> np.ndarray:
         """The amplitudes of cosines (count, 2 count - 3) that belong to the free ones."""
-        even = _at_rest(self.count, (2, 4))
+        even = _rest_basis(self.count, (2, 4))
         return np.hstack([np.zeros((self.count, 1)), even, np.zeros_like(even)])
 
     @cached_property
     def sines(self) -> np.ndarray:
         """The amplitudes of sines (count, 2 count - 3) that belong to the free ones."""
-        odd = _at_rest(self.count, (1, 3))
+        odd = _rest_basis(self.count, (1, 3))
         return np.hstack([np.zeros((self.count, 1)), np.zeros_like(odd), odd])
 
     def basis(self, order: int) -> np.ndarray:
         """The series of each free amplitude with its rates, (order + 1, points, 2 count - 3)."""
-        points = POINTS * self.count
+        points = POINTS_PER_HIGHEST_PERIOD * self.count
         k = np.arange(1, self.count + 1)
         angles = k * (2 * np.pi * np.arange(points) / points)[:, None]
         found = np.empty((order + 1, points, self.cosines.shape[1]))
@@ -68,8 +68,7 @@ class Harmonics:
         return replace(found, source=source)
 
 
-def _at_rest(count: int, powers: tuple[int, int]) -> np.ndarray:
+def _rest_basis(count: int, powers: tuple[int, int]) -> np.ndarray:
     """An orthonormal basis (count, count - 2) of the amplitudes with sum_k k^p amplitude_k = 0 for both powers p."""
     k = np.arange(1, count + 1) / count
-    found: np.ndarray = np.linalg.svd(np.stack([k**power for power in powers]))[2][2:].T
-    return found
+    return np.asarray(np.linalg.svd(np.stack([k**power for power in powers]))[2][2:].T)

@@ -1,4 +1,4 @@
-"""What forces along a motion tell of base parameters and drive terms: the information matrix, its log det, gradients.
+"""The information matrix of base parameters and drive terms from forces along a motion: its log det, and gradients.
 
 The information matrix is the time mean of Y^T W Y: Y the regressor of the parameters, W the weights of the forces.
 Where these are inverse variances, its inverse over the number of samples is the covariance of the parameters that
@@ -21,40 +21,24 @@ from jounce.model.coordinates import joint_variables
 from jounce.native.kernel import Kernel
 from jounce.spatial.series import columns
 
-FLOOR = 1e-12  # of information, in units of typical states: what a motion shows less is nothing
-DEPENDENT = 1e-7  # of its length: a column with less outside of the span of others tells nothing new
+INFORMATION_FLOOR = 1e-12  # of typical states, added to the matrix: log det is finite even of motions that show less
+COLUMN_RANK_TOLERANCE = 1e-7  # of its length: a column with less outside of the span of those before depends on them
 
 Rates = Sequence[np.ndarray]  # q, qd, q2d, ..., (M, n) each
 
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """The parameters that forces of a robot tell, and the code of gradients of their regressor.
-
-    Attributes
-    ----------
-    terms : tuple of str
-        The drive terms among the parameters.
-    roots : (n,)
-        Square roots of the weights of the forces.
-    names, unseen : tuple of str
-        The parameters, and base parameters and drive terms that no motion tells from them.
-    places : (count,)
-        The columns of the parameters in the regressor with those terms.
-    sizes : (count,)
-        Root mean squares over typical states of the lengths of these columns, weighted.
-    product : Kernel
-        Vector-Jacobian products of the regressor.
-    """
+    """The parameters that forces of a robot determine, and the code of gradients of their regressor."""
 
     robot: Engine
-    terms: tuple[DriveColumn, ...]
-    roots: np.ndarray
-    names: tuple[str, ...]
-    unseen: tuple[str, ...]
-    places: np.ndarray
-    sizes: np.ndarray
-    product: Kernel
+    terms: tuple[DriveColumn, ...]  # the drive terms among the parameters
+    roots: np.ndarray  # (n,) square roots of the weights of the forces
+    names: tuple[str, ...]  # of the parameters
+    unseen: tuple[str, ...]  # base parameters and drive terms that no motion separates from them
+    places: np.ndarray  # (count,) the columns of the parameters in the regressor with those terms
+    sizes: np.ndarray  # (count,) root mean squares over typical states of the lengths of these columns, weighted
+    product: Kernel  # vector-Jacobian products of the regressor
 
     def log_det(self, rates: Rates) -> float:
         """The log determinant of the information matrix, of parameters in SI units."""
@@ -74,7 +58,7 @@ class Information:
         """
         Y = self._regressor(rates)
         A = self._columns(Y)
-        H = _mean_square(A) + FLOOR * np.eye(len(self.names))
+        H = _mean_square(A) + INFORMATION_FLOOR * np.eye(len(self.names))
         pushes = np.zeros_like(Y)
         pushes[..., self.places] = A @ (np.linalg.inv(H) * (-2 / len(A)) / self.sizes)
         pushes *= self.roots[:, None]
@@ -85,12 +69,11 @@ class Information:
         return -float(np.linalg.slogdet(H)[1]), gradients
 
     def _regressor(self, rates: Rates) -> np.ndarray:
-        return _weighted(self.robot, self.terms, self.roots, rates)
+        return _weighted_regressor(self.robot, self.terms, self.roots, rates)
 
     def _columns(self, Y: np.ndarray) -> np.ndarray:
         """The columns (M, n, count) of the parameters in a weighted regressor, each over its typical size."""
-        columns: np.ndarray = Y[..., self.places] / self.sizes
-        return columns
+        return np.asarray(Y[..., self.places] / self.sizes)
 
     def _add_drives(self, gradients: list[np.ndarray], rates: Rates, pushes: np.ndarray) -> None:
         """Add the gradients through the columns of drive terms, from pushes (M, n, terms nc) on these."""
@@ -103,17 +86,17 @@ class Information:
                 gradient += (push * slope[0][..., 0]) @ m.G
 
 
-def information(robot: Engine, terms: tuple[DriveColumn, ...], weights: np.ndarray, typical: Rates) -> Information:
-    """The information of motions whose states are like typical ones: the parameters that forces there tell."""
+def information_of(robot: Engine, terms: tuple[DriveColumn, ...], weights: np.ndarray, typical: Rates) -> Information:
+    """The information of motions whose states are like typical ones: the parameters that forces there determine."""
     m, base = robot.mechanism, base_parameters(robot.mechanism)
-    Y = _weighted(robot, terms, np.sqrt(weights), typical)
+    Y = _weighted_regressor(robot, terms, np.sqrt(weights), typical)
     own = Y.shape[-1] - len(terms) * len(m.joints)
     names = np.array([*base.names, *(f"{joint} {term}" for term in terms for joint in m.joints)])
     places = np.concatenate([base.columns, np.arange(own, Y.shape[-1])])
     A = Y.reshape(-1, Y.shape[-1])[:, places]
     sizes = np.sqrt(np.mean(A**2, axis=0) * robot.n)
     R = np.linalg.qr(A / np.where(sizes > 0, sizes, 1) / np.sqrt(len(typical[0])), mode="r")
-    seen = np.abs(np.diag(R)) > DEPENDENT  # of what columns before leave of each
+    seen = np.abs(np.diag(R)) > COLUMN_RANK_TOLERANCE  # of what columns before leave of each
     return Information(
         robot, terms, np.sqrt(weights), tuple(names[seen].tolist()), tuple(names[~seen].tolist()),
         places[seen], sizes[seen], compile_ahead(robot, Computation("regressor", 0, product="vjp")),
@@ -122,11 +105,10 @@ def information(robot: Engine, terms: tuple[DriveColumn, ...], weights: np.ndarr
 
 def _mean_square(A: np.ndarray) -> np.ndarray:
     """A^T A of columns (M, n, count), over M: by state, as BLAS makes threads for larger products that wait long."""
-    H: np.ndarray = (A.mT @ A).sum(axis=0) / len(A)
-    return H
+    return np.asarray((A.mT @ A).sum(axis=0) / len(A))
 
 
-def _weighted(robot: Engine, terms: tuple[DriveColumn, ...], roots: np.ndarray, rates: Rates) -> np.ndarray:
+def _weighted_regressor(robot: Engine, terms: tuple[DriveColumn, ...], roots: np.ndarray, rates: Rates) -> np.ndarray:
     """The regressor (M, n, columns) with rows times the roots of the weights."""
     q, qd, q2d, *_ = rates
     return regressor(robot, "regressor", (q, qd, q2d), terms) * roots[:, None]

@@ -12,13 +12,13 @@ from jounce.model.coordinates import force_names
 from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
 
-WITHOUT = "the motion has no measured forces"
-CURE = (
+NO_FORCES = "the motion has no measured forces"
+NO_FORCES_CURE = (
     "expected columns such as tau_JOINT in its table, named by --torques 'tau{number}' (torques=),"
     " or an array (N, n) of forces"
 )
 
-LEAST = {
+FACTOR_BOUNDS = {  # the least number that a caller may give, and what it means
     "weights": (0.0, "factors of inverse variances: 0, which leaves a force out, or more"),
     "deviations": (1e-100, "standard deviations above 0, N m or N"),  # of which the squares are not 0
 }
@@ -26,21 +26,11 @@ LEAST = {
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
-    """Forces measured along a motion.
+    """Forces measured along a motion."""
 
-    Attributes
-    ----------
-    t : (N,)
-        Times within the motion, s, increasing.
-    forces : (N, nv)
-        Measured forces; 0 for those not measured.
-    weights : (N, nv)
-        Relative inverse variances; 0 where a force is not measured or does not count.
-    """
-
-    t: np.ndarray
-    forces: np.ndarray
-    weights: np.ndarray
+    t: np.ndarray  # (N,) times within the motion, s, increasing
+    forces: np.ndarray  # (N, nv) 0 for those not measured
+    weights: np.ndarray  # (N, nv) relative inverse variances; 0 where a force is not measured or does not count
 
     def part(self, rows: np.ndarray) -> "Measurements":
         """Some of the samples."""
@@ -55,21 +45,15 @@ def measurements(
     weights: ArrayLike | None,
     deviations: ArrayLike | None,
 ) -> Measurements:
-    """The measurements of a caller: forces (N, nv) at times (N,), those of the motion by default.
-
-    Raises
-    ------
-    JounceError : if no force is measured, a shape is wrong, a force is infinite, times do not increase or are
-        outside of the motion, or a weight is negative.
-    """
+    """The measurements of a caller, checked: forces (N, nv) at times (N,), those of the motion by default."""
     names = force_names(mechanism)
     if forces is None:
         if t is not None:
             raise JounceError("t is for forces that are given too; leave it out, or give forces=")
-        times, values = _of_motion(mechanism, motion)
+        times, values = _motion_forces(mechanism, motion)
     else:
-        values = _numbers(forces, "forces")
-        times = motion.times if t is None else motion.checked(_numbers(t, "t"))
+        values = _check_numbers(forces, "forces")
+        times = motion.times if t is None else motion.checked(_check_numbers(t, "t"))
     if times.ndim != 1 or values.shape != (len(times), len(names)):
         whose = "times of the motion" if t is None else "times t"
         raise JounceError(f"forces have shape {values.shape}; expected {(times.size, len(names))}: {whose}, forces")
@@ -84,15 +68,15 @@ def measurements(
     inside = (times >= motion.start) & (times <= motion.stop) & there.any(axis=1)
     if not inside.any():
         span = f"from {motion.start:.6g} to {motion.stop:.6g} s"
-        raise JounceError(f"{WITHOUT} {span} that count; {CURE}")
+        raise JounceError(f"{NO_FORCES} {span} that count; {NO_FORCES_CURE}")
     there = there[inside]
     return Measurements(times[inside], np.where(there, values[inside], 0.0), np.where(there, factors[inside], 0.0))
 
 
-def _of_motion(mechanism: Mechanism, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+def _motion_forces(mechanism: Mechanism, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     """The times and forces that the table of the motion states; those on a base that floats are not measured."""
     if motion.torques is None:
-        raise JounceError(f"{WITHOUT}; {CURE}")
+        raise JounceError(f"{NO_FORCES}; {NO_FORCES_CURE}")
     times, torques = motion.torques
     base = np.full((len(times), mechanism.nv - mechanism.n), np.nan)
     return times, np.concatenate([base, torques], axis=1)
@@ -102,18 +86,17 @@ def _factors(label: str, given: ArrayLike | None, shape: Sequence[int]) -> np.nd
     """Weights, which may be 0, or standard deviations, of all forces alike, per force, or per sample and force."""
     if given is None:
         return np.ones(())
-    found = _numbers(given, label)
+    found = _check_numbers(given, label)
     if found.shape not in ((), (shape[1],), tuple(shape)):
-        raise JounceError(
-            f"{label} have shape {found.shape}; expected a number, ({shape[1]},), one per force, or {tuple(shape)}"
-        )
-    least, meaning = LEAST[label]
+        expected = f"a number, ({shape[1]},), one per force, or {tuple(shape)}"
+        raise JounceError(f"{label} have shape {found.shape}; expected {expected}")
+    least, meaning = FACTOR_BOUNDS[label]
     if (wrong := ~(np.isfinite(found) & (found >= least))).any():
         raise JounceError(f"{label} hold {found[wrong].flat[0]:g}; expected {meaning}")
     return found
 
 
-def _numbers(given: ArrayLike, label: str) -> np.ndarray:
+def _check_numbers(given: ArrayLike, label: str) -> np.ndarray:
     found = np.asarray(asarray(given, label))
     if found.dtype.kind != "f" or not np.size(found):
         raise JounceError(f"{label} is {quoted(given)}; expected an array of numbers")

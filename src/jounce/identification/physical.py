@@ -38,39 +38,22 @@ from jounce.model.drives import AMOUNTS, OFFSET
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 
-WEIGHT = 1e-2  # of the divergence, in units of half the squared residual over the variance
-SINGULAR = 1e-6  # relative second moments below which a body is stated as flat, or as points
-THICKNESS = 1e-3  # relative second moments that it gets, to have an inside: one thirtieth as thick as wide
-POINT = 1e-9  # of the squared length of a robot: second moments per mass that are rounding
-SIGNED = ("spring", OFFSET)  # drive terms whose parameters may be negative
+DEFAULT_DIVERGENCE_WEIGHT = 1e-2  # in units of half the squared residual over the variance: a prior of 10
+MIN_RELATIVE_MOMENT = 1e-6  # of second moments to the largest: a body with less is flat, or made of points
+RAISED_RELATIVE_MOMENT = 1e-3  # that such a body gets, to have an inside: one thirtieth as thick as wide
+POINT_MASS_TOLERANCE = 1e-9  # of the squared length of a robot: smaller second moments per mass are rounding
+SIGNED_TERMS = ("spring", OFFSET)  # drive terms whose parameters may be negative
 
 
 @dataclass(frozen=True, eq=False)
 class ConsistentParameters:
-    """Inertial parameters of bodies that can exist, with parameters of drive terms, fitted to data.
+    """Inertial parameters of bodies that can exist, with parameters of drive terms, fitted to data."""
 
-    Attributes
-    ----------
-    parameters : (10 nb,)
-        As `Robot.inertial_parameters`.
-    drives : dict of (joints,)
-        The parameters of each drive term.
-    values : (k,)
-        The same as base parameters, followed by the parameters of the drive terms.
-    excess : float
-        By how much they raise the squared residual, over its variance, above its unconditional minimum.
-    massless : tuple of str
-        Bodies without mass, which stay so.
-    thickened : tuple of str
-        Bodies that the robot states as flat, as points or as impossible: nearby ones stand for these.
-    """
-
-    parameters: Floats
-    drives: Mapping[DriveColumn, Floats]
-    values: Floats
-    excess: float
-    massless: tuple[str, ...]
-    thickened: tuple[str, ...]
+    parameters: Floats  # (10 nb,) as `Robot.inertial_parameters`
+    drives: Mapping[DriveColumn, Floats]  # (joints,) of each drive term
+    values: Floats  # (k,) the same as base parameters, followed by the parameters of the drive terms
+    massless: tuple[str, ...]  # bodies without mass, which stay so
+    thickened: tuple[str, ...]  # flat, point-like or impossible bodies, for which nearby ones stand
 
 
 def consistent_parameters(
@@ -80,103 +63,82 @@ def consistent_parameters(
     estimate: Floats,
     terms: Sequence[DriveColumn] = (),
     *,
-    weight: float = WEIGHT,
+    weight: float = DEFAULT_DIVERGENCE_WEIGHT,
 ) -> ConsistentParameters:
     """Fit physically consistent inertial parameters, and parameters of drive terms, to data.
 
-    Parameters
-    ----------
-    mechanism : Mechanism
-        The robot with its own values, which the result stays near where the data say nothing.
-    base : BaseParameters
-        Of that robot.
-    information : (k, k)
-        A = sum of Y^T W Y over the samples, W the inverse covariance of the forces: of the `base.count` base
-        parameters followed by those of the drive terms, one of each joint for every term. It may be singular.
-    estimate : (k,)
-        z*, the parameters that minimise the squared residual: A z* = sum of Y^T W Q. Where A is singular, any.
-    terms : sequence of str
-        The drive terms, in the order of the columns of `Robot.regressor`.
-    weight : float
-        Of the divergence from the robot's own values.
+    `information` (k, k) is A = sum of Y^T W Y over the samples, W the inverse covariance of the forces, of the base
+    parameters followed by those of the drive terms, one of each joint for every term; it may be singular. `estimate`
+    (k,) is z*, which minimises the squared residual: A z* = sum of Y^T W Q; any such where A is singular.
 
-    Raises
-    ------
-    JounceError
-        If a body has moments but no mass, or a negative mass; if no body has mass; if the minimum is not found.
+    Raises `JounceError` if a body has moments but no mass, or a negative mass; if none has mass; without a minimum.
     """
     Pi = inertia.moment_matrix(mechanism.M)
-    massive = _massive(mechanism, Pi)
-    start = _inside(Pi[massive], length_scale(mechanism))
+    massive = _massive_bodies(mechanism, Pi)
+    start = _raise_moments(Pi[massive], length_scale(mechanism))
     thickened = massive[(start != Pi[massive]).any(axis=(1, 2))]
     T = np.asarray(np.linalg.cholesky(start))
-    d, R = _own_drives(mechanism, terms), _root(information)
+    d, R = _drive_values(mechanism, terms), _information_root(information)
     size = np.linalg.norm(R, axis=0)[base.count :]  # of the forces of each drive parameter
     everything = max(1.0, np.linalg.norm(R @ estimate), np.linalg.norm(R @ np.append(base.values, d)))
     seen = size > 0  # the others stay as they are
     scale = everything / size[seen]
     by_body = (R[:, : base.count] @ base.matrix).reshape(len(R), len(Pi), len(inertia.PARAMETERS))[:, massive]
     problem = Problem(
-        C=np.asarray(np.einsum("kbp,bijp->kbij", by_body, _by_entries(T))),
+        C=np.asarray(np.einsum("kbp,bijp->kbij", by_body, _entry_derivatives(T))),
         R=R[:, base.count :][:, seen] * scale,
         y=R @ estimate,
         own=d[seen] / scale,
-        positive=np.repeat(np.array([term not in SIGNED for term in terms], dtype=bool), len(mechanism.joints))[seen],
+        positive=np.repeat([term not in SIGNED_TERMS for term in terms], len(mechanism.joints)).astype(bool)[seen],
         weight=weight,
     )
     V, d[seen] = minimum(problem)
     d[seen] *= scale
     Pi[massive] = (root := T @ V) @ root.mT
     p = inertia.parameters(inertia.from_moment_matrix(Pi)).ravel()
-    values = np.append(base.matrix @ p, d)
     names = np.array(mechanism.bodies)
     return ConsistentParameters(
         parameters=p,
         drives=dict(zip(terms, d.reshape(-1, len(mechanism.joints)), strict=True)),
-        values=values,
-        excess=float(np.sum((R @ (values - estimate)) ** 2)),
+        values=np.append(base.matrix @ p, d),
         massless=tuple(np.delete(names, massive).tolist()),
         thickened=tuple(names[thickened].tolist()),
     )
 
 
-def _massive(mechanism: Mechanism, Pi: Floats) -> np.ndarray:
+def _massive_bodies(mechanism: Mechanism, Pi: Floats) -> np.ndarray:
     """The places of the bodies that have mass; those without must not have moments."""
+    start = "physically consistent parameters start from the robot's own: state"
     for name, of_body in zip(mechanism.bodies, Pi, strict=True):
         if of_body[3, 3] < 0 or (of_body[3, 3] == 0 and of_body.any()):
-            raise JounceError(
-                f"body {shortened(name)!r} has mass {of_body[3, 3]:g} kg and moments; physically consistent parameters"
-                " start from the robot's own: state a mass, or no inertia"
-            )
+            came = f"body {shortened(name)!r} has mass {of_body[3, 3]:g} kg and moments"
+            raise JounceError(f"{came}; {start} a mass, or no inertia")
     massive = np.flatnonzero(Pi[:, 3, 3])
     if not massive.size:
-        raise JounceError(
-            f"{mechanism.name}: no body has mass; physically consistent parameters start from the robot's own:"
-            " state a rough mass and inertia for each body"
-        )
+        raise JounceError(f"{mechanism.name}: no body has mass; {start} a rough mass and inertia for each body")
     return massive
 
 
-def _inside(Pi: Floats, length: float) -> Floats:
+def _raise_moments(Pi: Floats, length: float) -> Floats:
     """Pseudo-inertias, with second moments about the COM raised where they are singular or those of no body."""
     m = Pi[:, 3:, 3:]
     c = Pi[:, :3, 3:] / m
     size, axes = np.linalg.eigh(Pi[:, :3, :3] - m * c @ c.mT)
     whole = m[:, 0] * length**2
-    largest = np.where(size[:, 2:] > POINT * whole, size[:, 2:], whole)
+    largest = np.where(size[:, 2:] > POINT_MASS_TOLERANCE * whole, size[:, 2:], whole)
     raised = Pi.copy()
-    raised[:, :3, :3] = axes * np.maximum(size, THICKNESS * largest)[:, None] @ axes.mT + m * c @ c.mT
-    return np.where((size[:, :1] < SINGULAR * largest)[..., None], raised, Pi)
+    raised[:, :3, :3] = axes * np.maximum(size, RAISED_RELATIVE_MOMENT * largest)[:, None] @ axes.mT + m * c @ c.mT
+    return np.where((size[:, :1] < MIN_RELATIVE_MOMENT * largest)[..., None], raised, Pi)
 
 
-def _own_drives(mechanism: Mechanism, terms: Sequence[DriveColumn]) -> Floats:
+def _drive_values(mechanism: Mechanism, terms: Sequence[DriveColumn]) -> Floats:
     """The robot's own parameters of drive terms; it states no offsets."""
     stated = vars(mechanism.drives)
     own = [np.zeros(len(mechanism.joints)) if term == OFFSET else stated[AMOUNTS[term]] for term in terms]
     return np.concatenate([np.zeros(0), *own])
 
 
-def _root(information: Floats) -> Floats:
+def _information_root(information: Floats) -> Floats:
     """R of ``A = R^T R``, without directions of which A holds no more than rounding: (rank, k)."""
     size = np.sqrt(np.diag(information))
     size = np.where(size > 0, size, 1.0)
@@ -185,7 +147,7 @@ def _root(information: Floats) -> Floats:
     return np.sqrt(w[kept, None]) * V.T[kept] * size
 
 
-def _by_entries(T: Array) -> Array:
+def _entry_derivatives(T: Array) -> Array:
     """The derivatives of inertial parameters by the entries of symmetric S in ``Pi = T S T^T``: (..., 4, 4, 10)."""
     unit = np.eye(16).reshape(4, 4, 4, 4)
     moments = T[..., None, None, :, :] @ (unit + unit.mT) @ T[..., None, None, :, :].mT / 2

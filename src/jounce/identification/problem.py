@@ -1,4 +1,9 @@
-"""The least-squares problem of an identification: a model, the motion, measured forces, and what is sought."""
+"""The least-squares problem of an identification: a model, the motion, measured forces, and what is sought.
+
+Rows are the forces, averaged over cells of time; unknowns are corrections of the base parameters and of drive terms.
+The band is that of the forces that the model predicts, unless a caller states it; cells are as wide as the band allows,
+and narrower where there would be too few of them for the number of parameters.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,69 +16,49 @@ from jounce.core.typing import DriveColumn, Equations
 from jounce.dynamics.base_parameters import BaseParameters, base_parameters
 from jounce.engine.along import forces_along
 from jounce.engine.engine import Engine, R, like
-from jounce.identification.cells import CELLS, Cells, band_of, cells_of, regressors, step_of
+from jounce.identification.cells import CELLS_PER_PERIOD, Cells, band_of, cells_of, regressors, step_of
 from jounce.identification.filtered import FILTERED
 from jounce.identification.measurements import Measurements
 from jounce.model.drives import AMOUNTS, OFFSET, with_eps
-from jounce.model.inertial import parameters_of
+from jounce.model.parameters import parameters_of
 from jounce.motion.motion import Motion
 
-ROWS = 4  # cells of all forces per parameter, at least
+CELLS_PER_PARAMETER = 4  # of all forces, at least: residuals of fewer say little of the variances
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is known, and what is sought.
+    """What is known, and what is sought."""
 
-    Attributes
-    ----------
-    robot : Robot
-        The model.
-    motion : Motion
-        Of its joints, in its order.
-    terms : tuple of str
-        Drive terms that are sought.
-    base : BaseParameters
-        Of the model.
-    given : Measurements
-        All measured forces.
-    used : (N,)
-        Which of their samples are used.
-    model : (N, nv)
-        Forces of the model.
-    band, width : float
-        Highest frequency of the forces, Hz, and width of the cells, s.
-    cells : Cells
-        Averages of the samples that are used.
-    """
-
-    robot: Engine
-    motion: Motion
-    terms: tuple[DriveColumn, ...]
-    base: BaseParameters
-    given: Measurements
-    used: np.ndarray
-    model: np.ndarray
-    band: float
-    width: float
-    cells: Cells
+    robot: Engine  # the model
+    motion: Motion  # of its joints, in its order
+    terms: tuple[DriveColumn, ...]  # drive terms that are sought
+    base: BaseParameters  # of the model
+    given: Measurements  # all measured forces
+    used: np.ndarray  # (N,) which of their samples are used
+    model: np.ndarray  # (N, nv) forces of the model
+    band: float  # highest frequency of the forces, Hz
+    width: float  # of the cells, s
+    cells: Cells  # averages of the samples that are used
 
     @property
     def columns(self) -> np.ndarray:
         """The columns of the regressor that are sought: those of base parameters and of drive terms."""
-        return _columns(self.robot, self.base, self.terms)
+        return _sought_columns(self.robot, self.base, self.terms)
 
     @property
-    def own(self) -> np.ndarray:
+    def model_parameters(self) -> np.ndarray:
         """The parameters with which the forces of the model are computed: drive terms that do not act are zero."""
         m = self.robot.mechanism
-        nothing = np.zeros(len(m.joints))
-        drives = [getattr(m.drives, AMOUNTS[term]) if term in m.acting else nothing for term in self.terms]
+        drives = [
+            getattr(m.drives, AMOUNTS[term]) if term in m.acting else np.zeros(len(m.joints)) for term in self.terms
+        ]
         return np.concatenate([self.base.values, *drives])
 
-    def predicted(self, parameters: np.ndarray, drives: np.ndarray) -> np.ndarray:
+    def predict(self, parameters: np.ndarray, drives: np.ndarray) -> np.ndarray:
         """The forces (N, nv) of a robot with other inertial parameters (10 nb,) and drive terms."""
-        change = np.append(parameters - parameters_of(self.robot.mechanism), drives - self.own[self.base.count :])
+        drives = drives - self.model_parameters[self.base.count :]
+        change = np.append(parameters - parameters_of(self.robot.mechanism), drives)
         pieces = regressors(self.robot, self.motion, self.given.t, self.terms)
         return np.asarray(self.model + np.concatenate([Y @ change for _, Y in pieces]))
 
@@ -87,19 +72,12 @@ def problem(
     band: float | None,
     method: Equations,
 ) -> Problem:
-    """Pose the problem, in cells whose width suits the motion.
-
-    Raises
-    ------
-    JounceError : if there are fewer measured forces than parameters, or the band is not one of the samples.
-    """
+    """Pose the problem; raise `JounceError` if forces are fewer than parameters, or samples cannot have the band."""
     base, samples = base_parameters(robot.mechanism), given.part(used)
-    count = len(_columns(robot, base, terms))
+    count = len(_sought_columns(robot, base, terms))
     if (measured := np.count_nonzero(samples.weights)) < count:
-        raise JounceError(
-            f"{len(samples.t)} samples hold {measured} measured forces for {count} parameters; expected a longer motion"
-            " or fewer drives="
-        )
+        came = f"{len(samples.t)} samples hold {measured} measured forces for {count} parameters"
+        raise JounceError(f"{came}; expected a longer motion or fewer drives=")
     along = forces_along(robot, motion, given.t, 0)
     model, deviations = along.forces[0], None if along.deviations is None else along.deviations[0][used]
     step = step_of(samples.t)
@@ -108,12 +86,10 @@ def problem(
         theta = along.rates[1][used] @ robot.mechanism.G.T
         band = band_of(samples.t, model[used], theta, robot.mechanism.drives.eps)
     elif not is_finite(band) or not lowest <= band <= highest:
-        raise JounceError(
-            f"band is {quoted(band)}; expected a frequency from {lowest:.4g} Hz, one period of the samples, to"
-            f" {highest:.4g} Hz, half their rate"
-        )
+        span = f"{lowest:.4g} Hz, one period of the samples, to {highest:.4g} Hz, half their rate"
+        raise JounceError(f"band is {quoted(band)}; expected a frequency from {span}")
     band = float(band)
-    width = _width(samples, band, count)
+    width = _cell_width(samples, band, count)
     if method in FILTERED:
         cells = FILTERED[method](robot, motion, samples, terms, width, band)
     else:
@@ -122,17 +98,10 @@ def problem(
 
 
 def model_of(robot: R, terms: Sequence[DriveColumn], eps: float | None) -> R:
-    """Return a caller's robot with the smoothing velocity of friction that is asked for.
-
-    Raises
-    ------
-    JounceError : if its drives act on motors behind elastic joints, or eps has no use.
-    """
+    """Return a robot with another smoothing velocity of friction; refuse an eps without use, and drives of motors."""
     if robot.mechanism.elasticity is not None and set(terms) - {"spring", OFFSET}:
-        raise JounceError(
-            f"{robot.name} has elastic joints: its drives act on motors, not on links; drives=False (--drives none)"
-            " identifies links from the torques of the springs"
-        )
+        cure = "drives=False (--drives none) identifies links from the torques of the springs"
+        raise JounceError(f"{robot.name} has elastic joints: its drives act on motors, not on links; {cure}")
     if eps is None:
         return robot
     if "friction" not in terms:
@@ -141,11 +110,12 @@ def model_of(robot: R, terms: Sequence[DriveColumn], eps: float | None) -> R:
     return like(robot, replace(m, drives=with_eps(m.drives, eps)))
 
 
-def _columns(robot: Engine, base: BaseParameters, terms: Sequence[DriveColumn]) -> np.ndarray:
+def _sought_columns(robot: Engine, base: BaseParameters, terms: Sequence[DriveColumn]) -> np.ndarray:
     return np.append(base.columns, len(base.parameters) + np.arange(len(terms) * len(robot.mechanism.joints)))
 
 
-def _width(samples: Measurements, band: float, count: int) -> float:
+def _cell_width(samples: Measurements, band: float, count: int) -> float:
     """The width of cells that a band needs, so that there are enough for the number of parameters."""
     duration, forces = float(samples.t[-1] - samples.t[0]), np.count_nonzero(samples.weights.any(axis=0))
-    return min(1 / (CELLS * band) if band else np.inf, duration * forces / (ROWS * count)) or 1.0
+    longest = duration * forces / (CELLS_PER_PARAMETER * count)
+    return min(1 / (CELLS_PER_PERIOD * band) if band else np.inf, longest) or 1.0

@@ -1,4 +1,4 @@
-"""What identification finds: parameters with deviations, what the data do not see, residuals, and the robot."""
+"""The result of an identification: parameters with deviations, which the data determine, residuals, and the robot."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,13 +11,12 @@ from jounce.core.typing import ArrayLike
 from jounce.engine.along import checked_motion, forces_along
 from jounce.engine.engine import R
 from jounce.identification.cells import regressors
-from jounce.identification.residuals import ForceResidual
-from jounce.identification.table import IdentifiedParameter
+from jounce.identification.table import ForceResidual, IdentifiedParameter
 from jounce.model.coordinates import generalized_forces
 from jounce.model.drives import OFFSET
 from jounce.motion.motion import Motion
 
-PARTS = {"used": "residual", "rest": "rest of the data"}  # of the samples, and their titles
+PART_TITLES = {"used": "residual", "rest": "rest of the data"}  # of the samples, and their titles
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -31,7 +30,7 @@ class Identification(Generic[R]):
     offsets : (joints,)
         Constant forces on the joint variables, N m or N; robots do not state them.
     table : tuple of IdentifiedParameter
-        Base parameters and drive parameters as the data alone tell them.
+        Base parameters and drive parameters as the data alone determine them.
     covariance : (K, K)
         Of the parameters of the table.
     rank : int
@@ -54,7 +53,7 @@ class Identification(Generic[R]):
     measured, model, predicted : (N, nv)
         Measured forces, NaN for those not measured, those of the model as it was, and those of the identified robot.
     notes : tuple of str
-        What is suspicious or not seen.
+        What is suspicious, and what the data do not determine.
 
     Examples
     --------
@@ -129,8 +128,7 @@ class Identification(Generic[R]):
             constant = np.concatenate([Y[..., -len(m.joints) :] @ self.offsets for _, Y in pieces])
         else:
             constant = np.append(np.zeros(m.nv - m.n), generalized_forces(m, self.offsets[:, None])[:, 0])
-        found: np.ndarray = along.forces[0] + constant
-        return found
+        return np.asarray(along.forces[0] + constant)
 
     def __repr__(self) -> str:
         seen = sum(row.seen for row in self.table)
@@ -138,9 +136,8 @@ class Identification(Generic[R]):
 
     def __str__(self) -> str:
         first, last = self.span
-        counts = (
-            f"{self.samples} samples, t = {first:g} .. {last:g} s, averaged to {self.cells} cells of {self.cell:.3g} s"
-        )
+        averages = f"averaged to {self.cells} cells of {self.cell:.3g} s"
+        counts = f"{self.samples} samples, t = {first:g} .. {last:g} s, {averages}"
         rank = f"rank {self.rank} of {len(self.table)}, condition {self.condition:.3g}"
         head = [f"{shortened(self.robot.name)}: {counts}, up to {self.band:.3g} Hz", rank, *self.notes, ""]
         rows: list[tuple[str, ...]] = [("parameter", "value", "deviation", "model", "unit", "")]
@@ -148,7 +145,7 @@ class Identification(Generic[R]):
             values = (f"{row.value:.6g}", f"{row.deviation:.2g}", f"{row.model:.6g}")
             rows.append((row.name, *values, row.unit, "" if row.seen else "not seen"))
         lines = aligned(rows)
-        for part, title in PARTS.items():
+        for part, title in PART_TITLES.items():
             some = [of for of in self.residuals if of.part == part]
             rows = [(title, "measured", "model", "identified", "unit", "all samples: model", "identified")]
             for of in some:

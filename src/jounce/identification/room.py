@@ -1,7 +1,8 @@
-"""The room that limits leave along a motion, as a barrier with exact gradients.
+"""The room that limits leave along a motion, as a relaxed logarithmic barrier with exact gradients.
 
-The barrier of a bound is -log z of its room z = share - ratio. Below z = delta it goes on as a parabola, so that
-motions beyond limits have a value too, and are drawn inside.
+The barrier of a bound is -log z of its room z = share - ratio. Below z = delta a parabola with the same value, slope
+and curvature continues it, so that motions beyond limits have a value too, and are drawn inside. Gradients by q, qd,
+... are those of the forces, by vector-Jacobian products of native code, and those of power and stall lines by hand.
 
 J. Hauser, A. Saccon, "A Barrier Function Method for the Optimization of Trajectory Functionals with Constraints", IEEE
 Conference on Decision and Control, 2006.
@@ -30,7 +31,7 @@ Rates = Sequence[np.ndarray]  # q, qd, q2d, ..., (M, n) each
 
 
 class Force(NamedTuple):
-    """A force with rates up to an order: its native code, and that of vector-Jacobian products."""
+    """A force with its rates up to an order: native code of both, and of vector-Jacobian products."""
 
     order: int
     inputs: int
@@ -39,13 +40,11 @@ class Force(NamedTuple):
 
     def values(self, rates: Rates) -> Sequence[np.ndarray]:
         """The force and its rates, (M, n) each."""
-        found: Sequence[np.ndarray] = as_tuple(self.kernel(*rates[: self.inputs]))
-        return found
+        return tuple(as_tuple(self.kernel(*rates[: self.inputs])))
 
     def gradients(self, rates: Rates, pushes: Sequence[np.ndarray]) -> Sequence[np.ndarray]:
         """The gradients by the rates of q of the sum of its values and rates times pushes."""
-        found: Sequence[np.ndarray] = as_tuple(self.product(*rates[: self.inputs], *pushes))
-        return found
+        return tuple(as_tuple(self.product(*rates[: self.inputs], *pushes)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,11 +135,11 @@ def room_of(robot: Engine, limits: Limits, kinds: Sequence[str]) -> Room:
         scale,
         tuple((sign, np.flatnonzero(on)) for sign, on in finite.items() if on.any()),
         max([Q_RATE_ORDER, *(motion_order(robot, kind) for kind in kinds)]),
-        _force(robot, "inverse_dynamics", order, Q_RATE_ORDER) if forces else None,
-        _force(robot, "gravity_forces", max(bare), 0) if bare else None,
+        _compile_force(robot, "inverse_dynamics", order, Q_RATE_ORDER) if forces else None,
+        _compile_force(robot, "gravity_forces", max(bare), 0) if bare else None,
     )
 
 
-def _force(robot: Engine, name: QuantityName, order: int, first: int) -> Force:
+def _compile_force(robot: Engine, name: QuantityName, order: int, first: int) -> Force:
     kernels = (compile_ahead(robot, Computation(name, order, product=product)) for product in (None, "vjp"))
     return Force(order, order + first + 1, *kernels)

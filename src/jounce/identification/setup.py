@@ -1,4 +1,4 @@
-"""What an excitation is searched for: the arguments of a caller checked, ranges, weights and parameters."""
+"""The search of an excitation from the arguments of a caller, checked: ranges, weights and parameters."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from jounce.core.scalars import asarray, is_finite
 from jounce.core.typing import ArrayLike, DriveColumn
 from jounce.engine.engine import Engine
 from jounce.identification.harmonics import Harmonics
-from jounce.identification.information import Information, information
+from jounce.identification.information import Information, information_of
 from jounce.identification.room import room_of
 from jounce.identification.search import Search, reaches_of
 from jounce.model.coordinates import coordinate_limits, coordinate_units
@@ -17,7 +17,7 @@ from jounce.model.kinds import KINDS, MOTION_KINDS
 from jounce.model.limits import Limits
 from jounce.model.positions import check_single
 
-TYPICAL = 4  # rows of typical states per column of the regressor, by which columns are found that depend on others
+TYPICAL_ROWS_PER_COLUMN = 4  # of the regressor of random states, so that only dependent columns depend in these
 
 
 def search_of(
@@ -29,11 +29,10 @@ def search_of(
     margin: object,
     rng: np.random.Generator,
 ) -> tuple[Search, tuple[str, ...]]:
-    """What is searched for the arguments of a caller, checked, and notes on what is assumed."""
+    """The search for the arguments of a caller, checked, and notes on what is assumed."""
     if robot.mechanism.floats:
-        raise JounceError(
-            f"the base of {quoted(robot.name)} floats; expected one at rest, load(..., base='fixed') (--base)"
-        )
+        cure = "expected one at rest, load(..., base='fixed') (--base)"
+        raise JounceError(f"the base of {quoted(robot.name)} floats; {cure}")
     left = float(margin) if is_finite(margin) else -1.0  # type: ignore[arg-type]
     if not 0 <= left < 1:
         raise JounceError(f"margin is {quoted(margin)}; expected a share of the limits, 0 <= margin < 1")
@@ -49,8 +48,8 @@ def search_of(
         raise JounceError(f"the limits of {quoted(robot.name)} let no joint move; expected room for one at least")
     middle = limits.bounds("position").mean(axis=0)
     inverse, equal = _weights(robot, limits, weights)
-    told = _told(robot, terms, inverse, middle, reaches, rng)
-    return Search(series, told, room, middle, reaches, 1 - left), (*notes, *equal)
+    information = _information(robot, terms, inverse, middle, reaches, rng)
+    return Search(series, information, room, middle, reaches, 1 - left), (*notes, *equal)
 
 
 def _bounded_positions(robot: Engine, reach: float) -> tuple[Limits, list[str]]:
@@ -60,10 +59,8 @@ def _bounded_positions(robot: Engine, reach: float) -> tuple[Limits, list[str]]:
     bare = ~(np.isfinite(lower) & np.isfinite(upper))
     for j in np.flatnonzero(bare):
         if units[j] == "m":
-            raise JounceError(
-                f"prismatic joint {quoted(robot.joint_names[j])} has no range; state one with"
-                " robot.with_limits(lower=..., upper=...) (--limits)"
-            )
+            cure = "state one with robot.with_limits(lower=..., upper=...) (--limits)"
+            raise JounceError(f"prismatic joint {quoted(robot.joint_names[j])} has no range; {cure}")
     first = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper - 2 * reach, -reach))
     last = np.where(np.isfinite(upper), upper, first + 2 * reach)
     table = limits.table.copy()
@@ -79,18 +76,15 @@ def _bounded_positions(robot: Engine, reach: float) -> tuple[Limits, list[str]]:
 def _check_limits(robot: Engine, limits: Limits, kinds: list[str]) -> None:
     """Raise `JounceError` where nothing limits how fast a robot moves, or a force has no room on one side."""
     if kinds == [MOTION_KINDS[0]]:
-        raise JounceError(
-            f"{quoted(robot.name)} states no limit of a rate or a force, and an excitation would go as far as it can;"
-            " state some with robot.with_limits(velocity=..., effort=...) (--limits)"
-        )
+        came = "states no limit of a rate or a force, and an excitation would go as far as it can"
+        cure = "state some with robot.with_limits(velocity=..., effort=...) (--limits)"
+        raise JounceError(f"{quoted(robot.name)} {came}; {cure}")
     for kind in kinds:
         zero = (limits.bounds(kind) == 0).any(axis=0)
         if kind not in MOTION_KINDS and zero.any():
             joint = quoted(robot.joint_names[int(zero.argmax())])
-            raise JounceError(
-                f"a limit of {kind} of joint {joint} is 0; expected room on both sides of 0: state another with"
-                f" robot.with_limits({kind}=...) (--limits)"
-            )
+            cure = f"expected room on both sides of 0: state another with robot.with_limits({kind}=...) (--limits)"
+            raise JounceError(f"a limit of {kind} of joint {joint} is 0; {cure}")
 
 
 def _weights(robot: Engine, limits: Limits, given: ArrayLike | None) -> tuple[np.ndarray, list[str]]:
@@ -110,7 +104,7 @@ def _weights(robot: Engine, limits: Limits, given: ArrayLike | None) -> tuple[np
     return weights.astype(float), []
 
 
-def _told(
+def _information(
     robot: Engine,
     terms: tuple[DriveColumn, ...],
     weights: np.ndarray,
@@ -118,11 +112,12 @@ def _told(
     reaches: np.ndarray,
     rng: np.random.Generator,
 ) -> Information:
-    """The information of motions that go as far as the limits let them."""
-    count = TYPICAL * (10 * len(robot.body_names) + len(terms) * len(robot.mechanism.joints)) // robot.n + 1
+    """The information of motions that go as far as the limits let them, from random states."""
+    columns = 10 * len(robot.body_names) + len(terms) * len(robot.mechanism.joints)
+    count = TYPICAL_ROWS_PER_COLUMN * columns // robot.n + 1
     states = rng.uniform(-1, 1, (3, count, robot.n)) * reaches[:3, None]
     states[0] = middle + np.where(reaches[1] > 0, states[0], states[0, 0])  # a joint that stands still, anywhere
-    found = information(robot, terms, weights, tuple(states))
+    found = information_of(robot, terms, weights, tuple(states))
     if not found.names:
         raise JounceError(f"no parameter of {quoted(robot.name)} enters the forces of joints that move")
     return found

@@ -1,26 +1,28 @@
-"""The parameters that data tell: base parameters and those of drive terms, with deviations, and which are seen."""
+"""The tables of an identification: parameters with deviations, and how far forces are from measured ones."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from jounce.core.typing import DriveColumn
 from jounce.dynamics.base_parameters import BaseParameters
-from jounce.identification.cells import Cells
+from jounce.identification.cells import Cells, averages, places
 from jounce.identification.problem import Problem
 from jounce.identification.regression import Solution, row_weights
+from jounce.model.coordinates import force_names, force_units
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 
-UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)  # of the inertial parameters of one body
-POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # of a length in them
-SLIGHT = 0.01  # of a force, which is the least size of what drives add
-TRACE = [inertia.PARAMETERS.index(name) for name in ("Ixx", "Iyy", "Izz")]
+INERTIAL_UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)  # of the inertial parameters of one body
+LENGTH_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # of a length in them
+MIN_DRIVE_FORCE_SHARE = 0.01  # of a force: less is not worth the name of a drive term
+TRACE_PLACES = [inertia.PARAMETERS.index(name) for name in ("Ixx", "Iyy", "Izz")]
 
 
 @dataclass(frozen=True)
 class IdentifiedParameter:
-    """A base parameter or a parameter of a drive term, as the data alone tell it.
+    """A base parameter or a parameter of a drive term, as the data alone determine it.
 
     Attributes
     ----------
@@ -55,10 +57,10 @@ class IdentifiedParameter:
 
 def parameter_table(posed: Problem, solution: Solution, variances: np.ndarray) -> tuple[IdentifiedParameter, ...]:
     """The table of a solution, which corrects the model, with the variances (nv,) of the forces."""
-    m, base, model = posed.robot.mechanism, posed.base, posed.own
+    m, base, model = posed.robot.mechanism, posed.base, posed.model_parameters
     revolute = [bool(np.any(X[:3])) for X in m.X]
     names = [*base.names, *(f"{joint} {term}" for term in posed.terms for joint in m.joints)]
-    units = [UNITS[column % len(UNITS)] for column in base.columns]
+    units = [INERTIAL_UNITS[column % len(INERTIAL_UNITS)] for column in base.columns]
     units += [_unit(term, turns) for term in posed.terms for turns in revolute]
     values, spreads = model + solution.x, np.sqrt(np.diag(solution.covariance))
     sizes = np.append(_inertial_sizes(m, base), _drive_sizes(posed.cells, variances, posed.columns[base.count :]))
@@ -72,10 +74,10 @@ def parameter_table(posed: Problem, solution: Solution, variances: np.ndarray) -
 def _inertial_sizes(m: Mechanism, base: BaseParameters) -> np.ndarray:
     """The sizes of the base parameters: m, m r or m r^2 of a body, r its radius about the origin of its frame."""
     p = inertia.parameters(m.M).astype(float)
-    mass, moments = np.abs(p[:, 0]), np.abs(p[:, TRACE].sum(axis=1)) / 2
+    mass, moments = np.abs(p[:, 0]), np.abs(p[:, TRACE_PLACES].sum(axis=1)) / 2
     r = np.sqrt(np.divide(moments, mass, out=np.zeros_like(mass), where=mass > 0))
     mass, r = (np.where(x > 0, x, x[x > 0].mean() if x.any() else 0.0) for x in (mass, r))
-    return (mass[:, None] * r[:, None] ** POWERS).ravel()[base.columns]
+    return (mass[:, None] * r[:, None] ** LENGTH_POWERS).ravel()[base.columns]
 
 
 def _drive_sizes(cells: Cells, variances: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -84,7 +86,7 @@ def _drive_sizes(cells: Cells, variances: np.ndarray, columns: np.ndarray) -> np
     A hundredth of the measured forces counts too: of a model that leaves nothing it is seen that it leaves nothing.
     """
     weights = row_weights(cells, variances)
-    left = (weights * (cells.off**2 + (SLIGHT * (cells.off + cells.model)) ** 2)).sum(axis=0)
+    left = (weights * (cells.off**2 + (MIN_DRIVE_FORCE_SHARE * (cells.off + cells.model)) ** 2)).sum(axis=0)
     power = (weights[..., None] * cells.Y[..., columns] ** 2).sum(axis=0)
     total = power.sum(axis=0)
     return np.sqrt(((power > 0) * left[:, None]).sum(axis=0) / np.where(total > 0, total, np.inf))
@@ -96,3 +98,65 @@ def _unit(term: DriveColumn, turns: bool) -> str:
         return "kg m^2" if turns else "kg"
     force, path = ("N m", "rad") if turns else ("N", "m")
     return {"damping": f"{force} s/{path}", "spring": f"{force}/{path}"}.get(term, force)
+
+
+@dataclass(frozen=True)
+class ForceResidual:
+    """How far predicted forces are from measured ones, as root mean squares of one force.
+
+    Attributes
+    ----------
+    force, unit : str
+        The coordinate that it acts on, or the component of the wrench on a base that floats.
+    part : {"used", "rest"}
+        The samples that the result is fitted to, or the others.
+    measured : float
+        The measured force itself, in the band of the motion.
+    model, identified : float
+        What the model as it was leaves, and what the identified robot leaves, in the band of the motion.
+    model_samples, identified_samples : float
+        The same of single samples, with all that is faster.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> robot = jounce.load("planar2r")
+    >>> motion = jounce.Motion.fourier([0, 0], [[0.5, 0.2], [0.1, 0.4]], [[0.1, 0.3], [0.5, 0.2]], 3.0, 4.0)
+    >>> found = robot.identify(motion, 2 * robot.forces_along(motion, order=0).forces[0], prior=1.0)
+    >>> row = found.residuals[0]
+    >>> row.force, row.part, row.identified < 0.01 * row.model
+    ('joint1', 'used', True)
+    """
+
+    force: str
+    unit: str
+    part: str
+    measured: float
+    model: float
+    identified: float
+    model_samples: float
+    identified_samples: float
+
+
+def residuals(posed: Problem, predicted: np.ndarray) -> tuple[ForceResidual, ...]:
+    """The residuals of the model and of predicted forces (N, nv): of the samples that are used, then of the rest."""
+    parts = (("used", posed.used), ("rest", ~posed.used))
+    return tuple(row for part, which in parts if which.any() for row in _part_residuals(posed, predicted, part, which))
+
+
+def _part_residuals(posed: Problem, predicted: np.ndarray, part: str, which: np.ndarray) -> Iterator[ForceResidual]:
+    """The residuals of a part of the samples, of the forces that are measured there."""
+    m, samples = posed.robot.mechanism, posed.given.part(which)
+    place, w = places(samples.t, posed.width), samples.weights
+    off = [samples.forces, samples.forces - posed.model[which], samples.forces - predicted[which]]
+    counts = averages(np.ones_like(w), w, place)[1]
+    band = [_rms(averages(values, w, place)[0], counts) for values in off]
+    rows = np.stack([*band, *(_rms(values, w) for values in off[1:])], axis=1)
+    for j, (name, unit) in enumerate(zip(force_names(m), force_units(m), strict=True)):
+        if counts[:, j].any():
+            yield ForceResidual(name, unit, part, *map(float, rows[j]))
+
+
+def _rms(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    total = np.maximum(weights.sum(axis=0), np.finfo(float).tiny)
+    return np.sqrt((weights * values**2).sum(axis=0) / total)

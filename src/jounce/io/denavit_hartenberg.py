@@ -21,7 +21,7 @@ from jounce.core.errors import JounceError, at, quoted
 from jounce.io.entries import Entry
 from jounce.io.native import parts
 from jounce.model import dh
-from jounce.model.dh import CONVENTIONS, PARAMETERS, TYPES
+from jounce.model.dh import CONVENTIONS, DH_PARAMETERS, TYPES
 from jounce.model.drives import UNDRIVEN
 from jounce.model.kinds import KINDS, UNITS
 from jounce.model.mechanism import GRAVITY, Mechanism
@@ -45,14 +45,14 @@ def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mecha
     parts.check_units(robot)
     unit, convention = ANGLE_UNITS[robot.get("angles").choice(ANGLE_UNITS)], robot.get("convention").choice(CONVENTIONS)
     name, own = robot.get("name", robot.path.stem).text(), robot.get("gravity", list(GRAVITY)).numbers((3,))
-    rows = [row.keys(PARAMETERS, ROW_KEYS) for row in robot.get("dh").items(least=1)]
+    rows = [row.keys(DH_PARAMETERS, ROW_KEYS) for row in robot.get("dh").items(least=1)]
     joints, bodies = _names(rows, "name", "joint"), _names(rows, "body", "body")
     rows = [row.named(f"joint {quoted(name)}") for row, name in zip(rows, joints, strict=True)]
     types = [row.get("type", TYPES[0]).choice(TYPES) for row in rows]
     units = [unit if kind == "revolute" else 1.0 for kind in types]
     limits = [in_rad(parts.limits(row), row.get("limits", {}).value, x) for row, x in zip(rows, units, strict=True)]
     drives = [in_rad(parts.drive(row), row.get("drive", {}).value, x) for row, x in zip(rows, units, strict=True)]
-    table = [[row.get(key).number() for key in PARAMETERS] for row in rows]
+    table = [[row.get(key).number() for key in DH_PARAMETERS] for row in rows]
     M = [parts.inertia(row) for row in rows]
     placed = {key: parts.pose(robot, key, unit) for key in ("base", "tool") if key in robot.value}
     with at(robot.path):

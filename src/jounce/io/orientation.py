@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from jounce.core.errors import warn
-from jounce.model.screws import ROUNDING
+from jounce.model.frame import UNIT_ROUNDING
 
 MIN_DEGREES_ANGLE = 6.3  # rad, just above a turn: only larger angles are taken for degrees
 
@@ -34,7 +34,7 @@ def direction(axis: np.ndarray) -> np.ndarray | None:
     """The unit vector along an axis, which is left as it is where its length is 1; None where it is 0."""
     if not axis.any():
         return None
-    if abs(math.hypot(*axis) - 1) <= ROUNDING:
+    if abs(math.hypot(*axis) - 1) <= UNIT_ROUNDING:
         return axis
     scaled = axis / np.abs(axis).max()  # first, so that no length is too long or too short to be squared
     return scaled / np.linalg.norm(scaled)

@@ -5,12 +5,18 @@
 Along the curve of one force, which the difference e = d1 - d2 runs through, springs that stiffen have a least
 stiffness. Beyond it two settings reach each stiffness. The one is taken at which the stiffness rises with e: with the
 larger e if springs stiffen, with the smaller if they soften.
+
+Algorithm, on arrays of all states at once: on the curve, where `rising_root` gives the mean deflection of each e, find
+an e of less stiffness (or of the least), double steps from there until S is reached, and halve this bracket until
+Newton's method for both equations converges from it (bisection safeguards Newton as in W. H. Press et al., Numerical
+Recipes, section 9.4). Invariant: the stiffness is below S at the near end of a bracket and not at the far one.
+Failure: `UnreachableError` where the curve does not reach S, with the stiffness that it does reach.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,13 +27,14 @@ from jounce.model.inversion import UnreachableError, rising_root
 from jounce.model.springs import CubicSpring, Spring, force_along, spring_of
 from jounce.spatial.series import Series, from_rate
 
-FIRST_STEP = 1e-3  # rad or m, of a search for a difference, doubled from step to step
-DOUBLINGS = 16  # of that step, up to 30 rad or m
-HALVINGS, ROUNDS = 6, 8  # of a bracket, each round followed by an attempt with Newton's method
-PRECISE = 30  # halvings for the least stiffness: e to 1e-9 of a bracket, and the stiffness there to its square
-POLISHING = 6  # steps of Newton's method, which squares the error of a bracket halved 6 times in each
-ROUNDING = 1e-13  # relative, of a stiffness that both springs add up to
-MARGIN = 1e-9  # by which a stiffness must be above the least, where its rates are infinite
+FIRST_DIFFERENCE_STEP = 1e-3  # rad or m, of the search for a bracket of e; it doubles from step to step
+MAX_DIFFERENCE_DOUBLINGS = 16  # of that step: the last one is 33 rad or m
+HALVINGS_PER_ATTEMPT = 6  # of the bracket of e before each attempt with Newton's method
+MAX_NEWTON_ATTEMPTS = 8  # after which bisection alone has halved the bracket 48 times
+LEAST_STIFFNESS_HALVINGS = 30  # give e to 1e-9 of a bracket, and the least stiffness there to the square of that
+NEWTON_STEPS_PER_ATTEMPT = 6  # each squares the error, which is at first 2^-6 of a bracket
+STIFFNESS_TOLERANCE = 1e-13  # relative, of the sum of both stiffnesses: rounding with room for cancellation
+MIN_STIFFNESS_MARGIN = 1e-9  # relative, by which a stiffness must exceed the least one, at which rates are infinite
 
 
 @dataclass(frozen=True)
@@ -35,9 +42,8 @@ class AntagonisticSprings:
     """Two springs of one joint, each with a motor of its own: a joint of variable stiffness.
 
     Both act on the joint in its own direction, ``Q = phi1(theta1 - q) + phi2(theta2 - q)``, and at least one of them
-    changes its stiffness with its deflection. A wanted stiffness S goes with each state. Of several settings
-    that have it, the one is taken at which it rises with theta1 - theta2: if springs stiffen, motor 1 is the one that
-    is wound up further.
+    changes its stiffness with its deflection. A wanted stiffness S goes with each state. Of several settings with it,
+    the one is taken at which it rises with theta1 - theta2: if springs stiffen, motor 1 is wound up further.
 
     Parameters
     ----------
@@ -68,8 +74,7 @@ class AntagonisticSprings:
             object.__setattr__(self, name, found)
 
 
-@dataclass(frozen=True)
-class _Setting:
+class _Setting(NamedTuple):
     """Deflections of both springs that carry a force, the stiffness S that they make, and the sign of dS/de."""
 
     d: tuple[np.ndarray, np.ndarray]
@@ -81,19 +86,14 @@ Curve = Callable[[np.ndarray], _Setting]  # the settings that carry a force, ove
 
 
 def deflections(springs: AntagonisticSprings, Q: np.ndarray, S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The deflections of both springs for a force and a stiffness, arrays of floats of one shape.
-
-    Raises
-    ------
-    UnreachableError : where no setting carries the force, or has the stiffness.
-    """
+    """The deflections of both springs for a force and a stiffness, arrays of floats; raise `UnreachableError`."""
     if not (is_numeric(Q) and is_numeric(S)):
         raise JounceError("two springs of one joint need NumPy arrays of floats")
     Q, S = np.broadcast_arrays(np.asarray(Q), np.asarray(S))
     known = np.isfinite(Q) & np.isfinite(S)
 
     def curve(e: np.ndarray) -> _Setting:
-        return _setting(springs, Q, e)
+        return _solve_setting(springs, Q, e)
 
     def check(reached: np.ndarray, bound: np.ndarray, word: str) -> None:
         if (lost := known & ~reached).any():
@@ -103,14 +103,17 @@ def deflections(springs: AntagonisticSprings, Q: np.ndarray, S: np.ndarray) -> t
             raise UnreachableError(f"no setting has stiffness {S.flat[i]:g} at force {Q.flat[i]:g}; {reason}", i)
 
     with np.errstate(all="ignore"):
-        low = _below(springs, curve, S, known)
+        # 1. a start with less stiffness than S
+        low = _softer_difference(springs, curve, S, known)
         least = curve(low).S
-        check(least * (1 + MARGIN) < S, least, "above")
-        near, far = _bracket(curve, lambda x: ~(x.S < S), low, 1.0, known)
-        for _ in range(ROUNDS):
-            near, far = _halve(curve, lambda x: ~(x.S < S), near, far, HALVINGS)
-            (d1, d2), off = _polish(springs, Q, S, curve(near).d)
-            found = (off <= ROUNDING * S) & (d1 - d2 > low)
+        check(least * (1 + MIN_STIFFNESS_MARGIN) < S, least, "above")
+        # 2. a bracket in the direction in which the stiffness rises
+        near, far = _find_bracket(curve, lambda x: ~(x.S < S), low, 1.0, known)
+        # 3. bisection, until Newton's method converges to a setting on this side of the least stiffness
+        for _ in range(MAX_NEWTON_ATTEMPTS):
+            near, far = _halve_bracket(curve, lambda x: ~(x.S < S), near, far, HALVINGS_PER_ATTEMPT)
+            (d1, d2), off = _newton_steps(springs, Q, S, curve(near).d)
+            found = (off <= STIFFNESS_TOLERANCE * S) & (d1 - d2 > low)
             if found[known].all():
                 break
         check(found, curve(near).S, "below")
@@ -133,7 +136,7 @@ def deflection_series(springs: AntagonisticSprings, Q: Series, S: Series) -> tup
     return first, second
 
 
-def _setting(springs: AntagonisticSprings, Q: np.ndarray, e: np.ndarray) -> _Setting:
+def _solve_setting(springs: AntagonisticSprings, Q: np.ndarray, e: np.ndarray) -> _Setting:
     """The setting that carries Q with the difference e: the mean deflection is the root of a rising function."""
 
     def slope(mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -148,7 +151,7 @@ def _setting(springs: AntagonisticSprings, Q: np.ndarray, e: np.ndarray) -> _Set
     return _Setting(d, one[1] + two[1], np.sign(one[2] * two[1] - two[2] * one[1]))
 
 
-def _below(springs: AntagonisticSprings, curve: Curve, S: np.ndarray, known: np.ndarray) -> np.ndarray:
+def _softer_difference(springs: AntagonisticSprings, curve: Curve, S: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Differences e with less than a stiffness, or else with the least."""
     (low1, high1), (low2, high2) = springs.first.range, springs.second.range
     start = np.full(S.shape, 0.0 if low1 - high2 < 0 < high1 - low2 else (low1 - high2 + high1 - low2) / 2)
@@ -157,13 +160,13 @@ def _below(springs: AntagonisticSprings, curve: Curve, S: np.ndarray, known: np.
     def turned(x: _Setting) -> np.ndarray:
         return ~(x.rise * way < 0)
 
-    near, far = _bracket(curve, lambda x: turned(x) | (x.S < S), start, way, known)
+    near, far = _find_bracket(curve, lambda x: turned(x) | (x.S < S), start, way, known)
     if not (curve(far).S < S)[known].all():  # steps went over the least, which may still be below
-        near, far = _halve(curve, turned, near, far, PRECISE)
+        near, far = _halve_bracket(curve, turned, near, far, LEAST_STIFFNESS_HALVINGS)
     return np.where(np.isnan(curve(far).S), near, far)
 
 
-def _bracket(
+def _find_bracket(
     curve: Curve,
     passed: Callable[[_Setting], np.ndarray],
     start: np.ndarray,
@@ -172,18 +175,18 @@ def _bracket(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Two differences on the way from a start: the condition holds at the second, if anywhere, and not at the first."""
     near = far = start
-    for k in range(DOUBLINGS):
+    for k in range(MAX_DIFFERENCE_DOUBLINGS):
         going = known & ~passed(curve(far))
         if not going.any():
             break
-        near, far = np.where(going, far, near), np.where(going, start + way * FIRST_STEP * 2**k, far)
+        near, far = np.where(going, far, near), np.where(going, start + way * FIRST_DIFFERENCE_STEP * 2**k, far)
     return near, far
 
 
-def _halve(
+def _halve_bracket(
     curve: Curve, passed: Callable[[_Setting], np.ndarray], near: np.ndarray, far: np.ndarray, times: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A bracket of `_bracket`, halved."""
+    """A bracket of `_find_bracket`, halved."""
     for _ in range(times):
         middle = (near + far) / 2
         beyond = passed(curve(middle))
@@ -191,16 +194,14 @@ def _halve(
     return near, far
 
 
-def _polish(
+def _newton_steps(
     springs: AntagonisticSprings, Q: np.ndarray, S: np.ndarray, d: tuple[np.ndarray, np.ndarray]
 ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
     """Newton's method for both equations, and what it leaves of the stiffness."""
-    for _ in range(POLISHING):
+    for _ in range(NEWTON_STEPS_PER_ATTEMPT):
         one, two = springs.first._derivatives(d[0]), springs.second._derivatives(d[1])
         force, stiffness = Q - one[0] - two[0], S - one[1] - two[1]
         factor = 1 / (one[1] * two[2] - two[1] * one[2])
-        d = (
-            d[0] + (two[2] * force - two[1] * stiffness) * factor,
-            d[1] + (one[1] * stiffness - one[2] * force) * factor,
-        )
+        first = (two[2] * force - two[1] * stiffness) * factor
+        d = d[0] + first, d[1] + (one[1] * stiffness - one[2] * force) * factor
     return d, np.abs(stiffness)

@@ -21,7 +21,8 @@ from jounce.spatial.series import Series
 T = TypeVar("T", Array, Series)
 
 BASE_FORCES = tuple(f"base.{component}" for component in ("mx", "my", "mz", "fx", "fy", "fz"))
-TURNS = 8 * np.pi  # rad: four turns, further than joints without limits are taken to go
+MAX_UNLIMITED_ANGLE = 8 * np.pi  # rad: four turns, further than joints without limits are taken to go
+MIN_DEGREES_ANGLE = 6.3  # rad, just above a turn: only larger angles are taken for degrees
 
 
 def joint_variables(mechanism: Mechanism, q: Series) -> Series:
@@ -30,11 +31,6 @@ def joint_variables(mechanism: Mechanism, q: Series) -> Series:
         return mechanism.G @ q + mechanism.g[:, None]
     G = mechanism.G @ single_positions(mechanism)
     return Series(lambda k: mechanism.G @ q[k] if k else G @ q[0] + mechanism.g[:, None])
-
-
-def base_columns(mechanism: Mechanism) -> Array:
-    """(6, nv) integers: the twist of the base from the velocities; zero of a fixed robot."""
-    return np.eye(6, mechanism.nv, dtype=int) * int(mechanism.floats)
 
 
 def joint_columns(mechanism: Mechanism) -> Array:
@@ -47,7 +43,8 @@ def velocity_map(mechanism: Mechanism) -> Array:
     """The velocities of all joints, those of a floating base first, from those of the robot: (nc + 6, nv)."""
     if not mechanism.floats:
         return mechanism.G
-    return concatenate([base_columns(mechanism), mechanism.G @ joint_columns(mechanism)], axis=-2)
+    base = np.eye(6, mechanism.nv, dtype=int)  # the twist of the base leads
+    return concatenate([base, mechanism.G @ joint_columns(mechanism)], axis=-2)
 
 
 def velocities_of(mechanism: Mechanism, body: int) -> list[int]:
@@ -99,10 +96,8 @@ def limit_place(mechanism: Mechanism, name: str, key: str) -> int:
     for joint in positions(mechanism).values():
         own, extents = mechanism.tree.coordinates[joint.coordinates], joint.extents
         if name in ((*own, joint.name) if key in ENDS else (*{*extents} - {*own}, joint.name)):
-            raise JounceError(
-                f"joint {quoted(name)} has no {key} limit: {joint.name!r} is a {joint.group.name} joint, with limits"
-                f" of {listed(extents if key in ENDS else own)}"
-            )
+            kind = f"a {joint.group.name} joint, with limits of {listed(extents if key in ENDS else own)}"
+            raise JounceError(f"joint {quoted(name)} has no {key} limit: {joint.name!r} is {kind}")
     return places[one_of("joint", name, places)]
 
 
@@ -157,7 +152,7 @@ def coordinate_limits(mechanism: Mechanism) -> Limits:
 
 
 def following_efforts(mechanism: Mechanism) -> list[str]:
-    """The joints whose effort limits bound no coordinate: they follow others, and Q does not tell their share."""
+    """The joints whose effort limits bound no coordinate: they follow others, and Q is the sum of all shares."""
     limits, leaders = mechanism.limits, leading_joints(mechanism)
     kinds = [kind.name for kind in KINDS.values() if kind.of == "Q"]
     stated = [any(np.isfinite(limits.bounds(kind)[:, i]).any() for kind in kinds) for i in range(len(mechanism.joints))]
@@ -166,6 +161,6 @@ def following_efforts(mechanism: Mechanism) -> list[str]:
 
 def likely_positions(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
     """Bounds (nc,) of the joint variables: their limits, and some turns for those that turn without any."""
-    widest = np.where(mechanism.X[:, :3].any(axis=1), TURNS, np.inf)
+    widest = np.where(mechanism.X[:, :3].any(axis=1), MAX_UNLIMITED_ANGLE, np.inf)
     lower, upper = mechanism.limits.lower, mechanism.limits.upper
     return np.where(np.isfinite(lower), lower, -widest), np.where(np.isfinite(upper), upper, widest)

@@ -18,14 +18,14 @@ import numpy as np
 from jounce.core import scalars
 from jounce.core.errors import JounceError, at, one_of, quoted, several, true_or_false, warn
 from jounce.core.scalars import Array, asarray, is_symbolic
+from jounce.model.coordinates import MIN_DEGREES_ANGLE
 from jounce.model.frame import Frame
 from jounce.model.mechanism import Mechanism
 from jounce.model.screws import exact_pose, from_screws
 
-PARAMETERS = ("a", "alpha", "d", "theta")
+DH_PARAMETERS = ("a", "alpha", "d", "theta")
 CONVENTIONS = ("standard", "modified")
 TYPES = ("revolute", "prismatic")
-TURN = 6.3  # rad
 TOOL = "tool"  # the name of its frame
 
 Row = tuple[Array, str]  # a, alpha, d, theta in rad, (4,), and the type of the joint
@@ -45,45 +45,45 @@ def from_dh(
     """A mechanism from a table, every entry checked; see `Robot.from_dh` for what they are."""
     one_of("Denavit-Hartenberg convention", convention, CONVENTIONS)
     true_or_false("degrees", degrees, "the unit of alpha and theta")
-    rows = _rows(table, types)
+    rows = _read_rows(table, types)
     if not degrees:
         _warn_of_degrees(rows)
-    moved = [_standard(*row, degrees) if convention == "standard" else _modified(*row, degrees) for row in rows]
+    moved = [_standard_row(*row, degrees) if convention == "standard" else _modified_row(*row, degrees) for row in rows]
     B, X = ([pair[k] for pair in moved] for k in (0, 1))
     if base is not None:
-        B[0] = _pose(base, "base") @ B[0]
+        B[0] = _check_pose(base, "base") @ B[0]
     built = from_screws(np.stack(B), np.stack(X), M, **data)
     if tool is None:
         return built
     if TOOL in built.bodies:
         raise JounceError(f"a body is named {TOOL!r} like the frame of tool=; rename the body")
-    return replace(built, frames=(Frame(TOOL, built.nb - 1, _pose(tool, "tool")),))
+    return replace(built, frames=(Frame(TOOL, built.nb - 1, _check_pose(tool, "tool")),))
 
 
-def _standard(row: Array, kind: str, degrees: bool) -> tuple[Array, Array]:
+def _standard_row(row: Array, kind: str, degrees: bool) -> tuple[Array, Array]:
     """B and X: the axis, z of the frame before, seen from the frame at the end of the link."""
     a, alpha, d, theta = row
     (ct, st), (ca, sa) = _cos_sin(theta, degrees), _cos_sin(alpha, degrees)
-    B = _array([
+    B = _to_array([
         [ct, -st * ca, st * sa, a * ct],
         [st, ct * ca, -ct * sa, a * st],
         [0, sa, ca, d],
         [0, 0, 0, 1],
     ])  # fmt: skip
-    return B, _array([0, sa, ca, 0, a * ca, -a * sa] if kind == "revolute" else [0, 0, 0, 0, sa, ca])
+    return B, _to_array([0, sa, ca, 0, a * ca, -a * sa] if kind == "revolute" else [0, 0, 0, 0, sa, ca])
 
 
-def _modified(row: Array, kind: str, degrees: bool) -> tuple[Array, Array]:
+def _modified_row(row: Array, kind: str, degrees: bool) -> tuple[Array, Array]:
     """B and X: the axis is z of the frame itself."""
     a, alpha, d, theta = row
     (ct, st), (ca, sa) = _cos_sin(theta, degrees), _cos_sin(alpha, degrees)
-    B = _array([
+    B = _to_array([
         [ct, -st, 0, a],
         [st * ca, ct * ca, -sa, -d * sa],
         [st * sa, ct * sa, ca, d * ca],
         [0, 0, 0, 1],
     ])  # fmt: skip
-    return B, _array([0, 0, 1, 0, 0, 0] if kind == "revolute" else [0, 0, 0, 0, 0, 1])
+    return B, _to_array([0, 0, 1, 0, 0, 0] if kind == "revolute" else [0, 0, 0, 0, 0, 1])
 
 
 def _cos_sin(angle: Any, degrees: bool) -> tuple[Any, Any]:
@@ -97,16 +97,16 @@ def _cos_sin(angle: Any, degrees: bool) -> tuple[Any, Any]:
     return scalars.cos(x)[0], scalars.sin(x)[0]
 
 
-def _array(entries: list[Any]) -> Array:
+def _to_array(entries: list[Any]) -> Array:
     """Numbers, or an object array where a symbol is among them."""
     row = np.array(entries, dtype=object)
     return row.astype(float) if all(isinstance(x, int | float) for x in row.flat) else row
 
 
-def _rows(table: Any, types: Sequence[str] | None) -> list[Row]:
+def _read_rows(table: Any, types: Sequence[str] | None) -> list[Row]:
     rows = several(table) if isinstance(table, Sequence | np.ndarray) and not isinstance(table, str) else []
     if not rows:
-        raise JounceError(f"table is {quoted(table)}; expected rows of {', '.join(PARAMETERS)}")
+        raise JounceError(f"table is {quoted(table)}; expected rows of {', '.join(DH_PARAMETERS)}")
     named = [isinstance(row, Mapping) for row in rows]
     if types is None:
         kinds = [row.get("type", TYPES[0]) if isinstance(row, Mapping) else TYPES[0] for row in rows]
@@ -119,19 +119,19 @@ def _rows(table: Any, types: Sequence[str] | None) -> list[Row]:
     for i, kind in enumerate(kinds):
         with at(f"joint of table[{i}]"):
             one_of("type", kind, TYPES)
-    return [(_row(row, f"table[{i}]"), kind) for i, (row, kind) in enumerate(zip(rows, kinds, strict=True))]
+    return [(_read_row(row, f"table[{i}]"), kind) for i, (row, kind) in enumerate(zip(rows, kinds, strict=True))]
 
 
-def _row(row: Any, label: str) -> Array:
+def _read_row(row: Any, label: str) -> Array:
     """a, alpha, d and theta of a row, which are numbers in this order or have these names."""
-    order = ", ".join(PARAMETERS)
+    order = ", ".join(DH_PARAMETERS)
     if isinstance(row, Mapping):
         for key in row:
-            one_of("key", key, [*PARAMETERS, "type"], label)
-        for key in PARAMETERS:
+            one_of("key", key, [*DH_PARAMETERS, "type"], label)
+        for key in DH_PARAMETERS:
             if key not in row:
                 raise JounceError(f"{label} has no {key!r}; expected {order}")
-        row = [row[key] for key in PARAMETERS]
+        row = [row[key] for key in DH_PARAMETERS]
     numbers = asarray(row, label)
     if numbers.shape != (4,):
         raise JounceError(f"{label} has shape {numbers.shape}; expected 4 numbers: {order}")
@@ -146,14 +146,14 @@ def _warn_of_degrees(rows: Sequence[Row]) -> None:
     """Warn of the first angle that is more than a turn."""
     for i, (row, _) in enumerate(rows):
         for name in ("alpha", "theta"):
-            angle = row[PARAMETERS.index(name)]
-            if isinstance(angle, float) and abs(angle) > TURN:
+            angle = row[DH_PARAMETERS.index(name)]
+            if isinstance(angle, float) and abs(angle) > MIN_DEGREES_ANGLE:
                 cure = "degrees=True (angles: deg in a file) takes degrees"
                 warn(f"table[{i}]: {name} is {angle:g} rad, more than a turn; {cure}")
                 return
 
 
-def _pose(T: Array, label: str) -> Array:
+def _check_pose(T: Array, label: str) -> Array:
     array = asarray(T, label)
     if array.shape != (4, 4):
         raise JounceError(f"{label} has shape {array.shape}; expected a pose (4, 4)")

@@ -25,7 +25,7 @@ from jounce.spatial.series import Series
 
 T = TypeVar("T", bound=str)
 Coefficients = Mapping[str, Array]  # columns, one entry per joint
-Law = Callable[[Coefficients, Series], Series]
+DriveLaw = Callable[[Coefficients, Series], Series]
 
 EPS = 0.05  # rad/s or m/s: below it friction turns over
 
@@ -68,13 +68,13 @@ class Drives:
 
 UNDRIVEN = {"armature": 0.0, "damping": 0.0, "friction": 0.0, "eps": EPS, "stiffness": 0.0, "rest": 0.0}
 COEFFICIENTS = ("armature", "damping", "friction", "slope", "stiffness", "rest")  # of the laws; slope is 1 / eps
-LAWS: dict[DriveTerm, Law] = {
+LAWS: dict[DriveTerm, DriveLaw] = {
     "armature": lambda c, theta: c["armature"] * theta.dot.dot,
     "damping": lambda c, theta: c["damping"] * theta.dot,
     "friction": lambda c, theta: c["friction"] * hyperbolic_tangent(c["slope"] * theta.dot),
     "spring": lambda c, theta: c["stiffness"] * (theta - c["rest"]),
 }
-PARTIALS: dict[DriveTerm, tuple[int, Law]] = {  # by which rate of theta, and it
+PARTIALS: dict[DriveTerm, tuple[int, DriveLaw]] = {  # by which rate of theta, and it
     "armature": (2, lambda c, theta: Series.constant(c["armature"])),
     "damping": (1, lambda c, theta: Series.constant(c["damping"])),
     "friction": (1, lambda c, theta: c["friction"] * (c["slope"] * _over_cosh_squared(c["slope"] * theta.dot))),
@@ -84,9 +84,9 @@ TERMS = tuple(LAWS)
 OFFSET: Final = "offset"  # a constant force, which regressors know and robots do not state
 COLUMNS: tuple[DriveColumn, ...] = (*TERMS, OFFSET)
 AMOUNTS: dict[str, str] = {term: term for term in TERMS} | {"spring": "stiffness"}  # zero of terms that are not stated
-FORCES: dict[DriveColumn, Law] = dict(zip(COLUMNS, [*LAWS.values(), lambda c, theta: theta * 0 + 1], strict=True))
-MOMENTA: dict[DriveColumn, Law] = {"armature": lambda c, theta: c["armature"] * theta.dot}
-ENERGIES: dict[DriveColumn, Law] = {
+FORCES: dict[DriveColumn, DriveLaw] = dict(zip(COLUMNS, [*LAWS.values(), lambda c, theta: theta * 0 + 1], strict=True))
+MOMENTA: dict[DriveColumn, DriveLaw] = {"armature": lambda c, theta: c["armature"] * theta.dot}
+ENERGIES: dict[DriveColumn, DriveLaw] = {
     "armature": lambda c, theta: c["armature"] * (theta.dot * theta.dot) * 0.5,
     "spring": lambda c, theta: c["stiffness"] * ((theta - c["rest"]) * (theta - c["rest"])) * 0.5,
 }
@@ -113,7 +113,7 @@ def forces(c: Coefficients, terms: Sequence[str], theta: Series) -> Series:
     return reduce(add, [law(c, theta) for term, law in LAWS.items() if term in terms], theta * 0)
 
 
-def unit(laws: Mapping[DriveColumn, Law], c: Coefficients, term: DriveColumn, theta: Series) -> Series:
+def unit(laws: Mapping[DriveColumn, DriveLaw], c: Coefficients, term: DriveColumn, theta: Series) -> Series:
     """Return what one unit of the parameter of a drive term contributes at each joint, (..., nb, 1)."""
     law, amount = laws.get(term), AMOUNTS.get(term, term)
     return theta * 0 if law is None else law({**c, amount: np.ones_like(c["armature"])}, theta)

@@ -22,7 +22,6 @@ from jounce.model.springs import CubicSpring, DampedSpring, Spring
 
 Law: TypeAlias = Spring | DampedSpring | AntagonisticSprings
 SpringLaw: TypeAlias = Spring | AntagonisticSprings | Callable[[Any], Any]  # as callers give it
-ARRAYS = ("stiffness", "rotor", "viscous", "friction", "eps")  # the numbers, one per coordinate
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -116,8 +115,8 @@ class Elasticity:
 
     @property
     def arrays(self) -> Mapping[str, Array]:
-        """The numbers by name."""
-        return {name: getattr(self, name) for name in ARRAYS}
+        """The numbers by name, one per coordinate each."""
+        return {name: getattr(self, name) for name in ("stiffness", "rotor", "viscous", "friction", "eps")}
 
     def map(self, convert: Callable[[Array], Array]) -> "Elasticity":
         """The same springs and motors with other numbers.

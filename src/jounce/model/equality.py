@@ -17,7 +17,9 @@ def equal(a: Any, b: Any) -> bool:
     if type(a) is not type(b):
         return False
     if isinstance(a, np.ndarray):
-        return _equal_arrays(a, b)
+        if is_numeric(a) and is_numeric(b):
+            return np.array_equal(a, b)
+        return a.shape == b.shape and all(map(_are_equal_scalars, a.flat, b.flat))
     if is_dataclass(a):
         return all(equal(getattr(a, field.name), getattr(b, field.name)) for field in fields(a) if field.compare)
     if isinstance(a, tuple):
@@ -30,18 +32,8 @@ def key(mechanism: Mechanism) -> Hashable:
     return mechanism.name, mechanism.parent, mechanism.bodies, mechanism.coordinates
 
 
-def _equal_arrays(a: np.ndarray, b: np.ndarray) -> bool:
-    if a.shape != b.shape:
-        return False
-    if is_numeric(a) and is_numeric(b):
-        return bool((a == b).all())
-    return all(map(_equal_scalars, a.flat, b.flat))
-
-
-def _equal_scalars(x: Any, y: Any) -> bool:
-    if x is y:
-        return True
+def _are_equal_scalars(x: Any, y: Any) -> bool:
     try:
-        return bool(x == y)
+        return x is y or bool(x == y)
     except Exception:  # symbols of CasADi that are not known to be the same have no truth value
         return False

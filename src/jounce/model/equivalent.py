@@ -17,12 +17,12 @@ import numpy as np
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array, concatenate, is_symbolic, is_zero
 from jounce.model.casting import with_exact_integers
+from jounce.model.frame import UNIT_ROUNDING
 from jounce.model.mechanism import Mechanism, reference_poses, single_variables
 from jounce.model.positions import positions
 from jounce.spatial import inertia
 from jounce.spatial.lie import Ad, hat, inverse, pose, position, rotation
 
-ROUNDING = 1e-15  # what rounding leaves of an exact 0 in a rotation or a pitch
 _I = np.eye(3, dtype=int)
 _Z = _I[:, 2:]
 
@@ -46,7 +46,7 @@ def reframe(mechanism: Mechanism, T: Sequence[Array]) -> Mechanism:
 def frame_shifts(old: Mechanism, new: Mechanism) -> Array:
     """T, where the frame of each body in `new` lies in its frame in `old`."""
     both = zip(reference_poses(old), reference_poses(new), strict=True)
-    return np.stack([_exact(inverse(a) @ b) for a, b in both])
+    return np.stack([_round_units(inverse(a) @ b) for a, b in both])
 
 
 def align_frames(mechanism: Mechanism) -> Mechanism:
@@ -56,32 +56,32 @@ def align_frames(mechanism: Mechanism) -> Mechanism:
     """
     T, X = [np.eye(4, dtype=int)] * mechanism.nb, list(mechanism.X)
     for i, j in single_variables(mechanism).items():
-        T[i], X[j] = _on_axis(X[j])
+        T[i], X[j] = _frame_on_axis(X[j])
     for i, joint in positions(mechanism).items():
         T[i] = joint.T
         for j, own in zip(mechanism.columns[i], joint.group.X.T, strict=True):
             X[j] = own
-    return replace(_exactly_turned(reframe(mechanism, T)), X=np.stack(X))
+    return replace(_round_rotations(reframe(mechanism, T)), X=np.stack(X))
 
 
 def turn_frames(mechanism: Mechanism) -> Mechanism:
     """Aligned frames turned about their axes, where that leaves the axes of their children fewer components."""
     axes: list[list[np.ndarray]] = [[] for _ in mechanism.parent]
     for B, p in zip(mechanism.B, mechanism.parent, strict=True):
-        if p >= 0 and (e := _numbers(B[:3, 2])) is not None:
+        if p >= 0 and (e := _to_floats(B[:3, 2])) is not None:
             axes[p].append(e)
     T = [np.eye(4, dtype=int)] * mechanism.nb
     for i, j in single_variables(mechanism).items():
         if not is_zero(mechanism.X[j, 2]):
-            T[i] = pose(_fewest_components(axes[i]), 0 * _Z)
-    return mechanism if all(t.dtype == int for t in T) else _exactly_turned(reframe(mechanism, T))
+            T[i] = pose(_simplest_turn(axes[i]), 0 * _Z)
+    return mechanism if all(t.dtype == int for t in T) else _round_rotations(reframe(mechanism, T))
 
 
-def _fewest_components(axes: Sequence[np.ndarray]) -> Array:
+def _simplest_turn(axes: Sequence[np.ndarray]) -> Array:
     """The turn about z after which unit vectors have the fewest components; of integers where none is better."""
 
     def components(turn: Array) -> int:
-        return sum(int(np.count_nonzero(_exact(turn.T @ e))) for e in axes)
+        return sum(int(np.count_nonzero(_round_units(turn.T @ e))) for e in axes)
 
     turns = [np.array([[y, x, 0], [-x, y, 0], [0, 0, r]]) / r for x, y, _ in axes if x and y and (r := np.hypot(x, y))]
     return min([_I, *turns], key=components)
@@ -92,18 +92,18 @@ def split_turn(B: Array, X: Array) -> tuple[Array, Array]:
 
     A joint turns by Z and its angle at once, so that only S is left to carry vectors through.
     """
-    R, e = rotation(B), _numbers(B[:3, 2])
+    R, e = rotation(B), _to_floats(B[:3, 2])
     if e is None or e.all() or is_zero(X[2]) or not all(map(is_zero, X[[0, 1, 3, 4]])):
         return B, np.eye(4, dtype=int)
     x = _I[:, np.flatnonzero(e == 0)[0]]
     S = np.stack([x, np.cross(e, x), e], axis=-1)
-    if _odd_entries(S) >= _odd_entries(R):
+    if _count_odd_entries(S) >= _count_odd_entries(R):
         return B, np.eye(4, dtype=int)
     c, s = S[:, 0] @ R[:, 0], S[:, 1] @ R[:, 0]
-    return pose(_exact(S), position(B)), pose(_exact(np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])), 0 * _Z)
+    return pose(_round_units(S), position(B)), pose(_round_units(np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])), 0 * _Z)
 
 
-def _odd_entries(R: Array) -> int:
+def _count_odd_entries(R: Array) -> int:
     """How many entries are not -1, 0 or 1."""
     return sum(not is_zero(x * x * x - x) for x in np.ravel(R))
 
@@ -116,17 +116,17 @@ def slide_origins(mechanism: Mechanism) -> Mechanism:
         left = offset
         if i in alone:
             slides = is_zero(mechanism.X[alone[i], 2])
-            left = 0 * offset if slides else _shortened(offset, old[:3, 2:3])
+            left = 0 * offset if slides else _shorten_offset(offset, old[:3, 2:3])
             way = rotation(old).mT @ (left - offset)
             T[i] = pose(_I, way if slides else _Z * way[2:])
         B[i] = pose(rotation(old), left)
     return replace(reframe(mechanism, T), B=np.stack(B))
 
 
-def _shortened(offset: Array, axis: Array) -> Array:
+def _shorten_offset(offset: Array, axis: Array) -> Array:
     """What is left of an offset, moved along an axis to where it is shortest, or to where it has fewer components."""
     shortest = offset - axis * (axis.mT @ offset)
-    e = _numbers(axis)
+    e = _to_floats(axis)
     if e is None or not all(isinstance(x, int | float | np.number) for x in offset.flat):
         return shortest
     steep = np.flatnonzero(np.abs(e) >= 0.5)  # along others it is far to where a component vanishes
@@ -144,7 +144,7 @@ def base_parameters(mechanism: Mechanism) -> Mechanism:
     """
     M = list(mechanism.M)
     for i in reversed(range(mechanism.nb)):
-        of_m, of_h, of_P = _not_transmitted(mechanism.X[list(mechanism.columns[i])])
+        of_m, of_h, of_P = _untransmitted_moments(mechanism.X[list(mechanism.columns[i])])
         if not (of_m or of_P.any()):
             continue  # as a base that floats keeps all
         m, h, P = inertia.moments(M[i])
@@ -156,7 +156,7 @@ def base_parameters(mechanism: Mechanism) -> Mechanism:
     return replace(mechanism, M=np.stack(M))
 
 
-def _not_transmitted(X: Array) -> tuple[int, Array, Array]:
+def _untransmitted_moments(X: Array) -> tuple[int, Array, Array]:
     """1 where a joint with screws X, (k, 6), does not transmit m, h and P of its body, else 0."""
     turns, slides = (not all(map(is_zero, np.ravel(part))) for part in (X[:, :3], X[:, 3:]))
     of_m = int(turns and not slides)
@@ -168,32 +168,32 @@ def _not_transmitted(X: Array) -> tuple[int, Array, Array]:
 @lru_cache(maxsize=64)
 def on_axes(mechanism: Mechanism) -> Mechanism:
     """Return the same bodies in the frames with the most zeros: aligned, turned and slid."""
-    return _as_given(slide_origins(turn_frames(align_frames(mechanism))))
+    return _restore_integers(slide_origins(turn_frames(align_frames(mechanism))))
 
 
 @lru_cache(maxsize=64)
 def minimal(mechanism: Mechanism) -> Mechanism:
     """Return the equivalent mechanism with the fewest parameters: aligned, slid, reduced to base parameters."""
-    return _as_given(base_parameters(on_axes(mechanism)))
+    return _restore_integers(base_parameters(on_axes(mechanism)))
 
 
-def _as_given(mechanism: Mechanism) -> Mechanism:
+def _restore_integers(mechanism: Mechanism) -> Mechanism:
     return with_exact_integers(mechanism) if is_symbolic(mechanism.B) else mechanism
 
 
-def _on_axis(X: Array) -> tuple[Array, Array]:
+def _frame_on_axis(X: Array) -> tuple[Array, Array]:
     """The pose of a frame on the axis of a screw, z along it, and the screw seen from there."""
-    xi = _numbers(X[:3])
+    xi = _to_floats(X[:3])
     prismatic = xi is not None and not xi.any()
-    e = _numbers(X[3:]) if prismatic else xi
+    e = _to_floats(X[3:]) if prismatic else xi
     if e is None:
         raise JounceError(f"joint direction {X.tolist()} is not made of numbers; use method='closed_form'")
-    R = _exact(turn_to(e))
+    R = _round_units(turn_to(e))
     if prismatic:
         return pose(R, 0 * _Z), np.array([0, 0, 0, 0, 0, 1])
     eta = X[3:, None]
-    pitch = _exact(xi @ eta)
-    return _exact(pose(R, hat(R[:, 2]) @ eta)), concatenate([_I[2], 0 * _I[0, :2], pitch], axis=-1)
+    pitch = _round_units(xi @ eta)
+    return _round_units(pose(R, hat(R[:, 2]) @ eta)), concatenate([_I[2], 0 * _I[0, :2], pitch], axis=-1)
 
 
 def turn_to(e: np.ndarray) -> np.ndarray:
@@ -204,11 +204,11 @@ def turn_to(e: np.ndarray) -> np.ndarray:
     return _I + v + v @ v / (1 + e[2])
 
 
-def _exactly_turned(mechanism: Mechanism) -> Mechanism:
-    return replace(mechanism, B=np.stack([pose(_exact(rotation(B)), position(B)) for B in mechanism.B]))
+def _round_rotations(mechanism: Mechanism) -> Mechanism:
+    return replace(mechanism, B=np.stack([pose(_round_units(rotation(B)), position(B)) for B in mechanism.B]))
 
 
-def _numbers(x: Array) -> np.ndarray | None:
+def _to_floats(x: Array) -> np.ndarray | None:
     """`x` as floats; None where it holds symbols: those of CasADi become NaN, others raise."""
     try:
         numbers = np.array(x, dtype=float)
@@ -217,14 +217,14 @@ def _numbers(x: Array) -> np.ndarray | None:
     return numbers if np.isfinite(numbers).all() else None
 
 
-def _exact(a: Array) -> Array:
+def _round_units(a: Array) -> Array:
     """Entries within rounding of an integer -1, 0, 1 set to it; an array of integers where all are."""
     if is_symbolic(a):
-        return np.asarray(np.frompyfunc(_exact_number, 1, 1)(a), dtype=object)
+        return np.asarray(np.frompyfunc(_round_unit, 1, 1)(a), dtype=object)
     near = np.rint(a)
-    a = np.where((np.abs(a - near) < ROUNDING) & (np.abs(near) <= 1), near, a)
+    a = np.where((np.abs(a - near) < UNIT_ROUNDING) & (np.abs(near) <= 1), near, a)
     return a.astype(int) if np.all(a == np.rint(a)) else a
 
 
-def _exact_number(x: object) -> object:
-    return round(x) if isinstance(x, float) and abs(x) < 2 and abs(x - round(x)) < ROUNDING else x
+def _round_unit(x: object) -> object:
+    return round(x) if isinstance(x, float) and abs(x) < 2 and abs(x - round(x)) < UNIT_ROUNDING else x

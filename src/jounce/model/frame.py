@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 from jounce.core.scalars import Array
 
+UNIT_ROUNDING = 1e-15  # what rounding leaves of exact 0 and 1 in rotations, axes and pitches
+
 
 @dataclass(frozen=True)
 class Frame:

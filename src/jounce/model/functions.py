@@ -26,7 +26,7 @@ def hyperbolic_tangent(x: Series) -> Series:
     return from_rate(tanh(x[0]), lambda y: (-(y * y) + 1) * x.dot)
 
 
-RULES: Mapping[str, Callable[..., Series]] = {
+SERIES_RULES: Mapping[str, Callable[..., Series]] = {
     "mul": lambda x, y: x * y,
     "add": lambda x, y: x + y,
     "sub": lambda x, y: x - y,
@@ -49,5 +49,5 @@ def evaluate(program: Program, inputs: Sequence[Series]) -> list[Series]:
         elif step.kind == "constant":
             values.append(Series.constant(np.asarray(step.value)))
         else:
-            values.append(RULES[step.kind](*(values[i] for i in step.operands)))
+            values.append(SERIES_RULES[step.kind](*(values[i] for i in step.operands)))
     return [values[i] for i in program.outputs]

@@ -1,8 +1,12 @@
 """The deflection of a spring that carries a force.
 
-Cubic springs that do not soften have a fixed number of steps, for every scalar type. Others take Newton's method inside
-a bracket, on arrays of floats. Springs rise, so that a bracket holds one solution; a Newton step that leaves it, or
-does not halve the last but one, gives way to bisection.
+Problem: phi(d) = Q for d, where phi rises over an interval of deflections, so that a bracket holds one solution.
+Algorithm: cubic springs that do not soften take a fixed number of steps of Halley's method, for every scalar type.
+Others take Newton's method inside a bracket, on arrays of floats (R. P. Brent, Algorithms for Minimization without
+Derivatives, 1973, chapter 4, and W. H. Press et al., Numerical Recipes, section 9.4, rtsafe): a Newton step that leaves
+the bracket, or does not halve the last but one, gives way to bisection.
+Invariant: the force is at most Q at the low end of a bracket, and at least Q at the high end, state by state.
+Failure: `UnreachableError` where the interval ends before the force is reached; NaN in `rising_root`.
 """
 
 from collections.abc import Callable
@@ -15,14 +19,14 @@ from jounce.model.springs import CubicSpring, Spring
 
 Slope = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # of deflections, to forces and stiffnesses
 
-STEPS = 200  # of which bisection alone takes some 60
-DOUBLINGS = 60  # of a bracket that is not bounded
-START_TERMS = 5  # of the exponent 1/3 in the start value: what is left out is below 1/3072
+MAX_ROOT_STEPS = 200  # of which bisection alone takes some 60
+MAX_BRACKET_DOUBLINGS = 60  # of the step to the far end: 1e18 times the first one
+HALLEY_START_TERMS = 5  # of the series of the exponent 1/3 in the start value: what is left out is 1/3072
 HALLEY_STEPS = 3  # which take errors from 26 % to 0.7 %, 3e-7 and 2e-20
 
 
 class UnreachableError(JounceError):
-    """No deflection fulfils what is asked for; `state` is the number of the first state of the batch without one."""
+    """No deflection carries a force or has a stiffness; `state` numbers the first state of the batch without one."""
 
     def __init__(self, text: str, state: int) -> None:
         super().__init__(text)
@@ -30,23 +34,18 @@ class UnreachableError(JounceError):
 
 
 def deflection(spring: Spring, force: Array) -> Array:
-    """The deflection at which a spring exerts a force.
-
-    Raises
-    ------
-    UnreachableError : where the spring cannot exert the force.
-    """
+    """The deflection at which a spring exerts a force; raise `UnreachableError` where it cannot."""
     if is_numeric(force):
-        return _numeric(spring, np.asarray(force))
+        return _solve_numeric(spring, np.asarray(force))
     if isinstance(spring, CubicSpring) and spring.has_fixed_steps:
-        return _cubic(spring, force)
+        return _solve_cubic(spring, force)
     kind = "is given by a function or table"
     if isinstance(spring, CubicSpring):
         kind = "softens" if spring.k3 < 0 else "has no stiffness k at rest"
     raise JounceError(f"a spring that {kind} needs NumPy arrays of floats; springs for symbols are linear or stiffen")
 
 
-def _cubic(spring: CubicSpring, force: Array) -> Array:
+def _solve_cubic(spring: CubicSpring, force: Array) -> Array:
     """Halley's method for m + y^2 m^3 = 1, where y is the force over k sqrt(k / k3), and the deflection force m / k.
 
     m is near v^(-1/3), v = 1 + y^2, and 1/3 = 1/4 + 1/16 + 1/64 + ...: with five terms, the start value is within 26 %
@@ -56,7 +55,7 @@ def _cubic(spring: CubicSpring, force: Array) -> Array:
     y = force * (ratio / spring.k)
     w = y * y
     root = product = sqrt(sqrt(w + 1))
-    for _ in range(START_TERMS - 1):
+    for _ in range(HALLEY_START_TERMS - 1):
         root = sqrt(sqrt(root))
         product = product * root
     m = reciprocal(product)
@@ -67,7 +66,7 @@ def _cubic(spring: CubicSpring, force: Array) -> Array:
     return force * (1 / spring.k) * m
 
 
-def _numeric(spring: Spring, force: np.ndarray) -> np.ndarray:
+def _solve_numeric(spring: Spring, force: np.ndarray) -> np.ndarray:
     def slope(d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         found = spring._derivatives(d)
         return found[0], found[1]
@@ -76,36 +75,31 @@ def _numeric(spring: Spring, force: np.ndarray) -> np.ndarray:
         if isinstance(spring, CubicSpring) and spring.k == 0:
             found = np.cbrt(force) / np.cbrt(spring.k3)
         elif isinstance(spring, CubicSpring) and spring.has_fixed_steps:
-            found = _cubic(spring, force)
+            found = _solve_cubic(spring, force)
         else:
             found = rising_root(slope, force, spring.range)
     lost = np.isnan(found) & np.isfinite(force)
     if lost.any():
         state = int(np.flatnonzero(lost)[0])
-        low, high = _extremes(slope, spring.range)
-        raise UnreachableError(
-            f"no deflection of the spring carries {force.flat[state]:g}; it carries {low:g} to {high:g}", state
-        )
+        with np.errstate(all="ignore"):  # the forces at its ends, or far out
+            low, high = (float(slope(np.asarray(np.clip(end, -1e9, 1e9)))[0]) for end in spring.range)
+        came = f"no deflection of the spring carries {force.flat[state]:g}"
+        raise UnreachableError(f"{came}; it carries {low:g} to {high:g}", state)
     return found
-
-
-def _extremes(slope: Slope, bounds: tuple[float, float]) -> tuple[float, float]:
-    """The least and the greatest force of a spring, at its ends, or far out."""
-    with np.errstate(all="ignore"):
-        ends = [float(slope(np.asarray(np.clip(end, -1e9, 1e9)))[0]) for end in bounds]
-    return ends[0], ends[1]
 
 
 @np.errstate(all="ignore")
 def rising_root(slope: Slope, target: np.ndarray, bounds: tuple[np.ndarray | float, np.ndarray | float]) -> np.ndarray:
     """x with f(x) = target of a rising function, NaN where no x within bounds has it."""
-    low, high, x = _bracket(slope, target, bounds)
+    low, high, x = _find_bracket(slope, target, bounds)
     last = before = high - low
     done = lost = np.isnan(low) | np.isnan(target)
-    for _ in range(STEPS):
+    for _ in range(MAX_ROOT_STEPS):
+        # the bracket shrinks to x on one side
         f, rise = slope(x)
         above = f > target
         low, high = np.where(above, low, x), np.where(above, x, high)
+        # Newton's step, if it stays inside and is fast enough, or is down to rounding; else bisection
         step = (target - f) / rise
         at_end = (np.abs(step) <= 2 * np.finfo(float).eps * np.abs(x)) & np.isfinite(rise)
         fast = (x + step > low) & (x + step < high) & (2 * np.abs(step) <= before)
@@ -117,18 +111,19 @@ def rising_root(slope: Slope, target: np.ndarray, bounds: tuple[np.ndarray | flo
     return np.where(lost | ~done | ~(slope(x)[1] > 0), np.nan, x)
 
 
-def _bracket(
+def _find_bracket(
     slope: Slope, target: np.ndarray, bounds: tuple[np.ndarray | float, np.ndarray | float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Ends between which a rising function takes its targets, NaN where they are not found, and a first guess."""
     least, most = np.broadcast_to(bounds[0], target.shape), np.broadcast_to(bounds[1], target.shape)
     middle = np.where(np.isfinite(least) & np.isfinite(most), (least + most) / 2, np.clip(0.0, least, most))
     f, rise = slope(middle)
+    # the first guess, on the side of the target, and from there twice as far until the target is passed
     way = np.where(target >= f, 1.0, -1.0)
     guess = np.clip(middle + (target - f) / rise, least, most)
     step = np.maximum(np.abs(guess - middle), np.finfo(float).tiny)
     far = guess
-    for _ in range(DOUBLINGS):
+    for _ in range(MAX_BRACKET_DOUBLINGS):
         short = (slope(far)[0] - target) * way < 0
         if not short.any():
             break

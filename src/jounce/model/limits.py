@@ -28,13 +28,9 @@ class Bound(property):
 class Limits:
     """The limits of the joint variables, their forces and their motors, infinite where none is stated.
 
-    They do not enter Q.
-
-    They are kept per joint variable. Of joints that follow others, the motion is limited, but the effort is not: what
-    they exert adds to the force of their leader, and only its limit has a meaning.
-
-    Each attribute is the bound in the positive direction; the other one is its negative, unless the limit is two-sided:
-    `bounds` gives both.
+    They do not enter Q. Of joints that follow others, the motion is limited, but the effort is not: what they exert
+    adds to the force of their leader, and only its limit has a meaning. Each attribute is the bound in the positive
+    direction; the other one is its negative, unless the limit is two-sided: `bounds` gives both.
 
     Attributes
     ----------
@@ -64,8 +60,6 @@ class Limits:
     >>> limits = jounce.load("panda").limits
     >>> limits.effort[:2]
     array([87., 87.])
-    >>> limits.bounds("effort")[:, 0]
-    array([-87.,  87.])
     """
 
     table: Floats
@@ -93,9 +87,7 @@ class Limits:
         Parameters
         ----------
         kind : str
-            "position", "velocity", "acceleration", "jerk", "snap", "effort", "effort_rate", "second_effort_rate",
-            "power", "stall_effort", "no_load_velocity", "motor_position", "motor_velocity", "motor_torque",
-            "motor_current" or "motor_voltage".
+            "position", "velocity", "effort" or another attribute of these limits.
 
         Returns
         -------

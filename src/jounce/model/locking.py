@@ -1,4 +1,10 @@
-"""Locking: joints are held at a value, and their bodies merge into those that carry them."""
+"""Locking: joints are held at a value, and their bodies merge into those that carry them.
+
+One pass over the bodies, carriers first: a locked body moves by the pose of its joint at its constant theta into the
+frame of its carrier, and its inertia is added there (the parallel-axis theorem); free bodies keep their frames.
+Invariant: each frame of the old robot keeps its pose in the world at every configuration of the free coordinates.
+Fails where no coordinate is left, where both ends of a loop come to lie on one body, and on overflow.
+"""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -8,7 +14,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, listed, one_of, quoted, several, warn
 from jounce.core.scalars import Array, is_finite, is_numeric
-from jounce.model.coordinates import likely_positions
+from jounce.model.coordinates import MIN_DEGREES_ANGLE, likely_positions
 from jounce.model.drives import Drives
 from jounce.model.frame import Frame
 from jounce.model.mechanism import Mechanism
@@ -16,8 +22,7 @@ from jounce.model.positions import Position, positions
 from jounce.model.screws import exact_inertia, exact_pose
 from jounce.spatial import inertia, lie
 
-SLACK = 1e-3  # of the range of a joint: limits in files are rounded
-TURN = 6.3  # rad: what is less is not taken for degrees
+LIMIT_SLACK = 1e-3  # of the range of a joint, by which positions may exceed limits: those in files are rounded
 
 
 def locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
@@ -52,20 +57,18 @@ def locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
     for name in set(values) - set(wholes):
         at[mechanism.coordinates.index(name)] = float(values[name])
     welds = {i: x for name, (i, x) in wholes.items() if name in values}
-    places = [
-        j for j, name in enumerate(mechanism.coordinates) if name in values or (name in of and of[name].name in values)
-    ]
-    free = [j for j in range(mechanism.n) if j not in places]
+    held = [name in values or (name in of and of[name].name in values) for name in mechanism.coordinates]
+    places, free = np.flatnonzero(held), np.flatnonzero(np.logical_not(held)).tolist()
     if not free:
         raise JounceError(f"all {mechanism.n} joints are locked; expected one that moves")
     with np.errstate(all="ignore"):  # what overflows is refused
         g = mechanism.g + mechanism.G[:, places] @ at[places]
         names = tuple(mechanism.coordinates[j] for j in free)
         elasticity = mechanism.elasticity and mechanism.elasticity.select(free)
-        held = replace(mechanism, G=mechanism.G[:, free], g=g, coordinates=names, elasticity=elasticity)
-        still = [not row.any() for row in held.G]
+        slower = replace(mechanism, G=mechanism.G[:, free], g=g, coordinates=names, elasticity=elasticity)
+        still = [not row.any() for row in slower.G]
         poses = {i: x.T @ x.group.pose(np.array(values[x.name], float)) @ lie.inverse(x.T) for i, x in welds.items()}
-        welded = _without(held, still, poses)
+        welded = _merge_locked_bodies(slower, still, poses)
     if is_numeric(g) and is_numeric(mechanism.X):
         warn_of_limits(mechanism, np.flatnonzero(still), g, "is locked at")
     for array in (*welded.arrays.values(), *(frame.T for frame in welded.frames)):
@@ -78,21 +81,20 @@ def locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
 
 
 def warn_of_limits(mechanism: Mechanism, still: Iterable[int], theta: np.ndarray, state: str) -> None:
-    """Warn of joints that are held where they cannot be, and tell where degrees would be right."""
+    """Warn of joints that are held beyond their limits, and name the angle that degrees would mean if it is within."""
     limits, (lower, upper) = mechanism.limits, likely_positions(mechanism)
-    slack = np.where(np.isfinite(upper - lower), SLACK * (upper - lower), 0)
+    slack = np.where(np.isfinite(upper - lower), LIMIT_SLACK * (upper - lower), 0)
     revolute = mechanism.X[:, :3].any(axis=1)
 
     def is_beyond(x: np.ndarray) -> np.ndarray:
         return (x < lower - slack) | (x > upper + slack)
 
-    beyond, radians = is_beyond(theta), np.deg2rad(theta)
-    found = [i for i in still if beyond[i]]
-    if found:
+    radians = np.deg2rad(theta)
+    if found := [i for i in still if is_beyond(theta)[i]]:
         i, unit = found[0], "rad" if revolute[found[0]] else "m"
         stated = np.isfinite([limits.lower[i], limits.upper[i]]).any()
         reach = f"its limits are {limits.lower[i]:.6g} to {limits.upper[i]:.6g} {unit}"
-        turns = revolute[i] and abs(theta[i]) > TURN and not is_beyond(radians)[i]
+        turns = revolute[i] and abs(theta[i]) > MIN_DEGREES_ANGLE and not is_beyond(radians)[i]
         cure = f"; {theta[i]:.6g} deg are {radians[i]:.6g} rad" if turns else ""
         more = f" (and {len(found) - 1} more joints)" if found[1:] else ""
         came = f"joint {quoted(mechanism.joints[i])} {state} {theta[i]:.6g} {unit}"
@@ -103,12 +105,11 @@ def _check_numbers(joint: Position, value: object) -> None:
     """Raise `JounceError` unless a value is the numbers of a joint of several screws."""
     names, numbers = joint.group.positions, several(value)
     if len(numbers) != len(names) or not all(map(is_finite, numbers)) or not any(numbers[len(joint.group.places) :]):
-        raise JounceError(
-            f"{joint.group.name} joint {joint.name!r} is locked at {quoted(value)}; expected {', '.join(names)}"
-        )
+        named = f"{joint.group.name} joint {joint.name!r}"
+        raise JounceError(f"{named} is locked at {quoted(value)}; expected {', '.join(names)}")
 
 
-def _without(mechanism: Mechanism, still: list[bool], poses: Mapping[int, Array]) -> Mechanism:
+def _merge_locked_bodies(mechanism: Mechanism, still: list[bool], poses: Mapping[int, Array]) -> Mechanism:
     """Return the mechanism without its locked joints, each at its constant theta; those of several screws at a pose."""
     held = [bool(columns) and all(still[j] for j in columns) for columns in mechanism.columns]
     kept = [j for j, welded in enumerate(still) if not welded]

@@ -12,33 +12,32 @@ from functools import cached_property
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate
-from jounce.model.frame import Frame
+from jounce.model.frame import UNIT_ROUNDING, Frame
 
-Z = (0, 0, 1)
-ROUNDING = 1e-15  # what rounding leaves of an exact 0
-_I, _O = np.eye(3, dtype=int), np.zeros((3, 3), dtype=int)
+Z = (0, 0, 1)  # the axis of a cut joint that states none
+_I = np.eye(3, dtype=int)
 
 
-def _across(axis: np.ndarray) -> np.ndarray:
+def _perpendicular_directions(axis: np.ndarray) -> np.ndarray:
     """Two directions perpendicular to a unit vector and to each other, (2, 3); the axes of the frame where they are."""
     first = np.cross(axis, _I[np.argmin(np.abs(axis))])
     first = first / np.linalg.norm(first)
     return np.stack([first, np.cross(axis, first)]) + 0.0
 
 
-def _exact(directions: np.ndarray) -> np.ndarray:
+def _round_directions(directions: np.ndarray) -> np.ndarray:
     """Directions along axes as integers, which keep zeros and symbols exact."""
     whole = np.rint(directions)
-    return whole.astype(int) if (np.abs(directions - whole) <= ROUNDING).all() else directions
+    return whole.astype(int) if (np.abs(directions - whole) <= UNIT_ROUNDING).all() else directions
 
 
 # of a cut joint, the directions in which it allows no turn and no slide
 HELD: Mapping[str, Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
-    "spherical": lambda axis: (_O[:0], _I),
-    "revolute": lambda axis: (_across(axis), _I),
-    "prismatic": lambda axis: (_I, _across(axis)),
-    "cylindrical": lambda axis: (_across(axis), _across(axis)),
-    "planar": lambda axis: (_across(axis), axis[None]),
+    "spherical": lambda axis: (_I[:0], _I),
+    "revolute": lambda axis: (_perpendicular_directions(axis), _I),
+    "prismatic": lambda axis: (_I, _perpendicular_directions(axis)),
+    "cylindrical": lambda axis: (_perpendicular_directions(axis), _perpendicular_directions(axis)),
+    "planar": lambda axis: (_perpendicular_directions(axis), axis[None]),
     "fixed": lambda axis: (_I, _I),
 }
 
@@ -78,7 +77,7 @@ class Loop:
     def held(self) -> tuple[np.ndarray, np.ndarray]:
         """The directions (k, 3) and (l, 3), in the axes of frame a, in which the joint allows no turn and no slide."""
         turns, slides = HELD[self.joint](np.asarray(self.axis, dtype=float))
-        return _exact(turns), _exact(slides)
+        return _round_directions(turns), _round_directions(slides)
 
     @property
     def arrays(self) -> tuple[Array, ...]:
@@ -94,26 +93,16 @@ class Loop:
     @property
     def allowed(self) -> np.ndarray:
         """(6, 6): what is left of a relative twist that the joint allows; the projection across the rows."""
-        return _exact(np.eye(6, dtype=int) - self.rows.T @ self.rows)
+        return _round_directions(np.eye(6, dtype=int) - self.rows.T @ self.rows)
 
 
 @dataclass(frozen=True, eq=False)
 class FollowerRatios:
-    """Dependent coordinates that follow the independent ones by constant ratios, as those of parallelograms do.
+    """Dependent coordinates d = F u + offset of independent ones u by constant ratios F, as those of parallelograms."""
 
-    Attributes
-    ----------
-    places : tuple of int
-        Their places among the coordinates of the tree.
-    F : (len(places), n)
-        The ratios: d = F u + offset.
-    offset : (len(places),)
-        Their values at u = 0, rad or m.
-    """
-
-    places: tuple[int, ...]
-    F: Array
-    offset: Array
+    places: tuple[int, ...]  # of the k dependent coordinates among those of the tree
+    F: Array  # (k, n)
+    offset: Array  # (k,), rad or m
 
     def positions(self, u: Array) -> Array:
         """The followers (..., k) of independent coordinates (..., n)."""
@@ -183,8 +172,11 @@ def in_scalars(
     loops: Sequence[Loop], closure: Closure | None, convert: Callable[[Array], Array]
 ) -> tuple[tuple[Loop, ...], Closure | None]:
     """Loops and their closure with the numbers converted to other scalars."""
-    placed = [[replace(frame, T=convert(frame.T)) for frame in (loop.a, loop.b)] for loop in loops]
-    converted = tuple(replace(loop, a=a, b=b) for loop, (a, b) in zip(loops, placed, strict=True))
+
+    def placed(frame: Frame) -> Frame:
+        return replace(frame, T=convert(frame.T))
+
+    converted = tuple(replace(loop, a=placed(loop.a), b=placed(loop.b)) for loop in loops)
     if closure is None:
         return converted, None
     ratios = replace(closure.ratios, F=convert(closure.ratios.F), offset=convert(closure.ratios.offset))

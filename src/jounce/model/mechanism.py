@@ -20,8 +20,7 @@ from jounce.model.frame import Frame
 from jounce.model.limits import Limits
 from jounce.model.loops import Closure, Loop
 
-GRAVITY = (0, 0, -9.81)  # m/s^2, unless told otherwise
-DATA = ("B", "X", "M", "gravity", "G", "g")  # the arrays of a mechanism
+GRAVITY = (0, 0, -9.81)  # m/s^2, unless a caller or a file states another
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -107,11 +106,11 @@ class Mechanism:
     closure: Closure | None = None
 
     def __post_init__(self) -> None:
-        beside = (self.limits.table, *vars(self.drives).values(), *(frame.T for frame in self.frames))
+        stated = (self.limits.table, *vars(self.drives).values(), *(frame.T for frame in self.frames))
         elastic = self.elasticity.arrays.values() if self.elasticity else ()
         closing = [*self.closure.arrays.values(), self.closure.start] if self.closure else []
         closing += [array for loop in self.loops for array in loop.arrays]
-        for array in (*self.arrays.values(), *beside, *elastic, *closing):
+        for array in (*self.arrays.values(), *stated, *elastic, *closing):
             array.flags.writeable = False
 
     def __setstate__(self, state: dict[str, Any]) -> None:  # a copy or an unpickled one is as frozen as any
@@ -121,7 +120,7 @@ class Mechanism:
     @property
     def arrays(self) -> dict[str, Array]:
         """The numbers of the rigid bodies and their joints by name."""
-        return {name: getattr(self, name) for name in DATA}
+        return {name: getattr(self, name) for name in ("B", "X", "M", "gravity", "G", "g")}
 
     @property
     def is_numeric(self) -> bool:
@@ -131,15 +130,14 @@ class Mechanism:
     @cached_property
     def tree(self) -> "Mechanism":
         """The robot with its loops open and its joints rigid; the mechanism itself where none is closed."""
-        c = self.closure
-        return (
-            self if c is None else replace(self, G=c.G, g=c.g, coordinates=c.coordinates, closure=None, elasticity=None)
-        )
+        if (c := self.closure) is None:
+            return self
+        return replace(self, G=c.G, g=c.g, coordinates=c.coordinates, closure=None, elasticity=None)
 
     @property
     def columns(self) -> tuple[tuple[int, ...], ...]:
         """The joint variables that move each body: none of a base that floats, several of a joint of several screws."""
-        return _columns(self.owners, self.nb)
+        return _body_columns(self.owners, self.nb)
 
     @property
     def nb(self) -> int:
@@ -192,7 +190,7 @@ class Mechanism:
 
 
 @lru_cache(maxsize=64)
-def _columns(owners: tuple[int, ...], nb: int) -> tuple[tuple[int, ...], ...]:
+def _body_columns(owners: tuple[int, ...], nb: int) -> tuple[tuple[int, ...], ...]:
     found: list[list[int]] = [[] for _ in range(nb)]
     for j, i in enumerate(owners):
         found[i].append(j)
@@ -206,12 +204,7 @@ def single_variables(mechanism: Mechanism) -> dict[int, int]:
 
 @lru_cache(maxsize=64)
 def reciprocal_mass(mechanism: Mechanism) -> Array:
-    """1 / m of the mass m of all bodies that move, a floating base included, (1,).
-
-    Raises
-    ------
-    JounceError : if they have no mass, and hence no centre of mass.
-    """
+    """1 / m of the mass m of all bodies that move, a floating base included, (1,); raise `JounceError` if it is 0."""
     mass = mechanism.M[:, 3:4, 3].sum(axis=0)
     if is_zero(mass[0]):
         raise JounceError(f"{mechanism.name!r} has no centre of mass, as all masses are 0; give its bodies mass")

@@ -1,7 +1,7 @@
-"""Parameters: parts of a mechanism's data that become arguments: gravity, masses, lengths, a payload.
+"""Parameters of a mechanism: parts of its data that become arguments, and the inertial parameters of all its bodies.
 
-Code that is generated once, or a function that is differentiated, takes them at run time. What they are made of,
-CasADi's symbols or a tape's, the caller says.
+Code that is generated once, or a function that is differentiated, takes gravity, masses, lengths and a payload at run
+time, as what a caller says: CasADi's symbols or a tape's. Generalized forces are linear in inertial parameters.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,16 +10,16 @@ from dataclasses import replace
 import numpy as np
 
 from jounce.core.errors import JounceError, listed, no_such, quoted
-from jounce.core.scalars import Array, exact_integers, is_zero
+from jounce.core.scalars import Array, asarray, exact_integers, is_numeric, is_zero
 from jounce.model.casting import with_exact_integers
 from jounce.model.frame import Frame
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 from jounce.spatial.lie import pose, rotation
 
-PARAMETERS = ("gravity", "masses", "lengths", "payload")
-PAYLOAD = {"mass": 1, "com": 3, "inertia": 6}  # what a payload consists of
-_POINT = np.diag([0, 0, 0, 1, 1, 1])  # the inertia matrix of 1 kg at the frame's origin
+MODEL_PARAMETERS = ("gravity", "masses", "lengths", "payload")
+PAYLOAD_SIZES = {"mass": 1, "com": 3, "inertia": 6}  # what a payload consists of
+_UNIT_POINT_MASS = np.diag([0, 0, 0, 1, 1, 1])  # the inertia matrix of 1 kg at the frame's origin
 
 
 def parametrise(
@@ -39,11 +39,8 @@ def parametrise(
                              xz yy yz zz; the symbols of a second payload are payload2_mass, ...
     ======================== =====================================================================================
 
-    `symbol` makes an object array of new symbols by name and shape.
-
-    Raises
-    ------
-    JounceError : where a name is unknown or comes twice, or a payload hangs on the ground.
+    `symbol` makes an object array of new symbols by name and shape. Raises `JounceError` where a name is unknown or
+    comes twice, or a payload hangs on the ground.
     """
     symbols = {name: symbol(name, value.shape) for name, value in own_values(mechanism, names).items()}
     B, M = exact_integers(mechanism.B), exact_integers(mechanism.M)
@@ -51,12 +48,11 @@ def parametrise(
         first = int(mechanism.floats)  # the base stays
         B = np.concatenate([B[:first], pose(rotation(B[first:]), symbols["lengths"][..., None])])
     if "masses" in symbols:
-        M = np.stack([_of_mass(M_i, symbols["masses"][i : i + 1, None]) for i, M_i in enumerate(M)])
+        M = np.stack([_with_mass(M_i, symbols["masses"][i : i + 1, None]) for i, M_i in enumerate(M)])
     for stem, frame in _payloads(mechanism, names).items():
-        mass, com, six = (symbols[f"{stem}_{part}"] for part in PAYLOAD)
-        added = inertia.shift_inertia(
-            inertia.inertia_matrix(mass, com, inertia.symmetric(six)), exact_integers(frame.T)
-        )
+        mass, com, six = (symbols[f"{stem}_{part}"] for part in PAYLOAD_SIZES)
+        load = inertia.inertia_matrix(mass, com, inertia.symmetric(six))
+        added = inertia.shift_inertia(load, exact_integers(frame.T))
         M = M + np.eye(len(M), dtype=int)[frame.body][:, None, None] * added
     gravity = symbols.get("gravity", mechanism.gravity)
     return with_exact_integers(replace(mechanism, B=B, M=M, gravity=np.array(gravity))), symbols
@@ -66,8 +62,8 @@ def own_values(mechanism: Mechanism, names: Sequence[str]) -> dict[str, np.ndarr
     """Return the arrays that `parametrise` replaces, with the robot's own values."""
     lengths = mechanism.B[int(mechanism.floats) :, :3, 3]
     own = {"gravity": mechanism.gravity, "masses": mechanism.M[:, 3, 3], "lengths": lengths}
-    payloads = _payloads(mechanism, names)
-    nothing = {f"{stem}_{part}": np.zeros(size) for stem in payloads for part, size in PAYLOAD.items()}
+    stems = _payloads(mechanism, names)
+    nothing = {f"{stem}_{part}": np.zeros(size) for stem in stems for part, size in PAYLOAD_SIZES.items()}
     return {name: own[name] for name in names if name in own} | nothing
 
 
@@ -75,13 +71,13 @@ def _payloads(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Frame]:
     """Check `names`, and map the stem of each payload's symbols to the frame of the payload."""
     texts = isinstance(names, Sequence) and not isinstance(names, str) and all(isinstance(x, str) for x in names)
     if not texts or len(set(names)) != len(names):
-        known = ", ".join(PARAMETERS)
+        known = ", ".join(MODEL_PARAMETERS)
         raise JounceError(f"parameters are {quoted(names)}; expected a list of different names of {known}")
     payloads: dict[str, Frame] = {}
     for name in names:
         kind, colon, body = name.partition(":")
-        if kind not in PARAMETERS or (colon and kind != "payload"):
-            raise no_such("parameter", name, [*PARAMETERS, "payload:BODY"])
+        if kind not in MODEL_PARAMETERS or (colon and kind != "payload"):
+            raise no_such("parameter", name, [*MODEL_PARAMETERS, "payload:BODY"])
         if kind == "payload":
             frame = mechanism.frame(body if colon else _tip(mechanism))
             if frame.body < 0:
@@ -99,6 +95,25 @@ def _tip(mechanism: Mechanism) -> str:
     return tips[0]
 
 
-def _of_mass(M: Array, mass: Array) -> Array:
+def _with_mass(M: Array, mass: Array) -> Array:
     """Scale the inertia matrix of a body to another mass, (1, 1)."""
-    return M + mass * _POINT if is_zero(M[3, 3]) else mass * exact_integers(M / M[3, 3])
+    return M + mass * _UNIT_POINT_MASS if is_zero(M[3, 3]) else mass * exact_integers(M / M[3, 3])
+
+
+def parameters_of(mechanism: Mechanism) -> Array:
+    """Return the ten parameters of each body, in the order of `bodies`: (10 nb,)."""
+    return inertia.parameters(mechanism.M).reshape(-1)
+
+
+def with_parameters(mechanism: Mechanism, given: object) -> Mechanism:
+    """Return the mechanism with other inertial parameters, (10 nb,)."""
+    p, names = asarray(given, "p"), mechanism.bodies
+    if p.shape != (len(inertia.PARAMETERS) * len(names),):
+        expected = f"({len(inertia.PARAMETERS) * len(names)},): {', '.join(inertia.PARAMETERS)}"
+        raise JounceError(f"p has shape {p.shape}; expected {expected} of each of {len(names)} bodies")
+    if is_numeric(p) and not np.isfinite(p).all():
+        place = int(np.flatnonzero(~np.isfinite(p))[0])
+        body, k = divmod(place, len(inertia.PARAMETERS))
+        raise JounceError(f"p: {inertia.PARAMETERS[k]} of {names[body]!r} is {p[place]}; expected finite numbers")
+    M = inertia.from_parameters(p.reshape((len(names), len(inertia.PARAMETERS))))
+    return replace(mechanism, M=M)

@@ -81,7 +81,7 @@ def positions(mechanism: Mechanism) -> dict[int, Position]:
 
 
 @lru_cache(maxsize=64)
-def _numbers(mechanism: Mechanism) -> tuple[int, Array]:
+def _count_numbers(mechanism: Mechanism) -> tuple[int, Array]:
     """How many numbers q has, and the matrix (n, numbers) that leaves those of joints of one screw."""
     joints = positions(mechanism).values()
     several = {j for x in joints for j in range(x.coordinates.start, x.coordinates.stop)}
@@ -95,7 +95,7 @@ def _numbers(mechanism: Mechanism) -> tuple[int, Array]:
 
 def position_count(mechanism: Mechanism) -> int:
     """How many numbers q has, without those of a base that floats."""
-    return _numbers(mechanism)[0]
+    return _count_numbers(mechanism)[0]
 
 
 def whole_position_count(mechanism: Mechanism) -> int:
@@ -164,7 +164,7 @@ def resting_position(mechanism: Mechanism) -> np.ndarray:
 
 def single_positions(mechanism: Mechanism) -> Array:
     """(n, numbers) integers: the positions of joints of one screw in the places of their velocities; others are 0."""
-    return _numbers(mechanism)[1]
+    return _count_numbers(mechanism)[1]
 
 
 def of_single_joints(mechanism: Mechanism, q: np.ndarray) -> np.ndarray:

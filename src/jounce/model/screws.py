@@ -9,6 +9,7 @@ from jounce.core.errors import JounceError, one_line, one_of, quoted, several, s
 from jounce.core.scalars import Array, asarray, is_finite, is_numeric, is_symbolic
 from jounce.model.casting import with_exact_integers
 from jounce.model.drives import UNDRIVEN, Drives, drive_error
+from jounce.model.frame import UNIT_ROUNDING
 from jounce.model.limits import Limits
 from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.model.positions import positions
@@ -17,7 +18,6 @@ from jounce.model.stated import checked_limits
 from jounce.spatial import inertia, lie
 
 UNIT_TOLERANCE = 1e-9  # how far a direction or rotation may be from unit length before it is taken for a mistake
-ROUNDING = 1e-15  # what making them exact leaves; nothing as close is touched, so that data pass the door unchanged
 
 
 def from_screws(
@@ -40,22 +40,24 @@ def from_screws(
 ) -> Mechanism:
     """A mechanism from body-fixed data, every array checked; see `Robot.from_screws` for what they are."""
     given = {"B": B, "X": X, "M": M, "gravity": gravity}
-    data: dict[str, Any] = {label: _data(array, label) for label, array in given.items()}
+    data: dict[str, Any] = {label: _copy_data(array, label) for label, array in given.items()}
     nb = data["B"].shape[0] if data["B"].ndim == 3 else 0
     check_size(nb)
-    moved = _owners(owners, nb)
+    moved = _check_owners(owners, nb)
     nc = len(moved)
-    data["G"] = np.eye(nc) if G is None else _data(G, "G")
-    data["g"] = np.zeros(nc) if g is None else _data(g, "g")
+    data["G"] = np.eye(nc) if G is None else _copy_data(G, "G")
+    data["g"] = np.zeros(nc) if g is None else _copy_data(g, "g")
     _check_shapes(data, nb, nc)
     for label, exact in (("B", exact_pose), ("X", exact_screw), ("M", exact_inertia)):
         data[label] = np.stack([exact(x, f"{label}[{i}]") for i, x in enumerate(data[label])])
     data |= {label: array + 0.0 for label, array in data.items() if is_numeric(array)}  # no -0.0 among data
-    bodies = _names(names, nb, "names", "body")
-    coordinates = _names(joint_names, data["G"].shape[1], "joint_names", "joint" if G is None else "q")
-    carriers = _tree(parent, nb)
+    bodies = _check_names(names, nb, "names", "body")
+    coordinates = _check_names(joint_names, data["G"].shape[1], "joint_names", "joint" if G is None else "q")
+    carriers = _check_parents(parent, nb)
     if base is not None:
-        bodies = (_base_name(base_name, bodies), *bodies)
+        if _check_text(base_name, "base_name") in bodies:
+            raise JounceError(f"base_name is {quoted(base_name)}, which is the name of a body; expected another")
+        bodies = (base_name, *bodies)
         data["B"], data["M"] = np.stack([np.eye(4), *data["B"]]), np.stack([_base_inertia(base), *data["M"]])
         carriers, moved = (-1, *(p + 1 for p in carriers)), tuple(i + 1 for i in moved)
     built = Mechanism(
@@ -63,31 +65,30 @@ def from_screws(
         parent=carriers,
         owners=moved,
         bodies=bodies,
-        joints=coordinates if G is None else _names(None, nc, "joints", "joint"),
+        joints=coordinates if G is None else _check_names(None, nc, "joints", "joint"),
         coordinates=coordinates,
         limits=checked_limits(limits, nc),
-        drives=_checked_drives(drives, nc),
+        drives=_check_drives(drives, nc),
         floats=base is not None,
-        name=_text(name, "name"),
+        name=_check_text(name, "name"),
     )
     positions(built)  # refuses joints of several screws that are none
     return with_exact_integers(built) if any(map(is_symbolic, built.arrays.values())) else built
 
 
-def _owners(given: Sequence[int] | None, nb: int) -> tuple[int, ...]:
+def _check_owners(given: Sequence[int] | None, nb: int) -> tuple[int, ...]:
     """The body that each joint variable moves: each body has some, in the order of the bodies."""
     if given is None:
         return tuple(range(nb))
     numbers = several(given)
     if not all(is_finite(i) for i in numbers) or sorted(set(numbers)) != list(range(nb)) or sorted(numbers) != numbers:
-        raise JounceError(
-            f"owners is {quoted(given)}; expected the bodies 0 .. {nb - 1} that the screws move, in order"
-        )
-    return tuple(int(i) for i in numbers)
+        expected = f"the bodies 0 .. {nb - 1} that the screws move, in order"
+        raise JounceError(f"owners is {quoted(given)}; expected {expected}")
+    return tuple(map(int, numbers))
 
 
 def _base_inertia(given: Array) -> np.ndarray:
-    M = _data(given, "base")
+    M = _copy_data(given, "base")
     if M.shape != (6, 6):
         raise JounceError(f"base has shape {M.shape}; expected the inertia matrix (6, 6) of the base that floats")
     _check_finite(M, "base")
@@ -95,42 +96,34 @@ def _base_inertia(given: Array) -> np.ndarray:
     return M + 0.0 if is_numeric(M) else M
 
 
-def _base_name(name: str, bodies: Sequence[str]) -> str:
-    if _text(name, "base_name") in bodies:
-        raise JounceError(f"base_name is {quoted(name)}, which is the name of a body; expected another")
-    return name
-
-
 def from_spatial_screws(A: Array, Y: Array, M: Array, parent: Sequence[int] | None = None, **data: Any) -> Mechanism:
     """A mechanism from absolute reference poses A_i and joint screws Y_i in the inertial frame, both at q = 0.
 
     ``B_i = A_p^-1 A_i`` and ``X_i = Ad(A_i^-1) Y_i``.
     """
-    A, Y = _data(A, "A"), _data(Y, "Y")
+    A, Y = _copy_data(A, "A"), _copy_data(Y, "Y")
     nb = A.shape[0] if A.ndim == 3 else 0
     if nb == 0 or A.shape != (nb, 4, 4) or Y.shape != (nb, 6):
         raise JounceError(f"A and Y have shapes {A.shape} and {Y.shape}; expected (n, 4, 4) and (n, 6)")
     A = [exact_pose(T, f"A[{i}]") for i, T in enumerate(A)]
     Y = [exact_screw(y, f"Y[{i}]") for i, y in enumerate(Y)]
-    B = [A_i if p < 0 else lie.inverse(A[p]) @ A_i for A_i, p in zip(A, _tree(parent, nb), strict=True)]
+    B = [A_i if p < 0 else lie.inverse(A[p]) @ A_i for A_i, p in zip(A, _check_parents(parent, nb), strict=True)]
     X = [lie.Ad(lie.inverse(A_i)) @ Y_i for A_i, Y_i in zip(A, Y, strict=True)]
     return from_screws(np.stack(B), np.stack(X), M, parent, **data)
 
 
-def _data(x: Array, label: str) -> np.ndarray:
+def _copy_data(x: Array, label: str) -> np.ndarray:
     """Return a copy of the caller's array; a robot's data must be concrete, even if states are traced."""
     array = asarray(x, label)
-    if is_symbolic(array) and any(
-        type(x).__module__.startswith("casadi") and type(x).__name__ == "MX" for x in array.flat
-    ):
+    kinds = {type(entry) for entry in array.flat} if is_symbolic(array) else set()
+    if any(kind.__module__.startswith("casadi") and kind.__name__ == "MX" for kind in kinds):
         cure = "robot.casadi_function(parameters=...) is called with MX"
         raise JounceError(f"{label} holds a CasADi MX; a robot's data may be SX: {cure}")
     try:
         return np.array(array if isinstance(array, np.ndarray) else np.asarray(array, dtype=np.float64))
     except Exception as error:  # such as a tracer of JAX
-        raise JounceError(
-            f"{label} is not concrete: {shortened(one_line(error))}; a state may be traced, the robot's data may not"
-        ) from None
+        why = shortened(one_line(error))
+        raise JounceError(f"{label} is not concrete: {why}; a state may be traced, the robot's data may not") from None
 
 
 def _check_shapes(data: Mapping[str, np.ndarray], nb: int, nc: int) -> None:
@@ -139,8 +132,7 @@ def _check_shapes(data: Mapping[str, np.ndarray], nb: int, nc: int) -> None:
     if data["gravity"].shape != (3,):
         raise JounceError(f"gravity has shape {data['gravity'].shape}; expected a vector (3,), as {GRAVITY}")
     n = data["G"].shape[1] if data["G"].ndim == 2 else 0
-    expected = {"X": (nc, 6), "M": (nb, 6, 6), "G": (nc, n), "g": (nc,)}
-    for label, shape in expected.items():
+    for label, shape in {"X": (nc, 6), "M": (nb, 6, 6), "G": (nc, n), "g": (nc,)}.items():
         if data[label].shape != shape or 0 in shape:
             raise JounceError(f"{label} has shape {data[label].shape}; expected {shape} for {nb} bodies")
     for label, array in data.items():
@@ -165,7 +157,7 @@ def exact_pose(T: np.ndarray, label: str) -> np.ndarray:
     if not error <= UNIT_TOLERANCE or np.linalg.det(R) < 0 or np.any(T[3] != [0, 0, 0, 1]):
         what = f"R^T R differs from I by {error:.2g}, det R = {np.linalg.det(R):.6g}, last row {T[3].tolist()}"
         raise JounceError(f"{label} is not a pose [[R, r], [0, 1]]: {what}")
-    return lie.pose(R if error <= ROUNDING else R @ (3 * np.eye(3) - R.T @ R) / 2, T[:3, 3:]) + 0.0
+    return lie.pose(R if error <= UNIT_ROUNDING else R @ (3 * np.eye(3) - R.T @ R) / 2, T[:3, 3:]) + 0.0
 
 
 def exact_screw(X: np.ndarray, label: str) -> np.ndarray:
@@ -175,7 +167,7 @@ def exact_screw(X: np.ndarray, label: str) -> np.ndarray:
     length = _length(X[:3]) or _length(X[3:])
     if not abs(length - 1) <= UNIT_TOLERANCE:
         raise JounceError(f"{label} = {X.tolist()} is not a unit screw (xi; eta): |xi| = 1, or xi = 0 and |eta| = 1")
-    return X if abs(length - 1) <= ROUNDING else X / length
+    return X if abs(length - 1) <= UNIT_ROUNDING else X / length
 
 
 def _length(v: np.ndarray) -> Any:
@@ -187,13 +179,12 @@ def exact_inertia(M: np.ndarray, label: str) -> np.ndarray:
     """Check an inertia matrix, and make its form exact: one mass, one first moment, one symmetric tensor."""
     if not is_numeric(M):
         return M
-    error = inertia.form_error(M)
-    if error:
+    if error := inertia.form_error(M):
         raise JounceError(f"{label} {error}; an inertia matrix is [[Theta, m c~], [-m c~, m I]]")
     return inertia.restore_form(M)
 
 
-def _checked_drives(given: object, nb: int) -> Drives:
+def _check_drives(given: object, nb: int) -> Drives:
     """The drive trains of joint variables: those of another robot, or a mapping of arrays, one number for each."""
     stated = vars(given) if isinstance(given, Drives) else {} if given is None else given
     if not isinstance(stated, Mapping):
@@ -201,18 +192,17 @@ def _checked_drives(given: object, nb: int) -> Drives:
     for key in stated:
         one_of("drive", key, UNDRIVEN)
     whole = {key: np.full(nb, value) for key, value in UNDRIVEN.items()}
-    arrays = {key: _data(array, key) for key, array in (whole | dict(stated)).items()}
+    arrays = {key: _copy_data(array, key) for key, array in (whole | dict(stated)).items()}
     for key, array in arrays.items():
         if array.shape != (nb,) or not is_numeric(array):
             raise JounceError(f"drives: {key} has shape {array.shape}; expected numbers ({nb},), one per joint")
     for i in range(nb):
-        error = drive_error(**{key: array[i] for key, array in arrays.items()})
-        if error:
+        if error := drive_error(**{key: array[i] for key, array in arrays.items()}):
             raise JounceError(f"drives of joint {i}: {error}")
     return Drives(**{key: array + 0.0 for key, array in arrays.items()})  # no -0.0 among data
 
 
-def _tree(parent: Sequence[int] | None, nb: int) -> tuple[int, ...]:
+def _check_parents(parent: Sequence[int] | None, nb: int) -> tuple[int, ...]:
     if parent is None:
         return tuple(range(-1, nb - 1))
     numbers = several(parent)
@@ -222,16 +212,16 @@ def _tree(parent: Sequence[int] | None, nb: int) -> tuple[int, ...]:
         if not is_finite(p) or p not in range(-1, i):
             earlier = f" or an earlier body, 0 .. {i - 1}" if i else ""
             raise JounceError(f"parent[{i}] = {quoted(p)}; expected -1 (the ground){earlier}")
-    return tuple(int(p) for p in numbers)
+    return tuple(map(int, numbers))
 
 
-def _text(name: object, label: str) -> str:
+def _check_text(name: object, label: str) -> str:
     if not isinstance(name, str):
         raise JounceError(f"{label} is {quoted(name)}; expected a text")
     return name
 
 
-def _names(given: Sequence[str] | None, count: int, label: str, stem: str) -> tuple[str, ...]:
+def _check_names(given: Sequence[str] | None, count: int, label: str, stem: str) -> tuple[str, ...]:
     if given is None:
         return tuple(f"{stem}{i + 1}" for i in range(count))
     names = several(given)

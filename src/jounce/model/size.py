@@ -14,8 +14,5 @@ def check_size(bodies: int) -> None:
     if not (stated.isascii() and stated.isdigit()):
         raise JounceError(f"{VARIABLE}={quoted(stated)}; expected the largest number of bodies")
     if bodies > int(stated):
-        size = 8e-9 * bodies**2
-        raise JounceError(
-            f"{bodies} movable joints; expected up to {stated}: a mass matrix would take {size:.2g} GB;"
-            f" the environment variable {VARIABLE} raises this"
-        )
+        why = f"a mass matrix would take {8e-9 * bodies**2:.2g} GB; the environment variable {VARIABLE} raises this"
+        raise JounceError(f"{bodies} movable joints; expected up to {stated}: {why}")

@@ -15,7 +15,7 @@ from jounce.spatial.series import Series
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
-DEGREE = 5  # of the spline through a table: its force has four continuous derivatives
+SPRING_SPLINE_DEGREE = 5  # so that the force has four continuous derivatives
 
 
 @dataclass(frozen=True)
@@ -54,16 +54,13 @@ class SpringTable(Spring):
                 raise JounceError(f"spring table: {name} have shape {column.shape}; expected finite numbers (N,)")
             if (fall := np.flatnonzero(np.diff(column) <= 0)).size:
                 i = int(fall[0])
-                raise JounceError(
-                    f"spring table: {name} do not rise from row {i} ({column[i]:g}) to {i + 1} ({column[i + 1]:g});"
-                    " expected a monotone table"
-                )
+                rows = f"from row {i} ({column[i]:g}) to {i + 1} ({column[i + 1]:g})"
+                raise JounceError(f"spring table: {name} do not rise {rows}; expected a monotone table")
             object.__setattr__(self, name, tuple(column.tolist()))
-        if not len(self.deflections) == len(self.forces) > DEGREE:
-            raise JounceError(
-                f"a spring table has {len(self.deflections)} deflections and {len(self.forces)} forces; expected as"
-                f" many of both, {DEGREE + 1} or more"
-            )
+        if not len(self.deflections) == len(self.forces) > SPRING_SPLINE_DEGREE:
+            came = f"{len(self.deflections)} deflections and {len(self.forces)} forces"
+            least = f"as many of both, {SPRING_SPLINE_DEGREE + 1} or more"
+            raise JounceError(f"a spring table has {came}; expected {least}")
         self._check_rise()
 
     def _check_rise(self) -> None:
@@ -72,10 +69,8 @@ class SpringTable(Spring):
         points = np.concatenate([stiffness.x, turning[np.isfinite(turning)]])
         lowest = points[np.argmin(stiffness(points))]
         if not stiffness(lowest) > 0:
-            raise JounceError(
-                f"the spline through a spring table is not monotone: its force falls at the deflection {lowest:g};"
-                " expected more or smoother rows"
-            )
+            why = f"its force falls at the deflection {lowest:g}; expected more or smoother rows"
+            raise JounceError(f"the spline through a spring table is not monotone: {why}")
 
     @property
     def range(self) -> tuple[float, float]:
@@ -83,11 +78,10 @@ class SpringTable(Spring):
         return self.deflections[0], self.deflections[-1]
 
     def _derivatives(self, deflection: Array) -> Series:
-        """phi, phi', phi'', ... at deflections of any shape."""
         if not is_numeric(deflection):
             raise JounceError("a spring given by a table needs NumPy arrays of floats; use CubicSpring for symbols")
         splines = _splines(self)
-        return Series(lambda j: splines[j](deflection) if j <= DEGREE else np.zeros_like(deflection))
+        return Series(lambda j: splines[j](deflection) if j <= SPRING_SPLINE_DEGREE else np.zeros_like(deflection))
 
     def _energy(self, deflection: Array) -> Array:
         """The energy of the spring, J: zero at rest, or at the end of the table that is nearest to it."""
@@ -100,5 +94,5 @@ def _splines(spring: SpringTable) -> "list[PPoly]":
     """The spline through a table, and its derivatives."""
     from scipy.interpolate import PPoly, make_interp_spline
 
-    spline = PPoly.from_spline(make_interp_spline(spring.deflections, spring.forces, k=DEGREE).tck)
-    return [spline.derivative(j) for j in range(DEGREE + 1)]
+    spline = PPoly.from_spline(make_interp_spline(spring.deflections, spring.forces, k=SPRING_SPLINE_DEGREE).tck)
+    return [spline.derivative(j) for j in range(SPRING_SPLINE_DEGREE + 1)]

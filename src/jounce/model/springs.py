@@ -21,10 +21,10 @@ from jounce.program.program import Program
 from jounce.program.trace import Tape
 from jounce.spatial.series import Series
 
-NODES = 40  # of the quadrature for the energy of a function: exact for polynomials of degree 79
+ENERGY_QUADRATURE_NODES = 40  # of Gauss and Legendre: exact for polynomials of degree 79
 END_SLACK = 1e-9  # of the range of a spring: rounding of a difference theta - q may go beyond its ends by this much
 MAX_CUBIC_RATIO = 1e100  # of sqrt(k3 / k) / k, 1/(N m): forces up to 1e50 N m keep y y below 1e300, see `inversion`
-FUNCTIONS = "+ - * / **, and the functions sin, cos, tanh, exp, sqrt, sinh, cosh of NumPy"
+SPRING_OPERATIONS = "+ - * / **, and the functions sin, cos, tanh, exp, sqrt, sinh, cosh of NumPy"
 
 
 class Spring(ABC):
@@ -50,9 +50,8 @@ class Spring(ABC):
             return deflection
         slack = END_SLACK * (high - low)
         if (beyond := (deflection < low - slack) | (deflection > high + slack)).any():
-            raise JounceError(
-                f"a deflection of {deflection[beyond].flat[0]:g} is beyond the ends of the spring, {low:g} to {high:g}"
-            )
+            x = deflection[beyond].flat[0]
+            raise JounceError(f"a deflection of {x:g} is beyond the ends of the spring, {low:g} to {high:g}")
         return deflection
 
     @abstractmethod
@@ -87,12 +86,9 @@ class CubicSpring(Spring):
     k3: float = 0.0
 
     def __post_init__(self) -> None:
-        rises = is_finite(self.k) and is_finite(self.k3) and (self.k > 0 or (self.k == 0 and self.k3 > 0))
-        if not rises:
-            raise JounceError(
-                f"CubicSpring(k={quoted(self.k)}, k3={quoted(self.k3)}): expected a stiffness k above 0, in N m/rad or"
-                " N/m, and a finite k3; or k=0 with k3 above 0"
-            )
+        if not (is_finite(self.k) and is_finite(self.k3) and (self.k > 0 or (self.k == 0 and self.k3 > 0))):
+            expected = "a stiffness k above 0, in N m/rad or N/m, and a finite k3; or k=0 with k3 above 0"
+            raise JounceError(f"CubicSpring(k={quoted(self.k)}, k3={quoted(self.k3)}): expected {expected}")
 
     @property
     def has_fixed_steps(self) -> bool:
@@ -109,13 +105,11 @@ class CubicSpring(Spring):
         return -end, end
 
     def _derivatives(self, deflection: Array) -> Series:
-        """phi, phi', phi'', ... at deflections of any shape."""
         d, square = deflection, deflection * deflection
         terms = ((self.k + self.k3 * square) * d, self.k + 3 * self.k3 * square, 6 * self.k3 * d, 6 * self.k3 + 0 * d)
         return Series(lambda j: terms[j] if j < len(terms) else 0 * d)
 
     def _energy(self, deflection: Array) -> Array:
-        """The energy of the spring, J: zero at rest."""
         square = deflection * deflection
         return (self.k / 2 + self.k3 / 4 * square) * square
 
@@ -170,10 +164,8 @@ class SpringFunction(Spring):
         except JounceError:
             raise
         except Exception as error:  # whatever a caller's function, or NumPy on a symbol, raises
-            why = one_line(error)
-            raise JounceError(
-                f"a spring function may use {FUNCTIONS}; it raised: {why}; give a table instead"
-            ) from None
+            came = f"it raised: {one_line(error)}"
+            raise JounceError(f"a spring function may use {SPRING_OPERATIONS}; {came}; give a table instead") from None
         with np.errstate(all="ignore"):
             stiffness = spring._derivatives(np.zeros(()))[1]
         if not stiffness > 0:
@@ -186,7 +178,6 @@ class SpringFunction(Spring):
         return -inf, inf
 
     def _derivatives(self, deflection: Array) -> Series:
-        """phi, phi', phi'', ... at deflections of any shape."""
         if not is_numeric(deflection):
             raise JounceError("a spring given by a function needs NumPy arrays of floats; use CubicSpring for symbols")
         units = (deflection, np.ones_like(deflection))
@@ -194,8 +185,7 @@ class SpringFunction(Spring):
         return evaluate(self.program, [moving])[0]
 
     def _energy(self, deflection: Array) -> Array:
-        """The energy of the spring, J: zero at rest, by Gauss-Legendre quadrature."""
-        points, weights = np.polynomial.legendre.leggauss(NODES)
+        points, weights = np.polynomial.legendre.leggauss(ENERGY_QUADRATURE_NODES)
         force = self._derivatives(deflection[..., None] * (points + 1) / 2)[0]
         return deflection / 2 * (force @ weights)
 
@@ -207,9 +197,8 @@ def spring_of(given: object, label: str) -> Spring:
     if callable(given):
         with at(label):
             return SpringFunction.of(given)
-    raise JounceError(
-        f"{label} is {quoted(given)}; expected a CubicSpring, a SpringTable or a function of the deflection"
-    )
+    expected = "a CubicSpring, a SpringTable or a function of the deflection"
+    raise JounceError(f"{label} is {quoted(given)}; expected {expected}")
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ def limits_of_joints(stated: Sequence[Mapping[str, Stated]], without_gravity: Se
     table = unlimited(len(stated)).table
     for i, joint in enumerate(stated):
         for key, value in joint.items():
-            _set(table[..., i], key, value)
+            _set_bound(table[..., i], key, value)
     return Limits(table + 0.0, tuple(without_gravity))  # no -0.0 among data
 
 
@@ -35,9 +35,8 @@ def limit_error(**stated: Stated) -> str | None:
     line = {key: float(np.max(stated.get(key, np.inf))) for key in LINE}
     if len(set(np.isfinite([*line.values()]))) > 1:
         words = " and ".join(f"{key} is {value:g}" for key, value in line.items())
-        return (
-            f"{words}; expected both, of the line effort / stall_effort + velocity / no_load_velocity = 1, or neither"
-        )
+        line_law = "effort / stall_effort + velocity / no_load_velocity = 1"
+        return f"{words}; expected both, of the line {line_law}, or neither"
     bounds: Mapping[str, Any] = {key: value for key, value in stated.items() if key not in ENDS}
     for key, value in bounds.items():
         if key in LINE:
@@ -61,7 +60,7 @@ def checked_limits(given: object, nb: int) -> Limits:
     stated = {} if given is None else given
     if not isinstance(stated, Mapping):
         raise JounceError(f"limits is of type {type(given).__name__}; expected a mapping of {', '.join(PLACES)}")
-    arrays = {one_of("limit", key, PLACES): _numbers(array, key, nb) for key, array in stated.items()}
+    arrays = {one_of("limit", key, PLACES): _check_numbers(array, key, nb) for key, array in stated.items()}
     joints: list[Mapping[str, Any]] = [{key: array[i] for key, array in arrays.items()} for i in range(nb)]
     for i, joint in enumerate(joints):
         if error := limit_error(**joint):
@@ -69,7 +68,7 @@ def checked_limits(given: object, nb: int) -> Limits:
     return limits_of_joints(joints)
 
 
-def _numbers(array: Array, key: str, nb: int) -> np.ndarray:
+def _check_numbers(array: Array, key: str, nb: int) -> np.ndarray:
     numbers = np.asarray(asarray(array, key))
     shapes = [(nb,)] if key in ENDS else [(nb,), (nb, 2)]
     if numbers.shape not in shapes or not is_numeric(numbers):
@@ -85,11 +84,11 @@ def limits_with(mechanism: Mechanism, changes: Mapping[int, Mapping[str, Stated]
     """
     limits, names = mechanism.limits, mechanism.joints
     table = limits.table.copy()
-    for i, joint in {**changes, **_turns(mechanism, changes)}.items():
+    for i, joint in {**changes, **_turn_limits(mechanism, changes)}.items():
         for key, value in joint.items():
-            _set(table[..., i], key, value)
+            _set_bound(table[..., i], key, value)
         if np.isinf(np.max(joint.get(LINE[0], 0))):
-            _set(table[..., i], LINE[1], np.inf)  # which takes the line away
+            _set_bound(table[..., i], LINE[1], np.inf)  # which takes the line away
         known = {key: float(in_positive_direction(table, key)[i]) for key in (*ENDS, *LINE)}
         if error := limit_error(**{**known, **joint}):
             raise JounceError(f"joint {quoted(names[i])}: {error}")
@@ -98,7 +97,7 @@ def limits_with(mechanism: Mechanism, changes: Mapping[int, Mapping[str, Stated]
     return Limits(table + 0.0, tuple(kind for kind in EFFORT_KINDS if of[kind] == FORCES[1]))
 
 
-def _turns(mechanism: Mechanism, changes: Mapping[int, Mapping[str, Stated]]) -> dict[int, Mapping[str, Stated]]:
+def _turn_limits(mechanism: Mechanism, changes: Mapping[int, Mapping[str, Stated]]) -> dict[int, Mapping[str, Stated]]:
     """Those of the changes that are of turns of joints of several screws, checked; swings are bounded on one side."""
     found: dict[int, Mapping[str, Stated]] = {}
     for body, joint in positions(mechanism).items():
@@ -117,7 +116,7 @@ def _turns(mechanism: Mechanism, changes: Mapping[int, Mapping[str, Stated]]) ->
     return found
 
 
-def _set(table: Floats, key: str, value: Stated) -> None:
+def _set_bound(table: Floats, key: str, value: Stated) -> None:
     """Write what is stated under a key into a table (kinds, 2) of one joint variable."""
     kind, side = PLACES[key]
     table[kind, side] = value if isinstance(side, int) or np.ndim(value) else (-value, value)  # type: ignore[operator]

@@ -10,78 +10,21 @@ behind fixed joints merge into it too.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TypeVar
+from dataclasses import replace
 
 import numpy as np
 
 from jounce.core.errors import JounceError, at, listed, no_such, quoted, shortened, warn
-from jounce.model.drives import UNDRIVEN, drive_error
+from jounce.model.drives import UNDRIVEN
 from jounce.model.frame import Frame
+from jounce.model.links import FREE_JOINT_GROUPS, Joint, Link, Mimic, check_numbers, index_by_name, outward_order
 from jounce.model.mechanism import Mechanism
 from jounce.model.screws import from_screws
 from jounce.model.size import check_size
-from jounce.model.stated import Stated, limit_error, limits_of_joints
+from jounce.model.stated import limits_of_joints
 from jounce.spatial import inertia
-from jounce.spatial.groups import BALL, FREE, PLANAR, Group
 
-
-@dataclass(frozen=True)
-class Link:
-    """A rigid link and its inertia matrix in its own frame."""
-
-    name: str
-    M: np.ndarray
-    place: str  # where it is stated, for messages: FILE:LINE
-
-
-@dataclass(frozen=True)
-class Mimic:
-    """A joint variable that follows another: multiplier times it, plus offset."""
-
-    joint: str
-    multiplier: float
-    offset: float
-
-
-@dataclass(frozen=True)
-class Joint:
-    """A joint between two links; B is the child's pose in the parent's frame at zero, X its screw in the child's."""
-
-    name: str
-    parent: str
-    child: str
-    B: np.ndarray
-    X: np.ndarray | None  # (6,); None where it is fixed, and where its screws are those of its kind of free joint
-    mimic: Mimic | None
-    limits: Mapping[str, Stated]  # those that the file states of lower, upper, velocity, effort, ...
-    drive: Mapping[str, float]  # and of armature, damping, friction, stiffness, rest
-    place: str
-    free: str | None = None  # "floating", "planar", "spherical": what makes of it more than one screw does
-
-    @property
-    def screws(self) -> np.ndarray:
-        """(k, 6): none of a fixed joint."""
-        if self.free is not None and self.X is None:
-            return FREE_JOINTS[self.free].X.T
-        return np.zeros((0, 6)) if self.X is None else self.X.reshape(-1, 6)
-
-    @property
-    def variables(self) -> list[str]:
-        """The names of its joint variables: its own, or several that begin with it."""
-        if self.free is None:
-            return [self.name] * len(self.screws)
-        return [f"{self.name}.{velocity}" for velocity in FREE_JOINTS[self.free].velocities]
-
-    @property
-    def limited(self) -> list[str]:
-        """Those of its joint variables that its limits are kept at: of a ball, those of the angle of the whole turn."""
-        return self.variables if self.free is None else self.variables[1:2] if self.free == "spherical" else []
-
-
-BASES = ("fixed", "floating")
-FREE_JOINTS: Mapping[str, Group] = {"floating": FREE, "planar": PLANAR, "spherical": BALL}
-Item = TypeVar("Item", Link, Joint)
+__all__ = ["FREE_JOINT_GROUPS", "Joint", "Link", "Mimic", "check_base", "mechanism"]
 
 
 def mechanism(
@@ -101,24 +44,23 @@ def mechanism(
     ``root`` is a link to start at: what it carries remains, it stands on the ground or floats itself, and everything
     else is left out. ``world`` is the link, if there is one, that is the ground by the format, and never floats.
     """
-    by_name = _distinct(links, "link")
-    _distinct(joints, "joint")
-    _check(links, joints)
-    ordered = _outward(by_name, joints)
+    by_name = index_by_name(links, "link")
+    index_by_name(joints, "joint")
+    check_numbers(links, joints)
+    ordered = outward_order(by_name, joints)
+    floating = None
     with at(file):
         check_base(base)
         if base == "floating":
             root = floating = _floating_link(by_name, ordered, root, world)
-        else:
-            floating = None
     if root is not None:
-        by_name, ordered = _from(root, by_name, ordered, file)
-    ordered = _settled(by_name, ordered, base, file)
-    if floating is not None and not _movable(ordered):  # nothing but the base: it is a free joint of the ground
+        by_name, ordered = _start_at(root, by_name, ordered, file)
+    ordered = _weld_free_joints(by_name, ordered, base, file)
+    if floating is not None and not _movable_joints(ordered):  # nothing but the base: it is a free joint of the ground
         called = next((joint.name for joint in joints if joint.child == floating), floating)
         ordered = [Joint(called, "", floating, np.eye(4), None, None, {}, {}, file, free="floating"), *ordered]
         floating = None
-    movable = _movable(ordered)
+    movable = _movable_joints(ordered)
     if not movable:
         stated = f"{len(by_name)} link{'s' * (len(by_name) != 1)} and {len(ordered)} joint{'s' * (len(ordered) != 1)}"
         cure = " or base='floating', by which the base moves freely" if base is None and by_name else ""
@@ -167,66 +109,11 @@ def mechanism(
     return replace(built, joints=tuple(name for _, name, _ in variables), frames=merged)
 
 
-def _movable(joints: Sequence[Joint]) -> list[Joint]:
+def _movable_joints(joints: Sequence[Joint]) -> list[Joint]:
     return [joint for joint in joints if len(joint.screws)]
 
 
-def _distinct(items: Sequence[Item], kind: str) -> dict[str, Item]:
-    found: dict[str, Item] = {}
-    for item in items:
-        if item.name in found:
-            first = found[item.name].place
-            raise JounceError(f"{item.place}: duplicate {kind} {quoted(item.name)}; the first is at {first}")
-        found[item.name] = item
-    return found
-
-
-def _check(links: Sequence[Link], joints: Sequence[Joint]) -> None:
-    """Raise `JounceError` if a pose, axis, inertia or limit is not finite or not valid, with its name and place."""
-    held = [(link.place, f"inertia of link {quoted(link.name)}", link.M) for link in links]
-    for joint in joints:
-        law = [] if joint.mimic is None else [joint.mimic.multiplier, joint.mimic.offset]
-        for what, numbers in (("pose", joint.B), ("axis", joint.screws), ("mimic", law)):
-            held.append((joint.place, f"{what} of joint {quoted(joint.name)}", np.array(numbers)))
-        error = limit_error(**joint.limits) or drive_error(**joint.drive)
-        if error:
-            raise JounceError(f"{joint.place}: joint {quoted(joint.name)}: {error}")
-    for place, what, array in held:
-        for x in array[~np.isfinite(array)][:1]:
-            raise JounceError(f"{place}: {what} holds {x}; expected finite numbers")
-
-
-def _outward(links: Mapping[str, Link], joints: Sequence[Joint]) -> list[Joint]:
-    """Return the joints from the roots outward, depth first, in the file's order; raise if they are not a forest."""
-    above: dict[str, Joint] = {}
-    children: dict[str, list[Joint]] = {link: [] for link in links}
-    for joint in joints:
-        for role, link in (("parent", joint.parent), ("child", joint.child)):
-            if link not in links:
-                named = f"{role} of joint {quoted(joint.name)}"
-                raise JounceError(f"{joint.place}: {named}: {no_such('link', link, links)}")
-        if joint.child in above:
-            both = f"{quoted(above[joint.child].name)} and {quoted(joint.name)}"
-            child = quoted(joint.child)
-            raise JounceError(f"{joint.place}: link {child} is the child of two joints, {both}; expected one")
-        above[joint.child] = joint
-        children[joint.parent].append(joint)
-    roots = [link for link in links if link not in above]
-    ordered: list[Joint] = []
-    stack = [joint for root in reversed(roots) for joint in reversed(children[root])]
-    while stack:
-        joint = stack.pop()
-        ordered.append(joint)
-        stack.extend(reversed(children[joint.child]))
-    if len(ordered) < len(joints):
-        reached = {joint.name for joint in ordered}
-        cycle = [joint for joint in joints if joint.name not in reached]
-        rootless, names = "" if roots else "no root link: ", listed(joint.name for joint in cycle)
-        raise JounceError(f"{cycle[0].place}: {rootless}joints {names} form a cycle; expected a tree")
-    return ordered
-
-
-def _from(
+def _start_at(
     root: str, links: Mapping[str, Link], ordered: Sequence[Joint], file: str
 ) -> tuple[dict[str, Link], list[Joint]]:
     """Return the links and joints from a link outward, in the file's order."""
@@ -252,7 +139,7 @@ def _floating_link(links: Mapping[str, Link], ordered: Sequence[Joint], root: st
 
 def _free_link(links: Mapping[str, Link], ordered: Sequence[Joint]) -> str:
     """Return the link on the only floating joint on the ground, or, if there is no such joint, the only root link."""
-    roots, moving = _roots(links, ordered), _moving_on_ground(links, ordered)
+    roots, moving = _roots(links, ordered), _joints_on_ground(links, ordered)
     floating = [joint.child for joint in moving if joint.free == "floating"]
     if floating and len(moving) > 1:
         came = f"{len(moving)} links move on the ground, {listed(joint.child for joint in moving)}"
@@ -260,10 +147,9 @@ def _free_link(links: Mapping[str, Link], ordered: Sequence[Joint]) -> str:
     if not roots:
         raise JounceError("base='floating': no links; expected at least one")
     if not floating and len(roots) > 1:
-        raise JounceError(
-            f"base='floating': {len(roots)} root links, {listed(roots)}; expected root=, the one that floats"
-        )
-    return floating[0] if floating else roots[0]
+        came = f"{len(roots)} root links, {listed(roots)}"
+        raise JounceError(f"base='floating': {came}; expected root=, the one that floats")
+    return (floating or roots)[0]
 
 
 def _roots(links: Mapping[str, Link], ordered: Sequence[Joint]) -> list[str]:
@@ -271,7 +157,7 @@ def _roots(links: Mapping[str, Link], ordered: Sequence[Joint]) -> list[str]:
     return [link for link in links if link not in above]
 
 
-def _moving_on_ground(links: Mapping[str, Link], ordered: Sequence[Joint]) -> list[Joint]:
+def _joints_on_ground(links: Mapping[str, Link], ordered: Sequence[Joint]) -> list[Joint]:
     """The joints that move on the roots, and on what is fixed to them."""
     ground, moving = set(_roots(links, ordered)), []
     for joint in ordered:
@@ -284,26 +170,22 @@ def _moving_on_ground(links: Mapping[str, Link], ordered: Sequence[Joint]) -> li
 
 def check_base(base: object) -> None:
     """Raise `JounceError` unless a base is left out, fixed or floating."""
-    if base is not None and not (isinstance(base, str) and base in BASES):
-        raise JounceError(
-            f"base is {quoted(base)}; expected 'floating', whose base link moves freely, or 'fixed', which welds free"
-            " joints"
-        )
+    if base is not None and not (isinstance(base, str) and base in ("fixed", "floating")):
+        known = "'floating', whose base link moves freely, or 'fixed', which welds free joints"
+        raise JounceError(f"base is {quoted(base)}; expected {known}")
 
 
-def _settled(links: Mapping[str, Link], ordered: Sequence[Joint], base: str | None, file: str) -> list[Joint]:
-    """The joints with the floating ones on the ground welded if `base` asks for it, with a warning.
+def _weld_free_joints(links: Mapping[str, Link], ordered: Sequence[Joint], base: str | None, file: str) -> list[Joint]:
+    """The joints with the floating ones on the ground welded, with a warning, if `base` asks for it.
 
-    Raises
-    ------
-    JounceError : if a robot floats, as one link that moves freely carries all others, and nothing says what to do.
+    Raises `JounceError` if `base` is left out and one link that moves freely carries all others.
     """
-    moving = _moving_on_ground(links, ordered)
+    moving = _joints_on_ground(links, ordered)
     floating = [joint for joint in moving if joint.free == "floating"]
     if base == "fixed" and floating:
         warn(f"{file}: base='fixed' welds at zero: {listed(f'{joint.name} ({joint.free})' for joint in floating)}")
         return [replace(joint, free=None, X=None) if joint in floating else joint for joint in ordered]
-    if base is None and len(moving) == len(floating) == 1 < len(_movable(ordered)):
+    if base is None and len(moving) == len(floating) == 1 < len(_movable_joints(ordered)):
         [joint] = floating
         ways = "base='floating', base='fixed' to weld it at its zero pose, or root= to start at another link"
         raise JounceError(f"{joint.place}: joint {quoted(joint.name)} is floating; expected {ways}")
@@ -326,22 +208,17 @@ def _coordinates(
         factor, offset, followed = 1.0, 0.0, [joint.name]
         while (mimic := known[followed[-1]].mimic) is not None:
             if mimic.joint not in known:
-                error = no_such("joint", mimic.joint, known)
-                raise JounceError(f"{joint.place}: mimic of {quoted(followed[-1])}: {error}")
+                named = f"mimic of {quoted(followed[-1])}"
+                raise JounceError(f"{joint.place}: {named}: {no_such('joint', mimic.joint, known)}")
             if mimic.joint in followed:
                 circle = " -> ".join(map(shortened, [*followed, mimic.joint]))
                 raise JounceError(f"{joint.place}: joints mimic each other in a cycle: {circle}")
             leader = known[mimic.joint]
-            held = (
-                leader.free or "fixed"
-                if leader.X is None or leader.free
-                else None
-                if mimic.joint in kept
-                else "excluded by root="
-            )
-            if held:
+            single = leader.X is not None and not leader.free
+            if not (single and mimic.joint in kept):
                 both = f"joint {quoted(followed[-1])} mimics {quoted(mimic.joint)}"
-                raise JounceError(f"{joint.place}: {both}, which is {held}")
+                state = "excluded by root=" if single else leader.free or "fixed"
+                raise JounceError(f"{joint.place}: {both}, which is {state}")
             factor, offset = factor * mimic.multiplier, offset + factor * mimic.offset
             followed.append(mimic.joint)
         G[i, column[followed[-1]]], g[i] = factor, offset

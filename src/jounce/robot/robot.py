@@ -26,7 +26,7 @@ from jounce.core.typing import (
     Rates,
     Results,
 )
-from jounce.model import dh, equality, inertial, screws
+from jounce.model import dh, equality, parameters, screws
 from jounce.model.drives import Drives, select_terms, warn_of_idle, with_eps
 from jounce.model.kinds import KEYS
 from jounce.model.limits import Limits
@@ -736,7 +736,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         m c and the inertia tensor I about the origin of the body frame, in its axes, as Pinocchio has them; kg, kg m,
         kg m^2.
         """
-        return inertial.parameters_of(self.mechanism)
+        return parameters.parameters_of(self.mechanism)
 
     def with_inertial_parameters(self, p: ArrayLike) -> Self:
         """The robot with other inertial parameters, such as identified ones.
@@ -762,7 +762,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> robot.with_inertial_parameters(2 * robot.inertial_parameters).gravity_forces([0, 0])
         array([58.86, 19.62])
         """
-        return type(self)(inertial.with_parameters(self.mechanism, p))
+        return type(self)(parameters.with_parameters(self.mechanism, p))
 
     def base_parameters(self) -> "BaseParameters":
         """The base inertial parameters: the fewest combinations of `inertial_parameters` that determine Q.

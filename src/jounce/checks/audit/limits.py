@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from jounce.checks.audit.finding import Finding
-from jounce.model.coordinates import TURNS, leading_joints
+from jounce.model.coordinates import MAX_UNLIMITED_ANGLE, leading_joints
 from jounce.model.kinds import units_of
 from jounce.model.mechanism import Mechanism, single_variables
 
@@ -48,7 +48,7 @@ def degrees(mechanism: Mechanism) -> Iterator[Finding]:
     largest = np.maximum(
         *(np.nan_to_num(np.abs(x), posinf=0) for x in (mechanism.limits.lower, mechanism.limits.upper))
     )
-    found = np.flatnonzero(mechanism.X[:, :3].any(axis=1) & (largest > TURNS) & (largest <= _MAX_DEGREES))
+    found = np.flatnonzero(mechanism.X[:, :3].any(axis=1) & (largest > MAX_UNLIMITED_ANGLE) & (largest <= _MAX_DEGREES))
     if not found.size:
         return
     worst = float(largest[found].max())

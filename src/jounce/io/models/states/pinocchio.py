@@ -29,7 +29,7 @@ def layout(model: Any) -> ModelLayout:
                 places[part.name] = Place(q, v, part.turns)
                 rest[q] = part.turns
                 continue
-            group, moved, ground = tree.FREE_JOINTS[part.kind], {}, np.eye(4)
+            group, moved, ground = tree.FREE_JOINT_GROUPS[part.kind], {}, np.eye(4)
             rest[q] = group.resting
             if joint.shortname() == FREE_FLYER:
                 moved = {f.name: f.placement.homogeneous for f in model.frames if f.parentJoint == i and _is_body(f)}
