@@ -47,12 +47,12 @@ def codegen(
     options = check_options(robot, lang, order, outputs, wrench, parameters, float32, prefix, moving_base)
     folder = path_of(f"{options.prefix}-{lang}" if directory is None else directory)
     names = render.names(options)
-    folders.check_folder(folder, header.MARK, names, overwrite)
+    folders.check_folder(folder, header.GENERATED_MARK, names, overwrite)
     functions = functions_of(options)
     _warn_of_idle(options, functions)
     tests = [vectors(options.robot, function, options.single) for function in functions]
     files = render.files(options, functions, tests)
-    folders.write_folder(folder, files, header.MARK, overwrite)
+    folders.write_folder(folder, files, header.GENERATED_MARK, overwrite)
     return Generated(folder, tuple(sorted(files)), {f"{options.prefix}_{f.name}": f.operations for f in functions})
 
 

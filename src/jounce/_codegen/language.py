@@ -10,7 +10,7 @@ import numpy as np
 from jounce.core.errors import JounceError, one_of, quoted
 from jounce.dynamics.computation import Port
 
-NAMES = ("c", "cpp", "cuda", "javascript", "julia", "latex", "matlab", "python", "rust")
+LANGUAGE_NAMES = ("c", "cpp", "cuda", "javascript", "julia", "latex", "matlab", "python", "rust")
 
 
 def digits(x: float, single: bool) -> str:
@@ -82,4 +82,4 @@ def language(name: str) -> Language:
     ------
     JounceError : if the name is unknown; the error lists all languages.
     """
-    return import_module(f"jounce._codegen.{one_of('language', name, NAMES)}").LANGUAGE
+    return import_module(f"jounce._codegen.{one_of('language', name, LANGUAGE_NAMES)}").LANGUAGE

@@ -13,14 +13,14 @@ from jounce._codegen.language import digits
 from jounce._codegen.options import Options
 from jounce._codegen.parametric import Parametric
 from jounce._codegen.printer import Printed
-from jounce._codegen.test_vectors import TOLERANCE, Vectors
+from jounce._codegen.test_vectors import TEST_TOLERANCES, Vectors
 from jounce.model.positions import position_count
-from jounce.program.operations import FUNCTIONS
+from jounce.program.operations import FUNCTION_KINDS
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-HERE = Path(__file__).parent
+TEMPLATES = Path(__file__).parent
 TEMPLATE_SUFFIX = ".jinja"
 
 
@@ -52,7 +52,7 @@ def _environment() -> "Environment":
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
-        loader=FileSystemLoader(HERE), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
         keep_trailing_newline=True,
     )  # fmt: skip
     environment.globals["listed"] = lambda words: " and ".join(", ".join(words).rsplit(", ", 1))
@@ -69,7 +69,7 @@ def _templates(options: Options) -> dict[str, tuple[str, str]]:
     """
     folder = options.language.name
     made = {}
-    for path in sorted((HERE / folder).glob(f"[!_]*{TEMPLATE_SUFFIX}")):
+    for path in sorted((TEMPLATES / folder).glob(f"[!_]*{TEMPLATE_SUFFIX}")):
         for function in options.outputs if "FUNCTION" in path.name else ("",):
             name = (
                 path.name.removesuffix(TEMPLATE_SUFFIX).replace("FUNCTION", function).replace("PREFIX", options.prefix)
@@ -98,7 +98,7 @@ def _context(options: Options, functions: Sequence[Function], tests: Sequence[Ve
         "parameters": functions[0].parameters,
         "meanings": header.parameters(options.robot),
         "own": _own(options.robot),
-        "tolerance": TOLERANCE[single],
+        "tolerance": TEST_TOLERANCES[single],
         "origin": header.origin(mechanism, options.order, single),
         "arrays": header.arrays(mechanism, options.language.first),
         "conventions": header.conventions(mechanism, functions),
@@ -116,7 +116,7 @@ def _context(options: Options, functions: Sequence[Function], tests: Sequence[Ve
 def _elementary(functions: Sequence[Function]) -> list[str]:
     """The functions of one operand that code calls: sines and cosines of any robot, others where there are some."""
     used = {step.kind for function in functions for step in function.program.steps}
-    return [kind for kind in FUNCTIONS if kind in ("sin", "cos") or kind in used]
+    return [kind for kind in FUNCTION_KINDS if kind in ("sin", "cos") or kind in used]
 
 
 def _wrap(text: str, indent: str = "", width: int = 118) -> str:

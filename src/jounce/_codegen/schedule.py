@@ -9,12 +9,12 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from jounce.program.operations import FUNCTIONS, LEAVES
+from jounce.program.operations import FUNCTION_KINDS, LEAVES
 from jounce.program.program import Program, topological_order
 
-WIDEST = 5  # operations in a statement
-WHOLE = 3000  # statements, up to which a program is one function: compilers take a second
-PART = 400  # statements of a part
+MAX_STATEMENT_OPERATIONS = 5  # so that statements stay short
+MAX_UNDIVIDED_STATEMENTS = 3000  # of one function: compilers take a second
+STATEMENTS_PER_PART = 400  # of longer programs: the time of compilers grows faster than the length of a function
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Schedule:
 
 def is_function(kind: str) -> bool:
     """Whether a kind of step is called by its name, as sin and cos are, and stands in a statement of its own."""
-    return kind in FUNCTIONS
+    return kind in FUNCTION_KINDS
 
 
 def schedule(program: Program) -> Schedule:
@@ -60,7 +60,7 @@ def schedule(program: Program) -> Schedule:
     functions = sorted((i for i in stated if is_function(program.steps[i].kind)), key=lambda i: _angle(program, i))
     order = topological_order([*functions, *stated], lambda i: program.steps[i].operands)
     statements = [i for i in order if i in stated]
-    size = PART if len(statements) > WHOLE else len(statements)
+    size = STATEMENTS_PER_PART if len(statements) > MAX_UNDIVIDED_STATEMENTS else len(statements)
     cuts = range(0, len(statements), size) if statements else [0]
     parts = tuple(tuple(_by_depth(program, stated, statements[i : i + size])) for i in cuts)
     return Schedule(program, parts, _slots(program, stated, parts) if len(parts) > 1 else {})
@@ -95,7 +95,7 @@ def _statements(program: Program) -> dict[int, None]:
     for i in list(apart):
         sizes[i] = 1
         for j in steps[i].operands:
-            if j in apart and j not in kept and uses[j] == 1 and sizes[i] + sizes[j] <= WIDEST:
+            if j in apart and j not in kept and uses[j] == 1 and sizes[i] + sizes[j] <= MAX_STATEMENT_OPERATIONS:
                 sizes[i] += sizes[j]
                 del apart[j]
     return apart

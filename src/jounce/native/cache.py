@@ -22,7 +22,7 @@ from jounce.model.mechanism import Mechanism
 from jounce.native.jit import Target
 
 KERNEL_SUFFIX = ".kernel"
-LIMIT = 256  # MiB
+DEFAULT_CACHE_MIB = 256  # thousands of kernels, which take some 50 kB each
 
 
 def folder() -> Path:
@@ -39,7 +39,7 @@ def limit() -> int:
     ------
     JounceError : where it is set to anything but a number from 0 on.
     """
-    given = os.environ.get("JOUNCE_CACHE_SIZE") or str(LIMIT)
+    given = os.environ.get("JOUNCE_CACHE_SIZE") or str(DEFAULT_CACHE_MIB)
     size = finite(given)
     if size is None or size < 0:
         raise JounceError(f"JOUNCE_CACHE_SIZE is {quoted(given)}; expected a number of MiB from 0 on")

@@ -46,7 +46,7 @@ def _module(block: Block, signature: Signature, target: Target, name: str, of_on
     else:
         _define_state(ir, signature, block.places)
     size = plan.call_size(signature, block.of_bodies, target.lanes)
-    define_call = _define_on_stack if size <= plan.STACK else pool.define_on_heap
+    define_call = _define_on_stack if size <= plan.MAX_STACK_BYTES else pool.define_on_heap
     define_call(ir, size, "@call" if of_one else f"@{name}")
     if of_one:
         _define_choice(ir, name, of_one)
@@ -170,7 +170,7 @@ def _lanes(array: _Array, port: Port, count: str) -> str:
 def _define_on_stack(ir: Writer, size: int, name: str) -> None:
     """A function of states with its scratch memory on the stack."""
     with ir.function(f"void {name}(ptr %args, ptr %dimensions, ptr %steps, ptr %pool)"):
-        scratch = ir.let(f"alloca [{size} x i8], align {pool.ALIGNMENT}")
+        scratch = ir.let(f"alloca [{size} x i8], align {pool.BUFFER_ALIGNMENT}")
         ir.do(f"call void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr {scratch})")
         ir.do("ret void")
 

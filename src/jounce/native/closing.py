@@ -13,11 +13,11 @@ from jounce.model.casting import with_exact_integers
 from jounce.model.mechanism import Mechanism
 from jounce.native import cache, calls, jit, plan
 from jounce.native.jit import host
-from jounce.native.plan import PATIENCE
+from jounce.native.plan import MAX_COMPILE_SECONDS
 from jounce.native.pool import Pool
 from jounce.program.trace import Tape, TapeFullError
 
-ITERATIONS = 5  # from nearly closed loops
+MAX_CLOSING_STEPS = 5  # from nearly closed loops, which converge quadratically
 
 
 class NativeStep:
@@ -34,7 +34,7 @@ class NativeStep:
         self.in_place = OFF_PLACE * sizes[list(closure.ratios.places)]
         self._code = jit.load_object(_code(mechanism, signature), host())
         size = plan.call_size(signature, 0, host().lanes)
-        self._pool = Pool(size) if size > plan.STACK else None
+        self._pool = Pool(size) if size > plan.MAX_STACK_BYTES else None
         address = self._pool.address if self._pool else 0
         self.ufunc, self._alive = jit.ufunc(self._code.address("states"), signature, "closing", address)
 
@@ -57,7 +57,7 @@ class NativeStep:
         most = self.closed, min(limit, MAX_BOUND) ** 2
         if not _is_within(measures, most):
             x = q.copy()
-            for _ in range(ITERATIONS):
+            for _ in range(MAX_CLOSING_STEPS):
                 x[..., self.others] = found
                 found, measures, _ = self.ufunc(x, self.still)
                 if _is_within(measures, most):
@@ -95,10 +95,10 @@ def _code(m: Mechanism, signature: Signature) -> bytes:
 
     def make() -> bytes:
         from jounce.native import emit  # what a warm cache spares
-        from jounce.native.forms import OPERATION
+        from jounce.native.forms import SECONDS_PER_STEP
         from jounce.program.passes import factor, fuse
 
-        tape = Tape(PATIENCE / OPERATION)
+        tape = Tape(MAX_COMPILE_SECONDS / SECONDS_PER_STEP)
         q, change = (tape.variables(*port.shape) for port in signature.inputs)
         results = [x for result in step(with_exact_integers(m), q, change) for x in result.ravel()]
         steps = fuse(factor(tape.program(results)))

@@ -17,9 +17,9 @@ from jounce.dynamics.computation import Signature
 
 Bound = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 Loop = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)  # of a ufunc
-UFUNC_TYPE = 0  # the type's place in the table of NumPy's C interface
-FROM_SIGNATURE = 31  # PyUFunc_FromFuncAndDataAndSignature's place in the table of NumPy's C interface, part of its ABI
-NO_IDENTITY = -1
+# Places in the table of NumPy's C interface to ufuncs, part of its ABI: of PyUFunc_Type, of
+# PyUFunc_FromFuncAndDataAndSignature; then PyUFunc_None, as which a ufunc has no identity.
+UFUNC_TYPE_ENTRY, FROM_SIGNATURE_ENTRY, NO_IDENTITY = 0, 31, -1
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ class PlainCall:
 def has_known_table() -> bool:
     """Whether NumPy's table of functions begins with the type of ufuncs, as its ABI says; warn once if it does not."""
     table = _table()
-    if table and _entry(table, UFUNC_TYPE) == id(np.ufunc) and _entry(table, FROM_SIGNATURE):
+    if table and _entry(table, UFUNC_TYPE_ENTRY) == id(np.ufunc) and _entry(table, FROM_SIGNATURE_ENTRY):
         return True
     warn(f"the table of C functions of NumPy {np.__version__} is not the known one: native code takes longer to call")
     return False
@@ -167,7 +167,7 @@ def _entry(table: int, place: int) -> int | None:
 def _maker() -> Any:
     table = _table()
     assert table is not None
-    address = _entry(table, FROM_SIGNATURE)
+    address = _entry(table, FROM_SIGNATURE_ENTRY)
     text, integer, pointer = ctypes.c_char_p, ctypes.c_int, ctypes.c_void_p
     kinds = [pointer, pointer, pointer, integer, integer, integer, integer, text, text, integer, text]
     return ctypes.PYFUNCTYPE(ctypes.py_object, *kinds)(address or 0)

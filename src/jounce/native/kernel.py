@@ -54,7 +54,7 @@ class Kernel(Generic[Results]):
         self.signature = computation.signature(mechanism)
         self._code = jit.load_object(_code(mechanism, computation, patience), host())
         size = plan.scratch_size(computation, mechanism, host().lanes)
-        self._pool = Pool(size) if size > plan.STACK else None
+        self._pool = Pool(size) if size > plan.MAX_STACK_BYTES else None
         self.addresses = self._code.address("states"), self._pool.address if self._pool else 0
         self.shapes = tuple([p.shape for p in ports] for ports in (self.signature.inputs, self.signature.outputs))
         self.ufunc, needed = ufunc(self.addresses[0], self.signature, computation.name, self.addresses[1])
@@ -307,10 +307,10 @@ class Kernel(Generic[Results]):
         if refusal := plan.obstacle(asked, self.mechanism):
             raise JounceError(f"{name} of {self!r}: native code {refusal}; choose a lower order")
         try:
-            return compile_kernel(self.mechanism, asked, plan.PATIENCE)
+            return compile_kernel(self.mechanism, asked, plan.MAX_COMPILE_SECONDS)
         except plan.LongCompilationError:
             raise JounceError(
-                f"{name} of {self!r} takes longer than {plan.PATIENCE:g} s to compile;"
+                f"{name} of {self!r} takes longer than {plan.MAX_COMPILE_SECONDS:g} s to compile;"
                 f" robot.compile({', '.join(asked.keywords())}) compiles it once"
             ) from None
 

@@ -20,10 +20,10 @@ from jounce.native import plan
 from jounce.native.emit import Block, emit_steps, nan_masks
 from jounce.native.ir import Writer
 from jounce.native.loop_steps import (
-    CARRY,
-    CONSTANTS,
-    DRIVES,
-    KINDS,
+    CARRY_SIZES,
+    DRIVE_SIZES,
+    JOINT_KINDS,
+    JOINT_SIZES,
     JointStep,
     Sweeps,
     base_constants,
@@ -34,8 +34,8 @@ from jounce.native.loop_steps import (
 )
 from jounce.native.plan import Layout, carriers, motion_slots
 
-MEMORY = ("constants", "body", "parent", "motion", "carrier")  # what a step reads and writes
-GROUND = ("%bodies", "%bodies", "%motions")  # what those of the ground are, but for the constants and the carrier
+STEP_MEMORY = ("constants", "body", "parent", "motion", "carrier")  # what a step reads and writes
+GROUND_MEMORY = ("%bodies", "%bodies", "%motions")  # the body, parent and motion of the ground
 
 
 def emit_loop(mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> Block:
@@ -47,7 +47,7 @@ def emit_loop(mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> Blo
 
 def _define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> None:
     reduced, slots, of_joints = minimal(mechanism), motion_slots(carriers(mechanism)), kinds(mechanism)
-    present = [kind for kind in KINDS if kind in of_joints]
+    present = [kind for kind in JOINT_KINDS if kind in of_joints]
     _define_steps(ir, present, sweeps, reduced.floats)
     _define_tables(ir, mechanism, slots, [present.index(kind) for kind in of_joints])
     _define_sum(ir)
@@ -97,7 +97,7 @@ class _Memory:
         memory = _memory(self.ir, i, self.sweeps)
         _call(self.ir, "inward", self.kinds, i, memory)
         if self.sweeps.acting:
-            table = self.ir.at("@drives", self.ir.let(f"mul i64 {i}, {len(DRIVES)}"))
+            table = self.ir.at("@drives", self.ir.let(f"mul i64 {i}, {len(DRIVE_SIZES)}"))
             self.ir.do(f"call void @drive({_pointers(table, *memory)})")
 
     def collect(self, i: str) -> None:
@@ -181,7 +181,7 @@ def _clear_ground(ir: Writer, layout: Layout) -> None:
 def _move_ground(ir: Writer, chain: Mechanism, sweeps: Sweeps, signature: Signature) -> None:
     """The motion of the ground from that of the base, and what acts on a base that floats."""
     given = ir.at("%in", signature.of_role("base")[0].start, ir.V)
-    memory = [*GROUND, given]
+    memory = [*GROUND_MEMORY, given]
     if not chain.floats:
         _clear_ground(ir, sweeps.layout)
     ir.do(f"call void @move_base({_pointers('@base', *memory)})")
@@ -218,7 +218,7 @@ def _add_wrench(ir: Writer, i: str, memory: Sequence[str], layout: Layout, signa
         for j, place in enumerate(places):
             given = ir.at(ir.at("%in", first, ir.V), port.start + j, ir.V)
             ir.store(ir.load(given), ir.at(memory[0], place, ir.V))
-    table = ir.at("@carry", ir.let(f"mul i64 {i}, {sum(CARRY.values())}"))
+    table = ir.at("@carry", ir.let(f"mul i64 {i}, {sum(CARRY_SIZES.values())}"))
     ir.do(f"call void @add_wrench({_pointers(table, *memory)})")
 
 
@@ -243,7 +243,7 @@ def _loop_over_coordinates(ir: Writer, i: str) -> Iterator[tuple[str, str]]:
 
 def _call(ir: Writer, step: str, present: Sequence[str], i: str, memory: Sequence[str]) -> None:
     """The step of joint i, of its kind."""
-    table = ir.at("@constants", ir.let(f"mul i64 {i}, {sum(CONSTANTS.values())}"))
+    table = ir.at("@constants", ir.let(f"mul i64 {i}, {sum(JOINT_SIZES.values())}"))
     kind = ir.let(f"load i64, ptr {ir.at('@kinds', i, 'i64')}")
     cases = " ".join(f"i64 {k}, label %{step}.{name}" for k, name in enumerate(present))
     ir.do(f"switch i64 {kind}, label %{step}.{present[0]} [ {cases} ]")
@@ -259,7 +259,7 @@ def _pointers(*names: str) -> str:
 
 
 def _define_step(ir: Writer, name: str, step: JointStep) -> None:
-    with ir.function(f"internal void @{name}({_pointers(*(f'%{part}' for part in MEMORY))})"):
+    with ir.function(f"internal void @{name}({_pointers(*(f'%{part}' for part in STEP_MEMORY))})"):
 
         def read(i: int) -> str:
             memory, place = step.reads[i]

@@ -23,11 +23,11 @@ from jounce.spatial import inertia
 from jounce.spatial.lie import Ad, pose, position, rotation
 from jounce.spatial.series import Series
 
-KINDS = ("revolute", "prismatic", "helical")
-CONSTANTS = {"R": 9, "r": 3, "pitch": 1, "m": 1, "h": 3, "P": 6}  # of a joint and its body
-DRIVES = dict.fromkeys(drives.COEFFICIENTS, 1)  # of a joint's drive train
-BASE = {"g": 3, "m": 1, "h": 3, "P": 6}  # gravity, and the moments of a base that floats
-CARRY = {"R": 9, "r": 3}  # where the joint's frame lies in the body's own, in which wrenches are given
+JOINT_KINDS = ("revolute", "prismatic", "helical")
+JOINT_SIZES = {"R": 9, "r": 3, "pitch": 1, "m": 1, "h": 3, "P": 6}  # of a joint and its body
+DRIVE_SIZES = dict.fromkeys(drives.COEFFICIENTS, 1)  # of a joint's drive train
+BASE_SIZES = {"g": 3, "m": 1, "h": 3, "P": 6}  # gravity, and the moments of a base that floats
+CARRY_SIZES = {"R": 9, "r": 3}  # where the joint's frame lies in the body's own, in which wrenches are given
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Sweeps:
         What carries the ground is the motion of the base, in the place of a parent's.
         """
         sheet = _Sheet(self, base_layout(self.computation))
-        c = sheet.constants(BASE)
+        c = sheet.constants(BASE_SIZES)
         C, V = sheet.read("carrier", "C")[0].reshape(4, 4), sheet.read("carrier", "V")
         kind = sweep_of(self.computation)
         B, X = np.eye(4, dtype=int), np.eye(6, dtype=int)
@@ -127,7 +127,7 @@ class Sweeps:
     def add_wrench(self) -> JointStep:
         """Trace the step that adds the wrench of a body to the force on it."""
         sheet = _Sheet(self)
-        T = sheet.constants(CARRY)
+        T = sheet.constants(CARRY_SIZES)
         W = Ad(pose(T["R"].reshape(3, 3), T["r"][:, None])).mT @ sheet.read("body", "W")
         sheet.write("body", "f", sheet.read("body", "f") + rows(W, 3, 6))
         sheet.write("body", "n", sheet.read("body", "n") + rows(W, 0, 3))
@@ -147,14 +147,14 @@ class Sweeps:
     def drive(self) -> JointStep:
         """Trace the step that adds the drive terms to the joint force."""
         sheet = _Sheet(self)
-        added = drives.forces(sheet.constants(DRIVES), self.acting, sheet.read("body", "theta"))
+        added = drives.forces(sheet.constants(DRIVE_SIZES), self.acting, sheet.read("body", "theta"))
         sheet.write("body", "Q", sheet.read("body", "Q") + added)
         return sheet.step()
 
 
 def _joint(sheet: _Sheet, kind: str) -> tuple[AlignedJoint, Moments]:
     """A joint of a kind with the moments of its body, all numbers yet unknown."""
-    c = sheet.constants(CONSTANTS)
+    c = sheet.constants(JOINT_SIZES)
     theta = sheet.read("body", "theta")
     s, co = (sheet.read("body", name)[0][0, 0] for name in ("sine", "cosine"))
     pitch = np.array([1]) if kind == "prismatic" else c["pitch"]
@@ -182,7 +182,7 @@ def kinds(mechanism: Mechanism) -> list[str]:
 
 
 def constants(mechanism: Mechanism) -> np.ndarray:
-    """The numbers of each joint variable, as `CONSTANTS` lists them."""
+    """The numbers of each joint variable, as `JOINT_SIZES` lists them."""
     chain = minimal(mechanism)
     owners, table = list(chain.owners), []
     for B, X, M in zip(chain.B[owners], chain.X, chain.M[owners], strict=True):
@@ -191,7 +191,7 @@ def constants(mechanism: Mechanism) -> np.ndarray:
 
 
 def base_constants(mechanism: Mechanism) -> np.ndarray:
-    """The numbers of the base, as `BASE` lists them; the ground's inertia is not read."""
+    """The numbers of the base, as `BASE_SIZES` lists them; the ground's inertia is not read."""
     chain = minimal(mechanism)
     return np.concatenate([chain.gravity, _upper(chain.M[0])]).astype(float)
 
@@ -203,11 +203,11 @@ def _upper(M: np.ndarray) -> np.ndarray:
 
 
 def drive_table(mechanism: Mechanism) -> np.ndarray:
-    """The numbers of each joint's drive train, as `DRIVES` lists them."""
+    """The numbers of each joint's drive train, as `DRIVE_SIZES` lists them."""
     return np.concatenate(list(drives.coefficients(mechanism.drives).values()), axis=1)
 
 
 def carry(mechanism: Mechanism) -> np.ndarray:
-    """The numbers that move a wrench on each body to its joint's frame, as `CARRY` lists them."""
+    """The numbers that move a wrench on each body to its joint's frame, as `CARRY_SIZES` lists them."""
     T = frame_shifts(mechanism, minimal(mechanism))
     return np.concatenate([rotation(T).reshape(-1, 9), position(T).reshape(-1, 3)], axis=1).astype(float)

@@ -21,12 +21,14 @@ from jounce.native.jit import host
 from jounce.native.kernel import Kernel
 from jounce.native.pool import Pool
 
-VERSION = 0, 1  # of the interface that handlers are written for
-EXTENSION, ARGUMENTS, RESULTS = 8, 72, 112  # offsets in bytes in XLA_FFI_CallFrame
-TYPE, METADATA, OF_METADATA = 8, 24, 1  # in XLA_FFI_Metadata_Extension, by which XLA asks for the version; its type
-MAJOR, MINOR, TRAITS = 24, 28, 32  # in XLA_FFI_Metadata
-DATA, RANK, DIMENSIONS = 24, 32, 40  # in XLA_FFI_Buffer
-CHUNK = 2**17  # bytes of states as doubles, converted at a time: they stay in the cache
+# Offsets in bytes and codes of XLA's C interface, of this version:
+FFI_VERSION = 0, 1
+FRAME_EXTENSION, FRAME_ARGUMENTS, FRAME_RESULTS = 8, 72, 112  # in XLA_FFI_CallFrame
+EXTENSION_TYPE, EXTENSION_METADATA = 8, 24  # in XLA_FFI_Metadata_Extension, by which XLA asks for the version
+METADATA_TYPE = 1  # of this extension: XLA_FFI_Extension_Metadata
+METADATA_MAJOR, METADATA_MINOR, METADATA_TRAITS = 24, 28, 32  # in XLA_FFI_Metadata
+BUFFER_DATA, BUFFER_RANK, BUFFER_DIMENSIONS = 24, 32, 40  # in XLA_FFI_Buffer
+MAX_CONVERTED_BYTES = 2**17  # of states as doubles at a time: they stay in the cache
 
 _lock = Lock()
 _targets: dict[str, tuple[Any, ...] | None] = {}  # what lives as long; None where this jaxlib refuses the handler
@@ -65,7 +67,7 @@ def _handler(kernel: Kernel, dtype: np.dtype) -> tuple[str, Pool | None]:
     ports, memory = [*inputs, *outputs], None
     states, scratch = kernel.addresses
     if dtype == np.float32:
-        chunk = max(ir.lanes, CHUNK // (8 * (inputs[-1].end + outputs[-1].end)) // ir.lanes * ir.lanes)
+        chunk = max(ir.lanes, MAX_CONVERTED_BYTES // (8 * (inputs[-1].end + outputs[-1].end)) // ir.lanes * ir.lanes)
         size = 8 * chunk * (inputs[-1].end + outputs[-1].end)
         memory = Pool(size)
         _define_conversions(ir, kernel, chunk)
@@ -73,14 +75,15 @@ def _handler(kernel: Kernel, dtype: np.dtype) -> tuple[str, Pool | None]:
     with ir.function("ptr @call(ptr %frame)"):
         ir.label("start")
         arrays, strides = (ir.let(f"alloca [{count} x {kind}]") for count, kind in _sizes(ports))
-        extension = _read(ir, "%frame", EXTENSION)
+        extension = _read(ir, "%frame", FRAME_EXTENSION)
         ir.do(f"br i1 {ir.let(f'icmp eq ptr {extension}, null')}, label %run, label %extended")
         ir.label("extended")
-        asked = ir.let(f"icmp eq i32 {_read(ir, extension, TYPE, 'i32')}, {OF_METADATA}")
+        asked = ir.let(f"icmp eq i32 {_read(ir, extension, EXTENSION_TYPE, 'i32')}, {METADATA_TYPE}")
         ir.do(f"br i1 {asked}, label %version, label %run")
         ir.label("version")
-        metadata = _read(ir, extension, METADATA)
-        for offset, number in ((MAJOR, VERSION[0]), (MINOR, VERSION[1]), (TRAITS, 0)):
+        metadata = _read(ir, extension, EXTENSION_METADATA)
+        offsets = METADATA_MAJOR, METADATA_MINOR, METADATA_TRAITS
+        for offset, number in zip(offsets, (*FFI_VERSION, 0), strict=True):
             ir.do(f"store i32 {number}, ptr {ir.at(metadata, offset, 'i8')}")
         ir.do("ret ptr null")
         ir.label("run")
@@ -101,14 +104,14 @@ def _store_arrays(
 ) -> str:
     """Store where the arrays begin, and their strides, as the kernel takes them; return where their length is."""
     _store_inner_strides(ir, [*inputs, *outputs], strides)
-    places = [(ARGUMENTS, k) for k in range(len(inputs))] + [(RESULTS, k) for k in range(len(outputs))]
+    places = [(FRAME_ARGUMENTS, k) for k in range(len(inputs))] + [(FRAME_RESULTS, k) for k in range(len(outputs))]
     for j, (port, (offset, k)) in enumerate(zip([*inputs, *outputs], places, strict=True)):
         buffer = _read(ir, _read(ir, "%frame", offset), 8 * k)
-        ir.do(f"store ptr {_read(ir, buffer, DATA)}, ptr {ir.at(arrays, j, 'ptr')}")
-        shared = ir.let(f"icmp eq i64 {_read(ir, buffer, RANK, 'i64')}, {len(port.shape)}")
+        ir.do(f"store ptr {_read(ir, buffer, BUFFER_DATA)}, ptr {ir.at(arrays, j, 'ptr')}")
+        shared = ir.let(f"icmp eq i64 {_read(ir, buffer, BUFFER_RANK, 'i64')}, {len(port.shape)}")
         stride = ir.let(f"select i1 {shared}, i64 0, i64 {width * port.size}")
         ir.do(f"store i64 {stride}, ptr {ir.at(strides, j, 'i64')}")
-    return _read(ir, buffer, DIMENSIONS)  # of the last result, whose first axis is the batch
+    return _read(ir, buffer, BUFFER_DIMENSIONS)  # of the last result, whose first axis is the batch
 
 
 def _store_inner_strides(ir: Writer, ports: Sequence[Port], strides: str) -> None:

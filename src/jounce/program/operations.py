@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 Instruction = tuple[str, *tuple[int | float, ...]]  # of LLVM, or the name of an intrinsic, and what it takes
-SUM, PRODUCT, ATOM = range(3)  # how tightly an expression holds together
+SUM, PRODUCT, ATOM = range(3)  # precedence of expressions: those of a lower one take parentheses in a higher one
 
 
 @dataclass(frozen=True)
@@ -207,5 +207,5 @@ OPERATIONS: Mapping[str, Operation] = {
     )
 }
 LEAVES = ("input", "constant")  # the kinds of steps that are no operations: they have a number, and no operands
-WITHOUT_COST = (*LEAVES, *(name for name, operation in OPERATIONS.items() if operation.free))  # what costs nothing
-FUNCTIONS = tuple(name for name, operation in OPERATIONS.items() if operation.expression is None)  # called by name
+FREE_KINDS = (*LEAVES, *(name for name, operation in OPERATIONS.items() if operation.free))  # not counted
+FUNCTION_KINDS = tuple(name for name, operation in OPERATIONS.items() if operation.expression is None)  # called by name

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from jounce.core.scalars import Recorder
-from jounce.program.operations import FUNCTIONS, OPERATIONS
+from jounce.program.operations import FUNCTION_KINDS, OPERATIONS
 from jounce.program.program import Program, prune
 
 
@@ -70,7 +70,7 @@ class Node(Recorder):
 
     def __getattr__(self, name: str) -> Callable[[], "Node"]:
         """The functions of one operand as NumPy's object arrays ask for them: x.sin()."""
-        if name not in FUNCTIONS:
+        if name not in FUNCTION_KINDS:
             raise AttributeError(f"a node of a tape has no {name}")
         return lambda: self.tape.function(name, self)
 

@@ -23,7 +23,7 @@ from jounce.stream.plan import Part, Task
 from jounce.stream.records import Skipped
 from jounce.stream.rows import Rows, Run, read
 
-GLANCE = 4096  # rows of which the units are looked at
+MAX_UNIT_CHECK_ROWS = 4096  # of a table, from its start: enough to recognise degrees and milliseconds
 STATED: Mapping[str, Any] = {
     "source": ALL_RATES,
     "residual": None,
@@ -60,7 +60,7 @@ def _block(task: Task, part: Part, rows: Rows, check: bool) -> Block:
     }
     rates = [[si[f"{j}.{rate_name('q', k)}"] for j in job.robot.joint_names] for k in range(job.highest + 1)]
     if check:
-        first = slice(0, min(rows.runs[0].stop, GLANCE))
+        first = slice(0, min(rows.runs[0].stop, MAX_UNIT_CHECK_ROWS))
         q, qd = (np.stack([x[first] for x in columns], axis=1) for columns in rates[:2])
         stated = match.angles_stated, match.time_stated
         check_units(si[TIME][first], q, qd, job.robot.mechanism, stated, str(part.path))

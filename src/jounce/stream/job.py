@@ -16,7 +16,7 @@ from jounce.motion.spline import Smoothing, Spline
 from jounce.motion.table import AS_NAMED
 
 Subject = Literal["forces", "motors", "limits"]
-RECORDS = 3  # raised where records of parts hold other data: those of a run before are computed again
+RECORD_VERSION = 3  # of the data in records of parts; with another one, parts are computed again
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Job:
         """A digest of all that results depend on, but for the input and the treatment of bad rows."""
         mechanism = self.robot.mechanism
         text = [
-            __version__, str(RECORDS), writing.as_json(mechanism), str(sorted(mechanism.acting)), self.subject,
+            __version__, str(RECORD_VERSION), writing.as_json(mechanism), str(sorted(mechanism.acting)), self.subject,
             str(self.order), str(self.form), str(self.method), str(self.with_rates), str(self.reading.options),
             str(self.reading.way), str(self.reading.blend), str(self.reading.step),
         ]  # fmt: skip

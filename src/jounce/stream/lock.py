@@ -8,7 +8,7 @@ from pathlib import Path
 from jounce.core.errors import JounceError
 from jounce.io.files import make_folder
 
-LOCK = "_jounce.lock"
+LOCK_FILE = "_jounce.lock"
 
 
 @contextmanager
@@ -20,12 +20,12 @@ def locked(work: Path, output: Path) -> Iterator[None]:
     JounceError : where another run holds it.
     """
     make_folder(work)
-    file = _lock(work / LOCK, output)
+    file = _lock(work / LOCK_FILE, output)
     try:
         yield
     finally:
         with suppress(OSError):
-            (work / LOCK).unlink()
+            (work / LOCK_FILE).unlink()
             work.rmdir()  # if nothing is left to go on with
         if file is not None:
             os.close(file)

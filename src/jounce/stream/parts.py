@@ -13,7 +13,7 @@ from jounce.io.tables import WRITERS
 from jounce.stream.blocks import blocks
 from jounce.stream.limits import checked_limits
 from jounce.stream.outputs import columns_of
-from jounce.stream.plan import MOTION, Part, Task
+from jounce.stream.plan import MOTION_COLUMN, Part, Task
 from jounce.stream.records import Record, Skipped, checksum, keep, rows_path, written
 from jounce.stream.rows import Run
 from jounce.stream.tally import Aggregate, add, limits_of, tally
@@ -50,7 +50,7 @@ def _pieces(task: Task, part: Part, aggregates: dict[str, Aggregate], skipped: l
 
 def _names(runs: list[Run]) -> Columns:
     """The column of motions."""
-    return {MOTION: np.repeat([run.motion for run in runs], [run.stop - run.start for run in runs])}
+    return {MOTION_COLUMN: np.repeat([run.motion for run in runs], [run.stop - run.start for run in runs])}
 
 
 def _write(task: Task, part: Part, folder: Path, pieces: Iterator[Columns]) -> str:

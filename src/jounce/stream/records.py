@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from hashlib import sha256
+from hashlib import file_digest
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,7 @@ from jounce.io.files import write_errors
 from jounce.stream.job import digest
 from jounce.stream.plan import Part
 
-BLOCK = 1 << 20  # bytes that are read at a time
-CONTINUE = "finished parts are kept, and the same command continues after them"
+CONTINUATION = "finished parts are kept, and the same command continues after them"
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,7 @@ def written(path: Path) -> Iterator[Path]:
     """Yield a path to write to in the folder of a path; the file appears when all is in it."""
     temporary = part_in(path.parent)
     try:
-        with write_errors(path, f"; {CONTINUE}"):
+        with write_errors(path, f"; {CONTINUATION}"):
             yield temporary
             temporary.replace(path)
     finally:
@@ -120,8 +119,5 @@ def is_valid(record: Record | None, table: Path | None, skip: bool) -> bool:
 
 def checksum(path: Path) -> str:
     """The checksum of a file."""
-    found = sha256()
     with path.open("rb") as file:
-        while block := file.read(BLOCK):
-            found.update(block)
-    return found.hexdigest()
+        return file_digest(file, "sha256").hexdigest()

@@ -23,7 +23,7 @@ from jounce.stream.records import Record
 from jounce.stream.runner import Runner, Show, here, records, run
 from jounce.stream.tally import Aggregate, add, join, limits_of, reduced, tally
 
-HEAD = b"file,row,column,problem"  # of a table of rows that are left out
+SKIPPED_HEADER = b"file,row,column,problem"  # of a table of rows that are left out
 
 
 @dataclass(frozen=True)
@@ -199,4 +199,4 @@ def _write_skipped(path: Path, columns: Sequence[str], found: Iterable[Record]) 
 
 def _is_ours(path: Path) -> bool:
     """Whether a file is a table of rows that an earlier run left out."""
-    return path.is_file() and path.read_bytes()[: len(HEAD)] == HEAD
+    return path.is_file() and path.read_bytes()[: len(SKIPPED_HEADER)] == SKIPPED_HEADER

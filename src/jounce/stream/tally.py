@@ -19,7 +19,7 @@ from jounce.motion.bands import COVERS, surest_peaks
 from jounce.spatial.series import rate_name
 from jounce.stream.job import Job
 from jounce.stream.outputs import Block
-from jounce.stream.plan import MOTION, Part
+from jounce.stream.plan import MOTION_COLUMN, Part
 
 Aggregate = dict[str, Any]  # plain data of a motion: rows, t, and values by joint and quantity
 Add = Callable[[dict[str, Aggregate], str, Aggregate], None]  # joins that of further rows to that of a motion
@@ -106,15 +106,17 @@ def reduced(tallies: Mapping[str, Aggregate], kinds: Sequence[str]) -> Columns:
     rows = [
         (motion, joint, of["rows"], values) for motion, of in tallies.items() for joint, values in of["values"].items()
     ]
-    columns = dict(zip([MOTION, "joint", "rows"], map(np.array, list(zip(*rows, strict=True))[:3]), strict=True))
+    columns = dict(zip([MOTION_COLUMN, "joint", "rows"], map(np.array, list(zip(*rows, strict=True))[:3]), strict=True))
     for kind in kinds:
         for name in dict.fromkeys(name for *_, values in rows for name in values):
-            columns[f"{name}_{kind}"] = np.array([KINDS[kind](values.get(name, MISSING), n) for *_, n, values in rows])
+            columns[f"{name}_{kind}"] = np.array(
+                [AGGREGATES[kind](values.get(name, NO_PEAK), n) for *_, n, values in rows]
+            )
     return columns
 
 
-MISSING = (np.nan, 0.0, np.nan)
-KINDS: Mapping[str, Callable[[Sequence[float], int], float]] = {
+NO_PEAK = (np.nan, 0.0, np.nan)
+AGGREGATES: Mapping[str, Callable[[Sequence[float], int], float]] = {
     "peak": lambda found, rows: found[0],
     "rms": lambda found, rows: float(np.sqrt(found[2] / rows)),
 }

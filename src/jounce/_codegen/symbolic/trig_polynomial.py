@@ -14,7 +14,7 @@ from typing import Any
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Recorder
 
-BASE = 2**16  # of the digits, each from -BASE/2 to BASE/2: far from what exponents and multiples grow to
+DIGIT_BASE = 2**16  # digits lie within +-DIGIT_BASE/2: far beyond what exponents and multiples grow to
 Term = tuple[int, int, bool]  # powers, angle (never negative; 0: neither sine nor cosine), whether a sine
 
 
@@ -179,17 +179,17 @@ def digits(number: int) -> Iterator[tuple[int, int]]:
     """The places and values of the digits that are not zero."""
     place = 0
     while number:
-        digit = (number + BASE // 2) % BASE - BASE // 2
+        digit = (number + DIGIT_BASE // 2) % DIGIT_BASE - DIGIT_BASE // 2
         if digit:
             yield place, digit
-        number, place = (number - digit) // BASE, place + 1
+        number, place = (number - digit) // DIGIT_BASE, place + 1
 
 
 def _unit(known: list[Any], x: Hashable) -> int:
     """The integer with digit 1 at the place of x among the known, which x is added to if it is new."""
     if x not in known:
         known.append(x)
-    return BASE ** known.index(x)
+    return DIGIT_BASE ** known.index(x)
 
 
 def _add_normal(total: dict[Term, Fraction], powers: int, angle: int, sine: bool, c: Fraction) -> None:
