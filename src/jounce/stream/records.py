@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from hashlib import file_digest
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from jounce.io.files import write_errors
 from jounce.stream.job import digest
 from jounce.stream.plan import Part
 
+CHECKSUM_BLOCK_BYTES = 1 << 20  # read at a time: tables of any size are checked in little memory
 CONTINUATION = "finished parts are kept, and the same command continues after them"
 
 
@@ -119,5 +120,8 @@ def is_valid(record: Record | None, table: Path | None, skip: bool) -> bool:
 
 def checksum(path: Path) -> str:
     """The checksum of a file."""
+    found = sha256()
     with path.open("rb") as file:
-        return file_digest(file, "sha256").hexdigest()
+        while block := file.read(CHECKSUM_BLOCK_BYTES):
+            found.update(block)
+    return found.hexdigest()
