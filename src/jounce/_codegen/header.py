@@ -47,24 +47,18 @@ def arrays(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
             (f"Positions, the {len(numbers)} entries of q:", numbers),
             (f"Coordinates of the velocities, the {robot.n} entries of qd, q2d, ...{of_forces}:", coordinates),
         ]
-    return [*titled, *_followers(robot, first), ("Bodies:", bodies)]
+    if robot.closure is not None:
+        names, units = robot.tree.coordinates, coordinate_units(robot.tree)
+        others = robot.closure.dependent
+        entries = _numbered([names[k] for k in others], [units[k] for k in others], first)
+        titled.append((f"Dependent coordinates, the {len(entries)} entries of {DEPENDENT}:", entries))
+    return [*titled, ("Bodies:", bodies)]
 
 
 def _numbered(names: Sequence[str], units: Sequence[str], first: int) -> list[str]:
     """List names with their units, the first of an index."""
     named = zip(map(printable, names), units, strict=True)
     return [f"{j}  {name}, {unit}" for j, (name, unit) in enumerate(named, start=first)]
-
-
-def _followers(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
-    """List, under a title, the coordinates that follow the others where loops are closed."""
-    if robot.closure is None:
-        return []
-    tree, units = robot.tree, coordinate_units(robot.tree)
-    entries = [
-        f"{j}  {printable(tree.coordinates[k])}, {units[k]}" for j, k in enumerate(robot.closure.dependent, start=first)
-    ]
-    return [(f"Dependent coordinates, the {len(entries)} entries of {DEPENDENT}:", entries)]
 
 
 def conventions(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
@@ -76,10 +70,8 @@ def conventions(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
         found.append(f"{row.meaning}{added} Unit: {row.unit}.")
     found += [f"{name}: {place}." for name, place in places(robot, functions).items()]
     found += [f"{f.name}: {OF_PRODUCTS[f.computation.product]}." for f in functions if f.computation.product]
-    found += elastic_joints(robot, functions)
-    found += drive_trains(robot, functions)
-    found += several_screws(robot, functions)
-    found += closed_loops(robot, functions)
+    for sentences in (elastic_joints, drive_trains, several_screws, closed_loops):
+        found += sentences(robot, functions)
     if loaded:
         found.append(
             "W: six entries per body, (moment; force), what the body EXERTS on its environment, in the axes of the"
@@ -157,8 +149,7 @@ def places(robot: Mechanism, functions: Sequence[Function]) -> dict[str, str]:
     found = {}
     for f in functions:
         if (body := f.computation.body) is not None:
-            link = robot.frame(body)
-            carrier = body_name(robot, link.body, ground="")
+            carrier = body_name(robot, robot.frame(body).body, ground="")
             held = f"body {printable(carrier)}" if carrier else "the ground"
             fixed = "" if body in robot.bodies else f", fixed on {held}"
             frame = f"; components in {FRAMES[f.computation.frame]}" if f.computation.quantity.frames else ""
@@ -192,21 +183,15 @@ def elastic_joints(robot: Mechanism, functions: Sequence[Function]) -> list[str]
     return found
 
 
-def _terms_of_motors(robot: Mechanism) -> list[str]:
-    """Return the drive terms that motor torques hold as those of the motors."""
-    e = robot.elasticity
-    numbers = {} if e is None else {"armature": e.rotor, "damping": e.viscous, "friction": e.friction}
-    return [term for term, array in numbers.items() if np.any(array != 0)]
-
-
 def drive_trains(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
     """Return sentences on the drive terms that the functions include or omit."""
     rows = _quantities(functions)
     entering = [term for term in TERMS if any(term in row.drive_terms for row in rows)]
     stated = [term for term in entering if np.any(getattr(robot.drives, AMOUNTS[term]))]
     included = [(row.symbol, [x for x in stated if x in robot.acting and x in row.drive_terms]) for row in rows]
-    on_motors = _terms_of_motors(robot) if all(row.elastic for row in rows) else ()
-    left = [term for term in stated if term not in robot.acting and term not in on_motors]
+    e = robot.elasticity if all(row.elastic for row in rows) else None  # whose torques hold the terms of the motors
+    on_motors = {} if e is None else {"armature": e.rotor, "damping": e.viscous, "friction": e.friction}
+    left = [term for term in stated if term not in robot.acting and not np.any(on_motors.get(term, 0))]
     found = [
         f"{symbol} includes these terms of the drive trains: {', '.join(OF_DRIVES[term] for term in terms)}."
         for symbol, terms in included

@@ -76,10 +76,5 @@ class Language:
 
 
 def language(name: str) -> Language:
-    """Return the language with a name.
-
-    Raises
-    ------
-    JounceError : if the name is unknown; the error lists all languages.
-    """
+    """Return the language with a name; an error lists all of them."""
     return import_module(f"jounce._codegen.{one_of('language', name, LANGUAGE_NAMES)}").LANGUAGE

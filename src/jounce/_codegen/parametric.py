@@ -41,9 +41,7 @@ class Parametric:
 def parametric(mechanism: Mechanism, asked: Sequence[str]) -> Parametric:
     """A robot with the parameters that it has itself, and those asked for, as `jounce.model.parameters` lists them.
 
-    Raises
-    ------
-    JounceError : where one that is asked for is unknown, comes twice, or has the name of a symbol.
+    Raises `JounceError` where one that is asked for is unknown, comes twice, or has the name of a symbol.
     """
     own = own_values(mechanism, asked)
     if "masses" in own:

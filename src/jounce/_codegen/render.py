@@ -81,7 +81,7 @@ def _templates(options: Options) -> dict[str, tuple[str, str]]:
 def _context(options: Options, functions: Sequence[Function], tests: Sequence[Vectors]) -> dict[str, Any]:
     """Return the variables of the templates."""
     mechanism, single = options.robot.origin, options.single
-    printed = [Printed(function, options.language, single) for function in functions]
+    printed = [Printed(**vars(f), language=options.language, single=single) for f in functions]
     literal = options.language.literal
     return {
         **options.language.helpers,

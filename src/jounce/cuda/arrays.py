@@ -17,12 +17,7 @@ if TYPE_CHECKING:
 
 
 def on_gpu(name: str, x: Any) -> "cupy.ndarray":
-    """Return an array on a GPU, of CuPy, JAX or another library, as one of CuPy, without a copy.
-
-    Raises
-    ------
-    JounceError : if it is elsewhere, or on several GPUs.
-    """
+    """Return an array on one GPU, of CuPy, JAX or another library, as one of CuPy, without a copy; or refuse it."""
     import cupy
 
     if isinstance(x, cupy.ndarray):

@@ -23,12 +23,7 @@ KERNEL_NAME = "states"  # of the function in the template
 
 
 def source(mechanism: Mechanism, computation: Computation, single: bool) -> str:
-    """Return CUDA source of a computation for a robot of numbers, in double or single precision.
-
-    Raises
-    ------
-    JounceError : if the robot or the order is too large for straight-line code.
-    """
+    """Return CUDA source of a computation for a robot of numbers, unless it is too large for straight-line code."""
     check_size(mechanism, computation.order)
     options = Options(
         parametric(mechanism, ()), language("cuda"), computation.order, {"compute": computation}, single, "jounce"
@@ -55,12 +50,7 @@ def require_gpu() -> None:
 
 
 def compile_source(code: str) -> "cupy.RawKernel":
-    """Return the kernel of CUDA source, compiled for the current GPU; for others it is when it is first called there.
-
-    Raises
-    ------
-    JounceError : if NVRTC fails.
-    """
+    """Return the kernel of CUDA source, compiled for the current GPU; for others it is at the first call there."""
     import cupy
 
     try:

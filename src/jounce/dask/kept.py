@@ -24,12 +24,7 @@ class Kept(Generic[T]):
 
 
 def keep(value: T) -> Kept[T]:
-    """Pickle an object, functions that only this process knows included.
-
-    Raises
-    ------
-    JounceError : if something in it cannot be pickled.
-    """
+    """Pickle an object, functions that only this process knows included; `JounceError` if that is impossible."""
     import cloudpickle
 
     try:

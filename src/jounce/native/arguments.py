@@ -71,12 +71,7 @@ def bound_batch(kernel: str, signature: Signature, arrays: Sequence[np.ndarray],
 
 
 def of_product(caller: str, values: Signature, product: Signature, arrays: Any, others: Any) -> list[Any]:
-    """Return the arrays of a state, then its weights or directions, zeros in place of None.
-
-    Raises
-    ------
-    JounceError : if one of both is not a tuple of as many arrays as the signature of the product lists.
-    """
+    """Return the arrays of a state, then its weights or directions, checked, zeros in place of None."""
     rest = product.inputs[len(values.inputs) :]
     if len(rest) == 1 and type(others) not in (tuple, list):
         others = (others,)

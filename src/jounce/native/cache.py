@@ -33,12 +33,7 @@ def folder() -> Path:
 
 
 def limit() -> int:
-    """Return the limit of the size of all kernels in bytes: ``$JOUNCE_CACHE_SIZE`` in MiB, 256 by default.
-
-    Raises
-    ------
-    JounceError : where it is set to anything but a number from 0 on.
-    """
+    """Return the limit of the size of all kernels in bytes: ``$JOUNCE_CACHE_SIZE`` in MiB, checked, or the default."""
     given = os.environ.get("JOUNCE_CACHE_SIZE") or str(DEFAULT_CACHE_MIB)
     size = finite(given)
     if size is None or size < 0:
@@ -183,9 +178,7 @@ def obstacle() -> str | None:
 def clear() -> list[int]:
     """Remove the kernels and what is left of killed writers, nothing else; returns the sizes of the kernels in bytes.
 
-    Raises
-    ------
-    JounceError : where the folder is not its owner's alone, or a kernel cannot be removed.
+    Raises `JounceError` where the folder is not its owner's alone, or a kernel cannot be removed.
     """
     if found := obstacle():
         raise JounceError(f"{folder()}: {found}")

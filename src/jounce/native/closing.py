@@ -46,10 +46,8 @@ class NativeStep:
     def close(self, q: np.ndarray, limit: float) -> tuple[np.ndarray, np.ndarray]:
         """The independent coordinates (..., n) of q, (..., N), and the dependent ones, with loops closed.
 
-        Raises
-        ------
-        LookupError : if they are not nearly closed, a condition number exceeds a limit, followers are not at their
-            places, or q has another shape.
+        Raises `LookupError` if they are not nearly closed, a condition number exceeds a limit, followers are not at
+        their places, or q has another shape.
         """
         if q.shape[-1] != self.count:
             raise LookupError

@@ -56,7 +56,6 @@ def _define_straight(
                 ir.label(f"piece{i}")
         ir.do("br label %done")
         ir.label("done")
-        ir.do("ret void")
 
 
 def emit_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> Iterator[tuple[int, str]]:

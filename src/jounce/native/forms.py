@@ -31,12 +31,7 @@ SECONDS_PER_JOINT_KIND = 6e-3  # in the loop form, times the square of the numbe
 
 @interruptible()
 def modules(mechanism: Mechanism, computation: Computation, target: Target, patience: float = inf) -> list[str]:
-    """The LLVM IR of a computation for a robot.
-
-    Raises
-    ------
-    LongCompilationError : where compiling it is likely to take longer than `patience` seconds.
-    """
+    """The LLVM IR of a computation; `LongCompilationError` where to compile it is likely to take too many seconds."""
     signature = computation.signature(mechanism)
     return calls.modules(_block(mechanism, computation, signature, patience), signature, target)
 

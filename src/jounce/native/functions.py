@@ -62,33 +62,23 @@ def define_sincos(ir: Writer) -> None:
             signed = ir.let(f"xor {ir.I} {ir.let(f'bitcast {ir.V} {value} to {ir.I}')}, {sign}")
             ir.store(ir.let(f"bitcast {ir.I} {signed} to {ir.V}"), ir.at("%place", j * ir.lanes))
         mask = ir.let(f"bitcast {ir.B} {beyond} to i{ir.lanes}")
-        ir.do(f"br i1 {ir.let(f'icmp eq i{ir.lanes} {mask}, 0')}, label %done, label %careful")
-        ir.label("careful")
-        ir.do(f"call void @careful({ir.V} %x, i{ir.lanes} {mask}, ptr %place)")
-        ir.do("br label %done")
-        ir.label("done")
-        ir.do("ret void")
+        with ir.only_if(ir.let(f"icmp ne i{ir.lanes} {mask}, 0"), "careful", "done"):
+            ir.do(f"call void @careful({ir.V} %x, i{ir.lanes} {mask}, ptr %place)")
 
 
 def _define_careful(ir: Writer) -> None:
     """``@careful(x, mask, place)``: the lanes of the mask by the C library."""
     for name in ("sin", "cos"):
         ir.declared[f"declare double @{name}(double)"] = None
-    with ir.function(f"internal void @careful({ir.V} %x, i{ir.lanes} %mask, ptr %place)"):
-        ir.label("start")
-        with ir.loop(str(ir.lanes)) as lane:
-            bit = ir.let(f"lshr i{ir.lanes} %mask, {ir.let(f'trunc i64 {lane} to i{ir.lanes}')}")
-            odd = ir.let(f"and i{ir.lanes} {bit}, 1")
-            ir.do(f"br i1 {ir.let(f'icmp ne i{ir.lanes} {odd}, 0')}, label %large, label %small")
-            ir.label("large")
+    head = f"internal void @careful({ir.V} %x, i{ir.lanes} %mask, ptr %place)"
+    with ir.function(head), ir.loop(str(ir.lanes)) as lane:
+        bit = ir.let(f"lshr i{ir.lanes} %mask, {ir.let(f'trunc i64 {lane} to i{ir.lanes}')}")
+        odd = ir.let(f"and i{ir.lanes} {bit}, 1")
+        with ir.only_if(ir.let(f"icmp ne i{ir.lanes} {odd}, 0"), "large", "small"):
             angle = ir.let(f"extractelement {ir.V} %x, i64 {lane}")
             for j, name in enumerate(("sin", "cos")):
                 value = ir.let(f"call double @{name}(double {angle})")
-                row = ir.at("%place", j * ir.lanes)
-                ir.do(f"store double {value}, ptr {ir.at(row, lane)}")
-            ir.do("br label %small")
-            ir.label("small")
-        ir.do("ret void")
+                ir.do(f"store double {value}, ptr {ir.at(ir.at('%place', j * ir.lanes), lane)}")
 
 
 def define_tanh(ir: Writer) -> None:
@@ -143,8 +133,4 @@ def _power_of_two(ir: Writer, k: str) -> str:
     return ir.let(f"bitcast {ir.I} {ir.let(f'add {ir.I} {exponent}, {ir.integers(bits(1.0))}')} to {ir.V}")
 
 
-DEFINITIONS = {
-    "sincos": define_sincos,
-    "tanh": define_tanh,
-    "exp": define_exp,
-}  # by the names under which native code calls them
+DEFINITIONS = {"sincos": define_sincos, "tanh": define_tanh, "exp": define_exp}  # by the name that code calls

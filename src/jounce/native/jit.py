@@ -112,32 +112,31 @@ class PlainCall:
 
     def __call__(self, *arrays: Any, out: Sequence[np.ndarray] | None = None) -> Any:
         """Compute from arrays with leading batch axes; the results, or `out` with them written into it."""
-        inputs = [np.asarray(array, dtype=float) for array in arrays]
-        for x, shape in zip(inputs, self.taken, strict=True):
+        inputs = list(zip([np.asarray(array, dtype=float) for array in arrays], self.taken, strict=True))
+        for x, shape in inputs:
             if x.shape[x.ndim - len(shape) :] != shape:
                 raise ValueError(f"an array has shape {x.shape}; expected (..., {', '.join(map(str, shape))})")
-        batch = np.broadcast_shapes(
-            *(x.shape[: x.ndim - len(shape)] for x, shape in zip(inputs, self.taken, strict=True))
-        )
-        whole = [
-            np.ascontiguousarray(np.broadcast_to(x, (*batch, *shape)))
-            for x, shape in zip(inputs, self.taken, strict=True)
-        ]
+        batch = np.broadcast_shapes(*(x.shape[: x.ndim - len(shape)] for x, shape in inputs))
+        whole = [np.ascontiguousarray(np.broadcast_to(x, (*batch, *shape))) for x, shape in inputs]
         results = [np.empty((*batch, *shape)) for shape in self.given]
-        everything = [*whole, *results]
-        steps = [8 * prod(shape) for shape in (*self.taken, *self.given)]
-        within = [8 * prod(shape[k + 1 :]) for shape in (*self.taken, *self.given) for k in range(len(shape))]
-        self._loop(
-            (ctypes.c_void_p * len(everything))(*(array.ctypes.data for array in everything)),
-            (ctypes.c_ssize_t * 1)(prod(batch)),
-            (ctypes.c_ssize_t * len(steps + within))(*steps, *within),
-            self._pool,
-        )
+        both = zip([*whole, *results], [*self.taken, *self.given], strict=True)
+        self._loop(*loop_arguments([x.reshape(prod(batch), *shape) for x, shape in both], True), self._pool)
         if out is not None:
             for array, result in zip(out, results, strict=True):
                 array[...] = result
             results = list(out)
         return results[0] if len(results) == 1 else tuple(results)
+
+
+def loop_arguments(arrays: Sequence[np.ndarray], batched: bool) -> tuple[ctypes.Array[Any], ...]:
+    """What a loop takes of arrays with one batch axis or with none: addresses, the number of states, strides."""
+    steps = [x.strides[0] if batched else 0 for x in arrays]
+    strides = [*steps, *(stride for x in arrays for stride in x.strides[batched:])]
+    return (
+        (ctypes.c_void_p * len(arrays))(*(x.ctypes.data for x in arrays)),
+        (ctypes.c_ssize_t * 1)(len(arrays[0]) if batched else 1),
+        (ctypes.c_ssize_t * len(strides))(*strides),
+    )
 
 
 @cache

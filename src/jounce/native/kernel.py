@@ -57,10 +57,9 @@ class Kernel(Generic[Results]):
         self._pool = Pool(size) if size > plan.MAX_STACK_BYTES else None
         self.addresses = self._code.address("states"), self._pool.address if self._pool else 0
         self.shapes = tuple([p.shape for p in ports] for ports in (self.signature.inputs, self.signature.outputs))
-        self.ufunc, needed = ufunc(self.addresses[0], self.signature, computation.name, self.addresses[1])
+        self.ufunc, self._alive = ufunc(self.addresses[0], self.signature, computation.name, self.addresses[1])
         self._count = len(self.signature.inputs)
         self._products: dict[str, Kernel] = {}
-        self._alive = needed
 
     def __reduce__(self) -> tuple[Callable[..., "Kernel"], tuple[Mechanism, Computation]]:
         return compile_kernel, (self.mechanism, self.computation)
@@ -162,15 +161,8 @@ class Kernel(Generic[Results]):
         refuse_names_and_masks(repr(self), arrays, results)
         batch = bound_batch(repr(self), self.signature, arrays, results)
         everything = [*arrays, *results]
-        steps = [array.strides[0] if batch else 0 for array in everything]
-        within = [stride for array in everything for stride in array.strides[len(batch) :]]
-        called: tuple[ctypes.Array[Any], ...] = (
-            (ctypes.c_void_p * len(everything))(*(array.ctypes.data for array in everything)),
-            (ctypes.c_ssize_t * 1)(*batch or (1,)),
-            (ctypes.c_ssize_t * len(steps + within))(*steps, *within),
-        )
-        places = map(ctypes.addressof, called)
-        arguments = (ctypes.c_void_p * 4)(*places, self.addresses[1])
+        called = jit.loop_arguments(everything, bool(batch))
+        arguments = (ctypes.c_void_p * 4)(*map(ctypes.addressof, called), self.addresses[1])
         address = ctypes.c_void_p(ctypes.addressof(arguments))
         call = partial(jit.Bound(self._code.address("bound")), address)
         vars(call)["alive"] = self, everything, called, arguments
@@ -357,9 +349,7 @@ _compiling = Lock()  # threads that ask for one kernel at the same time share it
 def compile_kernel(mechanism: Mechanism, computation: Computation, patience: float = inf) -> Kernel:
     """The kernel of a quantity of a mechanism of numbers: the one there is, else from the cache, else compiled.
 
-    Raises
-    ------
-    LongCompilationError : where it is still to be compiled, which would take longer than `patience` seconds.
+    Raises `LongCompilationError` where it is still to be compiled, which would take longer than `patience` seconds.
     """
     kernel = _living.get((mechanism, computation))
     if kernel is None:

@@ -45,7 +45,6 @@ def define_on_heap(ir: Writer, size: int, name: str) -> None:
         memory = ir.let(f"inttoptr i64 {ir.let(f'and i64 {after}, -{BUFFER_ALIGNMENT}')} to ptr")
         ir.do(f"call void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr {memory})")
         ir.do(f"call void @give_back(ptr %pool, ptr {buffer})")
-        ir.do("ret void")
 
 
 _BORROW = """\

@@ -73,7 +73,6 @@ def _handler(kernel: Kernel, dtype: np.dtype) -> tuple[str, Pool | None]:
         _define_conversions(ir, kernel, chunk)
         pool.define_on_heap(ir, size, "@singles")
     with ir.function("ptr @call(ptr %frame)"):
-        ir.label("start")
         arrays, strides = (ir.let(f"alloca [{count} x {kind}]") for count, kind in _sizes(ports))
         extension = _read(ir, "%frame", FRAME_EXTENSION)
         ir.do(f"br i1 {ir.let(f'icmp eq ptr {extension}, null')}, label %run, label %extended")
@@ -128,7 +127,6 @@ def _define_conversions(ir: Writer, kernel: Kernel, chunk: int) -> None:
     inputs, outputs = kernel.signature.inputs, kernel.signature.outputs
     ports, end = [*inputs, *outputs], inputs[-1].end
     with ir.function("internal void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr %memory)"):
-        ir.label("start")
         arrays, strides, count = (ir.let(f"alloca [{n} x {kind}]") for n, kind in (*_sizes(ports), (1, "i64")))
         _store_inner_strides(ir, ports, strides)
         starts = [port.start for port in inputs] + [end + port.start for port in outputs]
@@ -139,9 +137,7 @@ def _define_conversions(ir: Writer, kernel: Kernel, chunk: int) -> None:
             ir.do(f"store ptr {place}, ptr {ir.at(arrays, j, 'ptr')}")
             ir.do(f"store i64 {ir.let(f'mul i64 {step}, 2')}, ptr {ir.at(strides, j, 'i64')}")
         total = ir.let("load i64, ptr %dimensions")
-        ir.do(f"br i1 {ir.let(f'icmp sgt i64 {total}, 0')}, label %some, label %done")
-        ir.label("some")
-        with ir.loop(ir.let(f"sdiv i64 {ir.let(f'add i64 {total}, {chunk - 1}')}, {chunk}")) as index:
+        with ir.loop_over_blocks(total, chunk) as index:
             first = ir.let(f"mul i64 {index}, {chunk}")
             left = ir.call("llvm.smin.i64", "i64", ir.let(f"sub i64 {total}, {first}"), str(chunk))
             ir.do(f"store i64 {left}, ptr {count}")
@@ -155,31 +151,22 @@ def _define_conversions(ir: Writer, kernel: Kernel, chunk: int) -> None:
             for j, port in enumerate(outputs, start=len(inputs)):
                 numbers = ir.let(f"mul i64 {left}, {port.size}")
                 ir.do(f"call void @narrow(ptr {doubles[j]}, ptr {places[j]}, i64 {numbers})")
-        ir.do("br label %done")
-        ir.label("done")
-        ir.do("ret void")
 
 
 def _define_copy(ir: Writer, name: str, source: str, conversion: str, target: str) -> None:
     """A function (from, to, count) that converts numbers: whole vectors, then the rest one by one."""
     with ir.function(f"internal void @{name}(ptr %from, ptr %to, i64 %count)"):
-        ir.label("start")
         vectors = ir.let(f"sdiv i64 %count, {ir.lanes}")
         whole = ir.let(f"mul i64 {vectors}, {ir.lanes}")
         for label, lanes, start, end in (
             ("vectors", f"<{ir.lanes} x {{}}>", "0", vectors),
             ("rest", "{}", whole, "%count"),
         ):
-            ir.do(f"br i1 {ir.let(f'icmp slt i64 {start}, {end}')}, label %{label}, label %{label}.none")
-            ir.label(label)
-            with ir.loop(end, start) as i:
+            with ir.only_if(ir.let(f"icmp slt i64 {start}, {end}"), label, f"{label}.none"), ir.loop(end, start) as i:
                 kinds = lanes.format(source), lanes.format(target)
                 x = ir.let(f"load {kinds[0]}, ptr {ir.at('%from', i, kinds[0])}, align 4")
                 y = ir.let(f"{conversion} {kinds[0]} {x} to {kinds[1]}")
                 ir.do(f"store {kinds[1]} {y}, ptr {ir.at('%to', i, kinds[1])}, align 4")
-            ir.do(f"br label %{label}.none")
-            ir.label(f"{label}.none")
-        ir.do("ret void")
 
 
 def _pointer(ir: Writer, address: int) -> str:

@@ -201,11 +201,6 @@ class Tape:
             raise TapeFullError
 
     def program(self, outputs: Sequence[Any]) -> Program:
-        """Return the program of the outputs: the steps of the tape that they need.
-
-        Raises
-        ------
-        TapeFullError : if the tape could not hold all steps.
-        """
+        """Return the program of the outputs, the steps of the tape that they need; `TapeFullError` if it is full."""
         self.check()
         return prune(self.nodes, [self.node(x).i for x in outputs], self.inputs)

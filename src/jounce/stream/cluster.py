@@ -50,12 +50,7 @@ class Order:
 
 
 def on_cluster(address: str) -> Runner:
-    """Return the runner of a cluster: "local", or that of the scheduler at an address.
-
-    Raises
-    ------
-    JounceError : if it is no address, or Dask is not installed.
-    """
+    """Return the runner of a cluster: "local", or that of the scheduler at an address, which is checked."""
     try:
         from distributed.comm.addressing import get_address_host_port
     except ImportError:

@@ -13,12 +13,7 @@ LOCK_FILE = "_jounce.lock"
 
 @contextmanager
 def locked(work: Path, output: Path) -> Iterator[None]:
-    """Hold the lock of a work folder; a lock ends with its process, however that ends.
-
-    Raises
-    ------
-    JounceError : where another run holds it.
-    """
+    """Hold the lock of a work folder, unless another run does; a lock ends with its process, however that ends."""
     make_folder(work)
     file = _lock(work / LOCK_FILE, output)
     try:

@@ -51,12 +51,7 @@ class Document:
 
 
 def document(robot: Parametric, base: bool = False) -> Document:
-    """A robot in symbols, on a base that moves as symbols say, or on the ground at rest.
-
-    Raises
-    ------
-    JounceError : where two symbols would look the same.
-    """
+    """A robot in symbols that all look different, on a base that moves as symbols say, or on the ground at rest."""
     import sympy
 
     symbols = {name: _symbols(name, shape) if name in robot.own else np.array(sympy.Symbol(name), dtype=object)

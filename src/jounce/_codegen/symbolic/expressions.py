@@ -105,10 +105,8 @@ class Expressions:
 def expressions(mechanism: Mechanism, base: bool) -> Expressions:
     """Return the sources of the expressions of a mechanism, with the motion of its base or without.
 
-    Raises
-    ------
-    JounceError : if loops are closed, or the mechanism holds what is neither a number nor a real SymPy expression, or
-        a symbol that is named as a coordinate, wrench or motion of the base.
+    Raises `JounceError` if loops are closed, or the mechanism holds what is neither a number nor a real SymPy
+    expression, or a symbol that is named as a coordinate, wrench or motion of the base.
     """
     if mechanism.closure is not None:
         raise JounceError(
