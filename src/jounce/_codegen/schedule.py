@@ -2,7 +2,11 @@
 
 A value that is used once is part of the statement that uses it, as long as that stays short. Sines and cosines come
 first, while few values must be saved across their calls; outputs are written last, so that they may overlap inputs.
-Long schedules are split into parts, functions of their own: values used by a later part are kept in scratch memory.
+Long schedules are split into parts, functions of their own: values used by a later part are kept in scratch memory,
+in slots of a linear-scan allocation: a slot is free again after the last statement that reads it.
+
+Invariants: a statement reads only what earlier ones define, every operation that is used twice is a statement itself,
+and expressions do the operations of the program, each once.
 """
 
 from collections.abc import Container, Mapping, Sequence
@@ -113,7 +117,7 @@ def _slots(program: Program, stated: Mapping[int, None], parts: Sequence[tuple[i
     slots: dict[int, int] = {}
     free: list[int] = []
     made = 0
-    for place, i in enumerate(statements):
+    for place, i in enumerate(statements):  # free the slots that are read here for the last time, then take one
         free += sorted({slots[j] for j in reads[place] if j in crossing and last[j] == place}, reverse=True)
         if i in crossing:
             if not free:

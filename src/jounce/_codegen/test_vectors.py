@@ -104,7 +104,8 @@ def vectors(
 def near_start(m: Mechanism, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Independent and dependent coordinates (k, ...) with closed loops, ways (k, n) from the start of the closure.
 
-    Ways are shortened, if need be, until loops close; they are not where lengths are parameters.
+    Ways are halved, up to nine times, until loops close; they are not where lengths are parameters, and where no way
+    closes them the start itself is returned for all dependent coordinates.
     """
     c = closure_of(m)
     own, others = list(c.independent), list(c.dependent)

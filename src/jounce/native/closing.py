@@ -1,4 +1,14 @@
-"""The step of Newton's method for the positions of one closed robot as native code."""
+"""Newton's method for the positions of one closed robot as native code, from where its loops are nearly closed.
+
+Problem: of coordinates q, keep the independent ones and find the dependent ones with which the gaps of all loops are 0.
+Algorithm: the step of `dynamics.newton`, traced and compiled; its error is about the square of the one before [1].
+Invariants: independent coordinates do not change; results are those of a step from where gaps were within `max_gap`,
+hence closed to rounding. Failure: LookupError, without a result, where the loops are not closed after
+`MAX_CLOSING_STEPS`, where a state of the batch is too near to a singularity or has moved to another branch. The caller
+then closes the loops without assumptions, or refuses the state.
+
+[1] J. Nocedal, S. J. Wright, Numerical Optimization, 2nd ed., Springer 2006, chapter 11.
+"""
 
 import hashlib
 
@@ -51,9 +61,11 @@ class NativeStep:
         """
         if q.shape[-1] != self.count:
             raise LookupError
+        # A single step both checks that the loops are closed and removes the rounding errors that they have.
         found, measures, _ = self.ufunc(q, self.still)
         most = self.closed, min(limit, MAX_BOUND) ** 2
         if not _is_within(measures, most):
+            # Newton's method for the whole batch, until the loops of every state were closed before the step.
             x = q.copy()
             for _ in range(MAX_CLOSING_STEPS):
                 x[..., self.others] = found
@@ -62,6 +74,7 @@ class NativeStep:
                     break
             else:
                 raise LookupError
+            # A long way leads to another branch.
             if not (np.abs(found - q.take(self.others, -1)) <= self.near).all():
                 raise LookupError
         if len(self.following):  # which may be on another branch: their loops are not looked at

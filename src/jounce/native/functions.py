@@ -11,6 +11,12 @@ first is so short that its multiples are exact; a polynomial does exp(r) - 1, it
 Beyond 20 the tangent is 1 to the last bit: larger numbers, and NaN, are taken for 20, so that nothing overflows; NaN is
 put back in the end. ``exp x = 2^k exp(r)`` likewise, with 2^k in two factors, so that results grow to infinity and fall
 to zero by way of the denormal numbers.
+
+Problem: f(x) to a few units in the last place, for vectors of any x and without branches. Algorithm: reduction of the
+argument to an interval about 0, a polynomial there, reconstruction [1]. Invariants: no lane depends on the others, and
+NaN gives NaN. There is no failure: what the reduction does not reach, the C library computes.
+
+[1] J.-M. Muller, Elementary Functions: Algorithms and Implementation, 3rd ed., Birkhauser 2016.
 """
 
 from math import factorial, inf
@@ -45,14 +51,17 @@ def define_sincos(ir: Writer) -> None:
         size = ir.let(f"and {ir.I} {x}, {ir.integers(~SIGN_BIT)}")
         beyond = ir.let(f"icmp sgt {ir.I} {size}, {ir.integers(bits(MAX_REDUCED_ANGLE))}")  # or not a number
         r = ir.let(f"select {ir.B} {beyond}, {ir.V} zeroinitializer, {ir.V} %x")
+        # Reduction: r = x - k pi/2, |r| <= pi/4.
         scaled = ir.op("fma", r, ir.vector(0.6366197723675814), ir.vector(INTEGER_SHIFT))  # 2/pi
         k = ir.op("sub", scaled, ir.vector(INTEGER_SHIFT))
         for part in HALF_PI_PARTS:
             r = ir.op("fnma", k, ir.vector(part), r)
+        # The polynomials of r.
         z = ir.op("mul", r, r)
         sine = ir.op("fma", ir.op("mul", r, z), ir.horner(SINE_COEFFICIENTS, z), r)
         factors = ir.op("mul", z, z), ir.horner(COSINE_COEFFICIENTS, z)
         cosine = ir.op("fma", *factors, ir.op("fnma", ir.vector(0.5), z, ir.vector(1.0)))
+        # Reconstruction: k mod 4 exchanges both for odd k, and changes their signs.
         quarter = ir.let(f"bitcast {ir.V} {scaled} to {ir.I}")
         odd = ir.let(f"trunc {ir.I} {quarter} to {ir.B}")
         for j, (even, other, turned) in enumerate(((sine, cosine, 0), (cosine, sine, 1))):

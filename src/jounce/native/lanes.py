@@ -46,7 +46,11 @@ def _columns(ir: Writer, column: str, by_table: bool) -> Iterator[str]:
 
 
 def transpose(ir: Writer, rows: Sequence[str]) -> list[str]:
-    """Vectors of columns from vectors of rows: blocks off the diagonal exchanged, of ever smaller size."""
+    """Vectors of columns from vectors of rows: blocks off the diagonal exchanged, of ever smaller size.
+
+    For n lanes these are log2(n) rounds of n shuffles (J. O. Eklundh, A fast computer method for matrix transposing,
+    IEEE Transactions on Computers C-21, 1972).
+    """
     size = ir.lanes
     rows = list(rows)
     while size > 1:

@@ -105,13 +105,17 @@ def carriers(mechanism: Mechanism) -> list[int]:
 
 
 def motion_slots(parent: Sequence[int]) -> list[int]:
-    """Assign slots to motions, the ground's first; a slot is reused after the last child has its motion."""
+    """Assign slots to motions, the ground's first; a slot is reused after the last child has its motion.
+
+    This is linear-scan register allocation without spilling: the lowest free slot, or a new one if there is none. As
+    intervals are taken in the order of their starts, no other assignment needs fewer slots.
+    """
     last = list(range(-1, len(parent)))  # the last child of each, the ground's first; itself if it has none
     for i, p in enumerate(parent):
         last[p + 1] = i
     ends = defaultdict(list, {last[0]: [0]})  # slots by the body after which they are free
     slots, free, count = [0], list[int](), 1
-    for i in range(len(parent)):
+    for i in range(len(parent)):  # free what ended with the body before, then take a slot until the last child
         for slot in ends.pop(i - 1, ()):
             heappush(free, slot)
         if not free:

@@ -5,6 +5,10 @@ at the outputs: all derivatives of one weighted sum of them take about three tim
 many inputs there are. Forward accumulation begins at the inputs: the derivatives of all outputs along one direction.
 Weights and directions are nodes or numbers; what is multiplied by the number 0 or 1 writes no step.
 
+Invariants: a product is a program itself, in which values and partial derivatives share steps; it is exact but for
+rounding. It fails where the tape is full, with TapeFullError when the program is taken from it; where an operation has
+no derivative, as sqrt at 0, results are inf or NaN.
+
 [1] A. Griewank, A. Walther, Evaluating Derivatives, 2nd ed., SIAM 2008, chapter 3.
 """
 
@@ -98,8 +102,10 @@ def adjoints(evaluation: Evaluation, weights: Sequence[Any]) -> list[Node]:
     program, tape = evaluation.program, evaluation.tape
     zero = tape.node(0)
     sums, gradient = [zero] * len(program.steps), [zero] * program.inputs
+    # Seeds: the derivative of the sum by each output is its weight.
     for i, weight in zip(program.outputs, weights, strict=True):
         sums[i] = sums[i] + weight
+    # From the last step to the first, by when all that use a step have been added to its sum.
     for i in reversed(range(len(sums))):
         step, total = program.steps[i], sums[i]
         if step.kind == "input":

@@ -18,18 +18,14 @@ from jounce.motion.spline import Smoothing
 from jounce.motion.table import ALL_RATES, from_columns
 from jounce.motion.units import check_units
 from jounce.spatial.series import rate_name
+from jounce.stream.job import Part, Task
 from jounce.stream.outputs import Block, Output, Rates, Wrenches, alike, along, of_rows
-from jounce.stream.plan import Part, Task
 from jounce.stream.records import Skipped
 from jounce.stream.rows import Rows, Run, read
 
 MAX_UNIT_CHECK_ROWS = 4096  # of a table, from its start: enough to recognise degrees and milliseconds
-STATED: Mapping[str, Any] = {
-    "source": ALL_RATES,
-    "residual": None,
-    "notes": [],
-    "breaks": [],
-}  # what is known of motions of such rows
+# What is known of motions whose rows state all rates:
+STATED: Mapping[str, Any] = {"source": ALL_RATES, "residual": None, "notes": [], "breaks": []}
 
 
 class Results(NamedTuple):

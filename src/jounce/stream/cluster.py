@@ -22,8 +22,8 @@ from jounce.core.version import __version__
 from jounce.dask.kept import Kept, keep
 from jounce.io.tables import place
 from jounce.native.cache import sources
+from jounce.stream.job import Part, Task
 from jounce.stream.parts import compute
-from jounce.stream.plan import Part, Task
 from jounce.stream.records import CONTINUATION, Record, find, rows_folder, rows_path
 from jounce.stream.records import keep as keep_record
 from jounce.stream.runner import Runner, is_done

@@ -17,7 +17,7 @@ from jounce.motion.motion import Motion
 from jounce.motion.spline import Smoothing
 from jounce.motion.table import from_columns
 from jounce.stream.blocks import motions
-from jounce.stream.plan import MOTION_COLUMN, Part, Task
+from jounce.stream.job import MOTION_COLUMN, Part, Task
 from jounce.stream.records import Skipped
 from jounce.stream.rows import Rows, Run, read, row_before
 from jounce.stream.tally import Aggregate, out_of_order

@@ -21,50 +21,13 @@ from jounce.motion.columns import DEVIATION, TIME, Match, followers, match
 from jounce.motion.origin import Origin, origin_of
 from jounce.motion.spline import Smoothing, refuse_way
 from jounce.spatial.series import rate_name
-from jounce.stream.job import Job, digest
+from jounce.stream.job import MOTION_COLUMN, Job, Part, Task, digest
 
-MOTION_COLUMN = "motion"  # the column that names the motion of each row
 MAX_PART_CELLS = 1 << 23  # 64 MB of numbers, little of the memory of a worker
 MIN_LARGE_TABLE_BYTES = 1 << 28  # 256 MB; smaller tables are read as a whole unless parts are asked for
 FIT_MEMORY_RATIO = 60  # bytes of memory per byte of a table whose samples are fitted: 52 to 61 were measured
 ASSUMED_MEMORY_BYTES = 1 << 33  # where the system reports none: 8 GB, as most machines have
 IGNORED_PREFIXES = (".", "_")  # what names of files begin with that are no data
-
-
-@dataclass(frozen=True)
-class Part:
-    """A piece of the input: whole motions, or any rows where these state all rates.
-
-    `motion` is the name of the motion of all rows, None if a column names it. `key` is a digest of the job and of the
-    identity of the input: a record with another key is of another run. Times are since `origin`, the first stamp of the
-    file, if there is one.
-    """
-
-    number: int
-    path: Path
-    span: Span
-    motion: str | None
-    key: str
-    origin: Origin | None = None
-
-    @property
-    def size(self) -> int:
-        """The rows of the part, or the bytes of a CSV table."""
-        return self.span.stop - self.span.start
-
-
-@dataclass(frozen=True, eq=False)
-class Task:
-    """What is computed of every part, and how the tables are read: all that another process needs to know.
-
-    `match` names the columns of the motion. `independent` tells that each row states all that its results need;
-    otherwise parts are whole motions. `named` tells that the output has the column of motions.
-    """
-
-    job: Job
-    match: Match
-    independent: bool
-    named: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +57,11 @@ def make_plan(job: Job, source: Path, highest: int) -> Plan:
         spans = list(_spans(path, first, independent, named)) if path in whole else [Span(0, 0)]
         origin = _origin(path, first, spans[0]) if path in whole else None
         parts += [_part(job, len(parts) + i, path, span, stem, origin) for i, span in enumerate(spans)]
-    notes = (*_notes_of_origins([part.origin for part in parts], len(paths)), *first.notes, *notes)
-    return Plan(Task(job, first, independent, named or source.is_dir()), tuple(parts), notes)
+    origins = [part.origin for part in parts if part.origin]
+    stamps: tuple[str, ...] = ()
+    if origins:
+        stamps = origins[0].notes if len(paths) == 1 else ("times are since the first row of each table",)
+    return Plan(Task(job, first, independent, named or source.is_dir()), tuple(parts), (*stamps, *first.notes, *notes))
 
 
 def _origin(path: Path, found: Match, span: Span) -> Origin | None:
@@ -110,11 +76,6 @@ def _origin(path: Path, found: Match, span: Span) -> Origin | None:
     except JounceError:  # of rows that cannot be read, which is said when their part is
         pass
     return None
-
-
-def _notes_of_origins(origins: Sequence[Origin | None], tables: int) -> tuple[str, ...]:
-    found = [origin for origin in origins if origin]
-    return found[0].notes if found and tables == 1 else ("times are since the first row of each table",) * bool(found)
 
 
 def is_by_parts(job: Job, source: Path) -> bool:

@@ -10,8 +10,7 @@ from typing import Any
 
 from jounce.core.parts import part_in
 from jounce.io.files import write_errors
-from jounce.stream.job import digest
-from jounce.stream.plan import Part
+from jounce.stream.job import Part, digest
 
 CHECKSUM_BLOCK_BYTES = 1 << 20  # read at a time: tables of any size are checked in little memory
 CONTINUATION = "finished parts are kept, and the same command continues after them"

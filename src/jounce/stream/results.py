@@ -14,11 +14,11 @@ from jounce.io.columns import Columns
 from jounce.io.motions.writing import about
 from jounce.motion import Motion
 from jounce.stream import publish
-from jounce.stream.job import Job
+from jounce.stream.job import Job, Part
 from jounce.stream.limits import add_limits, limits_along, table_of
 from jounce.stream.lock import locked
 from jounce.stream.outputs import along, columns_of
-from jounce.stream.plan import Part, Plan, make_plan
+from jounce.stream.plan import Plan, make_plan
 from jounce.stream.records import Record
 from jounce.stream.runner import Runner, Show, here, records, run
 from jounce.stream.tally import Aggregate, add, join, limits_of, reduced, tally

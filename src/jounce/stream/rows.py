@@ -14,7 +14,7 @@ from jounce.io.remainders import remainder_of
 from jounce.io.rows import Chunk, Span
 from jounce.io.tables import format_of
 from jounce.motion.columns import TIME
-from jounce.stream.plan import MOTION_COLUMN, Part, Task
+from jounce.stream.job import MOTION_COLUMN, Part, Task
 from jounce.stream.records import Skipped
 
 

@@ -6,8 +6,9 @@ from pathlib import Path
 
 from jounce.core.parts import remove_abandoned
 from jounce.io.files import make_folder
+from jounce.stream.job import Part, Task
 from jounce.stream.parts import compute
-from jounce.stream.plan import Part, Plan, Task
+from jounce.stream.plan import Plan
 from jounce.stream.records import Record, find, is_valid, rows_folder, rows_path
 
 Runner = Callable[[Task, Sequence[Part], Path], Generator[Record]]  # computes parts, in any order, into a folder

@@ -17,9 +17,8 @@ from jounce.model.coordinates import coordinate_limits
 from jounce.model.limits import Limits
 from jounce.motion.bands import COVERS, surest_peaks
 from jounce.spatial.series import rate_name
-from jounce.stream.job import Job
+from jounce.stream.job import MOTION_COLUMN, Job, Part
 from jounce.stream.outputs import Block
-from jounce.stream.plan import MOTION_COLUMN, Part
 
 Aggregate = dict[str, Any]  # plain data of a motion: rows, t, and values by joint and quantity
 Add = Callable[[dict[str, Aggregate], str, Aggregate], None]  # joins that of further rows to that of a motion

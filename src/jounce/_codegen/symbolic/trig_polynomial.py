@@ -4,6 +4,10 @@ A scalar is a sum of terms ``c x^a cos(k phi)`` and ``c x^a sin(k phi)``: a rati
 and a cosine or sine of a sum of angles. Products become sums, ``2 cos v cos w = cos(v + w) + cos(v - w)``. The
 exponents a of a term are the digits of one integer, and so are the multiples k of its angles: terms multiply by adding
 integers.
+
+Invariants: coefficients are exact and not zero, angles not negative, and each term stands once, so equality of scalars
+is equality of terms. A product of m and n terms counts as m n operations; their number is limited, and beyond the
+limit `check` raises. Sines of what holds sines have no such form, and raise JounceError.
 """
 
 from collections.abc import Hashable, Iterator, Mapping
