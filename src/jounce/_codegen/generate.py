@@ -39,7 +39,7 @@ def codegen(
     moving_base: bool,
 ) -> Generated:
     """Write a robot's equations as source code with tests, see `Robot.codegen`."""
-    from jounce._codegen import render  # where Jinja is needed
+    from jounce._codegen import render  # imported here, as only this needs Jinja
 
     if not isinstance(directory, str | os.PathLike | None):
         raise JounceError(f"directory is {quoted(directory)}; expected the path of a folder")

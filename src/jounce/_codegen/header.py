@@ -7,7 +7,6 @@ import numpy as np
 
 from jounce._codegen.function import Function
 from jounce._codegen.parametric import Parametric
-from jounce._codegen.schedule import is_function
 from jounce.core.version import __version__
 from jounce.dynamics.computation import DEPENDENT
 from jounce.dynamics.kinematics import FRAMES
@@ -205,7 +204,7 @@ def drive_trains(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
 def effort(program: Program) -> str:
     """Describe the number of operations of a program, which is the same for all states."""
     counts = program.counts()
-    kinds = sorted(OPERATIONS.values(), key=lambda row: row.name if is_function(row.name) else "")  # functions last
+    kinds = sorted(OPERATIONS.values(), key=lambda row: row.name if row.expression is None else "")  # functions last
     listed = ", ".join(f"{counts[row.name]} {row.noun}" for row in kinds if counts[row.name] and not row.free)
     return f"{program.operations} operations: {listed or 'none'}"
 

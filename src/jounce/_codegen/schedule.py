@@ -1,7 +1,8 @@
 """Schedules: the statements of a program in the order in which they are written, split into parts if there are many.
 
-A value that is used once is part of the statement that uses it, as long as that stays short. Sines and cosines come
-first, while few values must be saved across their calls; outputs are written last, so that they may overlap inputs.
+A value that is used once is part of the statement that uses it, as long as that stays short. Functions that are called
+by their names have statements of their own. Sines and cosines come first, while few values must be saved across their
+calls; outputs are written last, so that they may overlap inputs.
 Long schedules are split into parts, functions of their own: values used by a later part are kept in scratch memory,
 in slots of a linear-scan allocation: a slot is free again after the last statement that reads it.
 
@@ -41,7 +42,7 @@ class Schedule:
         angles: dict[int, int] = {}
         names: dict[int, str] = {}
         for i in (i for part in self.parts for i in part):
-            if is_function(steps[i].kind):
+            if steps[i].kind in FUNCTION_KINDS:
                 names[i] = f"{steps[i].kind}{angles.setdefault(steps[i].operands[0], len(angles) + 1)}"
             else:
                 names[i] = f"t{i}"
@@ -53,15 +54,10 @@ class Schedule:
         return _leaves(i, self.program, self.names)
 
 
-def is_function(kind: str) -> bool:
-    """Whether a kind of step is called by its name, as sin and cos are, and stands in a statement of its own."""
-    return kind in FUNCTION_KINDS
-
-
 def schedule(program: Program) -> Schedule:
     """The statements of a program."""
     stated = _statements(program)
-    functions = sorted((i for i in stated if is_function(program.steps[i].kind)), key=lambda i: _angle(program, i))
+    functions = sorted((i for i in stated if program.steps[i].kind in FUNCTION_KINDS), key=lambda i: _angle(program, i))
     order = topological_order([*functions, *stated], lambda i: program.steps[i].operands)
     statements = [i for i in order if i in stated]
     size = STATEMENTS_PER_PART if len(statements) > MAX_UNDIVIDED_STATEMENTS else len(statements)
@@ -78,7 +74,7 @@ def _by_depth(program: Program, stated: Container[int], statements: Sequence[int
     depths: dict[int, int] = {}
     for i in statements:
         before = max(depths.get(j, 0) for j in _leaves(i, program, stated))
-        depths[i] = before if is_function(program.steps[i].kind) else before + 1
+        depths[i] = before if program.steps[i].kind in FUNCTION_KINDS else before + 1
     return sorted(statements, key=depths.__getitem__)
 
 
@@ -95,7 +91,7 @@ def _statements(program: Program) -> dict[int, None]:
     sizes: dict[int, int] = {}  # operations in the expression of a step that is not a leaf
     outputs = {i for i in program.outputs if steps[i].kind != "constant"}
     apart = {i: None for i, step in enumerate(steps) if step.kind not in LEAVES or i in outputs}
-    kept = outputs | {i for i in apart if is_function(steps[i].kind)}
+    kept = outputs | {i for i in apart if steps[i].kind in FUNCTION_KINDS}
     for i in list(apart):
         sizes[i] = 1
         for j in steps[i].operands:

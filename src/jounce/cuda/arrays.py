@@ -30,7 +30,7 @@ def on_gpu(name: str, x: Any) -> "cupy.ndarray":
             return cupy.asarray(x)
     except JounceError:
         raise
-    except Exception as error:  # of foreign types, which may refuse for reasons of their own
+    except Exception as error:  # foreign types may refuse for reasons of their own
         raise JounceError(f"{name} is a {kind} that CuPy does not take: {one_line(error)}") from None
     raise JounceError(f"{name} is a {kind}; expected an array on the GPU, which cupy.asarray makes of one of NumPy")
 

@@ -29,7 +29,7 @@ def keep(value: T) -> Kept[T]:
 
     try:
         return Kept(cloudpickle.dumps(value))
-    except Exception as error:  # whatever a foreign type raises
+    except Exception as error:  # foreign types may raise anything
         raise JounceError(
             f"{type(value).__name__} cannot be sent to other processes: {one_line(error)}; functions in it, such as"
             " laws of springs, may refer to what can be pickled alone"

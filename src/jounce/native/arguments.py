@@ -23,7 +23,7 @@ def refuse_names_and_masks(kernel: str, arrays: Sequence[Any], out: Sequence[Any
         raise JounceError(
             f"{kernel} takes arrays without names, in the order of its joints; a Robot's methods match names"
         )
-    with suppress(RecursionError):  # of lists that hold themselves, which NumPy refuses
+    with suppress(RecursionError):  # a list may hold itself, which NumPy refuses
         if is_masked(list(arrays)):
             raise JounceError(f"{kernel} takes arrays without masks; x.astype(float).filled(numpy.nan) is one")
         if is_masked(list(out)):
@@ -35,7 +35,7 @@ def refuse_shapes(kernel: str, ports: Sequence[Port], arrays: Sequence[Any]) -> 
     for port, x in zip(ports, arrays, strict=True):
         try:
             shape = tuple(np.shape(x))
-        except Exception:  # of ragged lists, or whatever a foreign type raises
+        except Exception:  # ragged lists, or foreign types, which may raise anything
             continue
         if shape[max(0, len(shape) - len(port.shape)) :] != port.shape:
             expected = ", ".join(map(str, ("...", *port.shape)))

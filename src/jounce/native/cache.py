@@ -93,7 +93,7 @@ def read(name: str) -> bytes | None:
     digest, code = content[:32], content[32:]
     if not code or digest != _hash(name, code):
         return None
-    with suppress(OSError):  # of a disk that is only read
+    with suppress(OSError):  # the disk may be read-only
         os.utime(path)  # used now
     return code
 
@@ -149,7 +149,7 @@ def entries() -> Iterator[Path]:
 
 
 def _listed() -> list[os.DirEntry[str]]:
-    """The kernels as the folder lists them: thousands are told from links and other files without a look at each."""
+    """The kernels as the folder lists them, which distinguishes them from links without a system call for each."""
     try:
         with os.scandir(folder()) as found:
             return [x for x in found if x.name.endswith(KERNEL_SUFFIX) and x.is_file(follow_symlinks=False)]
@@ -163,7 +163,7 @@ def obstacle() -> str | None:
         found = os.lstat(folder())
     except FileNotFoundError:
         return None
-    except OSError as error:  # where a file is in the place of a folder above it, for one
+    except OSError as error:  # for one, a file is in the place of a folder above it
         return f"the cache folder cannot be used: {error.strerror or error}; JOUNCE_CACHE_DIR selects another"
     if not stat.S_ISDIR(found.st_mode):
         kind = "a link" if stat.S_ISLNK(found.st_mode) else "a file"

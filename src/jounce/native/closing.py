@@ -50,7 +50,7 @@ class NativeStep:
 
     def __call__(self, q: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The dependent coordinates (..., N - n) after the step, its measures, and A_d."""
-        with np.errstate(all="ignore"):  # where constraints are lost, and far away
+        with np.errstate(all="ignore"):  # constraints may be lost, or coordinates far away
             return self.ufunc(q, change)
 
     def close(self, q: np.ndarray, limit: float) -> tuple[np.ndarray, np.ndarray]:
@@ -105,7 +105,7 @@ def _code(m: Mechanism, signature: Signature) -> bytes:
     target = host()
 
     def make() -> bytes:
-        from jounce.native import emit  # what a warm cache spares
+        from jounce.native import emit  # imported here, as a warm cache needs none of it
         from jounce.native.forms import SECONDS_PER_STEP
         from jounce.program.passes import factor, fuse
 

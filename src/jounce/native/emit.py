@@ -25,7 +25,7 @@ class Block:
 
 def straight(program: Program, signature: Signature) -> Block:
     """A program in a straight line. Results of a port that are equal, as many zeros of matrices, are stored once."""
-    numbers: dict[tuple[int, int], int] = {}  # of vectors, by the port and the step of the program
+    numbers: dict[tuple[int, int], int] = {}  # numbers of vectors, by port and step of the program
     places = [
         [numbers.setdefault((k, program.outputs[j]), len(numbers)) for j in range(port.start, port.end)]
         for k, port in enumerate(signature.outputs)

@@ -16,7 +16,7 @@ from jounce.core.errors import warn
 from jounce.dynamics.computation import Signature
 
 Bound = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
-Loop = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)  # of a ufunc
+Loop = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)  # the inner loop of a ufunc
 # Places in the table of NumPy's C interface to ufuncs, part of its ABI: of PyUFunc_Type, of
 # PyUFunc_FromFuncAndDataAndSignature; then PyUFunc_None, as which a ufunc has no identity.
 UFUNC_TYPE_ENTRY, FROM_SIGNATURE_ENTRY, NO_IDENTITY = 0, 31, -1

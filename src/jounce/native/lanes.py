@@ -20,7 +20,7 @@ def define_transposes(ir: Writer) -> None:
             last = ir.let(f"sub i64 %width, {ir.lanes}")
             more = ir.let(f"add i64 %width, {ir.lanes - 1}")
             groups = ir.let(f"sdiv i64 {more}, {ir.lanes}")
-            with ir.loop(groups) as group:  # of columns; the last one ends with the row
+            with ir.loop(groups) as group:  # the last group of columns ends with the row
                 wanted = ir.let(f"mul i64 {group}, {ir.lanes}")
                 ends = ir.call("llvm.smin.i64", "i64", wanted, last)
                 column = ir.call("llvm.smax.i64", "i64", ends, "0")

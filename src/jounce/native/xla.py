@@ -50,7 +50,7 @@ def target(kernel: Kernel, dtype: np.dtype) -> str | None:
 
 
 def _is_registered(name: str, address: int) -> bool:
-    """Register a handler; whether XLA accepts its version, which it tells only once it has begun to run."""
+    """Register a handler; return whether XLA accepts its version, which it reports only once it runs."""
     import jax
 
     try:

@@ -55,7 +55,7 @@ class Displaced:
         """Their places among the inputs."""
         return slice(self.start, self.start + prod(self.shape))
 
-    def changed(self, inputs: np.ndarray, directions: Any) -> np.ndarray:
+    def change_entries(self, inputs: np.ndarray, directions: Any) -> np.ndarray:
         """The changes of all entries by a displacement."""
         return self.change(inputs[self.own].reshape(self.shape), np.array(directions)).ravel()
 
@@ -152,7 +152,7 @@ def vjp(
             gradient[j] = gradient[j] + more
         del gradient[followers.start :]
     for x in sorted(displaced, key=lambda x: x.start, reverse=True):
-        changes = [x.changed(inputs, unit) for unit in np.eye(x.directions, dtype=int)]
+        changes = [x.change_entries(inputs, unit) for unit in np.eye(x.directions, dtype=int)]
         gradient[x.own] = np.array(changes, dtype=object) @ np.array(gradient[x.own], dtype=object)
     return factor(tape.program(gradient[parameters:]))
 
@@ -178,7 +178,7 @@ def jvp(
     directions = [*[0] * parameters, *tape.variables(free - parameters - fewer)]
     for x in sorted(displaced, key=lambda x: x.start):
         own = slice(x.start, x.start + x.directions)
-        directions[own] = x.changed(inputs, directions[own])
+        directions[own] = x.change_entries(inputs, directions[own])
     if followers:
         led = directions[followers.leader :][: followers.rates.inputs - program.inputs]
         directions += evaluate(followers.rates, tape, [*inputs, *led]).outputs

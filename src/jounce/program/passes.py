@@ -29,7 +29,7 @@ class _Term:
     sign: int
     factors: tuple[Node, ...]
 
-    def over(self, factor: Node) -> "_Term":
+    def divide(self, factor: Node) -> "_Term":
         """The product without one of its factors."""
         rest = list(self.factors)
         rest.remove(factor)
@@ -122,7 +122,7 @@ class _Pass:
         often = max(shared.values(), default=0)
         if often > 1:  # group the terms under the factor, then go on with the group as one of the terms
             factor = next(node for term in terms for node in term.factors if shared[node] == often)
-            under = [term.over(factor) for term in terms if factor in term.factors]
+            under = [term.divide(factor) for term in terms if factor in term.factors]
             apart = [term for term in terms if factor not in term.factors]
             grouped = factor * self._sum(under)
             return self._sum([*apart, _Term(1, (grouped,))]) if apart else grouped

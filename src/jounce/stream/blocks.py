@@ -1,7 +1,7 @@
 """Blocks of results of a part: of its rows as they are, or of whole motions, whose rates follow from samples."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -28,23 +28,16 @@ MAX_UNIT_CHECK_ROWS = 4096  # of a table, from its start: enough to recognise de
 STATED: Mapping[str, Any] = {"source": ALL_RATES, "residual": None, "notes": [], "breaks": []}
 
 
-class Results(NamedTuple):
-    """Rows of results, and the motions that they belong to."""
-
-    runs: list[Run]
-    block: Block
-
-
-def blocks(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[Results]:
-    """The results of a part."""
+def blocks(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple[list[Run], Block]]:
+    """The results of a part: the motions that rows belong to, and the rows."""
     if task.independent:
         for number, rows in enumerate(read(task, part, skipped)):
-            yield Results(rows.runs, _block(task, part, rows, check=number == 0))
+            yield rows.runs, _block(task, part, rows, check=number == 0)
         return
     for name, motion in motions(task, part, skipped):
         for block in along(task.job, motion):
             shown = alike(block, motion, task.job.robot.joint_names, list(task.match.torques))
-            yield Results([Run(name, 0, len(block.t))], shown)
+            yield [Run(name, 0, len(block.t))], shown
 
 
 def _block(task: Task, part: Part, rows: Rows, check: bool) -> Block:

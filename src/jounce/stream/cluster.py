@@ -40,7 +40,7 @@ SHARED_FILES = "expected a file system that this process and all workers share"
 
 @dataclass(frozen=True)
 class Order:
-    """What a worker is told of a part: to compute it into a folder, by this version, of a file of a size and a time."""
+    """What a worker needs to compute a part: its folder, and the version and file (size and time) that it must have."""
 
     task: Kept[Task]
     part: Part
@@ -118,7 +118,7 @@ def _connected(address: str, most: int) -> Iterator["Client"]:
             scheduler = stack.enter_context(_local(most)) if address == LOCAL_CLUSTER else address
             client = stack.enter_context(Client(scheduler, timeout=CONNECTION_TIMEOUT, set_as_default=False))
             client.wait_for_workers(1, timeout=CONNECTION_TIMEOUT)
-        except Exception as error:  # of addresses, of networks, and of servers that are no schedulers
+        except Exception as error:  # the address, the network, or a server that is no scheduler
             raise JounceError(f"cluster {address}: {one_line(error)}") from None
         yield client
 
@@ -195,7 +195,7 @@ def _compute(client: "Client", task: Task, parts: Sequence[Part], folder: Path) 
 
 @contextmanager
 def _connection() -> Iterator[None]:
-    """Within this context, the loss of the cluster is told in one line."""
+    """Within this context, the loss of the cluster is reported in one line."""
     from distributed import CancelledError
 
     try:
@@ -238,6 +238,6 @@ def _checked(task: Task, part: Part, future: "Future[Record]", folder: Path) -> 
     if record.checksum and task.job.form and not rows_path(folder, part, task.job.form).is_file():
         path = rows_path(folder, part, task.job.form)
         raise JounceError(f"{path}: a worker has written it elsewhere; {SHARED_FILES}")
-    if find(folder, part) is None:  # yet: file systems of a network show new files late
+    if find(folder, part) is None:  # file systems of a network show new files late
         keep_record(folder, part, record)
     return record

@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from math import inf
-from typing import Any
 
 import numpy as np
 
@@ -54,7 +53,7 @@ def add_limits(known: dict[str, Aggregate], name: str, more: Aggregate) -> None:
     joined["notes"] = list(dict.fromkeys([*joined["notes"], *more["notes"]]))
     for i, (row, other) in enumerate(zip(joined["limits"], more["limits"], strict=True)):
         spans = {name: [[*span] for span in join_spans(row[name] + other[name])] for name in SPAN_NAMES}
-        worse = other if _ratio(other) > _ratio(row) else row
+        worse = other if _number(other["ratio"]) > _number(row["ratio"]) else row
         joined["limits"][i] = worse | spans | {"verdict": overall([row["verdict"], other["verdict"]])}
 
 
@@ -71,10 +70,6 @@ def table_of(found: Mapping[str, Aggregate]) -> Columns:
 
 def _number(x: float | None) -> float:
     return inf if x is None else x
-
-
-def _ratio(row: Mapping[str, Any]) -> float:
-    return _number(row["ratio"])
 
 
 def limits_along(robot: Engine, motion: Motion, rows: int) -> Aggregate:

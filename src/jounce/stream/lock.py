@@ -51,4 +51,4 @@ def _lock(path: Path, output: Path) -> int | None:
                 os.ftruncate(file, 0)
                 os.write(file, str(os.getpid()).encode())
                 return file
-        os.close(file)  # of a run that has removed it in between
+        os.close(file)  # another run has removed it in between

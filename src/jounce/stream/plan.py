@@ -73,7 +73,7 @@ def _origin(path: Path, found: Match, span: Span) -> Origin | None:
         for chunk in table.chunks(path, asked, None, row) if row else ():
             high, low = (float(chunk.columns[name][0]) for name in asked)
             return origin_of(high, low, found.factors[TIME])
-    except JounceError:  # of rows that cannot be read, which is said when their part is
+    except JounceError:  # rows that cannot be read are reported with their part
         pass
     return None
 

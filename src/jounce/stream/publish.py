@@ -50,7 +50,7 @@ def published(output: Path) -> list[Record]:
 
 
 def is_published(plan: Plan, output: Path) -> bool:
-    """Whether a folder holds the whole output of a plan, as its checksums tell."""
+    """Whether a folder holds the whole output of a plan, by its checksums."""
     found = {record.number: record for record in published(output)}
     return len(found) == len(plan.parts) and all(
         found[part.number].key == part.key
@@ -65,7 +65,7 @@ def publish_folder(plan: Plan, folder: Path, records: Iterable[Record], output: 
     rows = rows_folder(folder)
     expected = {RECORDS_FILE, *(rows_path(folder, part, ".parquet").name for part in plan.parts)}
     for path in _ours(rows):
-        if path.name not in expected:  # of an earlier plan
+        if path.name not in expected:  # it belongs to an earlier plan
             path.unlink(missing_ok=True)
     if foreign := sorted(path.name for path in rows.iterdir() if path.name not in expected):
         raise JounceError(f"{rows}: holds files that are not of this run ({listed(foreign, 3)}); move them away")
@@ -87,7 +87,7 @@ def publish_file(plan: Plan, folder: Path, form: str, output: Path) -> None:
     try:
         with files.written_whole(output) as path:
             WRITERS[form].join(path, [table for table in tables if table.exists()])
-    except JounceError as error:  # of a full disk, above all
+    except JounceError as error:  # most of all, the disk is full
         raise JounceError(f"{error}; {CONTINUATION}") from None
 
 

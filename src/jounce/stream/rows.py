@@ -38,7 +38,7 @@ def read(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[Rows]:
     """The good rows of a part, chunk by chunk; bad ones are added to `skipped`."""
     table, skip, place = format_of(part.path), task.job.reading.skip, part.span.start
     try:
-        table.names(part.path)  # of a file that cannot be read at all, this is the error
+        table.names(part.path)  # raises the right error for a file that cannot be read at all
         last = row_before(task, part)
         texts = MOTION_COLUMN if part.motion is None else None
         for chunk in _ahead(_chunks(task, part, task.match.names, texts, part.span)):
@@ -85,7 +85,7 @@ def row_before(task: Task, part: Part) -> tuple[str, float] | None:
             motion = part.motion if chunk.motions is None else str(chunk.motions[-1])
             t = float(chunk.columns[time][-1])
             return None if chunk.broken or not np.isfinite(t) else (motion or "", t)
-    except JounceError:  # of the part before, which says so
+    except JounceError:  # the part before reports it
         pass
     return None
 

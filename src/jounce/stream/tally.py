@@ -45,7 +45,7 @@ def tally(block: Block, rows: slice, limits: Limits | None) -> Aggregate:
 
 
 def limits_of(job: Job) -> Limits | None:
-    """The limits that a run tells of if they are broken: those of coordinates, of runs that compute forces."""
+    """The limits that a run reports if they are broken: those of coordinates, of runs that compute forces."""
     return coordinate_limits(job.robot.mechanism) if job.subject == "forces" else None
 
 

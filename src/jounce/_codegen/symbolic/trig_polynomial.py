@@ -26,7 +26,7 @@ class Variables:
     """The variables and angles of a set of polynomials, in the order of their digits, and the operations spent so far.
 
     Polynomials that are added or multiplied share one of these. Beyond a limit of operations every result is zero, as
-    of a full `Tape` and for its reason: `check` tells between the terms of series.
+    of a full `Tape` and for its reason: `check` is called between the terms of series.
     """
 
     def __init__(self, limit: int) -> None:
