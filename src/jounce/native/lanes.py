@@ -24,16 +24,11 @@ def define_transposes(ir: Writer) -> None:
                 wanted = ir.let(f"mul i64 {group}, {ir.lanes}")
                 ends = ir.call("llvm.smin.i64", "i64", wanted, last)
                 column = ir.call("llvm.smax.i64", "i64", ends, "0")
-                rows, columns = list(_rows(ir, column)), list(_columns(ir, column, bool(table)))
+                starts = (ir.let(f"add i64 {ir.let(f'mul i64 %width, {lane}')}, {column}") for lane in range(ir.lanes))
+                rows, columns = [ir.at("%row", x) for x in starts], list(_columns(ir, column, bool(table)))
                 source, target = (columns, rows) if table else (rows, columns)
                 for vector, place in zip(transpose(ir, [ir.load(x) for x in source]), target, strict=True):
                     ir.store(vector, place)
-
-
-def _rows(ir: Writer, column: str) -> Iterator[str]:
-    for lane in range(ir.lanes):
-        start = ir.let(f"mul i64 %width, {lane}")
-        yield ir.at("%row", ir.let(f"add i64 {start}, {column}"))
 
 
 def _columns(ir: Writer, column: str, by_table: bool) -> Iterator[str]:

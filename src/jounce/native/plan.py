@@ -107,7 +107,7 @@ def carriers(mechanism: Mechanism) -> list[int]:
 def motion_slots(parent: Sequence[int]) -> list[int]:
     """Assign slots to motions, the ground's first; a slot is reused after the last child has its motion.
 
-    This is linear-scan register allocation without spilling: the lowest free slot, or a new one if there is none. As
+    This is linear-scan register allocation without spilling: the lowest free slot, or a new one without any. As
     intervals are taken in the order of their starts, no other assignment needs fewer slots.
     """
     last = list(range(-1, len(parent)))  # the last child of each, the ground's first; itself if it has none

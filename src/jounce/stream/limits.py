@@ -30,7 +30,8 @@ MAX_STRETCH_ROWS = 8000  # checked at a time, as some of a check takes time with
 def checked_limits(task: Task, part: Part, skipped: list[Skipped]) -> dict[str, Aggregate]:
     """The limits of the motions of a part. Rows that state all rates are checked up to the first row behind it."""
     found: dict[str, Aggregate] = {}
-    for name, count, motion in _stretches(task, part, skipped) if task.independent else _wholes(task, part, skipped):
+    wholes = ((name, len(motion.times), motion) for name, motion in motions(task, part, skipped))
+    for name, count, motion in _stretches(task, part, skipped) if task.independent else wholes:
         add_limits(found, name, limits_along(task.job.robot, motion, count))
     return found
 
@@ -83,11 +84,6 @@ def limits_along(robot: Engine, motion: Motion, rows: int) -> Aggregate:
     ]
     about = {"rows": rows, "t": [motion.start, motion.stop], "notes": [*motion.notes, *found.notes]}
     return about | {"limits": limits, "judged": dict(found.judged)}
-
-
-def _wholes(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple[str, int, Motion]]:
-    for name, motion in motions(task, part, skipped):
-        yield name, len(motion.times), motion
 
 
 def _stretches(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple[str, int, Motion]]:
