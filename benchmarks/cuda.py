@@ -19,7 +19,7 @@ from benchmarks.tables import paragraph, table
 from jounce import JounceError, load
 from jounce.arguments.requests import computation
 from jounce.core.version import __version__
-from jounce.cuda.source import THREADS, source
+from jounce.cuda.source import THREADS_PER_BLOCK, source
 from jounce.io.files import written_whole
 from jounce.native import forms
 
@@ -59,7 +59,7 @@ class Usage:
     def threads(self) -> int:
         """How many threads the registers of a multiprocessor hold: whole blocks, of warps that take 256 at a time."""
         warp = -(-32 * self.registers // 256) * 256
-        return REGISTERS // (warp * THREADS // 32) * THREADS
+        return REGISTERS // (warp * THREADS_PER_BLOCK // 32) * THREADS_PER_BLOCK
 
 
 def assembler() -> str:
@@ -113,7 +113,7 @@ def page() -> Iterator[str]:
     release = re.search(r"release [\d.]+, V([\d.]+)", said)
     names = {"nvrtc": ".".join(map(str, nvrtc.getVersion())), "ptxas": f"ptxas {release[1] if release else '?'}"}
     yield from ["# CUDA kernels", ""]
-    yield from paragraph(WRITTEN.format(version=__version__, threads=THREADS, **names))
+    yield from paragraph(WRITTEN.format(version=__version__, threads=THREADS_PER_BLOCK, **names))
     yield from paragraph(EXPLAINED)
     for architecture, cards in ARCHITECTURES.items():
         yield from [f"## sm_{architecture}, {cards}", ""]

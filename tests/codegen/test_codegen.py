@@ -25,7 +25,7 @@ from tools import NODE, needs, require
 import jounce
 from jounce._codegen import generate, header, render, schedule
 from jounce._codegen.function import function_names, trace
-from jounce._codegen.language import NAMES, language
+from jounce._codegen.language import LANGUAGE_NAMES, language
 from jounce._codegen.options import check_options
 from jounce._codegen.parametric import parametric
 from jounce._codegen.test_vectors import vectors
@@ -215,7 +215,7 @@ def passes(folder, lang, *more):
 
 
 def test_every_language_is_tested():
-    assert set(LANGUAGES) == set(NAMES)
+    assert set(LANGUAGES) == set(LANGUAGE_NAMES)
 
 
 @pytest.mark.parametrize(
@@ -404,8 +404,8 @@ def test_any_single_change_of_the_code_fails_the_test_beside_it(robot, lines, pa
 
 @programs
 def test_long_programs_are_cut_into_parts_that_share_scratch_memory(lang, tmp_path, monkeypatch):
-    monkeypatch.setattr(schedule, "WHOLE", 50)
-    monkeypatch.setattr(schedule, "PART", 30)
+    monkeypatch.setattr(schedule, "MAX_UNDIVIDED_STATEMENTS", 50)
+    monkeypatch.setattr(schedule, "STATEMENTS_PER_PART", 30)
     files = texts("mimic", lang, 20, order=1, outputs=ALL[:4], wrench=True, parameters=("payload:body3",))
     assert any("part5" in text for text in files.values())
     passed, output = passes(written(tmp_path, files), lang)
@@ -446,8 +446,8 @@ class FromOne:
 def test_statements_of_julia_are_right_where_there_is_no_julia(name, monkeypatch):
     """Python reads them as they are, given arrays that begin with one."""
     if name == "mimic":
-        monkeypatch.setattr(schedule, "WHOLE", 50)
-        monkeypatch.setattr(schedule, "PART", 30)
+        monkeypatch.setattr(schedule, "MAX_UNDIVIDED_STATEMENTS", 50)
+        monkeypatch.setattr(schedule, "STATEMENTS_PER_PART", 30)
     robot, options, count, _ = CASES[name]
     text = next(text for file, text in case(name, "julia").items() if file == f"{robot_of(robot).name}.jl")
     for function, expected in zip(*computed(robot, count, "recursion", **options), strict=True):
@@ -546,7 +546,7 @@ def test_texts_are_tidy_and_marked(lang):
     else:
         files = case("planar2r, all", lang)  # computed for its own test
     for name, text in files.items():
-        assert header.MARK in "".join(text.splitlines(keepends=True)[:3]), name
+        assert header.GENERATED_MARK in "".join(text.splitlines(keepends=True)[:3]), name
         assert text.endswith("\n"), name
         assert not text.endswith("\n\n"), name
         assert not re.search(r"[ \t]+$", text, re.MULTILINE), name
@@ -683,7 +683,7 @@ def test_too_many_operations_are_refused(monkeypatch, tmp_path):
     refusal(lambda: jounce.load("iiwa14").codegen("c", directory=tmp_path / "new"), "2213 operations", "2000")
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if language(name).reserved])
+@pytest.mark.parametrize("name", [name for name in LANGUAGE_NAMES if language(name).reserved])
 def test_words_of_the_language_are_refused_as_prefixes(name):
     word = "for"
     assert word in language(name).reserved.split()
@@ -768,7 +768,7 @@ def test_parameters_cost_nothing_where_there_are_none():
 
 
 def test_the_help_names_all_languages():
-    assert ", ".join(NAMES[:-1]) + f" or {NAMES[-1]}." in " ".join(run("--help").output.split())
+    assert ", ".join(LANGUAGE_NAMES[:-1]) + f" or {LANGUAGE_NAMES[-1]}." in " ".join(run("--help").output.split())
 
 
 def test_the_help_names_every_quantity_as_it_is_spelled():

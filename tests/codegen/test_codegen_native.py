@@ -95,8 +95,8 @@ def test_nvcc_warns_of_nothing(cut, tmp_path, monkeypatch):
     """Where there is a device the kernels are run, too."""
     robot, options, *_ = CASES["driven"]
     if cut:
-        monkeypatch.setattr(schedule, "WHOLE", 50)
-        monkeypatch.setattr(schedule, "PART", 60)
+        monkeypatch.setattr(schedule, "MAX_UNDIVIDED_STATEMENTS", 50)
+        monkeypatch.setattr(schedule, "STATEMENTS_PER_PART", 60)
         robot, options = "planar2r", EVERYTHING | {"float32": True, "order": 0}
     folder = written(tmp_path, texts(robot, "cuda", 10, **options))
     flags = "-O1 -std=c++17 -Werror all-warnings -Xcompiler -Wall,-Wextra"

@@ -11,7 +11,7 @@ from files import refusal
 from test_codegen import ALL, PARAMETERS, computed, in_equations, requested, robot_of, texts
 
 import jounce
-from jounce._codegen.latex.equations import WIDEST, _width, document, tex
+from jounce._codegen.latex.equations import MAX_LINE_GLYPHS, _width, document, tex
 
 CASES = {
     "symbols": ("symbols", {"order": 2, "outputs": in_equations(ALL), "wrench": True}),
@@ -100,7 +100,7 @@ def test_the_equations_that_are_printed_are_right(case):
 
 def test_lines_are_as_long_as_paper_is_wide():
     widths = [_width(line) for line in printed("symbols").splitlines() if "& " in line]
-    assert WIDEST / 2 < max(widths) <= WIDEST + 3
+    assert MAX_LINE_GLYPHS / 2 < max(widths) <= MAX_LINE_GLYPHS + 3
 
 
 def test_text_is_escaped():

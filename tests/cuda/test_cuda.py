@@ -14,10 +14,10 @@ import jounce
 import jounce.cuda
 from jounce.core.errors import JounceError
 from jounce.cuda import arrays as device
-from jounce.cuda.source import THREADS, source
+from jounce.cuda.source import THREADS_PER_BLOCK, source
 from jounce.engine.generic import as_tuple
 
-BATCH = 2 * THREADS + 37  # three blocks, the last one not full
+BATCH = 2 * THREADS_PER_BLOCK + 37  # three blocks, the last one not full
 
 
 def gpu():
@@ -169,11 +169,12 @@ def test_a_kernel_launches_one_thread_per_state():
     kernel._function = lambda *call: calls.append(call)
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(sys.modules, "cupy", cupy_on_cpu)
-        for count in (1, THREADS, THREADS + 1, 10 * THREADS):
+        for count in (1, THREADS_PER_BLOCK, THREADS_PER_BLOCK + 1, 10 * THREADS_PER_BLOCK):
             kernel(cupy_on_cpu.asarray(np.zeros((count, 2))))
         kernel(cupy_on_cpu.asarray(np.zeros((0, 2))))
-    assert [(grid, block) for grid, block, _ in calls] == [((k,), (THREADS,)) for k in (1, 1, 2, 10)]
-    for (_, _, (count, q, *q_steps, G, step, apart)), expected in zip(calls, (1, THREADS, THREADS + 1), strict=False):
+    assert [(grid, block) for grid, block, _ in calls] == [((k,), (THREADS_PER_BLOCK,)) for k in (1, 1, 2, 10)]
+    counts = 1, THREADS_PER_BLOCK, THREADS_PER_BLOCK + 1
+    for (_, _, (count, q, *q_steps, G, step, apart)), expected in zip(calls, counts, strict=False):
         assert (count, q.shape, G.shape) == (expected, (expected, 2), (expected, 2))
         assert ([*q_steps], step, apart) == ([step, 1], 2 if expected > 1 else 0, 1)
         assert all(type(x) is np.int64 for x in (count, step, apart))

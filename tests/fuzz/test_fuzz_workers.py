@@ -17,7 +17,7 @@ from jounce.cli import main
 from jounce.io import tables
 from jounce.spatial.series import rate_name
 from jounce.stream import cluster, plan
-from jounce.stream.records import CONTINUE
+from jounce.stream.records import CONTINUATION
 
 ROBOT = jounce.load("planar2r")
 LIMITS = "units: SI\njoints: {joint1: {velocity: 1.9, effort: 60}, joint2: {effort_rate: 300}}"
@@ -80,7 +80,7 @@ def called(folder, name, source, *more):
         if result.exit_code != 2:
             return result.exit_code
         [line] = result.stderr.splitlines()
-        assert line.endswith(CONTINUE) or line.startswith("Error: cluster local: "), line
+        assert line.endswith(CONTINUATION) or line.startswith("Error: cluster local: "), line
     raise AssertionError(line)
 
 
@@ -91,7 +91,7 @@ def contents(folder):
 
 def test_kills(budget, monkeypatch):
     """One line may end a command that lost its workers; given again it goes on, and nothing is left over."""
-    monkeypatch.setattr(cluster, "PATIENCE", PATIENCE)
+    monkeypatch.setattr(cluster, "IDLE_TIMEOUT", PATIENCE)
     monkeypatch.setattr("dask.system.CPU_COUNT", 2)
 
     def check(seed, name, cells):
@@ -99,7 +99,7 @@ def test_kills(budget, monkeypatch):
         with workshop("workers") as folder:
             source, here, there = (folder / at for at in ("states.csv", "here", "there"))
             written_states(rng, source)
-            monkeypatch.setattr(plan, "CELLS", cells)
+            monkeypatch.setattr(plan, "MAX_PART_CELLS", cells)
             for place in (here, there):
                 place.mkdir()
                 (place / "limits.yaml").write_text(LIMITS)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from natives import WAYS, native, signature
 
-from jounce.native.functions import HALF_PI, LARGE
+from jounce.native.functions import HALF_PI_PARTS, MAX_REDUCED_ANGLE
 from jounce.program.trace import Tape
 
 UNITS = 2  # in the last place
@@ -15,9 +15,9 @@ FEW = 10.0 ** np.arange(-300, 301, 20)
 RNG = np.random.default_rng(0)
 ANGLES = {
     "random": RNG.uniform(-10, 10, 1500),
-    "up to where the C library takes over": RNG.uniform(-LARGE, LARGE, 1500),
-    "where it takes over": np.nextafter(LARGE, [-np.inf, LARGE, np.inf]),
-    "beyond": RNG.uniform(LARGE, 2.0**20, 200),
+    "up to where the C library takes over": RNG.uniform(-MAX_REDUCED_ANGLE, MAX_REDUCED_ANGLE, 1500),
+    "where it takes over": np.nextafter(MAX_REDUCED_ANGLE, [-np.inf, MAX_REDUCED_ANGLE, np.inf]),
+    "beyond": RNG.uniform(MAX_REDUCED_ANGLE, 2.0**20, 200),
     "next to multiples of pi/2": (np.arange(1, 500) * np.pi / 2)[:, None] + np.spacing(1.0) * np.arange(-2, 3),
     "next to large multiples of pi/2": RNG.integers(500, 2**20, 500) * np.pi / 2,
     # of all doubles up to 2^20 the nearest ones, for their size, to multiples of pi/2
@@ -55,11 +55,11 @@ def test_sines_and_cosines_are_within_two_units_in_the_last_place(sincos, kind):
 
 def test_the_parts_of_a_quarter_turn_are_short_and_sum_up_to_it():
     with mpmath.workprec(300):
-        assert abs(sum(map(mpmath.mpf, HALF_PI)) - mpmath.pi / 2) < mpmath.mpf(2) ** -129
-    for part in HALF_PI[:2]:
+        assert abs(sum(map(mpmath.mpf, HALF_PI_PARTS)) - mpmath.pi / 2) < mpmath.mpf(2) ** -129
+    for part in HALF_PI_PARTS[:2]:
         mantissa = int(np.frexp(part)[0] * 2**53)
         assert mantissa % 2 ** (53 - 36) == 0
-    assert 36 + np.log2(LARGE / (np.pi / 2)) <= 53  # so that a multiple is exact
+    assert 36 + np.log2(MAX_REDUCED_ANGLE / (np.pi / 2)) <= 53  # so that a multiple is exact
 
 
 def test_angles_keep_their_digits_whatever_stands_in_the_other_lanes(sincos):
@@ -77,7 +77,7 @@ def test_no_number_has_no_sine(sincos):
             assert (np.isnan(found) == [True, False, True, True, False]).all()
 
 
-@pytest.mark.parametrize("angle", [0.5, LARGE, 1e8, 1e200, 1e300, 5e-324, np.nan])
+@pytest.mark.parametrize("angle", [0.5, MAX_REDUCED_ANGLE, 1e8, 1e200, 1e300, 5e-324, np.nan])
 def test_numpy_has_nothing_to_warn_of(sincos, angle):
     with warnings.catch_warnings(), np.errstate(all="warn", under="ignore"):
         warnings.simplefilter("error")

@@ -381,7 +381,7 @@ def test_native_code_is_freed_with_its_kernel(monkeypatch):
 @pytest.fixture
 def _unknown_table(monkeypatch):
     """NumPy with another table of functions, in which the type of ufuncs stands elsewhere."""
-    monkeypatch.setattr(jit, "UFUNC_TYPE", jit.FROM_SIGNATURE)
+    monkeypatch.setattr(jit, "UFUNC_TYPE_ENTRY", jit.FROM_SIGNATURE_ENTRY)
     monkeypatch.setattr(module, "_living", {})
     jit.has_known_table.cache_clear()
     yield

@@ -127,7 +127,7 @@ def test_buffers_are_kept_for_the_next_call_and_freed_with_the_kernel(robot, mon
 
 
 def test_more_calls_at_once_than_buffers_are_kept(robot, monkeypatch, tmp_path):
-    monkeypatch.setattr(pool, "SLOTS", 1)
+    monkeypatch.setattr(pool, "MAX_KEPT_BUFFERS", 1)
     monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path))  # other code under the same key
     heap = Heap(monkeypatch)
     kernel = Kernel(robot.mechanism, FORCES)
@@ -164,8 +164,11 @@ def test_where_there_is_no_memory_a_kernel_is_refused_in_one_line(robot, monkeyp
 
 def test_robots_that_need_more_memory_than_the_limit_are_refused_or_left_to_the_recursion(monkeypatch):
     robot, q = chain(500), np.random.default_rng(2).uniform(-1, 1, (3, 500))
-    assert plan.scratch_size(Computation("inverse_dynamics", 12, wrench=True), chain(1000).mechanism, 8) < plan.LIMIT
-    monkeypatch.setattr(plan, "LIMIT", 2**16)
+    assert (
+        plan.scratch_size(Computation("inverse_dynamics", 12, wrench=True), chain(1000).mechanism, 8)
+        < plan.MAX_SCRATCH_BYTES
+    )
+    monkeypatch.setattr(plan, "MAX_SCRATCH_BYTES", 2**16)
     expected = robot.inverse_dynamics(*q, method="recursion")
     np.testing.assert_array_equal(robot.inverse_dynamics(*q), expected)
     for call in (lambda: robot.compile(order=0), lambda: robot.inverse_dynamics(*q, method="kernel")):

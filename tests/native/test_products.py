@@ -231,7 +231,7 @@ def test_what_does_not_fit_is_refused_in_one_line(case):
 
 def test_what_takes_long_to_compile_waits_for_compile(monkeypatch, tmp_path):
     monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(plan, "PATIENCE", 0.001)
+    monkeypatch.setattr(plan, "MAX_COMPILE_SECONDS", 0.001)
     robot = jounce.load("ur5", gravity=(0, 0, 1))
     kernel = robot.compile("gravity_forces", order=0)
     q = np.ones(6)

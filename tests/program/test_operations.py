@@ -18,14 +18,14 @@ from tools import NODE, require
 
 import casadi
 import jounce
-from jounce._codegen.language import NAMES, language
+from jounce._codegen.language import LANGUAGE_NAMES, language
 from jounce.core import scalars
 from jounce.core.errors import JounceError
 from jounce.native import forms
 from jounce.native.functions import DEFINITIONS
 from jounce.native.ir import Writer
 from jounce.native.jit import host
-from jounce.program.operations import FUNCTIONS, OPERATIONS, WITHOUT_COST
+from jounce.program.operations import FREE_KINDS, FUNCTION_KINDS, OPERATIONS
 from jounce.program.passes import factor, fuse
 from jounce.program.trace import Tape
 
@@ -60,7 +60,7 @@ def test_native_code_gives_the_values_of_all_lanes(way):
         found = function(states)
     for k, name in enumerate(OPERATIONS):
         expected = np.array([program.run(list(map(float, state)))[k] for state in states])
-        if name in FUNCTIONS:
+        if name in FUNCTION_KINDS:
             np.testing.assert_array_max_ulp(found[:, k], expected, 3)
         elif OPERATIONS[name].unfused:  # rounded once or twice
             np.testing.assert_allclose(found[:, k], expected, rtol=1e-14, atol=1e-14)
@@ -89,7 +89,7 @@ def test_passes_keep_the_values_of_functions(run):
     assert passed.counts()["inv"] <= program.counts()["inv"]
 
 
-@pytest.mark.parametrize("name", [*FUNCTIONS, "neg", "inv"])
+@pytest.mark.parametrize("name", [*FUNCTION_KINDS, "neg", "inv"])
 @pytest.mark.parametrize("x", [0.3, -2.0, 0.0, 0.1])
 def test_functions_of_numbers_are_numbers(name, x):
     tape = Tape()
@@ -116,13 +116,13 @@ def test_reciprocals_are_folded():
 
 def test_what_costs_nothing_is_not_counted():
     program = one_of_each()
-    assert {"input", "constant", "neg"} == set(WITHOUT_COST)
+    assert {"input", "constant", "neg"} == set(FREE_KINDS)
     assert program.operations == len(OPERATIONS) - 1
 
 
 def test_nodes_have_the_functions_of_the_table_and_no_others():
     (x,) = Tape().variables(1)
-    for name in FUNCTIONS:
+    for name in FUNCTION_KINDS:
         assert getattr(x, name)().kind == name
     assert not hasattr(x, "inv")
     with pytest.raises(JounceError, match=r"^scalars of type Node have no method arctan\(\), which is required$"):
@@ -168,7 +168,7 @@ def test_functions_take_every_scalar_type(name, kind):
     for x in (0.7, 1.75 if name == "sqrt" else -1.75):
         found = ON_SCALARS[kind](SCALAR_FUNCTIONS[name], x)
         assert abs(float(found) - OPERATIONS[name].value(x)) < (1e-6 if kind == "JAX" else 1e-15)
-    assert set(SCALAR_FUNCTIONS) == {*FUNCTIONS, "inv"}
+    assert set(SCALAR_FUNCTIONS) == {*FUNCTION_KINDS, "inv"}
 
 
 def test_reciprocals_of_numbers_among_symbols():
@@ -240,7 +240,7 @@ ONE = {"c": "1.0f", "cpp": "1.0f", "cuda": "1.0f", "julia": "1.0f0", "matlab": "
 
 @pytest.mark.parametrize(
     ("lang", "float32"),
-    [(name, x) for name in NAMES if name != "latex" for x in (False, True) if language(name).single or not x],
+    [(name, x) for name in LANGUAGE_NAMES if name != "latex" for x in (False, True) if language(name).single or not x],
 )
 def test_reciprocals_are_written_in_the_precision_of_the_code(tmp_path, monkeypatch, lang, float32):
     generated(tmp_path, monkeypatch, lang, float32)

@@ -222,7 +222,7 @@ def test_threads_call_at_once():
 
 
 def test_a_jaxlib_that_refuses_the_handler_calls_python_back(monkeypatch):
-    monkeypatch.setattr(xla, "VERSION", (0, 99))
+    monkeypatch.setattr(xla, "FFI_VERSION", (0, 99))
     robot, q = jounce.load("planar2r", m1=3.5), states((4,), (), (4,))
     law = jax.jit(lambda *q: jax.vjp(robot.inverse_dynamics, *q)[0])
     same(law(*q), robot.inverse_dynamics(*q))

@@ -63,7 +63,7 @@ def address(workers):
 @pytest.fixture
 def states(tmp_path, monkeypatch):
     """A table of two motions in many parts."""
-    monkeypatch.setattr(plan, "CELLS", 200)
+    monkeypatch.setattr(plan, "MAX_PART_CELLS", 200)
     return write(tmp_path / "states.csv", joined(table(60), table(40, 5), names=["a", "b"]))
 
 
@@ -155,7 +155,7 @@ def test_clusters_that_do_not_fit_are_refused_in_one_line(tmp_path, address, sta
     assert f"{states}: worker " in message
     assert message.endswith("another one; expected a file system that this process and all workers share")
     with monkeypatch.context() as patch:
-        patch.setattr(cluster, "TIMEOUT", 0.3)
+        patch.setattr(cluster, "CONNECTION_TIMEOUT", 0.3)
         assert "cluster tcp://127.0.0.1:9: " in refusal(*run, "tcp://127.0.0.1:9")
     for wrong in ("there", "tcp://there", "no://there:1"):
         assert f"cluster {wrong!r}; expected local, or the address of a scheduler" in refusal(*run, wrong)

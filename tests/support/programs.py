@@ -4,7 +4,7 @@ import mpmath
 from hypothesis import assume
 from hypothesis import strategies as st
 
-from jounce.program.operations import FUNCTIONS, OPERATIONS
+from jounce.program.operations import FUNCTION_KINDS, OPERATIONS
 from jounce.program.program import Step, prune
 from jounce.program.trace import Tape
 
@@ -18,7 +18,7 @@ def one_of_each():
 
 def exact(name):
     """The value of an operation on numbers of mpmath."""
-    return getattr(mpmath, name) if name in FUNCTIONS else OPERATIONS[name].value
+    return getattr(mpmath, name) if name in FUNCTION_KINDS else OPERATIONS[name].value
 
 
 def run_exactly(program, inputs):

@@ -285,7 +285,7 @@ def test_matrices_are_kept_and_frozen():
 
 def test_what_is_too_large_says_so_and_names_the_way_out(monkeypatch):
     monkeypatch.setattr(
-        "jounce._codegen.symbolic.expressions.MOST_OPERATIONS", 200_000
+        "jounce._codegen.symbolic.expressions.MAX_SYMBOLIC_OPERATIONS", 200_000
     )  # a page of the documentation waits for all of it
     S = jounce.load("iiwa14").symbolic()
     assert len(S.Qgrav) == 7
@@ -306,7 +306,7 @@ def test_products_of_arrays_go_on_beyond_the_limit_which_is_told_after_them():
 
 
 def test_an_order_too_high_says_so(monkeypatch):
-    monkeypatch.setattr("jounce._codegen.symbolic.expressions.MOST_OPERATIONS", 20_000)
+    monkeypatch.setattr("jounce._codegen.symbolic.expressions.MAX_SYMBOLIC_OPERATIONS", 20_000)
     S = planar2r().symbolic()
     assert S.Q2d.shape == (2, 1)
     with pytest.raises(

@@ -12,7 +12,7 @@ from typing import get_args
 import pytest
 
 import jounce
-from jounce._codegen.language import NAMES
+from jounce._codegen.language import LANGUAGE_NAMES
 from jounce.arguments.loads import LOAD_FRAMES
 from jounce.core import typing
 from jounce.dynamics.kinematics import FRAMES
@@ -85,7 +85,7 @@ def test_the_right_program_runs():
         (typing.LoadFrame, LOAD_FRAMES),
         (typing.Form, FORMS),
         (typing.DriveTerm, TERMS),
-        (typing.Language, NAMES),
+        (typing.Language, LANGUAGE_NAMES),
         (typing.Convention, dh.CONVENTIONS),
         (typing.JointType, dh.TYPES),
         (typing.Angles, units.ANGLES),

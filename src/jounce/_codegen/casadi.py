@@ -35,7 +35,10 @@ def casadi_function(
         import casadi
     except ModuleNotFoundError:
         raise JounceError("casadi_function() needs CasADi; install it by: pip install 'jounce[casadi]'") from None
-    _check(robot)
+    if not robot.mechanism.is_numeric:
+        raise JounceError(
+            "the robot contains symbols; expected numbers (parameters=['masses'] makes its masses inputs)"
+        )
     computation = requests.computation(robot.mechanism, quantity, order, wrench, body, frame, moving_base=moving_base)
     _check_axes(computation, robot.mechanism)
     shapes = {name: value.shape for name, value in own_values(robot.mechanism, parameters).items()}
@@ -67,13 +70,6 @@ def _name(computation: Computation) -> str:
     """The quantity with its body and frame as CasADi takes a name: letters and digits, single underscores between."""
     place = [computation.body or "", computation.frame if computation.quantity.frames else ""]
     return "_".join(re.findall("[A-Za-z0-9]+", "_".join([computation.name, *place])))
-
-
-def _check(robot: Engine) -> None:
-    if not robot.mechanism.is_numeric:
-        raise JounceError(
-            "the robot contains symbols; expected numbers (parameters=['masses'] makes its masses inputs)"
-        )
 
 
 def _check_axes(computation: Computation, mechanism: Mechanism) -> None:

@@ -39,7 +39,7 @@ def codegen(
     moving_base: bool,
 ) -> Generated:
     """Write a robot's equations as source code with tests, see `Robot.codegen`."""
-    from jounce._codegen import render  # where Jinja is needed
+    from jounce._codegen import render  # imported here, as only this needs Jinja
 
     if not isinstance(directory, str | os.PathLike | None):
         raise JounceError(f"directory is {quoted(directory)}; expected the path of a folder")
@@ -47,12 +47,12 @@ def codegen(
     options = check_options(robot, lang, order, outputs, wrench, parameters, float32, prefix, moving_base)
     folder = path_of(f"{options.prefix}-{lang}" if directory is None else directory)
     names = render.names(options)
-    folders.check_folder(folder, header.MARK, names, overwrite)
+    folders.check_folder(folder, header.GENERATED_MARK, names, overwrite)
     functions = functions_of(options)
     _warn_of_idle(options, functions)
     tests = [vectors(options.robot, function, options.single) for function in functions]
     files = render.files(options, functions, tests)
-    folders.write_folder(folder, files, header.MARK, overwrite)
+    folders.write_folder(folder, files, header.GENERATED_MARK, overwrite)
     return Generated(folder, tuple(sorted(files)), {f"{options.prefix}_{f.name}": f.operations for f in functions})
 
 
@@ -66,13 +66,15 @@ def code(robot: Engine, lang: Language, template: str, order: int, outputs: Sequ
 
 def functions_of(options: Options) -> list[Function]:
     """The functions of what is asked for, or `JounceError` where one is too large."""
-    functions = []
+    functions, most = [], options.language.largest
     for name, computation in options.outputs.items():
         made = trace(options.robot, name, computation)
-        if made.operations > (most := options.language.largest):
+        if made.operations > most:
+            others = languages_where(lambda x: x.largest > most)
+            larger = f"; larger robots go into {others}" if others else ""
             raise JounceError(
                 f"{computation.spelling} of {options.robot.origin.name} to order {options.order} takes"
-                f" {made.operations} operations; {options.language.title} is generated for up to {most}{_larger(most)}"
+                f" {made.operations} operations; {options.language.title} is generated for up to {most}{larger}"
             )
         functions.append(made)
     return functions
@@ -87,9 +89,3 @@ def _warn_of_idle(options: Options, functions: Sequence[Function]) -> None:
     idle = [name for name in options.robot.own if name not in used]
     if idle:
         warn(f"parameters without effect on {listed(options.outputs)}: {listed(idle)}")
-
-
-def _larger(most: int) -> str:
-    """Return the languages that support larger robots, as the end of a sentence."""
-    found = languages_where(lambda x: x.largest > most)
-    return f"; larger robots go into {found}" if found else ""

@@ -10,7 +10,7 @@ import numpy as np
 from jounce.core.errors import JounceError, one_of, quoted
 from jounce.dynamics.computation import Port
 
-NAMES = ("c", "cpp", "cuda", "javascript", "julia", "latex", "matlab", "python", "rust")
+LANGUAGE_NAMES = ("c", "cpp", "cuda", "javascript", "julia", "latex", "matlab", "python", "rust")
 
 
 def digits(x: float, single: bool) -> str:
@@ -76,10 +76,5 @@ class Language:
 
 
 def language(name: str) -> Language:
-    """Return the language with a name.
-
-    Raises
-    ------
-    JounceError : if the name is unknown; the error lists all languages.
-    """
-    return import_module(f"jounce._codegen.{one_of('language', name, NAMES)}").LANGUAGE
+    """Return the language with a name; an error lists all of them."""
+    return import_module(f"jounce._codegen.{one_of('language', name, LANGUAGE_NAMES)}").LANGUAGE

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from jounce._codegen.function import function_names
-from jounce._codegen.language import NAMES, Language, language
+from jounce._codegen.language import LANGUAGE_NAMES, Language, language
 from jounce._codegen.parametric import Parametric, parametric
 from jounce.arguments.rates import checked_order
 from jounce.arguments.requests import parse_computation, takes_base
@@ -15,8 +15,8 @@ from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.engine import Engine
 from jounce.model.mechanism import Mechanism
 
-HIGHEST_CODE_ORDER = 4  # order
-TRACED = 1500  # bodies times orders squared, up to which a program is traced in seconds
+HIGHEST_CODE_ORDER = 4  # the highest rate of forces: code grows with its square
+MAX_TRACED_SIZE = 1500  # bodies times (order + 1)^2: a program of this size is traced in seconds
 
 
 @dataclass(frozen=True)
@@ -66,10 +66,10 @@ def check_size(mechanism: Mechanism, order: int) -> None:
     """Raise `JounceError` if a robot has too many bodies for code of an order, or the order is too high."""
     checked_order(order, HIGHEST_CODE_ORDER)
     bodies = mechanism.nb - mechanism.floats  # behind joints
-    if bodies * (order + 1) ** 2 > TRACED:
+    if bodies * (order + 1) ** 2 > MAX_TRACED_SIZE:
         raise JounceError(
             f"{mechanism.name} has {bodies} bodies; code of order {order} is generated for at most"
-            f" {TRACED // (order + 1) ** 2}"
+            f" {MAX_TRACED_SIZE // (order + 1) ** 2}"
         )
 
 
@@ -114,7 +114,7 @@ def _check_product(asked: Computation, target: Language) -> None:
 
 def languages_where(fit: Callable[[Language], bool]) -> str:
     """Return the titles of the languages that satisfy a condition."""
-    return ", ".join(name for name in NAMES if fit(language(name)))
+    return ", ".join(name for name in LANGUAGE_NAMES if fit(language(name)))
 
 
 def _prefix(given: str | None, name: str, target: Language) -> str:

@@ -41,9 +41,7 @@ class Parametric:
 def parametric(mechanism: Mechanism, asked: Sequence[str]) -> Parametric:
     """A robot with the parameters that it has itself, and those asked for, as `jounce.model.parameters` lists them.
 
-    Raises
-    ------
-    JounceError : where one that is asked for is unknown, comes twice, or has the name of a symbol.
+    Raises `JounceError` where one that is asked for is unknown, comes twice, or has the name of a symbol.
     """
     own = own_values(mechanism, asked)
     if "masses" in own:
@@ -113,12 +111,12 @@ def _value(x: Any, values: Mapping[str, Any]) -> Any:
     name = type(x).__name__
     if name == "Pow" and x.exp.is_Integer and x.exp > 0:
         return _power(_value(x.base, values), int(x.exp))
-    inner = [_value(part, values) for part in x.args] if name in _RULES else []
+    inner = [_value(part, values) for part in x.args] if name in _SYMPY_RULES else []
     if not inner:
         raise JounceError(
             f"the robot contains {x}; code generation supports sums, products, sines and cosines of symbols"
         )
-    return _RULES[name](inner)
+    return _SYMPY_RULES[name](inner)
 
 
 def _power(x: Any, k: int) -> Any:
@@ -129,7 +127,7 @@ def _power(x: Any, k: int) -> Any:
     return half * half * x if k % 2 else half * half
 
 
-_RULES: dict[str, Callable[[list[Any]], Any]] = {
+_SYMPY_RULES: dict[str, Callable[[list[Any]], Any]] = {
     "Add": sum,
     "Mul": lambda parts: reduce(mul, parts),
     "sin": lambda parts: np.sin(parts[0]),

@@ -8,7 +8,7 @@ from jounce._codegen.function import Function
 from jounce._codegen.header import effort
 from jounce._codegen.language import Language, digits
 from jounce._codegen.schedule import Schedule, schedule
-from jounce.dynamics.computation import Computation, Port
+from jounce.dynamics.computation import Port
 from jounce.program.operations import ATOM, OPERATIONS, SUM
 
 
@@ -22,42 +22,21 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
-class Printed:
+class Printed(Function):
     """A function in a language: `parts` and `results` are what templates put into functions."""
 
-    function: Function
     language: Language
     single: bool
 
     @property
-    def name(self) -> str:
-        """The name of the function, without the prefix."""
-        return self.function.name
-
-    @property
-    def computation(self) -> Computation:
-        """The computation of the function."""
-        return self.function.computation
-
-    @property
-    def inputs(self) -> tuple[Port, ...]:
-        """The arrays of states that it takes."""
-        return self.function.inputs
-
-    @property
-    def outputs(self) -> tuple[Port, ...]:
-        """The arrays that it gives."""
-        return self.function.outputs
-
-    @property
     def effort(self) -> str:
         """A description of its number of operations."""
-        return effort(self.function.program)
+        return effort(self.program)
 
     @cached_property
     def schedule(self) -> Schedule:
         """Its statements."""
-        return schedule(self.function.program)
+        return schedule(self.program)
 
     @property
     def scratch(self) -> int:
@@ -73,7 +52,7 @@ class Printed:
     def unused(self) -> list[str]:
         """The arguments that no statement reads."""
         read = {port.name for part in self.parts for port in part.inputs}
-        parametric = not self.function.parameters or any(part.parametric for part in self.parts)
+        parametric = not self.parameters or any(part.parametric for part in self.parts)
         return [port.name for port in self.inputs if port.name not in read] + ([] if parametric else ["params"])
 
     @cached_property
@@ -81,7 +60,7 @@ class Printed:
         """The lines that write the outputs."""
         lines = []
         for port in self.outputs:
-            for j, i in enumerate(self.function.program.outputs[port.start : port.end]):
+            for j, i in enumerate(self.program.outputs[port.start : port.end]):
                 place = self.language.element(port, j)
                 lines.append(self.language.put.format(place=place, value=self._expression(i)[0]))
         return lines
@@ -91,9 +70,9 @@ class Printed:
         return self.language.literal(digits(x, self.single), self.single)
 
     def _part(self, statements: Sequence[int]) -> Part:
-        steps = self.function.program.steps
+        steps = self.program.steps
         read = {int(steps[j].value) for i in statements for j in self.schedule.leaves(i) if steps[j].kind == "input"}
-        used = [port for port in self.function.signature.inputs if any(port.start <= j < port.end for j in read)]
+        used = [port for port in self.signature.inputs if any(port.start <= j < port.end for j in read)]
         states = [port for port in used if port.role != "parameter"]
         return Part([self._statement(i) for i in statements], states, len(states) < len(used))
 
@@ -111,7 +90,7 @@ class Printed:
         """The text of a step, or of what it is called, and how tightly it holds together."""
         if i in self.schedule.names and not whole:
             return self._name(i), ATOM
-        step = self.function.program.steps[i]
+        step = self.program.steps[i]
         match step.kind:
             case "input":
                 return self._input(int(step.value)), ATOM
@@ -129,6 +108,6 @@ class Printed:
         return text if holds >= least else f"({text})"
 
     def _input(self, number: int) -> str:
-        port = next(port for port in self.function.signature.inputs if port.start <= number < port.end)
+        port = next(port for port in self.signature.inputs if port.start <= number < port.end)
         written = self.language.parameter if port.role == "parameter" else self.language.element
         return written(port, number - port.start)

@@ -1,6 +1,6 @@
 """The files of generated code: the templates of a language, filled in."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,16 +11,15 @@ from jounce._codegen import header
 from jounce._codegen.function import Function
 from jounce._codegen.language import digits
 from jounce._codegen.options import Options
-from jounce._codegen.parametric import Parametric
 from jounce._codegen.printer import Printed
-from jounce._codegen.test_vectors import TOLERANCE, Vectors
+from jounce._codegen.test_vectors import TEST_TOLERANCES, Vectors
 from jounce.model.positions import position_count
-from jounce.program.operations import FUNCTIONS
+from jounce.program.operations import FUNCTION_KINDS
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-HERE = Path(__file__).parent
+TEMPLATES = Path(__file__).parent
 TEMPLATE_SUFFIX = ".jinja"
 
 
@@ -52,13 +51,13 @@ def _environment() -> "Environment":
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
-        loader=FileSystemLoader(HERE), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
         keep_trailing_newline=True,
     )  # fmt: skip
     environment.globals["listed"] = lambda words: " and ".join(", ".join(words).rsplit(", ", 1))
     environment.filters["wrapped"] = _wrap
     environment.filters["packed"] = _pack
-    environment.filters["rows"] = _rows
+    environment.filters["rows"] = lambda array: (np.ravel(state).tolist() for state in array)  # one per state
     return environment
 
 
@@ -69,7 +68,7 @@ def _templates(options: Options) -> dict[str, tuple[str, str]]:
     """
     folder = options.language.name
     made = {}
-    for path in sorted((HERE / folder).glob(f"[!_]*{TEMPLATE_SUFFIX}")):
+    for path in sorted((TEMPLATES / folder).glob(f"[!_]*{TEMPLATE_SUFFIX}")):
         for function in options.outputs if "FUNCTION" in path.name else ("",):
             name = (
                 path.name.removesuffix(TEMPLATE_SUFFIX).replace("FUNCTION", function).replace("PREFIX", options.prefix)
@@ -80,12 +79,14 @@ def _templates(options: Options) -> dict[str, tuple[str, str]]:
 
 def _context(options: Options, functions: Sequence[Function], tests: Sequence[Vectors]) -> dict[str, Any]:
     """Return the variables of the templates."""
-    mechanism, single = options.robot.origin, options.single
-    printed = [Printed(function, options.language, single) for function in functions]
+    robot, mechanism, single = options.robot, options.robot.origin, options.single
+    known = all(name in robot.own and robot.own[name].dtype != object for name in robot.shapes)  # all have numbers
+    used = {"sin", "cos"} | {step.kind for function in functions for step in function.program.steps}
+    printed = [Printed(**vars(f), language=options.language, single=single) for f in functions]
     literal = options.language.literal
     return {
         **options.language.helpers,
-        "robot": options.robot,
+        "robot": robot,
         "prefix": options.prefix,
         "real": options.language.real[single],
         "single": single,
@@ -96,9 +97,9 @@ def _context(options: Options, functions: Sequence[Function], tests: Sequence[Ve
         "functions": printed,  # Printed, in the order asked for
         "tests": list(zip(printed, tests, strict=True)),  # each with its Vectors
         "parameters": functions[0].parameters,
-        "meanings": header.parameters(options.robot),
-        "own": _own(options.robot),
-        "tolerance": TOLERANCE[single],
+        "meanings": header.parameters(robot),
+        "own": robot.own if known else {},
+        "tolerance": TEST_TOLERANCES[single],
         "origin": header.origin(mechanism, options.order, single),
         "arrays": header.arrays(mechanism, options.language.first),
         "conventions": header.conventions(mechanism, functions),
@@ -106,17 +107,11 @@ def _context(options: Options, functions: Sequence[Function], tests: Sequence[Ve
         "drive_trains": header.drive_trains(mechanism, functions),
         "layouts": header.layouts(functions),
         "moving": any(function.computation.base for function in functions),
-        "elementary": _elementary(functions),
+        "elementary": [kind for kind in FUNCTION_KINDS if kind in used],
         "scalars": any(not function.outputs[0].shape for function in functions),
         "number": lambda x: literal(digits(x, single), single),
         "double": lambda x: literal(digits(x, False), False),
     }
-
-
-def _elementary(functions: Sequence[Function]) -> list[str]:
-    """The functions of one operand that code calls: sines and cosines of any robot, others where there are some."""
-    used = {step.kind for function in functions for step in function.program.steps}
-    return [kind for kind in FUNCTIONS if kind in ("sin", "cos") or kind in used]
 
 
 def _wrap(text: str, indent: str = "", width: int = 118) -> str:
@@ -124,12 +119,6 @@ def _wrap(text: str, indent: str = "", width: int = 118) -> str:
     from textwrap import wrap
 
     return f"\n{indent}".join(wrap(text, width - len(indent), break_long_words=False, break_on_hyphens=False))
-
-
-def _own(robot: Parametric) -> dict[str, np.ndarray]:
-    """The robot's own values of all parameters; none where one has no number."""
-    numbers = all(name in robot.own and robot.own[name].dtype != object for name in robot.shapes)
-    return robot.own if numbers else {}
 
 
 def _pack(text: str, indent: str = "", end: str = "", width: int = 118) -> str:
@@ -143,8 +132,3 @@ def _pack(text: str, indent: str = "", end: str = "", width: int = 118) -> str:
             lines[-1] += ","
             lines.append(item)
     return f"{end}\n{indent}".join(lines)
-
-
-def _rows(array: np.ndarray) -> Iterator[list[float]]:
-    """Return an array (states, ...) as flat lists, one per state."""
-    return (np.ravel(state).tolist() for state in array)

@@ -1,20 +1,25 @@
 """Schedules: the statements of a program in the order in which they are written, split into parts if there are many.
 
-A value that is used once is part of the statement that uses it, as long as that stays short. Sines and cosines come
-first, while few values must be saved across their calls; outputs are written last, so that they may overlap inputs.
-Long schedules are split into parts, functions of their own: values used by a later part are kept in scratch memory.
+A value that is used once is part of the statement that uses it, as long as that stays short. Functions that are called
+by their names have statements of their own. Sines and cosines come first, while few values must be saved across their
+calls; outputs are written last, so that they may overlap inputs.
+Long schedules are split into parts, functions of their own: values used by a later part are kept in scratch memory,
+in slots of a linear-scan allocation: a slot is free again after the last statement that reads it.
+
+Invariants: a statement reads only what earlier ones define, every operation that is used twice is a statement itself,
+and expressions do the operations of the program, each once.
 """
 
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from jounce.program.operations import FUNCTIONS, LEAVES
+from jounce.program.operations import FUNCTION_KINDS, LEAVES
 from jounce.program.program import Program, topological_order
 
-WIDEST = 5  # operations in a statement
-WHOLE = 3000  # statements, up to which a program is one function: compilers take a second
-PART = 400  # statements of a part
+MAX_STATEMENT_OPERATIONS = 5  # so that statements stay short
+MAX_UNDIVIDED_STATEMENTS = 3000  # of one function: compilers take a second
+STATEMENTS_PER_PART = 400  # of longer programs: the time of compilers grows faster than the length of a function
 
 
 @dataclass(frozen=True)
@@ -37,7 +42,7 @@ class Schedule:
         angles: dict[int, int] = {}
         names: dict[int, str] = {}
         for i in (i for part in self.parts for i in part):
-            if is_function(steps[i].kind):
+            if steps[i].kind in FUNCTION_KINDS:
                 names[i] = f"{steps[i].kind}{angles.setdefault(steps[i].operands[0], len(angles) + 1)}"
             else:
                 names[i] = f"t{i}"
@@ -49,18 +54,13 @@ class Schedule:
         return _leaves(i, self.program, self.names)
 
 
-def is_function(kind: str) -> bool:
-    """Whether a kind of step is called by its name, as sin and cos are, and stands in a statement of its own."""
-    return kind in FUNCTIONS
-
-
 def schedule(program: Program) -> Schedule:
     """The statements of a program."""
     stated = _statements(program)
-    functions = sorted((i for i in stated if is_function(program.steps[i].kind)), key=lambda i: _angle(program, i))
+    functions = sorted((i for i in stated if program.steps[i].kind in FUNCTION_KINDS), key=lambda i: _angle(program, i))
     order = topological_order([*functions, *stated], lambda i: program.steps[i].operands)
     statements = [i for i in order if i in stated]
-    size = PART if len(statements) > WHOLE else len(statements)
+    size = STATEMENTS_PER_PART if len(statements) > MAX_UNDIVIDED_STATEMENTS else len(statements)
     cuts = range(0, len(statements), size) if statements else [0]
     parts = tuple(tuple(_by_depth(program, stated, statements[i : i + size])) for i in cuts)
     return Schedule(program, parts, _slots(program, stated, parts) if len(parts) > 1 else {})
@@ -74,7 +74,7 @@ def _by_depth(program: Program, stated: Container[int], statements: Sequence[int
     depths: dict[int, int] = {}
     for i in statements:
         before = max(depths.get(j, 0) for j in _leaves(i, program, stated))
-        depths[i] = before if is_function(program.steps[i].kind) else before + 1
+        depths[i] = before if program.steps[i].kind in FUNCTION_KINDS else before + 1
     return sorted(statements, key=depths.__getitem__)
 
 
@@ -91,11 +91,11 @@ def _statements(program: Program) -> dict[int, None]:
     sizes: dict[int, int] = {}  # operations in the expression of a step that is not a leaf
     outputs = {i for i in program.outputs if steps[i].kind != "constant"}
     apart = {i: None for i, step in enumerate(steps) if step.kind not in LEAVES or i in outputs}
-    kept = outputs | {i for i in apart if is_function(steps[i].kind)}
+    kept = outputs | {i for i in apart if steps[i].kind in FUNCTION_KINDS}
     for i in list(apart):
         sizes[i] = 1
         for j in steps[i].operands:
-            if j in apart and j not in kept and uses[j] == 1 and sizes[i] + sizes[j] <= WIDEST:
+            if j in apart and j not in kept and uses[j] == 1 and sizes[i] + sizes[j] <= MAX_STATEMENT_OPERATIONS:
                 sizes[i] += sizes[j]
                 del apart[j]
     return apart
@@ -113,7 +113,7 @@ def _slots(program: Program, stated: Mapping[int, None], parts: Sequence[tuple[i
     slots: dict[int, int] = {}
     free: list[int] = []
     made = 0
-    for place, i in enumerate(statements):
+    for place, i in enumerate(statements):  # free the slots that are read here for the last time, then take one
         free += sorted({slots[j] for j in reads[place] if j in crossing and last[j] == place}, reverse=True)
         if i in crossing:
             if not free:

@@ -20,13 +20,16 @@ from jounce.model.mechanism import Mechanism
 from jounce.model.positions import positions
 from jounce.spatial.lie import pose
 
-MOST_BODY_STATES = 100  # bodies times states: the closed form is dense
-MOST_STATES = 10  # states
-STEPS = 1000  # states are whole multiples of 1/STEPS: short to write, the same in every language
-QUATERNIONS = [[8, 6, 0, 0], [8, 4, 4, 2], [7, 5, 5, 1]]  # of which entries of rotations have two decimals
-TURNS = {4: QUATERNIONS, 2: [[8, 6]]}  # of joints, by how many numbers say them: cosine and sine, too
-WAY = 0.2  # rad or sizes of the robot, from the start of closed loops
-TOLERANCE = {False: 1e-13, True: 2e-4}  # of the test, in double and single precision
+MAX_BODY_STATES = 100  # bodies times states of a test: the closed form is dense
+MAX_TEST_STATES = 10  # of a function, so that tests stay short
+STEPS_PER_UNIT = 1000  # states are multiples of 1/1000: short to write, the same in every language
+INTEGER_QUATERNIONS = [[8, 6, 0, 0], [8, 4, 4, 2], [7, 5, 5, 1]]  # of norm 10: entries of rotations have two decimals
+INTEGER_TURNS = {4: INTEGER_QUATERNIONS, 2: [[8, 6]]}  # of joints, by the count of their numbers: 2 are cosine and sine
+MAX_WAY_FROM_START = 0.2  # rad or sizes of the robot; halved until the loops close
+TEST_TOLERANCES = {
+    False: 1e-13,
+    True: 2e-4,
+}  # relative, by "single": hundreds of rounding errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,12 +65,12 @@ def vectors(
     methods = function.computation.quantity.methods
     method = method if method in methods else next(iter(methods))
     rng = np.random.default_rng(0)
-    count = max(1, min(MOST_STATES, MOST_BODY_STATES // len(robot.origin.joints))) if count is None else count
+    count = max(1, min(MAX_TEST_STATES, MAX_BODY_STATES // len(robot.origin.joints))) if count is None else count
 
     def random(port: Port) -> np.ndarray:
         if port.is_pose:
             return np.stack([_random_pose(rng) for _ in range(count)])
-        x = rng.integers(-2 * STEPS, 2 * STEPS, (count, *port.shape)) / STEPS
+        x = rng.integers(-2 * STEPS_PER_UNIT, 2 * STEPS_PER_UNIT, (count, *port.shape)) / STEPS_PER_UNIT
         for joint in positions(robot.origin).values() if port.directions else ():
             turns = x[:, joint.turn]
             turns[:] = [_random_turn(rng, turns.shape[1]) for _ in turns]
@@ -80,7 +83,7 @@ def vectors(
     if robot.origin.closure:
         near = near_start(robot.origin, inputs["q"] / 2)
         inputs |= {name: given(x) for name, x in zip(("q", DEPENDENT), near, strict=True)}
-    batch = -(-count // MOST_STATES) if function.parameters else count  # states that share their parameters
+    batch = -(-count // MAX_TEST_STATES) if function.parameters else count  # states that share their parameters
     starts = np.arange(count) // batch * batch
     parameters = {
         port.name: given(_near(robot.own.get(port.name), random(port)))[starts] for port in function.parameters
@@ -101,11 +104,12 @@ def vectors(
 def near_start(m: Mechanism, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Independent and dependent coordinates (k, ...) with closed loops, ways (k, n) from the start of the closure.
 
-    Ways are shortened, if need be, until loops close; they are not where lengths are parameters.
+    Ways are halved, up to nine times, until loops close; they are not where lengths are parameters, and where no way
+    closes them the start itself is returned for all dependent coordinates.
     """
     c = closure_of(m)
     own, others = list(c.independent), list(c.dependent)
-    for size in WAY * 0.5 ** np.arange(10):
+    for size in MAX_WAY_FROM_START * 0.5 ** np.arange(10):
         u = np.round(c.start[own] + size * way * scales(m).coordinates[own], 6)
         try:
             return u, close_loops(m, u)[:, others]
@@ -116,16 +120,16 @@ def near_start(m: Mechanism, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _random_pose(rng: np.random.Generator) -> np.ndarray:
     """A pose of short decimals: its rotation is that of a quaternion of integers, the sum of whose squares is 100."""
-    a, x, y, z = rng.permutation(QUATERNIONS[rng.integers(len(QUATERNIONS))])
+    a, x, y, z = rng.permutation(INTEGER_QUATERNIONS[rng.integers(len(INTEGER_QUATERNIONS))])
     v = np.array([x, y, z]) * rng.choice([-1, 1], 3)
     R = (a * a - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * a * np.cross(np.eye(3), v)
-    r = rng.integers(-2 * STEPS, 2 * STEPS, (3, 1)) / STEPS
+    r = rng.integers(-2 * STEPS_PER_UNIT, 2 * STEPS_PER_UNIT, (3, 1)) / STEPS_PER_UNIT
     return pose(R / 100, r)
 
 
 def _random_turn(rng: np.random.Generator, size: int) -> np.ndarray:
     """The numbers of a turn of a joint: short decimals, of a length from 0.5 to 2, which does not matter."""
-    numbers = rng.permutation(TURNS[size][rng.integers(len(TURNS[size]))])
+    numbers = rng.permutation(INTEGER_TURNS[size][rng.integers(len(INTEGER_TURNS[size]))])
     return numbers * rng.choice([-1, 1], size) * rng.integers(5, 21) / 100
 
 

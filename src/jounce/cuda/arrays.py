@@ -17,12 +17,7 @@ if TYPE_CHECKING:
 
 
 def on_gpu(name: str, x: Any) -> "cupy.ndarray":
-    """Return an array on a GPU, of CuPy, JAX or another library, as one of CuPy, without a copy.
-
-    Raises
-    ------
-    JounceError : if it is elsewhere, or on several GPUs.
-    """
+    """Return an array on one GPU, of CuPy, JAX or another library, as one of CuPy, without a copy; or refuse it."""
     import cupy
 
     if isinstance(x, cupy.ndarray):
@@ -35,7 +30,7 @@ def on_gpu(name: str, x: Any) -> "cupy.ndarray":
             return cupy.asarray(x)
     except JounceError:
         raise
-    except Exception as error:  # of foreign types, which may refuse for reasons of their own
+    except Exception as error:  # foreign types may refuse for reasons of their own
         raise JounceError(f"{name} is a {kind} that CuPy does not take: {one_line(error)}") from None
     raise JounceError(f"{name} is a {kind}; expected an array on the GPU, which cupy.asarray makes of one of NumPy")
 

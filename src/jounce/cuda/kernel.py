@@ -10,7 +10,7 @@ import numpy as np
 from jounce.core.errors import JounceError, one_line
 from jounce.core.scalars import is_jax
 from jounce.cuda import arrays as device
-from jounce.cuda.source import THREADS, compile_source, require_gpu, source
+from jounce.cuda.source import THREADS_PER_BLOCK, compile_source, require_gpu, source
 from jounce.dynamics.computation import Computation
 from jounce.engine.generic import batch_shape
 from jounce.model.mechanism import Mechanism
@@ -134,8 +134,8 @@ class Kernel:
         whole = [device.with_steps(x, port, batch) for x, port in zip(apart, ports.inputs, strict=True)]
         both = zip([*whole, *written], [*ports.inputs, *ports.outputs], strict=True)
         passed = [value for x, port in both for value in device.arguments(x, len(port.shape))]
-        blocks = -(-prod(batch) // THREADS)
-        self._function((blocks,), (THREADS,), (np.int64(prod(batch)), *passed))
+        blocks = -(-prod(batch) // THREADS_PER_BLOCK)
+        self._function((blocks,), (THREADS_PER_BLOCK,), (np.int64(prod(batch)), *passed))
         for x, y in zip(out, written, strict=True):
             if x is not y:
                 x[...] = y

@@ -18,22 +18,17 @@ from jounce.model.mechanism import Mechanism
 if TYPE_CHECKING:
     import cupy
 
-THREADS = 128  # of a block: with 255 registers each, two blocks fit on a multiprocessor
-KERNEL = "states"  # its name in the source
+THREADS_PER_BLOCK = 128  # with 255 registers each, two blocks fit on a multiprocessor
+KERNEL_NAME = "states"  # of the function in the template
 
 
 def source(mechanism: Mechanism, computation: Computation, single: bool) -> str:
-    """Return CUDA source of a computation for a robot of numbers, in double or single precision.
-
-    Raises
-    ------
-    JounceError : if the robot or the order is too large for straight-line code.
-    """
+    """Return CUDA source of a computation for a robot of numbers, unless it is too large for straight-line code."""
     check_size(mechanism, computation.order)
     options = Options(
         parametric(mechanism, ()), language("cuda"), computation.order, {"compute": computation}, single, "jounce"
     )
-    return f"#define THREADS {THREADS}\n{render.code(options, functions_of(options), '_states.cu')}"
+    return f"#define THREADS {THREADS_PER_BLOCK}\n{render.code(options, functions_of(options), '_states.cu')}"
 
 
 def require_gpu() -> None:
@@ -55,16 +50,11 @@ def require_gpu() -> None:
 
 
 def compile_source(code: str) -> "cupy.RawKernel":
-    """Return the kernel of CUDA source, compiled for the current GPU; for others it is when it is first called there.
-
-    Raises
-    ------
-    JounceError : if NVRTC fails.
-    """
+    """Return the kernel of CUDA source, compiled for the current GPU; for others it is at the first call there."""
     import cupy
 
     try:
-        function = cupy.RawKernel(code, KERNEL, options=("-std=c++17",))
+        function = cupy.RawKernel(code, KERNEL_NAME, options=("-std=c++17",))
         function.compile()
     except Exception as error:  # libraries that are missing, and what NVRTC says
         raise JounceError(f"CUDA code was not compiled: {one_line(error)}") from None

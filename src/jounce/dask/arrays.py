@@ -196,7 +196,7 @@ class _Arrays:
             own += len(core)
         try:
             return da.blockwise(block, tuple(batch), *given, concatenate=True, meta=np.empty((0,) * len(batch)))
-        except ValueError as error:  # where lengths of blocks are unknown
+        except ValueError as error:  # lengths of blocks may be unknown
             raise JounceError(f"chunks of the states do not match: {one_line(error)}; rechunk them alike") from None
 
 

@@ -24,17 +24,12 @@ class Kept(Generic[T]):
 
 
 def keep(value: T) -> Kept[T]:
-    """Pickle an object, functions that only this process knows included.
-
-    Raises
-    ------
-    JounceError : if something in it cannot be pickled.
-    """
+    """Pickle an object, functions that only this process knows included; `JounceError` if that is impossible."""
     import cloudpickle
 
     try:
         return Kept(cloudpickle.dumps(value))
-    except Exception as error:  # whatever a foreign type raises
+    except Exception as error:  # foreign types may raise anything
         raise JounceError(
             f"{type(value).__name__} cannot be sent to other processes: {one_line(error)}; functions in it, such as"
             " laws of springs, may refer to what can be pickled alone"

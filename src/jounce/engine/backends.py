@@ -23,7 +23,7 @@ from jounce.native import closing, plan
 from jounce.native.closing import NativeStep
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel, compile_kernel
-from jounce.native.plan import PATIENCE, LongCompilationError, obstacle
+from jounce.native.plan import MAX_COMPILE_SECONDS, LongCompilationError, obstacle
 
 NATIVE = "kernel"  # the method that is native code
 
@@ -85,7 +85,7 @@ def _prepare_native(call: Call) -> tuple[Kernel | None, str | None]:
         if type(x) is not np.ndarray or (x.dtype is not FLOAT and x.dtype != FLOAT):  # unpickled, it is another object
             came = x.dtype if type(x) is np.ndarray else type(x).__name__
             return None, "" if is_jax(x) else f"native code needs NumPy arrays of float64, got {came}"
-    kernel, refusal = _kernel(call.robot, call.computation, PATIENCE if call.method is None else inf)
+    kernel, refusal = _kernel(call.robot, call.computation, MAX_COMPILE_SECONDS if call.method is None else inf)
     m = call.robot.mechanism
     if kernel is not None and call.form is not None and with_constraints(call.robot, call.computation) is m:
         limit = digits.max_condition(call.computation)
@@ -157,7 +157,7 @@ BACKENDS = (  # the first that accepts
 def _kernel(robot: Engine, computation: Computation, patience: float) -> tuple[Kernel | None, str | None]:
     """Return the kernel of a computation, or the reason that there is no kernel."""
     known = robot._kernels.known.get(computation)
-    if known is None or (known[0] is None and patience > PATIENCE):
+    if known is None or (known[0] is None and patience > MAX_COMPILE_SECONDS):
         known = robot._kernels.known[computation] = _compile(robot.mechanism, computation, patience)
     return known
 
@@ -170,10 +170,10 @@ def _compile(mechanism: Mechanism, computation: Computation, patience: float) ->
     except LongCompilationError:
         asked = f"native code for {computation.name} of {mechanism.name!r} to order {computation.order}"
         warn(
-            f"{asked} takes longer than {PATIENCE:g} s to compile, so the slower recursion in NumPy is used;"
+            f"{asked} takes longer than {MAX_COMPILE_SECONDS:g} s to compile, so the slower recursion in NumPy is used;"
             f" robot.compile({', '.join(computation.keywords())}) compiles it once"
         )
-        return None, f"takes longer than {PATIENCE:g} s to compile"
+        return None, f"takes longer than {MAX_COMPILE_SECONDS:g} s to compile"
 
 
 def native_obstacle(mechanism: Mechanism, computation: Computation) -> str | None:
@@ -187,8 +187,9 @@ def native_obstacle(mechanism: Mechanism, computation: Computation) -> str | Non
     if computation.quantity.elastic and (found := elastic.native_obstacle(mechanism)):
         return found
     size = plan.scratch_size(computation, mechanism, host().lanes)
-    if size > plan.LIMIT:
-        return f"is limited to {plan.LIMIT / 2**20:.3g} MiB of scratch memory; this call needs {size / 2**20:.3g} MiB"
+    if size > plan.MAX_SCRATCH_BYTES:
+        limit, needed = (f"{x / 2**20:.3g} MiB" for x in (plan.MAX_SCRATCH_BYTES, size))
+        return f"is limited to {limit} of scratch memory; this call needs {needed}"
     return None
 
 

@@ -24,7 +24,7 @@ def refuse_names_and_masks(kernel: str, arrays: Sequence[Any], out: Sequence[Any
         raise JounceError(
             f"{kernel} takes arrays without names, in the order of its joints; a Robot's methods match names"
         )
-    with suppress(RecursionError):  # of lists that hold themselves, which NumPy refuses
+    with suppress(RecursionError):  # a list may hold itself, which NumPy refuses
         if is_masked(list(arrays)):
             raise JounceError(f"{kernel} takes arrays without masks; x.astype(float).filled(numpy.nan) is one")
         if is_masked(list(out)):
@@ -36,7 +36,7 @@ def refuse_shapes(kernel: str, ports: Sequence[Port], arrays: Sequence[Any]) -> 
     for port, x in zip(ports, arrays, strict=True):
         try:
             shape = tuple(np.shape(x))
-        except Exception:  # of ragged lists, or whatever a foreign type raises
+        except Exception:  # ragged lists, or foreign types, which may raise anything
             continue
         if shape[max(0, len(shape) - len(port.shape)) :] != port.shape:
             expected = ", ".join(map(str, ("...", *port.shape)))
@@ -72,12 +72,7 @@ def bound_batch(kernel: str, signature: Signature, arrays: Sequence[np.ndarray],
 
 
 def of_product(caller: str, values: Signature, product: Signature, arrays: Any, others: Any) -> list[Any]:
-    """Return the arrays of a state, then its weights or directions, zeros in place of None.
-
-    Raises
-    ------
-    JounceError : if one of both is not a tuple of as many arrays as the signature of the product lists.
-    """
+    """Return the arrays of a state, then its weights or directions, checked, zeros in place of None."""
     rest = product.inputs[len(values.inputs) :]
     if len(rest) == 1 and type(others) not in (tuple, list):
         others = (others,)

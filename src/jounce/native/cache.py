@@ -22,7 +22,7 @@ from jounce.model.mechanism import Mechanism
 from jounce.native.jit import Target
 
 KERNEL_SUFFIX = ".kernel"
-LIMIT = 256  # MiB
+DEFAULT_CACHE_MIB = 256  # thousands of kernels, which take some 50 kB each
 
 
 def folder() -> Path:
@@ -33,13 +33,8 @@ def folder() -> Path:
 
 
 def limit() -> int:
-    """Return the limit of the size of all kernels in bytes: ``$JOUNCE_CACHE_SIZE`` in MiB, 256 by default.
-
-    Raises
-    ------
-    JounceError : where it is set to anything but a number from 0 on.
-    """
-    given = os.environ.get("JOUNCE_CACHE_SIZE") or str(LIMIT)
+    """Return the limit of the size of all kernels in bytes: ``$JOUNCE_CACHE_SIZE`` in MiB, checked, or the default."""
+    given = os.environ.get("JOUNCE_CACHE_SIZE") or str(DEFAULT_CACHE_MIB)
     size = parse_finite(given)
     if size is None or size < 0:
         raise JounceError(f"JOUNCE_CACHE_SIZE is {quoted(given)}; expected a number of MiB from 0 on")
@@ -98,7 +93,7 @@ def read(name: str) -> bytes | None:
     digest, code = content[:32], content[32:]
     if not code or digest != _hash(name, code):
         return None
-    with suppress(OSError):  # of a disk that is only read
+    with suppress(OSError):  # the disk may be read-only
         os.utime(path)  # used now
     return code
 
@@ -154,7 +149,7 @@ def entries() -> Iterator[Path]:
 
 
 def _listed() -> list[os.DirEntry[str]]:
-    """The kernels as the folder lists them: thousands are told from links and other files without a look at each."""
+    """The kernels as the folder lists them, which distinguishes them from links without a system call for each."""
     try:
         with os.scandir(folder()) as found:
             return [x for x in found if x.name.endswith(KERNEL_SUFFIX) and x.is_file(follow_symlinks=False)]
@@ -168,7 +163,7 @@ def obstacle() -> str | None:
         found = os.lstat(folder())
     except FileNotFoundError:
         return None
-    except OSError as error:  # where a file is in the place of a folder above it, for one
+    except OSError as error:  # for one, a file is in the place of a folder above it
         return f"the cache folder cannot be used: {error.strerror or error}; JOUNCE_CACHE_DIR selects another"
     if not stat.S_ISDIR(found.st_mode):
         kind = "a link" if stat.S_ISLNK(found.st_mode) else "a file"
@@ -183,9 +178,7 @@ def obstacle() -> str | None:
 def clear() -> list[int]:
     """Remove the kernels and what is left of killed writers, nothing else; returns the sizes of the kernels in bytes.
 
-    Raises
-    ------
-    JounceError : where the folder is not its owner's alone, or a kernel cannot be removed.
+    Raises `JounceError` where the folder is not its owner's alone, or a kernel cannot be removed.
     """
     if found := obstacle():
         raise JounceError(f"{folder()}: {found}")

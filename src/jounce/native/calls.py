@@ -46,7 +46,7 @@ def _module(block: Block, signature: Signature, target: Target, name: str, of_on
     else:
         _define_state(ir, signature, block.places)
     size = plan.call_size(signature, block.of_bodies, target.lanes)
-    define_call = _define_on_stack if size <= plan.STACK else pool.define_on_heap
+    define_call = _define_on_stack if size <= plan.MAX_STACK_BYTES else pool.define_on_heap
     define_call(ir, size, "@call" if of_one else f"@{name}")
     if of_one:
         _define_choice(ir, name, of_one)
@@ -73,7 +73,6 @@ def _define_bound(ir: Writer) -> None:
     with ir.function("void @bound(ptr %call)"):
         given = [ir.let(f"load ptr, ptr {ir.at('%call', j, 'ptr')}") for j in range(4)]
         ir.do(f"call void @states({', '.join(f'ptr {x}' for x in given)})")
-        ir.do("ret void")
 
 
 def _define_blocks(ir: Writer, signature: Signature) -> None:
@@ -86,7 +85,6 @@ def _define_blocks(ir: Writer, signature: Signature) -> None:
     widths = [port.size for port in ports]
     behind = max((-((width - ir.lanes) // width) for width in widths if width < ir.lanes), default=0)
     with ir.function("internal void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr %in)"):
-        ir.label("start")
         out, bodies = _scratch(ir, signature)
         scratch = [ir.at("%in", port.start, ir.V) for port in signature.inputs] + [out] * len(signature.outputs)
         arrays = list(_arrays(ir, [port.shape for port in ports]))
@@ -98,10 +96,7 @@ def _define_blocks(ir: Writer, signature: Signature) -> None:
                 for array in arrays[:given]:
                     dense = ir.let(f"and i1 {dense}, {ir.let(f'icmp ne ptr {result.pointer}, {array.pointer}')}")
         count = ir.let("load i64, ptr %dimensions")
-        ir.do(f"br i1 {ir.let(f'icmp sgt i64 {count}, 0')}, label %some, label %done")
-        ir.label("some")
-        blocks = ir.let(f"sdiv i64 {ir.let(f'add i64 {count}, {ir.lanes - 1}')}, {ir.lanes}")
-        with ir.loop(blocks) as block:
+        with ir.loop_over_blocks(count, ir.lanes) as block:
             first = ir.let(f"mul i64 {block}, {ir.lanes}")
             left = ir.let(f"sub i64 {count}, {first}")
             lanes = ir.call("llvm.smin.i64", "i64", left, str(ir.lanes))
@@ -123,16 +118,12 @@ def _define_blocks(ir: Writer, signature: Signature) -> None:
                     ir.do(f"call void @{way}_lanes(ptr {place}, ptr {there}, {_lanes(x, port, lanes)}{table})")
                 ir.do(f"br label %{way}.done")
                 ir.label(f"{way}.done")
-        ir.do("br label %done")
-        ir.label("done")
-        ir.do("ret void")
 
 
 def _define_state(ir: Writer, signature: Signature, places: Sequence[Sequence[int]]) -> None:
     """``@blocks`` of one state alone, in vectors of one."""
     ports, given = [*signature.inputs, *signature.outputs], len(signature.inputs)
     with ir.function("internal void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr %in)"):
-        ir.label("start")
         out, bodies = _scratch(ir, signature)
         arrays = list(_arrays(ir, [port.shape for port in ports]))
         ir.do(f"br i1 {_is_dense(ir, arrays, ports)}, label %dense, label %strided")
@@ -153,7 +144,6 @@ def _define_state(ir: Writer, signature: Signature, places: Sequence[Sequence[in
         for k, (array, port) in enumerate(zip(arrays[given:], signature.outputs, strict=True)):
             listed = _lanes(array, port, "1")
             ir.do(f"call void @store_lanes(ptr {array.pointer}, ptr {out}, {listed}, ptr @places.{k})")
-        ir.do("ret void")
 
 
 def _scratch(ir: Writer, signature: Signature) -> tuple[str, str]:
@@ -170,9 +160,8 @@ def _lanes(array: _Array, port: Port, count: str) -> str:
 def _define_on_stack(ir: Writer, size: int, name: str) -> None:
     """A function of states with its scratch memory on the stack."""
     with ir.function(f"void {name}(ptr %args, ptr %dimensions, ptr %steps, ptr %pool)"):
-        scratch = ir.let(f"alloca [{size} x i8], align {pool.ALIGNMENT}")
+        scratch = ir.let(f"alloca [{size} x i8], align {pool.BUFFER_ALIGNMENT}")
         ir.do(f"call void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr {scratch})")
-        ir.do("ret void")
 
 
 def _arrays(ir: Writer, shapes: list[tuple[int, ...]]) -> Iterator[_Array]:

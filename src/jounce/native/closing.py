@@ -1,4 +1,14 @@
-"""The step of Newton's method for the positions of one closed robot as native code."""
+"""Newton's method for the positions of one closed robot as native code, from where its loops are nearly closed.
+
+Problem: of coordinates q, keep the independent ones and find the dependent ones with which the gaps of all loops are 0.
+Algorithm: the step of `dynamics.newton`, traced and compiled; its error is about the square of the one before [1].
+Invariants: independent coordinates do not change; results are those of a step from where gaps were within `max_gap`,
+hence closed to rounding. Failure: LookupError, without a result, where the loops are not closed after
+`MAX_CLOSING_STEPS`, where a state of the batch is too near to a singularity or has moved to another branch. The caller
+then closes the loops without assumptions, or refuses the state.
+
+[1] J. Nocedal, S. J. Wright, Numerical Optimization, 2nd ed., Springer 2006, chapter 11.
+"""
 
 import hashlib
 
@@ -13,11 +23,11 @@ from jounce.model.casting import with_exact_integers
 from jounce.model.mechanism import Mechanism
 from jounce.native import cache, calls, jit, plan
 from jounce.native.jit import host
-from jounce.native.plan import PATIENCE
+from jounce.native.plan import MAX_COMPILE_SECONDS
 from jounce.native.pool import Pool
 from jounce.program.trace import Tape, TapeFullError
 
-ITERATIONS = 5  # from nearly closed loops
+MAX_CLOSING_STEPS = 5  # from nearly closed loops, which converge quadratically
 
 
 class NativeStep:
@@ -34,36 +44,37 @@ class NativeStep:
         self.in_place = FOLLOWER_PLACE_TOLERANCE * sizes[list(closure.ratios.places)]
         self._code = jit.load_object(_code(mechanism, signature), host())
         size = plan.call_size(signature, 0, host().lanes)
-        self._pool = Pool(size) if size > plan.STACK else None
+        self._pool = Pool(size) if size > plan.MAX_STACK_BYTES else None
         address = self._pool.address if self._pool else 0
         self.ufunc, self._alive = jit.ufunc(self._code.address("states"), signature, "closing", address)
 
     def __call__(self, q: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The dependent coordinates (..., N - n) after the step, its measures, and A_d."""
-        with np.errstate(all="ignore"):  # where constraints are lost, and far away
+        with np.errstate(all="ignore"):  # constraints may be lost, or coordinates far away
             return self.ufunc(q, change)
 
     def close(self, q: np.ndarray, limit: float) -> tuple[np.ndarray, np.ndarray]:
         """The independent coordinates (..., n) of q, (..., N), and the dependent ones, with loops closed.
 
-        Raises
-        ------
-        LookupError : if they are not nearly closed, a condition number exceeds a limit, followers are not at their
-            places, or q has another shape.
+        Raises `LookupError` if they are not nearly closed, a condition number exceeds a limit, followers are not at
+        their places, or q has another shape.
         """
         if q.shape[-1] != self.count:
             raise LookupError
+        # A single step both checks that the loops are closed and removes the rounding errors that they have.
         found, measures, _ = self.ufunc(q, self.still)
         most = self.closed, min(limit, MAX_CONDITION_ESTIMATE) ** 2
         if not _is_within(measures, most):
+            # Newton's method for the whole batch, until the loops of every state were closed before the step.
             x = q.copy()
-            for _ in range(ITERATIONS):
+            for _ in range(MAX_CLOSING_STEPS):
                 x[..., self.others] = found
                 found, measures, _ = self.ufunc(x, self.still)
                 if _is_within(measures, most):
                     break
             else:
                 raise LookupError
+            # A long way leads to another branch.
             if not (np.abs(found - q.take(self.others, -1)) <= self.near).all():
                 raise LookupError
         if len(self.following):  # which may be on another branch: their loops are not looked at
@@ -94,11 +105,11 @@ def _code(m: Mechanism, signature: Signature) -> bytes:
     target = host()
 
     def make() -> bytes:
-        from jounce.native import emit  # what a warm cache spares
-        from jounce.native.forms import OPERATION
+        from jounce.native import emit  # imported here, as a warm cache needs none of it
+        from jounce.native.forms import SECONDS_PER_STEP
         from jounce.program.passes import factor, fuse
 
-        tape = Tape(PATIENCE / OPERATION)
+        tape = Tape(MAX_COMPILE_SECONDS / SECONDS_PER_STEP)
         q, change = (tape.variables(*port.shape) for port in signature.inputs)
         results = [x for result in step(with_exact_integers(m), q, change) for x in result.ravel()]
         steps = fuse(factor(tape.program(results)))

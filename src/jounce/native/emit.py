@@ -9,8 +9,8 @@ from jounce.native.ir import Writer
 from jounce.program.operations import LEAVES, OPERATIONS, VectorFunction
 from jounce.program.program import Program
 
-SHORT = 6000  # steps, which compile in some tenths of a second
-PIECE = 4000  # steps in a row: the time that LLVM takes for code without a branch grows faster than its length
+MAX_STEPS_COMPILED_TWICE = 6000  # for vectors and for one state: each compiles in some tenths of a second
+STEPS_PER_BRANCH = 4000  # as the time that LLVM takes for code without a branch grows faster than its length
 
 
 @dataclass(frozen=True)
@@ -25,12 +25,12 @@ class Block:
 
 def straight(program: Program, signature: Signature) -> Block:
     """A program in a straight line. Results of a port that are equal, as many zeros of matrices, are stored once."""
-    numbers: dict[tuple[int, int], int] = {}  # of vectors, by the port and the step of the program
+    numbers: dict[tuple[int, int], int] = {}  # numbers of vectors, by port and step of the program
     places = [
         [numbers.setdefault((k, program.outputs[j]), len(numbers)) for j in range(port.start, port.end)]
         for k, port in enumerate(signature.outputs)
     ]
-    short = len(program.steps) <= SHORT
+    short = len(program.steps) <= MAX_STEPS_COMPILED_TWICE
     return Block(lambda ir: _define_straight(ir, program, signature, numbers), places, short=short)
 
 
@@ -51,12 +51,11 @@ def _define_straight(
         for i, value in emit_steps(ir, program, lambda i: ir.load(ir.at("%in", i, ir.V))):
             for number, mask in results[i]:  # at once, so that no register waits
                 ir.store(ir.op("add", value, mask), ir.at("%out", number, ir.V))
-            if i % PIECE == PIECE - 1:
+            if i % STEPS_PER_BRANCH == STEPS_PER_BRANCH - 1:
                 ir.do(f"br i1 {never}, label %done, label %piece{i}")
                 ir.label(f"piece{i}")
         ir.do("br label %done")
         ir.label("done")
-        ir.do("ret void")
 
 
 def emit_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> Iterator[tuple[int, str]]:

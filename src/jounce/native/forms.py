@@ -21,22 +21,17 @@ from jounce.program.passes import factor, fuse
 from jounce.program.program import Program, prune
 from jounce.program.trace import Tape, TapeFullError, interruptible
 
-PRODUCTS = {"vjp": vjp, "jvp": jvp}  # programs from that of the values
+PRODUCT_PROGRAMS = {"vjp": vjp, "jvp": jvp}  # programs from that of the values
 # What compiling takes, in seconds, as measured on one core of a Zen 4:
-OPERATION = 55e-6  # for a step of the trace of a straight line
-DERIVATIVE = 80e-6  # for one of a product of its derivatives
-BODY = 1.2e-3  # for a body in the tables of the loop form
-STEP = 6e-3  # for a kind of joint there, times the square of how many rates
+SECONDS_PER_STEP = 55e-6  # of the trace of a straight line
+SECONDS_PER_DERIVATIVE_STEP = 80e-6  # of the trace of a product of derivatives
+SECONDS_PER_LOOP_BODY = 1.2e-3  # in the tables of the loop form
+SECONDS_PER_JOINT_KIND = 6e-3  # in the loop form, times the square of the number of rates
 
 
 @interruptible()
 def modules(mechanism: Mechanism, computation: Computation, target: Target, patience: float = inf) -> list[str]:
-    """The LLVM IR of a computation for a robot.
-
-    Raises
-    ------
-    LongCompilationError : where compiling it is likely to take longer than `patience` seconds.
-    """
+    """The LLVM IR of a computation; `LongCompilationError` where to compile it is likely to take too many seconds."""
     signature = computation.signature(mechanism)
     return calls.modules(_block(mechanism, computation, signature, patience), signature, target)
 
@@ -61,7 +56,7 @@ def program(mechanism: Mechanism, computation: Computation, tape: Tape | None = 
         if port.displacement != port.shape
     ]
     followers = _followers(mechanism, inputs, arrays, tape) if mechanism.closure else None
-    return PRODUCTS[computation.product](traced, parameters, tape.most, displaced, followers)
+    return PRODUCT_PROGRAMS[computation.product](traced, parameters, tape.most, displaced, followers)
 
 
 def _followers(mechanism: Mechanism, inputs: Sequence[Port], arrays: Sequence[np.ndarray], tape: Tape) -> Followers:
@@ -76,14 +71,14 @@ def _followers(mechanism: Mechanism, inputs: Sequence[Port], arrays: Sequence[np
 def _block(mechanism: Mechanism, computation: Computation, signature: Signature, patience: float) -> Block:
     if not is_straight(computation, mechanism):
         steps_of_joints = (len(set(kinds(mechanism))) + computation.base) * (computation.order + 1) ** 2
-        if len(mechanism.joints) * BODY + steps_of_joints * STEP > patience:
+        if len(mechanism.joints) * SECONDS_PER_LOOP_BODY + steps_of_joints * SECONDS_PER_JOINT_KIND > patience:
             raise LongCompilationError
         acting = tuple(term for term in mechanism.acting if term in computation.quantity.drive_terms)
         return loop.emit_loop(mechanism, Sweeps(computation, acting), signature)
-    if signature.outputs[-1].end * OPERATION > patience:  # each is stored at least: no trace is needed to see it
+    if signature.outputs[-1].end * SECONDS_PER_STEP > patience:  # each is stored at least: no trace is needed to see it
         raise LongCompilationError
     try:
-        tape = Tape(patience / (DERIVATIVE if computation.product else OPERATION))
+        tape = Tape(patience / (SECONDS_PER_DERIVATIVE_STEP if computation.product else SECONDS_PER_STEP))
         steps = fuse(program(mechanism, computation, tape))
     except TapeFullError:
         raise LongCompilationError from None

@@ -30,10 +30,30 @@ class Writer:
 
     @contextmanager
     def function(self, head: str) -> Iterator[None]:
-        """A function, its body written inside."""
+        """A function, its body written inside; one without a value returns at the end."""
         self.lines.append(f"define {head} #0 {{")
         yield
+        if " void @" in f" {head}" and not self.lines[-1].startswith("  ret"):
+            self.do("ret void")
         self.lines.append("}")
+
+    @contextmanager
+    def loop_over_blocks(self, count: str, size: int) -> Iterator[str]:
+        """A loop over blocks of a size, the last of which may be smaller, if there are any; yields the index."""
+        with (
+            self.only_if(self.let(f"icmp sgt i64 {count}, 0"), "some", "done"),
+            self.loop(self.let(f"sdiv i64 {self.let(f'add i64 {count}, {size - 1}')}, {size}")) as index,
+        ):
+            yield index
+
+    @contextmanager
+    def only_if(self, condition: str, inside: str, after: str) -> Iterator[None]:
+        """What is written inside is a block that runs if a condition holds; the two names are those of the labels."""
+        self.do(f"br i1 {condition}, label %{inside}, label %{after}")
+        self.label(inside)
+        yield
+        self.do(f"br label %{after}")
+        self.label(after)
 
     def label(self, name: str) -> None:
         """The start of a block."""

@@ -16,10 +16,10 @@ from jounce.core.errors import warn
 from jounce.dynamics.computation import Signature
 
 Bound = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
-Loop = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)  # of a ufunc
-UFUNC_TYPE = 0  # the type's place in the table of NumPy's C interface
-FROM_SIGNATURE = 31  # PyUFunc_FromFuncAndDataAndSignature's place in the table of NumPy's C interface, part of its ABI
-NO_IDENTITY = -1
+Loop = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)  # the inner loop of a ufunc
+# Places in the table of NumPy's C interface to ufuncs, part of its ABI: of PyUFunc_Type, of
+# PyUFunc_FromFuncAndDataAndSignature; then PyUFunc_None, as which a ufunc has no identity.
+UFUNC_TYPE_ENTRY, FROM_SIGNATURE_ENTRY, NO_IDENTITY = 0, 31, -1
 
 
 @dataclass(frozen=True)
@@ -112,27 +112,15 @@ class PlainCall:
 
     def __call__(self, *arrays: Any, out: Sequence[np.ndarray] | None = None) -> Any:
         """Compute from arrays with leading batch axes; the results, or `out` with them written into it."""
-        inputs = [np.asarray(array, dtype=float) for array in arrays]
-        for x, shape in zip(inputs, self.taken, strict=True):
+        inputs = list(zip([np.asarray(array, dtype=float) for array in arrays], self.taken, strict=True))
+        for x, shape in inputs:
             if x.shape[x.ndim - len(shape) :] != shape:
                 raise ValueError(f"an array has shape {x.shape}; expected (..., {', '.join(map(str, shape))})")
-        batch = np.broadcast_shapes(
-            *(x.shape[: x.ndim - len(shape)] for x, shape in zip(inputs, self.taken, strict=True))
-        )
-        whole = [
-            np.ascontiguousarray(np.broadcast_to(x, (*batch, *shape)))
-            for x, shape in zip(inputs, self.taken, strict=True)
-        ]
+        batch = np.broadcast_shapes(*(x.shape[: x.ndim - len(shape)] for x, shape in inputs))
+        whole = [np.ascontiguousarray(np.broadcast_to(x, (*batch, *shape))) for x, shape in inputs]
         results = [np.empty((*batch, *shape)) for shape in self.given]
-        everything = [*whole, *results]
-        steps = [8 * prod(shape) for shape in (*self.taken, *self.given)]
-        within = [8 * prod(shape[k + 1 :]) for shape in (*self.taken, *self.given) for k in range(len(shape))]
-        self._loop(
-            (ctypes.c_void_p * len(everything))(*(array.ctypes.data for array in everything)),
-            (ctypes.c_ssize_t * 1)(prod(batch)),
-            (ctypes.c_ssize_t * len(steps + within))(*steps, *within),
-            self._pool,
-        )
+        both = zip([*whole, *results], [*self.taken, *self.given], strict=True)
+        self._loop(*loop_arguments([x.reshape(prod(batch), *shape) for x, shape in both], True), self._pool)
         if out is not None:
             for array, result in zip(out, results, strict=True):
                 array[...] = result
@@ -140,11 +128,22 @@ class PlainCall:
         return results[0] if len(results) == 1 else tuple(results)
 
 
+def loop_arguments(arrays: Sequence[np.ndarray], batched: bool) -> tuple[ctypes.Array[Any], ...]:
+    """What a loop takes of arrays with one batch axis or with none: addresses, the number of states, strides."""
+    steps = [x.strides[0] if batched else 0 for x in arrays]
+    strides = [*steps, *(stride for x in arrays for stride in x.strides[batched:])]
+    return (
+        (ctypes.c_void_p * len(arrays))(*(x.ctypes.data for x in arrays)),
+        (ctypes.c_ssize_t * 1)(len(arrays[0]) if batched else 1),
+        (ctypes.c_ssize_t * len(strides))(*strides),
+    )
+
+
 @cache
 def has_known_table() -> bool:
     """Whether NumPy's table of functions begins with the type of ufuncs, as its ABI says; warn once if it does not."""
     table = _table()
-    if table and _entry(table, UFUNC_TYPE) == id(np.ufunc) and _entry(table, FROM_SIGNATURE):
+    if table and _entry(table, UFUNC_TYPE_ENTRY) == id(np.ufunc) and _entry(table, FROM_SIGNATURE_ENTRY):
         return True
     warn(f"the table of C functions of NumPy {np.__version__} is not the known one: native code takes longer to call")
     return False
@@ -167,7 +166,7 @@ def _entry(table: int, place: int) -> int | None:
 def _maker() -> Any:
     table = _table()
     assert table is not None
-    address = _entry(table, FROM_SIGNATURE)
+    address = _entry(table, FROM_SIGNATURE_ENTRY)
     text, integer, pointer = ctypes.c_char_p, ctypes.c_int, ctypes.c_void_p
     kinds = [pointer, pointer, pointer, integer, integer, integer, integer, text, text, integer, text]
     return ctypes.PYFUNCTYPE(ctypes.py_object, *kinds)(address or 0)

@@ -2,36 +2,27 @@
 
 import ctypes
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from math import inf, prod
 from threading import Lock
-from typing import TYPE_CHECKING, Any, Generic, Never
+from typing import Any, Never
 from weakref import WeakValueDictionary
 
 import numpy as np
 
 from jounce.core.errors import JounceError, one_line, quoted, warn
-from jounce.core.typing import ArrayLike, Floats, Product
+from jounce.core.typing import ArrayLike, Floats
 from jounce.dynamics.computation import Computation
 from jounce.model.mechanism import Mechanism
 from jounce.native import cache, jit, plan
-from jounce.native.arguments import bound_batch, of_product, refuse_names_and_masks, refuse_shapes
+from jounce.native.arguments import bound_batch, refuse_names_and_masks, refuse_shapes
 from jounce.native.jit import host, ufunc
 from jounce.native.pool import Pool
+from jounce.native.products import DerivativeProducts, Results
 from jounce.native.threads import Box, in_parts
 
-if TYPE_CHECKING:
-    from typing_extensions import TypeVar  # type checkers have it, and know its defaults
 
-    Results = TypeVar("Results", default=Any)
-else:
-    from typing import TypeVar
-
-    Results = TypeVar("Results")
-
-
-class Kernel(Generic[Results]):
+class Kernel(DerivativeProducts[Results]):
     """A quantity of one robot with its rates up to an order, as native code. `Robot.compile` makes one.
 
     A kernel takes arrays only, in the order of the robot's joints: methods of `Robot` match names, kernels do not.
@@ -54,13 +45,12 @@ class Kernel(Generic[Results]):
         self.signature = computation.signature(mechanism)
         self._code = jit.load_object(_code(mechanism, computation, patience), host())
         size = plan.scratch_size(computation, mechanism, host().lanes)
-        self._pool = Pool(size) if size > plan.STACK else None
+        self._pool = Pool(size) if size > plan.MAX_STACK_BYTES else None
         self.addresses = self._code.address("states"), self._pool.address if self._pool else 0
         self.shapes = tuple([p.shape for p in ports] for ports in (self.signature.inputs, self.signature.outputs))
-        self.ufunc, needed = ufunc(self.addresses[0], self.signature, computation.name, self.addresses[1])
+        self.ufunc, self._alive = ufunc(self.addresses[0], self.signature, computation.name, self.addresses[1])
         self._count = len(self.signature.inputs)
-        self._products: dict[str, Kernel] = {}
-        self._alive = needed
+        self._products = {}
 
     def __reduce__(self) -> tuple[Callable[..., "Kernel"], tuple[Mechanism, Computation]]:
         return compile_kernel, (self.mechanism, self.computation)
@@ -120,7 +110,7 @@ class Kernel(Generic[Results]):
             return self.ufunc(*arrays) if into is None else self.ufunc(*arrays, out=into)
         except (JounceError, FloatingPointError, Warning):  # the latter where np.errstate or a filter asks for it
             raise
-        except Exception as error:  # of NumPy, or whatever a foreign type raises in its conversion
+        except Exception as error:  # NumPy, or a foreign type, which may raise anything when it is converted
             refuse_names_and_masks(repr(self), arrays, into or ())
             refuse_shapes(repr(self), self.signature.inputs, arrays)
             raise JounceError(f"{self!r}: {one_line(error)}") from None
@@ -162,157 +152,12 @@ class Kernel(Generic[Results]):
         refuse_names_and_masks(repr(self), arrays, results)
         batch = bound_batch(repr(self), self.signature, arrays, results)
         everything = [*arrays, *results]
-        steps = [array.strides[0] if batch else 0 for array in everything]
-        within = [stride for array in everything for stride in array.strides[len(batch) :]]
-        called: tuple[ctypes.Array[Any], ...] = (
-            (ctypes.c_void_p * len(everything))(*(array.ctypes.data for array in everything)),
-            (ctypes.c_ssize_t * 1)(*batch or (1,)),
-            (ctypes.c_ssize_t * len(steps + within))(*steps, *within),
-        )
-        places = map(ctypes.addressof, called)
-        arguments = (ctypes.c_void_p * 4)(*places, self.addresses[1])
+        called = jit.loop_arguments(everything, bool(batch))
+        arguments = (ctypes.c_void_p * 4)(*map(ctypes.addressof, called), self.addresses[1])
         address = ctypes.c_void_p(ctypes.addressof(arguments))
         call = partial(jit.Bound(self._code.address("bound")), address)
         vars(call)["alive"] = self, everything, called, arguments
         return call
-
-    def vjp(
-        self,
-        arrays: Sequence[ArrayLike],
-        weights: ArrayLike | Sequence[ArrayLike | None],
-        *,
-        out: Floats | Sequence[Floats] | None = None,
-        threads: int = 1,
-    ) -> tuple[Floats, ...]:
-        """Compute a vector-Jacobian product: the gradients, by all inputs, of a weighted sum of all results.
-
-        ``gx = sum_y (dy/dx)^T wy`` over the results y, such as Q, Qd, Q2d, for every input x, such as q, qd, q2d. This
-        is the gradient of a cost c(Q, Qd, Q2d) where the weights are its derivatives by Q, Qd and Q2d. It is exact,
-        and takes about 2.5 times the operations of the results. Native code of it is compiled at the first call and
-        kept on disk.
-
-        Parameters
-        ----------
-        arrays : tuple of arrays, each (..., n), then (..., nb, 6), then (..., 4, 4) and (..., 6)
-            What a call of the kernel takes: q, qd, ..., W, Wd, ..., C, V, Vd, ...
-        weights : array or tuple of arrays, each of the shape of a result
-            wQ, wQd, ..., one for each result; None is zero. Where the kernel returns one array, an array.
-        out : tuple of arrays, optional
-            Arrays to write the gradients into.
-        threads : int, optional
-            Number of threads to split the batch among.
-
-        Returns
-        -------
-        tuple of arrays
-            gq, gqd, ..., gW, ..., one for each input, in the unit of the weighted sum per unit of the input. Batch axes
-            broadcast: there is a gradient for each state, also by an input that all states share. Wrenches are constant
-            in the axes of their bodies while q varies. The gradient by the pose C of the base, (..., 6), is that along
-            twists d in its axes, for steps C exp(wedge(d)). Dependent coordinates of a closed robot follow q: there is
-            no gradient by them, the one by q contains it.
-
-        Raises
-        ------
-        JounceError
-            If the number of arrays or weights, a shape or a dtype is wrong, an array has names or a mask, the kernel is
-            one of products itself, or compiling takes longer than three seconds, which `Robot.compile` is for.
-
-        References
-        ----------
-        .. [1] A. Griewank, A. Walther, *Evaluating Derivatives*, 2nd ed., SIAM 2008, chapter 3.
-
-        Examples
-        --------
-        >>> import jounce, numpy as np
-        >>> kernel = jounce.load("planar2r").compile(order=1)
-        >>> q, qd, q2d, q3d = np.ones((4, 2))
-        >>> Q, Qd = kernel(q, qd, q2d, q3d)
-        >>> gq, gqd, gq2d, gq3d = kernel.vjp((q, qd, q2d, q3d), (None, 2 * Qd))  # of the cost |Qd|^2
-        >>> h = np.array([1e-6, 0])
-        >>> higher, lower = (np.sum(kernel(x, qd, q2d, q3d)[1] ** 2) for x in (q + h, q - h))
-        >>> bool(np.isclose(gq[0], (higher - lower) / 2e-6))
-        True
-        """
-        kernel, given = self._product("vjp", arrays, weights)
-        gradients = kernel(*given, out=out, threads=threads)
-        return gradients if isinstance(gradients, tuple) else (gradients,)
-
-    def jvp(
-        self,
-        arrays: Sequence[ArrayLike],
-        directions: Sequence[ArrayLike | None],
-        *,
-        out: Floats | Sequence[Floats] | None = None,
-        threads: int = 1,
-    ) -> Results:
-        """Compute a Jacobian-vector product: the derivatives of all results along one direction of all inputs.
-
-        ``dy = sum_x (dy/dx) dx`` over the inputs x, such as q, qd, q2d, for every result y, such as Q, Qd, Q2d. Native
-        code of it is compiled at the first call and kept on disk.
-
-        Parameters
-        ----------
-        arrays : tuple of arrays, each (..., n), then (..., nb, 6), then (..., 4, 4) and (..., 6)
-            What a call of the kernel takes: q, qd, ..., W, Wd, ..., C, V, Vd, ...
-        directions : tuple of arrays, each of the shape of an input
-            dq, dqd, ..., dW, ..., one for each input; None is zero. That of the pose C of the base is a twist d in its
-            axes, (..., 6), of a step C exp(wedge(d)). Dependent coordinates of a closed robot have none: they follow q.
-        out : array or tuple of arrays, optional
-            Arrays to write the tangents into.
-        threads : int, optional
-            Number of threads to split the batch among.
-
-        Returns
-        -------
-        array, or for orders above 0 a tuple of arrays
-            dQ, dQd, ..., one for each result, as a call of the kernel returns them.
-
-        Raises
-        ------
-        JounceError
-            As in `vjp`.
-
-        References
-        ----------
-        .. [1] A. Griewank, A. Walther, *Evaluating Derivatives*, 2nd ed., SIAM 2008, chapter 3.
-
-        Examples
-        --------
-        Along the rates themselves, the tangent of Q is its time derivative:
-
-        >>> import jounce, numpy as np
-        >>> kernel = jounce.load("planar2r").compile(order=1)
-        >>> q, qd, q2d, q3d = np.random.default_rng(0).normal(size=(4, 2))
-        >>> Q, Qd = kernel(q, qd, q2d, q3d)
-        >>> dQ, dQd = kernel.jvp((q, qd, q2d, q3d), (qd, q2d, q3d, None))
-        >>> bool(np.allclose(dQ, Qd))
-        True
-        """
-        kernel, given = self._product("jvp", arrays, directions)
-        result: Results = kernel(*given, out=out, threads=threads)
-        return result
-
-    def _product(self, name: Product, arrays: Any, others: Any) -> tuple["Kernel", list[Any]]:
-        """The kernel of a product of the derivatives, and all arrays that it takes."""
-        kernel = self._products.get(name)
-        if kernel is None:
-            kernel = self._products[name] = self._compile_product(name)
-        given = of_product(f"{name} of {self!r}", self.signature, kernel.signature, arrays, others)
-        return kernel, given
-
-    def _compile_product(self, name: Product) -> "Kernel":
-        if self.computation.product:
-            raise JounceError(f"{self!r} has no {name}: it computes derivatives itself; compile the values for theirs")
-        asked = replace(self.computation, product=name)
-        if refusal := plan.obstacle(asked, self.mechanism):
-            raise JounceError(f"{name} of {self!r}: native code {refusal}; choose a lower order")
-        try:
-            return compile_kernel(self.mechanism, asked, plan.PATIENCE)
-        except plan.LongCompilationError:
-            raise JounceError(
-                f"{name} of {self!r} takes longer than {plan.PATIENCE:g} s to compile;"
-                f" robot.compile({', '.join(asked.keywords())}) compiles it once"
-            ) from None
 
     def _order_of_inputs(self) -> str:
         return f"it takes {', '.join(port.name for port in self.signature.inputs)}"
@@ -357,9 +202,7 @@ _compiling = Lock()  # threads that ask for one kernel at the same time share it
 def compile_kernel(mechanism: Mechanism, computation: Computation, patience: float = inf) -> Kernel:
     """The kernel of a quantity of a mechanism of numbers: the one there is, else from the cache, else compiled.
 
-    Raises
-    ------
-    LongCompilationError : where it is still to be compiled, which would take longer than `patience` seconds.
+    Raises `LongCompilationError` where it is still to be compiled, which would take longer than `patience` seconds.
     """
     kernel = _living.get((mechanism, computation))
     if kernel is None:
@@ -374,7 +217,7 @@ def _code(mechanism: Mechanism, computation: Computation, patience: float) -> by
     target = host()
 
     def make() -> bytes:
-        from jounce.native.forms import modules  # what a warm cache spares
+        from jounce.native.forms import modules  # imported here, as a warm cache needs none of it
 
         return jit.assemble(modules(mechanism, computation, target, patience), target)
 

@@ -17,25 +17,18 @@ def define_transposes(ir: Writer) -> None:
     """
     for name, table in (("load_rows", ""), ("store_rows", ", ptr %table")):
         with ir.function(f"internal void @{name}(ptr %row, ptr %scratch, i64 %width{table})"):
-            ir.label("start")
             last = ir.let(f"sub i64 %width, {ir.lanes}")
             more = ir.let(f"add i64 %width, {ir.lanes - 1}")
             groups = ir.let(f"sdiv i64 {more}, {ir.lanes}")
-            with ir.loop(groups) as group:  # of columns; the last one ends with the row
+            with ir.loop(groups) as group:  # the last group of columns ends with the row
                 wanted = ir.let(f"mul i64 {group}, {ir.lanes}")
                 ends = ir.call("llvm.smin.i64", "i64", wanted, last)
                 column = ir.call("llvm.smax.i64", "i64", ends, "0")
-                rows, columns = list(_rows(ir, column)), list(_columns(ir, column, bool(table)))
+                starts = (ir.let(f"add i64 {ir.let(f'mul i64 %width, {lane}')}, {column}") for lane in range(ir.lanes))
+                rows, columns = [ir.at("%row", x) for x in starts], list(_columns(ir, column, bool(table)))
                 source, target = (columns, rows) if table else (rows, columns)
                 for vector, place in zip(transpose(ir, [ir.load(x) for x in source]), target, strict=True):
                     ir.store(vector, place)
-            ir.do("ret void")
-
-
-def _rows(ir: Writer, column: str) -> Iterator[str]:
-    for lane in range(ir.lanes):
-        start = ir.let(f"mul i64 %width, {lane}")
-        yield ir.at("%row", ir.let(f"add i64 {start}, {column}"))
 
 
 def _columns(ir: Writer, column: str, by_table: bool) -> Iterator[str]:
@@ -48,7 +41,11 @@ def _columns(ir: Writer, column: str, by_table: bool) -> Iterator[str]:
 
 
 def transpose(ir: Writer, rows: Sequence[str]) -> list[str]:
-    """Vectors of columns from vectors of rows: blocks off the diagonal exchanged, of ever smaller size."""
+    """Vectors of columns from vectors of rows: blocks off the diagonal exchanged, of ever smaller size.
+
+    For n lanes these are log2(n) rounds of n shuffles (J. O. Eklundh, A fast computer method for matrix transposing,
+    IEEE Transactions on Computers C-21, 1972).
+    """
     size = ir.lanes
     rows = list(rows)
     while size > 1:
@@ -78,27 +75,26 @@ def define_lanes(ir: Writer) -> None:
     integers = ("slabs", "rows", "columns", "step", "apart", "down", "across", "count")
     arguments = f"ptr %first, ptr %scratch, {', '.join(f'i64 %{name}' for name in integers)}"
     with ir.function(f"internal void @load_lanes({arguments})"):
-        ir.label("start")
         others = ir.let("sub i64 %count, 1")
         with _loops(ir, "slabs", "rows", "columns") as entry:
             value = ir.let(f"load double, ptr {_place(ir, others, *entry)}, align 1")
             ir.store(ir.splat(value), ir.at("%scratch", _number(ir, *entry), ir.V))
-        ir.do(f"br i1 {ir.let(f'icmp eq i64 {others}, 0')}, label %done, label %more")
-        ir.label("more")
-        with _loops(ir, "slabs", "rows", "columns") as entry, ir.loop(others) as lane:
+        with (
+            ir.only_if(ir.let(f"icmp ne i64 {others}, 0"), "more", "done"),
+            _loops(ir, "slabs", "rows", "columns") as entry,
+            ir.loop(others) as lane,
+        ):
             value = ir.let(f"load double, ptr {_place(ir, lane, *entry)}, align 1")
             vector = ir.at("%scratch", _number(ir, *entry), ir.V)
             ir.do(f"store double {value}, ptr {ir.at(vector, lane)}, align 8")
-        ir.do("br label %done")
-        ir.label("done")
-        ir.do("ret void")
-    with ir.function(f"internal void @store_lanes({arguments}, ptr %table)"):
-        ir.label("start")
-        with _loops(ir, "slabs", "rows", "columns") as entry, ir.loop("%count") as lane:
-            number = ir.let(f"load i64, ptr {ir.at('%table', _number(ir, *entry), 'i64')}")
-            value = ir.let(f"load double, ptr {ir.at(ir.at('%scratch', number, ir.V), lane)}, align 8")
-            ir.do(f"store double {value}, ptr {_place(ir, lane, *entry)}, align 1")
-        ir.do("ret void")
+    with (
+        ir.function(f"internal void @store_lanes({arguments}, ptr %table)"),
+        _loops(ir, "slabs", "rows", "columns") as entry,
+        ir.loop("%count") as lane,
+    ):
+        number = ir.let(f"load i64, ptr {ir.at('%table', _number(ir, *entry), 'i64')}")
+        value = ir.let(f"load double, ptr {ir.at(ir.at('%scratch', number, ir.V), lane)}, align 8")
+        ir.do(f"store double {value}, ptr {_place(ir, lane, *entry)}, align 1")
 
 
 @contextmanager

@@ -7,7 +7,7 @@ does not grow. Every body has its part of scratch memory, the ground the first.
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import accumulate, chain
+from itertools import chain
 
 import numpy as np
 
@@ -16,26 +16,14 @@ from jounce.dynamics.recursion.forces import ground, sweep
 from jounce.dynamics.recursion.steps import BodyMotion
 from jounce.model.equivalent import minimal
 from jounce.model.mechanism import Mechanism
-from jounce.native import plan
+from jounce.native import loop_steps, plan
 from jounce.native.emit import Block, emit_steps, nan_masks
 from jounce.native.ir import Writer
-from jounce.native.loop_steps import (
-    CARRY,
-    CONSTANTS,
-    DRIVES,
-    KINDS,
-    JointStep,
-    Sweeps,
-    base_constants,
-    carry,
-    constants,
-    drive_table,
-    kinds,
-)
-from jounce.native.plan import Layout, carriers, motion_slots
+from jounce.native.loop_steps import JointStep, Sweeps
+from jounce.native.plan import Layout
 
-MEMORY = ("constants", "body", "parent", "motion", "carrier")  # what a step reads and writes
-GROUND = ("%bodies", "%bodies", "%motions")  # what those of the ground are, but for the constants and the carrier
+STEP_MEMORY = ("constants", "body", "parent", "motion", "carrier")  # what a step reads and writes
+GROUND_MEMORY = ("%bodies", "%bodies", "%motions")  # the body, parent and motion of the ground
 
 
 def emit_loop(mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> Block:
@@ -46,13 +34,13 @@ def emit_loop(mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> Blo
 
 
 def _define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> None:
-    reduced, slots, of_joints = minimal(mechanism), motion_slots(carriers(mechanism)), kinds(mechanism)
-    present = [kind for kind in KINDS if kind in of_joints]
+    reduced, of_joints = minimal(mechanism), loop_steps.kinds(mechanism)
+    present = [kind for kind in loop_steps.JOINT_KINDS if kind in of_joints]
     _define_steps(ir, present, sweeps, reduced.floats)
-    _define_tables(ir, mechanism, slots, [present.index(kind) for kind in of_joints])
+    for name, numbers in loop_steps.tables(mechanism, [present.index(kind) for kind in of_joints]).items():
+        ir.table(name, numbers)
     _define_sum(ir)
     with ir.function("internal void @block(ptr %in, ptr %out, ptr %bodies)"):
-        ir.label("start")
         ir.do(f"%motions = getelementptr {ir.V}, ptr %bodies, i64 {(len(reduced.joints) + 1) * sweeps.layout.size}")
         _set_results(ir, signature)
         if sweeps.computation.base:
@@ -62,7 +50,6 @@ def _define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, signature: S
         sweep(_Memory(ir, reduced, sweeps, signature, present))
         if reduced.floats:
             _add_base_force(ir, sweeps, signature)
-        ir.do("ret void")
 
 
 @dataclass(frozen=True)
@@ -97,7 +84,7 @@ class _Memory:
         memory = _memory(self.ir, i, self.sweeps)
         _call(self.ir, "inward", self.kinds, i, memory)
         if self.sweeps.acting:
-            table = self.ir.at("@drives", self.ir.let(f"mul i64 {i}, {len(DRIVES)}"))
+            table = self.ir.at("@drives", self.ir.let(f"mul i64 {i}, {len(loop_steps.DRIVE_SIZES)}"))
             self.ir.do(f"call void @drive({_pointers(table, *memory)})")
 
     def collect(self, i: str) -> None:
@@ -118,23 +105,6 @@ def _define_steps(ir: Writer, present: Sequence[str], sweeps: Sweeps, floating: 
         _define_step(ir, "drive", sweeps.drive())
     if sweeps.computation.base:
         _define_step(ir, "move_base", sweeps.base(floating))
-
-
-def _define_tables(ir: Writer, mechanism: Mechanism, slots: Sequence[int], of_joints: Sequence[int]) -> None:
-    """Write the tables of constants of the joints; `of_joints` are the indices of their kinds."""
-    G = mechanism.G.astype(float)
-    ir.table("kinds", of_joints)
-    ir.table("parents", [p + 1 for p in carriers(mechanism)])
-    ir.table("slots", slots)
-    ir.table("constants", constants(mechanism).ravel().tolist())
-    ir.table("drives", drive_table(mechanism).ravel().tolist())
-    ir.table("carry", carry(mechanism).ravel().tolist())
-    ir.table("base", base_constants(mechanism).tolist())
-    followed = [np.flatnonzero(row).tolist() or [0] for row in G]  # coordinates by joint, at least one
-    ir.table("entries", [0, *accumulate(map(len, followed))])  # those of joint i: from entry i to entry i + 1
-    ir.table("coordinates", [j for row in followed for j in row])
-    ir.table("factors", [float(row[j]) for row, listed in zip(G, followed, strict=True) for j in listed])
-    ir.table("offsets", mechanism.g.astype(float).tolist())
 
 
 def _define_sum(ir: Writer) -> None:
@@ -181,7 +151,7 @@ def _clear_ground(ir: Writer, layout: Layout) -> None:
 def _move_ground(ir: Writer, chain: Mechanism, sweeps: Sweeps, signature: Signature) -> None:
     """The motion of the ground from that of the base, and what acts on a base that floats."""
     given = ir.at("%in", signature.of_role("base")[0].start, ir.V)
-    memory = [*GROUND, given]
+    memory = [*GROUND_MEMORY, given]
     if not chain.floats:
         _clear_ground(ir, sweeps.layout)
     ir.do(f"call void @move_base({_pointers('@base', *memory)})")
@@ -218,7 +188,7 @@ def _add_wrench(ir: Writer, i: str, memory: Sequence[str], layout: Layout, signa
         for j, place in enumerate(places):
             given = ir.at(ir.at("%in", first, ir.V), port.start + j, ir.V)
             ir.store(ir.load(given), ir.at(memory[0], place, ir.V))
-    table = ir.at("@carry", ir.let(f"mul i64 {i}, {sum(CARRY.values())}"))
+    table = ir.at("@carry", ir.let(f"mul i64 {i}, {sum(loop_steps.CARRY_SIZES.values())}"))
     ir.do(f"call void @add_wrench({_pointers(table, *memory)})")
 
 
@@ -243,7 +213,7 @@ def _loop_over_coordinates(ir: Writer, i: str) -> Iterator[tuple[str, str]]:
 
 def _call(ir: Writer, step: str, present: Sequence[str], i: str, memory: Sequence[str]) -> None:
     """The step of joint i, of its kind."""
-    table = ir.at("@constants", ir.let(f"mul i64 {i}, {sum(CONSTANTS.values())}"))
+    table = ir.at("@constants", ir.let(f"mul i64 {i}, {sum(loop_steps.JOINT_SIZES.values())}"))
     kind = ir.let(f"load i64, ptr {ir.at('@kinds', i, 'i64')}")
     cases = " ".join(f"i64 {k}, label %{step}.{name}" for k, name in enumerate(present))
     ir.do(f"switch i64 {kind}, label %{step}.{present[0]} [ {cases} ]")
@@ -259,7 +229,7 @@ def _pointers(*names: str) -> str:
 
 
 def _define_step(ir: Writer, name: str, step: JointStep) -> None:
-    with ir.function(f"internal void @{name}({_pointers(*(f'%{part}' for part in MEMORY))})"):
+    with ir.function(f"internal void @{name}({_pointers(*(f'%{part}' for part in STEP_MEMORY))})"):
 
         def read(i: int) -> str:
             memory, place = step.reads[i]
@@ -271,4 +241,3 @@ def _define_step(ir: Writer, name: str, step: JointStep) -> None:
         results = [values[i] for i in step.program.outputs]
         for (memory, place), result in zip(step.writes, results, strict=True):
             ir.store(result, ir.at(f"%{memory}", place, ir.V))
-        ir.do("ret void")

@@ -3,7 +3,10 @@
 The mathematics is that of `dynamics.recursion.steps`; what distinguishes joints of a kind are numbers in a table.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +18,7 @@ from jounce.dynamics.recursion.steps import AlignedJoint, BodyMotion, Force, Mom
 from jounce.model import drives
 from jounce.model.equivalent import frame_shifts, minimal
 from jounce.model.mechanism import Mechanism
+from jounce.native import plan
 from jounce.native.plan import Layout, base_layout, body_layout, motion_layout, sweep_of
 from jounce.program.passes import factor, fuse
 from jounce.program.program import Program
@@ -23,11 +27,11 @@ from jounce.spatial import inertia
 from jounce.spatial.lie import Ad, pose, position, rotation
 from jounce.spatial.series import Series
 
-KINDS = ("revolute", "prismatic", "helical")
-CONSTANTS = {"R": 9, "r": 3, "pitch": 1, "m": 1, "h": 3, "P": 6}  # of a joint and its body
-DRIVES = dict.fromkeys(drives.COEFFICIENTS, 1)  # of a joint's drive train
-BASE = {"g": 3, "m": 1, "h": 3, "P": 6}  # gravity, and the moments of a base that floats
-CARRY = {"R": 9, "r": 3}  # where the joint's frame lies in the body's own, in which wrenches are given
+JOINT_KINDS = ("revolute", "prismatic", "helical")
+JOINT_SIZES = {"R": 9, "r": 3, "pitch": 1, "m": 1, "h": 3, "P": 6}  # of a joint and its body
+DRIVE_SIZES = dict.fromkeys(drives.COEFFICIENTS, 1)  # of a joint's drive train
+BASE_SIZES = {"g": 3, "m": 1, "h": 3, "P": 6}  # gravity, and the moments of a base that floats
+CARRY_SIZES = {"R": 9, "r": 3}  # where the joint's frame lies in the body's own, in which wrenches are given
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,11 @@ class _Sheet:
         for k, places in enumerate(self.layouts[memory].places(name)):
             self.outputs += [(memory, place, x) for place, x in zip(places, np.ravel(values[k]), strict=True)]
 
+    def write_force(self, memory: str, force: Force) -> None:
+        """A force and its moment, as results."""
+        self.write(memory, "f", force.f)
+        self.write(memory, "n", force.n)
+
     def step(self) -> JointStep:
         """Return the recorded step."""
         program = fuse(factor(self.tape.program([x for _, _, x in self.outputs])))
@@ -96,7 +105,7 @@ class Sweeps:
         What carries the ground is the motion of the base, in the place of a parent's.
         """
         sheet = _Sheet(self, base_layout(self.computation))
-        c = sheet.constants(BASE)
+        c = sheet.constants(BASE_SIZES)
         C, V = sheet.read("carrier", "C")[0].reshape(4, 4), sheet.read("carrier", "V")
         kind = sweep_of(self.computation)
         B, X = np.eye(4, dtype=int), np.eye(6, dtype=int)
@@ -104,30 +113,25 @@ class Sweeps:
         for name in kind.parts:
             sheet.write("motion", name, getattr(found, name))
         if floating:
-            force = kind.force(_moments(c), found)
-            sheet.write("body", "f", force.f)
-            sheet.write("body", "n", force.n)
+            sheet.write_force("body", kind.force(_moments(c), found))
         return sheet.step()
 
     def outward(self, kind: str) -> JointStep:
         """Trace the step from the parent's motion to the body's, with the inertia force."""
         sheet = _Sheet(self)
         joint, moments = _joint(sheet, kind)
-        names = list(sweep_of(self.computation).parts)
-        parent = [sheet.read("carrier", name) for name in names]
-        still = vars(ground(np.zeros(3, dtype=int)))
-        found = sweep_of(self.computation).outward(joint, BodyMotion(**still | dict(zip(names, parent, strict=True))))
-        for name in names:
+        sweep = sweep_of(self.computation)
+        parent = {name: sheet.read("carrier", name) for name in sweep.parts}
+        found = sweep.outward(joint, BodyMotion(**vars(ground(np.zeros(3, dtype=int))) | parent))
+        for name in sweep.parts:
             sheet.write("motion", name, getattr(found, name))
-        force = sweep_of(self.computation).force(moments, found)
-        sheet.write("body", "f", force.f)
-        sheet.write("body", "n", force.n)
+        sheet.write_force("body", sweep.force(moments, found))
         return sheet.step()
 
     def add_wrench(self) -> JointStep:
         """Trace the step that adds the wrench of a body to the force on it."""
         sheet = _Sheet(self)
-        T = sheet.constants(CARRY)
+        T = sheet.constants(CARRY_SIZES)
         W = Ad(pose(T["R"].reshape(3, 3), T["r"][:, None])).mT @ sheet.read("body", "W")
         sheet.write("body", "f", sheet.read("body", "f") + rows(W, 3, 6))
         sheet.write("body", "n", sheet.read("body", "n") + rows(W, 0, 3))
@@ -140,21 +144,20 @@ class Sweeps:
         on, parents = (Force(sheet.read(memory, "f"), sheet.read(memory, "n")) for memory in ("body", "parent"))
         total = parents + joint.inward(on)
         sheet.write("body", "Q", joint.force(on))
-        sheet.write("parent", "f", total.f)
-        sheet.write("parent", "n", total.n)
+        sheet.write_force("parent", total)
         return sheet.step()
 
     def drive(self) -> JointStep:
         """Trace the step that adds the drive terms to the joint force."""
         sheet = _Sheet(self)
-        added = drives.forces(sheet.constants(DRIVES), self.acting, sheet.read("body", "theta"))
+        added = drives.forces(sheet.constants(DRIVE_SIZES), self.acting, sheet.read("body", "theta"))
         sheet.write("body", "Q", sheet.read("body", "Q") + added)
         return sheet.step()
 
 
 def _joint(sheet: _Sheet, kind: str) -> tuple[AlignedJoint, Moments]:
     """A joint of a kind with the moments of its body, all numbers yet unknown."""
-    c = sheet.constants(CONSTANTS)
+    c = sheet.constants(JOINT_SIZES)
     theta = sheet.read("body", "theta")
     s, co = (sheet.read("body", name)[0][0, 0] for name in ("sine", "cosine"))
     pitch = np.array([1]) if kind == "prismatic" else c["pitch"]
@@ -181,33 +184,39 @@ def kinds(mechanism: Mechanism) -> list[str]:
     return ["prismatic" if is_zero(X[2]) else "revolute" if is_zero(X[5]) else "helical" for X in chain.X]
 
 
-def constants(mechanism: Mechanism) -> np.ndarray:
-    """The numbers of each joint variable, as `CONSTANTS` lists them."""
-    chain = minimal(mechanism)
-    owners, table = list(chain.owners), []
-    for B, X, M in zip(chain.B[owners], chain.X, chain.M[owners], strict=True):
-        table.append(np.concatenate([np.ravel(part) for part in (rotation(B), position(B), X[5:])] + [_upper(M)]))
-    return np.array(table, dtype=float)
+def tables(mechanism: Mechanism, of_joints: Sequence[int]) -> dict[str, Sequence[float] | Sequence[int]]:
+    """The constants of a robot by table; `of_joints` are the numbers of the kinds of its joints.
+
+    "constants", "drives", "base" and "carry" hold what the sizes above list; the ground's inertia is not read.
+    """
+    chain, carriers = minimal(mechanism), plan.carriers(mechanism)
+    owners = list(chain.owners)
+    joints = [
+        np.concatenate([*map(np.ravel, (rotation(B), position(B), X[5:])), _upper(M)])
+        for B, X, M in zip(chain.B[owners], chain.X, chain.M[owners], strict=True)
+    ]
+    T, G = frame_shifts(mechanism, chain), mechanism.G.astype(float)
+    followed = [np.flatnonzero(row).tolist() or [0] for row in G]  # coordinates by joint, at least one
+    return {
+        "kinds": of_joints,
+        "parents": [p + 1 for p in carriers],
+        "slots": plan.motion_slots(carriers),
+        "constants": _listed(joints),
+        "drives": _listed(np.concatenate(list(drives.coefficients(mechanism.drives).values()), axis=1)),
+        "carry": _listed(np.concatenate([rotation(T).reshape(-1, 9), position(T).reshape(-1, 3)], axis=1)),
+        "base": _listed(np.concatenate([chain.gravity, _upper(chain.M[0])])),
+        "entries": [0, *accumulate(map(len, followed))],  # those of joint i: from entry i to entry i + 1
+        "coordinates": [j for row in followed for j in row],
+        "factors": [float(row[j]) for row, listed in zip(G, followed, strict=True) for j in listed],
+        "offsets": _listed(mechanism.g),
+    }
 
 
-def base_constants(mechanism: Mechanism) -> np.ndarray:
-    """The numbers of the base, as `BASE` lists them; the ground's inertia is not read."""
-    chain = minimal(mechanism)
-    return np.concatenate([chain.gravity, _upper(chain.M[0])]).astype(float)
+def _listed(numbers: Any) -> list[float]:
+    return np.array(numbers, dtype=float).ravel().tolist()
 
 
 def _upper(M: np.ndarray) -> np.ndarray:
     """The moments of a mass matrix as a row of ten."""
     m, h, P = inertia.moments(M)
     return np.concatenate([np.ravel(m), np.ravel(h), P[np.triu_indices(3)]])
-
-
-def drive_table(mechanism: Mechanism) -> np.ndarray:
-    """The numbers of each joint's drive train, as `DRIVES` lists them."""
-    return np.concatenate(list(drives.coefficients(mechanism.drives).values()), axis=1)
-
-
-def carry(mechanism: Mechanism) -> np.ndarray:
-    """The numbers that move a wrench on each body to its joint's frame, as `CARRY` lists them."""
-    T = frame_shifts(mechanism, minimal(mechanism))
-    return np.concatenate([rotation(T).reshape(-1, 9), position(T).reshape(-1, 3)], axis=1).astype(float)

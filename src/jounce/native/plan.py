@@ -15,14 +15,14 @@ from jounce.dynamics.recursion.forces import Sweep
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import positions
 
-STRAIGHT_LIMIT = 400  # bodies times orders squared, with which operations of forces grow, up to which they need no loop
-HIGHEST_NATIVE_ORDER = 12  # order, up to which the step of a joint takes no more than 40 KiB of a thread's stack
-STACK = 2**15  # bytes, up to which a call takes them from the stack of its thread; what needs more has a `Pool`
-SCALARS = {"w": 3, "a": 3, "K": 9}  # of the parts of a motion
-LIMIT = 2**26  # bytes of a call, beyond which there is no native code
-HIGHEST_PRODUCT_ORDER = 9  # order, up to which products take no more than the 64 arrays of NumPy's functions
+MAX_STRAIGHT_SIZE = 400  # bodies times (order + 1)^2, as operations of forces grow: longer code leaves the caches
+HIGHEST_NATIVE_ORDER = 12  # at which the step of a joint takes 40 KiB of a thread's stack
+MAX_STACK_BYTES = 2**15  # of a call on the stack of its thread, whatever thread it is; what needs more has a `Pool`
+SCALARS_PER_PART = {"w": 3, "a": 3, "K": 9}  # of a motion: vectors, and a matrix of 3 by 3
+MAX_SCRATCH_BYTES = 2**26  # of a call: where more is needed, the recursion in NumPy computes
+HIGHEST_PRODUCT_ORDER = 9  # up to which products take no more than the 64 arrays of NumPy's functions
 HIGHEST_PRODUCT_ORDER_WITH_BASE = 7  # the same where the motion of the base belongs to them
-PATIENCE = 3.0  # seconds that a call may take to compile native code that nobody asked for
+MAX_COMPILE_SECONDS = 3.0  # for native code that nobody asked for: longer would look like a hang
 
 
 class LongCompilationError(Exception):
@@ -33,7 +33,7 @@ def is_straight(computation: Computation, mechanism: Mechanism) -> bool:
     """Return whether the code is a straight line; a loop over the bodies is half as fast, but compiles at once."""
     looped = computation.quantity.sweep is not None and not computation.product and not mechanism.closure
     looped = looped and not positions(mechanism)
-    return not looped or len(mechanism.joints) * (computation.order + 1) ** 2 <= STRAIGHT_LIMIT
+    return not looped or len(mechanism.joints) * (computation.order + 1) ** 2 <= MAX_STRAIGHT_SIZE
 
 
 def highest_order(computation: Computation, mechanism: Mechanism) -> int:
@@ -76,7 +76,7 @@ class Layout:
 def motion_layout(computation: Computation) -> Layout:
     """The layout of the motion of a body, which is needed only until its children have theirs."""
     parts = sweep_of(computation).parts.items()
-    return Layout(tuple((name, computation.order + 1 + more, SCALARS[name]) for name, more in parts))
+    return Layout(tuple((name, computation.order + 1 + more, SCALARS_PER_PART[name]) for name, more in parts))
 
 
 def body_layout(computation: Computation) -> Layout:
@@ -105,13 +105,17 @@ def carriers(mechanism: Mechanism) -> list[int]:
 
 
 def motion_slots(parent: Sequence[int]) -> list[int]:
-    """Assign slots to motions, the ground's first; a slot is reused after the last child has its motion."""
+    """Assign slots to motions, the ground's first; a slot is reused after the last child has its motion.
+
+    This is linear-scan register allocation without spilling: the lowest free slot, or a new one without any. As
+    intervals are taken in the order of their starts, no other assignment needs fewer slots.
+    """
     last = list(range(-1, len(parent)))  # the last child of each, the ground's first; itself if it has none
     for i, p in enumerate(parent):
         last[p + 1] = i
     ends = defaultdict(list, {last[0]: [0]})  # slots by the body after which they are free
     slots, free, count = [0], list[int](), 1
-    for i in range(len(parent)):
+    for i in range(len(parent)):  # free what ended with the body before, then take a slot until the last child
         for slot in ends.pop(i - 1, ()):
             heappush(free, slot)
         if not free:

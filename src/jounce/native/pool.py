@@ -9,8 +9,8 @@ import ctypes
 from jounce.core.errors import JounceError
 from jounce.native.ir import Writer
 
-SLOTS = 64  # buffers that are kept; of more calls at once each allocates its own
-ALIGNMENT = 64  # bytes of the widest vector
+MAX_KEPT_BUFFERS = 64  # more than the calls at once on most machines; each of further ones allocates its own
+BUFFER_ALIGNMENT = 64  # bytes: those of the widest vector, of AVX-512
 _allocate = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.c_size_t)(("PyMem_RawMalloc", ctypes.pythonapi))  # any thread may
 _free = ctypes.PYFUNCTYPE(None, ctypes.c_void_p)(("PyMem_RawFree", ctypes.pythonapi))
 
@@ -20,8 +20,8 @@ class Pool:
 
     def __init__(self, size: int) -> None:
         functions = (ctypes.cast(function, ctypes.c_void_p) for function in (_allocate, _free))
-        self.table, self._free = (ctypes.c_void_p * (2 + SLOTS))(*functions), _free
-        self.table[2] = _allocate(size + ALIGNMENT)
+        self.table, self._free = (ctypes.c_void_p * (2 + MAX_KEPT_BUFFERS))(*functions), _free
+        self.table[2] = _allocate(size + BUFFER_ALIGNMENT)
         if not self.table[2]:
             raise JounceError(f"not enough memory for native code: it works in {size} bytes")
 
@@ -38,14 +38,13 @@ class Pool:
 def define_on_heap(ir: Writer, size: int, name: str) -> None:
     """A function of states with its scratch memory from the pool."""
     for text in (_BORROW, _GIVE_BACK):
-        ir.lines.append(text.format(first=2, end=2 + SLOTS, size=size + ALIGNMENT))
+        ir.lines.append(text.format(first=2, end=2 + MAX_KEPT_BUFFERS, size=size + BUFFER_ALIGNMENT))
     with ir.function(f"void {name}(ptr %args, ptr %dimensions, ptr %steps, ptr %pool)"):
         buffer = ir.let("call ptr @borrow(ptr %pool)")
-        after = ir.let(f"add i64 {ir.let(f'ptrtoint ptr {buffer} to i64')}, {ALIGNMENT - 1}")
-        memory = ir.let(f"inttoptr i64 {ir.let(f'and i64 {after}, -{ALIGNMENT}')} to ptr")
+        after = ir.let(f"add i64 {ir.let(f'ptrtoint ptr {buffer} to i64')}, {BUFFER_ALIGNMENT - 1}")
+        memory = ir.let(f"inttoptr i64 {ir.let(f'and i64 {after}, -{BUFFER_ALIGNMENT}')} to ptr")
         ir.do(f"call void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr {memory})")
         ir.do(f"call void @give_back(ptr %pool, ptr {buffer})")
-        ir.do("ret void")
 
 
 _BORROW = """\

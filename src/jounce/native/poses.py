@@ -33,7 +33,7 @@ def _function() -> tuple[Callable[..., Any], Any]:
 
 
 def _code(target: Target) -> bytes:
-    from jounce.native import calls, emit  # what a warm cache spares
+    from jounce.native import calls, emit  # imported here, as a warm cache needs none of it
     from jounce.program.passes import factor, fuse
     from jounce.program.trace import Tape
 

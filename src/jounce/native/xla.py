@@ -21,12 +21,14 @@ from jounce.native.jit import host
 from jounce.native.kernel import Kernel
 from jounce.native.pool import Pool
 
-VERSION = 0, 1  # of the interface that handlers are written for
-EXTENSION, ARGUMENTS, RESULTS = 8, 72, 112  # offsets in bytes in XLA_FFI_CallFrame
-TYPE, METADATA, OF_METADATA = 8, 24, 1  # in XLA_FFI_Metadata_Extension, by which XLA asks for the version; its type
-MAJOR, MINOR, TRAITS = 24, 28, 32  # in XLA_FFI_Metadata
-DATA, RANK, DIMENSIONS = 24, 32, 40  # in XLA_FFI_Buffer
-CHUNK = 2**17  # bytes of states as doubles, converted at a time: they stay in the cache
+# Offsets in bytes and codes of XLA's C interface, of this version:
+FFI_VERSION = 0, 1
+FRAME_EXTENSION, FRAME_ARGUMENTS, FRAME_RESULTS = 8, 72, 112  # in XLA_FFI_CallFrame
+EXTENSION_TYPE, EXTENSION_METADATA = 8, 24  # in XLA_FFI_Metadata_Extension, by which XLA asks for the version
+METADATA_TYPE = 1  # of this extension: XLA_FFI_Extension_Metadata
+METADATA_MAJOR, METADATA_MINOR, METADATA_TRAITS = 24, 28, 32  # in XLA_FFI_Metadata
+BUFFER_DATA, BUFFER_RANK, BUFFER_DIMENSIONS = 24, 32, 40  # in XLA_FFI_Buffer
+MAX_CONVERTED_BYTES = 2**17  # of states as doubles at a time: they stay in the cache
 
 _lock = Lock()
 _targets: dict[str, tuple[Any, ...] | None] = {}  # what lives as long; None where this jaxlib refuses the handler
@@ -48,7 +50,7 @@ def target(kernel: Kernel, dtype: np.dtype) -> str | None:
 
 
 def _is_registered(name: str, address: int) -> bool:
-    """Register a handler; whether XLA accepts its version, which it tells only once it has begun to run."""
+    """Register a handler; return whether XLA accepts its version, which it reports only once it runs."""
     import jax
 
     try:
@@ -65,22 +67,22 @@ def _handler(kernel: Kernel, dtype: np.dtype) -> tuple[str, Pool | None]:
     ports, memory = [*inputs, *outputs], None
     states, scratch = kernel.addresses
     if dtype == np.float32:
-        chunk = max(ir.lanes, CHUNK // (8 * (inputs[-1].end + outputs[-1].end)) // ir.lanes * ir.lanes)
+        chunk = max(ir.lanes, MAX_CONVERTED_BYTES // (8 * (inputs[-1].end + outputs[-1].end)) // ir.lanes * ir.lanes)
         size = 8 * chunk * (inputs[-1].end + outputs[-1].end)
         memory = Pool(size)
         _define_conversions(ir, kernel, chunk)
         pool.define_on_heap(ir, size, "@singles")
     with ir.function("ptr @call(ptr %frame)"):
-        ir.label("start")
         arrays, strides = (ir.let(f"alloca [{count} x {kind}]") for count, kind in _sizes(ports))
-        extension = _read(ir, "%frame", EXTENSION)
+        extension = _read(ir, "%frame", FRAME_EXTENSION)
         ir.do(f"br i1 {ir.let(f'icmp eq ptr {extension}, null')}, label %run, label %extended")
         ir.label("extended")
-        asked = ir.let(f"icmp eq i32 {_read(ir, extension, TYPE, 'i32')}, {OF_METADATA}")
+        asked = ir.let(f"icmp eq i32 {_read(ir, extension, EXTENSION_TYPE, 'i32')}, {METADATA_TYPE}")
         ir.do(f"br i1 {asked}, label %version, label %run")
         ir.label("version")
-        metadata = _read(ir, extension, METADATA)
-        for offset, number in ((MAJOR, VERSION[0]), (MINOR, VERSION[1]), (TRAITS, 0)):
+        metadata = _read(ir, extension, EXTENSION_METADATA)
+        offsets = METADATA_MAJOR, METADATA_MINOR, METADATA_TRAITS
+        for offset, number in zip(offsets, (*FFI_VERSION, 0), strict=True):
             ir.do(f"store i32 {number}, ptr {ir.at(metadata, offset, 'i8')}")
         ir.do("ret ptr null")
         ir.label("run")
@@ -101,14 +103,14 @@ def _store_arrays(
 ) -> str:
     """Store where the arrays begin, and their strides, as the kernel takes them; return where their length is."""
     _store_inner_strides(ir, [*inputs, *outputs], strides)
-    places = [(ARGUMENTS, k) for k in range(len(inputs))] + [(RESULTS, k) for k in range(len(outputs))]
+    places = [(FRAME_ARGUMENTS, k) for k in range(len(inputs))] + [(FRAME_RESULTS, k) for k in range(len(outputs))]
     for j, (port, (offset, k)) in enumerate(zip([*inputs, *outputs], places, strict=True)):
         buffer = _read(ir, _read(ir, "%frame", offset), 8 * k)
-        ir.do(f"store ptr {_read(ir, buffer, DATA)}, ptr {ir.at(arrays, j, 'ptr')}")
-        shared = ir.let(f"icmp eq i64 {_read(ir, buffer, RANK, 'i64')}, {len(port.shape)}")
+        ir.do(f"store ptr {_read(ir, buffer, BUFFER_DATA)}, ptr {ir.at(arrays, j, 'ptr')}")
+        shared = ir.let(f"icmp eq i64 {_read(ir, buffer, BUFFER_RANK, 'i64')}, {len(port.shape)}")
         stride = ir.let(f"select i1 {shared}, i64 0, i64 {width * port.size}")
         ir.do(f"store i64 {stride}, ptr {ir.at(strides, j, 'i64')}")
-    return _read(ir, buffer, DIMENSIONS)  # of the last result, whose first axis is the batch
+    return _read(ir, buffer, BUFFER_DIMENSIONS)  # of the last result, whose first axis is the batch
 
 
 def _store_inner_strides(ir: Writer, ports: Sequence[Port], strides: str) -> None:
@@ -125,7 +127,6 @@ def _define_conversions(ir: Writer, kernel: Kernel, chunk: int) -> None:
     inputs, outputs = kernel.signature.inputs, kernel.signature.outputs
     ports, end = [*inputs, *outputs], inputs[-1].end
     with ir.function("internal void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr %memory)"):
-        ir.label("start")
         arrays, strides, count = (ir.let(f"alloca [{n} x {kind}]") for n, kind in (*_sizes(ports), (1, "i64")))
         _store_inner_strides(ir, ports, strides)
         starts = [port.start for port in inputs] + [end + port.start for port in outputs]
@@ -136,9 +137,7 @@ def _define_conversions(ir: Writer, kernel: Kernel, chunk: int) -> None:
             ir.do(f"store ptr {place}, ptr {ir.at(arrays, j, 'ptr')}")
             ir.do(f"store i64 {ir.let(f'mul i64 {step}, 2')}, ptr {ir.at(strides, j, 'i64')}")
         total = ir.let("load i64, ptr %dimensions")
-        ir.do(f"br i1 {ir.let(f'icmp sgt i64 {total}, 0')}, label %some, label %done")
-        ir.label("some")
-        with ir.loop(ir.let(f"sdiv i64 {ir.let(f'add i64 {total}, {chunk - 1}')}, {chunk}")) as index:
+        with ir.loop_over_blocks(total, chunk) as index:
             first = ir.let(f"mul i64 {index}, {chunk}")
             left = ir.call("llvm.smin.i64", "i64", ir.let(f"sub i64 {total}, {first}"), str(chunk))
             ir.do(f"store i64 {left}, ptr {count}")
@@ -152,31 +151,22 @@ def _define_conversions(ir: Writer, kernel: Kernel, chunk: int) -> None:
             for j, port in enumerate(outputs, start=len(inputs)):
                 numbers = ir.let(f"mul i64 {left}, {port.size}")
                 ir.do(f"call void @narrow(ptr {doubles[j]}, ptr {places[j]}, i64 {numbers})")
-        ir.do("br label %done")
-        ir.label("done")
-        ir.do("ret void")
 
 
 def _define_copy(ir: Writer, name: str, source: str, conversion: str, target: str) -> None:
     """A function (from, to, count) that converts numbers: whole vectors, then the rest one by one."""
     with ir.function(f"internal void @{name}(ptr %from, ptr %to, i64 %count)"):
-        ir.label("start")
         vectors = ir.let(f"sdiv i64 %count, {ir.lanes}")
         whole = ir.let(f"mul i64 {vectors}, {ir.lanes}")
         for label, lanes, start, end in (
             ("vectors", f"<{ir.lanes} x {{}}>", "0", vectors),
             ("rest", "{}", whole, "%count"),
         ):
-            ir.do(f"br i1 {ir.let(f'icmp slt i64 {start}, {end}')}, label %{label}, label %{label}.none")
-            ir.label(label)
-            with ir.loop(end, start) as i:
+            with ir.only_if(ir.let(f"icmp slt i64 {start}, {end}"), label, f"{label}.none"), ir.loop(end, start) as i:
                 kinds = lanes.format(source), lanes.format(target)
                 x = ir.let(f"load {kinds[0]}, ptr {ir.at('%from', i, kinds[0])}, align 4")
                 y = ir.let(f"{conversion} {kinds[0]} {x} to {kinds[1]}")
                 ir.do(f"store {kinds[1]} {y}, ptr {ir.at('%to', i, kinds[1])}, align 4")
-            ir.do(f"br label %{label}.none")
-            ir.label(f"{label}.none")
-        ir.do("ret void")
 
 
 def _pointer(ir: Writer, address: int) -> str:

@@ -5,6 +5,10 @@ at the outputs: all derivatives of one weighted sum of them take about three tim
 many inputs there are. Forward accumulation begins at the inputs: the derivatives of all outputs along one direction.
 Weights and directions are nodes or numbers; what is multiplied by the number 0 or 1 writes no step.
 
+Invariants: a product is a program itself, in which values and partial derivatives share steps; it is exact but for
+rounding. It fails where the tape is full, with TapeFullError when the program is taken from it; where an operation has
+no derivative, as sqrt at 0, results are inf or NaN.
+
 [1] A. Griewank, A. Walther, Evaluating Derivatives, 2nd ed., SIAM 2008, chapter 3.
 """
 
@@ -51,7 +55,7 @@ class Displaced:
         """Their places among the inputs."""
         return slice(self.start, self.start + prod(self.shape))
 
-    def changed(self, inputs: np.ndarray, directions: Any) -> np.ndarray:
+    def change_entries(self, inputs: np.ndarray, directions: Any) -> np.ndarray:
         """The changes of all entries by a displacement."""
         return self.change(inputs[self.own].reshape(self.shape), np.array(directions)).ravel()
 
@@ -98,8 +102,10 @@ def adjoints(evaluation: Evaluation, weights: Sequence[Any]) -> list[Node]:
     program, tape = evaluation.program, evaluation.tape
     zero = tape.node(0)
     sums, gradient = [zero] * len(program.steps), [zero] * program.inputs
+    # Seeds: the derivative of the sum by each output is its weight.
     for i, weight in zip(program.outputs, weights, strict=True):
         sums[i] = sums[i] + weight
+    # From the last step to the first, by when all that use a step have been added to its sum.
     for i in reversed(range(len(sums))):
         step, total = program.steps[i], sums[i]
         if step.kind == "input":
@@ -146,7 +152,7 @@ def vjp(
             gradient[j] = gradient[j] + more
         del gradient[followers.start :]
     for x in sorted(displaced, key=lambda x: x.start, reverse=True):
-        changes = [x.changed(inputs, unit) for unit in np.eye(x.directions, dtype=int)]
+        changes = [x.change_entries(inputs, unit) for unit in np.eye(x.directions, dtype=int)]
         gradient[x.own] = np.array(changes, dtype=object) @ np.array(gradient[x.own], dtype=object)
     return factor(tape.program(gradient[parameters:]))
 
@@ -172,7 +178,7 @@ def jvp(
     directions = [*[0] * parameters, *tape.variables(free - parameters - fewer)]
     for x in sorted(displaced, key=lambda x: x.start):
         own = slice(x.start, x.start + x.directions)
-        directions[own] = x.changed(inputs, directions[own])
+        directions[own] = x.change_entries(inputs, directions[own])
     if followers:
         led = directions[followers.leader :][: followers.rates.inputs - program.inputs]
         directions += evaluate(followers.rates, tape, [*inputs, *led]).outputs

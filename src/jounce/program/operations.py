@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 Instruction = tuple[str, *tuple[int | float, ...]]  # of LLVM, or the name of an intrinsic, and what it takes
-SUM, PRODUCT, ATOM = range(3)  # how tightly an expression holds together
+SUM, PRODUCT, ATOM = range(3)  # precedence of expressions: those of a lower one take parentheses in a higher one
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class VectorFunction:
     result: int | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Operation:
     """One operation on scalars.
 
@@ -83,129 +83,35 @@ def _square_root(x: float) -> float:
     return math.sqrt(x) if not x < 0 else math.nan
 
 
-OPERATIONS: Mapping[str, Operation] = {
-    operation.name: operation
-    for operation in (
-        Operation(
-            name="mul",
-            noun="products",
-            arity=2,
-            value=lambda x, y: x * y,
-            partials=lambda x, y: (y, x),
-            llvm=(("fmul", 0, 1),),
-            expression=Expression("{0} * {1}", PRODUCT, (PRODUCT, ATOM)),
-        ),
-        Operation(
-            name="add",
-            noun="sums",
-            arity=2,
-            value=lambda x, y: x + y,
-            partials=lambda x, y: (1, 1),
-            llvm=(("fadd", 0, 1),),
-            expression=Expression("{0} + {1}", SUM, (SUM, PRODUCT)),
-        ),
-        Operation(
-            name="sub",
-            noun="differences",
-            arity=2,
-            value=lambda x, y: x - y,
-            partials=lambda x, y: (1, -1),
-            llvm=(("fsub", 0, 1),),
-            expression=Expression("{0} - {1}", SUM, (SUM, PRODUCT)),
-        ),
-        Operation(
-            name="neg",
-            noun="signs",
-            arity=1,
-            value=lambda x: -x,
-            partials=lambda x: (-1,),
-            llvm=(("fneg", 0),),
-            expression=Expression("-{0}", SUM, (ATOM,)),
-            free=True,
-            involution=True,
-        ),
-        Operation(
-            name="inv",
-            noun="reciprocals",
-            arity=1,
-            value=_reciprocal,
-            partials=lambda x: (-((1 / x) * (1 / x)),),
-            llvm=(("fdiv", 1.0, 0),),
-            expression=Expression("{one} / {0}", PRODUCT, (ATOM,)),
-            involution=True,
-        ),
-        Operation(
-            name="sin",
-            noun="sin",
-            arity=1,
-            value=_of_angle(math.sin),
-            partials=lambda x: (x.cos(),),
-            function=VectorFunction("sincos", 0),
-        ),
-        Operation(
-            name="cos",
-            noun="cos",
-            arity=1,
-            value=_of_angle(math.cos),
-            partials=lambda x: (-x.sin(),),
-            function=VectorFunction("sincos", 1),
-        ),
-        Operation(
-            name="tanh",
-            noun="tanh",
-            arity=1,
-            value=math.tanh,
-            partials=lambda x: (1 - x.tanh() * x.tanh(),),
-            function=VectorFunction("tanh"),
-        ),
-        Operation(
-            name="exp",
-            noun="exp",
-            arity=1,
-            value=_exponential,
-            partials=lambda x: (x.exp(),),
-            function=VectorFunction("exp"),
-        ),
-        Operation(
-            name="sqrt",
-            noun="sqrt",
-            arity=1,
-            value=_square_root,
-            partials=lambda x: (0.5 / x.sqrt(),),
-            llvm=(("llvm.sqrt", 0),),
-        ),
-        Operation(
-            name="fma",
-            noun="fused sums",
-            arity=3,
-            value=lambda x, y, z: x * y + z,  # in native code rounded once
-            partials=lambda x, y, z: (y, x, 1),
-            llvm=(("llvm.fma", 0, 1, 2),),
-            unfused=(("fmul", 0, 1), ("fadd", 3, 2)),
-            expression=Expression("{0} * {1} + {2}", SUM, (PRODUCT, ATOM, PRODUCT)),
-        ),
-        Operation(
-            name="fms",
-            noun="fused differences",
-            arity=3,
-            value=lambda x, y, z: x * y - z,
-            partials=lambda x, y, z: (y, x, -1),
-            llvm=(("fneg", 2), ("llvm.fma", 0, 1, 3)),
-            unfused=(("fmul", 0, 1), ("fsub", 3, 2)),
-            expression=Expression("{0} * {1} - {2}", SUM, (PRODUCT, ATOM, PRODUCT)),
-        ),
-        Operation(
-            name="fnma",
-            noun="fused negative products",
-            arity=3,
-            value=lambda x, y, z: z - x * y,
-            partials=lambda x, y, z: (-y, -x, 1),
-            llvm=(("fneg", 0), ("llvm.fma", 3, 1, 2)),
-            unfused=(("fmul", 0, 1), ("fsub", 2, 3)),
-            expression=Expression("{2} - {0} * {1}", SUM, (PRODUCT, ATOM, SUM)),
-        ),
-    )
-}
+# fmt: off
+OPERATIONS: Mapping[str, Operation] = {operation.name: operation for operation in (
+    Operation("mul", "products", 2, lambda x, y: x * y, lambda x, y: (y, x),
+              llvm=(("fmul", 0, 1),), expression=Expression("{0} * {1}", PRODUCT, (PRODUCT, ATOM))),
+    Operation("add", "sums", 2, lambda x, y: x + y, lambda x, y: (1, 1),
+              llvm=(("fadd", 0, 1),), expression=Expression("{0} + {1}", SUM, (SUM, PRODUCT))),
+    Operation("sub", "differences", 2, lambda x, y: x - y, lambda x, y: (1, -1),
+              llvm=(("fsub", 0, 1),), expression=Expression("{0} - {1}", SUM, (SUM, PRODUCT))),
+    Operation("neg", "signs", 1, lambda x: -x, lambda x: (-1,),
+              llvm=(("fneg", 0),), expression=Expression("-{0}", SUM, (ATOM,)), free=True, involution=True),
+    Operation("inv", "reciprocals", 1, _reciprocal, lambda x: (-((1 / x) * (1 / x)),),
+              llvm=(("fdiv", 1.0, 0),), expression=Expression("{one} / {0}", PRODUCT, (ATOM,)), involution=True),
+    Operation("sin", "sin", 1, _of_angle(math.sin), lambda x: (x.cos(),), function=VectorFunction("sincos", 0)),
+    Operation("cos", "cos", 1, _of_angle(math.cos), lambda x: (-x.sin(),), function=VectorFunction("sincos", 1)),
+    Operation("tanh", "tanh", 1, math.tanh, lambda x: (1 - x.tanh() * x.tanh(),), function=VectorFunction("tanh")),
+    Operation("exp", "exp", 1, _exponential, lambda x: (x.exp(),), function=VectorFunction("exp")),
+    Operation("sqrt", "sqrt", 1, _square_root, lambda x: (0.5 / x.sqrt(),), llvm=(("llvm.sqrt", 0),)),
+    # Native code rounds the following once.
+    Operation("fma", "fused sums", 3, lambda x, y, z: x * y + z, lambda x, y, z: (y, x, 1),
+              llvm=(("llvm.fma", 0, 1, 2),), unfused=(("fmul", 0, 1), ("fadd", 3, 2)),
+              expression=Expression("{0} * {1} + {2}", SUM, (PRODUCT, ATOM, PRODUCT))),
+    Operation("fms", "fused differences", 3, lambda x, y, z: x * y - z, lambda x, y, z: (y, x, -1),
+              llvm=(("fneg", 2), ("llvm.fma", 0, 1, 3)), unfused=(("fmul", 0, 1), ("fsub", 3, 2)),
+              expression=Expression("{0} * {1} - {2}", SUM, (PRODUCT, ATOM, PRODUCT))),
+    Operation("fnma", "fused negative products", 3, lambda x, y, z: z - x * y, lambda x, y, z: (-y, -x, 1),
+              llvm=(("fneg", 0), ("llvm.fma", 3, 1, 2)), unfused=(("fmul", 0, 1), ("fsub", 2, 3)),
+              expression=Expression("{2} - {0} * {1}", SUM, (PRODUCT, ATOM, SUM))),
+)}
+# fmt: on
 LEAVES = ("input", "constant")  # the kinds of steps that are no operations: they have a number, and no operands
-WITHOUT_COST = (*LEAVES, *(name for name, operation in OPERATIONS.items() if operation.free))  # what costs nothing
-FUNCTIONS = tuple(name for name, operation in OPERATIONS.items() if operation.expression is None)  # called by name
+FREE_KINDS = (*LEAVES, *(name for name, operation in OPERATIONS.items() if operation.free))  # not counted
+FUNCTION_KINDS = tuple(name for name, operation in OPERATIONS.items() if operation.expression is None)  # called by name

@@ -1,10 +1,14 @@
 """Passes over programs: `factor` groups products with a shared factor, `fuse` fuses products with sums.
 
-`factor` flattens sums and builds them again by a x + a y = a (x + y). It takes apart only what is used once, so that
-nothing shared is computed twice.
+`factor` flattens sums and builds them again by a x + a y = a (x + y), the most common factor first, which is
+the greedy multivariate Horner scheme [1]: another order of factors could leave fewer products still. It takes apart
+only what is used once, so that nothing shared is computed twice. Values change by rounding errors.
 
 `fuse` rounds x y + z once, where x y is used once. The choice is made here and not by a compiler, so that results are
 the same wherever a state stands in a batch.
+
+[1] M. Ceberio, V. Kreinovich, Greedy algorithms for optimizing multivariate Horner schemes, ACM SIGSAM Bulletin 38
+(1), 2004.
 """
 
 from collections import Counter
@@ -25,7 +29,7 @@ class _Term:
     sign: int
     factors: tuple[Node, ...]
 
-    def over(self, factor: Node) -> "_Term":
+    def divide(self, factor: Node) -> "_Term":
         """The product without one of its factors."""
         rest = list(self.factors)
         rest.remove(factor)
@@ -116,9 +120,9 @@ class _Pass:
         """The terms added up, those that share their most common factor first of all under it."""
         shared = Counter(node for term in terms for node in set(term.factors))
         often = max(shared.values(), default=0)
-        if often > 1:
+        if often > 1:  # group the terms under the factor, then go on with the group as one of the terms
             factor = next(node for term in terms for node in term.factors if shared[node] == often)
-            under = [term.over(factor) for term in terms if factor in term.factors]
+            under = [term.divide(factor) for term in terms if factor in term.factors]
             apart = [term for term in terms if factor not in term.factors]
             grouped = factor * self._sum(under)
             return self._sum([*apart, _Term(1, (grouped,))]) if apart else grouped

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from jounce.program.operations import OPERATIONS, WITHOUT_COST
+from jounce.program.operations import FREE_KINDS, OPERATIONS
 
 
 class Step(NamedTuple):
@@ -31,7 +31,7 @@ class Program:
     @property
     def operations(self) -> int:
         """The number of operations on scalars, including sines and cosines; inputs and constants are free."""
-        return sum(count for kind, count in self.counts().items() if kind not in WITHOUT_COST)
+        return sum(count for kind, count in self.counts().items() if kind not in FREE_KINDS)
 
     def run(self, inputs: Sequence[float]) -> list[float]:
         """Compute the outputs for given inputs: the reference for native code."""

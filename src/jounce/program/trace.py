@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from jounce.core.scalars import Recorder
-from jounce.program.operations import FUNCTIONS, OPERATIONS
+from jounce.program.operations import FUNCTION_KINDS, OPERATIONS
 from jounce.program.program import Program, prune
 
 
@@ -70,7 +70,7 @@ class Node(Recorder):
 
     def __getattr__(self, name: str) -> Callable[[], "Node"]:
         """The functions of one operand as NumPy's object arrays ask for them: x.sin()."""
-        if name not in FUNCTIONS:
+        if name not in FUNCTION_KINDS:
             raise AttributeError(f"a node of a tape has no {name}")
         return lambda: self.tape.function(name, self)
 
@@ -201,11 +201,6 @@ class Tape:
             raise TapeFullError
 
     def program(self, outputs: Sequence[Any]) -> Program:
-        """Return the program of the outputs: the steps of the tape that they need.
-
-        Raises
-        ------
-        TapeFullError : if the tape could not hold all steps.
-        """
+        """Return the program of the outputs, the steps of the tape that they need; `TapeFullError` if it is full."""
         self.check()
         return prune(self.nodes, [self.node(x).i for x in outputs], self.inputs)

@@ -1,7 +1,7 @@
 """Blocks of results of a part: of its rows as they are, or of whole motions, whose rates follow from samples."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -18,37 +18,26 @@ from jounce.motion.spline import Smoothing
 from jounce.motion.table import ALL_RATES, from_columns
 from jounce.motion.units import check_units
 from jounce.spatial.series import rate_name
+from jounce.stream.job import Part, Task
 from jounce.stream.outputs import Block, Output, Rates, Wrenches, alike, along, of_rows
-from jounce.stream.plan import Part, Task
 from jounce.stream.records import Skipped
 from jounce.stream.rows import Rows, Run, read
 
-GLANCE = 4096  # rows of which the units are looked at
-STATED: Mapping[str, Any] = {
-    "source": ALL_RATES,
-    "residual": None,
-    "notes": [],
-    "breaks": [],
-}  # what is known of motions of such rows
+MAX_UNIT_CHECK_ROWS = 4096  # of a table, from its start: enough to recognise degrees and milliseconds
+# What is known of motions whose rows state all rates:
+STATED: Mapping[str, Any] = {"source": ALL_RATES, "residual": None, "notes": [], "breaks": []}
 
 
-class Results(NamedTuple):
-    """Rows of results, and the motions that they belong to."""
-
-    runs: list[Run]
-    block: Block
-
-
-def blocks(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[Results]:
-    """The results of a part."""
+def blocks(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple[list[Run], Block]]:
+    """The results of a part: the motions that rows belong to, and the rows."""
     if task.independent:
         for number, rows in enumerate(read(task, part, skipped)):
-            yield Results(rows.runs, _block(task, part, rows, check=number == 0))
+            yield rows.runs, _block(task, part, rows, check=number == 0)
         return
     for name, motion in motions(task, part, skipped):
         for block in along(task.job, motion):
             shown = alike(block, motion, task.job.robot.joint_names, list(task.match.torques))
-            yield Results([Run(name, 0, len(block.t))], shown)
+            yield [Run(name, 0, len(block.t))], shown
 
 
 def _block(task: Task, part: Part, rows: Rows, check: bool) -> Block:
@@ -60,7 +49,7 @@ def _block(task: Task, part: Part, rows: Rows, check: bool) -> Block:
     }
     rates = [[si[f"{j}.{rate_name('q', k)}"] for j in job.robot.joint_names] for k in range(job.highest + 1)]
     if check:
-        first = slice(0, min(rows.runs[0].stop, GLANCE))
+        first = slice(0, min(rows.runs[0].stop, MAX_UNIT_CHECK_ROWS))
         q, qd = (np.stack([x[first] for x in columns], axis=1) for columns in rates[:2])
         stated = match.angles_stated, match.time_stated
         check_units(si[TIME][first], q, qd, job.robot.mechanism, stated, str(part.path))

@@ -22,25 +22,25 @@ from jounce.core.version import __version__
 from jounce.dask.kept import Kept, keep
 from jounce.io.tables import place
 from jounce.native.cache import sources
+from jounce.stream.job import Part, Task
 from jounce.stream.parts import compute
-from jounce.stream.plan import Part, Task
-from jounce.stream.records import CONTINUE, Record, find, rows_folder, rows_path
+from jounce.stream.records import CONTINUATION, Record, find, rows_folder, rows_path
 from jounce.stream.records import keep as keep_record
 from jounce.stream.runner import Runner, is_done
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-LOCAL = "local"  # a cluster of this machine, which lives as long as the run
-TIMEOUT = 10.0  # s to find the cluster and a worker of it
-PATIENCE = 30.0  # s without a finished part, after which a cluster without workers is given up
-AHEAD = 2  # parts that are given out for each thread of the workers
-SHARED = "expected a file system that this process and all workers share"
+LOCAL_CLUSTER = "local"  # a cluster of this machine, which lives as long as the run
+CONNECTION_TIMEOUT = 10.0  # s to find the cluster and a worker of it
+IDLE_TIMEOUT = 30.0  # s without a finished part, after which a cluster without workers is given up
+PARTS_PER_THREAD = 2  # submitted at once: no thread waits for its next part, few are lost where a run ends
+SHARED_FILES = "expected a file system that this process and all workers share"
 
 
 @dataclass(frozen=True)
 class Order:
-    """What a worker is told of a part: to compute it into a folder, by this version, of a file of a size and a time."""
+    """What a worker needs to compute a part: its folder, and the version and file (size and time) that it must have."""
 
     task: Kept[Task]
     part: Part
@@ -50,17 +50,12 @@ class Order:
 
 
 def on_cluster(address: str) -> Runner:
-    """Return the runner of a cluster: "local", or that of the scheduler at an address.
-
-    Raises
-    ------
-    JounceError : if it is no address, or Dask is not installed.
-    """
+    """Return the runner of a cluster: "local", or that of the scheduler at an address, which is checked."""
     try:
         from distributed.comm.addressing import get_address_host_port
     except ImportError:
         raise JounceError("clusters need Dask; install it by: pip install 'jounce[cluster]'") from None
-    if address != LOCAL:
+    if address != LOCAL_CLUSTER:
         try:
             get_address_host_port(address, strict=True)
         except ValueError:
@@ -93,9 +88,9 @@ def _check_files(order: Order) -> None:
     """Raise `JounceError` unless this worker sees the work folder and the very input."""
     path, folder = order.part.path, rows_folder(order.folder)
     if not folder.is_dir():
-        raise JounceError(f"{folder}: worker {gethostname()} sees no such folder; {SHARED}")
+        raise JounceError(f"{folder}: worker {gethostname()} sees no such folder; {SHARED_FILES}")
     if not path.is_file() or _identity(path) != order.file:
-        raise JounceError(f"{path}: worker {gethostname()} sees no such file or another one; {SHARED}")
+        raise JounceError(f"{path}: worker {gethostname()} sees no such file or another one; {SHARED_FILES}")
 
 
 def _identity(path: Path) -> tuple[int, int]:
@@ -120,10 +115,10 @@ def _connected(address: str, most: int) -> Iterator["Client"]:
     with ExitStack() as stack:
         stack.enter_context(_quiet())
         try:
-            scheduler = stack.enter_context(_local(most)) if address == LOCAL else address
-            client = stack.enter_context(Client(scheduler, timeout=TIMEOUT, set_as_default=False))
-            client.wait_for_workers(1, timeout=TIMEOUT)
-        except Exception as error:  # of addresses, of networks, and of servers that are no schedulers
+            scheduler = stack.enter_context(_local(most)) if address == LOCAL_CLUSTER else address
+            client = stack.enter_context(Client(scheduler, timeout=CONNECTION_TIMEOUT, set_as_default=False))
+            client.wait_for_workers(1, timeout=CONNECTION_TIMEOUT)
+        except Exception as error:  # the address, the network, or a server that is no scheduler
             raise JounceError(f"cluster {address}: {one_line(error)}") from None
         yield client
 
@@ -166,7 +161,7 @@ def _quiet() -> Iterator[None]:
 
 def _check_workers(address: str, client: "Client") -> None:
     """Raise `JounceError` if a worker has another jounce, or none; later ones are asked with their first part."""
-    if address == LOCAL:
+    if address == LOCAL_CLUSTER:
         client.run(_ignore_interrupts)
     for worker, found in client.run(version, on_error="return").items():
         if isinstance(found, Exception):
@@ -186,7 +181,7 @@ def _compute(client: "Client", task: Task, parts: Sequence[Part], folder: Path) 
     running: dict[Future[Record], Part] = {}
     try:
         while True:
-            for part in islice(waiting, max(1, AHEAD * _threads(client) - len(running))):
+            for part in islice(waiting, max(1, PARTS_PER_THREAD * _threads(client) - len(running))):
                 there = replace(part, path=part.path.absolute())
                 order = Order(kept, there, folder, version(), _identity(part.path))
                 running[client.submit(compute_order, order, pure=False)] = part
@@ -200,7 +195,7 @@ def _compute(client: "Client", task: Task, parts: Sequence[Part], folder: Path) 
 
 @contextmanager
 def _connection() -> Iterator[None]:
-    """Within this context, the loss of the cluster is told in one line."""
+    """Within this context, the loss of the cluster is reported in one line."""
     from distributed import CancelledError
 
     try:
@@ -208,7 +203,7 @@ def _connection() -> Iterator[None]:
     except TimeoutError:
         raise
     except (OSError, CancelledError) as error:
-        raise JounceError(f"the connection to the cluster is lost ({type(error).__name__}); {CONTINUE}") from None
+        raise JounceError(f"the connection to the cluster is lost ({type(error).__name__}); {CONTINUATION}") from None
 
 
 def _threads(client: "Client") -> int:
@@ -224,10 +219,10 @@ def _finished(client: "Client", running: "Sequence[Future[Record]]") -> "Collect
     while True:
         try:
             with _connection(), client.as_current():
-                return wait(running, PATIENCE, "FIRST_COMPLETED").done
+                return wait(running, IDLE_TIMEOUT, "FIRST_COMPLETED").done
         except TimeoutError:
             if not _threads(client):
-                raise JounceError(f"no worker of the cluster is left; {CONTINUE}") from None
+                raise JounceError(f"no worker of the cluster is left; {CONTINUATION}") from None
 
 
 def _checked(task: Task, part: Part, future: "Future[Record]", folder: Path) -> Record:
@@ -239,9 +234,10 @@ def _checked(task: Task, part: Part, future: "Future[Record]", folder: Path) -> 
             record = future.result()
     except KilledWorker as error:
         died = f"{error.allowed_failures + 1} workers died while they computed this part, for want of memory perhaps"
-        raise JounceError(f"{place(part.path, part.span.start)}: {died}; {CONTINUE}") from None
+        raise JounceError(f"{place(part.path, part.span.start)}: {died}; {CONTINUATION}") from None
     if record.checksum and task.job.form and not rows_path(folder, part, task.job.form).is_file():
-        raise JounceError(f"{rows_path(folder, part, task.job.form)}: a worker has written it elsewhere; {SHARED}")
-    if find(folder, part) is None:  # yet: file systems of a network show new files late
+        path = rows_path(folder, part, task.job.form)
+        raise JounceError(f"{path}: a worker has written it elsewhere; {SHARED_FILES}")
+    if find(folder, part) is None:  # file systems of a network show new files late
         keep_record(folder, part, record)
     return record

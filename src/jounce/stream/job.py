@@ -1,9 +1,10 @@
-"""What is computed of every part of a plan, as data that can be sent to another process."""
+"""What is computed of every part of a plan, and the parts, as data that can be sent to another process."""
 
 import json
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
+from pathlib import Path
 from typing import Any, Literal
 
 from jounce.core.version import __version__
@@ -11,17 +12,20 @@ from jounce.dynamics.quantities import FORCES
 from jounce.dynamics.stretch import elasticity_of
 from jounce.engine.engine import Engine
 from jounce.io.native import writing
-from jounce.motion.columns import Options
+from jounce.io.rows import Span
+from jounce.motion.columns import Match, Options
+from jounce.motion.origin import Origin
 from jounce.motion.spline import Smoothing, Spline
 from jounce.motion.table import AS_NAMED
 
 Subject = Literal["forces", "motors", "limits"]
-RECORDS = 3  # raised where records of parts hold other data: those of a run before are computed again
+MOTION_COLUMN = "motion"  # the column that names the motion of each row
+RECORD_VERSION = 3  # of the data in records of parts; with another one, parts are computed again
 
 
 @dataclass(frozen=True)
 class Reading:
-    """How the input is read: its columns, and what makes curves of samples.
+    """How the input is read: its columns, and how curves follow from samples.
 
     `blend` and `step` are those of `Motion.blended` and `Motion.with_step`. With `skip`, bad rows are left out and
     recorded instead of ending the run.
@@ -65,11 +69,47 @@ class Job:
         """A digest of all that results depend on, but for the input and the treatment of bad rows."""
         mechanism = self.robot.mechanism
         text = [
-            __version__, str(RECORDS), writing.as_json(mechanism), str(sorted(mechanism.acting)), self.subject,
+            __version__, str(RECORD_VERSION), writing.as_json(mechanism), str(sorted(mechanism.acting)), self.subject,
             str(self.order), str(self.form), str(self.method), str(self.with_rates), str(self.reading.options),
             str(self.reading.way), str(self.reading.blend), str(self.reading.step),
         ]  # fmt: skip
         return digest(text)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A piece of the input: whole motions, or any rows where these state all rates.
+
+    `motion` is the name of the motion of all rows, None if a column names it. `key` is a digest of the job and of the
+    identity of the input: a record with another key is of another run. Times are since `origin`, the first stamp of the
+    file, if there is one.
+    """
+
+    number: int
+    path: Path
+    span: Span
+    motion: str | None
+    key: str
+    origin: Origin | None = None
+
+    @property
+    def size(self) -> int:
+        """The rows of the part, or the bytes of a CSV table."""
+        return self.span.stop - self.span.start
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is computed of every part, and how the tables are read: all that another process needs to know.
+
+    `match` names the columns of the motion. If `independent`, each row states all that its results need;
+    otherwise parts are whole motions. If `named`, the output has the column of motions.
+    """
+
+    job: Job
+    match: Match
+    independent: bool
+    named: bool
 
 
 def digest(data: Any) -> str:

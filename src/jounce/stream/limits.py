@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from math import inf
-from typing import Any
 
 import numpy as np
 
@@ -17,21 +16,22 @@ from jounce.motion.motion import Motion
 from jounce.motion.spline import Smoothing
 from jounce.motion.table import from_columns
 from jounce.stream.blocks import motions
-from jounce.stream.plan import MOTION, Part, Task
+from jounce.stream.job import MOTION_COLUMN, Part, Task
 from jounce.stream.records import Skipped
 from jounce.stream.rows import Rows, Run, read, row_before
 from jounce.stream.tally import Aggregate, out_of_order
 
-SPANS = ("violations", "undecided")
-TEXTS = (MOTION, "joint", "limit", "of", "unit", "verdict")  # columns of a table of limits
-NUMBERS = ("value", "bound", "ratio", "margin", "t", "deviation")
-STRETCH = 8000  # rows that are checked at a time: some of what a check does takes the square of their number
+SPAN_NAMES = ("violations", "undecided")
+TEXT_COLUMNS = (MOTION_COLUMN, "joint", "limit", "of", "unit", "verdict")  # columns of a table of limits
+NUMBER_COLUMNS = ("value", "bound", "ratio", "margin", "t", "deviation")
+MAX_STRETCH_ROWS = 8000  # checked at a time, as some of a check takes time with the square of their number
 
 
 def checked_limits(task: Task, part: Part, skipped: list[Skipped]) -> dict[str, Aggregate]:
     """The limits of the motions of a part. Rows that state all rates are checked up to the first row behind it."""
     found: dict[str, Aggregate] = {}
-    for name, count, motion in _stretches(task, part, skipped) if task.independent else _wholes(task, part, skipped):
+    wholes = ((name, len(motion.times), motion) for name, motion in motions(task, part, skipped))
+    for name, count, motion in _stretches(task, part, skipped) if task.independent else wholes:
         add_limits(found, name, limits_along(task.job.robot, motion, count))
     return found
 
@@ -53,18 +53,18 @@ def add_limits(known: dict[str, Aggregate], name: str, more: Aggregate) -> None:
     joined["t"] = [joined["t"][0], more["t"][1]]
     joined["notes"] = list(dict.fromkeys([*joined["notes"], *more["notes"]]))
     for i, (row, other) in enumerate(zip(joined["limits"], more["limits"], strict=True)):
-        spans = {name: [[*span] for span in join_spans(row[name] + other[name])] for name in SPANS}
-        worse = other if _ratio(other) > _ratio(row) else row
+        spans = {name: [[*span] for span in join_spans(row[name] + other[name])] for name in SPAN_NAMES}
+        worse = other if _number(other["ratio"]) > _number(row["ratio"]) else row
         joined["limits"][i] = worse | spans | {"verdict": overall([row["verdict"], other["verdict"]])}
 
 
 def table_of(found: Mapping[str, Aggregate]) -> Columns:
     """A table with a row per motion and limit; numbers that are infinite are so."""
-    rows = [{MOTION: motion} | row for motion, of in found.items() for row in of["limits"]]
-    texts: Columns = {name: np.array([row[name] or "" for row in rows], dtype=str) for name in TEXTS}
+    rows = [{MOTION_COLUMN: motion} | row for motion, of in found.items() for row in of["limits"]]
+    texts: Columns = {name: np.array([row[name] or "" for row in rows], dtype=str) for name in TEXT_COLUMNS}
     numbers: Columns = {
         name: np.array([np.nan if name == "deviation" and row[name] is None else _number(row[name]) for row in rows])
-        for name in NUMBERS
+        for name in NUMBER_COLUMNS
     }
     return texts | numbers
 
@@ -73,26 +73,17 @@ def _number(x: float | None) -> float:
     return inf if x is None else x
 
 
-def _ratio(row: Mapping[str, Any]) -> float:
-    return _number(row["ratio"])
-
-
 def limits_along(robot: Engine, motion: Motion, rows: int) -> Aggregate:
     """The aggregate of the limits along a motion of a number of rows."""
     found = check(robot, motion)
     limits = [
         {key: None if isinstance(x, float) and np.isinf(x) else x for key, x in asdict(row).items()}
-        | {name: [list(span) for span in getattr(row, name)] for name in SPANS}
+        | {name: [list(span) for span in getattr(row, name)] for name in SPAN_NAMES}
         | {"verdict": row.verdict}
         for row in found.table
     ]
     about = {"rows": rows, "t": [motion.start, motion.stop], "notes": [*motion.notes, *found.notes]}
     return about | {"limits": limits, "judged": dict(found.judged)}
-
-
-def _wholes(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple[str, int, Motion]]:
-    for name, motion in motions(task, part, skipped):
-        yield name, len(motion.times), motion
 
 
 def _stretches(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple[str, int, Motion]]:
@@ -130,10 +121,10 @@ def _continues(task: Task, part: Part, motion: str) -> bool:
 
 
 def _cut(runs: list[Run]) -> Iterator[Run]:
-    """Runs of at most `STRETCH` rows."""
+    """Runs of at most `MAX_STRETCH_ROWS` rows."""
     for run in runs:
-        for start in range(run.start, run.stop, STRETCH):
-            yield Run(run.motion, start, min(start + STRETCH, run.stop))
+        for start in range(run.start, run.stop, MAX_STRETCH_ROWS):
+            yield Run(run.motion, start, min(start + MAX_STRETCH_ROWS, run.stop))
 
 
 def _with_next(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[tuple[Rows, bool]]:

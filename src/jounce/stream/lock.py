@@ -8,24 +8,19 @@ from pathlib import Path
 from jounce.core.errors import JounceError
 from jounce.io.files import make_folder
 
-LOCK = "_jounce.lock"
+LOCK_FILE = "_jounce.lock"
 
 
 @contextmanager
 def locked(work: Path, output: Path) -> Iterator[None]:
-    """Hold the lock of a work folder; a lock ends with its process, however that ends.
-
-    Raises
-    ------
-    JounceError : where another run holds it.
-    """
+    """Hold the lock of a work folder, unless another run does; a lock ends with its process, however that ends."""
     make_folder(work)
-    file = _lock(work / LOCK, output)
+    file = _lock(work / LOCK_FILE, output)
     try:
         yield
     finally:
         with suppress(OSError):
-            (work / LOCK).unlink()
+            (work / LOCK_FILE).unlink()
             work.rmdir()  # if nothing is left to go on with
         if file is not None:
             os.close(file)
@@ -56,4 +51,4 @@ def _lock(path: Path, output: Path) -> int | None:
                 os.ftruncate(file, 0)
                 os.write(file, str(os.getpid()).encode())
                 return file
-        os.close(file)  # of a run that has removed it in between
+        os.close(file)  # another run has removed it in between

@@ -151,7 +151,7 @@ def _others(robot: Engine, motion: Motion, breaks: Sequence[ForceBreak], t: np.n
 
 
 def _about(motion: Motion, breaks: Sequence[ForceBreak], rows: Sequence[str], names: Sequence[str]) -> dict[str, Any]:
-    """What its rows do not tell of a motion, as plain data: where its rates come from, notes, and breaks of forces."""
+    """What rows do not hold of a motion, as plain data: where its rates come from, notes, and breaks of forces."""
     return {
         "source": motion.source,
         "residual": None if motion.residual is None else float(motion.residual.max()),

@@ -11,11 +11,10 @@ from jounce.io.columns import Columns
 from jounce.io.motions.writing import about
 from jounce.io.tables import TABLE_WRITERS
 from jounce.stream.blocks import blocks
+from jounce.stream.job import MOTION_COLUMN, Part, Task
 from jounce.stream.limits import checked_limits
 from jounce.stream.outputs import columns_of
-from jounce.stream.plan import MOTION, Part, Task
 from jounce.stream.records import Record, Skipped, checksum, keep, rows_path, written
-from jounce.stream.rows import Run
 from jounce.stream.tally import Aggregate, add, limits_of, tally
 
 
@@ -45,12 +44,8 @@ def _pieces(task: Task, part: Part, aggregates: dict[str, Aggregate], skipped: l
         with at(part.path):
             for run in runs:
                 add(aggregates, run.motion, tally(block, slice(run.start, run.stop), limits))
-        yield (_names(runs) if task.named else {}) | columns_of(block)
-
-
-def _names(runs: list[Run]) -> Columns:
-    """The column of motions."""
-    return {MOTION: np.repeat([run.motion for run in runs], [run.stop - run.start for run in runs])}
+        names = np.repeat([run.motion for run in runs], [run.stop - run.start for run in runs])
+        yield ({MOTION_COLUMN: names} if task.named else {}) | columns_of(block)
 
 
 def _write(task: Task, part: Part, folder: Path, pieces: Iterator[Columns]) -> str:

@@ -21,49 +21,13 @@ from jounce.motion.columns import DEVIATION, TIME, Match, followers, match
 from jounce.motion.origin import Origin, origin_of
 from jounce.motion.spline import Smoothing, refuse_way
 from jounce.spatial.series import rate_name
-from jounce.stream.job import Job, digest
+from jounce.stream.job import MOTION_COLUMN, Job, Part, Task, digest
 
-MOTION = "motion"  # the column that names the motion of each row
-CELLS = 1 << 23  # of a part: 64 MB of numbers
-LARGE = 1 << 28  # bytes of a table
-COPIES = 60  # of a table in memory while its samples are fitted: 52 to 61 were measured
-IGNORED = (".", "_")  # what names of files begin with that are no data
-
-
-@dataclass(frozen=True)
-class Part:
-    """A piece of the input: whole motions, or any rows where these state all rates.
-
-    `motion` is the name of the motion of all rows, None if a column names it. `key` is a digest of the job and of the
-    identity of the input: a record with another key is of another run. Times are since `origin`, the first stamp of the
-    file, if there is one.
-    """
-
-    number: int
-    path: Path
-    span: Span
-    motion: str | None
-    key: str
-    origin: Origin | None = None
-
-    @property
-    def size(self) -> int:
-        """The rows of the part, or the bytes of a CSV table."""
-        return self.span.stop - self.span.start
-
-
-@dataclass(frozen=True, eq=False)
-class Task:
-    """What is computed of every part, and how the tables are read: all that another process needs to know.
-
-    `match` names the columns of the motion. `independent` tells that each row states all that its results need;
-    otherwise parts are whole motions. `named` tells that the output has the column of motions.
-    """
-
-    job: Job
-    match: Match
-    independent: bool
-    named: bool
+MAX_PART_CELLS = 1 << 23  # 64 MB of numbers, little of the memory of a worker
+MIN_LARGE_TABLE_BYTES = 1 << 28  # 256 MB; smaller tables are read as a whole unless parts are asked for
+FIT_MEMORY_RATIO = 60  # bytes of memory per byte of a table whose samples are fitted: 52 to 61 were measured
+ASSUMED_MEMORY_BYTES = 1 << 33  # where the system reports none: 8 GB, as most machines have
+IGNORED_PREFIXES = (".", "_")  # what names of files begin with that are no data
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +57,11 @@ def make_plan(job: Job, source: Path, highest: int) -> Plan:
         spans = list(_spans(path, first, independent, named)) if path in whole else [Span(0, 0)]
         origin = _origin(path, first, spans[0]) if path in whole else None
         parts += [_part(job, len(parts) + i, path, span, stem, origin) for i, span in enumerate(spans)]
-    notes = (*_notes_of_origins([part.origin for part in parts], len(paths)), *first.notes, *notes)
-    return Plan(Task(job, first, independent, named or source.is_dir()), tuple(parts), notes)
+    origins = [part.origin for part in parts if part.origin]
+    stamps: tuple[str, ...] = ()
+    if origins:
+        stamps = origins[0].notes if len(paths) == 1 else ("times are since the first row of each table",)
+    return Plan(Task(job, first, independent, named or source.is_dir()), tuple(parts), (*stamps, *first.notes, *notes))
 
 
 def _origin(path: Path, found: Match, span: Span) -> Origin | None:
@@ -106,14 +73,9 @@ def _origin(path: Path, found: Match, span: Span) -> Origin | None:
         for chunk in table.chunks(path, asked, None, row) if row else ():
             high, low = (float(chunk.columns[name][0]) for name in asked)
             return origin_of(high, low, found.factors[TIME])
-    except JounceError:  # of rows that cannot be read, which is said when their part is
+    except JounceError:  # rows that cannot be read are reported with their part
         pass
     return None
-
-
-def _notes_of_origins(origins: Sequence[Origin | None], tables: int) -> tuple[str, ...]:
-    found = [origin for origin in origins if origin]
-    return found[0].notes if found and tables == 1 else ("times are since the first row of each table",) * bool(found)
 
 
 def is_by_parts(job: Job, source: Path) -> bool:
@@ -125,7 +87,7 @@ def is_by_parts(job: Job, source: Path) -> bool:
         return False
     try:
         found, named = _match(job, source, job.highest)
-        return named or (_is_independent(job, found) and format_of(source).size(source) > LARGE)
+        return named or (_is_independent(job, found) and format_of(source).size(source) > MIN_LARGE_TABLE_BYTES)
     except JounceError:
         return False
 
@@ -134,7 +96,7 @@ def _files(source: Path) -> tuple[list[Path], tuple[str, ...]]:
     if not source.is_dir():
         format_of(source)
         return [source], ()
-    there = sorted(path for path in source.iterdir() if not path.name.startswith(IGNORED))
+    there = sorted(path for path in source.iterdir() if not path.name.startswith(IGNORED_PREFIXES))
     found = [path for path in there if path.is_file() and path.suffix.lower() in ROW_FORMATS]
     if not found:
         raise JounceError(f"{source}: no table in this folder; read by rows are: {', '.join(ROW_FORMATS)}")
@@ -153,16 +115,16 @@ def _is_readable(path: Path) -> bool:
 def _match(job: Job, path: Path, highest: int) -> tuple[Match, bool]:
     """The columns of the motion in a table, and whether one names motions."""
     names = format_of(path).names(path)
-    named = MOTION in names and MOTION not in job.robot.joint_names
+    named = MOTION_COLUMN in names and MOTION_COLUMN not in job.robot.joint_names
     with at(path):
-        return match([name for name in names if name != MOTION or not named], job.robot.mechanism,
+        return match([name for name in names if name != MOTION_COLUMN or not named], job.robot.mechanism,
                      job.reading.options, highest), named  # fmt: skip
 
 
 def _check_alike(first: Path, path: Path, known: Match, other: Match, named: bool, names: bool) -> None:
     """Raise `JounceError` where the tables of a folder have not the same columns."""
-    missing = sorted({*known.sources.values()} - {*other.sources.values()}) + [MOTION] * (named and not names)
-    extra = sorted({*other.sources.values()} - {*known.sources.values()}) + [MOTION] * (names and not named)
+    missing = sorted({*known.sources.values()} - {*other.sources.values()}) + [MOTION_COLUMN] * (named and not names)
+    extra = sorted({*other.sources.values()} - {*known.sources.values()}) + [MOTION_COLUMN] * (names and not named)
     if missing or extra:
         differ = f"has no column {listed(map(quoted, missing), 3)}" if missing else ""
         differ += " and " * bool(missing and extra)
@@ -203,7 +165,7 @@ def _spans(path: Path, found: Match, independent: bool, named: bool) -> Iterator
     """The spans of the parts of a table: of rows that do not depend on each other, or of whole motions."""
     table = format_of(path)
     table.check_numbers(path, found.names)
-    spans = table.spans(path, CELLS)
+    spans = table.spans(path, MAX_PART_CELLS)
     if not spans:
         raise JounceError(f"{path}: no rows of numbers under the column names")
     if independent:
@@ -223,7 +185,7 @@ def runs(path: Path, spans: Sequence[Span]) -> Iterator[Span]:
     """The spans of the motions of a table, which a column names; rows of a motion that stand apart are refused."""
     name, start, seen = None, spans[0].start, set[str]()
     for span in spans:
-        for chunk in format_of(path).chunks(path, [], MOTION, span):
+        for chunk in format_of(path).chunks(path, [], MOTION_COLUMN, span):
             assert chunk.motions is not None
             whole = np.delete(np.arange(len(chunk.motions)), list(chunk.broken))
             motions = chunk.motions[whole]
@@ -246,7 +208,7 @@ def runs(path: Path, spans: Sequence[Span]) -> Iterator[Span]:
 def _check_memory(path: Path, span: Span, whole: Span, share: float) -> None:
     """Raise `JounceError` where a motion does not fit into memory; `share` is that of the columns that are read."""
     table = format_of(path)
-    needed = COPIES * share * table.size(path) * (span.stop - span.start) / (whole.stop - whole.start)
+    needed = FIT_MEMORY_RATIO * share * table.size(path) * (span.stop - span.start) / (whole.stop - whole.start)
     if needed > (there := _memory()):
         raise JounceError(
             f"{place_in_words(path, span.start)}: the motion that begins here takes {needed / 1e9:.3g} GB to fit,"
@@ -259,8 +221,8 @@ def _memory() -> int:
     """The bytes of memory of this machine."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):  # of systems that do not tell
-        return 1 << 33
+    except (AttributeError, ValueError, OSError):  # not every system has these names
+        return ASSUMED_MEMORY_BYTES
 
 
 def _part(job: Job, number: int, path: Path, span: Span, motion: str | None, origin: Origin | None) -> Part:

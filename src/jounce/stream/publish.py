@@ -11,10 +11,10 @@ from jounce.core.parts import PART_NAME, part_in, remove_abandoned
 from jounce.io import files
 from jounce.io.tables import TABLE_WRITERS
 from jounce.stream.plan import Plan
-from jounce.stream.records import CONTINUE, Record, is_valid, line_of, parse, rows_folder, rows_path
+from jounce.stream.records import CONTINUATION, Record, is_valid, line_of, parse, rows_folder, rows_path
 
-OURS = re.compile(r"part-\d{6}\.(parquet|csv|npz|json)|_jounce\.jsonl")  # names of tables and records
-RECORDS = "_jounce.jsonl"  # the records of all parts, in a folder of tables
+RUN_FILES = re.compile(r"part-\d{6}\.(parquet|csv|npz|json)|_jounce\.jsonl")  # names of tables and records
+RECORDS_FILE = "_jounce.jsonl"  # the records of all parts, in a folder of tables
 
 
 def work_folder(output: Path) -> Path:
@@ -31,7 +31,7 @@ def check_folder(output: Path) -> None:
         raise JounceError(
             f"{output}: exists and is not a folder; state a file of type {', '.join(TABLE_WRITERS)}, or a folder"
         )
-    known = {RECORDS, *(f"part-{record.number:06d}.parquet" for record in published(output))}
+    known = {RECORDS_FILE, *(f"part-{record.number:06d}.parquet" for record in published(output))}
     foreign = sorted(path.name for path in output.iterdir() if path.name not in known)
     if foreign:
         raise JounceError(
@@ -43,14 +43,14 @@ def check_folder(output: Path) -> None:
 def published(output: Path) -> list[Record]:
     """The records of the tables in a folder; empty where it is not the output of a run."""
     try:
-        lines = (output / RECORDS).read_text(encoding="utf-8").splitlines()
+        lines = (output / RECORDS_FILE).read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError):
         return []
     return [record for line in lines if (record := parse(line)) is not None]
 
 
 def is_published(plan: Plan, output: Path) -> bool:
-    """Whether a folder holds the whole output of a plan, as its checksums tell."""
+    """Whether a folder holds the whole output of a plan, by its checksums."""
     found = {record.number: record for record in published(output)}
     return len(found) == len(plan.parts) and all(
         found[part.number].key == part.key
@@ -63,16 +63,16 @@ def is_published(plan: Plan, output: Path) -> bool:
 def publish_folder(plan: Plan, folder: Path, records: Iterable[Record], output: Path) -> None:
     """Move the tables of all parts to a folder, with their records."""
     rows = rows_folder(folder)
-    expected = {RECORDS, *(rows_path(folder, part, ".parquet").name for part in plan.parts)}
+    expected = {RECORDS_FILE, *(rows_path(folder, part, ".parquet").name for part in plan.parts)}
     for path in _ours(rows):
-        if path.name not in expected:  # of an earlier plan
+        if path.name not in expected:  # it belongs to an earlier plan
             path.unlink(missing_ok=True)
     if foreign := sorted(path.name for path in rows.iterdir() if path.name not in expected):
         raise JounceError(f"{rows}: holds files that are not of this run ({listed(foreign, 3)}); move them away")
     old = part_in(output.parent)
     try:
         with files.write_errors(output):
-            with (rows / RECORDS).open("w", encoding="utf-8") as file:
+            with (rows / RECORDS_FILE).open("w", encoding="utf-8") as file:
                 file.writelines(f"{line_of(record)}\n" for record in records)
             if output.exists():
                 output.rename(old)
@@ -87,8 +87,8 @@ def publish_file(plan: Plan, folder: Path, form: str, output: Path) -> None:
     try:
         with files.written_whole(output) as path:
             TABLE_WRITERS[form].join(path, [table for table in tables if table.exists()])
-    except JounceError as error:  # of a full disk, above all
-        raise JounceError(f"{error}; {CONTINUE}") from None
+    except JounceError as error:  # most of all, the disk is full
+        raise JounceError(f"{error}; {CONTINUATION}") from None
 
 
 def remove_work(folder: Path) -> None:
@@ -111,4 +111,4 @@ def remove_empty(folder: Path) -> None:
 
 def _ours(folder: Path) -> Iterator[Path]:
     """The tables and records in a work folder, and what workers that died, on other machines too, were writing."""
-    return (path for path in list(folder.iterdir()) if OURS.fullmatch(path.name) or PART_NAME.fullmatch(path.name))
+    return (path for path in list(folder.iterdir()) if RUN_FILES.fullmatch(path.name) or PART_NAME.fullmatch(path.name))

@@ -10,11 +10,10 @@ from typing import Any
 
 from jounce.core.parts import part_in
 from jounce.io.files import write_errors
-from jounce.stream.job import digest
-from jounce.stream.plan import Part
+from jounce.stream.job import Part, digest
 
-BLOCK = 1 << 20  # bytes that are read at a time
-CONTINUE = "finished parts are kept, and the same command continues after them"
+CHECKSUM_BLOCK_BYTES = 1 << 20  # read at a time: tables of any size are checked in little memory
+CONTINUATION = "finished parts are kept, and the same command continues after them"
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,7 @@ def written(path: Path) -> Iterator[Path]:
     """Yield a path to write to in the folder of a path; the file appears when all is in it."""
     temporary = part_in(path.parent)
     try:
-        with write_errors(path, f"; {CONTINUE}"):
+        with write_errors(path, f"; {CONTINUATION}"):
             yield temporary
             temporary.replace(path)
     finally:
@@ -122,6 +121,6 @@ def checksum(path: Path) -> str:
     """The checksum of a file."""
     found = sha256()
     with path.open("rb") as file:
-        while block := file.read(BLOCK):
+        while block := file.read(CHECKSUM_BLOCK_BYTES):
             found.update(block)
     return found.hexdigest()

@@ -14,16 +14,16 @@ from jounce.io.columns import Columns
 from jounce.io.motions.writing import about
 from jounce.motion import Motion
 from jounce.stream import publish
-from jounce.stream.job import Job
+from jounce.stream.job import Job, Part
 from jounce.stream.limits import add_limits, limits_along, table_of
 from jounce.stream.lock import locked
 from jounce.stream.outputs import along, columns_of
-from jounce.stream.plan import Part, Plan, make_plan
+from jounce.stream.plan import Plan, make_plan
 from jounce.stream.records import Record
 from jounce.stream.runner import Runner, Show, here, records, run
 from jounce.stream.tally import Aggregate, add, join, limits_of, reduced, tally
 
-HEAD = b"file,row,column,problem"  # of a table of rows that are left out
+SKIPPED_HEADER = b"file,row,column,problem"  # of a table of rows that are left out
 
 
 @dataclass(frozen=True)
@@ -199,4 +199,4 @@ def _write_skipped(path: Path, columns: Sequence[str], found: Iterable[Record]) 
 
 def _is_ours(path: Path) -> bool:
     """Whether a file is a table of rows that an earlier run left out."""
-    return path.is_file() and path.read_bytes()[: len(HEAD)] == HEAD
+    return path.is_file() and path.read_bytes()[: len(SKIPPED_HEADER)] == SKIPPED_HEADER

@@ -14,7 +14,7 @@ from jounce.io.remainders import remainder_of
 from jounce.io.rows import Chunk, Span
 from jounce.io.tables import format_of
 from jounce.motion.columns import TIME
-from jounce.stream.plan import MOTION, Part, Task
+from jounce.stream.job import MOTION_COLUMN, Part, Task
 from jounce.stream.records import Skipped
 
 
@@ -38,9 +38,9 @@ def read(task: Task, part: Part, skipped: list[Skipped]) -> Iterator[Rows]:
     """The good rows of a part, chunk by chunk; bad ones are added to `skipped`."""
     table, skip, place = format_of(part.path), task.job.reading.skip, part.span.start
     try:
-        table.names(part.path)  # of a file that cannot be read at all, this is the error
+        table.names(part.path)  # raises the right error for a file that cannot be read at all
         last = row_before(task, part)
-        texts = MOTION if part.motion is None else None
+        texts = MOTION_COLUMN if part.motion is None else None
         for chunk in _ahead(_chunks(task, part, task.match.names, texts, part.span)):
             place = int(chunk.places[-1])
             rows = _checked(task, part, chunk, last, skipped)
@@ -81,11 +81,11 @@ def row_before(task: Task, part: Part) -> tuple[str, float] | None:
     table, time = format_of(part.path), task.match.sources[TIME]
     span = table.row_before(part.path, part.span.start) if task.independent else None
     try:
-        for chunk in _chunks(task, part, [time], MOTION if part.motion is None else None, span) if span else ():
+        for chunk in _chunks(task, part, [time], MOTION_COLUMN if part.motion is None else None, span) if span else ():
             motion = part.motion if chunk.motions is None else str(chunk.motions[-1])
             t = float(chunk.columns[time][-1])
             return None if chunk.broken or not np.isfinite(t) else (motion or "", t)
-    except JounceError:  # of the part before, which says so
+    except JounceError:  # the part before reports it
         pass
     return None
 

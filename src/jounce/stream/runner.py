@@ -6,12 +6,13 @@ from pathlib import Path
 
 from jounce.core.parts import remove_abandoned
 from jounce.io.files import make_folder
+from jounce.stream.job import Part, Task
 from jounce.stream.parts import compute
-from jounce.stream.plan import Part, Plan, Task
+from jounce.stream.plan import Plan
 from jounce.stream.records import Record, find, is_valid, rows_folder, rows_path
 
 Runner = Callable[[Task, Sequence[Part], Path], Generator[Record]]  # computes parts, in any order, into a folder
-Show = Callable[[int, int, int], object]  # of the size that is done, of that of all parts, and of the rows computed
+Show = Callable[[int, int, int], object]  # takes the finished size, that of all parts, and the rows computed
 
 
 def here(task: Task, parts: Sequence[Part], folder: Path) -> Generator[Record]:

@@ -17,9 +17,8 @@ from jounce.model.coordinates import coordinate_limits
 from jounce.model.limits import Limits
 from jounce.motion.bands import COVERS, surest_peaks
 from jounce.spatial.series import rate_name
-from jounce.stream.job import Job
+from jounce.stream.job import MOTION_COLUMN, Job, Part
 from jounce.stream.outputs import Block
-from jounce.stream.plan import MOTION, Part
 
 Aggregate = dict[str, Any]  # plain data of a motion: rows, t, and values by joint and quantity
 Add = Callable[[dict[str, Aggregate], str, Aggregate], None]  # joins that of further rows to that of a motion
@@ -46,7 +45,7 @@ def tally(block: Block, rows: slice, limits: Limits | None) -> Aggregate:
 
 
 def limits_of(job: Job) -> Limits | None:
-    """The limits that a run tells of if they are broken: those of coordinates, of runs that compute forces."""
+    """The limits that a run reports if they are broken: those of coordinates, of runs that compute forces."""
     return coordinate_limits(job.robot.mechanism) if job.subject == "forces" else None
 
 
@@ -106,15 +105,17 @@ def reduced(tallies: Mapping[str, Aggregate], kinds: Sequence[str]) -> Columns:
     rows = [
         (motion, joint, of["rows"], values) for motion, of in tallies.items() for joint, values in of["values"].items()
     ]
-    columns = dict(zip([MOTION, "joint", "rows"], map(np.array, list(zip(*rows, strict=True))[:3]), strict=True))
+    columns = dict(zip([MOTION_COLUMN, "joint", "rows"], map(np.array, list(zip(*rows, strict=True))[:3]), strict=True))
     for kind in kinds:
         for name in dict.fromkeys(name for *_, values in rows for name in values):
-            columns[f"{name}_{kind}"] = np.array([KINDS[kind](values.get(name, MISSING), n) for *_, n, values in rows])
+            columns[f"{name}_{kind}"] = np.array(
+                [AGGREGATES[kind](values.get(name, NO_PEAK), n) for *_, n, values in rows]
+            )
     return columns
 
 
-MISSING = (np.nan, 0.0, np.nan)
-KINDS: Mapping[str, Callable[[Sequence[float], int], float]] = {
+NO_PEAK = (np.nan, 0.0, np.nan)
+AGGREGATES: Mapping[str, Callable[[Sequence[float], int], float]] = {
     "peak": lambda found, rows: found[0],
     "rms": lambda found, rows: float(np.sqrt(found[2] / rows)),
 }

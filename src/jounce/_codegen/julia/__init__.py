@@ -7,11 +7,11 @@ from jounce.spatial.series import rate_name
 RESERVED = """abstract baremodule begin break catch const continue do else elseif end export false finally for
 function global if import in isa let local macro module mutable outer primitive public quote return struct true try
 type using where while Base Core Main"""
-SYMBOLS = ("q", "W", "base_twist", *(quantity.symbol for quantity in QUANTITIES.values()))
-ARRAYS = " ".join(rate_name(symbol, k) for symbol in SYMBOLS for k in range(10))  # more rates than code has
+ARRAY_SYMBOLS = ("q", "W", "base_twist", *(quantity.symbol for quantity in QUANTITIES.values()))
+ARRAY_NAMES = " ".join(rate_name(symbol, k) for symbol in ARRAY_SYMBOLS for k in range(10))  # more rates than code has
 TAKEN = f"""DimensionMismatch Entry Float32 Float64 OWN Parameters Scalar TOLERANCE abs all base_pose cos eltype error
 exit found include k larger max maximum params passed permutedims promote_type reshape scratch sin size sized so_far
-sqrt tanh throw worst zeros {ARRAYS}"""
+sqrt tanh throw worst zeros {ARRAY_NAMES}"""
 
 
 def literal(digits: str, single: bool) -> str:

@@ -16,11 +16,11 @@ from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Computation, Port
 from jounce.engine.engine import Engine
 
-WIDEST = 72  # glyphs of a line
-ALIKE = 4  # entries that are equal, on one line
+MAX_LINE_GLYPHS = 72  # which fit between the margins of the document
+MAX_EQUAL_PER_LINE = 4  # names of equal entries before "=": the expression still fits behind them
 LETTERS = {"gravity": "g", "masses": "m", "lengths": "r", "mass": "m", "com": "c", "inertia": "I"}
-AXES = {3: ("x", "y", "z"), 6: ("xx", "xy", "xz", "yy", "yz", "zz")}  # of positions and of moments
-RATES = ("", r"\dot", r"\ddot", r"\dddot", r"\ddddot")
+AXIS_SUBSCRIPTS = {3: ("x", "y", "z"), 6: ("xx", "xy", "xz", "yy", "yz", "zz")}  # of positions and of moments
+RATE_DOTS = ("", r"\dot", r"\ddot", r"\dddot", r"\ddddot")
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,12 +51,7 @@ class Document:
 
 
 def document(robot: Parametric, base: bool = False) -> Document:
-    """A robot in symbols, on a base that moves as symbols say, or on the ground at rest.
-
-    Raises
-    ------
-    JounceError : where two symbols would look the same.
-    """
+    """A robot in symbols that all look different, on a base that moves as symbols say, or on the ground at rest."""
     import sympy
 
     symbols = {name: _symbols(name, shape) if name in robot.own else np.array(sympy.Symbol(name), dtype=object)
@@ -99,7 +94,7 @@ def _entries(matrix: Any, symbol: str, port: Port) -> Iterator[list[str]]:
         entry = matrix if not index else matrix[index] if len(index) > 1 else matrix[index[0]]
         alike.setdefault(entry, []).append(_symbol(symbol, port.rate, index))
     for entry, names in alike.items():
-        starts = [" = ".join(names[i : i + ALIKE]) for i in range(0, len(names), ALIKE)]
+        starts = [" = ".join(names[i : i + MAX_EQUAL_PER_LINE]) for i in range(0, len(names), MAX_EQUAL_PER_LINE)]
         yield from (_broken(f"{start} ={{}} &", list(_pieces(entry))) for start in starts)
 
 
@@ -108,7 +103,7 @@ def _symbol(symbol: str, k: int, index: Sequence[int]) -> str:
     letter, _, below = symbol.partition("_")
     places = ("" if max(index, default=0) < 9 else ",").join(str(i + 1) for i in index)
     below = ",".join(x for x in (below[1:-1], places) if x)
-    return (f"{RATES[k]}{{{letter}}}" if k else letter) + (f"_{{{below}}}" if below else "")
+    return (f"{RATE_DOTS[k]}{{{letter}}}" if k else letter) + (f"_{{{below}}}" if below else "")
 
 
 def _pieces(x: Any) -> Iterator[str]:
@@ -118,7 +113,7 @@ def _pieces(x: Any) -> Iterator[str]:
     for term in x.as_ordered_terms() if x.is_Add else [x]:
         text = sympy.latex(term)
         sums = [factor for factor in sympy.Mul.make_args(term) if factor.is_Add]
-        if _width(text) <= WIDEST or len(sums) != 1:
+        if _width(text) <= MAX_LINE_GLYPHS or len(sums) != 1:
             yield _with_sign(text)
             continue
         front = {1: "", -1: "-"}.get(term / sums[0], sympy.latex(term / sums[0]))
@@ -136,7 +131,7 @@ def _broken(start: str, pieces: Sequence[str]) -> list[str]:
     """A sum in lines that paper holds, the first behind what it is equal to."""
     lines = [f"{start} {pieces[0].removeprefix('+ ')}"]
     for piece in pieces[1:]:
-        if _width(lines[-1]) + _width(piece) <= WIDEST:
+        if _width(lines[-1]) + _width(piece) <= MAX_LINE_GLYPHS:
             lines[-1] += f" {piece}"
         else:
             lines.append(f"& {piece}")
@@ -162,7 +157,7 @@ def _symbols(name: str, shape: Sequence[int]) -> np.ndarray:
     elif not shape:
         names = [f"{letter}_p{number}" if stem else letter]
     elif len(shape) == 1:
-        names = [f"{letter}_{axis}{number}" for axis in AXES[shape[0]]]
+        names = [f"{letter}_{axis}{number}" for axis in AXIS_SUBSCRIPTS[shape[0]]]
     else:
-        names = [f"{letter}_{axis}{i + 1}" for i in range(shape[0]) for axis in AXES[3]]
+        names = [f"{letter}_{axis}{i + 1}" for i in range(shape[0]) for axis in AXIS_SUBSCRIPTS[3]]
     return np.array([sympy.Symbol(x) for x in names], dtype=object).reshape(shape)

@@ -18,9 +18,9 @@ from jounce.model.positions import moves
 from jounce.spatial.series import SUFFIX, Series, rate_name
 
 EXTERNAL = "ext"  # ends the symbol of what wrenches add to a quantity: Qext
-NAMED = 12  # rates of the coordinates that `Symbolic.dot` knows
-SYMBOLS = {"q": NAMED, "W": NAMED, "base_twist": NAMED, "base_pose": 1}  # of a pose, rates are no symbols
-NOTHING: Series = Series.constant(np.empty(0))
+# How many rates of each symbol `Symbolic.dot` differentiates: beyond those of any expression; of a pose, its entries.
+RATES_BY_SYMBOL = {"q": 12, "W": 12, "base_twist": 12, "base_pose": 1}
+NO_SYMBOLS: Series = Series.constant(np.empty(0))
 OF_BODIES = {row.name: row for row in QUANTITIES.values() if row.of_bodies}
 OF_ROBOT = {row.symbol: row for row in QUANTITIES.values() if not (row.of_bodies or row.inverts or row.closed)}
 OF_WRENCHES = {row.symbol + EXTERNAL: row for row in OF_ROBOT.values() if row.wrenches and row.everywhere}
@@ -90,8 +90,8 @@ class Symbolic:
         if not isinstance(x, sympy.Expr | sympy.MatrixBase | sympy.NDimArray | int | float):
             raise JounceError(f"dot() expects a SymPy expression, matrix or array, got {quoted(x)}")
         total, present = 0 * x, getattr(x, "free_symbols", ())
-        for name, count in SYMBOLS.items():
-            moving = self.series.get(name, NOTHING)
+        for name, count in RATES_BY_SYMBOL.items():
+            moving = self.series.get(name, NO_SYMBOLS)
             for k in range(count):
                 rates = moving[k + 1] if k or name != "q" else self.moved
                 for symbol, rate in zip(moving[k], rates, strict=True):

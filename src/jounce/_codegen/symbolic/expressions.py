@@ -22,9 +22,9 @@ from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import pose
 from jounce.spatial.series import Series, rate_name
 
-MOST_OPERATIONS = 1_000_000  # operations on terms, the limit for one matrix: some seconds, some ten thousand terms
-PRINTED = 50  # operations that take as long as to print one term
-FRICTION = "friction"  # the term of the drives that is no trigonometric polynomial
+MAX_SYMBOLIC_OPERATIONS = 1_000_000  # on terms, for one matrix: some seconds, some ten thousand terms
+OPERATIONS_PER_PRINTED_TERM = 50  # which take as long as the conversion of one term to SymPy
+FRICTION_TERM = "friction"  # the term of the drives that is no trigonometric polynomial
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Expressions:
         moving = self._base() if requests.takes_base(row.name, frame) else None
         state = State(self._column("q"), base=moving, body=body, frame=frame)
         series = self._printed(row.symbol, lambda: _law(row, self.model)(self.model, state), body)
-        if FRICTION in self.mechanism.acting and FRICTION in row.drive_terms and row.drive_law is not None:
+        if FRICTION_TERM in self.mechanism.acting and FRICTION_TERM in row.drive_terms and row.drive_law is not None:
             series = series + self._friction(row.drive_law)
         return series
 
@@ -76,7 +76,7 @@ class Expressions:
                 try:
                     values = np.asarray(law()[k], dtype=object)
                     terms = sum(len(x.terms) for x in values.flat if isinstance(x, TrigPolynomial))
-                    self.variables.spend(PRINTED * terms)
+                    self.variables.spend(OPERATIONS_PER_PRINTED_TERM * terms)
                     self.variables.check()
                 except JounceError:
                     law.cache_clear()  # it may hold results beyond the limit
@@ -97,7 +97,7 @@ class Expressions:
 
     def _friction(self, law: Law) -> Series:
         """Return the part of Coulomb friction, in SymPy functions."""
-        mechanism = replace(with_exact_integers(self.mechanism), acting=(FRICTION,))
+        mechanism = replace(with_exact_integers(self.mechanism), acting=(FRICTION_TERM,))
         q = self.symbols["q"].map(lambda x: np.array(x.tolist(), dtype=object))
         return law(mechanism, State(q)).map(lambda x: _sympy(list(x.flat), x.shape))
 
@@ -105,10 +105,8 @@ class Expressions:
 def expressions(mechanism: Mechanism, base: bool) -> Expressions:
     """Return the sources of the expressions of a mechanism, with the motion of its base or without.
 
-    Raises
-    ------
-    JounceError : if loops are closed, or the mechanism holds what is neither a number nor a real SymPy expression, or
-        a symbol that is named as a coordinate, wrench or motion of the base.
+    Raises `JounceError` if loops are closed, or the mechanism holds what is neither a number nor a real SymPy
+    expression, or a symbol that is named as a coordinate, wrench or motion of the base.
     """
     if mechanism.closure is not None:
         raise JounceError(
@@ -116,11 +114,11 @@ def expressions(mechanism: Mechanism, base: bool) -> Expressions:
             " jounce.Robot(robot.mechanism.tree); methods of the closed robot take SymPy symbols of all"
             f" {mechanism.tree.n} coordinates"
         )
-    variables, symbols = Variables(MOST_OPERATIONS), state_symbols(mechanism, base)
+    variables, symbols = Variables(MAX_SYMBOLIC_OPERATIONS), state_symbols(mechanism, base)
     model = cast_mechanism(mechanism, variables)
     variables.check()
     check_names(variables, symbols)
-    model = replace(model, acting=tuple(term for term in model.acting if term != FRICTION))
+    model = replace(model, acting=tuple(term for term in model.acting if term != FRICTION_TERM))
     return Expressions(mechanism, model, symbols, variables, len(variables.expressions))
 
 

@@ -18,7 +18,7 @@ from jounce.model.mechanism import Mechanism
 from jounce.model.positions import position_count
 from jounce.spatial.series import Series
 
-_AXES = ((1, "x"), (2, "y"), (3, "z"))
+_NUMBERED_AXES = ((1, "x"), (2, "y"), (3, "z"))
 
 
 def cast_mechanism(mechanism: Mechanism, variables: Variables) -> Mechanism:
@@ -64,7 +64,7 @@ def state_symbols(mechanism: Mechanism, base: bool) -> dict[str, Series]:
     }
     if not base:
         return found
-    C = np.array([[*(sympy.Symbol(f"R_{i}{j}") for j in (1, 2, 3)), sympy.Symbol(f"r_{x}")] for i, x in _AXES])
+    C = np.array([[*(sympy.Symbol(f"R_{i}{j}") for j in (1, 2, 3)), sympy.Symbol(f"r_{x}")] for i, x in _NUMBERED_AXES])
     V = Series(lambda k: np.array([[sympy.Symbol(name)] for name in _twist(k)]))
     motion = JointMotion(np.concatenate([C, np.eye(4, dtype=int)[3:]]), V)
     found["base_pose"] = motion.H.map(lambda H: sympy.ImmutableMatrix(H.tolist()))

@@ -12,7 +12,7 @@ from typing import Any
 from jounce._codegen.symbolic.trig_polynomial import TrigPolynomial, Variables, digits, exact
 from jounce.core.errors import JounceError
 
-LARGEST = 100  # exponents from here on make a variable of their power, so that they stay within a digit
+MAX_EXPANDED_EXPONENT = 100  # powers from here on are variables of their own, so that exponents stay within a digit
 Powers = Mapping[int, int]  # exponents by the place of the variable
 
 
@@ -41,7 +41,7 @@ def _convert(x: Any, variables: Variables) -> TrigPolynomial:
         return variables.variable(x, 0) * (Fraction(x.p, x.q) if x.is_Rational else float(x))
     if x.is_Add or x.is_Mul:
         return reduce(add if x.is_Add else mul, (_convert(part, variables) for part in x.args))
-    if x.is_Pow and x.exp.is_Integer and abs(x.exp) < LARGEST:
+    if x.is_Pow and x.exp.is_Integer and abs(x.exp) < MAX_EXPANDED_EXPONENT:
         if x.exp > 0:
             return reduce(mul, [_convert(x.base, variables)] * int(x.exp))
         if x.base.is_Symbol:

@@ -4,6 +4,10 @@ A scalar is a sum of terms ``c x^a cos(k phi)`` and ``c x^a sin(k phi)``: a rati
 and a cosine or sine of a sum of angles. Products become sums, ``2 cos v cos w = cos(v + w) + cos(v - w)``. The
 exponents a of a term are the digits of one integer, and so are the multiples k of its angles: terms multiply by adding
 integers.
+
+Invariants: coefficients are exact and not zero, angles not negative, and each term stands once, so equality of scalars
+is equality of terms. A product of m and n terms counts as m n operations; their number is limited, and beyond the
+limit `check` raises. Sines of what holds sines have no such form, and raise JounceError.
 """
 
 from collections.abc import Hashable, Iterator, Mapping
@@ -14,7 +18,7 @@ from typing import Any
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Recorder
 
-BASE = 2**16  # of the digits, each from -BASE/2 to BASE/2: far from what exponents and multiples grow to
+DIGIT_BASE = 2**16  # digits lie within +-DIGIT_BASE/2: far beyond what exponents and multiples grow to
 Term = tuple[int, int, bool]  # powers, angle (never negative; 0: neither sine nor cosine), whether a sine
 
 
@@ -22,7 +26,7 @@ class Variables:
     """The variables and angles of a set of polynomials, in the order of their digits, and the operations spent so far.
 
     Polynomials that are added or multiplied share one of these. Beyond a limit of operations every result is zero, as
-    of a full `Tape` and for its reason: `check` tells between the terms of series.
+    of a full `Tape` and for its reason: `check` is called between the terms of series.
     """
 
     def __init__(self, limit: int) -> None:
@@ -179,17 +183,17 @@ def digits(number: int) -> Iterator[tuple[int, int]]:
     """The places and values of the digits that are not zero."""
     place = 0
     while number:
-        digit = (number + BASE // 2) % BASE - BASE // 2
+        digit = (number + DIGIT_BASE // 2) % DIGIT_BASE - DIGIT_BASE // 2
         if digit:
             yield place, digit
-        number, place = (number - digit) // BASE, place + 1
+        number, place = (number - digit) // DIGIT_BASE, place + 1
 
 
 def _unit(known: list[Any], x: Hashable) -> int:
     """The integer with digit 1 at the place of x among the known, which x is added to if it is new."""
     if x not in known:
         known.append(x)
-    return BASE ** known.index(x)
+    return DIGIT_BASE ** known.index(x)
 
 
 def _add_normal(total: dict[Term, Fraction], powers: int, angle: int, sine: bool, c: Fraction) -> None:

@@ -1,0 +1,172 @@
+"""Products of the derivatives of kernels: a kernel compiles them when it is first asked for them, and keeps them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Generic
+
+from jounce.core.errors import JounceError
+from jounce.core.typing import ArrayLike, Floats, Product
+from jounce.dynamics.computation import Computation, Signature
+from jounce.model.mechanism import Mechanism
+from jounce.native import plan
+from jounce.native.arguments import of_product
+
+if TYPE_CHECKING:
+    from typing_extensions import TypeVar  # type checkers have it, and know its defaults
+
+    from jounce.native.kernel import Kernel
+
+    Results = TypeVar("Results", default=Any)
+else:
+    from typing import TypeVar
+
+    Results = TypeVar("Results")
+
+
+class DerivativeProducts(Generic[Results]):
+    """What a `Kernel` computes of the derivatives of its quantity."""
+
+    mechanism: Mechanism
+    computation: Computation
+    signature: Signature
+    _products: dict[str, "Kernel"]
+
+    def vjp(
+        self,
+        arrays: Sequence[ArrayLike],
+        weights: ArrayLike | Sequence[ArrayLike | None],
+        *,
+        out: Floats | Sequence[Floats] | None = None,
+        threads: int = 1,
+    ) -> tuple[Floats, ...]:
+        """Compute a vector-Jacobian product: the gradients, by all inputs, of a weighted sum of all results.
+
+        ``gx = sum_y (dy/dx)^T wy`` over the results y, such as Q, Qd, Q2d, for every input x, such as q, qd, q2d. This
+        is the gradient of a cost c(Q, Qd, Q2d) where the weights are its derivatives by Q, Qd and Q2d. It is exact,
+        and takes about 2.5 times the operations of the results. Native code of it is compiled at the first call and
+        kept on disk.
+
+        Parameters
+        ----------
+        arrays : tuple of arrays, each (..., n), then (..., nb, 6), then (..., 4, 4) and (..., 6)
+            What a call of the kernel takes: q, qd, ..., W, Wd, ..., C, V, Vd, ...
+        weights : array or tuple of arrays, each of the shape of a result
+            wQ, wQd, ..., one for each result; None is zero. Where the kernel returns one array, an array.
+        out : tuple of arrays, optional
+            Arrays to write the gradients into.
+        threads : int, optional
+            Number of threads to split the batch among.
+
+        Returns
+        -------
+        tuple of arrays
+            gq, gqd, ..., gW, ..., one for each input, in the unit of the weighted sum per unit of the input. Batch axes
+            broadcast: there is a gradient for each state, also by an input that all states share. Wrenches are constant
+            in the axes of their bodies while q varies. The gradient by the pose C of the base, (..., 6), is that along
+            twists d in its axes, for steps C exp(wedge(d)). Dependent coordinates of a closed robot follow q: there is
+            no gradient by them, the one by q contains it.
+
+        Raises
+        ------
+        JounceError
+            If the number of arrays or weights, a shape or a dtype is wrong, an array has names or a mask, the kernel is
+            one of products itself, or compiling takes longer than three seconds, which `Robot.compile` is for.
+
+        References
+        ----------
+        .. [1] A. Griewank, A. Walther, *Evaluating Derivatives*, 2nd ed., SIAM 2008, chapter 3.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> kernel = jounce.load("planar2r").compile(order=1)
+        >>> q, qd, q2d, q3d = np.ones((4, 2))
+        >>> Q, Qd = kernel(q, qd, q2d, q3d)
+        >>> gq, gqd, gq2d, gq3d = kernel.vjp((q, qd, q2d, q3d), (None, 2 * Qd))  # of the cost |Qd|^2
+        >>> h = np.array([1e-6, 0])
+        >>> higher, lower = (np.sum(kernel(x, qd, q2d, q3d)[1] ** 2) for x in (q + h, q - h))
+        >>> bool(np.isclose(gq[0], (higher - lower) / 2e-6))
+        True
+        """
+        kernel, given = self._product("vjp", arrays, weights)
+        gradients = kernel(*given, out=out, threads=threads)
+        return gradients if isinstance(gradients, tuple) else (gradients,)
+
+    def jvp(
+        self,
+        arrays: Sequence[ArrayLike],
+        directions: Sequence[ArrayLike | None],
+        *,
+        out: Floats | Sequence[Floats] | None = None,
+        threads: int = 1,
+    ) -> Results:
+        """Compute a Jacobian-vector product: the derivatives of all results along one direction of all inputs.
+
+        ``dy = sum_x (dy/dx) dx`` over the inputs x, such as q, qd, q2d, for every result y, such as Q, Qd, Q2d. Native
+        code of it is compiled at the first call and kept on disk.
+
+        Parameters
+        ----------
+        arrays : tuple of arrays, each (..., n), then (..., nb, 6), then (..., 4, 4) and (..., 6)
+            What a call of the kernel takes: q, qd, ..., W, Wd, ..., C, V, Vd, ...
+        directions : tuple of arrays, each of the shape of an input
+            dq, dqd, ..., dW, ..., one for each input; None is zero. That of the pose C of the base is a twist d in its
+            axes, (..., 6), of a step C exp(wedge(d)). Dependent coordinates of a closed robot have none: they follow q.
+        out : array or tuple of arrays, optional
+            Arrays to write the tangents into.
+        threads : int, optional
+            Number of threads to split the batch among.
+
+        Returns
+        -------
+        array, or for orders above 0 a tuple of arrays
+            dQ, dQd, ..., one for each result, as a call of the kernel returns them.
+
+        Raises
+        ------
+        JounceError
+            As in `vjp`.
+
+        References
+        ----------
+        .. [1] A. Griewank, A. Walther, *Evaluating Derivatives*, 2nd ed., SIAM 2008, chapter 3.
+
+        Examples
+        --------
+        Along the rates themselves, the tangent of Q is its time derivative:
+
+        >>> import jounce, numpy as np
+        >>> kernel = jounce.load("planar2r").compile(order=1)
+        >>> q, qd, q2d, q3d = np.random.default_rng(0).normal(size=(4, 2))
+        >>> Q, Qd = kernel(q, qd, q2d, q3d)
+        >>> dQ, dQd = kernel.jvp((q, qd, q2d, q3d), (qd, q2d, q3d, None))
+        >>> bool(np.allclose(dQ, Qd))
+        True
+        """
+        kernel, given = self._product("jvp", arrays, directions)
+        result: Results = kernel(*given, out=out, threads=threads)
+        return result
+
+    def _product(self, name: Product, arrays: Any, others: Any) -> tuple["Kernel", list[Any]]:
+        """The kernel of a product of the derivatives, and all arrays that it takes."""
+        kernel = self._products.get(name)
+        if kernel is None:
+            kernel = self._products[name] = self._compile_product(name)
+        given = of_product(f"{name} of {self!r}", self.signature, kernel.signature, arrays, others)
+        return kernel, given
+
+    def _compile_product(self, name: Product) -> "Kernel":
+        from jounce.native.kernel import compile_kernel  # which imports this module
+
+        if self.computation.product:
+            raise JounceError(f"{self!r} has no {name}: it computes derivatives itself; compile the values for theirs")
+        asked = replace(self.computation, product=name)
+        if refusal := plan.obstacle(asked, self.mechanism):
+            raise JounceError(f"{name} of {self!r}: native code {refusal}; choose a lower order")
+        try:
+            return compile_kernel(self.mechanism, asked, plan.MAX_COMPILE_SECONDS)
+        except plan.LongCompilationError:
+            raise JounceError(
+                f"{name} of {self!r} takes longer than {plan.MAX_COMPILE_SECONDS:g} s to compile;"
+                f" robot.compile({', '.join(asked.keywords())}) compiles it once"
+            ) from None
