@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jounce.cli.limits import LIMITS, load_robot, spans_in_words
-from jounce.cli.motions import AskedMotion, of_motion
+from jounce.cli.motions import AskedMotion, MotionCommand, of_motion
 from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import straight_columns, tell
 from jounce.cli.results import (
@@ -40,7 +40,7 @@ MOTION may be a folder of tables, or a table of many motions.
 """
 
 
-@click.command(epilog=EPILOG, short_help="Every limit of a robot along a motion.")
+@click.command(cls=MotionCommand, epilog=EPILOG, short_help="Every limit of a robot along a motion.")
 @on_robot
 @of_motion
 @LIMITS

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.motions import AskedMotion, of_motion
+from jounce.cli.motions import AskedMotion, MotionCommand, of_motion
 from jounce.cli.options import Asked, drive_terms, on_robot_without_drives
 from jounce.cli.output import check_distinct, tell
 from jounce.core.errors import JounceError, collected_warnings, warn
@@ -32,7 +32,7 @@ Deviations are those of the data alone; what they do not see is named.
 """
 
 
-@click.command(epilog=EPILOG, short_help="Identify inertial parameters and friction from a log.")
+@click.command(cls=MotionCommand, epilog=EPILOG, short_help="Identify inertial parameters and friction from a log.")
 @on_robot_without_drives
 @of_motion
 @click.option(
@@ -87,7 +87,7 @@ def identify(
 
     saving.check_writable(output)
     for path in filter(None, (output, table, plot)):
-        check_distinct(path, motion.path, robot.path)
+        check_distinct(path, motion.path, robot.path, motion.read)
     if table is not None:
         if table.suffix.lower() != ".csv":
             raise JounceError(f"{table}: unknown type of table {table.suffix!r} for --table; available: .csv")

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from jounce.cli.motions import AskedMotion, of_motion
+from jounce.cli.motions import AskedMotion, MotionCommand, check_options_writable, of_motion, write_options
 from jounce.cli.options import Asked, on_robot_without_drives
 from jounce.cli.output import check_distinct, progress, tell
 from jounce.core.errors import shortened
@@ -24,19 +24,28 @@ previous row and this one.
 """
 
 
-@click.command(epilog=EPILOG, short_help="Write a motion with its rates, q to q4d, as a table.")
+@click.command(cls=MotionCommand, epilog=EPILOG, short_help="Write a motion with its rates, q to q4d, as a table.")
 @on_robot_without_drives
 @of_motion
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Output table: .csv or .npz.")
 @click.option("--order", default=4, show_default=True, type=click.IntRange(0), help="Highest time derivative of q.")
+@click.option(
+    "--save-read",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Save how the table is read, for --read: .yaml.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
-def motion(robot: Asked, motion: AskedMotion, output: Path, order: int, as_json: bool) -> None:
+def motion(robot: Asked, motion: AskedMotion, output: Path, order: int, save_read: Path | None, as_json: bool) -> None:
     """Write MOTION of ROBOT with its rates as a table that `jounce run` reads and `jounce plot` draws."""
     from jounce.io import tables
     from jounce.io.motions.writing import pieces
 
     tables.check_writable(output)
     check_distinct(output, motion.path)
+    if save_read is not None:
+        check_options_writable(save_read)
+        check_distinct(save_read, motion.path, robot.path, motion.read)
     arm = robot.load()
     path = motion.load(arm, max(order - 2, 0))
     with progress("rates") as show:
@@ -49,6 +58,8 @@ def motion(robot: Asked, motion: AskedMotion, output: Path, order: int, as_json:
                 show(done, len(path.times))
 
         tables.write_pieces(output, shown())
+    if save_read is not None:
+        write_options(save_read, motion)
     summary = {
         "robot": arm.name,
         "motion": str(motion.path),
@@ -57,6 +68,7 @@ def motion(robot: Asked, motion: AskedMotion, output: Path, order: int, as_json:
         "notes": list(path.notes),
         "breaks": [found._asdict() for found in path.breaks_to(order)],
         "output": str(output),
+        "save_read": None if save_read is None else str(save_read),
         "states": len(path.times),
         "t": [float(path.times[0]), float(path.times[-1])],
         "order": order,
@@ -76,4 +88,5 @@ def _in_words(summary: dict[str, Any]) -> str:
         *summary["notes"],
         *([f"{count} break{'s' * (count > 1)}; --json lists them, --blend replaces them"] if count else []),
         f"q to {rate_name('q', summary['order'])} written to {summary['output']}",
+        *([f"options written to {summary['save_read']}, for --read"] if summary["save_read"] else []),
     ])  # fmt: skip

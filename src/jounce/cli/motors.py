@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from jounce.cli.motions import AskedMotion, of_motion
+from jounce.cli.motions import AskedMotion, MotionCommand, of_motion
 from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import tell
 from jounce.cli.results import OUTPUT, AskedStream, on_stream, results, results_in_words, with_deviation
@@ -35,7 +35,9 @@ Damping and friction that --drives selects act on the motors.
 """
 
 
-@click.command(epilog=EPILOG, short_help="Positions and torques of the motors of elastic joints along a motion.")
+@click.command(
+    cls=MotionCommand, epilog=EPILOG, short_help="Positions and torques of the motors of elastic joints along a motion."
+)
 @on_robot
 @of_motion
 @click.option(

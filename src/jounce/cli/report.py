@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from jounce.cli.limits import LIMITS, load
-from jounce.cli.motions import AskedMotion, of_motion
+from jounce.cli.motions import AskedMotion, MotionCommand, of_motion
 from jounce.cli.options import MESHES, Asked, on_robot
 from jounce.cli.output import check_distinct, tell
 from jounce.core.errors import shortened
@@ -21,7 +21,7 @@ server for anything.
 """
 
 
-@click.command(epilog=EPILOG, short_help="A page with the moving robot, its curves and limits.")
+@click.command(cls=MotionCommand, epilog=EPILOG, short_help="A page with the moving robot, its curves and limits.")
 @on_robot
 @of_motion
 @LIMITS

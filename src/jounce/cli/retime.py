@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from jounce.cli.limits import LIMITS, load
-from jounce.cli.motions import AskedMotion, of_motion
+from jounce.cli.motions import AskedMotion, MotionCommand, of_motion
 from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import check_distinct, progress, straight_columns, tell
 from jounce.core.errors import shortened
@@ -21,7 +21,7 @@ OUT holds t and NAME.q, NAME.qd, ... NAME.q4d, as `jounce motion` writes them.
 """
 
 
-@click.command(epilog=EPILOG, short_help="The fastest motion along a path, within all limits.")
+@click.command(cls=MotionCommand, epilog=EPILOG, short_help="The fastest motion along a path, within all limits.")
 @on_robot
 @of_motion
 @LIMITS

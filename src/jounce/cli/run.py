@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.motions import AskedMotion, of_motion
+from jounce.cli.motions import AskedMotion, MotionCommand, of_motion
 from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import tell
 from jounce.cli.results import OUTPUT, AskedStream, on_stream, results, results_in_words, with_deviation
@@ -48,7 +48,9 @@ same command continues a run that was stopped.
 """
 
 
-@click.command(epilog=EPILOG, short_help="Compute Q, Qd, Q2d along a motion and write them as a table.")
+@click.command(
+    cls=MotionCommand, epilog=EPILOG, short_help="Compute Q, Qd, Q2d along a motion and write them as a table."
+)
 @on_robot
 @of_motion
 @OUTPUT
