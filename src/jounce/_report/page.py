@@ -12,7 +12,7 @@ import numpy as np
 from jounce._report.curves import powers
 from jounce._report.packing import packed
 from jounce._report.panels import PANELS
-from jounce._report.subject import HIGHEST, Subject, subject_of
+from jounce._report.subject import MAX_REPORT_ORDER, Subject, subject_of
 from jounce.core.errors import JounceError, escaped, quoted
 from jounce.engine.along import FIRST, checked_motion
 from jounce.engine.engine import Engine
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 HERE = Path(__file__).parent
-SUFFIXES = (".html", ".htm")
+PAGE_SUFFIXES = (".html", ".htm")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -118,8 +118,8 @@ def check_installed() -> None:
 
 def check_writable(path: Path) -> None:
     """Raise `JounceError` if `Report.save` could not write, before any work is done."""
-    if path.suffix.lower() not in SUFFIXES:
-        raise JounceError(f"{path}: unknown type of page {path.suffix!r}; available: {', '.join(SUFFIXES)}")
+    if path.suffix.lower() not in PAGE_SUFFIXES:
+        raise JounceError(f"{path}: unknown type of page {path.suffix!r}; available: {', '.join(PAGE_SUFFIXES)}")
     files.check_writable(path)
 
 
@@ -136,8 +136,8 @@ def _check_still(robot: Engine, motion: Motion) -> None:
 def _order(motion: Motion, order: int | None) -> int:
     known = motion.highest
     if order is None:
-        return HIGHEST if known is None else max(0, min(HIGHEST, known - FIRST))
-    if isinstance(order, bool) or not isinstance(order, int | np.integer) or not 0 <= int(order) <= HIGHEST:
+        return MAX_REPORT_ORDER if known is None else max(0, min(MAX_REPORT_ORDER, known - FIRST))
+    if isinstance(order, bool) or not isinstance(order, int | np.integer) or not 0 <= int(order) <= MAX_REPORT_ORDER:
         raise JounceError(f"order is {quoted(order)}; expected 0, 1 or 2: the highest rate of Q on the page")
     return int(order)
 

@@ -5,13 +5,13 @@ from typing import Any
 
 from jounce.core.errors import listed
 
-SHOWN = 4  # in words
+MAX_BREAKS_SHOWN = 4  # as of notes; --json has all
 
 
 def breaks_in_words(breaks: Sequence[dict[str, Any]]) -> list[str]:
     """Describe the first breaks, one per line, and the number of all."""
     lines = []
-    for found in breaks[:SHOWN]:
+    for found in breaks[:MAX_BREAKS_SHOWN]:
         joints: dict[str, list[str]] = {}
         for joint, cause in found["causes"].items():
             joints.setdefault(cause["rate"], []).append(joint)
@@ -20,7 +20,7 @@ def breaks_in_words(breaks: Sequence[dict[str, Any]]) -> list[str]:
         then = [f"{found['jumps']} jumps"] if found["jumps"] else []
         then += [f"{', '.join(missing)} do{'es' * (len(missing) == 1)} not exist"] if missing else []
         lines.append(f"break at t = {found['t']:.9g} s: {causes} jumps; {', '.join(then)}")
-    rest = len(breaks) - SHOWN
+    rest = len(breaks) - MAX_BREAKS_SHOWN
     if rest > 0:
         lines.append(f"and {rest} more break{'s' * (rest > 1)}; --json lists them, --blend replaces them")
     return lines

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from jounce.motion import Motion
     from jounce.stream.tally import Aggregate
 
-SHOWN = 20  # limits in words
+MAX_LIMITS_SHOWN = 20  # those nearest to their bounds: a table that fits a terminal; --json has all
 EXIT_CODES = {"kept": 0, "broken": 1, "undecided": 3}  # 2 is that of errors
 
 EPILOG = """\b
@@ -118,7 +118,7 @@ def _in_words(summary: dict[str, Any]) -> str:
     cells: list[tuple[str, ...]] = [
         ("limit", "joint", "|worst|", "bound", "unit", "at t", "ratio", "broken at t", "undecided at t", "motion")
     ]
-    for row in rows[:SHOWN]:
+    for row in rows[:MAX_LIMITS_SHOWN]:
         value, bound, ratio = (f"{abs(_number(row[key])):.6g}" for key in ("value", "bound", "ratio"))
         deviation = f" +- {row['deviation']:.2g}" if row["deviation"] else ""
         cells.append((
@@ -129,7 +129,7 @@ def _in_words(summary: dict[str, Any]) -> str:
     shown = [True] * 8 + [any(row["undecided"] for row in rows), summary["motions"] > 1]
     cells = [tuple(compress(row, shown)) for row in cells]
     robot, (first, last) = shortened(summary["robot"]), summary["t"]
-    more = [f"and {len(rows) - SHOWN} more; --json lists them"] if len(rows) > SHOWN else []
+    more = [f"and {len(rows) - MAX_LIMITS_SHOWN} more; --json lists them"] if len(rows) > MAX_LIMITS_SHOWN else []
     return "\n".join([
         f"{robot} along {summary['motion']}, t = {first:g} .. {last:g} s: {_verdict_in_words(summary)}",
         *notes_in_words(summary),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jounce.cli.output import progress, straight_columns, tell
-from jounce.figures.canvas import FORMATS
+from jounce.figures.canvas import PICTURE_FORMATS
 
 if TYPE_CHECKING:
     from jounce._report.demo.example import Example, StepErrors
@@ -32,8 +32,8 @@ Example:
     help="Number of states over the 5 s.",
 )
 @click.option(
-    "--format", "formats", multiple=True, default=FORMATS, show_default=True,
-    type=click.Choice(FORMATS), help="Format of the pictures; may be repeated.",
+    "--format", "formats", multiple=True, default=PICTURE_FORMATS, show_default=True,
+    type=click.Choice(PICTURE_FORMATS), help="Format of the pictures; may be repeated.",
 )  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> None:

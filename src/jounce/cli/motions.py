@@ -44,7 +44,7 @@ def _take_defaults(ctx: click.Context, _: click.Parameter, path: Path | None) ->
 
 OPTION_FILES = (".yaml", ".yml")
 _option = partial(click.option, cls=_TableOption)
-OPTIONS: tuple[Decorator, ...] = (
+TABLE_OPTIONS: tuple[Decorator, ...] = (
     _option(
         "--read", metavar="FILE", type=click.Path(path_type=Path), is_eager=True, callback=_take_defaults,
         help="YAML file with options of this group, 'bandwidth: 20'; those of the command line win.",
@@ -130,7 +130,7 @@ def _with_options(verb: Callable[..., None]) -> Callable[..., None]:
             verb(motion=None, **others)
 
     command: Callable[..., None] = asked
-    for option in reversed(OPTIONS):
+    for option in reversed(TABLE_OPTIONS):
         command = option(command)
     return command
 

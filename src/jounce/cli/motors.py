@@ -12,7 +12,7 @@ from jounce.cli.output import tell
 from jounce.cli.results import OUTPUT, AskedStream, on_stream, results, results_in_words, with_deviation
 from jounce.core.errors import JounceError, quoted
 
-HIGHEST = 2  # the rate of Q that torques of motors take
+MOTOR_FORCE_ORDER = 2  # rates of Q that motor torques need: tau = B theta2d + Q, theta = q + Q / K
 
 EPILOG = """\b
 Example:
@@ -73,7 +73,7 @@ def motors(
         _by_joint("--stiffness", stiffness, links.joint_names), _by_joint("--rotor", rotor, links.joint_names)
     )
     job = Job("motors", arm, 0, stream.reading(motion), None if stream.reduce else form_of(output))
-    _, summary = results(job, motion, output, stream, "motors", lambda: motion.load(arm, HIGHEST))
+    _, summary = results(job, motion, output, stream, "motors", lambda: motion.load(arm, MOTOR_FORCE_ORDER))
     tell(summary, _in_words, as_json)
 
 

@@ -64,7 +64,7 @@ class Asked:
 
 Decorator = Callable[[Callable[..., None]], Callable[..., None]]
 
-DRIVES = click.option(
+DRIVES_OPTION = click.option(
     "--drives",
     metavar="TERMS",
     help="Drive terms to include in Q: all, or a comma-separated list of armature, damping, friction, spring.",
@@ -76,14 +76,14 @@ MESHES = click.option(
     type=click.Path(exists=True, file_okay=False, path_type=Path),
     help="Folder in which meshes may be, besides that of ROBOT and its packages; may be repeated.",
 )
-OPTIONS: tuple[Decorator, ...] = (
+ROBOT_OPTIONS: tuple[Decorator, ...] = (
     click.argument("robot", type=ROBOT),
     click.option("--base", metavar="BASE", help="floating: the base moves freely. fixed: weld free joints at zero."),
     click.option("--root", metavar="LINK", help="Use this link as the base: only the links that it carries are kept."),
     click.option(
         "--lock", multiple=True, metavar="JOINT=VALUE", help="Lock a joint at a value in rad or m; may be repeated."
     ),
-    DRIVES,
+    DRIVES_OPTION,
     click.option(
         "--gravity",
         nargs=3,
@@ -103,12 +103,12 @@ OPTIONS: tuple[Decorator, ...] = (
 
 def on_robot(verb: Callable[..., None]) -> Callable[..., None]:
     """Add the argument ROBOT and its options to a command, which gets them as one `robot`, an `Asked`."""
-    return _with_options(verb, OPTIONS)
+    return _with_options(verb, ROBOT_OPTIONS)
 
 
 def on_robot_without_drives(verb: Callable[..., None]) -> Callable[..., None]:
     """`on_robot` of a verb on which drive trains have no effect."""
-    return _with_options(verb, [option for option in OPTIONS if option is not DRIVES])
+    return _with_options(verb, [option for option in ROBOT_OPTIONS if option is not DRIVES_OPTION])
 
 
 def _with_options(verb: Callable[..., None], options: Sequence[Decorator]) -> Callable[..., None]:

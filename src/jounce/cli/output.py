@@ -13,7 +13,7 @@ import click
 
 from jounce.core.errors import JounceError, escaped, shortened
 
-PATIENCE = 1.0  # s without a sign of life
+PROGRESS_DELAY = 1.0  # s of work before a bar appears: shorter work needs none
 
 
 def styled(text: str, **style: Any) -> str:
@@ -64,7 +64,7 @@ def progress(label: str) -> Iterator[Callable[..., None]]:
     seen, start = sys.stderr.isatty(), monotonic()
 
     def show(done: int, total: int, states: int | None = None) -> None:
-        if seen and monotonic() - start > PATIENCE:
+        if seen and monotonic() - start > PROGRESS_DELAY:
             bar.length = total
             if states is not None:
                 bar.label = f"{label}, {states / (monotonic() - start):.3g} states/s"

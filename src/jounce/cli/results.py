@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from jounce.stream.job import Job, Reading
     from jounce.stream.results import Summary
 
-SHOWN = 4  # notes and warnings
-SCHEMA = 1  # of the JSON of `run`, `motors` and `check`: raised where a key goes or changes its meaning
+MAX_NOTES_SHOWN = 4  # notes, warnings and sources: more would hide the results; --json has all
+SUMMARY_SCHEMA = 1  # of the JSON of `run`, `motors` and `check`: raised where a key goes or changes its meaning
 
 OUTPUT = click.option(
     "-o",
@@ -119,14 +119,14 @@ def compute(
         with collected_warnings() as caught, progress(label) as show:
             found = of_motion(job, load(), motion.path.stem, output, show)
         found = replace(found, warnings=(*dict.fromkeys(caught),))
-    for text in found.warnings[:SHOWN]:
+    for text in found.warnings[:MAX_NOTES_SHOWN]:
         warn(text)
-    if (more := len(found.warnings) - SHOWN) > 0:
+    if (more := len(found.warnings) - MAX_NOTES_SHOWN) > 0:
         warn(f"and {more} more warnings; --json lists them")
     spans = [of["t"] for of in found.aggregates.values()]
     table = str(skipped_path(output)) if output is not None and found.skipped else None
     return found, {
-        "schema": SCHEMA,
+        "schema": SUMMARY_SCHEMA,
         "robot": job.robot.name,
         "motion": str(motion.path),
         "output": None if output is None else str(output),
@@ -172,7 +172,7 @@ def results(
                 values.setdefault(joint, {}).setdefault(name, []).append(value)
     largest = {joint: {name: surest(of) for name, of in named.items()} for joint, named in values.items()}
     return found, summary | {
-        "source": "; ".join(list(dict.fromkeys(of["source"] for of in motions.values()))[:SHOWN]),
+        "source": "; ".join(list(dict.fromkeys(of["source"] for of in motions.values()))[:MAX_NOTES_SHOWN]),
         "residual": max((of["residual"] for of in motions.values() if of["residual"] is not None), default=None),
         "blend": motion.blend,
         "breaks": [at | {"motion": name} for name, of in motions.items() for at in of["breaks"]],
@@ -210,8 +210,9 @@ def with_deviation(value: float, deviation: float) -> str:
 def notes_in_words(summary: dict[str, Any]) -> list[str]:
     """The first notes, rows that are left out, and how much was computed before."""
     notes, skipped, parts = summary["notes"], summary["skipped"], summary["parts"]
-    lines = notes[:SHOWN]
-    lines += [f"and {len(notes) - SHOWN} more notes; --json lists them"] if len(notes) > SHOWN else []
+    lines = notes[:MAX_NOTES_SHOWN]
+    if (more := len(notes) - MAX_NOTES_SHOWN) > 0:
+        lines.append(f"and {more} more notes; --json lists them")
     if skipped["rows"]:
         where = f", see {skipped['table']}" if skipped["table"] else ""
         lines.append(f"{skipped['rows']} bad rows, motions or files left out{where}")

@@ -10,9 +10,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-INCH = 25.4  # mm
-COLUMN, PAGE = 88.9, 181.9  # mm, of the journals of the IEEE; those of Elsevier have 90 and 190
-NARROWEST, LEAST, MOST = 2.1, 30.0, 500.0  # inches of a column of axes; mm of a page
+MM_PER_INCH = 25.4  # mm
+COLUMN_WIDTH, PAGE_WIDTH = 88.9, 181.9  # mm, of the journals of the IEEE; those of Elsevier have 90 and 190
+MIN_AXES_WIDTH = 2.1  # inches of a column of axes: its tick labels need it
+MIN_PICTURE_WIDTH, MAX_PICTURE_WIDTH = 30.0, 500.0  # mm: below, nothing can be read; above, no paper is as wide
 
 
 def width_of(text: str) -> float:
@@ -23,12 +24,14 @@ def width_of(text: str) -> float:
     JounceError : where it means none, or one on which nothing can be read.
     """
     try:
-        found = {"column": COLUMN, "page": PAGE}.get(text) or float(text)
+        found = {"column": COLUMN_WIDTH, "page": PAGE_WIDTH}.get(text) or float(text)
     except ValueError:
         found = 0.0
-    if not LEAST <= found <= MOST:
-        raise JounceError(f"--width {quoted(text)}; expected column, page or {LEAST:g} to {MOST:g} mm")
-    return found / INCH
+    if not MIN_PICTURE_WIDTH <= found <= MAX_PICTURE_WIDTH:
+        raise JounceError(
+            f"--width {quoted(text)}; expected column, page or {MIN_PICTURE_WIDTH:g} to {MAX_PICTURE_WIDTH:g} mm"
+        )
+    return found / MM_PER_INCH
 
 
 def page_size(
@@ -40,7 +43,7 @@ def page_size(
     if width is None:
         size = 3 + (4.2 if columns < 3 else 3.2) * columns, 0.7 + 2.2 * labels * -(-cells // columns)
         return size, columns
-    columns = max(1, min(columns, int(width / NARROWEST)))
+    columns = max(1, min(columns, int(width / MIN_AXES_WIDTH)))
     columns = max(columns - columns % alike, 1)
     row = min(2.2, max(1.2, 0.55 * width / columns))
     return (width, 0.5 + row * labels * -(-cells // columns)), columns

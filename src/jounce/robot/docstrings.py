@@ -8,7 +8,7 @@ from typing import NamedTuple
 from jounce.dynamics.quantities import Quantity
 from jounce.spatial.series import rate_name
 
-WIDTH = 112  # of lines, which a class and a method indent in sources
+DOCSTRING_WIDTH = 112  # characters of a line: 120, less the indent of a method in the stub
 
 
 class Option(NamedTuple):
@@ -20,7 +20,7 @@ class Option(NamedTuple):
     text: str
 
 
-OPTIONS = {
+METHOD_OPTIONS = {
     "wrench": Option(
         "Rates | None",
         "None",
@@ -65,7 +65,7 @@ OPTIONS = {
     "threads": Option("int", "1", "", ""),
 }
 SHARED = ("base", "method", "out", "threads")
-FORCES = (
+FORCES_TEXT = (
     "Generalized forces: N m, or N for coordinates in m. If the robot floats, they begin with the wrench (moment;"
     " force) that acts on the base, in its axes: zero in flight."
 )
@@ -78,7 +78,12 @@ COORDINATES = {
     2: "Coordinates and velocities: rad or m, per s.",
     3: "Coordinates, velocities and accelerations: rad or m, per s, per s^2.",
 }
-AXES = {"bodies": "nb", "parameters": "10 nb", "tree": "N", "motors": "k"}  # where they are not called as in rows
+AXIS_LENGTHS = {
+    "bodies": "nb",
+    "parameters": "10 nb",
+    "tree": "N",
+    "motors": "k",
+}  # where they are not called as in rows
 
 
 def options_of(row: Quantity) -> tuple[str, ...]:
@@ -112,7 +117,7 @@ def _section(title: str, entries: Iterable[tuple[str, str]]) -> str:
 
 @cache  # what many methods say
 def _indented(text: str) -> str:
-    return fill(text, WIDTH, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False)
+    return fill(text, DOCSTRING_WIDTH, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False)
 
 
 def _parameters(row: Quantity) -> Iterator[tuple[str, str]]:
@@ -130,13 +135,13 @@ def _parameters(row: Quantity) -> Iterator[tuple[str, str]]:
         )
         yield f"{names[4]} : (..., n)", MOTORS[names[4]]
     if row.forces:
-        yield f"{names[own]} : (..., nv)", FORCES
+        yield f"{names[own]} : (..., nv)", FORCES_TEXT
     if not row.results:
         size = "nv" if row.forces else "n"
         more = f"Further rates, each for one more time derivative of {row.names(0)[0]}."
         yield f"{', '.join(names[row.rates :])}, *higher : (..., {size}), optional", more
     for name in options_of(row)[: -len(SHARED)]:
-        option = OPTIONS[name]
+        option = METHOD_OPTIONS[name]
         count = row.wrench_rates - 1
         more = f", and {count} more: ({', '.join(rate_name('W', k) for k in range(count + 1))}) for it" if count else ""
         yield f"{name} : {option.takes}", option.text.format(more=more, of_motors=row.of_motors)
@@ -145,7 +150,7 @@ def _parameters(row: Quantity) -> Iterator[tuple[str, str]]:
 
 def _returns(row: Quantity) -> tuple[str, str]:
     names = ", ".join(row.names(0))
-    axes = [str(row.rates) if axis == "rates" else AXES.get(str(axis), str(axis)) for axis in row.shape]
+    axes = [str(row.rates) if axis == "rates" else AXIS_LENGTHS.get(str(axis), str(axis)) for axis in row.shape]
     shape = _shape(axes)
     if row.results:
         kind = shape

@@ -21,7 +21,7 @@ from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.loads import wrench_of_load
 from jounce.model.drives import select_columns, select_terms
-from jounce.robot.docstrings import OPTIONS, docstring, options_of
+from jounce.robot.docstrings import METHOD_OPTIONS, docstring, options_of
 from jounce.robot.elastic import check_side, compiled_name
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def method_of(row: Quantity) -> FunctionType:
     taken = list(names[: row.rates])
     given = ", ".join(taken) + "," if row.results else f"{', '.join(names)}, *higher"
     taken += ["*"] if row.results else [*(f"{name}=None" for name in names[row.rates :]), "*higher"]
-    taken += [f"{name}={OPTIONS[name].default}" for name in options]
+    taken += [f"{name}={METHOD_OPTIONS[name].default}" for name in options]
     called = _with_columns.__name__ if "drives" in options else compute.__name__
     asked = f"{_form_of.__name__}(form)" if "form" in options else repr(row.name)
     if row.of_motors:

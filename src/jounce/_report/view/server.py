@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 HOST = "127.0.0.1"  # other machines see nothing
 NAMES_OF_HOST = (HOST, "localhost")  # in addresses of browsers here, and at the near end of a tunnel
-PORT = 8080  # the first that is tried
+FIRST_PORT = 8080  # the first that is tried
 _REPLACING = Lock()  # of attributes of modules, which are restored in reverse order
 
 
@@ -29,7 +29,7 @@ def serve(port: int | None) -> Iterator["viser.ViserServer"]:
     """
     import viser
 
-    first = PORT if port is None else _free_port(port)
+    first = FIRST_PORT if port is None else _free_port(port)
     with _REPLACING, _own_pages_only(), _quiet():
         server = viser.ViserServer(host=HOST, port=first, label="jounce", verbose=False)
     try:

@@ -17,7 +17,7 @@ from jounce.model.positions import resting_position
 if TYPE_CHECKING:
     from jounce.motion import Motion
 
-STATES = 2000  # of a motion, at most
+MAX_TRACK_STATES = 2000  # of a motion, all held in memory: at 30 pictures per second those of a minute
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +50,8 @@ def track(robot: Engine, motion: "Motion") -> Track:
     JounceError : where the motion is of other joints.
     """
     t = motion.times
-    if len(t) > STATES:
-        t = np.linspace(motion.start, motion.stop, STATES)
+    if len(t) > MAX_TRACK_STATES:
+        t = np.linspace(motion.start, motion.stop, MAX_TRACK_STATES)
     along = forces_along(robot, motion, t, 0)
     W = motion.wrench(t, 0)
     loads = {} if W is None else W[0]

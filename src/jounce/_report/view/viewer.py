@@ -20,7 +20,7 @@ from jounce.engine.engine import Engine
 if TYPE_CHECKING:
     import viser
 
-CURVES = 0.2  # s between two updates of the curves
+CURVE_UPDATE_PERIOD = 0.2  # s: curves are sent as a whole, which takes longer than poses
 
 
 @dataclass(eq=False)
@@ -89,7 +89,7 @@ class Viewer:
             first, last = self.along.t[[0, -1]]
             at = self.time.value + seconds * self.speed.value
             self.time.value = float(at if at <= last else first)
-        if clock - self.drawn > CURVES:
+        if clock - self.drawn > CURVE_UPDATE_PERIOD:
             self.drawn = clock
             data = curves_of(self.along, self.time.value)
             if any(not np.array_equal(a, b) for a, b in zip(data, self.plot.data, strict=True)):
