@@ -38,12 +38,7 @@ class Meshes:
 
 
 def meshes_of(m: Mechanism, path: Path, folders: Sequence[Path] = ()) -> Meshes:
-    """The visuals of a robot file as triangles, `MAX_TRIANGLES` at most; none where trimesh is missing.
-
-    Raises
-    ------
-    JounceError : where the robot file cannot be read, or a number is wrong.
-    """
+    """The visuals of a robot file as triangles, `MAX_TRIANGLES` at most; none where trimesh is missing."""
     visuals = visuals_of(m, path)
     if not visuals:
         return Meshes(notes=(f"{path.name} has no visuals of the links; capsules stand for them.",))

@@ -6,17 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.limits import LIMITS, load_robot, spans_in_words
+from jounce.cli.limits import LIMITS, draw_ratios, load_robot, spans_in_words
 from jounce.cli.motions import AskedMotion, MotionCommand, of_motion
-from jounce.cli.options import Asked, on_robot
+from jounce.cli.options import PATH, Asked, on_robot
 from jounce.cli.output import straight_columns, tell
-from jounce.cli.results import (
-    AskedStream,
-    compute,
-    is_by_parts,
-    notes_in_words,
-    on_stream_without_reduce,
-)
+from jounce.cli.results import AskedStream, compute, is_by_parts, notes_in_words, on_stream_without_reduce
 from jounce.core.errors import JounceError, shortened
 
 if TYPE_CHECKING:
@@ -44,14 +38,8 @@ MOTION may be a folder of tables, or a table of many motions.
 @on_robot
 @of_motion
 @LIMITS
-@click.option(
-    "-o", "--picture", type=click.Path(path_type=Path), help="Ratios over time as a picture: .png, .svg or .pdf."
-)
-@click.option(
-    "--table",
-    type=click.Path(path_type=Path),
-    help="Write the limits of every motion as a table: .csv, .npz or .parquet.",
-)
+@click.option("-o", "--picture", type=PATH, help="Ratios over time as a picture: .png, .svg or .pdf.")
+@click.option("--table", type=PATH, help="Write the limits of every motion as a table: .csv, .npz or .parquet.")
 @on_stream_without_reduce
 @click.option("--json", "as_json", is_flag=True, help="Print every limit as JSON.")
 def check(
@@ -83,10 +71,7 @@ def check(
 
     found, summary = compute(job, motion, table, stream, "limits", load)
     if picture is not None:
-        from jounce.figures.ratios import over_time
-        from jounce.limits.along import ratios_along
-
-        canvas.save(over_time(*ratios_along(arm, loaded[0]), arm.joint_names), picture)
+        draw_ratios(arm, loaded[0], picture)
     summary |= {"picture": None if picture is None else str(picture), **_verdicts(found.aggregates)}
     tell(summary, _in_words, as_json)
     raise SystemExit(EXIT_CODES[summary["verdict"]])

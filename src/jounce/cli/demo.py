@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from jounce.cli.options import PATH
 from jounce.cli.output import progress, straight_columns, tell
 from jounce.figures.canvas import PICTURE_FORMATS
 
@@ -21,20 +22,17 @@ Example:
 
 @click.command(epilog=EPILOG, short_help="Run the example of the paper, with pictures.")
 @click.option(
-    "-o", "--output", default=Path("jounce-demo"), show_default=True, type=click.Path(path_type=Path),
-    help="Output folder; created if it does not exist.",
-)  # fmt: skip
-@click.option(
-    "--states",
-    default=10_000,
-    show_default=True,
-    type=click.IntRange(100, 1_000_000),
-    help="Number of states over the 5 s.",
+    "-o", "--output", default=Path("jounce-demo"), type=PATH, help="Output folder; created if it does not exist."
 )
+@click.option("--states", default=10_000, type=click.IntRange(100, 1_000_000), help="Number of states over the 5 s.")
 @click.option(
-    "--format", "formats", multiple=True, default=PICTURE_FORMATS, show_default=True,
-    type=click.Choice(PICTURE_FORMATS), help="Format of the pictures; may be repeated.",
-)  # fmt: skip
+    "--format",
+    "formats",
+    multiple=True,
+    default=PICTURE_FORMATS,
+    type=click.Choice(PICTURE_FORMATS),
+    help="Format of the pictures; may be repeated.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> None:
     """Run the paper's example: the KUKA iiwa along a motion of cosines, with and without a wrench at its end.

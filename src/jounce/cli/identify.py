@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jounce.cli.motions import AskedMotion, MotionCommand, of_motion
-from jounce.cli.options import Asked, drive_terms, on_robot_without_drives
+from jounce.cli.options import PATH, Asked, drive_terms, on_robot_without_drives
 from jounce.cli.output import check_distinct, tell
 from jounce.core.errors import JounceError, collected_warnings, warn
 
@@ -35,14 +35,11 @@ Deviations are those of the data alone; what they do not see is named.
 @click.command(cls=MotionCommand, epilog=EPILOG, short_help="Identify inertial parameters and friction from a log.")
 @on_robot_without_drives
 @of_motion
-@click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Robot file to write: .yaml or .json."
-)
+@click.option("-o", "--output", required=True, type=PATH, help="Robot file to write: .yaml or .json.")
 @click.option(
     "--drives",
     "terms",
     default=DEFAULT,
-    show_default=True,
     metavar="TERMS",
     help="Drive terms to identify: all, none, or a list of armature, damping, friction, spring, offset.",
 )
@@ -57,18 +54,15 @@ Deviations are those of the data alone; what they do not see is named.
 @click.option(
     "--deviation", "deviations", type=float, metavar="N", help="Standard deviation of the torques; default: residuals."
 )
-@click.option("--prior", type=float, default=0.3, show_default=True, help="Relative deviation of the robot's own data.")
+@click.option("--prior", type=float, default=0.3, help="Relative deviation of the robot's own data.")
 @click.option(
     "--method",
     type=click.Choice(["inverse_dynamics", "momentum", "power"]),
     default="inverse_dynamics",
-    show_default=True,
     help="Equations; those of momentum and power need no accelerations.",
 )
-@click.option("--table", type=click.Path(path_type=Path), help="Write the parameters with deviations: .csv.")
-@click.option(
-    "--plot", type=click.Path(path_type=Path), help="Measured and predicted torques as a picture: .png, .svg or .pdf."
-)
+@click.option("--table", type=PATH, help="Write the parameters with deviations: .csv.")
+@click.option("--plot", type=PATH, help="Measured and predicted torques as a picture: .png, .svg or .pdf.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def identify(
     robot: Asked,

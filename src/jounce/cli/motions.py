@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial, wraps
 from pathlib import Path
@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.options import MOTION, Decorator, renamed_flag
+from jounce.cli.options import MOTION, PATH, Decorator, renamed_flag
+from jounce.cli.output import progress
 from jounce.core.errors import JounceError, at, listed
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ OPTION_FILES = (".yaml", ".yml")
 _option = partial(click.option, cls=_TableOption)
 TABLE_OPTIONS: tuple[Decorator, ...] = (
     _option(
-        "--read", metavar="FILE", type=click.Path(path_type=Path), is_eager=True, callback=_take_defaults,
+        "--read", metavar="FILE", type=PATH, is_eager=True, callback=_take_defaults,
         help="YAML file with options of this group, 'bandwidth: 20'; those of the command line win.",
     ),
     _option(
@@ -104,6 +105,24 @@ class AskedMotion:
             raise
         found = found if self.blend is None else found.blended(self.blend, max(4, order + 2))
         return found if self.step is None else found.with_step(self.step)
+
+
+def write_motion(output: Path, motion: "Motion", joints: Sequence[str], order: int | None = None) -> None:
+    """Write a motion as a table with its rates up to an order, by default q4d or the last that is known, with a bar."""
+    from jounce.io import tables
+    from jounce.io.motions.writing import pieces
+
+    known = 4 if motion.highest is None else motion.highest
+    with progress("rates") as show:
+
+        def shown() -> Iterator[Any]:
+            done = 0
+            for piece in pieces(motion, joints, min(4, known) if order is None else order):
+                yield piece
+                done += len(piece["t"])
+                show(done, len(motion.times))
+
+        tables.write_pieces(output, shown())
 
 
 def of_motion(verb: Callable[..., None]) -> Callable[..., None]:

@@ -44,6 +44,7 @@ def _motions() -> Iterable[str]:
     return BUNDLED
 
 
+PATH = click.Path(path_type=Path)
 ROBOT = FileOrName("robot", _robots)
 MOTION = FileOrName("motion", _motions)
 
@@ -84,19 +85,9 @@ ROBOT_OPTIONS: tuple[Decorator, ...] = (
         "--lock", multiple=True, metavar="JOINT=VALUE", help="Lock a joint at a value in rad or m; may be repeated."
     ),
     DRIVES_OPTION,
+    click.option("--gravity", nargs=3, type=float, metavar="X Y Z", help="Gravity in m/s^2; default: the robot's own."),
     click.option(
-        "--gravity",
-        nargs=3,
-        type=float,
-        metavar="X Y Z",
-        help="Gravitational acceleration in m/s^2; default: the robot's own.",
-    ),
-    click.option(
-        "--xacro-arg",
-        "xacro_args",
-        multiple=True,
-        metavar="NAME=VALUE",
-        help="Argument of a .xacro file; may be repeated.",
+        "--xacro-arg", "xacro_args", multiple=True, metavar="NAME=VALUE", help="Argument of a .xacro file; repeatable."
     ),
 )
 

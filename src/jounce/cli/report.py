@@ -7,7 +7,7 @@ import click
 
 from jounce.cli.limits import LIMITS, load
 from jounce.cli.motions import AskedMotion, MotionCommand, of_motion
-from jounce.cli.options import MESHES, Asked, on_robot
+from jounce.cli.options import MESHES, PATH, Asked, on_robot
 from jounce.cli.output import check_distinct, tell
 from jounce.core.errors import shortened
 
@@ -25,12 +25,8 @@ server for anything.
 @on_robot
 @of_motion
 @LIMITS
-@click.option(
-    "-o", "--output", metavar="PAGE", required=True, type=click.Path(path_type=Path), help="Output page: .html."
-)
-@click.option(
-    "--order", default=2, show_default=True, type=click.IntRange(0, 2), help="Highest time derivative of Q on the page."
-)
+@click.option("-o", "--output", metavar="PAGE", required=True, type=PATH, help="Output page: .html.")
+@click.option("--order", default=2, type=click.IntRange(0, 2), help="Highest time derivative of Q on the page.")
 @click.option("--json", "as_json", is_flag=True, help="Print a summary of the page as JSON.")
 @MESHES
 def report(

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.breaks import breaks_in_words
 from jounce.cli.motions import AskedMotion
+from jounce.cli.options import PATH
 from jounce.cli.output import check_distinct, progress, straight_columns
-from jounce.core.errors import JounceError, collected_warnings, quoted, shortened, warn
+from jounce.core.errors import JounceError, collected_warnings, listed, quoted, shortened, warn
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
@@ -19,26 +19,18 @@ if TYPE_CHECKING:
     from jounce.stream.results import Summary
 
 MAX_NOTES_SHOWN = 4  # notes, warnings and sources: more would hide the results; --json has all
+MAX_BREAKS_SHOWN = 4  # as of notes
 SUMMARY_SCHEMA = 1  # of the JSON of `run`, `motors` and `check`: raised where a key goes or changes its meaning
 
-OUTPUT = click.option(
-    "-o",
-    "--output",
-    required=True,
-    type=click.Path(path_type=Path),
-    help="Output: .csv, .npz, .parquet, or a folder.",
-)
+OUTPUT = click.option("-o", "--output", required=True, type=PATH, help="Output: .csv, .npz, .parquet, or a folder.")
 ON_ERROR = click.option(
     "--on-error",
     type=click.Choice(["stop", "skip"]),
     default="stop",
-    show_default=True,
     help="Bad rows of large tables: stop at the first, or skip them and write them to OUT.skipped.csv.",
 )
 REDUCE = click.option(
-    "--reduce",
-    metavar="KINDS",
-    help="Write aggregates per motion and joint instead of rows: peak, rms, or peak,rms.",
+    "--reduce", metavar="KINDS", help="Write aggregates per motion and joint instead of rows: peak, rms, or peak,rms."
 )
 
 
@@ -205,6 +197,24 @@ def results_in_words(summary: dict[str, Any], names: Sequence[str], rows: list[t
 def with_deviation(value: float, deviation: float) -> str:
     """A value with its standard deviation, unless it is exact."""
     return f"{value:.6g}" + (f" ± {float(f'{deviation:.2g}'):g}" if deviation else "")
+
+
+def breaks_in_words(breaks: Sequence[dict[str, Any]]) -> list[str]:
+    """Describe the first breaks, one per line, and the number of all."""
+    lines = []
+    for found in breaks[:MAX_BREAKS_SHOWN]:
+        joints: dict[str, list[str]] = {}
+        for joint, cause in found["causes"].items():
+            joints.setdefault(cause["rate"], []).append(joint)
+        causes = " and ".join(f"{rate} of {listed(names)}" for rate, names in joints.items())
+        missing = found["missing"]
+        then = [f"{found['jumps']} jumps"] if found["jumps"] else []
+        then += [f"{', '.join(missing)} do{'es' * (len(missing) == 1)} not exist"] if missing else []
+        lines.append(f"break at t = {found['t']:.9g} s: {causes} jumps; {', '.join(then)}")
+    rest = len(breaks) - MAX_BREAKS_SHOWN
+    if rest > 0:
+        lines.append(f"and {rest} more break{'s' * (rest > 1)}; --json lists them, --blend replaces them")
+    return lines
 
 
 def notes_in_words(summary: dict[str, Any]) -> list[str]:

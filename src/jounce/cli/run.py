@@ -54,7 +54,7 @@ same command continues a run that was stopped.
 @on_robot
 @of_motion
 @OUTPUT
-@click.option("--order", default=2, show_default=True, type=click.IntRange(0), help="Highest time derivative of Q.")
+@click.option("--order", default=2, type=click.IntRange(0), help="Highest time derivative of Q.")
 @click.option("--rates", "with_rates", is_flag=True, help="Write q, qd, ... too.")
 @click.option(
     "--method", default=None, help="Method: kernel (native code, the default), recursion, closed_form or paper."

@@ -17,12 +17,7 @@ MIN_PICTURE_WIDTH, MAX_PICTURE_WIDTH = 30.0, 500.0  # mm: below, nothing can be 
 
 
 def width_of(text: str) -> float:
-    """The width in inches that "column", "page" or a number of mm means.
-
-    Raises
-    ------
-    JounceError : where it means none, or one on which nothing can be read.
-    """
+    """The width in inches that "column", "page" or a number of mm means; `JounceError` if nothing can be read on it."""
     try:
         found = {"column": COLUMN_WIDTH, "page": PAGE_WIDTH}.get(text) or float(text)
     except ValueError:
@@ -37,9 +32,7 @@ def width_of(text: str) -> float:
 def page_size(
     columns: int, alike: int, cells: int, labels: int, width: float | None
 ) -> tuple[tuple[float, float], int]:
-    """The size in inches of a page of axes, and its columns: fewer where its width is given, if it can be a multiple
-    of the number of axes that are `alike`.
-    """
+    """The size in inches of a page of axes, and its columns: for a width fewer, if possible a multiple of `alike`."""
     if width is None:
         size = 3 + (4.2 if columns < 3 else 3.2) * columns, 0.7 + 2.2 * labels * -(-cells // columns)
         return size, columns

@@ -29,12 +29,8 @@ def run_of(
 ) -> Run:
     """The panels and breaks of a table, under its name: all that it holds, or some joints and quantities (Q, Qd) only.
 
-    The mechanism tells the order of the joints, their units and their limits; without it the table's order holds.
-
-    Raises
-    ------
-    JounceError : where the table has no column t, none of a quantity or not those asked for, numbers too large, or a
-        joint that the mechanism has not.
+    The mechanism gives the order of the joints, their units and limits; without it the table's order holds. Raises
+    `JounceError` if columns are missing, numbers are too large, or the mechanism has no such joint.
     """
     found, beside = _found(columns, place)
     shown = _shown(found, place, joints, quantities, mechanism)
@@ -59,12 +55,7 @@ def run_of(
 def rows_between(
     columns: Mapping[str, np.ndarray], place: str, between: tuple[float, float] | None
 ) -> Mapping[str, np.ndarray]:
-    """The rows of a table between two times, both included; all of them if no time is given.
-
-    Raises
-    ------
-    JounceError : where no row lies between them.
-    """
+    """The rows of a table between two times, both included, or all; `JounceError` if no row lies between them."""
     if between is None or "t" not in columns:
         return columns
     t = columns["t"]

@@ -44,8 +44,8 @@ class Applications(Engine):
         on, with standard deviations; each force has the variance of its residuals. Regressor and forces are averaged
         over cells of half a period of the motion's highest frequency, and the variances are those of the residuals at
         the frequencies of the motion, so that serially correlated noise does not make the deviations too small. The
-        identified robot has bodies that can exist: the nearest to the data, and to the model's own values where the
-        data say little.
+        identified robot has bodies that can exist, nearest to the data, and to the model's own values where data are
+        few.
 
         Parameters
         ----------
@@ -57,8 +57,7 @@ class Applications(Engine):
         t : (N,), optional
             Times of the forces, s; by default ``motion.times``.
         drives : bool, str or iterable of str, optional
-            Drive terms to identify: "armature", "damping", "friction", "spring", "offset". Others that act in the robot
-            keep their values.
+            Drive terms to identify: "armature", "damping", "friction", "spring", "offset". Others keep their values.
         eps : float, optional
             Smoothing velocity of Coulomb friction, rad/s or m/s; by default that of each joint.
         span : (float, float), optional
@@ -68,7 +67,7 @@ class Applications(Engine):
         weights : (nv,) or (N, nv), optional
             Factors of the inverse variances, 0 or more; 0 leaves forces out.
         deviations : float, (nv,) or (N, nv), optional
-            Standard deviations of independent errors of the forces, N m or N; by default residuals tell them.
+            Standard deviations of independent errors of the forces, N m or N; by default those of the residuals.
         prior : float, optional
             Relative standard deviation of the model's own inertial parameters: how near to them the bodies stay.
         method : {"inverse_dynamics", "momentum", "power"}, optional
@@ -88,7 +87,7 @@ class Applications(Engine):
         Warns
         -----
         JounceWarning
-            If the data do not see some of the parameters, or forces seem to have the wrong sign or unit.
+            If the data do not determine some parameters, or forces seem to have the wrong sign or unit.
 
         References
         ----------
@@ -127,15 +126,14 @@ class Applications(Engine):
         seed: int = 0,
         progress: Callable[[int, int], object] | None = None,
     ) -> "Excitation":
-        """Find a motion whose forces tell most about the base parameters, within all limits of the robot.
+        """Find a motion whose forces determine the base parameters best, within all limits of the robot.
 
         ``q(t) = c + sum_k a_k cos(k w t) + b_k sin(k w t)``, ``w = 2 pi / period``, for every coordinate, with all
         rates up to q4d zero at the ends of each period: the robot starts and stops at rest, and Q2d has no jump. The
         amplitudes maximize log det H of the information matrix H, the time mean of ``Y^T W Y`` with the regressor Y of
         the base parameters and weights W of the forces: the confidence ellipsoid of identified parameters has the least
-        volume, whatever their units. All limits that the robot states hold, between samples too; drive terms that act
-        enter those of effort, see `with_limits`. Obstacles and the robot's own links are not seen: position limits keep
-        it from them.
+        volume, whatever their units. All limits of the robot hold, between samples too; drive terms that act enter
+        those of effort. Obstacles and the robot's own links are ignored: position limits keep it from them.
 
         Parameters
         ----------
@@ -152,8 +150,8 @@ class Applications(Engine):
             Relative inverse variances of the measured forces; 0 leaves one out. By default the inverse squares of the
             effort limits; equal if a coordinate has none.
         reach : float, optional
-            How far a revolute joint without position limits moves to either side of 0 (or away from its only limit,
-            twice as far), rad.
+            How far a revolute joint without position limits moves to either side of 0 (twice as far from an only
+            limit), rad.
         margin : float, optional
             Share of each limit that is left.
         starts, seed : int, optional
@@ -164,15 +162,14 @@ class Applications(Engine):
         Returns
         -------
         Excitation
-            The `motion`, the `criterion`, the `condition` number, the parameters seen and unseen, and the `check` of
-            all limits.
+            The `motion`, its `criterion` and `condition`, the parameters seen and unseen, and the `check` of all
+            limits.
 
         Raises
         ------
         JounceError
             If the robot floats, has closed loops or states no limit of a rate or force, an argument is out of range, a
-            prismatic joint has no position limits, limits leave no room to move, or the motion does not tell the
-            parameters from each other.
+            prismatic joint has no position limits, limits leave no room to move, or parameters cannot be separated.
 
         References
         ----------
@@ -200,8 +197,8 @@ class Applications(Engine):
     ) -> "Report":
         """A page about the robot along a motion: the moving robot, its curves, its limits, in one file.
 
-        Limits that the robot states are checked. With elastic joints and at order 2, the page shows motor positions,
-        velocities and torques too.
+        Limits of the robot are checked. With elastic joints and order 2, motor positions, velocities and torques are
+        shown.
 
         Parameters
         ----------
@@ -223,8 +220,8 @@ class Applications(Engine):
         Raises
         ------
         JounceError
-            If the motion is of other joints, a rate is not known or overflows, `visuals` is not a readable URDF, or
-            plotly is not installed.
+            If the motion is of other joints, a rate is unknown or overflows, `visuals` is no readable URDF, or plotly
+            is missing.
 
         Examples
         --------
@@ -254,8 +251,7 @@ class Applications(Engine):
         overwrite: bool = False,
         moving_base: bool = False,
     ) -> "Generated":
-        """Write the robot's equations as source code that does not depend on jounce, with tests for the user's
-        compiler.
+        """Write the robot's equations as source code that does not depend on jounce, with tests for your compiler.
 
         There is one function for each output, the recursion traced operation by operation for this robot, without
         loops, branches or memory allocation: ``PREFIX_inverse_dynamics(q, qd, q2d, q3d, q4d, Q, Qd, Q2d)``,
@@ -274,9 +270,8 @@ class Applications(Engine):
         outputs : sequence of str
             Quantities, each with its rates: the names of methods of `Robot`, "skew_coriolis_matrix" for the form
             "skew". A quantity of bodies needs a body and may have a frame: "poses:tool0", "jacobian:tool0:world". Of
-            quantities that are vectors, "inverse_dynamics.vjp" and "inverse_dynamics.jvp" are what `Kernel.vjp` and
-            `Kernel.jvp` compute. Where joints are elastic, "inverse_dynamics" is that of the links, "motor_torques"
-            that of the motors.
+            vectors, "inverse_dynamics.vjp" and "inverse_dynamics.jvp" are what `Kernel.vjp` and `Kernel.jvp` compute.
+            Of elastic joints, "inverse_dynamics" is of the links, "motor_torques" of the motors.
         wrench : bool
             Whether the functions take wrenches W, Wd, ..., (nb, 6), if their quantity depends on them.
         parameters : sequence of str
@@ -288,9 +283,8 @@ class Applications(Engine):
         overwrite : bool
             Write into a folder that is not empty: what an earlier run generated is replaced or removed, all else stays.
         moving_base : bool
-            Whether the functions take the motion of the base of a robot that is fixed, so that its ground moves: its
-            pose base_pose (4, 4), body to inertial frame, its twist base_twist (6) in its own axes, and the rates of
-            it. Those of a robot that floats always do.
+            Whether functions of a fixed robot take the motion of its ground, as those of a floating robot do of its
+            base: base_pose (4, 4), body to inertial frame, base_twist (6) in its own axes, and the rates of it.
 
         Returns
         -------
@@ -340,8 +334,8 @@ class Applications(Engine):
         wrench : bool, optional
             Whether wrenches W, Wd, ... (nb, 6) on the bodies are inputs too.
         body, frame : str, optional
-            Body or merged link, and frame, of poses, twists and Jacobians. Poses and Jacobians need a body, twists are
-            those of all bodies by default.
+            Body or merged link, and frame, of poses, twists and Jacobians; without a body twists are those of all
+            bodies.
         parameters : list of str, optional
             Data of the robot that become inputs:
 
@@ -353,9 +347,8 @@ class Applications(Engine):
               (6) about the COM, xx xy xz yy yz zz, in the axes of X, the end of the robot if none is named; those of a
               second payload are payload2_mass, ...
         moving_base : bool, optional
-            Whether the motion of the base is an input too, so that the ground of a fixed robot moves; it always is if
-            the robot floats: base_pose (4, 4), body to inertial frame, base_twist (6, angular; linear) in the axes of
-            the base, and the rates of it.
+            Whether the motion of the ground is an input, as that of a floating base is: base_pose (4, 4), body to
+            inertial frame, base_twist (6, angular; linear) in the axes of the base, and the rates of it.
 
         Returns
         -------
@@ -400,8 +393,8 @@ class Applications(Engine):
         Parameters
         ----------
         moving_base : bool, optional
-            Whether the ground of a fixed robot moves as symbols say: its pose and twist enter then. The base of a
-            floating robot always does; its six rows come first.
+            Whether the ground of a fixed robot moves, with symbols of its pose and twist, as a floating base does,
+            whose six rows come first.
 
         Returns
         -------

@@ -37,8 +37,8 @@ def load(
     YAML and JSON files contain jounce's own format or a Denavit-Hartenberg table, identified by their keys.
 
     Links behind fixed joints merge into one body, and their names may be used wherever a body's may; mimic joints
-    follow their leaders' coordinates; several root links are all fixed to the ground. Coordinates are in the order of
-    the file, depth first.
+    follow their leaders; several root links are all fixed to the ground. Coordinates are in the file's order, depth
+    first.
 
     Parameters
     ----------
@@ -46,8 +46,7 @@ def load(
         Path of a .urdf, .xacro, .xml (MJCF, by MuJoCo; or a URDF), .yaml, .yml or .json file, or the name of a bundled
         robot: "iiwa14", "planar2r", "panda" and others, which `jounce robots` lists.
     gravity : (3,), optional
-        Gravitational acceleration in m/s^2; by default that of the file, or (0, 0, -9.81) if it states none, or
-        (0, 0, -9.80665) for iiwa14.
+        Gravity in m/s^2; by default that of the file, else (0, 0, -9.81); for iiwa14 (0, 0, -9.80665).
     base : str, optional
         "floating": the root link, or the link that a floating joint carries on the ground, moves freely, and what is
         fixed to it is part of it; forces, matrices and Jacobians then have 6 + n rows or columns. Bundled robots with
@@ -56,8 +55,7 @@ def load(
         at zero, with a warning. By default a floating joint that carries all other joints is an error, and only a file
         of jounce's own format that states a base floats.
     root : str, optional
-        Link of a URDF or MJCF file that becomes the base, fixed to the ground or floating: only the links that it
-        carries are kept.
+        Link of a URDF or MJCF file that becomes the base, fixed or floating: only the links that it carries are kept.
     lock : dict, optional
         Joints to lock, {name: rad or m}: their bodies merge into those that carry them, see `Robot.locked`.
     drives : bool, str or several, optional

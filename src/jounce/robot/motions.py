@@ -51,8 +51,7 @@ def load_motion(
     Parameters
     ----------
     source : str, path or columns
-        The path of a .csv, .npz, .yaml or .yml file, "paper", "paper-wrench", or columns (N,) of numbers in SI units: a
-        dict, a data frame, a structured array.
+        The path of a file, "paper", "paper-wrench", or columns (N,) in SI units: a dict, data frame, structured array.
     robot : Robot
         The robot that moves.
     order : int, optional
@@ -71,8 +70,7 @@ def load_motion(
     columns : str, optional
         Pattern of the joints' columns: "q_{joint}", or in the robot's order "q{number}" from 1, "q[{index}]" from 0.
     torques : str, optional
-        How the table calls measured torques, in the same way: "tau{number}"; by default ``tau_JOINT``, ``JOINT.tau``
-        and ``JOINT.effort`` are known.
+        The same of measured torques: "tau{number}"; by default ``tau_JOINT``, ``JOINT.tau``, ``JOINT.effort``, ...
     angles : {"rad", "deg"}, optional
         The unit of angles and their rates; a column may state its own, ``joint1 [deg]``.
     time_unit : {"s", "ms", "us", "ns"}, optional

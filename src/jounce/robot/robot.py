@@ -77,10 +77,9 @@ class Robot(Applications, Methods, OldMethods, Displayed):
       quaternion of the base first, and its rates nv. For other robots nv = n, and the base is the ground, at rest
       unless given. Where it does not enter, as in the mass matrix, it may be left out.
     * Missing values (masked by NumPy, or NA of pandas) are NaN, and so are results that depend on them.
-    * ``method`` selects the method: "kernel" is native code, the default for NumPy arrays of float64, and for arrays
-      of JAX on the CPU, if it is available; "recursion" is the default otherwise; "closed_form" and "paper" are
-      independent checks. All agree. The first call compiles native code, in a fraction of a second, and keeps it on
-      disk for later processes.
+    * ``method`` selects the method: "kernel" is native code, the default for NumPy arrays of float64, and for arrays of
+      JAX on the CPU, if it is available; "recursion" is the default otherwise; "closed_form" and "paper" are
+      independent checks. All agree. The first call compiles native code, which is kept on disk for later processes.
     * ``out`` is the NumPy array, or tuple of arrays, to write the results into; ``threads`` is the number of threads
       among which native code splits a batch.
 
@@ -172,9 +171,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         B : (nb, 4, 4)
             Pose of body i in the frame of its parent body at theta_i = 0.
         X : (nc, 6)
-            Joint screws in the frames of the bodies, (xi; eta), one per body unless `owners` says otherwise: revolute
-            (e; x cross e), helical of pitch h (e; x cross e + h e), prismatic (0; e), with a unit vector e and a point
-            x on the axis.
+            Joint screws in the body frames, (xi; eta), one per body without `owners`: revolute (e; x cross e), helical
+            of pitch h (e; x cross e + h e), prismatic (0; e), with a unit vector e and a point x on the axis.
         M : (nb, 6, 6)
             Inertia matrix in the frame of body i, see `inertia_matrix`.
         parent : (nb,), optional
@@ -191,11 +189,11 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         G, g : (nc, n) and (nc,), optional
             Constants of joints that follow others; theta = q by default.
         limits : mapping, optional
-            `lower`, `upper`, `velocity`, `effort`, ... of theta, (nc,) each, or (nc, 2) for (lower, upper); infinite
-            where left out, see `Limits`.
+            `lower`, `upper`, `velocity`, `effort`, ... of theta, (nc,), or (nc, 2) for (lower, upper); infinite if left
+            out, see `Limits`.
         drives : mapping, optional
-            `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest` of theta, (nc,) each; zero (eps 0.05) where
-            left out, see `with_drives`.
+            `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest` of theta, (nc,) each; 0 (eps 0.05) if left
+            out.
         base : (6, 6), optional
             Inertia matrix of the base in its own frame, if the robot floats; otherwise the robot stands on the ground.
         base_name : str, optional
@@ -210,8 +208,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If a shape or name is wrong, a number is not finite, a pose, screw or inertia is invalid, or a body
-            comes before its parent.
+            If a shape or name is wrong, a number is not finite, a pose, screw or inertia is invalid, or a parent comes
+            later.
 
         References
         ----------
@@ -334,9 +332,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Parameters
         ----------
         table : (n, 4), or n mappings
-            Rows **a, alpha, d, theta**, in this order, which is not that of every book; in m and rad. Rows that cannot
-            be confused are mappings, ``{"theta": 0, "d": 0.1, "a": 0, "alpha": 1.2}``, with ``"type": "prismatic"``
-            for a prismatic joint.
+            Rows **a, alpha, d, theta**, in this order, which is not that of every book; in m and rad. Or mappings,
+            ``{"theta": 0, "d": 0.1, "a": 0, "alpha": 1.2}``, with ``"type": "prismatic"`` for a prismatic joint.
         M : (n, 6, 6)
             Inertia matrices in the frames of the table, see `inertia_matrix`.
         convention : str
@@ -382,13 +379,13 @@ class Robot(Applications, Methods, OldMethods, Displayed):
     ) -> Self:
         """A robot from a Pinocchio model, with the Q of ``pinocchio.rnea(model, data, q, v, a)`` and the same names.
 
-        The coordinates are in the order of Pinocchio's v and named after its joints; mimic joints follow their leader.
-        Differences: a joint without bounds has its angle in q, not a cosine and a sine; joints of several coordinates
-        (composite, universal, translation, sphericalZYX) are chains, ``NAME_1``, ``NAME_2``, ...; spherical, planar and
-        free-flyer joints are balls, planar and free joints, with Pinocchio's numbers in q; bodies are in the
-        order of joints depth first, which is Pinocchio's own for a URDF. Armature (where it is 0, the rotor's inertia
-        times the gear ratio squared), damping and friction become drives, see `with_drives`: Pinocchio's rnea always
-        includes armature and never the others. Bodies, operational frames and sensors may be named wherever a body may.
+        Coordinates have the order of Pinocchio's v and the names of its joints; mimic joints follow their leader. But:
+        a joint without bounds has its angle in q, not a cosine and a sine; composite, universal, translation and
+        sphericalZYX joints are chains, ``NAME_1``, ``NAME_2``, ...; spherical, planar and free-flyer joints are balls,
+        planar and free joints, with Pinocchio's numbers in q; bodies are in the order of joints depth first,
+        Pinocchio's own for a URDF. Armature (where it is 0, the rotor's inertia times the gear ratio squared), damping
+        and friction become drives, see `with_drives`: Pinocchio's rnea always includes armature and never the others.
+        Bodies, operational frames and sensors may be named wherever a body may.
 
         Parameters
         ----------
@@ -400,8 +397,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
             "floating": the body that the free-flyer moves is the base, and floats. "fixed" welds free-flyers on the
             ground at zero, with a `JounceWarning`. By default a free-flyer that carries all other joints is refused.
         root : str, optional
-            A body or frame that becomes the base, fixed to the ground or floating: only the bodies that it carries are
-            kept.
+            A body or frame that becomes the base, fixed or floating: only the bodies that it carries are kept.
 
         Returns
         -------
@@ -410,8 +406,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If it is not a model of Pinocchio, has a free joint, has no joint that moves, or holds a number that is not
-            finite.
+            If it is no model of Pinocchio, has a free joint, no joint moves, or a number is not finite.
 
         Examples
         --------
@@ -454,8 +449,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If it is not a model of MuJoCo, one free joint carries all others and no `base` or `root` is given, no joint
-            moves, or it holds a number that is not finite.
+            If it is no model of MuJoCo, one free joint carries all others without `base` or `root`, no joint moves, or
+            a number is not finite.
 
         Warns
         -----
@@ -506,22 +501,21 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         forces : (..., nv), optional
             Generalized forces, such as tau of Pinocchio's rnea, or qfrc_inverse of MuJoCo.
         model : pinocchio.Model or mujoco.MjModel
-            The model whose vectors they are: its order of joints may differ from that of the robot. Joints that move
-            none of the robot's bodies are ignored.
+            The model whose vectors they are, in its order; joints that move none of the robot's bodies are ignored.
 
         Returns
         -------
         RobotState
-            To use as ``robot.inverse_dynamics(*state.rates, base=state.base)``. Its Q are the forces, if given: the
-            wrench (moment; force) on a base that floats first, in its axes; forces of joints that follow others are
-            added to these.
+            For ``robot.inverse_dynamics(*state.rates, base=state.base)``. Its Q are the forces, if given: the wrench
+            (moment; force) on a floating base first, in its axes; forces of joints that follow others are added to
+            these.
 
         Raises
         ------
         JounceError
-            If a shape is wrong, a quaternion is not of unit norm, a joint of the robot is not in the model, another
-            joint of the model moves its bodies, such as one that is locked, or a joint is not where those that it
-            follows place it, within 0.01.
+            If a shape is wrong, a quaternion is not of unit norm, the model lacks a joint of the robot, or has another,
+            such as a locked one, that moves its bodies, or a joint is not where those that it follows place it, within
+            0.01.
 
         Examples
         --------
@@ -573,8 +567,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If a shape is wrong, the pose is missing or not a pose, or the joints of the model are not those of the
-            robot.
+            If a shape is wrong, the pose is missing or invalid, or the model's joints are not those of the robot.
 
         Examples
         --------
@@ -612,8 +605,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If a term is unknown, `eps` is not a positive number, or a term of the motors is selected for a robot with
-            elastic joints.
+            If a term is unknown, `eps` is not positive, or a term of the motors is selected where joints are elastic.
 
         Warns
         -----
@@ -664,11 +656,11 @@ class Robot(Applications, Methods, OldMethods, Displayed):
     ) -> Self:
         """The robot with some of its limits replaced: of q to q4d, of Q, Qd, Q2d, of the power qd Q, and of motors.
 
-        They come from a file, from the published table of an arm, or as numbers, which come last: one number for all
-        coordinates, an array (n,), or a mapping {joint: number}. Except `lower` and `upper`, which bound the position,
-        a limit has two sides where (lower, upper) stands in place of a number, (n, 2) in place of (n,). Infinity takes
-        a limit away. What is left out keeps its limits. Closed loops: forces and power are limited at the motors, in
-        the order of `actuator_forces` if these are not at the coordinates.
+        They come from a file, from the published table of an arm, or as numbers, which win: one for all coordinates, an
+        array (n,), or a mapping {joint: number}. Except for `lower` and `upper` of the position, (lower, upper) in
+        place of a number, (n, 2) of (n,), gives a limit two sides. Infinity takes a limit away. What is left out stays.
+        Closed loops: forces and power are limited at the motors, in the order of `actuator_forces` if these are not at
+        the coordinates.
 
         Parameters
         ----------
@@ -688,8 +680,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
             Q that falls with speed, as drives have it: Q / stall_effort + qd / no_load_velocity <= 1 in either
             direction, where a line of the data sheet ends at rest, N m or N, and without load, rad/s or m/s.
         motor_position, motor_velocity, motor_torque : number, array or mapping, optional
-            Bounds of theta, thetad and tau of motors behind elastic joints, seen from the links: rad or m, per s, N m
-            or N.
+            Bounds of theta, thetad, tau of motors of elastic joints, seen from the links: rad or m, per s, N m or N.
         motor_current, motor_voltage : number, array or mapping, optional
             Bounds of the currents and voltages of these motors, A and V.
         of : str or mapping, optional
@@ -703,8 +694,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If a joint, a kind or the name of an arm is unknown, a file cannot be read, a lower limit is above the upper
-            one, a number is negative, or a force is limited at a joint of a closed robot without a motor.
+            If a joint, kind or arm is unknown, a file cannot be read, a lower limit is above the upper one, a number is
+            negative, or a force is limited at a joint of a closed robot without a motor.
 
         Warns
         -----
@@ -820,8 +811,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If a joint is unknown or follows another, a value is not a finite number, no joint remains, or the loops
-            cannot be closed.
+            If a joint is unknown or follows another, a value is not finite, no joint remains, or loops cannot be
+            closed.
 
         Examples
         --------
@@ -835,8 +826,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         """Check the model data for physically impossible or suspicious values.
 
         It finds inertias that are not positive semidefinite or break the triangle inequality, placeholders, massless
-        bodies and a singular mass matrix, masses, lengths and moments off by powers of 1000, missing effort and
-        velocity limits, odd gravity.
+        bodies, a singular mass matrix, values off by powers of 1000, missing effort and velocity limits, odd gravity.
 
         Returns
         -------
@@ -872,8 +862,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
     ) -> "Along":
         """The generalized forces Q and their rates along a motion, with the wrenches and the base that it holds.
 
-        They are those of `inverse_dynamics`, computed piece by piece: long motions take little memory besides the
-        results.
+        They are those of `inverse_dynamics`, computed piece by piece to save memory.
 
         Parameters
         ----------
@@ -881,15 +870,14 @@ class Robot(Applications, Methods, OldMethods, Displayed):
             From `jounce.load_motion` or a constructor of `Motion`. A robot that floats needs one with a base: columns
             ``base.x, ...`` of a table, or `Motion.with_base`. The base of a fixed robot is the ground that carries it.
         t : (N,), optional
-            Times in s, any within the motion, in any order; by default ``motion.times``: those of its samples or its
-            file, or a grid of about a millisecond.
+            Times in s within the motion; by default ``motion.times``: of its samples or file, or about a millisecond
+            apart.
         order : int, optional
             The highest rate of the forces: 2 gives Q, Qd, Q2d.
         method : str, optional
             See `Robot`.
         progress : callable, optional
-            Called as ``progress(done, total)`` after each piece, with numbers of states. An exception that it raises
-            ends the computation.
+            Called as ``progress(done, total)``, in states, after each piece; an exception that it raises ends it.
 
         Returns
         -------
@@ -901,8 +889,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If the motion has too few rates for the order or is not this robot's, a time is outside of it, or a name is
-            unknown.
+            If the motion has too few rates or is not this robot's, a time is outside of it, or a name is unknown.
 
         Examples
         --------
@@ -971,8 +958,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Returns
         -------
         Slowdown
-            The `factor`, what it is `binding` on: (joint, limit, time), the `motion` at this factor, and the `largest`
-            feasible factor at all.
+            The `factor`, the `binding` (joint, limit, time), the `motion` at it, and the `largest` feasible factor.
 
         Raises
         ------
@@ -995,10 +981,9 @@ class Robot(Applications, Methods, OldMethods, Displayed):
     def retime(self, motion: "Motion", margin: float = 0.01) -> "Retiming":
         """The fastest motion along the path of a motion, within all limits of the robot.
 
-        Every finite limit counts: velocity, acceleration, jerk and snap, Q, Qd and Q2d (or Q - Qgrav with its rates,
-        as the limit says), and power; position limits are those of the path. The wrenches of the motion go with the
-        path. The time law is C^5: the result is as smooth as the motion, up to q5d. It starts and ends at rest where
-        the motion does; where the motion moves at an end, its velocity and acceleration there remain.
+        Every finite limit counts: velocity, acceleration, jerk and snap, Q, Qd and Q2d (or Q - Qgrav with its rates),
+        and power; position limits are those of the path. Wrenches go with the path. The time law is C^5: the result is
+        as smooth as the motion, up to q5d. Velocity and acceleration at the ends of the motion remain.
 
         An interior-point method finds the spline x(sigma), the square of the speed along the path, each of its
         iterates within the limits; rows are added where a limit is exceeded between the points of the path.
@@ -1006,8 +991,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Parameters
         ----------
         motion : Motion
-            Of this robot. No rate of q that a limit of it takes may jump below the highest one: a torque rate takes
-            q3d, so that q2d must be continuous; `Motion.blended` makes it so.
+            Of this robot. Below the highest rate of q that a limit takes none may jump: a torque rate takes q3d, so
+            that q2d must be continuous; `Motion.blended` makes it so.
         margin : float, optional
             Share of each limit that is left.
 
@@ -1074,8 +1059,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
             level 0, 1, ... holds it, for motors that state the bodies that carry them. Each level takes two more rates
             of q; level n - 1 is exact for a chain of n joints whose rotors are carried by links before their joints.
         motors : Motor or mapping, optional
-            The motors, one for all joints or {joint: motor}: gears, inertias and carriers of rotors, friction, and the
-            electrical side.
+            The motors, one for all joints or {joint: motor}: gears, rotors and their carriers, friction, electrical
+            side.
         damping_terms : int, optional
             Number of terms of the series of dampers at one instant; each after the first takes one more rate of q.
 
@@ -1146,11 +1131,10 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         coordinates : list of str, optional
             The independent coordinates, by default the actuated joints.
         start : (N,) or mapping, optional
-            Joint positions, rad or m, near a configuration with closed loops: they decide on the branch. Joints that a
-            mapping leaves out are at 0.
+            Joint positions, rad or m, near a configuration with closed loops, which decide on the branch; 0 if left
+            out.
         weights : (k,) or mapping, optional
-            Weights of the motors' forces, where more joints are actuated than there are coordinates: the weighted sum
-            of their squares is least. 1 by default.
+            Weights of the forces of redundant motors, whose weighted sum of squares is least; 1 by default.
 
         Returns
         -------
@@ -1160,11 +1144,10 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If a name is unknown, the loops cannot be closed from the start, or the coordinates or motors do not
-            determine the motion.
+            If a name is unknown, loops cannot be closed from the start, or coordinates or motors do not determine the
+            motion.
         UncertainError
-            By methods of the closed robot, a kind of JounceError: if q is so close to a singular position that results
-            have errors above 1e-6 of their size.
+            A kind of JounceError, by methods of the closed robot: near singular positions, where errors exceed 1e-6.
 
         References
         ----------
@@ -1231,8 +1214,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
     def elastic_energy(self, q: Named, qd: Named, theta: Named, thetad: Named) -> "Energy":
         """The energies of links, rotors and springs of a robot with elastic joints.
 
-        Along a motion without wrenches, the rate of their sum is the power of the motors less what friction takes:
-        ``thetad . (tau - F_m(thetad))``.
+        Without wrenches, the rate of their sum is the motors' power less friction: ``thetad . (tau - F_m(thetad))``.
 
         Parameters
         ----------

@@ -21,12 +21,7 @@ _REPLACING = Lock()  # of attributes of modules, which are restored in reverse o
 
 @contextmanager
 def serve(port: int | None) -> Iterator["viser.ViserServer"]:
-    """Serve an empty page, on a given port or a free one from `PORT` on, as long as the context lasts.
-
-    Raises
-    ------
-    JounceError : where the port is taken.
-    """
+    """Serve an empty page in this context, on a given port, if it is free, or the first free one from `FIRST_PORT`."""
     import viser
 
     first = FIRST_PORT if port is None else _free_port(port)

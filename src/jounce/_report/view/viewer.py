@@ -106,14 +106,7 @@ class Viewer:
 def serving(
     robot: Engine, file: Path, along: Track | None, port: int | None = None, folders: Sequence[Path] = ()
 ) -> Iterator[Viewer]:
-    """Serve a robot, of a file that may show its shapes, along a motion or none, as long as the context lasts.
-
-    Meshes may be in further folders.
-
-    Raises
-    ------
-    JounceError : where the port is taken.
-    """
+    """Serve a robot in this context, along a motion or none; its file and meshes in folders show its shapes."""
     with serve(port) as server:
         yield _fill(server, robot, file, along, folders)
 
