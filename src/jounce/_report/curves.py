@@ -36,9 +36,8 @@ class Chart(NamedTuple):
 def figure(s: Subject) -> dict[str, Any]:
     """`data` and `layout` of plotly, and the `ranges` (joint: lowest, highest) of the vertical axis of each chart."""
     charts = charts_of(s)
-    most = int(
-        np.clip(MAX_CHART_POINTS // sum(len(chart.joints) for chart in charts), MIN_CURVE_POINTS, MAX_CURVE_POINTS)
-    )
+    share = MAX_CHART_POINTS // sum(len(chart.joints) for chart in charts)
+    most = int(np.clip(share, MIN_CURVE_POINTS, MAX_CURVE_POINTS))
     traces, ranges = [], {}
     for i, chart in enumerate(charts):
         axis = "y" if i == 0 else f"y{i + 1}"

@@ -8,12 +8,12 @@ triangles, closed or not, and no vertex moves by more than a cell's diagonal; pa
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jounce.core.errors import listed
-from jounce.io.visuals import read_mesh, visuals_of
+from jounce.io.visuals import Visual, read_mesh, visuals_of
 from jounce.model.mechanism import Mechanism
 
 MAX_TRIANGLES = 20_000  # of all meshes together: half a megabyte of the page
@@ -22,16 +22,17 @@ MIN_GRID_GROWTH = 1.1  # from one grid to the next: near the limit the estimate 
 
 
 class Mesh(NamedTuple):
-    """The triangles that show a link, in the frame of its body."""
+    """Triangles that move with a body, in its frame; a body of -1 is the ground."""
 
     body: int
     vertices: np.ndarray  # (V, 3)
     triangles: np.ndarray  # (T, 3)
+    colour: str = ""
 
 
 @dataclass(frozen=True, eq=False)
 class Meshes:
-    """What a robot file shows of a robot; `notes` are sentences on what it does not, or not as it is."""
+    """What a robot file shows of a robot; `notes` are sentences on what is missing or simplified."""
 
     shapes: tuple[Mesh, ...] = ()
     notes: tuple[str, ...] = ()
@@ -47,15 +48,8 @@ def meshes_of(m: Mechanism, path: Path, folders: Sequence[Path] = ()) -> Meshes:
     except ModuleNotFoundError:
         cure = "trimesh is not installed; install it by: pip install 'jounce[report]'"
         return Meshes(notes=(f"Capsules stand for the visuals of {path.name}: {cure}.",))
-    shapes, missed = [], []
-    for visual in visuals:
-        found = read_mesh(visual, path, folders)
-        if isinstance(found, str):
-            missed.append(found)
-            continue
-        frame = m.frame(visual.link)
-        C = np.asarray(frame.T, dtype=float) @ visual.T
-        shapes.append(Mesh(frame.body, found.vertices @ C[:3, :3].T + C[:3, 3], np.asarray(found.faces)))
+    placed, missed = place_visuals(m, visuals, path, folders)
+    shapes = [Mesh(i, x.vertices @ C[:3, :3].T + C[:3, 3], np.asarray(x.faces)) for i, C, x in placed]
     notes = []
     if missed:
         reasons = listed(dict.fromkeys(missed))
@@ -65,6 +59,16 @@ def meshes_of(m: Mechanism, path: Path, folders: Sequence[Path] = ()) -> Meshes:
     if before > MAX_TRIANGLES:
         notes.append(f"Meshes of {before:,} triangles are simplified to {after:,}, on a grid of {1000 * step:.2g} mm.")
     return Meshes(tuple(mesh for mesh in drawn if len(mesh.triangles)), tuple(notes))
+
+
+def place_visuals(
+    m: Mechanism, visuals: Sequence[Visual], path: Path, folders: Sequence[Path]
+) -> tuple[list[tuple[int, np.ndarray, Any]], list[str]]:
+    """The body, the pose in its frame and the mesh of trimesh of each visual; and why others cannot be read."""
+    frames, meshes = [m.frame(visual.link) for visual in visuals], [read_mesh(x, path, folders) for x in visuals]
+    poses = [np.asarray(frame.T, dtype=float) @ visual.T for frame, visual in zip(frames, visuals, strict=True)]
+    found = [(f.body, C, x) for f, C, x in zip(frames, poses, meshes, strict=True) if not isinstance(x, str)]
+    return found, [x for x in meshes if isinstance(x, str)]
 
 
 def _simplified(meshes: list[Mesh]) -> tuple[list[Mesh], float]:

@@ -101,9 +101,8 @@ def report(
         raise JounceError(f"report() expects a jounce.Motion, got {type(motion).__name__}; try jounce.load_motion")
     file = None if visuals is None else _visuals_file(visuals)
     _check_still(robot, motion)
-    subject = subject_of(
-        robot, checked_motion(robot.mechanism, motion), _order(motion, order), file, _mesh_folders(mesh_folders)
-    )
+    path, folders = checked_motion(robot.mechanism, motion), _mesh_folders(mesh_folders)
+    subject = subject_of(robot, path, _order(motion, order), file, folders)
     slowdown = subject.slowdown if isinstance(subject.slowdown, Slowdown) else None
     return Report(_page(subject), subject.check, slowdown)
 
@@ -127,10 +126,8 @@ def _check_still(robot: Engine, motion: Motion) -> None:
     """Raise `JounceError` where the base moves, which the page does not draw."""
     if robot.mechanism.floats or motion.base_curve:
         what = f"{robot.name!r} floats" if robot.mechanism.floats else "the motion has a base"
-        raise JounceError(
-            f"{what}, and a report draws robots on a ground at rest only; jounce view and robot.forces_along(motion)"
-            " take a base that moves"
-        )
+        others = "jounce view and robot.forces_along(motion) take a base that moves"
+        raise JounceError(f"{what}, and a report draws robots on a ground at rest only; {others}")
 
 
 def _order(motion: Motion, order: int | None) -> int:
@@ -163,13 +160,8 @@ def _page(s: Subject) -> str:
     own = [(panel.code, HERE / "panels" / f"{panel.name}.js") for panel in panels]
     scripts = [_read("page.js"), *(code + path.read_text(encoding="utf-8") for code, path in own if path.exists())]
     return _environment().get_template("page.html.jinja").render(
-        robot=s.robot,
-        subject=s,
-        panels=panels,
-        frames=_frames(s),
-        style=Markup(_read("page.css")),
-        library=Markup(get_plotlyjs()),
-        scripts=list(map(Markup, scripts)),
+        robot=s.robot, subject=s, panels=panels, frames=_frames(s), style=Markup(_read("page.css")),
+        library=Markup(get_plotlyjs()), scripts=list(map(Markup, scripts)),
     )  # fmt: skip
 
 

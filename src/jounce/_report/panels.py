@@ -54,12 +54,9 @@ def values(s: Subject) -> Panel:
 def curves(s: Subject) -> Panel:
     """The curves over time."""
     shown = {
-        "symbols": [x.symbol for x in s.quantities],
-        "uncertain": any(x.deviations is not None for x in s.quantities),
-        "measured": s.motion.torques is not None,
-        "breaks": bool(s.motion.breaks),
-        "checked": s.check is not None,
-    }
+        "symbols": [x.symbol for x in s.quantities], "uncertain": any(x.deviations is not None for x in s.quantities),
+        "measured": s.motion.torques is not None, "breaks": bool(s.motion.breaks), "checked": s.check is not None,
+    }  # fmt: skip
     return Panel("curves", "Curves", "wide", shown, figure(s))
 
 
@@ -103,14 +100,9 @@ def motion(s: Subject) -> Panel:
         if x.deviations is not None
     ]
     content = {
-        "motion": m,
-        "states": len(m.times),
-        "residual": None if m.residual is None else float(np.max(m.residual)),
-        "breaks": breaks,
-        "all_breaks": len(m.breaks),
-        "uncertain": uncertain,
-        "joints": s.joints,
-    }
+        "motion": m, "states": len(m.times), "residual": None if m.residual is None else float(np.max(m.residual)),
+        "breaks": breaks, "all_breaks": len(m.breaks), "uncertain": uncertain, "joints": s.joints,
+    }  # fmt: skip
     return Panel("motion", "Motion", "below", content)
 
 
@@ -170,14 +162,10 @@ def conventions(s: Subject) -> Panel:
         "plotly.js": get_plotlyjs_version(),
     }  # fmt: skip
     content = {
-        "acting": s.robot.mechanism.acting,
-        "loads": list(s.motion.loads),
+        "acting": s.robot.mechanism.acting, "loads": list(s.motion.loads), "elastic": s.robot.mechanism.elasticity,
         "inertial": FORCES[1] if s.limits.without_gravity else None,
-        "elastic": s.robot.mechanism.elasticity,
-        "states": len(s.motion.times),
-        "frames": len(s.frames),
-        "versions": versions,
-    }
+        "states": len(s.motion.times), "frames": len(s.frames), "versions": versions,
+    }  # fmt: skip
     return Panel("conventions", "Conventions and versions", "below", content)
 
 

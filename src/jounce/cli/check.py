@@ -43,14 +43,9 @@ MOTION may be a folder of tables, or a table of many motions.
 @on_stream_without_reduce
 @click.option("--json", "as_json", is_flag=True, help="Print every limit as JSON.")
 def check(
-    robot: Asked,
-    motion: AskedMotion,
-    limits: Path | None,
-    picture: Path | None,
-    table: Path | None,
-    stream: AskedStream,
-    as_json: bool,
-) -> None:
+    robot: Asked, motion: AskedMotion, limits: Path | None, picture: Path | None, table: Path | None,
+    stream: AskedStream, as_json: bool,
+) -> None:  # fmt: skip
     """Check MOTION of ROBOT against its limits of position, speed, acceleration, torque, torque rate and others."""
     from jounce.limits.bounded import order_needed
     from jounce.stream.job import Job

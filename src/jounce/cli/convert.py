@@ -38,17 +38,11 @@ def convert(robot: Asked, output: Path, as_json: bool) -> None:
     save(arm, output)
     m = arm.mechanism
     summary = {
-        "robot": arm.name,
-        "source": str(robot.path),
-        "output": str(output),
-        "n": m.n,
-        "nq": arm.nq,
-        "nv": arm.nv,
+        "robot": arm.name, "source": str(robot.path), "output": str(output), "n": m.n, "nq": arm.nq, "nv": arm.nv,
         "joints": dict(Counter(x.group.name for x in positions(m.tree).values())),  # of several screws, by kind
         "nb": m.nb - m.floats,  # without the base
-        "base": m.bodies[0] if m.floats else None,
-        "frames": len(m.frames),
-    }
+        "base": m.bodies[0] if m.floats else None, "frames": len(m.frames),
+    }  # fmt: skip
     tell(summary, _in_words, as_json)
 
 

@@ -79,13 +79,10 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
         "peaks": {"without W": _peaks(alone), "with W": _peaks(loaded)},
         "differences": _differences(alone, errors),
         "without_steiner": steiner,
-        "milliseconds": {method: [1e3 * seconds for seconds in pair] for method, pair in times.items()},
-        "milliseconds_of_the_paper": example.PAPER_MS,
-        "folder": str(output),
-        "tables": [f"{name}.csv" for name in examples],
-        "pictures": list(pictures),
-        "formats": formats,
-    }
+        "milliseconds": {method: [1e3 * x for x in pair] for method, pair in times.items()},
+        "milliseconds_of_the_paper": example.PAPER_MS, "folder": str(output),
+        "tables": [f"{name}.csv" for name in examples], "pictures": list(pictures), "formats": formats,
+    }  # fmt: skip
     tell(summary, _in_words, as_json)
 
 

@@ -1,4 +1,4 @@
-"""`jounce excite`: the motion within all limits whose forces tell most about the parameters of a robot."""
+"""`jounce excite`: the motion within all limits that determines the parameters of a robot best."""
 
 from math import pi
 from pathlib import Path
@@ -54,16 +54,10 @@ the motion before it runs, or narrow the ranges of positions by --limits.
 @click.option("--picture", type=PATH, help="Ratios to all limits over time: .png, .svg or .pdf.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def excite(
-    robot: Asked,
-    limits: Path | None,
-    output: Path,
-    terms: str | None,
-    step: float | None,
-    picture: Path | None,
-    as_json: bool,
-    **options: Any,
-) -> None:
-    """Find the Fourier series of all joints of ROBOT whose forces tell most about its parameters, within all limits.
+    robot: Asked, limits: Path | None, output: Path, terms: str | None, step: float | None, picture: Path | None,
+    as_json: bool, **options: Any,
+) -> None:  # fmt: skip
+    """Find the Fourier series of the joints of ROBOT that determines its parameters best, within all limits.
 
     It starts and ends at rest, so that it may be repeated. ROBOT needs limits: its own, or --limits.
     """
@@ -89,19 +83,13 @@ def excite(
     if picture is not None:
         draw_ratios(arm, motion, picture)
     summary = {
-        "robot": arm.name,
-        "source": motion.source,
-        "duration": motion.duration,
-        "criterion": found.criterion,
-        "condition": found.condition,
-        "parameters": list(found.parameters),
-        "unseen": list(found.unseen),
+        "robot": arm.name, "source": motion.source, "duration": motion.duration,
+        "criterion": found.criterion, "condition": found.condition,
+        "parameters": list(found.parameters), "unseen": list(found.unseen),
         "limits": [vars(row) | {"violations": list(row.violations)} for row in found.limits],
-        "notes": list(found.notes),
-        "output": str(output),
-        "picture": None if picture is None else str(picture),
+        "notes": list(found.notes), "output": str(output), "picture": None if picture is None else str(picture),
         "states": len(motion.times),
-    }
+    }  # fmt: skip
     drawn = f", ratios to limits drawn to {picture}" if picture else ""
     what = "series" if in_terms else f"{summary['states']} rows"
     head = f"{shortened(arm.name)}: {what} written to {output}{drawn}"

@@ -1,4 +1,4 @@
-"""`jounce identify`: the robot that measured torques tell, from a log to a robot file."""
+"""`jounce identify`: inertial parameters and friction from measured torques, from a log to a robot file."""
 
 from dataclasses import asdict
 from math import isinf
@@ -24,11 +24,12 @@ Example, with the torques of a model as measured ones:
 
 \b
 MOTION is a log: a table with a column t, one column of positions per joint
-and one of measured torques, tau_JOINT, JOINT.tau or as --torques says.
-ROBOT is a first guess, such as the CAD model: where the log says little, the
-result stays near to it. OUT is a robot file that `jounce run OUT ... --drives
+and one of measured torques, tau_JOINT, JOINT.tau or named by --torques.
+ROBOT is a first guess, such as the CAD model: what the log does not
+determine stays near to it. OUT is a robot file that `jounce run OUT ... --drives
 all` takes: its bodies can exist, and its drives have the friction found.
-Deviations are those of the data alone; what they do not see is named.
+Deviations are those of the data alone; parameters that they do not determine
+are listed.
 """
 
 
@@ -65,15 +66,9 @@ Deviations are those of the data alone; what they do not see is named.
 @click.option("--plot", type=PATH, help="Measured and predicted torques as a picture: .png, .svg or .pdf.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def identify(
-    robot: Asked,
-    motion: AskedMotion,
-    output: Path,
-    terms: str,
-    table: Path | None,
-    plot: Path | None,
-    as_json: bool,
+    robot: Asked, motion: AskedMotion, output: Path, terms: str, table: Path | None, plot: Path | None, as_json: bool,
     **options: Any,
-) -> None:
+) -> None:  # fmt: skip
     """Identify ROBOT from MOTION, a log with measured torques: its inertial parameters and friction."""
     from jounce.figures import canvas
     from jounce.io import files
@@ -90,9 +85,9 @@ def identify(
         canvas.check_writable(plot)
     arm = robot.load()
     log = motion.load(arm, 0)
-    with collected_warnings() as said:
+    with collected_warnings() as warnings:
         found = arm.identify(log, drives=drive_terms(terms), **options)
-    for text in said:
+    for text in warnings:
         if text not in found.notes:  # which are printed
             warn(text)
     saving.save(found.robot, output)
@@ -131,24 +126,15 @@ def _summary(
     joints = found.robot.mechanism.joints
     rows = [asdict(row) for row in found.table]
     return {
-        "robot": found.robot.name,
-        "motion": str(log),
-        "output": str(output),
-        "table": None if table is None else str(table),
-        "plot": None if plot is None else str(plot),
-        "samples": found.samples,
-        "span": list(found.span),
-        "band": found.band,
-        "cell": found.cell,
-        "cells": found.cells,
-        "rank": found.rank,
-        "condition": found.condition,
-        "unseen": list(found.unseen),
+        "robot": found.robot.name, "motion": str(log), "output": str(output),
+        "table": None if table is None else str(table), "plot": None if plot is None else str(plot),
+        "samples": found.samples, "span": list(found.span), "band": found.band, "cell": found.cell,
+        "cells": found.cells, "rank": found.rank, "condition": found.condition, "unseen": list(found.unseen),
         "parameters": [row | {"deviation": None if isinf(row["deviation"]) else row["deviation"]} for row in rows],
         "offsets": dict(zip(joints, found.offsets.tolist(), strict=True)),
         "residuals": [asdict(row) for row in found.residuals],
         "notes": [*notes, *found.notes],
-    }
+    }  # fmt: skip
 
 
 def _in_words(found: "Identification", summary: dict[str, Any]) -> str:

@@ -101,8 +101,8 @@ def _findings(findings: list[dict[str, Any]]) -> list[str]:
 
     lines = [""]
     for finding in (Finding(**data) for data in findings):
-        for said, indent in ((f"{finding.severity}: {finding}", ""), (finding.advice, "  ")):
-            lines += wrap(said, INFO_WIDTH, initial_indent=indent, subsequent_indent="  ", break_long_words=False)
+        for text, indent in ((f"{finding.severity}: {finding}", ""), (finding.advice, "  ")):
+            lines += wrap(text, INFO_WIDTH, initial_indent=indent, subsequent_indent="  ", break_long_words=False)
     return lines if findings else ["", "no findings"]
 
 
@@ -111,7 +111,7 @@ def _vector(x: list[float], form: str) -> str:
 
 
 def _drive(body: dict[str, Any]) -> tuple[str, ...]:
-    """The drive train of a joint as cells of a table; "-" for what it does not take."""
+    """The drive train of a joint as cells of a table; "-" for terms that it lacks."""
     unit, force, inertia = ("m", "N", "kg") if body["unit"] == "m" else ("rad", "N m", "kg m^2")
     d = body["drive"]
     cells = (
@@ -120,7 +120,7 @@ def _drive(body: dict[str, Any]) -> tuple[str, ...]:
         (d["friction"], f"{d['friction']:.5g} {force} over {d['eps']:.5g} {unit}/s"),
         (d["stiffness"], f"{d['stiffness']:.5g} {force}/{unit} from {d['rest']:.5g} {unit}"),
     )
-    return (body["joint"], *(said if stated else "-" for stated, said in cells))
+    return (body["joint"], *(text if stated else "-" for stated, text in cells))
 
 
 def _elastic(data: dict[str, Any]) -> list[str]:

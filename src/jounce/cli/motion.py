@@ -53,18 +53,13 @@ def motion(robot: Asked, motion: AskedMotion, output: Path, order: int, save_rea
     if save_read is not None:
         write_options(save_read, motion)
     summary = {
-        "robot": arm.name,
-        "motion": str(motion.path),
-        "source": path.source,
+        "robot": arm.name, "motion": str(motion.path), "source": path.source,
         "residual": None if path.residual is None else float(path.residual.max()),
         "notes": list(path.notes),
         "breaks": [found._asdict() for found in path.breaks_to(order)],
-        "output": str(output),
-        "save_read": None if save_read is None else str(save_read),
-        "states": len(path.times),
-        "t": [float(path.times[0]), float(path.times[-1])],
-        "order": order,
-    }
+        "output": str(output), "save_read": None if save_read is None else str(save_read),
+        "states": len(path.times), "t": [float(path.times[0]), float(path.times[-1])], "order": order,
+    }  # fmt: skip
     tell(summary, _in_words, as_json)
 
 

@@ -56,14 +56,9 @@ Damping and friction that --drives selects act on the motors.
 @on_stream
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def motors(
-    robot: Asked,
-    motion: AskedMotion,
-    stiffness: Sequence[str],
-    rotor: Sequence[str],
-    output: Path,
-    stream: AskedStream,
-    as_json: bool,
-) -> None:
+    robot: Asked, motion: AskedMotion, stiffness: Sequence[str], rotor: Sequence[str], output: Path,
+    stream: AskedStream, as_json: bool,
+) -> None:  # fmt: skip
     """Compute positions, velocities and torques of the motors of ROBOT, whose joints are elastic, along MOTION."""
     from jounce.stream.job import Job
     from jounce.stream.results import form_of

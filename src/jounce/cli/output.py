@@ -54,11 +54,9 @@ def straight_columns(rows: list[tuple[str, ...]]) -> list[str]:
 
 @contextmanager
 def progress(label: str) -> Iterator[Callable[..., None]]:
-    """Show a bar on the terminal after the first second of work; the yielded function updates it with (done, total).
+    """Show a bar on a terminal, after the first second of work; yields a function that updates it.
 
-    The bar shows the time left, and the rate if the number of states that are computed is a third argument.
-
-    Nothing is shown if the error stream is not a terminal.
+    Its arguments are done, total and, for the rate to be shown, the number of states that are computed.
     """
     bar = click.progressbar(length=0, label=label, file=sys.stderr)
     seen, start = sys.stderr.isatty(), monotonic()

@@ -43,21 +43,14 @@ Examples:
 )
 @click.option("--json", "as_json", is_flag=True, help="Print what was drawn as JSON.")
 def plot(
-    tables: Sequence[Path],
-    output: Path,
-    robot: Path | None,
-    base: str | None,
-    joints: Sequence[str],
-    quantities: Sequence[str],
-    between: tuple[float, float] | None,
-    side_by_side: bool,
-    width: str | None,
+    tables: Sequence[Path], output: Path, robot: Path | None, base: str | None, joints: Sequence[str],
+    quantities: Sequence[str], between: tuple[float, float] | None, side_by_side: bool, width: str | None,
     as_json: bool,
-) -> None:
+) -> None:  # fmt: skip
     """Draw the columns of each TABLE over time: forces that `run` wrote, or a motion that `motion` wrote.
 
     One row per quantity, one curve per joint. Curves too small to be seen next to the others have their own column; so
-    do prismatic joints, which --robot tells from revolute ones. --robot also marks what is beyond a limit. Several
+    do prismatic joints, which --robot identifies. --robot also marks what is beyond a limit. Several
     tables are laid over each other, in axes of their own for each joint.
     """
     from jounce.figures import canvas
@@ -112,5 +105,5 @@ def _in_words(summary: dict[str, Any]) -> str:
     of += ["the base"] if names & {*BASE_FORCES} else []
     states = " and ".join(f"{states} state{'s' * (states > 1)}" for states in summary["states"])
     line = f"{shown} of {' and '.join(of)}, {states}, drawn to {summary['output']}"
-    beyond = [f"{label} of {listed(names)}" for label, names in summary["exceeded"].items()]
-    return "\n".join([line, *(f"beyond a limit: {text}" for text in beyond)])
+    exceeded = [f"beyond a limit: {label} of {listed(names)}" for label, names in summary["exceeded"].items()]
+    return "\n".join([line, *exceeded])

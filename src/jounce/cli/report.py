@@ -30,14 +30,9 @@ server for anything.
 @click.option("--json", "as_json", is_flag=True, help="Print a summary of the page as JSON.")
 @MESHES
 def report(
-    robot: Asked,
-    motion: AskedMotion,
-    limits: Path | None,
-    output: Path,
-    order: int,
-    as_json: bool,
+    robot: Asked, motion: AskedMotion, limits: Path | None, output: Path, order: int, as_json: bool,
     meshes: tuple[Path, ...],
-) -> None:
+) -> None:  # fmt: skip
     """Make a page about MOTION of ROBOT: the robot that moves, q to q4d, Q, Qd, Q2d, limits, slow-down factor.
 
     A URDF is shown by its meshes and shapes, other robots by capsules between their joints.
@@ -55,19 +50,12 @@ def report(
     page.save(output)
     worst = page.check and page.check.worst
     summary = {
-        "robot": arm.name,
-        "motion": str(motion.path),
-        "states": len(path.times),
-        "order": order,
-        "output": str(output),
-        "bytes": output.stat().st_size,
-        "ok": page.check and page.check.ok,
-        "verdict": page.check and page.check.verdict,
-        "judged": page.check and page.check.judged,
-        "worst": worst and str(worst),
-        "factor": page.slowdown and page.slowdown.factor,
-        "notes": list(path.notes),
-    }
+        "robot": arm.name, "motion": str(motion.path), "states": len(path.times), "order": order,
+        "output": str(output), "bytes": output.stat().st_size,
+        "ok": page.check and page.check.ok, "verdict": page.check and page.check.verdict,
+        "judged": page.check and page.check.judged, "worst": worst and str(worst),
+        "factor": page.slowdown and page.slowdown.factor, "notes": list(path.notes),
+    }  # fmt: skip
     verdict = page.check.words if page.check else "states no limits"
     tell(summary, lambda of: _in_words(of, verdict), as_json)
 

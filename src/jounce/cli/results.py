@@ -98,7 +98,7 @@ def is_by_parts(job: "Job", motion: AskedMotion, output: Path | None, stream: As
 def compute(
     job: "Job", motion: AskedMotion, output: Path | None, stream: AskedStream, label: str, load: "Callable[[], Motion]"
 ) -> "tuple[Summary, dict[str, Any]]":
-    """Compute a motion that is loaded as a whole, or by parts, with a bar; returns what all commands tell of it too."""
+    """Compute a motion that is loaded as a whole, or by parts, with a bar; returns what all commands report too."""
     from jounce.io import tables
     from jounce.stream.results import of_motion, skipped_path
 
@@ -118,19 +118,12 @@ def compute(
     spans = [of["t"] for of in found.aggregates.values()]
     table = str(skipped_path(output)) if output is not None and found.skipped else None
     return found, {
-        "schema": SUMMARY_SCHEMA,
-        "robot": job.robot.name,
-        "motion": str(motion.path),
-        "output": None if output is None else str(output),
-        "states": found.rows,
-        "motions": len(found.aggregates),
+        "schema": SUMMARY_SCHEMA, "robot": job.robot.name, "motion": str(motion.path),
+        "output": None if output is None else str(output), "states": found.rows, "motions": len(found.aggregates),
         "t": [min(start for start, _ in spans), max(stop for _, stop in spans)],
-        "parts": found.parts,
-        "parts_computed": found.computed,
-        "skipped": {"rows": found.skipped, "table": table},
-        "notes": list(found.notes),
-        "warnings": list(found.warnings),
-    }
+        "parts": found.parts, "parts_computed": found.computed, "skipped": {"rows": found.skipped, "table": table},
+        "notes": list(found.notes), "warnings": list(found.warnings),
+    }  # fmt: skip
 
 
 def _by_parts(job: "Job", motion: AskedMotion, output: Path | None, stream: AskedStream, label: str) -> "Summary":
@@ -176,7 +169,7 @@ def results(
 
 
 def results_in_words(summary: dict[str, Any], names: Sequence[str], rows: list[tuple[str, ...]], *more: str) -> str:
-    """What is computed of rows, with a table of the largest values and what else there is to tell."""
+    """What is computed of rows, with a table of the largest values and further lines."""
     robot, (first, last) = shortened(summary["robot"]), summary["t"]
     many = f" in {summary['motions']} motions" if summary["motions"] > 1 else ""
     kind = "at most {:.2g} from it" if summary["blend"] else "largest residual {:.2g}"

@@ -30,14 +30,9 @@ OUT holds t and NAME.q, NAME.qd, ... NAME.q4d, as `jounce motion` writes them.
 @click.option("--picture", type=PATH, help="Speed along the path with its limits: .png, .svg or .pdf.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def retime(
-    robot: Asked,
-    motion: AskedMotion,
-    limits: Path | None,
-    output: Path,
-    margin: float,
-    picture: Path | None,
+    robot: Asked, motion: AskedMotion, limits: Path | None, output: Path, margin: float, picture: Path | None,
     as_json: bool,
-) -> None:
+) -> None:  # fmt: skip
     """Write the fastest motion of ROBOT along the path of MOTION, from rest to rest, within all limits."""
     from jounce.figures import canvas
     from jounce.io import tables
@@ -55,17 +50,10 @@ def retime(
 
         canvas.save(over_path(arm, given, found), picture)
     summary = {
-        "robot": arm.name,
-        "motion": str(motion.path),
-        "source": given.source,
-        "margin": margin,
-        "given": given.duration,
-        "duration": found.duration,
-        "binding": [stretch._asdict() for stretch in found.binding],
-        "output": str(output),
-        "picture": None if picture is None else str(picture),
-        "states": len(fast.times),
-    }
+        "robot": arm.name, "motion": str(motion.path), "source": given.source, "margin": margin,
+        "given": given.duration, "duration": found.duration, "binding": [part._asdict() for part in found.binding],
+        "output": str(output), "picture": None if picture is None else str(picture), "states": len(fast.times),
+    }  # fmt: skip
     tell(summary, _in_words, as_json)
 
 

@@ -62,15 +62,9 @@ same command continues a run that was stopped.
 @on_stream
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
-    robot: Asked,
-    motion: AskedMotion,
-    output: Path,
-    order: int,
-    with_rates: bool,
-    method: str | None,
-    stream: AskedStream,
-    as_json: bool,
-) -> None:
+    robot: Asked, motion: AskedMotion, output: Path, order: int, with_rates: bool, method: str | None,
+    stream: AskedStream, as_json: bool,
+) -> None:  # fmt: skip
     """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled robot."""
     from jounce.stream.job import Job
     from jounce.stream.results import form_of
@@ -103,7 +97,7 @@ def _limit_in_words(found: dict[str, Any] | None) -> list[str]:
         return []
     ratio = "infinitely" if found["ratio"] is None else f"{found['ratio']:.4g} times"
     came = f"{found['limit'].replace('_', ' ')} of {found['joint']} at t = {found['t']:.6g} s"
-    return [f"limit broken: {came} is {ratio} its limit; jounce check tells of all limits"]
+    return [f"limit broken: {came} is {ratio} its limit; jounce check lists all limits"]
 
 
 def _in_words(summary: dict[str, Any]) -> str:

@@ -39,15 +39,10 @@ def slowdown(robot: Asked, motion: AskedMotion, limits: Path | None, output: Pat
     if output is not None:
         write_motion(output, slow.motion, arm.joint_names)
     summary = {
-        "robot": arm.name,
-        "motion": str(motion.path),
-        "factor": slow.factor,
-        "largest": slow.largest,
-        "binding": slow.binding._asdict(),
-        "duration": [path.duration, slow.motion.duration],
-        "notes": [*path.notes, *slow.notes],
-        "output": None if output is None else str(output),
-    }
+        "robot": arm.name, "motion": str(motion.path), "factor": slow.factor, "largest": slow.largest,
+        "binding": slow.binding._asdict(), "duration": [path.duration, slow.motion.duration],
+        "notes": [*path.notes, *slow.notes], "output": None if output is None else str(output),
+    }  # fmt: skip
     tell(summary, _in_words, as_json)
 
 

@@ -1,4 +1,4 @@
-"""The canvas of all pictures: one look, axes told apart in colour and in grey, files written whole."""
+"""The canvas of all pictures: one look, curves that differ in colour and in grey, files written whole."""
 
 import re
 from collections.abc import Callable, Mapping

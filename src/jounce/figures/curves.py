@@ -43,10 +43,7 @@ class Cell:
 
 
 def over_time(
-    runs: Sequence[Run],
-    title: str = "",
-    columns: Sequence[Sequence[str]] | None = None,
-    width: float | None = None,
+    runs: Sequence[Run], title: str = "", columns: Sequence[Sequence[str]] | None = None, width: float | None = None
 ) -> "Figure":
     """A row of axes per quantity and a column per group of joints, above a common time axis and under one legend.
 

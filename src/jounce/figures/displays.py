@@ -26,6 +26,7 @@ from jounce.spatial.series import rate_name
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+Cells = Sequence[str]
 PAGE = """<p>{{ head }}</p>
 {% if rows %}<table>
 <thead><tr>{% for cell in names %}<th>{{ cell }}</th>{% endfor %}</tr></thead>
@@ -118,7 +119,7 @@ def _checked(row: CheckedLimit) -> tuple[str, ...]:
 
 
 def _picture(paint: Callable[[], "Figure"]) -> str:
-    """A picture as SVG, or nothing where matplotlib is missing: the table says no less without it."""
+    """A picture as SVG, or nothing where matplotlib is missing: the table is complete without it."""
     try:
         content = canvas.svg(paint())
     except JounceError:
@@ -126,13 +127,7 @@ def _picture(paint: Callable[[], "Figure"]) -> str:
     return f'<img alt="picture" src="data:image/svg+xml;base64,{b64encode(content).decode()}">'
 
 
-def _page(
-    head: str,
-    names: Sequence[str] = (),
-    rows: Sequence[Sequence[str]] = (),
-    notes: Sequence[str] = (),
-    picture: str = "",
-) -> str:
+def _page(head: str, names: Cells = (), rows: Sequence[Cells] = (), notes: Cells = (), picture: str = "") -> str:
     """A heading, a table, notes and a picture; names are escaped."""
     cells = [[shortened(cell) for cell in row] for row in rows]
     template = jinja2.Environment(autoescape=True).from_string(PAGE)

@@ -59,12 +59,12 @@ def places(figure: "Figure", cells: int, columns: int, labels: int) -> "Sequence
     return [of_label[:cells] for of_label in found]
 
 
-def leave_out_labels(places: "Sequence[Sequence[Axes]]", columns: int) -> None:
+def leave_out_labels(grid: "Sequence[Sequence[Axes]]", columns: int) -> None:
     """Label scales once in each row of one unit, and give each of several axes a letter."""
-    for of_label in places:
+    for of_label in grid:
         for i in range(len(of_label) - 1, 0, -1):
             if i % columns and of_label[i - 1].get_ylabel() == of_label[i].get_ylabel():
                 of_label[i].set_ylabel("")
-    every = [axes for of_label in places for axes in of_label]
+    every = [axes for of_label in grid for axes in of_label]
     for i, axes in enumerate(every if len(every) > 1 else []):
         axes.set_title(f"({letter(i)})", loc="left")

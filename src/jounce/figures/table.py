@@ -32,7 +32,7 @@ def run_of(
     The mechanism gives the order of the joints, their units and limits; without it the table's order holds. Raises
     `JounceError` if columns are missing, numbers are too large, or the mechanism has no such joint.
     """
-    found, beside = _found(columns, place)
+    found, extra = _found(columns, place)
     shown = _shown(found, place, joints, quantities, mechanism)
     _check_sizes(columns, shown, place)
     units = dict(zip(BASE_FORCES, ["rad"] * 3 + ["m"] * 3, strict=True))
@@ -41,7 +41,7 @@ def run_of(
     limits = {} if mechanism is None else _limits(mechanism)
     drawn = []
     for quantity, curves in shown.items():
-        given = {kind: of.get(quantity, {}) for kind, of in beside.items()}
+        given = {kind: of.get(quantity, {}) for kind, of in extra.items()}
         unit, of_joints = _units(quantity), limits.get(quantity, {})
         if curves:
             drawn.append(Panel(quantity, curves, None, **given, units=unit, joint_units=units, limits=of_joints))
@@ -71,11 +71,11 @@ def _found(
 ) -> tuple[dict[str, dict[str, np.ndarray]], dict[str, dict[str, dict[str, np.ndarray]]]]:
     """The curves by quantity and joint; and by what else there is to a curve, its points and deviations."""
     found: dict[str, dict[str, np.ndarray]] = {}
-    beside: dict[str, dict[str, dict[str, np.ndarray]]] = {}
+    extra: dict[str, dict[str, dict[str, np.ndarray]]] = {}
     for name, values in columns.items():
         if match := COLUMN_NAME.fullmatch(name):
             kind = match[len(match.groups())]
-            of = found if kind is None else beside.setdefault(FIELDS_BY_SUFFIX[kind], {})
+            of = found if kind is None else extra.setdefault(FIELDS_BY_SUFFIX[kind], {})
             of.setdefault(match[2] + (match[3] or ""), {})[match[1]] = values
     if not found:
         cure = f"of samples `jounce motion ROBOT {place} -o OUT` makes a table to be drawn"
@@ -84,7 +84,7 @@ def _found(
         )
     if "t" not in columns:
         raise JounceError(f"{place}: no column 't'; available: {listed(columns)}")
-    return found, beside
+    return found, extra
 
 
 def _shown(

@@ -150,8 +150,8 @@ class Applications(Engine):
             Relative inverse variances of the measured forces; 0 leaves one out. By default the inverse squares of the
             effort limits; equal if a coordinate has none.
         reach : float, optional
-            How far a revolute joint without position limits moves to either side of 0 (twice as far from an only
-            limit), rad.
+            How far a revolute joint without position limits moves to either side of 0 (from an only limit twice as
+            far), rad.
         margin : float, optional
             Share of each limit that is left.
         starts, seed : int, optional
@@ -162,8 +162,7 @@ class Applications(Engine):
         Returns
         -------
         Excitation
-            The `motion`, its `criterion` and `condition`, the parameters seen and unseen, and the `check` of all
-            limits.
+            The `motion`, its `criterion` and `condition`, parameters seen and unseen, the `check` of all limits.
 
         Raises
         ------
@@ -197,8 +196,7 @@ class Applications(Engine):
     ) -> "Report":
         """A page about the robot along a motion: the moving robot, its curves, its limits, in one file.
 
-        Limits of the robot are checked. With elastic joints and order 2, motor positions, velocities and torques are
-        shown.
+        Limits of the robot are checked. With elastic joints, order 2 shows motor positions, velocities, torques.
 
         Parameters
         ----------
@@ -220,8 +218,8 @@ class Applications(Engine):
         Raises
         ------
         JounceError
-            If the motion is of other joints, a rate is unknown or overflows, `visuals` is no readable URDF, or plotly
-            is missing.
+            If the motion is of other joints, a rate is unknown or overflows, `visuals` is no URDF, or plotly is
+            missing.
 
         Examples
         --------

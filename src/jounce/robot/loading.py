@@ -37,8 +37,7 @@ def load(
     YAML and JSON files contain jounce's own format or a Denavit-Hartenberg table, identified by their keys.
 
     Links behind fixed joints merge into one body, and their names may be used wherever a body's may; mimic joints
-    follow their leaders; several root links are all fixed to the ground. Coordinates are in the file's order, depth
-    first.
+    follow their leaders; several root links are fixed to the ground. Coordinates are in the file's order, depth first.
 
     Parameters
     ----------

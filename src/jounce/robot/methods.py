@@ -114,8 +114,7 @@ class Methods(Rows):
         Raises
         ------
         JounceError
-            If a name is unknown, the robot holds symbols, llvmlite is missing, or a call needs over 64 MiB of scratch
-            memory.
+            If a name is unknown, the robot holds symbols, llvmlite is missing, or a call needs over 64 MiB of memory.
 
         Examples
         --------

@@ -3033,8 +3033,7 @@ class Methods:
         Raises
         ------
         JounceError
-            If a name is unknown, the robot holds symbols, llvmlite is missing, or a call needs more than 64 MiB of
-            scratch memory.
+            If a name is unknown, the robot holds symbols, llvmlite is missing, or a call needs over 64 MiB of memory.
 
         Examples
         --------

@@ -190,10 +190,9 @@ class Robot(Applications, Methods, OldMethods, Displayed):
             Constants of joints that follow others; theta = q by default.
         limits : mapping, optional
             `lower`, `upper`, `velocity`, `effort`, ... of theta, (nc,), or (nc, 2) for (lower, upper); infinite if left
-            out, see `Limits`.
-        drives : mapping, optional
-            `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest` of theta, (nc,) each; 0 (eps 0.05) if left
             out.
+        drives : mapping, optional
+            `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest` of theta, (nc,) each; default 0 (eps 0.05).
         base : (6, 6), optional
             Inertia matrix of the base in its own frame, if the robot floats; otherwise the robot stands on the ground.
         base_name : str, optional
@@ -208,8 +207,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If a shape or name is wrong, a number is not finite, a pose, screw or inertia is invalid, or a parent comes
-            later.
+            If a shape or name is wrong, a number is not finite, or a pose, screw, inertia or parent is invalid.
 
         References
         ----------
@@ -416,7 +414,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> robot.joint_names == tuple(model.names)[1:]
         True
         """
-        from jounce.io.models import pinocchio  # what few programs need
+        from jounce.io.models import pinocchio  # imported here to keep start-up fast
 
         return cls(pinocchio.mechanism(model, gravity, base, root))
 
@@ -466,7 +464,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> jounce.Robot.from_mujoco(model)
         <Robot 'm': 1 coordinates, 1 bodies>
         """
-        from jounce.io.models import mujoco  # what few programs need
+        from jounce.io.models import mujoco  # imported here to keep start-up fast
 
         return cls(mujoco.mechanism(model, gravity, base, root))
 
@@ -526,7 +524,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> state.q.shape, state.base[0].shape
         ((28,), (4, 4))
         """
-        from jounce.io.models import states  # what few programs need
+        from jounce.io.models import states  # imported here to keep start-up fast
 
         return states.state_from(self.mechanism, states.layout_of(library, model), (q, v, a), forces)
 
@@ -580,7 +578,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> robot.state_to("mujoco", Q=[3.0], model=model)
         array([3.])
         """
-        from jounce.io.models import states  # what few programs need
+        from jounce.io.models import states  # imported here to keep start-up fast
 
         vectors = states.state_to(self.mechanism, states.layout_of(library, model), (q, qd, q2d), base, Q)
         return vectors[0] if len(vectors) == 1 else vectors
@@ -596,7 +594,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         terms : bool, str or iterable of str, optional
             "armature", "damping", "friction", "spring"; True selects all, False none.
         eps : float, optional
-            Smoothing velocity of Coulomb friction, rad/s or m/s; by default that of each joint (0.05 unless stated).
+            Smoothing velocity of Coulomb friction, rad/s or m/s; by default that of each joint.
 
         Returns
         -------
@@ -685,7 +683,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
             Bounds of the currents and voltages of these motors, A and V.
         of : str or mapping, optional
             Which force the effort limits given here bound, with its rates: "Q", the default, or "Q - Qgrav"; a mapping
-            {"effort_rate": "Q - Qgrav"} says it of some.
+            {"effort_rate": "Q - Qgrav"} selects some.
 
         Returns
         -------
@@ -712,7 +710,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         array([ 2., inf])
         """
         given = {key: value for key, value in locals().items() if key in KEYS}
-        from jounce.io.limits.reading import limits_from  # what few programs need
+        from jounce.io.limits.reading import limits_from  # imported here to keep start-up fast
 
         mechanism = self.mechanism
         if source is not None:
@@ -789,7 +787,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> found.names
         ('body1 mcx', 'body1 mcy', 'body1 Izz', 'body2 mcx', 'body2 mcy', 'body2 Izz')
         """
-        from jounce.dynamics.base_parameters import base_parameters  # what few programs need
+        from jounce.dynamics.base_parameters import base_parameters  # imported here to keep start-up fast
 
         return base_parameters(self.mechanism)
 
@@ -847,7 +845,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         note joint1, joint2: no effort limit on any joint
         note joint1, joint2: no velocity limit on any joint
         """
-        from jounce.checks.audit import audit  # what few programs need
+        from jounce.checks.audit import audit  # imported here to keep start-up fast
 
         return audit(self.mechanism)
 
@@ -900,7 +898,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> Q2d.shape
         (10000, 7)
         """
-        from jounce.engine.along import forces_along  # what few programs need
+        from jounce.engine.along import forces_along  # imported here to keep start-up fast
 
         return forces_along(self, motion, t, order, method, progress)
 
@@ -939,7 +937,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> found.ok, found.worst.joint, found.worst.limit, round(found.worst.ratio, 4)
         (False, 'joint2', 'effort', 1.7567)
         """
-        from jounce.limits.check import check  # what few programs need
+        from jounce.limits.check import check  # imported here to keep start-up fast
 
         return check(self, motion)
 
@@ -974,7 +972,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> round(slow.factor, 4), slow.binding.joint, slow.binding.limit
         (0.4159, 'joint2', 'effort')
         """
-        from jounce.limits.slowdown import slowdown  # what few programs need
+        from jounce.limits.slowdown import slowdown  # imported here to keep start-up fast
 
         return slowdown(self, motion)
 
@@ -1024,7 +1022,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> round(faster.duration, 2), faster.binding[0].limit
         (0.54, 'effort_rate')
         """
-        from jounce.limits.retime import retime  # what few programs need
+        from jounce.limits.retime import retime  # imported here to keep start-up fast
 
         return retime(self, motion, margin)
 
@@ -1093,7 +1091,10 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> arm.motor_positions([0, 0], [0, 0], [0, 0]).round(6)
         array([0.036788, 0.01635 ])
         """
-        from jounce.arguments.elasticity import ElasticParameters, with_elasticity  # what few programs need
+        from jounce.arguments.elasticity import (  # imported here to keep start-up fast
+            ElasticParameters,
+            with_elasticity,
+        )
 
         stated = ElasticParameters(
             stiffness=stiffness, rotor=rotor, damping=damping, spring=spring, coupling=coupling, motors=motors,
@@ -1134,7 +1135,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
             Joint positions, rad or m, near a configuration with closed loops, which decide on the branch; 0 if left
             out.
         weights : (k,) or mapping, optional
-            Weights of the forces of redundant motors, whose weighted sum of squares is least; 1 by default.
+            Weights of the squares of redundant motors' forces, whose sum is least; 1 by default.
 
         Returns
         -------
@@ -1207,7 +1208,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> tau.shape
         (10000, 7)
         """
-        from jounce.actuators.along import motors_along  # what few programs need
+        from jounce.actuators.along import motors_along  # imported here to keep start-up fast
 
         return motors_along(self, motion, t, order, stiffness, method, progress)
 
@@ -1242,7 +1243,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> energy.rotors.round(9), energy.springs.round(9)
         (np.float64(0.05), np.float64(4.0))
         """
-        from jounce.actuators.energy import energy  # what few programs need
+        from jounce.actuators.energy import energy  # imported here to keep start-up fast
 
         return energy(self, (q, qd, theta, thetad))
 
@@ -1273,7 +1274,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> arm.damping_error([0, 0], [1, 0], [0, 0], [0, 0]).round(9)
         array([0., 0.])
         """
-        from jounce.actuators.energy import damping_error  # what few programs need
+        from jounce.actuators.energy import damping_error  # imported here to keep start-up fast
 
         return damping_error(self, rates, wrench)
 

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jounce._report.drawing import GROUND_BODY, parts_of, robot_size
+from jounce._report.meshes import place_visuals
 from jounce._report.turns import in_turn
 from jounce._report.view.track import Track, start_of
 from jounce.core.errors import JounceError, listed
 from jounce.engine.engine import Engine
 from jounce.figures.drawing import poses_on
-from jounce.io.visuals import read_mesh, visuals_of
+from jounce.io.visuals import visuals_of
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import lie
 
@@ -98,19 +99,11 @@ def _draw_visuals(
 ) -> tuple[set[int], list[str]]:
     """Draw the visuals of a robot file; the bodies that they show, and what could not be drawn."""
     m = robot.mechanism
-    seen: set[int] = set()
-    missed = []
-    for k, visual in enumerate(visuals_of(m, file)):
-        frame = m.frame(visual.link)
-        mesh = read_mesh(visual, file, folders)
-        if isinstance(mesh, str):
-            missed.append(mesh)
-            continue
-        C = np.asarray(frame.T, dtype=float) @ visual.T
-        place = {"wxyz": lie.to_quaternion(C[:3, :3]), "position": C[:3, 3]}
-        server.scene.add_mesh_trimesh(f"{_node(m, frame.body)}/visual{k}", mesh, **place)
-        seen.add(frame.body)
-    return seen, [f"not drawn: {listed(dict.fromkeys(missed))}"] if missed else []
+    placed, missed = place_visuals(m, visuals_of(m, file), file, folders)
+    for k, (body, C, mesh) in enumerate(placed):
+        name, turn = f"{_node(m, body)}/visual{k}", lie.to_quaternion(C[:3, :3])
+        server.scene.add_mesh_trimesh(name, mesh, wxyz=turn, position=C[:3, 3])
+    return {body for body, _, _ in placed}, [f"not drawn: {listed(dict.fromkeys(missed))}"] if missed else []
 
 
 def _node(m: Mechanism, body: int) -> str:

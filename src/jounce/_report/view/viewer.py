@@ -151,7 +151,7 @@ def _set_visible(handles: Any, visible: bool) -> None:
 
 
 def run(viewer: Viewer, stopped: Callable[[float], bool]) -> None:
-    """Play until `stopped`, which waits for some seconds, says so."""
+    """Play until `stopped`, which waits for some seconds, returns True."""
     from time import monotonic
 
     before = monotonic()
