@@ -8,6 +8,7 @@ import pytest
 
 import jounce
 from jounce.robot.applications import Applications
+from jounce.robot.exports import Exports
 
 
 def members():
@@ -17,7 +18,7 @@ def members():
         if callable(member):
             yield name, member
         if inspect.isclass(member):
-            own = [vars(base) for base in member.__mro__ if base in (member, Applications)]
+            own = [vars(base) for base in member.__mro__ if base in (member, Applications, Exports)]
             for key, static in ChainMap(*own).items():
                 if (not key.startswith("_") or key == "__call__") and not isinstance(static, property):
                     method = getattr(member, key)

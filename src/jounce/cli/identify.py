@@ -25,11 +25,10 @@ Example, with the torques of a model as measured ones:
 \b
 MOTION is a log: a table with a column t, one column of positions per joint
 and one of measured torques, tau_JOINT, JOINT.tau or named by --torques.
-ROBOT is a first guess, such as the CAD model: what the log does not
-determine stays near to it. OUT is a robot file that `jounce run OUT ... --drives
-all` takes: its bodies can exist, and its drives have the friction found.
-Deviations are those of the data alone; parameters that they do not determine
-are listed.
+ROBOT is a first guess, such as the CAD model: what the log does not determine
+stays near to it. OUT is a robot file for `jounce run OUT ... --drives all`:
+its bodies can exist, and its drives have the friction found. Deviations are
+those of the data alone; parameters that they do not determine are listed.
 """
 
 

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Mapping
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Unpack
@@ -112,53 +113,30 @@ def _mechanism(name: str, path: Path, parameters: dict[str, object]) -> Mechanis
             raise JounceError(f"{no_such('robot', name, BUNDLED)}, or a file of type {', '.join(READERS)}")
         raise JounceError(f"{path}: unknown type of robot file {path.suffix!r}; available: {', '.join(READERS)}")
     with np.errstate(all="ignore"):  # what overflows is refused as not finite, or judged by the audit
-        mechanism = _call(partial(READERS[path.suffix.lower()], path), parameters, str(path))
+        mechanism = _call(partial(_reader(path.suffix.lower()), path), parameters, str(path))
         _warn_of_inertias(mechanism, path)
     return mechanism
 
 
-def _read_urdf(path: Path, /, gravity: object = None, base: str | None = None, root: str | None = None) -> Mechanism:
-    from jounce.io import urdf  # where lxml is needed
-
-    return urdf.read(path, gravity, base, root)
+def _reader(suffix: str) -> Callable[..., Mechanism]:
+    """What reads files of a suffix; lxml, MuJoCo or a reader of YAML are imported with it."""
+    reader: Callable[..., Mechanism] = import_module(f"jounce.io.{READERS[suffix]}").read
+    return _read_xacro if suffix == ".xacro" else reader
 
 
 def _read_xacro(
-    path: Path,
-    /,
-    gravity: object = None,
-    base: str | None = None,
-    root: str | None = None,
+    path: Path, /, gravity: object = None, base: str | None = None, root: str | None = None,
     xacro_args: Mapping[str, object] = MappingProxyType({}),
-) -> Mechanism:
+) -> Mechanism:  # fmt: skip
     from jounce.io import urdf, xacro
 
     content = xacro.expand(path, xacro_args)
     return urdf.parse(content, f"{path} (expanded)", path.name.partition(".")[0], gravity, base, root)
 
 
-def _read_xml(path: Path, /, gravity: object = None, base: str | None = None, root: str | None = None) -> Mechanism:
-    from jounce.io import mjcf  # where lxml and MuJoCo are needed
-
-    return mjcf.read(path, gravity, base, root)
-
-
-def _read_document(path: Path, /, gravity: object = None, base: str | None = None) -> Mechanism:
-    from jounce.io import documents
-
-    return documents.read(path, gravity, base)
-
-
-READERS: dict[str, Callable[..., Mechanism]] = {
-    ".urdf": _read_urdf,
-    ".xacro": _read_xacro,
-    ".xml": _read_xml,
-    ".yaml": _read_document,
-    ".yml": _read_document,
-    ".json": _read_document,
-}
-
-
+READERS = {
+    ".urdf": "urdf", ".xacro": "urdf", ".xml": "mjcf", ".yaml": "documents", ".yml": "documents", ".json": "documents",
+}  # fmt: skip
 ALWAYS = ("lock", "drives")  # parameters of all robots
 
 

@@ -91,8 +91,7 @@ class Methods(Rows):
         Parameters
         ----------
         quantity : str, optional
-            The name of the method: "inverse_dynamics", "mass_matrix", "jacobian", ... The first is the default, but
-            for this release not of robots with elastic joints.
+            The method's name: "inverse_dynamics", "mass_matrix", ...; the first by default, unless joints are elastic.
         order : int, optional
             The highest rate of the quantity: 2 gives Q, Qd, Q2d.
         wrench : bool, optional

@@ -33,6 +33,7 @@ from jounce.model.limits import Limits
 from jounce.model.mechanism import GRAVITY
 from jounce.model.positions import check_single, position_count, positions
 from jounce.robot.applications import Applications
+from jounce.robot.exports import Exports
 from jounce.robot.methods import Methods
 from jounce.robot.old import OldMethods
 
@@ -176,8 +177,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         M : (nb, 6, 6)
             Inertia matrix in the frame of body i, see `inertia_matrix`.
         parent : (nb,), optional
-            Index of the parent body, smaller than i; -1 is the ground, or the base if the robot floats, and several
-            bodies may have it. The default is a serial chain.
+            Index of the parent body, below i; -1 is the ground, or the base if the robot floats. By default a serial
+            chain.
         names : (nb,), optional
             Names of the bodies.
         gravity : (3,), optional
@@ -189,8 +190,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         G, g : (nc, n) and (nc,), optional
             Constants of joints that follow others; theta = q by default.
         limits : mapping, optional
-            `lower`, `upper`, `velocity`, `effort`, ... of theta, (nc,), or (nc, 2) for (lower, upper); infinite if left
-            out.
+            `lower`, `upper`, `velocity`, `effort`, ... of theta, (nc,), or (nc, 2) for two sides; infinite if left out.
         drives : mapping, optional
             `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest` of theta, (nc,) each; default 0 (eps 0.05).
         base : (6, 6), optional
@@ -447,8 +447,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If it is no model of MuJoCo, one free joint carries all others without `base` or `root`, no joint moves, or
-            a number is not finite.
+            If it is no model of MuJoCo, needs `base` or `root`, no joint moves, or a number is not finite.
 
         Warns
         -----
@@ -683,7 +682,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
             Bounds of the currents and voltages of these motors, A and V.
         of : str or mapping, optional
             Which force the effort limits given here bound, with its rates: "Q", the default, or "Q - Qgrav"; a mapping
-            {"effort_rate": "Q - Qgrav"} selects some.
+            selects some.
 
         Returns
         -------
@@ -799,8 +798,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Parameters
         ----------
         values : mapping
-            {joint: rad or m}. Of a closed robot, independent coordinates. A ball, planar or free joint is locked as a
-            whole, at its numbers in q: {"ball": [0, 0, 0, 1]}.
+            {joint: rad or m}. Of a closed robot, independent coordinates. Balls, planar and free joints at their
+            numbers in q.
 
         Returns
         -------
@@ -809,8 +808,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If a joint is unknown or follows another, a value is not finite, no joint remains, or loops cannot be
-            closed.
+            If a joint is unknown or follows another, a value is not finite, no joint remains, or loops do not close.
 
         Examples
         --------
@@ -868,8 +866,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
             From `jounce.load_motion` or a constructor of `Motion`. A robot that floats needs one with a base: columns
             ``base.x, ...`` of a table, or `Motion.with_base`. The base of a fixed robot is the ground that carries it.
         t : (N,), optional
-            Times in s within the motion; by default ``motion.times``: of its samples or file, or about a millisecond
-            apart.
+            Times in s within the motion; by default ``motion.times``: of samples or file, or about 1 ms apart.
         order : int, optional
             The highest rate of the forces: 2 gives Q, Qd, Q2d.
         method : str, optional
@@ -1057,8 +1054,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
             level 0, 1, ... holds it, for motors that state the bodies that carry them. Each level takes two more rates
             of q; level n - 1 is exact for a chain of n joints whose rotors are carried by links before their joints.
         motors : Motor or mapping, optional
-            The motors, one for all joints or {joint: motor}: gears, rotors and their carriers, friction, electrical
-            side.
+            The motors, one for all joints or {joint: motor}: gears, rotors, carriers, friction, electrical side.
         damping_terms : int, optional
             Number of terms of the series of dampers at one instant; each after the first takes one more rate of q.
 
@@ -1071,8 +1067,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If a stiffness or rotor is zero, negative or NaN, a joint is unknown, an elastic joint has no rotor, or
-            rotors are coupled and one has no carrier.
+            If a stiffness or rotor is zero, negative or NaN, a joint is unknown, an elastic joint has no rotor, or a
+            coupled rotor no carrier.
 
         Warns
         -----
@@ -1132,8 +1128,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         coordinates : list of str, optional
             The independent coordinates, by default the actuated joints.
         start : (N,) or mapping, optional
-            Joint positions, rad or m, near a configuration with closed loops, which decide on the branch; 0 if left
-            out.
+            Positions, rad or m, near closed loops, which decide on the branch; joints that are left out are at 0.
         weights : (k,) or mapping, optional
             Weights of the squares of redundant motors' forces, whose sum is least; 1 by default.
 
@@ -1145,8 +1140,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If a name is unknown, loops cannot be closed from the start, or coordinates or motors do not determine the
-            motion.
+            If a name is unknown, loops cannot be closed, or coordinates or motors do not determine the motion.
         UncertainError
             A kind of JounceError, by methods of the closed robot: near singular positions, where errors exceed 1e-6.
 
@@ -1279,7 +1273,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         return damping_error(self, rates, wrench)
 
 
-for _part in (Applications, Methods):  # Python's messages on calls name the class that users know
+for _part in (Applications, Exports, Methods):  # Python's messages on calls name the class that users know
     for _name, _method in vars(_part).items():
         if isinstance(_method, FunctionType):
             unwrap(_method).__qualname__ = _method.__qualname__ = f"{Robot.__name__}.{_name}"
