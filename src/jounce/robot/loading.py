@@ -22,17 +22,10 @@ from jounce.robot import Robot
 
 
 def load(
-    source: str | os.PathLike[str],
-    /,
-    *,
-    gravity: ArrayLike | None = None,
-    base: Base | None = None,
-    root: str | None = None,
-    lock: Mapping[str, Any] | None = None,
-    drives: DriveTerms | None = False,
-    xacro_args: Mapping[str, object] | None = None,
-    **parameters: Unpack[Planar2R],
-) -> Robot:
+    source: str | os.PathLike[str], /, *, gravity: ArrayLike | None = None, base: Base | None = None,
+    root: str | None = None, lock: Mapping[str, Any] | None = None, drives: DriveTerms | None = False,
+    xacro_args: Mapping[str, object] | None = None, **parameters: Unpack[Planar2R],
+) -> Robot:  # fmt: skip
     """Load a robot from a URDF, MJCF, YAML or JSON file, or a bundled robot by its name.
 
     YAML and JSON files contain jounce's own format or a Denavit-Hartenberg table, identified by their keys.

@@ -73,16 +73,9 @@ class Methods(Rows):
 
     @renamed_keywords(base="moving_base")
     def compile(
-        self,
-        quantity: QuantityName | None = None,
-        order: int = 2,
-        wrench: bool = False,
-        *,
-        body: str | None = None,
-        frame: Frame = "body",
-        product: Product | None = None,
-        moving_base: bool = False,
-    ) -> Kernel[Any]:
+        self, quantity: QuantityName | None = None, order: int = 2, wrench: bool = False, *, body: str | None = None,
+        frame: Frame = "body", product: Product | None = None, moving_base: bool = False,
+    ) -> Kernel[Any]:  # fmt: skip
         """Compile a quantity to native code before its first call.
 
         Code that takes longer than three seconds to compile is compiled only here and with ``method="kernel"``; the
@@ -132,16 +125,9 @@ class Methods(Rows):
         return compile_ahead(self, asked)
 
     def drive_forces(
-        self,
-        q: Named,
-        qd: Named,
-        q2d: Named,
-        q3d: Named | None = None,
-        q4d: Named | None = None,
-        *higher: Named,
-        terms: DriveTerms = True,
-        out: Out = None,
-    ) -> Results:
+        self, q: Named, qd: Named, q2d: Named, q3d: Named | None = None, q4d: Named | None = None, *higher: Named,
+        terms: DriveTerms = True, out: Out = None,
+    ) -> Results:  # fmt: skip
         """The joint forces of the drive-train terms, and their rates, whether or not they act in Q.
 
         Parameters
@@ -175,18 +161,10 @@ class Methods(Rows):
         return _drives.drive_forces(self.mechanism, (q, qd, q2d, q3d, q4d, *higher), select_terms(terms), out)
 
     def wrench(
-        self,
-        q: Named,
-        qd: Named | None = None,
-        q2d: Named | None = None,
-        *higher: Named,
-        body: str,
-        force: ArrayLike | None = None,
-        torque: ArrayLike | None = None,
-        frame: LoadFrame = "world",
-        point: ArrayLike | None = None,
-        base: Rates | None = None,
-    ) -> Results:
+        self, q: Named, qd: Named | None = None, q2d: Named | None = None, *higher: Named, body: str,
+        force: ArrayLike | None = None, torque: ArrayLike | None = None, frame: LoadFrame = "world",
+        point: ArrayLike | None = None, base: Rates | None = None,
+    ) -> Results:  # fmt: skip
         """The wrenches W, and their rates, of a load that acts ON a body, for `wrench=` of `inverse_dynamics`.
 
         W is the wrench that the body exerts, which is minus the load, about the body's origin in body axes. A load that

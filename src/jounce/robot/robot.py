@@ -142,24 +142,12 @@ class Robot(Applications, Methods, OldMethods, Displayed):
 
     @classmethod
     def from_screws(
-        cls,
-        B: ArrayLike,
-        X: ArrayLike,
-        M: ArrayLike,
-        parent: Sequence[int] | None = None,
-        names: Sequence[str] | None = None,
-        gravity: ArrayLike = GRAVITY,
-        *,
-        joint_names: Sequence[str] | None = None,
-        owners: Sequence[int] | None = None,
-        G: ArrayLike | None = None,
-        g: ArrayLike | None = None,
-        limits: Limits | Mapping[str, ArrayLike] | None = None,
-        drives: Drives | Mapping[str, ArrayLike] | None = None,
-        base: ArrayLike | None = None,
-        base_name: str = "base",
-        name: str = "robot",
-    ) -> Self:
+        cls, B: ArrayLike, X: ArrayLike, M: ArrayLike, parent: Sequence[int] | None = None,
+        names: Sequence[str] | None = None, gravity: ArrayLike = GRAVITY, *, joint_names: Sequence[str] | None = None,
+        owners: Sequence[int] | None = None, G: ArrayLike | None = None, g: ArrayLike | None = None,
+        limits: Limits | Mapping[str, ArrayLike] | None = None, drives: Drives | Mapping[str, ArrayLike] | None = None,
+        base: ArrayLike | None = None, base_name: str = "base", name: str = "robot",
+    ) -> Self:  # fmt: skip
         """A robot from body-fixed data.
 
         Body i moves relative to its parent p by ``C_i = C_p B_i exp(X_i theta_i)`` with joint variables
@@ -242,23 +230,12 @@ class Robot(Applications, Methods, OldMethods, Displayed):
 
     @classmethod
     def from_spatial_screws(
-        cls,
-        A: ArrayLike,
-        Y: ArrayLike,
-        M: ArrayLike,
-        parent: Sequence[int] | None = None,
-        names: Sequence[str] | None = None,
-        gravity: ArrayLike = GRAVITY,
-        *,
-        joint_names: Sequence[str] | None = None,
-        G: ArrayLike | None = None,
-        g: ArrayLike | None = None,
-        limits: Limits | Mapping[str, ArrayLike] | None = None,
-        drives: Drives | Mapping[str, ArrayLike] | None = None,
-        base: ArrayLike | None = None,
-        base_name: str = "base",
+        cls, A: ArrayLike, Y: ArrayLike, M: ArrayLike, parent: Sequence[int] | None = None,
+        names: Sequence[str] | None = None, gravity: ArrayLike = GRAVITY, *, joint_names: Sequence[str] | None = None,
+        G: ArrayLike | None = None, g: ArrayLike | None = None, limits: Limits | Mapping[str, ArrayLike] | None = None,
+        drives: Drives | Mapping[str, ArrayLike] | None = None, base: ArrayLike | None = None, base_name: str = "base",
         name: str = "robot",
-    ) -> Self:
+    ) -> Self:  # fmt: skip
         """A robot from spatial data, all in the inertial frame at theta = 0.
 
         ``B_i = A_p^-1 A_i``, ``X_i = Ad(A_i^-1) Y_i``.
@@ -298,24 +275,13 @@ class Robot(Applications, Methods, OldMethods, Displayed):
 
     @classmethod
     def from_dh(
-        cls,
-        table: ArrayLike | Sequence[Mapping[str, object]],
-        M: ArrayLike,
-        convention: Convention,
-        *,
-        types: Sequence[JointType] | None = None,
-        degrees: bool = False,
-        base: ArrayLike | None = None,
-        tool: ArrayLike | None = None,
-        names: Sequence[str] | None = None,
-        gravity: ArrayLike = GRAVITY,
-        joint_names: Sequence[str] | None = None,
-        G: ArrayLike | None = None,
-        g: ArrayLike | None = None,
-        limits: Limits | Mapping[str, ArrayLike] | None = None,
-        drives: Drives | Mapping[str, ArrayLike] | None = None,
+        cls, table: ArrayLike | Sequence[Mapping[str, object]], M: ArrayLike, convention: Convention, *,
+        types: Sequence[JointType] | None = None, degrees: bool = False, base: ArrayLike | None = None,
+        tool: ArrayLike | None = None, names: Sequence[str] | None = None, gravity: ArrayLike = GRAVITY,
+        joint_names: Sequence[str] | None = None, G: ArrayLike | None = None, g: ArrayLike | None = None,
+        limits: Limits | Mapping[str, ArrayLike] | None = None, drives: Drives | Mapping[str, ArrayLike] | None = None,
         name: str = "robot",
-    ) -> Self:
+    ) -> Self:  # fmt: skip
         """A serial robot from a Denavit-Hartenberg table.
 
         "standard": ``T_i = Rot_z(theta_i) Trans_z(d_i) Trans_x(a_i) Rot_x(alpha_i)``; frame i is at the end of link i,
@@ -468,15 +434,9 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         return cls(mujoco.mechanism(model, gravity, base, root))
 
     def state_from(
-        self,
-        library: Library,
-        q: ArrayLike,
-        v: ArrayLike | None = None,
-        a: ArrayLike | None = None,
-        *,
-        forces: ArrayLike | None = None,
-        model: Any,
-    ) -> "RobotState":
+        self, library: Library, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None, *,
+        forces: ArrayLike | None = None, model: Any,
+    ) -> "RobotState":  # fmt: skip
         """The state of the robot, and its forces, from vectors of Pinocchio or MuJoCo: joints by name.
 
         A base that floats has a pose C, a twist V and its rate Vd from its joint. Of the vectors of this joint,
@@ -528,16 +488,9 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         return states.state_from(self.mechanism, states.layout_of(library, model), (q, v, a), forces)
 
     def state_to(
-        self,
-        library: Library,
-        q: Named | None = None,
-        qd: Named | None = None,
-        q2d: Named | None = None,
-        *,
-        Q: Named | None = None,
-        base: Rates | None = None,
-        model: Any,
-    ) -> Results:
+        self, library: Library, q: Named | None = None, qd: Named | None = None, q2d: Named | None = None, *,
+        Q: Named | None = None, base: Rates | None = None, model: Any,
+    ) -> Results:  # fmt: skip
         """The vectors of Pinocchio or MuJoCo that state the robot, and its forces: the inverse of `state_from`.
 
         Parameters
@@ -628,29 +581,14 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         return type(self)(replace(self.mechanism, acting=select_terms(terms), drives=drives))
 
     def with_limits(
-        self,
-        source: "str | PathLike[str] | Limits | None" = None,
-        /,
-        *,
-        lower: LimitValues = None,
-        upper: LimitValues = None,
-        velocity: LimitValues = None,
-        acceleration: LimitValues = None,
-        jerk: LimitValues = None,
-        snap: LimitValues = None,
-        effort: LimitValues = None,
-        effort_rate: LimitValues = None,
-        second_effort_rate: LimitValues = None,
-        power: LimitValues = None,
-        stall_effort: LimitValues = None,
-        no_load_velocity: LimitValues = None,
-        motor_position: LimitValues = None,
-        motor_velocity: LimitValues = None,
-        motor_torque: LimitValues = None,
-        motor_current: LimitValues = None,
-        motor_voltage: LimitValues = None,
+        self, source: "str | PathLike[str] | Limits | None" = None, /, *, lower: LimitValues = None,
+        upper: LimitValues = None, velocity: LimitValues = None, acceleration: LimitValues = None,
+        jerk: LimitValues = None, snap: LimitValues = None, effort: LimitValues = None, effort_rate: LimitValues = None,
+        second_effort_rate: LimitValues = None, power: LimitValues = None, stall_effort: LimitValues = None,
+        no_load_velocity: LimitValues = None, motor_position: LimitValues = None, motor_velocity: LimitValues = None,
+        motor_torque: LimitValues = None, motor_current: LimitValues = None, motor_voltage: LimitValues = None,
         of: str | Mapping[str, str] | None = None,
-    ) -> Self:
+    ) -> Self:  # fmt: skip
         """The robot with some of its limits replaced: of q to q4d, of Q, Qd, Q2d, of the power qd Q, and of motors.
 
         They come from a file, from the published table of an arm, or as numbers, which win: one for all coordinates, an
@@ -848,14 +786,9 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         return audit(self.mechanism)
 
     def forces_along(
-        self,
-        motion: "Motion",
-        t: ArrayLike | None = None,
-        order: int = 2,
-        *,
-        method: Method | None = None,
+        self, motion: "Motion", t: ArrayLike | None = None, order: int = 2, *, method: Method | None = None,
         progress: Callable[[int, int], object] | None = None,
-    ) -> "Along":
+    ) -> "Along":  # fmt: skip
         """The generalized forces Q and their rates along a motion, with the wrenches and the base that it holds.
 
         They are those of `inverse_dynamics`, computed piece by piece to save memory.
@@ -1099,14 +1032,9 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         return type(self)(with_elasticity(self.mechanism, stated))
 
     def closed(
-        self,
-        loops: "Sequence[Loop | Sequence[Any]] | None" = None,
-        actuated: Sequence[str] | None = None,
-        *,
-        coordinates: Sequence[str] | None = None,
-        start: Named | None = None,
-        weights: Named | None = None,
-    ) -> Self:
+        self, loops: "Sequence[Loop | Sequence[Any]] | None" = None, actuated: Sequence[str] | None = None, *,
+        coordinates: Sequence[str] | None = None, start: Named | None = None, weights: Named | None = None,
+    ) -> Self:  # fmt: skip
         """The robot with its loops closed, moved by its actuated joints.
 
         Constraints ``A q' = 0`` hold the coordinates q of the tree, which is this robot: ``q' = F u'`` with the rates
@@ -1160,15 +1088,9 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         return type(self)(with_loops(self.mechanism, loops, actuated, coordinates, start, weights))
 
     def motors_along(
-        self,
-        motion: "Motion",
-        t: ArrayLike | None = None,
-        order: int = 0,
-        *,
-        stiffness: Rates | None = None,
-        method: Method | None = None,
-        progress: Callable[[int, int], object] | None = None,
-    ) -> "ElasticAlong":
+        self, motion: "Motion", t: ArrayLike | None = None, order: int = 0, *, stiffness: Rates | None = None,
+        method: Method | None = None, progress: Callable[[int, int], object] | None = None,
+    ) -> "ElasticAlong":  # fmt: skip
         """Positions and torques of the motors behind elastic joints along a motion, with the wrenches that it holds.
 
         Parameters
