@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.options import MOTION, PATH, Decorator, renamed_flag
+from jounce.cli.options import MOTION_NAME, PATH, Decorator, renamed_flag
 from jounce.cli.output import progress
 from jounce.core.errors import JounceError, at, listed
 
@@ -127,12 +127,12 @@ def write_motion(output: Path, motion: "Motion", joints: Sequence[str], order: i
 
 def of_motion(verb: Callable[..., None]) -> Callable[..., None]:
     """Add the argument MOTION and its options to a `MotionCommand`, which gets them as one `AskedMotion`."""
-    return click.argument("motion", type=MOTION)(_with_options(verb))
+    return click.argument("motion", type=MOTION_NAME)(_with_options(verb))
 
 
 def of_optional_motion(verb: Callable[..., None]) -> Callable[..., None]:
     """`of_motion` of a command that does without a motion too: it gets None then."""
-    return click.argument("motion", type=MOTION, required=False)(_with_options(verb))
+    return click.argument("motion", type=MOTION_NAME, required=False)(_with_options(verb))
 
 
 def _with_options(verb: Callable[..., None]) -> Callable[..., None]:
@@ -187,7 +187,7 @@ def _is_options(path: Path) -> bool:
         return False
 
 
-_EXPECTED: dict[str, tuple[str, Callable[[Any], bool]]] = {
+_OPTION_VALUES: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "text": ("a text", lambda x: isinstance(x, str)),
     "boolean": ("true or false", lambda x: isinstance(x, bool)),
     "integer": ("an integer > 0", lambda x: type(x) is int and x > 0),
@@ -199,7 +199,7 @@ def _checked_value(entry: "Entry", option: click.Option) -> Any:
     if isinstance(option.type, click.Choice):
         expected, is_valid = listed(option.type.choices), option.type.choices.__contains__
     else:
-        expected, is_valid = _EXPECTED[option.type.name]
+        expected, is_valid = _OPTION_VALUES[option.type.name]
     if not is_valid(entry.value):
         raise entry.error(expected)
     return entry.value

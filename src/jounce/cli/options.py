@@ -45,8 +45,8 @@ def _motions() -> Iterable[str]:
 
 
 PATH = click.Path(path_type=Path)
-ROBOT = FileOrName("robot", _robots)
-MOTION = FileOrName("motion", _motions)
+ROBOT_NAME = FileOrName("robot", _robots)
+MOTION_NAME = FileOrName("motion", _motions)
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ MESHES = click.option(
     help="Folder in which meshes may be, besides that of ROBOT and its packages; may be repeated.",
 )  # fmt: skip
 ROBOT_OPTIONS: tuple[Decorator, ...] = (
-    click.argument("robot", type=ROBOT),
+    click.argument("robot", type=ROBOT_NAME),
     click.option("--base", metavar="BASE", help="floating: the base moves freely. fixed: weld free joints at zero."),
     click.option("--root", metavar="LINK", help="Use this link as the base: only the links that it carries are kept."),
     click.option(

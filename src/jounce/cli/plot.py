@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.options import PATH, ROBOT, Asked
+from jounce.cli.options import PATH, ROBOT_NAME, Asked
 from jounce.cli.output import tell
 from jounce.core.errors import JounceError, listed
 
@@ -28,7 +28,7 @@ Examples:
 @click.command(epilog=EPILOG, short_help="Plot the curves of a table.")
 @click.argument("tables", metavar="TABLE...", nargs=-1, required=True, type=PATH)
 @click.option("-o", "--output", required=True, type=PATH, help="Output picture: .png, .svg or .pdf.")
-@click.option("--robot", type=ROBOT, help="Robot of the tables, for order, units and limits of its joints.")
+@click.option("--robot", type=ROBOT_NAME, help="Robot of the tables, for order, units and limits of its joints.")
 @click.option("--base", metavar="BASE", help="floating: its base moves freely. fixed: weld free joints at zero.")
 @click.option("--joint", "joints", multiple=True, metavar="NAME", help="Draw this joint only; may be repeated.")
 @click.option(

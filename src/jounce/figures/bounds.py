@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
 LIMIT_STYLE: Any = {"linewidth": 2.4, "alpha": 0.4, "linestyle": "solid", "zorder": 0.8}
 VIOLATION_STYLE: Any = {"color": "#eba3ae", "linewidth": 4.5, "marker": "o", "markersize": 4.5, "mew": 0, "zorder": 1.2}
-LIMIT, VIOLATION = "limit", "beyond its limit"  # in the legend
-OF_LIMITS: Mapping[str, Any] = {LIMIT: LIMIT_STYLE, VIOLATION: VIOLATION_STYLE}
+LIMIT_ENTRY, VIOLATION = "limit", "beyond its limit"  # in the legend
+OF_LIMITS: Mapping[str, Any] = {LIMIT_ENTRY: LIMIT_STYLE, VIOLATION: VIOLATION_STYLE}
 BAND_OPACITY = 0.07  # bands of several joints lie over each other, and curves stay visible
 MAX_ROOM_SHARE = 0.2  # of the span of limits: a limit farther from its curve is not drawn, it would flatten the curve
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce.figures.bounds import LIMIT, OF_LIMITS, VIOLATION, draw_limits, mark_violations, reach
+from jounce.figures.bounds import LIMIT_ENTRY, OF_LIMITS, VIOLATION, draw_limits, mark_violations, reach
 from jounce.figures.canvas import INK, LOOK, PRINT, legend_above, line_style, painted, written
 from jounce.figures.grid import leave_out_labels, page_size, places
 from jounce.figures.panels import Panel, Run, columns_of, drawn_points, joint_names
@@ -129,7 +129,7 @@ def _draw(axes: "Axes", cell: Cell, label: str, panels: Sequence[Panel], count: 
             marks += [VIOLATION] * mark_violations(axes, trace.run.t, panel, joint)
         if of_joint:
             color = line_style(of_joint[0][0].number)["color"] if len(joints) > 1 else INK
-            marks += [LIMIT] * draw_limits(axes, [panel for _, panel in of_joint], joint, color, height)
+            marks += [LIMIT_ENTRY] * draw_limits(axes, [panel for _, panel in of_joint], joint, color, height)
     if found:
         axes.set_ylabel(_axis_label(found[0][1], joints))
     _leave_out_wide_bands(axes, panels, joints)

@@ -54,7 +54,7 @@ METHOD_OPTIONS = {
     "out": Option("Out", "None", "", ""),
     "threads": Option("int", "1", "", ""),
 }  # fmt: skip
-SHARED = ("base", "method", "out", "threads")
+SHARED_OPTIONS = ("base", "method", "out", "threads")
 FORCES_TEXT = (
     "Generalized forces: N m, or N for coordinates in m. If the robot floats, they begin with the wrench (moment;"
     " force) that acts on the base, in its axes: zero in flight."
@@ -63,7 +63,7 @@ MOTORS = {
     "tau": "Motor torques: N m, or N for coordinates in m.",
     "q4d": "The wanted fourth time derivative of q: rad/s^4 or m/s^4.",
 }
-COORDINATES = {
+COORDINATE_TEXTS = {
     1: "Coordinates: rad or m.",
     2: "Coordinates and velocities: rad or m, per s.",
     3: "Coordinates, velocities and accelerations: rad or m, per s, per s^2.",
@@ -75,7 +75,7 @@ AXIS_LENGTHS = {"bodies": "nb", "parameters": "10 nb", "tree": "N", "motors": "k
 def options_of(row: Quantity) -> tuple[str, ...]:
     """The keywords of the method of a quantity."""
     of_joints = ("wrench",) * row.wrenches + ("stiffness",) * row.takes_stiffness + ("side",) * bool(row.of_motors)
-    return (*of_joints, *row.options, *("body",) * row.of_bodies, *("frame",) * bool(row.frames), *SHARED)
+    return (*of_joints, *row.options, *("body",) * row.of_bodies, *("frame",) * bool(row.frames), *SHARED_OPTIONS)
 
 
 def docstring(row: Quantity) -> str:
@@ -105,7 +105,8 @@ def _parameters(row: Quantity) -> Iterator[tuple[str, str]]:
         if own > 1:
             yield f"{', '.join(names[1:own])} : (..., n)", "Their rates: per s, per s^2."
     else:
-        yield f"{', '.join(names[:own])} : (..., n)", COORDINATES.get(own, "Coordinates and their rates: rad or m, ...")
+        text = COORDINATE_TEXTS.get(own, "Coordinates and their rates: rad or m, ...")
+        yield f"{', '.join(names[:own])} : (..., n)", text
     if row.inputs:
         yield f"{', '.join(names[2:4])} : (..., n)", "Positions and velocities of the motors, but of rigid joints."
         yield f"{names[4]} : (..., n)", MOTORS[names[4]]
@@ -115,12 +116,12 @@ def _parameters(row: Quantity) -> Iterator[tuple[str, str]]:
         size = "nv" if row.forces else "n"
         more = f"Further rates, each for one more time derivative of {row.names(0)[0]}."
         yield f"{', '.join(names[row.rates :])}, *higher : (..., {size}), optional", more
-    for name in options_of(row)[: -len(SHARED)]:
+    for name in options_of(row)[: -len(SHARED_OPTIONS)]:
         option = METHOD_OPTIONS[name]
         count = row.wrench_rates - 1
         more = f", and {count} more: ({', '.join(rate_name('W', k) for k in range(count + 1))}) for it" if count else ""
         yield f"{name} : {option.takes}", option.text.format(more=more, of_motors=row.of_motors)
-    yield f"{', '.join(SHARED)} : optional", "See `Robot`."
+    yield f"{', '.join(SHARED_OPTIONS)} : optional", "See `Robot`."
 
 
 def _returns(row: Quantity) -> tuple[str, str]:

@@ -101,10 +101,11 @@ def _mechanism(name: str, path: Path, parameters: dict[str, object]) -> Mechanis
         if parameters.get("base") == "floating":
             check_floats(name)
         return _call(BUNDLED[name].build, parameters, name)
-    if path.suffix.lower() not in READERS:
+    if path.suffix.lower() not in ROBOT_READERS:
+        known = ", ".join(ROBOT_READERS)
         if not path.suffix:
-            raise JounceError(f"{no_such('robot', name, BUNDLED)}, or a file of type {', '.join(READERS)}")
-        raise JounceError(f"{path}: unknown type of robot file {path.suffix!r}; available: {', '.join(READERS)}")
+            raise JounceError(f"{no_such('robot', name, BUNDLED)}, or a file of type {known}")
+        raise JounceError(f"{path}: unknown type of robot file {path.suffix!r}; available: {known}")
     with np.errstate(all="ignore"):  # what overflows is refused as not finite, or judged by the audit
         mechanism = _call(partial(_reader(path.suffix.lower()), path), parameters, str(path))
         _warn_of_inertias(mechanism, path)
@@ -113,7 +114,7 @@ def _mechanism(name: str, path: Path, parameters: dict[str, object]) -> Mechanis
 
 def _reader(suffix: str) -> Callable[..., Mechanism]:
     """What reads files of a suffix; lxml, MuJoCo or a reader of YAML are imported with it."""
-    reader: Callable[..., Mechanism] = import_module(f"jounce.io.{READERS[suffix]}").read
+    reader: Callable[..., Mechanism] = import_module(f"jounce.io.{ROBOT_READERS[suffix]}").read
     return _read_xacro if suffix == ".xacro" else reader
 
 
@@ -127,7 +128,7 @@ def _read_xacro(
     return urdf.parse(content, f"{path} (expanded)", path.name.partition(".")[0], gravity, base, root)
 
 
-READERS = {
+ROBOT_READERS = {
     ".urdf": "urdf", ".xacro": "urdf", ".xml": "mjcf", ".yaml": "documents", ".yml": "documents", ".json": "documents",
 }  # fmt: skip
 ALWAYS = ("lock", "drives")  # parameters of all robots

@@ -23,7 +23,7 @@ from jounce.spatial.inertia import moments
 from jounce.spatial.lie import hat
 
 PAPER_MS = 1.6  # of the authors: an evaluation of order 2, on an Intel Core i9-7960X; Section 6.2
-METHODS: tuple[Method, ...] = ("closed_form", "paper", "recursion", "kernel")
+EXAMPLE_METHODS: tuple[Method, ...] = ("closed_form", "paper", "recursion", "kernel")
 DIFFERENCE_STEPS = 2.0 ** -np.arange(4, 29)  # s; powers of two, which add to the times without rounding
 SCHEMES = {  # of differentiation: how often they differentiate, and the weights of the values at t + j h
     "forward, 2 points": (1, {0: -1.0, 1: 1.0}),
@@ -117,7 +117,7 @@ def without_steiner(found: Example) -> tuple[float, ...]:
 
 def methods() -> list[Method]:
     """Return the methods for the forces that are available here."""
-    return [method for method in METHODS if method != "kernel" or available()]
+    return [method for method in EXAMPLE_METHODS if method != "kernel" or available()]
 
 
 def seconds(found: Example) -> Iterator[tuple[str, float, float]]:
