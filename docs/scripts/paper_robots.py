@@ -7,7 +7,7 @@ import numpy as np
 
 import jounce
 from jounce.figures.canvas import INK, painted, save
-from jounce.figures.drawing import GREY, View, arrow, draw
+from jounce.figures.drawing import LABEL_GREY, View, arrow, draw
 from jounce.figures.labels import place_labels, write
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def iiwa14() -> "Figure":
 def _angle(axes: "Axes", at: np.ndarray, start: float, turned: float, label: str) -> None:
     """An arc from the direction in which an angle is zero."""
     ray = np.array([np.cos(start), np.sin(start)])
-    axes.plot(*np.stack([at, at + 0.5 * ray]).T, color=GREY, linewidth=0.8, linestyle="--", zorder=0.5)
+    axes.plot(*np.stack([at, at + 0.5 * ray]).T, color=LABEL_GREY, linewidth=0.8, linestyle="--", zorder=0.5)
     along = start + np.linspace(0, turned, 40)
     axes.plot(*(at[:, None] + 0.36 * np.stack([np.cos(along), np.sin(along)])), color=INK, linewidth=0.9)
     middle = start + turned / 2

@@ -19,7 +19,7 @@ class Screen(io.StringIO):
 
 def bar_of(monkeypatch, stream, patience, steps=4):
     monkeypatch.setattr("sys.stderr", stream)
-    monkeypatch.setattr(output, "PATIENCE", patience)
+    monkeypatch.setattr(output, "PROGRESS_DELAY", patience)
     with progress("working") as show:
         for step in range(steps):
             show(step + 1, steps)
@@ -40,7 +40,7 @@ def test_short_work_and_work_that_nobody_watches_have_no_bar(monkeypatch):
 def test_an_error_ends_the_bar_and_goes_on(monkeypatch):
     screen = Screen()
     monkeypatch.setattr("sys.stderr", screen)
-    monkeypatch.setattr(output, "PATIENCE", 0)
+    monkeypatch.setattr(output, "PROGRESS_DELAY", 0)
 
     def fails():
         with progress("working") as show:

@@ -9,6 +9,7 @@ import pytest
 import jounce
 from jounce.native.products import DerivativeProducts
 from jounce.robot.applications import Applications
+from jounce.robot.exports import Exports
 
 
 def members():
@@ -18,7 +19,7 @@ def members():
         if callable(member):
             yield name, member
         if inspect.isclass(member):
-            own = [vars(base) for base in member.__mro__ if base in (member, Applications, DerivativeProducts)]
+            own = [vars(base) for base in member.__mro__ if base in (member, Applications, Exports, DerivativeProducts)]
             for key, static in ChainMap(*own).items():
                 if (not key.startswith("_") or key == "__call__") and not isinstance(static, property):
                     method = getattr(member, key)

@@ -16,12 +16,12 @@ from robots import mechanisms
 
 import jounce
 from jounce.figures import canvas
-from jounce.figures.bounds import MARK, PALE, beyond
+from jounce.figures.bounds import BAND_OPACITY, VIOLATION_STYLE, beyond
 from jounce.figures.curves import laid_over, over_time
 from jounce.figures.drawing import View, skeleton
-from jounce.figures.grid import COLUMN, INCH, PAGE, width_of
+from jounce.figures.grid import COLUMN_WIDTH, MM_PER_INCH, PAGE_WIDTH, width_of
 from jounce.figures.labels import LABEL, outline_points
-from jounce.figures.panels import CROWD, MOST_POINTS, Panel, Run, columns_of, drawn_points
+from jounce.figures.panels import MAX_CURVES_PER_AXES, MAX_POINTS_DRAWN, Panel, Run, columns_of, drawn_points
 from jounce.figures.table import rows_between, run_of
 from jounce.motion.bands import COVERS
 
@@ -33,7 +33,11 @@ CURVES = {f"joint{j}": np.sin((j + 1) * T) for j in range(7)}
 
 def shown(axes):
     """The lines with many points: the curves, without rings, marks and legend entries."""
-    return [line for line in axes.get_lines() if len(line.get_xdata()) > 100 and line.get_color() != MARK["color"]]
+    return [
+        line
+        for line in axes.get_lines()
+        if len(line.get_xdata()) > 100 and line.get_color() != VIOLATION_STYLE["color"]
+    ]
 
 
 def legend(figure):
@@ -101,7 +105,7 @@ def test_a_crowd_is_spread_over_columns_in_its_order():
     assert [name for column in columns for name in column] == names
     assert [len(column) for column in columns] == [10, 10, 9]
     assert len(columns_of([Panel("", dict.fromkeys(map(str, range(300)), T))])) <= 6
-    assert len(columns_of([Panel("", dict.fromkeys(names[:CROWD], T))])) == 1
+    assert len(columns_of([Panel("", dict.fromkeys(names[:MAX_CURVES_PER_AXES], T))])) == 1
 
 
 def test_a_table_need_not_hold_every_quantity_of_every_joint():
@@ -134,14 +138,14 @@ def test_a_legend_of_many_or_long_names_leaves_the_page_and_its_axes_their_size(
         assert not box.overlaps(axes.get_window_extent())
 
 
-@pytest.mark.parametrize("count", [1, 2, MOST_POINTS, MOST_POINTS + 1, 3 * MOST_POINTS - 1, 100_003])
+@pytest.mark.parametrize("count", [1, 2, MAX_POINTS_DRAWN, MAX_POINTS_DRAWN + 1, 3 * MAX_POINTS_DRAWN - 1, 100_003])
 def test_of_many_samples_the_ends_and_the_extremes_are_drawn(count):
     """A peak of one sample is what a reader looks for."""
     values = np.random.default_rng(count).normal(size=count)
     values[count // 3], values[count // 2] = -9, 9
     at = drawn_points(values)
     assert (np.diff(at) > 0).all()
-    assert len(at) <= MOST_POINTS + 2
+    assert len(at) <= MAX_POINTS_DRAWN + 2
     assert {0, count // 2, count - 1} <= set(at.tolist())
     assert values[at].min() == values.min()
 
@@ -152,7 +156,7 @@ def test_one_sample_is_seen():
     assert line.get_marker() == "o"
 
 
-@pytest.mark.parametrize("kind", canvas.FORMATS)
+@pytest.mark.parametrize("kind", canvas.PICTURE_FORMATS)
 def test_a_picture_is_the_same_file_each_time(tmp_path, kind):
     def content(name):
         canvas.save(over_time([Run(T, [Panel("Q", CURVES)])]), tmp_path / name)
@@ -399,7 +403,7 @@ def test_limits_are_drawn_where_curves_come_near_or_exceed_them():
 
 def bands(axes):
     """The edges of the bands of limits, from the limit outwards."""
-    return [(patch.get_y(), np.sign(patch.get_height())) for patch in axes.patches if patch.get_alpha() == PALE]
+    return [(patch.get_y(), np.sign(patch.get_height())) for patch in axes.patches if patch.get_alpha() == BAND_OPACITY]
 
 
 def test_a_joint_alone_in_its_axes_has_bands_beyond_its_limits_that_leave_the_scale_alone():
@@ -415,7 +419,7 @@ def test_a_joint_alone_in_its_axes_has_bands_beyond_its_limits_that_leave_the_sc
 def test_what_is_beyond_a_limit_is_marked_sample_by_sample(draw):
     panel = Panel("Q", {"a": 2 * np.sin(9 * T), "b": T}, limits={"a": (-np.inf, 1.5), "b": (0.0, 2.0)})
     lines = [line for axes in draw([Run(T, [panel])]).axes for line in axes.get_lines()]
-    [mark] = [line for line in lines if line.get_color() == MARK["color"]]
+    [mark] = [line for line in lines if line.get_color() == VIOLATION_STYLE["color"]]
     outside = 2 * np.sin(9 * T) > 1.5
     np.testing.assert_array_equal(mark.get_ydata(), np.where(outside, 2 * np.sin(9 * T), np.nan))
     np.testing.assert_array_equal(beyond(panel, "a"), outside)
@@ -423,11 +427,11 @@ def test_what_is_beyond_a_limit_is_marked_sample_by_sample(draw):
 
 
 def test_a_single_sample_beyond_a_limit_is_seen_among_many():
-    t = np.linspace(0, 1, 10 * MOST_POINTS)
+    t = np.linspace(0, 1, 10 * MAX_POINTS_DRAWN)
     Q = np.zeros(len(t))
     Q[7777] = 9
     [axes] = over_time([Run(t, [Panel("Q", {"a": Q}, limits={"a": (-1, 1)})])]).axes
-    [mark] = [line for line in axes.get_lines() if line.get_color() == MARK["color"]]
+    [mark] = [line for line in axes.get_lines() if line.get_color() == VIOLATION_STYLE["color"]]
     assert (mark.get_xdata()[np.isfinite(mark.get_ydata())] == t[7777]).all()
     assert mark.get_marker() == "o"
 
@@ -446,15 +450,15 @@ def test_runs_laid_over_each_other_are_curves_in_the_axes_of_each_joint():
     assert legend(figure) == ["first.csv", "second.csv", "limit", "break"]
 
 
-@pytest.mark.parametrize(("draw", "width", "columns"), [(over_time, PAGE, 3), (laid_over, COLUMN, 1)])
+@pytest.mark.parametrize(("draw", "width", "columns"), [(over_time, PAGE_WIDTH, 3), (laid_over, COLUMN_WIDTH, 1)])
 def test_a_page_of_a_journal_has_its_width_its_letters_and_columns_that_can_be_read(tmp_path, draw, width, columns):
     names = ("a", "b", "c", "d")
     units = {"joint_units": dict(zip(names, ("rad", "m", "s", "kg"), strict=True)), "units": {"rad": "N m"}}
     runs = [Run(T, [Panel("Q", dict.fromkeys(names, T), **units)])]
-    figure = draw(runs, width=width / INCH)
+    figure = draw(runs, width=width / MM_PER_INCH)
     canvas.save(figure, tmp_path / "a.svg", canvas.PRINT)
     root = etree.parse(tmp_path / "a.svg").getroot()
-    assert float(root.get("width").removesuffix("pt")) == pytest.approx(width * 72 / INCH, abs=0.1)
+    assert float(root.get("width").removesuffix("pt")) == pytest.approx(width * 72 / MM_PER_INCH, abs=0.1)
     assert len({round(axes.get_position().x0, 2) for axes in figure.axes}) == columns
     last = [max(figure.axes, key=lambda axes: (axes.get_position().x0 == x, -axes.get_position().y0))
             for x in {axes.get_position().x0 for axes in figure.axes}]  # fmt: skip

@@ -13,7 +13,7 @@ from files import refusal
 from pages import LARGEST, decoded, panel, parsed, words
 
 import jounce
-from jounce._report.curves import POINTS
+from jounce._report.curves import MAX_CURVE_POINTS
 from jounce._report.sliders import end_names, sliders_code, sliders_data
 from jounce._report.subject import subject_of
 from jounce.cli import main
@@ -105,7 +105,7 @@ def test_a_spike_of_one_sample_among_a_hundred_thousand_is_drawn_and_is_the_wors
     _, data = parsed(report)
     of = [trace for trace in data["curves"]["data"] if (trace["yaxis"], trace["meta"]) == ("y2", 0)]
     curves = [decoded(trace["y"]) for trace in of if isinstance(trace["y"], dict)]
-    assert max(map(len, curves)) < 2 * POINTS
+    assert max(map(len, curves)) < 2 * MAX_CURVE_POINTS
     assert [np.nanmax(curve) for curve in curves] == pytest.approx([report.check.worst.value] * 2, rel=1e-6)
     assert 5.5 < report.check.worst.t < 5.5 + width
     assert np.abs(decoded(data["frames"]["t"]) - report.check.worst.t).min() < 1e-12

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 import jounce
 from jounce._report.view import controls, scene, viewer
-from jounce._report.view.track import STATES, at_rest, track
+from jounce._report.view.track import MAX_TRACK_STATES, at_rest, track
 from jounce.cli import main
 from jounce.io.mesh_files import NO_FILE, OUTSIDE, mesh_file
 from jounce.io.visuals import _resolver, read_mesh, read_visuals, visuals_of
@@ -73,7 +73,7 @@ def shown_force(served, name):
     """Where an arrow begins, and its force or moment."""
     [[start, end]] = served.scene.arrows[name].points
     kind = "moment" if name == "base moment" else "force"
-    return start, (end - start) / (scene.LENGTH * served.scene.size) * served.scene.largest[kind]
+    return start, (end - start) / (scene.ARROW_LENGTH * served.scene.size) * served.scene.largest[kind]
 
 
 def test_the_page_is_served_to_this_machine(served):
@@ -128,7 +128,7 @@ def test_at_a_time_of_the_motion_all_is_shown(served, along, motion, t):
     served.time.value = 2.0
     served.time.value = t
     now = along.at(t)
-    assert abs(now.t - t) < 2 / STATES
+    assert abs(now.t - t) < 2 / MAX_TRACK_STATES
     q, qd, q2d = motion(float(now.t), 2)
     W = motion.wrench(float(now.t), 0)[0]
     C, Q, F = ARM.poses(q), ARM.inverse_dynamics(q, qd, q2d, wrench=W), ARM.base_wrench(q, qd, q2d, wrench=W)
@@ -178,7 +178,7 @@ def test_sliders_reach_all_limits_and_all_of_the_motion(served):
 
 def test_the_curves_are_those_of_the_forces(along):
     times, *Q, mark = controls.curves_of(along, 1.3)
-    assert len(times) <= controls.POINTS + 3
+    assert len(times) <= controls.VIEW_CURVE_POINTS + 3
     assert (np.diff(times) > 0).all()
     np.testing.assert_allclose(Q, [np.interp(times, along.t, of_joint) for of_joint in along.Q.T])
     assert times[mark > along.Q.min()] == [1.3]

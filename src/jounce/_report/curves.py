@@ -7,18 +7,19 @@ import numpy as np
 
 from jounce._report.packing import packed, packed_times
 from jounce._report.subject import Quantity, Subject
-from jounce.figures.bounds import NEAR
+from jounce.figures.bounds import MAX_ROOM_SHARE
 from jounce.figures.canvas import INK, line_style
-from jounce.figures.curves import TOLD
+from jounce.figures.curves import MAX_BAND_SHARE
 from jounce.figures.panels import drawn_points
 from jounce.limits.check import CheckedLimit
 from jounce.model.positions import extent_names
 from jounce.motion.bands import COVERS
 
-POINTS, LEAST_POINTS, ALL_POINTS = 1000, 300, 100_000  # of a curve, and of all together
-BAND_POINTS = 400  # of each edge
-SHOWN_BREAKS = 200  # as lines
-HEIGHT, FOOT = 165, 60  # px of a chart, and of what is above and below all of them
+# Points of a curve, and of all together: more than a chart has pixels across, and a page of a few MB.
+MAX_CURVE_POINTS, MIN_CURVE_POINTS, MAX_CHART_POINTS = 1000, 300, 100_000
+MAX_BAND_POINTS = 400  # of each edge: bands are smooth
+MAX_BREAKS_DRAWN = 200  # as lines: more would cover the chart
+CHART_HEIGHT, CHARTS_FOOT = 165, 60  # px of a chart, and of what is above and below all of them
 RED = "#b00020"
 LINE_WIDTH = 1.6
 KEPT, BROKEN = {"symbol": "circle-open", "size": 8}, {"symbol": "x", "size": 9, "color": RED}  # worst values
@@ -35,7 +36,8 @@ class Chart(NamedTuple):
 def figure(s: Subject) -> dict[str, Any]:
     """`data` and `layout` of plotly, and the `ranges` (joint: lowest, highest) of the vertical axis of each chart."""
     charts = charts_of(s)
-    most = int(np.clip(ALL_POINTS // sum(len(chart.joints) for chart in charts), LEAST_POINTS, POINTS))
+    share = MAX_CHART_POINTS // sum(len(chart.joints) for chart in charts)
+    most = int(np.clip(share, MIN_CURVE_POINTS, MAX_CURVE_POINTS))
     traces, ranges = [], {}
     for i, chart in enumerate(charts):
         axis = "y" if i == 0 else f"y{i + 1}"
@@ -99,7 +101,7 @@ def _limits(s: Subject, bounds: np.ndarray, colour: str) -> dict[str, Any]:
 
 def _band(s: Subject, quantity: Quantity, j: int, colour: str) -> dict[str, Any]:
     """The band of 95 % about an uncertain curve."""
-    at = np.linspace(0, len(s.frames) - 1, min(len(s.frames), BAND_POINTS)).astype(int)
+    at = np.linspace(0, len(s.frames) - 1, min(len(s.frames), MAX_BAND_POINTS)).astype(int)
     t, (lower, upper) = s.t[s.frames[at]], (edge[at] for edge in _edges(s, quantity, j))
     outline = {"x": packed_times(np.concatenate([t, t[::-1]])), "y": packed(np.concatenate([upper, lower[::-1]]), "f4")}
     return outline | {"mode": "none", "fill": "toself", "fillcolor": colour, "opacity": 0.25}
@@ -133,13 +135,13 @@ def _range(s: Subject, quantity: Quantity, j: int) -> tuple[float, float]:
     values = quantity.values[:, j]
     if quantity.deviations is not None:
         lower, upper = _edges(s, quantity, j)
-        sure = upper - lower <= 2 * TOLD * np.abs(values).max()
+        sure = upper - lower <= 2 * MAX_BAND_SHARE * np.abs(values).max()
         values = np.concatenate([lower[sure], upper[sure]]) if sure.any() else values
     low, high = float(values.min()), float(values.max())
     lower_bound, upper_bound = quantity.bounds[:, j].tolist()
     span = upper_bound - lower_bound
     for bound, room in ((lower_bound, low - lower_bound), (upper_bound, upper_bound - high)):
-        if room <= NEAR * (span if np.isfinite(span) else 2 * abs(bound)) and np.isfinite(bound):
+        if room <= MAX_ROOM_SHARE * (span if np.isfinite(span) else 2 * abs(bound)) and np.isfinite(bound):
             low, high = min(low, bound), max(high, bound)
     return low, high
 
@@ -151,7 +153,7 @@ def _layout(s: Subject, charts: list[Chart], axes: list[str]) -> dict[str, Any]:
     breaks = sorted({found.t for found in s.motion.breaks})
     time_axis = grid | time | {"anchor": "y" if count == 1 else f"y{count}"}
     layout: dict[str, Any] = {
-        "height": HEIGHT * count + FOOT,
+        "height": CHART_HEIGHT * count + CHARTS_FOOT,
         "margin": {"l": 52, "r": 12, "t": 8, "b": 44},
         "annotations": [],
         "font": {"color": INK, "family": "system-ui, sans-serif", "size": 12},
@@ -160,7 +162,7 @@ def _layout(s: Subject, charts: list[Chart], axes: list[str]) -> dict[str, Any]:
         "hovermode": "x",
         "dragmode": "zoom",
         "xaxis": time_axis,
-        "shapes": [_upright(t) for t in breaks[:SHOWN_BREAKS]],
+        "shapes": [_upright(t) for t in breaks[:MAX_BREAKS_DRAWN]],
     }
     for i, (chart, axis) in enumerate(zip(charts, axes, strict=True)):
         top = 1 - i / count

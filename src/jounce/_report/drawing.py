@@ -6,11 +6,12 @@ given in the frame of its body, so that the page moves it by the pose of the bod
 
 from collections.abc import Iterator
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from jounce._report.curves import joint_style
+from jounce._report.meshes import Mesh
 from jounce._report.packing import packed
 from jounce._report.subject import Subject
 from jounce._report.turns import in_turn
@@ -23,24 +24,15 @@ from jounce.model.mechanism import Mechanism
 from jounce.model.positions import loose_bodies, outer_bodies, positions
 from jounce.spatial.inertia import moments
 
-AROUND = 12  # corners of a circle
+CIRCLE_CORNERS = 12  # looks round with smooth shading
 LINK, CUT = "#b9bdc4", "#6a6e75"
 LINK_RADIUS, SLIDE_RADIUS, JOINT_RADIUS, JOINT_HEIGHT = 0.032, 0.024, 0.05, 0.06  # of the robot's size
-LEAST_SIZE = 1e-3  # m
-PLATE = 3  # cut joints of a body that is drawn by its edges
-FLATTEST = 0.6  # of the widest extent of the drawn space
-MARGIN = 0.03  # of the robot's size, around what it sweeps
-GROUND = -1
-DIRECTIONS = np.array(list(product((-1, 0, 1), repeat=3))).T
-
-
-class Part(NamedTuple):
-    """A solid that moves with a body, `GROUND` for none."""
-
-    body: int
-    vertices: np.ndarray  # (V, 3)
-    triangles: np.ndarray  # (T, 3)
-    colour: str
+MIN_ROBOT_SIZE = 1e-3  # m, of a robot whose points all coincide
+MIN_PLATE_CUTS = 3  # cut joints of a body that is drawn by its edges: three make a plane
+MIN_EXTENT_SHARE = 0.6  # of the widest extent of the drawn space
+SWEEP_MARGIN = 0.03  # of the robot's size, around what it sweeps: half the width of a link
+GROUND_BODY = -1
+BOX_DIRECTIONS = np.array(list(product((-1, 0, 1), repeat=3))).T
 
 
 def drawing(s: Subject) -> dict[str, Any]:
@@ -50,29 +42,25 @@ def drawing(s: Subject) -> dict[str, Any]:
     size = robot_size(m, poses[0])
     shown = {mesh.body for mesh in s.meshes.shapes}
     parts = [part for part in parts_of(m, size, steps) if part.body not in shown]
-    parts += [Part(*mesh, _colour(m, mesh.body)) for mesh in s.meshes.shapes]
+    parts += [mesh._replace(colour=_colour(m, mesh.body)) for mesh in s.meshes.shapes]
     colours = dict.fromkeys(part.colour for part in parts)
     swept = [
-        outermost(part.vertices) if part.body == GROUND else
+        outermost(part.vertices) if part.body == GROUND_BODY else
         (outermost(part.vertices) @ poses[:, part.body, :3, :3].mT + poses[:, part.body, None, :3, 3]).reshape(-1, 3)
         for part in parts
     ]  # fmt: skip
     lowest, highest = (f([f(points, axis=0) for points in swept] + [np.zeros(3)], axis=0) for f in (np.min, np.max))
     return {
-        "parent": list(m.parent),
-        "owners": list(m.owners),
-        "B": packed(m.B[:, :3]),
-        "X": packed(m.X),
-        "G": packed(m.G),
-        "g": packed(m.g),
+        "parent": list(m.parent), "owners": list(m.owners),
+        "B": packed(m.B[:, :3]), "X": packed(m.X), "G": packed(m.G), "g": packed(m.g),
         "q": packed(steps) if positions(m) else None,
         "solids": [_solid([part for part in parts if part.colour == colour]) for colour in colours],
         "ends": [packed(poses[:, body, :3, 3] + poses[:, body, :3, :3] @ point, "f4") for body, point in tips(m)],
-        "space": np.stack(_space(lowest - MARGIN * size, highest + MARGIN * size), axis=1).tolist(),
-    }
+        "space": np.stack(_space(lowest - SWEEP_MARGIN * size, highest + SWEEP_MARGIN * size), axis=1).tolist(),
+    }  # fmt: skip
 
 
-def _solid(parts: list[Part]) -> dict[str, Any]:
+def _solid(parts: list[Mesh]) -> dict[str, Any]:
     """Parts of one colour as one surface of the page."""
     first = np.cumsum([0, *(len(part.vertices) for part in parts)])
     return {
@@ -86,21 +74,21 @@ def _solid(parts: list[Part]) -> dict[str, Any]:
 def _space(lowest: np.ndarray, highest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A space that is nowhere flat: of a flat one, the camera would see a part only."""
     span = highest - lowest
-    room = (FLATTEST * span.max() - span).clip(min=0) / 2
+    room = (MIN_EXTENT_SHARE * span.max() - span).clip(min=0) / 2
     return lowest - room, highest + room
 
 
 def outermost(points: np.ndarray) -> np.ndarray:
     """The points that are farthest in each of some directions: they span nearly the space that all do."""
-    return points[np.unique((points @ DIRECTIONS).argmax(axis=0))]
+    return points[np.unique((points @ BOX_DIRECTIONS).argmax(axis=0))]
 
 
 def robot_size(m: Mechanism, poses: np.ndarray) -> float:
     """The size of a robot at some poses of its bodies, m; never 0, so that lengths can be shares of it."""
-    return max(skeleton(m, poses).size, LEAST_SIZE)
+    return max(skeleton(m, poses).size, MIN_ROBOT_SIZE)
 
 
-def parts_of(m: Mechanism, size: float, q: np.ndarray | None = None) -> list[Part]:
+def parts_of(m: Mechanism, size: float, q: np.ndarray | None = None) -> list[Mesh]:
     """The parts of a robot of a size, m; slides are as long as its limits and coordinates (K, n) `in_turn` need."""
     centres = joint_points(m)
     radius = LINK_RADIUS * size
@@ -108,12 +96,10 @@ def parts_of(m: Mechanism, size: float, q: np.ndarray | None = None) -> list[Par
     several, loose = positions(m), loose_bodies(m)
     for i in dict.fromkeys(m.owners[j] for j in drawn if m.owners[j] not in loose):
         p = m.parent[i]
-        start = centres[p] if p != GROUND else np.zeros(3)
+        start = centres[p] if p != GROUND_BODY else np.zeros(3)
         end = m.B[i, :3, :3] @ centres[i] + m.B[i, :3, 3]
         parts.append(_capsule(p, start, end, radius, LINK))
-    parts += [
-        _capsule(body, start, end, radius, LINK) for body, start, end in [*_ends(m, centres), *_plates(m, centres)]
-    ]
+    parts += [_capsule(*placed, radius, LINK) for placed in (*_ends(m, centres), *_plates(m, centres))]
     drawn = [j for j in drawn if m.owners[j] not in several]
     parts += _slides(m, drawn, centres, size, q)
     parts += [_cut(loop, JOINT_RADIUS * size) for loop in m.loops]
@@ -141,7 +127,7 @@ def _on_joint(m: Mechanism, body: int) -> bool:
     return body in m.owners
 
 
-def _slides(m: Mechanism, drawn: list[int], centres: np.ndarray, size: float, q: np.ndarray | None) -> Iterator[Part]:
+def _slides(m: Mechanism, drawn: list[int], centres: np.ndarray, size: float, q: np.ndarray | None) -> Iterator[Mesh]:
     """Rails on the bodies that carry slides, and rods on those that slide: they reach each other everywhere."""
     theta = m.g + (np.zeros((1, m.n)) if q is None else q) @ m.G.T
     bounds = np.stack([m.limits.lower, m.limits.upper])
@@ -162,18 +148,20 @@ def _slides(m: Mechanism, drawn: list[int], centres: np.ndarray, size: float, q:
 def _ends(m: Mechanism, centres: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """Links from the joint of a body to its outermost point, and to cut joints where these are few."""
     cut = cut_points(m)
-    few = {body: points for body, points in cut.items() if len(points) < PLATE or not _on_joint(m, body)}
+    few = {body: points for body, points in cut.items() if len(points) < MIN_PLATE_CUTS or not _on_joint(m, body)}
     ends = {body: [*points] for body, points in few.items()}
     for body, end in tips(m):
-        if len(cut.get(body, ())) < PLATE and not any(np.allclose(end, point) for point in ends.get(body, ())):
+        if len(cut.get(body, ())) < MIN_PLATE_CUTS and not any(np.allclose(end, point) for point in ends.get(body, ())):
             ends.setdefault(body, []).append(end)
-    yield from ((body, np.zeros(3) if body == GROUND else centres[body], end) for body in ends for end in ends[body])
+    yield from (
+        (body, np.zeros(3) if body == GROUND_BODY else centres[body], end) for body in ends for end in ends[body]
+    )
 
 
 def _plates(m: Mechanism, centres: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """The edges of bodies with many cut joints: these and the body's own joint are corners, unless it lies inside."""
     for body, points in cut_points(m).items():
-        if len(points) < PLATE or not _on_joint(m, body):
+        if len(points) < MIN_PLATE_CUTS or not _on_joint(m, body):
             continue
         corners = np.array([*points, centres[body]])
         away = corners - corners.mean(axis=0)
@@ -184,7 +172,7 @@ def _plates(m: Mechanism, centres: np.ndarray) -> Iterator[tuple[int, np.ndarray
         yield from ((body, start, end) for start, end in zip(ring, np.roll(ring, -1, axis=0), strict=True))
 
 
-def _cut(loop: Loop, radius: float) -> Part:
+def _cut(loop: Loop, radius: float) -> Mesh:
     """A cut joint: a ball where it turns in every direction, else a short cylinder along its axis."""
     place, axis = np.asarray(loop.a.T, dtype=float), np.asarray(loop.axis, dtype=float)
     half = JOINT_HEIGHT / JOINT_RADIUS * radius
@@ -227,7 +215,7 @@ def tips(m: Mechanism) -> list[tuple[int, np.ndarray]]:
     return found
 
 
-def _capsule(body: int, start: np.ndarray, end: np.ndarray, radius: float, colour: str) -> Part:
+def _capsule(body: int, start: np.ndarray, end: np.ndarray, radius: float, colour: str) -> Mesh:
     turn = np.linspace(0, np.pi / 2, 4)
     cap = radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     along = end - start
@@ -235,15 +223,16 @@ def _capsule(body: int, start: np.ndarray, end: np.ndarray, radius: float, colou
     return _revolved(body, start, along, profile, colour)
 
 
-def _revolved(body: int, origin: np.ndarray, axis: np.ndarray, profile: np.ndarray, colour: str) -> Part:
+def _revolved(body: int, origin: np.ndarray, axis: np.ndarray, profile: np.ndarray, colour: str) -> Mesh:
     """The solid that a profile (P, 2) of (radius, height) makes about an axis through an origin."""
     e = axis / np.linalg.norm(axis) if axis.any() else np.array([0.0, 0.0, 1.0])
     u, v = np.linalg.svd(e[None])[2][1:]
     v = np.cross(e, u)
-    angle = 2 * np.pi * np.arange(AROUND) / AROUND
+    angle = 2 * np.pi * np.arange(CIRCLE_CORNERS) / CIRCLE_CORNERS
     circle = np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * v
-    vertices = origin + profile[:, :1, None] * circle + profile[:, 1:, None] * e  # (P, AROUND, 3)
-    k, a = np.meshgrid(np.arange(len(profile) - 1), np.arange(AROUND), indexing="ij")
-    corner, beside = k * AROUND + a, k * AROUND + (a + 1) % AROUND
-    sides = np.stack([corner, beside, corner + AROUND, beside, beside + AROUND, corner + AROUND], axis=-1)
-    return Part(body, vertices.reshape(-1, 3), sides.reshape(-1, 3), colour)
+    vertices = origin + profile[:, :1, None] * circle + profile[:, 1:, None] * e  # (P, CIRCLE_CORNERS, 3)
+    k, a = np.meshgrid(np.arange(len(profile) - 1), np.arange(CIRCLE_CORNERS), indexing="ij")
+    corner, following = k * CIRCLE_CORNERS + a, k * CIRCLE_CORNERS + (a + 1) % CIRCLE_CORNERS
+    above = corner + CIRCLE_CORNERS
+    sides = np.stack([corner, following, above, following, following + CIRCLE_CORNERS, above], axis=-1)
+    return Mesh(body, vertices.reshape(-1, 3), sides.reshape(-1, 3), colour)

@@ -1,44 +1,45 @@
-"""The meshes by which a robot file shows its links, with so few triangles that the page plays."""
+"""The meshes by which a robot file shows its links, with so few triangles that the page plays.
+
+Vertex clustering simplifies them (J. Rossignac, P. Borrel, Multi-resolution 3D approximations for rendering complex
+scenes, 1993): vertices in one cell of a grid merge in their mean, and triangles that lose a corner go. It takes any
+triangles, closed or not, and no vertex moves by more than a cell's diagonal; parts thinner than a cell collapse.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jounce.core.errors import listed
-from jounce.io.visuals import read_mesh, visuals_of
+from jounce.io.visuals import Visual, read_mesh, visuals_of
 from jounce.model.mechanism import Mechanism
 
-TRIANGLES = 20_000  # of all meshes together
-FINEST = 1e-4  # of the extent of the meshes: vertices that are nearer to each other are one
-COARSER = 1.1  # the least factor from one grid to the next
+MAX_TRIANGLES = 20_000  # of all meshes together: half a megabyte of the page
+MIN_MESH_GRID = 1e-4  # of the extent of the meshes: vertices that are nearer to each other are one
+MIN_GRID_GROWTH = 1.1  # from one grid to the next: near the limit the estimate alone would creep
 
 
 class Mesh(NamedTuple):
-    """The triangles that show a link, in the frame of its body."""
+    """Triangles that move with a body, in its frame; a body of -1 is the ground."""
 
     body: int
     vertices: np.ndarray  # (V, 3)
     triangles: np.ndarray  # (T, 3)
+    colour: str = ""
 
 
 @dataclass(frozen=True, eq=False)
 class Meshes:
-    """What a robot file shows of a robot; `notes` are sentences on what it does not, or not as it is."""
+    """What a robot file shows of a robot; `notes` are sentences on what is missing or simplified."""
 
     shapes: tuple[Mesh, ...] = ()
     notes: tuple[str, ...] = ()
 
 
 def meshes_of(m: Mechanism, path: Path, folders: Sequence[Path] = ()) -> Meshes:
-    """The visuals of a robot file as triangles, `TRIANGLES` at most; none where trimesh, which reads them, is missing.
-
-    Raises
-    ------
-    JounceError : where the robot file cannot be read, or a number is wrong.
-    """
+    """The visuals of a robot file as triangles, `MAX_TRIANGLES` at most; none where trimesh is missing."""
     visuals = visuals_of(m, path)
     if not visuals:
         return Meshes(notes=(f"{path.name} has no visuals of the links; capsules stand for them.",))
@@ -47,42 +48,45 @@ def meshes_of(m: Mechanism, path: Path, folders: Sequence[Path] = ()) -> Meshes:
     except ModuleNotFoundError:
         cure = "trimesh is not installed; install it by: pip install 'jounce[report]'"
         return Meshes(notes=(f"Capsules stand for the visuals of {path.name}: {cure}.",))
-    shapes, missed = [], []
-    for visual in visuals:
-        found = read_mesh(visual, path, folders)
-        if isinstance(found, str):
-            missed.append(found)
-            continue
-        frame = m.frame(visual.link)
-        C = np.asarray(frame.T, dtype=float) @ visual.T
-        shapes.append(Mesh(frame.body, found.vertices @ C[:3, :3].T + C[:3, 3], np.asarray(found.faces)))
+    placed, missed = place_visuals(m, visuals, path, folders)
+    shapes = [Mesh(i, x.vertices @ C[:3, :3].T + C[:3, 3], np.asarray(x.faces)) for i, C, x in placed]
     notes = []
     if missed:
         reasons = listed(dict.fromkeys(missed))
         notes.append(f"Meshes that cannot be read: {reasons}; capsules stand for links that nothing else shows.")
     drawn, step = _simplified(shapes)
     before, after = (sum(len(mesh.triangles) for mesh in some) for some in (shapes, drawn))
-    if before > TRIANGLES:
+    if before > MAX_TRIANGLES:
         notes.append(f"Meshes of {before:,} triangles are simplified to {after:,}, on a grid of {1000 * step:.2g} mm.")
     return Meshes(tuple(mesh for mesh in drawn if len(mesh.triangles)), tuple(notes))
 
 
+def place_visuals(
+    m: Mechanism, visuals: Sequence[Visual], path: Path, folders: Sequence[Path]
+) -> tuple[list[tuple[int, np.ndarray, Any]], list[str]]:
+    """The body, the pose in its frame and the mesh of trimesh of each visual; and why others cannot be read."""
+    frames, meshes = [m.frame(visual.link) for visual in visuals], [read_mesh(x, path, folders) for x in visuals]
+    poses = [np.asarray(frame.T, dtype=float) @ visual.T for frame, visual in zip(frames, visuals, strict=True)]
+    found = [(f.body, C, x) for f, C, x in zip(frames, poses, meshes, strict=True) if not isinstance(x, str)]
+    return found, [x for x in meshes if isinstance(x, str)]
+
+
 def _simplified(meshes: list[Mesh]) -> tuple[list[Mesh], float]:
-    """Meshes of `TRIANGLES` at most, and the step of the grid on which their vertices were merged, m."""
+    """Meshes of `MAX_TRIANGLES` at most, and the step of the grid on which their vertices were merged, m."""
     extent = max((float(np.ptp(mesh.vertices, axis=0).max()) for mesh in meshes), default=0.0)
-    step = FINEST * extent or 1.0
-    while True:
+    step = MIN_MESH_GRID * extent or 1.0
+    while True:  # ends: in the coarsest grid every mesh is one vertex
         drawn = [_clustered(mesh, step) for mesh in meshes]
         count = sum(len(mesh.triangles) for mesh in drawn)
-        if count <= TRIANGLES:
+        if count <= MAX_TRIANGLES:
             return drawn, step
-        step *= max(COARSER, (count / TRIANGLES) ** 0.5)
+        step *= max(MIN_GRID_GROWTH, (count / MAX_TRIANGLES) ** 0.5)  # triangles of a surface go as 1 / step^2
 
 
 def _clustered(mesh: Mesh, step: float) -> Mesh:
     """Merge the vertices in each cell of a grid; triangles that thereby lose a corner or cover another are left out."""
     cells = np.round((mesh.vertices - mesh.vertices.min(axis=0)) / step).astype(np.int64)
-    keys = cells @ (1 << 21 * np.arange(3))  # at most 1 / FINEST cells along each axis
+    keys = cells @ (1 << 21 * np.arange(3))  # at most 1 / MIN_MESH_GRID cells along each axis
     _, merged, count = np.unique(keys, return_inverse=True, return_counts=True)
     vertices = np.stack([np.bincount(merged, weights=x) for x in mesh.vertices.T], axis=1) / count[:, None]
     corners = merged[mesh.triangles]

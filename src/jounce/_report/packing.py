@@ -5,7 +5,7 @@ from base64 import b64encode
 import numpy as np
 
 Packed = dict[str, str]
-SEEN = 1e-5  # of the width of a chart
+VISIBLE_SHARE = 1e-5  # of the width of a chart: less than a hundredth of a pixel
 
 
 def packed(array: np.ndarray, dtype: str = "f8") -> Packed:
@@ -16,4 +16,4 @@ def packed(array: np.ndarray, dtype: str = "f8") -> Packed:
 def packed_times(t: np.ndarray) -> Packed:
     """Times to be drawn: in single precision where no screen shows the difference, as it does for stamps since 1970."""
     step = np.finfo(np.float32).eps * np.abs(t).max()
-    return packed(t, "f4" if step < SEEN * np.ptp(t) else "f8")
+    return packed(t, "f4" if step < VISIBLE_SHARE * np.ptp(t) else "f8")

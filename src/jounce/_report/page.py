@@ -12,7 +12,7 @@ import numpy as np
 from jounce._report.curves import powers
 from jounce._report.packing import packed
 from jounce._report.panels import PANELS
-from jounce._report.subject import HIGHEST, Subject, subject_of
+from jounce._report.subject import MAX_REPORT_ORDER, Subject, subject_of
 from jounce.core.errors import JounceError, escaped, quoted
 from jounce.engine.along import Q_RATE_ORDER, checked_motion
 from jounce.engine.engine import Engine
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 HERE = Path(__file__).parent
-SUFFIXES = (".html", ".htm")
+PAGE_SUFFIXES = (".html", ".htm")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,9 +101,8 @@ def report(
         raise JounceError(f"report() expects a jounce.Motion, got {type(motion).__name__}; try jounce.load_motion")
     file = None if visuals is None else _visuals_file(visuals)
     _check_still(robot, motion)
-    subject = subject_of(
-        robot, checked_motion(robot.mechanism, motion), _order(motion, order), file, _mesh_folders(mesh_folders)
-    )
+    path, folders = checked_motion(robot.mechanism, motion), _mesh_folders(mesh_folders)
+    subject = subject_of(robot, path, _order(motion, order), file, folders)
     slowdown = subject.slowdown if isinstance(subject.slowdown, Slowdown) else None
     return Report(_page(subject), subject.check, slowdown)
 
@@ -118,8 +117,8 @@ def check_installed() -> None:
 
 def check_writable(path: Path) -> None:
     """Raise `JounceError` if `Report.save` could not write, before any work is done."""
-    if path.suffix.lower() not in SUFFIXES:
-        raise JounceError(f"{path}: unknown type of page {path.suffix!r}; available: {', '.join(SUFFIXES)}")
+    if path.suffix.lower() not in PAGE_SUFFIXES:
+        raise JounceError(f"{path}: unknown type of page {path.suffix!r}; available: {', '.join(PAGE_SUFFIXES)}")
     files.check_writable(path)
 
 
@@ -127,17 +126,15 @@ def _check_still(robot: Engine, motion: Motion) -> None:
     """Raise `JounceError` where the base moves, which the page does not draw."""
     if robot.mechanism.floats or motion.base_curve:
         what = f"{robot.name!r} floats" if robot.mechanism.floats else "the motion has a base"
-        raise JounceError(
-            f"{what}, and a report draws robots on a ground at rest only; jounce view and robot.forces_along(motion)"
-            " take a base that moves"
-        )
+        others = "jounce view and robot.forces_along(motion) take a base that moves"
+        raise JounceError(f"{what}, and a report draws robots on a ground at rest only; {others}")
 
 
 def _order(motion: Motion, order: int | None) -> int:
     known = motion.highest
     if order is None:
-        return HIGHEST if known is None else max(0, min(HIGHEST, known - Q_RATE_ORDER))
-    if isinstance(order, bool) or not isinstance(order, int | np.integer) or not 0 <= int(order) <= HIGHEST:
+        return MAX_REPORT_ORDER if known is None else max(0, min(MAX_REPORT_ORDER, known - Q_RATE_ORDER))
+    if isinstance(order, bool) or not isinstance(order, int | np.integer) or not 0 <= int(order) <= MAX_REPORT_ORDER:
         raise JounceError(f"order is {quoted(order)}; expected 0, 1 or 2: the highest rate of Q on the page")
     return int(order)
 
@@ -165,13 +162,8 @@ def _page(s: Subject) -> str:
     own = [(panel.code, HERE / "panels" / f"{panel.name}.js") for panel in panels]
     scripts = [_read("page.js"), *(code + path.read_text(encoding="utf-8") for code, path in own if path.exists())]
     return _environment().get_template("page.html.jinja").render(
-        robot=s.robot,
-        subject=s,
-        panels=panels,
-        frames=_frames(s),
-        style=Markup(_read("page.css")),
-        library=Markup(get_plotlyjs()),
-        scripts=list(map(Markup, scripts)),
+        robot=s.robot, subject=s, panels=panels, frames=_frames(s), style=Markup(_read("page.css")),
+        library=Markup(get_plotlyjs()), scripts=list(map(Markup, scripts)),
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from jounce._report.curves import figure, joint_style, powers
 from jounce._report.drawing import drawing
 from jounce._report.sliders import end_names, sliders_code, sliders_data
-from jounce._report.subject import SLOWED, Subject
+from jounce._report.subject import MAX_SLOWDOWN_STATES, Subject
 from jounce.checks.description import joint_kind
 from jounce.core.version import __version__
 from jounce.model.coordinates import leading_joints
@@ -19,8 +19,8 @@ from jounce.model.mechanism import Mechanism, body_name
 from jounce.model.positions import positions
 from jounce.spatial.series import rate_name
 
-LISTED_BREAKS = 30
-MOST_BODIES = 100  # of a robot whose sliders compute: code of some 200 kB
+MAX_BREAKS_LISTED = 30  # rows of the page; their number is given
+MAX_SLIDER_BODIES = 100  # of a robot whose sliders compute: code of some 200 kB
 
 
 @dataclass(frozen=True)
@@ -54,18 +54,15 @@ def values(s: Subject) -> Panel:
 def curves(s: Subject) -> Panel:
     """The curves over time."""
     shown = {
-        "symbols": [x.symbol for x in s.quantities],
-        "uncertain": any(x.deviations is not None for x in s.quantities),
-        "measured": s.motion.torques is not None,
-        "breaks": bool(s.motion.breaks),
-        "checked": s.check is not None,
-    }
+        "symbols": [x.symbol for x in s.quantities], "uncertain": any(x.deviations is not None for x in s.quantities),
+        "measured": s.motion.torques is not None, "breaks": bool(s.motion.breaks), "checked": s.check is not None,
+    }  # fmt: skip
     return Panel("curves", "Curves", "wide", shown, figure(s))
 
 
 def sliders(s: Subject) -> Panel | None:
     """Joints that the reader moves, and an end that is pulled: what holds the robot at rest there."""
-    if s.robot.mechanism.nb > MOST_BODIES or positions(s.robot.mechanism):
+    if s.robot.mechanism.nb > MAX_SLIDER_BODIES or positions(s.robot.mechanism):
         return None
     data = sliders_data(s)
     joints = [joint_style(j) | {"name": s.joints[j]} for j in s.own]
@@ -78,7 +75,7 @@ def limits(s: Subject) -> Panel:
     """The worst ratio of every limit, and the slow-down factor."""
     rows = sorted(s.check.table, key=lambda row: -row.ratio) if s.check else []
     table = [{"row": row, "frame": s.frame(row.t)} for row in rows]
-    slowed = {"states": SLOWED} if len(s.motion.times) > SLOWED else {}
+    slowed = {"states": MAX_SLOWDOWN_STATES} if len(s.motion.times) > MAX_SLOWDOWN_STATES else {}
     content = {"table": table, "check": s.check, "slowdown": s.slowdown, "duration": s.motion.duration, **slowed}
     return Panel("limits", "Limits", "below", content)
 
@@ -95,7 +92,7 @@ def motion(s: Subject) -> Panel:
             "what": rate_name(found.symbol, found.order),
             "jump": found.jump,
         }
-        for found in m.breaks[:LISTED_BREAKS]
+        for found in m.breaks[:MAX_BREAKS_LISTED]
     ]
     uncertain = [
         {"symbol": x.symbol, "units": x.units, "deviations": np.median(x.deviations, axis=0).tolist()}
@@ -103,14 +100,9 @@ def motion(s: Subject) -> Panel:
         if x.deviations is not None
     ]
     content = {
-        "motion": m,
-        "states": len(m.times),
-        "residual": None if m.residual is None else float(np.max(m.residual)),
-        "breaks": breaks,
-        "all_breaks": len(m.breaks),
-        "uncertain": uncertain,
-        "joints": s.joints,
-    }
+        "motion": m, "states": len(m.times), "residual": None if m.residual is None else float(np.max(m.residual)),
+        "breaks": breaks, "all_breaks": len(m.breaks), "uncertain": uncertain, "joints": s.joints,
+    }  # fmt: skip
     return Panel("motion", "Motion", "below", content)
 
 
@@ -170,14 +162,10 @@ def conventions(s: Subject) -> Panel:
         "plotly.js": get_plotlyjs_version(),
     }  # fmt: skip
     content = {
-        "acting": s.robot.mechanism.acting,
-        "loads": list(s.motion.loads),
+        "acting": s.robot.mechanism.acting, "loads": list(s.motion.loads), "elastic": s.robot.mechanism.elasticity,
         "inertial": FORCES[1] if s.limits.without_gravity else None,
-        "elastic": s.robot.mechanism.elasticity,
-        "states": len(s.motion.times),
-        "frames": len(s.frames),
-        "versions": versions,
-    }
+        "states": len(s.motion.times), "frames": len(s.frames), "versions": versions,
+    }  # fmt: skip
     return Panel("conventions", "Conventions and versions", "below", content)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from jounce._codegen import generate
-from jounce._report.drawing import GROUND, tips
+from jounce._report.drawing import GROUND_BODY, tips
 from jounce._report.subject import Subject
 from jounce.dynamics.newton import scales
 from jounce.engine.engine import Engine
@@ -18,8 +18,8 @@ from jounce.model.mechanism import Mechanism
 from jounce.model.positions import positions
 
 HERE = Path(__file__).parent
-FREE = {"rad": np.pi, "m": 0.5}  # how far a joint without limits goes either way
-FORCES = (10.0, 20.0, 50.0)  # N, times powers of ten: the largest pull, at least the weight
+UNLIMITED_RANGE = {"rad": np.pi, "m": 0.5}  # rad, m: how far a joint without limits goes either way, a whole turn
+PULL_SIZES = (10.0, 20.0, 50.0)  # N, times powers of ten: the largest pull, at least the weight
 COMMENT = re.compile(r"^(//| ?\*|/\*\*).*\n", re.MULTILINE)
 
 
@@ -60,7 +60,7 @@ def sliders_data(s: Subject) -> dict[str, Any]:
 def slider_ranges(m: Mechanism, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The lowest and the highest coordinates of sliders: the limits, or those of a motion q (N, n) that goes beyond."""
     bounds = coordinate_limits(m).bounds("position").copy()
-    free = np.array([FREE[unit] for unit in coordinate_units(m)])
+    free = np.array([UNLIMITED_RANGE[unit] for unit in coordinate_units(m)])
     bounds[:, [j for x in positions(m).values() for j in range(m.n)[x.coordinates]]] = np.inf  # not of what sliders set
     lower, upper = np.where(np.isfinite(bounds), bounds, [-free, free])
     return q.min(axis=0, initial=np.inf).clip(max=lower), q.max(axis=0, initial=-np.inf).clip(min=upper)
@@ -77,7 +77,7 @@ def _loop(loop: Loop) -> dict[str, Any]:
 
 def end_names(m: Mechanism) -> list[str]:
     """The names of the points that may be pulled: bodies, and links merged into them."""
-    return [*m.bodies, *(frame.name for frame in m.frames if frame.body != GROUND)]
+    return [*m.bodies, *(frame.name for frame in m.frames if frame.body != GROUND_BODY)]
 
 
 def _ends(m: Mechanism) -> list[dict[str, Any]]:
@@ -95,5 +95,5 @@ def _first(m: Mechanism, ends: list[dict[str, Any]]) -> int:
 
 def _largest_force(m: Mechanism) -> float:
     weight = float(np.asarray(m.M[:, 3, 3], dtype=float).sum()) * 9.81
-    power = 10.0 ** max(0, np.floor(np.log10(max(weight, FORCES[0]))) - 1)
-    return float(next((x * power for x in FORCES if x * power >= weight), 100 * power))
+    power = 10.0 ** max(0, np.floor(np.log10(max(weight, PULL_SIZES[0]))) - 1)
+    return float(next((x * power for x in PULL_SIZES if x * power >= weight), 100 * power))

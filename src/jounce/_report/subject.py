@@ -29,11 +29,12 @@ from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
 from jounce.spatial.series import rate_name
 
-HIGHEST = 2  # rate of Q that is drawn
-FRAMES, LEAST_FRAMES = 1000, 200  # times at which the cursor can stand, before those of worst values and breaks
-SHOWN_VALUES = 60_000  # under the cursor, of all frames together: they are exact, so that they are most of the page
-SLOWED = 10_000  # states by which the slow-down factor of a longer motion is found; between them it looks closer
-BEFORE = 1e-9  # of the duration: how long before a break its left side is drawn
+MAX_REPORT_ORDER = 2  # rate of Q that is drawn
+# Times at which the cursor can stand, without those of worst values and breaks: a slider has no more pixels.
+MAX_REPORT_FRAMES, MIN_REPORT_FRAMES = 1000, 200
+MAX_CURSOR_VALUES = 60_000  # of all frames together: they are stored exactly, and are most of the page
+MAX_SLOWDOWN_STATES = 10_000  # that longer motions are thinned to for the slow-down factor, which looks between them
+BREAK_SIDE_SHARE = 1e-9  # of the duration: how long before a break its left side is drawn; no screen shows it
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,11 +118,11 @@ def subject_of(
     worst = np.array([row.t for row in rows])
     ends = np.array([end for row in rows for span in row.violations for end in span])
     breaks = np.array([found.t for found in motion.breaks])
-    before = (breaks - BEFORE * motion.duration).clip(motion.start)
+    before = (breaks - BREAK_SIDE_SHARE * motion.duration).clip(motion.start)
     t = np.unique(np.concatenate([motion.times, worst, ends, breaks, before]))
     along = forces_along(robot, motion, t, order, None, None, efforts(m))
     shown = (order + 1) * 2 + Q_RATE_ORDER + len(limits.without_gravity) + 1 + len(MOTOR_KINDS)  # quantities, at most
-    count = int(np.clip(SHOWN_VALUES // (shown * m.tree.n), LEAST_FRAMES, FRAMES))
+    count = int(np.clip(MAX_CURSOR_VALUES // (shown * m.tree.n), MIN_REPORT_FRAMES, MAX_REPORT_FRAMES))
     even = np.linspace(0, len(along.t) - 1, min(count, len(along.t))).astype(int)
     frames = np.union1d(even, np.searchsorted(along.t, [*worst, *breaks[:count]]))
     with named_by_time(along.t):
@@ -137,8 +138,8 @@ def subject_of(
 def _slowdown(robot: Engine, motion: Motion, worst: np.ndarray) -> Slowdown | str:
     """The slow-down factor, or why it does not exist; of long motions by even steps and the times of worst values."""
     states = motion
-    if len(motion.times) > SLOWED:
-        states = replace(motion, grid=np.union1d(np.linspace(motion.start, motion.stop, SLOWED), worst))
+    if len(motion.times) > MAX_SLOWDOWN_STATES:
+        states = replace(motion, grid=np.union1d(np.linspace(motion.start, motion.stop, MAX_SLOWDOWN_STATES), worst))
     try:
         return slowdown(robot, states)
     except JounceError as error:
@@ -170,7 +171,7 @@ def _quantities(
     for kind in inertial:
         symbol = " - ".join(rate_name(name, KINDS[kind].rate) for name in FORCES[1].split(" - "))
         found.append(quantity(kind, bounded[kind], symbol))
-    if m.elasticity is not None and count > HIGHEST:
+    if m.elasticity is not None and count > MAX_REPORT_ORDER:
         found += [quantity(kind, _of_drives(m, x)) for kind, x in _motors(robot, motion, along.t).items()]
     found += [quantity(kind, bounded[kind]) for kind in ("power", "stall_effort") if kind in limits.kinds]
     return tuple(found)

@@ -25,14 +25,9 @@ def cache(clear: bool, as_json: bool) -> None:
 
     sizes = kernels.clear() if clear else [path.stat().st_size for path in kernels.entries()]
     summary = {
-        "folder": str(kernels.folder()),
-        "private": (obstacle := kernels.obstacle()) is None,
-        "obstacle": obstacle,
-        "cleared": clear,
-        "kernels": len(sizes),
-        "bytes": sum(sizes),
-        "limit": kernels.limit(),
-    }
+        "folder": str(kernels.folder()), "private": (obstacle := kernels.obstacle()) is None, "obstacle": obstacle,
+        "cleared": clear, "kernels": len(sizes), "bytes": sum(sizes), "limit": kernels.limit(),
+    }  # fmt: skip
     tell(summary, _in_words, as_json)
 
 

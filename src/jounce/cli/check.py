@@ -6,17 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.limits import LIMITS, load_robot, spans_in_words
-from jounce.cli.motions import AskedMotion, of_motion
-from jounce.cli.options import Asked, on_robot
+from jounce.cli.limits import LIMITS, draw_ratios, load_robot, spans_in_words
+from jounce.cli.motions import AskedMotion, MotionCommand, of_motion
+from jounce.cli.options import PATH, Asked, on_robot
 from jounce.cli.output import straight_columns, tell
-from jounce.cli.results import (
-    AskedStream,
-    compute,
-    is_by_parts,
-    notes_in_words,
-    on_stream_without_reduce,
-)
+from jounce.cli.results import AskedStream, compute, is_by_parts, notes_in_words, on_stream_without_reduce
 from jounce.core.errors import JounceError, shortened
 
 if TYPE_CHECKING:
@@ -25,7 +19,7 @@ if TYPE_CHECKING:
     from jounce.motion import Motion
     from jounce.stream.tally import Aggregate
 
-SHOWN = 20  # limits in words
+MAX_LIMITS_SHOWN = 20  # those nearest to their bounds: a table that fits a terminal; --json has all
 EXIT_CODES = {"kept": 0, "broken": 1, "undecided": 3}  # 2 is that of errors
 
 EPILOG = """\b
@@ -40,29 +34,18 @@ MOTION may be a folder of tables, or a table of many motions.
 """
 
 
-@click.command(epilog=EPILOG, short_help="Every limit of a robot along a motion.")
+@click.command(cls=MotionCommand, epilog=EPILOG, short_help="Every limit of a robot along a motion.")
 @on_robot
 @of_motion
 @LIMITS
-@click.option(
-    "-o", "--picture", type=click.Path(path_type=Path), help="Ratios over time as a picture: .png, .svg or .pdf."
-)
-@click.option(
-    "--table",
-    type=click.Path(path_type=Path),
-    help="Write the limits of every motion as a table: .csv, .npz or .parquet.",
-)
+@click.option("-o", "--picture", type=PATH, help="Ratios over time as a picture: .png, .svg or .pdf.")
+@click.option("--table", type=PATH, help="Write the limits of every motion as a table: .csv, .npz or .parquet.")
 @on_stream_without_reduce
 @click.option("--json", "as_json", is_flag=True, help="Print every limit as JSON.")
 def check(
-    robot: Asked,
-    motion: AskedMotion,
-    limits: Path | None,
-    picture: Path | None,
-    table: Path | None,
-    stream: AskedStream,
-    as_json: bool,
-) -> None:
+    robot: Asked, motion: AskedMotion, limits: Path | None, picture: Path | None, table: Path | None,
+    stream: AskedStream, as_json: bool,
+) -> None:  # fmt: skip
     """Check MOTION of ROBOT against its limits of position, speed, acceleration, torque, torque rate and others."""
     from jounce.limits.bounded import order_needed
     from jounce.stream.job import Job
@@ -83,10 +66,7 @@ def check(
 
     found, summary = compute(job, motion, table, stream, "limits", load)
     if picture is not None:
-        from jounce.figures.ratios import over_time
-        from jounce.limits.along import ratios_along
-
-        canvas.save(over_time(*ratios_along(arm, loaded[0]), arm.joint_names), picture)
+        draw_ratios(arm, loaded[0], picture)
     summary |= {"picture": None if picture is None else str(picture), **_verdicts(found.aggregates)}
     tell(summary, _in_words, as_json)
     raise SystemExit(EXIT_CODES[summary["verdict"]])
@@ -118,7 +98,7 @@ def _in_words(summary: dict[str, Any]) -> str:
     cells: list[tuple[str, ...]] = [
         ("limit", "joint", "|worst|", "bound", "unit", "at t", "ratio", "broken at t", "undecided at t", "motion")
     ]
-    for row in rows[:SHOWN]:
+    for row in rows[:MAX_LIMITS_SHOWN]:
         value, bound, ratio = (f"{abs(_number(row[key])):.6g}" for key in ("value", "bound", "ratio"))
         deviation = f" +- {row['deviation']:.2g}" if row["deviation"] else ""
         cells.append((
@@ -129,7 +109,7 @@ def _in_words(summary: dict[str, Any]) -> str:
     shown = [True] * 8 + [any(row["undecided"] for row in rows), summary["motions"] > 1]
     cells = [tuple(compress(row, shown)) for row in cells]
     robot, (first, last) = shortened(summary["robot"]), summary["t"]
-    more = [f"and {len(rows) - SHOWN} more; --json lists them"] if len(rows) > SHOWN else []
+    more = [f"and {len(rows) - MAX_LIMITS_SHOWN} more; --json lists them"] if len(rows) > MAX_LIMITS_SHOWN else []
     return "\n".join([
         f"{robot} along {summary['motion']}, t = {first:g} .. {last:g} s: {_verdict_in_words(summary)}",
         *notes_in_words(summary),

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.options import Asked, on_robot, renamed_flag
+from jounce.cli.options import PATH, Asked, on_robot, renamed_flag
 from jounce.cli.output import tell
 
 if TYPE_CHECKING:
@@ -51,22 +51,24 @@ def _names(_: click.Context, __: click.Parameter, given: str | None) -> list[str
 @click.command(cls=_Codegen, short_help="Generate source code in another language, with tests.")
 @on_robot
 @click.option("--lang", required=True, help="Language: c, cpp, cuda, javascript, julia, latex, matlab, python or rust.")
-@click.option("--order", default=2, show_default=True, help="Highest time derivative, up to 4: 2 gives Q, Qd, Q2d.")
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Output folder, new or empty.")
+@click.option("--order", default=2, help="Highest time derivative, up to 4: 2 gives Q, Qd, Q2d.")
+@click.option("-o", "--output", required=True, type=PATH, help="Output folder, new or empty.")
 @click.option(
-    "--outputs", callback=_names, metavar="NAMES",
+    "--outputs",
+    callback=_names,
+    metavar="NAMES",
     help="Comma-separated quantities to compute: NAME, NAME:BODY or NAME:BODY:FRAME (default: the forces Q).",
-)  # fmt: skip
+)
 @click.option(
     "--wrench", is_flag=True, help="Add the wrenches on the bodies to the inputs of the quantities that depend on them."
 )
 @click.option(
-    "--moving-base", is_flag=True,
+    "--moving-base",
+    is_flag=True,
     help="Add the motion of the base to the inputs, so that the ground of a fixed robot moves.",
-)  # fmt: skip
+)
 @click.option(
     "--parameters",
-    default="",
     callback=_names,
     metavar="NAMES",
     help="Comma-separated data of the robot that become run-time parameters.",
@@ -76,12 +78,10 @@ def _names(_: click.Context, __: click.Parameter, given: str | None) -> list[str
 @click.option("--overwrite", is_flag=True, help="Replace what an earlier run generated there; other files stay.")
 @renamed_flag("--force", "--overwrite")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
-def codegen(
-    robot: Asked, lang: "Language", order: int, output: Path, outputs: list[str] | None, as_json: bool, **options: Any
-) -> None:
+def codegen(robot: Asked, lang: "Language", order: int, output: Path, as_json: bool, **options: Any) -> None:
     """Generate source code, with tests, of the equations of ROBOT: a file or the name of a bundled robot."""
-    options |= {} if outputs is None else {"outputs": outputs}
-    made = robot.load().codegen(lang, order, output, **options)
+    given = {name: value for name, value in options.items() if value is not None}
+    made = robot.load().codegen(lang, order, output, **given)
     summary = {
         "robot": str(robot.path), "language": lang, "order": order, "output": str(made.directory),
         "files": list(made.files), "operations": made.operations,

@@ -24,9 +24,9 @@ exceeds its tolerance for rounding or differentiation.
 
 @click.command(epilog=EPILOG, short_help="Check a robot against other libraries and methods.")
 @on_robot_without_drives
-@click.option("--order", default=2, show_default=True, type=click.IntRange(0, 6), help="Highest time derivative of Q.")
-@click.option("--states", default=20, show_default=True, type=click.IntRange(1, 10_000), help="How many.")
-@click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="Seed of the random states.")
+@click.option("--order", default=2, type=click.IntRange(0, 6), help="Highest time derivative of Q.")
+@click.option("--states", default=20, type=click.IntRange(1, 10_000), help="How many.")
+@click.option("--seed", default=0, type=click.IntRange(0), help="Seed of the random states.")
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 @click.pass_context
 def compare(ctx: click.Context, robot: Asked, order: int, states: int, seed: int, as_json: bool) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from jounce.cli.options import Asked, on_robot_without_drives
+from jounce.cli.options import PATH, Asked, on_robot_without_drives
 from jounce.cli.output import check_distinct, tell
 from jounce.core.errors import shortened
 
@@ -25,9 +25,7 @@ when you use it.
 
 @click.command(epilog=EPILOG, short_help="Convert a robot to a YAML or JSON file.")
 @on_robot_without_drives
-@click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path), help="File to write: .yaml, .yml or .json."
-)
+@click.option("-o", "--output", required=True, type=PATH, help="File to write: .yaml, .yml or .json.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def convert(robot: Asked, output: Path, as_json: bool) -> None:
     """Write ROBOT, a file or the name of a bundled robot, as a YAML or JSON file that can be edited."""
@@ -40,17 +38,11 @@ def convert(robot: Asked, output: Path, as_json: bool) -> None:
     save(arm, output)
     m = arm.mechanism
     summary = {
-        "robot": arm.name,
-        "source": str(robot.path),
-        "output": str(output),
-        "n": m.n,
-        "nq": arm.nq,
-        "nv": arm.nv,
+        "robot": arm.name, "source": str(robot.path), "output": str(output), "n": m.n, "nq": arm.nq, "nv": arm.nv,
         "joints": dict(Counter(x.group.name for x in positions(m.tree).values())),  # of several screws, by kind
         "nb": m.nb - m.floats,  # without the base
-        "base": m.bodies[0] if m.floats else None,
-        "frames": len(m.frames),
-    }
+        "base": m.bodies[0] if m.floats else None, "frames": len(m.frames),
+    }  # fmt: skip
     tell(summary, _in_words, as_json)
 
 

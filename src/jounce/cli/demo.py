@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from jounce.cli.options import PATH
 from jounce.cli.output import progress, straight_columns, tell
-from jounce.figures.canvas import FORMATS
+from jounce.figures.canvas import PICTURE_FORMATS
 
 if TYPE_CHECKING:
     from jounce._report.demo.example import Example, StepErrors
@@ -21,20 +22,17 @@ Example:
 
 @click.command(epilog=EPILOG, short_help="Run the example of the paper, with pictures.")
 @click.option(
-    "-o", "--output", default=Path("jounce-demo"), show_default=True, type=click.Path(path_type=Path),
-    help="Output folder; created if it does not exist.",
-)  # fmt: skip
-@click.option(
-    "--states",
-    default=10_000,
-    show_default=True,
-    type=click.IntRange(100, 1_000_000),
-    help="Number of states over the 5 s.",
+    "-o", "--output", default=Path("jounce-demo"), type=PATH, help="Output folder; created if it does not exist."
 )
+@click.option("--states", default=10_000, type=click.IntRange(100, 1_000_000), help="Number of states over the 5 s.")
 @click.option(
-    "--format", "formats", multiple=True, default=FORMATS, show_default=True,
-    type=click.Choice(FORMATS), help="Format of the pictures; may be repeated.",
-)  # fmt: skip
+    "--format",
+    "formats",
+    multiple=True,
+    default=PICTURE_FORMATS,
+    type=click.Choice(PICTURE_FORMATS),
+    help="Format of the pictures; may be repeated.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> None:
     """Run the paper's example: the KUKA iiwa along a motion of cosines, with and without a wrench at its end.
@@ -81,13 +79,10 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
         "peaks": {"without W": _peaks(alone), "with W": _peaks(loaded)},
         "differences": _differences(alone, errors),
         "without_steiner": steiner,
-        "milliseconds": {method: [1e3 * seconds for seconds in pair] for method, pair in times.items()},
-        "milliseconds_of_the_paper": example.PAPER_MS,
-        "folder": str(output),
-        "tables": [f"{name}.csv" for name in examples],
-        "pictures": list(pictures),
-        "formats": formats,
-    }
+        "milliseconds": {method: [1e3 * x for x in pair] for method, pair in times.items()},
+        "milliseconds_of_the_paper": example.PAPER_MS, "folder": str(output),
+        "tables": [f"{name}.csv" for name in examples], "pictures": list(pictures), "formats": formats,
+    }  # fmt: skip
     tell(summary, _in_words, as_json)
 
 

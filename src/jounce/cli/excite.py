@@ -1,4 +1,4 @@
-"""`jounce excite`: the motion within all limits whose forces tell most about the parameters of a robot."""
+"""`jounce excite`: the motion within all limits that determines the parameters of a robot best."""
 
 from math import pi
 from pathlib import Path
@@ -6,8 +6,9 @@ from typing import Any
 
 import click
 
-from jounce.cli.limits import LIMITS, load_robot
-from jounce.cli.options import Asked, drive_terms, on_robot_without_drives
+from jounce.cli.limits import LIMITS, draw_ratios, load_robot
+from jounce.cli.motions import write_motion
+from jounce.cli.options import PATH, Asked, drive_terms, on_robot_without_drives
 from jounce.cli.output import check_distinct, progress, tell
 from jounce.core.errors import escaped, shortened
 
@@ -29,12 +30,10 @@ the motion before it runs, or narrow the ranges of positions by --limits.
 @click.command(epilog=EPILOG, short_help="A motion that excites the parameters of a robot, within all limits.")
 @on_robot_without_drives
 @LIMITS
-@click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Table or YAML file of the motion to write."
-)
-@click.option("--period", metavar="S", default=10.0, show_default=True, help="Period of the Fourier series in s.")
-@click.option("--periods", metavar="N", default=1, show_default=True, help="Number of periods.")
-@click.option("--harmonics", metavar="N", default=5, show_default=True, help="Harmonics of the Fourier series.")
+@click.option("-o", "--output", required=True, type=PATH, help="Table or YAML file of the motion to write.")
+@click.option("--period", metavar="S", default=10.0, help="Period of the Fourier series in s.")
+@click.option("--periods", metavar="N", default=1, help="Number of periods.")
+@click.option("--harmonics", metavar="N", default=5, help="Harmonics of the Fourier series.")
 @click.option(
     "--drives",
     "terms",
@@ -48,23 +47,17 @@ the motion before it runs, or narrow the ranges of positions by --limits.
     show_default="pi",
     help="Range to either side of 0 for revolute joints without position limits.",
 )
-@click.option("--margin", default=0.01, show_default=True, help="Share of each limit that is left.")
-@click.option("--starts", metavar="N", default=5, show_default=True, help="Number of random starts.")
-@click.option("--seed", default=0, show_default=True, help="Seed of the random starts.")
+@click.option("--margin", default=0.01, help="Share of each limit that is left.")
+@click.option("--starts", metavar="N", default=5, help="Number of random starts.")
+@click.option("--seed", default=0, help="Seed of the random starts.")
 @click.option("--step", type=float, metavar="S", help="Time between rows in s; default: 1 ms.")
-@click.option("--picture", type=click.Path(path_type=Path), help="Ratios to all limits over time: .png, .svg or .pdf.")
+@click.option("--picture", type=PATH, help="Ratios to all limits over time: .png, .svg or .pdf.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def excite(
-    robot: Asked,
-    limits: Path | None,
-    output: Path,
-    terms: str | None,
-    step: float | None,
-    picture: Path | None,
-    as_json: bool,
-    **options: Any,
-) -> None:
-    """Find the Fourier series of all joints of ROBOT whose forces tell most about its parameters, within all limits.
+    robot: Asked, limits: Path | None, output: Path, terms: str | None, step: float | None, picture: Path | None,
+    as_json: bool, **options: Any,
+) -> None:  # fmt: skip
+    """Find the Fourier series of the joints of ROBOT that determines its parameters best, within all limits.
 
     It starts and ends at rest, so that it may be repeated. ROBOT needs limits: its own, or --limits.
     """
@@ -72,7 +65,6 @@ def excite(
     from jounce.io import files, tables
     from jounce.io.entries import DOCUMENT_SUFFIXES
     from jounce.io.motions import terms as analytic
-    from jounce.io.motions.writing import pieces
 
     in_terms = output.suffix.lower() in DOCUMENT_SUFFIXES
     (files if in_terms else tables).check_writable(output)
@@ -87,26 +79,17 @@ def excite(
     if in_terms:
         analytic.write(output, motion, arm.joint_names)
     else:
-        tables.write_pieces(output, pieces(motion, arm.joint_names, 4))
+        write_motion(output, motion, arm.joint_names)
     if picture is not None:
-        from jounce.figures.ratios import over_time
-        from jounce.limits.along import ratios_along
-
-        canvas.save(over_time(*ratios_along(arm, motion), arm.joint_names), picture)
+        draw_ratios(arm, motion, picture)
     summary = {
-        "robot": arm.name,
-        "source": motion.source,
-        "duration": motion.duration,
-        "criterion": found.criterion,
-        "condition": found.condition,
-        "parameters": list(found.parameters),
-        "unseen": list(found.unseen),
+        "robot": arm.name, "source": motion.source, "duration": motion.duration,
+        "criterion": found.criterion, "condition": found.condition,
+        "parameters": list(found.parameters), "unseen": list(found.unseen),
         "limits": [vars(row) | {"violations": list(row.violations)} for row in found.limits],
-        "notes": list(found.notes),
-        "output": str(output),
-        "picture": None if picture is None else str(picture),
+        "notes": list(found.notes), "output": str(output), "picture": None if picture is None else str(picture),
         "states": len(motion.times),
-    }
+    }  # fmt: skip
     drawn = f", ratios to limits drawn to {picture}" if picture else ""
     what = "series" if in_terms else f"{summary['states']} rows"
     head = f"{shortened(arm.name)}: {what} written to {output}{drawn}"

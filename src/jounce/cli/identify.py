@@ -1,4 +1,4 @@
-"""`jounce identify`: the robot that measured torques tell, from a log to a robot file."""
+"""`jounce identify`: inertial parameters and friction from measured torques, from a log to a robot file."""
 
 from dataclasses import asdict
 from math import isinf
@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.motions import AskedMotion, of_motion
-from jounce.cli.options import Asked, drive_terms, on_robot_without_drives
+from jounce.cli.motions import AskedMotion, MotionCommand, of_motion
+from jounce.cli.options import PATH, Asked, drive_terms, on_robot_without_drives
 from jounce.cli.output import check_distinct, tell
 from jounce.core.errors import JounceError, collected_warnings, warn
 
@@ -24,25 +24,22 @@ Example, with the torques of a model as measured ones:
 
 \b
 MOTION is a log: a table with a column t, one column of positions per joint
-and one of measured torques, tau_JOINT, JOINT.tau or as --torques says.
-ROBOT is a first guess, such as the CAD model: where the log says little, the
-result stays near to it. OUT is a robot file that `jounce run OUT ... --drives
-all` takes: its bodies can exist, and its drives have the friction found.
-Deviations are those of the data alone; what they do not see is named.
+and one of measured torques, tau_JOINT, JOINT.tau or named by --torques.
+ROBOT is a first guess, such as the CAD model: what the log does not determine
+stays near to it. OUT is a robot file for `jounce run OUT ... --drives all`:
+its bodies can exist, and its drives have the friction found. Deviations are
+those of the data alone; parameters that they do not determine are listed.
 """
 
 
-@click.command(epilog=EPILOG, short_help="Identify inertial parameters and friction from a log.")
+@click.command(cls=MotionCommand, epilog=EPILOG, short_help="Identify inertial parameters and friction from a log.")
 @on_robot_without_drives
 @of_motion
-@click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Robot file to write: .yaml or .json."
-)
+@click.option("-o", "--output", required=True, type=PATH, help="Robot file to write: .yaml or .json.")
 @click.option(
     "--drives",
     "terms",
     default=DEFAULT,
-    show_default=True,
     metavar="TERMS",
     help="Drive terms to identify: all, none, or a list of armature, damping, friction, spring, offset.",
 )
@@ -57,29 +54,20 @@ Deviations are those of the data alone; what they do not see is named.
 @click.option(
     "--deviation", "deviations", type=float, metavar="N", help="Standard deviation of the torques; default: residuals."
 )
-@click.option("--prior", type=float, default=0.3, show_default=True, help="Relative deviation of the robot's own data.")
+@click.option("--prior", type=float, default=0.3, help="Relative deviation of the robot's own data.")
 @click.option(
     "--method",
     type=click.Choice(["inverse_dynamics", "momentum", "power"]),
     default="inverse_dynamics",
-    show_default=True,
     help="Equations; those of momentum and power need no accelerations.",
 )
-@click.option("--table", type=click.Path(path_type=Path), help="Write the parameters with deviations: .csv.")
-@click.option(
-    "--plot", type=click.Path(path_type=Path), help="Measured and predicted torques as a picture: .png, .svg or .pdf."
-)
+@click.option("--table", type=PATH, help="Write the parameters with deviations: .csv.")
+@click.option("--plot", type=PATH, help="Measured and predicted torques as a picture: .png, .svg or .pdf.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def identify(
-    robot: Asked,
-    motion: AskedMotion,
-    output: Path,
-    terms: str,
-    table: Path | None,
-    plot: Path | None,
-    as_json: bool,
+    robot: Asked, motion: AskedMotion, output: Path, terms: str, table: Path | None, plot: Path | None, as_json: bool,
     **options: Any,
-) -> None:
+) -> None:  # fmt: skip
     """Identify ROBOT from MOTION, a log with measured torques: its inertial parameters and friction."""
     from jounce.figures import canvas
     from jounce.io import files
@@ -87,7 +75,7 @@ def identify(
 
     saving.check_writable(output)
     for path in filter(None, (output, table, plot)):
-        check_distinct(path, motion.path, robot.path)
+        check_distinct(path, motion.path, robot.path, motion.read)
     if table is not None:
         if table.suffix.lower() != ".csv":
             raise JounceError(f"{table}: unknown type of table {table.suffix!r} for --table; available: .csv")
@@ -96,9 +84,9 @@ def identify(
         canvas.check_writable(plot)
     arm = robot.load()
     log = motion.load(arm, 0)
-    with collected_warnings() as said:
+    with collected_warnings() as warnings:
         found = arm.identify(log, drives=drive_terms(terms), **options)
-    for text in said:
+    for text in warnings:
         if text not in found.notes:  # which are printed
             warn(text)
     saving.save(found.robot, output)
@@ -137,24 +125,15 @@ def _summary(
     joints = found.robot.mechanism.joints
     rows = [asdict(row) for row in found.table]
     return {
-        "robot": found.robot.name,
-        "motion": str(log),
-        "output": str(output),
-        "table": None if table is None else str(table),
-        "plot": None if plot is None else str(plot),
-        "samples": found.samples,
-        "span": list(found.span),
-        "band": found.band,
-        "cell": found.cell,
-        "cells": found.cells,
-        "rank": found.rank,
-        "condition": found.condition,
-        "unseen": list(found.unseen),
+        "robot": found.robot.name, "motion": str(log), "output": str(output),
+        "table": None if table is None else str(table), "plot": None if plot is None else str(plot),
+        "samples": found.samples, "span": list(found.span), "band": found.band, "cell": found.cell,
+        "cells": found.cells, "rank": found.rank, "condition": found.condition, "unseen": list(found.unseen),
         "parameters": [row | {"deviation": None if isinf(row["deviation"]) else row["deviation"]} for row in rows],
         "offsets": dict(zip(joints, found.offsets.tolist(), strict=True)),
         "residuals": [asdict(row) for row in found.residuals],
         "notes": [*notes, *found.notes],
-    }
+    }  # fmt: skip
 
 
 def _in_words(found: "Identification", summary: dict[str, Any]) -> str:

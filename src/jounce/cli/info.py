@@ -9,7 +9,7 @@ from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import straight_columns, tell
 from jounce.core.errors import shortened
 
-WIDTH = 100  # columns of a terminal
+INFO_WIDTH = 100  # characters of a line: names of robots in one line, on usual terminals
 COMMON = ("position", "velocity", "effort")  # limits that most robots have
 EPILOG = """\b
 Example:
@@ -51,7 +51,7 @@ def _in_words(data: dict[str, Any]) -> str:
         kind = body["type"] if body["pitch"] is None else f"{body['type']} {body['pitch']:g} m/rad"
         axis = _vector(body["axis"], ".4g") if body["axis"] else f"{body['nq']} in q, {body['nv']} velocities"
         rows.append((body["joint"], kind, axis, body["name"], body["parent"], *_mass(body)))
-    order = wrap(f"q: {', '.join(map(shortened, data['positions']))}", width=WIDTH, subsequent_indent="   ")
+    order = wrap(f"q: {', '.join(map(shortened, data['positions']))}", width=INFO_WIDTH, subsequent_indent="   ")
     lines = [head, *order, "", *straight_columns(rows)]
     variables = [x for body in data["bodies"] for x in body["velocities"] or [body]]
     lines += _limits(variables)
@@ -66,7 +66,7 @@ def _in_words(data: dict[str, Any]) -> str:
     lines += _loops(data)
     merged = [f"{shortened(link)} ({shortened(body)})" for link, body in data["merged_links"].items()]
     if merged:
-        lines += ["", *wrap(f"merged links: {', '.join(merged)}", width=WIDTH, subsequent_indent="  ")]
+        lines += ["", *wrap(f"merged links: {', '.join(merged)}", width=INFO_WIDTH, subsequent_indent="  ")]
     return "\n".join([*lines, *_moments(base + data["bodies"]), *_findings(data["findings"])])
 
 
@@ -75,7 +75,7 @@ def _loops(data: dict[str, Any]) -> list[str]:
     cuts = [f"{' - '.join(map(shortened, loop['frames']))} ({loop['joint']})" for loop in data["loops"]]
     following = [f"following joints: {', '.join(map(shortened, data['following']))}"] if data["following"] else []
     loops = [f"loops, {'closed' if following else 'open'}: {', '.join(cuts)}"] if cuts else []
-    wrapped = [wrap(line, width=WIDTH, subsequent_indent="  ") for line in loops + following]
+    wrapped = [wrap(line, width=INFO_WIDTH, subsequent_indent="  ") for line in loops + following]
     return ["", *(line for lines in wrapped for line in lines)] if wrapped else []
 
 
@@ -101,8 +101,8 @@ def _findings(findings: list[dict[str, Any]]) -> list[str]:
 
     lines = [""]
     for finding in (Finding(**data) for data in findings):
-        for said, indent in ((f"{finding.severity}: {finding}", ""), (finding.advice, "  ")):
-            lines += wrap(said, WIDTH, initial_indent=indent, subsequent_indent="  ", break_long_words=False)
+        for text, indent in ((f"{finding.severity}: {finding}", ""), (finding.advice, "  ")):
+            lines += wrap(text, INFO_WIDTH, initial_indent=indent, subsequent_indent="  ", break_long_words=False)
     return lines if findings else ["", "no findings"]
 
 
@@ -111,7 +111,7 @@ def _vector(x: list[float], form: str) -> str:
 
 
 def _drive(body: dict[str, Any]) -> tuple[str, ...]:
-    """The drive train of a joint as cells of a table; "-" for what it does not take."""
+    """The drive train of a joint as cells of a table; "-" for terms that it lacks."""
     unit, force, inertia = ("m", "N", "kg") if body["unit"] == "m" else ("rad", "N m", "kg m^2")
     d = body["drive"]
     cells = (
@@ -120,7 +120,7 @@ def _drive(body: dict[str, Any]) -> tuple[str, ...]:
         (d["friction"], f"{d['friction']:.5g} {force} over {d['eps']:.5g} {unit}/s"),
         (d["stiffness"], f"{d['stiffness']:.5g} {force}/{unit} from {d['rest']:.5g} {unit}"),
     )
-    return (body["joint"], *(said if stated else "-" for stated, said in cells))
+    return (body["joint"], *(text if stated else "-" for stated, text in cells))
 
 
 def _elastic(data: dict[str, Any]) -> list[str]:

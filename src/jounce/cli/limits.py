@@ -43,6 +43,14 @@ def load_robot(robot: Asked, limits: Path | None) -> "Robot":
     return arm if limits is None else arm.with_limits(limits)
 
 
+def draw_ratios(robot: "Robot", motion: "Motion", picture: Path) -> None:
+    """Draw the ratios of a motion to all limits over time."""
+    from jounce.figures import canvas, ratios
+    from jounce.limits.along import ratios_along
+
+    canvas.save(ratios.over_time(*ratios_along(robot, motion), robot.joint_names), picture)
+
+
 def spans_in_words(spans: "list[list[float]]", most: int = 2) -> str:
     """When a limit is broken: the first spans, and how many more."""
     shown = [f"{start:.4f} .. {stop:.4f}" if stop > start else f"{start:.4f}" for start, stop in spans[:most]]

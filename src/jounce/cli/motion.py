@@ -5,9 +5,16 @@ from typing import Any
 
 import click
 
-from jounce.cli.motions import AskedMotion, of_motion
-from jounce.cli.options import Asked, on_robot_without_drives
-from jounce.cli.output import check_distinct, progress, tell
+from jounce.cli.motions import (
+    AskedMotion,
+    MotionCommand,
+    check_options_writable,
+    of_motion,
+    write_motion,
+    write_options,
+)
+from jounce.cli.options import PATH, Asked, on_robot_without_drives
+from jounce.cli.output import check_distinct, tell
 from jounce.core.errors import shortened
 
 EPILOG = """\b
@@ -24,43 +31,35 @@ previous row and this one.
 """
 
 
-@click.command(epilog=EPILOG, short_help="Write a motion with its rates, q to q4d, as a table.")
+@click.command(cls=MotionCommand, epilog=EPILOG, short_help="Write a motion with its rates, q to q4d, as a table.")
 @on_robot_without_drives
 @of_motion
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Output table: .csv or .npz.")
-@click.option("--order", default=4, show_default=True, type=click.IntRange(0), help="Highest time derivative of q.")
+@click.option("-o", "--output", required=True, type=PATH, help="Output table: .csv or .npz.")
+@click.option("--order", default=4, type=click.IntRange(0), help="Highest time derivative of q.")
+@click.option("--save-read", type=PATH, metavar="FILE", help="Save how the table is read, for --read: .yaml.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
-def motion(robot: Asked, motion: AskedMotion, output: Path, order: int, as_json: bool) -> None:
+def motion(robot: Asked, motion: AskedMotion, output: Path, order: int, save_read: Path | None, as_json: bool) -> None:
     """Write MOTION of ROBOT with its rates as a table that `jounce run` reads and `jounce plot` draws."""
     from jounce.io import tables
-    from jounce.io.motions.writing import pieces
 
     tables.check_writable(output)
     check_distinct(output, motion.path)
+    if save_read is not None:
+        check_options_writable(save_read)
+        check_distinct(save_read, motion.path, robot.path, motion.read)
     arm = robot.load()
     path = motion.load(arm, max(order - 2, 0))
-    with progress("rates") as show:
-
-        def shown() -> Any:
-            done = 0
-            for piece in pieces(path, arm.joint_names, order):
-                yield piece
-                done += len(piece["t"])
-                show(done, len(path.times))
-
-        tables.write_pieces(output, shown())
+    write_motion(output, path, arm.joint_names, order)
+    if save_read is not None:
+        write_options(save_read, motion)
     summary = {
-        "robot": arm.name,
-        "motion": str(motion.path),
-        "source": path.source,
+        "robot": arm.name, "motion": str(motion.path), "source": path.source,
         "residual": None if path.residual is None else float(path.residual.max()),
         "notes": list(path.notes),
         "breaks": [found._asdict() for found in path.breaks_to(order)],
-        "output": str(output),
-        "states": len(path.times),
-        "t": [float(path.times[0]), float(path.times[-1])],
-        "order": order,
-    }
+        "output": str(output), "save_read": None if save_read is None else str(save_read),
+        "states": len(path.times), "t": [float(path.times[0]), float(path.times[-1])], "order": order,
+    }  # fmt: skip
     tell(summary, _in_words, as_json)
 
 
@@ -76,4 +75,5 @@ def _in_words(summary: dict[str, Any]) -> str:
         *summary["notes"],
         *([f"{count} break{'s' * (count > 1)}; --json lists them, --blend replaces them"] if count else []),
         f"q to {rate_name('q', summary['order'])} written to {summary['output']}",
+        *([f"options written to {summary['save_read']}, for --read"] if summary["save_read"] else []),
     ])  # fmt: skip

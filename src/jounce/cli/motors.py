@@ -6,13 +6,13 @@ from typing import Any
 
 import click
 
-from jounce.cli.motions import AskedMotion, of_motion
+from jounce.cli.motions import AskedMotion, MotionCommand, of_motion
 from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import tell
 from jounce.cli.results import OUTPUT, AskedStream, on_stream, results, results_in_words, with_deviation
 from jounce.core.errors import JounceError, quoted
 
-HIGHEST = 2  # the rate of Q that torques of motors take
+MOTOR_FORCE_ORDER = 2  # rates of Q that motor torques need: tau = B theta2d + Q, theta = q + Q / K
 
 EPILOG = """\b
 Example:
@@ -35,7 +35,9 @@ Damping and friction that --drives selects act on the motors.
 """
 
 
-@click.command(epilog=EPILOG, short_help="Positions and torques of the motors of elastic joints along a motion.")
+@click.command(
+    cls=MotionCommand, epilog=EPILOG, short_help="Positions and torques of the motors of elastic joints along a motion."
+)
 @on_robot
 @of_motion
 @click.option(
@@ -54,14 +56,9 @@ Damping and friction that --drives selects act on the motors.
 @on_stream
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def motors(
-    robot: Asked,
-    motion: AskedMotion,
-    stiffness: Sequence[str],
-    rotor: Sequence[str],
-    output: Path,
-    stream: AskedStream,
-    as_json: bool,
-) -> None:
+    robot: Asked, motion: AskedMotion, stiffness: Sequence[str], rotor: Sequence[str], output: Path,
+    stream: AskedStream, as_json: bool,
+) -> None:  # fmt: skip
     """Compute positions, velocities and torques of the motors of ROBOT, whose joints are elastic, along MOTION."""
     from jounce.stream.job import Job
     from jounce.stream.results import form_of
@@ -71,7 +68,7 @@ def motors(
         _by_joint("--stiffness", stiffness, links.joint_names), _by_joint("--rotor", rotor, links.joint_names)
     )
     job = Job("motors", arm, 0, stream.reading(motion), None if stream.reduce else form_of(output))
-    _, summary = results(job, motion, output, stream, "motors", lambda: motion.load(arm, HIGHEST))
+    _, summary = results(job, motion, output, stream, "motors", lambda: motion.load(arm, MOTOR_FORCE_ORDER))
     tell(summary, _in_words, as_json)
 
 

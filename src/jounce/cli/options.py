@@ -44,8 +44,9 @@ def _motions() -> Iterable[str]:
     return BUNDLED_MOTIONS
 
 
-ROBOT = FileOrName("robot", _robots)
-MOTION = FileOrName("motion", _motions)
+PATH = click.Path(path_type=Path)
+ROBOT_NAME = FileOrName("robot", _robots)
+MOTION_NAME = FileOrName("motion", _motions)
 
 
 @dataclass(frozen=True)
@@ -60,94 +61,6 @@ class Asked:
         from jounce.robot.loading import load
 
         return load(self.path, **self.options)
-
-
-Decorator = Callable[[Callable[..., None]], Callable[..., None]]
-
-DRIVES = click.option(
-    "--drives",
-    metavar="TERMS",
-    help="Drive terms to include in Q: all, or a comma-separated list of armature, damping, friction, spring.",
-)
-MESHES = click.option(
-    "--meshes",
-    metavar="FOLDER",
-    multiple=True,
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
-    help="Folder in which meshes may be, besides that of ROBOT and its packages; may be repeated.",
-)
-OPTIONS: tuple[Decorator, ...] = (
-    click.argument("robot", type=ROBOT),
-    click.option("--base", metavar="BASE", help="floating: the base moves freely. fixed: weld free joints at zero."),
-    click.option("--root", metavar="LINK", help="Use this link as the base: only the links that it carries are kept."),
-    click.option(
-        "--lock", multiple=True, metavar="JOINT=VALUE", help="Lock a joint at a value in rad or m; may be repeated."
-    ),
-    DRIVES,
-    click.option(
-        "--gravity",
-        nargs=3,
-        type=float,
-        metavar="X Y Z",
-        help="Gravitational acceleration in m/s^2; default: the robot's own.",
-    ),
-    click.option(
-        "--xacro-arg",
-        "xacro_args",
-        multiple=True,
-        metavar="NAME=VALUE",
-        help="Argument of a .xacro file; may be repeated.",
-    ),
-)
-
-
-def on_robot(verb: Callable[..., None]) -> Callable[..., None]:
-    """Add the argument ROBOT and its options to a command, which gets them as one `robot`, an `Asked`."""
-    return _with_options(verb, OPTIONS)
-
-
-def on_robot_without_drives(verb: Callable[..., None]) -> Callable[..., None]:
-    """`on_robot` of a verb on which drive trains have no effect."""
-    return _with_options(verb, [option for option in OPTIONS if option is not DRIVES])
-
-
-def _with_options(verb: Callable[..., None], options: Sequence[Decorator]) -> Callable[..., None]:
-    def asked(
-        robot: Path,
-        base: str | None,
-        root: str | None,
-        lock: Sequence[str],
-        gravity: tuple[float, float, float] | None,
-        xacro_args: Sequence[str],
-        drives: str | None = None,
-        **others: Any,
-    ) -> None:
-        given = {
-            "base": base,
-            "root": root,
-            "lock": _lock_values(lock) or None,
-            "drives": None if drives is None else drive_terms(drives),
-            "gravity": gravity,
-            "xacro_args": _pairs("--xacro-arg", xacro_args) or None,
-        }
-        verb(robot=Asked(robot, {name: value for name, value in given.items() if value is not None}), **others)
-
-    command: Callable[..., None] = wraps(verb)(asked)
-    for option in reversed(options):
-        command = option(command)
-    return command
-
-
-def renamed_flag(old: str, new: str) -> Decorator:
-    """The old name of a flag, which works for one release and warns with the new one."""
-
-    def told(ctx: click.Context, _: click.Parameter, given: bool) -> None:
-        if given:
-            warn_of_old(old, new)
-            ctx.default_map = {**(ctx.default_map or {}), new[2:].replace("-", "_"): True}
-
-    options: dict[str, Any] = {"is_flag": True, "is_eager": True, "hidden": True, "expose_value": False}
-    return click.option(old, **options, callback=told, help=f"Old name of {new}.")
 
 
 def drive_terms(given: str) -> Any:
@@ -169,11 +82,80 @@ def _pairs(option: str, given: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def _lock_values(given: Sequence[str]) -> dict[str, float]:
+def _locked_values(_: click.Context, __: click.Parameter, given: Sequence[str]) -> dict[str, float | None]:
     from jounce.core.foreign import parse_finite
 
     numbers = {name: parse_finite(value) for name, value in _pairs("--lock", given).items()}
     for text, number in zip(given, numbers.values(), strict=True):
         if number is None:
             raise JounceError(f"--lock {quoted(text)}; expected a finite number, rad or m")
-    return {name: number for name, number in numbers.items() if number is not None}
+    return numbers
+
+
+def _xacro_arguments(_: click.Context, __: click.Parameter, given: Sequence[str]) -> dict[str, str]:
+    return _pairs("--xacro-arg", given)
+
+
+def _drive_terms(_: click.Context, __: click.Parameter, given: str | None) -> Any:
+    return given if given is None else drive_terms(given)
+
+
+Decorator = Callable[[Callable[..., None]], Callable[..., None]]
+
+DRIVES_OPTION = click.option(
+    "--drives", metavar="TERMS", callback=_drive_terms,
+    help="Drive terms to include in Q: all, or a comma-separated list of armature, damping, friction, spring.",
+)  # fmt: skip
+MESHES = click.option(
+    "--meshes", metavar="FOLDER", multiple=True, type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Folder in which meshes may be, besides that of ROBOT and its packages; may be repeated.",
+)  # fmt: skip
+ROBOT_OPTIONS: tuple[Decorator, ...] = (
+    click.argument("robot", type=ROBOT_NAME),
+    click.option("--base", metavar="BASE", help="floating: the base moves freely. fixed: weld free joints at zero."),
+    click.option("--root", metavar="LINK", help="Use this link as the base: only the links that it carries are kept."),
+    click.option(
+        "--lock", multiple=True, metavar="JOINT=VALUE", callback=_locked_values,
+        help="Lock a joint at a value in rad or m; may be repeated.",
+    ),
+    DRIVES_OPTION,
+    click.option("--gravity", nargs=3, type=float, metavar="X Y Z", help="Gravity in m/s^2; default: the robot's own."),
+    click.option(
+        "--xacro-arg", "xacro_args", multiple=True, metavar="NAME=VALUE", callback=_xacro_arguments,
+        help="Argument of a .xacro file; may be repeated.",
+    ),
+)  # fmt: skip
+
+
+def on_robot(verb: Callable[..., None]) -> Callable[..., None]:
+    """Add the argument ROBOT and its options to a command, which gets them as one `robot`, an `Asked`."""
+    return _with_options(verb, ROBOT_OPTIONS)
+
+
+def on_robot_without_drives(verb: Callable[..., None]) -> Callable[..., None]:
+    """`on_robot` of a verb on which drive trains have no effect."""
+    return _with_options(verb, [option for option in ROBOT_OPTIONS if option is not DRIVES_OPTION])
+
+
+def _with_options(verb: Callable[..., None], options: Sequence[Decorator]) -> Callable[..., None]:
+    def asked(robot: Path, **others: Any) -> None:
+        names = ("base", "root", "lock", "drives", "gravity", "xacro_args")
+        given = {name: others.pop(name) for name in names if name in others}
+        verb(robot=Asked(robot, {name: value for name, value in given.items() if value not in (None, {})}), **others)
+
+    command: Callable[..., None] = wraps(verb)(asked)
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def renamed_flag(old: str, new: str) -> Decorator:
+    """The old name of a flag, which works for one release and warns with the new one."""
+
+    def warn_and_set(ctx: click.Context, _: click.Parameter, given: bool) -> None:
+        if given:
+            warn_of_old(old, new)
+            ctx.default_map = {**(ctx.default_map or {}), new[2:].replace("-", "_"): True}
+
+    options: dict[str, Any] = {"is_flag": True, "is_eager": True, "hidden": True, "expose_value": False}
+    return click.option(old, **options, callback=warn_and_set, help=f"Old name of {new}.")

@@ -13,7 +13,7 @@ import click
 
 from jounce.core.errors import JounceError, escaped, shortened
 
-PATIENCE = 1.0  # s without a sign of life
+PROGRESS_DELAY = 1.0  # s of work before a bar appears: shorter work needs none
 
 
 def styled(text: str, **style: Any) -> str:
@@ -54,17 +54,15 @@ def straight_columns(rows: list[tuple[str, ...]]) -> list[str]:
 
 @contextmanager
 def progress(label: str) -> Iterator[Callable[..., None]]:
-    """Show a bar on the terminal after the first second of work; the yielded function updates it with (done, total).
+    """Show a bar on a terminal, after the first second of work; yields a function that updates it.
 
-    The bar shows the time left, and the rate if the number of states that are computed is a third argument.
-
-    Nothing is shown if the error stream is not a terminal.
+    Its arguments are done, total and, for the rate to be shown, the number of states that are computed.
     """
     bar = click.progressbar(length=0, label=label, file=sys.stderr)
     seen, start = sys.stderr.isatty(), monotonic()
 
     def show(done: int, total: int, states: int | None = None) -> None:
-        if seen and monotonic() - start > PATIENCE:
+        if seen and monotonic() - start > PROGRESS_DELAY:
             bar.length = total
             if states is not None:
                 bar.label = f"{label}, {states / (monotonic() - start):.3g} states/s"

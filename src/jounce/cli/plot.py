@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.options import ROBOT, Asked
+from jounce.cli.options import PATH, ROBOT_NAME, Asked
 from jounce.cli.output import tell
 from jounce.core.errors import JounceError, listed
 
@@ -26,11 +26,9 @@ Examples:
 
 
 @click.command(epilog=EPILOG, short_help="Plot the curves of a table.")
-@click.argument("tables", metavar="TABLE...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Output picture: .png, .svg or .pdf."
-)
-@click.option("--robot", type=ROBOT, help="Robot of the tables, for order, units and limits of its joints.")
+@click.argument("tables", metavar="TABLE...", nargs=-1, required=True, type=PATH)
+@click.option("-o", "--output", required=True, type=PATH, help="Output picture: .png, .svg or .pdf.")
+@click.option("--robot", type=ROBOT_NAME, help="Robot of the tables, for order, units and limits of its joints.")
 @click.option("--base", metavar="BASE", help="floating: its base moves freely. fixed: weld free joints at zero.")
 @click.option("--joint", "joints", multiple=True, metavar="NAME", help="Draw this joint only; may be repeated.")
 @click.option(
@@ -45,21 +43,14 @@ Examples:
 )
 @click.option("--json", "as_json", is_flag=True, help="Print what was drawn as JSON.")
 def plot(
-    tables: Sequence[Path],
-    output: Path,
-    robot: Path | None,
-    base: str | None,
-    joints: Sequence[str],
-    quantities: Sequence[str],
-    between: tuple[float, float] | None,
-    side_by_side: bool,
-    width: str | None,
+    tables: Sequence[Path], output: Path, robot: Path | None, base: str | None, joints: Sequence[str],
+    quantities: Sequence[str], between: tuple[float, float] | None, side_by_side: bool, width: str | None,
     as_json: bool,
-) -> None:
+) -> None:  # fmt: skip
     """Draw the columns of each TABLE over time: forces that `run` wrote, or a motion that `motion` wrote.
 
     One row per quantity, one curve per joint. Curves too small to be seen next to the others have their own column; so
-    do prismatic joints, which --robot tells from revolute ones. --robot also marks what is beyond a limit. Several
+    do prismatic joints, which --robot identifies. --robot also marks what is beyond a limit. Several
     tables are laid over each other, in axes of their own for each joint.
     """
     from jounce.figures import canvas
@@ -114,5 +105,5 @@ def _in_words(summary: dict[str, Any]) -> str:
     of += ["the base"] if names & {*BASE_FORCES} else []
     states = " and ".join(f"{states} state{'s' * (states > 1)}" for states in summary["states"])
     line = f"{shown} of {' and '.join(of)}, {states}, drawn to {summary['output']}"
-    beyond = [f"{label} of {listed(names)}" for label, names in summary["exceeded"].items()]
-    return "\n".join([line, *(f"beyond a limit: {text}" for text in beyond)])
+    exceeded = [f"beyond a limit: {label} of {listed(names)}" for label, names in summary["exceeded"].items()]
+    return "\n".join([line, *exceeded])

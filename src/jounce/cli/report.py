@@ -6,8 +6,8 @@ from typing import Any
 import click
 
 from jounce.cli.limits import LIMITS, load
-from jounce.cli.motions import AskedMotion, of_motion
-from jounce.cli.options import MESHES, Asked, on_robot
+from jounce.cli.motions import AskedMotion, MotionCommand, of_motion
+from jounce.cli.options import MESHES, PATH, Asked, on_robot
 from jounce.cli.output import check_distinct, tell
 from jounce.core.errors import shortened
 
@@ -21,27 +21,18 @@ server for anything.
 """
 
 
-@click.command(epilog=EPILOG, short_help="A page with the moving robot, its curves and limits.")
+@click.command(cls=MotionCommand, epilog=EPILOG, short_help="A page with the moving robot, its curves and limits.")
 @on_robot
 @of_motion
 @LIMITS
-@click.option(
-    "-o", "--output", metavar="PAGE", required=True, type=click.Path(path_type=Path), help="Output page: .html."
-)
-@click.option(
-    "--order", default=2, show_default=True, type=click.IntRange(0, 2), help="Highest time derivative of Q on the page."
-)
+@click.option("-o", "--output", metavar="PAGE", required=True, type=PATH, help="Output page: .html.")
+@click.option("--order", default=2, type=click.IntRange(0, 2), help="Highest time derivative of Q on the page.")
 @click.option("--json", "as_json", is_flag=True, help="Print a summary of the page as JSON.")
 @MESHES
 def report(
-    robot: Asked,
-    motion: AskedMotion,
-    limits: Path | None,
-    output: Path,
-    order: int,
-    as_json: bool,
+    robot: Asked, motion: AskedMotion, limits: Path | None, output: Path, order: int, as_json: bool,
     meshes: tuple[Path, ...],
-) -> None:
+) -> None:  # fmt: skip
     """Make a page about MOTION of ROBOT: the robot that moves, q to q4d, Q, Qd, Q2d, limits, slow-down factor.
 
     A URDF is shown by its meshes and shapes, other robots by capsules between their joints.
@@ -59,19 +50,12 @@ def report(
     page.save(output)
     worst = page.check and page.check.worst
     summary = {
-        "robot": arm.name,
-        "motion": str(motion.path),
-        "states": len(path.times),
-        "order": order,
-        "output": str(output),
-        "bytes": output.stat().st_size,
-        "ok": page.check and page.check.ok,
-        "verdict": page.check and page.check.verdict,
-        "judged": page.check and page.check.judged,
-        "worst": worst and str(worst),
-        "factor": page.slowdown and page.slowdown.factor,
-        "notes": list(path.notes),
-    }
+        "robot": arm.name, "motion": str(motion.path), "states": len(path.times), "order": order,
+        "output": str(output), "bytes": output.stat().st_size,
+        "ok": page.check and page.check.ok, "verdict": page.check and page.check.verdict,
+        "judged": page.check and page.check.judged, "worst": worst and str(worst),
+        "factor": page.slowdown and page.slowdown.factor, "notes": list(path.notes),
+    }  # fmt: skip
     verdict = page.check.words if page.check else "states no limits"
     tell(summary, lambda of: _in_words(of, verdict), as_json)
 

@@ -8,37 +8,29 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.breaks import breaks_in_words
 from jounce.cli.motions import AskedMotion
+from jounce.cli.options import PATH
 from jounce.cli.output import check_distinct, progress, straight_columns
-from jounce.core.errors import JounceError, collected_warnings, quoted, shortened, warn
+from jounce.core.errors import JounceError, collected_warnings, listed, quoted, shortened, warn
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
     from jounce.stream.job import Job, Reading
     from jounce.stream.results import Summary
 
-SHOWN = 4  # notes and warnings
-SCHEMA = 1  # of the JSON of `run`, `motors` and `check`: raised where a key goes or changes its meaning
+MAX_NOTES_SHOWN = 4  # notes, warnings and sources: more would hide the results; --json has all
+MAX_BREAKS_SHOWN = 4  # as of notes
+SUMMARY_SCHEMA = 1  # of the JSON of `run`, `motors` and `check`: raised where a key goes or changes its meaning
 
-OUTPUT = click.option(
-    "-o",
-    "--output",
-    required=True,
-    type=click.Path(path_type=Path),
-    help="Output: .csv, .npz, .parquet, or a folder.",
-)
+OUTPUT = click.option("-o", "--output", required=True, type=PATH, help="Output: .csv, .npz, .parquet, or a folder.")
 ON_ERROR = click.option(
     "--on-error",
     type=click.Choice(["stop", "skip"]),
     default="stop",
-    show_default=True,
     help="Bad rows of large tables: stop at the first, or skip them and write them to OUT.skipped.csv.",
 )
 REDUCE = click.option(
-    "--reduce",
-    metavar="KINDS",
-    help="Write aggregates per motion and joint instead of rows: peak, rms, or peak,rms.",
+    "--reduce", metavar="KINDS", help="Write aggregates per motion and joint instead of rows: peak, rms, or peak,rms."
 )
 
 
@@ -106,7 +98,7 @@ def is_by_parts(job: "Job", motion: AskedMotion, output: Path | None, stream: As
 def compute(
     job: "Job", motion: AskedMotion, output: Path | None, stream: AskedStream, label: str, load: "Callable[[], Motion]"
 ) -> "tuple[Summary, dict[str, Any]]":
-    """Compute a motion that is loaded as a whole, or by parts, with a bar; returns what all commands tell of it too."""
+    """Compute a motion that is loaded as a whole, or by parts, with a bar; returns what all commands report too."""
     from jounce.io import tables
     from jounce.stream.results import of_motion, skipped_path
 
@@ -119,26 +111,19 @@ def compute(
         with collected_warnings() as caught, progress(label) as show:
             found = of_motion(job, load(), motion.path.stem, output, show)
         found = replace(found, warnings=(*dict.fromkeys(caught),))
-    for text in found.warnings[:SHOWN]:
+    for text in found.warnings[:MAX_NOTES_SHOWN]:
         warn(text)
-    if (more := len(found.warnings) - SHOWN) > 0:
+    if (more := len(found.warnings) - MAX_NOTES_SHOWN) > 0:
         warn(f"and {more} more warnings; --json lists them")
     spans = [of["t"] for of in found.aggregates.values()]
     table = str(skipped_path(output)) if output is not None and found.skipped else None
     return found, {
-        "schema": SCHEMA,
-        "robot": job.robot.name,
-        "motion": str(motion.path),
-        "output": None if output is None else str(output),
-        "states": found.rows,
-        "motions": len(found.aggregates),
+        "schema": SUMMARY_SCHEMA, "robot": job.robot.name, "motion": str(motion.path),
+        "output": None if output is None else str(output), "states": found.rows, "motions": len(found.aggregates),
         "t": [min(start for start, _ in spans), max(stop for _, stop in spans)],
-        "parts": found.parts,
-        "parts_computed": found.computed,
-        "skipped": {"rows": found.skipped, "table": table},
-        "notes": list(found.notes),
-        "warnings": list(found.warnings),
-    }
+        "parts": found.parts, "parts_computed": found.computed, "skipped": {"rows": found.skipped, "table": table},
+        "notes": list(found.notes), "warnings": list(found.warnings),
+    }  # fmt: skip
 
 
 def _by_parts(job: "Job", motion: AskedMotion, output: Path | None, stream: AskedStream, label: str) -> "Summary":
@@ -172,7 +157,7 @@ def results(
                 values.setdefault(joint, {}).setdefault(name, []).append(value)
     largest = {joint: {name: surest(of) for name, of in named.items()} for joint, named in values.items()}
     return found, summary | {
-        "source": "; ".join(list(dict.fromkeys(of["source"] for of in motions.values()))[:SHOWN]),
+        "source": "; ".join(list(dict.fromkeys(of["source"] for of in motions.values()))[:MAX_NOTES_SHOWN]),
         "residual": max((of["residual"] for of in motions.values() if of["residual"] is not None), default=None),
         "blend": motion.blend,
         "breaks": [at | {"motion": name} for name, of in motions.items() for at in of["breaks"]],
@@ -184,7 +169,7 @@ def results(
 
 
 def results_in_words(summary: dict[str, Any], names: Sequence[str], rows: list[tuple[str, ...]], *more: str) -> str:
-    """What is computed of rows, with a table of the largest values and what else there is to tell."""
+    """What is computed of rows, with a table of the largest values and further lines."""
     robot, (first, last) = shortened(summary["robot"]), summary["t"]
     many = f" in {summary['motions']} motions" if summary["motions"] > 1 else ""
     kind = "at most {:.2g} from it" if summary["blend"] else "largest residual {:.2g}"
@@ -207,11 +192,30 @@ def with_deviation(value: float, deviation: float) -> str:
     return f"{value:.6g}" + (f" ± {float(f'{deviation:.2g}'):g}" if deviation else "")
 
 
+def breaks_in_words(breaks: Sequence[dict[str, Any]]) -> list[str]:
+    """Describe the first breaks, one per line, and the number of all."""
+    lines = []
+    for found in breaks[:MAX_BREAKS_SHOWN]:
+        joints: dict[str, list[str]] = {}
+        for joint, cause in found["causes"].items():
+            joints.setdefault(cause["rate"], []).append(joint)
+        causes = " and ".join(f"{rate} of {listed(names)}" for rate, names in joints.items())
+        missing = found["missing"]
+        then = [f"{found['jumps']} jumps"] if found["jumps"] else []
+        then += [f"{', '.join(missing)} do{'es' * (len(missing) == 1)} not exist"] if missing else []
+        lines.append(f"break at t = {found['t']:.9g} s: {causes} jumps; {', '.join(then)}")
+    rest = len(breaks) - MAX_BREAKS_SHOWN
+    if rest > 0:
+        lines.append(f"and {rest} more break{'s' * (rest > 1)}; --json lists them, --blend replaces them")
+    return lines
+
+
 def notes_in_words(summary: dict[str, Any]) -> list[str]:
     """The first notes, rows that are left out, and how much was computed before."""
     notes, skipped, parts = summary["notes"], summary["skipped"], summary["parts"]
-    lines = notes[:SHOWN]
-    lines += [f"and {len(notes) - SHOWN} more notes; --json lists them"] if len(notes) > SHOWN else []
+    lines = notes[:MAX_NOTES_SHOWN]
+    if (more := len(notes) - MAX_NOTES_SHOWN) > 0:
+        lines.append(f"and {more} more notes; --json lists them")
     if skipped["rows"]:
         where = f", see {skipped['table']}" if skipped["table"] else ""
         lines.append(f"{skipped['rows']} bad rows, motions or files left out{where}")

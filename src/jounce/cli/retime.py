@@ -6,9 +6,9 @@ from typing import Any
 import click
 
 from jounce.cli.limits import LIMITS, load
-from jounce.cli.motions import AskedMotion, of_motion
-from jounce.cli.options import Asked, on_robot
-from jounce.cli.output import check_distinct, progress, straight_columns, tell
+from jounce.cli.motions import AskedMotion, MotionCommand, of_motion, write_motion
+from jounce.cli.options import PATH, Asked, on_robot
+from jounce.cli.output import check_distinct, straight_columns, tell
 from jounce.core.errors import shortened
 
 EPILOG = """\b
@@ -21,29 +21,21 @@ OUT holds t and NAME.q, NAME.qd, ... NAME.q4d, as `jounce motion` writes them.
 """
 
 
-@click.command(epilog=EPILOG, short_help="The fastest motion along a path, within all limits.")
+@click.command(cls=MotionCommand, epilog=EPILOG, short_help="The fastest motion along a path, within all limits.")
 @on_robot
 @of_motion
 @LIMITS
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .npz.")
-@click.option("--margin", default=0.01, show_default=True, help="Share of each limit that is left.")
-@click.option(
-    "--picture", type=click.Path(path_type=Path), help="Speed along the path with its limits: .png, .svg or .pdf."
-)
+@click.option("-o", "--output", required=True, type=PATH, help="Table to write: .csv or .npz.")
+@click.option("--margin", default=0.01, help="Share of each limit that is left.")
+@click.option("--picture", type=PATH, help="Speed along the path with its limits: .png, .svg or .pdf.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def retime(
-    robot: Asked,
-    motion: AskedMotion,
-    limits: Path | None,
-    output: Path,
-    margin: float,
-    picture: Path | None,
+    robot: Asked, motion: AskedMotion, limits: Path | None, output: Path, margin: float, picture: Path | None,
     as_json: bool,
-) -> None:
+) -> None:  # fmt: skip
     """Write the fastest motion of ROBOT along the path of MOTION, from rest to rest, within all limits."""
     from jounce.figures import canvas
     from jounce.io import tables
-    from jounce.io.motions.writing import pieces
 
     tables.check_writable(output)
     check_distinct(output, motion.path)
@@ -52,34 +44,16 @@ def retime(
     arm, given = load(robot, motion, limits)
     found = arm.retime(given, margin)
     fast = found.motion if motion.step is None else found.motion.with_step(motion.step)
-    known = fast.highest
-    order = 4 if known is None else min(4, known)
-    with progress("rates") as show:
-
-        def shown() -> Any:
-            done = 0
-            for piece in pieces(fast, arm.joint_names, order):
-                yield piece
-                done += len(piece["t"])
-                show(done, len(fast.times))
-
-        tables.write_pieces(output, shown())
+    write_motion(output, fast, arm.joint_names)
     if picture is not None:
         from jounce.figures.path_speed import over_path
 
         canvas.save(over_path(arm, given, found), picture)
     summary = {
-        "robot": arm.name,
-        "motion": str(motion.path),
-        "source": given.source,
-        "margin": margin,
-        "given": given.duration,
-        "duration": found.duration,
-        "binding": [stretch._asdict() for stretch in found.binding],
-        "output": str(output),
-        "picture": None if picture is None else str(picture),
-        "states": len(fast.times),
-    }
+        "robot": arm.name, "motion": str(motion.path), "source": given.source, "margin": margin,
+        "given": given.duration, "duration": found.duration, "binding": [part._asdict() for part in found.binding],
+        "output": str(output), "picture": None if picture is None else str(picture), "states": len(fast.times),
+    }  # fmt: skip
     tell(summary, _in_words, as_json)
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.options import ROBOT
+from jounce.cli.options import ROBOT_NAME
 from jounce.cli.output import straight_columns
 from jounce.core.errors import no_such
 
@@ -22,7 +22,7 @@ Example:
 
 
 @click.command(epilog=EPILOG, short_help="List the bundled robots.")
-@click.argument("robot", type=ROBOT, required=False)
+@click.argument("robot", type=ROBOT_NAME, required=False)
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 def robots(robot: Path | None, as_json: bool) -> None:
     """List the bundled robots by the names that all commands accept, or show the full licence of ROBOT."""

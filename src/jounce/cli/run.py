@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.motions import AskedMotion, of_motion
+from jounce.cli.motions import AskedMotion, MotionCommand, of_motion
 from jounce.cli.options import Asked, on_robot
 from jounce.cli.output import tell
 from jounce.cli.results import OUTPUT, AskedStream, on_stream, results, results_in_words, with_deviation
@@ -48,11 +48,13 @@ same command continues a run that was stopped.
 """
 
 
-@click.command(epilog=EPILOG, short_help="Compute Q, Qd, Q2d along a motion and write them as a table.")
+@click.command(
+    cls=MotionCommand, epilog=EPILOG, short_help="Compute Q, Qd, Q2d along a motion and write them as a table."
+)
 @on_robot
 @of_motion
 @OUTPUT
-@click.option("--order", default=2, show_default=True, type=click.IntRange(0), help="Highest time derivative of Q.")
+@click.option("--order", default=2, type=click.IntRange(0), help="Highest time derivative of Q.")
 @click.option("--rates", "with_rates", is_flag=True, help="Write q, qd, ... too.")
 @click.option(
     "--method", default=None, help="Method: kernel (native code, the default), recursion, closed_form or paper."
@@ -60,15 +62,9 @@ same command continues a run that was stopped.
 @on_stream
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
-    robot: Asked,
-    motion: AskedMotion,
-    output: Path,
-    order: int,
-    with_rates: bool,
-    method: str | None,
-    stream: AskedStream,
-    as_json: bool,
-) -> None:
+    robot: Asked, motion: AskedMotion, output: Path, order: int, with_rates: bool, method: str | None,
+    stream: AskedStream, as_json: bool,
+) -> None:  # fmt: skip
     """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled robot."""
     from jounce.stream.job import Job
     from jounce.stream.results import form_of
@@ -101,7 +97,7 @@ def _limit_in_words(found: dict[str, Any] | None) -> list[str]:
         return []
     ratio = "infinitely" if found["ratio"] is None else f"{found['ratio']:.4g} times"
     came = f"{found['limit'].replace('_', ' ')} of {found['joint']} at t = {found['t']:.6g} s"
-    return [f"limit broken: {came} is {ratio} its limit; jounce check tells of all limits"]
+    return [f"limit broken: {came} is {ratio} its limit; jounce check lists all limits"]
 
 
 def _in_words(summary: dict[str, Any]) -> str:

@@ -6,8 +6,8 @@ from typing import Any
 import click
 
 from jounce.cli.limits import LIMITS, load
-from jounce.cli.motions import AskedMotion, of_motion
-from jounce.cli.options import Asked, on_robot
+from jounce.cli.motions import AskedMotion, MotionCommand, of_motion, write_motion
+from jounce.cli.options import PATH, Asked, on_robot
 from jounce.cli.output import check_distinct, tell
 from jounce.core.errors import shortened
 
@@ -21,16 +21,15 @@ OUT holds t and NAME.q, NAME.qd, ... NAME.q4d of the motion at this pace.
 """
 
 
-@click.command(epilog=EPILOG, short_help="The pace at which a motion keeps every limit.")
+@click.command(cls=MotionCommand, epilog=EPILOG, short_help="The pace at which a motion keeps every limit.")
 @on_robot
 @of_motion
 @LIMITS
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Table of the slower motion: .csv or .npz.")
+@click.option("-o", "--output", type=PATH, help="Table of the slower motion: .csv or .npz.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def slowdown(robot: Asked, motion: AskedMotion, limits: Path | None, output: Path | None, as_json: bool) -> None:
     """Find the largest factor of speed at which MOTION of ROBOT keeps all limits, and every smaller one does too."""
     from jounce.io import tables
-    from jounce.io.motions.writing import pieces
 
     if output is not None:
         tables.check_writable(output)
@@ -38,18 +37,12 @@ def slowdown(robot: Asked, motion: AskedMotion, limits: Path | None, output: Pat
     arm, path = load(robot, motion, limits)
     slow = arm.slowdown(path)
     if output is not None:
-        known = slow.motion.highest
-        tables.write_pieces(output, pieces(slow.motion, arm.joint_names, 4 if known is None else min(known, 4)))
+        write_motion(output, slow.motion, arm.joint_names)
     summary = {
-        "robot": arm.name,
-        "motion": str(motion.path),
-        "factor": slow.factor,
-        "largest": slow.largest,
-        "binding": slow.binding._asdict(),
-        "duration": [path.duration, slow.motion.duration],
-        "notes": [*path.notes, *slow.notes],
-        "output": None if output is None else str(output),
-    }
+        "robot": arm.name, "motion": str(motion.path), "factor": slow.factor, "largest": slow.largest,
+        "binding": slow.binding._asdict(), "duration": [path.duration, slow.motion.duration],
+        "notes": [*path.notes, *slow.notes], "output": None if output is None else str(output),
+    }  # fmt: skip
     tell(summary, _in_words, as_json)
 
 

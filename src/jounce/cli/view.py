@@ -6,7 +6,7 @@ from threading import Event
 
 import click
 
-from jounce.cli.motions import AskedMotion, of_optional_motion
+from jounce.cli.motions import AskedMotion, MotionCommand, of_optional_motion
 from jounce.cli.options import MESHES, Asked, on_robot
 from jounce.core.errors import escaped
 
@@ -20,7 +20,7 @@ Ctrl-C ends it. Only browsers on this machine see it.
 """
 
 
-@click.command(epilog=EPILOG, short_help="Show a robot in the browser, with sliders.")
+@click.command(cls=MotionCommand, epilog=EPILOG, short_help="Show a robot in the browser, with sliders.")
 @on_robot
 @of_optional_motion
 @click.option("--port", type=click.IntRange(0, 65535), help="Port of the server; default: a free one from 8080 on.")

@@ -10,12 +10,12 @@ from jounce.figures.panels import Panel, drawn_points
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-LINE: Any = {"linewidth": 2.4, "alpha": 0.4, "linestyle": "solid", "zorder": 0.8}
-MARK: Any = {"color": "#eba3ae", "linewidth": 4.5, "marker": "o", "markersize": 4.5, "mew": 0, "zorder": 1.2}
-LIMIT, VIOLATION = "limit", "beyond its limit"  # in the legend
-OF_LIMITS: Mapping[str, Any] = {LIMIT: LINE, VIOLATION: MARK}
-PALE = 0.07  # of the opacity of bands
-NEAR = 0.2  # of the span of limits: how close to one a curve comes where it is drawn
+LIMIT_STYLE: Any = {"linewidth": 2.4, "alpha": 0.4, "linestyle": "solid", "zorder": 0.8}
+VIOLATION_STYLE: Any = {"color": "#eba3ae", "linewidth": 4.5, "marker": "o", "markersize": 4.5, "mew": 0, "zorder": 1.2}
+LIMIT_ENTRY, VIOLATION = "limit", "beyond its limit"  # in the legend
+OF_LIMITS: Mapping[str, Any] = {LIMIT_ENTRY: LIMIT_STYLE, VIOLATION: VIOLATION_STYLE}
+BAND_OPACITY = 0.07  # bands of several joints lie over each other, and curves stay visible
+MAX_ROOM_SHARE = 0.2  # of the span of limits: a limit farther from its curve is not drawn, it would flatten the curve
 
 
 def beyond(panel: Panel, joint: str) -> np.ndarray:
@@ -45,11 +45,16 @@ def draw_limits(axes: "Axes", panels: Sequence[Panel], joint: str, color: str, h
     drawn = False
     for limit, room, side in ((lower, values.min() - lower, -1), (upper, upper - values.max(), 1)):
         span = upper - lower if np.isfinite(upper - lower) else 2 * abs(limit)
-        if np.isfinite(limit) and room <= NEAR * span:
-            axes.axhline(limit, **LINE, color=color)
+        if np.isfinite(limit) and room <= MAX_ROOM_SHARE * span:
+            axes.axhline(limit, **LIMIT_STYLE, color=color)
             drawn = True
             if height is not None:
-                look: Any = {"transform": axes.get_yaxis_transform(), "color": color, "alpha": PALE, "linewidth": 0}
+                look: Any = {
+                    "transform": axes.get_yaxis_transform(),
+                    "color": color,
+                    "alpha": BAND_OPACITY,
+                    "linewidth": 0,
+                }
                 band = Rectangle((0, limit), 1, side * height, **look, zorder=0.1)
                 axes.add_artist(band)  # unlike a patch it leaves the scale alone
     return drawn
@@ -60,5 +65,5 @@ def mark_violations(axes: "Axes", t: np.ndarray, panel: Panel, joint: str) -> bo
     outside = beyond(panel, joint)
     if outside.any():
         shown = drawn_points(panel.curves[joint])
-        axes.plot(t[shown], np.where(outside, panel.curves[joint], np.nan)[shown], **MARK)
+        axes.plot(t[shown], np.where(outside, panel.curves[joint], np.nan)[shown], **VIOLATION_STYLE)
     return bool(outside.any())

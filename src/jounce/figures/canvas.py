@@ -1,4 +1,4 @@
-"""The canvas of all pictures: one look, axes told apart in colour and in grey, files written whole."""
+"""The canvas of all pictures: one look, curves that differ in colour and in grey, files written whole."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -56,7 +56,7 @@ PRINT: Any = LOOK | {
     "savefig.bbox": "standard",
     "savefig.dpi": 600,
 }
-FORMATS = ("png", "svg", "pdf")
+PICTURE_FORMATS = ("png", "svg", "pdf")
 # On a dark page an SVG is dark: light and dark change places, hues stay. A page that sets its scheme by `color-scheme`
 # passes it on to its pictures; where a viewer knows neither, the picture is a light card, legible on any page.
 INVERTED = b"filter: invert(.9) hue-rotate(180deg) brightness(1.2)"
@@ -139,8 +139,10 @@ def _legend(
 
 def check_format(path: Path) -> None:
     """Raise `JounceError` where no picture of this suffix can be written."""
-    if path.suffix.lower().removeprefix(".") not in FORMATS:
-        raise JounceError(f"{path}: {no_such('type of picture', path.suffix, [f'.{name}' for name in FORMATS])}")
+    if path.suffix.lower().removeprefix(".") not in PICTURE_FORMATS:
+        raise JounceError(
+            f"{path}: {no_such('type of picture', path.suffix, [f'.{name}' for name in PICTURE_FORMATS])}"
+        )
 
 
 def check_writable(path: Path) -> None:

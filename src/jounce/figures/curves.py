@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce.figures.bounds import LIMIT, OF_LIMITS, VIOLATION, draw_limits, mark_violations, reach
+from jounce.figures.bounds import LIMIT_ENTRY, OF_LIMITS, VIOLATION, draw_limits, mark_violations, reach
 from jounce.figures.canvas import INK, LOOK, PRINT, legend_above, line_style, painted, written
 from jounce.figures.grid import leave_out_labels, page_size, places
 from jounce.figures.panels import Panel, Run, columns_of, drawn_points, joint_names
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-RINGS = 24  # differentiated values drawn of each curve, so that the line beneath stays visible
-RING: Any = {"marker": "o", "linestyle": "none", "mfc": "none", "ms": 4.5, "mew": 0.8}
-POINT: Any = {"marker": ".", "linestyle": "none", "ms": 2.5, "alpha": 0.25, "zorder": 1.5}
-BAND: Any = {"linewidth": 6, "alpha": 0.25}
-BREAK: Any = {"color": "0.5", "linewidth": 1, "linestyle": (0, (2, 2)), "zorder": 0.5}
+RINGS_PER_CURVE = 24  # differentiated values drawn: the line beneath stays visible
+RING_STYLE: Any = {"marker": "o", "linestyle": "none", "mfc": "none", "ms": 4.5, "mew": 0.8}
+SAMPLE_STYLE: Any = {"marker": ".", "linestyle": "none", "ms": 2.5, "alpha": 0.25, "zorder": 1.5}
+BAND_STYLE: Any = {"linewidth": 6, "alpha": 0.25}
+BREAK_STYLE: Any = {"color": "0.5", "linewidth": 1, "linestyle": (0, (2, 2)), "zorder": 0.5}
 MARKS = "osD^vP*X"
-MOST_COLUMNS = 4  # of joints, where runs are laid over each other
-TOLD = 0.5  # of the largest value: a band that reaches further than this leaves nothing visible next to it
+MAX_JOINT_COLUMNS = 4  # of joints where runs are laid over each other: a page has room for no more
+MAX_BAND_SHARE = 0.5  # of the largest value: a wider band is cut, nothing would be visible next to it
 
 
 @dataclass(frozen=True)
@@ -43,10 +43,7 @@ class Cell:
 
 
 def over_time(
-    runs: Sequence[Run],
-    title: str = "",
-    columns: Sequence[Sequence[str]] | None = None,
-    width: float | None = None,
+    runs: Sequence[Run], title: str = "", columns: Sequence[Sequence[str]] | None = None, width: float | None = None
 ) -> "Figure":
     """A row of axes per quantity and a column per group of joints, above a common time axis and under one legend.
 
@@ -67,7 +64,7 @@ def laid_over(runs: Sequence[Run], width: float | None = None) -> "Figure":
     """Axes for each joint and quantity, in which each of several runs is a curve; `width` as in `over_time`."""
     joints = joint_names([panel for run in runs for panel in run.panels])
     cells = [Cell(joint, [Trace(run, joint, i) for i, run in enumerate(runs)]) for joint in joints]
-    return _figure(cells, [run.title for run in runs], min(len(cells), MOST_COLUMNS), 1, width)
+    return _figure(cells, [run.title for run in runs], min(len(cells), MAX_JOINT_COLUMNS), 1, width)
 
 
 def _figure(
@@ -110,11 +107,11 @@ def _entries(
 ) -> dict[str, dict[str, Any]]:
     """The line styles of the legend, by name."""
     marks = {
-        "numerically differentiated": (RING, any(panel.differentiated for panel in panels)),
-        "measured": (POINT | {"ms": 6, "alpha": 0.6}, any(panel.points for panel in panels)),
-        "95 % band": (BAND, any(panel.deviations for panel in panels)),
+        "numerically differentiated": (RING_STYLE, any(panel.differentiated for panel in panels)),
+        "measured": (SAMPLE_STYLE | {"ms": 6, "alpha": 0.6}, any(panel.points for panel in panels)),
+        "95 % band": (BAND_STYLE, any(panel.deviations for panel in panels)),
         **{name: (style, name in limits) for name, style in OF_LIMITS.items()},
-        "break": (BREAK, breaks),
+        "break": (BREAK_STYLE, breaks),
     }
     entries = {name: line_style(i) for i, name in enumerate(names)}
     return entries | {name: {"color": "0.3"} | style for name, (style, drawn) in marks.items() if drawn}
@@ -132,40 +129,40 @@ def _draw(axes: "Axes", cell: Cell, label: str, panels: Sequence[Panel], count: 
             marks += [VIOLATION] * mark_violations(axes, trace.run.t, panel, joint)
         if of_joint:
             color = line_style(of_joint[0][0].number)["color"] if len(joints) > 1 else INK
-            marks += [LIMIT] * draw_limits(axes, [panel for _, panel in of_joint], joint, color, height)
+            marks += [LIMIT_ENTRY] * draw_limits(axes, [panel for _, panel in of_joint], joint, color, height)
     if found:
         axes.set_ylabel(_axis_label(found[0][1], joints))
     _leave_out_wide_bands(axes, panels, joints)
     for run in {id(trace.run): trace.run for trace in cell.traces}.values():
         for at in run.breaks:
-            axes.axvline(at, **BREAK)
+            axes.axvline(at, **BREAK_STYLE)
     axes.margins(x=0.01)
     return marks
 
 
 def _draw_curve(axes: "Axes", t: np.ndarray, panel: Panel, trace: Trace, count: int) -> None:
-    apart = max(1, len(t) // RINGS)
+    apart = max(1, len(t) // RINGS_PER_CURVE)
     i, name = trace.number, trace.joint
     values, style = panel.curves[name], line_style(i)
     shown = drawn_points(values)
     if name in panel.points:
-        axes.plot(t[shown], panel.points[name][shown], **POINT, color=style["color"])
+        axes.plot(t[shown], panel.points[name][shown], **SAMPLE_STYLE, color=style["color"])
     if name in panel.deviations:
-        look = {"color": style["color"], "alpha": BAND["alpha"], "linewidth": 0}
+        look = {"color": style["color"], "alpha": BAND_STYLE["alpha"], "linewidth": 0}
         axes.fill_between(t[shown], *(edge[shown] for edge in panel.band(name)), **look)
     if len(t) == 1:  # hollow marks, each another, show all of several in one place
         style |= {"marker": MARKS[i % len(MARKS)], "mfc": "none"}
     axes.plot(t[shown], values[shown], **{**style, **panel.style})
     if panel.differentiated:
         at = slice(i * apart // count, None, apart)  # each curve's a little later: no ring on a ring
-        axes.plot(t[at], panel.differentiated[name][at], **RING, color=style["color"])
+        axes.plot(t[at], panel.differentiated[name][at], **RING_STYLE, color=style["color"])
 
 
 def _leave_out_wide_bands(axes: "Axes", panels: Sequence[Panel], column: Sequence[str]) -> None:
     """Scale axes to the values that are known: where bands are far wider, as at the ends of a fit, they are cut."""
     curves = [(panel, name) for panel in panels for name in column if name in panel.curves]
     peak = max((panel.peak(name) for panel, name in curves), default=0.0)
-    known = [panel.reach(name) <= TOLD * peak for panel, name in curves]
+    known = [panel.reach(name) <= MAX_BAND_SHARE * peak for panel, name in curves]
     if all(rows.all() for rows in known) or not any(rows.any() for rows in known):
         return
     shown = [

@@ -26,6 +26,7 @@ from jounce.spatial.series import rate_name
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+Cells = Sequence[str]
 PAGE = """<p>{{ head }}</p>
 {% if rows %}<table>
 <thead><tr>{% for cell in names %}<th>{{ cell }}</th>{% endfor %}</tr></thead>
@@ -33,9 +34,9 @@ PAGE = """<p>{{ head }}</p>
 {% endfor %}</tbody></table>{% endif %}
 {% for note in notes %}<p>{{ note }}</p>
 {% endfor %}{{ picture | safe }}"""
-SHOWN = 12  # rows of a table: of a check those nearest to their limits
-DRAWN = 12  # bodies of a robot whose frames a drawing can name
-POINTS = 400  # of a curve
+MAX_ROWS_SHOWN = 12  # of a table, as much as a screen has next to a picture: of a check those nearest to their limits
+MAX_BODIES_DRAWN = 12  # of a robot: labels of more frames would cover each other
+DISPLAY_CURVE_POINTS = 400  # of a curve: a small SVG within a notebook
 
 
 @html.register
@@ -63,14 +64,14 @@ def robot(robot: Engine) -> str:
         draw(axes, m, poses_on(robot, resting_position(m), np.eye(4)), View(-55, 18))
         place_labels(figure, axes)
 
-    drawing = _picture(lambda: canvas.painted(paint, 5, 5)) if m.nb - m.floats <= DRAWN else ""
+    drawing = _picture(lambda: canvas.painted(paint, 5, 5)) if m.nb - m.floats <= MAX_BODIES_DRAWN else ""
     return _page(head, names, rows, picture=drawing)
 
 
 @html.register
 def motion(motion: Motion) -> str:
     """Where the joints of a motion start and end, their largest rates, and q, qd, q2d over time."""
-    t = np.linspace(motion.start, motion.stop, POINTS)
+    t = np.linspace(motion.start, motion.stop, DISPLAY_CURVE_POINTS)
     rates = motion(t, 2)
     joints = motion.joint_names or tuple(f"joint {j}" for j in range(1, rates[0].shape[-1] + 1))
     rows = [
@@ -86,7 +87,7 @@ def motion(motion: Motion) -> str:
 @html.register
 def check(found: Check) -> str:
     """The limits that a motion comes nearest to, or breaks."""
-    rows = sorted(found.table, key=lambda row: -row.ratio)[:SHOWN]
+    rows = sorted(found.table, key=lambda row: -row.ratio)[:MAX_ROWS_SHOWN]
     names = ("", "joint", "limit", "worst", "bound", "unit", "at t [s]", "ratio")
     left = len(found.table) - len(rows)
     notes = (*([f"and {left} more limits, all of lower ratios"] if left else []), *found.notes)
@@ -102,7 +103,9 @@ def slowdown(slow: Slowdown) -> str:
 @html.register
 def retiming(faster: Retiming) -> str:
     """The duration of a retimed motion, the limits that decide it, and the motion."""
-    rows = [(s.joint, s.limit.replace("_", " "), f"{s.start:.4g}", f"{s.stop:.4g}") for s in faster.binding[:SHOWN]]
+    rows = [
+        (s.joint, s.limit.replace("_", " "), f"{s.start:.4g}", f"{s.stop:.4g}") for s in faster.binding[:MAX_ROWS_SHOWN]
+    ]
     left = len(faster.binding) - len(rows)
     notes = [f"and {left} more stretches"] if left else []
     names = ("joint", "limit that decides", "from t [s]", "to t [s]")
@@ -116,7 +119,7 @@ def _checked(row: CheckedLimit) -> tuple[str, ...]:
 
 
 def _picture(paint: Callable[[], "Figure"]) -> str:
-    """A picture as SVG, or nothing where matplotlib is missing: the table says no less without it."""
+    """A picture as SVG, or nothing where matplotlib is missing: the table is complete without it."""
     try:
         content = canvas.svg(paint())
     except JounceError:
@@ -124,13 +127,7 @@ def _picture(paint: Callable[[], "Figure"]) -> str:
     return f'<img alt="picture" src="data:image/svg+xml;base64,{b64encode(content).decode()}">'
 
 
-def _page(
-    head: str,
-    names: Sequence[str] = (),
-    rows: Sequence[Sequence[str]] = (),
-    notes: Sequence[str] = (),
-    picture: str = "",
-) -> str:
+def _page(head: str, names: Cells = (), rows: Sequence[Cells] = (), notes: Cells = (), picture: str = "") -> str:
     """A heading, a table, notes and a picture; names are escaped."""
     cells = [[shortened(cell) for cell in row] for row in rows]
     template = jinja2.Environment(autoescape=True).from_string(PAGE)

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-AXES = {"x": COLOURS[1], "y": COLOURS[2], "z": COLOURS[0]}
-GREY = "#777777"
-AT_US = 0.08  # projected share of an arrow's length, below which it points at the reader or away
+AXIS_COLOURS = {"x": COLOURS[1], "y": COLOURS[2], "z": COLOURS[0]}
+LABEL_GREY = "#777777"
+MIN_ARROW_SHARE = 0.08  # projected share of an arrow's length: a shorter one points at the reader or away
 
 
 @dataclass(frozen=True)
@@ -134,11 +134,11 @@ def _ground(axes: "Axes", view: View, gravity: np.ndarray, size: float) -> None:
 
 def _axis(axes: "Axes", view: View, point: np.ndarray, half: np.ndarray, label: str) -> None:
     start, end = view.of(np.stack([point - half, point + half]))
-    axes.plot(*np.stack([start, end]).T, color=GREY, linewidth=0.9, dashes=(9, 2, 2, 2), zorder=2)
+    axes.plot(*np.stack([start, end]).T, color=LABEL_GREY, linewidth=0.9, dashes=(9, 2, 2, 2), zorder=2)
     axes.plot(*view.of(point), "o", ms=5, mfc="white", mec=INK, mew=0.9, zorder=3)
     along = end - start
-    if np.linalg.norm(along) > AT_US * np.linalg.norm(half):
-        write(axes, label, end, 9 * along / np.linalg.norm(along), color=GREY)
+    if np.linalg.norm(along) > MIN_ARROW_SHARE * np.linalg.norm(half):
+        write(axes, label, end, 9 * along / np.linalg.norm(along), color=LABEL_GREY)
 
 
 def _centre_of_mass(axes: "Axes", at: np.ndarray, radius: float, label: str) -> None:
@@ -158,9 +158,9 @@ def _frame(axes: "Axes", view: View, pose: np.ndarray, size: float, aside: int, 
         place = origin + np.array([(np.sign(aside) * 0.1 + 0.2 * aside) * size, 0])
         axes.plot(*np.stack([origin, place]).T, color=PALE, linewidth=0.8, linestyle=":", zorder=1.5)
         origin = place
-    for (name, colour), direction in zip(AXES.items(), pose[:3, :3].T, strict=True):
+    for (name, colour), direction in zip(AXIS_COLOURS.items(), pose[:3, :3].T, strict=True):
         tip = view.of(direction) * length
-        if np.linalg.norm(tip) > AT_US * length:
+        if np.linalg.norm(tip) > MIN_ARROW_SHARE * length:
             arrow(axes, origin, origin + tip, colour)
             write(axes, name, origin + tip, 6 * tip / np.linalg.norm(tip), color=colour, fontsize=7)
         else:
@@ -180,10 +180,10 @@ def _sharing_origins(poses: np.ndarray, size: float) -> list[list[int]]:
 def _legend(axes: "Axes") -> None:
     from matplotlib.lines import Line2D
 
-    marks = [Line2D([], [], color=colour, label=name) for name, colour in AXES.items()]
+    marks = [Line2D([], [], color=colour, label=name) for name, colour in AXIS_COLOURS.items()]
     marks += [
         Line2D([], [], marker="$\\mathbf{1}$", color=INK, linestyle="none", label="frame of body 1"),
-        Line2D([], [], color=GREY, linewidth=0.9, dashes=(9, 2, 2, 2), label="joint axis $e_i$"),
+        Line2D([], [], color=LABEL_GREY, linewidth=0.9, dashes=(9, 2, 2, 2), label="joint axis $e_i$"),
         Line2D([], [], marker="o", fillstyle="left", mfc=INK, mec=INK, linestyle="none", label="centre of mass $c_i$"),
     ]
     axes.legend(handles=marks, loc="upper center", bbox_to_anchor=(0.5, 0), ncols=3, fontsize=8, handlelength=2.4)

@@ -10,37 +10,33 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-INCH = 25.4  # mm
-COLUMN, PAGE = 88.9, 181.9  # mm, of the journals of the IEEE; those of Elsevier have 90 and 190
-NARROWEST, LEAST, MOST = 2.1, 30.0, 500.0  # inches of a column of axes; mm of a page
+MM_PER_INCH = 25.4  # mm
+COLUMN_WIDTH, PAGE_WIDTH = 88.9, 181.9  # mm, of the journals of the IEEE; those of Elsevier have 90 and 190
+MIN_AXES_WIDTH = 2.1  # inches of a column of axes: its tick labels need it
+MIN_PICTURE_WIDTH, MAX_PICTURE_WIDTH = 30.0, 500.0  # mm: below, nothing can be read; above, no paper is as wide
 
 
 def width_of(text: str) -> float:
-    """The width in inches that "column", "page" or a number of mm means.
-
-    Raises
-    ------
-    JounceError : where it means none, or one on which nothing can be read.
-    """
+    """The width in inches that "column", "page" or a number of mm means; `JounceError` if nothing can be read on it."""
     try:
-        found = {"column": COLUMN, "page": PAGE}.get(text) or float(text)
+        found = {"column": COLUMN_WIDTH, "page": PAGE_WIDTH}.get(text) or float(text)
     except ValueError:
         found = 0.0
-    if not LEAST <= found <= MOST:
-        raise JounceError(f"--width {quoted(text)}; expected column, page or {LEAST:g} to {MOST:g} mm")
-    return found / INCH
+    if not MIN_PICTURE_WIDTH <= found <= MAX_PICTURE_WIDTH:
+        raise JounceError(
+            f"--width {quoted(text)}; expected column, page or {MIN_PICTURE_WIDTH:g} to {MAX_PICTURE_WIDTH:g} mm"
+        )
+    return found / MM_PER_INCH
 
 
 def page_size(
     columns: int, alike: int, cells: int, labels: int, width: float | None
 ) -> tuple[tuple[float, float], int]:
-    """The size in inches of a page of axes, and its columns: fewer where its width is given, if it can be a multiple
-    of the number of axes that are `alike`.
-    """
+    """The size in inches of a page of axes, and its columns: for a width fewer, if possible a multiple of `alike`."""
     if width is None:
         size = 3 + (4.2 if columns < 3 else 3.2) * columns, 0.7 + 2.2 * labels * -(-cells // columns)
         return size, columns
-    columns = max(1, min(columns, int(width / NARROWEST)))
+    columns = max(1, min(columns, int(width / MIN_AXES_WIDTH)))
     columns = max(columns - columns % alike, 1)
     row = min(2.2, max(1.2, 0.55 * width / columns))
     return (width, 0.5 + row * labels * -(-cells // columns)), columns
@@ -63,12 +59,12 @@ def places(figure: "Figure", cells: int, columns: int, labels: int) -> "Sequence
     return [of_label[:cells] for of_label in found]
 
 
-def leave_out_labels(places: "Sequence[Sequence[Axes]]", columns: int) -> None:
+def leave_out_labels(grid: "Sequence[Sequence[Axes]]", columns: int) -> None:
     """Label scales once in each row of one unit, and give each of several axes a letter."""
-    for of_label in places:
+    for of_label in grid:
         for i in range(len(of_label) - 1, 0, -1):
             if i % columns and of_label[i - 1].get_ylabel() == of_label[i].get_ylabel():
                 of_label[i].set_ylabel("")
-    every = [axes for of_label in places for axes in of_label]
+    every = [axes for of_label in grid for axes in of_label]
     for i, axes in enumerate(every if len(every) > 1 else []):
         axes.set_title(f"({letter(i)})", loc="left")

@@ -1,4 +1,9 @@
-"""Labels of a drawing, placed where they cover neither each other nor what is drawn."""
+"""Labels of a drawing, placed where they cover neither each other nor what is drawn.
+
+A greedy search over fixed candidates (J. Christensen, J. Marks, S. Shieber, An empirical study of algorithms for
+point-feature label placement, 1995): each label in turn takes the place of least cost, given those before it, and no
+label moves again. It always ends; where all places are covered, the one that covers least is taken.
+"""
 
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -13,12 +18,15 @@ if TYPE_CHECKING:
     from matplotlib.text import Annotation
 
 LABEL = "label"  # the gid of texts that may be moved
-TURNS = np.radians([0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180])  # from where a label would stand best
-FURTHER = (1.0, 1.4, 1.8, 2.4)  # times as far as there
-GAP = 1.5  # points around a label
-WIDE = 3.0  # points: the two edges of a wider line are seen
-SPACING = 2.0  # points between those of an outline
-ON_LABEL, ON_LINE, MOVED = 1000.0, 10.0, 1.0  # what is avoided first
+LABEL_TURNS = np.radians(
+    [0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180]
+)  # from where a label would stand best
+LABEL_DISTANCES = (1.0, 1.4, 1.8, 2.4)
+LABEL_GAP = 1.5  # points of free paper around a label
+MIN_WIDE_LINE = 3.0  # points: of a wider line labels avoid both edges
+OUTLINE_SPACING = 2.0  # points between those of an outline: less than a label is high
+# Per label covered, per point of an outline covered, and of the move: each outweighs many of the next.
+COST_ON_LABEL, COST_ON_LINE, COST_MOVED = 1000.0, 10.0, 1.0
 
 
 def write(axes: "Axes", text: str, at: Array, offset: Array = (0, 0), **style: Any) -> None:
@@ -41,18 +49,20 @@ def place_labels(figure: "Figure", axes: "Axes") -> None:
     labels: list[Annotation] = [text for text in axes.texts if text.get_gid() == LABEL]  # type: ignore[misc]
     drawn, taken = outline_points(axes), np.empty((0, 4))
     for label in labels:
+        # the cost of every candidate: labels and outlines that its box covers, and how far it is from the best place
         best = np.array(label.xyann)
-        box = label.get_window_extent().padded(GAP * scale)
+        box = label.get_window_extent().padded(LABEL_GAP * scale)
         here = np.array([*box.min, *box.max])
         costs = []
-        for further in FURTHER:
-            for turn in TURNS:
+        for further in LABEL_DISTANCES:
+            for turn in LABEL_TURNS:
                 offset = further * best @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
                 moved = here + np.tile((offset - best) * scale, 2)
                 crossed = ((moved[2:] > taken[:, :2]) & (moved[:2] < taken[:, 2:])).all(axis=1).sum()
                 covered = ((drawn > moved[:2]) & (drawn < moved[2:])).all(axis=1).sum()
-                away = MOVED * (further - 1 + abs(turn) / np.pi)
-                costs.append((ON_LABEL * crossed + ON_LINE * covered + away, offset, moved))
+                away = COST_MOVED * (further - 1 + abs(turn) / np.pi)
+                costs.append((COST_ON_LABEL * crossed + COST_ON_LINE * covered + away, offset, moved))
+        # the first of the cheapest is kept, and its box is taken from now on
         _, offset, place = min(costs, key=lambda cost: cost[0])
         label.xyann = tuple(offset)
         taken = np.vstack([taken, place])
@@ -71,7 +81,7 @@ def outline_points(axes: "Axes") -> np.ndarray:
         if line.get_marker() in ("o", "."):
             radius = line.get_markersize() / 2 * points
             outlines += [at + radius * np.stack([np.cos(circle), np.sin(circle)], axis=-1) for at in run]
-        elif line.get_linewidth() > WIDE:
+        elif line.get_linewidth() > MIN_WIDE_LINE:
             x, y = run[-1] - run[0]
             across = line.get_linewidth() / 2 * points * np.array([-y, x]) / (np.hypot(x, y) or 1)
             outlines += [run + across, run - across]
@@ -80,6 +90,6 @@ def outline_points(axes: "Axes") -> np.ndarray:
     found = [np.empty((0, 2))]
     for outline in outlines:
         for start, end in pairwise(outline):
-            count = 2 + int(np.linalg.norm(end - start) / (SPACING * points))
+            count = 2 + int(np.linalg.norm(end - start) / (OUTLINE_SPACING * points))
             found.append(start + np.linspace(0, 1, count)[:, None] * (end - start))
     return np.concatenate(found)

@@ -8,7 +8,7 @@ import numpy as np
 from jounce.figures.canvas import INK, legend_above, line_style, painted, written
 from jounce.figures.panels import drawn_points
 
-POINTS = 900  # of a curve, at most: panels are low, and there are many
+MEASURED_CURVE_POINTS = 900  # of a curve, at most: panels are low and many, and files small
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,7 +28,7 @@ def over_time(found: "Identification", names: Sequence[str], units: Sequence[str
         grid = figure.subplots(len(seen), 1, sharex=True, squeeze=False)[:, 0]
         for j, axes in zip(seen, grid, strict=True):
             for name, values in curves.items():
-                shown = drawn_points(np.nan_to_num(values[:, j]), POINTS)
+                shown = drawn_points(np.nan_to_num(values[:, j]), MEASURED_CURVE_POINTS)
                 axes.plot(found.t[shown], values[shown, j], **entries[name])
             for span in ((found.t[0], first), (last, found.t[-1])):
                 if span[1] > span[0]:

@@ -8,10 +8,10 @@ import numpy as np
 
 from jounce.motion.bands import COVERS, surest_peaks
 
-MOST_POINTS = 2000  # of a curve, about; a page shows no more
-HIDDEN = 0.1  # of the largest value: a curve below this tells nothing in the same axes
-CROWD = 10  # curves that a reader can follow in the same axes
-WIDEST = 6  # columns that crowds are spread over
+MAX_POINTS_DRAWN = 2000  # of a curve, about: a page has no more pixels across
+MIN_VISIBLE_SHARE = 0.1  # of the largest value: a smaller curve looks flat in the same axes
+MAX_CURVES_PER_AXES = 10  # a reader can follow no more in the same axes
+MAX_CROWD_COLUMNS = 6  # of axes over which many curves are spread: a page has room for no more
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def columns_of(panels: Sequence[Panel]) -> list[list[str]]:
     names = joint_names(panels)
     units = {name: unit for panel in panels for name, unit in panel.joint_units.items()}
     alike = [[name for name in names if units.get(name) == unit] for unit in dict.fromkeys(map(units.get, names))]
-    most = max(CROWD, -(-len(names) // WIDEST))
+    most = max(MAX_CURVES_PER_AXES, -(-len(names) // MAX_CROWD_COLUMNS))
     return [
         [str(name) for name in column]
         for group in alike for sized in by_size(panels, group)
@@ -77,12 +77,12 @@ def by_size(panels: Sequence[Panel], names: Sequence[str]) -> list[list[str]]:
     small = set()
     for panel in panels:
         peaks = {name: panel.peak(name) for name in names if name in panel.curves}
-        small |= {name for name, peak in peaks.items() if peak < HIDDEN * max(peaks.values())}
+        small |= {name for name, peak in peaks.items() if peak < MIN_VISIBLE_SHARE * max(peaks.values())}
     columns = [[name for name in names if (name in small) == side] for side in (False, True)]
     return [column for column in columns if column]
 
 
-def drawn_points(values: np.ndarray, most: int = MOST_POINTS) -> np.ndarray:
+def drawn_points(values: np.ndarray, most: int = MAX_POINTS_DRAWN) -> np.ndarray:
     """The indices of the samples that a page shows: of many the ends, in each short piece the first and the extremes.
 
     Extremes alone would make a ring of a cloud of dots.

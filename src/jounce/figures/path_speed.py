@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from jounce.limits.retime import Retiming
     from jounce.motion import Motion
 
-POINTS = 801  # of the path
-SPEEDS = 400  # that are tried at each point for the curve of efforts and accelerations
-ABOVE = 1.6  # times the largest speed: the height of the axes
-BELOW = 1e-3  # of the largest speed: the lowest that is tried
+PATH_POINTS = 801  # at even sigma: more than a picture has pixels across
+SPEEDS_PER_POINT = 400  # tried over four decades: steps of 2.3 %, less than the line is wide
+AXES_HEIGHT_PER_SPEED = 1.6  # over the largest speed: room for the limits above it
+MIN_SPEED_SHARE = 1e-3  # of the largest speed: lower ones are on the axis of a picture
 CURVE: Any = {"linewidth": 1.0, "linestyle": (0, (5, 2))}
 
 
@@ -35,13 +35,13 @@ def over_path(robot: Engine, motion: "Motion", found: "Retiming") -> "Figure":
     The curve of efforts and accelerations is the maximum velocity curve: above it no acceleration along the path meets
     all of them. Torque rates have no curve of their own.
     """
-    sigma = np.linspace(motion.start, motion.stop, POINTS)
+    sigma = np.linspace(motion.start, motion.stop, PATH_POINTS)
     path = path_of(without_friction(robot), motion, sigma, 0)
     unit = np.linalg.norm(path.q[1], axis=1)
     way = np.concatenate([[0.0], np.cumsum((unit[1:] + unit[:-1]) / 2 * np.diff(sigma))])
     pace_found = np.sqrt(found.law.x(sigma))
     speed = unit * pace_found
-    top = ABOVE * float(speed.max())
+    top = AXES_HEIGHT_PER_SPEED * float(speed.max())
     decided = {stretch.limit for stretch in found.binding}
     colours = {kind: COLOURS[i % len(COLOURS)] for i, kind in enumerate(KINDS)}
     t = found.law.times(sigma)
@@ -75,7 +75,13 @@ def over_path(robot: Engine, motion: "Motion", found: "Retiming") -> "Figure":
 
 
 def _curves(robot: Engine, path: Path, reached: np.ndarray) -> dict[str, np.ndarray]:
-    """The largest paces (N,) along a path that limits of velocity, and of effort and acceleration, allow."""
+    """The largest paces (N,) along a path that limits of velocity, and of effort and acceleration, allow.
+
+    The second is the maximum velocity curve of Bobrow, Dubowsky & Gibson (1985). At a pace, each limit allows an
+    interval of accelerations along the path, ``lower <= a sigma'' + rest <= upper``; the pace is possible where these
+    intervals meet. Paces are tried in rising order, and the last before the first impossible one is taken: islands of
+    possible paces above it are not drawn. Its error is the ratio of neighbouring tries.
+    """
     limits = joint_limits(robot.mechanism)
     drawn = [[*KINDS].index(kind) for kind in ("velocity", "effort", "acceleration", *LINE)]
     table = unlimited(limits.table.shape[-1]).table
@@ -87,13 +93,15 @@ def _curves(robot: Engine, path: Path, reached: np.ndarray) -> dict[str, np.ndar
     if not first:
         return found
     lower, upper = rows.lower[first], rows.upper[first]
-    tries = reached.max() * np.geomspace(BELOW, 10, SPEEDS)
+    # the intervals (tries, N, limits) of accelerations; where a is 0, a limit allows all or none
+    tries = reached.max() * np.geomspace(MIN_SPEED_SHARE, 10, SPEEDS_PER_POINT)
     rest = np.stack([rows.uniform(speed)[:, first] for speed in tries])
     a = rows.factors[:, first] @ (rows.used == pace.S2)
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.stack([(lower - rest) / a, (upper - rest) / a])
     least = np.where(a == 0, np.where((rest >= lower) & (rest <= upper), -np.inf, np.inf), ends.min(axis=0)).max(axis=2)
     most = np.where(a == 0, np.inf, ends.max(axis=0)).min(axis=2)
+    # the last pace, point by point, below which all intervals meet
     possible = np.logical_and.accumulate(least <= most, axis=0)
     found["effort and acceleration limits"] = np.where(
         possible.all(axis=0), np.inf, tries[(possible.sum(axis=0) - 1).clip(0)]

@@ -11,8 +11,8 @@ from jounce.figures.panels import drawn_points
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LIMIT = {"color": "#b00020", "linewidth": 0.9, "linestyle": "solid", "zorder": 0.8}
-HIGHEST = 50.0  # a ratio beyond it is cut: the curves below it would be flat
+RATIO_LIMIT_STYLE = {"color": "#b00020", "linewidth": 0.9, "linestyle": "solid", "zorder": 0.8}
+MAX_RATIO_DRAWN = 50.0  # a larger ratio is cut there: the other curves would be flat
 
 
 def over_time(t: np.ndarray, ratios: Mapping[str, np.ndarray], joints: Sequence[str]) -> "Figure":
@@ -27,14 +27,16 @@ def over_time(t: np.ndarray, ratios: Mapping[str, np.ndarray], joints: Sequence[
                 if np.isfinite(column).any():
                     known = np.flatnonzero(~np.isnan(column))
                     shown = known[drawn_points(column[known])]
-                    axes.plot(t[shown], column[shown].clip(None, HIGHEST), **line_style(j))
+                    axes.plot(t[shown], column[shown].clip(None, MAX_RATIO_DRAWN), **line_style(j))
                     bounded[joint] = line_style(j)
-            axes.axhline(1, **LIMIT)
-            axes.axhspan(1, max(1.05, axes.get_ylim()[1]), color=LIMIT["color"], alpha=0.07, linewidth=0, zorder=0.1)
+            axes.axhline(1, **RATIO_LIMIT_STYLE)
+            axes.axhspan(
+                1, max(1.05, axes.get_ylim()[1]), color=RATIO_LIMIT_STYLE["color"], alpha=0.07, linewidth=0, zorder=0.1
+            )
             axes.set_ylabel(f"{kind.replace('_', ' ')}\n/ limit")
             axes.margins(x=0.01, y=0)
         grid[-1].set_xlabel("t [s]")
         figure.align_ylabels(grid)
-        legend_above(figure, bounded | {"limit": LIMIT})
+        legend_above(figure, bounded | {"limit": RATIO_LIMIT_STYLE})
 
     return painted(paint, 7.2, 0.7 + 1.6 * len(ratios))

@@ -6,19 +6,18 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from jounce.core.errors import JounceError, listed, no_such, quoted, shortened
-from jounce.figures.curves import POINT
+from jounce.figures.curves import SAMPLE_STYLE
 from jounce.figures.panels import Panel, Run
 from jounce.model.coordinates import BASE_FORCES, coordinate_limits, coordinate_units, force_names
 from jounce.model.kinds import EFFORT_KINDS, KINDS, MOTION_KINDS, UNITS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import SUFFIX
 
-LIMITS = {KINDS[kind].symbol: kind for kind in (*MOTION_KINDS, *EFFORT_KINDS)}  # by the quantity
-LARGEST = 1e300  # beyond it matplotlib cannot number an axis
-BESIDE = {"_sd": "deviations", "_sample": "points", "_measured": "points"}
-COLUMN = re.compile(
-    rf"(.*)\.([qQ])({SUFFIX})(_sd|_sample|_measured)?", re.DOTALL
-)  # a name may be of any characters, or of none
+KINDS_BY_SYMBOL = {KINDS[kind].symbol: kind for kind in (*MOTION_KINDS, *EFFORT_KINDS)}  # by the quantity
+MAX_DRAWN_VALUE = 1e300  # matplotlib cannot number an axis of larger values: its margins overflow
+FIELDS_BY_SUFFIX = {"_sd": "deviations", "_sample": "points", "_measured": "points"}
+# a name may be of any characters, or of none
+COLUMN_NAME = re.compile(rf"(.*)\.([qQ])({SUFFIX})(_sd|_sample|_measured)?", re.DOTALL)
 
 
 def run_of(
@@ -30,14 +29,10 @@ def run_of(
 ) -> Run:
     """The panels and breaks of a table, under its name: all that it holds, or some joints and quantities (Q, Qd) only.
 
-    The mechanism tells the order of the joints, their units and their limits; without it the table's order holds.
-
-    Raises
-    ------
-    JounceError : where the table has no column t, none of a quantity or not those asked for, numbers too large, or a
-        joint that the mechanism has not.
+    The mechanism gives the order of the joints, their units and limits; without it the table's order holds. Raises
+    `JounceError` if columns are missing, numbers are too large, or the mechanism has no such joint.
     """
-    found, beside = _found(columns, place)
+    found, extra = _found(columns, place)
     shown = _shown(found, place, joints, quantities, mechanism)
     _check_sizes(columns, shown, place)
     units = dict(zip(BASE_FORCES, ["rad"] * 3 + ["m"] * 3, strict=True))
@@ -46,13 +41,13 @@ def run_of(
     limits = {} if mechanism is None else _limits(mechanism)
     drawn = []
     for quantity, curves in shown.items():
-        given = {kind: of.get(quantity, {}) for kind, of in beside.items()}
+        given = {kind: of.get(quantity, {}) for kind, of in extra.items()}
         unit, of_joints = _units(quantity), limits.get(quantity, {})
         if curves:
             drawn.append(Panel(quantity, curves, None, **given, units=unit, joint_units=units, limits=of_joints))
         points = given.get("points", {}) if quantity == "q" else {}
         if residuals := {joint: points[joint] - values for joint, values in curves.items() if joint in points}:
-            drawn.append(Panel("residual of q", residuals, units=unit, joint_units=units, style=POINT))
+            drawn.append(Panel("residual of q", residuals, units=unit, joint_units=units, style=SAMPLE_STYLE))
     breaks = columns["t"][columns["break"] >= 0].tolist() if "break" in columns else []  # as `jounce motion` marks them
     return Run(columns["t"], drawn, breaks, place)
 
@@ -60,12 +55,7 @@ def run_of(
 def rows_between(
     columns: Mapping[str, np.ndarray], place: str, between: tuple[float, float] | None
 ) -> Mapping[str, np.ndarray]:
-    """The rows of a table between two times, both included; all of them if no time is given.
-
-    Raises
-    ------
-    JounceError : where no row lies between them.
-    """
+    """The rows of a table between two times, both included, or all; `JounceError` if no row lies between them."""
     if between is None or "t" not in columns:
         return columns
     t = columns["t"]
@@ -81,11 +71,11 @@ def _found(
 ) -> tuple[dict[str, dict[str, np.ndarray]], dict[str, dict[str, dict[str, np.ndarray]]]]:
     """The curves by quantity and joint; and by what else there is to a curve, its points and deviations."""
     found: dict[str, dict[str, np.ndarray]] = {}
-    beside: dict[str, dict[str, dict[str, np.ndarray]]] = {}
+    extra: dict[str, dict[str, dict[str, np.ndarray]]] = {}
     for name, values in columns.items():
-        if match := COLUMN.fullmatch(name):
+        if match := COLUMN_NAME.fullmatch(name):
             kind = match[len(match.groups())]
-            of = found if kind is None else beside.setdefault(BESIDE[kind], {})
+            of = found if kind is None else extra.setdefault(FIELDS_BY_SUFFIX[kind], {})
             of.setdefault(match[2] + (match[3] or ""), {})[match[1]] = values
     if not found:
         cure = f"of samples `jounce motion ROBOT {place} -o OUT` makes a table to be drawn"
@@ -94,7 +84,7 @@ def _found(
         )
     if "t" not in columns:
         raise JounceError(f"{place}: no column 't'; available: {listed(columns)}")
-    return found, beside
+    return found, extra
 
 
 def _shown(
@@ -130,9 +120,9 @@ def _shown(
 def _check_sizes(columns: Mapping[str, np.ndarray], shown: Mapping[str, Mapping[str, np.ndarray]], place: str) -> None:
     for name in ["t", *(f"{joint}.{quantity}" for quantity, curves in shown.items() for joint in curves)]:
         peak = np.abs(columns[name]).max()
-        if peak > LARGEST:
+        if peak > MAX_DRAWN_VALUE:
             came = f"column {quoted(name)} holds {peak:g}"
-            raise JounceError(f"{place}: {came}; expected no more than {LARGEST:g} to draw it")
+            raise JounceError(f"{place}: {came}; expected no more than {MAX_DRAWN_VALUE:g} to draw it")
 
 
 def _limits(mechanism: Mechanism) -> dict[str, dict[str, tuple[float, float]]]:
@@ -140,7 +130,7 @@ def _limits(mechanism: Mechanism) -> dict[str, dict[str, tuple[float, float]]]:
     limits = coordinate_limits(mechanism)
     return {
         quantity: dict(zip(mechanism.coordinates, zip(*limits.bounds(kind).tolist(), strict=True), strict=True))
-        for quantity, kind in LIMITS.items()
+        for quantity, kind in KINDS_BY_SYMBOL.items()
         if kind not in limits.without_gravity  # of another force than the table holds
     }
 

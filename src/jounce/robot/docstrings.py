@@ -8,11 +8,11 @@ from typing import NamedTuple
 from jounce.dynamics.quantities import Quantity
 from jounce.spatial.series import rate_name
 
-WIDTH = 112  # of lines, which a class and a method indent in sources
+DOCSTRING_WIDTH = 112  # characters of a line: 120, less the indent of a method in the stub
 
 
 class Option(NamedTuple):
-    """A keyword of methods: its type and default in sources, and what docstrings say of it."""
+    """A keyword of methods: its type and default in sources, and its description."""
 
     annotation: str
     default: str
@@ -20,32 +20,24 @@ class Option(NamedTuple):
     text: str
 
 
-OPTIONS = {
+METHOD_OPTIONS = {
     "wrench": Option(
-        "Rates | None",
-        "None",
-        "(..., nb, 6) or dict, or a tuple of them, optional",
+        "Rates | None", "None", "(..., nb, 6) or dict, or a tuple of them, optional",
         "What the bodies EXERT ON their environment, Qext = +J^T W, (moment; force) in body-frame components about the"
         " origin of the body frame. A *tuple* (W, Wd, ...) is W with as many rates as the result has{more}; anything"
         " else, nested lists included, is W alone. Each is an array (..., nb, 6) or a dict {{body or merged link: (...,"
         " 6)}}. Wd is the derivative of those components.",
     ),
     "stiffness": Option(
-        "Rates | None",
-        "None",
-        "(..., k) or mapping, or a tuple of them, optional",
+        "Rates | None", "None", "(..., k) or mapping, or a tuple of them, optional",
         "The stiffness S of the k joints with two motors, in their order or by name, with as many rates as `wrench`.",
     ),
     "side": Option(
-        "Side | None",
-        "None",
-        '"links", optional',
+        "Side | None", "None", '"links", optional',
         "To be given for this release where joints are elastic: Q is the force of the links, see `{of_motors}`.",
     ),
     "drives": Option(
-        "DriveColumns",
-        "False",
-        "bool, str or iterable of str, optional",
+        "DriveColumns", "False", "bool, str or iterable of str, optional",
         'Columns to append: nb, one per joint variable, for each of "armature", "damping", "friction", "spring" and'
         ' "offset", a constant force, in this order; True appends all. Their parameters are those of `Robot.drives`, of'
         " the spring its stiffness; eps of friction and the rest position of the spring are those of the robot.",
@@ -53,9 +45,7 @@ OPTIONS = {
     "form": Option("Form", "'paper'", "str, optional", '"paper" or "skew".'),
     "body": Option("str | None", "None", "str, optional", "A body or a link merged into one; all bodies by default."),
     "frame": Option(
-        "Frame",
-        "'body'",
-        "str, optional",
+        "Frame", "'body'", "str, optional",
         'Frame of the twists (angular; linear): "body" (the paper\'s body-fixed twist), "world" (world axes, origin of'
         ' the body frame: the hybrid form) or "spatial" (the paper\'s spatial twist).',
     ),
@@ -63,9 +53,9 @@ OPTIONS = {
     "method": Option("Method | None", "None", "", ""),
     "out": Option("Out", "None", "", ""),
     "threads": Option("int", "1", "", ""),
-}
-SHARED = ("base", "method", "out", "threads")
-FORCES = (
+}  # fmt: skip
+SHARED_OPTIONS = ("base", "method", "out", "threads")
+FORCES_TEXT = (
     "Generalized forces: N m, or N for coordinates in m. If the robot floats, they begin with the wrench (moment;"
     " force) that acts on the base, in its axes: zero in flight."
 )
@@ -73,26 +63,19 @@ MOTORS = {
     "tau": "Motor torques: N m, or N for coordinates in m.",
     "q4d": "The wanted fourth time derivative of q: rad/s^4 or m/s^4.",
 }
-COORDINATES = {
+COORDINATE_TEXTS = {
     1: "Coordinates: rad or m.",
     2: "Coordinates and velocities: rad or m, per s.",
     3: "Coordinates, velocities and accelerations: rad or m, per s, per s^2.",
 }
-AXES = {"bodies": "nb", "parameters": "10 nb", "tree": "N", "motors": "k"}  # where they are not called as in rows
+# where they are not called as in rows
+AXIS_LENGTHS = {"bodies": "nb", "parameters": "10 nb", "tree": "N", "motors": "k"}
 
 
 def options_of(row: Quantity) -> tuple[str, ...]:
     """The keywords of the method of a quantity."""
-    of_joints = ("stiffness",) * row.takes_stiffness + ("side",) * bool(row.of_motors)
-    given = (
-        ("wrench",) * row.wrenches,
-        of_joints,
-        row.options,
-        ("body",) * row.of_bodies,
-        ("frame",) * bool(row.frames),
-        SHARED,
-    )
-    return sum(given, ())
+    of_joints = ("wrench",) * row.wrenches + ("stiffness",) * row.takes_stiffness + ("side",) * bool(row.of_motors)
+    return (*of_joints, *row.options, *("body",) * row.of_bodies, *("frame",) * bool(row.frames), *SHARED_OPTIONS)
 
 
 def docstring(row: Quantity) -> str:
@@ -110,9 +93,9 @@ def _section(title: str, entries: Iterable[tuple[str, str]]) -> str:
     return "\n".join(lines)
 
 
-@cache  # what many methods say
+@cache  # shared by many methods
 def _indented(text: str) -> str:
-    return fill(text, WIDTH, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False)
+    return fill(text, DOCSTRING_WIDTH, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False)
 
 
 def _parameters(row: Quantity) -> Iterator[tuple[str, str]]:
@@ -122,30 +105,28 @@ def _parameters(row: Quantity) -> Iterator[tuple[str, str]]:
         if own > 1:
             yield f"{', '.join(names[1:own])} : (..., n)", "Their rates: per s, per s^2."
     else:
-        yield f"{', '.join(names[:own])} : (..., n)", COORDINATES.get(own, "Coordinates and their rates: rad or m, ...")
+        text = COORDINATE_TEXTS.get(own, "Coordinates and their rates: rad or m, ...")
+        yield f"{', '.join(names[:own])} : (..., n)", text
     if row.inputs:
-        yield (
-            f"{', '.join(names[2:4])} : (..., n)",
-            "Positions and velocities of the motors, but of rigid joints.",
-        )
+        yield f"{', '.join(names[2:4])} : (..., n)", "Positions and velocities of the motors, but of rigid joints."
         yield f"{names[4]} : (..., n)", MOTORS[names[4]]
     if row.forces:
-        yield f"{names[own]} : (..., nv)", FORCES
+        yield f"{names[own]} : (..., nv)", FORCES_TEXT
     if not row.results:
         size = "nv" if row.forces else "n"
         more = f"Further rates, each for one more time derivative of {row.names(0)[0]}."
         yield f"{', '.join(names[row.rates :])}, *higher : (..., {size}), optional", more
-    for name in options_of(row)[: -len(SHARED)]:
-        option = OPTIONS[name]
+    for name in options_of(row)[: -len(SHARED_OPTIONS)]:
+        option = METHOD_OPTIONS[name]
         count = row.wrench_rates - 1
         more = f", and {count} more: ({', '.join(rate_name('W', k) for k in range(count + 1))}) for it" if count else ""
         yield f"{name} : {option.takes}", option.text.format(more=more, of_motors=row.of_motors)
-    yield f"{', '.join(SHARED)} : optional", "See `Robot`."
+    yield f"{', '.join(SHARED_OPTIONS)} : optional", "See `Robot`."
 
 
 def _returns(row: Quantity) -> tuple[str, str]:
     names = ", ".join(row.names(0))
-    axes = [str(row.rates) if axis == "rates" else AXES.get(str(axis), str(axis)) for axis in row.shape]
+    axes = [str(row.rates) if axis == "rates" else AXIS_LENGTHS.get(str(axis), str(axis)) for axis in row.shape]
     shape = _shape(axes)
     if row.results:
         kind = shape

@@ -9,17 +9,17 @@ from jounce.engine.engine import Engine
 
 
 def old_attribute(old: str, new: str | None = None) -> property:
-    """An attribute of `ElasticRobot` that `Robot` has not, for elastic joints: under its new name, or the robot itself.
+    """An attribute of `ElasticRobot` that `Robot` lacks, for elastic joints: under its new name, or the robot itself.
 
     A `__getattr__` in its place would slow every call of every robot's methods by 0.1 us.
     """
     itself = ("arm.robot", "arm itself; forces of its links are arm.inverse_dynamics(..., side='links')")
-    said = (f"arm.{old}(...)", f"arm.{new}(...)") if new else itself
+    names = (f"arm.{old}(...)", f"arm.{new}(...)") if new else itself
 
     def found(robot: Engine) -> Any:
         if not _is_elastic(robot):
             raise AttributeError(f"{type(robot).__name__!r} object has no attribute {old!r}", name=old, obj=robot)
-        warn_of_old(*said)
+        warn_of_old(*names)
         return getattr(robot, new) if new else robot
 
     return property(found)

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Mapping
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Unpack
@@ -21,24 +22,16 @@ from jounce.robot import Robot
 
 
 def load(
-    source: str | os.PathLike[str],
-    /,
-    *,
-    gravity: ArrayLike | None = None,
-    base: Base | None = None,
-    root: str | None = None,
-    lock: Mapping[str, Any] | None = None,
-    drives: DriveTerms | None = False,
-    xacro_args: Mapping[str, object] | None = None,
-    **parameters: Unpack[Planar2R],
-) -> Robot:
+    source: str | os.PathLike[str], /, *, gravity: ArrayLike | None = None, base: Base | None = None,
+    root: str | None = None, lock: Mapping[str, Any] | None = None, drives: DriveTerms | None = False,
+    xacro_args: Mapping[str, object] | None = None, **parameters: Unpack[Planar2R],
+) -> Robot:  # fmt: skip
     """Load a robot from a URDF, MJCF, YAML or JSON file, or a bundled robot by its name.
 
     YAML and JSON files contain jounce's own format or a Denavit-Hartenberg table, identified by their keys.
 
     Links behind fixed joints merge into one body, and their names may be used wherever a body's may; mimic joints
-    follow their leaders' coordinates; several root links are all fixed to the ground. Coordinates are in the order of
-    the file, depth first.
+    follow their leaders; several root links are fixed to the ground. Coordinates are in the file's order, depth first.
 
     Parameters
     ----------
@@ -46,8 +39,7 @@ def load(
         Path of a .urdf, .xacro, .xml (MJCF, by MuJoCo; or a URDF), .yaml, .yml or .json file, or the name of a bundled
         robot: "iiwa14", "planar2r", "panda" and others, which `jounce robots` lists.
     gravity : (3,), optional
-        Gravitational acceleration in m/s^2; by default that of the file, or (0, 0, -9.81) if it states none, or
-        (0, 0, -9.80665) for iiwa14.
+        Gravity in m/s^2; by default that of the file, else (0, 0, -9.81); for iiwa14 (0, 0, -9.80665).
     base : str, optional
         "floating": the root link, or the link that a floating joint carries on the ground, moves freely, and what is
         fixed to it is part of it; forces, matrices and Jacobians then have 6 + n rows or columns. Bundled robots with
@@ -56,8 +48,7 @@ def load(
         at zero, with a warning. By default a floating joint that carries all other joints is an error, and only a file
         of jounce's own format that states a base floats.
     root : str, optional
-        Link of a URDF or MJCF file that becomes the base, fixed to the ground or floating: only the links that it
-        carries are kept.
+        Link of a URDF or MJCF file that becomes the base, fixed or floating: only the links that it carries are kept.
     lock : dict, optional
         Joints to lock, {name: rad or m}: their bodies merge into those that carry them, see `Robot.locked`.
     drives : bool, str or several, optional
@@ -110,58 +101,36 @@ def _mechanism(name: str, path: Path, parameters: dict[str, object]) -> Mechanis
         if parameters.get("base") == "floating":
             check_floats(name)
         return _call(BUNDLED[name].build, parameters, name)
-    if path.suffix.lower() not in READERS:
+    if path.suffix.lower() not in ROBOT_READERS:
+        known = ", ".join(ROBOT_READERS)
         if not path.suffix:
-            raise JounceError(f"{no_such('robot', name, BUNDLED)}, or a file of type {', '.join(READERS)}")
-        raise JounceError(f"{path}: unknown type of robot file {path.suffix!r}; available: {', '.join(READERS)}")
+            raise JounceError(f"{no_such('robot', name, BUNDLED)}, or a file of type {known}")
+        raise JounceError(f"{path}: unknown type of robot file {path.suffix!r}; available: {known}")
     with np.errstate(all="ignore"):  # what overflows is refused as not finite, or judged by the audit
-        mechanism = _call(partial(READERS[path.suffix.lower()], path), parameters, str(path))
+        mechanism = _call(partial(_reader(path.suffix.lower()), path), parameters, str(path))
         _warn_of_inertias(mechanism, path)
     return mechanism
 
 
-def _read_urdf(path: Path, /, gravity: object = None, base: str | None = None, root: str | None = None) -> Mechanism:
-    from jounce.io import urdf  # where lxml is needed
-
-    return urdf.read(path, gravity, base, root)
+def _reader(suffix: str) -> Callable[..., Mechanism]:
+    """What reads files of a suffix; lxml, MuJoCo or a reader of YAML are imported with it."""
+    reader: Callable[..., Mechanism] = import_module(f"jounce.io.{ROBOT_READERS[suffix]}").read
+    return _read_xacro if suffix == ".xacro" else reader
 
 
 def _read_xacro(
-    path: Path,
-    /,
-    gravity: object = None,
-    base: str | None = None,
-    root: str | None = None,
+    path: Path, /, gravity: object = None, base: str | None = None, root: str | None = None,
     xacro_args: Mapping[str, object] = MappingProxyType({}),
-) -> Mechanism:
+) -> Mechanism:  # fmt: skip
     from jounce.io import urdf, xacro
 
     content = xacro.expand(path, xacro_args)
     return urdf.parse(content, f"{path} (expanded)", path.name.partition(".")[0], gravity, base, root)
 
 
-def _read_xml(path: Path, /, gravity: object = None, base: str | None = None, root: str | None = None) -> Mechanism:
-    from jounce.io import mjcf  # where lxml and MuJoCo are needed
-
-    return mjcf.read(path, gravity, base, root)
-
-
-def _read_document(path: Path, /, gravity: object = None, base: str | None = None) -> Mechanism:
-    from jounce.io import documents
-
-    return documents.read(path, gravity, base)
-
-
-READERS: dict[str, Callable[..., Mechanism]] = {
-    ".urdf": _read_urdf,
-    ".xacro": _read_xacro,
-    ".xml": _read_xml,
-    ".yaml": _read_document,
-    ".yml": _read_document,
-    ".json": _read_document,
-}
-
-
+ROBOT_READERS = {
+    ".urdf": "urdf", ".xacro": "urdf", ".xml": "mjcf", ".yaml": "documents", ".yml": "documents", ".json": "documents",
+}  # fmt: skip
 ALWAYS = ("lock", "drives")  # parameters of all robots
 
 

@@ -21,7 +21,7 @@ from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.loads import wrench_of_load
 from jounce.model.drives import select_columns, select_terms
-from jounce.robot.docstrings import OPTIONS, docstring, options_of
+from jounce.robot.docstrings import METHOD_OPTIONS, docstring, options_of
 from jounce.robot.elastic import check_side, compiled_name
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def method_of(row: Quantity) -> FunctionType:
     taken = list(names[: row.rates])
     given = ", ".join(taken) + "," if row.results else f"{', '.join(names)}, *higher"
     taken += ["*"] if row.results else [*(f"{name}=None" for name in names[row.rates :]), "*higher"]
-    taken += [f"{name}={OPTIONS[name].default}" for name in options]
+    taken += [f"{name}={METHOD_OPTIONS[name].default}" for name in options]
     called = _with_columns.__name__ if "drives" in options else compute.__name__
     asked = f"{_form_of.__name__}(form)" if "form" in options else repr(row.name)
     if row.of_motors:
@@ -73,16 +73,9 @@ class Methods:
 
     @renamed_keywords(base="moving_base")
     def compile(
-        self,
-        quantity: QuantityName | None = None,
-        order: int = 2,
-        wrench: bool = False,
-        *,
-        body: str | None = None,
-        frame: Frame = "body",
-        product: Product | None = None,
-        moving_base: bool = False,
-    ) -> Kernel[Any]:
+        self, quantity: QuantityName | None = None, order: int = 2, wrench: bool = False, *, body: str | None = None,
+        frame: Frame = "body", product: Product | None = None, moving_base: bool = False,
+    ) -> Kernel[Any]:  # fmt: skip
         """Compile a quantity to native code before its first call.
 
         Code that takes longer than three seconds to compile is compiled only here and with ``method="kernel"``; the
@@ -91,8 +84,7 @@ class Methods:
         Parameters
         ----------
         quantity : str, optional
-            The name of the method: "inverse_dynamics", "mass_matrix", "jacobian", ... The first is the default, but
-            for this release not of robots with elastic joints.
+            The method's name: "inverse_dynamics", "mass_matrix", ...; the first by default, unless joints are elastic.
         order : int, optional
             The highest rate of the quantity: 2 gives Q, Qd, Q2d.
         wrench : bool, optional
@@ -114,8 +106,7 @@ class Methods:
         Raises
         ------
         JounceError
-            If a name is unknown, the robot holds symbols, llvmlite is missing, or a call needs more than 64 MiB of
-            scratch memory.
+            If a name is unknown, the robot holds symbols, llvmlite is missing, or a call needs over 64 MiB of memory.
 
         Examples
         --------
@@ -134,16 +125,9 @@ class Methods:
         return compile_ahead(self, asked)
 
     def drive_forces(
-        self,
-        q: Named,
-        qd: Named,
-        q2d: Named,
-        q3d: Named | None = None,
-        q4d: Named | None = None,
-        *higher: Named,
-        terms: DriveTerms = True,
-        out: Out = None,
-    ) -> Results:
+        self, q: Named, qd: Named, q2d: Named, q3d: Named | None = None, q4d: Named | None = None, *higher: Named,
+        terms: DriveTerms = True, out: Out = None,
+    ) -> Results:  # fmt: skip
         """The joint forces of the drive-train terms, and their rates, whether or not they act in Q.
 
         Parameters
@@ -177,18 +161,10 @@ class Methods:
         return _drives.drive_forces(self.mechanism, (q, qd, q2d, q3d, q4d, *higher), select_terms(terms), out)
 
     def wrench(
-        self,
-        q: Named,
-        qd: Named | None = None,
-        q2d: Named | None = None,
-        *higher: Named,
-        body: str,
-        force: ArrayLike | None = None,
-        torque: ArrayLike | None = None,
-        frame: LoadFrame = "world",
-        point: ArrayLike | None = None,
-        base: Rates | None = None,
-    ) -> Results:
+        self, q: Named, qd: Named | None = None, q2d: Named | None = None, *higher: Named, body: str,
+        force: ArrayLike | None = None, torque: ArrayLike | None = None, frame: LoadFrame = "world",
+        point: ArrayLike | None = None, base: Rates | None = None,
+    ) -> Results:  # fmt: skip
         """The wrenches W, and their rates, of a load that acts ON a body, for `wrench=` of `inverse_dynamics`.
 
         W is the wrench that the body exerts, which is minus the load, about the body's origin in body axes. A load that

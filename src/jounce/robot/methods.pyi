@@ -3010,8 +3010,7 @@ class Methods:
         Parameters
         ----------
         quantity : str, optional
-            The name of the method: "inverse_dynamics", "mass_matrix", "jacobian", ... The first is the default, but
-            for this release not of robots with elastic joints.
+            The method's name: "inverse_dynamics", "mass_matrix", ...; the first by default, unless joints are elastic.
         order : int, optional
             The highest rate of the quantity: 2 gives Q, Qd, Q2d.
         wrench : bool, optional
@@ -3033,8 +3032,7 @@ class Methods:
         Raises
         ------
         JounceError
-            If a name is unknown, the robot holds symbols, llvmlite is missing, or a call needs more than 64 MiB of
-            scratch memory.
+            If a name is unknown, the robot holds symbols, llvmlite is missing, or a call needs over 64 MiB of memory.
 
         Examples
         --------

@@ -26,22 +26,11 @@ PLACE = "the motion"  # where columns without a file stand, in messages
 
 @renamed_keywords(force="allow_noise")
 def load_motion(
-    source: str | os.PathLike[str] | Shaped | Mapping[str, ArrayLike],
-    /,
-    robot: Engine,
-    order: int = 2,
-    degree: int | None = None,
-    intervals: int | None = None,
-    *,
-    bandwidth: float | None = None,
-    allow_noise: bool = False,
-    time: str | None = None,
-    columns: str | None = None,
-    torques: str | None = None,
-    angles: Angles | None = None,
-    time_unit: TimeUnit | None = None,
-    topic: str | None = None,
-) -> "Motion":
+    source: str | os.PathLike[str] | Shaped | Mapping[str, ArrayLike], /, robot: Engine, order: int = 2,
+    degree: int | None = None, intervals: int | None = None, *, bandwidth: float | None = None,
+    allow_noise: bool = False, time: str | None = None, columns: str | None = None, torques: str | None = None,
+    angles: Angles | None = None, time_unit: TimeUnit | None = None, topic: str | None = None,
+) -> "Motion":  # fmt: skip
     """Load a motion of a robot as a function of time: from a file, by name, or from named columns.
 
     Columns are matched by joint name in any order: ``t`` and either one column per joint (samples; the rates are those
@@ -51,8 +40,7 @@ def load_motion(
     Parameters
     ----------
     source : str, path or columns
-        The path of a .csv, .npz, .yaml or .yml file, "paper", "paper-wrench", or columns (N,) of numbers in SI units: a
-        dict, a data frame, a structured array.
+        The path of a file, "paper", "paper-wrench", or columns (N,) in SI units: a dict, data frame, structured array.
     robot : Robot
         The robot that moves.
     order : int, optional
@@ -71,8 +59,7 @@ def load_motion(
     columns : str, optional
         Pattern of the joints' columns: "q_{joint}", or in the robot's order "q{number}" from 1, "q[{index}]" from 0.
     torques : str, optional
-        How the table calls measured torques, in the same way: "tau{number}"; by default ``tau_JOINT``, ``JOINT.tau``
-        and ``JOINT.effort`` are known.
+        The same of measured torques: "tau{number}"; by default ``tau_JOINT``, ``JOINT.tau``, ``JOINT.effort``, ...
     angles : {"rad", "deg"}, optional
         The unit of angles and their rates; a column may state its own, ``joint1 [deg]``.
     time_unit : {"s", "ms", "us", "ns"}, optional

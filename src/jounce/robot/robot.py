@@ -33,6 +33,7 @@ from jounce.model.limits import Limits
 from jounce.model.mechanism import GRAVITY
 from jounce.model.positions import check_single, position_count, positions
 from jounce.robot.applications import Applications
+from jounce.robot.exports import Exports
 from jounce.robot.methods import Methods
 from jounce.robot.old import OldMethods
 
@@ -77,10 +78,9 @@ class Robot(Applications, Methods, OldMethods, Displayed):
       quaternion of the base first, and its rates nv. For other robots nv = n, and the base is the ground, at rest
       unless given. Where it does not enter, as in the mass matrix, it may be left out.
     * Missing values (masked by NumPy, or NA of pandas) are NaN, and so are results that depend on them.
-    * ``method`` selects the method: "kernel" is native code, the default for NumPy arrays of float64, and for arrays
-      of JAX on the CPU, if it is available; "recursion" is the default otherwise; "closed_form" and "paper" are
-      independent checks. All agree. The first call compiles native code, in a fraction of a second, and keeps it on
-      disk for later processes.
+    * ``method`` selects the method: "kernel" is native code, the default for NumPy arrays of float64, and for arrays of
+      JAX on the CPU, if it is available; "recursion" is the default otherwise; "closed_form" and "paper" are
+      independent checks. All agree. The first call compiles native code, which is kept on disk for later processes.
     * ``out`` is the NumPy array, or tuple of arrays, to write the results into; ``threads`` is the number of threads
       among which native code splits a batch.
 
@@ -142,24 +142,12 @@ class Robot(Applications, Methods, OldMethods, Displayed):
 
     @classmethod
     def from_screws(
-        cls,
-        B: ArrayLike,
-        X: ArrayLike,
-        M: ArrayLike,
-        parent: Sequence[int] | None = None,
-        names: Sequence[str] | None = None,
-        gravity: ArrayLike = GRAVITY,
-        *,
-        joint_names: Sequence[str] | None = None,
-        owners: Sequence[int] | None = None,
-        G: ArrayLike | None = None,
-        g: ArrayLike | None = None,
-        limits: Limits | Mapping[str, ArrayLike] | None = None,
-        drives: Drives | Mapping[str, ArrayLike] | None = None,
-        base: ArrayLike | None = None,
-        base_name: str = "base",
-        name: str = "robot",
-    ) -> Self:
+        cls, B: ArrayLike, X: ArrayLike, M: ArrayLike, parent: Sequence[int] | None = None,
+        names: Sequence[str] | None = None, gravity: ArrayLike = GRAVITY, *, joint_names: Sequence[str] | None = None,
+        owners: Sequence[int] | None = None, G: ArrayLike | None = None, g: ArrayLike | None = None,
+        limits: Limits | Mapping[str, ArrayLike] | None = None, drives: Drives | Mapping[str, ArrayLike] | None = None,
+        base: ArrayLike | None = None, base_name: str = "base", name: str = "robot",
+    ) -> Self:  # fmt: skip
         """A robot from body-fixed data.
 
         Body i moves relative to its parent p by ``C_i = C_p B_i exp(X_i theta_i)`` with joint variables
@@ -172,14 +160,13 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         B : (nb, 4, 4)
             Pose of body i in the frame of its parent body at theta_i = 0.
         X : (nc, 6)
-            Joint screws in the frames of the bodies, (xi; eta), one per body unless `owners` says otherwise: revolute
-            (e; x cross e), helical of pitch h (e; x cross e + h e), prismatic (0; e), with a unit vector e and a point
-            x on the axis.
+            Joint screws in the body frames, (xi; eta), one per body without `owners`: revolute (e; x cross e), helical
+            of pitch h (e; x cross e + h e), prismatic (0; e), with a unit vector e and a point x on the axis.
         M : (nb, 6, 6)
             Inertia matrix in the frame of body i, see `inertia_matrix`.
         parent : (nb,), optional
-            Index of the parent body, smaller than i; -1 is the ground, or the base if the robot floats, and several
-            bodies may have it. The default is a serial chain.
+            Index of the parent body, below i; -1 is the ground, or the base if the robot floats. By default a serial
+            chain.
         names : (nb,), optional
             Names of the bodies.
         gravity : (3,), optional
@@ -191,11 +178,9 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         G, g : (nc, n) and (nc,), optional
             Constants of joints that follow others; theta = q by default.
         limits : mapping, optional
-            `lower`, `upper`, `velocity`, `effort`, ... of theta, (nc,) each, or (nc, 2) for (lower, upper); infinite
-            where left out, see `Limits`.
+            `lower`, `upper`, `velocity`, `effort`, ... of theta, (nc,), or (nc, 2) for two sides; infinite if left out.
         drives : mapping, optional
-            `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest` of theta, (nc,) each; zero (eps 0.05) where
-            left out, see `with_drives`.
+            `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest` of theta, (nc,) each; default 0 (eps 0.05).
         base : (6, 6), optional
             Inertia matrix of the base in its own frame, if the robot floats; otherwise the robot stands on the ground.
         base_name : str, optional
@@ -210,8 +195,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If a shape or name is wrong, a number is not finite, a pose, screw or inertia is invalid, or a body
-            comes before its parent.
+            If a shape or name is wrong, a number is not finite, or a pose, screw, inertia or parent is invalid.
 
         References
         ----------
@@ -246,23 +230,12 @@ class Robot(Applications, Methods, OldMethods, Displayed):
 
     @classmethod
     def from_spatial_screws(
-        cls,
-        A: ArrayLike,
-        Y: ArrayLike,
-        M: ArrayLike,
-        parent: Sequence[int] | None = None,
-        names: Sequence[str] | None = None,
-        gravity: ArrayLike = GRAVITY,
-        *,
-        joint_names: Sequence[str] | None = None,
-        G: ArrayLike | None = None,
-        g: ArrayLike | None = None,
-        limits: Limits | Mapping[str, ArrayLike] | None = None,
-        drives: Drives | Mapping[str, ArrayLike] | None = None,
-        base: ArrayLike | None = None,
-        base_name: str = "base",
+        cls, A: ArrayLike, Y: ArrayLike, M: ArrayLike, parent: Sequence[int] | None = None,
+        names: Sequence[str] | None = None, gravity: ArrayLike = GRAVITY, *, joint_names: Sequence[str] | None = None,
+        G: ArrayLike | None = None, g: ArrayLike | None = None, limits: Limits | Mapping[str, ArrayLike] | None = None,
+        drives: Drives | Mapping[str, ArrayLike] | None = None, base: ArrayLike | None = None, base_name: str = "base",
         name: str = "robot",
-    ) -> Self:
+    ) -> Self:  # fmt: skip
         """A robot from spatial data, all in the inertial frame at theta = 0.
 
         ``B_i = A_p^-1 A_i``, ``X_i = Ad(A_i^-1) Y_i``.
@@ -302,24 +275,13 @@ class Robot(Applications, Methods, OldMethods, Displayed):
 
     @classmethod
     def from_dh(
-        cls,
-        table: ArrayLike | Sequence[Mapping[str, object]],
-        M: ArrayLike,
-        convention: Convention,
-        *,
-        types: Sequence[JointType] | None = None,
-        degrees: bool = False,
-        base: ArrayLike | None = None,
-        tool: ArrayLike | None = None,
-        names: Sequence[str] | None = None,
-        gravity: ArrayLike = GRAVITY,
-        joint_names: Sequence[str] | None = None,
-        G: ArrayLike | None = None,
-        g: ArrayLike | None = None,
-        limits: Limits | Mapping[str, ArrayLike] | None = None,
-        drives: Drives | Mapping[str, ArrayLike] | None = None,
+        cls, table: ArrayLike | Sequence[Mapping[str, object]], M: ArrayLike, convention: Convention, *,
+        types: Sequence[JointType] | None = None, degrees: bool = False, base: ArrayLike | None = None,
+        tool: ArrayLike | None = None, names: Sequence[str] | None = None, gravity: ArrayLike = GRAVITY,
+        joint_names: Sequence[str] | None = None, G: ArrayLike | None = None, g: ArrayLike | None = None,
+        limits: Limits | Mapping[str, ArrayLike] | None = None, drives: Drives | Mapping[str, ArrayLike] | None = None,
         name: str = "robot",
-    ) -> Self:
+    ) -> Self:  # fmt: skip
         """A serial robot from a Denavit-Hartenberg table.
 
         "standard": ``T_i = Rot_z(theta_i) Trans_z(d_i) Trans_x(a_i) Rot_x(alpha_i)``; frame i is at the end of link i,
@@ -334,9 +296,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Parameters
         ----------
         table : (n, 4), or n mappings
-            Rows **a, alpha, d, theta**, in this order, which is not that of every book; in m and rad. Rows that cannot
-            be confused are mappings, ``{"theta": 0, "d": 0.1, "a": 0, "alpha": 1.2}``, with ``"type": "prismatic"``
-            for a prismatic joint.
+            Rows **a, alpha, d, theta**, in this order, which is not that of every book; in m and rad. Or mappings,
+            ``{"theta": 0, "d": 0.1, "a": 0, "alpha": 1.2}``, with ``"type": "prismatic"`` for a prismatic joint.
         M : (n, 6, 6)
             Inertia matrices in the frames of the table, see `inertia_matrix`.
         convention : str
@@ -382,13 +343,13 @@ class Robot(Applications, Methods, OldMethods, Displayed):
     ) -> Self:
         """A robot from a Pinocchio model, with the Q of ``pinocchio.rnea(model, data, q, v, a)`` and the same names.
 
-        The coordinates are in the order of Pinocchio's v and named after its joints; mimic joints follow their leader.
-        Differences: a joint without bounds has its angle in q, not a cosine and a sine; joints of several coordinates
-        (composite, universal, translation, sphericalZYX) are chains, ``NAME_1``, ``NAME_2``, ...; spherical, planar and
-        free-flyer joints are balls, planar and free joints, with Pinocchio's numbers in q; bodies are in the
-        order of joints depth first, which is Pinocchio's own for a URDF. Armature (where it is 0, the rotor's inertia
-        times the gear ratio squared), damping and friction become drives, see `with_drives`: Pinocchio's rnea always
-        includes armature and never the others. Bodies, operational frames and sensors may be named wherever a body may.
+        Coordinates have the order of Pinocchio's v and the names of its joints; mimic joints follow their leader. But:
+        a joint without bounds has its angle in q, not a cosine and a sine; composite, universal, translation and
+        sphericalZYX joints are chains, ``NAME_1``, ``NAME_2``, ...; spherical, planar and free-flyer joints are balls,
+        planar and free joints, with Pinocchio's numbers in q; bodies are in the order of joints depth first,
+        Pinocchio's own for a URDF. Armature (where it is 0, the rotor's inertia times the gear ratio squared), damping
+        and friction become drives, see `with_drives`: Pinocchio's rnea always includes armature and never the others.
+        Bodies, operational frames and sensors may be named wherever a body may.
 
         Parameters
         ----------
@@ -400,8 +361,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
             "floating": the body that the free-flyer moves is the base, and floats. "fixed" welds free-flyers on the
             ground at zero, with a `JounceWarning`. By default a free-flyer that carries all other joints is refused.
         root : str, optional
-            A body or frame that becomes the base, fixed to the ground or floating: only the bodies that it carries are
-            kept.
+            A body or frame that becomes the base, fixed or floating: only the bodies that it carries are kept.
 
         Returns
         -------
@@ -410,8 +370,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If it is not a model of Pinocchio, has a free joint, has no joint that moves, or holds a number that is not
-            finite.
+            If it is no model of Pinocchio, has a free joint, no joint moves, or a number is not finite.
 
         Examples
         --------
@@ -421,7 +380,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> robot.joint_names == tuple(model.names)[1:]
         True
         """
-        from jounce.io.models import pinocchio  # what few programs need
+        from jounce.io.models import pinocchio  # imported here to keep start-up fast
 
         return cls(pinocchio.mechanism(model, gravity, base, root))
 
@@ -454,8 +413,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If it is not a model of MuJoCo, one free joint carries all others and no `base` or `root` is given, no joint
-            moves, or it holds a number that is not finite.
+            If it is no model of MuJoCo, needs `base` or `root`, no joint moves, or a number is not finite.
 
         Warns
         -----
@@ -471,20 +429,14 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> jounce.Robot.from_mujoco(model)
         <Robot 'm': 1 coordinates, 1 bodies>
         """
-        from jounce.io.models import mujoco  # what few programs need
+        from jounce.io.models import mujoco  # imported here to keep start-up fast
 
         return cls(mujoco.mechanism(model, gravity, base, root))
 
     def state_from(
-        self,
-        library: Library,
-        q: ArrayLike,
-        v: ArrayLike | None = None,
-        a: ArrayLike | None = None,
-        *,
-        forces: ArrayLike | None = None,
-        model: Any,
-    ) -> "RobotState":
+        self, library: Library, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None, *,
+        forces: ArrayLike | None = None, model: Any,
+    ) -> "RobotState":  # fmt: skip
         """The state of the robot, and its forces, from vectors of Pinocchio or MuJoCo: joints by name.
 
         A base that floats has a pose C, a twist V and its rate Vd from its joint. Of the vectors of this joint,
@@ -506,22 +458,21 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         forces : (..., nv), optional
             Generalized forces, such as tau of Pinocchio's rnea, or qfrc_inverse of MuJoCo.
         model : pinocchio.Model or mujoco.MjModel
-            The model whose vectors they are: its order of joints may differ from that of the robot. Joints that move
-            none of the robot's bodies are ignored.
+            The model whose vectors they are, in its order; joints that move none of the robot's bodies are ignored.
 
         Returns
         -------
         RobotState
-            To use as ``robot.inverse_dynamics(*state.rates, base=state.base)``. Its Q are the forces, if given: the
-            wrench (moment; force) on a base that floats first, in its axes; forces of joints that follow others are
-            added to these.
+            For ``robot.inverse_dynamics(*state.rates, base=state.base)``. Its Q are the forces, if given: the wrench
+            (moment; force) on a floating base first, in its axes; forces of joints that follow others are added to
+            these.
 
         Raises
         ------
         JounceError
-            If a shape is wrong, a quaternion is not of unit norm, a joint of the robot is not in the model, another
-            joint of the model moves its bodies, such as one that is locked, or a joint is not where those that it
-            follows place it, within 0.01.
+            If a shape is wrong, a quaternion is not of unit norm, the model lacks a joint of the robot, or has another,
+            such as a locked one, that moves its bodies, or a joint is not where those that it follows place it, within
+            0.01.
 
         Examples
         --------
@@ -532,21 +483,14 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> state.q.shape, state.base[0].shape
         ((28,), (4, 4))
         """
-        from jounce.io.models import states  # what few programs need
+        from jounce.io.models import states  # imported here to keep start-up fast
 
         return states.state_from(self.mechanism, states.read_model_layout(library, model), (q, v, a), forces)
 
     def state_to(
-        self,
-        library: Library,
-        q: Named | None = None,
-        qd: Named | None = None,
-        q2d: Named | None = None,
-        *,
-        Q: Named | None = None,
-        base: Rates | None = None,
-        model: Any,
-    ) -> Results:
+        self, library: Library, q: Named | None = None, qd: Named | None = None, q2d: Named | None = None, *,
+        Q: Named | None = None, base: Rates | None = None, model: Any,
+    ) -> Results:  # fmt: skip
         """The vectors of Pinocchio or MuJoCo that state the robot, and its forces: the inverse of `state_from`.
 
         Parameters
@@ -573,8 +517,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If a shape is wrong, the pose is missing or not a pose, or the joints of the model are not those of the
-            robot.
+            If a shape is wrong, the pose is missing or invalid, or the model's joints are not those of the robot.
 
         Examples
         --------
@@ -587,7 +530,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> robot.state_to("mujoco", Q=[3.0], model=model)
         array([3.])
         """
-        from jounce.io.models import states  # what few programs need
+        from jounce.io.models import states  # imported here to keep start-up fast
 
         vectors = states.state_to(self.mechanism, states.read_model_layout(library, model), (q, qd, q2d), base, Q)
         return vectors[0] if len(vectors) == 1 else vectors
@@ -603,7 +546,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         terms : bool, str or iterable of str, optional
             "armature", "damping", "friction", "spring"; True selects all, False none.
         eps : float, optional
-            Smoothing velocity of Coulomb friction, rad/s or m/s; by default that of each joint (0.05 unless stated).
+            Smoothing velocity of Coulomb friction, rad/s or m/s; by default that of each joint.
 
         Returns
         -------
@@ -612,8 +555,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If a term is unknown, `eps` is not a positive number, or a term of the motors is selected for a robot with
-            elastic joints.
+            If a term is unknown, `eps` is not positive, or a term of the motors is selected where joints are elastic.
 
         Warns
         -----
@@ -639,36 +581,21 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         return type(self)(replace(self.mechanism, acting=select_terms(terms), drives=drives))
 
     def with_limits(
-        self,
-        source: "str | PathLike[str] | Limits | None" = None,
-        /,
-        *,
-        lower: LimitValues = None,
-        upper: LimitValues = None,
-        velocity: LimitValues = None,
-        acceleration: LimitValues = None,
-        jerk: LimitValues = None,
-        snap: LimitValues = None,
-        effort: LimitValues = None,
-        effort_rate: LimitValues = None,
-        second_effort_rate: LimitValues = None,
-        power: LimitValues = None,
-        stall_effort: LimitValues = None,
-        no_load_velocity: LimitValues = None,
-        motor_position: LimitValues = None,
-        motor_velocity: LimitValues = None,
-        motor_torque: LimitValues = None,
-        motor_current: LimitValues = None,
-        motor_voltage: LimitValues = None,
+        self, source: "str | PathLike[str] | Limits | None" = None, /, *, lower: LimitValues = None,
+        upper: LimitValues = None, velocity: LimitValues = None, acceleration: LimitValues = None,
+        jerk: LimitValues = None, snap: LimitValues = None, effort: LimitValues = None, effort_rate: LimitValues = None,
+        second_effort_rate: LimitValues = None, power: LimitValues = None, stall_effort: LimitValues = None,
+        no_load_velocity: LimitValues = None, motor_position: LimitValues = None, motor_velocity: LimitValues = None,
+        motor_torque: LimitValues = None, motor_current: LimitValues = None, motor_voltage: LimitValues = None,
         of: str | Mapping[str, str] | None = None,
-    ) -> Self:
+    ) -> Self:  # fmt: skip
         """The robot with some of its limits replaced: of q to q4d, of Q, Qd, Q2d, of the power qd Q, and of motors.
 
-        They come from a file, from the published table of an arm, or as numbers, which come last: one number for all
-        coordinates, an array (n,), or a mapping {joint: number}. Except `lower` and `upper`, which bound the position,
-        a limit has two sides where (lower, upper) stands in place of a number, (n, 2) in place of (n,). Infinity takes
-        a limit away. What is left out keeps its limits. Closed loops: forces and power are limited at the motors, in
-        the order of `actuator_forces` if these are not at the coordinates.
+        They come from a file, from the published table of an arm, or as numbers, which win: one for all coordinates, an
+        array (n,), or a mapping {joint: number}. Except for `lower` and `upper` of the position, (lower, upper) in
+        place of a number, (n, 2) of (n,), gives a limit two sides. Infinity takes a limit away. What is left out stays.
+        Closed loops: forces and power are limited at the motors, in the order of `actuator_forces` if these are not at
+        the coordinates.
 
         Parameters
         ----------
@@ -688,13 +615,12 @@ class Robot(Applications, Methods, OldMethods, Displayed):
             Q that falls with speed, as drives have it: Q / stall_effort + qd / no_load_velocity <= 1 in either
             direction, where a line of the data sheet ends at rest, N m or N, and without load, rad/s or m/s.
         motor_position, motor_velocity, motor_torque : number, array or mapping, optional
-            Bounds of theta, thetad and tau of motors behind elastic joints, seen from the links: rad or m, per s, N m
-            or N.
+            Bounds of theta, thetad, tau of motors of elastic joints, seen from the links: rad or m, per s, N m or N.
         motor_current, motor_voltage : number, array or mapping, optional
             Bounds of the currents and voltages of these motors, A and V.
         of : str or mapping, optional
             Which force the effort limits given here bound, with its rates: "Q", the default, or "Q - Qgrav"; a mapping
-            {"effort_rate": "Q - Qgrav"} says it of some.
+            selects some.
 
         Returns
         -------
@@ -703,8 +629,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If a joint, a kind or the name of an arm is unknown, a file cannot be read, a lower limit is above the upper
-            one, a number is negative, or a force is limited at a joint of a closed robot without a motor.
+            If a joint, kind or arm is unknown, a file cannot be read, a lower limit is above the upper one, a number is
+            negative, or a force is limited at a joint of a closed robot without a motor.
 
         Warns
         -----
@@ -721,7 +647,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         array([ 2., inf])
         """
         given = {key: value for key, value in locals().items() if key in KEYS}
-        from jounce.io.limits.reading import limits_from  # what few programs need
+        from jounce.io.limits.reading import limits_from  # imported here to keep start-up fast
 
         mechanism = self.mechanism
         if source is not None:
@@ -798,7 +724,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> found.names
         ('body1 mcx', 'body1 mcy', 'body1 Izz', 'body2 mcx', 'body2 mcy', 'body2 Izz')
         """
-        from jounce.dynamics.base_parameters import base_parameters  # what few programs need
+        from jounce.dynamics.base_parameters import base_parameters  # imported here to keep start-up fast
 
         return base_parameters(self.mechanism)
 
@@ -810,8 +736,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Parameters
         ----------
         values : mapping
-            {joint: rad or m}. Of a closed robot, independent coordinates. A ball, planar or free joint is locked as a
-            whole, at its numbers in q: {"ball": [0, 0, 0, 1]}.
+            {joint: rad or m}. Of a closed robot, independent coordinates. Balls, planar and free joints at their
+            numbers in q.
 
         Returns
         -------
@@ -820,8 +746,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If a joint is unknown or follows another, a value is not a finite number, no joint remains, or the loops
-            cannot be closed.
+            If a joint is unknown or follows another, a value is not finite, no joint remains, or loops do not close.
 
         Examples
         --------
@@ -835,8 +760,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         """Check the model data for physically impossible or suspicious values.
 
         It finds inertias that are not positive semidefinite or break the triangle inequality, placeholders, massless
-        bodies and a singular mass matrix, masses, lengths and moments off by powers of 1000, missing effort and
-        velocity limits, odd gravity.
+        bodies, a singular mass matrix, values off by powers of 1000, missing effort and velocity limits, odd gravity.
 
         Returns
         -------
@@ -857,23 +781,17 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         note joint1, joint2: no effort limit on any joint
         note joint1, joint2: no velocity limit on any joint
         """
-        from jounce.checks.audit import audit  # what few programs need
+        from jounce.checks.audit import audit  # imported here to keep start-up fast
 
         return audit(self.mechanism)
 
     def forces_along(
-        self,
-        motion: "Motion",
-        t: ArrayLike | None = None,
-        order: int = 2,
-        *,
-        method: Method | None = None,
+        self, motion: "Motion", t: ArrayLike | None = None, order: int = 2, *, method: Method | None = None,
         progress: Callable[[int, int], object] | None = None,
-    ) -> "Along":
+    ) -> "Along":  # fmt: skip
         """The generalized forces Q and their rates along a motion, with the wrenches and the base that it holds.
 
-        They are those of `inverse_dynamics`, computed piece by piece: long motions take little memory besides the
-        results.
+        They are those of `inverse_dynamics`, computed piece by piece to save memory.
 
         Parameters
         ----------
@@ -881,15 +799,13 @@ class Robot(Applications, Methods, OldMethods, Displayed):
             From `jounce.load_motion` or a constructor of `Motion`. A robot that floats needs one with a base: columns
             ``base.x, ...`` of a table, or `Motion.with_base`. The base of a fixed robot is the ground that carries it.
         t : (N,), optional
-            Times in s, any within the motion, in any order; by default ``motion.times``: those of its samples or its
-            file, or a grid of about a millisecond.
+            Times in s within the motion; by default ``motion.times``: of samples or file, or about 1 ms apart.
         order : int, optional
             The highest rate of the forces: 2 gives Q, Qd, Q2d.
         method : str, optional
             See `Robot`.
         progress : callable, optional
-            Called as ``progress(done, total)`` after each piece, with numbers of states. An exception that it raises
-            ends the computation.
+            Called as ``progress(done, total)``, in states, after each piece; an exception that it raises ends it.
 
         Returns
         -------
@@ -901,8 +817,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If the motion has too few rates for the order or is not this robot's, a time is outside of it, or a name is
-            unknown.
+            If the motion has too few rates or is not this robot's, a time is outside of it, or a name is unknown.
 
         Examples
         --------
@@ -913,7 +828,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> Q2d.shape
         (10000, 7)
         """
-        from jounce.engine.along import forces_along  # what few programs need
+        from jounce.engine.along import forces_along  # imported here to keep start-up fast
 
         return forces_along(self, motion, t, order, method, progress)
 
@@ -952,7 +867,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> found.ok, found.worst.joint, found.worst.limit, round(found.worst.ratio, 4)
         (False, 'joint2', 'effort', 1.7567)
         """
-        from jounce.limits.check import check  # what few programs need
+        from jounce.limits.check import check  # imported here to keep start-up fast
 
         return check(self, motion)
 
@@ -971,8 +886,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Returns
         -------
         Slowdown
-            The `factor`, what it is `binding` on: (joint, limit, time), the `motion` at this factor, and the `largest`
-            feasible factor at all.
+            The `factor`, the `binding` (joint, limit, time), the `motion` at it, and the `largest` feasible factor.
 
         Raises
         ------
@@ -988,17 +902,16 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> round(slow.factor, 4), slow.binding.joint, slow.binding.limit
         (0.4159, 'joint2', 'effort')
         """
-        from jounce.limits.slowdown import slowdown  # what few programs need
+        from jounce.limits.slowdown import slowdown  # imported here to keep start-up fast
 
         return slowdown(self, motion)
 
     def retime(self, motion: "Motion", margin: float = 0.01) -> "Retiming":
         """The fastest motion along the path of a motion, within all limits of the robot.
 
-        Every finite limit counts: velocity, acceleration, jerk and snap, Q, Qd and Q2d (or Q - Qgrav with its rates,
-        as the limit says), and power; position limits are those of the path. The wrenches of the motion go with the
-        path. The time law is C^5: the result is as smooth as the motion, up to q5d. It starts and ends at rest where
-        the motion does; where the motion moves at an end, its velocity and acceleration there remain.
+        Every finite limit counts: velocity, acceleration, jerk and snap, Q, Qd and Q2d (or Q - Qgrav with its rates),
+        and power; position limits are those of the path. Wrenches go with the path. The time law is C^5: the result is
+        as smooth as the motion, up to q5d. Velocity and acceleration at the ends of the motion remain.
 
         An interior-point method finds the spline x(sigma), the square of the speed along the path, each of its
         iterates within the limits; rows are added where a limit is exceeded between the points of the path.
@@ -1006,8 +919,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Parameters
         ----------
         motion : Motion
-            Of this robot. No rate of q that a limit of it takes may jump below the highest one: a torque rate takes
-            q3d, so that q2d must be continuous; `Motion.blended` makes it so.
+            Of this robot. Below the highest rate of q that a limit takes none may jump: a torque rate takes q3d, so
+            that q2d must be continuous; `Motion.blended` makes it so.
         margin : float, optional
             Share of each limit that is left.
 
@@ -1039,7 +952,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> round(faster.duration, 2), faster.binding[0].limit
         (0.54, 'effort_rate')
         """
-        from jounce.limits.retime import retime  # what few programs need
+        from jounce.limits.retime import retime  # imported here to keep start-up fast
 
         return retime(self, motion, margin)
 
@@ -1074,8 +987,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
             level 0, 1, ... holds it, for motors that state the bodies that carry them. Each level takes two more rates
             of q; level n - 1 is exact for a chain of n joints whose rotors are carried by links before their joints.
         motors : Motor or mapping, optional
-            The motors, one for all joints or {joint: motor}: gears, inertias and carriers of rotors, friction, and the
-            electrical side.
+            The motors, one for all joints or {joint: motor}: gears, rotors, carriers, friction, electrical side.
         damping_terms : int, optional
             Number of terms of the series of dampers at one instant; each after the first takes one more rate of q.
 
@@ -1088,8 +1000,8 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If a stiffness or rotor is zero, negative or NaN, a joint is unknown, an elastic joint has no rotor, or
-            rotors are coupled and one has no carrier.
+            If a stiffness or rotor is zero, negative or NaN, a joint is unknown, an elastic joint has no rotor, or a
+            coupled rotor no carrier.
 
         Warns
         -----
@@ -1108,7 +1020,10 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> arm.motor_positions([0, 0], [0, 0], [0, 0]).round(6)
         array([0.036788, 0.01635 ])
         """
-        from jounce.arguments.elasticity import ElasticParameters, with_elasticity  # what few programs need
+        from jounce.arguments.elasticity import (  # imported here to keep start-up fast
+            ElasticParameters,
+            with_elasticity,
+        )
 
         stated = ElasticParameters(
             stiffness=stiffness, rotor=rotor, damping=damping, spring=spring, coupling=coupling, motors=motors,
@@ -1117,14 +1032,9 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         return type(self)(with_elasticity(self.mechanism, stated))
 
     def closed(
-        self,
-        loops: "Sequence[Loop | Sequence[Any]] | None" = None,
-        actuated: Sequence[str] | None = None,
-        *,
-        coordinates: Sequence[str] | None = None,
-        start: Named | None = None,
-        weights: Named | None = None,
-    ) -> Self:
+        self, loops: "Sequence[Loop | Sequence[Any]] | None" = None, actuated: Sequence[str] | None = None, *,
+        coordinates: Sequence[str] | None = None, start: Named | None = None, weights: Named | None = None,
+    ) -> Self:  # fmt: skip
         """The robot with its loops closed, moved by its actuated joints.
 
         Constraints ``A q' = 0`` hold the coordinates q of the tree, which is this robot: ``q' = F u'`` with the rates
@@ -1146,11 +1056,9 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         coordinates : list of str, optional
             The independent coordinates, by default the actuated joints.
         start : (N,) or mapping, optional
-            Joint positions, rad or m, near a configuration with closed loops: they decide on the branch. Joints that a
-            mapping leaves out are at 0.
+            Positions, rad or m, near closed loops, which decide on the branch; joints that are left out are at 0.
         weights : (k,) or mapping, optional
-            Weights of the motors' forces, where more joints are actuated than there are coordinates: the weighted sum
-            of their squares is least. 1 by default.
+            Weights of the squares of redundant motors' forces, whose sum is least; 1 by default.
 
         Returns
         -------
@@ -1160,11 +1068,9 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         Raises
         ------
         JounceError
-            If a name is unknown, the loops cannot be closed from the start, or the coordinates or motors do not
-            determine the motion.
+            If a name is unknown, loops cannot be closed, or coordinates or motors do not determine the motion.
         UncertainError
-            By methods of the closed robot, a kind of JounceError: if q is so close to a singular position that results
-            have errors above 1e-6 of their size.
+            A kind of JounceError, by methods of the closed robot: near singular positions, where errors exceed 1e-6.
 
         References
         ----------
@@ -1182,15 +1088,9 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         return type(self)(with_loops(self.mechanism, loops, actuated, coordinates, start, weights))
 
     def motors_along(
-        self,
-        motion: "Motion",
-        t: ArrayLike | None = None,
-        order: int = 0,
-        *,
-        stiffness: Rates | None = None,
-        method: Method | None = None,
-        progress: Callable[[int, int], object] | None = None,
-    ) -> "ElasticAlong":
+        self, motion: "Motion", t: ArrayLike | None = None, order: int = 0, *, stiffness: Rates | None = None,
+        method: Method | None = None, progress: Callable[[int, int], object] | None = None,
+    ) -> "ElasticAlong":  # fmt: skip
         """Positions and torques of the motors behind elastic joints along a motion, with the wrenches that it holds.
 
         Parameters
@@ -1224,15 +1124,14 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> tau.shape
         (10000, 7)
         """
-        from jounce.actuators.along import motors_along  # what few programs need
+        from jounce.actuators.along import motors_along  # imported here to keep start-up fast
 
         return motors_along(self, motion, t, order, stiffness, method, progress)
 
     def elastic_energy(self, q: Named, qd: Named, theta: Named, thetad: Named) -> "Energy":
         """The energies of links, rotors and springs of a robot with elastic joints.
 
-        Along a motion without wrenches, the rate of their sum is the power of the motors less what friction takes:
-        ``thetad . (tau - F_m(thetad))``.
+        Without wrenches, the rate of their sum is the motors' power less friction: ``thetad . (tau - F_m(thetad))``.
 
         Parameters
         ----------
@@ -1260,7 +1159,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> energy.rotors.round(9), energy.springs.round(9)
         (np.float64(0.05), np.float64(4.0))
         """
-        from jounce.actuators.energy import energy  # what few programs need
+        from jounce.actuators.energy import energy  # imported here to keep start-up fast
 
         return energy(self, (q, qd, theta, thetad))
 
@@ -1291,12 +1190,12 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> arm.damping_error([0, 0], [1, 0], [0, 0], [0, 0]).round(9)
         array([0., 0.])
         """
-        from jounce.actuators.energy import damping_error  # what few programs need
+        from jounce.actuators.energy import damping_error  # imported here to keep start-up fast
 
         return damping_error(self, rates, wrench)
 
 
-for _part in (Applications, Methods):  # Python's messages on calls name the class that users know
+for _part in (Applications, Exports, Methods):  # Python's messages on calls name the class that users know
     for _name, _method in vars(_part).items():
         if isinstance(_method, FunctionType):
             unwrap(_method).__qualname__ = _method.__qualname__ = f"{Robot.__name__}.{_name}"

@@ -45,18 +45,18 @@ def save(robot: Engine, path: str | os.PathLike[str]) -> None:
         raise JounceError(f"save() expects a path, got {type(path).__name__}")
     target = files.path_of(path)
     check_writable(target)
-    content = WRITERS[target.suffix.lower()](robot.mechanism)
+    content = ROBOT_WRITERS[target.suffix.lower()](robot.mechanism)
     with files.written_whole(target) as part:
         part.write_text(content, encoding="utf-8", newline="\n")
 
 
-WRITERS: dict[str, Callable[[Mechanism], str]] = {".yaml": writing.yaml, ".yml": writing.yaml, ".json": writing.as_json}
+Writer = Callable[[Mechanism], str]
+ROBOT_WRITERS: dict[str, Writer] = {".yaml": writing.yaml, ".yml": writing.yaml, ".json": writing.as_json}
 
 
 def check_writable(path: Path) -> None:
     """Raise `JounceError` if `save` could not write, before any work is done."""
-    if path.suffix.lower() not in WRITERS:
-        raise JounceError(
-            f"{path}: unknown type of robot file to write {path.suffix!r}; available: {', '.join(WRITERS)}"
-        )
+    if path.suffix.lower() not in ROBOT_WRITERS:
+        known = ", ".join(ROBOT_WRITERS)
+        raise JounceError(f"{path}: unknown type of robot file to write {path.suffix!r}; available: {known}")
     files.check_writable(path)

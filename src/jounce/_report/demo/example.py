@@ -23,8 +23,8 @@ from jounce.spatial.inertia import moments
 from jounce.spatial.lie import hat
 
 PAPER_MS = 1.6  # of the authors: an evaluation of order 2, on an Intel Core i9-7960X; Section 6.2
-METHODS: tuple[Method, ...] = ("closed_form", "paper", "recursion", "kernel")
-STEPS = 2.0 ** -np.arange(4, 29)  # s; powers of two, which add to the times without rounding
+EXAMPLE_METHODS: tuple[Method, ...] = ("closed_form", "paper", "recursion", "kernel")
+DIFFERENCE_STEPS = 2.0 ** -np.arange(4, 29)  # s; powers of two, which add to the times without rounding
 SCHEMES = {  # of differentiation: how often they differentiate, and the weights of the values at t + j h
     "forward, 2 points": (1, {0: -1.0, 1: 1.0}),
     "central, 2 points": (1, {-1: -1 / 2, 1: 1 / 2}),
@@ -82,18 +82,18 @@ def step_errors(robot: Engine) -> tuple[StepErrors, StepErrors]:
     motion = motion_of(motions.bundled("paper"), robot.mechanism)
     t = np.arange(motion.start + 0.125, motion.stop - 0.125, 1 / 64)
     exact, again = forces_of(robot, motion, t, "recursion"), forces_of(robot, motion, t, "closed_form")
-    moved = [{j: forces_of(robot, motion, t + j * h) for j in range(-2, 3)} for h in STEPS]
+    moved = [{j: forces_of(robot, motion, t + j * h) for j in range(-2, 3)} for h in DIFFERENCE_STEPS]
 
     def errors(k: int) -> StepErrors:
         of_scheme = {
             name: np.array([
                 share(sum(w * at[j][k - times] for j, w in weights.items()) / h**times - exact[k], exact[k])
-                for h, at in zip(STEPS, moved, strict=True)
+                for h, at in zip(DIFFERENCE_STEPS, moved, strict=True)
             ])
             for name, (times, weights) in SCHEMES.items()
             if times <= k
         }  # fmt: skip
-        return StepErrors(STEPS, of_scheme, share(again[k] - exact[k], exact[k]))
+        return StepErrors(DIFFERENCE_STEPS, of_scheme, share(again[k] - exact[k], exact[k]))
 
     return errors(1), errors(2)
 
@@ -117,7 +117,7 @@ def without_steiner(found: Example) -> tuple[float, ...]:
 
 def methods() -> list[Method]:
     """Return the methods for the forces that are available here."""
-    return [method for method in METHODS if method != "kernel" or available()]
+    return [method for method in EXAMPLE_METHODS if method != "kernel" or available()]
 
 
 def seconds(found: Example) -> Iterator[tuple[str, float, float]]:

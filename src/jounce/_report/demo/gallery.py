@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-EXACT: Any = {"color": INK, "linewidth": 2}
-FORCES = (r"$Q$ [N m]", r"$\dot{Q}$ [N m/s]", r"$\ddot{Q}$ [N m/s²]")
+EXACT_STYLE: Any = {"color": INK, "linewidth": 2}
+FORCE_LABELS = (r"$Q$ [N m]", r"$\dot{Q}$ [N m/s]", r"$\ddot{Q}$ [N m/s²]")
 
 
 def gallery(
@@ -42,7 +42,7 @@ def forces(found: Example, title: str, other: Example) -> "Figure":
 
 def _panels(found: Example) -> list[Panel]:
     differentiated = (None, None, *found.differentiated)
-    labels = (r"$q$ [rad]", *FORCES)
+    labels = (r"$q$ [rad]", *FORCE_LABELS)
 
     def by_joint(values: np.ndarray) -> dict[str, np.ndarray]:
         return dict(zip(found.robot.joint_names, values.T, strict=True))
@@ -58,7 +58,7 @@ def _panels(found: Example) -> list[Panel]:
 def errors_over_steps(of_Qd: StepErrors, of_Q2d: StepErrors) -> "Figure":
     """Two panels, Qd and Q2d: each scheme falls to its best step and rises again; the exact rates have no step."""
     entries = {name: _style(i) for i, name in enumerate(of_Q2d.of_scheme)}
-    entries["exact: closed form against recursion"] = EXACT
+    entries["exact: closed form against recursion"] = EXACT_STYLE
 
     def paint(figure: "Figure") -> None:
         left, right = figure.subplots(1, 2, sharey=True)
@@ -75,8 +75,8 @@ def overlay(found: Example, other: Forces) -> "Figure":
     styles = {"formulas of the paper": line_style(0), "published code": line_style(1)}
 
     def paint(figure: "Figure") -> None:
-        grid = figure.subplots(len(FORCES), len(joints), sharex=True)
-        for row, label, values in zip(grid, FORCES, zip(found.forces, other, strict=True), strict=True):
+        grid = figure.subplots(len(FORCE_LABELS), len(joints), sharex=True)
+        for row, label, values in zip(grid, FORCE_LABELS, zip(found.forces, other, strict=True), strict=True):
             for axes, joint in zip(row, joints, strict=True):
                 for curves, style in zip(values, styles.values(), strict=True):
                     axes.plot(found.t, curves[:, joint], **style)
@@ -101,6 +101,6 @@ def _style(i: int) -> dict[str, Any]:
 def _draw(axes: "Axes", errors: StepErrors, label: str) -> None:
     for i, values in enumerate(errors.of_scheme.values()):
         axes.loglog(errors.h, values, **_style(i))
-    axes.axhline(errors.exact, **EXACT)
+    axes.axhline(errors.exact, **EXACT_STYLE)
     axes.set_ylabel(label)
     axes.set_xlabel("step h [s]")

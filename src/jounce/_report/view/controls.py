@@ -15,8 +15,8 @@ from jounce.figures.canvas import COLOURS
 from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.kinds import unit_of
 
-POINTS = 400  # of a curve: it is sent again as time goes by
-MARK = 1e-4  # of the duration: how wide the mark of the time is
+VIEW_CURVE_POINTS = 400  # of a curve: it is sent again five times per second
+TIME_MARK_WIDTH = 1e-4  # of the duration: how wide the mark of the time is
 
 
 def joint_sliders(gui: Any, robot: Engine, along: Track | None) -> list[Any]:
@@ -37,8 +37,8 @@ def joint_sliders(gui: Any, robot: Engine, along: Track | None) -> list[Any]:
 def curves_of(along: Track, t: float) -> tuple[np.ndarray, ...]:
     """Times and Q of each joint as the plot takes them, and a curve that marks a time by a peak."""
     first, last = along.t[[0, -1]]
-    width = MARK * (last - first)
-    kept = np.unique(np.linspace(0, len(along.t) - 1, POINTS).astype(int))
+    width = TIME_MARK_WIDTH * (last - first)
+    kept = np.unique(np.linspace(0, len(along.t) - 1, VIEW_CURVE_POINTS).astype(int))
     at = np.clip([t - width, t, t + width], first, last)
     times = np.unique([*along.t[kept], *at])
     low, high = float(along.Q.min()), float(along.Q.max())

@@ -7,22 +7,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce._report.drawing import GROUND, parts_of, robot_size
+from jounce._report.drawing import GROUND_BODY, parts_of, robot_size
+from jounce._report.meshes import place_visuals
 from jounce._report.turns import in_turn
 from jounce._report.view.track import Track, start_of
 from jounce.core.errors import JounceError, listed
 from jounce.engine.engine import Engine
 from jounce.figures.drawing import poses_on
-from jounce.io.visuals import read_mesh, visuals_of
+from jounce.io.visuals import visuals_of
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import lie
 
 if TYPE_CHECKING:
     import viser
 
-FORCE, MOMENT = (213, 94, 0), (0, 114, 178)
-LENGTH = 0.35  # of the robot's size: the longest arrow
-NONE = np.zeros((1, 2, 3))  # an arrow that is not seen
+FORCE_COLOUR, MOMENT_COLOUR = (213, 94, 0), (0, 114, 178)
+ARROW_LENGTH = 0.35  # of the robot's size: the longest arrow
+UNSEEN_ARROW = np.zeros((1, 2, 3))  # an arrow that is not seen
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +47,7 @@ def draw_scene(
     m, start = robot.mechanism.tree, start_of(robot)
     size = robot_size(m, poses_on(robot, start, np.eye(4)))
     server.scene.add_grid("/grid", width=4 * size, height=4 * size, cell_size=size / 5, section_size=size)
-    ground = server.scene.add_frame(_node(m, GROUND), show_axes=False)
+    ground = server.scene.add_frame(_node(m, GROUND_BODY), show_axes=False)
     bodies, frames = [], []
     for node in (_node(m, i) for i in range(int(m.floats), m.nb)):
         bodies.append(server.scene.add_frame(node, show_axes=False))
@@ -58,9 +59,11 @@ def draw_scene(
             colour = np.frombuffer(bytes.fromhex(part.colour.removeprefix("#")), np.uint8)
             server.scene.add_mesh_simple(f"{_node(m, part.body)}/part{k}", part.vertices, part.triangles, color=colour)
     shape: Any = {"shaft_radius": 0.01 * size, "head_radius": 0.025 * size, "head_length": 0.05 * size}
-    colours = {"base force": FORCE, "base moment": MOMENT}
-    colours |= {f"load {k}": FORCE for k in range(len(along.wrenches) if along is not None else 0)}
-    arrows = {name: server.scene.add_arrows(f"/{name}", NONE, colour, **shape) for name, colour in colours.items()}
+    colours = {"base force": FORCE_COLOUR, "base moment": MOMENT_COLOUR}
+    colours |= {f"load {k}": FORCE_COLOUR for k in range(len(along.wrenches) if along is not None else 0)}
+    arrows = {
+        name: server.scene.add_arrows(f"/{name}", UNSEEN_ARROW, colour, **shape) for name, colour in colours.items()
+    }
     return Scene(robot, size, ground, bodies, frames, arrows, _largest(robot, along, size), notes)
 
 
@@ -73,10 +76,10 @@ def show(scene: Scene, now: Track) -> None:
     vectors = {"base moment": (np.zeros(3), now.F[:3]), "base force": (np.zeros(3), now.F[3:])}
     for k, (name, W) in enumerate(now.wrenches.items()):
         frame = m.frame(name)
-        C = (poses[frame.body] if frame.body != GROUND else now.C) @ np.asarray(frame.T, dtype=float)
+        C = (poses[frame.body] if frame.body != GROUND_BODY else now.C) @ np.asarray(frame.T, dtype=float)
         vectors[f"load {k}"] = C[:3, 3], -C[:3, :3] @ W[3:]  # on the body
     for name, (start, vector) in vectors.items():
-        scale = LENGTH * scene.size / scene.largest["moment" if name == "base moment" else "force"]
+        scale = ARROW_LENGTH * scene.size / scene.largest["moment" if name == "base moment" else "force"]
         scene.arrows[name].points = np.array([[start, start + scale * vector]])
 
 
@@ -96,19 +99,11 @@ def _draw_visuals(
 ) -> tuple[set[int], list[str]]:
     """Draw the visuals of a robot file; the bodies that they show, and what could not be drawn."""
     m = robot.mechanism
-    seen: set[int] = set()
-    missed = []
-    for k, visual in enumerate(visuals_of(m, file)):
-        frame = m.frame(visual.link)
-        mesh = read_mesh(visual, file, folders)
-        if isinstance(mesh, str):
-            missed.append(mesh)
-            continue
-        C = np.asarray(frame.T, dtype=float) @ visual.T
-        place = {"wxyz": lie.to_quaternion(C[:3, :3]), "position": C[:3, 3]}
-        server.scene.add_mesh_trimesh(f"{_node(m, frame.body)}/visual{k}", mesh, **place)
-        seen.add(frame.body)
-    return seen, [f"not drawn: {listed(dict.fromkeys(missed))}"] if missed else []
+    placed, missed = place_visuals(m, visuals_of(m, file), file, folders)
+    for k, (body, C, mesh) in enumerate(placed):
+        name, turn = f"{_node(m, body)}/visual{k}", lie.to_quaternion(C[:3, :3])
+        server.scene.add_mesh_trimesh(name, mesh, wxyz=turn, position=C[:3, 3])
+    return {body for body, _, _ in placed}, [f"not drawn: {listed(dict.fromkeys(missed))}"] if missed else []
 
 
 def _node(m: Mechanism, body: int) -> str:

@@ -15,21 +15,16 @@ if TYPE_CHECKING:
 
 HOST = "127.0.0.1"  # other machines see nothing
 NAMES_OF_HOST = (HOST, "localhost")  # in addresses of browsers here, and at the near end of a tunnel
-PORT = 8080  # the first that is tried
+FIRST_PORT = 8080  # the first that is tried
 _REPLACING = Lock()  # of attributes of modules, which are restored in reverse order
 
 
 @contextmanager
 def serve(port: int | None) -> Iterator["viser.ViserServer"]:
-    """Serve an empty page, on a given port or a free one from `PORT` on, as long as the context lasts.
-
-    Raises
-    ------
-    JounceError : where the port is taken.
-    """
+    """Serve an empty page in this context, on a given port, if it is free, or the first free one from `FIRST_PORT`."""
     import viser
 
-    first = PORT if port is None else _free_port(port)
+    first = FIRST_PORT if port is None else _free_port(port)
     with _REPLACING, _own_pages_only(), _quiet():
         server = viser.ViserServer(host=HOST, port=first, label="jounce", verbose=False)
     try:

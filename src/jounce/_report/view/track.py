@@ -17,7 +17,7 @@ from jounce.model.positions import resting_position
 if TYPE_CHECKING:
     from jounce.motion import Motion
 
-STATES = 2000  # of a motion, at most
+MAX_TRACK_STATES = 2000  # of a motion, all held in memory: at 30 pictures per second those of a minute
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,15 +43,10 @@ class Track:
 
 
 def track(robot: Engine, motion: "Motion") -> Track:
-    """A motion of a robot, at its own times or, of many, at evenly spaced ones.
-
-    Raises
-    ------
-    JounceError : where the motion is of other joints.
-    """
+    """A motion of a robot, which must be of its joints, at its own times or, of many, at evenly spaced ones."""
     t = motion.times
-    if len(t) > STATES:
-        t = np.linspace(motion.start, motion.stop, STATES)
+    if len(t) > MAX_TRACK_STATES:
+        t = np.linspace(motion.start, motion.stop, MAX_TRACK_STATES)
     along = forces_along(robot, motion, t, 0)
     W = motion.wrench(t, 0)
     loads = {} if W is None else W[0]
@@ -70,12 +65,7 @@ def start_of(robot: Engine) -> np.ndarray:
 
 
 def at_rest(robot: Engine, q: np.ndarray, C: np.ndarray, near: np.ndarray | None = None) -> Track:
-    """The state of a robot that rests at q, its base at C, without loads; loops are closed from positions nearby.
-
-    Raises
-    ------
-    JounceError : where loops cannot be closed.
-    """
+    """The state of a robot that rests at q, its base at C, without loads; loops are closed from positions nearby."""
     whole = close_loops(robot.mechanism, q[None], near)[0] if robot.mechanism.closure else q
     rest, base = np.zeros(robot.n), (C, np.zeros(6), np.zeros(6))
     Q, F = (compute(robot, name, (whole, rest, rest), base=base) for name in (FORCES.name, "base_wrench"))

@@ -20,7 +20,7 @@ from jounce.engine.engine import Engine
 if TYPE_CHECKING:
     import viser
 
-CURVES = 0.2  # s between two updates of the curves
+CURVE_UPDATE_PERIOD = 0.2  # s: curves are sent as a whole, which takes longer than poses
 
 
 @dataclass(eq=False)
@@ -89,7 +89,7 @@ class Viewer:
             first, last = self.along.t[[0, -1]]
             at = self.time.value + seconds * self.speed.value
             self.time.value = float(at if at <= last else first)
-        if clock - self.drawn > CURVES:
+        if clock - self.drawn > CURVE_UPDATE_PERIOD:
             self.drawn = clock
             data = curves_of(self.along, self.time.value)
             if any(not np.array_equal(a, b) for a, b in zip(data, self.plot.data, strict=True)):
@@ -106,14 +106,7 @@ class Viewer:
 def serving(
     robot: Engine, file: Path, along: Track | None, port: int | None = None, folders: Sequence[Path] = ()
 ) -> Iterator[Viewer]:
-    """Serve a robot, of a file that may show its shapes, along a motion or none, as long as the context lasts.
-
-    Meshes may be in further folders.
-
-    Raises
-    ------
-    JounceError : where the port is taken.
-    """
+    """Serve a robot in this context, along a motion or none; its file and meshes in folders show its shapes."""
     with serve(port) as server:
         yield _fill(server, robot, file, along, folders)
 
@@ -158,7 +151,7 @@ def _set_visible(handles: Any, visible: bool) -> None:
 
 
 def run(viewer: Viewer, stopped: Callable[[float], bool]) -> None:
-    """Play until `stopped`, which waits for some seconds, says so."""
+    """Play until `stopped`, which waits for some seconds, returns True."""
     from time import monotonic
 
     before = monotonic()

@@ -24,12 +24,12 @@ def yaml(mechanism: Mechanism) -> str:
     return yaml_of(document(mechanism))
 
 
-def yaml_of(data: dict[str, Any]) -> str:
-    """The YAML text of plain data: vectors, rows and short mappings on one line each."""
+def yaml_of(data: dict[str, Any], flow: bool | None = None) -> str:
+    """The YAML text of plain data: vectors, rows and short mappings on one line each, or, with `flow` False, none."""
     from ruamel.yaml import YAML
 
     writer = YAML(typ="safe", pure=True)
-    writer.default_flow_style = None  # one line for what holds no other collection
+    writer.default_flow_style = flow  # None: one line for what holds no other collection
     writer.width = 1_000_000
     writer.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # declared None
     writer.indent(mapping=2, sequence=4, offset=2)
