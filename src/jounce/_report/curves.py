@@ -13,7 +13,7 @@ from jounce.figures.curves import TOLD
 from jounce.figures.panels import drawn_points
 from jounce.limits.check import CheckedLimit
 from jounce.model.positions import extent_names
-from jounce.motion.bands import COVERS
+from jounce.motion.bands import BAND_DEVIATIONS
 
 POINTS, LEAST_POINTS, ALL_POINTS = 1000, 300, 100_000  # of a curve, and of all together
 BAND_POINTS = 400  # of each edge
@@ -107,7 +107,7 @@ def _band(s: Subject, quantity: Quantity, j: int, colour: str) -> dict[str, Any]
 
 def _edges(s: Subject, quantity: Quantity, j: int) -> tuple[np.ndarray, np.ndarray]:
     assert quantity.deviations is not None
-    values, reach = quantity.values[s.frames, j], COVERS * quantity.deviations[:, j]
+    values, reach = quantity.values[s.frames, j], BAND_DEVIATIONS * quantity.deviations[:, j]
     return values - reach, values + reach
 
 

@@ -26,7 +26,7 @@ from jounce.model.mechanism import Mechanism
 from jounce.motion.curves import Curve
 from jounce.motion.hermite import Hermite
 from jounce.motion.matching import Columns, unwrapped
-from jounce.motion.motion import STEP, Motion
+from jounce.motion.motion import DEFAULT_TIME_STEP, Motion
 
 FEWEST, MOST = 512, 2**20  # even intervals of a motion, at whose ends it is looked at
 STRIDE = 8  # samples of a motion in such an interval
@@ -175,7 +175,7 @@ def positions(
     if m.closure is None:
         return None
     curve, inner, order = unwrapped(motion.curve, t)
-    samples = (curve.stop - curve.start) / STEP if motion.grid is None else len(motion.grid)
+    samples = (curve.stop - curve.start) / DEFAULT_TIME_STEP if motion.grid is None else len(motion.grid)
     count = max(FEWEST, min(MOST, int(samples / STRIDE)))
     fixed: Any = curve  # curves are immutable, hence keys
     step = closing_step(robot)

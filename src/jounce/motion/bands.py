@@ -5,11 +5,11 @@ Towards the ends of a fit deviations rise by powers of ten, and the values with 
 
 import numpy as np
 
-COVERS = 1.96  # standard deviations on either side
+BAND_DEVIATIONS = 1.96  # standard deviations on either side: 95 % of a normal distribution
 
 
 def surest_peaks(values: np.ndarray, deviations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The absolute values along the first axis that are largest less their bands, and their deviations; no NaN."""
-    sure = np.abs(values) - COVERS * deviations
+    sure = np.abs(values) - BAND_DEVIATIONS * deviations
     at = np.argmax(np.where(np.isnan(sure), -np.inf, sure), axis=0)[None]
     return np.abs(np.take_along_axis(values, at, 0)[0]), np.take_along_axis(deviations, at, 0)[0]

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce.core.errors import JounceError
-from jounce.motion.curves import WITHIN, Curve, Jump, OfCurve, jumps_at
+from jounce.motion.curves import INNER_SHARES, Curve, Jump, OfCurve, jumps_at
 from jounce.motion.hermite import between
 
-POINTS = 257  # of a blend, at which its distance from the curve is measured; its middle, the break, is one of them
+BLEND_POINTS = 257  # at which its distance from the curve is measured; odd: the break is one of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class Blend(OfCurve):
                 t = np.concatenate([windows.start, windows.stop])
                 before, after = ([rate[:, [j]] for rate in self.rates(t, order, left)] for left in (True, False))
                 spans = windows.stop - windows.start
-                inside = np.concatenate([windows.start + share * spans for share in WITHIN])
+                inside = np.concatenate([windows.start + share * spans for share in INNER_SHARES])
                 within = [rate[:, [j]] for rate in self.rates(inside, order)]
                 found += [jump._replace(column=j) for jump in jumps_at(t, before, after, np.tile(spans, 2), within)]
         return sorted(found)
@@ -115,10 +115,10 @@ def _windows(base: Curve, j: int, t: np.ndarray, time: float, continuity: int) -
 
 def _distance(blend: Blend, windows: Windows, j: int) -> float:
     """The largest distance of a blend from its curve: at the points, and what the curvature allows between them."""
-    u = np.linspace(0, 1, POINTS)
+    u = np.linspace(0, 1, BLEND_POINTS)
     t = windows.start[:, None] + (windows.stop - windows.start)[:, None] * u
     q, _, q2d = (
         np.abs(a[:, j] - b[:, j]).max()
         for a, b in zip(blend.rates(t.ravel(), 2), blend.base.rates(t.ravel(), 2), strict=True)
     )
-    return float(q + q2d * (windows.stop - windows.start).max() ** 2 / (POINTS - 1) ** 2 / 8)
+    return float(q + q2d * (windows.stop - windows.start).max() ** 2 / (BLEND_POINTS - 1) ** 2 / 8)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce.motion.knots import (
-    ROUNDS,
-    STEPS,
+    MAX_BISECTION_ROUNDS,
+    MIN_STEPS_TO_BISECT,
     Family,
     admissible,
     bisect,
@@ -33,10 +33,10 @@ from jounce.motion.noise import Beats
 
 Part = tuple[float, float, float]  # start, end, longest interval
 
-FINER = 1.1  # times the intervals that are best for q: its derivatives need more, and less of their error is bias
-STARTS = (4, 11 / 3, 10 / 3, 4 / 3)  # powers of two, by which bisections start coarser than the best even intervals
-RATIOS = 1.15, 1.05  # of the numbers of intervals that are tried; the first ones will do for a long log
-TRANSIENT = 30  # times the usual squares above a band that is given, from which on intervals are bisected all the same
+INTERVALS_FOR_RATES = 1.1  # times those that suit q best: its derivatives need more, against their bias
+START_POWERS = (4, 11 / 3, 10 / 3, 4 / 3)  # of two, by which bisections start coarser than the best even intervals
+INTERVAL_RATIOS = 1.15, 1.05  # of the numbers of intervals that are tried; the first suffices for a long log
+MIN_TRANSIENT_GAIN = 30  # times the usual squares above a given band: such intervals are bisected all the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,14 +107,16 @@ def choose(rows: Rows, beats: Beats, intervals: int, floor: np.ndarray) -> Choic
     best, _ = _least_cp(rows, beats, evenly, intervals, variance)
     family = evenly
     if best.intervals > 16 and _is_uneven(rows, beats, best, variance):
-        powers = STARTS if rows.edges is None else STARTS[-1:]  # a long log has starts enough in itself, and less time
+        powers = (
+            START_POWERS if rows.edges is None else START_POWERS[-1:]
+        )  # a long log has starts enough in itself, and less time
         starts = [max(1, int(best.intervals / 2.0**power)) for power in powers if best.intervals > 4 * 2.0**power]
         dense, middle = dense_where(_resolved(rows, beats, starts, variance))
         again = np.maximum(floor, noise_variance(rows, beats, dense(int(1.5 * middle) + 1)))
         other, other_score = _least_cp(rows, beats, dense, middle, again)
         if other_score < cp(best, beats, again):
             best, family, variance = other, dense, again
-    places = family(round(FINER * best.intervals) + 1), family(best.intervals)
+    places = family(round(INTERVALS_FOR_RATES * best.intervals) + 1), family(best.intervals)
     return Choice(fitted(rows, places[0]), best, variance, places)
 
 
@@ -123,13 +125,13 @@ def bounded(rows: Rows, beats: Beats, intervals: int, floor: np.ndarray) -> Choi
     breaks = admissible(rows, even(rows)(intervals))
     variance = np.maximum(floor, noise_variance(rows, beats, even(rows)(min(2 * intervals, most_intervals(rows) // 2))))
     usual = None
-    for _ in range(ROUNDS):
+    for _ in range(MAX_BISECTION_ROUNDS):
         gain = gains_by_joint(rows, breaks, halves(breaks)) / np.diff(breaks)[:, None]
         usual = np.maximum(np.median(gain, axis=0), variance / np.diff(breaks).mean()) if usual is None else usual
         worth = (gain / usual).max(axis=1)
         worth[gains(rows, beats, breaks, variance) < noticeable(len(variance))] = 0
-        worth[beats.passes(breaks) < STEPS] = 0
-        finer = bisect_most(rows, breaks, worth, TRANSIENT)
+        worth[beats.passes(breaks) < MIN_STEPS_TO_BISECT] = 0
+        finer = bisect_most(rows, breaks, worth, MIN_TRANSIENT_GAIN)
         if len(finer) == len(breaks):
             break
         breaks = finer
@@ -186,7 +188,7 @@ def _least_cp(rows: Rows, beats: Beats, family: Family, middle: int, variance: n
                 scores[number] = np.inf
         return scores[number]
 
-    for ratio in RATIOS if rows.edges is None else RATIOS[:1]:
+    for ratio in INTERVAL_RATIOS if rows.edges is None else INTERVAL_RATIOS[:1]:
         start = min(scores, key=scores.__getitem__) if scores else middle
         for step in (ratio, 1 / ratio):
             best, worse, at = score(start), 0, float(start)

@@ -11,16 +11,16 @@ from jounce.model.coordinates import coordinate_units, position_units
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import Position, position_names, several_positions
 from jounce.motion import loads, poses
-from jounce.motion.units import ANGLES, TIMES, factor, split_unit
+from jounce.motion.units import ANGLE_UNITS, TIME_UNITS, factor, split_unit
 from jounce.spatial.groups import GROUPS
 from jounce.spatial.series import SUFFIX, rate_name
 
 TIME = "t"
-ALSO_TIME = ("time", "timestamp")  # in any case, where there is no t
-NUMBERS = "|".join(sorted({name for group in GROUPS.values() for name in (*group.positions, *group.velocities)}))
-RATE = re.compile(rf"(q|{NUMBERS})(?=.{{0,4}}$){SUFFIX}", re.DOTALL)  # no order has more than three digits
+TIME_NAMES = ("time", "timestamp")  # in any case, where there is no t
+NUMBER_NAMES = "|".join(sorted({name for x in GROUPS.values() for name in (*x.positions, *x.velocities)}))
+RATE_COLUMN = re.compile(rf"(q|{NUMBER_NAMES})(?=.{{0,4}}$){SUFFIX}", re.DOTALL)  # of orders up to 999
 DEVIATION = "_sd"  # what the name of a rate's column ends in that holds its standard deviation
-TORQUES = (
+TORQUE_PATTERNS = (
     "tau_{joint}",
     "{joint}.tau",
     "{joint}_tau",
@@ -29,8 +29,8 @@ TORQUES = (
     "{joint}_effort",
     "{joint}.Q_measured",
 )  # the last as `jounce motion` and `run` write them
-MISSPELT = re.compile(r"q[a-z0-9]{0,4}|[fm][a-z]?\d*d*")
-OURS = re.compile(rf"\.(q|{NUMBERS})_sample$|^break$")  # what `jounce motion` writes to be drawn
+MISSPELT_RATE = re.compile(r"q[a-z0-9]{0,4}|[fm][a-z]?\d*d*")
+DRAWING_COLUMNS = re.compile(rf"\.(q|{NUMBER_NAMES})_sample$|^break$")  # what `jounce motion` writes to be drawn
 CURES = {
     "t": "name another column of times by --time COLUMN (time=)",
     "joint": "name the columns by --columns 'q_{joint}' (columns=), or hold a joint by --lock {joint}=VALUE"
@@ -49,7 +49,7 @@ class Options:
     torques: str | None = None
 
     def __post_init__(self) -> None:
-        for what, given, known in (("angles", self.angles, ANGLES), ("time_unit", self.time_unit, TIMES)):
+        for what, given, known in (("angles", self.angles, ANGLE_UNITS), ("time_unit", self.time_unit, TIME_UNITS)):
             if given is not None and (not isinstance(given, str) or given not in known):
                 raise no_such(f"unit of {what}", given, known)
         for what, given in (("time", self.time), ("columns", self.pattern), ("torques", self.torques)):
@@ -122,7 +122,9 @@ def match(header: Sequence[str], mechanism: Mechanism, options: Options, highest
         factors,
         torques,
         tuple(
-            source for name, source in sources.items() if name in given and name not in kept and not OURS.search(name)
+            source
+            for name, source in sources.items()
+            if name in given and name not in kept and not DRAWING_COLUMNS.search(name)
         ),
         options.angles is not None or any(units[sources[name]] for name in wanted),
         options.time_unit is not None or units[sources[TIME]] is not None,
@@ -193,7 +195,7 @@ def _with_time(
 ) -> dict[str, str]:
     """The columns with the one of times called t."""
     if time is None:
-        also = [name for name in sources if name.lower() in ALSO_TIME and name not in joints]
+        also = [name for name in sources if name.lower() in TIME_NAMES and name not in joints]
         if TIME in sources or not also:
             return dict(sources)
         chosen = also[0]
@@ -234,7 +236,7 @@ _EXPECTED = "expected {joint}, {number} (from 1) or {index} (from 0) in it, as i
 def _torques(bare: Mapping[str, tuple[str, str | None]], pattern: str | None, joints: Sequence[str]) -> dict[str, str]:
     """The columns of measured torques, by joint."""
     if pattern is None:
-        called = {known.format(joint=joint): joint for known in TORQUES for joint in joints}
+        called = {known.format(joint=joint): joint for known in TORQUE_PATTERNS for joint in joints}
         found = {name: called[name] for name in bare if name in called and name not in joints}
     else:
         found = _called("--torques", pattern, bare, joints)
@@ -246,7 +248,7 @@ def _torques(bare: Mapping[str, tuple[str, str | None]], pattern: str | None, jo
 
 def _stem(name: str) -> str:
     """What the name of a column of a rate begins with: ``joint1.q`` of ``joint1.q2d``."""
-    found = RATE.fullmatch(name.rpartition(".")[2])
+    found = RATE_COLUMN.fullmatch(name.rpartition(".")[2])
     return name[: len(name) - len(found[2] or "")] if found else name
 
 
@@ -263,7 +265,7 @@ def _belongs(name: str, mechanism: Mechanism) -> bool:
 def _misspelt(name: str, mechanism: Mechanism) -> bool:
     """Return whether a column looks like a misspelt rate of a joint or component of a wrench."""
     owner, _, suffix = name.rpartition(".")
-    return owner in {*mechanism.coordinates, *mechanism.frame_names} and MISSPELT.fullmatch(suffix) is not None
+    return owner in {*mechanism.coordinates, *mechanism.frame_names} and MISSPELT_RATE.fullmatch(suffix) is not None
 
 
 def _check(given: Sequence[str], expected: Sequence[str], sampled: bool, mechanism: Mechanism, highest: int) -> None:

@@ -7,13 +7,12 @@ import numpy as np
 from jounce.core.errors import JounceError, quoted
 from jounce.core.scalars import asarray
 from jounce.motion.analytic import Analytic, Cosine, Terms
-from jounce.motion.curves import Curve, Polynomials
+from jounce.motion.curves import DEFAULT_ORDER, Curve, Polynomials
 from jounce.motion.smoothed import found_from
 from jounce.motion.spline import Smoothing, Spline
 from jounce.motion.units import warn_of_times
 
 PLACE = "the motion"
-HIGHEST = 4  # q4d, which Q2d takes: the rate whose rounding is judged
 
 
 class Parts(NamedTuple):
@@ -36,7 +35,7 @@ def through(t: Any, q: Any, way: Smoothing | Spline, joint_names: Any) -> Parts:
     check_increasing(times, "t")
     names = checked_names(joint_names, samples.shape[1])
     warn_of_times(times, samples, PLACE)
-    found = found_from(times, samples, way, names, HIGHEST, PLACE)
+    found = found_from(times, samples, way, names, DEFAULT_ORDER, PLACE)
     return Parts(found.curve, names, found.source, (times, samples), found.residual, times, found.notes)
 
 

@@ -7,15 +7,15 @@ import numpy as np
 from jounce.motion.knots import fitted
 from jounce.motion.least_squares import Solution
 from jounce.motion.samples import Samples
-from jounce.motion.stamps import SUBSET, Scatter, scatter_of, shifts
+from jounce.motion.stamps import MAX_SCATTER_ROWS, Scatter, scatter_of, shifts
 
-PARTS = (2, 4, 8, 16)  # of an interval, over which shifts of rows are averaged
-MEDIAN_OF_ONE = 0.455  # median of chi^2 with one degree of freedom
+AVERAGING_PARTS = (2, 4, 8, 16)  # of an interval, over which shifts of rows are averaged
+MEDIAN_OF_CHI2_1 = 0.455  # of chi^2 with one degree of freedom
 
 
 def corrected(samples: Samples, raw: Solution, cells: int, rounds: int) -> tuple[Samples, Scatter] | None:
     """The samples at corrected times, in order, where shifts of rows explain what a fit leaves of them."""
-    some = slice(None, None, len(samples.t) // SUBSET + 1)
+    some = slice(None, None, len(samples.t) // MAX_SCATTER_ROWS + 1)
     t = samples.t[some]
     scatter = scatter_of(samples.q[some] - raw.spline(t), raw.spline(t, nu=1))
     if not scatter:
@@ -42,8 +42,8 @@ def colour(samples: Samples, stamped: np.ndarray, solution: Solution, sigma: flo
     over fewer rows than are alike tell too little.
     """
     shift, squares = samples.t - np.sort(stamped), [1.0]
-    for parts in PARTS:
+    for parts in AVERAGING_PARTS:
         block = max(1, len(shift) // (parts * solution.intervals))
         means = shift[: len(shift) // block * block].reshape(-1, block).mean(axis=1)
-        squares.append(float(np.median(means**2)) * block / MEDIAN_OF_ONE / sigma**2)
+        squares.append(float(np.median(means**2)) * block / MEDIAN_OF_CHI2_1 / sigma**2)
     return float(np.sqrt(max(squares)))

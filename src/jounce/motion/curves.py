@@ -7,11 +7,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 COMPONENTS = ("mx", "my", "mz", "fx", "fy", "fz")  # of a wrench, (moment; force), in files
-HIGHEST = 4  # q4d, which Q2d takes: the highest derivative whose jumps are reported by default
-RELATIVE = 1e-9  # of the largest value: a smaller difference is no jump
-WITHIN = (0.2, 0.6)  # shares of a piece, between whose ends at rest its derivatives are not zero there
-POINTS = 64  # of a curve, by which the size of its derivatives is judged
-ROUNDING = 64 * np.finfo(float).eps  # of q, which the k-th derivative of a polynomial over a span h magnifies by h^-k
+DEFAULT_ORDER = 4  # q4d, which Q2d takes: up to it jumps are reported, and the rounding of samples is judged
+MIN_JUMP_SHARE = 1e-9  # of the largest value: a smaller difference is rounding
+INNER_SHARES = (0.2, 0.6)  # of a piece, between whose ends at rest its derivatives are not zero there
+CURVE_POINTS = 64  # by which the size of the derivatives of a curve is judged
+ROUNDING_OF_Q = 64 * np.finfo(float).eps  # share of q; k-th derivatives over a span h magnify it by h^-k
 
 
 class Jump(NamedTuple):
@@ -116,7 +116,7 @@ def jumps_at(
     known = np.zeros(before[0].shape, dtype=bool)
     peaks = [np.abs(np.concatenate(parts)).max(axis=0, initial=0) for parts in zip(before, after, within, strict=True)]
     for k, (a, b) in enumerate(zip(before, after, strict=True)):
-        floor = RELATIVE * peaks[k] + ROUNDING * peaks[0] / spans[:, None] ** k
+        floor = MIN_JUMP_SHARE * peaks[k] + ROUNDING_OF_Q * peaks[0] / spans[:, None] ** k
         new = (np.abs(b - a) > floor) & ~known
         found += [Jump(float(t[i]), int(j), k, float(b[i, j] - a[i, j])) for i, j in np.argwhere(new)]
         known |= new
@@ -159,7 +159,7 @@ class Polynomials:
         h = np.diff(self.x)
         before = powers(self.c[:, :-1], h[:-1, None], order)
         after = powers(self.c[:, 1:], np.zeros((len(h) - 1, 1)), order)
-        inside = (powers(self.c, share * h[:, None], order) for share in WITHIN)
+        inside = (powers(self.c, share * h[:, None], order) for share in INNER_SHARES)
         within = [np.concatenate(parts) for parts in zip(*inside, strict=True)]
         return jumps_at(self.x[1:-1], before, after, np.maximum(h[:-1], h[1:]), within)
 
@@ -169,7 +169,7 @@ class Polynomials:
 
 def rates_within(curve: Curve, order: int) -> list[np.ndarray]:
     """The values (points, columns) of a curve and their derivatives, at times between its ends."""
-    return curve.rates(np.linspace(curve.start, curve.stop, POINTS + 2)[1:-1], order)
+    return curve.rates(np.linspace(curve.start, curve.stop, CURVE_POINTS + 2)[1:-1], order)
 
 
 def powers(c: np.ndarray, s: np.ndarray, order: int) -> list[np.ndarray]:

@@ -13,10 +13,11 @@ if TYPE_CHECKING:
 
     from jounce.motion.lines import Line
 
-POINTS = 20000  # for which ten coefficients' covariances are gathered at once
-DECAY = 15  # power of the interval with which the error of q falls: 10 far from the limit of the band, more near it
-DRAWS, TOGETHER = 32, 4  # of the scatter of stamps, and how many are fitted at once
-HIGHEST = 6  # derivative with a standard deviation
+MAX_GATHERED_TIMES = 20000  # for which ten coefficients' covariances are gathered at once: 16 MB
+ERROR_DECAY_POWER = 15  # of the interval, with which the error of q falls: 10, and more near the limit of the band
+BOOTSTRAP_DRAWS = 32  # of the scatter of stamps: deviations are known to 1 / sqrt(2 * 32) = 13 % then
+DRAWS_PER_FIT = 4  # as columns of one problem
+MAX_DEVIATION_ORDER = 6  # the highest derivative with a standard deviation
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +69,8 @@ class Spread:
 
     def covariances(self, t: np.ndarray, order: int) -> np.ndarray:
         """Covariances of q, qd, ... with each other at times (P,), (P, n, order + 1, order + 1)."""
-        starts = range(0, max(1, len(t)), POINTS)
-        return np.concatenate([self._covariances(t[start : start + POINTS], order) for start in starts])
+        starts = range(0, max(1, len(t)), MAX_GATHERED_TIMES)
+        return np.concatenate([self._covariances(t[start : start + MAX_GATHERED_TIMES], order) for start in starts])
 
     def _covariances(self, t: np.ndarray, order: int) -> np.ndarray:
         unit, place = _unit_covariances(self.solution, self._blocks, t, order)
@@ -109,8 +110,8 @@ class Spread:
         breaks = self.solution.breaks
         t = _quarters(breaks)
         out = []
-        for k in range(HIGHEST + 1):
-            rest = self.ratio ** -(DECAY - k)
+        for k in range(MAX_DEVIATION_ORDER + 1):
+            rest = self.ratio ** -(ERROR_DECAY_POWER - k)
             apart = (self.solution.spline(t, nu=k) - self.coarser(t, nu=k)) * rest / (1 - rest)
             squares = (apart**2).reshape(len(breaks) - 1, 4, -1).mean(axis=1)
             padded = np.pad(squares, ((1, 1), (0, 0)), mode="edge")
@@ -129,19 +130,19 @@ def stamp_covariances(rows: Rows, raw: Solution, sigma: float, own: np.ndarray) 
     v = raw.spline(rows.t, nu=1)
     across = v / own / np.maximum((v**2 / own).sum(axis=1), np.finfo(float).tiny)[:, None]
     weight = rows.weight if rows.edges is None else np.ones(len(rows.t))  # a row of a cell has the noise of one sample
-    rows = replace(rows, along=None, rest=np.zeros(TOGETHER * v.shape[1]))
+    rows = replace(rows, along=None, rest=np.zeros(DRAWS_PER_FIT * v.shape[1]))
     times = _quarters(raw.breaks)
-    total = np.zeros((len(times), v.shape[1], HIGHEST + 1, HIGHEST + 1))
-    for _ in range(DRAWS // TOGETHER):
-        d = sigma * random.normal(size=(len(v), 1, TOGETHER))
+    total = np.zeros((len(times), v.shape[1], MAX_DEVIATION_ORDER + 1, MAX_DEVIATION_ORDER + 1))
+    for _ in range(BOOTSTRAP_DRAWS // DRAWS_PER_FIT):
+        d = sigma * random.normal(size=(len(v), 1, DRAWS_PER_FIT))
         noise = (weight[:, None, None] * v[:, :, None] * d).reshape(len(v), -1)
-        taken = solve(replace(rows, y=noise), raw.breaks).spline(rows.t).reshape(*v.shape, TOGETHER)
+        taken = solve(replace(rows, y=noise), raw.breaks).spline(rows.t).reshape(*v.shape, DRAWS_PER_FIT)
         tau = (across[:, :, None] * taken).sum(axis=1, keepdims=True)
         left = rows.weight[:, None] * (v[:, :, None] * tau).reshape(len(v), -1)
         curve = solve(replace(rows, y=left), raw.breaks).spline
-        rates = [curve(times, nu=k).reshape(len(times), -1, TOGETHER) for k in range(HIGHEST + 1)]
+        rates = [curve(times, nu=k).reshape(len(times), -1, DRAWS_PER_FIT) for k in range(MAX_DEVIATION_ORDER + 1)]
         e = np.stack(rates, axis=2)
-        total += e @ e.mT / DRAWS
+        total += e @ e.mT / BOOTSTRAP_DRAWS
     return StampCovariances(times, total)
 
 

@@ -15,8 +15,8 @@ from jounce.motion.base import with_blocks
 from jounce.motion.curves import Jump, OfCurve
 from jounce.spatial.series import Series, columns, from_rate, joined
 
-SMALL = 1.0  # z, below which the power series is used
-TERMS = 10  # of it: the next one is less than 1e-18
+POWER_SERIES_RADIUS = 1.0  # of z, rad, below which the power series is used
+POWER_SERIES_TERMS = 10  # the next one is less than 1e-18
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ def _bessel(k: int, z: np.ndarray) -> np.ndarray:
     """u_k: cos z, sin z / z, ..., finite at zero."""
     from scipy.special import spherical_jn
 
-    small, x = np.zeros_like(z), np.maximum(z, SMALL)
-    for i in reversed(range(TERMS)):
+    small, x = np.zeros_like(z), np.maximum(z, POWER_SERIES_RADIUS)
+    for i in reversed(range(POWER_SERIES_TERMS)):
         small = small * (-z * z / 2) + 1 / (factorial(i) * prod(range(2 * k + 2 * i - 1, 1, -2)))
-    return np.where(z < SMALL, small, spherical_jn(k - 1, x) / x ** (k - 1) if k else np.cos(x))
+    return np.where(z < POWER_SERIES_RADIUS, small, spherical_jn(k - 1, x) / x ** (k - 1) if k else np.cos(x))

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.core.errors import JounceError, listed, quoted
-from jounce.motion.deviations import HIGHEST, Spread
+from jounce.motion.deviations import MAX_DEVIATION_ORDER, Spread
 from jounce.motion.holds import Holds, find_holds
-from jounce.motion.least_squares import DEGREE, knots
+from jounce.motion.least_squares import FIT_DEGREE, knots
 from jounce.motion.noise import Noise, noise_of, step_of
 from jounce.motion.samples import Samples
 from jounce.motion.sensors import Sensors, find_sensors
@@ -23,8 +23,8 @@ from jounce.spatial.series import rate_name
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-THRESHOLD = 0.5  # of the peak of a derivative: beyond that standard deviation the samples do not carry it
-ENDS = 3  # intervals at either end, in which deviations of derivatives rise by powers of ten
+MAX_RELATIVE_DEVIATION = 0.5  # of the peak of a derivative: beyond that standard deviation the samples do not carry it
+END_INTERVALS = 3  # at either end, in which deviations of derivatives rise by powers of ten
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +83,10 @@ class Fit:
 
     def covariances(self, t: object, order: int = 4) -> np.ndarray:
         """Covariances of q, qd, ... of each joint with one another at times t: (..., n, order + 1, order + 1)."""
-        if not 0 <= order <= HIGHEST:
-            raise JounceError(f"order is {quoted(order)}; standard deviations are known from order 0 to {HIGHEST}")
+        if not 0 <= order <= MAX_DEVIATION_ORDER:
+            raise JounceError(
+                f"order is {quoted(order)}; standard deviations are known from order 0 to {MAX_DEVIATION_ORDER}"
+            )
         times = np.asarray(t, dtype=float)
         out = np.zeros((*times.shape, len(self.joints), order + 1, order + 1))
         if self._spread is not None:
@@ -101,12 +103,12 @@ class Fit:
     @property
     def highest(self) -> int:
         """The highest derivative of q whose standard deviation is less than half of its peak."""
-        return int(np.argmax(np.append(self.relative >= THRESHOLD, True))) - 1
+        return int(np.argmax(np.append(self.relative >= MAX_RELATIVE_DEVIATION, True))) - 1
 
     def shortfall(self, order: int = 2) -> str | None:
         """Why the rate of the forces Q of that order cannot be had from these samples, in one line; None if it can."""
-        if not 0 <= order + 2 <= HIGHEST:
-            raise JounceError(f"order is {quoted(order)}; expected 0 to {HIGHEST - 2}")
+        if not 0 <= order + 2 <= MAX_DEVIATION_ORDER:
+            raise JounceError(f"order is {quoted(order)}; expected 0 to {MAX_DEVIATION_ORDER - 2}")
         return self.lacks(order + 2, rate_name("Q", order))
 
     def lacks(self, k: int, purpose: str, symbol: str = "q") -> str | None:
@@ -115,7 +117,7 @@ class Fit:
             return None
         k = int(np.argmax(self.relative[: k + 1]))
         worst = max((n for n in self.noise if n.kind != "rest"), key=lambda n: n.sigma)
-        factor = float(self.relative[k]) / THRESHOLD
+        factor = float(self.relative[k]) / MAX_RELATIVE_DEVIATION
         band = self.bandwidth * min(0.9, factor ** (-2 / (2 * k + 1)))
         return (
             f"the samples do not carry {purpose}: the standard deviation of {rate_name(symbol, k)} is"
@@ -232,19 +234,21 @@ def _described(
     from scipy.interpolate import BSpline
 
     knot = smoothed.spline.t if smoothed else knots(t[[0, -1]])
-    breaks = knot[DEGREE : len(knot) - DEGREE]
+    breaks = knot[FIT_DEGREE : len(knot) - FIT_DEGREE]
     middle = q[0] + (q - q[0]).mean(axis=0)  # exact where a joint does not move at all
-    coefficients = np.tile(middle, (len(knot) - DEGREE - 1, 1))
+    coefficients = np.tile(middle, (len(knot) - FIT_DEGREE - 1, 1))
     if smoothed:
         coefficients[:, moving] = smoothed.spline.c
-    spline = BSpline(knot, coefficients, DEGREE)
+    spline = BSpline(knot, coefficients, FIT_DEGREE)
     lengths = np.sort(np.diff(breaks))
     usual = float(lengths[np.searchsorted(np.cumsum(lengths), lengths.sum() / 2)])
-    edge = min(ENDS, max(0, (len(breaks) - 2) // 2))
+    edge = min(END_INTERVALS, max(0, (len(breaks) - 2) // 2))
     ends = (float(breaks[edge]), float(breaks[-1 - edge])) if smoothed else (float(t[0]), float(t[-1]))
     spread, spacing = smoothed.spread if smoothed else None, float(np.median(np.diff(t)))
     followed = replace(spread, left_out=()) if spread else None
-    zeros = np.zeros((HIGHEST + 1, len(joints)))
+    zeros = np.zeros((MAX_DEVIATION_ORDER + 1, len(joints)))
     bare = Fit(spline, joints, noise, 0.5 / usual, ends, zeros, zeros[:, 0], notes, spacing, rows, followed, moving)
-    peaks, shares = peaks_and_shares(spline, lambda s: np.array(bare.deviations(s, HIGHEST)) * moving, ends, q)
+    peaks, shares = peaks_and_shares(
+        spline, lambda s: np.array(bare.deviations(s, MAX_DEVIATION_ORDER)) * moving, ends, q
+    )
     return replace(bare, peaks=peaks, relative=shares, _spread=spread)

@@ -11,10 +11,8 @@ import numpy as np
 
 from jounce.core.errors import warn
 from jounce.motion.curves import Jump, powers
-from jounce.motion.smoothness import resolution, sizes_of
+from jounce.motion.smoothness import MAX_ROUNDING_SHARE, resolution, sizes_of
 from jounce.spatial.series import rate_name
-
-NOTICEABLE = 0.01  # share of rounding in a rate from which on a user should hear of it
 
 _counting: ContextVar[float] = ContextVar("_counting", default=math.inf)
 
@@ -112,10 +110,10 @@ class Hermite:
         order = int(min(order, _counting.get()))
         shares, coarse = self._shares_of_rounding
         share, j = float(shares[order].max()), int(shares[order].argmax())
-        if share > NOTICEABLE:
+        if share > MAX_ROUNDING_SHARE:
             q = self.names[j] if self.names else "q"
             came = f"{self.table}: rounding of {q} or t may make up {min(share, 1):.0%} of {rate_name(q, order)}"
-            apart = 1.1 * np.diff(self.t).min() * (share / NOTICEABLE) ** (1 / max(order, 1))
+            apart = 1.1 * np.diff(self.t).min() * (share / MAX_ROUNDING_SHARE) ** (1 / max(order, 1))
             cures = ["more digits"] * bool(coarse[j]) + [f"rows at least {apart:.2g} s apart"] * (order > 0)
             warn(f"{came} between its rows, not at them; expected {' or '.join(cures)}")
 

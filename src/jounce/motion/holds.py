@@ -15,16 +15,16 @@ from jounce.motion.knots import fitted
 from jounce.motion.least_squares import Solution
 from jounce.motion.samples import Samples
 
-SIZES = 2.0  # steps or standard deviations that a motion passes in a hold: positions round to a step, both ends scatter
-MAX_HOLD = 10.0  # times the usual number of rows between changes
-REGULAR = 0.9  # of the changes that could not be missed follow each other by the sensor's period, give or take a row
-MIN_CHANGES = 10  # that tell a period
-MIN_PERIOD = 1.5  # rows, from which on a sensor is slower than the log
-REGULAR_ROWS = 0.995  # of the rows are first ones; of a few holds the first row may be missing
-MIN_UNSURE = 0.01  # periods, below which it is not worth a word
-PARTS = 64  # of a log, whose rows tell how unsure a sensor's clock is
-TOLERANCE = 1e-9  # rows, by which ticks may be late for rounding
-MAX_LATE = 1.1  # rows: a regular sensor is read within one, but for rounding of stamps
+MIN_STEPS_IN_HOLD = 2.0  # or standard deviations, that a motion passes: positions round, and both ends scatter
+MAX_HOLD_TO_USUAL = 10.0  # number of rows between changes: a longer run of equal rows is a rest
+MIN_REGULAR_SHARE = 0.9  # of certain changes, which follow each other by the period, give or take a row
+MIN_SENSOR_CHANGES = 10  # that determine a period
+MIN_PERIOD_IN_ROWS = 1.5  # from which on a sensor is slower than the log
+FIRST_ROW_SHARE = 0.995  # of rows are the first of their hold; of a few holds it may be missing
+MIN_NOTED_DELAY = 0.01  # periods: below, the doubt about a delay is not worth a word
+CLOCK_PARTS = 64  # of a log, whose earliest and latest rows bound the sensor's clock in a linear program
+TICK_TOLERANCE = 1e-9  # rows, by which ticks may be late for rounding
+MAX_ROWS_LATE = 1.1  # a regular sensor is read within one row, but for rounding of stamps
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ class Holds:
 def late_by(unsure: np.ndarray | float, period: float) -> str:
     """What to say of times that are unsure, against the sensor's period."""
     late = float(np.max(unsure))
-    return f" or up to {late:.2g} s late, which the deviations hold" if late > MIN_UNSURE * period else ""
+    return f" or up to {late:.2g} s late, which the deviations hold" if late > MIN_NOTED_DELAY * period else ""
 
 
 def find_holds(samples: Samples, first: Solution, cells: int) -> Holds:
@@ -85,7 +85,7 @@ def find_holds(samples: Samples, first: Solution, cells: int) -> Holds:
     ends = np.append(starts[1:], len(changed)) - 1
     scatter = np.sqrt(first.energy / len(changed))
     own = fitted(samples.part(starts).rows(cells), first.breaks)  # others are off it for their delay
-    size = np.maximum(SIZES * np.maximum(samples.steps, np.sqrt(own.energy / len(starts))), scatter / 2)
+    size = np.maximum(MIN_STEPS_IN_HOLD * np.maximum(samples.steps, np.sqrt(own.energy / len(starts))), scatter / 2)
     curve = first.spline(samples.t)
 
     def passes(x: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -95,15 +95,15 @@ def find_holds(samples: Samples, first: Solution, cells: int) -> Holds:
     certain = np.asarray(passes(curve, starts[:-1], starts[1:]).any(axis=1))
     usual = float(np.median(np.diff(starts)[certain])) if certain.any() else 1.0
     # a longer run is a rest, at whose ends a fit that is not resolved swings; while a joint is fast it is none
-    is_hold = (passes(curve, starts, ends) & catches_up).any(axis=1) & (ends - starts < MAX_HOLD * usual)
-    fast = (np.abs(np.diff(curve, axis=0)) > SIZES * np.maximum(samples.steps, scatter)).any(axis=1)
+    is_hold = (passes(curve, starts, ends) & catches_up).any(axis=1) & (ends - starts < MAX_HOLD_TO_USUAL * usual)
+    fast = (np.abs(np.diff(curve, axis=0)) > MIN_STEPS_IN_HOLD * np.maximum(samples.steps, scatter)).any(axis=1)
     period = _period(samples.t, starts, certain)
     held = ~changed & (is_hold[np.cumsum(changed) - 1] | np.append(False, fast) | (period is not None))
     if period is not None:
         held[_unchanged(samples.t, starts[~is_hold], ends[~is_hold], period)] = False
     t = samples.t[~held]
     if period is None:
-        return Holds(held, t, unsure=0.0 if certain.sum() >= MIN_CHANGES else np.inf)
+        return Holds(held, t, unsure=0.0 if certain.sum() >= MIN_SENSOR_CHANGES else np.inf)
     ticks, unsure = _ticks(t, changed[~held], period, float(np.median(np.diff(samples.t))))
     return Holds(held, ticks, period, float((samples.t - ticks[np.cumsum(~held) - 1]).mean()), unsure)
 
@@ -128,11 +128,11 @@ def _ticks(t: np.ndarray, changed: np.ndarray, period: float, row: float) -> tup
         method="bounded",
         options={"xatol": 1e-6 * reach},
     )
-    if found.fun > MAX_LATE * row or (apart < 1).any():  # the log's clock is not regular: its scatter is noise
+    if found.fun > MAX_ROWS_LATE * row or (apart < 1).any():  # the log's clock is not regular: its scatter is noise
         return t, row
     start = (t - found.x * k)[changed].min()
     late = (t - found.x * k - start)[changed] / row
-    first = late <= np.quantile(late, REGULAR_ROWS)
+    first = late <= np.quantile(late, FIRST_ROW_SHARE)
     return start + found.x * k, row * _unsure(k[changed][first] / k[-1], late[first])
 
 
@@ -144,11 +144,11 @@ def _unsure(x: np.ndarray, late: np.ndarray) -> float:
     """
     from scipy.optimize import linprog
 
-    parts = np.array_split(np.arange(len(x)), min(len(x), PARTS))
+    parts = np.array_split(np.arange(len(x)), min(len(x), CLOCK_PARTS))
     some = np.unique([part[pick(late[part])] for part in parts for pick in (np.argmin, np.argmax)])
     x, late = x[some], late[some]
     line = np.stack([np.ones(len(x)), x], axis=1)
-    most = max(1.0, float(late.max())) + TOLERANCE
+    most = max(1.0, float(late.max())) + TICK_TOLERANCE
     bounds = np.concatenate([late, most - late])
     ends = [
         linprog([sign, sign * end], np.concatenate([line, -line]), bounds, bounds=(-2, 2)).fun or 0.0
@@ -161,11 +161,11 @@ def _unsure(x: np.ndarray, late: np.ndarray) -> float:
 def _period(t: np.ndarray, starts: np.ndarray, certain: np.ndarray) -> float | None:
     """The time between changes, of those that are `certain` not to be missed, if it is regular and more than a row."""
     apart, row = np.diff(t[starts])[certain], float(np.median(np.diff(t)))
-    if len(apart) < MIN_CHANGES:
+    if len(apart) < MIN_SENSOR_CHANGES:
         return None
     usual = float(np.median(apart))
     near = np.abs(apart - usual) < 1.5 * row
-    return float(apart[near].mean()) if near.mean() >= REGULAR and usual > MIN_PERIOD * row else None
+    return float(apart[near].mean()) if near.mean() >= MIN_REGULAR_SHARE and usual > MIN_PERIOD_IN_ROWS * row else None
 
 
 def _unchanged(t: np.ndarray, starts: np.ndarray, ends: np.ndarray, period: float) -> np.ndarray:

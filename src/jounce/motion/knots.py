@@ -14,13 +14,13 @@ from jounce.motion.noise import Beats
 
 Family = Callable[[int], np.ndarray]  # breaks, for a number of intervals
 
-ROUNDS = 60  # of bisections, at most
-RIVALS = 8  # intervals on either side, to which an unresolved place rings
-SHARE = 0.3  # of the gain of the best of these makes an interval worth bisection in the same round
-STEPS = 8  # of an encoder, passed by some joint in an interval that is bisected: fewer resolve no more
-SAMPLES = 2  # in an interval, at least
-FEWEST = 3  # samples per interval on average, at least
-MEDIAN_OF_THREE = 2.366  # median of chi^2 with three degrees of freedom
+MAX_BISECTION_ROUNDS = 60  # a safeguard: bisection ends by itself where no interval gains
+RINGING_INTERVALS = 8  # on either side, to which an unresolved place rings
+MIN_GAIN_TO_RIVALS = 0.3  # share of their gains: intervals that gain less wait for the next round
+MIN_STEPS_TO_BISECT = 8  # of an encoder, passed by some joint in an interval: fewer resolve no more
+MIN_SAMPLES_PER_INTERVAL = 2  # fewer, as in gaps, hardly determine the coefficients there
+MIN_MEAN_SAMPLES = 3  # per interval on average: fewer leave hardly a residual that shows the noise
+MEDIAN_OF_CHI2_3 = 2.366  # of chi^2 with three degrees of freedom
 
 
 def even(rows: Rows) -> Family:
@@ -44,9 +44,9 @@ def dense_where(trees: Sequence[np.ndarray]) -> tuple[Family, int]:
 def bisect(rows: Rows, beats: Beats, start: int, variance: np.ndarray) -> np.ndarray:
     """Breaks, from evenly spaced ones, with intervals bisected as long as that explains more than noise does."""
     breaks = admissible(rows, even(rows)(start))
-    for _ in range(ROUNDS):
+    for _ in range(MAX_BISECTION_ROUNDS):
         gain = gains(rows, beats, breaks, variance)
-        gain[beats.passes(breaks) < STEPS] = 0
+        gain[beats.passes(breaks) < MIN_STEPS_TO_BISECT] = 0
         finer = bisect_most(rows, breaks, gain, noticeable(len(variance)))
         if len(finer) == len(breaks):
             break
@@ -56,9 +56,9 @@ def bisect(rows: Rows, beats: Beats, start: int, variance: np.ndarray) -> np.nda
 
 def bisect_most(rows: Rows, breaks: np.ndarray, gain: np.ndarray, threshold: float) -> np.ndarray:
     """Breaks with those intervals bisected whose gain passes a threshold and is much of the largest one around."""
-    reach = np.pad(gain, RIVALS)
-    around = np.max([reach[k : k + len(gain)] for k in range(2 * RIVALS + 1)], axis=0)
-    chosen = np.flatnonzero((gain > threshold) & (gain >= SHARE * around))
+    reach = np.pad(gain, RINGING_INTERVALS)
+    around = np.max([reach[k : k + len(gain)] for k in range(2 * RINGING_INTERVALS + 1)], axis=0)
+    chosen = np.flatnonzero((gain > threshold) & (gain >= MIN_GAIN_TO_RIVALS * around))
     if not chosen.size:
         return breaks
     return admissible(rows, np.sort(np.append(breaks, (breaks[chosen] + breaks[chosen + 1]) / 2)))
@@ -100,7 +100,7 @@ def noise_variance(rows: Rows, beats: Beats, breaks: np.ndarray) -> np.ndarray:
     more = np.diff(np.searchsorted(finer, breaks))[:, None] - 1
     usual = (beats.inflation(breaks) < 2) & (more == 3)
     gain = gains_by_joint(rows, breaks, finer) / variance
-    return variance * max(1.0, np.median(gain[usual]) / MEDIAN_OF_THREE if usual.any() else 1.0)
+    return variance * max(1.0, np.median(gain[usual]) / MEDIAN_OF_CHI2_3 if usual.any() else 1.0)
 
 
 def fitted(rows: Rows, breaks: np.ndarray) -> Solution:
@@ -115,15 +115,18 @@ def admissible(rows: Rows, breaks: np.ndarray) -> np.ndarray:
         return breaks
     before = np.searchsorted(rows.t, breaks)
     before[0], before[-1] = 0, len(rows.t)
-    if (np.diff(before) >= SAMPLES).all():
+    if (np.diff(before) >= MIN_SAMPLES_PER_INTERVAL).all():
         return breaks
     kept = [0]
     for k in range(1, len(breaks) - 1):
-        if before[k] - before[kept[-1]] >= SAMPLES and before[-1] - before[k] >= SAMPLES:
+        if (
+            before[k] - before[kept[-1]] >= MIN_SAMPLES_PER_INTERVAL
+            and before[-1] - before[k] >= MIN_SAMPLES_PER_INTERVAL
+        ):
             kept.append(k)
     return breaks[[*kept, len(breaks) - 1]]
 
 
 def most_intervals(rows: Rows) -> int:
     """How many intervals the samples bear at most."""
-    return max(1, len(rows.t) // FEWEST - 9 if rows.edges is None else len(rows.edges) // 2)
+    return max(1, len(rows.t) // MIN_MEAN_SAMPLES - 9 if rows.edges is None else len(rows.edges) // 2)

@@ -17,10 +17,10 @@ import numpy as np
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-DEGREE = 9  # q4d has five continuous derivatives more, and Q2d no kinks
-WIDTH = DEGREE + 1  # B-splines that overlap in an interval
-EXACT = 1e-6  # share of the samples that a residual may be before the rounding of normal equations shows in it
-CELLS = 8192  # that a long log is compressed to
+FIT_DEGREE = 9  # q4d has five continuous derivatives more, and Q2d no kinks
+BASIS_WIDTH = FIT_DEGREE + 1  # B-splines that overlap in an interval
+MIN_REFINED_SHARE = 1e-6  # of the samples: in smaller residuals the rounding of normal equations shows
+MIN_CELLS = 8192  # that a long log is compressed to, ten rows each; more where it needs more intervals
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ class Solution:
         """The spline as a function."""
         from scipy.interpolate import BSpline
 
-        return BSpline(knots(self.breaks), self.coefficients, DEGREE)
+        return BSpline(knots(self.breaks), self.coefficients, FIT_DEGREE)
 
 
 def rows_of(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float]) -> Rows:
@@ -114,7 +114,7 @@ def rows_of(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float,
 def few_rows_of(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float], cells: int) -> Rows:
     """The rows of samples, compressed to cells where that leaves half of them or less."""
     size = len(t) // cells
-    return rows_of(t, y, weight, span) if size < 2 * WIDTH else _compress(t, y, weight, span, size)
+    return rows_of(t, y, weight, span) if size < 2 * BASIS_WIDTH else _compress(t, y, weight, span, size)
 
 
 def _compress(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float], size: int) -> Rows:
@@ -137,7 +137,7 @@ def _compress(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[floa
     times = edges[:-1, None] + np.diff(edges)[:, None] * (nodes + 1) / 2
     return Rows(
         times.ravel(),
-        (vectors.mT @ right).reshape(cells * WIDTH, -1),
+        (vectors.mT @ right).reshape(cells * BASIS_WIDTH, -1),
         (total * vectors[:, 0]).ravel(),
         edges,
         span,
@@ -150,10 +150,10 @@ def _gauss(x: np.ndarray, squares: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     """Polynomials (C, 10, S) orthonormal over points x (C, S) of squared weights, the zeros (C, 10) of the eleventh,
     and eigenvectors (C, 10, 10) of the Jacobi matrices, whose j-th columns are sqrt(weight_j) p_k(zero_j).
     """
-    polynomials = np.empty((len(x), WIDTH, x.shape[1]))
-    jacobi = np.zeros((len(x), WIDTH, WIDTH))
+    polynomials = np.empty((len(x), BASIS_WIDTH, x.shape[1]))
+    jacobi = np.zeros((len(x), BASIS_WIDTH, BASIS_WIDTH))
     p = np.ones(x.shape)
-    for k in range(WIDTH):
+    for k in range(BASIS_WIDTH):
         known = polynomials[:, :k]  # the last two would do, but for rounding
         p = p - ((known @ (squares * p)[:, :, None]).mT @ known)[:, 0]
         polynomials[:, k] = p = p / np.sqrt((squares * p**2).sum(axis=1))[:, None]
@@ -167,7 +167,7 @@ def _gauss(x: np.ndarray, squares: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
 
 def knots(breaks: np.ndarray) -> np.ndarray:
     """The knots of a spline with these breaks: ten at either end."""
-    return np.pad(breaks, DEGREE, mode="edge")
+    return np.pad(breaks, FIT_DEGREE, mode="edge")
 
 
 def basis(t: np.ndarray, breaks: np.ndarray, order: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -180,9 +180,9 @@ def basis(t: np.ndarray, breaks: np.ndarray, order: int = 0) -> tuple[np.ndarray
     place = np.searchsorted(breaks, t, side="right").clip(1, len(breaks) - 1) - 1
     all_knots = knots(breaks)
     inner = all_knots[order : len(all_knots) - order]
-    values = BSpline.design_matrix(t, inner, DEGREE - order).data.reshape(-1, WIDTH - order)
-    for degree in range(DEGREE - order + 1, WIDTH):
-        j = place[:, None] + np.arange(WIDTH - degree, WIDTH)
+    values = BSpline.design_matrix(t, inner, FIT_DEGREE - order).data.reshape(-1, BASIS_WIDTH - order)
+    for degree in range(FIT_DEGREE - order + 1, BASIS_WIDTH):
+        j = place[:, None] + np.arange(BASIS_WIDTH - degree, BASIS_WIDTH)
         scaled = values * degree / (all_knots[j + degree] - all_knots[j])
         values = np.pad(scaled, ((0, 0), (1, 0))) - np.pad(scaled, ((0, 0), (0, 1)))
     return values, place
@@ -197,12 +197,12 @@ def solve(rows: Rows, breaks: np.ndarray) -> Solution:
     bounds = np.searchsorted(place, np.arange(len(breaks)))
     parts = [slice(*pair) for pair in pairwise(bounds.tolist())]
     factor = cholesky_banded(_normal(values, parts), lower=True, check_finite=False)
-    coefficients = np.zeros((len(parts) + DEGREE, rows.y.shape[1]))
+    coefficients = np.zeros((len(parts) + FIT_DEGREE, rows.y.shape[1]))
     residual = rows.y
     while True:
         coefficients += cho_solve_banded((factor, True), _project(values, residual, parts), check_finite=False)
         before, residual = residual, rows.y - _product(values, coefficients, parts)
-        if before is not rows.y or ((residual**2).sum(axis=0) > EXACT**2 * (rows.y**2).sum(axis=0)).all():
+        if before is not rows.y or ((residual**2).sum(axis=0) > MIN_REFINED_SHARE**2 * (rows.y**2).sum(axis=0)).all():
             break  # samples that fit better than normal equations are solved go round once more
     residual = rows.across(residual)
     return Solution(breaks, coefficients, residual, factor, (residual**2).sum(axis=0) + rows.rest)
@@ -211,24 +211,24 @@ def solve(rows: Rows, breaks: np.ndarray) -> Solution:
 def _normal(values: np.ndarray, parts: list[slice]) -> np.ndarray:
     """B^T B in lower bands, (10, m)."""
     blocks = np.array([values[part].T @ values[part] for part in parts])
-    banded = np.zeros((WIDTH, len(parts) + DEGREE))
-    for a in range(WIDTH):
-        for b in range(a, WIDTH):
+    banded = np.zeros((BASIS_WIDTH, len(parts) + FIT_DEGREE))
+    for a in range(BASIS_WIDTH):
+        for b in range(a, BASIS_WIDTH):
             banded[b - a, a : a + len(parts)] += blocks[:, a, b]
     return banded
 
 
 def _project(values: np.ndarray, y: np.ndarray, parts: list[slice]) -> np.ndarray:
     """B^T y."""
-    out = np.zeros((len(parts) + DEGREE, y.shape[1]))
+    out = np.zeros((len(parts) + FIT_DEGREE, y.shape[1]))
     for i, part in enumerate(parts):
-        out[i : i + WIDTH] += values[part].T @ y[part]
+        out[i : i + BASIS_WIDTH] += values[part].T @ y[part]
     return out
 
 
 def _product(values: np.ndarray, coefficients: np.ndarray, parts: list[slice]) -> np.ndarray:
     """B c."""
-    return np.concatenate([values[part] @ coefficients[i : i + WIDTH] for i, part in enumerate(parts)])
+    return np.concatenate([values[part] @ coefficients[i : i + BASIS_WIDTH] for i, part in enumerate(parts)])
 
 
 def covariance_blocks(factor: np.ndarray) -> np.ndarray:
@@ -238,15 +238,15 @@ def covariance_blocks(factor: np.ndarray) -> np.ndarray:
     Smoothing noisy data with spline functions, Numerische Mathematik 47 (1985).
     """
     unknowns = factor.shape[1]
-    blocks = np.empty((unknowns - DEGREE, WIDTH, WIDTH))
-    window = np.zeros((WIDTH, WIDTH))  # of the inverse, from the present column on
+    blocks = np.empty((unknowns - FIT_DEGREE, BASIS_WIDTH, BASIS_WIDTH))
+    window = np.zeros((BASIS_WIDTH, BASIS_WIDTH))  # of the inverse, from the present column on
     for i in range(unknowns - 1, -1, -1):
         pivot = factor[0, i]
         lower = factor[1:, i] / pivot
-        beside = window[:DEGREE, :DEGREE]
+        beside = window[:FIT_DEGREE, :FIT_DEGREE]
         column = -beside @ lower
         first = 1 / pivot**2 - lower @ column
-        window = np.empty((WIDTH, WIDTH))
+        window = np.empty((BASIS_WIDTH, BASIS_WIDTH))
         window[0, 0], window[0, 1:], window[1:, 0], window[1:, 1:] = first, column, column, beside
         if i < len(blocks):
             blocks[i] = window

@@ -10,11 +10,11 @@ import numpy as np
 
 from jounce.motion.samples import Samples
 
-MIN_STANDING_OUT = 250.0  # times the median of the spectrum: 24 dB. A measured log of a Franka arm has up to 21 dB
-BAND = 1.3  # times a line's frequency, up to which a fit follows it
-MIN_ROWS = 256  # that tell a line from noise
-BINS = 2  # of the spectrum, on either side of a line, that belong to it
-MIN_BINS_OF_STEPS = 100  # of the spectrum, over which a joint that is not steady spreads the line of its rounding
+MIN_LINE_POWER = 250.0  # times the median of the spectrum: 24 dB. A measured log of a Franka arm has up to 21 dB
+BAND_TO_LINE = 1.3  # times a line's frequency, up to which a fit follows it
+MIN_SPECTRUM_ROWS = 256  # that distinguish a line from noise
+LINE_BINS = 2  # of the spectrum, on either side of a line, that belong to it
+MIN_ROUNDING_BINS = 100  # of the spectrum, over which a joint that is not steady spreads its rounding
 
 
 @dataclass(frozen=True)
@@ -39,19 +39,19 @@ class Line:
 def find_lines(samples: Samples, residual: np.ndarray, velocity: np.ndarray) -> list[Line]:
     """The largest line of each joint's residuals (N, n), where it stands out and is not that of rounding."""
     count = len(samples.t)
-    if count < MIN_ROWS:
+    if count < MIN_SPECTRUM_ROWS:
         return []
     t = np.linspace(samples.t[0], samples.t[-1], count)
     row, window = t[1] - t[0], np.hanning(count)
     found = []
     for joint, column in enumerate(residual.T):
         power = np.abs(np.fft.rfft(np.interp(t, samples.t, column) * window)) ** 2
-        power[: BINS + 1] = 0  # of a constant
+        power[: LINE_BINS + 1] = 0  # of a constant
         at = int(np.argmax(power))
         near = power[at // 2 : 2 * at + 2]
-        if power[at] <= MIN_STANDING_OUT * max(np.median(power), np.median(near)):
+        if power[at] <= MIN_LINE_POWER * max(np.median(power), np.median(near)):
             continue
-        around = power[max(0, at - BINS) : at + BINS + 1].sum()
+        around = power[max(0, at - LINE_BINS) : at + LINE_BINS + 1].sum()
         amplitude = float(2 * np.sqrt(around / ((window**2).sum() * count)))
         if not is_steady(velocity[:, joint], samples.steps[joint] or np.sqrt(12) * column.std(), count * row):
             found.append(Line(joint, at / (count * row), amplitude, (float(t[0]), float(t[-1])), True))
@@ -61,4 +61,4 @@ def find_lines(samples: Samples, residual: np.ndarray, velocity: np.ndarray) -> 
 def is_steady(velocity: np.ndarray, step: float, duration: float) -> bool:
     """Whether rounding at these velocities (N,) may be a line: steps pass at a frequency of velocity over step."""
     slow, fast = np.quantile(velocity, [0.1, 0.9])
-    return bool((fast - slow) / step * duration < MIN_BINS_OF_STEPS)
+    return bool((fast - slow) / step * duration < MIN_ROUNDING_BINS)

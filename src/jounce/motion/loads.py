@@ -14,14 +14,16 @@ from jounce.motion.smoothed import found_from
 from jounce.motion.spline import Smoothing, Spline
 from jounce.spatial.series import SUFFIX, rate_name
 
-COLUMN = re.compile(r"(.*)\.([mf][xyz])" + SUFFIX, re.DOTALL)
+WRENCH_COLUMN = re.compile(r"(.*)\.([mf][xyz])" + SUFFIX, re.DOTALL)
 
 
 def named(names: Sequence[str], mechanism: Mechanism) -> list[str]:
     """Those column names that are of wrenches; a body may be called as a joint is, and a joint ``arm.fx``."""
     joints = set(mechanism.coordinates)
     others = joints - {*mechanism.frame_names}
-    return [name for name in names if name not in joints and (m := COLUMN.fullmatch(name)) and m[1] not in others]
+    return [
+        name for name in names if name not in joints and (m := WRENCH_COLUMN.fullmatch(name)) and m[1] not in others
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +58,7 @@ class Wrench(OfCurve):
 
 def are_sampled(columns: Iterable[str]) -> bool:
     """Whether wrench columns are samples, without rates of their own."""
-    rates = [match[3] for name in columns if (match := COLUMN.fullmatch(name))]
+    rates = [match[3] for name in columns if (match := WRENCH_COLUMN.fullmatch(name))]
     return bool(rates) and not any(rates)
 
 
@@ -69,7 +71,7 @@ def wrenches(
     place: str,
 ) -> tuple[dict[str, Curve], tuple[str, ...]]:
     """W over time by body, with rates up to `order` at least, and notes; components left out are zero."""
-    parts = [match.groups() for name in columns if (match := COLUMN.fullmatch(name))]
+    parts = [match.groups() for name in columns if (match := WRENCH_COLUMN.fullmatch(name))]
     given = list(dict.fromkeys((body, component) for body, component, _ in parts))
     with at(place):
         for body, _ in given:

@@ -16,14 +16,14 @@ from jounce.core.typing import ArrayLike
 from jounce.model.positions import Position
 from jounce.motion import base as bases
 from jounce.motion.composed import Chain, Retimed
-from jounce.motion.curves import COMPONENTS, HIGHEST, Curve, Jump, Polynomials
+from jounce.motion.curves import COMPONENTS, DEFAULT_ORDER, Curve, Jump, Polynomials
 from jounce.spatial.series import rate_name
 
-STEP = 1e-3  # s, between the times of a motion that comes without any
-MOST = 10_000_000  # of such times; a slip of the pen asks for more
-SIDES = ("right", "left")
-MOST_CONTINUOUS = 6  # the order of the last derivative that blends make continuous
-MEET = 1e-6  # rad or m: motions further apart do not follow each other
+DEFAULT_TIME_STEP = 1e-3  # s, for motions without times of their own: the usual cycle of controllers
+MAX_TIMES = 10_000_000  # that a step may make; a slip of the pen asks for more
+BREAK_SIDES = ("right", "left")
+MAX_CONTINUITY = 6  # the order of the last derivative that blends make continuous
+MAX_JOIN_GAP = 1e-6  # rad or m: motions further apart do not follow each other
 
 
 class Break(NamedTuple):
@@ -476,12 +476,12 @@ class Motion(Displayed):
         """Default times (N,) of evaluation: those of its samples or its file, or a grid of about a millisecond."""
         if self.grid is not None:
             return self.grid
-        return self._grid(STEP)
+        return self._grid(DEFAULT_TIME_STEP)
 
     @cached_property
     def breaks(self) -> tuple[Break, ...]:
         """Where a derivative up to q4d or W2d jumps, in the order of time; of each joint the lowest one that does."""
-        return self.breaks_to(HIGHEST)
+        return self.breaks_to(DEFAULT_ORDER)
 
     def breaks_to(self, order: int) -> tuple[Break, ...]:
         """Where a derivative up to an order jumps, in the order of time; of each joint the lowest one that does.
@@ -518,7 +518,7 @@ class Motion(Displayed):
                 name = f"{body}.{COMPONENTS[jump.column]}"
                 found.append(Break(jump.t, name, jump.order, jump.size, "W"))
         for jump in _jumps(self.base_curve, order) if self.base_curve else ():
-            found.append(Break(jump.t, bases.NAMES[jump.column], jump.order, jump.size, "base"))
+            found.append(Break(jump.t, bases.BASE_COLUMNS[jump.column], jump.order, jump.size, "base"))
         return tuple(sorted(found, key=lambda jump: jump.t))
 
     def __call__(
@@ -555,7 +555,7 @@ class Motion(Displayed):
         """
         times, order = self.checked(t), checked_order(order)
         self._check_known(self.curve, order, "q", self.source)
-        found = self.curve.rates(times.ravel(), order, one_of("side", side, SIDES) == "left")
+        found = self.curve.rates(times.ravel(), order, one_of("side", side, BREAK_SIDES) == "left")
         self._check_finite(found, times, "q", lambda j: f"joint {self._name(j)}")
         for joint in self.several:
             bases.check_length(found[0][:, joint.turn], times.ravel(), f"{joint.name}: the rotation")
@@ -594,7 +594,7 @@ class Motion(Displayed):
         (['link7'], (6,))
         """
         times, order = self.checked(t), checked_order(order)
-        left = one_of("side", side, SIDES) == "left"
+        left = one_of("side", side, BREAK_SIDES) == "left"
         if not self.loads:
             return None
         found: list[dict[str, np.ndarray]] = [{} for _ in range(order + 1)]
@@ -646,7 +646,7 @@ class Motion(Displayed):
         (array([0. , 0. , 0. , 0. , 0. , 0.2]), array([0. , 0. , 0. , 0. , 0. , 0.2]))
         """
         times, order = self.checked(t), checked_order(order)
-        left = one_of("side", side, SIDES) == "left"
+        left = one_of("side", side, BREAK_SIDES) == "left"
         if self.base_curve is None:
             return None
         self._check_known(self.base_curve, order, "q", "the motion of the base")
@@ -859,9 +859,9 @@ class Motion(Displayed):
         """
         if not is_finite(step) or not step > 0:
             raise JounceError(f"step is {quoted(step)}; expected a number of seconds > 0")
-        if self.duration / step > MOST:
+        if self.duration / step > MAX_TIMES:
             raise JounceError(
-                f"a step of {step:g} s makes more than {MOST} times in {self.duration:g} s; expected a longer one"
+                f"a step of {step:g} s makes more than {MAX_TIMES} times in {self.duration:g} s; expected a longer one"
             )
         return replace(self, grid=self._grid(float(step)))
 
@@ -899,10 +899,8 @@ class Motion(Displayed):
 
         if not is_finite(time) or not time > 0:
             raise JounceError(f"time is {quoted(time)}; expected a number of seconds > 0")
-        if isinstance(continuity, bool) or not isinstance(continuity, int) or not 2 <= continuity <= MOST_CONTINUOUS:
-            raise JounceError(
-                f"continuity is {quoted(continuity)}; expected 2 to {MOST_CONTINUOUS}, 4 for a smooth Q2d"
-            )
+        if isinstance(continuity, bool) or not isinstance(continuity, int) or not 2 <= continuity <= MAX_CONTINUITY:
+            raise JounceError(f"continuity is {quoted(continuity)}; expected 2 to {MAX_CONTINUITY}, 4 for a smooth Q2d")
         if not self.breaks_to(continuity):
             last = rate_name("q", continuity)
             warn(f"no derivative up to {last} jumps ({self.source}): a blend has no effect; leave it out")
@@ -917,7 +915,9 @@ class Motion(Displayed):
                 notes.append(f"wrench of {quoted(body)}: blended, at most {off.max():.2g} N m or N from it")
         base = self.base_curve
         if base and _jumps(base, continuity):
-            base, off = blended(base, float(time), _known(base, continuity), [f"column {name}" for name in bases.NAMES])
+            base, off = blended(
+                base, float(time), _known(base, continuity), [f"column {name}" for name in bases.BASE_COLUMNS]
+            )
             notes.append(
                 f"base: blended, at most {off[:3].max():.2g} m from it, and {off[3:].max():.2g} in quaternions"
             )
@@ -939,7 +939,7 @@ class Motion(Displayed):
             factors[joint.turn] = _factor(end[joint.turn], begin[joint.turn])
         begin = begin * factors
         apart = np.abs(end - begin)
-        if apart.max() > MEET:
+        if apart.max() > MAX_JOIN_GAP:
             j = int(apart.argmax())
             came = f"joint {self._name(j)} ends at {end[j]:g} and goes on from {begin[j]:g}"
             raise JounceError(f"the motions do not meet: {came}; expected one to begin where the other ends")
@@ -998,7 +998,7 @@ class Motion(Displayed):
         return times.clip(self.start, self.stop)
 
     def _grid(self, step: float) -> np.ndarray:
-        count = min(max(int(np.ceil(self.duration / step * (1 - 1e-12))), 1), MOST)
+        count = min(max(int(np.ceil(self.duration / step * (1 - 1e-12))), 1), MAX_TIMES)
         return np.linspace(self.start, self.stop, count + 1)
 
     def _retimed(self, factor: float, place: float, source: str) -> "Motion":
@@ -1058,7 +1058,7 @@ def _joined_bases(first: Motion, later: Motion) -> Curve | None:
     )
     factors = np.array([1.0] * 3 + [_factor(end[0, 3:], begin[0, 3:])] * 4)
     apart = np.abs(end - begin * factors).max()
-    if apart > MEET:
+    if apart > MAX_JOIN_GAP:
         raise JounceError(
             f"the motions do not meet: their bases are {apart:.2g} apart in position (m) or quaternion;"
             " expected one to begin where the other ends"

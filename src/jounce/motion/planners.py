@@ -16,7 +16,7 @@ from jounce.motion.constructors import Parts, check_increasing, checked_names, n
 from jounce.motion.curves import Polynomials, shifted, side_by_side
 from jounce.motion.hermite import coefficients
 
-AGREE = 1e-6  # of the largest position or velocity: by how much a planner's own evaluation may differ
+PLANNER_TOLERANCE = 1e-6  # of the largest position or velocity, for a planner's own evaluation
 
 
 def from_ruckig(trajectory: Any, joint_names: Any) -> Parts:
@@ -209,7 +209,7 @@ def _check_agreement(curve: Polynomials, evaluate: Any, planner: str) -> None:
     t = middle[:: max(1, len(middle) // 64)]
     ours, theirs = np.stack(curve.rates(t, 1), axis=1), evaluate(t)
     off = np.abs(ours - theirs).max(axis=(0, 2)) / np.maximum(np.abs(theirs).max(axis=(0, 2)), 1e-9)
-    if not (off < AGREE).all():
+    if not (off < PLANNER_TOLERANCE).all():
         raise JounceError(
             f"the pieces of this trajectory and {planner}'s own values differ by {off.max():.1g}:"
             f" this release of {planner} is not known; sample it and use Motion.through"

@@ -13,11 +13,11 @@ from jounce.motion.holds import Holds, find_holds, late_by
 from jounce.motion.least_squares import Solution
 from jounce.motion.samples import Samples
 from jounce.motion.smoothing import first_fit
-from jounce.motion.stamps import LEAST
+from jounce.motion.stamps import MIN_FIT_SAMPLES
 
-SAME_PERIOD = 0.01  # of a sensor's period, by which that of all joints together may differ
-ROUNDS = 8  # of moving values, at most: each leaves a delay times the highest frequency of the rest
-CONVERGED = 0.01  # standard deviations of noise, by which values still move
+PERIOD_TOLERANCE = 0.01  # of a sensor's period, by which that of all joints together may differ
+MAX_MOVING_ROUNDS = 8  # each leaves a delay times the highest frequency of the rest
+MOVING_TOLERANCE = 0.01  # standard deviations of noise, by which values still move at the end
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +53,8 @@ def find_sensors(samples: Samples, first: Solution, cells: int, together: Holds)
     known = periods[periods > 0]
     slowest = own[int(np.argmax(periods))]
     rows = np.flatnonzero(~slowest.held)
-    alike = together.period is not None and (np.abs(known / together.period - 1) < SAME_PERIOD).all()
-    if not known.size or alike or len(rows) < LEAST:
+    alike = together.period is not None and (np.abs(known / together.period - 1) < PERIOD_TOLERANCE).all()
+    if not known.size or alike or len(rows) < MIN_FIT_SAMPLES:
         return None
     ticks = np.stack([holds.t[np.cumsum(~holds.held)[rows] - 1] for holds in own], axis=1).clip(*samples.span)
     row = float(np.median(np.diff(samples.t)))  # joints as fast as the log have clocks of their own as well
@@ -65,11 +65,11 @@ def find_sensors(samples: Samples, first: Solution, cells: int, together: Holds)
 def _moved(samples: Samples, ticks: np.ndarray) -> Samples:
     """Samples q (R, n), read at `ticks` (R, n), as they were at the times of the rows."""
     moved = samples
-    for _ in range(ROUNDS):
+    for _ in range(MAX_MOVING_ROUNDS):
         solution, _ = first_fit(moved)
         curve = solution.spline
         passed = curve(samples.t) - np.stack([curve(t)[:, k] for k, t in enumerate(ticks.T)], axis=1)
         before, moved = moved, replace(moved, q=samples.q + passed)
-        if (np.abs(moved.q - before.q).max(axis=0) < CONVERGED * np.sqrt(solution.energy / len(ticks))).all():
+        if (np.abs(moved.q - before.q).max(axis=0) < MOVING_TOLERANCE * np.sqrt(solution.energy / len(ticks))).all():
             break
     return moved

@@ -8,17 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce.core.errors import JounceError, warn
-from jounce.motion.curves import Curve
-from jounce.motion.deviations import HIGHEST
+from jounce.motion.curves import ROUNDING_OF_Q, Curve
+from jounce.motion.deviations import MAX_DEVIATION_ORDER
 from jounce.motion.fit import Fit, fit
 from jounce.motion.noise import local_noise
-from jounce.motion.smoothing import ROUNDING
-from jounce.motion.smoothness import BEYOND_NOISE, of_samples
+from jounce.motion.smoothness import MAX_NOISE_DEVIATIONS, of_samples
 from jounce.motion.spline import Smoothing, Spline, SplineCurve, curve_of
-from jounce.motion.stamps import LEAST
+from jounce.motion.stamps import MIN_FIT_SAMPLES
 from jounce.spatial.series import rate_name
 
-THROUGH = "--degree 7 (degree=7)"
+INTERPOLATION_OPTION = "--degree 7 (degree=7)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +28,7 @@ class SmoothedCurve(SplineCurve):
 
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
         """Standard deviations of the values and derivatives; None beyond the derivatives of which they are known."""
-        return list(self.fit.deviations(t, order)) if order <= HIGHEST else None
+        return list(self.fit.deviations(t, order)) if order <= MAX_DEVIATION_ORDER else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,19 +61,19 @@ def found_from(
     """
     if isinstance(way, Spline):
         return _by_hand(t, q, way, joints, highest, place, symbol, rounding)
-    if len(t) < LEAST:
-        least = f"smoothing needs at least {LEAST}; {THROUGH} takes them as exact"
+    if len(t) < MIN_FIT_SAMPLES:
+        least = f"smoothing needs at least {MIN_FIT_SAMPLES}; {INTERPOLATION_OPTION} takes them as exact"
         raise JounceError(f"{place}: {len(t)} samples; {least}")
     try:
         fitted = fit(t, q, bandwidth=way.bandwidth, names=joints)
-        order = min(highest, HIGHEST)
+        order = min(highest, MAX_DEVIATION_ORDER)
         shortfall = fitted.lacks(
             order, rate_name("Q", order - 2) if symbol == "q" else rate_name(symbol, order), symbol
         )
     except JounceError as error:
         raise JounceError(f"{place}: {error}") from None
     off = np.abs(fitted.spline(t) - q)
-    exact = (off.max(axis=0) <= ROUNDING * np.finfo(float).eps * np.abs(q).max(axis=0)).all()
+    exact = (off.max(axis=0) <= ROUNDING_OF_Q * np.abs(q).max(axis=0)).all()
     if exact and way.bandwidth is None:
         return _by_hand(t, q, Spline(), joints, highest, place, symbol)
     if shortfall and not way.allow_noise:
@@ -94,7 +93,7 @@ def _jumps(t: np.ndarray, q: np.ndarray, off: np.ndarray, fitted: Fit, symbol: s
     steps = np.array([noise.step for noise in fitted.noise])
     noise = np.maximum(local_noise(q[fitted.rows]), steps)
     rows = fitted.rows
-    if fitted.stamps or not (off[rows].max(axis=0) > BEYOND_NOISE * noise).any():
+    if fitted.stamps or not (off[rows].max(axis=0) > MAX_NOISE_DEVIATIONS * noise).any():
         return None
     return of_samples(t[rows], q[rows], noise, symbol)
 

@@ -8,14 +8,13 @@ import numpy as np
 
 from jounce.core.errors import JounceError, one_line, option, quoted, true_or_false, warn
 from jounce.motion.curves import Jump
-from jounce.motion.smoothness import resolution, sizes_of
+from jounce.motion.smoothness import MAX_ROUNDING_SHARE, resolution, sizes_of
 from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-DEGREES = (5, 7)  # q is C^4 or C^6
-NOTICEABLE = 0.01  # share of rounding in a rate from which on a user should hear of it
+SPLINE_DEGREES = (5, 7)  # q is C^4 or C^6
 
 
 @dataclass(frozen=True)
@@ -52,8 +51,8 @@ class Spline:
 
     def check(self, samples: int, place: str) -> None:
         """Raise `JounceError` if the number of samples does not suffice for the spline."""
-        if not isinstance(self.degree, int) or self.degree not in DEGREES:
-            known = " or ".join(map(str, DEGREES))
+        if not isinstance(self.degree, int) or self.degree not in SPLINE_DEGREES:
+            known = " or ".join(map(str, SPLINE_DEGREES))
             raise JounceError(f"a spline of degree {quoted(self.degree)} is not supported; expected {known}")
         if samples <= self.degree:
             least = f"a spline of degree {self.degree} needs at least {self.degree + 1}"
@@ -179,7 +178,7 @@ def _warn_of_rounding(
     error = np.abs(spline.of(t, errors)(t, nu=highest)).max(axis=0)
     shares = error / sizes_of(rates, float(np.ptp(t)))[highest]
     share, worst = float(shares.max()), names[int(shares.argmax())] if names else f"joint {shares.argmax()}"
-    if share > NOTICEABLE:
+    if share > MAX_ROUNDING_SHARE:
         name = rate_name(symbol, highest)
         text = f"{place}: rounding of the samples makes up {min(share, 1):.0%} of the largest {name}, that of {worst}"
         warn(f"{text}; give more digits, wider steps, or all rates")

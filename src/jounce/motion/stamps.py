@@ -11,16 +11,19 @@ import numpy as np
 
 from jounce.core.errors import JounceError, quoted
 
-LEAST = 24  # samples
-SUBSET = 20000  # rows from which the scatter of stamps is estimated, at most
-ROUNDS = 30  # of expectation and maximisation
-FAR = 10.0  # times the usual residual, from which on a row is an outlier
-MOST = 0.9  # of the rows are usual
-OWN_SHARE = 0.5  # of what a wild row is off the fit, it is off its neighbours at least
-BESIDE_SHARE, BESIDE_NOISE = 1 / 3, 4.0  # of that, and standard deviations of noise: what neighbours of one are off
-SPIKE = 30.0  # times as far off as others around are rows that are left out
-FEW, MOST_OF_SQUARES = 0.02, 0.4  # the 2 % largest of normal shifts have 13 % of the squares
-PER_ROW, IN_ALL = 0.05, 50  # gains in the logarithm of the likelihood that make shifts believable
+MIN_FIT_SAMPLES = 24  # more than twice the ten coefficients of one interval, so that noise can be estimated
+MAX_SCATTER_ROWS = 20000  # from which the scatter of stamps is estimated: more only take time
+EM_ROUNDS = 30  # of expectation and maximisation
+MIN_OUTLYING_RESIDUAL = 10.0  # times the usual residual, from which on a row is an outlier
+MIN_USUAL_SHARE = 0.9  # of the rows: where more lie far off they are no outliers
+MIN_WILD_SHARE = 0.5  # of what a wild row is off the fit, it is off its neighbours
+MAX_NEIGHBOUR_SHARE = 1 / 3  # of that, which its neighbours are off without it,
+MAX_NEIGHBOUR_DEVIATIONS = 4.0  # and standard deviations of noise besides
+MIN_SPIKE = 30.0  # times as far off as others around are rows that are left out
+LARGEST_SHIFTS = 0.02  # of all: the 2 % largest of normal shifts have 13 % of the squares,
+MAX_SHARE_OF_LARGEST = 0.4  # and those of a clock less than this
+MIN_GAIN_PER_ROW = 0.05  # in the logarithm of the likelihood, on average, that makes shifts believable
+MIN_GAIN_OF_ROWS = 50  # the same, of all rows together
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +64,10 @@ def check(
             f"time goes from {times[where]:.9g} to {times[where + 1]:.9g} s at sample {where + 1}; expected increasing"
             " times: sort the rows, or write the time with more digits"
         )
-    if len(times) < LEAST:
-        raise JounceError(f"{len(times)} samples; smoothing needs at least {LEAST}: give a longer log, or through()")
+    if len(times) < MIN_FIT_SAMPLES:
+        raise JounceError(
+            f"{len(times)} samples; smoothing needs at least {MIN_FIT_SAMPLES}: give a longer log, or through()"
+        )
     return times, samples, np.flatnonzero(kept), joints
 
 
@@ -70,11 +75,11 @@ def spikes(t: np.ndarray, q: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """Which rows, (N,), lie off the line through those on either side, alone and much farther than others around."""
     share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
     off = np.pad(q[1:-1] - q[:-2] * (1 - share) - q[2:] * share, ((4, 4), (0, 0)))
-    usual = np.maximum(np.median(np.abs(off[:: len(off) // SUBSET + 1]), axis=0), steps)
-    row, joint = np.nonzero(np.abs(off) > SPIKE * usual)
+    usual = np.maximum(np.median(np.abs(off[:: len(off) // MAX_SCATTER_ROWS + 1]), axis=0), steps)
+    row, joint = np.nonzero(np.abs(off) > MIN_SPIKE * usual)
     here, before, after = (off[row + k, joint] for k in (0, -1, 1))
     around = np.max([np.abs(off[row + k, joint]) for k in (-3, -2, 2, 3)], axis=0)
-    alone = (np.abs(here) > SPIKE * around) & (here * before < 0) & (here * after < 0)
+    alone = (np.abs(here) > MIN_SPIKE * around) & (here * before < 0) & (here * after < 0)
     wild = np.zeros(len(t), bool)
     wild[row[alone] - 3] = True
     return wild
@@ -90,7 +95,9 @@ def are_wild(t: np.ndarray, q: np.ndarray, rows: np.ndarray, joint: np.ndarray, 
     for others in ((0,), (0, 1), (-1, 0)):  # rows that may be wild together
         own = _off_cubic(t, q, rows, joint, 0, others)
         beside = [_off_cubic(t, q, rows, joint, k, others) for k in (others[0] - 1, others[-1] + 1)]
-        wild |= (own > off * OWN_SHARE) & (np.maximum(*beside) < own * BESIDE_SHARE + BESIDE_NOISE)
+        wild |= (own > off * MIN_WILD_SHARE) & (
+            np.maximum(*beside) < own * MAX_NEIGHBOUR_SHARE + MAX_NEIGHBOUR_DEVIATIONS
+        )
     return wild
 
 
@@ -120,15 +127,15 @@ def scatter_of(r: np.ndarray, v: np.ndarray) -> Scatter | None:
     """
     if r.shape[1] < 2:
         return None
-    step = len(r) // SUBSET + 1
+    step = len(r) // MAX_SCATTER_ROWS + 1
     r, v, tiny = r[::step], v[::step], np.finfo(float).tiny
-    usual = (np.abs(r) <= FAR * np.median(np.abs(r), axis=0)).all(axis=1)
-    if usual.mean() > MOST:
+    usual = (np.abs(r) <= MIN_OUTLYING_RESIDUAL * np.median(np.abs(r), axis=0)).all(axis=1)
+    if usual.mean() > MIN_USUAL_SHARE:
         r, v = r[usual], v[usual]
     own = np.maximum((r**2).mean(axis=0), tiny)
     alone = -0.5 * (np.log(own).sum() + len(own))
     found = Scatter(float(np.sqrt((own / np.maximum((v**2).mean(axis=0), tiny)).min() / 2)), own / 2)
-    for _ in range(ROUNDS):
+    for _ in range(EM_ROUNDS):
         d, variance = _posterior(r, v, found)
         own = ((r - v * d[:, None]) ** 2 + v**2 * variance[:, None]).mean(axis=0)
         found = Scatter(float(np.sqrt((d**2 + variance).mean())), np.maximum(own, tiny))
@@ -136,13 +143,13 @@ def scatter_of(r: np.ndarray, v: np.ndarray) -> Scatter | None:
     squares = (r**2 / found.own).sum(axis=1) - d**2 / variance
     together = -0.5 * (np.log(found.own).sum() + np.log(found.sigma**2 / variance) + squares).mean()
     better = together - alone  # of the logarithms of likelihoods, per row
-    return found if better > PER_ROW and len(r) * better > IN_ALL and not _of_few(d) else None
+    return found if better > MIN_GAIN_PER_ROW and len(r) * better > MIN_GAIN_OF_ROWS and not _of_few(d) else None
 
 
 def _of_few(d: np.ndarray) -> bool:
     """Whether few of the shifts (N,) are most of their squares: a motion that a fit does not follow, and no clock."""
     squares = np.sort(d**2)
-    return bool(squares[-max(1, round(FEW * len(d))) :].sum() > MOST_OF_SQUARES * squares.sum())
+    return bool(squares[-max(1, round(LARGEST_SHIFTS * len(d))) :].sum() > MAX_SHARE_OF_LARGEST * squares.sum())
 
 
 def shifts(r: np.ndarray, v: np.ndarray, found: Scatter) -> np.ndarray:
@@ -151,7 +158,7 @@ def shifts(r: np.ndarray, v: np.ndarray, found: Scatter) -> np.ndarray:
     Rows that lie off the motion at any time stay where they are.
     """
     d, _ = _posterior(r, v, found)
-    off = ((r - v * d[:, None]) ** 2 / found.own).max(axis=1) > FAR**2
+    off = ((r - v * d[:, None]) ** 2 / found.own).max(axis=1) > MIN_OUTLYING_RESIDUAL**2
     return np.where(off, 0.0, d)
 
 

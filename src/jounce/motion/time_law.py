@@ -13,10 +13,10 @@ from jounce.motion.curves import Jump, OfCurve
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-POINTS = 16  # of Gauss and Legendre between two nodes
-SPLITS = 40  # times that an interval is halved at most
-STEPS = 50  # of Newton's method at most
-ROUNDING = 4 * np.finfo(float).eps
+TIME_QUADRATURE_POINTS = 16  # of Gauss and Legendre between two nodes
+MAX_NODE_HALVINGS = 40  # of an interval: they leave 1e-12 of it
+MAX_TIME_LAW_STEPS = 50  # a safeguard: Newton's method is quadratic, and kept within its interval
+TIME_LAW_TOLERANCE = 4 * np.finfo(float).eps  # of the length of the path or the time along it
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +53,11 @@ class TimeLaw:
         i = (np.searchsorted(known, t, side="right") - 1).clip(0, len(nodes) - 2)
         left, right = nodes[i], nodes[i + 1]
         found = left + (right - left) * ((t - known[i]) / (known[i + 1] - known[i])).clip(0, 1)
-        for _ in range(STEPS):
+        for _ in range(MAX_TIME_LAW_STEPS):
             step = (known[i] + self._lasting(left, found) - t) * np.sqrt(self.x(found))
             better = (found - step).clip(left, right)
             moved, found = np.abs(better - found), better
-            if (moved <= ROUNDING * (self.last - self.first)).all():
+            if (moved <= TIME_LAW_TOLERANCE * (self.last - self.first)).all():
                 break
         return found
 
@@ -76,11 +76,11 @@ class TimeLaw:
         """Values of sigma and their times, so close together that a rule of Gauss and Legendre is exact between."""
         knots = np.unique(self.x.t)
         nodes = np.unique([self.first, *knots[(knots > self.first) & (knots < self.last)], self.last])
-        for _ in range(SPLITS):
+        for _ in range(MAX_NODE_HALVINGS):
             left, right = nodes[:-1], nodes[1:]
             middle = (left + right) / 2
             whole, halves = self._lasting(left, right), self._lasting(left, middle) + self._lasting(middle, right)
-            rough = np.abs(whole - halves) > ROUNDING * halves.sum()
+            rough = np.abs(whole - halves) > TIME_LAW_TOLERANCE * halves.sum()
             if not rough.any():
                 break
             nodes = np.sort(np.concatenate([nodes, middle[rough]]))
@@ -89,7 +89,7 @@ class TimeLaw:
 
     def _lasting(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
         """The time from one value of sigma to another: the integral of 1 / sqrt(x)."""
-        u, w = np.polynomial.legendre.leggauss(POINTS)
+        u, w = np.polynomial.legendre.leggauss(TIME_QUADRATURE_POINTS)
         half = (right - left)[:, None] / 2
         return (half * w / np.sqrt(self.x((left + right)[:, None] / 2 + half * u))).sum(axis=1)
 

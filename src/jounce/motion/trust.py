@@ -6,26 +6,31 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.core.errors import JounceError
-from jounce.motion.deviations import HIGHEST
+from jounce.motion.deviations import MAX_DEVIATION_ORDER
+from jounce.motion.smoothness import MIN_HOLE_TO_SPACING
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-KNOWN = 0.1  # of the peak of a derivative: noise alone is a third of its own
-POINTS = 4000  # at which peaks and deviations are compared, at most
-AROUND = 3  # intervals on either side of a hole tell how fast the motion is
-HOLE = 5  # times the usual spacing of samples
-FAR = 1.0  # times the usual interval, from which on a hole cannot be bridged
+MAX_KNOWN_DEVIATION = 0.1  # of the peak of a derivative: noise alone is a third of its own
+MAX_COMPARED_TIMES = 4000  # at which peaks and deviations are compared
+INTERVALS_AROUND_HOLE = 3  # on either side, which determine how fast the motion is
+MAX_HOLE_TO_INTERVAL = 1.0  # times the usual interval: a longer hole cannot be bridged
 
 
 def refuse_holes(t: np.ndarray, breaks: np.ndarray) -> None:
     """Raise `JounceError` where a hole is longer than the intervals around it: any motion may have happened there."""
     apart = np.diff(t)
     lengths = np.diff(breaks)
-    for k in np.flatnonzero(apart > HOLE * np.median(apart)):
+    for k in np.flatnonzero(apart > MIN_HOLE_TO_SPACING * np.median(apart)):
         first, last = np.searchsorted(breaks, [t[k], t[k + 1]]).clip(1, len(breaks) - 1)
-        around = np.concatenate([lengths[max(0, first - 1 - AROUND) : first - 1], lengths[last : last + AROUND]])
-        if around.size and apart[k] > FAR * np.median(around):
+        around = np.concatenate(
+            [
+                lengths[max(0, first - 1 - INTERVALS_AROUND_HOLE) : first - 1],
+                lengths[last : last + INTERVALS_AROUND_HOLE],
+            ]
+        )
+        if around.size and apart[k] > MAX_HOLE_TO_INTERVAL * np.median(around):
             raise JounceError(
                 f"no samples from t = {t[k]:.6g} to {t[k + 1]:.6g} s: {apart[k]:.3g} s, where the motion can be"
                 f" continued over {np.median(around):.3g} s; split the log there, or set a lower bandwidth"
@@ -40,14 +45,14 @@ def peaks_and_shares(
     `deviations` of times (T,) are (7, T, n), 0 of joints that rest. Where a derivative is known, the next is no less
     than that of half a wave over the duration.
     """
-    inside = np.linspace(*ends, min(POINTS, 4 * (len(spline.t) - 2 * spline.k)) + 2)[1:-1]
-    size = np.abs([spline(inside, nu=k) - (k == 0) * q.mean(axis=0) for k in range(HIGHEST + 1)])
+    inside = np.linspace(*ends, min(MAX_COMPARED_TIMES, 4 * (len(spline.t) - 2 * spline.k)) + 2)[1:-1]
+    size = np.abs([spline(inside, nu=k) - (k == 0) * q.mean(axis=0) for k in range(MAX_DEVIATION_ORDER + 1)])
     off = deviations(inside)
     usual = np.sqrt((off**2).mean(axis=1).max(axis=1))
     beyond = np.maximum((size - off).max(axis=(1, 2)), size.max(axis=(1, 2)) / 10)  # noise makes peaks as well
     largest = np.maximum(beyond, np.finfo(float).tiny)  # of joints that rest in all digits
     duration = np.ptp(spline.t)
     for k in range(1, len(largest)):
-        if usual[k - 1] < KNOWN * largest[k - 1]:
+        if usual[k - 1] < MAX_KNOWN_DEVIATION * largest[k - 1]:
             largest[k] = max(largest[k], largest[k - 1] * np.pi / duration)
     return size.max(axis=1), usual / largest

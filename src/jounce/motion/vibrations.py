@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce.motion.lines import Line
 
-POINTS = 50  # times of a vibration, at which mass matrices are taken
+MASS_MATRIX_TIMES = 50  # of a vibration, at which mass matrices are taken
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def in_forces(
     """A note of the largest force rate Q2d that a vibration means, to the first order: a column of M (T, n, n) at times
     (T,) times its amplitude in q4d.
     """
-    M = mass_matrices(np.linspace(*vibration.line.span, POINTS))
+    M = mass_matrices(np.linspace(*vibration.line.span, MASS_MATRIX_TIMES))
     most = np.abs(M[:, :, coordinates.index(vibration.name)]).max(axis=0) * vibration.fourth
     largest = int(np.argmax(most))
     return (
