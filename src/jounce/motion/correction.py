@@ -1,4 +1,4 @@
-"""Samples whose time stamps are wrong, at the times that the fit to all joints tells."""
+"""Samples whose time stamps are wrong, at the times that the fit to all joints determines."""
 
 from dataclasses import replace
 
@@ -38,8 +38,8 @@ def corrected(samples: Samples, raw: Solution, cells: int, rounds: int) -> tuple
 def colour(samples: Samples, stamped: np.ndarray, solution: Solution, sigma: float) -> float:
     """How much shifts of rows, averaged over parts of intervals, scatter more than independent ones do.
 
-    Neighbours' shifts may be alike. Averages over much of an interval do not tell it, for a fit takes these; averages
-    over fewer rows than are alike tell too little.
+    Neighbours' shifts may be alike. Averages over much of an interval do not show it, for a fit takes these; averages
+    over fewer rows than are alike show too little.
     """
     shift, squares = samples.t - np.sort(stamped), [1.0]
     for parts in AVERAGING_PARTS:

@@ -1,4 +1,16 @@
-"""Standard deviations of a smoothing spline and its derivatives: of noise, of stamps, and of the spline's own error."""
+"""Standard deviations of a smoothing spline and its derivatives: of noise, of stamps, and of the spline's own error.
+
+Problem: the covariance of q, qd, ... of each joint at a time, of the least-squares spline of its samples. It is a sum
+of independent parts, each positive semidefinite:
+
+1. noise: ``(B^T B)^-1`` of the normal equations times the variance of white noise in that interval
+2. corrected time stamps, by a parametric bootstrap (Efron & Tibshirani, An Introduction to the Bootstrap, 6.5)
+3. residuals that are no noise, and vibrations that the spline leaves out: waves of their size
+4. sensors that may be read earlier than the times say: a shift that is anywhere from 0 to that
+5. the spline's own error, from a coarser one by Richardson's extrapolation
+
+It says nothing of what neither spline resolves and the residuals do not show, as a burst below the noise.
+"""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -44,16 +56,14 @@ class Spread:
         The spline, of the joints that move.
     variance : (M, n)
         Variances of white noise that is fitted as the samples' noise is.
-    coarser : BSpline or None
-        A spline of fewer intervals, to tell the error of the spline itself from.
-    ratio : float
-        How many times fewer.
+    coarser, ratio : BSpline or None, float
+        A spline of fewer intervals, from which the error of the spline itself follows, and how many times fewer.
     stamps : StampCovariances or None
         Where stamps are corrected. Their times are not those of `solution`: corrected rows may bear fewer breaks.
     unfollowed : (M, n) or None
         Mean squares of what an interval's fit leaves beyond noise: taken for a vibration at the end of its band.
     unsure : (n,) or None
-        By how much sensors may be read earlier than the times say, s: anything up to that is as likely.
+        By how much sensors may be read earlier than the times say, s.
     left_out : tuple of Line
         Vibrations that stand out of the noise and that the spline does not follow.
     """
@@ -73,12 +83,14 @@ class Spread:
         return np.concatenate([self._covariances(t[start : start + MAX_GATHERED_TIMES], order) for start in starts])
 
     def _covariances(self, t: np.ndarray, order: int) -> np.ndarray:
-        unit, place = _unit_covariances(self.solution, self._blocks, t, order)
-        total = self.variance[place][:, :, None, None] * unit[:, None]
+        breaks, spline = self.solution.breaks, self.solution.spline
+        bases = [basis(t.clip(breaks[0], breaks[-1]), breaks, k) for k in range(order + 1)]
+        values, place = np.stack([row for row, _ in bases], axis=1), bases[0][1]
+        total = self.variance[place][:, :, None, None] * (values @ self._blocks[place] @ values.mT)[:, None]
         if self.stamps is not None:
             total += self.stamps.at(t, order)
         if self.unfollowed is not None and self.unfollowed.any():
-            rate = np.pi / np.diff(self.solution.breaks)[place, None]
+            rate = np.pi / np.diff(breaks)[place, None]
             for k in range(order + 1):
                 total[:, :, k, k] += self.unfollowed[place] * rate ** (2 * k)
         for line in self.left_out:
@@ -86,12 +98,12 @@ class Spread:
             for k in range(order + 1):  # the mean square of a wave is half of its amplitude's
                 total[during, line.joint, k, k] += (line.amplitude * (2 * np.pi * line.frequency) ** k) ** 2 / 2
         if self.unsure is not None and self.unsure.any():
-            rates = np.stack([self.solution.spline(t, nu=k + 1) for k in range(order + 1)], axis=-1)
+            rates = np.stack([spline(t, nu=k + 1) for k in range(order + 1)], axis=-1)
             shifted = rates * self.unsure[:, None] / np.sqrt(3)  # the root mean square of a shift from 0 to `unsure`
             total += shifted[..., :, None] * shifted[..., None, :]
         if self.coarser is not None:
+            middles = (breaks[1:] + breaks[:-1]) / 2
             for k, model in enumerate(self._model[: order + 1]):
-                middles = (self.solution.breaks[1:] + self.solution.breaks[:-1]) / 2
                 total[:, :, k, k] += np.stack([np.interp(t, middles, column) for column in model.T], axis=1)
         return total
 
@@ -103,8 +115,8 @@ class Spread:
     def _model(self) -> list[np.ndarray]:
         """Mean squares (M, n), per derivative, of the spline's own error, by Richardson's extrapolation.
 
-        The error of a derivative falls with a power of the interval; what a coarser spline differs by is the error of
-        that one without this one's. Squares are averaged over an interval and those on either side.
+        The error e of the k-th derivative falls with the interval to the power p = ERROR_DECAY_POWER - k, so that a
+        spline of r times fewer intervals differs by (r^p - 1) e. Squares are averaged over three intervals.
         """
         assert self.coarser is not None
         breaks = self.solution.breaks
@@ -123,8 +135,8 @@ def stamp_covariances(rows: Rows, raw: Solution, sigma: float, own: np.ndarray) 
     """What is left in q, qd, ... of stamps that scattered by sigma before correction.
 
     Corrected stamps are wrong by what a fit to the raw ones takes of their scatter: tau = (v^T D^-1 e) / (v^T D^-1 v),
-    where e are splines fitted to v d with random d. The fit at corrected times takes v tau. Draws of d tell the
-    covariances (the parametric bootstrap: Efron & Tibshirani, An Introduction to the Bootstrap, 6.5).
+    where e are splines fitted to v d with random d. The fit at corrected times takes v tau. Draws of d, from a fixed
+    seed, give the covariances.
     """
     random = np.random.default_rng(0)
     v = raw.spline(rows.t, nu=1)
@@ -134,26 +146,18 @@ def stamp_covariances(rows: Rows, raw: Solution, sigma: float, own: np.ndarray) 
     times = _quarters(raw.breaks)
     total = np.zeros((len(times), v.shape[1], MAX_DEVIATION_ORDER + 1, MAX_DEVIATION_ORDER + 1))
     for _ in range(BOOTSTRAP_DRAWS // DRAWS_PER_FIT):
+        # e: what the raw fit takes of random shifts
         d = sigma * random.normal(size=(len(v), 1, DRAWS_PER_FIT))
         noise = (weight[:, None, None] * v[:, :, None] * d).reshape(len(v), -1)
         taken = solve(replace(rows, y=noise), raw.breaks).spline(rows.t).reshape(*v.shape, DRAWS_PER_FIT)
+        # tau: what correction makes of that, and the spline that follows it
         tau = (across[:, :, None] * taken).sum(axis=1, keepdims=True)
         left = rows.weight[:, None] * (v[:, :, None] * tau).reshape(len(v), -1)
         curve = solve(replace(rows, y=left), raw.breaks).spline
         rates = [curve(times, nu=k).reshape(len(times), -1, DRAWS_PER_FIT) for k in range(MAX_DEVIATION_ORDER + 1)]
-        e = np.stack(rates, axis=2)
+        e = np.stack(rates, axis=2)  # squares are averaged over draws
         total += e @ e.mT / BOOTSTRAP_DRAWS
     return StampCovariances(times, total)
-
-
-def _unit_covariances(
-    solution: Solution, blocks: np.ndarray, t: np.ndarray, order: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Covariances (P, order + 1, order + 1) for white noise of variance 1, and the intervals of the times."""
-    t = t.clip(solution.breaks[0], solution.breaks[-1])
-    rows = [basis(t, solution.breaks, k) for k in range(order + 1)]
-    values, place = np.stack([row for row, _ in rows], axis=1), rows[0][1]
-    return values @ blocks[place] @ values.mT, place
 
 
 def _quarters(breaks: np.ndarray) -> np.ndarray:

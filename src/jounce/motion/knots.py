@@ -1,8 +1,12 @@
 """Breaks of splines: evenly spaced, where bisection puts them, as densely as a motion needs; and what they gain.
 
-Intervals are bisected where that explains more than noise, those first that gain most (bulk chasing: Doerfler, SIAM
-Journal on Numerical Analysis 33, 1996): an unresolved place rings far into its neighbourhood, and bisecting all that
-rings would leave breaks there for ever.
+Problem: breaks with no interval whose bisection would explain more of the samples than noise does. Intervals are
+bisected in rounds, those first that gain most (bulk chasing: Doerfler, SIAM Journal on Numerical Analysis 33, 1996): an
+unresolved place rings far into its neighbourhood, and bisecting all that rings would leave breaks there for ever.
+
+Breaks only get denser, and every interval keeps two samples, so that bisection ends. It stops too early where a feature
+explains nothing until it is bisected several times: `jounce.motion.choice` starts it from several numbers of intervals,
+and `jounce.motion.bursts` looks for what it misses.
 """
 
 from collections.abc import Callable, Sequence
@@ -45,6 +49,7 @@ def bisect(rows: Rows, beats: Beats, start: int, variance: np.ndarray) -> np.nda
     """Breaks, from evenly spaced ones, with intervals bisected as long as that explains more than noise does."""
     breaks = admissible(rows, even(rows)(start))
     for _ in range(MAX_BISECTION_ROUNDS):
+        # what bisection of each interval explains; of one within steps of an encoder it would explain the steps
         gain = gains(rows, beats, breaks, variance)
         gain[beats.passes(breaks) < MIN_STEPS_TO_BISECT] = 0
         finer = bisect_most(rows, breaks, gain, noticeable(len(variance)))
@@ -56,17 +61,16 @@ def bisect(rows: Rows, beats: Beats, start: int, variance: np.ndarray) -> np.nda
 
 def bisect_most(rows: Rows, breaks: np.ndarray, gain: np.ndarray, threshold: float) -> np.ndarray:
     """Breaks with those intervals bisected whose gain passes a threshold and is much of the largest one around."""
-    reach = np.pad(gain, RINGING_INTERVALS)
-    around = np.max([reach[k : k + len(gain)] for k in range(2 * RINGING_INTERVALS + 1)], axis=0)
-    chosen = np.flatnonzero((gain > threshold) & (gain >= MIN_GAIN_TO_RIVALS * around))
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(gain, RINGING_INTERVALS), 2 * RINGING_INTERVALS + 1)
+    chosen = np.flatnonzero((gain > threshold) & (gain >= MIN_GAIN_TO_RIVALS * around.max(axis=1)))
     if not chosen.size:
         return breaks
-    return admissible(rows, np.sort(np.append(breaks, (breaks[chosen] + breaks[chosen + 1]) / 2)))
+    return admissible(rows, halves(breaks, chosen))
 
 
-def halves(breaks: np.ndarray) -> np.ndarray:
-    """Breaks with all intervals bisected."""
-    return np.sort(np.append(breaks, (breaks[1:] + breaks[:-1]) / 2))
+def halves(breaks: np.ndarray, chosen: np.ndarray | slice = slice(None)) -> np.ndarray:
+    """Breaks with chosen intervals bisected, by default all."""
+    return np.sort(np.append(breaks, ((breaks[1:] + breaks[:-1]) / 2)[chosen]))
 
 
 def gains(rows: Rows, beats: Beats, breaks: np.ndarray, variance: np.ndarray) -> np.ndarray:
@@ -91,7 +95,7 @@ def noise_variance(rows: Rows, beats: Beats, breaks: np.ndarray) -> np.ndarray:
     """The variance per joint of white noise that would be fitted as well as what is in the samples.
 
     From breaks that leave no motion in the residual: three more in each interval explain three variances, in the
-    median over intervals and joints. That colour of the noise multiplies the variances of the residual.
+    median over intervals and joints. How many times as much they explain multiplies the variances of the residual.
     """
     breaks = admissible(rows, breaks)
     finer = admissible(rows, halves(halves(breaks)))
@@ -111,7 +115,7 @@ def fitted(rows: Rows, breaks: np.ndarray) -> Solution:
 def admissible(rows: Rows, breaks: np.ndarray) -> np.ndarray:
     """Breaks without those that leave too few samples in an interval, in gaps above all."""
     breaks = rows.snap(breaks)
-    if rows.edges is not None:
+    if rows.edges is not None:  # cells have ten rows each
         return breaks
     before = np.searchsorted(rows.t, breaks)
     before[0], before[-1] = 0, len(rows.t)

@@ -1,11 +1,15 @@
-"""Least-squares splines of degree 9 over any knots: normal equations in bands, their solution and its covariance.
+"""Least-squares splines of degree 9 over any knots, and their covariance.
 
-B-splines of degree 9 overlap by ten, so the normal equations B^T B c = B^T y of any number of samples have a band of
-nine diagonals (de Boor, A Practical Guide to Splines, XIV). They are accumulated interval by interval, solved by
-Cholesky's method and refined once where samples fit so well that the rounding of normal equations shows.
+Problem: the coefficients c that minimise ``|B c - y|^2``, where rows of B and y are those of samples times weights.
+B-splines of degree 9 overlap by ten, so the normal equations ``B^T B c = B^T y`` of any number of samples are banded
+(de Boor, A Practical Guide to Splines, XIV). They are accumulated interval by interval, solved by Cholesky's method and
+refined once where samples fit so well that the rounding of normal equations shows.
 
-Many fits of a long log share one compression: the samples of a cell become ten weighted ones that say the same of any
-polynomial of degree 9.
+Many fits of a long log share one compression: the samples of a cell become ten rows. These have the same normal
+equations as long as knots lie at the edges of cells, to which `Rows.snap` moves them.
+
+Cholesky's method raises `LinAlgError` where the samples leave a coefficient undetermined: callers drop breaks first
+(`jounce.motion.knots.admissible`), or give up this number of intervals.
 """
 
 from dataclasses import dataclass
@@ -29,14 +33,10 @@ class Rows:
 
     Attributes
     ----------
-    t : (P,)
-        Times, increasing; compressed, ten in each cell.
-    y : (P, n)
-        Right sides, times the weights.
-    weight : (P,)
-        Weights of the rows: the inverse standard deviation up to a factor.
+    t, y, weight : (P,), (P, n), (P,)
+        Increasing times, right sides times the weights, and weights: inverse standard deviations up to a factor.
     edges : (C + 1,) or None
-        Compressed, where knots may be: a polynomial goes on through a cell.
+        Of cells if the rows are compressed, ten in each: where knots may be.
     span : (float, float)
         The first and the last time of the samples.
     count : float
@@ -123,6 +123,7 @@ def _compress(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[floa
     Sums over the samples of polynomials up to degree 19 are the same over these rows (Golub & Welsch, Mathematics of
     Computation 23, 1969), hence normal equations too; the right sides are those of the polynomial that fits best.
     """
+    # samples by cell; a cell of one sample less has the first one of the next with the weight 0
     cells = -(-len(t) // size)
     starts = np.arange(cells + 1) * len(t) // cells
     of_cell = starts[:-1, None] + np.arange(size)
@@ -130,25 +131,23 @@ def _compress(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[floa
     of_cell = of_cell.clip(max=len(t) - 1)
     edges = np.concatenate([span[:1], (t[starts[1:-1]] + t[starts[1:-1] - 1]) / 2, span[1:]])
     x = (t[of_cell] - edges[:-1, None]) / np.diff(edges)[:, None] * 2 - 1
+    # the best polynomial of degree 9 of each cell, and what it leaves
     polynomials, nodes, vectors = _gauss(x, squares)
     right = (polynomials * squares[:, None]) @ y[of_cell]
     rest = y[of_cell] - polynomials.mT @ right
+    # its values at the nodes, whose weights are sqrt(sum of squares) times the first entries of eigenvectors
     total = np.sqrt(squares.sum(axis=1))[:, None]
     times = edges[:-1, None] + np.diff(edges)[:, None] * (nodes + 1) / 2
-    return Rows(
-        times.ravel(),
-        (vectors.mT @ right).reshape(cells * BASIS_WIDTH, -1),
-        (total * vectors[:, 0]).ravel(),
-        edges,
-        span,
-        float((weight**2).sum()),
-        np.einsum("cs,csj->j", squares, rest**2),
-    )
+    y, weights = (vectors.mT @ right).reshape(cells * BASIS_WIDTH, -1), (total * vectors[:, 0]).ravel()
+    lost = np.einsum("cs,csj->j", squares, rest**2)
+    return Rows(times.ravel(), y, weights, edges, span, float((weight**2).sum()), lost)
 
 
 def _gauss(x: np.ndarray, squares: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Polynomials (C, 10, S) orthonormal over points x (C, S) of squared weights, the zeros (C, 10) of the eleventh,
     and eigenvectors (C, 10, 10) of the Jacobi matrices, whose j-th columns are sqrt(weight_j) p_k(zero_j).
+
+    Stieltjes' procedure: each polynomial is x times the one before, made orthogonal to all of them.
     """
     polynomials = np.empty((len(x), BASIS_WIDTH, x.shape[1]))
     jacobi = np.zeros((len(x), BASIS_WIDTH, BASIS_WIDTH))
@@ -192,6 +191,7 @@ def solve(rows: Rows, breaks: np.ndarray) -> Solution:
     """The least-squares spline with these breaks; raises `LinAlgError` where the samples leave it undetermined."""
     from scipy.linalg import cho_solve_banded, cholesky_banded
 
+    # rows of B by interval, and the Cholesky factor of B^T B
     values, place = basis(rows.t, breaks)
     values *= rows.weight[:, None]
     bounds = np.searchsorted(place, np.arange(len(breaks)))
@@ -199,11 +199,11 @@ def solve(rows: Rows, breaks: np.ndarray) -> Solution:
     factor = cholesky_banded(_normal(values, parts), lower=True, check_finite=False)
     coefficients = np.zeros((len(parts) + FIT_DEGREE, rows.y.shape[1]))
     residual = rows.y
-    while True:
+    while True:  # c += (B^T B)^-1 B^T (y - B c), once, or twice where the first residual is as small as its rounding
         coefficients += cho_solve_banded((factor, True), _project(values, residual, parts), check_finite=False)
         before, residual = residual, rows.y - _product(values, coefficients, parts)
         if before is not rows.y or ((residual**2).sum(axis=0) > MIN_REFINED_SHARE**2 * (rows.y**2).sum(axis=0)).all():
-            break  # samples that fit better than normal equations are solved go round once more
+            break
     residual = rows.across(residual)
     return Solution(breaks, coefficients, residual, factor, (residual**2).sum(axis=0) + rows.rest)
 
@@ -237,6 +237,7 @@ def covariance_blocks(factor: np.ndarray) -> np.ndarray:
     Only the band of the inverse is needed, and it follows from itself, last column first: Hutchinson & de Hoog,
     Smoothing noisy data with spline functions, Numerische Mathematik 47 (1985).
     """
+    # L of B^T B = L L^T gives the inverse Z by Z L = L^-T: column i from the nine rows and columns behind it
     unknowns = factor.shape[1]
     blocks = np.empty((unknowns - FIT_DEGREE, BASIS_WIDTH, BASIS_WIDTH))
     window = np.zeros((BASIS_WIDTH, BASIS_WIDTH))  # of the inverse, from the present column on

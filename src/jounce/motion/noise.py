@@ -1,5 +1,9 @@
 """What noise samples bear: steps of an encoder, written digits, white noise; and where rounding is not white.
 
+Problem: the step of which all differences of samples are multiples. One that is written is found by decimals, that of
+an encoder by Euclid's algorithm on the differences of sorted samples. It multiplies their rounding and gives up after a
+few divisions: such samples count as white (`step_of` is 0).
+
 Rounding to steps leaves the errors of a saw-tooth, whose m-th harmonic holds 6 / (pi m)^2 of their variance step^2 / 12
 (Widrow & Kollar, Quantization Noise, 2008). In samples they are as good as white as long as the motion passes several
 steps, or a varying part of one, from sample to sample. Slow joints stay on a step, and at some speeds a sample passes a
@@ -26,17 +30,10 @@ REST_WEIGHT_POWER = 1 / 3  # of the number of equal samples, by which those of a
 
 @dataclass(frozen=True)
 class Noise:
-    """What a joint's samples scatter by.
+    """What a joint's samples scatter by: a standard deviation, rad or m, and the step of an encoder or of digits, or 0.
 
-    Attributes
-    ----------
-    sigma : float
-        Standard deviation of the samples, rad or m.
-    kind : str
-        "encoder step", "written digits", "white", "rounding" (of floating-point numbers) or "rest" (the joint does not
-        move).
-    step : float
-        The step of the encoder or of the digits, otherwise 0.
+    The kind is "encoder step", "written digits", "white", "rounding" (of floating-point numbers) or "rest" (the joint
+    does not move).
     """
 
     sigma: float
@@ -45,11 +42,8 @@ class Noise:
 
     def __str__(self) -> str:
         bits = f", {np.log2(2 * np.pi / self.step):.3g} bits" if self.kind == "encoder step" else ""
-        step = (
-            f" of {self.step:.3g} rad or m{bits}"
-            if self.step and self.kind in ("encoder step", "written digits")
-            else ""
-        )
+        stepped = self.step and self.kind in ("encoder step", "written digits")
+        step = f" of {self.step:.3g} rad or m{bits}" if stepped else ""
         return f"{self.kind}{step}, standard deviation {self.sigma:.2g}"
 
 
@@ -61,10 +55,8 @@ class Beats:
     ----------
     t : (P,)
         Times of these samples.
-    period : (P, n, 4)
-        Periods in s, per joint and harmonic.
-    share : (P, n, 4)
-        Shares of the variance.
+    period, share : (P, n, 4)
+        Periods in s, and shares of the variance, per joint and harmonic.
     weight : (P,)
         The squared weights of all samples from each to the next.
     path : (P, n)
@@ -188,14 +180,15 @@ def _resolution(samples: np.ndarray) -> float:
 def _lattice(samples: np.ndarray, tolerance: float) -> float:
     """The step of which all differences are multiples up to a tolerance; otherwise 0.
 
-    Where a joint passes several steps from sample to sample, what is left of its differences tells the step: Euclid's
-    algorithm.
+    Where a joint passes several steps from sample to sample, what is left of its differences determines the step:
+    Euclid's algorithm.
     """
     apart = np.diff(np.unique(samples))
     apart = apart[apart > tolerance]
     for _ in range(MAX_DIVISIONS):
         if len(apart) < 2 or apart.min() < 4 * tolerance:
             return 0.0
+        # a step by the least differences, then by all that are few steps
         step = float(apart[apart < 1.5 * apart.min()].mean())
         for _ in range(3):
             multiples = np.round(apart / step)
@@ -204,6 +197,7 @@ def _lattice(samples: np.ndarray, tolerance: float) -> float:
         off = np.abs(apart - multiples * step)[near]
         if len(off) >= min(MIN_DIFFERENT_SAMPLES, len(apart)) and off.mean() < min(0.05 * step, tolerance):
             return step
+        # otherwise what the least difference leaves of the others
         least = apart.min()
         off = np.abs(apart - np.round(apart / least) * least)
         apart = np.append(off[off > 8 * tolerance], least)

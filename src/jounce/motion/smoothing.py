@@ -1,4 +1,17 @@
-"""From measured samples to a spline: what is noise, which rows count, which stamps are wrong, how many breaks."""
+"""From measured samples to a spline: what is noise, which rows count, which stamps are wrong, how many breaks.
+
+Problem: a spline of degree 9 that follows the motion and not the noise, and the noise. One pass of `_smooth`:
+
+1. weights of rows at rest, and where rounding to an encoder's steps is no white noise (`noise.Beats`)
+2. time stamps, corrected by the first fit where shifts of rows explain its residuals (`correction`)
+3. the breaks (`choice`), with wild rows weighed as Huber does (Robust Estimation of a Location Parameter, Annals of
+   Mathematical Statistics 35, 1964), and once more without their effect
+4. the stamps again, by that better fit, and the same breaks for the samples at their final times
+5. residuals: where they are no noise, and vibrations among them
+
+`_with_vibrations` repeats it with breaks that follow those. What is fast and below the noise is not found; what is fast
+and above it, but no line, shows in residuals: deviations are larger there, and a note says where.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -54,8 +67,8 @@ class Smoothed:
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """What breaks are chosen by: beats of rounding, a first number of intervals, the number of cells, the band in Hz
-    where it is given, the variance (n,) below which nothing is worth a break, and parts with denser breaks.
+    """What breaks are chosen by: `floor` (n,) is the variance below which nothing is worth a break, `bursts` are parts
+    with denser breaks.
     """
 
     beats: Beats
@@ -101,9 +114,9 @@ def _with_vibrations(samples: Samples, first: Solution, cells: int, bandwidth: f
     found = _smooth(samples, first, cells, bandwidth)
     lines: tuple[Line, ...] = ()
     for _ in range(MAX_VIBRATION_ROUNDS if bandwidth is None else 0):
-        if not found.spread.left_out:
+        if not (new := found.spread.left_out):
             break
-        new = found.spread.left_out
+        # all found so far determine the band, and the parts with denser breaks
         in_parts = {line.joint for line in new if not line.lasts}  # a burst is a line of all samples too
         lines += tuple(line for line in new if not (line.lasts and line.joint in in_parts))
         lasting = [line.frequency for line in lines if line.lasts]
@@ -112,6 +125,7 @@ def _with_vibrations(samples: Samples, first: Solution, cells: int, bandwidth: f
             found = _smooth(samples, first, cells, BAND_TO_LINE * max(lasting) if lasting else None, bursts)
         except JounceError:  # the samples do not carry such a band
             return replace(found, lines=lines)
+        # what is left beyond that band
         end = (
             NEXT_LINE_TO_BAND * BAND_TO_LINE * max(lasting, default=0.0)
         )  # below it is what a wider fit leaves at the end of its band
@@ -123,6 +137,7 @@ def _with_vibrations(samples: Samples, first: Solution, cells: int, bandwidth: f
 def _smooth(
     samples: Samples, first: Solution, cells: int, bandwidth: float | None, bursts: Sequence[Part] = ()
 ) -> Smoothed:
+    # weights, and beats of rounding
     scatter = np.sqrt(first.energy / len(samples.t))
     samples = replace(samples, weight=rest_weights(samples.t, samples.q, float(np.ptp(samples.t)) / first.intervals))
     velocity = first.spline(samples.t, nu=1)
@@ -130,14 +145,15 @@ def _smooth(
     setting = Setting(
         beats, first.intervals, cells, bandwidth, np.maximum(samples.floor, samples.steps**2 / 12), bursts
     )
+    # time stamps by the first fit
     stamped, left = samples, None
     found = corrected(samples, first, cells, 1)
     if found:  # what is finer than the stamps can tell is not worth breaks
         samples = replace(found[0], drift=(first.spline, found[1].own))
         setting = replace(setting, floor=np.maximum(setting.floor, scatter**2))
-    chosen, samples, note = _without_outliers(samples, setting)
-    notes = note
-    if found:
+    # breaks
+    chosen, samples, notes = _without_outliers(samples, setting)
+    if found:  # time stamps by the better fit
         rows = stamped.rows(cells)
         raw = fitted(rows, chosen.solution.breaks)
         samples, times = corrected(stamped, raw, cells, 2) or found
@@ -145,6 +161,7 @@ def _smooth(
         left = stamp_covariances(rows, raw, sigma, times.own)
         chosen = again(samples.rows(cells), beats, chosen)
         notes += (f"time stamps scatter by {times.sigma:.2g} s; one shift per row, from all joints, corrects them",)
+    # what the spline leaves
     solution = chosen.solution
     residual = samples.q - solution.spline(samples.t)
     unfollowed = _unfollowed(samples, residual, solution.breaks, chosen.variance)
@@ -203,7 +220,7 @@ def interpolate(samples: Samples) -> Smoothed:
     return Smoothed(samples, curve, Spread(solution, variance), sigma, (note,))
 
 
-def _choice(samples: Samples, setting: Setting) -> Choice:
+def _choose(samples: Samples, setting: Setting) -> Choice:
     rows = samples.rows(setting.cells)
     if setting.bandwidth is None:
         return denser(rows, choose(rows, setting.beats, setting.intervals, setting.floor), setting.bursts)
@@ -217,14 +234,14 @@ def _choice(samples: Samples, setting: Setting) -> Choice:
 
 def _without_outliers(samples: Samples, setting: Setting) -> tuple[Choice, Samples, tuple[str, ...]]:
     """The choice, once more where single rows lie far off, with less weight for these (Huber's)."""
-    chosen = _choice(samples, setting)
+    chosen = _choose(samples, setting)
     left = samples.q - chosen.solution.spline(samples.t)
     scale = np.maximum(np.median(np.abs(left), axis=0) / 0.6745, np.sqrt(chosen.variance) / 2)
     far = _far_alone(samples, left, scale) / OUTLIER_DEVIATIONS
     if not 0 < (far > 1).mean() < MAX_OUTLIER_SHARE:
         return chosen, samples, ()
     samples = replace(samples, weight=samples.weight / np.sqrt(np.maximum(far, 1)))
-    return _choice(samples, setting), samples, (f"{(far > 1).sum()} rows lie far from the others and count less",)
+    return _choose(samples, setting), samples, (f"{(far > 1).sum()} rows lie far from the others and count less",)
 
 
 def _far_alone(samples: Samples, left: np.ndarray, scale: np.ndarray) -> np.ndarray:
@@ -240,7 +257,7 @@ def _far_alone(samples: Samples, left: np.ndarray, scale: np.ndarray) -> np.ndar
 def rounded(samples: Samples, first: Solution) -> bool:
     """Whether a spline explains samples to their rounding, or needs all breaks there are though they look smooth.
 
-    Most places tell: a kink in exact samples is not noise.
+    Smooth in most places: a kink in exact samples is not noise.
     """
     sigma = np.sqrt(first.energy / len(samples.t))
     exact = sigma < ROUNDING_OF_Q * np.abs(samples.q).max(axis=0)

@@ -1,7 +1,12 @@
 """Samples before they are smoothed: what no smoothing mends, rows that repeat, and stamps that say the wrong time.
 
-A controller's log is stamped when rows are written. Each row then tells the joints' positions at another time than its
+A controller's log is stamped when rows are written. Each row then has the joints' positions at another time than its
 stamp says, all of them at the same: one shift per row, estimated from all joints together, explains their scatter.
+
+Problem: with residuals ``r = v d + e`` of each row, ``d ~ N(0, s^2)``, ``e ~ N(0, D)``, D diagonal, the s and D of the
+largest likelihood. This is factor analysis with known loadings v, by expectation and maximisation (Rubin & Thayer,
+Psychometrika 47, 1982), whose likelihood rises in each step. A single joint does not distinguish shifts from noise; nor
+are shifts believed that gain little likelihood, or that few rows have: a fit that does not follow leaves such ones.
 """
 
 from collections.abc import Sequence
@@ -49,17 +54,17 @@ def check(
     if len(joints) != samples.shape[1]:
         raise JounceError(f"{len(joints)} names for {samples.shape[1]} columns; expected one per column")
     if not np.isfinite(times).all():
-        raise JounceError(f"the time of sample {_first(~np.isfinite(times))} is not a number; remove the row")
+        raise JounceError(f"the time of sample {np.argmin(np.isfinite(times))} is not a number; remove the row")
     for name, column in zip(joints, samples.T, strict=True):
         if not np.isfinite(column).all():
-            where = _first(~np.isfinite(column))
+            where = int(np.argmin(np.isfinite(column)))
             raise JounceError(
                 f"{name} is {column[where]} at t = {times[where]:g} s; expected numbers: remove such rows"
             )
     kept = np.append(True, (np.diff(times) != 0) | (np.diff(samples, axis=0) != 0).any(axis=1))
     times, samples = times[kept], samples[kept]
-    if (np.diff(times) <= 0).any():
-        where = _first(np.diff(times) <= 0)
+    if (late := np.diff(times) <= 0).any():
+        where = int(np.argmax(late))
         raise JounceError(
             f"time goes from {times[where]:.9g} to {times[where + 1]:.9g} s at sample {where + 1}; expected increasing"
             " times: sort the rows, or write the time with more digits"
@@ -120,13 +125,10 @@ def _off_cubic(
 
 
 def scatter_of(r: np.ndarray, v: np.ndarray) -> Scatter | None:
-    """How stamps scatter, where shifts of rows explain residuals r, (N, n), at velocities v better than noise alone.
-
-    With r = v d + e per row, d ~ N(0, s^2) and e ~ N(0, D) of a diagonal D: factor analysis with known loadings v, by
-    expectation and maximisation (Rubin & Thayer, Psychometrika 47, 1982).
-    """
+    """How stamps scatter, where shifts of rows explain residuals r, (N, n), at velocities v better than noise alone."""
     if r.shape[1] < 2:
         return None
+    # some rows, without outliers, and the likelihood of noise alone
     step = len(r) // MAX_SCATTER_ROWS + 1
     r, v, tiny = r[::step], v[::step], np.finfo(float).tiny
     usual = (np.abs(r) <= MIN_OUTLYING_RESIDUAL * np.median(np.abs(r), axis=0)).all(axis=1)
@@ -135,11 +137,12 @@ def scatter_of(r: np.ndarray, v: np.ndarray) -> Scatter | None:
     own = np.maximum((r**2).mean(axis=0), tiny)
     alone = -0.5 * (np.log(own).sum() + len(own))
     found = Scatter(float(np.sqrt((own / np.maximum((v**2).mean(axis=0), tiny)).min() / 2)), own / 2)
-    for _ in range(EM_ROUNDS):
+    for _ in range(EM_ROUNDS):  # shifts by the present s and D, then s and D by the shifts
         d, variance = _posterior(r, v, found)
         own = ((r - v * d[:, None]) ** 2 + v**2 * variance[:, None]).mean(axis=0)
         found = Scatter(float(np.sqrt((d**2 + variance).mean())), np.maximum(own, tiny))
     d, variance = _posterior(r, v, found)
+    # the gain of likelihood, by the determinant and the inverse of D + s^2 v v^T
     squares = (r**2 / found.own).sum(axis=1) - d**2 / variance
     together = -0.5 * (np.log(found.own).sum() + np.log(found.sigma**2 / variance) + squares).mean()
     better = together - alone  # of the logarithms of likelihoods, per row
@@ -173,7 +176,3 @@ def _numbers(given: object, label: str) -> np.ndarray:
     if array.dtype.kind not in "fiu":
         raise JounceError(f"{label} is {quoted(given)}; expected an array of numbers")
     return array.astype(float)
-
-
-def _first(wrong: np.ndarray) -> int:
-    return int(np.argmax(wrong))
