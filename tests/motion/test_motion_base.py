@@ -12,7 +12,8 @@ import jounce
 from jounce import Motion
 from jounce.io import tables
 from jounce.io.motions.writing import pieces
-from jounce.motion.base import BASE_COLUMNS, POSE_COLUMNS, Scaled, motion_of
+from jounce.motion.base import BASE_COLUMNS, POSE_COLUMNS, motion_of
+from jounce.motion.curves import Arranged
 from jounce.motion.table import from_table
 
 ARM = jounce.load("planar2r")
@@ -131,7 +132,7 @@ def test_motions_that_follow_each_other_continue_the_base():
     first = LINEAR.with_base(T, C, degree=7)
     later = Motion.polynomial([[1, -1], [2, -2]], 1.0).with_base(T, C[::-1], degree=7)
     for sign in (1, -1):
-        other = replace(later, base_curve=Scaled(later.base_curve, np.array([1] * 3 + [sign] * 4)))
+        other = replace(later, base_curve=Arranged(later.base_curve, np.arange(7), np.array([1] * 3 + [sign] * 4)))
         whole = first + other
         np.testing.assert_allclose(whole.base(1.5, 0)[0], C[50], atol=1e-6)
         of_base = {found.order for found in whole.breaks if found.symbol == "base"}

@@ -23,9 +23,9 @@ from jounce.engine.engine import Engine
 from jounce.engine.generic import compute_by_method
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
-from jounce.motion.curves import Curve
+from jounce.motion.curves import Arranged, Curve
 from jounce.motion.hermite import Hermite
-from jounce.motion.matching import Columns, unwrapped
+from jounce.motion.matching import unwrapped
 from jounce.motion.motion import DEFAULT_TIME_STEP, Motion
 
 FEWEST, MOST = 512, 2**20  # even intervals of a motion, at whose ends it is looked at
@@ -244,7 +244,7 @@ def _path(
     step: newton.Step | None,
 ) -> States:
     """States along some columns of a curve, so close together that positions between are near those before them."""
-    c, curve = closure_of(m), Columns(curve, np.array(columns))
+    c, curve = closure_of(m), Arranged(curve, np.array(columns))
     jumps = [jump.t for jump in curve.jumps(2) if curve.start < jump.t < curve.stop]
     t = np.unique([*np.linspace(curve.start, curve.stop, count + 1), *jumps])
     u, given = curve.rates(t[:1], 0)[0], dict(branch)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from jounce.motion.curves import Jump
+from jounce.motion.curves import Smooth
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Terms:
 
 
 @dataclass(frozen=True)
-class Analytic:
+class Analytic(Smooth):
     """Coordinates in closed form from one time to another."""
 
     terms: tuple[Terms, ...]
@@ -58,10 +58,3 @@ class Analytic:
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
         """The values and their derivatives up to `order`."""
         return [np.stack([terms.rate(t, k) for terms in self.terms], axis=1) for k in range(order + 1)]
-
-    def jumps(self, order: int) -> list[Jump]:
-        """None: sums of cosines and polynomials are smooth."""
-        return []
-
-    def deviations(self, t: np.ndarray, order: int) -> None:
-        """None: the curve is exact."""

@@ -8,14 +8,13 @@ move is ``2 E(Q) Qd / |Q|^2``, ``E = [-v, w 1 - hat(v)]``; so it is with cosine 
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from jounce.core.errors import JounceError
 from jounce.model.positions import Position
-from jounce.motion.curves import Curve, Jump, OfCurve
+from jounce.motion.curves import Curve
 from jounce.spatial.groups import FREE, Group
 from jounce.spatial.lie import hat
 from jounce.spatial.linear import solved
@@ -28,26 +27,6 @@ MIN_QUATERNION_NORM = 0.1  # nearer to zero the curve of a quaternion has no dir
 FREE_JOINT_PLACES = [0, 1, 2, 4, 5, 6, 3]  # of the numbers of a free joint, whose qw is last, among those of a base
 
 Terms = tuple[np.ndarray, ...]  # C, V, Vd, ...
-
-
-@dataclass(frozen=True, eq=False)
-class Scaled(OfCurve):
-    """A curve whose columns are multiplied by factors (columns,), as the sign of a quaternion is free."""
-
-    factors: np.ndarray
-
-    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        """The values and their derivatives up to `order`."""
-        return [rate * self.factors for rate in self.base.rates(t, order, left)]
-
-    def jumps(self, order: int) -> list[Jump]:
-        """Where a derivative up to `order` jumps."""
-        return [jump._replace(size=jump.size * float(self.factors[jump.column])) for jump in self.base.jumps(order)]
-
-    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
-        """The standard deviations of the values and derivatives."""
-        found = self.base.deviations(t, order)
-        return None if found is None else [rate * np.abs(self.factors) for rate in found]
 
 
 def terms_at(curve: Curve, t: np.ndarray, order: int, left: bool = False) -> Terms:

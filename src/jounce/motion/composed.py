@@ -19,16 +19,6 @@ class Retimed(OfCurve):
     origin: float
     place: float
 
-    @property
-    def start(self) -> float:
-        """The start time, s."""
-        return float(self.outer(np.array(self.base.start)))
-
-    @property
-    def stop(self) -> float:
-        """The end time, s."""
-        return float(self.outer(np.array(self.base.stop)))
-
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
         """The values and their derivatives up to `order`."""
         found = self.base.rates(self.inner_at_jumps(t, order), order, left)

@@ -9,7 +9,7 @@ from jounce.core.scalars import asarray
 from jounce.motion.analytic import Analytic, Cosine, Terms
 from jounce.motion.curves import DEFAULT_ORDER, Curve, Polynomials
 from jounce.motion.smoothed import found_from
-from jounce.motion.spline import Smoothing, Spline
+from jounce.motion.spline import Sampled, Smoothing, Spline
 from jounce.motion.units import warn_of_times
 
 PLACE = "the motion"
@@ -35,7 +35,7 @@ def through(t: Any, q: Any, way: Smoothing | Spline, joint_names: Any) -> Parts:
     check_increasing(times, "t")
     names = checked_names(joint_names, samples.shape[1])
     warn_of_times(times, samples, PLACE)
-    found = found_from(times, samples, way, names, DEFAULT_ORDER, PLACE)
+    found = found_from(Sampled(times, samples, DEFAULT_ORDER, PLACE, names), way)
     return Parts(found.curve, names, found.source, (times, samples), found.residual, times, found.notes)
 
 

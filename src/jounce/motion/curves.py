@@ -52,6 +52,18 @@ class Curve(Protocol):
         """The standard deviations of the values and derivatives; None where they are exact."""
 
 
+class Smooth:
+    """What a curve has that is exact and without jumps, where it does not say otherwise."""
+
+    def jumps(self, order: int) -> list[Jump]:
+        """None up to the highest derivative that is known."""
+        return []
+
+    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
+        """None: the curve is exact."""
+        return None
+
+
 @dataclass(frozen=True, eq=False)
 class OfCurve:
     """What a curve that is made of another one, its `base`, has from it, where it does not say otherwise."""
@@ -61,12 +73,12 @@ class OfCurve:
     @property
     def start(self) -> float:
         """The start time, s."""
-        return self.base.start
+        return float(self.outer(np.array([self.base.start]))[0])
 
     @property
     def stop(self) -> float:
         """The end time, s."""
-        return self.base.stop
+        return float(self.outer(np.array([self.base.stop]))[0])
 
     @property
     def columns(self) -> int:
@@ -100,6 +112,38 @@ class OfCurve:
         return np.where(outer[near] == t, jumps[near], inner)
 
 
+@dataclass(frozen=True, eq=False)
+class Arranged(OfCurve):
+    """Some columns of a curve, times factors: column j is `factors[j]` times that of number `order[j]`, or 0 for -1."""
+
+    order: np.ndarray
+    factors: np.ndarray | float = 1.0
+
+    @property
+    def columns(self) -> int:
+        """The number of coordinates."""
+        return len(self.order)
+
+    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
+        """The values and their derivatives up to `order`."""
+        return [self._arranged(rate) * self.factors for rate in self.base.rates(t, order, left)]
+
+    def jumps(self, order: int) -> list[Jump]:
+        """Where a derivative up to `order` jumps."""
+        factors = np.broadcast_to(self.factors, len(self.order)).tolist()
+        place = {int(j): i for i, j in enumerate(self.order)}
+        found = ((jump, place[jump.column]) for jump in self.base.jumps(order) if jump.column in place)
+        return sorted(jump._replace(column=i, size=jump.size * factors[i]) for jump, i in found)
+
+    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
+        """The standard deviations of the values and derivatives."""
+        found = self.base.deviations(t, order)
+        return None if found is None else [self._arranged(rate) * np.abs(self.factors) for rate in found]
+
+    def _arranged(self, rate: np.ndarray) -> np.ndarray:
+        return np.pad(rate, ((0, 0), (0, 1)))[:, self.order]
+
+
 def jumps_at(
     t: np.ndarray,
     before: Sequence[np.ndarray],
@@ -124,7 +168,7 @@ def jumps_at(
 
 
 @dataclass(frozen=True, eq=False)
-class Polynomials:
+class Polynomials(Smooth):
     """Piecewise polynomials, as scipy's PPoly: breakpoints x (m + 1,), coefficients c (degree + 1, m, columns).
 
     On the piece from x[i] to x[i + 1] the coefficients are those of powers of t - x[i], the highest power first.
@@ -162,9 +206,6 @@ class Polynomials:
         inside = (powers(self.c, share * h[:, None], order) for share in INNER_SHARES)
         within = [np.concatenate(parts) for parts in zip(*inside, strict=True)]
         return jumps_at(self.x[1:-1], before, after, np.maximum(h[:-1], h[1:]), within)
-
-    def deviations(self, t: np.ndarray, order: int) -> None:
-        """None: the curve is exact."""
 
 
 def rates_within(curve: Curve, order: int) -> list[np.ndarray]:

@@ -12,7 +12,7 @@ from math import factorial, prod
 import numpy as np
 
 from jounce.motion.base import with_blocks
-from jounce.motion.curves import Jump, OfCurve
+from jounce.motion.curves import OfCurve, Smooth
 from jounce.spatial.series import Series, columns, from_rate, joined
 
 POWER_SERIES_RADIUS = 1.0  # of z, rad, below which the power series is used
@@ -20,7 +20,7 @@ POWER_SERIES_TERMS = 10  # the next one is less than 1e-18
 
 
 @dataclass(frozen=True, eq=False)
-class Exponential(OfCurve):
+class Exponential(OfCurve, Smooth):
     """A smooth curve whose columns at some places are exponential coordinates, as one of quaternions (x, y, z, w).
 
     A place of one column is an angle, of which cosine and sine are made.
@@ -39,10 +39,6 @@ class Exponential(OfCurve):
         turned = [_turned([rate[:, place] for rate in rates]) for place in self.turns]
         parts = (with_blocks(rate.T, self.turns, [Q[k].T for Q in turned]) for k, rate in enumerate(rates))
         return [np.concatenate(part).T for part in parts]
-
-    def jumps(self, order: int) -> list[Jump]:
-        """None: what is smooth stays so."""
-        return []
 
 
 def _turned(rates: list[np.ndarray]) -> list[np.ndarray]:

@@ -10,7 +10,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from jounce.core.errors import warn
-from jounce.motion.curves import Jump, powers
+from jounce.motion.curves import Smooth, powers
 from jounce.motion.smoothness import MAX_ROUNDING_SHARE, resolution, sizes_of
 from jounce.spatial.series import rate_name
 
@@ -28,7 +28,7 @@ def counting_to(order: int) -> Iterator[None]:
 
 
 @dataclass(frozen=True, eq=False)
-class Hermite:
+class Hermite(Smooth):
     """Polynomials between rows at t (N,) of q, qd, ... (N, columns) each: m of them make the degree 2 m - 1.
 
     `spreads` are their standard deviations, if the rows come from a fit and not from a plan. `rounding` is the standard
@@ -74,10 +74,6 @@ class Hermite:
         found = between(before, after, h, (t - self.t[left_row])[:, None] / h, order)
         self._warn_of_rounding(order)
         return [np.where(on_row[:, None], row[i], rate) for row, rate in zip(self.rows, found, strict=False)]
-
-    def jumps(self, order: int) -> list[Jump]:
-        """None up to the rates that the rows state: neighbouring pieces share them."""
-        return []
 
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
         """The standard deviations that the rows state, linear between them, and what the rounding of t adds."""

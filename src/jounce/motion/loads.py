@@ -2,16 +2,15 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from jounce.core.errors import JounceError, at, listed, quoted
 from jounce.model.mechanism import Mechanism
-from jounce.motion.curves import COMPONENTS, Curve, Jump, OfCurve
+from jounce.motion.curves import COMPONENTS, Arranged, Curve
 from jounce.motion.hermite import Hermite
 from jounce.motion.smoothed import found_from
-from jounce.motion.spline import Smoothing, Spline
+from jounce.motion.spline import Sampled, Smoothing, Spline
 from jounce.spatial.series import SUFFIX, rate_name
 
 WRENCH_COLUMN = re.compile(r"(.*)\.([mf][xyz])" + SUFFIX, re.DOTALL)
@@ -24,36 +23,6 @@ def named(names: Sequence[str], mechanism: Mechanism) -> list[str]:
     return [
         name for name in names if name not in joints and (m := WRENCH_COLUMN.fullmatch(name)) and m[1] not in others
     ]
-
-
-@dataclass(frozen=True, eq=False)
-class Wrench(OfCurve):
-    """The wrench (6,) of a curve of some of its components, the numbers `places`; the others are zero."""
-
-    places: tuple[int, ...]
-
-    @property
-    def columns(self) -> int:
-        """The number of components."""
-        return len(COMPONENTS)
-
-    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        """The values and their derivatives up to `order`."""
-        return [self._filled(rate) for rate in self.base.rates(t, order, left)]
-
-    def jumps(self, order: int) -> list[Jump]:
-        """Where a derivative up to `order` jumps."""
-        return sorted(jump._replace(column=self.places[jump.column]) for jump in self.base.jumps(order))
-
-    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
-        """The standard deviations of the values and derivatives."""
-        found = self.base.deviations(t, order)
-        return None if found is None else [self._filled(rate) for rate in found]
-
-    def _filled(self, components: np.ndarray) -> np.ndarray:
-        whole = np.zeros((len(components), len(COMPONENTS)))
-        whole[:, self.places] = components
-        return whole
 
 
 def are_sampled(columns: Iterable[str]) -> bool:
@@ -84,13 +53,14 @@ def wrenches(
         rows = [_stacked(columns, body, components, k, place) for k in range(1 if sampled else order + 1)]
         curve: Curve
         if sampled:
-            samples = found_from(t, rows[0], way, names, order, f"{place}: wrench of {quoted(body)}", "W")
+            samples = found_from(Sampled(t, rows[0], order, f"{place}: wrench of {quoted(body)}", names, "W"), way)
             curve = samples.curve
             if samples.notes:
                 notes += [f"wrench of {quoted(body)}: {text}" for text in (samples.source, *samples.notes)]
         else:
             curve = Hermite(t, tuple(rows), table=place, names=names)
-        found[body] = Wrench(curve, tuple(COMPONENTS.index(component) for component in components))
+        places = [components.index(component) if component in components else -1 for component in COMPONENTS]
+        found[body] = Arranged(curve, np.array(places))
     return found, tuple(notes)
 
 

@@ -16,7 +16,7 @@ from jounce.core.typing import ArrayLike
 from jounce.model.positions import Position
 from jounce.motion import base as bases
 from jounce.motion.composed import Chain, Retimed
-from jounce.motion.curves import COMPONENTS, DEFAULT_ORDER, Curve, Jump, Polynomials
+from jounce.motion.curves import COMPONENTS, DEFAULT_ORDER, Arranged, Curve, Jump, Polynomials
 from jounce.spatial.series import rate_name
 
 DEFAULT_TIME_STEP = 1e-3  # s, for motions without times of their own: the usual cycle of controllers
@@ -953,7 +953,7 @@ class Motion(Displayed):
         source = self.source if self.source == other.source else f"{self.source}; then {other.source}"
         base = _joined_bases(self, later)
         return Motion(
-            Chain((self.curve, bases.Scaled(later.curve, factors) if self.several else later.curve)),
+            Chain((self.curve, _scaled(later.curve, factors) if self.several else later.curve)),
             self.joint_names,
             source,
             loads,
@@ -1063,13 +1063,17 @@ def _joined_bases(first: Motion, later: Motion) -> Curve | None:
             f"the motions do not meet: their bases are {apart:.2g} apart in position (m) or quaternion;"
             " expected one to begin where the other ends"
         )
-    return Chain((first.base_curve, bases.Scaled(later.base_curve, factors)))
+    return Chain((first.base_curve, _scaled(later.base_curve, factors)))
 
 
 def _factor(end: np.ndarray, begin: np.ndarray) -> float:
     """What makes a quaternion, whose sign is free, or cosine and sine go on from where others end."""
     factor = float(end @ begin) / float(begin @ begin)
     return factor if len(end) == 4 else abs(factor)
+
+
+def _scaled(curve: Curve, factors: np.ndarray) -> Curve:
+    return Arranged(curve, np.arange(curve.columns), factors)
 
 
 def _zero(motion: Motion) -> Curve:

@@ -18,7 +18,7 @@ from jounce.motion.constructors import check_increasing, numbers
 from jounce.motion.curves import DEFAULT_ORDER, Curve, Polynomials
 from jounce.motion.hermite import Hermite
 from jounce.motion.smoothed import found_from
-from jounce.motion.spline import Smoothing, Spline, refuse_way
+from jounce.motion.spline import Sampled, Smoothing, Spline, refuse_way
 from jounce.spatial.lie import rotation, to_quaternion
 from jounce.spatial.series import SUFFIX, rate_name
 
@@ -128,6 +128,6 @@ def _curve_of_samples(
     fastest = float(np.median(np.linalg.norm(np.diff(samples[:, :3], axis=0), axis=1) / np.diff(t)))
     if fastest > MAX_BASE_SPEED:
         warn(f"{place}: the base moves at {fastest:.3g} m/s; expected m: a column in mm is called 'base.x [mm]'")
-    found = found_from(t, samples, way, BASE_COLUMNS, highest, f"{place}: base")
+    found = found_from(Sampled(t, samples, highest, f"{place}: base", BASE_COLUMNS), way)
     residual = "" if found.residual is None else f", at most {found.residual[:3].max():.2g} m from them"
     return found.curve, tuple(f"base: {text}" for text in (found.source + residual, *found.notes))

@@ -15,7 +15,7 @@ from jounce.motion.hermite import Hermite
 from jounce.motion.motion import Motion
 from jounce.motion.origin import Origin, rounding_notes
 from jounce.motion.smoothed import Found, found_from
-from jounce.motion.spline import Smoothing, Spline, refuse_way
+from jounce.motion.spline import Sampled, Smoothing, Spline, refuse_way
 from jounce.motion.units import check_units
 from jounce.spatial.series import rate_name
 
@@ -79,7 +79,7 @@ def from_columns(
     of_samples = (loads.are_sampled(of_wrenches), bool(of_base) and poses.are_sampled(list(of_base)))
     if not found.sampled and not any(of_samples):
         refuse_way(way, place, "all rates are in the table")
-    samples = found_from(t, q, way, joints, highest, place, rounding=rounding) if found.sampled else None
+    samples = found_from(Sampled(t, q, highest, place, joints, rounding=rounding), way) if found.sampled else None
     branch = {name: float(si[column][0]) for name, column in followers(mechanism, si, found.sampled).items()}
     base, of_poses = poses.curve_of_columns(t, of_base, way, highest, place)
     W, of_loads = loads.wrenches(t, of_wrenches, mechanism, max(highest - 2, 0), way, place)
