@@ -54,11 +54,7 @@ class Blend(OfCurve):
 
     def jumps(self, order: int) -> list[Jump]:
         """Where a derivative up to `order` jumps: of the curve outside of all windows, and at their ends."""
-        found = []
-        for jump in self.base.jumps(order):
-            windows = self.windows[jump.column]
-            if windows is None or not windows.which(np.array([jump.t]), False)[0].size:
-                found.append(jump)
+        found = [jump for jump in self.base.jumps(order) if not self._replaces(jump)]
         for j, windows in enumerate(self.windows):
             if windows is not None:
                 t = np.concatenate([windows.start, windows.stop])
@@ -69,28 +65,28 @@ class Blend(OfCurve):
                 found += [jump._replace(column=j) for jump in jumps_at(t, before, after, np.tile(spans, 2), within)]
         return sorted(found)
 
+    def _replaces(self, jump: Jump) -> bool:
+        windows = self.windows[jump.column]
+        return windows is not None and windows.which(np.array([jump.t]), False)[0].size > 0
+
 
 def blended(base: Curve, time: float, continuity: int, names: Sequence[str]) -> tuple[Blend, np.ndarray]:
     """A curve with polynomials of a duration in place of its breaks, C^continuity, and how far it moves (columns,)."""
     times: list[list[float]] = [[] for _ in names]
     for jump in base.jumps(continuity):
         times[jump.column].append(jump.t)
-    windows, distance = [], np.zeros(len(names))
+    windows = []
     for j, (name, of) in enumerate(zip(names, times, strict=True)):
-        t = np.unique(of)
-        _check_gaps(base, t, time, name)
-        windows.append(_windows(base, j, t, time, continuity) if t.size else None)
+        if of:
+            _check_gaps(base, np.unique(of), time, name)
+        windows.append(_windows(base, j, np.unique(of), time, continuity) if of else None)
     blend = Blend(base, tuple(windows))
-    for j, column in enumerate(windows):
-        if column is not None:
-            distance[j] = _distance(blend, column, j)
-    return blend, distance
+    distances = [0.0 if column is None else _distance(blend, column, j) for j, column in enumerate(windows)]
+    return blend, np.array(distances)
 
 
 def _check_gaps(base: Curve, t: np.ndarray, time: float, name: str) -> None:
     """Raise `JounceError` where two blends of a joint would overlap, or one would reach beyond an end of the motion."""
-    if not t.size:
-        return
     ends = np.concatenate([[2 * base.start - t[0]], t, [2 * base.stop - t[-1]]])  # at an end half a blend is enough
     gaps = np.diff(ends)
     i = int(gaps.argmin())

@@ -2,7 +2,7 @@
 
 A fit whose intervals suit the motion before and after may not find a burst: to bisect an interval of a second explains
 nothing of 25 Hz. Where it finds one, it does not follow the flanks, which are below the noise and most of their q4d.
-Spectra of overlapping parts tell both. A line of a part stands out of what that frequency has in most parts, of the
+Spectra of overlapping parts show both. A line of a part stands out of what that frequency has in most parts, of the
 part's own frequencies, and of those below it, which a reach and the ringing of a fit have more of.
 """
 
@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from jounce.motion.choice import Part
-from jounce.motion.knots import MIN_MEAN_SAMPLES, fitted
+from jounce.motion.knots import MIN_MEAN_SAMPLES, fitted, usual_length
 from jounce.motion.lines import BAND_TO_LINE, Line
 from jounce.motion.samples import Samples
 
@@ -26,15 +26,10 @@ MIN_BURST_STEPS = 0.6  # of an encoder: a joint that stays between two steps has
 
 def find_bursts(samples: Samples, breaks: np.ndarray, cells: int) -> list[Line]:
     """The bursts of each joint that a spline with these breaks does not follow to the ends of their flanks."""
-    lengths = np.sort(np.diff(breaks))
-    usual = lengths[np.searchsorted(np.cumsum(lengths), lengths.sum() / 2)]
+    usual = usual_length(breaks)
     even = fitted(samples.rows(cells), np.linspace(*samples.span, round(np.ptp(samples.span) / usual) + 1)).spline
-    residual = samples.q - even(samples.t)
-    found = [
-        line
-        for joint in range(samples.q.shape[1])
-        for line in _bursts_of(samples, residual, joint, MIN_FREQUENCY_TO_BAND / 2 / usual)
-    ]
+    residual, lowest = samples.q - even(samples.t), MIN_FREQUENCY_TO_BAND / 2 / usual
+    found = (line for joint in range(samples.q.shape[1]) for line in _bursts_of(samples, residual, joint, lowest))
     return [line for line in found if not is_followed(line, breaks)]
 
 
@@ -59,7 +54,7 @@ def _bursts_of(samples: Samples, residual: np.ndarray, joint: int, lowest: float
     even = np.interp(t, samples.t, residual[:, joint])
     marked, frequency, amplitude = np.zeros(count, bool), np.zeros(count), np.zeros(count)
     for length in (length for length in BURST_PART_ROWS if count >= MIN_PARTS_OF_LOG * length):
-        shorter = marked.copy()  # these tell the times better
+        shorter = marked.copy()  # these have better times
         for start, at, size in _standing_out(even, np.arange(0, count - length + 1, length // 2), length, step):
             part = slice(start, start + length)
             if lowest < at / (length * row) < highest and size > MIN_BURST_STEPS * step and not shorter[part].any():

@@ -57,16 +57,15 @@ def fourier(
         if part.shape[1] != len(mean):
             raise JounceError(f"{name} has shape {part.shape}; expected (harmonics, {len(mean)}), as offset has joints")
     w, first = _positive(frequency, "frequency"), float(numbers(start, "start", 0))
-    terms = tuple(
-        Terms(
-            (float(mean[j]),),
-            (
-                *(Cosine(float(x), (k + 1) * w, 0.0) for k, x in enumerate(a[:, j])),
-                *(Cosine(float(x), (k + 1) * w, -np.pi / 2) for k, x in enumerate(b[:, j])),
-            ),
-        )
+    waves = [
+        [
+            Cosine(x, k * w, phase)
+            for part, phase in ((a, 0.0), (b, -np.pi / 2))
+            for k, x in enumerate(part[:, j].tolist(), 1)
+        ]
         for j in range(len(mean))
-    )
+    ]
+    terms = tuple(Terms((offset,), tuple(each)) for offset, each in zip(mean.tolist(), waves, strict=True))
     curve = Analytic(terms, first, first + _positive(duration, "duration"))
     return Parts(curve, checked_names(joint_names, len(mean)), "Fourier series, all rates exact")
 
@@ -86,7 +85,10 @@ def checked_names(given: Any, count: int) -> tuple[str, ...] | None:
     """The names of coordinates that a caller gives, or None."""
     if given is None:
         return None
-    names = [] if isinstance(given, str) else _listed(given)
+    try:
+        names = [] if isinstance(given, str) else list(given)
+    except Exception:  # whatever a foreign type raises
+        names = []
     if len(names) != count or not all(isinstance(name, str) for name in names) or len(set(names)) != count:
         raise JounceError(f"joint_names is {quoted(given)}; expected {count} different names, one for each joint")
     return tuple(names)
@@ -107,12 +109,8 @@ def check_increasing(t: np.ndarray, what: str) -> None:
 def numbers(given: Any, what: str, axes: int) -> np.ndarray:
     """Finite numbers in an array of some axes, which is not empty along the last."""
     array = np.asarray(asarray(given, what))
-    if (
-        array.dtype.kind != "f"
-        or array.ndim != axes
-        or (axes and not array.shape[-1])
-        or np.asarray(given).dtype.kind == "b"
-    ):
+    is_float = array.dtype.kind == "f" and np.asarray(given).dtype.kind != "b"
+    if not is_float or array.ndim != axes or 0 in array.shape[-1:]:
         shape = ("a number", "an array (N,)", "an array (N, n)", "an array (degree + 1, pieces, n)")[axes]
         raise JounceError(f"{what} is {quoted(given)}; expected {shape} of numbers")
     if not np.isfinite(array).all():
@@ -125,10 +123,3 @@ def _positive(given: Any, what: str) -> float:
     if number <= 0:
         raise JounceError(f"{what} is {number:g}; expected a number > 0")
     return number
-
-
-def _listed(given: Any) -> list[Any]:
-    try:
-        return list(given)
-    except Exception:  # whatever a foreign type raises
-        return []

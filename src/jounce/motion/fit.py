@@ -9,6 +9,7 @@ import numpy as np
 from jounce.core.errors import JounceError, listed, quoted
 from jounce.motion.deviations import MAX_DEVIATION_ORDER, Spread
 from jounce.motion.holds import Holds, find_holds
+from jounce.motion.knots import usual_length
 from jounce.motion.least_squares import FIT_DEGREE, knots
 from jounce.motion.noise import Noise, noise_of, step_of
 from jounce.motion.samples import Samples
@@ -35,10 +36,8 @@ class Fit:
     ----------
     spline : scipy.interpolate.BSpline
         q as a function of time, of degree 9, (..., n): `spline(t, nu=k)` is the k-th derivative.
-    joints : tuple of str
-        The names of the joints.
-    noise : tuple of Noise
-        What each joint's samples scatter by.
+    joints, noise : tuple of str, tuple of Noise
+        The names of the joints, and what their samples scatter by.
     bandwidth : float
         Up to which frequency in Hz the result holds, in the middle of its intervals: half of their number per second.
     ends : (float, float)
@@ -46,15 +45,14 @@ class Fit:
     peaks : (7, n)
         Largest values of q (less its mean), qd, q2d, ... between the ends.
     relative : (7,)
-        Standard deviations of q, qd, q2d, ... over the largest peak, as root mean squares between the ends for
-        the worst joint, but for vibrations that are left out. A derivative counts for no less than that of half a wave
-        over the duration with the same lower ones: a steady motion has no q4d to compare with.
+        Standard deviations of q, qd, q2d, ... over the largest peak: root mean squares between the ends for the worst
+        joint, without vibrations that are left out. Peaks count for no less than those of half a wave over the
+        duration: a steady motion has no q4d to compare with.
     notes : tuple of str
         What a user should know about the samples and the fit, one sentence each.
-    spacing : float
-        The median time between samples in s.
-    rows : (R,)
-        The numbers of the samples that the fit follows: not of wild ones, nor of those that repeat older positions.
+    spacing, rows : float, (R,)
+        The median time between samples, s, and the numbers of those that the fit follows: not of wild ones, nor of
+        those that repeat older positions.
     vibrations : tuple of Vibration
         What stands out of the noise.
     """
@@ -137,7 +135,7 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     q : (N, n)
         Positions of n joints, rad or m.
     bandwidth : float, optional
-        The frequency in Hz up to which the motion is followed; by default as far as it can be told from noise.
+        The frequency in Hz up to which the motion is followed; by default as far as it stands out of the noise.
     names : sequence of str, optional
         The names of the joints, for what is said about them.
 
@@ -182,15 +180,13 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
         still = listed(name for name, moved in zip(joints, moving, strict=True) if not moved)
         notes.append(f"at rest but for noise, hence constant: {still}")
     followed = np.flatnonzero(~wild)[~holds.held]
-    found = _described(
-        times, samples, moving, smoothed, joints=joints, noise=tuple(noise), notes=tuple(notes), rows=rows[followed]
-    )
+    found = _fit_of(times, samples, moving, smoothed, joints, tuple(noise), tuple(notes), rows[followed])
     if not smoothed:
         return found
-    vibrations = [
-        Vibration(line, joints[joint], joint, float(found.peaks[4, joint]), line not in smoothed.spread.left_out)
-        for line, joint in ((line, int(movers[line.joint])) for line in smoothed.lines)
-    ]
+    vibrations = []
+    for line in smoothed.lines:
+        number, is_followed = int(movers[line.joint]), line not in smoothed.spread.left_out
+        vibrations.append(Vibration(line, joints[number], number, float(found.peaks[4, number]), is_followed))
     return replace(found, vibrations=tuple(vibrations), notes=(*found.notes, *notes_of(vibrations)))
 
 
@@ -219,18 +215,17 @@ def _smooth(samples: Samples, bandwidth: float | None) -> tuple[np.ndarray, Hold
     return moving, holds, interpolate(part) if exact else smooth(part, first, cells, bandwidth)
 
 
-def _described(
+def _fit_of(
     t: np.ndarray,
     q: np.ndarray,
     moving: np.ndarray,
     smoothed: Smoothed | None,
-    *,
     joints: tuple[str, ...],
     noise: tuple[Noise, ...],
     notes: tuple[str, ...],
     rows: np.ndarray,
 ) -> Fit:
-    """The fit of all joints, with what tells how far it can be trusted."""
+    """The fit of all joints, and how far it can be trusted."""
     from scipy.interpolate import BSpline
 
     knot = smoothed.spline.t if smoothed else knots(t[[0, -1]])
@@ -240,8 +235,7 @@ def _described(
     if smoothed:
         coefficients[:, moving] = smoothed.spline.c
     spline = BSpline(knot, coefficients, FIT_DEGREE)
-    lengths = np.sort(np.diff(breaks))
-    usual = float(lengths[np.searchsorted(np.cumsum(lengths), lengths.sum() / 2)])
+    usual = usual_length(breaks)
     edge = min(END_INTERVALS, max(0, (len(breaks) - 2) // 2))
     ends = (float(breaks[edge]), float(breaks[-1 - edge])) if smoothed else (float(t[0]), float(t[-1]))
     spread, spacing = smoothed.spread if smoothed else None, float(np.median(np.diff(t)))

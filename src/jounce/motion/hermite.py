@@ -93,13 +93,9 @@ class Hermite(Smooth):
         h = (self.t[i] - self.t[i - 1])[:, None]
         rates = [*(self._linear(np.abs(row), t) for row in self.rows[1:]), np.zeros((len(t), self.columns))]
         apart = np.where((self.t[i] == t) | (self.t[i - 1] == t), 0, np.sqrt(2) * self.rounding)[:, None]
-        return [
-            np.hypot(
-                self.rounding * rates[min(k, self.highest)],
-                apart * rates[0] * _gain(len(self.rows), k) / h**k,
-            )
-            for k in range(order + 1)
-        ]
+        at_rows = [self.rounding * rates[min(k, self.highest)] for k in range(order + 1)]
+        between_rows = [apart * rates[0] * _gain(len(self.rows), k) / h**k for k in range(order + 1)]
+        return list(map(np.hypot, at_rows, between_rows))
 
     def _warn_of_rounding(self, order: int) -> None:
         """Warn where the digits of q do not carry the highest rate from row to row."""

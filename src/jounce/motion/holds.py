@@ -1,6 +1,6 @@
 """Rows that repeat older positions while the robot moves: a log that is written faster than its sensor is read.
 
-Only the first row of a hold tells where the robot is; the others are late by up to a period of the sensor. An encoder
+Only the first row of a hold is where the robot is; the others are late by up to a period of the sensor. An encoder
 that stays on a step repeats its value too: a hold is where the motion passes more than a step meanwhile.
 
 First rows are late as well, by what is left of a row of the log. Where the two clocks run past each other, each row is
@@ -33,17 +33,13 @@ class Holds:
 
     Attributes
     ----------
-    held : (N,)
-        Which rows do.
-    t : (R,)
-        Times of the others: of the sensor's clock, where that is regular.
+    held, t : (N,), (R,)
+        Which rows do, and times of the others: of the sensor's clock, where that is regular.
     period : float or None
         Of a regular sensor, s.
-    delay : float
-        How much later than the sensor's rows are, held ones included, on average, s.
-    unsure : float
-        By how much the sensor may be earlier still, s; infinite where too slow a motion does not tell whether
-        rows hold.
+    delay, unsure : float
+        How much later than the sensor's rows are, held ones included, on average, s; and by how much the sensor may be
+        earlier still: infinite where the motion is too slow to show whether rows hold.
     """
 
     held: np.ndarray
@@ -88,14 +84,13 @@ def find_holds(samples: Samples, first: Solution, cells: int) -> Holds:
     size = np.maximum(MIN_STEPS_IN_HOLD * np.maximum(samples.steps, np.sqrt(own.energy / len(starts))), scatter / 2)
     curve = first.spline(samples.t)
 
-    def passes(x: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return np.asarray(np.abs(x[b] - x[a]) > size)
-
-    catches_up = passes(samples.q, starts, (ends + 1).clip(max=len(changed) - 1))
-    certain = np.asarray(passes(curve, starts[:-1], starts[1:]).any(axis=1))
+    after = (ends + 1).clip(max=len(changed) - 1)
+    catches_up = np.abs(samples.q[after] - samples.q[starts]) > size
+    certain = np.asarray((np.abs(curve[starts[1:]] - curve[starts[:-1]]) > size).any(axis=1))
     usual = float(np.median(np.diff(starts)[certain])) if certain.any() else 1.0
     # a longer run is a rest, at whose ends a fit that is not resolved swings; while a joint is fast it is none
-    is_hold = (passes(curve, starts, ends) & catches_up).any(axis=1) & (ends - starts < MAX_HOLD_TO_USUAL * usual)
+    passes = (np.abs(curve[ends] - curve[starts]) > size) & catches_up
+    is_hold = passes.any(axis=1) & (ends - starts < MAX_HOLD_TO_USUAL * usual)
     fast = (np.abs(np.diff(curve, axis=0)) > MIN_STEPS_IN_HOLD * np.maximum(samples.steps, scatter)).any(axis=1)
     period = _period(samples.t, starts, certain)
     held = ~changed & (is_hold[np.cumsum(changed) - 1] | np.append(False, fast) | (period is not None))
@@ -111,8 +106,8 @@ def find_holds(samples: Samples, first: Solution, cells: int) -> Holds:
 def _ticks(t: np.ndarray, changed: np.ndarray, period: float, row: float) -> tuple[np.ndarray, float]:
     """When a sensor of about that period was read, by the first rows (R,) afterwards; how much earlier it may be.
 
-    The straight line of ticks is that to which rows are late by the most alike times, those where something `changed`:
-    not the first row of a log, which may begin within a hold.
+    The straight line of ticks is that to which rows where something `changed` are late by the most alike times; the
+    first row of a log may begin within a hold.
     """
     from scipy.optimize import minimize_scalar
 
@@ -122,12 +117,8 @@ def _ticks(t: np.ndarray, changed: np.ndarray, period: float, row: float) -> tup
     changed = np.append(False, changed[1:])
     about = (t[-1] - t[1]) / (k[-1] - k[1])
     reach = 2 * row / k[-1]  # both ends are late by less than a row
-    found = minimize_scalar(
-        lambda p: float(np.ptp((t - p * k)[changed])),
-        bounds=(about - reach, about + reach),
-        method="bounded",
-        options={"xatol": 1e-6 * reach},
-    )
+    spread, bounds = lambda p: float(np.ptp((t - p * k)[changed])), (about - reach, about + reach)
+    found = minimize_scalar(spread, bounds=bounds, method="bounded", options={"xatol": 1e-6 * reach})
     if found.fun > MAX_ROWS_LATE * row or (apart < 1).any():  # the log's clock is not regular: its scatter is noise
         return t, row
     start = (t - found.x * k)[changed].min()
@@ -140,7 +131,7 @@ def _unsure(x: np.ndarray, late: np.ndarray) -> float:
     """By how much the ends of a straight line of ticks may be off 0, where rows at x from 0 to 1 are `late` (R,): all
     lines are as good to which they are late by less than 1, the rows of the log that time is counted in.
 
-    The earliest and the latest of each of some parts tell it: fewer rows leave more lines, not less.
+    The earliest and the latest of each of some parts suffice: fewer rows leave more lines, not less.
     """
     from scipy.optimize import linprog
 
@@ -149,13 +140,9 @@ def _unsure(x: np.ndarray, late: np.ndarray) -> float:
     x, late = x[some], late[some]
     line = np.stack([np.ones(len(x)), x], axis=1)
     most = max(1.0, float(late.max())) + TICK_TOLERANCE
-    bounds = np.concatenate([late, most - late])
-    ends = [
-        linprog([sign, sign * end], np.concatenate([line, -line]), bounds, bounds=(-2, 2)).fun or 0.0
-        for sign in (1, -1)
-        for end in (0, 1)
-    ]
-    return float(np.abs(ends).max())
+    rows, bounds = np.concatenate([line, -line]), np.concatenate([late, most - late])
+    goals = ([sign, sign * end] for sign in (1, -1) for end in (0, 1))
+    return float(np.abs([linprog(goal, rows, bounds, bounds=(-2, 2)).fun or 0.0 for goal in goals]).max())
 
 
 def _period(t: np.ndarray, starts: np.ndarray, certain: np.ndarray) -> float | None:

@@ -86,6 +86,12 @@ def gains_by_joint(rows: Rows, breaks: np.ndarray, finer: np.ndarray) -> np.ndar
     return np.diff(sums[np.searchsorted(rows.t, breaks[:-1])], axis=0, append=sums[-1:])
 
 
+def usual_length(breaks: np.ndarray) -> float:
+    """The length of the interval in the middle of the time, if intervals are sorted by length."""
+    lengths = np.sort(np.diff(breaks))
+    return float(lengths[np.searchsorted(np.cumsum(lengths), lengths.sum() / 2)])
+
+
 def noticeable(joints: int) -> float:
     """More than noise explains in an interval (chi^2, a degree of freedom per joint) but once in some hundreds."""
     return float(2 * joints + 3 * np.sqrt(2 * joints))

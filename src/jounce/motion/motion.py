@@ -44,36 +44,38 @@ class Break(NamedTuple):
 class Motion(Displayed):
     """The motion of a robot as a function of time: ``motion(t, order)`` gives q, qd, ... at any times.
 
-    `jounce.load_motion` makes one of a file or of named columns, and so do `Motion.through`, `Motion.fit`,
-    `Motion.polynomial`, `Motion.fourier`, `Motion.piecewise`, `Motion.trapezoidal`, `Motion.from_ruckig`,
-    `Motion.from_toppra` and `Motion.from_joint_trajectory`.
+    `jounce.load_motion` makes one of a file or of named columns; the static methods make one of samples, terms, or what
+    planners compute.
 
     Attributes
     ----------
     curve : Curve
-        The function of time: piecewise polynomials, splines, analytic terms, or compositions of curves. Its columns
-        are the numbers of q; of balls, planar and free joints these have names such as ankle.qx.
+        The function of time, whose columns are the numbers of q; of balls, planar and free joints these have names such
+        as ankle.qx.
     joint_names : tuple of str, or None
         The names of the numbers of q, in the order of the last axis; None if they are in the robot's order.
+    loads : mapping of str to Curve
+        What bodies exert, (moment; force), by name: see `wrench`.
     source : str
         A description of the origin of the motion.
     samples : tuple of arrays, or None
         The times (N,) and coordinates (N, n) that a spline was made of.
     residual : (n,), or None
         Largest distance of q from the samples of a fit, or from the motion that was blended, rad or m.
+    grid : (N,), or None
+        The times of its samples or its file, s: see `times`.
     torques : tuple of arrays, or None
         Times (N,) and the torques (N, n) measured then, N m or N; NaN where a joint has none.
     notes : tuple of str
         What else its table contains, one note each.
     base_curve : Curve, or None
-        The position (m) and a quaternion of the base, of any length, as a function of time with seven columns: x, y, z,
-        qw, qx, qy, qz. `base` makes pose and twist of them; None if the motion has no base.
+        Seven columns x, y, z, qw, qx, qy, qz: the position of the base, m, and a quaternion of any length (see `base`).
     branch : mapping of str to float
         Where joints that follow others in closed loops are at the start, by name, rad or m: in which way loops close.
-        Empty if the motion does not state it, so that the start of the robot decides.
+        Empty if the start of the robot decides.
     several : tuple of Position
-        Where the numbers of balls, planar and free joints stand among the columns, in their order. Rates of q that a
-        call returns have the twists of these joints, and fewer columns than q.
+        Where the numbers of balls, planar and free joints stand among the columns. Rates that a call returns have the
+        twists of these joints, and fewer columns than q.
 
     Examples
     --------
@@ -447,8 +449,8 @@ class Motion(Displayed):
     def __repr__(self) -> str:
         more = sum(len(joint.names) - 1 for joint in self.several)
         joints = "" if self.joint_names is None else f" of {len(self.joint_names) - more} joints"
-        joints += " with a base" if self.base_curve else ""
-        return f"<Motion{joints}, t = {self.start:g} .. {self.stop:g} s: {self.source}>"
+        base = " with a base" if self.base_curve else ""
+        return f"<Motion{joints}{base}, t = {self.start:g} .. {self.stop:g} s: {self.source}>"
 
     @property
     def start(self) -> float:
@@ -474,9 +476,7 @@ class Motion(Displayed):
     @cached_property
     def times(self) -> np.ndarray:
         """Default times (N,) of evaluation: those of its samples or its file, or a grid of about a millisecond."""
-        if self.grid is not None:
-            return self.grid
-        return self._grid(DEFAULT_TIME_STEP)
+        return self._grid(DEFAULT_TIME_STEP) if self.grid is None else self.grid
 
     @cached_property
     def breaks(self) -> tuple[Break, ...]:
@@ -484,9 +484,7 @@ class Motion(Displayed):
         return self.breaks_to(DEFAULT_ORDER)
 
     def breaks_to(self, order: int) -> tuple[Break, ...]:
-        """Where a derivative up to an order jumps, in the order of time; of each joint the lowest one that does.
-
-        Wrenches count to the order less two, as Q takes q2d and W; the base counts as a joint does.
+        """The same as `breaks`, of derivatives up to another order; wrenches count to the order less two.
 
         Parameters
         ----------
@@ -595,16 +593,15 @@ class Motion(Displayed):
         """
         times, order = self.checked(t), checked_order(order)
         left = one_of("side", side, BREAK_SIDES) == "left"
-        if not self.loads:
-            return None
         found: list[dict[str, np.ndarray]] = [{} for _ in range(order + 1)]
         for body, curve in self.loads.items():
-            self._check_known(curve, order, "W", f"the wrench of {quoted(body)}")
+            what = f"the wrench of {quoted(body)}"
+            self._check_known(curve, order, "W", what)
             rates = curve.rates(times.ravel(), order, left)
-            self._check_finite(rates, times, "W", lambda j, body=body: f"the wrench of {quoted(body)}")
+            self._check_finite(rates, times, "W", lambda j, what=what: what)
             for by_body, rate in zip(found, rates, strict=True):
                 by_body[body] = rate.reshape(*times.shape, 6)
-        return tuple(found)
+        return tuple(found) if self.loads else None
 
     def base(
         self, t: ArrayLike, order: int = 4, side: Literal["right", "left"] = "right"
@@ -612,9 +609,8 @@ class Motion(Displayed):
         """The pose of the base and its twist with rates at times: what `base=` of `Robot.inverse_dynamics` takes.
 
         The base is that of a robot that floats, or the ground on which another robot stands. The twist is (angular;
-        linear), in the axes of the base and about its origin; its rates are those of these components. They follow
-        exactly from the position p and the quaternion Q = (w; v) of `base_curve`, of any length: the angular velocity
-        is 2 E(Q) Qd / (Q^T Q) with E = [-v, w 1 - hat(v)].
+        linear), in the axes of the base and about its origin. It follows exactly from the quaternion Q = (w; v) of
+        `base_curve`, of any length: the angular velocity is 2 E(Q) Qd / (Q^T Q) with E = [-v, w 1 - hat(v)].
 
         Parameters
         ----------
@@ -667,9 +663,8 @@ class Motion(Displayed):
     ) -> "Motion":
         """The same motion with poses of the base: of a robot that floats, or of the ground on which another stands.
 
-        A curve with seven columns goes along the positions and the unit quaternions of the poses, these with the signs
-        that make them neighbours; its twist is exact (see `base`). By default the curve is smoothed as measured samples
-        of joints are, and forces have standard deviations that follow from it.
+        Positions and unit quaternions become a curve, whose twist is exact (see `base`). By default it is smoothed as
+        measured samples of joints are, and forces have standard deviations that follow from it.
 
         Parameters
         ----------
@@ -737,10 +732,8 @@ class Motion(Displayed):
         """
         times, order = self.checked(t), checked_order(order)
         found = {body: curve.deviations(times.ravel(), order) for body, curve in self.loads.items()}
-        known = {body: rates for body, rates in found.items() if rates is not None}
-        return tuple(
-            {body: rates[k].reshape(*times.shape, 6) for body, rates in known.items()} for k in range(order + 1)
-        )
+        known = {body: np.reshape(rates, (-1, *times.shape, 6)) for body, rates in found.items() if rates is not None}
+        return tuple({body: rates[k] for body, rates in known.items()} for k in range(order + 1))
 
     def deviations(self, t: ArrayLike, order: int = 4) -> tuple[np.ndarray, ...] | None:
         """Standard deviations of the coordinates and their rates.
@@ -804,8 +797,7 @@ class Motion(Displayed):
         """
         if not is_finite(factor) or not factor > 0:
             raise JounceError(f"factor is {quoted(factor)}; expected a finite number > 0, 2 for half the speed")
-        number = float(factor)
-        return self._retimed(number, self.start, f"{self.source}, {number:g} times as long")
+        return self._retimed(float(factor), self.start, f"{self.source}, {factor:g} times as long")
 
     def shifted(self, seconds: float) -> "Motion":
         """The same motion, later by some seconds.
@@ -860,17 +852,15 @@ class Motion(Displayed):
         if not is_finite(step) or not step > 0:
             raise JounceError(f"step is {quoted(step)}; expected a number of seconds > 0")
         if self.duration / step > MAX_TIMES:
-            raise JounceError(
-                f"a step of {step:g} s makes more than {MAX_TIMES} times in {self.duration:g} s; expected a longer one"
-            )
+            came = f"a step of {step:g} s makes more than {MAX_TIMES} times in {self.duration:g} s"
+            raise JounceError(f"{came}; expected a longer one")
         return replace(self, grid=self._grid(float(step)))
 
     def blended(self, time: float, continuity: int = 4) -> "Motion":
         """Replace the breaks of the motion by polynomials, so that derivatives up to an order are continuous.
 
         Each break of a joint is replaced from half the time before to half the time after; `residual` is the largest
-        distance from this motion that comes of it. Wrenches that jump are blended too, up to the order less two, and so
-        is the motion of the base.
+        distance from this motion. Wrenches that jump are blended too, up to the order less two, and so is the base.
 
         Parameters
         ----------
@@ -918,13 +908,10 @@ class Motion(Displayed):
             base, off = blended(
                 base, float(time), _known(base, continuity), [f"column {name}" for name in bases.BASE_COLUMNS]
             )
-            notes.append(
-                f"base: blended, at most {off[:3].max():.2g} m from it, and {off[3:].max():.2g} in quaternions"
-            )
-        source = f"{self.source}, blended over {float(time):g} s (C^{continuity})"
-        return replace(
-            self, curve=curve, source=source, residual=distance, loads=loads, notes=tuple(notes), base_curve=base
-        )
+            turn = f"{off[3:].max():.2g} in quaternions"
+            notes.append(f"base: blended, at most {off[:3].max():.2g} m from it, and {turn}")
+        found = replace(self, curve=curve, residual=distance, loads=loads, base_curve=base, notes=tuple(notes))
+        return replace(found, source=f"{self.source}, blended over {float(time):g} s (C^{continuity})")
 
     def __add__(self, other: object) -> "Motion":
         """Append another motion, shifted to the end of this one; positions must agree, jumps of rates become breaks."""
@@ -951,17 +938,9 @@ class Motion(Displayed):
         if self.grid is not None and later.grid is not None:
             grid = np.concatenate([self.grid, later.grid[later.grid > self.grid[-1]]])
         source = self.source if self.source == other.source else f"{self.source}; then {other.source}"
-        base = _joined_bases(self, later)
-        return Motion(
-            Chain((self.curve, _scaled(later.curve, factors) if self.several else later.curve)),
-            self.joint_names,
-            source,
-            loads,
-            grid=grid,
-            base_curve=base,
-            branch=self.branch,
-            several=self.several,
-        )
+        curve = Chain((self.curve, _scaled(later.curve, factors) if self.several else later.curve))
+        found = Motion(curve, self.joint_names, source, loads, grid=grid, base_curve=_joined_bases(self, later))
+        return replace(found, branch=self.branch, several=self.several)
 
     def checked(self, t: ArrayLike) -> np.ndarray:
         """Times that a caller gives, within the motion.
@@ -1003,12 +982,13 @@ class Motion(Displayed):
 
     def _retimed(self, factor: float, place: float, source: str) -> "Motion":
         """The motion at another pace, its start at a time `place`."""
-        curve = Retimed(self.curve, factor, self.start, place)
+        retimed = partial(Retimed, factor=factor, origin=self.start, place=place)
+        curve = retimed(self.curve)
         return replace(
             self,
             curve=curve,
-            loads={body: Retimed(load, factor, self.start, place) for body, load in self.loads.items()},
-            base_curve=self.base_curve and Retimed(self.base_curve, factor, self.start, place),
+            loads={body: retimed(load) for body, load in self.loads.items()},
+            base_curve=self.base_curve and retimed(self.base_curve),
             source=source,
             samples=self.samples and (curve.outer(self.samples[0]), self.samples[1]),
             grid=None if self.grid is None else curve.outer(self.grid),
@@ -1017,10 +997,8 @@ class Motion(Displayed):
 
     def _check_known(self, curve: Curve, order: int, symbol: str, source: str) -> None:
         if curve.highest is not None and order > curve.highest:
-            last = rate_name(symbol, curve.highest)
-            raise JounceError(
-                f"{rate_name(symbol, order)} is not known along this motion ({source}); it ends at {last}"
-            )
+            asked, last = rate_name(symbol, order), rate_name(symbol, curve.highest)
+            raise JounceError(f"{asked} is not known along this motion ({source}); it ends at {last}")
 
     def _check_finite(self, rates: Sequence[np.ndarray], times: np.ndarray, symbol: str, of: Any) -> None:
         for k, rate in enumerate(rates):
@@ -1052,10 +1030,8 @@ def _joined_bases(first: Motion, later: Motion) -> Curve | None:
         if first.base_curve or later.base_curve:
             raise JounceError("only one of the motions has a base; expected both or neither: motion.with_base(t, C)")
         return None
-    [end], [begin] = (
-        part.base_curve.rates(np.array([t]), 0, left)  # type: ignore[union-attr] # both are there
-        for part, t, left in ((first, first.stop, True), (later, later.start, False))
-    )
+    [end] = first.base_curve.rates(np.array([first.stop]), 0, True)
+    [begin] = later.base_curve.rates(np.array([later.start]), 0)
     factors = np.array([1.0] * 3 + [_factor(end[0, 3:], begin[0, 3:])] * 4)
     apart = np.abs(end - begin * factors).max()
     if apart > MAX_JOIN_GAP:

@@ -213,8 +213,7 @@ def _written_step(samples: np.ndarray) -> float:
 
 
 def _unit(samples: np.ndarray) -> float:
-    decimals = (d for d in range(MAX_DECIMALS + 1) if np.array_equal(np.round(samples, d), samples))
-    return next((10.0**-d for d in decimals), 0.0)
+    return next((10.0**-d for d in range(MAX_DECIMALS + 1) if np.array_equal(np.round(samples, d), samples)), 0.0)
 
 
 def noise_of(samples: np.ndarray, sigma: float, rounding: tuple[float, str]) -> Noise:

@@ -67,11 +67,9 @@ def from_toppra(path: Any, joint_names: Any) -> Parts:
     try:
         x, c = _spline_of(path) if hasattr(path, "cspl") else _retimed_path(path)
     except Exception as error:  # whatever another object raises
-        expected = (
-            "what toppra's compute_trajectory() returns, along a spline or polynomials (sample others at times t and"
-            " use Motion.through(t, path(t)))"
-        )
-        raise _not_from("from_toppra", expected, path, error) from None
+        expected = "what toppra's compute_trajectory() returns, along a spline or polynomials"
+        cure = "(sample others at times t and use Motion.through(t, path(t)))"
+        raise _not_from("from_toppra", f"{expected} {cure}", path, error) from None
     _check_ends("from_toppra", float(x[-1]), [(x, c[:, :, 0])])
     curve = Polynomials(x, c)
     _check_agreement(curve, lambda t: np.stack([path(t, k).reshape(len(t), -1) for k in (0, 1)], axis=1), "toppra")
@@ -198,9 +196,8 @@ def between_points(t: np.ndarray, points: Sequence[Sequence[np.ndarray]], joint_
 def _check_ends(name: str, duration: float, columns: Sequence[tuple[np.ndarray, np.ndarray]]) -> None:
     finite = all(np.isfinite(x).all() and np.isfinite(c).all() for x, c in columns)
     if not columns or not finite or not np.isfinite(duration) or duration <= 0:
-        raise JounceError(
-            f"Motion.{name}() got a trajectory of {duration:g} s; expected one that lasts, of finite numbers"
-        )
+        came = f"Motion.{name}() got a trajectory of {duration:g} s"
+        raise JounceError(f"{came}; expected one that lasts, of finite numbers")
 
 
 def _check_agreement(curve: Polynomials, evaluate: Any, planner: str) -> None:

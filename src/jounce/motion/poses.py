@@ -31,11 +31,9 @@ def named(names: Sequence[str], mechanism: Mechanism) -> dict[str, str]:
     """Those column names that are of the base, each as it is with the prefix ``base``."""
     prefixes = {BASE_PREFIX, mechanism.bodies[0] if mechanism.floats else BASE_PREFIX}
     prefixes -= {joint.name for joint in several_positions(mechanism)}
-    parts = {name: match for name in names if (match := POSE_COLUMN.fullmatch(name)) and match[1] in prefixes}
+    parts = [(name, POSE_COLUMN.fullmatch(name)) for name in names if name not in mechanism.coordinates]
     return {
-        name: f"{BASE_PREFIX}.{name[len(match[1]) + 1 :]}"
-        for name, match in parts.items()
-        if name not in mechanism.coordinates
+        name: f"{BASE_PREFIX}.{name[match.end(1) + 1 :]}" for name, match in parts if match and match[1] in prefixes
     }
 
 

@@ -96,8 +96,7 @@ def _rates(point: Any, names: list[str], what: str) -> list[np.ndarray]:
         if not given and k:
             break
         if len(given) != len(names) or not all(map(is_finite, given)):
-            raise JounceError(
-                f"{what}: {name} is {quoted(given)}; expected {len(names)} finite numbers: {listed(names)}"
-            )
+            expected = f"{len(names)} finite numbers: {listed(names)}"
+            raise JounceError(f"{what}: {name} is {quoted(given)}; expected {expected}")
         found.append(np.array(given, dtype=float))
     return found

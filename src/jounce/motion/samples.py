@@ -1,4 +1,4 @@
-"""Samples of joints that move, as they are smoothed."""
+"""Samples as they are smoothed."""
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -17,12 +17,8 @@ class Samples:
 
     Attributes
     ----------
-    t : (N,)
-        Times, increasing.
-    q : (N, n)
-        Samples.
-    weight : (N,)
-        Weights of the rows.
+    t, q, weight : (N,), (N, n), (N,)
+        Increasing times, samples, and weights of the rows.
     span : (float, float)
         The first and the last time of the spline.
     steps : (n,)

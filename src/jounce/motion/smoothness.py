@@ -1,4 +1,4 @@
-"""Where a sampled motion is not smooth: jumps of its velocity, acceleration or jerk, told before any force is.
+"""Where a sampled motion is not smooth: jumps of its velocity, acceleration or jerk, reported before any force is.
 
 Between samples nothing is known, so this is a heuristic: a difference is a jump if it is much larger than those next to
 it. A spline through such samples is smooth nevertheless, and its rates near the jumps are meaningless.
@@ -77,8 +77,7 @@ def resolution(samples: np.ndarray) -> float:
 def _told(orders: Sequence[tuple[int, np.ndarray, int, np.ndarray, np.ndarray]], symbol: str) -> str | None:
     for k, values, width, floors, unlike in orders:
         columns = zip(values.T, floors, strict=True)
-        knots = sorted({knot for column, floor in columns for knot in _jumps(column, width, floor, unlike)})
-        if knots:
+        if knots := sorted({knot for column, floor in columns for knot in _jumps(column, width, floor, unlike)}):
             apart = 1 + int(np.count_nonzero(np.diff(knots) > width))
             what = f"{DERIVATIVE_NAMES[symbol][k]} jumps at {apart} knot{'s' * (apart > 1)}"
             order = k - FORCE_ORDERS[symbol]

@@ -58,9 +58,8 @@ def check(
     for name, column in zip(joints, samples.T, strict=True):
         if not np.isfinite(column).all():
             where = int(np.argmin(np.isfinite(column)))
-            raise JounceError(
-                f"{name} is {column[where]} at t = {times[where]:g} s; expected numbers: remove such rows"
-            )
+            came = f"{name} is {column[where]} at t = {times[where]:g} s"
+            raise JounceError(f"{came}; expected numbers: remove such rows")
     kept = np.append(True, (np.diff(times) != 0) | (np.diff(samples, axis=0) != 0).any(axis=1))
     times, samples = times[kept], samples[kept]
     if (late := np.diff(times) <= 0).any():
@@ -118,9 +117,8 @@ def _off_cubic(
     for k in (*before, *after):
         others = [j for j in (*before, *after) if j != k]
         with np.errstate(divide="ignore", invalid="ignore"):  # at the ends rows coincide
-            off -= q[at[k], joint] * np.prod(
-                [(t[at[target]] - t[at[j]]) / (t[at[k]] - t[at[j]]) for j in others], axis=0
-            )
+            shares = [(t[at[target]] - t[at[j]]) / (t[at[k]] - t[at[j]]) for j in others]
+            off -= q[at[k], joint] * np.prod(shares, axis=0)
     return np.where(inside, np.abs(off), np.inf if target == 0 else 0.0)
 
 

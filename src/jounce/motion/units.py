@@ -35,7 +35,7 @@ IN_DEGREES = "the values would be within limits if they were degrees"
 def split_unit(name: str) -> tuple[str, str | None]:
     """A column's name and its unit, ``joint1 [deg]`` or ``time (ms)``; an index in brackets is part of the name."""
     found = HEADER.fullmatch(name)
-    unit = found and (found[2] if found[2] is not None else found[3])
+    unit = found and (found[2] or found[3])
     return (name, None) if found is None or not found[1] or not unit or INDEX.fullmatch(unit) else (found[1], unit)
 
 
@@ -56,19 +56,18 @@ def factor(stated: str | None, said: str | None, kind: str, order: int, column: 
     if power != order:
         expected = base + (f"/s^{order}" if order > 1 else "/s" * order)
         raise JounceError(f"column {quoted(column)}: the unit is {quoted(stated)}; expected {expected}")
-    if said is not None and said != base:
-        raise JounceError(
-            f"column {quoted(column)} states its unit, but {quoted(said)} is asked for; leave one of them out"
-        )
+    if said not in (None, base):
+        came = f"column {quoted(column)} states its unit, but {quoted(said)} is asked for"
+        raise JounceError(f"{came}; leave one of them out")
     return known[base]
 
 
 def check_units(
     t: np.ndarray, q: np.ndarray, qd: np.ndarray | None, mechanism: Mechanism, stated: tuple[bool, bool], place: str
 ) -> None:
-    """Raise `JounceError` where numbers of q (N, nq) look like degrees or times like milliseconds, and nobody says not.
+    """Raise `JounceError` where numbers of q (N, nq) look like degrees or times like milliseconds.
 
-    `stated` tells whether the units of angles and of time are. Limits that are broken all the same are a warning.
+    Not if they are `stated`, the unit of angles and that of time. Limits that are broken all the same are a warning.
     """
     if len(t) >= MIN_JUDGED_SAMPLES and not stated[1] and (unit := _other_unit(t, q)):
         cure = f"state the unit by --time-unit {unit} or --time-unit s (time_unit=)"
@@ -152,13 +151,13 @@ def _slow(t: np.ndarray, q: np.ndarray) -> str:
 
 
 def _check_rates(t: np.ndarray, q: np.ndarray, qd: np.ndarray | None, place: str) -> None:
-    """Refuse rates that are of another unit than the coordinates: both tell how far a joint goes."""
+    """Refuse rates that are of another unit than the coordinates: both determine how far a joint goes."""
     if qd is None or len(t) < MIN_JUDGED_SAMPLES:
         return
     way = np.abs(np.diff(q, axis=0)).sum(axis=0)
     stated = (np.abs(qd[1:] + qd[:-1]) / 2 * np.diff(t)[:, None]).sum(axis=0)
-    told = np.minimum(way, stated) > MIN_MOTION * 1e-3
-    ratio = np.median(way[told] / stated[told]) if told.any() else 1.0
+    moved = np.minimum(way, stated) > MIN_MOTION * 1e-3
+    ratio = np.median(way[moved] / stated[moved]) if moved.any() else 1.0
     for other, cure in (
         (ANGLE_UNITS["deg"], "qd looks like degrees per second: name the column NAME.qd [deg/s]"),
         (1 / ANGLE_UNITS["deg"], "q looks like degrees: name the column NAME.q [deg]"),

@@ -12,20 +12,9 @@ MASS_MATRIX_TIMES = 50  # of a vibration, at which mass matrices are taken
 
 @dataclass(frozen=True)
 class Vibration:
-    """A vibration of a joint.
+    """A vibration of a joint, by its name and number, whose largest q4d is `peak`.
 
-    Attributes
-    ----------
-    line : Line
-        Its frequency, its amplitude and when it is seen.
-    name : str
-        The joint's name.
-    joint : int
-        The joint's number.
-    peak : float
-        The largest value of the joint's q4d.
-    followed : bool
-        Whether the fit follows it; otherwise the standard deviations hold it.
+    If the fit does not follow it, its standard deviations hold it.
     """
 
     line: Line
@@ -41,14 +30,11 @@ class Vibration:
 
     def __str__(self) -> str:
         when = "" if self.line.lasts else f" from t = {self.line.span[0]:.4g} to {self.line.span[1]:.4g} s"
+        followed = "the fit follows it, unless a lower bandwidth makes it noise"
         return (
             f"{self.name} vibrates at {self.line.frequency:.4g} Hz by {self.line.amplitude:.2g} rad or m{when}, which"
             f" is {self.fourth:.2g} in q4d, whose peak is {self.peak:.2g}: "
-            + (
-                "the fit follows it, unless a lower bandwidth makes it noise"
-                if self.followed
-                else "the fit leaves it out, and its deviations hold it"
-            )
+            + (followed if self.followed else "the fit leaves it out, and its deviations hold it")
         )
 
 
@@ -74,9 +60,7 @@ def note_of_encoder(name: str, count: int) -> str:
 def in_forces(
     vibration: Vibration, mass_matrices: Callable[[np.ndarray], np.ndarray], coordinates: Sequence[str]
 ) -> str:
-    """A note of the largest force rate Q2d that a vibration means, to the first order: a column of M (T, n, n) at times
-    (T,) times its amplitude in q4d.
-    """
+    """A note of the largest Q2d that a vibration means to the first order, M (T, n, n) at times (T,) times its q4d."""
     M = mass_matrices(np.linspace(*vibration.line.span, MASS_MATRIX_TIMES))
     most = np.abs(M[:, :, coordinates.index(vibration.name)]).max(axis=0) * vibration.fourth
     largest = int(np.argmax(most))
