@@ -23,7 +23,7 @@ from jounce.figures.grid import COLUMN, INCH, PAGE, width_of
 from jounce.figures.labels import LABEL, outline_points
 from jounce.figures.panels import CROWD, MOST_POINTS, Panel, Run, columns_of, drawn_points
 from jounce.figures.table import rows_between, run_of
-from jounce.motion.bands import BAND_DEVIATIONS
+from jounce.motion.trust import BAND_DEVIATIONS
 
 ROOT = Path(__file__).parents[2]
 PICTURES = [*ROOT.glob("docs/pictures/*.svg"), *ROOT.glob("benchmarks/*.svg")]

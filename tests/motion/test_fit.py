@@ -10,7 +10,7 @@ from scipy.interpolate import BPoly, make_lsq_spline
 import jounce
 from jounce.core.errors import JounceError
 from jounce.motion.fit import fit
-from jounce.motion.stamps import MIN_FIT_SAMPLES
+from jounce.motion.samples import MIN_FIT_SAMPLES
 
 
 @cache

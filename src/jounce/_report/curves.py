@@ -13,7 +13,7 @@ from jounce.figures.curves import TOLD
 from jounce.figures.panels import drawn_points
 from jounce.limits.check import CheckedLimit
 from jounce.model.positions import extent_names
-from jounce.motion.bands import BAND_DEVIATIONS
+from jounce.motion.trust import BAND_DEVIATIONS
 
 POINTS, LEAST_POINTS, ALL_POINTS = 1000, 300, 100_000  # of a curve, and of all together
 BAND_POINTS = 400  # of each edge

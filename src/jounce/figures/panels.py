@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.motion.bands import BAND_DEVIATIONS, surest_peaks
+from jounce.motion.trust import BAND_DEVIATIONS, surest_peaks
 
 MOST_POINTS = 2000  # of a curve, about; a page shows no more
 HIDDEN = 0.1  # of the largest value: a curve below this tells nothing in the same axes

@@ -12,8 +12,8 @@ import numpy as np
 
 from jounce.motion.choice import Part
 from jounce.motion.knots import MIN_MEAN_SAMPLES, fitted, usual_length
-from jounce.motion.lines import BAND_TO_LINE, Line
 from jounce.motion.samples import Samples
+from jounce.motion.vibrations import BAND_TO_LINE, Line
 
 BURST_PART_ROWS = 64, 256, 1024  # of the parts, which overlap by half: short bursts, and lines close to the noise
 MIN_PARTS_OF_LOG = 4  # a line over most of a log is not that of a burst

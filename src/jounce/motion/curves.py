@@ -224,33 +224,3 @@ def powers(c: np.ndarray, s: np.ndarray, order: int) -> list[np.ndarray]:
         degree = len(c) - 1
         c = c[:-1] * np.arange(degree, 0, -1)[:, None, None] if degree else 0 * c
     return found
-
-
-def shifted(c: np.ndarray, by: np.ndarray) -> np.ndarray:
-    """Coefficients (degree + 1, ...) of p(s + by): highest power first, as those of p(s); Horner's scheme by Shaw."""
-    c = c.copy()
-    for last in range(len(c) - 1, 0, -1):
-        for i in range(1, last + 1):
-            c[i] += by * c[i - 1]
-    return c
-
-
-def side_by_side(parts: Sequence[tuple[np.ndarray, np.ndarray]], stop: float) -> Polynomials:
-    """Columns with breakpoints of their own as one curve with the breakpoints of all.
-
-    A column is (x, c): its pieces begin at x (m,), with the coefficients c (degree + 1, m); the last reaches to `stop`.
-    Breakpoints closer together than rounding of the time are one.
-    """
-    start = min(float(x[0]) for x, _ in parts)
-    every = np.unique(np.concatenate([x for x, _ in parts]))
-    every = every[(every >= start) & (every < stop)]
-    apart = np.concatenate([[True], np.diff(every) > 1e-12 * (stop - start)])
-    x = np.append(every[apart], stop)
-    if len(x) > 2 and x[-1] - x[-2] <= 1e-12 * (stop - start):
-        x = np.delete(x, -2)
-    middle = (x[:-1] + x[1:]) / 2
-    c = np.zeros((max(len(c) for _, c in parts), len(middle), len(parts)))
-    for j, (knots, column) in enumerate(parts):
-        piece = (np.searchsorted(knots, middle, side="right") - 1).clip(0)
-        c[len(c) - len(column) :, :, j] = shifted(column[:, piece], x[:-1] - knots[piece])
-    return Polynomials(x, c)

@@ -9,10 +9,9 @@ from jounce.arguments import names
 from jounce.core.errors import JounceError, listed
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import Position, position_names, several_positions
-from jounce.motion.analytic import Analytic, Terms
+from jounce.motion.analytic import Analytic, Exponential, Terms
 from jounce.motion.base import POSE_COLUMNS, with_blocks
 from jounce.motion.curves import COMPONENTS, Curve
-from jounce.motion.exponential import Exponential
 from jounce.motion.motion import Motion
 
 

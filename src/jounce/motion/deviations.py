@@ -23,7 +23,7 @@ from jounce.motion.least_squares import Rows, Solution, basis, covariance_blocks
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-    from jounce.motion.lines import Line
+    from jounce.motion.vibrations import Line
 
 MAX_GATHERED_TIMES = 20000  # for which ten coefficients' covariances are gathered at once: 16 MB
 ERROR_DECAY_POWER = 15  # of the interval, with which the error of q falls: 10, and more near the limit of the band

@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from jounce.motion.knots import fitted
-from jounce.motion.lines import MIN_LINE_POWER, MIN_SPECTRUM_ROWS, Line
 from jounce.motion.samples import Samples
+from jounce.motion.vibrations import MIN_LINE_POWER, MIN_SPECTRUM_ROWS, Line
 
 WAVE_COUNTS = np.arange(16, 1025)  # per turn: below 16 a motion itself is periodic, as harmonics are
 COARSENING_FACTORS = 9, 3, 1  # of intervals: a fit may follow an error far below the end of its band

@@ -12,11 +12,10 @@ from jounce.motion.holds import Holds, find_holds
 from jounce.motion.knots import usual_length
 from jounce.motion.least_squares import FIT_DEGREE, knots
 from jounce.motion.noise import Noise, noise_of, step_of
-from jounce.motion.samples import Samples
+from jounce.motion.samples import Samples, check, spikes
 from jounce.motion.sensors import Sensors, find_sensors
 from jounce.motion.smoothing import Smoothed, first_fit, interpolate, moves, rounded, smooth
 from jounce.motion.spline import check_bandwidth
-from jounce.motion.stamps import check, spikes
 from jounce.motion.trust import peaks_and_shares, refuse_holes
 from jounce.motion.vibrations import Vibration, note_of_encoder, notes_of
 from jounce.spatial.series import rate_name

@@ -160,10 +160,9 @@ class Motion(Displayed):
         bandwidth : float, optional
             Frequency in Hz up to which samples are followed; by default as far as the motion stands out of the noise.
         allow_noise : bool, optional
-            Accept samples whose noise drowns q4d, which are refused otherwise.
+            Accept samples whose noise drowns q4d.
         degree, intervals : int, optional
-            A least-squares spline of this degree (7 by default, or 5) with this number of intervals in place of
-            smoothing; of equally many samples each.
+            In place of smoothing, a least-squares spline of degree 7 or 5 with intervals of as many samples each.
         joint_names : sequence of str, optional
             Names of the n coordinates, by which robots match them; by default the order of the robot.
 
@@ -202,10 +201,8 @@ class Motion(Displayed):
         ----------
         coefficients : (n, degree + 1)
             Of the powers of t - start, the lowest first; rad or m.
-        duration : float
-            In s.
-        start : float, optional
-            Time at which the motion begins, s.
+        duration, start : float
+            How long it lasts and when it begins, s.
         joint_names : sequence of str, optional
             Names of the n coordinates, by which robots match them; by default the order of the robot.
 
@@ -249,10 +246,8 @@ class Motion(Displayed):
             Amplitudes, rad or m.
         frequency : float
             Angular frequency w of the first harmonic, rad/s.
-        duration : float
-            In s.
-        start : float, optional
-            Time at which the motion begins, s.
+        duration, start : float
+            How long it lasts and when it begins, s.
         joint_names : sequence of str, optional
             Names of the n coordinates, by which robots match them; by default the order of the robot.
 
@@ -566,12 +561,8 @@ class Motion(Displayed):
 
         Parameters
         ----------
-        t : (...)
-            Times from `start` to `stop`, s.
-        order : int, optional
-            The highest rate.
-        side : {"right", "left"}, optional
-            Whether to return the rates after a break or those before it, at the time of a break.
+        t, order, side : (...), int, {"right", "left"}
+            As in a call of the motion; `order` is the highest rate of W.
 
         Returns
         -------
@@ -614,12 +605,8 @@ class Motion(Displayed):
 
         Parameters
         ----------
-        t : (...)
-            Times from `start` to `stop`, s.
-        order : int, optional
-            The highest derivative of position and quaternion, as that of q in a call of the motion.
-        side : {"right", "left"}, optional
-            Whether to return the rates after a break or those before it, at the time of a break.
+        t, order, side : (...), int, {"right", "left"}
+            As in a call of the motion; `order` is the highest derivative of position and quaternion.
 
         Returns
         -------
@@ -672,14 +659,10 @@ class Motion(Displayed):
             Increasing times, s, from the start of the motion or earlier to its end or later; None for one pose.
         C : (N, 4, 4) or (4, 4)
             Poses of the base in the inertial frame, base to inertial frame, positions in m; one pose if the base rests.
-        degree : int, optional
-            Interpolate the poses by a spline of degree 7 (C^6) or 5 (C^4); by default they are smoothed.
-        intervals : int, optional
-            Fit such a spline by least squares over this number of intervals.
-        bandwidth : float, optional
-            Bandwidth of the smoothing in Hz; by default as far as the motion exceeds the noise.
-        allow_noise : bool, optional
-            Accept poses even if noise dominates the highest rate.
+        degree, intervals : int, optional
+            Interpolate the poses by a spline of degree 7 (C^6) or 5 (C^4), or fit it by least squares over intervals.
+        bandwidth, allow_noise : float, bool, optional
+            Bandwidth of smoothing in Hz, and whether to accept noise that drowns the highest rate: see `Motion.fit`.
 
         Returns
         -------
@@ -709,10 +692,8 @@ class Motion(Displayed):
 
         Parameters
         ----------
-        t : (...)
-            Times from `start` to `stop`, s.
-        order : int, optional
-            The highest rate.
+        t, order : (...), int
+            Times, s, and the highest rate, as for `wrench`.
 
         Returns
         -------
@@ -732,7 +713,9 @@ class Motion(Displayed):
         """
         times, order = self.checked(t), checked_order(order)
         found = {body: curve.deviations(times.ravel(), order) for body, curve in self.loads.items()}
-        known = {body: np.reshape(rates, (-1, *times.shape, 6)) for body, rates in found.items() if rates is not None}
+        known = {
+            body: np.reshape(rates, (order + 1, *times.shape, 6)) for body, rates in found.items() if rates is not None
+        }
         return tuple({body: rates[k] for body, rates in known.items()} for k in range(order + 1))
 
     def deviations(self, t: ArrayLike, order: int = 4) -> tuple[np.ndarray, ...] | None:
@@ -740,10 +723,8 @@ class Motion(Displayed):
 
         Parameters
         ----------
-        t : (...)
-            Times from `start` to `stop`, s.
-        order : int, optional
-            The highest rate.
+        t, order : (...), int
+            Times, s, and the highest rate, as in a call of the motion.
 
         Returns
         -------

@@ -25,6 +25,7 @@ MAX_DECIMALS = 12  # beyond which numbers are taken for doubles
 IRREGULARITY_ORDER = 5  # of the differences that polynomial pieces do not have, and rounded samples have
 NOISE_DIFFERENCE_ORDER = 8  # differences hold white noise sqrt(binomial(16, 8)) times, and hardly any motion
 MAX_DIVISIONS = 4  # of Euclid's algorithm, each of which multiplies the rounding of what is left
+WHITENESS_DEVIATIONS = 5  # standard deviations of von Neumann's ratio, which white noise does not exceed
 REST_WEIGHT_POWER = 1 / 3  # of the number of equal samples, by which those of a robot at rest weigh less
 
 
@@ -111,13 +112,14 @@ def beats_of(
     return Beats(t[few], period, share, around, path)
 
 
-def whiteness(samples: np.ndarray) -> np.ndarray:
-    """Von Neumann's ratio per joint, (n,), in standard deviations off 1, which white noise has: below 0, it is slow.
+def varies_slowly(samples: np.ndarray) -> np.ndarray:
+    """Whether each joint's samples vary more slowly than white noise, for which von Neumann's ratio is 1.
 
     Annals of Mathematical Statistics 12 (1941).
     """
     scale = np.maximum(2 * ((samples - samples.mean(axis=0)) ** 2).sum(axis=0), np.finfo(float).tiny)
-    return ((np.diff(samples, axis=0) ** 2).sum(axis=0) / scale - 1) * np.sqrt(len(samples))
+    ratio = (np.diff(samples, axis=0) ** 2).sum(axis=0) / scale
+    return np.asarray((ratio - 1) * np.sqrt(len(samples)) < -WHITENESS_DEVIATIONS)
 
 
 def local_noise(samples: np.ndarray) -> np.ndarray:

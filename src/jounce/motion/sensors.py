@@ -15,9 +15,8 @@ import numpy as np
 
 from jounce.motion.holds import Holds, find_holds, late_by
 from jounce.motion.least_squares import Solution
-from jounce.motion.samples import Samples
+from jounce.motion.samples import MIN_FIT_SAMPLES, Samples
 from jounce.motion.smoothing import first_fit
-from jounce.motion.stamps import MIN_FIT_SAMPLES
 
 PERIOD_TOLERANCE = 0.01  # of a sensor's period, by which that of all joints together may differ
 MAX_MOVING_ROUNDS = 8  # each leaves a delay times the highest frequency of the rest

@@ -12,9 +12,9 @@ from jounce.motion.curves import ROUNDING_OF_Q, Curve
 from jounce.motion.deviations import MAX_DEVIATION_ORDER
 from jounce.motion.fit import Fit, fit
 from jounce.motion.noise import local_noise
+from jounce.motion.samples import MIN_FIT_SAMPLES
 from jounce.motion.smoothness import MAX_NOISE_DEVIATIONS, of_samples
 from jounce.motion.spline import Sampled, Smoothing, Spline, SplineCurve, curve_of
-from jounce.motion.stamps import MIN_FIT_SAMPLES
 from jounce.spatial.series import rate_name
 
 INTERPOLATION_OPTION = "--degree 7 (degree=7)"

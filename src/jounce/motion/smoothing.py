@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed
+from jounce.core.errors import JounceError
 from jounce.motion.bursts import find_bursts, with_flanks
 from jounce.motion.choice import Choice, Part, again, bounded, by_schwarz, choose, denser
 from jounce.motion.correction import colour, corrected
@@ -28,22 +28,17 @@ from jounce.motion.deviations import Spread, stamp_covariances
 from jounce.motion.encoders import find_errors_of_encoders
 from jounce.motion.knots import fitted, most_intervals
 from jounce.motion.least_squares import FIT_DEGREE, MIN_CELLS, Solution, rows_of, solve
-from jounce.motion.lines import BAND_TO_LINE, Line, find_lines
-from jounce.motion.noise import Beats, beats_of, local_noise, rest_weights, whiteness
-from jounce.motion.samples import Samples
-from jounce.motion.stamps import are_wild
+from jounce.motion.noise import Beats, beats_of, local_noise, rest_weights, varies_slowly
+from jounce.motion.samples import Samples, are_wild
+from jounce.motion.trust import notes_of_residual, residual_excess
+from jounce.motion.vibrations import BAND_TO_LINE, Line, find_lines
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 MAX_SMOOTH_NOISE = 1e-5  # share of a joint's range that differences of smooth samples leave as noise
 MIN_NEEDED_INTERVALS = 0.7  # share of those that samples bear: a need of more looks like samples without noise
-WHITENESS_DEVIATIONS = 5  # standard deviations of von Neumann's ratio, beyond which noise is not white
 OUTLIER_DEVIATIONS = 6  # standard deviations, beyond which a row counts less
-MAX_UNEXPLAINED_SHARE = 0.1  # of a joint's scatter about its mean that a fit may leave
-RESIDUAL_REACH = 2  # intervals on either side of one that determine how well the fit follows there
-RESIDUAL_DEVIATIONS = 6  # standard deviations of chi^2, by which residuals around an interval are not noise
-MIN_NOTED_RESIDUAL = 10.0  # times the usual squares of residuals, which a user should know of
 MAX_OUTLIER_SHARE = 0.05  # of the samples; more of them are no outliers
 MIN_LONG_LOG = 20 * MIN_CELLS  # samples, from which on parts of them determine how many intervals they need
 NEXT_LINE_TO_BAND = 1.5  # times the end of the band, from which on a line is another vibration
@@ -97,7 +92,7 @@ def moves(samples: Samples, first: Solution) -> np.ndarray:
     constant = np.maximum(samples.q.var(axis=0), samples.floor)
     spline = np.maximum(first.energy / count, samples.floor)
     explained = count * np.log(constant / spline) > (first.unknowns - 1) * np.log(count)
-    return explained | (whiteness(samples.q) < -WHITENESS_DEVIATIONS)
+    return explained | varies_slowly(samples.q)
 
 
 def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | None) -> Smoothed:
@@ -125,10 +120,8 @@ def _with_vibrations(samples: Samples, first: Solution, cells: int, bandwidth: f
             found = _smooth(samples, first, cells, BAND_TO_LINE * max(lasting) if lasting else None, bursts)
         except JounceError:  # the samples do not carry such a band
             return replace(found, lines=lines)
-        # what is left beyond that band
-        end = (
-            NEXT_LINE_TO_BAND * BAND_TO_LINE * max(lasting, default=0.0)
-        )  # below it is what a wider fit leaves at the end of its band
+        # what is left beyond that band: below is what a wider fit leaves at its end
+        end = NEXT_LINE_TO_BAND * BAND_TO_LINE * max(lasting, default=0.0)
         new = tuple(line for line in found.spread.left_out if not line.lasts or line.frequency > end)
         found = replace(found, spread=replace(found.spread, left_out=new))
     return replace(found, lines=lines + found.spread.left_out)
@@ -142,13 +135,12 @@ def _smooth(
     samples = replace(samples, weight=rest_weights(samples.t, samples.q, float(np.ptp(samples.t)) / first.intervals))
     velocity = first.spline(samples.t, nu=1)
     beats = beats_of(samples.t, samples.q, velocity, samples.steps, scatter, samples.weight)
-    setting = Setting(
-        beats, first.intervals, cells, bandwidth, np.maximum(samples.floor, samples.steps**2 / 12), bursts
-    )
+    floor = np.maximum(samples.floor, samples.steps**2 / 12)
+    setting = Setting(beats, first.intervals, cells, bandwidth, floor, bursts)
     # time stamps by the first fit
     stamped, left = samples, None
     found = corrected(samples, first, cells, 1)
-    if found:  # what is finer than the stamps can tell is not worth breaks
+    if found:  # what is finer than stamps can show is not worth breaks
         samples = replace(found[0], drift=(first.spline, found[1].own))
         setting = replace(setting, floor=np.maximum(setting.floor, scatter**2))
     # breaks
@@ -157,55 +149,23 @@ def _smooth(
         rows = stamped.rows(cells)
         raw = fitted(rows, chosen.solution.breaks)
         samples, times = corrected(stamped, raw, cells, 2) or found
-        sigma = colour(samples, stamped.t, raw, times.sigma) * times.sigma
-        left = stamp_covariances(rows, raw, sigma, times.own)
+        alike = colour(samples, stamped.t, raw, times.sigma)
+        left = stamp_covariances(rows, raw, alike * times.sigma, times.own)
         chosen = again(samples.rows(cells), beats, chosen)
         notes += (f"time stamps scatter by {times.sigma:.2g} s; one shift per row, from all joints, corrects them",)
     # what the spline leaves
     solution = chosen.solution
     residual = samples.q - solution.spline(samples.t)
-    unfollowed = _unfollowed(samples, residual, solution.breaks, chosen.variance)
+    excess = residual_excess(samples, residual, solution.breaks, chosen.variance)
     variance = chosen.variance * beats.inflation(solution.breaks, rests=True)
-    beyond = chosen.variance * (unfollowed - 1)
+    beyond = chosen.variance * (excess - 1)
     spread = Spread(solution, variance, chosen.coarser.spline, chosen.ratio, left, beyond, samples.unsure)
-    sigma_of = np.sqrt((residual**2).mean(axis=0))
-    notes += _unexplained(samples, residual) + _notes_of_unfollowed(solution.breaks, unfollowed)
+    sigma = np.sqrt((residual**2).mean(axis=0))
+    notes += notes_of_residual(samples, residual, solution.breaks, excess)
     lines = find_lines(samples, residual, solution.spline(samples.t, nu=1))
     if not found:  # corrected stamps leave errors that come and go with the velocity
         lines += find_bursts(samples, solution.breaks, cells)
-    return Smoothed(samples, solution.spline, replace(spread, left_out=tuple(lines)), sigma_of, notes)
-
-
-def _unfollowed(samples: Samples, residual: np.ndarray, breaks: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Mean squares of residuals (N, n) around each interval over the variance, (M, n), where they are no noise; or 1.
-
-    A motion that is too fast for the samples leaves them, and an error of its own size.
-    """
-    squares = (samples.weight[:, None] * residual) ** 2 / variance
-    bounds = np.searchsorted(samples.t, breaks)
-    bounds[0], bounds[-1] = 0, len(samples.t)
-    sums = np.concatenate([np.zeros((1, squares.shape[1])), np.cumsum(squares, axis=0)])
-    first, last = (np.arange(len(breaks) - 1) + k for k in (-RESIDUAL_REACH, RESIDUAL_REACH + 1))
-    first, last = first.clip(0), last.clip(max=len(breaks) - 1)
-    freedom = np.maximum(bounds[last] - bounds[first] - (last - first), 1)[:, None]
-    mean = (sums[bounds[last]] - sums[bounds[first]]) / freedom
-    return np.where(mean > 1 + RESIDUAL_DEVIATIONS * np.sqrt(2 / freedom), mean, 1.0)
-
-
-def _notes_of_unfollowed(breaks: np.ndarray, unfollowed: np.ndarray) -> tuple[str, ...]:
-    where = np.flatnonzero((unfollowed > MIN_NOTED_RESIDUAL).any(axis=1))
-    if not where.size:
-        return ()
-    parts = np.split(where, np.flatnonzero(np.diff(where) > 2 * RESIDUAL_REACH) + 1)
-    spans = listed(f"{breaks[part[0]]:.4g} to {breaks[part[-1] + 1]:.4g} s" for part in parts)
-    return (f"the fit does not follow the samples to their noise at t = {spans}: deviations are larger there",)
-
-
-def _unexplained(samples: Samples, residual: np.ndarray) -> tuple[str, ...]:
-    slow = whiteness(residual) < -WHITENESS_DEVIATIONS
-    if not (slow & (residual.std(axis=0) > MAX_UNEXPLAINED_SHARE * samples.q.std(axis=0))).any():
-        return ()
-    return ("much of the samples' scatter is no white noise: there may be motion faster than they carry",)
+    return Smoothed(samples, solution.spline, replace(spread, left_out=tuple(lines)), sigma, notes)
 
 
 def interpolate(samples: Samples) -> Smoothed:
@@ -260,11 +220,8 @@ def rounded(samples: Samples, first: Solution) -> bool:
     Smooth in most places: a kink in exact samples is not noise.
     """
     sigma = np.sqrt(first.energy / len(samples.t))
-    exact = sigma < ROUNDING_OF_Q * np.abs(samples.q).max(axis=0)
-    if (
-        exact.all()
-        or samples.steps.any()
-        or first.intervals < MIN_NEEDED_INTERVALS * most_intervals(samples.rows(MIN_CELLS))
-    ):
-        return bool(exact.all())
-    return bool((local_noise(samples.q) < MAX_SMOOTH_NOISE * np.ptp(samples.q, axis=0)).all())
+    exact = (sigma < ROUNDING_OF_Q * np.abs(samples.q).max(axis=0)).all()
+    if exact or samples.steps.any():
+        return bool(exact)
+    needs_many = first.intervals >= MIN_NEEDED_INTERVALS * most_intervals(samples.rows(MIN_CELLS))
+    return needs_many and bool((local_noise(samples.q) < MAX_SMOOTH_NOISE * np.ptp(samples.q, axis=0)).all())

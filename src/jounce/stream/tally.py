@@ -15,7 +15,7 @@ from jounce.io.tables import place
 from jounce.limits.samples import worst_broken
 from jounce.model.coordinates import coordinate_limits
 from jounce.model.limits import Limits
-from jounce.motion.bands import BAND_DEVIATIONS, surest_peaks
+from jounce.motion.trust import BAND_DEVIATIONS, surest_peaks
 from jounce.spatial.series import rate_name
 from jounce.stream.job import Job
 from jounce.stream.outputs import Block
