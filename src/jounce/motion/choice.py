@@ -34,14 +34,12 @@ UNDETERMINED = "no number of intervals suits the samples"
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The spline chosen, a coarser one to compare it with, the variance (n,) of white noise like that found, and where
-    the breaks of the two were to be.
-    """
+    """The spline chosen."""
 
     solution: Solution
-    coarser: Solution
-    variance: np.ndarray
-    places: tuple[np.ndarray, np.ndarray]
+    coarser: Solution  # to compare with
+    variance: np.ndarray  # (n,), of white noise like that found
+    places: tuple[np.ndarray, np.ndarray]  # where the breaks of the two were to be
 
     @property
     def ratio(self) -> float:
@@ -59,10 +57,8 @@ def denser(rows: Rows, choice: Choice, parts: Sequence[Part]) -> Choice:
     """The choice with no longer intervals than is said, in parts of the time: starts, ends and lengths."""
     if not parts:
         return choice
-    fine, coarse = (
-        _split(places, [(start, end, longest * ratio) for start, end, longest in parts])
-        for places, ratio in zip(choice.places, (1.0, choice.ratio), strict=True)
-    )
+    fine = _split(choice.places[0], parts)
+    coarse = _split(choice.places[1], [(start, end, longest * choice.ratio) for start, end, longest in parts])
     return Choice(fitted(rows, fine), fitted(rows, coarse), choice.variance, (fine, coarse))
 
 

@@ -26,10 +26,10 @@ class Retimed(OfCurve):
 
     def jumps(self, order: int) -> list[Jump]:
         """Where a derivative up to `order` jumps."""
-        return [
-            Jump(float(self.outer(np.array(jump.t))), jump.column, jump.order, jump.size / self.factor**jump.order)
-            for jump in self.base.jumps(order)
-        ]
+        found = self.base.jumps(order)
+        times = self.outer(np.array([jump.t for jump in found])).tolist()
+        sizes = (jump.size / self.factor**jump.order for jump in found)
+        return [jump._replace(t=t, size=size) for jump, t, size in zip(found, times, sizes, strict=True)]
 
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
         """The standard deviations of the values and derivatives."""

@@ -48,34 +48,17 @@ class StampCovariances:
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Covariances of a least-squares spline: (B^T B)^-1, times a variance per interval and joint.
+    """Covariances of a least-squares spline: (B^T B)^-1, times a variance per interval and joint."""
 
-    Attributes
-    ----------
-    solution : Solution
-        The spline, of the joints that move.
-    variance : (M, n)
-        Variances of white noise that is fitted as the samples' noise is.
-    coarser, ratio : BSpline or None, float
-        A spline of fewer intervals, from which the error of the spline itself follows, and how many times fewer.
-    stamps : StampCovariances or None
-        Where stamps are corrected. Their times are not those of `solution`: corrected rows may bear fewer breaks.
-    unfollowed : (M, n) or None
-        Mean squares of what an interval's fit leaves beyond noise: taken for a vibration at the end of its band.
-    unsure : (n,) or None
-        By how much sensors may be read earlier than the times say, s.
-    left_out : tuple of Line
-        Vibrations that stand out of the noise and that the spline does not follow.
-    """
-
-    solution: Solution
-    variance: np.ndarray
-    coarser: "BSpline | None" = None
-    ratio: float = 1.0
-    stamps: StampCovariances | None = None
+    solution: Solution  # the spline, of the joints that move
+    variance: np.ndarray  # (M, n), of white noise that is fitted as the samples' noise is
+    coarser: "BSpline | None" = None  # a spline of fewer intervals, from which the error of the spline itself follows
+    ratio: float = 1.0  # how many times fewer they are
+    stamps: StampCovariances | None = None  # at times of their own: corrected rows may bear fewer breaks
+    # (M, n), squares of residuals beyond noise, as of a vibration at the end of the band
     unfollowed: np.ndarray | None = None
-    unsure: np.ndarray | None = None
-    left_out: "tuple[Line, ...]" = ()
+    unsure: np.ndarray | None = None  # (n,), by how much sensors may be read earlier than the times say, s
+    left_out: "tuple[Line, ...]" = ()  # vibrations that the spline does not follow
 
     def covariances(self, t: np.ndarray, order: int) -> np.ndarray:
         """Covariances of q, qd, ... with each other at times (P,), (P, n, order + 1, order + 1)."""

@@ -29,24 +29,13 @@ MAX_ROWS_LATE = 1.1  # a regular sensor is read within one row, but for rounding
 
 @dataclass(frozen=True, eq=False)
 class Holds:
-    """Rows that hold an older position than they could.
+    """Rows that hold an older position than they could."""
 
-    Attributes
-    ----------
-    held, t : (N,), (R,)
-        Which rows do, and times of the others: of the sensor's clock, where that is regular.
-    period : float or None
-        Of a regular sensor, s.
-    delay, unsure : float
-        How much later than the sensor's rows are, held ones included, on average, s; and by how much the sensor may be
-        earlier still: infinite where the motion is too slow to show whether rows hold.
-    """
-
-    held: np.ndarray
-    t: np.ndarray
-    period: float | None = None
-    delay: float = 0.0
-    unsure: float = 0.0
+    held: np.ndarray  # (N,), which rows do
+    t: np.ndarray  # (R,), times of the others: of the sensor's clock, where that is regular
+    period: float | None = None  # of a regular sensor, s
+    delay: float = 0.0  # of the sensor's rows, held ones included, on average, s
+    unsure: float = 0.0  # by how much the sensor may be earlier still, s; infinite if the motion is too slow to show it
 
     @property
     def notes(self) -> tuple[str, ...]:

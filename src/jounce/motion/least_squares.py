@@ -29,32 +29,16 @@ MIN_CELLS = 8192  # that a long log is compressed to, ten rows each; more where 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Rows of a least-squares problem in time: the spline's values at `t`, times weights, are to equal `y`.
+    """Rows of a least-squares problem in time: the spline's values at `t`, times weights, are to equal `y`."""
 
-    Attributes
-    ----------
-    t, y, weight : (P,), (P, n), (P,)
-        Increasing times, right sides times the weights, and weights: inverse standard deviations up to a factor.
-    edges : (C + 1,) or None
-        Of cells if the rows are compressed, ten in each: where knots may be.
-    span : (float, float)
-        The first and the last time of the samples.
-    count : float
-        The number of samples, each counted by its weight squared.
-    rest : (n,)
-        Sums of squares that no polynomial in a cell reaches, left out of the rows.
-    along : ((P, n), (n,)) or None
-        Velocities v and variances D of the joints, where stamps are in doubt: only what no shift of a row in time
-        explains counts as a residual then.
-    """
-
-    t: np.ndarray
-    y: np.ndarray
-    weight: np.ndarray
-    edges: np.ndarray | None
-    span: tuple[float, float]
-    count: float
-    rest: np.ndarray
+    t: np.ndarray  # (P,), increasing; ten in each cell if compressed
+    y: np.ndarray  # (P, n), right sides times the weights
+    weight: np.ndarray  # (P,), inverse standard deviations up to a factor
+    edges: np.ndarray | None  # (C + 1,) of cells if compressed: where knots may be
+    span: tuple[float, float]  # the first and the last time of the samples
+    count: float  # of samples, each by its weight squared
+    rest: np.ndarray  # (n,), squares that no polynomial in a cell reaches, left out of the rows
+    # where stamps are in doubt, velocities v (P, n) and variances D (n,): what shifts of rows explain is no residual
     along: tuple[np.ndarray, np.ndarray] | None = None
 
     def across(self, residual: np.ndarray) -> np.ndarray:

@@ -713,10 +713,9 @@ class Motion(Displayed):
         """
         times, order = self.checked(t), checked_order(order)
         found = {body: curve.deviations(times.ravel(), order) for body, curve in self.loads.items()}
-        known = {
-            body: np.reshape(rates, (order + 1, *times.shape, 6)) for body, rates in found.items() if rates is not None
-        }
-        return tuple({body: rates[k] for body, rates in known.items()} for k in range(order + 1))
+        known = {body: rates for body, rates in found.items() if rates is not None}
+        shape = *times.shape, len(COMPONENTS)
+        return tuple({body: rates[k].reshape(shape) for body, rates in known.items()} for k in range(order + 1))
 
     def deviations(self, t: ArrayLike, order: int = 4) -> tuple[np.ndarray, ...] | None:
         """Standard deviations of the coordinates and their rates.
@@ -1016,10 +1015,8 @@ def _joined_bases(first: Motion, later: Motion) -> Curve | None:
     factors = np.array([1.0] * 3 + [_factor(end[0, 3:], begin[0, 3:])] * 4)
     apart = np.abs(end - begin * factors).max()
     if apart > MAX_JOIN_GAP:
-        raise JounceError(
-            f"the motions do not meet: their bases are {apart:.2g} apart in position (m) or quaternion;"
-            " expected one to begin where the other ends"
-        )
+        came = f"the motions do not meet: their bases are {apart:.2g} apart in position (m) or quaternion"
+        raise JounceError(f"{came}; expected one to begin where the other ends")
     return Chain((first.base_curve, _scaled(later.base_curve, factors)))
 
 

@@ -50,25 +50,13 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class Beats:
-    """Slow parts of rounding errors, at some of the samples.
+    """Slow parts of rounding errors, at some of the samples."""
 
-    Attributes
-    ----------
-    t : (P,)
-        Times of these samples.
-    period, share : (P, n, 4)
-        Periods in s, and shares of the variance, per joint and harmonic.
-    weight : (P,)
-        The squared weights of all samples from each to the next.
-    path : (P, n)
-        Steps passed since the start.
-    """
-
-    t: np.ndarray
-    period: np.ndarray
-    share: np.ndarray
-    weight: np.ndarray
-    path: np.ndarray
+    t: np.ndarray  # (P,), times of these samples
+    period: np.ndarray  # (P, n, 4), s, by joint and harmonic
+    share: np.ndarray  # (P, n, 4), of the variance
+    weight: np.ndarray  # (P,), squares of the weights of all samples from each to the next
+    path: np.ndarray  # (P, n), steps passed since the start
 
     def passes(self, breaks: np.ndarray) -> np.ndarray:
         """How many steps the joint that passes most of them passes in each interval, (M,)."""

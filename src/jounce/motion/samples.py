@@ -22,29 +22,16 @@ MIN_SPIKE = 30.0  # times as far off as others around are rows that are left out
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Samples of the joints that move, as they are smoothed.
+    """Samples of the joints that move, as they are smoothed."""
 
-    Attributes
-    ----------
-    t, q, weight : (N,), (N, n), (N,)
-        Increasing times, samples, and weights of the rows.
-    span : (float, float)
-        The first and the last time of the spline.
-    steps : (n,)
-        Steps of encoders or of written digits, otherwise 0.
-    drift : (BSpline, (n,)), or None
-        Where stamps are in doubt, a spline to take velocities from, and each joint's own variance.
-    unsure : (n,), or None
-        By how much each joint's sensor may be read earlier than the times say, s.
-    """
-
-    t: np.ndarray
-    q: np.ndarray
-    weight: np.ndarray
-    span: tuple[float, float]
-    steps: np.ndarray
+    t: np.ndarray  # (N,), increasing
+    q: np.ndarray  # (N, n)
+    weight: np.ndarray  # (N,), of the rows
+    span: tuple[float, float]  # the first and the last time of the spline
+    steps: np.ndarray  # (n,), of encoders or of written digits, otherwise 0
+    # where stamps are in doubt: a spline to take velocities from, and each joint's own variance (n,)
     drift: "tuple[BSpline, np.ndarray] | None" = None
-    unsure: np.ndarray | None = None
+    unsure: np.ndarray | None = None  # (n,), by how much each sensor may be read earlier than the times say, s
 
     @property
     def floor(self) -> np.ndarray:

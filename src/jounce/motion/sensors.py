@@ -25,13 +25,11 @@ MOVING_TOLERANCE = 0.01  # standard deviations of noise, by which values still m
 
 @dataclass(frozen=True, eq=False)
 class Sensors:
-    """Rows (N,) that are left out, samples at the others, moved to common times, and each joint's period (n,) in s: 0
-    where it is as fast as the log, or the motion is too slow to determine it.
-    """
+    """What becomes of samples whose sensors are not read together."""
 
-    held: np.ndarray
-    samples: Samples
-    periods: np.ndarray
+    held: np.ndarray  # (N,), rows that are left out
+    samples: Samples  # the others, moved to common times
+    periods: np.ndarray  # (n,), s; 0 for joints as fast as the log, or where the motion is too slow to determine it
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -62,16 +62,14 @@ class Smoothed:
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """What breaks are chosen by: `floor` (n,) is the variance below which nothing is worth a break, `bursts` are parts
-    with denser breaks.
-    """
+    """What breaks are chosen by."""
 
-    beats: Beats
-    intervals: int
+    beats: Beats  # of rounding
+    intervals: int  # a first number of them
     cells: int
-    bandwidth: float | None
-    floor: np.ndarray
-    bursts: Sequence[Part] = ()
+    bandwidth: float | None  # Hz, if it is given
+    floor: np.ndarray  # (n,), the variance below which nothing is worth a break
+    bursts: Sequence[Part] = ()  # parts with denser breaks
 
 
 def first_fit(samples: Samples) -> tuple[Solution, int]:

@@ -35,12 +35,8 @@ def refuse_holes(t: np.ndarray, breaks: np.ndarray) -> None:
     lengths = np.diff(breaks)
     for k in np.flatnonzero(apart > MIN_HOLE_TO_SPACING * np.median(apart)):
         first, last = np.searchsorted(breaks, [t[k], t[k + 1]]).clip(1, len(breaks) - 1)
-        around = np.concatenate(
-            [
-                lengths[max(0, first - 1 - INTERVALS_AROUND_HOLE) : first - 1],
-                lengths[last : last + INTERVALS_AROUND_HOLE],
-            ]
-        )
+        before = lengths[max(0, first - 1 - INTERVALS_AROUND_HOLE) : first - 1]
+        around = np.concatenate([before, lengths[last : last + INTERVALS_AROUND_HOLE]])
         if around.size and apart[k] > MAX_HOLE_TO_INTERVAL * np.median(around):
             raise JounceError(
                 f"no samples from t = {t[k]:.6g} to {t[k + 1]:.6g} s: {apart[k]:.3g} s, where the motion can be"

@@ -21,15 +21,13 @@ MASS_MATRIX_TIMES = 50  # of a vibration, at which mass matrices are taken
 
 @dataclass(frozen=True)
 class Line:
-    """A vibration of a joint: its number, frequency in Hz, amplitude in rad or m, from when to when it is seen, and
-    whether it lasts all the time.
-    """
+    """A vibration of a joint."""
 
     joint: int
-    frequency: float
-    amplitude: float
-    span: tuple[float, float]
-    lasts: bool = False
+    frequency: float  # Hz
+    amplitude: float  # rad or m
+    span: tuple[float, float]  # s, from when to when it is seen
+    lasts: bool = False  # whether that is all the time
 
     @property
     def reach(self) -> tuple[float, float]:
