@@ -52,10 +52,8 @@ def check_length(Q: np.ndarray, t: np.ndarray, what: str) -> None:
     near = np.flatnonzero(~(norms > MIN_QUATERNION_NORM))
     if near.size:
         i = int(near[0])
-        raise JounceError(
-            f"{what} has the norm {norms[i]:.2g} at t = {t[i]:g} s; expected one that stays away"
-            " from zero: terms with an offset, or samples less than half a turn apart"
-        )
+        expected = "one that stays away from zero: terms with an offset, or samples less than half a turn apart"
+        raise JounceError(f"{what} has the norm {norms[i]:.2g} at t = {t[i]:g} s; expected {expected}")
 
 
 def motion_of(rates: Sequence[np.ndarray]) -> Terms:

@@ -113,8 +113,6 @@ def _distance(blend: Blend, windows: Windows, j: int) -> float:
     """The largest distance of a blend from its curve: at the points, and what the curvature allows between them."""
     u = np.linspace(0, 1, BLEND_POINTS)
     t = windows.start[:, None] + (windows.stop - windows.start)[:, None] * u
-    q, _, q2d = (
-        np.abs(a[:, j] - b[:, j]).max()
-        for a, b in zip(blend.rates(t.ravel(), 2), blend.base.rates(t.ravel(), 2), strict=True)
-    )
+    rates = zip(blend.rates(t.ravel(), 2), blend.base.rates(t.ravel(), 2), strict=True)
+    q, _, q2d = (np.abs(a[:, j] - b[:, j]).max() for a, b in rates)
     return float(q + q2d * (windows.stop - windows.start).max() ** 2 / (BLEND_POINTS - 1) ** 2 / 8)

@@ -57,16 +57,12 @@ def fourier(
         if part.shape[1] != len(mean):
             raise JounceError(f"{name} has shape {part.shape}; expected (harmonics, {len(mean)}), as offset has joints")
     w, first = _positive(frequency, "frequency"), float(numbers(start, "start", 0))
-    waves = [
-        [
-            Cosine(x, k * w, phase)
-            for part, phase in ((a, 0.0), (b, -np.pi / 2))
-            for k, x in enumerate(part[:, j].tolist(), 1)
-        ]
-        for j in range(len(mean))
-    ]
-    terms = tuple(Terms((offset,), tuple(each)) for offset, each in zip(mean.tolist(), waves, strict=True))
-    curve = Analytic(terms, first, first + _positive(duration, "duration"))
+    terms = []
+    for j, constant in enumerate(mean.tolist()):
+        waves = [Cosine(x, k * w, 0.0) for k, x in enumerate(a[:, j].tolist(), 1)]
+        waves += [Cosine(x, k * w, -np.pi / 2) for k, x in enumerate(b[:, j].tolist(), 1)]
+        terms.append(Terms((constant,), tuple(waves)))
+    curve = Analytic(tuple(terms), first, first + _positive(duration, "duration"))
     return Parts(curve, checked_names(joint_names, len(mean)), "Fourier series, all rates exact")
 
 

@@ -51,10 +51,8 @@ def motion_of(description: Description, mechanism: Mechanism) -> Motion:
         starts = (given.index(names[0]) for names in blocks)
         q = Exponential(q, tuple(slice(i, i + len(x)) for i, x in zip(starts, blocks, strict=True)))
     if mechanism.floats and description.base is None:
-        raise JounceError(
-            f"{mechanism.name!r} floats, and nothing says where its base is; expected base: with terms of some of"
-            f" {listed(POSE_COLUMNS)}, position in m and quaternion"
-        )
+        expected = f"base: with terms of some of {listed(POSE_COLUMNS)}, position in m and quaternion"
+        raise JounceError(f"{mechanism.name!r} floats, and nothing says where its base is; expected {expected}")
     base = None
     if description.base is not None:
         others = {"qw": Terms((1.0,))} if not {*POSE_COLUMNS[3:]} & {*description.base} else {}

@@ -1,11 +1,12 @@
 """Hermite polynomials: curves through rows that state the coordinates and all their rates, exact at every row."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache, cached_property
+from itertools import count, takewhile
 
 import numpy as np
 
@@ -25,6 +26,13 @@ def counting_to(order: int) -> Iterator[None]:
         yield
     finally:
         _counting.reset(token)
+
+
+def stated_rates(columns: Mapping[str, np.ndarray], stems: Sequence[str], ending: str = "") -> tuple[np.ndarray, ...]:
+    """The rates (N, stems) that columns state of every stem, none skipped; with an ending, their deviations."""
+    names = ([f"{rate_name(stem, k)}{ending}" for stem in stems] for k in count())
+    given = takewhile(lambda of_rate: all(name in columns for name in of_rate), names)
+    return tuple(np.stack([columns[name] for name in of_rate], axis=1) for of_rate in given)
 
 
 @dataclass(frozen=True, eq=False)

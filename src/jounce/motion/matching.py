@@ -44,12 +44,5 @@ def matched(motion: Motion, mechanism: Mechanism) -> Motion:
     of_torques = [own.index(name) for name in mechanism.coordinates] if motion.torques else []
     torques = motion.torques and (motion.torques[0], motion.torques[1][:, of_torques])
     residual = None if motion.residual is None else motion.residual[order]
-    return replace(
-        motion,
-        curve=Arranged(motion.curve, order),
-        joint_names=joints,
-        samples=samples,
-        residual=residual,
-        torques=torques,
-        several=several,
-    )
+    arranged = replace(motion, curve=Arranged(motion.curve, order), joint_names=joints, several=several)
+    return replace(arranged, samples=samples, residual=residual, torques=torques)

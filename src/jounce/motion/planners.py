@@ -207,10 +207,8 @@ def _check_agreement(curve: Polynomials, evaluate: Any, planner: str) -> None:
     ours, theirs = np.stack(curve.rates(t, 1), axis=1), evaluate(t)
     off = np.abs(ours - theirs).max(axis=(0, 2)) / np.maximum(np.abs(theirs).max(axis=(0, 2)), 1e-9)
     if not (off < PLANNER_TOLERANCE).all():
-        raise JounceError(
-            f"the pieces of this trajectory and {planner}'s own values differ by {off.max():.1g}:"
-            f" this release of {planner} is not known; sample it and use Motion.through"
-        )
+        came = f"the pieces of this trajectory and {planner}'s own values differ by {off.max():.1g}"
+        raise JounceError(f"{came}: this release of {planner} is not known; sample it and use Motion.through")
 
 
 def _not_from(name: str, expected: str, given: object, error: Exception) -> JounceError:

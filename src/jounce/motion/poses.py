@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from itertools import count, takewhile
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from jounce.motion.base import BASE_COLUMNS, POSE_COLUMNS, neighbouring_signs, t
 from jounce.motion.composed import Part
 from jounce.motion.constructors import check_increasing, numbers
 from jounce.motion.curves import DEFAULT_ORDER, Curve, Polynomials
-from jounce.motion.hermite import Hermite
+from jounce.motion.hermite import Hermite, stated_rates
 from jounce.motion.smoothed import found_from
 from jounce.motion.spline import Sampled, Smoothing, Spline, refuse_way
 from jounce.spatial.lie import rotation, to_quaternion
@@ -76,20 +75,13 @@ def curve_of_columns(
     sampled = are_sampled(list(columns))
     with at(place):
         columns, notes = turned_along(columns, BASE_COLUMNS[3:], sampled, unit=sampled)
-    rows, spreads = (_rates_in(columns, ending) for ending in ("", "_sd"))
+    rows, spreads = (stated_rates(columns, BASE_COLUMNS, ending) for ending in ("", "_sd"))
     if sampled:
         curve, further = _curve_of_samples(t, rows[0], way, highest, place)
         return curve, (*notes, *further)
     return Hermite(t, rows, spreads if len(spreads) == len(rows) else None, table=place, names=BASE_COLUMNS), tuple(
         notes
     )
-
-
-def _rates_in(columns: Mapping[str, np.ndarray], ending: str) -> tuple[np.ndarray, ...]:
-    """The rates (N, 7) of the columns of a base, or their standard deviations: none skipped."""
-    names = ([f"{BASE_PREFIX}.{rate_name(x, k)}{ending}" for x in POSE_COLUMNS] for k in count())
-    given = takewhile(lambda of_rate: all(name in columns for name in of_rate), names)
-    return tuple(np.stack([columns[name] for name in of_rate], axis=1) for of_rate in given)
 
 
 def curve_of_poses(t: Any, C: Any, way: Smoothing | Spline, start: float, stop: float) -> tuple[Curve, tuple[str, ...]]:

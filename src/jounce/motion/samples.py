@@ -81,10 +81,8 @@ def check(
     times, samples = times[kept], samples[kept]
     if (late := np.diff(times) <= 0).any():
         where = int(np.argmax(late))
-        raise JounceError(
-            f"time goes from {times[where]:.9g} to {times[where + 1]:.9g} s at sample {where + 1}; expected increasing"
-            " times: sort the rows, or write the time with more digits"
-        )
+        came = f"time goes from {times[where]:.9g} to {times[where + 1]:.9g} s at sample {where + 1}"
+        raise JounceError(f"{came}; expected increasing times: sort the rows, or write the time with more digits")
     if len(times) < MIN_FIT_SAMPLES:
         raise JounceError(
             f"{len(times)} samples; smoothing needs at least {MIN_FIT_SAMPLES}: give a longer log, or through()"

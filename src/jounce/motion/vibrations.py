@@ -105,10 +105,8 @@ def notes_of(vibrations: Sequence[Vibration]) -> tuple[str, ...]:
 
 def note_of_encoder(name: str, count: int) -> str:
     """A note of a joint whose encoder errs by a wave over its angle."""
-    return (
-        f"{name} is off by a wave of about {count} per turn, as an encoder's interpolation is; the fit follows it as"
-        " motion as far as its band reaches"
-    )
+    wave = f"a wave of about {count} per turn, as an encoder's interpolation is"
+    return f"{name} is off by {wave}; the fit follows it as motion as far as its band reaches"
 
 
 def in_forces(
