@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from files import refusal
+from motion_tables import from_table
 from robots import floating
 from scipy.spatial.transform import Rotation
 
@@ -14,7 +15,6 @@ from jounce.io import tables
 from jounce.io.motions.writing import pieces
 from jounce.motion.base import BASE_COLUMNS, POSE_COLUMNS, motion_of
 from jounce.motion.curves import Arranged
-from jounce.motion.table import from_table
 
 ARM = jounce.load("planar2r")
 ROBOT = jounce.Robot(floating(ARM.mechanism, np.random.default_rng(3)))

@@ -9,7 +9,7 @@ from jounce.model.mechanism import Mechanism
 from jounce.model.positions import Position, position_names, several_positions
 from jounce.motion import loads, poses, smoothness
 from jounce.motion.base import numbers_of, turned_along
-from jounce.motion.columns import DEVIATION, TIME, Match, Options, by_velocity, followers, match, stems
+from jounce.motion.columns import DEVIATION, TIME, Match, Options, by_velocity, followers, stems
 from jounce.motion.hermite import Hermite, stated_rates
 from jounce.motion.motion import Motion
 from jounce.motion.origin import Origin, rounding_notes
@@ -22,30 +22,6 @@ SMOOTHED, AS_NAMED = Smoothing(), Options()
 ALL_RATES = "all rates from the table"  # the source of motions without samples
 
 
-def from_table(
-    columns: Mapping[str, np.ndarray],
-    mechanism: Mechanism,
-    highest: int,
-    place: str,
-    way: Smoothing | Spline = SMOOTHED,
-    options: Options = AS_NAMED,
-) -> Motion:
-    """The motion in a table, matched by joint name in any column order, with rates up to the one of order `highest`.
-
-    Either `t` and one column per joint (samples: the rates are those of a spline along or through them), or
-    `t` and ``NAME.q, NAME.qd, NAME.q2d, ...`` for every joint (used as they are). Wrenches that bodies or merged links
-    exert come in columns ``BODY.mx .. BODY.fz``, again as samples or with all rates, ``BODY.fxd, BODY.fx2d, ...``. Of
-    joints that follow others in closed loops, the first row decides on the branch, if it states them.
-
-    Raises
-    ------
-    JounceError : where a joint or rate is missing, units are suspect, t does not increase, or samples are too few.
-    """
-    with at(place):
-        found = match(list(columns), mechanism, options, highest)
-    return from_columns(columns, found, mechanism, highest, place, way)
-
-
 def from_columns(
     columns: Mapping[str, np.ndarray],
     found: Match,
@@ -55,7 +31,14 @@ def from_columns(
     way: Smoothing | Spline,
     origin: Origin | None = None,
 ) -> Motion:
-    """The motion in the columns of a table that are matched; its times are since `origin`, if there is one."""
+    """The motion in the columns of a table that are matched; its times are since `origin`, if there is one.
+
+    Either `t` and one column per joint (samples: the rates are those of a spline along or through them), or
+    `t` and ``NAME.q, NAME.qd, NAME.q2d, ...`` for every joint (used as they are). Wrenches that bodies or merged links
+    exert come in columns ``BODY.mx .. BODY.fz``, again as samples or with all rates, ``BODY.fxd, BODY.fx2d, ...``. Of
+    joints that follow others in closed loops, the first row decides on the branch, if it states them. Raises
+    `JounceError` where units are suspect, t does not increase, or samples are too few.
+    """
     joints, several = position_names(mechanism), several_positions(mechanism)
     known, by_twist = stems(mechanism), by_velocity(found.sources, mechanism)
     si = {name: columns[source] * found.factors[name] for name, source in found.sources.items()}
