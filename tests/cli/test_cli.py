@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from files import BODY, GOOD, ODD, joint, link, robot_file
+from motion_tables import from_table
 
 import jounce
 from jounce.checks.description import describe
@@ -20,7 +21,6 @@ from jounce.cli import main
 from jounce.engine import motion_states
 from jounce.io import tables
 from jounce.motion.spline import Spline
-from jounce.motion.table import from_table
 from jounce.spatial.series import rate_name
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

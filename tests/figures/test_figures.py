@@ -23,7 +23,7 @@ from jounce.figures.grid import COLUMN_WIDTH, MM_PER_INCH, PAGE_WIDTH, width_of
 from jounce.figures.labels import LABEL, outline_points
 from jounce.figures.panels import MAX_CURVES_PER_AXES, MAX_POINTS_DRAWN, Panel, Run, columns_of, drawn_points
 from jounce.figures.table import rows_between, run_of
-from jounce.motion.bands import COVERS
+from jounce.motion.trust import BAND_DEVIATIONS
 
 ROOT = Path(__file__).parents[2]
 PICTURES = [*ROOT.glob("docs/pictures/*.svg"), *ROOT.glob("benchmarks/*.svg")]
@@ -339,8 +339,8 @@ def test_where_bands_are_wide_they_are_cut_and_the_rest_is_seen():
     figure = over_time([Run(T, [Panel("Qd", curves, deviations=deviations)])])
     [axes] = figure.axes
     low, high = axes.get_ylim()
-    assert low < np.cos(2) - COVERS * 0.02
-    assert 1 + COVERS * 0.02 < high < 1.5
+    assert low < np.cos(2) - BAND_DEVIATIONS * 0.02
+    assert 1 + BAND_DEVIATIONS * 0.02 < high < 1.5
     [exact] = over_time([Run(T, [Panel("Qd", curves)])]).axes[:1]
     assert exact.get_ylim()[1] > 1e6  # a value that is certain is shown
 

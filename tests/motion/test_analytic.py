@@ -9,6 +9,7 @@ from click.testing import CliRunner
 from files import refusal
 from hypothesis import given
 from hypothesis import strategies as st
+from motion_tables import from_table
 from numpy.polynomial import Polynomial
 from robots import RATES, golden, relative_error
 
@@ -17,7 +18,6 @@ from jounce.cli import main
 from jounce.io import motions, tables
 from jounce.motion.analytic import Cosine, Terms
 from jounce.motion.spline import Spline
-from jounce.motion.table import from_table
 
 PLANAR = jounce.load("planar2r").mechanism
 IIWA = jounce.load("iiwa14").mechanism

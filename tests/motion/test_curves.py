@@ -8,12 +8,12 @@ import pytest
 from files import refusal
 from hypothesis import given
 from hypothesis import strategies as st
+from motion_tables import from_table
 from numpy.polynomial import Polynomial
 from scipy.interpolate import PPoly, make_interp_spline
 
 import jounce
 from jounce import Motion
-from jounce.motion.table import from_table
 from jounce.motion.time_law import Paced, TimeLaw
 
 PLANAR = jounce.load("planar2r")

@@ -10,7 +10,7 @@ from scipy.interpolate import BPoly, make_lsq_spline
 import jounce
 from jounce.core.errors import JounceError
 from jounce.motion.fit import fit
-from jounce.motion.stamps import LEAST
+from jounce.motion.samples import MIN_FIT_SAMPLES
 
 
 @cache
@@ -322,7 +322,12 @@ def changed(array, index, value):
         (changed(SECONDS, 7, np.nan), HARMONIC, {}, "the time of sample 7 is not a number"),
         (changed(SECONDS, 7, 0.01), HARMONIC, {}, "time goes from 0.06 to 0.01 s at sample 7"),
         (changed(SECONDS, 7, 0.06), HARMONIC, {}, "write the time with more digits"),
-        (SECONDS[: LEAST - 1], HARMONIC[: LEAST - 1], {}, f"{LEAST - 1} samples; smoothing needs at least {LEAST}"),
+        (
+            SECONDS[: MIN_FIT_SAMPLES - 1],
+            HARMONIC[: MIN_FIT_SAMPLES - 1],
+            {},
+            f"{MIN_FIT_SAMPLES - 1} samples; smoothing needs at least {MIN_FIT_SAMPLES}",
+        ),
         (SECONDS, HARMONIC.astype(str), {}, "expected an array of numbers"),
         (SECONDS[:-1], HARMONIC, {}, "expected (N,) and (N, n)"),
         (SECONDS, HARMONIC, {"names": ["a", "b"]}, "2 names for 1 columns"),

@@ -17,14 +17,14 @@ def problem():
 
 
 def dense(t, breaks, order=0):
-    count = len(breaks) + ls.DEGREE - 1
-    return BSpline(ls.knots(breaks), np.eye(count), ls.DEGREE)(t, nu=order)
+    count = len(breaks) + ls.FIT_DEGREE - 1
+    return BSpline(ls.knots(breaks), np.eye(count), ls.FIT_DEGREE)(t, nu=order)
 
 
 def test_solutions_are_those_of_scipy(problem):
     t, y, weight, breaks = problem
     solution = ls.solve(ls.rows_of(t, y, weight, (0, 10)), breaks)
-    expected = make_lsq_spline(t, y, ls.knots(breaks), ls.DEGREE, w=weight)
+    expected = make_lsq_spline(t, y, ls.knots(breaks), ls.FIT_DEGREE, w=weight)
     assert np.allclose(solution.coefficients, expected.c, atol=1e-11, rtol=0)
     assert np.allclose(solution.energy, ((weight[:, None] * (y - expected(t))) ** 2).sum(axis=0))
 
@@ -48,7 +48,7 @@ def test_the_covariance_is_the_inverse_of_the_normal_equations(problem):
 def test_derivatives_of_the_basis(problem, order):
     t, _, _, breaks = problem
     values, place = ls.basis(t, breaks, order)
-    expected = np.take_along_axis(dense(t, breaks, order), place[:, None] + np.arange(ls.WIDTH), axis=1)
+    expected = np.take_along_axis(dense(t, breaks, order), place[:, None] + np.arange(ls.BASIS_WIDTH), axis=1)
     assert np.allclose(values, expected, atol=1e-10 * np.abs(expected).max())
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from files import refusal
+from motion_tables import from_table
 from robots import floating
 from scipy.spatial.transform import Rotation
 
@@ -12,8 +13,8 @@ import jounce
 from jounce import Motion
 from jounce.io import tables
 from jounce.io.motions.writing import pieces
-from jounce.motion.base import COLUMNS, NAMES, Scaled, motion_of
-from jounce.motion.table import from_table
+from jounce.motion.base import BASE_COLUMNS, POSE_COLUMNS, motion_of
+from jounce.motion.curves import Arranged
 
 ARM = jounce.load("planar2r")
 ROBOT = jounce.Robot(floating(ARM.mechanism, np.random.default_rng(3)))
@@ -27,7 +28,7 @@ P = np.stack([0.1 * np.sin(T), T**2, 0.5 + 0.1 * np.cos(3 * T)], axis=1)
 C = np.tile(np.eye(4), (len(T), 1, 1))
 C[:, :3, :3], C[:, :3, 3] = TURNS.as_matrix(), P
 JOINTS = {"t": T, "joint1": np.sin(T), "joint2": np.cos(2 * T)}
-BASE = dict(zip(NAMES, np.concatenate([P, Q], axis=1).T, strict=True))
+BASE = dict(zip(BASE_COLUMNS, np.concatenate([P, Q], axis=1).T, strict=True))
 MOTION = jounce.load_motion(JOINTS | BASE, ROBOT, degree=7)
 PLAIN = jounce.load_motion(JOINTS, ARM, degree=7)
 LINEAR = Motion.polynomial([[0, 1], [0, 2]], 1.0)
@@ -100,7 +101,7 @@ def test_units_stand_in_headers():
     motion = jounce.load_motion(columns, ROBOT, degree=7)
     np.testing.assert_allclose(motion.base(T, 0)[0], C, atol=1e-12)
     with pytest.warns(jounce.JounceWarning, match=r"base moves at .* m/s; expected m"):
-        jounce.load_motion(JOINTS | BASE | {name: 1e3 * BASE[name] for name in NAMES[:3]}, ROBOT, degree=7)
+        jounce.load_motion(JOINTS | BASE | {name: 1e3 * BASE[name] for name in BASE_COLUMNS[:3]}, ROBOT, degree=7)
     columns = {name.replace("qw", "qw [deg]"): x for name, x in columns.items()}
     assert "unknown unit 'deg'" in refusal(lambda: jounce.load_motion(columns, ROBOT))
 
@@ -131,7 +132,7 @@ def test_motions_that_follow_each_other_continue_the_base():
     first = LINEAR.with_base(T, C, degree=7)
     later = Motion.polynomial([[1, -1], [2, -2]], 1.0).with_base(T, C[::-1], degree=7)
     for sign in (1, -1):
-        other = replace(later, base_curve=Scaled(later.base_curve, np.array([1] * 3 + [sign] * 4)))
+        other = replace(later, base_curve=Arranged(later.base_curve, np.arange(7), np.array([1] * 3 + [sign] * 4)))
         whole = first + other
         np.testing.assert_allclose(whole.base(1.5, 0)[0], C[50], atol=1e-6)
         of_base = {found.order for found in whole.breaks if found.symbol == "base"}
@@ -189,7 +190,7 @@ def test_missing_columns_of_the_base_are_named(missing):
     message = refusal(lambda: jounce.load_motion(JOINTS | some, ROBOT))
     assert message.startswith(f"the motion: missing {missing}; expected base.x, base.y, base.z, base.qw")
     assert missing in refusal(lambda: jounce.load_motion(JOINTS | some, ARM))
-    rates = BASE | {f"{name}d": 0 * T for name in NAMES if name != missing}
+    rates = BASE | {f"{name}d": 0 * T for name in BASE_COLUMNS if name != missing}
     assert f"{missing}d, " in refusal(lambda: jounce.load_motion(JOINTS | rates, ROBOT, 0))
 
 
@@ -214,7 +215,7 @@ def test_the_length_of_the_quaternion_is_free():
     longer = [np.concatenate([rate[:, :3], 3 * rate[:, 3:]], axis=1) for rate in x]
     for ours, other in zip(motion_of(longer), motion_of(x), strict=True):
         np.testing.assert_allclose(ours, other, rtol=1e-10, atol=1e-10)
-    assert len(COLUMNS) == 7
+    assert len(POSE_COLUMNS) == 7
 
 
 def test_a_table_of_a_robot_without_base_still_ignores_other_columns():

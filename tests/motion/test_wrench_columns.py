@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from files import refusal
+from motion_tables import from_table
 
 import jounce
 from jounce.cli import main
 from jounce.io import tables
-from jounce.motion.table import from_table
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
 IIWA = jounce.load("iiwa14").mechanism

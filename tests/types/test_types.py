@@ -88,8 +88,8 @@ def test_the_right_program_runs():
         (typing.Language, LANGUAGE_NAMES),
         (typing.Convention, dh.CONVENTIONS),
         (typing.JointType, dh.TYPES),
-        (typing.Angles, units.ANGLES),
-        (typing.TimeUnit, units.TIMES),
+        (typing.Angles, units.ANGLE_UNITS),
+        (typing.TimeUnit, units.TIME_UNITS),
     ],
 )
 def test_types_name_what_there_is(literal, known):

@@ -13,7 +13,7 @@ from jounce.figures.curves import MAX_BAND_SHARE
 from jounce.figures.panels import drawn_points
 from jounce.limits.check import CheckedLimit
 from jounce.model.positions import extent_names
-from jounce.motion.bands import COVERS
+from jounce.motion.trust import BAND_DEVIATIONS
 
 # Points of a curve, and of all together: more than a chart has pixels across, and a page of a few MB.
 MAX_CURVE_POINTS, MIN_CURVE_POINTS, MAX_CHART_POINTS = 1000, 300, 100_000
@@ -109,7 +109,7 @@ def _band(s: Subject, quantity: Quantity, j: int, colour: str) -> dict[str, Any]
 
 def _edges(s: Subject, quantity: Quantity, j: int) -> tuple[np.ndarray, np.ndarray]:
     assert quantity.deviations is not None
-    values, reach = quantity.values[s.frames, j], COVERS * quantity.deviations[:, j]
+    values, reach = quantity.values[s.frames, j], BAND_DEVIATIONS * quantity.deviations[:, j]
     return values - reach, values + reach
 
 

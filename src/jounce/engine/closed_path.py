@@ -15,10 +15,10 @@ from jounce.engine.continuation import ClosedCurve, States, lost
 from jounce.engine.engine import Engine
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
-from jounce.motion.curves import Curve
+from jounce.motion.curves import Arranged, Curve
 from jounce.motion.hermite import Hermite
-from jounce.motion.matching import Columns, unwrapped
-from jounce.motion.motion import STEP, Motion
+from jounce.motion.matching import unwrapped
+from jounce.motion.motion import DEFAULT_TIME_STEP, Motion
 
 _MIN_PATH_INTERVALS = 512  # even intervals of any motion, at whose ends positions are known
 _MAX_PATH_INTERVALS = 2**20  # of long logs, which bounds time and memory
@@ -39,7 +39,7 @@ def positions(
     if m.closure is None:
         return None
     curve, inner, order = unwrapped(motion.curve, t)
-    samples = (curve.stop - curve.start) / STEP if motion.grid is None else len(motion.grid)
+    samples = (curve.stop - curve.start) / DEFAULT_TIME_STEP if motion.grid is None else len(motion.grid)
     count = max(_MIN_PATH_INTERVALS, min(_MAX_PATH_INTERVALS, int(samples / _SAMPLES_PER_PATH_INTERVAL)))
     fixed: Any = curve  # curves are immutable, hence keys
     step = closing_step(robot)
@@ -108,7 +108,7 @@ def _path(
     step: newton.Step | None,
 ) -> States:
     """States along some columns of a curve, so close together that positions between are near those before them."""
-    c, curve = closure_of(m), Columns(curve, np.array(columns))
+    c, curve = closure_of(m), Arranged(curve, np.array(columns))
     jumps = [jump.t for jump in curve.jumps(2) if curve.start < jump.t < curve.stop]
     t = np.unique([*np.linspace(curve.start, curve.stop, count + 1), *jumps])
     u, given = curve.rates(t[:1], 0)[0], dict(branch)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.motion.bands import COVERS, surest_peaks
+from jounce.motion.trust import BAND_DEVIATIONS, surest_peaks
 
 MAX_POINTS_DRAWN = 2000  # of a curve, about: a page has no more pixels across
 MIN_VISIBLE_SHARE = 0.1  # of the largest value: a smaller curve looks flat in the same axes
@@ -30,7 +30,7 @@ class Panel:
 
     def reach(self, name: str) -> np.ndarray:
         """How far the band of a curve reaches on either side of it."""
-        return COVERS * self._deviations(name)
+        return BAND_DEVIATIONS * self._deviations(name)
 
     def band(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """The lower and the upper edge of the band of a curve."""

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from jounce.motion.origin import MIN_LARGE, shortest_decimal
+from jounce.motion.origin import MIN_LARGE_STAMP, shortest_decimal
 
 REMAINDER_MARK = "\0remainder"  # no name of a column ends in this
 MAX_INTEGER = 2.0**62  # doubles beyond may overflow when cast to int64
@@ -83,4 +83,4 @@ def remainders_of_texts(cells: Sequence[str], high: np.ndarray) -> np.ndarray:
 
 
 def _are_large(numbers: np.ndarray) -> bool:
-    return bool(np.nanmax(np.abs(numbers), initial=0) >= MIN_LARGE)
+    return bool(np.nanmax(np.abs(numbers), initial=0) >= MIN_LARGE_STAMP)

@@ -1,11 +1,23 @@
-"""Curves in closed form: sums of cosines and polynomials, whose rates of every order are exact."""
+"""Curves in closed form: sums of cosines and polynomials, and turns by exponential coordinates, exact to every order.
+
+With x the axis times the angle, the quaternion is ``(sin(th / 2) / th x, cos(th / 2))``, ``th^2 = x . x``. Of s = th^2
+its entries are entire functions, and so are their derivatives: with z = th / 2, those of cos z are spherical Bessel
+functions, ``u_k = j_(k-1)(z) / z^(k-1)``, ``d u_k / ds = -u_(k+1) / 8``; nothing is divided by zero at x = 0.
+"""
 
 from dataclasses import dataclass
+from functools import cache
+from math import factorial, prod
 
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from jounce.motion.curves import Jump
+from jounce.motion.base import with_blocks
+from jounce.motion.curves import OfCurve, Smooth
+from jounce.spatial.series import Series, columns, from_rate, joined
+
+POWER_SERIES_RADIUS = 1.0  # of z, rad, below which the power series is used
+POWER_SERIES_TERMS = 10  # the next one is less than 1e-18
 
 
 @dataclass(frozen=True)
@@ -38,7 +50,7 @@ class Terms:
 
 
 @dataclass(frozen=True)
-class Analytic:
+class Analytic(Smooth):
     """Coordinates in closed form from one time to another."""
 
     terms: tuple[Terms, ...]
@@ -59,9 +71,47 @@ class Analytic:
         """The values and their derivatives up to `order`."""
         return [np.stack([terms.rate(t, k) for terms in self.terms], axis=1) for k in range(order + 1)]
 
-    def jumps(self, order: int) -> list[Jump]:
-        """None: sums of cosines and polynomials are smooth."""
-        return []
 
-    def deviations(self, t: np.ndarray, order: int) -> None:
-        """None: the curve is exact."""
+@dataclass(frozen=True, eq=False)
+class Exponential(OfCurve, Smooth):
+    """A smooth curve whose columns at some places are exponential coordinates, as one of quaternions (x, y, z, w).
+
+    A place of one column is an angle, of which cosine and sine are made.
+    """
+
+    turns: tuple[slice, ...]
+
+    @property
+    def columns(self) -> int:
+        """The number of coordinates."""
+        return self.base.columns + len(self.turns)
+
+    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
+        """The values and their derivatives up to `order`."""
+        rates = self.base.rates(t, order, left)
+        turned = [_turned([rate[:, place] for rate in rates]) for place in self.turns]
+        parts = (with_blocks(rate.T, self.turns, [Q[k].T for Q in turned]) for k, rate in enumerate(rates))
+        return [np.concatenate(part).T for part in parts]
+
+
+def _turned(rates: list[np.ndarray]) -> list[np.ndarray]:
+    """The quaternion, or cosine and sine, of exponential coordinates (N, 3) or (N, 1), with as many rates."""
+    x, part = columns(rates), 1 / 2 if rates[0].shape[1] == 3 else 1.0
+    s, z = x.mT @ x, part * np.linalg.norm(rates[0], axis=1)[:, None, None]
+
+    @cache
+    def u(k: int) -> Series:
+        return from_rate(_bessel(k, z), lambda _: u(k + 1) @ s.dot * (-part * part / 2))
+
+    Q = joined([x @ u(1) * part, u(0)][:: 1 if part < 1 else -1], axis=-2)
+    return [Q[k][..., 0] for k in range(len(rates))]
+
+
+def _bessel(k: int, z: np.ndarray) -> np.ndarray:
+    """u_k: cos z, sin z / z, ..., finite at zero."""
+    from scipy.special import spherical_jn
+
+    small, x = np.zeros_like(z), np.maximum(z, POWER_SERIES_RADIUS)
+    for i in reversed(range(POWER_SERIES_TERMS)):
+        small = small * (-z * z / 2) + 1 / (factorial(i) * prod(range(2 * k + 2 * i - 1, 1, -2)))
+    return np.where(z < POWER_SERIES_RADIUS, small, spherical_jn(k - 1, x) / x ** (k - 1) if k else np.cos(x))

@@ -8,46 +8,25 @@ move is ``2 E(Q) Qd / |Q|^2``, ``E = [-v, w 1 - hat(v)]``; so it is with cosine 
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from jounce.core.errors import JounceError
 from jounce.model.positions import Position
-from jounce.motion.curves import Curve, Jump, OfCurve
+from jounce.motion.curves import Curve
 from jounce.spatial.groups import FREE, Group
 from jounce.spatial.lie import hat
 from jounce.spatial.linear import solved
 from jounce.spatial.series import SUFFIX, columns, from_rate, joined
 
-COLUMNS = ("x", "y", "z", "qw", "qx", "qy", "qz")
-NAMES = tuple(f"base.{column}" for column in COLUMNS)
-NOT_UNIT = 1e-3  # a norm further from 1 than rounding to three digits leaves it
-VANISHES = 0.1  # norm of a quaternion, below which its curve passes too close to zero
-AS_FREE = [0, 1, 2, 4, 5, 6, 3]  # the places of the numbers of a free joint among those of a base
+POSE_COLUMNS = ("x", "y", "z", "qw", "qx", "qy", "qz")  # of a base, in files
+BASE_COLUMNS = tuple(f"base.{column}" for column in POSE_COLUMNS)
+UNIT_NORM_TOLERANCE = 1e-3  # rounding to three digits leaves no norm of a quaternion further from 1
+MIN_QUATERNION_NORM = 0.1  # nearer to zero the curve of a quaternion has no direction
+FREE_JOINT_PLACES = [0, 1, 2, 4, 5, 6, 3]  # of the numbers of a free joint, whose qw is last, among those of a base
 
 Terms = tuple[np.ndarray, ...]  # C, V, Vd, ...
-
-
-@dataclass(frozen=True, eq=False)
-class Scaled(OfCurve):
-    """A curve whose columns are multiplied by factors (columns,), as the sign of a quaternion is free."""
-
-    factors: np.ndarray
-
-    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        """The values and their derivatives up to `order`."""
-        return [rate * self.factors for rate in self.base.rates(t, order, left)]
-
-    def jumps(self, order: int) -> list[Jump]:
-        """Where a derivative up to `order` jumps."""
-        return [jump._replace(size=jump.size * float(self.factors[jump.column])) for jump in self.base.jumps(order)]
-
-    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
-        """The standard deviations of the values and derivatives."""
-        found = self.base.deviations(t, order)
-        return None if found is None else [rate * np.abs(self.factors) for rate in found]
 
 
 def terms_at(curve: Curve, t: np.ndarray, order: int, left: bool = False) -> Terms:
@@ -70,18 +49,16 @@ def perturbed(
 def check_length(Q: np.ndarray, t: np.ndarray, what: str) -> None:
     """Raise `JounceError` where quaternions (N, 4), or (N, 2) cosines and sines, are near zero, without direction."""
     norms = np.linalg.norm(Q, axis=1)
-    near = np.flatnonzero(~(norms > VANISHES))
+    near = np.flatnonzero(~(norms > MIN_QUATERNION_NORM))
     if near.size:
         i = int(near[0])
-        raise JounceError(
-            f"{what} has the norm {norms[i]:.2g} at t = {t[i]:g} s; expected one that stays away"
-            " from zero: terms with an offset, or samples less than half a turn apart"
-        )
+        expected = "one that stays away from zero: terms with an offset, or samples less than half a turn apart"
+        raise JounceError(f"{what} has the norm {norms[i]:.2g} at t = {t[i]:g} s; expected {expected}")
 
 
 def motion_of(rates: Sequence[np.ndarray]) -> Terms:
     """C, V, Vd, ... from position and quaternion (N, 7) and their rates: as many terms as there are rates."""
-    numbers = [rate[:, AS_FREE] for rate in rates]
+    numbers = [rate[:, FREE_JOINT_PLACES] for rate in rates]
     return (FREE.pose(numbers[0]), *twists(FREE, numbers))
 
 
@@ -135,14 +112,14 @@ def turned_along(
     """
     Q, what = np.stack([columns[name] for name in names], axis=1), ", ".join(names)
     norms = np.linalg.norm(Q, axis=1)
-    good = np.abs(norms - 1) <= NOT_UNIT if unit else norms > VANISHES
+    good = np.abs(norms - 1) <= UNIT_NORM_TOLERANCE if unit else norms > MIN_QUATERNION_NORM
     if not good.all():
         i = int(good.argmin())
         raise JounceError(f"row {i}: {what} have the norm {norms[i]:.6g}; expected 1, as every rotation has")
     signs, notes = neighbouring_signs(Q) if len(names) == 4 else np.ones(len(Q)), list[str]()
     if (signs < 0).any():
         notes.append(f"{what}: the sign flips from row to row, and is made that of the row before")
-    if sampled and (np.abs(norms - 1) > NOT_UNIT).any():
+    if sampled and (np.abs(norms - 1) > UNIT_NORM_TOLERANCE).any():
         notes.append(f"{what}: of norm {norms.min():.4g} to {norms.max():.4g}, made 1")
     factors = signs / norms if sampled else signs
     rates = re.compile(rf"({'|'.join(map(re.escape, names))}){SUFFIX}")

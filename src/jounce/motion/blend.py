@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce.core.errors import JounceError
-from jounce.motion.curves import WITHIN, Curve, Jump, OfCurve, jumps_at
+from jounce.motion.curves import INNER_SHARES, Curve, Jump, OfCurve, jumps_at
 from jounce.motion.hermite import between
 
-POINTS = 257  # of a blend, at which its distance from the curve is measured; its middle, the break, is one of them
+BLEND_POINTS = 257  # at which its distance from the curve is measured; odd: the break is one of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,20 +54,20 @@ class Blend(OfCurve):
 
     def jumps(self, order: int) -> list[Jump]:
         """Where a derivative up to `order` jumps: of the curve outside of all windows, and at their ends."""
-        found = []
-        for jump in self.base.jumps(order):
-            windows = self.windows[jump.column]
-            if windows is None or not windows.which(np.array([jump.t]), False)[0].size:
-                found.append(jump)
+        found = [jump for jump in self.base.jumps(order) if not self._replaces(jump)]
         for j, windows in enumerate(self.windows):
             if windows is not None:
                 t = np.concatenate([windows.start, windows.stop])
                 before, after = ([rate[:, [j]] for rate in self.rates(t, order, left)] for left in (True, False))
                 spans = windows.stop - windows.start
-                inside = np.concatenate([windows.start + share * spans for share in WITHIN])
+                inside = np.concatenate([windows.start + share * spans for share in INNER_SHARES])
                 within = [rate[:, [j]] for rate in self.rates(inside, order)]
                 found += [jump._replace(column=j) for jump in jumps_at(t, before, after, np.tile(spans, 2), within)]
         return sorted(found)
+
+    def _replaces(self, jump: Jump) -> bool:
+        windows = self.windows[jump.column]
+        return windows is not None and windows.which(np.array([jump.t]), False)[0].size > 0
 
 
 def blended(base: Curve, time: float, continuity: int, names: Sequence[str]) -> tuple[Blend, np.ndarray]:
@@ -75,22 +75,18 @@ def blended(base: Curve, time: float, continuity: int, names: Sequence[str]) -> 
     times: list[list[float]] = [[] for _ in names]
     for jump in base.jumps(continuity):
         times[jump.column].append(jump.t)
-    windows, distance = [], np.zeros(len(names))
+    windows = []
     for j, (name, of) in enumerate(zip(names, times, strict=True)):
-        t = np.unique(of)
-        _check_gaps(base, t, time, name)
-        windows.append(_windows(base, j, t, time, continuity) if t.size else None)
+        if of:
+            _check_gaps(base, np.unique(of), time, name)
+        windows.append(_windows(base, j, np.unique(of), time, continuity) if of else None)
     blend = Blend(base, tuple(windows))
-    for j, column in enumerate(windows):
-        if column is not None:
-            distance[j] = _distance(blend, column, j)
-    return blend, distance
+    distances = [0.0 if column is None else _distance(blend, column, j) for j, column in enumerate(windows)]
+    return blend, np.array(distances)
 
 
 def _check_gaps(base: Curve, t: np.ndarray, time: float, name: str) -> None:
     """Raise `JounceError` where two blends of a joint would overlap, or one would reach beyond an end of the motion."""
-    if not t.size:
-        return
     ends = np.concatenate([[2 * base.start - t[0]], t, [2 * base.stop - t[-1]]])  # at an end half a blend is enough
     gaps = np.diff(ends)
     i = int(gaps.argmin())
@@ -115,10 +111,8 @@ def _windows(base: Curve, j: int, t: np.ndarray, time: float, continuity: int) -
 
 def _distance(blend: Blend, windows: Windows, j: int) -> float:
     """The largest distance of a blend from its curve: at the points, and what the curvature allows between them."""
-    u = np.linspace(0, 1, POINTS)
+    u = np.linspace(0, 1, BLEND_POINTS)
     t = windows.start[:, None] + (windows.stop - windows.start)[:, None] * u
-    q, _, q2d = (
-        np.abs(a[:, j] - b[:, j]).max()
-        for a, b in zip(blend.rates(t.ravel(), 2), blend.base.rates(t.ravel(), 2), strict=True)
-    )
-    return float(q + q2d * (windows.stop - windows.start).max() ** 2 / (POINTS - 1) ** 2 / 8)
+    rates = zip(blend.rates(t.ravel(), 2), blend.base.rates(t.ravel(), 2), strict=True)
+    q, _, q2d = (np.abs(a[:, j] - b[:, j]).max() for a, b in rates)
+    return float(q + q2d * (windows.stop - windows.start).max() ** 2 / (BLEND_POINTS - 1) ** 2 / 8)

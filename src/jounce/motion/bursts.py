@@ -2,7 +2,7 @@
 
 A fit whose intervals suit the motion before and after may not find a burst: to bisect an interval of a second explains
 nothing of 25 Hz. Where it finds one, it does not follow the flanks, which are below the noise and most of their q4d.
-Spectra of overlapping parts tell both. A line of a part stands out of what that frequency has in most parts, of the
+Spectra of overlapping parts show both. A line of a part stands out of what that frequency has in most parts, of the
 part's own frequencies, and of those below it, which a reach and the ringing of a fit have more of.
 """
 
@@ -11,37 +11,32 @@ from collections.abc import Iterator
 import numpy as np
 
 from jounce.motion.choice import Part
-from jounce.motion.knots import FEWEST, fitted
-from jounce.motion.lines import BAND, Line
+from jounce.motion.knots import MIN_MEAN_SAMPLES, fitted, usual_length
 from jounce.motion.samples import Samples
+from jounce.motion.vibrations import BAND_TO_LINE, Line
 
-LENGTHS = 64, 256, 1024  # rows of the parts, which overlap by half
-PARTS = 4  # such parts of a log: a line over most of it is none of a burst
-FALSE_ALARMS = 1e-3  # per log and length of parts, of white noise
-ABOVE_LOWER = 4.0  # times the largest power at half the frequency and below
-LOWEST = 6  # bin of a line, which passes so many waves in a part
-ABOVE_BAND = 2.0  # times the end of the band of the even fit, which rings there
-ROUNDING = 0.6  # steps: a joint that stays between two of them has a line of half a step
+BURST_PART_ROWS = 64, 256, 1024  # of the parts, which overlap by half: short bursts, and lines close to the noise
+MIN_PARTS_OF_LOG = 4  # a line over most of a log is not that of a burst
+FALSE_ALARMS_PER_LOG = 1e-3  # of white noise, for each length of parts
+MIN_POWER_TO_LOWER = 4.0  # times the largest power at half the frequency and below: a reach has more power there
+MIN_BURST_BIN = 6  # this number of waves passes in a part: fewer may be the motion itself
+MIN_FREQUENCY_TO_BAND = 2.0  # times the end of the band of the even fit, which rings there
+MIN_BURST_STEPS = 0.6  # of an encoder: a joint that stays between two steps has a line of half a step
 
 
 def find_bursts(samples: Samples, breaks: np.ndarray, cells: int) -> list[Line]:
     """The bursts of each joint that a spline with these breaks does not follow to the ends of their flanks."""
-    lengths = np.sort(np.diff(breaks))
-    usual = lengths[np.searchsorted(np.cumsum(lengths), lengths.sum() / 2)]
+    usual = usual_length(breaks)
     even = fitted(samples.rows(cells), np.linspace(*samples.span, round(np.ptp(samples.span) / usual) + 1)).spline
-    residual = samples.q - even(samples.t)
-    found = [
-        line
-        for joint in range(samples.q.shape[1])
-        for line in _bursts_of(samples, residual, joint, ABOVE_BAND / 2 / usual)
-    ]
+    residual, lowest = samples.q - even(samples.t), MIN_FREQUENCY_TO_BAND / 2 / usual
+    found = (line for joint in range(samples.q.shape[1]) for line in _bursts_of(samples, residual, joint, lowest))
     return [line for line in found if not is_followed(line, breaks)]
 
 
 def with_flanks(burst: Line, span: tuple[float, float]) -> Part:
     """From when to when a spline is to follow a burst, and with intervals of what length at most."""
     start, end = np.clip(burst.reach, *span).tolist()
-    return start, end, 1 / (2 * BAND * burst.frequency)
+    return start, end, 1 / (2 * BAND_TO_LINE * burst.frequency)
 
 
 def is_followed(burst: Line, breaks: np.ndarray) -> bool:
@@ -55,14 +50,14 @@ def _bursts_of(samples: Samples, residual: np.ndarray, joint: int, lowest: float
     count, step = len(samples.t), float(samples.steps[joint])
     t = np.linspace(samples.t[0], samples.t[-1], count)
     row = t[1] - t[0]
-    highest = 1 / (2 * BAND * FEWEST * row)  # that intervals of the samples can follow
+    highest = 1 / (2 * BAND_TO_LINE * MIN_MEAN_SAMPLES * row)  # that intervals of the samples can follow
     even = np.interp(t, samples.t, residual[:, joint])
     marked, frequency, amplitude = np.zeros(count, bool), np.zeros(count), np.zeros(count)
-    for length in (length for length in LENGTHS if count >= PARTS * length):
-        shorter = marked.copy()  # these tell the times better
+    for length in (length for length in BURST_PART_ROWS if count >= MIN_PARTS_OF_LOG * length):
+        shorter = marked.copy()  # these have better times
         for start, at, size in _standing_out(even, np.arange(0, count - length + 1, length // 2), length, step):
             part = slice(start, start + length)
-            if lowest < at / (length * row) < highest and size > ROUNDING * step and not shorter[part].any():
+            if lowest < at / (length * row) < highest and size > MIN_BURST_STEPS * step and not shorter[part].any():
                 marked[part] = True
                 frequency[part] = np.maximum(frequency[part], (at + 1) / (length * row))
                 amplitude[part] = np.maximum(amplitude[part], size)
@@ -80,9 +75,9 @@ def _standing_out(even: np.ndarray, starts: np.ndarray, length: int, step: float
     power = np.abs(np.fft.rfft(np.lib.stride_tricks.sliding_window_view(even, length)[starts] * window, axis=1)) ** 2
     rounding = step**2 / 12 * (window**2).sum() * np.log(2)
     usual = np.maximum(np.median(power, axis=0), max(rounding, np.finfo(float).tiny))
-    at = LOWEST + (power / usual)[:, LOWEST:].argmax(axis=1)
+    at = MIN_BURST_BIN + (power / usual)[:, MIN_BURST_BIN:].argmax(axis=1)
     size = power[np.arange(len(at)), at]
     below = np.array([spectrum[1 : k // 2 + 1].max() for spectrum, k in zip(power, at, strict=True)])
-    enough = np.log(power.size / FALSE_ALARMS) / np.log(2)
-    out = size > np.maximum(enough * np.maximum(usual[at], np.median(power, axis=1)), ABOVE_LOWER * below)
+    enough = np.log(power.size / FALSE_ALARMS_PER_LOG) / np.log(2)
+    out = size > np.maximum(enough * np.maximum(usual[at], np.median(power, axis=1)), MIN_POWER_TO_LOWER * below)
     return [(int(starts[k]), int(at[k]), float(2 * np.sqrt(size[k]) / window.sum())) for k in np.flatnonzero(out)]

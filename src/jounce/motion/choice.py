@@ -1,9 +1,16 @@
-"""The choice of a smoothing spline: as many breaks as samples tell from noise, where the motion needs them.
+"""The choice of a smoothing spline: as many breaks as the samples distinguish from noise, where the motion needs them.
 
-Splines with evenly spaced breaks are tried first. Their number is found by Schwarz' criterion (BIC, Annals of
-Statistics 6, 1978), which is hardest to mislead by noise that is not white, and improved by Mallows' Cp (Technometrics
-15, 1973), which estimates the squared error of the spline itself. Where a motion is uneven, bisections from several
-starts tell how densely breaks should lie, and Cp how many of them.
+Problem: the breaks of the spline whose squared error about the motion, summed over joints in units of their noise, is
+least. Breaks come from families with one number, their intervals, so that the search is one of whole numbers.
+
+1. Evenly spaced breaks by Schwarz' criterion (BIC, Annals of Statistics 6, 1978), which is hardest to mislead by noise
+   that is not white (`by_schwarz`).
+2. Their number by Mallows' Cp (Technometrics 15, 1973), which estimates the squared error itself, near the first one.
+3. Where the motion is uneven: bisections from several starts determine how densely breaks lie, Cp their number. They
+   replace even breaks only if their Cp is less, at the same variance of noise.
+
+The variance comes from denser breaks (`noise_variance`), and counts for more where rounding beats (`Beats.inflation`).
+Noise that is slower than an interval is taken for motion. `LinAlgError` where holes leave every number undetermined.
 """
 
 from collections.abc import Sequence
@@ -11,44 +18,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.motion.knots import (
-    ROUNDS,
-    STEPS,
-    Family,
-    admissible,
-    bisect,
-    bisect_most,
-    dense_where,
-    even,
-    fitted,
-    gains,
-    gains_by_joint,
-    halves,
-    most_intervals,
-    noise_variance,
-    noticeable,
-)
+from jounce.motion import knots
+from jounce.motion.knots import Family, admissible, even, fitted, gains, most_intervals, noise_variance, noticeable
 from jounce.motion.least_squares import Rows, Solution, solve
 from jounce.motion.noise import Beats
 
 Part = tuple[float, float, float]  # start, end, longest interval
 
-FINER = 1.1  # times the intervals that are best for q: its derivatives need more, and less of their error is bias
-STARTS = (4, 11 / 3, 10 / 3, 4 / 3)  # powers of two, by which bisections start coarser than the best even intervals
-RATIOS = 1.15, 1.05  # of the numbers of intervals that are tried; the first ones will do for a long log
-TRANSIENT = 30  # times the usual squares above a band that is given, from which on intervals are bisected all the same
+INTERVALS_FOR_RATES = 1.1  # times those that suit q best: its derivatives need more, against their bias
+START_POWERS = (4, 11 / 3, 10 / 3, 4 / 3)  # of two, by which bisections start coarser than the best even intervals
+INTERVAL_RATIOS = 1.15, 1.05  # of the numbers of intervals that are tried; the first suffices for a long log
+MIN_TRANSIENT_GAIN = 30  # times the usual squares above a given band: such intervals are bisected all the same
+UNDETERMINED = "no number of intervals suits the samples"
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The spline chosen, a coarser one to compare it with, the variance (n,) of white noise like that found, and where
-    the breaks of the two were to be.
-    """
+    """The spline chosen."""
 
     solution: Solution
-    coarser: Solution
-    variance: np.ndarray
-    places: tuple[np.ndarray, np.ndarray]
+    coarser: Solution  # to compare with
+    variance: np.ndarray  # (n,), of white noise like that found
+    places: tuple[np.ndarray, np.ndarray]  # where the breaks of the two were to be
 
     @property
     def ratio(self) -> float:
@@ -66,27 +57,21 @@ def denser(rows: Rows, choice: Choice, parts: Sequence[Part]) -> Choice:
     """The choice with no longer intervals than is said, in parts of the time: starts, ends and lengths."""
     if not parts:
         return choice
-    fine, coarse = (
-        _split(places, [(start, end, longest * ratio) for start, end, longest in parts])
-        for places, ratio in zip(choice.places, (1.0, choice.ratio), strict=True)
-    )
+    fine = _split(choice.places[0], parts)
+    coarse = _split(choice.places[1], [(start, end, longest * choice.ratio) for start, end, longest in parts])
     return Choice(fitted(rows, fine), fitted(rows, coarse), choice.variance, (fine, coarse))
 
 
-def _split(breaks: np.ndarray, parts: Sequence[Part]) -> np.ndarray:
-    for start, end, longest in parts:
+def _split(breaks: np.ndarray, longest_in: Sequence[Part]) -> np.ndarray:
+    for start, end, longest in longest_in:
         inner = breaks[1:-1]  # those that a part begins or ends at move there
         near = np.minimum(np.abs(inner - start), np.abs(inner - end)) < longest / 2
         bounds = [x for x in (start, end) if breaks[0] + longest / 2 < x < breaks[-1] - longest / 2]
         breaks = np.unique(np.concatenate([breaks[:1], inner[~near], bounds, breaks[-1:]]))
         middles, lengths = (breaks[1:] + breaks[:-1]) / 2, np.diff(breaks)
         pieces = np.where((middles > start) & (middles < end), np.ceil(lengths / longest - 1e-6), 1).astype(int)
-        breaks = np.concatenate(
-            [
-                *(np.linspace(a, b, n, endpoint=False) for a, b, n in zip(breaks, breaks[1:], pieces, strict=False)),
-                breaks[-1:],
-            ]
-        )
+        parts = (np.linspace(a, b, n, endpoint=False) for a, b, n in zip(breaks, breaks[1:], pieces, strict=False))
+        breaks = np.concatenate([*parts, breaks[-1:]])
     return breaks
 
 
@@ -94,7 +79,11 @@ def by_schwarz(rows: Rows, floor: np.ndarray, guess: int | None = None) -> Solut
     """The evenly spaced breaks of least BIC, near a guess; variances below the floor (n,) are rounding."""
     most = most_intervals(rows)
     low, high = (1, most) if guess is None else (max(1, min(most, guess // 2)), min(most, 2 * guess))
-    found = _solutions(rows, even(rows), _ladder(low, high, 1.4))
+    steps = max(2, int(np.ceil(np.log(high / low) / np.log(1.4))) + 1) if high > low else 1
+    ladder = np.unique(np.round(np.geomspace(low, high, steps)).astype(int)).tolist()
+    found = [solution for number in ladder if (solution := _tried(rows, even(rows), number))]
+    if not found:
+        raise np.linalg.LinAlgError(UNDETERMINED)
     penalty = rows.y.shape[1] * np.log(rows.count)
     scores = [rows.count * np.log(np.maximum(s.energy / rows.count, floor)).sum() + penalty * s.unknowns for s in found]
     return found[int(np.argmin(scores))]
@@ -107,14 +96,15 @@ def choose(rows: Rows, beats: Beats, intervals: int, floor: np.ndarray) -> Choic
     best, _ = _least_cp(rows, beats, evenly, intervals, variance)
     family = evenly
     if best.intervals > 16 and _is_uneven(rows, beats, best, variance):
-        powers = STARTS if rows.edges is None else STARTS[-1:]  # a long log has starts enough in itself, and less time
+        # a long log has starts enough in itself, and less time
+        powers = START_POWERS if rows.edges is None else START_POWERS[-1:]
         starts = [max(1, int(best.intervals / 2.0**power)) for power in powers if best.intervals > 4 * 2.0**power]
-        dense, middle = dense_where(_resolved(rows, beats, starts, variance))
-        again = np.maximum(floor, noise_variance(rows, beats, dense(int(1.5 * middle) + 1)))
-        other, other_score = _least_cp(rows, beats, dense, middle, again)
-        if other_score < cp(best, beats, again):
-            best, family, variance = other, dense, again
-    places = family(round(FINER * best.intervals) + 1), family(best.intervals)
+        dense, middle = knots.dense_where(_resolved(rows, beats, starts, variance))
+        finer = np.maximum(floor, noise_variance(rows, beats, dense(int(1.5 * middle) + 1)))
+        other, other_score = _least_cp(rows, beats, dense, middle, finer)
+        if other_score < cp(best, beats, finer):
+            best, family, variance = other, dense, finer
+    places = family(round(INTERVALS_FOR_RATES * best.intervals) + 1), family(best.intervals)
     return Choice(fitted(rows, places[0]), best, variance, places)
 
 
@@ -123,13 +113,15 @@ def bounded(rows: Rows, beats: Beats, intervals: int, floor: np.ndarray) -> Choi
     breaks = admissible(rows, even(rows)(intervals))
     variance = np.maximum(floor, noise_variance(rows, beats, even(rows)(min(2 * intervals, most_intervals(rows) // 2))))
     usual = None
-    for _ in range(ROUNDS):
-        gain = gains_by_joint(rows, breaks, halves(breaks)) / np.diff(breaks)[:, None]
+    for _ in range(knots.MAX_BISECTION_ROUNDS):
+        # the gains over their median in the first round, or over noise: of what a band leaves everywhere, that is usual
+        gain = knots.gains_by_joint(rows, breaks, knots.halves(breaks)) / np.diff(breaks)[:, None]
         usual = np.maximum(np.median(gain, axis=0), variance / np.diff(breaks).mean()) if usual is None else usual
+        # worth a bisection: transients, that are no noise and no steps of an encoder
         worth = (gain / usual).max(axis=1)
         worth[gains(rows, beats, breaks, variance) < noticeable(len(variance))] = 0
-        worth[beats.passes(breaks) < STEPS] = 0
-        finer = bisect_most(rows, breaks, worth, TRANSIENT)
+        worth[beats.passes(breaks) < knots.MIN_STEPS_TO_BISECT] = 0
+        finer = knots.bisect_most(rows, breaks, worth, MIN_TRANSIENT_GAIN)
         if len(finer) == len(breaks):
             break
         breaks = finer
@@ -147,46 +139,35 @@ def cp(solution: Solution, beats: Beats, variance: np.ndarray) -> float:
 
 def _resolved(rows: Rows, beats: Beats, starts: Sequence[int], variance: np.ndarray) -> list[np.ndarray]:
     """Bisections from several starts, without those that ended with something unresolved."""
-    found = [solve(rows, bisect(rows, beats, start, variance)) for start in starts]
+    found = [solve(rows, knots.bisect(rows, beats, start, variance)) for start in starts]
     scores = [cp(s, beats, variance) for s in found]
     good = min(scores) + found[int(np.argmin(scores))].unknowns * len(variance)
     return [s.breaks for s, score in zip(found, scores, strict=True) if score <= good]
 
 
-def _ladder(low: float, high: float, ratio: float) -> np.ndarray:
-    steps = max(2, int(np.ceil(np.log(high / low) / np.log(ratio))) + 1) if high > low else 1
-    return np.unique(np.round(np.geomspace(low, high, steps)).astype(int))
-
-
-def _solutions(rows: Rows, family: Family, intervals: np.ndarray) -> list[Solution]:
-    found = []
-    for number in intervals:
-        try:
-            found.append(fitted(rows, family(int(number))))
-        except np.linalg.LinAlgError:  # holes leave some of it undetermined
-            continue
-    if not found:
-        raise np.linalg.LinAlgError("no number of intervals suits the samples")
-    return found
+def _tried(rows: Rows, family: Family, intervals: int) -> Solution | None:
+    """The spline with this number of intervals; None where holes leave some of it undetermined."""
+    try:
+        return fitted(rows, family(intervals))
+    except np.linalg.LinAlgError:
+        return None
 
 
 def _least_cp(rows: Rows, beats: Beats, family: Family, middle: int, variance: np.ndarray) -> tuple[Solution, float]:
     """The number of intervals of least Cp, by steps from a first one, which end two steps after the best."""
     most = most_intervals(rows)
-    found: dict[int, Solution] = {}
+    found: dict[int, Solution | None] = {}
     scores: dict[int, float] = {}
 
     def score(intervals: float) -> float:
         number = round(min(max(intervals, 1), most))
         if number not in scores:
-            try:
-                found[number] = fitted(rows, family(number))
-                scores[number] = cp(found[number], beats, variance)
-            except np.linalg.LinAlgError:  # holes leave some of it undetermined
-                scores[number] = np.inf
+            found[number] = solution = _tried(rows, family, number)
+            scores[number] = cp(solution, beats, variance) if solution else np.inf
         return scores[number]
 
-    for ratio in RATIOS if rows.edges is None else RATIOS[:1]:
+    # up and down from the best so far, in wide steps and then in narrow ones, until two in a row are no better
+    for ratio in INTERVAL_RATIOS if rows.edges is None else INTERVAL_RATIOS[:1]:
         start = min(scores, key=scores.__getitem__) if scores else middle
         for step in (ratio, 1 / ratio):
             best, worse, at = score(start), 0, float(start)
@@ -194,9 +175,9 @@ def _least_cp(rows: Rows, beats: Beats, family: Family, middle: int, variance: n
                 at *= step
                 best, worse = (score(at), 0) if score(at) < best else (best, worse + 1)
     least = min(scores, key=scores.__getitem__)
-    if least not in found:
-        raise np.linalg.LinAlgError("no number of intervals suits the samples")
-    return found[least], scores[least]
+    if not (solution := found[least]):
+        raise np.linalg.LinAlgError(UNDETERMINED)
+    return solution, scores[least]
 
 
 def _is_uneven(rows: Rows, beats: Beats, solution: Solution, variance: np.ndarray) -> bool:

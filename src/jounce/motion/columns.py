@@ -1,7 +1,7 @@
 """The columns of a motion in a table: times, joints, rates, wrenches, measured torques, each with its unit."""
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -11,26 +11,19 @@ from jounce.model.coordinates import coordinate_units, position_units
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import Position, position_names, several_positions
 from jounce.motion import loads, poses
-from jounce.motion.units import ANGLES, TIMES, factor, split_unit
+from jounce.motion.units import ANGLE_UNITS, TIME_UNITS, factor, split_unit
 from jounce.spatial.groups import GROUPS
 from jounce.spatial.series import SUFFIX, rate_name
 
 TIME = "t"
-ALSO_TIME = ("time", "timestamp")  # in any case, where there is no t
-NUMBERS = "|".join(sorted({name for group in GROUPS.values() for name in (*group.positions, *group.velocities)}))
-RATE = re.compile(rf"(q|{NUMBERS})(?=.{{0,4}}$){SUFFIX}", re.DOTALL)  # no order has more than three digits
+TIME_NAMES = ("time", "timestamp")  # in any case, where there is no t
+NUMBER_NAMES = "|".join(sorted({name for x in GROUPS.values() for name in (*x.positions, *x.velocities)}))
+RATE_COLUMN = re.compile(rf"(q|{NUMBER_NAMES})(?=.{{0,4}}$){SUFFIX}", re.DOTALL)  # of orders up to 999
 DEVIATION = "_sd"  # what the name of a rate's column ends in that holds its standard deviation
-TORQUES = (
-    "tau_{joint}",
-    "{joint}.tau",
-    "{joint}_tau",
-    "effort_{joint}",
-    "{joint}.effort",
-    "{joint}_effort",
-    "{joint}.Q_measured",
-)  # the last as `jounce motion` and `run` write them
-MISSPELT = re.compile(r"q[a-z0-9]{0,4}|[fm][a-z]?\d*d*")
-OURS = re.compile(rf"\.(q|{NUMBERS})_sample$|^break$")  # what `jounce motion` writes to be drawn
+# the last as `jounce motion` and `run` write them
+TORQUE_PATTERNS = ("tau_{0}", "{0}.tau", "{0}_tau", "effort_{0}", "{0}.effort", "{0}_effort", "{0}.Q_measured")
+MISSPELT_RATE = re.compile(r"q[a-z0-9]{0,4}|[fm][a-z]?\d*d*")
+DRAWING_COLUMNS = re.compile(rf"\.(q|{NUMBER_NAMES})_sample$|^break$")  # what `jounce motion` writes to be drawn
 CURES = {
     "t": "name another column of times by --time COLUMN (time=)",
     "joint": "name the columns by --columns 'q_{joint}' (columns=), or hold a joint by --lock {joint}=VALUE"
@@ -49,7 +42,7 @@ class Options:
     torques: str | None = None
 
     def __post_init__(self) -> None:
-        for what, given, known in (("angles", self.angles, ANGLES), ("time_unit", self.time_unit, TIMES)):
+        for what, given, known in (("angles", self.angles, ANGLE_UNITS), ("time_unit", self.time_unit, TIME_UNITS)):
             if given is not None and (not isinstance(given, str) or given not in known):
                 raise no_such(f"unit of {what}", given, known)
         for what, given in (("time", self.time), ("columns", self.pattern), ("torques", self.torques)):
@@ -97,36 +90,35 @@ def match(header: Sequence[str], mechanism: Mechanism, options: Options, highest
     joints = position_names(mechanism)
     if TIME in joints:
         raise JounceError("a joint is named 't' like the column of times; rename the joint")
-    bare = _bare(header, joints)
-    sources = {name: source for name, (source, _) in bare.items()}
+    split = {source: (source, None) if source in joints else split_unit(source) for source in header}
+    units = {source: unit for source, (_, unit) in split.items()}
+    bare = sources = _unique([(split[source][0], source) for source in header], lambda _: "have the same name")
     sources = _with_time(sources, header, options.time, joints)
-    torques = _torques(bare, options.torques, mechanism.coordinates)
+    torques = _torques(bare, units, options.torques, mechanism.coordinates)
     sources = _with_pattern(sources, options.pattern, joints)
     of_base = poses.named(list(sources), mechanism)
-    sources = _of_base(sources, of_base)
+    renamed = ((of_base.get(name, name), source) for name, source in sources.items())
+    sources = _unique(renamed, lambda name: f"both state {name!r} of the base")
     of_wrenches = loads.named(list(sources), mechanism)
-    others = {*of_wrenches, *of_base.values()}
-    given = [name for name in sources if name not in others and sources[name] not in torques.values()]
+    elsewhere = {*of_wrenches, *of_base.values()}
+    given = [name for name in sources if name not in elsewhere and sources[name] not in torques.values()]
     sampled = not any(_is_rate(name, mechanism) for name in given)
     wanted = list(joints) if sampled else _rates(given, mechanism, highest)
     _check(given, [TIME, *wanted], sampled, mechanism, highest)
     poses.check_names(list(of_base.values()), mechanism, highest)
     passive = followers(mechanism, list(sources), sampled).values()
-    kept = {TIME, *wanted, *others, *passive} | {name for name in given if not sampled and _belongs(name, mechanism)}
-    units = dict(bare.values())
+    kept = {TIME, *wanted, *elsewhere, *passive} | {name for name in given if not sampled and _belongs(name, mechanism)}
     used = {name: source for name, source in sources.items() if name in kept}
-    factors = _factors(used, units, options, mechanism, of_base.values())
-    return Match(
-        sampled,
-        used,
-        factors,
-        torques,
-        tuple(
-            source for name, source in sources.items() if name in given and name not in kept and not OURS.search(name)
-        ),
-        options.angles is not None or any(units[sources[name]] for name in wanted),
-        options.time_unit is not None or units[sources[TIME]] is not None,
-    )
+    asked = {"s": options.time_unit, "rad": options.angles}
+    kinds = {name: _unit_of(name, mechanism, of_base.values()) for name in used}
+    factors = {
+        name: factor(units[used[name]], asked.get(kind), kind, k, used[name]) for name, (kind, k) in kinds.items()
+    }
+    ignored = [name for name in given if name not in kept and not DRAWING_COLUMNS.search(name)]
+    angles_stated = options.angles is not None or any(units[sources[name]] for name in wanted)
+    time_stated = options.time_unit is not None or units[sources[TIME]] is not None
+    others = tuple(sources[name] for name in ignored)
+    return Match(sampled, used, factors, torques, others, angles_stated, time_stated)
 
 
 @lru_cache(maxsize=64)
@@ -164,27 +156,13 @@ def followers(mechanism: Mechanism, columns: Collection[str], sampled: bool) -> 
     return {name: column for name, column in found.items() if column in columns}
 
 
-def _of_base(sources: Mapping[str, str], of_base: Mapping[str, str]) -> dict[str, str]:
-    """The columns with those of the base under their prefix ``base``, whatever the base link is called."""
+def _unique(names: Iterable[tuple[str, str]], state: Callable[[str], str]) -> dict[str, str]:
+    """The columns by their new names; raises `JounceError` where two get the same one."""
     found: dict[str, str] = {}
-    for name, source in sources.items():
-        known = of_base.get(name, name)
-        if known in found:
-            both = f"{quoted(found[known])} and {quoted(source)}"
-            raise JounceError(f"columns {both} both state {known!r} of the base; expected it once")
-        found[known] = source
-    return found
-
-
-def _bare(header: Sequence[str], joints: Sequence[str]) -> dict[str, tuple[str, str | None]]:
-    """The names without their units, ``joint1 [deg]``: of each the whole name and the unit."""
-    found: dict[str, tuple[str, str | None]] = {}
-    for source in header:
-        name, unit = (source, None) if source in joints else split_unit(source)
+    for name, source in names:
         if name in found:
-            both = f"{quoted(found[name][0])} and {quoted(source)}"
-            raise JounceError(f"columns {both} have the same name; expected it once")
-        found[name] = source, unit
+            raise JounceError(f"columns {quoted(found[name])} and {quoted(source)} {state(name)}; expected it once")
+        found[name] = source
     return found
 
 
@@ -193,7 +171,7 @@ def _with_time(
 ) -> dict[str, str]:
     """The columns with the one of times called t."""
     if time is None:
-        also = [name for name in sources if name.lower() in ALSO_TIME and name not in joints]
+        also = [name for name in sources if name.lower() in TIME_NAMES and name not in joints]
         if TIME in sources or not also:
             return dict(sources)
         chosen = also[0]
@@ -231,22 +209,23 @@ def _called(option: str, pattern: str, header: Mapping[str, object], joints: Seq
 _EXPECTED = "expected {joint}, {number} (from 1) or {index} (from 0) in it, as in 'q_{joint}'"
 
 
-def _torques(bare: Mapping[str, tuple[str, str | None]], pattern: str | None, joints: Sequence[str]) -> dict[str, str]:
+def _torques(
+    bare: Mapping[str, str], units: Mapping[str, str | None], pattern: str | None, joints: Sequence[str]
+) -> dict[str, str]:
     """The columns of measured torques, by joint."""
     if pattern is None:
-        called = {known.format(joint=joint): joint for known in TORQUES for joint in joints}
+        called = {known.format(joint): joint for known in TORQUE_PATTERNS for joint in joints}
         found = {name: called[name] for name in bare if name in called and name not in joints}
     else:
         found = _called("--torques", pattern, bare, joints)
     for name in found:
-        source, unit = bare[name]
-        factor(unit, None, "load", 0, source)
-    return {joint: bare[name][0] for name, joint in found.items()}
+        factor(units[bare[name]], None, "load", 0, bare[name])
+    return {joint: bare[name] for name, joint in found.items()}
 
 
 def _stem(name: str) -> str:
     """What the name of a column of a rate begins with: ``joint1.q`` of ``joint1.q2d``."""
-    found = RATE.fullmatch(name.rpartition(".")[2])
+    found = RATE_COLUMN.fullmatch(name.rpartition(".")[2])
     return name[: len(name) - len(found[2] or "")] if found else name
 
 
@@ -261,9 +240,9 @@ def _belongs(name: str, mechanism: Mechanism) -> bool:
 
 
 def _misspelt(name: str, mechanism: Mechanism) -> bool:
-    """Return whether a column looks like a misspelt rate of a joint or component of a wrench."""
+    """Whether a column looks like a misspelt rate of a joint or component of a wrench."""
     owner, _, suffix = name.rpartition(".")
-    return owner in {*mechanism.coordinates, *mechanism.frame_names} and MISSPELT.fullmatch(suffix) is not None
+    return owner in {*mechanism.coordinates, *mechanism.frame_names} and MISSPELT_RATE.fullmatch(suffix) is not None
 
 
 def _check(given: Sequence[str], expected: Sequence[str], sampled: bool, mechanism: Mechanism, highest: int) -> None:
@@ -271,9 +250,8 @@ def _check(given: Sequence[str], expected: Sequence[str], sampled: bool, mechani
     samples = {*joints} - {*stems(mechanism)}
     unfit = {} if sampled else {name: "both samples and columns of rates" for name in given if name in samples}
     twice = {name for joint in by_velocity(given, mechanism) for name in joint.names}
-    unfit |= {
-        name: "both rates of numbers and velocities" for name in given if name not in twice and _stem(name) in twice
-    }
+    both = [name for name in given if name not in twice and _stem(name) in twice]
+    unfit |= dict.fromkeys(both, "both rates of numbers and velocities")
     missing = [name for name in expected if name not in given]
     wrong = [name for name in given if not _belongs(name, mechanism) and _misspelt(name, mechanism)]
     if not missing and not unfit and not wrong:
@@ -285,34 +263,22 @@ def _check(given: Sequence[str], expected: Sequence[str], sampled: bool, mechani
     absent = [joint for joint in joints if joint in samples and not {joint, f"{joint}.q"}.isdisjoint(missing)]
     cures = [CURES["t"]] * (TIME in missing) + [CURES["joint"].replace("{joint}=", f"{j}=") for j in absent[:1]]
     if missing and (forces := [f"{joint}.Q" for joint in joints if f"{joint}.Q" in given]):
-        raise JounceError(
-            f"it holds forces, {quoted(forces[0])}, ..., and not the motion; expected t and {asked}: 'jounce run"
-            " --rates' writes both"
-        )
+        came = f"it holds forces, {quoted(forces[0])}, ..., and not the motion"
+        raise JounceError(f"{came}; expected t and {asked}: 'jounce run --rates' writes both")
     others = [name for name in given if not _belongs(name, mechanism) and name.removesuffix(".q") not in follows]
-    told = [name for name in given if name in {*expected, *unfit, *(others if missing else wrong)}]
-    names.check(told, expected, unfit, "; ".join([f"t and {asked}", *cures]))
+    named = [name for name in given if name in {*expected, *unfit, *(others if missing else wrong)}]
+    names.check(named, expected, unfit, "; ".join([f"t and {asked}", *cures]))
 
 
-def _factors(
-    sources: Mapping[str, str],
-    units: Mapping[str, str | None],
-    options: Options,
-    mechanism: Mechanism,
-    of_base: Collection[str],
-) -> dict[str, float]:
-    """Return the factors to SI units of the columns, from their names or from the caller's options."""
-    kinds, found = _units(mechanism.tree), dict[str, float]()
-    for name, source in sources.items():
-        stated = f"{name}.q" if f"{name}.q" in kinds else name.removesuffix(DEVIATION)
-        kind, least = ("s", 0) if name == TIME else kinds.get(_stem(stated), ("load", 0))
-        order = least + _order(stated)
-        if name in of_base:
-            kind, suffix = poses.unit_of(name)
-            order = _order(f".q{suffix}")
-        said = {"s": options.time_unit, "rad": options.angles}.get(kind)
-        found[name] = factor(units[source], said, kind, order, source)
-    return found
+def _unit_of(name: str, mechanism: Mechanism, of_base: Collection[str]) -> tuple[str, int]:
+    """The unit of a column, s, rad, m, 1 or load, and the power of time that divides it."""
+    if name in of_base:
+        unit, suffix = poses.unit_of(name)
+        return unit, _order(f".q{suffix}")
+    units = _units(mechanism.tree)
+    stated = f"{name}.q" if f"{name}.q" in units else name.removesuffix(DEVIATION)
+    unit, least = ("s", 0) if name == TIME else units.get(_stem(stated), ("load", 0))
+    return unit, least + _order(stated)
 
 
 def _order(name: str) -> int:

@@ -19,16 +19,6 @@ class Retimed(OfCurve):
     origin: float
     place: float
 
-    @property
-    def start(self) -> float:
-        """The start time, s."""
-        return float(self.outer(np.array(self.base.start)))
-
-    @property
-    def stop(self) -> float:
-        """The end time, s."""
-        return float(self.outer(np.array(self.base.stop)))
-
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
         """The values and their derivatives up to `order`."""
         found = self.base.rates(self.inner_at_jumps(t, order), order, left)
@@ -36,10 +26,10 @@ class Retimed(OfCurve):
 
     def jumps(self, order: int) -> list[Jump]:
         """Where a derivative up to `order` jumps."""
-        return [
-            Jump(float(self.outer(np.array(jump.t))), jump.column, jump.order, jump.size / self.factor**jump.order)
-            for jump in self.base.jumps(order)
-        ]
+        found = self.base.jumps(order)
+        times = self.outer(np.array([jump.t for jump in found])).tolist()
+        sizes = (jump.size / self.factor**jump.order for jump in found)
+        return [jump._replace(t=t, size=size) for jump, t, size in zip(found, times, sizes, strict=True)]
 
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
         """The standard deviations of the values and derivatives."""
@@ -62,15 +52,9 @@ class Part(OfCurve):
     first: float
     last: float
 
-    @property
-    def start(self) -> float:
-        """The start time, s."""
-        return self.first
-
-    @property
-    def stop(self) -> float:
-        """The end time, s."""
-        return self.last
+    def outer(self, t: np.ndarray) -> np.ndarray:
+        """The times within the part."""
+        return t.clip(self.first, self.last)
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
         """The values and their derivatives up to `order`."""
@@ -109,21 +93,18 @@ class Chain:
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
         """The values and their derivatives up to `order`."""
-        found = [np.empty((len(t), self.columns)) for _ in range(order + 1)]
+        found = np.empty((order + 1, len(t), self.columns))
         for at, link in self._shares(t, left):
-            for whole, part in zip(found, link.rates(t[at], order, left), strict=True):
-                whole[at] = part
-        return found
+            found[:, at] = link.rates(t[at], order, left)
+        return list(found)
 
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
         """The standard deviations of the values and derivatives: none where a curve is exact."""
-        found, exact = [np.zeros((len(t), self.columns)) for _ in range(order + 1)], True
+        found, exact = np.zeros((order + 1, len(t), self.columns)), True
         for at, link in self._shares(t, False):
-            parts = link.deviations(t[at], order)
-            exact = exact and parts is None
-            for whole, part in zip(found, parts or (), strict=False):
-                whole[at] = part
-        return None if exact else found
+            if (parts := link.deviations(t[at], order)) is not None:
+                found[: len(parts), at], exact = parts, False
+        return None if exact else list(found)
 
     def _shares(self, t: np.ndarray, left: bool) -> Iterator[tuple[np.ndarray, Curve]]:
         """Which of the times each of the curves has."""

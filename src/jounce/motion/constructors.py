@@ -7,13 +7,12 @@ import numpy as np
 from jounce.core.errors import JounceError, quoted
 from jounce.core.scalars import asarray
 from jounce.motion.analytic import Analytic, Cosine, Terms
-from jounce.motion.curves import Curve, Polynomials
+from jounce.motion.curves import DEFAULT_ORDER, Curve, Polynomials
 from jounce.motion.smoothed import found_from
-from jounce.motion.spline import Smoothing, Spline
+from jounce.motion.spline import Sampled, Smoothing, Spline
 from jounce.motion.units import warn_of_times
 
 PLACE = "the motion"
-HIGHEST = 4  # q4d, which Q2d takes: the rate whose rounding is judged
 
 
 class Parts(NamedTuple):
@@ -36,7 +35,7 @@ def through(t: Any, q: Any, way: Smoothing | Spline, joint_names: Any) -> Parts:
     check_increasing(times, "t")
     names = checked_names(joint_names, samples.shape[1])
     warn_of_times(times, samples, PLACE)
-    found = found_from(times, samples, way, names, HIGHEST, PLACE)
+    found = found_from(Sampled(times, samples, DEFAULT_ORDER, PLACE, names), way)
     return Parts(found.curve, names, found.source, (times, samples), found.residual, times, found.notes)
 
 
@@ -58,17 +57,12 @@ def fourier(
         if part.shape[1] != len(mean):
             raise JounceError(f"{name} has shape {part.shape}; expected (harmonics, {len(mean)}), as offset has joints")
     w, first = _positive(frequency, "frequency"), float(numbers(start, "start", 0))
-    terms = tuple(
-        Terms(
-            (float(mean[j]),),
-            (
-                *(Cosine(float(x), (k + 1) * w, 0.0) for k, x in enumerate(a[:, j])),
-                *(Cosine(float(x), (k + 1) * w, -np.pi / 2) for k, x in enumerate(b[:, j])),
-            ),
-        )
-        for j in range(len(mean))
-    )
-    curve = Analytic(terms, first, first + _positive(duration, "duration"))
+    terms = []
+    for j, constant in enumerate(mean.tolist()):
+        waves = [Cosine(x, k * w, 0.0) for k, x in enumerate(a[:, j].tolist(), 1)]
+        waves += [Cosine(x, k * w, -np.pi / 2) for k, x in enumerate(b[:, j].tolist(), 1)]
+        terms.append(Terms((constant,), tuple(waves)))
+    curve = Analytic(tuple(terms), first, first + _positive(duration, "duration"))
     return Parts(curve, checked_names(joint_names, len(mean)), "Fourier series, all rates exact")
 
 
@@ -87,7 +81,10 @@ def checked_names(given: Any, count: int) -> tuple[str, ...] | None:
     """The names of coordinates that a caller gives, or None."""
     if given is None:
         return None
-    names = [] if isinstance(given, str) else _listed(given)
+    try:
+        names = [] if isinstance(given, str) else list(given)
+    except Exception:  # whatever a foreign type raises
+        names = []
     if len(names) != count or not all(isinstance(name, str) for name in names) or len(set(names)) != count:
         raise JounceError(f"joint_names is {quoted(given)}; expected {count} different names, one for each joint")
     return tuple(names)
@@ -108,12 +105,8 @@ def check_increasing(t: np.ndarray, what: str) -> None:
 def numbers(given: Any, what: str, axes: int) -> np.ndarray:
     """Finite numbers in an array of some axes, which is not empty along the last."""
     array = np.asarray(asarray(given, what))
-    if (
-        array.dtype.kind != "f"
-        or array.ndim != axes
-        or (axes and not array.shape[-1])
-        or np.asarray(given).dtype.kind == "b"
-    ):
+    is_float = array.dtype.kind == "f" and np.asarray(given).dtype.kind != "b"
+    if not is_float or array.ndim != axes or 0 in array.shape[-1:]:
         shape = ("a number", "an array (N,)", "an array (N, n)", "an array (degree + 1, pieces, n)")[axes]
         raise JounceError(f"{what} is {quoted(given)}; expected {shape} of numbers")
     if not np.isfinite(array).all():
@@ -126,10 +119,3 @@ def _positive(given: Any, what: str) -> float:
     if number <= 0:
         raise JounceError(f"{what} is {number:g}; expected a number > 0")
     return number
-
-
-def _listed(given: Any) -> list[Any]:
-    try:
-        return list(given)
-    except Exception:  # whatever a foreign type raises
-        return []

@@ -7,11 +7,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 COMPONENTS = ("mx", "my", "mz", "fx", "fy", "fz")  # of a wrench, (moment; force), in files
-HIGHEST = 4  # q4d, which Q2d takes: the highest derivative whose jumps are reported by default
-RELATIVE = 1e-9  # of the largest value: a smaller difference is no jump
-WITHIN = (0.2, 0.6)  # shares of a piece, between whose ends at rest its derivatives are not zero there
-POINTS = 64  # of a curve, by which the size of its derivatives is judged
-ROUNDING = 64 * np.finfo(float).eps  # of q, which the k-th derivative of a polynomial over a span h magnifies by h^-k
+DEFAULT_ORDER = 4  # q4d, which Q2d takes: up to it jumps are reported, and the rounding of samples is judged
+MIN_JUMP_SHARE = 1e-9  # of the largest value: a smaller difference is rounding
+INNER_SHARES = (0.2, 0.6)  # of a piece, between whose ends at rest its derivatives are not zero there
+CURVE_POINTS = 64  # by which the size of the derivatives of a curve is judged
+ROUNDING_OF_Q = 64 * np.finfo(float).eps  # share of q; k-th derivatives over a span h magnify it by h^-k
 
 
 class Jump(NamedTuple):
@@ -52,6 +52,18 @@ class Curve(Protocol):
         """The standard deviations of the values and derivatives; None where they are exact."""
 
 
+class Smooth:
+    """What a curve has that is exact and without jumps, where it does not say otherwise."""
+
+    def jumps(self, order: int) -> list[Jump]:
+        """None up to the highest derivative that is known."""
+        return []
+
+    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
+        """None: the curve is exact."""
+        return None
+
+
 @dataclass(frozen=True, eq=False)
 class OfCurve:
     """What a curve that is made of another one, its `base`, has from it, where it does not say otherwise."""
@@ -61,12 +73,12 @@ class OfCurve:
     @property
     def start(self) -> float:
         """The start time, s."""
-        return self.base.start
+        return float(self.outer(np.array([self.base.start]))[0])
 
     @property
     def stop(self) -> float:
         """The end time, s."""
-        return self.base.stop
+        return float(self.outer(np.array([self.base.stop]))[0])
 
     @property
     def columns(self) -> int:
@@ -100,6 +112,38 @@ class OfCurve:
         return np.where(outer[near] == t, jumps[near], inner)
 
 
+@dataclass(frozen=True, eq=False)
+class Arranged(OfCurve):
+    """Some columns of a curve, times factors: column j is `factors[j]` times that of number `order[j]`, or 0 for -1."""
+
+    order: np.ndarray
+    factors: np.ndarray | float = 1.0
+
+    @property
+    def columns(self) -> int:
+        """The number of coordinates."""
+        return len(self.order)
+
+    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
+        """The values and their derivatives up to `order`."""
+        return [self._arranged(rate) * self.factors for rate in self.base.rates(t, order, left)]
+
+    def jumps(self, order: int) -> list[Jump]:
+        """Where a derivative up to `order` jumps."""
+        factors = np.broadcast_to(self.factors, len(self.order)).tolist()
+        place = {int(j): i for i, j in enumerate(self.order)}
+        found = ((jump, place[jump.column]) for jump in self.base.jumps(order) if jump.column in place)
+        return sorted(jump._replace(column=i, size=jump.size * factors[i]) for jump, i in found)
+
+    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
+        """The standard deviations of the values and derivatives."""
+        found = self.base.deviations(t, order)
+        return None if found is None else [self._arranged(rate) * np.abs(self.factors) for rate in found]
+
+    def _arranged(self, rate: np.ndarray) -> np.ndarray:
+        return np.pad(rate, ((0, 0), (0, 1)))[:, self.order]
+
+
 def jumps_at(
     t: np.ndarray,
     before: Sequence[np.ndarray],
@@ -116,7 +160,7 @@ def jumps_at(
     known = np.zeros(before[0].shape, dtype=bool)
     peaks = [np.abs(np.concatenate(parts)).max(axis=0, initial=0) for parts in zip(before, after, within, strict=True)]
     for k, (a, b) in enumerate(zip(before, after, strict=True)):
-        floor = RELATIVE * peaks[k] + ROUNDING * peaks[0] / spans[:, None] ** k
+        floor = MIN_JUMP_SHARE * peaks[k] + ROUNDING_OF_Q * peaks[0] / spans[:, None] ** k
         new = (np.abs(b - a) > floor) & ~known
         found += [Jump(float(t[i]), int(j), k, float(b[i, j] - a[i, j])) for i, j in np.argwhere(new)]
         known |= new
@@ -124,7 +168,7 @@ def jumps_at(
 
 
 @dataclass(frozen=True, eq=False)
-class Polynomials:
+class Polynomials(Smooth):
     """Piecewise polynomials, as scipy's PPoly: breakpoints x (m + 1,), coefficients c (degree + 1, m, columns).
 
     On the piece from x[i] to x[i + 1] the coefficients are those of powers of t - x[i], the highest power first.
@@ -159,17 +203,14 @@ class Polynomials:
         h = np.diff(self.x)
         before = powers(self.c[:, :-1], h[:-1, None], order)
         after = powers(self.c[:, 1:], np.zeros((len(h) - 1, 1)), order)
-        inside = (powers(self.c, share * h[:, None], order) for share in WITHIN)
+        inside = (powers(self.c, share * h[:, None], order) for share in INNER_SHARES)
         within = [np.concatenate(parts) for parts in zip(*inside, strict=True)]
         return jumps_at(self.x[1:-1], before, after, np.maximum(h[:-1], h[1:]), within)
-
-    def deviations(self, t: np.ndarray, order: int) -> None:
-        """None: the curve is exact."""
 
 
 def rates_within(curve: Curve, order: int) -> list[np.ndarray]:
     """The values (points, columns) of a curve and their derivatives, at times between its ends."""
-    return curve.rates(np.linspace(curve.start, curve.stop, POINTS + 2)[1:-1], order)
+    return curve.rates(np.linspace(curve.start, curve.stop, CURVE_POINTS + 2)[1:-1], order)
 
 
 def powers(c: np.ndarray, s: np.ndarray, order: int) -> list[np.ndarray]:
@@ -183,33 +224,3 @@ def powers(c: np.ndarray, s: np.ndarray, order: int) -> list[np.ndarray]:
         degree = len(c) - 1
         c = c[:-1] * np.arange(degree, 0, -1)[:, None, None] if degree else 0 * c
     return found
-
-
-def shifted(c: np.ndarray, by: np.ndarray) -> np.ndarray:
-    """Coefficients (degree + 1, ...) of p(s + by): highest power first, as those of p(s); Horner's scheme by Shaw."""
-    c = c.copy()
-    for last in range(len(c) - 1, 0, -1):
-        for i in range(1, last + 1):
-            c[i] += by * c[i - 1]
-    return c
-
-
-def side_by_side(parts: Sequence[tuple[np.ndarray, np.ndarray]], stop: float) -> Polynomials:
-    """Columns with breakpoints of their own as one curve with the breakpoints of all.
-
-    A column is (x, c): its pieces begin at x (m,), with the coefficients c (degree + 1, m); the last reaches to `stop`.
-    Breakpoints closer together than rounding of the time are one.
-    """
-    start = min(float(x[0]) for x, _ in parts)
-    every = np.unique(np.concatenate([x for x, _ in parts]))
-    every = every[(every >= start) & (every < stop)]
-    apart = np.concatenate([[True], np.diff(every) > 1e-12 * (stop - start)])
-    x = np.append(every[apart], stop)
-    if len(x) > 2 and x[-1] - x[-2] <= 1e-12 * (stop - start):
-        x = np.delete(x, -2)
-    middle = (x[:-1] + x[1:]) / 2
-    c = np.zeros((max(len(c) for _, c in parts), len(middle), len(parts)))
-    for j, (knots, column) in enumerate(parts):
-        piece = (np.searchsorted(knots, middle, side="right") - 1).clip(0)
-        c[len(c) - len(column) :, :, j] = shifted(column[:, piece], x[:-1] - knots[piece])
-    return Polynomials(x, c)

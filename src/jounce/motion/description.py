@@ -9,10 +9,9 @@ from jounce.arguments import names
 from jounce.core.errors import JounceError, listed
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import Position, position_names, several_positions
-from jounce.motion.analytic import Analytic, Terms
-from jounce.motion.base import COLUMNS, with_blocks
+from jounce.motion.analytic import Analytic, Exponential, Terms
+from jounce.motion.base import POSE_COLUMNS, with_blocks
 from jounce.motion.curves import COMPONENTS, Curve
-from jounce.motion.exponential import Exponential
 from jounce.motion.motion import Motion
 
 
@@ -52,14 +51,12 @@ def motion_of(description: Description, mechanism: Mechanism) -> Motion:
         starts = (given.index(names[0]) for names in blocks)
         q = Exponential(q, tuple(slice(i, i + len(x)) for i, x in zip(starts, blocks, strict=True)))
     if mechanism.floats and description.base is None:
-        raise JounceError(
-            f"{mechanism.name!r} floats, and nothing says where its base is; expected base: with terms of some of"
-            f" {listed(COLUMNS)}, position in m and quaternion"
-        )
+        expected = f"base: with terms of some of {listed(POSE_COLUMNS)}, position in m and quaternion"
+        raise JounceError(f"{mechanism.name!r} floats, and nothing says where its base is; expected {expected}")
     base = None
     if description.base is not None:
-        others = {"qw": Terms((1.0,))} if not {*COLUMNS[3:]} & {*description.base} else {}
-        base = Analytic(tuple(description.base.get(name, others.get(name, Terms())) for name in COLUMNS), *ends)
+        others = {"qw": Terms((1.0,))} if not {*POSE_COLUMNS[3:]} & {*description.base} else {}
+        base = Analytic(tuple(description.base.get(name, others.get(name, Terms())) for name in POSE_COLUMNS), *ends)
     return Motion(q, joints, "analytic terms, all rates exact", loads, grid=t, base_curve=base, several=several)
 
 

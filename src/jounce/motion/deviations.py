@@ -1,4 +1,16 @@
-"""Standard deviations of a smoothing spline and its derivatives: of noise, of stamps, and of the spline's own error."""
+"""Standard deviations of a smoothing spline and its derivatives: of noise, of stamps, and of the spline's own error.
+
+Problem: the covariance of q, qd, ... of each joint at a time, of the least-squares spline of its samples. It is a sum
+of independent parts, each positive semidefinite:
+
+1. noise: ``(B^T B)^-1`` of the normal equations times the variance of white noise in that interval
+2. corrected time stamps, by a parametric bootstrap (Efron & Tibshirani, An Introduction to the Bootstrap, 6.5)
+3. residuals that are no noise, and vibrations that the spline leaves out: waves of their size
+4. sensors that may be read earlier than the times say: a shift that is anywhere from 0 to that
+5. the spline's own error, from a coarser one by Richardson's extrapolation
+
+It says nothing of what neither spline resolves and the residuals do not show, as a burst below the noise.
+"""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,12 +23,13 @@ from jounce.motion.least_squares import Rows, Solution, basis, covariance_blocks
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-    from jounce.motion.lines import Line
+    from jounce.motion.vibrations import Line
 
-POINTS = 20000  # for which ten coefficients' covariances are gathered at once
-DECAY = 15  # power of the interval with which the error of q falls: 10 far from the limit of the band, more near it
-DRAWS, TOGETHER = 32, 4  # of the scatter of stamps, and how many are fitted at once
-HIGHEST = 6  # derivative with a standard deviation
+MAX_GATHERED_TIMES = 20000  # for which ten coefficients' covariances are gathered at once: 16 MB
+ERROR_DECAY_POWER = 15  # of the interval, with which the error of q falls: 10, and more near the limit of the band
+BOOTSTRAP_DRAWS = 32  # of the scatter of stamps: deviations are known to 1 / sqrt(2 * 32) = 13 % then
+DRAWS_PER_FIT = 4  # as columns of one problem
+MAX_DEVIATION_ORDER = 6  # the highest derivative with a standard deviation
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,49 +48,32 @@ class StampCovariances:
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Covariances of a least-squares spline: (B^T B)^-1, times a variance per interval and joint.
+    """Covariances of a least-squares spline: (B^T B)^-1, times a variance per interval and joint."""
 
-    Attributes
-    ----------
-    solution : Solution
-        The spline, of the joints that move.
-    variance : (M, n)
-        Variances of white noise that is fitted as the samples' noise is.
-    coarser : BSpline or None
-        A spline of fewer intervals, to tell the error of the spline itself from.
-    ratio : float
-        How many times fewer.
-    stamps : StampCovariances or None
-        Where stamps are corrected. Their times are not those of `solution`: corrected rows may bear fewer breaks.
-    unfollowed : (M, n) or None
-        Mean squares of what an interval's fit leaves beyond noise: taken for a vibration at the end of its band.
-    unsure : (n,) or None
-        By how much sensors may be read earlier than the times say, s: anything up to that is as likely.
-    left_out : tuple of Line
-        Vibrations that stand out of the noise and that the spline does not follow.
-    """
-
-    solution: Solution
-    variance: np.ndarray
-    coarser: "BSpline | None" = None
-    ratio: float = 1.0
-    stamps: StampCovariances | None = None
+    solution: Solution  # the spline, of the joints that move
+    variance: np.ndarray  # (M, n), of white noise that is fitted as the samples' noise is
+    coarser: "BSpline | None" = None  # a spline of fewer intervals, from which the error of the spline itself follows
+    ratio: float = 1.0  # how many times fewer they are
+    stamps: StampCovariances | None = None  # at times of their own: corrected rows may bear fewer breaks
+    # (M, n), squares of residuals beyond noise, as of a vibration at the end of the band
     unfollowed: np.ndarray | None = None
-    unsure: np.ndarray | None = None
-    left_out: "tuple[Line, ...]" = ()
+    unsure: np.ndarray | None = None  # (n,), by how much sensors may be read earlier than the times say, s
+    left_out: "tuple[Line, ...]" = ()  # vibrations that the spline does not follow
 
     def covariances(self, t: np.ndarray, order: int) -> np.ndarray:
         """Covariances of q, qd, ... with each other at times (P,), (P, n, order + 1, order + 1)."""
-        starts = range(0, max(1, len(t)), POINTS)
-        return np.concatenate([self._covariances(t[start : start + POINTS], order) for start in starts])
+        starts = range(0, max(1, len(t)), MAX_GATHERED_TIMES)
+        return np.concatenate([self._covariances(t[start : start + MAX_GATHERED_TIMES], order) for start in starts])
 
     def _covariances(self, t: np.ndarray, order: int) -> np.ndarray:
-        unit, place = _unit_covariances(self.solution, self._blocks, t, order)
-        total = self.variance[place][:, :, None, None] * unit[:, None]
+        breaks, spline = self.solution.breaks, self.solution.spline
+        bases = [basis(t.clip(breaks[0], breaks[-1]), breaks, k) for k in range(order + 1)]
+        values, place = np.stack([row for row, _ in bases], axis=1), bases[0][1]
+        total = self.variance[place][:, :, None, None] * (values @ self._blocks[place] @ values.mT)[:, None]
         if self.stamps is not None:
             total += self.stamps.at(t, order)
         if self.unfollowed is not None and self.unfollowed.any():
-            rate = np.pi / np.diff(self.solution.breaks)[place, None]
+            rate = np.pi / np.diff(breaks)[place, None]
             for k in range(order + 1):
                 total[:, :, k, k] += self.unfollowed[place] * rate ** (2 * k)
         for line in self.left_out:
@@ -85,12 +81,12 @@ class Spread:
             for k in range(order + 1):  # the mean square of a wave is half of its amplitude's
                 total[during, line.joint, k, k] += (line.amplitude * (2 * np.pi * line.frequency) ** k) ** 2 / 2
         if self.unsure is not None and self.unsure.any():
-            rates = np.stack([self.solution.spline(t, nu=k + 1) for k in range(order + 1)], axis=-1)
+            rates = np.stack([spline(t, nu=k + 1) for k in range(order + 1)], axis=-1)
             shifted = rates * self.unsure[:, None] / np.sqrt(3)  # the root mean square of a shift from 0 to `unsure`
             total += shifted[..., :, None] * shifted[..., None, :]
         if self.coarser is not None:
+            middles = (breaks[1:] + breaks[:-1]) / 2
             for k, model in enumerate(self._model[: order + 1]):
-                middles = (self.solution.breaks[1:] + self.solution.breaks[:-1]) / 2
                 total[:, :, k, k] += np.stack([np.interp(t, middles, column) for column in model.T], axis=1)
         return total
 
@@ -102,15 +98,15 @@ class Spread:
     def _model(self) -> list[np.ndarray]:
         """Mean squares (M, n), per derivative, of the spline's own error, by Richardson's extrapolation.
 
-        The error of a derivative falls with a power of the interval; what a coarser spline differs by is the error of
-        that one without this one's. Squares are averaged over an interval and those on either side.
+        The error e of the k-th derivative falls with the interval to the power p = ERROR_DECAY_POWER - k, so that a
+        spline of r times fewer intervals differs by (r^p - 1) e. Squares are averaged over three intervals.
         """
         assert self.coarser is not None
         breaks = self.solution.breaks
         t = _quarters(breaks)
         out = []
-        for k in range(HIGHEST + 1):
-            rest = self.ratio ** -(DECAY - k)
+        for k in range(MAX_DEVIATION_ORDER + 1):
+            rest = self.ratio ** -(ERROR_DECAY_POWER - k)
             apart = (self.solution.spline(t, nu=k) - self.coarser(t, nu=k)) * rest / (1 - rest)
             squares = (apart**2).reshape(len(breaks) - 1, 4, -1).mean(axis=1)
             padded = np.pad(squares, ((1, 1), (0, 0)), mode="edge")
@@ -122,37 +118,29 @@ def stamp_covariances(rows: Rows, raw: Solution, sigma: float, own: np.ndarray) 
     """What is left in q, qd, ... of stamps that scattered by sigma before correction.
 
     Corrected stamps are wrong by what a fit to the raw ones takes of their scatter: tau = (v^T D^-1 e) / (v^T D^-1 v),
-    where e are splines fitted to v d with random d. The fit at corrected times takes v tau. Draws of d tell the
-    covariances (the parametric bootstrap: Efron & Tibshirani, An Introduction to the Bootstrap, 6.5).
+    where e are splines fitted to v d with random d. The fit at corrected times takes v tau. Draws of d, from a fixed
+    seed, give the covariances.
     """
     random = np.random.default_rng(0)
     v = raw.spline(rows.t, nu=1)
     across = v / own / np.maximum((v**2 / own).sum(axis=1), np.finfo(float).tiny)[:, None]
     weight = rows.weight if rows.edges is None else np.ones(len(rows.t))  # a row of a cell has the noise of one sample
-    rows = replace(rows, along=None, rest=np.zeros(TOGETHER * v.shape[1]))
+    rows = replace(rows, along=None, rest=np.zeros(DRAWS_PER_FIT * v.shape[1]))
     times = _quarters(raw.breaks)
-    total = np.zeros((len(times), v.shape[1], HIGHEST + 1, HIGHEST + 1))
-    for _ in range(DRAWS // TOGETHER):
-        d = sigma * random.normal(size=(len(v), 1, TOGETHER))
+    total = np.zeros((len(times), v.shape[1], MAX_DEVIATION_ORDER + 1, MAX_DEVIATION_ORDER + 1))
+    for _ in range(BOOTSTRAP_DRAWS // DRAWS_PER_FIT):
+        # e: what the raw fit takes of random shifts
+        d = sigma * random.normal(size=(len(v), 1, DRAWS_PER_FIT))
         noise = (weight[:, None, None] * v[:, :, None] * d).reshape(len(v), -1)
-        taken = solve(replace(rows, y=noise), raw.breaks).spline(rows.t).reshape(*v.shape, TOGETHER)
+        taken = solve(replace(rows, y=noise), raw.breaks).spline(rows.t).reshape(*v.shape, DRAWS_PER_FIT)
+        # tau: what correction makes of that, and the spline that follows it
         tau = (across[:, :, None] * taken).sum(axis=1, keepdims=True)
         left = rows.weight[:, None] * (v[:, :, None] * tau).reshape(len(v), -1)
         curve = solve(replace(rows, y=left), raw.breaks).spline
-        rates = [curve(times, nu=k).reshape(len(times), -1, TOGETHER) for k in range(HIGHEST + 1)]
-        e = np.stack(rates, axis=2)
-        total += e @ e.mT / DRAWS
+        rates = [curve(times, nu=k).reshape(len(times), -1, DRAWS_PER_FIT) for k in range(MAX_DEVIATION_ORDER + 1)]
+        e = np.stack(rates, axis=2)  # squares are averaged over draws
+        total += e @ e.mT / BOOTSTRAP_DRAWS
     return StampCovariances(times, total)
-
-
-def _unit_covariances(
-    solution: Solution, blocks: np.ndarray, t: np.ndarray, order: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Covariances (P, order + 1, order + 1) for white noise of variance 1, and the intervals of the times."""
-    t = t.clip(solution.breaks[0], solution.breaks[-1])
-    rows = [basis(t, solution.breaks, k) for k in range(order + 1)]
-    values, place = np.stack([row for row, _ in rows], axis=1), rows[0][1]
-    return values @ blocks[place] @ values.mT, place
 
 
 def _quarters(breaks: np.ndarray) -> np.ndarray:

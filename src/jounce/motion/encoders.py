@@ -11,14 +11,14 @@ from dataclasses import replace
 import numpy as np
 
 from jounce.motion.knots import fitted
-from jounce.motion.lines import MIN_ROWS, MIN_STANDING_OUT, Line
 from jounce.motion.samples import Samples
+from jounce.motion.vibrations import MIN_LINE_POWER, MIN_SPECTRUM_ROWS, Line
 
-COUNTS = np.arange(16, 1025)  # per turn of the joint: below 16 motion itself is periodic, as harmonics are
-COARSER = 9, 3, 1  # times the intervals of a fit: it may follow an error far below the end of its band, or not at all
-MIN_WAVES = 4  # that a joint passes
-PLACES = 2**14  # of a turn, to which angles are rounded: 1,024 waves lose 1 % by it
-AROUND = 256  # rows, whose scatter weighs them
+WAVE_COUNTS = np.arange(16, 1025)  # per turn: below 16 a motion itself is periodic, as harmonics are
+COARSENING_FACTORS = 9, 3, 1  # of intervals: a fit may follow an error far below the end of its band
+MIN_WAVES_PASSED = 4  # by a joint: fewer look like its motion
+PLACES_PER_TURN = 2**14  # to which angles are rounded: 1,024 waves lose 1 % by it
+SCATTER_ROWS = 256  # whose scatter weighs a row
 
 
 def find_errors_of_encoders(
@@ -32,11 +32,11 @@ def find_errors_of_encoders(
     window = np.hanning(len(samples.t))
     for start, end in (vibration.reach for vibration in vibrations if not vibration.lasts):
         window[(samples.t > start) & (samples.t < end)] = 0
-    if np.count_nonzero(window) < MIN_ROWS:
+    if np.count_nonzero(window) < MIN_SPECTRUM_ROWS:
         return []
     vibrating = {vibration.joint for vibration in vibrations if vibration.lasts}
     found: dict[int, int] = {}
-    for coarser in COARSER:
+    for coarser in COARSENING_FACTORS:
         coarse = np.unique(np.append(breaks[::coarser], breaks[-1]))
         found = dict(_standing_out(samples, coarse, cells, window)) | found
     return [(joint, count) for joint, count in sorted(found.items()) if joint not in vibrating]
@@ -45,15 +45,12 @@ def find_errors_of_encoders(
 def _standing_out(samples: Samples, coarse: np.ndarray, cells: int, window: np.ndarray) -> Iterator[tuple[int, int]]:
     left = _left(samples, samples.q, coarse, cells)
     powers = np.stack([_powers(*columns, window) for columns in zip(samples.q.T, left.T, strict=True)])
-    counts = COUNTS[powers.argmax(axis=1)]
+    counts = WAVE_COUNTS[powers.argmax(axis=1)]
     waves = np.exp(1j * counts * samples.q)
     real, imaginary = (_left(samples, part, coarse, cells) for part in (waves.real, waves.imag))
     for joint, count in enumerate(counts):
         wave = real[:, joint] + 1j * imaginary[:, joint]
-        if (
-            powers[joint].any()
-            and _medians(samples.q[:, joint], left[:, joint], wave, window, count) > MIN_STANDING_OUT
-        ):
+        if powers[joint].any() and _medians(samples.q[:, joint], left[:, joint], wave, window, count) > MIN_LINE_POWER:
             yield joint, int(count)
 
 
@@ -63,16 +60,18 @@ def _left(samples: Samples, columns: np.ndarray, breaks: np.ndarray, cells: int)
 
 
 def _weights(left: np.ndarray, window: np.ndarray) -> np.ndarray:
-    around = np.sqrt(np.convolve(left**2, np.full(AROUND, 1 / AROUND), "same"))
+    around = np.sqrt(np.convolve(left**2, np.full(SCATTER_ROWS, 1 / SCATTER_ROWS), "same"))
     return window / np.maximum(around, max(float(np.median(np.abs(left))), np.finfo(float).tiny))
 
 
 def _powers(angle: np.ndarray, left: np.ndarray, window: np.ndarray) -> np.ndarray:
-    """Powers of weighted samples over the angle by COUNTS; 0 of those that cannot be seen."""
-    place = np.round(angle / (2 * np.pi) * PLACES).astype(int) % PLACES
-    power = np.abs(np.fft.rfft(np.bincount(place, _weights(left, window) * left, PLACES))[COUNTS]) ** 2
+    """Powers of weighted samples over the angle by WAVE_COUNTS; 0 of those that cannot be seen."""
+    place = np.round(angle / (2 * np.pi) * PLACES_PER_TURN).astype(int) % PLACES_PER_TURN
+    power = np.abs(np.fft.rfft(np.bincount(place, _weights(left, window) * left, PLACES_PER_TURN))[WAVE_COUNTS]) ** 2
     turned = np.quantile(np.abs(np.diff(angle)), 0.9)  # from row to row: faster waves are no longer sampled
-    return np.where((COUNTS * turned < np.pi) & (COUNTS * np.ptp(angle) > 2 * np.pi * MIN_WAVES), power, 0)
+    return np.where(
+        (WAVE_COUNTS * turned < np.pi) & (WAVE_COUNTS * np.ptp(angle) > 2 * np.pi * MIN_WAVES_PASSED), power, 0
+    )
 
 
 def _medians(angle: np.ndarray, left: np.ndarray, wave: np.ndarray, window: np.ndarray, count: int) -> float:
@@ -85,6 +84,6 @@ def _medians(angle: np.ndarray, left: np.ndarray, wave: np.ndarray, window: np.n
     power = np.abs((_weights(without, window) * left) @ wave.conj()) ** 2
     weights = _weights(without, window) ** 2
     others = _powers(angle, without, window)
-    near = others[(count // 2 - 8 <= COUNTS) & (2 * count + 16 > COUNTS)]
+    near = others[(count // 2 - 8 <= WAVE_COUNTS) & (2 * count + 16 > WAVE_COUNTS)]
     median = max(float(np.median(x[x > 0])) for x in (others, near))
     return float(power / (weights @ np.abs(wave) ** 2 / weights.sum()) / median)

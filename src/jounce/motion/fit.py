@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.core.errors import JounceError, listed, quoted
-from jounce.motion.deviations import HIGHEST, Spread
+from jounce.motion.deviations import MAX_DEVIATION_ORDER, Spread
 from jounce.motion.holds import Holds, find_holds
-from jounce.motion.least_squares import DEGREE, knots
+from jounce.motion.knots import usual_length
+from jounce.motion.least_squares import FIT_DEGREE, knots
 from jounce.motion.noise import Noise, noise_of, step_of
-from jounce.motion.samples import Samples
+from jounce.motion.samples import Samples, check, spikes
 from jounce.motion.sensors import Sensors, find_sensors
 from jounce.motion.smoothing import Smoothed, first_fit, interpolate, moves, rounded, smooth
 from jounce.motion.spline import check_bandwidth
-from jounce.motion.stamps import check, spikes
 from jounce.motion.trust import peaks_and_shares, refuse_holes
 from jounce.motion.vibrations import Vibration, note_of_encoder, notes_of
 from jounce.spatial.series import rate_name
@@ -23,8 +23,8 @@ from jounce.spatial.series import rate_name
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-THRESHOLD = 0.5  # of the peak of a derivative: beyond that standard deviation the samples do not carry it
-ENDS = 3  # intervals at either end, in which deviations of derivatives rise by powers of ten
+MAX_RELATIVE_DEVIATION = 0.5  # of the peak of a derivative: beyond that standard deviation the samples do not carry it
+END_INTERVALS = 3  # at either end, in which deviations of derivatives rise by powers of ten
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,10 +35,8 @@ class Fit:
     ----------
     spline : scipy.interpolate.BSpline
         q as a function of time, of degree 9, (..., n): `spline(t, nu=k)` is the k-th derivative.
-    joints : tuple of str
-        The names of the joints.
-    noise : tuple of Noise
-        What each joint's samples scatter by.
+    joints, noise : tuple of str, tuple of Noise
+        The names of the joints, and what their samples scatter by.
     bandwidth : float
         Up to which frequency in Hz the result holds, in the middle of its intervals: half of their number per second.
     ends : (float, float)
@@ -46,15 +44,14 @@ class Fit:
     peaks : (7, n)
         Largest values of q (less its mean), qd, q2d, ... between the ends.
     relative : (7,)
-        Standard deviations of q, qd, q2d, ... over the largest peak, as root mean squares between the ends for
-        the worst joint, but for vibrations that are left out. A derivative counts for no less than that of half a wave
-        over the duration with the same lower ones: a steady motion has no q4d to compare with.
+        Standard deviations of q, qd, q2d, ... over the largest peak: root mean squares between the ends for the worst
+        joint, without vibrations that are left out. Peaks count for no less than those of half a wave over the
+        duration: a steady motion has no q4d to compare with.
     notes : tuple of str
         What a user should know about the samples and the fit, one sentence each.
-    spacing : float
-        The median time between samples in s.
-    rows : (R,)
-        The numbers of the samples that the fit follows: not of wild ones, nor of those that repeat older positions.
+    spacing, rows : float, (R,)
+        The median time between samples, s, and the numbers of those that the fit follows: not of wild ones, nor of
+        those that repeat older positions.
     vibrations : tuple of Vibration
         What stands out of the noise.
     """
@@ -83,8 +80,10 @@ class Fit:
 
     def covariances(self, t: object, order: int = 4) -> np.ndarray:
         """Covariances of q, qd, ... of each joint with one another at times t: (..., n, order + 1, order + 1)."""
-        if not 0 <= order <= HIGHEST:
-            raise JounceError(f"order is {quoted(order)}; standard deviations are known from order 0 to {HIGHEST}")
+        if not 0 <= order <= MAX_DEVIATION_ORDER:
+            raise JounceError(
+                f"order is {quoted(order)}; standard deviations are known from order 0 to {MAX_DEVIATION_ORDER}"
+            )
         times = np.asarray(t, dtype=float)
         out = np.zeros((*times.shape, len(self.joints), order + 1, order + 1))
         if self._spread is not None:
@@ -101,12 +100,12 @@ class Fit:
     @property
     def highest(self) -> int:
         """The highest derivative of q whose standard deviation is less than half of its peak."""
-        return int(np.argmax(np.append(self.relative >= THRESHOLD, True))) - 1
+        return int(np.argmax(np.append(self.relative >= MAX_RELATIVE_DEVIATION, True))) - 1
 
     def shortfall(self, order: int = 2) -> str | None:
         """Why the rate of the forces Q of that order cannot be had from these samples, in one line; None if it can."""
-        if not 0 <= order + 2 <= HIGHEST:
-            raise JounceError(f"order is {quoted(order)}; expected 0 to {HIGHEST - 2}")
+        if not 0 <= order + 2 <= MAX_DEVIATION_ORDER:
+            raise JounceError(f"order is {quoted(order)}; expected 0 to {MAX_DEVIATION_ORDER - 2}")
         return self.lacks(order + 2, rate_name("Q", order))
 
     def lacks(self, k: int, purpose: str, symbol: str = "q") -> str | None:
@@ -115,7 +114,7 @@ class Fit:
             return None
         k = int(np.argmax(self.relative[: k + 1]))
         worst = max((n for n in self.noise if n.kind != "rest"), key=lambda n: n.sigma)
-        factor = float(self.relative[k]) / THRESHOLD
+        factor = float(self.relative[k]) / MAX_RELATIVE_DEVIATION
         band = self.bandwidth * min(0.9, factor ** (-2 / (2 * k + 1)))
         return (
             f"the samples do not carry {purpose}: the standard deviation of {rate_name(symbol, k)} is"
@@ -135,7 +134,7 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     q : (N, n)
         Positions of n joints, rad or m.
     bandwidth : float, optional
-        The frequency in Hz up to which the motion is followed; by default as far as it can be told from noise.
+        The frequency in Hz up to which the motion is followed; by default as far as it stands out of the noise.
     names : sequence of str, optional
         The names of the joints, for what is said about them.
 
@@ -180,15 +179,13 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
         still = listed(name for name, moved in zip(joints, moving, strict=True) if not moved)
         notes.append(f"at rest but for noise, hence constant: {still}")
     followed = np.flatnonzero(~wild)[~holds.held]
-    found = _described(
-        times, samples, moving, smoothed, joints=joints, noise=tuple(noise), notes=tuple(notes), rows=rows[followed]
-    )
+    found = _fit_of(times, samples, moving, smoothed, joints, tuple(noise), tuple(notes), rows[followed])
     if not smoothed:
         return found
-    vibrations = [
-        Vibration(line, joints[joint], joint, float(found.peaks[4, joint]), line not in smoothed.spread.left_out)
-        for line, joint in ((line, int(movers[line.joint])) for line in smoothed.lines)
-    ]
+    vibrations = []
+    for line in smoothed.lines:
+        number, is_followed = int(movers[line.joint]), line not in smoothed.spread.left_out
+        vibrations.append(Vibration(line, joints[number], number, float(found.peaks[4, number]), is_followed))
     return replace(found, vibrations=tuple(vibrations), notes=(*found.notes, *notes_of(vibrations)))
 
 
@@ -217,34 +214,34 @@ def _smooth(samples: Samples, bandwidth: float | None) -> tuple[np.ndarray, Hold
     return moving, holds, interpolate(part) if exact else smooth(part, first, cells, bandwidth)
 
 
-def _described(
+def _fit_of(
     t: np.ndarray,
     q: np.ndarray,
     moving: np.ndarray,
     smoothed: Smoothed | None,
-    *,
     joints: tuple[str, ...],
     noise: tuple[Noise, ...],
     notes: tuple[str, ...],
     rows: np.ndarray,
 ) -> Fit:
-    """The fit of all joints, with what tells how far it can be trusted."""
+    """The fit of all joints, and how far it can be trusted."""
     from scipy.interpolate import BSpline
 
     knot = smoothed.spline.t if smoothed else knots(t[[0, -1]])
-    breaks = knot[DEGREE : len(knot) - DEGREE]
+    breaks = knot[FIT_DEGREE : len(knot) - FIT_DEGREE]
     middle = q[0] + (q - q[0]).mean(axis=0)  # exact where a joint does not move at all
-    coefficients = np.tile(middle, (len(knot) - DEGREE - 1, 1))
+    coefficients = np.tile(middle, (len(knot) - FIT_DEGREE - 1, 1))
     if smoothed:
         coefficients[:, moving] = smoothed.spline.c
-    spline = BSpline(knot, coefficients, DEGREE)
-    lengths = np.sort(np.diff(breaks))
-    usual = float(lengths[np.searchsorted(np.cumsum(lengths), lengths.sum() / 2)])
-    edge = min(ENDS, max(0, (len(breaks) - 2) // 2))
+    spline = BSpline(knot, coefficients, FIT_DEGREE)
+    usual = usual_length(breaks)
+    edge = min(END_INTERVALS, max(0, (len(breaks) - 2) // 2))
     ends = (float(breaks[edge]), float(breaks[-1 - edge])) if smoothed else (float(t[0]), float(t[-1]))
     spread, spacing = smoothed.spread if smoothed else None, float(np.median(np.diff(t)))
     followed = replace(spread, left_out=()) if spread else None
-    zeros = np.zeros((HIGHEST + 1, len(joints)))
+    zeros = np.zeros((MAX_DEVIATION_ORDER + 1, len(joints)))
     bare = Fit(spline, joints, noise, 0.5 / usual, ends, zeros, zeros[:, 0], notes, spacing, rows, followed, moving)
-    peaks, shares = peaks_and_shares(spline, lambda s: np.array(bare.deviations(s, HIGHEST)) * moving, ends, q)
+    peaks, shares = peaks_and_shares(
+        spline, lambda s: np.array(bare.deviations(s, MAX_DEVIATION_ORDER)) * moving, ends, q
+    )
     return replace(bare, peaks=peaks, relative=shares, _spread=spread)

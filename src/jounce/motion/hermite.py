@@ -1,20 +1,19 @@
 """Hermite polynomials: curves through rows that state the coordinates and all their rates, exact at every row."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache, cached_property
+from itertools import count, takewhile
 
 import numpy as np
 
 from jounce.core.errors import warn
-from jounce.motion.curves import Jump, powers
-from jounce.motion.smoothness import resolution, sizes_of
+from jounce.motion.curves import Smooth, powers
+from jounce.motion.smoothness import MAX_ROUNDING_SHARE, resolution, sizes_of
 from jounce.spatial.series import rate_name
-
-NOTICEABLE = 0.01  # share of rounding in a rate from which on a user should hear of it
 
 _counting: ContextVar[float] = ContextVar("_counting", default=math.inf)
 
@@ -29,8 +28,15 @@ def counting_to(order: int) -> Iterator[None]:
         _counting.reset(token)
 
 
+def stated_rates(columns: Mapping[str, np.ndarray], stems: Sequence[str], ending: str = "") -> tuple[np.ndarray, ...]:
+    """The rates (N, stems) that columns state of every stem, none skipped; with an ending, their deviations."""
+    names = ([f"{rate_name(stem, k)}{ending}" for stem in stems] for k in count())
+    given = takewhile(lambda of_rate: all(name in columns for name in of_rate), names)
+    return tuple(np.stack([columns[name] for name in of_rate], axis=1) for of_rate in given)
+
+
 @dataclass(frozen=True, eq=False)
-class Hermite:
+class Hermite(Smooth):
     """Polynomials between rows at t (N,) of q, qd, ... (N, columns) each: m of them make the degree 2 m - 1.
 
     `spreads` are their standard deviations, if the rows come from a fit and not from a plan. `rounding` is the standard
@@ -77,10 +83,6 @@ class Hermite:
         self._warn_of_rounding(order)
         return [np.where(on_row[:, None], row[i], rate) for row, rate in zip(self.rows, found, strict=False)]
 
-    def jumps(self, order: int) -> list[Jump]:
-        """None up to the rates that the rows state: neighbouring pieces share them."""
-        return []
-
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
         """The standard deviations that the rows state, linear between them, and what the rounding of t adds."""
         if self.spreads is None:
@@ -99,23 +101,19 @@ class Hermite:
         h = (self.t[i] - self.t[i - 1])[:, None]
         rates = [*(self._linear(np.abs(row), t) for row in self.rows[1:]), np.zeros((len(t), self.columns))]
         apart = np.where((self.t[i] == t) | (self.t[i - 1] == t), 0, np.sqrt(2) * self.rounding)[:, None]
-        return [
-            np.hypot(
-                self.rounding * rates[min(k, self.highest)],
-                apart * rates[0] * _gain(len(self.rows), k) / h**k,
-            )
-            for k in range(order + 1)
-        ]
+        at_rows = [self.rounding * rates[min(k, self.highest)] for k in range(order + 1)]
+        between_rows = [apart * rates[0] * _gain(len(self.rows), k) / h**k for k in range(order + 1)]
+        return list(map(np.hypot, at_rows, between_rows))
 
     def _warn_of_rounding(self, order: int) -> None:
         """Warn where the digits of q do not carry the highest rate from row to row."""
         order = int(min(order, _counting.get()))
         shares, coarse = self._shares_of_rounding
         share, j = float(shares[order].max()), int(shares[order].argmax())
-        if share > NOTICEABLE:
+        if share > MAX_ROUNDING_SHARE:
             q = self.names[j] if self.names else "q"
             came = f"{self.table}: rounding of {q} or t may make up {min(share, 1):.0%} of {rate_name(q, order)}"
-            apart = 1.1 * np.diff(self.t).min() * (share / NOTICEABLE) ** (1 / max(order, 1))
+            apart = 1.1 * np.diff(self.t).min() * (share / MAX_ROUNDING_SHARE) ** (1 / max(order, 1))
             cures = ["more digits"] * bool(coarse[j]) + [f"rows at least {apart:.2g} s apart"] * (order > 0)
             warn(f"{came} between its rows, not at them; expected {' or '.join(cures)}")
 

@@ -1,6 +1,6 @@
 """Rows that repeat older positions while the robot moves: a log that is written faster than its sensor is read.
 
-Only the first row of a hold tells where the robot is; the others are late by up to a period of the sensor. An encoder
+Only the first row of a hold is where the robot is; the others are late by up to a period of the sensor. An encoder
 that stays on a step repeats its value too: a hold is where the motion passes more than a step meanwhile.
 
 First rows are late as well, by what is left of a row of the log. Where the two clocks run past each other, each row is
@@ -15,42 +15,27 @@ from jounce.motion.knots import fitted
 from jounce.motion.least_squares import Solution
 from jounce.motion.samples import Samples
 
-SIZES = 2.0  # steps or standard deviations that a motion passes in a hold: positions round to a step, both ends scatter
-MAX_HOLD = 10.0  # times the usual number of rows between changes
-REGULAR = 0.9  # of the changes that could not be missed follow each other by the sensor's period, give or take a row
-MIN_CHANGES = 10  # that tell a period
-MIN_PERIOD = 1.5  # rows, from which on a sensor is slower than the log
-REGULAR_ROWS = 0.995  # of the rows are first ones; of a few holds the first row may be missing
-MIN_UNSURE = 0.01  # periods, below which it is not worth a word
-PARTS = 64  # of a log, whose rows tell how unsure a sensor's clock is
-TOLERANCE = 1e-9  # rows, by which ticks may be late for rounding
-MAX_LATE = 1.1  # rows: a regular sensor is read within one, but for rounding of stamps
+MIN_STEPS_IN_HOLD = 2.0  # or standard deviations, that a motion passes: positions round, and both ends scatter
+MAX_HOLD_TO_USUAL = 10.0  # number of rows between changes: a longer run of equal rows is a rest
+MIN_REGULAR_SHARE = 0.9  # of certain changes, which follow each other by the period, give or take a row
+MIN_SENSOR_CHANGES = 10  # that determine a period
+MIN_PERIOD_IN_ROWS = 1.5  # from which on a sensor is slower than the log
+FIRST_ROW_SHARE = 0.995  # of rows are the first of their hold; of a few holds it may be missing
+MIN_NOTED_DELAY = 0.01  # periods: below, the doubt about a delay is not worth a word
+CLOCK_PARTS = 64  # of a log, whose earliest and latest rows bound the sensor's clock in a linear program
+TICK_TOLERANCE = 1e-9  # rows, by which ticks may be late for rounding
+MAX_ROWS_LATE = 1.1  # a regular sensor is read within one row, but for rounding of stamps
 
 
 @dataclass(frozen=True, eq=False)
 class Holds:
-    """Rows that hold an older position than they could.
+    """Rows that hold an older position than they could."""
 
-    Attributes
-    ----------
-    held : (N,)
-        Which rows do.
-    t : (R,)
-        Times of the others: of the sensor's clock, where that is regular.
-    period : float or None
-        Of a regular sensor, s.
-    delay : float
-        How much later than the sensor's rows are, held ones included, on average, s.
-    unsure : float
-        By how much the sensor may be earlier still, s; infinite where too slow a motion does not tell whether
-        rows hold.
-    """
-
-    held: np.ndarray
-    t: np.ndarray
-    period: float | None = None
-    delay: float = 0.0
-    unsure: float = 0.0
+    held: np.ndarray  # (N,), which rows do
+    t: np.ndarray  # (R,), times of the others: of the sensor's clock, where that is regular
+    period: float | None = None  # of a regular sensor, s
+    delay: float = 0.0  # of the sensor's rows, held ones included, on average, s
+    unsure: float = 0.0  # by how much the sensor may be earlier still, s; infinite if the motion is too slow to show it
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -75,7 +60,7 @@ class Holds:
 def late_by(unsure: np.ndarray | float, period: float) -> str:
     """What to say of times that are unsure, against the sensor's period."""
     late = float(np.max(unsure))
-    return f" or up to {late:.2g} s late, which the deviations hold" if late > MIN_UNSURE * period else ""
+    return f" or up to {late:.2g} s late, which the deviations hold" if late > MIN_NOTED_DELAY * period else ""
 
 
 def find_holds(samples: Samples, first: Solution, cells: int) -> Holds:
@@ -85,25 +70,24 @@ def find_holds(samples: Samples, first: Solution, cells: int) -> Holds:
     ends = np.append(starts[1:], len(changed)) - 1
     scatter = np.sqrt(first.energy / len(changed))
     own = fitted(samples.part(starts).rows(cells), first.breaks)  # others are off it for their delay
-    size = np.maximum(SIZES * np.maximum(samples.steps, np.sqrt(own.energy / len(starts))), scatter / 2)
+    size = np.maximum(MIN_STEPS_IN_HOLD * np.maximum(samples.steps, np.sqrt(own.energy / len(starts))), scatter / 2)
     curve = first.spline(samples.t)
 
-    def passes(x: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return np.asarray(np.abs(x[b] - x[a]) > size)
-
-    catches_up = passes(samples.q, starts, (ends + 1).clip(max=len(changed) - 1))
-    certain = np.asarray(passes(curve, starts[:-1], starts[1:]).any(axis=1))
+    after = (ends + 1).clip(max=len(changed) - 1)
+    catches_up = np.abs(samples.q[after] - samples.q[starts]) > size
+    certain = np.asarray((np.abs(curve[starts[1:]] - curve[starts[:-1]]) > size).any(axis=1))
     usual = float(np.median(np.diff(starts)[certain])) if certain.any() else 1.0
     # a longer run is a rest, at whose ends a fit that is not resolved swings; while a joint is fast it is none
-    is_hold = (passes(curve, starts, ends) & catches_up).any(axis=1) & (ends - starts < MAX_HOLD * usual)
-    fast = (np.abs(np.diff(curve, axis=0)) > SIZES * np.maximum(samples.steps, scatter)).any(axis=1)
+    passes = (np.abs(curve[ends] - curve[starts]) > size) & catches_up
+    is_hold = passes.any(axis=1) & (ends - starts < MAX_HOLD_TO_USUAL * usual)
+    fast = (np.abs(np.diff(curve, axis=0)) > MIN_STEPS_IN_HOLD * np.maximum(samples.steps, scatter)).any(axis=1)
     period = _period(samples.t, starts, certain)
     held = ~changed & (is_hold[np.cumsum(changed) - 1] | np.append(False, fast) | (period is not None))
     if period is not None:
         held[_unchanged(samples.t, starts[~is_hold], ends[~is_hold], period)] = False
     t = samples.t[~held]
     if period is None:
-        return Holds(held, t, unsure=0.0 if certain.sum() >= MIN_CHANGES else np.inf)
+        return Holds(held, t, unsure=0.0 if certain.sum() >= MIN_SENSOR_CHANGES else np.inf)
     ticks, unsure = _ticks(t, changed[~held], period, float(np.median(np.diff(samples.t))))
     return Holds(held, ticks, period, float((samples.t - ticks[np.cumsum(~held) - 1]).mean()), unsure)
 
@@ -111,8 +95,8 @@ def find_holds(samples: Samples, first: Solution, cells: int) -> Holds:
 def _ticks(t: np.ndarray, changed: np.ndarray, period: float, row: float) -> tuple[np.ndarray, float]:
     """When a sensor of about that period was read, by the first rows (R,) afterwards; how much earlier it may be.
 
-    The straight line of ticks is that to which rows are late by the most alike times, those where something `changed`:
-    not the first row of a log, which may begin within a hold.
+    The straight line of ticks is that to which rows where something `changed` are late by the most alike times; the
+    first row of a log may begin within a hold.
     """
     from scipy.optimize import minimize_scalar
 
@@ -122,17 +106,13 @@ def _ticks(t: np.ndarray, changed: np.ndarray, period: float, row: float) -> tup
     changed = np.append(False, changed[1:])
     about = (t[-1] - t[1]) / (k[-1] - k[1])
     reach = 2 * row / k[-1]  # both ends are late by less than a row
-    found = minimize_scalar(
-        lambda p: float(np.ptp((t - p * k)[changed])),
-        bounds=(about - reach, about + reach),
-        method="bounded",
-        options={"xatol": 1e-6 * reach},
-    )
-    if found.fun > MAX_LATE * row or (apart < 1).any():  # the log's clock is not regular: its scatter is noise
+    spread, bounds = lambda p: float(np.ptp((t - p * k)[changed])), (about - reach, about + reach)
+    found = minimize_scalar(spread, bounds=bounds, method="bounded", options={"xatol": 1e-6 * reach})
+    if found.fun > MAX_ROWS_LATE * row or (apart < 1).any():  # the log's clock is not regular: its scatter is noise
         return t, row
     start = (t - found.x * k)[changed].min()
     late = (t - found.x * k - start)[changed] / row
-    first = late <= np.quantile(late, REGULAR_ROWS)
+    first = late <= np.quantile(late, FIRST_ROW_SHARE)
     return start + found.x * k, row * _unsure(k[changed][first] / k[-1], late[first])
 
 
@@ -140,32 +120,28 @@ def _unsure(x: np.ndarray, late: np.ndarray) -> float:
     """By how much the ends of a straight line of ticks may be off 0, where rows at x from 0 to 1 are `late` (R,): all
     lines are as good to which they are late by less than 1, the rows of the log that time is counted in.
 
-    The earliest and the latest of each of some parts tell it: fewer rows leave more lines, not less.
+    The earliest and the latest of each of some parts suffice: fewer rows leave more lines, not less.
     """
     from scipy.optimize import linprog
 
-    parts = np.array_split(np.arange(len(x)), min(len(x), PARTS))
+    parts = np.array_split(np.arange(len(x)), min(len(x), CLOCK_PARTS))
     some = np.unique([part[pick(late[part])] for part in parts for pick in (np.argmin, np.argmax)])
     x, late = x[some], late[some]
     line = np.stack([np.ones(len(x)), x], axis=1)
-    most = max(1.0, float(late.max())) + TOLERANCE
-    bounds = np.concatenate([late, most - late])
-    ends = [
-        linprog([sign, sign * end], np.concatenate([line, -line]), bounds, bounds=(-2, 2)).fun or 0.0
-        for sign in (1, -1)
-        for end in (0, 1)
-    ]
-    return float(np.abs(ends).max())
+    most = max(1.0, float(late.max())) + TICK_TOLERANCE
+    rows, bounds = np.concatenate([line, -line]), np.concatenate([late, most - late])
+    goals = ([sign, sign * end] for sign in (1, -1) for end in (0, 1))
+    return float(np.abs([linprog(goal, rows, bounds, bounds=(-2, 2)).fun or 0.0 for goal in goals]).max())
 
 
 def _period(t: np.ndarray, starts: np.ndarray, certain: np.ndarray) -> float | None:
     """The time between changes, of those that are `certain` not to be missed, if it is regular and more than a row."""
     apart, row = np.diff(t[starts])[certain], float(np.median(np.diff(t)))
-    if len(apart) < MIN_CHANGES:
+    if len(apart) < MIN_SENSOR_CHANGES:
         return None
     usual = float(np.median(apart))
     near = np.abs(apart - usual) < 1.5 * row
-    return float(apart[near].mean()) if near.mean() >= REGULAR and usual > MIN_PERIOD * row else None
+    return float(apart[near].mean()) if near.mean() >= MIN_REGULAR_SHARE and usual > MIN_PERIOD_IN_ROWS * row else None
 
 
 def _unchanged(t: np.ndarray, starts: np.ndarray, ends: np.ndarray, period: float) -> np.ndarray:

@@ -1,8 +1,12 @@
 """Breaks of splines: evenly spaced, where bisection puts them, as densely as a motion needs; and what they gain.
 
-Intervals are bisected where that explains more than noise, those first that gain most (bulk chasing: Doerfler, SIAM
-Journal on Numerical Analysis 33, 1996): an unresolved place rings far into its neighbourhood, and bisecting all that
-rings would leave breaks there for ever.
+Problem: breaks with no interval whose bisection would explain more of the samples than noise does. Intervals are
+bisected in rounds, those first that gain most (bulk chasing: Doerfler, SIAM Journal on Numerical Analysis 33, 1996): an
+unresolved place rings far into its neighbourhood, and bisecting all that rings would leave breaks there for ever.
+
+Breaks only get denser, and every interval keeps two samples, so that bisection ends. It stops too early where a feature
+explains nothing until it is bisected several times: `jounce.motion.choice` starts it from several numbers of intervals,
+and `jounce.motion.bursts` looks for what it misses.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,13 +18,13 @@ from jounce.motion.noise import Beats
 
 Family = Callable[[int], np.ndarray]  # breaks, for a number of intervals
 
-ROUNDS = 60  # of bisections, at most
-RIVALS = 8  # intervals on either side, to which an unresolved place rings
-SHARE = 0.3  # of the gain of the best of these makes an interval worth bisection in the same round
-STEPS = 8  # of an encoder, passed by some joint in an interval that is bisected: fewer resolve no more
-SAMPLES = 2  # in an interval, at least
-FEWEST = 3  # samples per interval on average, at least
-MEDIAN_OF_THREE = 2.366  # median of chi^2 with three degrees of freedom
+MAX_BISECTION_ROUNDS = 60  # a safeguard: bisection ends by itself where no interval gains
+RINGING_INTERVALS = 8  # on either side, to which an unresolved place rings
+MIN_GAIN_TO_RIVALS = 0.3  # share of their gains: intervals that gain less wait for the next round
+MIN_STEPS_TO_BISECT = 8  # of an encoder, passed by some joint in an interval: fewer resolve no more
+MIN_SAMPLES_PER_INTERVAL = 2  # fewer, as in gaps, hardly determine the coefficients there
+MIN_MEAN_SAMPLES = 3  # per interval on average: fewer leave hardly a residual that shows the noise
+MEDIAN_OF_CHI2_3 = 2.366  # of chi^2 with three degrees of freedom
 
 
 def even(rows: Rows) -> Family:
@@ -44,9 +48,10 @@ def dense_where(trees: Sequence[np.ndarray]) -> tuple[Family, int]:
 def bisect(rows: Rows, beats: Beats, start: int, variance: np.ndarray) -> np.ndarray:
     """Breaks, from evenly spaced ones, with intervals bisected as long as that explains more than noise does."""
     breaks = admissible(rows, even(rows)(start))
-    for _ in range(ROUNDS):
+    for _ in range(MAX_BISECTION_ROUNDS):
+        # what bisection of each interval explains; of one within steps of an encoder it would explain the steps
         gain = gains(rows, beats, breaks, variance)
-        gain[beats.passes(breaks) < STEPS] = 0
+        gain[beats.passes(breaks) < MIN_STEPS_TO_BISECT] = 0
         finer = bisect_most(rows, breaks, gain, noticeable(len(variance)))
         if len(finer) == len(breaks):
             break
@@ -56,17 +61,16 @@ def bisect(rows: Rows, beats: Beats, start: int, variance: np.ndarray) -> np.nda
 
 def bisect_most(rows: Rows, breaks: np.ndarray, gain: np.ndarray, threshold: float) -> np.ndarray:
     """Breaks with those intervals bisected whose gain passes a threshold and is much of the largest one around."""
-    reach = np.pad(gain, RIVALS)
-    around = np.max([reach[k : k + len(gain)] for k in range(2 * RIVALS + 1)], axis=0)
-    chosen = np.flatnonzero((gain > threshold) & (gain >= SHARE * around))
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(gain, RINGING_INTERVALS), 2 * RINGING_INTERVALS + 1)
+    chosen = np.flatnonzero((gain > threshold) & (gain >= MIN_GAIN_TO_RIVALS * around.max(axis=1)))
     if not chosen.size:
         return breaks
-    return admissible(rows, np.sort(np.append(breaks, (breaks[chosen] + breaks[chosen + 1]) / 2)))
+    return admissible(rows, halves(breaks, chosen))
 
 
-def halves(breaks: np.ndarray) -> np.ndarray:
-    """Breaks with all intervals bisected."""
-    return np.sort(np.append(breaks, (breaks[1:] + breaks[:-1]) / 2))
+def halves(breaks: np.ndarray, chosen: np.ndarray | slice = slice(None)) -> np.ndarray:
+    """Breaks with chosen intervals bisected, by default all."""
+    return np.sort(np.append(breaks, ((breaks[1:] + breaks[:-1]) / 2)[chosen]))
 
 
 def gains(rows: Rows, beats: Beats, breaks: np.ndarray, variance: np.ndarray) -> np.ndarray:
@@ -82,6 +86,12 @@ def gains_by_joint(rows: Rows, breaks: np.ndarray, finer: np.ndarray) -> np.ndar
     return np.diff(sums[np.searchsorted(rows.t, breaks[:-1])], axis=0, append=sums[-1:])
 
 
+def usual_length(breaks: np.ndarray) -> float:
+    """The length of the interval in the middle of the time, if intervals are sorted by length."""
+    lengths = np.sort(np.diff(breaks))
+    return float(lengths[np.searchsorted(np.cumsum(lengths), lengths.sum() / 2)])
+
+
 def noticeable(joints: int) -> float:
     """More than noise explains in an interval (chi^2, a degree of freedom per joint) but once in some hundreds."""
     return float(2 * joints + 3 * np.sqrt(2 * joints))
@@ -91,7 +101,7 @@ def noise_variance(rows: Rows, beats: Beats, breaks: np.ndarray) -> np.ndarray:
     """The variance per joint of white noise that would be fitted as well as what is in the samples.
 
     From breaks that leave no motion in the residual: three more in each interval explain three variances, in the
-    median over intervals and joints. That colour of the noise multiplies the variances of the residual.
+    median over intervals and joints. How many times as much they explain multiplies the variances of the residual.
     """
     breaks = admissible(rows, breaks)
     finer = admissible(rows, halves(halves(breaks)))
@@ -100,7 +110,7 @@ def noise_variance(rows: Rows, beats: Beats, breaks: np.ndarray) -> np.ndarray:
     more = np.diff(np.searchsorted(finer, breaks))[:, None] - 1
     usual = (beats.inflation(breaks) < 2) & (more == 3)
     gain = gains_by_joint(rows, breaks, finer) / variance
-    return variance * max(1.0, np.median(gain[usual]) / MEDIAN_OF_THREE if usual.any() else 1.0)
+    return variance * max(1.0, np.median(gain[usual]) / MEDIAN_OF_CHI2_3 if usual.any() else 1.0)
 
 
 def fitted(rows: Rows, breaks: np.ndarray) -> Solution:
@@ -111,19 +121,22 @@ def fitted(rows: Rows, breaks: np.ndarray) -> Solution:
 def admissible(rows: Rows, breaks: np.ndarray) -> np.ndarray:
     """Breaks without those that leave too few samples in an interval, in gaps above all."""
     breaks = rows.snap(breaks)
-    if rows.edges is not None:
+    if rows.edges is not None:  # cells have ten rows each
         return breaks
     before = np.searchsorted(rows.t, breaks)
     before[0], before[-1] = 0, len(rows.t)
-    if (np.diff(before) >= SAMPLES).all():
+    if (np.diff(before) >= MIN_SAMPLES_PER_INTERVAL).all():
         return breaks
     kept = [0]
     for k in range(1, len(breaks) - 1):
-        if before[k] - before[kept[-1]] >= SAMPLES and before[-1] - before[k] >= SAMPLES:
+        if (
+            before[k] - before[kept[-1]] >= MIN_SAMPLES_PER_INTERVAL
+            and before[-1] - before[k] >= MIN_SAMPLES_PER_INTERVAL
+        ):
             kept.append(k)
     return breaks[[*kept, len(breaks) - 1]]
 
 
 def most_intervals(rows: Rows) -> int:
     """How many intervals the samples bear at most."""
-    return max(1, len(rows.t) // FEWEST - 9 if rows.edges is None else len(rows.edges) // 2)
+    return max(1, len(rows.t) // MIN_MEAN_SAMPLES - 9 if rows.edges is None else len(rows.edges) // 2)

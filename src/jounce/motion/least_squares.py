@@ -1,11 +1,15 @@
-"""Least-squares splines of degree 9 over any knots: normal equations in bands, their solution and its covariance.
+"""Least-squares splines of degree 9 over any knots, and their covariance.
 
-B-splines of degree 9 overlap by ten, so the normal equations B^T B c = B^T y of any number of samples have a band of
-nine diagonals (de Boor, A Practical Guide to Splines, XIV). They are accumulated interval by interval, solved by
-Cholesky's method and refined once where samples fit so well that the rounding of normal equations shows.
+Problem: the coefficients c that minimise ``|B c - y|^2``, where rows of B and y are those of samples times weights.
+B-splines of degree 9 overlap by ten, so the normal equations ``B^T B c = B^T y`` of any number of samples are banded
+(de Boor, A Practical Guide to Splines, XIV). They are accumulated interval by interval, solved by Cholesky's method and
+refined once where samples fit so well that the rounding of normal equations shows.
 
-Many fits of a long log share one compression: the samples of a cell become ten weighted ones that say the same of any
-polynomial of degree 9.
+Many fits of a long log share one compression: the samples of a cell become ten rows. These have the same normal
+equations as long as knots lie at the edges of cells, to which `Rows.snap` moves them.
+
+Cholesky's method raises `LinAlgError` where the samples leave a coefficient undetermined: callers drop breaks first
+(`jounce.motion.knots.admissible`), or give up this number of intervals.
 """
 
 from dataclasses import dataclass
@@ -17,44 +21,24 @@ import numpy as np
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-DEGREE = 9  # q4d has five continuous derivatives more, and Q2d no kinks
-WIDTH = DEGREE + 1  # B-splines that overlap in an interval
-EXACT = 1e-6  # share of the samples that a residual may be before the rounding of normal equations shows in it
-CELLS = 8192  # that a long log is compressed to
+FIT_DEGREE = 9  # q4d has five continuous derivatives more, and Q2d no kinks
+BASIS_WIDTH = FIT_DEGREE + 1  # B-splines that overlap in an interval
+MIN_REFINED_SHARE = 1e-6  # of the samples: in smaller residuals the rounding of normal equations shows
+MIN_CELLS = 8192  # that a long log is compressed to, ten rows each; more where it needs more intervals
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Rows of a least-squares problem in time: the spline's values at `t`, times weights, are to equal `y`.
+    """Rows of a least-squares problem in time: the spline's values at `t`, times weights, are to equal `y`."""
 
-    Attributes
-    ----------
-    t : (P,)
-        Times, increasing; compressed, ten in each cell.
-    y : (P, n)
-        Right sides, times the weights.
-    weight : (P,)
-        Weights of the rows: the inverse standard deviation up to a factor.
-    edges : (C + 1,) or None
-        Compressed, where knots may be: a polynomial goes on through a cell.
-    span : (float, float)
-        The first and the last time of the samples.
-    count : float
-        The number of samples, each counted by its weight squared.
-    rest : (n,)
-        Sums of squares that no polynomial in a cell reaches, left out of the rows.
-    along : ((P, n), (n,)) or None
-        Velocities v and variances D of the joints, where stamps are in doubt: only what no shift of a row in time
-        explains counts as a residual then.
-    """
-
-    t: np.ndarray
-    y: np.ndarray
-    weight: np.ndarray
-    edges: np.ndarray | None
-    span: tuple[float, float]
-    count: float
-    rest: np.ndarray
+    t: np.ndarray  # (P,), increasing; ten in each cell if compressed
+    y: np.ndarray  # (P, n), right sides times the weights
+    weight: np.ndarray  # (P,), inverse standard deviations up to a factor
+    edges: np.ndarray | None  # (C + 1,) of cells if compressed: where knots may be
+    span: tuple[float, float]  # the first and the last time of the samples
+    count: float  # of samples, each by its weight squared
+    rest: np.ndarray  # (n,), squares that no polynomial in a cell reaches, left out of the rows
+    # where stamps are in doubt, velocities v (P, n) and variances D (n,): what shifts of rows explain is no residual
     along: tuple[np.ndarray, np.ndarray] | None = None
 
     def across(self, residual: np.ndarray) -> np.ndarray:
@@ -103,7 +87,7 @@ class Solution:
         """The spline as a function."""
         from scipy.interpolate import BSpline
 
-        return BSpline(knots(self.breaks), self.coefficients, DEGREE)
+        return BSpline(knots(self.breaks), self.coefficients, FIT_DEGREE)
 
 
 def rows_of(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float]) -> Rows:
@@ -114,7 +98,7 @@ def rows_of(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float,
 def few_rows_of(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float], cells: int) -> Rows:
     """The rows of samples, compressed to cells where that leaves half of them or less."""
     size = len(t) // cells
-    return rows_of(t, y, weight, span) if size < 2 * WIDTH else _compress(t, y, weight, span, size)
+    return rows_of(t, y, weight, span) if size < 2 * BASIS_WIDTH else _compress(t, y, weight, span, size)
 
 
 def _compress(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float], size: int) -> Rows:
@@ -123,6 +107,7 @@ def _compress(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[floa
     Sums over the samples of polynomials up to degree 19 are the same over these rows (Golub & Welsch, Mathematics of
     Computation 23, 1969), hence normal equations too; the right sides are those of the polynomial that fits best.
     """
+    # samples by cell; a cell of one sample less has the first one of the next with the weight 0
     cells = -(-len(t) // size)
     starts = np.arange(cells + 1) * len(t) // cells
     of_cell = starts[:-1, None] + np.arange(size)
@@ -130,30 +115,28 @@ def _compress(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[floa
     of_cell = of_cell.clip(max=len(t) - 1)
     edges = np.concatenate([span[:1], (t[starts[1:-1]] + t[starts[1:-1] - 1]) / 2, span[1:]])
     x = (t[of_cell] - edges[:-1, None]) / np.diff(edges)[:, None] * 2 - 1
+    # the best polynomial of degree 9 of each cell, and what it leaves
     polynomials, nodes, vectors = _gauss(x, squares)
     right = (polynomials * squares[:, None]) @ y[of_cell]
     rest = y[of_cell] - polynomials.mT @ right
+    # its values at the nodes, whose weights are sqrt(sum of squares) times the first entries of eigenvectors
     total = np.sqrt(squares.sum(axis=1))[:, None]
     times = edges[:-1, None] + np.diff(edges)[:, None] * (nodes + 1) / 2
-    return Rows(
-        times.ravel(),
-        (vectors.mT @ right).reshape(cells * WIDTH, -1),
-        (total * vectors[:, 0]).ravel(),
-        edges,
-        span,
-        float((weight**2).sum()),
-        np.einsum("cs,csj->j", squares, rest**2),
-    )
+    y, weights = (vectors.mT @ right).reshape(cells * BASIS_WIDTH, -1), (total * vectors[:, 0]).ravel()
+    lost = np.einsum("cs,csj->j", squares, rest**2)
+    return Rows(times.ravel(), y, weights, edges, span, float((weight**2).sum()), lost)
 
 
 def _gauss(x: np.ndarray, squares: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Polynomials (C, 10, S) orthonormal over points x (C, S) of squared weights, the zeros (C, 10) of the eleventh,
     and eigenvectors (C, 10, 10) of the Jacobi matrices, whose j-th columns are sqrt(weight_j) p_k(zero_j).
+
+    Stieltjes' procedure: each polynomial is x times the one before, made orthogonal to all of them.
     """
-    polynomials = np.empty((len(x), WIDTH, x.shape[1]))
-    jacobi = np.zeros((len(x), WIDTH, WIDTH))
+    polynomials = np.empty((len(x), BASIS_WIDTH, x.shape[1]))
+    jacobi = np.zeros((len(x), BASIS_WIDTH, BASIS_WIDTH))
     p = np.ones(x.shape)
-    for k in range(WIDTH):
+    for k in range(BASIS_WIDTH):
         known = polynomials[:, :k]  # the last two would do, but for rounding
         p = p - ((known @ (squares * p)[:, :, None]).mT @ known)[:, 0]
         polynomials[:, k] = p = p / np.sqrt((squares * p**2).sum(axis=1))[:, None]
@@ -167,7 +150,7 @@ def _gauss(x: np.ndarray, squares: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
 
 def knots(breaks: np.ndarray) -> np.ndarray:
     """The knots of a spline with these breaks: ten at either end."""
-    return np.pad(breaks, DEGREE, mode="edge")
+    return np.pad(breaks, FIT_DEGREE, mode="edge")
 
 
 def basis(t: np.ndarray, breaks: np.ndarray, order: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -180,9 +163,9 @@ def basis(t: np.ndarray, breaks: np.ndarray, order: int = 0) -> tuple[np.ndarray
     place = np.searchsorted(breaks, t, side="right").clip(1, len(breaks) - 1) - 1
     all_knots = knots(breaks)
     inner = all_knots[order : len(all_knots) - order]
-    values = BSpline.design_matrix(t, inner, DEGREE - order).data.reshape(-1, WIDTH - order)
-    for degree in range(DEGREE - order + 1, WIDTH):
-        j = place[:, None] + np.arange(WIDTH - degree, WIDTH)
+    values = BSpline.design_matrix(t, inner, FIT_DEGREE - order).data.reshape(-1, BASIS_WIDTH - order)
+    for degree in range(FIT_DEGREE - order + 1, BASIS_WIDTH):
+        j = place[:, None] + np.arange(BASIS_WIDTH - degree, BASIS_WIDTH)
         scaled = values * degree / (all_knots[j + degree] - all_knots[j])
         values = np.pad(scaled, ((0, 0), (1, 0))) - np.pad(scaled, ((0, 0), (0, 1)))
     return values, place
@@ -192,18 +175,19 @@ def solve(rows: Rows, breaks: np.ndarray) -> Solution:
     """The least-squares spline with these breaks; raises `LinAlgError` where the samples leave it undetermined."""
     from scipy.linalg import cho_solve_banded, cholesky_banded
 
+    # rows of B by interval, and the Cholesky factor of B^T B
     values, place = basis(rows.t, breaks)
     values *= rows.weight[:, None]
     bounds = np.searchsorted(place, np.arange(len(breaks)))
     parts = [slice(*pair) for pair in pairwise(bounds.tolist())]
     factor = cholesky_banded(_normal(values, parts), lower=True, check_finite=False)
-    coefficients = np.zeros((len(parts) + DEGREE, rows.y.shape[1]))
+    coefficients = np.zeros((len(parts) + FIT_DEGREE, rows.y.shape[1]))
     residual = rows.y
-    while True:
+    while True:  # c += (B^T B)^-1 B^T (y - B c), once, or twice where the first residual is as small as its rounding
         coefficients += cho_solve_banded((factor, True), _project(values, residual, parts), check_finite=False)
         before, residual = residual, rows.y - _product(values, coefficients, parts)
-        if before is not rows.y or ((residual**2).sum(axis=0) > EXACT**2 * (rows.y**2).sum(axis=0)).all():
-            break  # samples that fit better than normal equations are solved go round once more
+        if before is not rows.y or ((residual**2).sum(axis=0) > MIN_REFINED_SHARE**2 * (rows.y**2).sum(axis=0)).all():
+            break
     residual = rows.across(residual)
     return Solution(breaks, coefficients, residual, factor, (residual**2).sum(axis=0) + rows.rest)
 
@@ -211,24 +195,24 @@ def solve(rows: Rows, breaks: np.ndarray) -> Solution:
 def _normal(values: np.ndarray, parts: list[slice]) -> np.ndarray:
     """B^T B in lower bands, (10, m)."""
     blocks = np.array([values[part].T @ values[part] for part in parts])
-    banded = np.zeros((WIDTH, len(parts) + DEGREE))
-    for a in range(WIDTH):
-        for b in range(a, WIDTH):
+    banded = np.zeros((BASIS_WIDTH, len(parts) + FIT_DEGREE))
+    for a in range(BASIS_WIDTH):
+        for b in range(a, BASIS_WIDTH):
             banded[b - a, a : a + len(parts)] += blocks[:, a, b]
     return banded
 
 
 def _project(values: np.ndarray, y: np.ndarray, parts: list[slice]) -> np.ndarray:
     """B^T y."""
-    out = np.zeros((len(parts) + DEGREE, y.shape[1]))
+    out = np.zeros((len(parts) + FIT_DEGREE, y.shape[1]))
     for i, part in enumerate(parts):
-        out[i : i + WIDTH] += values[part].T @ y[part]
+        out[i : i + BASIS_WIDTH] += values[part].T @ y[part]
     return out
 
 
 def _product(values: np.ndarray, coefficients: np.ndarray, parts: list[slice]) -> np.ndarray:
     """B c."""
-    return np.concatenate([values[part] @ coefficients[i : i + WIDTH] for i, part in enumerate(parts)])
+    return np.concatenate([values[part] @ coefficients[i : i + BASIS_WIDTH] for i, part in enumerate(parts)])
 
 
 def covariance_blocks(factor: np.ndarray) -> np.ndarray:
@@ -237,16 +221,17 @@ def covariance_blocks(factor: np.ndarray) -> np.ndarray:
     Only the band of the inverse is needed, and it follows from itself, last column first: Hutchinson & de Hoog,
     Smoothing noisy data with spline functions, Numerische Mathematik 47 (1985).
     """
+    # L of B^T B = L L^T gives the inverse Z by Z L = L^-T: column i from the nine rows and columns behind it
     unknowns = factor.shape[1]
-    blocks = np.empty((unknowns - DEGREE, WIDTH, WIDTH))
-    window = np.zeros((WIDTH, WIDTH))  # of the inverse, from the present column on
+    blocks = np.empty((unknowns - FIT_DEGREE, BASIS_WIDTH, BASIS_WIDTH))
+    window = np.zeros((BASIS_WIDTH, BASIS_WIDTH))  # of the inverse, from the present column on
     for i in range(unknowns - 1, -1, -1):
         pivot = factor[0, i]
         lower = factor[1:, i] / pivot
-        beside = window[:DEGREE, :DEGREE]
+        beside = window[:FIT_DEGREE, :FIT_DEGREE]
         column = -beside @ lower
         first = 1 / pivot**2 - lower @ column
-        window = np.empty((WIDTH, WIDTH))
+        window = np.empty((BASIS_WIDTH, BASIS_WIDTH))
         window[0, 0], window[0, 1:], window[1:, 0], window[1:, 1:] = first, column, column, beside
         if i < len(blocks):
             blocks[i] = window

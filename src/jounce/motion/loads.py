@@ -2,61 +2,32 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from jounce.core.errors import JounceError, at, listed, quoted
 from jounce.model.mechanism import Mechanism
-from jounce.motion.curves import COMPONENTS, Curve, Jump, OfCurve
+from jounce.motion.curves import COMPONENTS, Arranged, Curve
 from jounce.motion.hermite import Hermite
 from jounce.motion.smoothed import found_from
-from jounce.motion.spline import Smoothing, Spline
+from jounce.motion.spline import Sampled, Smoothing, Spline
 from jounce.spatial.series import SUFFIX, rate_name
 
-COLUMN = re.compile(r"(.*)\.([mf][xyz])" + SUFFIX, re.DOTALL)
+WRENCH_COLUMN = re.compile(r"(.*)\.([mf][xyz])" + SUFFIX, re.DOTALL)
 
 
 def named(names: Sequence[str], mechanism: Mechanism) -> list[str]:
     """Those column names that are of wrenches; a body may be called as a joint is, and a joint ``arm.fx``."""
     joints = set(mechanism.coordinates)
     others = joints - {*mechanism.frame_names}
-    return [name for name in names if name not in joints and (m := COLUMN.fullmatch(name)) and m[1] not in others]
-
-
-@dataclass(frozen=True, eq=False)
-class Wrench(OfCurve):
-    """The wrench (6,) of a curve of some of its components, the numbers `places`; the others are zero."""
-
-    places: tuple[int, ...]
-
-    @property
-    def columns(self) -> int:
-        """The number of components."""
-        return len(COMPONENTS)
-
-    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        """The values and their derivatives up to `order`."""
-        return [self._filled(rate) for rate in self.base.rates(t, order, left)]
-
-    def jumps(self, order: int) -> list[Jump]:
-        """Where a derivative up to `order` jumps."""
-        return sorted(jump._replace(column=self.places[jump.column]) for jump in self.base.jumps(order))
-
-    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
-        """The standard deviations of the values and derivatives."""
-        found = self.base.deviations(t, order)
-        return None if found is None else [self._filled(rate) for rate in found]
-
-    def _filled(self, components: np.ndarray) -> np.ndarray:
-        whole = np.zeros((len(components), len(COMPONENTS)))
-        whole[:, self.places] = components
-        return whole
+    return [
+        name for name in names if name not in joints and (m := WRENCH_COLUMN.fullmatch(name)) and m[1] not in others
+    ]
 
 
 def are_sampled(columns: Iterable[str]) -> bool:
     """Whether wrench columns are samples, without rates of their own."""
-    rates = [match[3] for name in columns if (match := COLUMN.fullmatch(name))]
+    rates = [match[3] for name in columns if (match := WRENCH_COLUMN.fullmatch(name))]
     return bool(rates) and not any(rates)
 
 
@@ -69,7 +40,7 @@ def wrenches(
     place: str,
 ) -> tuple[dict[str, Curve], tuple[str, ...]]:
     """W over time by body, with rates up to `order` at least, and notes; components left out are zero."""
-    parts = [match.groups() for name in columns if (match := COLUMN.fullmatch(name))]
+    parts = [match.groups() for name in columns if (match := WRENCH_COLUMN.fullmatch(name))]
     given = list(dict.fromkeys((body, component) for body, component, _ in parts))
     with at(place):
         for body, _ in given:
@@ -82,13 +53,14 @@ def wrenches(
         rows = [_stacked(columns, body, components, k, place) for k in range(1 if sampled else order + 1)]
         curve: Curve
         if sampled:
-            samples = found_from(t, rows[0], way, names, order, f"{place}: wrench of {quoted(body)}", "W")
+            samples = found_from(Sampled(t, rows[0], order, f"{place}: wrench of {quoted(body)}", names, "W"), way)
             curve = samples.curve
             if samples.notes:
                 notes += [f"wrench of {quoted(body)}: {text}" for text in (samples.source, *samples.notes)]
         else:
             curve = Hermite(t, tuple(rows), table=place, names=names)
-        found[body] = Wrench(curve, tuple(COMPONENTS.index(component) for component in components))
+        places = [components.index(component) if component in components else -1 for component in COMPONENTS]
+        found[body] = Arranged(curve, np.array(places))
     return found, tuple(notes)
 
 

@@ -1,6 +1,6 @@
 """Motions and robots, matched by joint name."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,48 +10,18 @@ from jounce.model.mechanism import Mechanism
 from jounce.model.positions import position_names, several_positions
 from jounce.motion.base import with_blocks
 from jounce.motion.composed import Retimed
-from jounce.motion.curves import Curve, Jump, OfCurve
+from jounce.motion.curves import Arranged, Curve
 from jounce.motion.motion import Motion
 from jounce.motion.time_law import Paced
-
-
-@dataclass(frozen=True, eq=False)
-class Columns(OfCurve):
-    """Some columns of a curve, in another order."""
-
-    order: np.ndarray
-
-    @property
-    def columns(self) -> int:
-        """The number of coordinates."""
-        return len(self.order)
-
-    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        """The values and their derivatives up to `order`."""
-        return [rate[:, self.order] for rate in self.base.rates(t, order, left)]
-
-    def jumps(self, order: int) -> list[Jump]:
-        """Where a derivative up to `order` jumps."""
-        place = {int(j): i for i, j in enumerate(self.order)}
-        return sorted(
-            jump._replace(column=place[jump.column]) for jump in self.base.jumps(order) if jump.column in place
-        )
-
-    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
-        """The standard deviations of the values and derivatives."""
-        found = self.base.deviations(t, order)
-        return None if found is None else [rate[:, self.order] for rate in found]
 
 
 def unwrapped(curve: Curve, t: np.ndarray) -> tuple[Curve, np.ndarray, tuple[int, ...]]:
     """A curve without changes of its pace and of the order of columns: it, its times, and its columns, (n,)."""
     order = np.arange(curve.columns)
-    while isinstance(curve, Retimed | Paced | Columns):
-        if isinstance(curve, Columns):
+    while isinstance(curve, Retimed | Paced) or (isinstance(curve, Arranged) and np.ndim(curve.factors) == 0):
+        if isinstance(curve, Arranged):
             order = curve.order[order]
-        else:
-            t = curve.inner(t)
-        curve = curve.base
+        t, curve = curve.inner(t), curve.base
     return curve, t, tuple(order.tolist())
 
 
@@ -74,12 +44,5 @@ def matched(motion: Motion, mechanism: Mechanism) -> Motion:
     of_torques = [own.index(name) for name in mechanism.coordinates] if motion.torques else []
     torques = motion.torques and (motion.torques[0], motion.torques[1][:, of_torques])
     residual = None if motion.residual is None else motion.residual[order]
-    return replace(
-        motion,
-        curve=Columns(motion.curve, order),
-        joint_names=joints,
-        samples=samples,
-        residual=residual,
-        torques=torques,
-        several=several,
-    )
+    arranged = replace(motion, curve=Arranged(motion.curve, order), joint_names=joints, several=several)
+    return replace(arranged, samples=samples, residual=residual, torques=torques)

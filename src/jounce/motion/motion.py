@@ -16,14 +16,14 @@ from jounce.core.typing import ArrayLike
 from jounce.model.positions import Position
 from jounce.motion import base as bases
 from jounce.motion.composed import Chain, Retimed
-from jounce.motion.curves import COMPONENTS, HIGHEST, Curve, Jump, Polynomials
+from jounce.motion.curves import COMPONENTS, DEFAULT_ORDER, Arranged, Curve, Jump, Polynomials
 from jounce.spatial.series import rate_name
 
-STEP = 1e-3  # s, between the times of a motion that comes without any
-MOST = 10_000_000  # of such times; a slip of the pen asks for more
-SIDES = ("right", "left")
-MOST_CONTINUOUS = 6  # the order of the last derivative that blends make continuous
-MEET = 1e-6  # rad or m: motions further apart do not follow each other
+DEFAULT_TIME_STEP = 1e-3  # s, for motions without times of their own: the usual cycle of controllers
+MAX_TIMES = 10_000_000  # that a step may make; a slip of the pen asks for more
+BREAK_SIDES = ("right", "left")
+MAX_CONTINUITY = 6  # the order of the last derivative that blends make continuous
+MAX_JOIN_GAP = 1e-6  # rad or m: motions further apart do not follow each other
 
 
 class Break(NamedTuple):
@@ -44,36 +44,38 @@ class Break(NamedTuple):
 class Motion(Displayed):
     """The motion of a robot as a function of time: ``motion(t, order)`` gives q, qd, ... at any times.
 
-    `jounce.load_motion` makes one of a file or of named columns, and so do `Motion.through`, `Motion.fit`,
-    `Motion.polynomial`, `Motion.fourier`, `Motion.piecewise`, `Motion.trapezoidal`, `Motion.from_ruckig`,
-    `Motion.from_toppra` and `Motion.from_joint_trajectory`.
+    `jounce.load_motion` makes one of a file or of named columns; the static methods make one of samples, terms, or what
+    planners compute.
 
     Attributes
     ----------
     curve : Curve
-        The function of time: piecewise polynomials, splines, analytic terms, or compositions of curves. Its columns
-        are the numbers of q; of balls, planar and free joints these have names such as ankle.qx.
+        The function of time, whose columns are the numbers of q; of balls, planar and free joints these have names such
+        as ankle.qx.
     joint_names : tuple of str, or None
         The names of the numbers of q, in the order of the last axis; None if they are in the robot's order.
+    loads : mapping of str to Curve
+        What bodies exert, (moment; force), by name: see `wrench`.
     source : str
         A description of the origin of the motion.
     samples : tuple of arrays, or None
         The times (N,) and coordinates (N, n) that a spline was made of.
     residual : (n,), or None
         Largest distance of q from the samples of a fit, or from the motion that was blended, rad or m.
+    grid : (N,), or None
+        The times of its samples or its file, s: see `times`.
     torques : tuple of arrays, or None
         Times (N,) and the torques (N, n) measured then, N m or N; NaN where a joint has none.
     notes : tuple of str
         What else its table contains, one note each.
     base_curve : Curve, or None
-        The position (m) and a quaternion of the base, of any length, as a function of time with seven columns: x, y, z,
-        qw, qx, qy, qz. `base` makes pose and twist of them; None if the motion has no base.
+        Seven columns x, y, z, qw, qx, qy, qz: the position of the base, m, and a quaternion of any length (see `base`).
     branch : mapping of str to float
         Where joints that follow others in closed loops are at the start, by name, rad or m: in which way loops close.
-        Empty if the motion does not state it, so that the start of the robot decides.
+        Empty if the start of the robot decides.
     several : tuple of Position
-        Where the numbers of balls, planar and free joints stand among the columns, in their order. Rates of q that a
-        call returns have the twists of these joints, and fewer columns than q.
+        Where the numbers of balls, planar and free joints stand among the columns. Rates that a call returns have the
+        twists of these joints, and fewer columns than q.
 
     Examples
     --------
@@ -158,10 +160,9 @@ class Motion(Displayed):
         bandwidth : float, optional
             Frequency in Hz up to which samples are followed; by default as far as the motion stands out of the noise.
         allow_noise : bool, optional
-            Accept samples whose noise drowns q4d, which are refused otherwise.
+            Accept samples whose noise drowns q4d.
         degree, intervals : int, optional
-            A least-squares spline of this degree (7 by default, or 5) with this number of intervals in place of
-            smoothing; of equally many samples each.
+            In place of smoothing, a least-squares spline of degree 7 or 5 with intervals of as many samples each.
         joint_names : sequence of str, optional
             Names of the n coordinates, by which robots match them; by default the order of the robot.
 
@@ -200,10 +201,8 @@ class Motion(Displayed):
         ----------
         coefficients : (n, degree + 1)
             Of the powers of t - start, the lowest first; rad or m.
-        duration : float
-            In s.
-        start : float, optional
-            Time at which the motion begins, s.
+        duration, start : float
+            How long it lasts and when it begins, s.
         joint_names : sequence of str, optional
             Names of the n coordinates, by which robots match them; by default the order of the robot.
 
@@ -247,10 +246,8 @@ class Motion(Displayed):
             Amplitudes, rad or m.
         frequency : float
             Angular frequency w of the first harmonic, rad/s.
-        duration : float
-            In s.
-        start : float, optional
-            Time at which the motion begins, s.
+        duration, start : float
+            How long it lasts and when it begins, s.
         joint_names : sequence of str, optional
             Names of the n coordinates, by which robots match them; by default the order of the robot.
 
@@ -447,8 +444,8 @@ class Motion(Displayed):
     def __repr__(self) -> str:
         more = sum(len(joint.names) - 1 for joint in self.several)
         joints = "" if self.joint_names is None else f" of {len(self.joint_names) - more} joints"
-        joints += " with a base" if self.base_curve else ""
-        return f"<Motion{joints}, t = {self.start:g} .. {self.stop:g} s: {self.source}>"
+        base = " with a base" if self.base_curve else ""
+        return f"<Motion{joints}{base}, t = {self.start:g} .. {self.stop:g} s: {self.source}>"
 
     @property
     def start(self) -> float:
@@ -474,19 +471,15 @@ class Motion(Displayed):
     @cached_property
     def times(self) -> np.ndarray:
         """Default times (N,) of evaluation: those of its samples or its file, or a grid of about a millisecond."""
-        if self.grid is not None:
-            return self.grid
-        return self._grid(STEP)
+        return self._grid(DEFAULT_TIME_STEP) if self.grid is None else self.grid
 
     @cached_property
     def breaks(self) -> tuple[Break, ...]:
         """Where a derivative up to q4d or W2d jumps, in the order of time; of each joint the lowest one that does."""
-        return self.breaks_to(HIGHEST)
+        return self.breaks_to(DEFAULT_ORDER)
 
     def breaks_to(self, order: int) -> tuple[Break, ...]:
-        """Where a derivative up to an order jumps, in the order of time; of each joint the lowest one that does.
-
-        Wrenches count to the order less two, as Q takes q2d and W; the base counts as a joint does.
+        """The same as `breaks`, of derivatives up to another order; wrenches count to the order less two.
 
         Parameters
         ----------
@@ -518,7 +511,7 @@ class Motion(Displayed):
                 name = f"{body}.{COMPONENTS[jump.column]}"
                 found.append(Break(jump.t, name, jump.order, jump.size, "W"))
         for jump in _jumps(self.base_curve, order) if self.base_curve else ():
-            found.append(Break(jump.t, bases.NAMES[jump.column], jump.order, jump.size, "base"))
+            found.append(Break(jump.t, bases.BASE_COLUMNS[jump.column], jump.order, jump.size, "base"))
         return tuple(sorted(found, key=lambda jump: jump.t))
 
     def __call__(
@@ -555,7 +548,7 @@ class Motion(Displayed):
         """
         times, order = self.checked(t), checked_order(order)
         self._check_known(self.curve, order, "q", self.source)
-        found = self.curve.rates(times.ravel(), order, one_of("side", side, SIDES) == "left")
+        found = self.curve.rates(times.ravel(), order, one_of("side", side, BREAK_SIDES) == "left")
         self._check_finite(found, times, "q", lambda j: f"joint {self._name(j)}")
         for joint in self.several:
             bases.check_length(found[0][:, joint.turn], times.ravel(), f"{joint.name}: the rotation")
@@ -568,12 +561,8 @@ class Motion(Displayed):
 
         Parameters
         ----------
-        t : (...)
-            Times from `start` to `stop`, s.
-        order : int, optional
-            The highest rate.
-        side : {"right", "left"}, optional
-            Whether to return the rates after a break or those before it, at the time of a break.
+        t, order, side : (...), int, {"right", "left"}
+            As in a call of the motion; `order` is the highest rate of W.
 
         Returns
         -------
@@ -594,17 +583,16 @@ class Motion(Displayed):
         (['link7'], (6,))
         """
         times, order = self.checked(t), checked_order(order)
-        left = one_of("side", side, SIDES) == "left"
-        if not self.loads:
-            return None
+        left = one_of("side", side, BREAK_SIDES) == "left"
         found: list[dict[str, np.ndarray]] = [{} for _ in range(order + 1)]
         for body, curve in self.loads.items():
-            self._check_known(curve, order, "W", f"the wrench of {quoted(body)}")
+            what = f"the wrench of {quoted(body)}"
+            self._check_known(curve, order, "W", what)
             rates = curve.rates(times.ravel(), order, left)
-            self._check_finite(rates, times, "W", lambda j, body=body: f"the wrench of {quoted(body)}")
+            self._check_finite(rates, times, "W", lambda j, what=what: what)
             for by_body, rate in zip(found, rates, strict=True):
                 by_body[body] = rate.reshape(*times.shape, 6)
-        return tuple(found)
+        return tuple(found) if self.loads else None
 
     def base(
         self, t: ArrayLike, order: int = 4, side: Literal["right", "left"] = "right"
@@ -612,18 +600,13 @@ class Motion(Displayed):
         """The pose of the base and its twist with rates at times: what `base=` of `Robot.inverse_dynamics` takes.
 
         The base is that of a robot that floats, or the ground on which another robot stands. The twist is (angular;
-        linear), in the axes of the base and about its origin; its rates are those of these components. They follow
-        exactly from the position p and the quaternion Q = (w; v) of `base_curve`, of any length: the angular velocity
-        is 2 E(Q) Qd / (Q^T Q) with E = [-v, w 1 - hat(v)].
+        linear), in the axes of the base and about its origin. It follows exactly from the quaternion Q = (w; v) of
+        `base_curve`, of any length: the angular velocity is 2 E(Q) Qd / (Q^T Q) with E = [-v, w 1 - hat(v)].
 
         Parameters
         ----------
-        t : (...)
-            Times from `start` to `stop`, s.
-        order : int, optional
-            The highest derivative of position and quaternion, as that of q in a call of the motion.
-        side : {"right", "left"}, optional
-            Whether to return the rates after a break or those before it, at the time of a break.
+        t, order, side : (...), int, {"right", "left"}
+            As in a call of the motion; `order` is the highest derivative of position and quaternion.
 
         Returns
         -------
@@ -646,7 +629,7 @@ class Motion(Displayed):
         (array([0. , 0. , 0. , 0. , 0. , 0.2]), array([0. , 0. , 0. , 0. , 0. , 0.2]))
         """
         times, order = self.checked(t), checked_order(order)
-        left = one_of("side", side, SIDES) == "left"
+        left = one_of("side", side, BREAK_SIDES) == "left"
         if self.base_curve is None:
             return None
         self._check_known(self.base_curve, order, "q", "the motion of the base")
@@ -667,9 +650,8 @@ class Motion(Displayed):
     ) -> "Motion":
         """The same motion with poses of the base: of a robot that floats, or of the ground on which another stands.
 
-        A curve with seven columns goes along the positions and the unit quaternions of the poses, these with the signs
-        that make them neighbours; its twist is exact (see `base`). By default the curve is smoothed as measured samples
-        of joints are, and forces have standard deviations that follow from it.
+        Positions and unit quaternions become a curve, whose twist is exact (see `base`). By default it is smoothed as
+        measured samples of joints are, and forces have standard deviations that follow from it.
 
         Parameters
         ----------
@@ -677,14 +659,10 @@ class Motion(Displayed):
             Increasing times, s, from the start of the motion or earlier to its end or later; None for one pose.
         C : (N, 4, 4) or (4, 4)
             Poses of the base in the inertial frame, base to inertial frame, positions in m; one pose if the base rests.
-        degree : int, optional
-            Interpolate the poses by a spline of degree 7 (C^6) or 5 (C^4); by default they are smoothed.
-        intervals : int, optional
-            Fit such a spline by least squares over this number of intervals.
-        bandwidth : float, optional
-            Bandwidth of the smoothing in Hz; by default as far as the motion exceeds the noise.
-        allow_noise : bool, optional
-            Accept poses even if noise dominates the highest rate.
+        degree, intervals : int, optional
+            Interpolate the poses by a spline of degree 7 (C^6) or 5 (C^4), or fit it by least squares over intervals.
+        bandwidth, allow_noise : float, bool, optional
+            Bandwidth of smoothing in Hz, and whether to accept noise that drowns the highest rate: see `Motion.fit`.
 
         Returns
         -------
@@ -714,10 +692,8 @@ class Motion(Displayed):
 
         Parameters
         ----------
-        t : (...)
-            Times from `start` to `stop`, s.
-        order : int, optional
-            The highest rate.
+        t, order : (...), int
+            Times, s, and the highest rate, as for `wrench`.
 
         Returns
         -------
@@ -738,19 +714,16 @@ class Motion(Displayed):
         times, order = self.checked(t), checked_order(order)
         found = {body: curve.deviations(times.ravel(), order) for body, curve in self.loads.items()}
         known = {body: rates for body, rates in found.items() if rates is not None}
-        return tuple(
-            {body: rates[k].reshape(*times.shape, 6) for body, rates in known.items()} for k in range(order + 1)
-        )
+        shape = *times.shape, len(COMPONENTS)
+        return tuple({body: rates[k].reshape(shape) for body, rates in known.items()} for k in range(order + 1))
 
     def deviations(self, t: ArrayLike, order: int = 4) -> tuple[np.ndarray, ...] | None:
         """Standard deviations of the coordinates and their rates.
 
         Parameters
         ----------
-        t : (...)
-            Times from `start` to `stop`, s.
-        order : int, optional
-            The highest rate.
+        t, order : (...), int
+            Times, s, and the highest rate, as in a call of the motion.
 
         Returns
         -------
@@ -804,8 +777,7 @@ class Motion(Displayed):
         """
         if not is_finite(factor) or not factor > 0:
             raise JounceError(f"factor is {quoted(factor)}; expected a finite number > 0, 2 for half the speed")
-        number = float(factor)
-        return self._retimed(number, self.start, f"{self.source}, {number:g} times as long")
+        return self._retimed(float(factor), self.start, f"{self.source}, {factor:g} times as long")
 
     def shifted(self, seconds: float) -> "Motion":
         """The same motion, later by some seconds.
@@ -859,18 +831,16 @@ class Motion(Displayed):
         """
         if not is_finite(step) or not step > 0:
             raise JounceError(f"step is {quoted(step)}; expected a number of seconds > 0")
-        if self.duration / step > MOST:
-            raise JounceError(
-                f"a step of {step:g} s makes more than {MOST} times in {self.duration:g} s; expected a longer one"
-            )
+        if self.duration / step > MAX_TIMES:
+            came = f"a step of {step:g} s makes more than {MAX_TIMES} times in {self.duration:g} s"
+            raise JounceError(f"{came}; expected a longer one")
         return replace(self, grid=self._grid(float(step)))
 
     def blended(self, time: float, continuity: int = 4) -> "Motion":
         """Replace the breaks of the motion by polynomials, so that derivatives up to an order are continuous.
 
         Each break of a joint is replaced from half the time before to half the time after; `residual` is the largest
-        distance from this motion that comes of it. Wrenches that jump are blended too, up to the order less two, and so
-        is the motion of the base.
+        distance from this motion. Wrenches that jump are blended too, up to the order less two, and so is the base.
 
         Parameters
         ----------
@@ -899,10 +869,8 @@ class Motion(Displayed):
 
         if not is_finite(time) or not time > 0:
             raise JounceError(f"time is {quoted(time)}; expected a number of seconds > 0")
-        if isinstance(continuity, bool) or not isinstance(continuity, int) or not 2 <= continuity <= MOST_CONTINUOUS:
-            raise JounceError(
-                f"continuity is {quoted(continuity)}; expected 2 to {MOST_CONTINUOUS}, 4 for a smooth Q2d"
-            )
+        if isinstance(continuity, bool) or not isinstance(continuity, int) or not 2 <= continuity <= MAX_CONTINUITY:
+            raise JounceError(f"continuity is {quoted(continuity)}; expected 2 to {MAX_CONTINUITY}, 4 for a smooth Q2d")
         if not self.breaks_to(continuity):
             last = rate_name("q", continuity)
             warn(f"no derivative up to {last} jumps ({self.source}): a blend has no effect; leave it out")
@@ -917,14 +885,13 @@ class Motion(Displayed):
                 notes.append(f"wrench of {quoted(body)}: blended, at most {off.max():.2g} N m or N from it")
         base = self.base_curve
         if base and _jumps(base, continuity):
-            base, off = blended(base, float(time), _known(base, continuity), [f"column {name}" for name in bases.NAMES])
-            notes.append(
-                f"base: blended, at most {off[:3].max():.2g} m from it, and {off[3:].max():.2g} in quaternions"
+            base, off = blended(
+                base, float(time), _known(base, continuity), [f"column {name}" for name in bases.BASE_COLUMNS]
             )
-        source = f"{self.source}, blended over {float(time):g} s (C^{continuity})"
-        return replace(
-            self, curve=curve, source=source, residual=distance, loads=loads, notes=tuple(notes), base_curve=base
-        )
+            turn = f"{off[3:].max():.2g} in quaternions"
+            notes.append(f"base: blended, at most {off[:3].max():.2g} m from it, and {turn}")
+        found = replace(self, curve=curve, residual=distance, loads=loads, base_curve=base, notes=tuple(notes))
+        return replace(found, source=f"{self.source}, blended over {float(time):g} s (C^{continuity})")
 
     def __add__(self, other: object) -> "Motion":
         """Append another motion, shifted to the end of this one; positions must agree, jumps of rates become breaks."""
@@ -939,7 +906,7 @@ class Motion(Displayed):
             factors[joint.turn] = _factor(end[joint.turn], begin[joint.turn])
         begin = begin * factors
         apart = np.abs(end - begin)
-        if apart.max() > MEET:
+        if apart.max() > MAX_JOIN_GAP:
             j = int(apart.argmax())
             came = f"joint {self._name(j)} ends at {end[j]:g} and goes on from {begin[j]:g}"
             raise JounceError(f"the motions do not meet: {came}; expected one to begin where the other ends")
@@ -951,17 +918,9 @@ class Motion(Displayed):
         if self.grid is not None and later.grid is not None:
             grid = np.concatenate([self.grid, later.grid[later.grid > self.grid[-1]]])
         source = self.source if self.source == other.source else f"{self.source}; then {other.source}"
-        base = _joined_bases(self, later)
-        return Motion(
-            Chain((self.curve, bases.Scaled(later.curve, factors) if self.several else later.curve)),
-            self.joint_names,
-            source,
-            loads,
-            grid=grid,
-            base_curve=base,
-            branch=self.branch,
-            several=self.several,
-        )
+        curve = Chain((self.curve, _scaled(later.curve, factors) if self.several else later.curve))
+        found = Motion(curve, self.joint_names, source, loads, grid=grid, base_curve=_joined_bases(self, later))
+        return replace(found, branch=self.branch, several=self.several)
 
     def checked(self, t: ArrayLike) -> np.ndarray:
         """Times that a caller gives, within the motion.
@@ -998,17 +957,18 @@ class Motion(Displayed):
         return times.clip(self.start, self.stop)
 
     def _grid(self, step: float) -> np.ndarray:
-        count = min(max(int(np.ceil(self.duration / step * (1 - 1e-12))), 1), MOST)
+        count = min(max(int(np.ceil(self.duration / step * (1 - 1e-12))), 1), MAX_TIMES)
         return np.linspace(self.start, self.stop, count + 1)
 
     def _retimed(self, factor: float, place: float, source: str) -> "Motion":
         """The motion at another pace, its start at a time `place`."""
-        curve = Retimed(self.curve, factor, self.start, place)
+        retimed = partial(Retimed, factor=factor, origin=self.start, place=place)
+        curve = retimed(self.curve)
         return replace(
             self,
             curve=curve,
-            loads={body: Retimed(load, factor, self.start, place) for body, load in self.loads.items()},
-            base_curve=self.base_curve and Retimed(self.base_curve, factor, self.start, place),
+            loads={body: retimed(load) for body, load in self.loads.items()},
+            base_curve=self.base_curve and retimed(self.base_curve),
             source=source,
             samples=self.samples and (curve.outer(self.samples[0]), self.samples[1]),
             grid=None if self.grid is None else curve.outer(self.grid),
@@ -1017,10 +977,8 @@ class Motion(Displayed):
 
     def _check_known(self, curve: Curve, order: int, symbol: str, source: str) -> None:
         if curve.highest is not None and order > curve.highest:
-            last = rate_name(symbol, curve.highest)
-            raise JounceError(
-                f"{rate_name(symbol, order)} is not known along this motion ({source}); it ends at {last}"
-            )
+            asked, last = rate_name(symbol, order), rate_name(symbol, curve.highest)
+            raise JounceError(f"{asked} is not known along this motion ({source}); it ends at {last}")
 
     def _check_finite(self, rates: Sequence[np.ndarray], times: np.ndarray, symbol: str, of: Any) -> None:
         for k, rate in enumerate(rates):
@@ -1052,24 +1010,24 @@ def _joined_bases(first: Motion, later: Motion) -> Curve | None:
         if first.base_curve or later.base_curve:
             raise JounceError("only one of the motions has a base; expected both or neither: motion.with_base(t, C)")
         return None
-    [end], [begin] = (
-        part.base_curve.rates(np.array([t]), 0, left)  # type: ignore[union-attr] # both are there
-        for part, t, left in ((first, first.stop, True), (later, later.start, False))
-    )
+    [end] = first.base_curve.rates(np.array([first.stop]), 0, True)
+    [begin] = later.base_curve.rates(np.array([later.start]), 0)
     factors = np.array([1.0] * 3 + [_factor(end[0, 3:], begin[0, 3:])] * 4)
     apart = np.abs(end - begin * factors).max()
-    if apart > MEET:
-        raise JounceError(
-            f"the motions do not meet: their bases are {apart:.2g} apart in position (m) or quaternion;"
-            " expected one to begin where the other ends"
-        )
-    return Chain((first.base_curve, bases.Scaled(later.base_curve, factors)))
+    if apart > MAX_JOIN_GAP:
+        came = f"the motions do not meet: their bases are {apart:.2g} apart in position (m) or quaternion"
+        raise JounceError(f"{came}; expected one to begin where the other ends")
+    return Chain((first.base_curve, _scaled(later.base_curve, factors)))
 
 
 def _factor(end: np.ndarray, begin: np.ndarray) -> float:
     """What makes a quaternion, whose sign is free, or cosine and sine go on from where others end."""
     factor = float(end @ begin) / float(begin @ begin)
     return factor if len(end) == 4 else abs(factor)
+
+
+def _scaled(curve: Curve, factors: np.ndarray) -> Curve:
+    return Arranged(curve, np.arange(curve.columns), factors)
 
 
 def _zero(motion: Motion) -> Curve:

@@ -1,5 +1,9 @@
 """What noise samples bear: steps of an encoder, written digits, white noise; and where rounding is not white.
 
+Problem: the step of which all differences of samples are multiples. One that is written is found by decimals, that of
+an encoder by Euclid's algorithm on the differences of sorted samples. It multiplies their rounding and gives up after a
+few divisions: such samples count as white (`step_of` is 0).
+
 Rounding to steps leaves the errors of a saw-tooth, whose m-th harmonic holds 6 / (pi m)^2 of their variance step^2 / 12
 (Widrow & Kollar, Quantization Noise, 2008). In samples they are as good as white as long as the motion passes several
 steps, or a varying part of one, from sample to sample. Slow joints stay on a step, and at some speeds a sample passes a
@@ -11,30 +15,26 @@ from math import comb
 
 import numpy as np
 
-HARMONICS = np.arange(1, 5)
-POINTS = 4096  # at which beats are looked for, at most
-ENOUGH = 100000  # samples that tell the steps
-TELLING = 8  # different samples, below which round numbers among them may be chance, as the 1 is of a cosine
-DECIMALS = 12  # beyond which numbers are taken for doubles
-IRREGULAR = 5  # order of the differences that polynomial pieces do not have, and rounded samples have
-DIFFERENCES = 8  # order of those that tell noise; they hold white noise sqrt(binomial(16, 8)) times
-DIVISIONS = 4  # of Euclid's algorithm
-REST = 1 / 3  # power of their number by which equal samples of a robot at rest weigh less
+from jounce.motion.curves import ROUNDING_OF_Q
+
+BEAT_HARMONICS = np.arange(1, 5)  # of the saw-tooth: four hold 87 % of its variance
+MAX_BEAT_SAMPLES = 4096  # at which beats are looked for
+MAX_STEP_SAMPLES = 100000  # by which steps are found: more only take time
+MIN_DIFFERENT_SAMPLES = 8  # below which round numbers among them may be chance, as the 1 is of a cosine
+MAX_DECIMALS = 12  # beyond which numbers are taken for doubles
+IRREGULARITY_ORDER = 5  # of the differences that polynomial pieces do not have, and rounded samples have
+NOISE_DIFFERENCE_ORDER = 8  # differences hold white noise sqrt(binomial(16, 8)) times, and hardly any motion
+MAX_DIVISIONS = 4  # of Euclid's algorithm, each of which multiplies the rounding of what is left
+WHITENESS_DEVIATIONS = 5  # standard deviations of von Neumann's ratio, which white noise does not exceed
+REST_WEIGHT_POWER = 1 / 3  # of the number of equal samples, by which those of a robot at rest weigh less
 
 
 @dataclass(frozen=True)
 class Noise:
-    """What a joint's samples scatter by.
+    """What a joint's samples scatter by: a standard deviation, rad or m, and the step of an encoder or of digits, or 0.
 
-    Attributes
-    ----------
-    sigma : float
-        Standard deviation of the samples, rad or m.
-    kind : str
-        "encoder step", "written digits", "white", "rounding" (of floating-point numbers) or "rest" (the joint does not
-        move).
-    step : float
-        The step of the encoder or of the digits, otherwise 0.
+    The kind is "encoder step", "written digits", "white", "rounding" (of floating-point numbers) or "rest" (the joint
+    does not move).
     """
 
     sigma: float
@@ -43,37 +43,20 @@ class Noise:
 
     def __str__(self) -> str:
         bits = f", {np.log2(2 * np.pi / self.step):.3g} bits" if self.kind == "encoder step" else ""
-        step = (
-            f" of {self.step:.3g} rad or m{bits}"
-            if self.step and self.kind in ("encoder step", "written digits")
-            else ""
-        )
+        stepped = self.step and self.kind in ("encoder step", "written digits")
+        step = f" of {self.step:.3g} rad or m{bits}" if stepped else ""
         return f"{self.kind}{step}, standard deviation {self.sigma:.2g}"
 
 
 @dataclass(frozen=True, eq=False)
 class Beats:
-    """Slow parts of rounding errors, at some of the samples.
+    """Slow parts of rounding errors, at some of the samples."""
 
-    Attributes
-    ----------
-    t : (P,)
-        Times of these samples.
-    period : (P, n, 4)
-        Periods in s, per joint and harmonic.
-    share : (P, n, 4)
-        Shares of the variance.
-    weight : (P,)
-        The squared weights of all samples from each to the next.
-    path : (P, n)
-        Steps passed since the start.
-    """
-
-    t: np.ndarray
-    period: np.ndarray
-    share: np.ndarray
-    weight: np.ndarray
-    path: np.ndarray
+    t: np.ndarray  # (P,), times of these samples
+    period: np.ndarray  # (P, n, 4), s, by joint and harmonic
+    share: np.ndarray  # (P, n, 4), of the variance
+    weight: np.ndarray  # (P,), squares of the weights of all samples from each to the next
+    path: np.ndarray  # (P, n), steps passed since the start
 
     def passes(self, breaks: np.ndarray) -> np.ndarray:
         """How many steps the joint that passes most of them passes in each interval, (M,)."""
@@ -103,12 +86,12 @@ def beats_of(
     spacing = np.diff(t)
     usual = float(np.median(spacing))
     uneven = float(np.median(np.abs(spacing - usual))) / 0.6745  # a standard deviation, but for outliers
-    few = slice(None, None, len(t) // POINTS + 1)
+    few = slice(None, None, len(t) // MAX_BEAT_SAMPLES + 1)
     step = np.where(steps > 0, steps, np.inf)[:, None]  # without steps there are no beats
-    passed = np.abs(velocity[few, :, None]) * usual / step * HARMONICS
+    passed = np.abs(velocity[few, :, None]) * usual / step * BEAT_HARMONICS
     added = np.sqrt(np.maximum(sigma**2 - steps**2 / 12, 0))
-    spread = 2 * np.pi * HARMONICS * np.hypot(added, velocity[few] * uneven)[:, :, None] / step
-    share = 6 / (np.pi * HARMONICS) ** 2 * np.exp(-(np.minimum(spread, 20) ** 2)) * (steps > 0)[:, None]
+    spread = 2 * np.pi * BEAT_HARMONICS * np.hypot(added, velocity[few] * uneven)[:, :, None] / step
+    share = 6 / (np.pi * BEAT_HARMONICS) ** 2 * np.exp(-(np.minimum(spread, 20) ** 2)) * (steps > 0)[:, None]
     period = usual / np.maximum(np.abs(passed - np.round(passed)), 1e-9)
     period[:, :, 0] = np.maximum(period[:, :, 0], durations(t, q)[few])
     around = np.add.reduceat(weight**2, np.arange(0, len(t), few.step))
@@ -117,19 +100,22 @@ def beats_of(
     return Beats(t[few], period, share, around, path)
 
 
-def whiteness(samples: np.ndarray) -> np.ndarray:
-    """Von Neumann's ratio per joint, (n,), in standard deviations off 1, which white noise has: below 0, it is slow.
+def varies_slowly(samples: np.ndarray) -> np.ndarray:
+    """Whether each joint's samples vary more slowly than white noise, for which von Neumann's ratio is 1.
 
     Annals of Mathematical Statistics 12 (1941).
     """
     scale = np.maximum(2 * ((samples - samples.mean(axis=0)) ** 2).sum(axis=0), np.finfo(float).tiny)
-    return ((np.diff(samples, axis=0) ** 2).sum(axis=0) / scale - 1) * np.sqrt(len(samples))
+    ratio = (np.diff(samples, axis=0) ** 2).sum(axis=0) / scale
+    return np.asarray((ratio - 1) * np.sqrt(len(samples)) < -WHITENESS_DEVIATIONS)
 
 
 def local_noise(samples: np.ndarray) -> np.ndarray:
     """The standard deviation (n,) of white noise in most places, by differences that hold hardly any motion."""
-    off = np.abs(np.diff(samples, DIFFERENCES, axis=0))
-    return np.asarray(np.median(off, axis=0) / 0.6745 / np.sqrt(comb(2 * DIFFERENCES, DIFFERENCES)))
+    off = np.abs(np.diff(samples, NOISE_DIFFERENCE_ORDER, axis=0))
+    return np.asarray(
+        np.median(off, axis=0) / 0.6745 / np.sqrt(comb(2 * NOISE_DIFFERENCE_ORDER, NOISE_DIFFERENCE_ORDER))
+    )
 
 
 def durations(t: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -146,12 +132,12 @@ def rest_weights(t: np.ndarray, q: np.ndarray, interval: float) -> np.ndarray:
     """Weights (N,) of samples: less where all joints stay on a step for long, for the sake of their common error."""
     lasting = durations(t, q).min(axis=1)
     equal = 1 + lasting / float(np.median(np.diff(t)))
-    return np.where(lasting > interval / 2, equal ** (-REST / 2), 1.0)
+    return np.where(lasting > interval / 2, equal ** (-REST_WEIGHT_POWER / 2), 1.0)
 
 
 def step_of(samples: np.ndarray) -> tuple[float, str]:
     """The step to which samples are rounded and its kind, of an encoder or of written digits; otherwise 0."""
-    some = samples[:: len(samples) // ENOUGH + 1]
+    some = samples[:: len(samples) // MAX_STEP_SAMPLES + 1]
     if not _is_irregular(some):
         return 0.0, "written digits"
     written = _written_step(some)
@@ -166,12 +152,12 @@ def _is_irregular(samples: np.ndarray) -> bool:
 
     Evenly spaced samples of a straight line or of a parabola are multiples of a step too, and are not rounded to it.
     """
-    window = IRREGULAR + 1
-    if len(samples) < window + TELLING:
+    window = IRREGULARITY_ORDER + 1
+    if len(samples) < window + MIN_DIFFERENT_SAMPLES:
         return True
-    changes = np.lib.stride_tricks.sliding_window_view(np.diff(samples) != 0, IRREGULAR).any(axis=1)
+    changes = np.lib.stride_tricks.sliding_window_view(np.diff(samples) != 0, IRREGULARITY_ORDER).any(axis=1)
     tiny = 2**window * np.finfo(float).eps * float(np.abs(samples).max())
-    off = np.abs(np.diff(samples, IRREGULAR)) > tiny
+    off = np.abs(np.diff(samples, IRREGULARITY_ORDER)) > tiny
     return bool(off[changes].mean() > 0.5) if changes.any() else True
 
 
@@ -184,22 +170,24 @@ def _resolution(samples: np.ndarray) -> float:
 def _lattice(samples: np.ndarray, tolerance: float) -> float:
     """The step of which all differences are multiples up to a tolerance; otherwise 0.
 
-    Where a joint passes several steps from sample to sample, what is left of its differences tells the step: Euclid's
-    algorithm.
+    Where a joint passes several steps from sample to sample, what is left of its differences determines the step:
+    Euclid's algorithm.
     """
     apart = np.diff(np.unique(samples))
     apart = apart[apart > tolerance]
-    for _ in range(DIVISIONS):
+    for _ in range(MAX_DIVISIONS):
         if len(apart) < 2 or apart.min() < 4 * tolerance:
             return 0.0
+        # a step by the least differences, then by all that are few steps
         step = float(apart[apart < 1.5 * apart.min()].mean())
         for _ in range(3):
             multiples = np.round(apart / step)
             near = multiples <= 16  # the error of the step grows with them
             step = float(apart[near].sum() / multiples[near].sum())
         off = np.abs(apart - multiples * step)[near]
-        if len(off) >= min(TELLING, len(apart)) and off.mean() < min(0.05 * step, tolerance):
+        if len(off) >= min(MIN_DIFFERENT_SAMPLES, len(apart)) and off.mean() < min(0.05 * step, tolerance):
             return step
+        # otherwise what the least difference leaves of the others
         least = apart.min()
         off = np.abs(apart - np.round(apart / least) * least)
         apart = np.append(off[off > 8 * tolerance], least)
@@ -209,14 +197,13 @@ def _lattice(samples: np.ndarray, tolerance: float) -> float:
 def _written_step(samples: np.ndarray) -> float:
     """The unit of the last digit that samples are written with, the larger one of two lengths; 0 for doubles."""
     large = np.abs(samples) >= 1
-    parts = [part for part in (samples[~large], samples[large]) if len(np.unique(part)) >= TELLING]
+    parts = [part for part in (samples[~large], samples[large]) if len(np.unique(part)) >= MIN_DIFFERENT_SAMPLES]
     units = [_unit(part) for part in parts or [samples]]
     return min(units) if 0.0 in units else max(units)
 
 
 def _unit(samples: np.ndarray) -> float:
-    decimals = (d for d in range(DECIMALS + 1) if np.array_equal(np.round(samples, d), samples))
-    return next((10.0**-d for d in decimals), 0.0)
+    return next((10.0**-d for d in range(MAX_DECIMALS + 1) if np.array_equal(np.round(samples, d), samples)), 0.0)
 
 
 def noise_of(samples: np.ndarray, sigma: float, rounding: tuple[float, str]) -> Noise:
@@ -224,5 +211,5 @@ def noise_of(samples: np.ndarray, sigma: float, rounding: tuple[float, str]) -> 
     step, kind = rounding
     if step and sigma < 1.5 * step / np.sqrt(12):
         return Noise(max(sigma, step / np.sqrt(12)), kind, step)
-    exact = sigma < 64 * np.finfo(float).eps * float(np.abs(samples).max())
+    exact = sigma < ROUNDING_OF_Q * float(np.abs(samples).max())
     return Noise(sigma, "rounding" if exact else "white", step)

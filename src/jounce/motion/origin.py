@@ -11,9 +11,9 @@ import numpy as np
 
 from jounce.spatial.series import rate_name
 
-MIN_LARGE = 86400.0  # s: below a day doubles step by 1.5e-11 s at most, and the same differences by 100 rad/s^4
-DATES = 1e8, 1e10  # s since 1970: 1973 to 2286. No clock since a start shows as much
-GRID_TOLERANCE = 1e-3  # of a step, by which multiples of it may be off
+MIN_LARGE_STAMP = 86400.0  # s: up to a day doubles step by 1.5e-11 s at most, such differences by 100 rad/s^4
+EPOCH_SECONDS = 1e8, 1e10  # since 1970: 1973 to 2286. No clock since a start shows as much
+STAMP_GRID_TOLERANCE = 1e-3  # of a step, by which multiples of it may be off
 
 
 @dataclass(frozen=True)
@@ -46,14 +46,14 @@ class Origin:
     def __str__(self) -> str:
         seconds = (Decimal(self.high) + Decimal(self.low)) * Decimal(repr(self.factor))
         text = f"{seconds:.9f}".rstrip("0").rstrip(".")
-        if not DATES[0] <= seconds < DATES[1]:
+        if not EPOCH_SECONDS[0] <= seconds < EPOCH_SECONDS[1]:
             return f"{text} s"
         return f"{text} s, {datetime.fromtimestamp(float(seconds), UTC):%Y-%m-%d %H:%M:%S} UTC"
 
 
 def origin_of(high: float, low: float, factor: float) -> Origin | None:
     """The origin of stamps whose first one is given; None where doubles hold such stamps well enough."""
-    return Origin(high, low, factor) if MIN_LARGE <= abs(high) * factor < np.inf else None
+    return Origin(high, low, factor) if MIN_LARGE_STAMP <= abs(high) * factor < np.inf else None
 
 
 def rounding_notes(rounding: float, highest: int) -> tuple[str, ...]:
@@ -70,4 +70,4 @@ def shortest_decimal(largest: float) -> float:
 
 
 def _on_grid(x: np.ndarray, step: float) -> bool:
-    return bool((np.abs(x / step - np.rint(x / step)) < GRID_TOLERANCE).all())
+    return bool((np.abs(x / step - np.rint(x / step)) < STAMP_GRID_TOLERANCE).all())

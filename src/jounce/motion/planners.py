@@ -13,10 +13,10 @@ import numpy as np
 from jounce.core.errors import JounceError, one_line
 from jounce.core.scalars import asarray
 from jounce.motion.constructors import Parts, check_increasing, checked_names, numbers
-from jounce.motion.curves import Polynomials, shifted, side_by_side
+from jounce.motion.curves import Polynomials
 from jounce.motion.hermite import coefficients
 
-AGREE = 1e-6  # of the largest position or velocity: by how much a planner's own evaluation may differ
+PLANNER_TOLERANCE = 1e-6  # of the largest position or velocity, for a planner's own evaluation
 
 
 def from_ruckig(trajectory: Any, joint_names: Any) -> Parts:
@@ -67,11 +67,9 @@ def from_toppra(path: Any, joint_names: Any) -> Parts:
     try:
         x, c = _spline_of(path) if hasattr(path, "cspl") else _retimed_path(path)
     except Exception as error:  # whatever another object raises
-        expected = (
-            "what toppra's compute_trajectory() returns, along a spline or polynomials (sample others at times t and"
-            " use Motion.through(t, path(t)))"
-        )
-        raise _not_from("from_toppra", expected, path, error) from None
+        expected = "what toppra's compute_trajectory() returns, along a spline or polynomials"
+        cure = "(sample others at times t and use Motion.through(t, path(t)))"
+        raise _not_from("from_toppra", f"{expected} {cure}", path, error) from None
     _check_ends("from_toppra", float(x[-1]), [(x, c[:, :, 0])])
     curve = Polynomials(x, c)
     _check_agreement(curve, lambda t: np.stack([path(t, k).reshape(len(t), -1) for k in (0, 1)], axis=1), "toppra")
@@ -198,9 +196,8 @@ def between_points(t: np.ndarray, points: Sequence[Sequence[np.ndarray]], joint_
 def _check_ends(name: str, duration: float, columns: Sequence[tuple[np.ndarray, np.ndarray]]) -> None:
     finite = all(np.isfinite(x).all() and np.isfinite(c).all() for x, c in columns)
     if not columns or not finite or not np.isfinite(duration) or duration <= 0:
-        raise JounceError(
-            f"Motion.{name}() got a trajectory of {duration:g} s; expected one that lasts, of finite numbers"
-        )
+        came = f"Motion.{name}() got a trajectory of {duration:g} s"
+        raise JounceError(f"{came}; expected one that lasts, of finite numbers")
 
 
 def _check_agreement(curve: Polynomials, evaluate: Any, planner: str) -> None:
@@ -209,13 +206,41 @@ def _check_agreement(curve: Polynomials, evaluate: Any, planner: str) -> None:
     t = middle[:: max(1, len(middle) // 64)]
     ours, theirs = np.stack(curve.rates(t, 1), axis=1), evaluate(t)
     off = np.abs(ours - theirs).max(axis=(0, 2)) / np.maximum(np.abs(theirs).max(axis=(0, 2)), 1e-9)
-    if not (off < AGREE).all():
-        raise JounceError(
-            f"the pieces of this trajectory and {planner}'s own values differ by {off.max():.1g}:"
-            f" this release of {planner} is not known; sample it and use Motion.through"
-        )
+    if not (off < PLANNER_TOLERANCE).all():
+        came = f"the pieces of this trajectory and {planner}'s own values differ by {off.max():.1g}"
+        raise JounceError(f"{came}: this release of {planner} is not known; sample it and use Motion.through")
 
 
 def _not_from(name: str, expected: str, given: object, error: Exception) -> JounceError:
     came = type(given).__name__
     return JounceError(f"Motion.{name}() expects {expected}, got {came}: {one_line(cast(object, error))}")
+
+
+def shifted(c: np.ndarray, by: np.ndarray) -> np.ndarray:
+    """Coefficients (degree + 1, ...) of p(s + by): highest power first, as those of p(s); Horner's scheme by Shaw."""
+    c = c.copy()
+    for last in range(len(c) - 1, 0, -1):
+        for i in range(1, last + 1):
+            c[i] += by * c[i - 1]
+    return c
+
+
+def side_by_side(parts: Sequence[tuple[np.ndarray, np.ndarray]], stop: float) -> Polynomials:
+    """Columns with breakpoints of their own as one curve with the breakpoints of all.
+
+    A column is (x, c): its pieces begin at x (m,), with the coefficients c (degree + 1, m); the last reaches to `stop`.
+    Breakpoints closer together than rounding of the time are one.
+    """
+    start = min(float(x[0]) for x, _ in parts)
+    every = np.unique(np.concatenate([x for x, _ in parts]))
+    every = every[(every >= start) & (every < stop)]
+    apart = np.concatenate([[True], np.diff(every) > 1e-12 * (stop - start)])
+    x = np.append(every[apart], stop)
+    if len(x) > 2 and x[-1] - x[-2] <= 1e-12 * (stop - start):
+        x = np.delete(x, -2)
+    middle = (x[:-1] + x[1:]) / 2
+    c = np.zeros((max(len(c) for _, c in parts), len(middle), len(parts)))
+    for j, (knots, column) in enumerate(parts):
+        piece = (np.searchsorted(knots, middle, side="right") - 1).clip(0)
+        c[len(c) - len(column) :, :, j] = shifted(column[:, piece], x[:-1] - knots[piece])
+    return Polynomials(x, c)

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from itertools import count, takewhile
 from typing import Any
 
 import numpy as np
@@ -12,31 +11,28 @@ from jounce.core.errors import JounceError, at, listed, quoted, warn
 from jounce.core.scalars import asarray
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import several_positions
-from jounce.motion.base import COLUMNS, NAMES, neighbouring_signs, turned_along
+from jounce.motion.base import BASE_COLUMNS, POSE_COLUMNS, neighbouring_signs, turned_along
 from jounce.motion.composed import Part
 from jounce.motion.constructors import check_increasing, numbers
-from jounce.motion.curves import Curve, Polynomials
-from jounce.motion.hermite import Hermite
+from jounce.motion.curves import DEFAULT_ORDER, Curve, Polynomials
+from jounce.motion.hermite import Hermite, stated_rates
 from jounce.motion.smoothed import found_from
-from jounce.motion.spline import Smoothing, Spline, refuse_way
+from jounce.motion.spline import Sampled, Smoothing, Spline, refuse_way
 from jounce.spatial.lie import rotation, to_quaternion
 from jounce.spatial.series import SUFFIX, rate_name
 
-BASE = "base"  # the prefix of its columns, for which the name of the base link may stand too
-HIGHEST = 4  # derivative whose rounding is judged
-SPEED = 50.0  # m/s, beyond which positions look like another unit: most of the time no robot is as fast
-COLUMN = re.compile(rf"(.*)\.({'|'.join(COLUMNS)}){SUFFIX}(_sd)?", re.DOTALL)
+BASE_PREFIX = "base"  # of its columns, for which the name of the base link may stand too
+MAX_BASE_SPEED = 50.0  # m/s, which no robot keeps up: positions look like another unit
+POSE_COLUMN = re.compile(rf"(.*)\.({'|'.join(POSE_COLUMNS)}){SUFFIX}(_sd)?", re.DOTALL)
 
 
 def named(names: Sequence[str], mechanism: Mechanism) -> dict[str, str]:
     """Those column names that are of the base, each as it is with the prefix ``base``."""
-    prefixes = {BASE, mechanism.bodies[0] if mechanism.floats else BASE}
+    prefixes = {BASE_PREFIX, mechanism.bodies[0] if mechanism.floats else BASE_PREFIX}
     prefixes -= {joint.name for joint in several_positions(mechanism)}
-    parts = {name: match for name in names if (match := COLUMN.fullmatch(name)) and match[1] in prefixes}
+    parts = [(name, POSE_COLUMN.fullmatch(name)) for name in names if name not in mechanism.coordinates]
     return {
-        name: f"{BASE}.{name[len(match[1]) + 1 :]}"
-        for name, match in parts.items()
-        if name not in mechanism.coordinates
+        name: f"{BASE_PREFIX}.{name[match.end(1) + 1 :]}" for name, match in parts if match and match[1] in prefixes
     }
 
 
@@ -46,24 +42,26 @@ def check_names(names: Sequence[str], mechanism: Mechanism, highest: int) -> Non
         return
     if not names:
         raise JounceError(
-            f"{mechanism.name!r} floats, and no column says where its base is; expected {', '.join(NAMES)} (or with the"
-            f" prefix {mechanism.bodies[0]!r}), position in m and unit quaternion"
+            f"{mechanism.name!r} floats, and no column says where its base is; expected {', '.join(BASE_COLUMNS)}"
+            f" (or with the prefix {mechanism.bodies[0]!r}), position in m and unit quaternion"
         )
     rates = range(1 if are_sampled(names) else highest + 1)
-    missing = [name for name in (f"{BASE}.{rate_name(x, k)}" for x in COLUMNS for k in rates) if name not in names]
+    missing = [
+        name for name in (f"{BASE_PREFIX}.{rate_name(x, k)}" for x in POSE_COLUMNS for k in rates) if name not in names
+    ]
     if missing:
         last = f" with all rates to {rate_name('x', highest)}" if len(rates) > 1 else ""
-        raise JounceError(f"missing {listed(missing)}; expected {', '.join(NAMES)}{last}")
+        raise JounceError(f"missing {listed(missing)}; expected {', '.join(BASE_COLUMNS)}{last}")
 
 
 def are_sampled(names: Sequence[str]) -> bool:
     """Whether columns of a base are samples, without rates of their own."""
-    return not any(match[3] for name in names if (match := COLUMN.fullmatch(name)))
+    return not any(match[3] for name in names if (match := POSE_COLUMN.fullmatch(name)))
 
 
 def unit_of(name: str) -> tuple[str, str]:
     """The unit of a column of a base, m or none (1) of quaternions, and what its name adds for the rate: d, 2d, ..."""
-    match = COLUMN.fullmatch(name)
+    match = POSE_COLUMN.fullmatch(name)
     assert match is not None  # `named` selects them
     return "1" if match[2].startswith("q") else "m", match[3] or ""
 
@@ -76,19 +74,14 @@ def curve_of_columns(
         return None, ()
     sampled = are_sampled(list(columns))
     with at(place):
-        columns, notes = turned_along(columns, NAMES[3:], sampled, unit=sampled)
-    rows, spreads = (_rates_in(columns, ending) for ending in ("", "_sd"))
+        columns, notes = turned_along(columns, BASE_COLUMNS[3:], sampled, unit=sampled)
+    rows, spreads = (stated_rates(columns, BASE_COLUMNS, ending) for ending in ("", "_sd"))
     if sampled:
         curve, further = _curve_of_samples(t, rows[0], way, highest, place)
         return curve, (*notes, *further)
-    return Hermite(t, rows, spreads if len(spreads) == len(rows) else None, table=place, names=NAMES), tuple(notes)
-
-
-def _rates_in(columns: Mapping[str, np.ndarray], ending: str) -> tuple[np.ndarray, ...]:
-    """The rates (N, 7) of the columns of a base, or their standard deviations: none skipped."""
-    names = ([f"{BASE}.{rate_name(x, k)}{ending}" for x in COLUMNS] for k in count())
-    given = takewhile(lambda of_rate: all(name in columns for name in of_rate), names)
-    return tuple(np.stack([columns[name] for name in of_rate], axis=1) for of_rate in given)
+    return Hermite(t, rows, spreads if len(spreads) == len(rows) else None, table=place, names=BASE_COLUMNS), tuple(
+        notes
+    )
 
 
 def curve_of_poses(t: Any, C: Any, way: Smoothing | Spline, start: float, stop: float) -> tuple[Curve, tuple[str, ...]]:
@@ -115,7 +108,7 @@ def curve_of_poses(t: Any, C: Any, way: Smoothing | Spline, start: float, stop: 
         raise JounceError(
             f"t goes from {times[0]:g} to {times[-1]:g} s; expected the whole motion, from {start:g} to {stop:g} s"
         )
-    curve, notes = _curve_of_samples(times, samples, way, HIGHEST, "the motion")
+    curve, notes = _curve_of_samples(times, samples, way, DEFAULT_ORDER, "the motion")
     return Part(curve, start, stop), notes
 
 
@@ -123,8 +116,8 @@ def _curve_of_samples(
     t: np.ndarray, samples: np.ndarray, way: Smoothing | Spline, highest: int, place: str
 ) -> tuple[Curve, tuple[str, ...]]:
     fastest = float(np.median(np.linalg.norm(np.diff(samples[:, :3], axis=0), axis=1) / np.diff(t)))
-    if fastest > SPEED:
+    if fastest > MAX_BASE_SPEED:
         warn(f"{place}: the base moves at {fastest:.3g} m/s; expected m: a column in mm is called 'base.x [mm]'")
-    found = found_from(t, samples, way, NAMES, highest, f"{place}: base")
+    found = found_from(Sampled(t, samples, highest, f"{place}: base", BASE_COLUMNS), way)
     residual = "" if found.residual is None else f", at most {found.residual[:3].max():.2g} m from them"
     return found.curve, tuple(f"base: {text}" for text in (found.source + residual, *found.notes))

@@ -10,10 +10,10 @@ from jounce.core.scalars import is_finite
 from jounce.motion.constructors import Parts
 from jounce.motion.planners import between_points
 
-RATES = ("positions", "velocities", "accelerations")
-OTHERS = ("multi_dof_joint_trajectory",)  # poses of bodies: none of ours
-DEEPEST = 8  # of messages within messages
-SECONDS = (("sec", "secs"), ("nanosec", "nsecs"))  # of ROS 2 and ROS 1
+POINT_FIELDS = ("positions", "velocities", "accelerations")
+IGNORED_FIELDS = ("multi_dof_joint_trajectory",)  # poses of bodies, which jounce does not read
+MAX_MESSAGE_DEPTH = 8  # of messages within messages: a plan of MoveIt has its trajectory two or three deep
+TIME_FIELDS = (("sec", "secs"), ("nanosec", "nsecs"))  # of ROS 2 and ROS 1
 
 
 def from_joint_trajectory(message: Any) -> Parts:
@@ -41,8 +41,8 @@ def trajectories_in(message: Any) -> Iterator[Any]:
         seen.add(id(given))
         if _has(given, "joint_names") and _has(given, "points"):
             yield given
-        elif depth < DEEPEST:
-            waiting += [(inner, depth + 1) for name, inner in _fields(given) if name not in OTHERS]
+        elif depth < MAX_MESSAGE_DEPTH:
+            waiting += [(inner, depth + 1) for name, inner in _fields(given) if name not in IGNORED_FIELDS]
 
 
 def _fields(message: Any) -> list[tuple[Any, Any]]:
@@ -80,9 +80,9 @@ def _seconds(point: Any, what: str) -> float:
     """time_from_start: seconds and nanoseconds, or a number of seconds."""
     given = _get(point, "time_from_start")
     parts = [given] if is_finite(given) else [
-        next((_get(given, name) for name in names if _has(given, name)), 0) for names in SECONDS
+        next((_get(given, name) for name in names if _has(given, name)), 0) for names in TIME_FIELDS
     ]  # fmt: skip
-    stated = len(parts) == 1 or any(_has(given, name) for names in SECONDS for name in names)
+    stated = len(parts) == 1 or any(_has(given, name) for names in TIME_FIELDS for name in names)
     if not stated or not all(map(is_finite, parts)):
         raise JounceError(f"{what}: time_from_start is {quoted(given)}; expected {{sec: ..., nanosec: ...}} or seconds")
     return float(parts[0]) + (1e-9 * float(parts[1]) if len(parts) == 2 else 0.0)
@@ -91,13 +91,12 @@ def _seconds(point: Any, what: str) -> float:
 def _rates(point: Any, names: list[str], what: str) -> list[np.ndarray]:
     """Positions, velocities, accelerations: those that a point has, none skipped."""
     found: list[np.ndarray] = []
-    for k, name in enumerate(RATES):
+    for k, name in enumerate(POINT_FIELDS):
         given = _items(point, name)
         if not given and k:
             break
         if len(given) != len(names) or not all(map(is_finite, given)):
-            raise JounceError(
-                f"{what}: {name} is {quoted(given)}; expected {len(names)} finite numbers: {listed(names)}"
-            )
+            expected = f"{len(names)} finite numbers: {listed(names)}"
+            raise JounceError(f"{what}: {name} is {quoted(given)}; expected {expected}")
         found.append(np.array(given, dtype=float))
     return found

@@ -1,8 +1,12 @@
 """Joints whose sensors are read at different times, or at different rates: each holds its value over rows of its own.
 
 Rows of the slowest sensor count, so that no value counts twice. The values that others hold there are late by known
-delays: they are moved to the row's time by what the motion passes meanwhile, which a fit to them tells, and the next
-fit better.
+delays: they are moved to the row's time by what the motion passes meanwhile.
+
+Problem: samples at common times t of a motion q with samples ``q_k(t_k)`` at each joint's own times. Fixed point
+iteration: a fit to the samples moves them, ``q_k(t_k) + fit(t) - fit(t_k)``, and is repeated until they rest. Errors of
+the fit at an angular frequency w grow 2 sin(w delay / 2) times in each round, so that it converges for delays below a
+sixth of the shortest period of the motion; otherwise it ends after `MAX_MOVING_ROUNDS`.
 """
 
 from dataclasses import dataclass, replace
@@ -11,24 +15,21 @@ import numpy as np
 
 from jounce.motion.holds import Holds, find_holds, late_by
 from jounce.motion.least_squares import Solution
-from jounce.motion.samples import Samples
+from jounce.motion.samples import MIN_FIT_SAMPLES, Samples
 from jounce.motion.smoothing import first_fit
-from jounce.motion.stamps import LEAST
 
-SAME_PERIOD = 0.01  # of a sensor's period, by which that of all joints together may differ
-ROUNDS = 8  # of moving values, at most: each leaves a delay times the highest frequency of the rest
-CONVERGED = 0.01  # standard deviations of noise, by which values still move
+PERIOD_TOLERANCE = 0.01  # of a sensor's period, by which that of all joints together may differ
+MAX_MOVING_ROUNDS = 8  # each leaves a delay times the highest frequency of the rest
+MOVING_TOLERANCE = 0.01  # standard deviations of noise, by which values still move at the end
 
 
 @dataclass(frozen=True, eq=False)
 class Sensors:
-    """Rows (N,) that are left out, samples at the others, moved to common times, and each joint's period (n,) in s: 0
-    where it is as fast as the log, or not told by too slow a motion.
-    """
+    """What becomes of samples whose sensors are not read together."""
 
-    held: np.ndarray
-    samples: Samples
-    periods: np.ndarray
+    held: np.ndarray  # (N,), rows that are left out
+    samples: Samples  # the others, moved to common times
+    periods: np.ndarray  # (n,), s; 0 for joints as fast as the log, or where the motion is too slow to determine it
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -53,8 +54,8 @@ def find_sensors(samples: Samples, first: Solution, cells: int, together: Holds)
     known = periods[periods > 0]
     slowest = own[int(np.argmax(periods))]
     rows = np.flatnonzero(~slowest.held)
-    alike = together.period is not None and (np.abs(known / together.period - 1) < SAME_PERIOD).all()
-    if not known.size or alike or len(rows) < LEAST:
+    alike = together.period is not None and (np.abs(known / together.period - 1) < PERIOD_TOLERANCE).all()
+    if not known.size or alike or len(rows) < MIN_FIT_SAMPLES:
         return None
     ticks = np.stack([holds.t[np.cumsum(~holds.held)[rows] - 1] for holds in own], axis=1).clip(*samples.span)
     row = float(np.median(np.diff(samples.t)))  # joints as fast as the log have clocks of their own as well
@@ -65,11 +66,11 @@ def find_sensors(samples: Samples, first: Solution, cells: int, together: Holds)
 def _moved(samples: Samples, ticks: np.ndarray) -> Samples:
     """Samples q (R, n), read at `ticks` (R, n), as they were at the times of the rows."""
     moved = samples
-    for _ in range(ROUNDS):
+    for _ in range(MAX_MOVING_ROUNDS):  # a fit, what it passes between the times, and whether that has changed
         solution, _ = first_fit(moved)
         curve = solution.spline
         passed = curve(samples.t) - np.stack([curve(t)[:, k] for k, t in enumerate(ticks.T)], axis=1)
         before, moved = moved, replace(moved, q=samples.q + passed)
-        if (np.abs(moved.q - before.q).max(axis=0) < CONVERGED * np.sqrt(solution.energy / len(ticks))).all():
+        if (np.abs(moved.q - before.q).max(axis=0) < MOVING_TOLERANCE * np.sqrt(solution.energy / len(ticks))).all():
             break
     return moved

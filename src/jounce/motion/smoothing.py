@@ -1,4 +1,17 @@
-"""From measured samples to a spline: what is noise, which rows count, which stamps are wrong, how many breaks."""
+"""From measured samples to a spline: what is noise, which rows count, which stamps are wrong, how many breaks.
+
+Problem: a spline of degree 9 that follows the motion and not the noise, and the noise. One pass of `_smooth`:
+
+1. weights of rows at rest, and where rounding to an encoder's steps is no white noise (`noise.Beats`)
+2. time stamps, corrected by the first fit where shifts of rows explain its residuals (`correction`)
+3. the breaks (`choice`), with wild rows weighed as Huber does (Robust Estimation of a Location Parameter, Annals of
+   Mathematical Statistics 35, 1964), and once more without their effect
+4. the stamps again, by that better fit, and the same breaks for the samples at their final times
+5. residuals: where they are no noise, and vibrations among them
+
+`_with_vibrations` repeats it with breaks that follow those. What is fast and below the noise is not found; what is fast
+and above it, but no line, shows in residuals: deviations are larger there, and a note says where.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -6,36 +19,32 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed
+from jounce.core.errors import JounceError
 from jounce.motion.bursts import find_bursts, with_flanks
 from jounce.motion.choice import Choice, Part, again, bounded, by_schwarz, choose, denser
 from jounce.motion.correction import colour, corrected
+from jounce.motion.curves import ROUNDING_OF_Q
 from jounce.motion.deviations import Spread, stamp_covariances
 from jounce.motion.encoders import find_errors_of_encoders
 from jounce.motion.knots import fitted, most_intervals
-from jounce.motion.least_squares import CELLS, DEGREE, Solution, rows_of, solve
-from jounce.motion.lines import BAND, Line, find_lines
-from jounce.motion.noise import Beats, beats_of, local_noise, rest_weights, whiteness
-from jounce.motion.samples import Samples
-from jounce.motion.stamps import are_wild
+from jounce.motion.least_squares import FIT_DEGREE, MIN_CELLS, Solution, rows_of, solve
+from jounce.motion.noise import Beats, beats_of, local_noise, rest_weights, varies_slowly
+from jounce.motion.samples import Samples, are_wild
+from jounce.motion.trust import notes_of_residual, residual_excess
+from jounce.motion.vibrations import BAND_TO_LINE, Line, find_lines
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-ROUNDING = 64  # units in the last place of a double, below which samples are no measured ones
-SMOOTH = 1e-5  # share of a joint's range that differences of smooth samples leave as noise at most
-MANY = 0.7  # of the intervals that samples bear: needing as many looks as if there were no noise
-NOT_WHITE = 5  # standard deviations of von Neumann's ratio
-OUTLIER = 6  # standard deviations
-UNEXPLAINED = 0.1  # share of a joint's scatter about its mean that a fit may leave
-AROUND = 2  # intervals on either side of one that tell how well the fit follows there
-UNUSUAL = 6  # standard deviations of chi^2, by which residuals around an interval are no noise
-NOT_FOLLOWED = 10.0  # times the usual squares of residuals, which a user should know of
-SEVERAL = 0.05  # share of the samples, from which on they are no outliers
-LONG = 20 * CELLS  # samples, from which on parts of them tell how many intervals they need
-NEXT = 1.5  # times the end of the band, from which on a line is another vibration
-FOLLOWED = 3  # times that vibrations are looked for once more, after those found are followed
-PROBES, PROBE = 6, 4096  # such parts, and the samples of each
+MAX_SMOOTH_NOISE = 1e-5  # share of a joint's range that differences of smooth samples leave as noise
+MIN_NEEDED_INTERVALS = 0.7  # share of those that samples bear: a need of more looks like samples without noise
+OUTLIER_DEVIATIONS = 6  # standard deviations, beyond which a row counts less
+MAX_OUTLIER_SHARE = 0.05  # of the samples; more of them are no outliers
+MIN_LONG_LOG = 20 * MIN_CELLS  # samples, from which on parts of them determine how many intervals they need
+NEXT_LINE_TO_BAND = 1.5  # times the end of the band, from which on a line is another vibration
+MAX_VIBRATION_ROUNDS = 3  # in which vibrations are looked for once more, after those found are followed
+PROBES_OF_LOG = 6  # parts of a long log, evenly spread
+PROBE_SAMPLES = 4096  # in each of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,27 +62,25 @@ class Smoothed:
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """What breaks are chosen by: beats of rounding, a first number of intervals, the number of cells, the band in Hz
-    where it is given, the variance (n,) below which nothing is worth a break, and parts with denser breaks.
-    """
+    """What breaks are chosen by."""
 
-    beats: Beats
-    intervals: int
+    beats: Beats  # of rounding
+    intervals: int  # a first number of them
     cells: int
-    bandwidth: float | None
-    floor: np.ndarray
-    bursts: Sequence[Part] = ()
+    bandwidth: float | None  # Hz, if it is given
+    floor: np.ndarray  # (n,), the variance below which nothing is worth a break
+    bursts: Sequence[Part] = ()  # parts with denser breaks
 
 
 def first_fit(samples: Samples) -> tuple[Solution, int]:
     """The evenly spaced spline of least BIC, and the number of cells to which samples may be compressed for it."""
-    if len(samples.t) < LONG:
-        return by_schwarz(samples.rows(CELLS), samples.floor), CELLS
-    starts = np.linspace(0, len(samples.t) - PROBE, PROBES).astype(int)
-    parts = [samples.part(np.arange(start, start + PROBE)) for start in starts]
+    if len(samples.t) < MIN_LONG_LOG:
+        return by_schwarz(samples.rows(MIN_CELLS), samples.floor), MIN_CELLS
+    starts = np.linspace(0, len(samples.t) - PROBE_SAMPLES, PROBES_OF_LOG).astype(int)
+    parts = [samples.part(np.arange(start, start + PROBE_SAMPLES)) for start in starts]
     needed = [by_schwarz(rows_of(p.t, p.q, p.weight, (p.t[0], p.t[-1])), samples.floor).intervals for p in parts]
-    guess = int(np.mean(needed)) * len(samples.t) // PROBE
-    cells = max(CELLS, 4 * guess)
+    guess = int(np.mean(needed)) * len(samples.t) // PROBE_SAMPLES
+    cells = max(MIN_CELLS, 4 * guess)
     return by_schwarz(samples.rows(cells), samples.floor, guess), cells
 
 
@@ -83,7 +90,7 @@ def moves(samples: Samples, first: Solution) -> np.ndarray:
     constant = np.maximum(samples.q.var(axis=0), samples.floor)
     spline = np.maximum(first.energy / count, samples.floor)
     explained = count * np.log(constant / spline) > (first.unknowns - 1) * np.log(count)
-    return explained | (whiteness(samples.q) < -NOT_WHITE)
+    return explained | varies_slowly(samples.q)
 
 
 def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | None) -> Smoothed:
@@ -99,19 +106,20 @@ def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | Non
 def _with_vibrations(samples: Samples, first: Solution, cells: int, bandwidth: float | None) -> Smoothed:
     found = _smooth(samples, first, cells, bandwidth)
     lines: tuple[Line, ...] = ()
-    for _ in range(FOLLOWED if bandwidth is None else 0):
-        if not found.spread.left_out:
+    for _ in range(MAX_VIBRATION_ROUNDS if bandwidth is None else 0):
+        if not (new := found.spread.left_out):
             break
-        new = found.spread.left_out
+        # all found so far determine the band, and the parts with denser breaks
         in_parts = {line.joint for line in new if not line.lasts}  # a burst is a line of all samples too
         lines += tuple(line for line in new if not (line.lasts and line.joint in in_parts))
         lasting = [line.frequency for line in lines if line.lasts]
         bursts = tuple(with_flanks(line, samples.span) for line in lines if not line.lasts)
         try:
-            found = _smooth(samples, first, cells, BAND * max(lasting) if lasting else None, bursts)
+            found = _smooth(samples, first, cells, BAND_TO_LINE * max(lasting) if lasting else None, bursts)
         except JounceError:  # the samples do not carry such a band
             return replace(found, lines=lines)
-        end = NEXT * BAND * max(lasting, default=0.0)  # below it is what a wider fit leaves at the end of its band
+        # what is left beyond that band: below is what a wider fit leaves at its end
+        end = NEXT_LINE_TO_BAND * BAND_TO_LINE * max(lasting, default=0.0)
         new = tuple(line for line in found.spread.left_out if not line.lasts or line.frequency > end)
         found = replace(found, spread=replace(found.spread, left_out=new))
     return replace(found, lines=lines + found.spread.left_out)
@@ -120,87 +128,57 @@ def _with_vibrations(samples: Samples, first: Solution, cells: int, bandwidth: f
 def _smooth(
     samples: Samples, first: Solution, cells: int, bandwidth: float | None, bursts: Sequence[Part] = ()
 ) -> Smoothed:
+    # weights, and beats of rounding
     scatter = np.sqrt(first.energy / len(samples.t))
     samples = replace(samples, weight=rest_weights(samples.t, samples.q, float(np.ptp(samples.t)) / first.intervals))
     velocity = first.spline(samples.t, nu=1)
     beats = beats_of(samples.t, samples.q, velocity, samples.steps, scatter, samples.weight)
-    setting = Setting(
-        beats, first.intervals, cells, bandwidth, np.maximum(samples.floor, samples.steps**2 / 12), bursts
-    )
+    floor = np.maximum(samples.floor, samples.steps**2 / 12)
+    setting = Setting(beats, first.intervals, cells, bandwidth, floor, bursts)
+    # time stamps by the first fit
     stamped, left = samples, None
     found = corrected(samples, first, cells, 1)
-    if found:  # what is finer than the stamps can tell is not worth breaks
+    if found:  # what is finer than stamps can show is not worth breaks
         samples = replace(found[0], drift=(first.spline, found[1].own))
         setting = replace(setting, floor=np.maximum(setting.floor, scatter**2))
-    chosen, samples, note = _without_outliers(samples, setting)
-    notes = note
-    if found:
+    # breaks
+    chosen, samples, notes = _without_outliers(samples, setting)
+    if found:  # time stamps by the better fit
         rows = stamped.rows(cells)
         raw = fitted(rows, chosen.solution.breaks)
         samples, times = corrected(stamped, raw, cells, 2) or found
-        sigma = colour(samples, stamped.t, raw, times.sigma) * times.sigma
-        left = stamp_covariances(rows, raw, sigma, times.own)
+        alike = colour(samples, stamped.t, raw, times.sigma)
+        left = stamp_covariances(rows, raw, alike * times.sigma, times.own)
         chosen = again(samples.rows(cells), beats, chosen)
         notes += (f"time stamps scatter by {times.sigma:.2g} s; one shift per row, from all joints, corrects them",)
+    # what the spline leaves
     solution = chosen.solution
     residual = samples.q - solution.spline(samples.t)
-    unfollowed = _unfollowed(samples, residual, solution.breaks, chosen.variance)
+    excess = residual_excess(samples, residual, solution.breaks, chosen.variance)
     variance = chosen.variance * beats.inflation(solution.breaks, rests=True)
-    beyond = chosen.variance * (unfollowed - 1)
+    beyond = chosen.variance * (excess - 1)
     spread = Spread(solution, variance, chosen.coarser.spline, chosen.ratio, left, beyond, samples.unsure)
-    sigma_of = np.sqrt((residual**2).mean(axis=0))
-    notes += _unexplained(samples, residual) + _notes_of_unfollowed(solution.breaks, unfollowed)
+    sigma = np.sqrt((residual**2).mean(axis=0))
+    notes += notes_of_residual(samples, residual, solution.breaks, excess)
     lines = find_lines(samples, residual, solution.spline(samples.t, nu=1))
     if not found:  # corrected stamps leave errors that come and go with the velocity
         lines += find_bursts(samples, solution.breaks, cells)
-    return Smoothed(samples, solution.spline, replace(spread, left_out=tuple(lines)), sigma_of, notes)
-
-
-def _unfollowed(samples: Samples, residual: np.ndarray, breaks: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Mean squares of residuals (N, n) around each interval over the variance, (M, n), where they are no noise; or 1.
-
-    A motion that is too fast for the samples leaves them, and an error of its own size.
-    """
-    squares = (samples.weight[:, None] * residual) ** 2 / variance
-    bounds = np.searchsorted(samples.t, breaks)
-    bounds[0], bounds[-1] = 0, len(samples.t)
-    sums = np.concatenate([np.zeros((1, squares.shape[1])), np.cumsum(squares, axis=0)])
-    first, last = (np.arange(len(breaks) - 1) + k for k in (-AROUND, AROUND + 1))
-    first, last = first.clip(0), last.clip(max=len(breaks) - 1)
-    freedom = np.maximum(bounds[last] - bounds[first] - (last - first), 1)[:, None]
-    mean = (sums[bounds[last]] - sums[bounds[first]]) / freedom
-    return np.where(mean > 1 + UNUSUAL * np.sqrt(2 / freedom), mean, 1.0)
-
-
-def _notes_of_unfollowed(breaks: np.ndarray, unfollowed: np.ndarray) -> tuple[str, ...]:
-    where = np.flatnonzero((unfollowed > NOT_FOLLOWED).any(axis=1))
-    if not where.size:
-        return ()
-    parts = np.split(where, np.flatnonzero(np.diff(where) > 2 * AROUND) + 1)
-    spans = listed(f"{breaks[part[0]]:.4g} to {breaks[part[-1] + 1]:.4g} s" for part in parts)
-    return (f"the fit does not follow the samples to their noise at t = {spans}: deviations are larger there",)
-
-
-def _unexplained(samples: Samples, residual: np.ndarray) -> tuple[str, ...]:
-    slow = whiteness(residual) < -NOT_WHITE
-    if not (slow & (residual.std(axis=0) > UNEXPLAINED * samples.q.std(axis=0))).any():
-        return ()
-    return ("much of the samples' scatter is no white noise: there may be motion faster than they carry",)
+    return Smoothed(samples, solution.spline, replace(spread, left_out=tuple(lines)), sigma, notes)
 
 
 def interpolate(samples: Samples) -> Smoothed:
     """The spline of degree 9 through all samples, whose noise is their rounding."""
     from scipy.interpolate import make_interp_spline
 
-    curve = make_interp_spline(samples.t, samples.q, k=DEGREE)
-    solution = solve(rows_of(samples.t, samples.q, samples.weight, samples.span), curve.t[DEGREE:-DEGREE])
+    curve = make_interp_spline(samples.t, samples.q, k=FIT_DEGREE)
+    solution = solve(rows_of(samples.t, samples.q, samples.weight, samples.span), curve.t[FIT_DEGREE:-FIT_DEGREE])
     sigma = np.maximum(samples.steps / np.sqrt(12), np.sqrt(samples.floor) / 8)
     variance = np.broadcast_to(sigma**2, (solution.intervals, len(sigma)))
     note = "the samples' noise is no more than their rounding; the spline goes through all of them"
     return Smoothed(samples, curve, Spread(solution, variance), sigma, (note,))
 
 
-def _choice(samples: Samples, setting: Setting) -> Choice:
+def _choose(samples: Samples, setting: Setting) -> Choice:
     rows = samples.rows(setting.cells)
     if setting.bandwidth is None:
         return denser(rows, choose(rows, setting.beats, setting.intervals, setting.floor), setting.bursts)
@@ -214,21 +192,21 @@ def _choice(samples: Samples, setting: Setting) -> Choice:
 
 def _without_outliers(samples: Samples, setting: Setting) -> tuple[Choice, Samples, tuple[str, ...]]:
     """The choice, once more where single rows lie far off, with less weight for these (Huber's)."""
-    chosen = _choice(samples, setting)
+    chosen = _choose(samples, setting)
     left = samples.q - chosen.solution.spline(samples.t)
     scale = np.maximum(np.median(np.abs(left), axis=0) / 0.6745, np.sqrt(chosen.variance) / 2)
-    far = _far_alone(samples, left, scale) / OUTLIER
-    if not 0 < (far > 1).mean() < SEVERAL:
+    far = _far_alone(samples, left, scale) / OUTLIER_DEVIATIONS
+    if not 0 < (far > 1).mean() < MAX_OUTLIER_SHARE:
         return chosen, samples, ()
     samples = replace(samples, weight=samples.weight / np.sqrt(np.maximum(far, 1)))
-    return _choice(samples, setting), samples, (f"{(far > 1).sum()} rows lie far from the others and count less",)
+    return _choose(samples, setting), samples, (f"{(far > 1).sum()} rows lie far from the others and count less",)
 
 
 def _far_alone(samples: Samples, left: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """How far each row (N,) of residuals (N, n) is off, in some joint; 0 where it is so by a motion of several rows."""
     off = np.abs(left) / scale
     far, worst = off.max(axis=1), off.argmax(axis=1)
-    [beyond] = np.nonzero(far > OUTLIER)
+    [beyond] = np.nonzero(far > OUTLIER_DEVIATIONS)
     alone = are_wild(samples.t, samples.q / scale, beyond, worst[beyond], far[beyond])
     far[beyond[~alone]] = 0.0
     return far
@@ -237,10 +215,11 @@ def _far_alone(samples: Samples, left: np.ndarray, scale: np.ndarray) -> np.ndar
 def rounded(samples: Samples, first: Solution) -> bool:
     """Whether a spline explains samples to their rounding, or needs all breaks there are though they look smooth.
 
-    Most places tell: a kink in exact samples is not noise.
+    Smooth in most places: a kink in exact samples is not noise.
     """
     sigma = np.sqrt(first.energy / len(samples.t))
-    exact = sigma < ROUNDING * np.finfo(float).eps * np.abs(samples.q).max(axis=0)
-    if exact.all() or samples.steps.any() or first.intervals < MANY * most_intervals(samples.rows(CELLS)):
-        return bool(exact.all())
-    return bool((local_noise(samples.q) < SMOOTH * np.ptp(samples.q, axis=0)).all())
+    exact = (sigma < ROUNDING_OF_Q * np.abs(samples.q).max(axis=0)).all()
+    if exact or samples.steps.any():
+        return bool(exact)
+    needs_many = first.intervals >= MIN_NEEDED_INTERVALS * most_intervals(samples.rows(MIN_CELLS))
+    return needs_many and bool((local_noise(samples.q) < MAX_SMOOTH_NOISE * np.ptp(samples.q, axis=0)).all())

@@ -1,4 +1,4 @@
-"""Where a sampled motion is not smooth: jumps of its velocity, acceleration or jerk, told before any force is.
+"""Where a sampled motion is not smooth: jumps of its velocity, acceleration or jerk, reported before any force is.
 
 Between samples nothing is known, so this is a heuristic: a difference is a jump if it is much larger than those next to
 it. A spline through such samples is smooth nevertheless, and its rates near the jumps are meaningless.
@@ -8,20 +8,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jounce.motion.curves import ROUNDING
+from jounce.motion.curves import ROUNDING_OF_Q
 from jounce.motion.noise import step_of
 
-NAMES = {
+DERIVATIVE_NAMES = {
     "q": {1: "velocity", 2: "acceleration", 3: "jerk"},  # by the order of the derivative
     "W": {0: "a wrench", 1: "the rate of a wrench", 2: "the second rate of a wrench"},
 }
-FORCE = {"q": 2, "W": 0}  # order of the derivative of each that Q takes
-STANDS_OUT = 8  # times the neighbouring differences
-HIGHEST = 2  # the order of Q2d
-FEWEST = 32  # samples, below which nothing can be told
-BEYOND_NOISE = 8  # standard deviations of the samples, which differences of any order seldom exceed
-HOLE = 5  # times the usual spacing of samples
-OF_THE_PEAK = 0.02  # share of the largest value, below which a difference is no jump worth a word
+FORCE_ORDERS = {"q": 2, "W": 0}  # order of the derivative of each that Q takes
+MIN_JUMP_TO_NEIGHBOURS = 8  # times the neighbouring differences: those of smooth motions grow by less
+MAX_FORCE_ORDER = 2  # the order of Q2d
+MIN_JUDGED_SAMPLES = 32  # fewer do not show what differences or speeds are usual
+MAX_NOISE_DEVIATIONS = 8  # standard deviations of the samples, which differences of any order seldom exceed
+MIN_HOLE_TO_SPACING = 5  # times the usual spacing of samples
+MAX_ROUNDING_SHARE = 0.01  # of a rate: a user should hear of more
+MIN_JUMP_TO_PEAK = 0.02  # share of the largest value, below which a difference is no jump worth a word
 
 
 @np.errstate(all="ignore")  # absurd steps make absurd differences, which no floor lets pass
@@ -30,24 +31,24 @@ def of_samples(t: np.ndarray, q: np.ndarray, sigma: np.ndarray | float = 0.0, sy
 
     Its rates are divided differences.
     """
-    if len(q) < FEWEST:
+    if len(q) < MIN_JUDGED_SAMPLES:
         return None
-    noise = np.maximum(100 * np.array([resolution(column) for column in q.T]), BEYOND_NOISE * sigma)
+    noise = np.maximum(100 * np.array([resolution(column) for column in q.T]), MAX_NOISE_DEVIATIONS * sigma)
     difference, orders, spacing = q, [], np.diff(t)
-    holes = spacing > HOLE * np.median(spacing)  # beside them differences are of another scale
-    for k in range(max(NAMES[symbol]) + 1):
+    holes = spacing > MIN_HOLE_TO_SPACING * np.median(spacing)  # beside them differences are of another scale
+    for k in range(max(DERIVATIVE_NAMES[symbol]) + 1):
         difference = np.diff(difference, axis=0) * k / (t[k:] - t[:-k])[:, None] if k else difference
         unlike = np.asarray(np.lib.stride_tricks.sliding_window_view(holes, k + 1).any(axis=1))
         orders.append((k, difference, max(k, 1), noise * (2 / spacing.min()) ** k, unlike))
-    return _told([order for order in orders if order[0] in NAMES[symbol]], symbol)
+    return _told([order for order in orders if order[0] in DERIVATIVE_NAMES[symbol]], symbol)
 
 
 def of_rates(rates: Sequence[np.ndarray]) -> str | None:
     """What jumps in a motion given with its rates."""
-    if len(rates[0]) < FEWEST:
+    if len(rates[0]) < MIN_JUDGED_SAMPLES:
         return None
-    none, floors = np.zeros(len(rates[0]) - 1, bool), [OF_THE_PEAK * peak for peak in peaks_of(rates)]
-    return _told([(k, rates[k], 1, floors[k], none) for k in NAMES["q"] if k < len(rates)], "q")
+    none, floors = np.zeros(len(rates[0]) - 1, bool), [MIN_JUMP_TO_PEAK * peak for peak in peaks_of(rates)]
+    return _told([(k, rates[k], 1, floors[k], none) for k in DERIVATIVE_NAMES["q"] if k < len(rates)], "q")
 
 
 def peaks_of(rates: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -55,7 +56,7 @@ def peaks_of(rates: Sequence[np.ndarray]) -> list[np.ndarray]:
 
     What their rates are is rounding too, to be held against those that move; infinite where none does.
     """
-    rest = np.ptp(rates[0], axis=0) <= ROUNDING * np.abs(rates[0]).max(axis=0)
+    rest = np.ptp(rates[0], axis=0) <= ROUNDING_OF_Q * np.abs(rates[0]).max(axis=0)
     peaks = [np.abs(rate).max(axis=0) for rate in rates]
     return [np.where(rest, np.inf if rest.all() else peak[~rest].max(initial=0), peak) for peak in peaks]
 
@@ -76,12 +77,11 @@ def resolution(samples: np.ndarray) -> float:
 def _told(orders: Sequence[tuple[int, np.ndarray, int, np.ndarray, np.ndarray]], symbol: str) -> str | None:
     for k, values, width, floors, unlike in orders:
         columns = zip(values.T, floors, strict=True)
-        knots = sorted({knot for column, floor in columns for knot in _jumps(column, width, floor, unlike)})
-        if knots:
+        if knots := sorted({knot for column, floor in columns for knot in _jumps(column, width, floor, unlike)}):
             apart = 1 + int(np.count_nonzero(np.diff(knots) > width))
-            what = f"{NAMES[symbol][k]} jumps at {apart} knot{'s' * (apart > 1)}"
-            order = k - FORCE[symbol]
-            then = f", {_force(order + 1)} undefined" if order < HIGHEST else ""
+            what = f"{DERIVATIVE_NAMES[symbol][k]} jumps at {apart} knot{'s' * (apart > 1)}"
+            order = k - FORCE_ORDERS[symbol]
+            then = f", {_force(order + 1)} undefined" if order < MAX_FORCE_ORDER else ""
             return f"{what}: {_force(order)} is discontinuous there{then}"
     return None
 
@@ -98,6 +98,8 @@ def _jumps(values: np.ndarray, width: int, floor: float, unlike: np.ndarray) -> 
         return []
     padded, count = np.pad(steps, reach + 1), len(steps)
     beside = np.max([padded[s : s + count] for s in (0, 1, 2 * reach + 1, 2 * reach + 2)], axis=0)
-    found = np.flatnonzero(steps > np.maximum(STANDS_OUT * beside, max(floor, OF_THE_PEAK * np.abs(values).max())))
+    found = np.flatnonzero(
+        steps > np.maximum(MIN_JUMP_TO_NEIGHBOURS * beside, max(floor, MIN_JUMP_TO_PEAK * np.abs(values).max()))
+    )
     groups = np.split(found, np.flatnonzero(np.diff(found) > width) + 1)
     return [int(group[len(group) // 2]) for group in groups if group.size]

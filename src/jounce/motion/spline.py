@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.core.errors import JounceError, one_line, option, quoted, true_or_false, warn
-from jounce.motion.curves import Jump
-from jounce.motion.smoothness import resolution, sizes_of
+from jounce.motion.curves import Smooth
+from jounce.motion.smoothness import MAX_ROUNDING_SHARE, resolution, sizes_of
 from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-DEGREES = (5, 7)  # q is C^4 or C^6
-NOTICEABLE = 0.01  # share of rounding in a rate from which on a user should hear of it
+SPLINE_DEGREES = (5, 7)  # q is C^4 or C^6
 
 
 @dataclass(frozen=True)
@@ -34,9 +33,8 @@ class Spline:
     intervals: int | None = None  # few of them even out the noise of measured samples
 
     def __str__(self) -> str:
-        smooth = f"spline of degree {self.degree} (C^{self.degree - 1})"
         fit = f", fitted by least squares in {self.intervals} interval{'s' * (self.intervals != 1)}"
-        return smooth + (fit if self.intervals else "")
+        return f"spline of degree {self.degree} (C^{self.degree - 1}){fit if self.intervals else ''}"
 
     def of(self, t: np.ndarray, q: np.ndarray) -> "BSpline":
         """The curve of samples q, (N, ...)."""
@@ -52,13 +50,13 @@ class Spline:
 
     def check(self, samples: int, place: str) -> None:
         """Raise `JounceError` if the number of samples does not suffice for the spline."""
-        if not isinstance(self.degree, int) or self.degree not in DEGREES:
-            known = " or ".join(map(str, DEGREES))
+        if not isinstance(self.degree, int) or self.degree not in SPLINE_DEGREES:
+            known = " or ".join(map(str, SPLINE_DEGREES))
             raise JounceError(f"a spline of degree {quoted(self.degree)} is not supported; expected {known}")
-        if samples <= self.degree:
+        most = samples - self.degree
+        if most < 1:
             least = f"a spline of degree {self.degree} needs at least {self.degree + 1}"
             raise JounceError(f"{place}: {samples} samples; {least}")
-        most = samples - self.degree
         if self.intervals is not None and not (type(self.intervals) is int and 1 <= self.intervals <= most):
             raise JounceError(
                 f"{place}: {quoted(self.intervals)} intervals for {samples} samples; expected 1 to {most}"
@@ -66,8 +64,11 @@ class Spline:
 
 
 @dataclass(frozen=True, eq=False)
-class SplineCurve:
-    """A B-spline with values (columns,); `start` and `stop` are where its samples begin and end."""
+class SplineCurve(Smooth):
+    """A B-spline with values (columns,); `start` and `stop` are where its samples begin and end.
+
+    Its jumps of the degree, at every knot, are of the method and not of the motion: they do not count.
+    """
 
     spline: "BSpline"
     start: float
@@ -88,41 +89,40 @@ class SplineCurve:
         """The values and their derivatives up to `order`."""
         return [self.spline(t, nu=k) for k in range(order + 1)]
 
-    def jumps(self, order: int) -> list[Jump]:
-        """None below the degree; those of the degree itself, at every knot, are of the method and not of the motion."""
-        return []
 
-    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
-        """None: the samples are taken as exact."""
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """Samples q (N, n) at times t (N,), of which the derivative of order `highest` is asked.
 
-
-def curve_of(
-    t: np.ndarray,
-    q: np.ndarray,
-    spline: Spline,
-    place: str,
-    highest: int,
-    symbol: str = "q",
-    rounding: float = 0.0,
-    names: Sequence[str] | None = None,
-) -> SplineCurve:
-    """The spline of samples q (N, n); a warning where rounding of q or t shows in the rate of order `highest`.
-
-    `rounding` is the standard deviation of the rounding of t in s, beyond that of doubles.
+    Messages begin with `place` and call the columns `names`. `rounding` is the standard deviation of the rounding of t
+    in s, beyond that of doubles.
     """
+
+    t: np.ndarray
+    q: np.ndarray
+    highest: int
+    place: str
+    names: Sequence[str] | None = None
+    symbol: str = "q"
+    rounding: float = 0.0
+
+
+def curve_of(given: Sampled, spline: Spline) -> SplineCurve:
+    """The spline of samples; a warning where their rounding shows in the highest rate."""
+    t, highest, place, symbol = given.t, given.highest, given.place, given.symbol
     spline.check(len(t), place)
     if highest > spline.degree:
         asked, last = rate_name(symbol, highest), f"{symbol}{spline.degree}d"
         raise JounceError(f"{place}: {asked} asked of samples; a spline of degree {spline.degree} ends at {last}")
     try:
-        curve = SplineCurve(spline.of(t, q), float(t[0]), float(t[-1]))
+        curve = SplineCurve(spline.of(t, given.q), float(t[0]), float(t[-1]))
     except (ValueError, np.linalg.LinAlgError) as error:
         raise JounceError(f"{place}: no spline goes through these samples: {one_line(error)}") from None
     rates = curve.rates(t, highest)
     for k, rate in enumerate(rates):
         if not np.isfinite(rate).all():
             raise JounceError(f"{place}: {rate_name(symbol, k)} of the {spline} overflows; expected smaller samples")
-    _warn_of_rounding(t, q, rates, spline, place, symbol, rounding, names)
+    _warn_of_rounding(given, rates, spline)
     return curve
 
 
@@ -130,10 +130,9 @@ def way_of(degree: int | None, intervals: int | None, bandwidth: float | None, a
     """Return the way from samples to a curve that a caller selects."""
     true_or_false("allow_noise", allow_noise, "whether to accept samples whose noise dominates the highest rate")
     check_bandwidth(bandwidth)
-    by_hand = [option(name) for name, x in (("degree", degree), ("intervals", intervals)) if x is not None]
-    smooth = [
-        option(name) for name, x in (("bandwidth", bandwidth), ("allow_noise", allow_noise or None)) if x is not None
-    ]
+    manual, smoothing = {"degree": degree, "intervals": intervals}, {"bandwidth": bandwidth, "allow_noise": allow_noise}
+    by_hand = [option(name) for name, x in manual.items() if x is not None]
+    smooth = [option(name) for name, x in smoothing.items() if x]
     if by_hand and smooth:
         came = f"{smooth[0]} is for samples that are smoothed, and {by_hand[0]} is for ones that are not"
         raise JounceError(f"{came}; leave one of them out")
@@ -158,28 +157,18 @@ def check_bandwidth(given: object) -> None:
 
 
 @np.errstate(all="ignore")  # samples near the end of the doubles overflow here, and no more
-def _warn_of_rounding(
-    t: np.ndarray,
-    q: np.ndarray,
-    rates: Sequence[np.ndarray],
-    spline: Spline,
-    place: str,
-    symbol: str,
-    rounding: float,
-    names: Sequence[str] | None,
-) -> None:
+def _warn_of_rounding(given: Sampled, rates: Sequence[np.ndarray], spline: Spline) -> None:
     """Warn where the samples' own rounding shows in the highest rate: differentiation multiplies it by (1/dt)^k.
 
-    A spline is linear in its samples, so the spline of random errors of their size tells what they do.
+    A spline is linear in its samples, so the spline of random errors of their size shows what they do.
     """
-    highest = len(rates) - 1
-    of_t = (np.finfo(float).eps * np.abs(t).max() + rounding) * np.abs(rates[min(1, highest)]).max(axis=0)
+    t, q, names, highest = given.t, given.q, given.names, given.highest
+    of_t = (np.finfo(float).eps * np.abs(t).max() + given.rounding) * np.abs(rates[min(1, highest)]).max(axis=0)
     size = np.nan_to_num(np.maximum([resolution(column) for column in q.T], of_t))
     errors = np.random.default_rng(0).uniform(-1, 1, q.shape) * size
     error = np.abs(spline.of(t, errors)(t, nu=highest)).max(axis=0)
     shares = error / sizes_of(rates, float(np.ptp(t)))[highest]
     share, worst = float(shares.max()), names[int(shares.argmax())] if names else f"joint {shares.argmax()}"
-    if share > NOTICEABLE:
-        name = rate_name(symbol, highest)
-        text = f"{place}: rounding of the samples makes up {min(share, 1):.0%} of the largest {name}, that of {worst}"
-        warn(f"{text}; give more digits, wider steps, or all rates")
+    if share > MAX_ROUNDING_SHARE:
+        came = f"{min(share, 1):.0%} of the largest {rate_name(given.symbol, highest)}, that of {worst}"
+        warn(f"{given.place}: rounding of the samples makes up {came}; give more digits, wider steps, or all rates")

@@ -1,7 +1,6 @@
 """Motions from tables: samples, or all rates, matched by joint name in any column order."""
 
 from collections.abc import Mapping, Sequence
-from itertools import count, takewhile
 
 import numpy as np
 
@@ -10,41 +9,17 @@ from jounce.model.mechanism import Mechanism
 from jounce.model.positions import Position, position_names, several_positions
 from jounce.motion import loads, poses, smoothness
 from jounce.motion.base import numbers_of, turned_along
-from jounce.motion.columns import DEVIATION, TIME, Match, Options, by_velocity, followers, match, stems
-from jounce.motion.hermite import Hermite
+from jounce.motion.columns import DEVIATION, TIME, Match, Options, by_velocity, followers, stems
+from jounce.motion.hermite import Hermite, stated_rates
 from jounce.motion.motion import Motion
 from jounce.motion.origin import Origin, rounding_notes
 from jounce.motion.smoothed import Found, found_from
-from jounce.motion.spline import Smoothing, Spline, refuse_way
+from jounce.motion.spline import Sampled, Smoothing, Spline, refuse_way
 from jounce.motion.units import check_units
 from jounce.spatial.series import rate_name
 
 SMOOTHED, AS_NAMED = Smoothing(), Options()
 ALL_RATES = "all rates from the table"  # the source of motions without samples
-
-
-def from_table(
-    columns: Mapping[str, np.ndarray],
-    mechanism: Mechanism,
-    highest: int,
-    place: str,
-    way: Smoothing | Spline = SMOOTHED,
-    options: Options = AS_NAMED,
-) -> Motion:
-    """The motion in a table, matched by joint name in any column order, with rates up to the one of order `highest`.
-
-    Either `t` and one column per joint (samples: the rates are those of a spline along or through them), or
-    `t` and ``NAME.q, NAME.qd, NAME.q2d, ...`` for every joint (used as they are). Wrenches that bodies or merged links
-    exert come in columns ``BODY.mx .. BODY.fz``, again as samples or with all rates, ``BODY.fxd, BODY.fx2d, ...``. Of
-    joints that follow others in closed loops, the first row decides on the branch, if it states them.
-
-    Raises
-    ------
-    JounceError : where a joint or rate is missing, units are suspect, t does not increase, or samples are too few.
-    """
-    with at(place):
-        found = match(list(columns), mechanism, options, highest)
-    return from_columns(columns, found, mechanism, highest, place, way)
 
 
 def from_columns(
@@ -56,7 +31,14 @@ def from_columns(
     way: Smoothing | Spline,
     origin: Origin | None = None,
 ) -> Motion:
-    """The motion in the columns of a table that are matched; its times are since `origin`, if there is one."""
+    """The motion in the columns of a table that are matched; its times are since `origin`, if there is one.
+
+    Either `t` and one column per joint (samples: the rates are those of a spline along or through them), or
+    `t` and ``NAME.q, NAME.qd, NAME.q2d, ...`` for every joint (used as they are). Wrenches that bodies or merged links
+    exert come in columns ``BODY.mx .. BODY.fz``, again as samples or with all rates, ``BODY.fxd, BODY.fx2d, ...``. Of
+    joints that follow others in closed loops, the first row decides on the branch, if it states them. Raises
+    `JounceError` where units are suspect, t does not increase, or samples are too few.
+    """
     joints, several = position_names(mechanism), several_positions(mechanism)
     known, by_twist = stems(mechanism), by_velocity(found.sources, mechanism)
     si = {name: columns[source] * found.factors[name] for name, source in found.sources.items()}
@@ -69,9 +51,9 @@ def from_columns(
         if joint in by_twist:
             si |= _rates_by_velocity(si, joint)
         with at(place):
-            si, told = turned_along(si, joint.names[len(joint.group.places) :], found.sampled)
-        of_turns += told
-    rows = tuple(_stacked(si, names) for names in ([joints] if found.sampled else _rates_in(si, known)))
+            si, notes_of_turns = turned_along(si, joint.names[len(joint.group.places) :], found.sampled)
+        of_turns += notes_of_turns
+    rows = (np.stack([si[name] for name in joints], axis=1),) if found.sampled else stated_rates(si, known)
     q = rows[0]
     check_units(t, q, rows[1] if rows[1:] else None, mechanism, (found.angles_stated, found.time_stated), place)
     of_wrenches = {name: si[name] for name in loads.named(list(si), mechanism)}
@@ -79,7 +61,7 @@ def from_columns(
     of_samples = (loads.are_sampled(of_wrenches), bool(of_base) and poses.are_sampled(list(of_base)))
     if not found.sampled and not any(of_samples):
         refuse_way(way, place, "all rates are in the table")
-    samples = found_from(t, q, way, joints, highest, place, rounding=rounding) if found.sampled else None
+    samples = found_from(Sampled(t, q, highest, place, joints, rounding=rounding), way) if found.sampled else None
     branch = {name: float(si[column][0]) for name, column in followers(mechanism, si, found.sampled).items()}
     base, of_poses = poses.curve_of_columns(t, of_base, way, highest, place)
     W, of_loads = loads.wrenches(t, of_wrenches, mechanism, max(highest - 2, 0), way, place)
@@ -88,7 +70,8 @@ def from_columns(
     if samples is None:
         if jumps := smoothness.of_rates(rows):
             warn(f"{place}: {jumps}")
-        curve = Hermite(t, rows, _spreads(si, known, len(rows)), rounding, place, tuple(known))
+        spreads = stated_rates(si, known, DEVIATION)[: len(rows)]
+        curve = Hermite(t, rows, spreads if len(spreads) == len(rows) else None, rounding, place, tuple(known))
         samples = Found(curve, ALL_RATES)
     notes = (*of_times, *found.notes, *of_turns, *samples.notes, *of_poses, *of_loads)
     made, through = (samples.curve, joints, samples.source, W), (t, q) if found.sampled else None
@@ -106,29 +89,11 @@ def _check_increasing(t: np.ndarray, column: str, place: str) -> None:
         )
 
 
-def _stacked(columns: Mapping[str, np.ndarray], names: Sequence[str]) -> np.ndarray:
-    return np.stack([columns[name] for name in names], axis=1)
-
-
-def _rates_in(columns: Mapping[str, np.ndarray], stems: Sequence[str]) -> list[list[str]]:
-    """The columns of q, qd, ...: of the rates that a table states of every joint, none skipped."""
-    names = ([rate_name(stem, k) for stem in stems] for k in count())
-    return list(takewhile(lambda of_rate: all(name in columns for name in of_rate), names))
-
-
 def _rates_by_velocity(columns: Mapping[str, np.ndarray], joint: Position) -> dict[str, np.ndarray]:
     """The columns of rates of the numbers of a joint whose velocities are stated."""
-    nu = [_stacked(columns, names) for names in _rates_in(columns, joint.velocities)]
-    rates = numbers_of(joint.group, _stacked(columns, joint.names), nu)
+    p = np.stack([columns[name] for name in joint.names], axis=1)
+    rates = numbers_of(joint.group, p, stated_rates(columns, joint.velocities))
     return {rate_name(x, k): rate[:, j] for k, rate in enumerate(rates, 1) for j, x in enumerate(joint.names)}
-
-
-def _spreads(columns: Mapping[str, np.ndarray], stems: Sequence[str], count: int) -> tuple[np.ndarray, ...] | None:
-    """The standard deviations of the rates, where a table states them of every joint and rate."""
-    names = [[f"{rate_name(stem, k)}{DEVIATION}" for stem in stems] for k in range(count)]
-    if not all(name in columns for row in names for name in row):
-        return None
-    return tuple(_stacked(columns, row) for row in names)
 
 
 def _torques(columns: Mapping[str, np.ndarray], found: Match, joints: Sequence[str]) -> np.ndarray | None:

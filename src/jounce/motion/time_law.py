@@ -1,4 +1,12 @@
-"""A motion along the same path by another time law: sigma, the time of the given motion, as a function of time."""
+"""A motion along the same path by another time law: sigma, the time of the given motion, as a function of time.
+
+Problem: sigma(t) of ``sigma'^2 = x(sigma)``, x > 0 a B-spline. The time at which sigma is passed is an integral, ``t =
+int 1 / sqrt(x)``, by the rule of Gauss and Legendre between nodes: knots of x, halved until two halves agree with the
+whole to rounding. sigma(t) is its root by Newton's method, with the derivative ``dt / dsigma = 1 / sqrt(x)``.
+
+Times of nodes increase, so that a root lies between two of them; steps are clipped to these. Where x comes near zero
+the integrand grows, and halving ends at `MAX_NODE_HALVINGS` with less than all digits; x = 0 is for callers to exclude.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,10 +21,10 @@ from jounce.motion.curves import Jump, OfCurve
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-POINTS = 16  # of Gauss and Legendre between two nodes
-SPLITS = 40  # times that an interval is halved at most
-STEPS = 50  # of Newton's method at most
-ROUNDING = 4 * np.finfo(float).eps
+TIME_QUADRATURE_POINTS = 16  # of Gauss and Legendre between two nodes
+MAX_NODE_HALVINGS = 40  # of an interval: they leave 1e-12 of it
+MAX_TIME_LAW_STEPS = 50  # a safeguard: Newton's method is quadratic, and kept within its interval
+TIME_LAW_TOLERANCE = 4 * np.finfo(float).eps  # of the length of the path or the time along it
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,11 +44,6 @@ class TimeLaw:
         """The time at which the path ends, s."""
         return float(self._table[1][-1])
 
-    @property
-    def smooth(self) -> int:
-        """The order of the last derivative of sigma that is continuous."""
-        return int(self.x.k)
-
     def times(self, sigma: np.ndarray) -> np.ndarray:
         """The times (N,) at which values sigma (N,) are passed."""
         nodes, t = self._table
@@ -53,11 +56,11 @@ class TimeLaw:
         i = (np.searchsorted(known, t, side="right") - 1).clip(0, len(nodes) - 2)
         left, right = nodes[i], nodes[i + 1]
         found = left + (right - left) * ((t - known[i]) / (known[i + 1] - known[i])).clip(0, 1)
-        for _ in range(STEPS):
+        for _ in range(MAX_TIME_LAW_STEPS):  # from the secant, until no root moves by more than rounding
             step = (known[i] + self._lasting(left, found) - t) * np.sqrt(self.x(found))
             better = (found - step).clip(left, right)
             moved, found = np.abs(better - found), better
-            if (moved <= ROUNDING * (self.last - self.first)).all():
+            if (moved <= TIME_LAW_TOLERANCE * (self.last - self.first)).all():
                 break
         return found
 
@@ -76,11 +79,11 @@ class TimeLaw:
         """Values of sigma and their times, so close together that a rule of Gauss and Legendre is exact between."""
         knots = np.unique(self.x.t)
         nodes = np.unique([self.first, *knots[(knots > self.first) & (knots < self.last)], self.last])
-        for _ in range(SPLITS):
+        for _ in range(MAX_NODE_HALVINGS):  # of the intervals whose halves differ from the whole
             left, right = nodes[:-1], nodes[1:]
             middle = (left + right) / 2
             whole, halves = self._lasting(left, right), self._lasting(left, middle) + self._lasting(middle, right)
-            rough = np.abs(whole - halves) > ROUNDING * halves.sum()
+            rough = np.abs(whole - halves) > TIME_LAW_TOLERANCE * halves.sum()
             if not rough.any():
                 break
             nodes = np.sort(np.concatenate([nodes, middle[rough]]))
@@ -89,7 +92,7 @@ class TimeLaw:
 
     def _lasting(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
         """The time from one value of sigma to another: the integral of 1 / sqrt(x)."""
-        u, w = np.polynomial.legendre.leggauss(POINTS)
+        u, w = np.polynomial.legendre.leggauss(TIME_QUADRATURE_POINTS)
         half = (right - left)[:, None] / 2
         return (half * w / np.sqrt(self.x((left + right)[:, None] / 2 + half * u))).sum(axis=1)
 
@@ -112,8 +115,8 @@ class Paced(OfCurve):
 
     @property
     def highest(self) -> int:
-        """The order of the last derivative that is known: the time law has no further ones."""
-        return self.law.smooth if self.base.highest is None else min(self.base.highest, self.law.smooth)
+        """The order of the last derivative that is known: sigma is C^k with a spline x of degree k."""
+        return min(self.base.highest, self.law.x.k) if self.base.highest is not None else int(self.law.x.k)
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
         """The values and their derivatives up to `order`, by the chain rule."""
@@ -124,10 +127,9 @@ class Paced(OfCurve):
         """Where a derivative up to `order` jumps: where those of `base` do."""
         found = self.base.jumps(order)
         at = np.array([jump.t for jump in found])
-        t, speed = self.law.times(at), np.sqrt(self.law.x(at))  # the time law is smooth: the lowest derivative decides
-        return [
-            jump._replace(t=float(t[i]), size=jump.size * float(speed[i]) ** jump.order) for i, jump in enumerate(found)
-        ]
+        times, speeds = self.law.times(at).tolist(), np.sqrt(self.law.x(at)).tolist()
+        # the time law is smooth: the lowest derivative decides
+        return [j._replace(t=t, size=j.size * v**j.order) for j, t, v in zip(found, times, speeds, strict=True)]
 
     def inner(self, t: np.ndarray) -> np.ndarray:
         """The times at which `base` is where the curve is at t."""

@@ -8,34 +8,34 @@ from jounce.core.errors import JounceError, no_such, quoted, warn
 from jounce.model.coordinates import coordinate_units, leading_joints, likely_positions
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import of_single_joints, single_positions
+from jounce.motion.smoothness import MIN_JUDGED_SAMPLES
 
-ANGLES = {"rad": 1.0, "deg": np.pi / 180}
-TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
-NUMBERS = {"1": 1.0}  # of quaternions
+ANGLE_UNITS = {"rad": 1.0, "deg": np.pi / 180}  # rad
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # s
+LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}  # m
+NUMBER_UNITS = {"1": 1.0}  # of quaternions
 SPELLINGS = {"°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad", "µs": "us", "μs": "us",
              "sec": "s", "seconds": "s"}  # fmt: skip
-KINDS = {"s": TIMES, "rad": ANGLES, "m": LENGTHS, "1": NUMBERS}
+UNITS_BY_KIND = {"s": TIME_UNITS, "rad": ANGLE_UNITS, "m": LENGTH_UNITS, "1": NUMBER_UNITS}
 HEADER = re.compile(r"(.*?)\s*(?:\[([^][]*)\]|\(([^()]*)\))", re.DOTALL)
 PER_TIME = re.compile(r"(.+?)\s*/\s*s(?:\^?([2-9])|([²³⁴]))?")
-POWERS = {"²": 2, "³": 3, "⁴": 4}
+SUPERSCRIPTS = {"²": 2, "³": 3, "⁴": 4}
 INDEX = re.compile(r"\d+")
 
-SPEED = 60.0  # rad/s or m/s, joints without limits are assumed to move no faster
-BEYOND = 0.1  # of the range of a joint: how far beyond its limits it may be
-FASTER = 3.0  # times the limit of speed: how fast it may be
-SLOW = 0.5  # s between samples, from which on a unit shorter than the second is suspected
-STILL = 0.02  # rad/s or m/s: nothing moves faster, though something moves
-MOVES = 1e-4  # rad or m
-FEWEST = 32  # samples, below which speeds tell nothing
-APART = 1.5  # times by which changes of q and qd may differ
+DEFAULT_MAX_SPEED = 60.0  # rad/s or m/s: joints without limits are assumed to move no faster
+MAX_OUT_OF_RANGE = 0.1  # share of the range of a joint: how far beyond its limits it may be
+MAX_SPEED_TO_LIMIT = 3.0  # times the limit of speed: how fast a joint may be
+MIN_SUSPECT_STEP = 0.5  # s between samples, from which on a unit shorter than the second is suspected
+MAX_SPEED_AT_REST = 0.02  # rad/s or m/s: nothing moves faster, though something moves
+MIN_MOTION = 1e-4  # rad or m: a joint that goes less far rests
+MAX_RATE_MISMATCH = 1.5  # times by which changes of q and qd may differ: units differ by more
 IN_DEGREES = "the values would be within limits if they were degrees"
 
 
 def split_unit(name: str) -> tuple[str, str | None]:
     """A column's name and its unit, ``joint1 [deg]`` or ``time (ms)``; an index in brackets is part of the name."""
     found = HEADER.fullmatch(name)
-    unit = found and (found[2] if found[2] is not None else found[3])
+    unit = found and (found[2] or found[3])
     return (name, None) if found is None or not found[1] or not unit or INDEX.fullmatch(unit) else (found[1], unit)
 
 
@@ -45,37 +45,36 @@ def factor(stated: str | None, said: str | None, kind: str, order: int, column: 
         if stated is not None and "".join(stated.split()).replace("*", "") not in ("N", "Nm", "N.m", "N·m"):
             raise JounceError(f"column {quoted(column)}: {no_such('unit', stated, ('N', 'N m'))}")
         return 1.0
-    known = KINDS[kind]
+    known = UNITS_BY_KIND[kind]
     if stated is None:
         return known[said] if said is not None else 1.0
     per = PER_TIME.fullmatch(stated) if kind != "s" else None
-    base, power = (per[1], int(per[2] or POWERS.get(per[3], 1))) if per else (stated, 0)
+    base, power = (per[1], int(per[2] or SUPERSCRIPTS.get(per[3], 1))) if per else (stated, 0)
     base = SPELLINGS.get(base, base)
     if base not in known:
         raise JounceError(f"column {quoted(column)}: {no_such('unit', stated, known)}")
     if power != order:
         expected = base + (f"/s^{order}" if order > 1 else "/s" * order)
         raise JounceError(f"column {quoted(column)}: the unit is {quoted(stated)}; expected {expected}")
-    if said is not None and said != base:
-        raise JounceError(
-            f"column {quoted(column)} states its unit, but {quoted(said)} is asked for; leave one of them out"
-        )
+    if said not in (None, base):
+        came = f"column {quoted(column)} states its unit, but {quoted(said)} is asked for"
+        raise JounceError(f"{came}; leave one of them out")
     return known[base]
 
 
 def check_units(
     t: np.ndarray, q: np.ndarray, qd: np.ndarray | None, mechanism: Mechanism, stated: tuple[bool, bool], place: str
 ) -> None:
-    """Raise `JounceError` where numbers of q (N, nq) look like degrees or times like milliseconds, and nobody says not.
+    """Raise `JounceError` where numbers of q (N, nq) look like degrees or times like milliseconds.
 
-    `stated` tells whether the units of angles and of time are. Limits that are broken all the same are a warning.
+    Not if they are `stated`, the unit of angles and that of time. Limits that are broken all the same are a warning.
     """
-    if len(t) >= FEWEST and not stated[1] and (unit := _other_unit(t, q)):
+    if len(t) >= MIN_JUDGED_SAMPLES and not stated[1] and (unit := _other_unit(t, q)):
         cure = f"state the unit by --time-unit {unit} or --time-unit s (time_unit=)"
         raise JounceError(f"{place}: {_slow(t, q)}: t looks like {unit}; {cure}")
     _check_rates(t, q, qd, place)
     q, qd = of_single_joints(mechanism, q), None if qd is None else of_single_joints(mechanism, qd)
-    speeds = _speeds(t, q) if qd is None or len(t) < FEWEST else _quantile(np.abs(qd))
+    speeds = _speeds(t, q) if qd is None or len(t) < MIN_JUDGED_SAMPLES else _quantile(np.abs(qd))
     here = _broken(q, speeds, mechanism)
     if not here.any():
         return
@@ -100,14 +99,14 @@ def warn_of_degrees(q: np.ndarray, qd: np.ndarray, mechanism: Mechanism, place: 
 
 def warn_of_times(t: np.ndarray, q: np.ndarray, place: str) -> None:
     """Warn where times (N,) of samples (N, n) look like milliseconds."""
-    if len(t) >= FEWEST and (unit := _other_unit(t, q)):
+    if len(t) >= MIN_JUDGED_SAMPLES and (unit := _other_unit(t, q)):
         warn(f"{place}: {_slow(t, q)}: t looks like {unit}; expected seconds")
 
 
 def _look_like_degrees(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism) -> bool:
     """Whether revolute joints break their limits, which none would if its angles were degrees."""
     revolute = np.array([unit == "rad" for unit in coordinate_units(mechanism)])
-    scale = np.where(revolute, ANGLES["deg"], 1.0)
+    scale = np.where(revolute, ANGLE_UNITS["deg"], 1.0)
     now, then = _broken(q, speeds, mechanism), _broken(q * scale, speeds * scale, mechanism)
     return bool(now[revolute].any() and not then.any())
 
@@ -116,16 +115,16 @@ def _only_turn_over(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism) -> 
     """Whether joints leave nothing but a range that no file states, at speeds that they may have in rad/s too."""
     leading = leading_joints(mechanism)
     lower, upper = mechanism.limits.lower[leading], mechanism.limits.upper[leading]
-    turning = np.isinf(lower) & np.isinf(upper) & (speeds <= FASTER * _limits(mechanism)[2])
+    turning = np.isinf(lower) & np.isinf(upper) & (speeds <= MAX_SPEED_TO_LIMIT * _limits(mechanism)[2])
     return bool(turning[_broken(q, speeds, mechanism)].all())
 
 
 def _broken(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism) -> np.ndarray:
     """Which coordinates (n,) are far beyond their limits, or much faster."""
     lower, upper, fastest = _limits(mechanism)
-    slack = BEYOND * np.where(np.isfinite(upper - lower), upper - lower, 1)
+    slack = MAX_OUT_OF_RANGE * np.where(np.isfinite(upper - lower), upper - lower, 1)
     far = (q.min(axis=0) < lower - slack) | (q.max(axis=0) > upper + slack)
-    return np.asarray(far | (speeds > FASTER * fastest))
+    return np.asarray(far | (speeds > MAX_SPEED_TO_LIMIT * fastest))
 
 
 def _described(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism, j: int) -> tuple[str, str]:
@@ -138,10 +137,12 @@ def _described(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism, j: int) 
 def _other_unit(t: np.ndarray, q: np.ndarray) -> str | None:
     """The unit that times look like where rows are long apart, while nothing moves at a robot's speed."""
     step = float(np.median(np.diff(t)))
-    moves = np.ptp(q, axis=0).max() > MOVES
-    if step < SLOW or not (step >= SLOW / TIMES["ms"] or (moves and _speeds(t, q).max() < STILL)):
+    moves = np.ptp(q, axis=0).max() > MIN_MOTION
+    if step < MIN_SUSPECT_STEP or not (
+        step >= MIN_SUSPECT_STEP / TIME_UNITS["ms"] or (moves and _speeds(t, q).max() < MAX_SPEED_AT_REST)
+    ):
         return None
-    return next((unit for unit in ("ms", "us") if step * TIMES[unit] < SLOW), "ns")
+    return next((unit for unit in ("ms", "us") if step * TIME_UNITS[unit] < MIN_SUSPECT_STEP), "ns")
 
 
 def _slow(t: np.ndarray, q: np.ndarray) -> str:
@@ -150,25 +151,28 @@ def _slow(t: np.ndarray, q: np.ndarray) -> str:
 
 
 def _check_rates(t: np.ndarray, q: np.ndarray, qd: np.ndarray | None, place: str) -> None:
-    """Refuse rates that are of another unit than the coordinates: both tell how far a joint goes."""
-    if qd is None or len(t) < FEWEST:
+    """Refuse rates that are of another unit than the coordinates: both determine how far a joint goes."""
+    if qd is None or len(t) < MIN_JUDGED_SAMPLES:
         return
     way = np.abs(np.diff(q, axis=0)).sum(axis=0)
     stated = (np.abs(qd[1:] + qd[:-1]) / 2 * np.diff(t)[:, None]).sum(axis=0)
-    told = np.minimum(way, stated) > MOVES * 1e-3
-    ratio = np.median(way[told] / stated[told]) if told.any() else 1.0
+    moved = np.minimum(way, stated) > MIN_MOTION * 1e-3
+    ratio = np.median(way[moved] / stated[moved]) if moved.any() else 1.0
     for other, cure in (
-        (ANGLES["deg"], "qd looks like degrees per second: name the column NAME.qd [deg/s]"),
-        (1 / ANGLES["deg"], "q looks like degrees: name the column NAME.q [deg]"),
-        *((unit, f"t looks like {name}: --time-unit {name} (time_unit=)") for name, unit in list(TIMES.items())[1:]),
+        (ANGLE_UNITS["deg"], "qd looks like degrees per second: name the column NAME.qd [deg/s]"),
+        (1 / ANGLE_UNITS["deg"], "q looks like degrees: name the column NAME.q [deg]"),
+        *(
+            (unit, f"t looks like {name}: --time-unit {name} (time_unit=)")
+            for name, unit in list(TIME_UNITS.items())[1:]
+        ),
     ):
-        if 1 / APART < ratio / other < APART:
+        if 1 / MAX_RATE_MISMATCH < ratio / other < MAX_RATE_MISMATCH:
             raise JounceError(f"{place}: q changes {ratio:.3g} times as fast as qd states; {cure}")
 
 
 def _speeds(t: np.ndarray, q: np.ndarray) -> np.ndarray:
     """The speeds (n,) that joints seldom exceed: single wild stamps and rows do not count."""
-    if len(t) < FEWEST:
+    if len(t) < MIN_JUDGED_SAMPLES:
         return np.zeros(q.shape[1])
     with np.errstate(all="ignore"):
         return np.nan_to_num(_quantile(np.abs(np.diff(q, axis=0) / np.diff(t)[:, None])))
@@ -188,7 +192,7 @@ def _limits(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     leading = leading_joints(mechanism)
     fastest = mechanism.limits.velocity[leading]
     lower, upper = (bound[leading] for bound in likely_positions(mechanism))
-    return lower, upper, np.where(np.isfinite(fastest) & (fastest > 0), fastest, SPEED / FASTER)
+    return lower, upper, np.where(np.isfinite(fastest) & (fastest > 0), fastest, DEFAULT_MAX_SPEED / MAX_SPEED_TO_LIMIT)
 
 
 def _allowed(mechanism: Mechanism, j: int) -> str:

@@ -1,31 +1,74 @@
-"""Vibrations that stand out of the noise of a log, and what to say of them."""
+"""Vibrations of joints: lines in the spectrum of what a fit leaves of the samples, and what to say of them.
+
+White noise of N samples has a largest line ln(N / 2) / ln 2 times its median: 11 dB for ten thousand. A line is narrow:
+it stands out of the frequencies around it too. What is left of a slow motion at the end of the band does not.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.motion.lines import Line
+from jounce.motion.samples import Samples
 
-POINTS = 50  # times of a vibration, at which mass matrices are taken
+MIN_LINE_POWER = 250.0  # times the median of the spectrum: 24 dB. A measured log of a Franka arm has up to 21 dB
+BAND_TO_LINE = 1.3  # times a line's frequency, up to which a fit follows it
+MIN_SPECTRUM_ROWS = 256  # that distinguish a line from noise
+LINE_BINS = 2  # of the spectrum, on either side of a line, that belong to it
+MIN_ROUNDING_BINS = 100  # of the spectrum, over which a joint that is not steady spreads its rounding
+MASS_MATRIX_TIMES = 50  # of a vibration, at which mass matrices are taken
+
+
+@dataclass(frozen=True)
+class Line:
+    """A vibration of a joint."""
+
+    joint: int
+    frequency: float  # Hz
+    amplitude: float  # rad or m
+    span: tuple[float, float]  # s, from when to when it is seen
+    lasts: bool = False  # whether that is all the time
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """From when to when it is: flanks of a burst, below the noise, last as long as what is seen."""
+        start, end = self.span
+        return self.span if self.lasts else (2 * start - end, 2 * end - start)
+
+
+def find_lines(samples: Samples, residual: np.ndarray, velocity: np.ndarray) -> list[Line]:
+    """The largest line of each joint's residuals (N, n), where it stands out and is not that of rounding."""
+    count = len(samples.t)
+    if count < MIN_SPECTRUM_ROWS:
+        return []
+    t = np.linspace(samples.t[0], samples.t[-1], count)
+    row, window = t[1] - t[0], np.hanning(count)
+    found = []
+    for joint, column in enumerate(residual.T):
+        power = np.abs(np.fft.rfft(np.interp(t, samples.t, column) * window)) ** 2
+        power[: LINE_BINS + 1] = 0  # of a constant
+        at = int(np.argmax(power))
+        near = power[at // 2 : 2 * at + 2]
+        if power[at] <= MIN_LINE_POWER * max(np.median(power), np.median(near)):
+            continue
+        around = power[max(0, at - LINE_BINS) : at + LINE_BINS + 1].sum()
+        amplitude = float(2 * np.sqrt(around / ((window**2).sum() * count)))
+        if not is_steady(velocity[:, joint], samples.steps[joint] or np.sqrt(12) * column.std(), count * row):
+            found.append(Line(joint, at / (count * row), amplitude, (float(t[0]), float(t[-1])), True))
+    return found
+
+
+def is_steady(velocity: np.ndarray, step: float, duration: float) -> bool:
+    """Whether rounding at these velocities (N,) may be a line: steps pass at a frequency of velocity over step."""
+    slow, fast = np.quantile(velocity, [0.1, 0.9])
+    return bool((fast - slow) / step * duration < MIN_ROUNDING_BINS)
 
 
 @dataclass(frozen=True)
 class Vibration:
-    """A vibration of a joint.
+    """A vibration of a joint, by its name and number, whose largest q4d is `peak`.
 
-    Attributes
-    ----------
-    line : Line
-        Its frequency, its amplitude and when it is seen.
-    name : str
-        The joint's name.
-    joint : int
-        The joint's number.
-    peak : float
-        The largest value of the joint's q4d.
-    followed : bool
-        Whether the fit follows it; otherwise the standard deviations hold it.
+    If the fit does not follow it, its standard deviations hold it.
     """
 
     line: Line
@@ -41,14 +84,11 @@ class Vibration:
 
     def __str__(self) -> str:
         when = "" if self.line.lasts else f" from t = {self.line.span[0]:.4g} to {self.line.span[1]:.4g} s"
+        followed = "the fit follows it, unless a lower bandwidth makes it noise"
         return (
             f"{self.name} vibrates at {self.line.frequency:.4g} Hz by {self.line.amplitude:.2g} rad or m{when}, which"
             f" is {self.fourth:.2g} in q4d, whose peak is {self.peak:.2g}: "
-            + (
-                "the fit follows it, unless a lower bandwidth makes it noise"
-                if self.followed
-                else "the fit leaves it out, and its deviations hold it"
-            )
+            + (followed if self.followed else "the fit leaves it out, and its deviations hold it")
         )
 
 
@@ -65,19 +105,15 @@ def notes_of(vibrations: Sequence[Vibration]) -> tuple[str, ...]:
 
 def note_of_encoder(name: str, count: int) -> str:
     """A note of a joint whose encoder errs by a wave over its angle."""
-    return (
-        f"{name} is off by a wave of about {count} per turn, as an encoder's interpolation is; the fit follows it as"
-        " motion as far as its band reaches"
-    )
+    wave = f"a wave of about {count} per turn, as an encoder's interpolation is"
+    return f"{name} is off by {wave}; the fit follows it as motion as far as its band reaches"
 
 
 def in_forces(
     vibration: Vibration, mass_matrices: Callable[[np.ndarray], np.ndarray], coordinates: Sequence[str]
 ) -> str:
-    """A note of the largest force rate Q2d that a vibration means, to the first order: a column of M (T, n, n) at times
-    (T,) times its amplitude in q4d.
-    """
-    M = mass_matrices(np.linspace(*vibration.line.span, POINTS))
+    """A note of the largest Q2d that a vibration means to the first order, M (T, n, n) at times (T,) times its q4d."""
+    M = mass_matrices(np.linspace(*vibration.line.span, MASS_MATRIX_TIMES))
     most = np.abs(M[:, :, coordinates.index(vibration.name)]).max(axis=0) * vibration.fourth
     largest = int(np.argmax(most))
     return (

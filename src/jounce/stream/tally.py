@@ -15,7 +15,7 @@ from jounce.io.tables import place
 from jounce.limits.samples import worst_broken
 from jounce.model.coordinates import coordinate_limits
 from jounce.model.limits import Limits
-from jounce.motion.bands import COVERS, surest_peaks
+from jounce.motion.trust import BAND_DEVIATIONS, surest_peaks
 from jounce.spatial.series import rate_name
 from jounce.stream.job import MOTION_COLUMN, Job, Part
 from jounce.stream.outputs import Block
@@ -76,7 +76,7 @@ def add(tallies: dict[str, Aggregate], motion: str, more: Aggregate) -> None:
 
 def surest(peaks: Iterable[Sequence[float]]) -> Sequence[float]:
     """The first of the peaks with their deviations that are largest less their bands; NaN if all are."""
-    return max(peaks, key=lambda peak: -inf if isnan(peak[0]) else peak[0] - COVERS * peak[1])
+    return max(peaks, key=lambda peak: -inf if isnan(peak[0]) else peak[0] - BAND_DEVIATIONS * peak[1])
 
 
 def join(parts: Iterable[tuple[Part, Mapping[str, Aggregate]]], add: Add = add) -> dict[str, Aggregate]:

@@ -13,7 +13,7 @@ from jounce.io.native import writing
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
 from jounce.motion.analytic import Analytic, Cosine, Terms
-from jounce.motion.base import COLUMNS
+from jounce.motion.base import POSE_COLUMNS
 from jounce.motion.curves import COMPONENTS
 from jounce.motion.description import Description, motion_of
 from jounce.motion.matching import matched
@@ -44,7 +44,7 @@ def terms_in(entry: Entry) -> Description:
         {name: _curve(terms.named(f"joint {quoted(name)}")) for name, terms in joints.items()},
         {body: _components(terms, COMPONENTS) for body, terms in wrenches.items()},
         _times(motion.get("time").named("time")),
-        _components(motion.get("base").named("base"), COLUMNS) if "base" in motion.members() else None,
+        _components(motion.get("base").named("base"), POSE_COLUMNS) if "base" in motion.members() else None,
     )
 
 

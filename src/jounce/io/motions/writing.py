@@ -12,7 +12,7 @@ from jounce.model.elasticity import motor_names
 from jounce.model.kinds import unit_of
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
-from jounce.motion.base import NAMES
+from jounce.motion.base import BASE_COLUMNS
 from jounce.motion.columns import TIME
 from jounce.spatial.series import SUFFIX, rate_name
 
@@ -67,7 +67,7 @@ def of_base(motion: Motion, t: np.ndarray, order: int) -> Columns:
     if motion.base_curve is None:
         return {}
     motion.base(t, order)  # refuses what is not known
-    return _of_stems(NAMES, motion.base_curve.rates(t, order), motion.base_curve.deviations(t, order))
+    return _of_stems(BASE_COLUMNS, motion.base_curve.rates(t, order), motion.base_curve.deviations(t, order))
 
 
 def about(mechanism: Mechanism, order: int) -> About:
