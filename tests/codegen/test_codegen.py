@@ -275,7 +275,7 @@ def test_the_test_beside_the_code_knows_the_size_of_deflections(lang, tmp_path):
     assert passed, output
 
 
-def test_the_head_says_that_forces_are_those_of_the_links_where_joints_are_elastic(tmp_path):
+def test_the_head_says_that_forces_on_springs_are_of_links(tmp_path):
     arm = jounce.load("planar2r")
     for robot, said in ((arm, 0), (arm.elastic(800, rotor=0.1), 1)):
         made = robot.codegen("c", 0, tmp_path / f"c{said}", outputs=["inverse_dynamics", "mass_matrix"])
@@ -333,7 +333,7 @@ def test_the_head_says_that_a_body_is_the_base():
     assert "jacobian_base: body base; components in the axes of the body, about its origin. " in head
 
 
-def test_the_head_says_what_positions_and_velocities_of_joints_of_several_screws_are():
+def test_the_head_explains_positions_of_joints_of_several_screws():
     files = texts("several screws", "c", count=1, order=0, outputs=("inverse_dynamics", "inverse_dynamics.vjp"))
     head = re.sub(r"\s[\s*]*", " ", files["amid.h"])
     for words in (
@@ -690,7 +690,7 @@ def test_words_of_the_language_are_refused_as_prefixes(name):
     refusal(lambda: language(name).check_name(word, "prefix"), f"reserved word of {language(name).title}")
 
 
-def test_symbols_are_parameters_by_their_names_and_may_not_meet_others():
+def test_symbols_are_parameters_by_their_names_without_clashes():
     robot = robot_of("symbols").mechanism
     assert list(parametric(robot, []).shapes) == sorted(SYMBOLS)
     one = jounce.load("planar2r", m1=sympy.Symbol("gravity")).mechanism

@@ -52,7 +52,7 @@ def test_positions_beyond_limits_at_both_ends_of_a_log_are_found(measured):
     assert ends.table[0].violations[-1][1] == T[-1]
 
 
-def test_a_torque_rate_beyond_its_limit_where_rates_are_uncertain_counts(measured):
+def test_a_torque_rate_beyond_its_limit_counts_if_uncertain(measured):
     rate = np.abs(true_rates(DENSE)[1][:, 0])
     limited = ROBOT.with_limits(effort_rate=[9e3, 9e3])
     start = bounded(limited, measured).window("effort_rate")[0]
