@@ -30,7 +30,6 @@ def elastic(m):
 
 
 @every
-@settings(max_examples=15)
 @given(mechanisms(6))
 def test_magnitudes_are_about_as_large_as_results(quantity, drawn):
     """Hence errors relative to them are no more forgiving than those relative to the largest entry."""

@@ -70,7 +70,6 @@ def undoes_inverse_dynamics(robot, rng, order, methods, base=None):
 
 
 @given(mechanisms())
-@settings(max_examples=15)
 def test_it_undoes_inverse_dynamics(drawn):
     """Trees and forests, joints that follow others, drives, wrenches; orders 0 to 4."""
     undoes_inverse_dynamics(driven(*drawn), drawn[1], 4, ["recursion", "closed_form"])
@@ -106,7 +105,6 @@ def test_it_undoes_inverse_dynamics_of_long_chains():
 
 
 @given(mechanisms(), st.booleans(), st.booleans())
-@settings(max_examples=15)
 def test_articulated_bodies_agree_with_factors(drawn, armature, floats):
     m, rng = driven(*drawn).robot.mechanism, drawn[1]
     m = floating(m, rng) if floats else m

@@ -104,7 +104,6 @@ def test_recursion_and_closed_form_agree_on_a_moving_base(drawn):
 
 
 @given(mechanisms())
-@settings(max_examples=15)
 def test_the_recursion_agrees_with_the_closed_form(drawn):
     """Trees and forests, joints that follow others, drives, wrenches; orders 0 to 2, and of the accelerations."""
     m, rng = driven(*drawn), drawn[1]

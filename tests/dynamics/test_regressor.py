@@ -28,7 +28,6 @@ def energy(robot, q, base=None):
     return np.add(robot.kinetic_energy(*q, base=base), U)
 
 
-@settings(max_examples=20)
 @given(moved_mechanisms(largest=5))
 def test_it_gives_the_forces_and_their_rates_from_the_parameters(drawn):
     robot, q, base = of_one_state(drawn)
