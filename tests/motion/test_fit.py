@@ -274,11 +274,11 @@ def test_a_long_log_is_compressed_and_gives_the_same():
     rng = np.random.default_rng(5)
     truth = harmonics(rng)
     t = np.arange(170000) / 4000
-    q = truth(t) + 1e-5 * rng.normal(size=(len(t), 7))
+    q = truth(t)[:, :2] + 1e-5 * rng.normal(size=(len(t), 2))  # what is long are its rows
     smooth = fit(t, q)
     s = inside(smooth)
     deviations = smooth.deviations(s)
-    within = [np.abs(smooth.spline(s, nu=k) - truth(s, k)) < 1.96 * deviations[k] for k in range(5)]
+    within = [np.abs(smooth.spline(s, nu=k) - truth(s, k)[:, :2]) < 1.96 * deviations[k] for k in range(5)]
     assert 0.90 <= np.mean(within) <= 0.99
     direct = make_lsq_spline(t, q, smooth.spline.t, 9)
     assert np.abs(direct.c - smooth.spline.c).max() < 1e-9
