@@ -60,6 +60,11 @@ def pytest_collection_finish():
     gc.freeze()
 
 
+def pytest_unconfigure():
+    """So that libraries find nothing of theirs left when the process ends."""
+    gc.unfreeze()
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _own_cache(tmp_path_factory):
     """Native code of the tests is compiled by them, once for all workers, and leaves nothing in the user's cache."""

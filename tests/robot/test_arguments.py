@@ -3,6 +3,7 @@
 import inspect
 import warnings
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -346,11 +347,15 @@ def _files(tmp_path, monkeypatch):
         Path(f"r.{suffix}").write_text(text)
 
 
+@cache
+def positional(function: Callable[..., Any]) -> list[str]:
+    """The names of what may be given in its place."""
+    return [name for name, x in inspect.signature(function).parameters.items() if x.kind != x.KEYWORD_ONLY]
+
+
 def call(function: Callable[..., Any], given: Mapping[str, Any]) -> Any:
-    keywords, arguments = dict(given), []
-    for name, parameter in inspect.signature(function).parameters.items():
-        if name in keywords and parameter.kind != parameter.KEYWORD_ONLY:
-            arguments.append(keywords.pop(name))
+    keywords = dict(given)
+    arguments = [keywords.pop(name) for name in positional(function) if name in keywords]
     return function(*arguments, **keywords)
 
 
