@@ -56,7 +56,6 @@ def pytest_report_header(config):
 
 def pytest_collection_finish():
     """What is imported stays: no search for cycles goes through it again."""
-    gc.collect()
     gc.freeze()
 
 

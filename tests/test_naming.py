@@ -4,6 +4,7 @@ import ast
 import math
 import re
 from collections import defaultdict
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -11,18 +12,21 @@ import pytest
 
 TESTS = Path(__file__).parent
 SOURCE = TESTS.parent / "src" / "jounce"
-MODULES = {
-    path.relative_to(SOURCE).as_posix(): ast.parse(path.read_text(encoding="utf-8")) for path in SOURCE.rglob("*.py")
-}
 LONGEST = 60  # letters of a test's name behind "test_": it fits a line of a report
 PREPOSITIONS = {
     "about", "above", "across", "after", "against", "along", "among", "around", "as", "at", "before", "behind",
-    "below", "beside", "between", "beyond", "by", "despite", "down", "during", "except", "for", "from", "in", "inside",
-    "into", "like", "near", "of", "off", "on", "onto", "out", "outside", "over", "past", "per", "since", "than",
-    "through", "to", "toward", "towards", "under", "until", "up", "upon", "via", "where", "with", "within", "without",
+    "below", "beside", "between", "beyond", "by", "despite", "during", "except", "for", "from", "in", "inside",
+    "into", "like", "near", "of", "off", "on", "onto", "outside", "over", "past", "per", "since", "than",
+    "through", "to", "toward", "towards", "under", "until", "upon", "via", "where", "with", "within", "without",
 }  # fmt: skip
 CONSTRUCTORS = {"as", "from", "to", "with", "without"}  # from_matrix, to_degrees, with_limits: a noun follows
 NUMBERS = (ast.Constant, ast.Tuple, ast.List, ast.UnaryOp, ast.BinOp, ast.operator, ast.unaryop, ast.Load)
+
+
+@cache
+def modules():
+    """The trees of all modules by path."""
+    return {path.relative_to(SOURCE).as_posix(): ast.parse(path.read_text("utf-8")) for path in SOURCE.rglob("*.py")}
 
 
 def is_numeric(node):
@@ -36,7 +40,7 @@ def is_numeric(node):
 
 def constants():
     """(name, module, value) of numeric constants of modules, names without leading underscores."""
-    for module, tree in MODULES.items():
+    for module, tree in modules().items():
         for node in tree.body:
             if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
                 continue
@@ -50,14 +54,6 @@ def constants():
                     yield name.id.lstrip("_"), module, ast.unparse(value)
 
 
-def modules_of(found):
-    """By name, the modules of what stands more than once."""
-    places = defaultdict(list)
-    for name, module in found:
-        places[name].append(module)
-    return {name: modules for name, modules in places.items() if len(modules) > 1}
-
-
 def test_no_constant_has_two_values():
     values = defaultdict(dict)
     for name, module, text in constants():
@@ -67,19 +63,18 @@ def test_no_constant_has_two_values():
 
 
 def test_no_class_name_stands_twice():
-    classes = (
-        (node.name, module)
-        for module, tree in MODULES.items()
-        for node in ast.walk(tree)
-        if isinstance(node, ast.ClassDef)
-    )
-    assert modules_of(classes) == {}
+    places = defaultdict(list)
+    for module, tree in modules().items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ClassDef):
+                places[node.name].append(module)
+    assert {name: found for name, found in places.items() if len(found) > 1} == {}
 
 
 def test_no_function_is_a_preposition_or_begins_with_one():
     found = [
         f"{module}: {node.name}"
-        for module, tree in MODULES.items()
+        for module, tree in modules().items()
         for node in tree.body
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
         for first, *rest in [node.name.strip("_").split("_")]
