@@ -27,10 +27,12 @@ processors: $(VENV)/installed-dev
 	$(BIN)/pytest -n auto --dist worksteal tests/io tests/model tests/spatial
 
 # Attacks all readers, commands, forces, verdicts on limits, retiming and workers of clusters for so long, from a random
-# seed (SEED=... for that of an earlier run); inputs that were not taken well are kept in build/fuzz.
+# seed (SEED=... for that of an earlier run); inputs that were not taken well are kept in build/fuzz. Then properties
+# are tested with five times the examples of `make test`.
 SECONDS := 600
 fuzz: $(VENV)/installed-dev
 	$(BIN)/pytest -n auto tests/fuzz --fuzz-seconds $(SECONDS) $(if $(SEED),--fuzz-seed $(SEED))
+	$(BIN)/pytest -n auto --dist worksteal --ignore tests/fuzz -m hypothesis --hypothesis-profile thorough
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check

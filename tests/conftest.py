@@ -1,4 +1,8 @@
-"""Property tests run the same examples everywhere, however slow the machine."""
+"""Property tests run the same examples everywhere, however slow the machine.
+
+Native code is compiled without LLVM's optimizations of machine code, which change no bit of its results: most kernels
+run once or twice. tests/native and processes that tests start compile it as users do.
+"""
 
 import ctypes
 import gc
@@ -10,6 +14,7 @@ from random import SystemRandom
 
 import pytest
 from hypothesis import settings
+from llvmlite.binding import Target
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # each core has a worker: threads of small products only wait
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")  # every function is compiled for a call or two
@@ -18,13 +23,17 @@ os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")  # every function i
 collect_ignore = ["golden", "types/mistakes.py", "types/right.py", "types/editor.py"]
 
 STATM, PAGE = Path("/proc/self/statm"), mmap.PAGESIZE
-GROWTH = 100  # MiB
+GROWTH = 250  # MiB
 left = 0.0  # MiB of this process when it was tidied last
 
-gc.set_threshold(100_000, 50, 1000)  # traces make many objects, few cycles: looking for these took a sixth of the time
+gc.set_threshold(1_000_000, 50, 1000)  # traces make many objects, few cycles: the search for these took a sixth
 
-settings.register_profile("jounce", deadline=None, max_examples=15, derandomize=True)
+settings.register_profile("jounce", deadline=None, max_examples=10, derandomize=True)
+settings.register_profile("thorough", settings.get_profile("jounce"), max_examples=50)  # of `make fuzz`
 settings.load_profile("jounce")
+
+SHIPPED = Target.create_target_machine
+Target.create_target_machine = lambda target, **options: SHIPPED(target, **options | {"opt": 0})  # takes a fifth of it
 
 
 def pytest_addoption(parser):
@@ -45,6 +54,16 @@ def pytest_report_header(config):
     return f"fuzz: seed {config.option.fuzz_seed}, {config.option.fuzz_seconds:g} s"
 
 
+def pytest_collection_finish():
+    """What is imported stays: no search for cycles goes through it again."""
+    gc.freeze()
+
+
+def pytest_unconfigure():
+    """So that libraries find nothing of theirs left when the process ends."""
+    gc.unfreeze()
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _own_cache(tmp_path_factory):
     """Native code of the tests is compiled by them, once for all workers, and leaves nothing in the user's cache."""
@@ -53,6 +72,13 @@ def _own_cache(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("JOUNCE_CACHE_DIR", str(shared / "kernels"))
         yield
+
+
+@pytest.fixture
+def as_shipped(monkeypatch):
+    """Native code is compiled with LLVM's optimizations, and never read from what other tests have compiled without."""
+    monkeypatch.setattr(Target, "create_target_machine", SHIPPED)
+    monkeypatch.setenv("JOUNCE_CACHE_DIR", os.environ["JOUNCE_CACHE_DIR"] + "-as-shipped")
 
 
 def resident():

@@ -41,7 +41,7 @@ def test_every_error_and_warning_is_one_printable_line(text):
 
 
 @pytest.mark.parametrize("within", [np.errstate(all="ignore"), np.vectorize])
-def test_a_warning_is_of_the_line_that_calls_jounce_though_numpy_stands_between(within):
+def test_a_warning_is_of_the_line_that_calls_jounce_via_numpy(within):
     t = np.linspace(0, 2, 400)
     with pytest.warns(jounce.JounceWarning, match="rounding of the samples .* of joint 0;") as caught:
         within(lambda digits: jounce.Motion.through(t, np.sin(t).round(digits)[:, None]).start)(4)

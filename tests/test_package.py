@@ -39,7 +39,7 @@ def test_what_has_no_address_yet_has_one_marked_place_for_it(file, mark):
     assert text.count(f"{mark}: ") == text.count(mark) == 1
 
 
-def test_the_changelog_has_one_heading_of_this_version_and_no_item_twice():
+def test_the_changelog_has_this_version_once_and_no_item_twice():
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     versions = re.findall(r"^## \[([^]]+)\]", text, re.MULTILINE)
     assert versions[0] == jounce.__version__
@@ -68,7 +68,7 @@ def test_ci_runs_on_every_python_and_system_that_the_package_names():
     assert PROJECT["project"]["requires-python"] == f">={min(named, key=lambda v: int(v[2:]))}"
 
 
-def test_a_bundled_robot_that_has_a_file_has_a_licence_that_the_package_names():
+def test_files_of_bundled_robots_have_licences_that_are_named():
     licences = set(PROJECT["project"]["license"].split(" AND "))
     for robot in BUNDLED.values():
         assert robot.licence in licences

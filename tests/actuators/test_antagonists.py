@@ -34,7 +34,7 @@ def waves(mean, size, speed, order=4):
 
 
 @pairs
-def test_deflections_have_the_force_and_the_stiffness_with_their_rates(name):
+def test_deflections_give_force_and_stiffness_with_rates(name):
     springs, Q, S = PAIRS[name], waves(3, 15, 2.0), waves(250, 60, 1.3)
     d1, d2 = deflection_series(springs, Q, S)
     force, stiffness = (force_along(springs.first, d1, j) + force_along(springs.second, d2, j) for j in (0, 1))

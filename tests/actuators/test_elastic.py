@@ -105,7 +105,7 @@ def test_forward_dynamics_inverts_motor_torques(name, request):
     close(out, found, 0)
 
 
-def test_the_torques_of_stiff_springs_reach_those_of_a_rigid_robot_as_1_over_k():
+def test_torques_of_stiff_springs_approach_rigid_ones_as_1_by_k():
     q, rigid, way = states(DRIVEN.elastic(1.0), 5), DRIVEN.with_drives("armature"), {"method": "recursion"}
     Q, _, Q2d = DRIVEN.inverse_dynamics(*q, **way)
     expected = rigid.inverse_dynamics(*q[:3], **way)
@@ -136,7 +136,7 @@ def test_energy_is_what_motors_give_and_friction_takes(arm):
     assert abs(weights @ (thetad * lost).sum(-1)[1:-1]) > 1e3 * tolerance
 
 
-def test_the_error_of_the_linearised_loop_obeys_the_equation_that_was_placed(arm):
+def test_the_error_of_the_linearised_loop_has_the_placed_poles(arm):
     """(d/dt + p)^4 e = 0, from a state off the motion."""
     p, motion = 6.0, harmonic(np.random.default_rng(6), 2, 4)
     arm = DRIVEN.elastic(K)
@@ -301,7 +301,7 @@ WOUND = {
 }
 
 
-def test_what_meant_the_motors_is_refused_with_both_names_for_this_release(arm):
+def test_old_names_of_motors_are_refused_with_both_new_names(arm):
     """So that no call returns another number than before in silence; positional arguments fit both."""
     five, Q = [SPOILT] * 5, arm.inverse_dynamics(*[SPOILT] * 3, side="links")
     links = jounce.Robot(replace(arm.mechanism, elasticity=None))
@@ -379,7 +379,7 @@ def test_rows_of_motors_are_computed_by_every_way(name):
     close(found / scale, expected[:, 0] / scale)
 
 
-def test_motors_without_data_are_missing_in_numbers_and_refused_in_expressions(tmp_path):
+def test_motors_without_data_give_nan_and_refuse_expressions(tmp_path):
     arm = DRIVEN.elastic(K, motors=WOUND | {"joint2": jounce.Motor(inertia=1e-2)})
     assert np.isnan(arm.motor_voltages(*[SPOILT] * 6)).tolist() == [False, True]
     refusal(lambda: arm.symbolic().i, "a number is missing, as those of motors that do not state all")

@@ -87,7 +87,7 @@ def test_links_on_damped_springs_follow(robot, links, motion):
     assert drift(links, motion, theta, tau, lambda d, rate: STIFFNESS * d + damping * rate) < 1e-10
 
 
-def test_links_on_springs_of_two_motors_follow_while_their_stiffness_changes(robot, links, motion):
+def test_links_on_antagonists_follow_while_the_stiffness_changes(robot, links, motion):
     """The stiffness rises from rest to rest by a half, while the arm moves."""
     k, k3 = 1e3, 1e6
     tendon = jounce.CubicSpring(k, k3)

@@ -142,7 +142,7 @@ def test_linear_springs_divide():
     )
 
 
-def test_springs_without_stiffness_at_rest_have_deflections_and_rates_where_they_carry_a_force():
+def test_springs_soft_at_rest_have_deflection_rates_under_force():
     spring, Q = CubicSpring(0.0, 64.0), np.array([0.0, 1e-300, -8.0, 1e200])
     np.testing.assert_allclose(deflection(spring, Q), np.cbrt(Q) / 4, rtol=1e-15)
     given = Series.of([np.array([-8.0, 1.0]), np.array([1.0, 3.0]), np.zeros(2)])

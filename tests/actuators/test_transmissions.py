@@ -101,7 +101,7 @@ def test_native_code_inverts_springs_whatever_they_carry(k):
     np.testing.assert_allclose(CubicSpring(k, 1e4).force(found[0] - q[0]), ROBOT.inverse_dynamics(*q[:3]), rtol=1e-12)
 
 
-def test_a_spring_without_stiffness_at_rest_has_positions_and_refuses_infinite_rates(tmp_path):
+def test_a_spring_soft_at_rest_has_positions_but_refuses_rates(tmp_path):
     spring = CubicSpring(0, 1e4)
     arm = ROBOT.elastic(spring={"joint1": spring}, stiffness={"joint2": K}, rotor=0.1)
     upright, zero = np.array([[0.3, 0.2], [np.pi / 2, 0.0]]), np.zeros((2, 2))
@@ -209,7 +209,7 @@ def test_deflections_of_dampers_are_integrals_of_their_rates(name):
 
 
 @damped
-def test_without_damping_the_torques_are_those_of_the_spring_with_the_right_slope(name):
+def test_torques_without_damping_are_those_of_the_spring(name):
     """d theta / d D = -delta' / phi' at D = 0."""
     t = np.linspace(0.1, 0.9, 9)
     arm = ROBOT.elastic(rotor=0.1, **DAMPED[name])
@@ -226,7 +226,7 @@ def test_without_damping_the_torques_are_those_of_the_spring_with_the_right_slop
     assert errors[1] < 0.52 * errors[0] < 1e-4
 
 
-def test_the_series_of_dampers_agrees_with_their_integral_to_its_last_term():
+def test_the_series_of_dampers_agrees_with_their_integral():
     t, D = np.linspace(0.1, 0.9, 9), 2.0
     q = smooth_step()(t, 8)
     exact = ROBOT.elastic(K, 0.1, damping=D).motors_along(smooth_step(), t)
@@ -489,7 +489,7 @@ def test_motors_are_seen_through_their_gears():
     assert arm.motors_along(smooth_step(), [0.2]).voltages is None
 
 
-def test_the_power_of_the_voltage_is_that_of_the_motor_and_of_its_losses():
+def test_electric_power_is_mechanical_power_plus_losses():
     """u i = R i^2 + L i i' + tau thetad."""
     arm, q = ROBOT.elastic(K, motors=MOTORS), waves(np.linspace(0, 1, 5), 5)
     (i, id_), u, thetad = arm.motor_currents(*q), arm.motor_voltages(*q), arm.motor_positions(*q[:4])[1]

@@ -56,7 +56,7 @@ def test_what_is_wrong_with_a_base_is_said(robot, base, message):
 
 
 @pytest.mark.parametrize("W", [{"body2": pinocchio.Force.Zero()}, [pinocchio.Force.Zero()] * 3], ids=["dict", "list"])
-def test_forces_of_pinocchio_are_no_wrenches_since_numpy_reads_them_linear_first(robot, W):
+def test_forces_of_pinocchio_are_refused_as_linear_first(robot, W):
     with pytest.raises(JounceError, match=r"\(linear; angular\); expected \(angular; linear\): numpy.concatenate"):
         robot.inverse_dynamics(*ZEROS, base=(ORIGIN, STILL, STILL), wrench=W)
 

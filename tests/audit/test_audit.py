@@ -161,7 +161,7 @@ def test_finds_it_and_not_what_is_barely_sound(kind, data, severity, where, numb
 
 
 @pytest.mark.parametrize("start", ["=", "+", "-", "@", "\t", "\r"])
-def test_names_that_spreadsheets_execute_are_found_on_joints_and_links(start):
+def test_names_that_spreadsheets_execute_are_found(start):
     sane = arm().mechanism
     named = replace(sane, joints=(f"{start}1+1", *sane.joints[1:]), bodies=(f"{start}2+2", *sane.bodies[1:]))
     found = [(finding.unit, finding.joints, finding.bodies) for finding in formulas(named)]

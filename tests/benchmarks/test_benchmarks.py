@@ -116,7 +116,7 @@ def test_tables():
 
 
 @pytest.mark.parametrize("row", [*quantities.ROWS[::4], quantities.DERIVATIVES[0]], ids=lambda row: row.label)
-def test_quantities_are_compared_with_the_closed_form_before_they_are_measured(row, monkeypatch):
+def test_quantities_are_compared_with_the_closed_form_first(row, monkeypatch):
     robot = jounce.load("iiwa14")
     batch, call = quantities._cases("iiwa", robot, row, robot.body_names[-1])
     assert batch.states == quantities.COUNT

@@ -294,7 +294,7 @@ def test_joints_of_several_screws_take_the_numbers_of_their_positions(floats):
     assert robot.casadi_function("poses", 0, body="body6").size_out(0) == (4, 4)
 
 
-def test_derivatives_by_numbers_of_positions_lead_to_those_by_displacements():
+def test_derivatives_by_positions_give_those_by_displacements():
     robot = amid()
     q, *rates = states(robot, 3)
     F = robot.casadi_function("inverse_dynamics", 0)

@@ -123,7 +123,7 @@ def test_a_robot_that_is_not_that_of_its_file_is_found():
     assert all(check.passed for check in of(checks, "MuJoCo"))  # which is given our data
 
 
-def test_a_robot_with_locked_joints_is_not_what_a_library_reads_and_is_given_to_it():
+def test_a_robot_with_locked_joints_is_handed_to_the_library():
     checks = of(compare(jounce.load(PANDA, lock={"panda_joint3": 0.2}), PANDA, order=0, states=2), "Pinocchio")
     assert checks[0].remark.startswith("joints differ")
     assert [(check.quantity, check.remark, check.passed) for check in checks[1:]] == [
@@ -234,7 +234,7 @@ def test_the_command_ends_with_1_where_something_differs(monkeypatch):
 
 
 @pytest.mark.parametrize("floats", [False, True])
-def test_joints_of_several_screws_are_compared_along_motions_of_theirs(floats):
+def test_joints_of_several_screws_are_compared_along_motions(floats):
     checks = compare(amid(floats=floats), states=3, order=2)
     assert [check for check in checks if not check.passed] == []
     assert max(check.error for check in of(checks, "differences")) < 1e-11

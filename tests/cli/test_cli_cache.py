@@ -72,7 +72,7 @@ def test_a_limit_that_is_no_size_is_refused(filled, monkeypatch, set_to):
 
 
 @pytest.mark.skipif(not hasattr(os, "uname"), reason="which processes are gone cannot be told on Windows")
-def test_it_removes_what_killed_writers_left_and_nothing_of_those_that_write(filled):
+def test_it_removes_files_of_killed_writers_not_of_active_ones(filled):
     gone, live, mine = abandoned_part(filled), abandoned_part(filled, os.getpid()), filled / "notes.part"
     mine.touch()
     summary("--clear")

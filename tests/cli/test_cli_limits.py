@@ -22,7 +22,7 @@ def slower(tmp_path_factory):
     return path, json.loads(result.stdout)
 
 
-def test_check_tells_of_every_limit_and_exits_with_1_where_one_is_broken(tmp_path):
+def test_check_reports_every_limit_and_exits_with_1_if_broken(tmp_path):
     picture = tmp_path / "ratio.svg"
     result = run("check", "iiwa14", "paper", "--limits", "iiwa14", "--step", 0.02, "-o", picture)
     assert result.exit_code == 1

@@ -74,7 +74,7 @@ def test_from_the_first_import_to_the_last_moment(folder, when):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no signal is sent like this")
 @pytest.mark.parametrize("when", ["numpy", "llvmlite.binding"])
-def test_an_import_that_drops_the_exception_does_not_hide_the_interruption(folder, when):
+def test_an_import_that_drops_the_exception_is_interrupted(folder, when):
     done = interrupted(folder, f"lost {when}")
     assert (done.returncode, done.stderr) == (130, "\nAborted!\n")
 

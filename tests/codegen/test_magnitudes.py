@@ -30,7 +30,6 @@ def elastic(m):
 
 
 @every
-@settings(max_examples=15)
 @given(mechanisms(6))
 def test_magnitudes_are_about_as_large_as_results(quantity, drawn):
     """Hence errors relative to them are no more forgiving than those relative to the largest entry."""
@@ -85,7 +84,7 @@ def test_magnitudes_stay_where_results_cancel():
 
 @pytest.mark.parametrize(("k", "k3"), [(1e2, 1e4), (1e3, 50.0), (5e2, 1e8), (1e-3, 1e4)])
 @pytest.mark.parametrize("name", ["motor_positions", "motor_torques"])
-def test_deflections_of_stiffening_springs_are_about_as_large_as_what_causes_them(name, k, k3):
+def test_stiffening_springs_deflect_in_proportion_to_their_cause(name, k, k3):
     """However many steps lead to them: a change P of Q moves a spring by P / phi'."""
     m = jounce.load("planar2r").elastic(spring=jounce.CubicSpring(k, k3), rotor=0.1).mechanism
     asked = Computation(name, 2)

@@ -256,7 +256,7 @@ def test_what_does_not_fit_is_refused_in_one_line(cupy, kernels, case):
         kernel(*arrays(cupy.asarray), **out)
 
 
-def test_results_that_share_memory_and_batches_that_differ_are_refused(cupy, kernels):
+def test_overlapping_results_and_differing_batches_are_refused(cupy, kernels):
     kernel, _ = kernels("forces")
     arrays = states(kernel, 4)
     x = cupy.asarray(np.zeros((5, 2)))

@@ -27,7 +27,7 @@ def call(*words):
     return CliRunner().invoke(main, [str(word) for word in words])
 
 
-def test_exact_rates_agree_with_central_differences_at_their_best_step(alone):
+def test_exact_rates_agree_with_differences_at_their_best_step(alone):
     """Over the whole motion, relative to the largest value: Qd to 1e-9, Q2d to 1e-8; no scheme reaches the exact."""
     for errors, bound in zip(step_errors(alone.robot), (1e-9, 1e-8), strict=True):
         best = {name: values.min() for name, values in errors.of_scheme.items()}
@@ -110,7 +110,7 @@ def test_plot_counts_the_joints_of_all_panels(tmp_path):
     assert result.stdout.startswith("Q, Qd of 2 joints, 1 state, drawn")
 
 
-def test_plot_takes_units_from_a_robot_and_lays_tables_over_each_other(tmp_path, monkeypatch):
+def test_plot_takes_units_from_a_robot_and_overlays_tables(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("f.csv", "g.csv"):
         tables.write(tmp_path / name, {"t": np.arange(2.0), "joint2.Q": np.ones(2), "joint1.Q": np.ones(2)})

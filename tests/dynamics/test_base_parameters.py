@@ -66,7 +66,6 @@ def special(draw, floats=True):
     return floating(m, rng) if floats and draw(st.booleans()) else m
 
 
-@settings(max_examples=20)
 @given(special())
 def test_they_are_as_many_as_independent_columns(m):
     check(m)
@@ -94,7 +93,6 @@ def test_a_joint_that_follows_by_the_factor_0_is_as_good_as_locked():
     check(replace(m, G=G))
 
 
-@settings(max_examples=25)
 @given(special(floats=False).filter(lambda m: m.nb > 1), st.integers(0, 3), st.integers(0, 2**16))
 def test_a_joint_with_the_factor_0_leaves_those_of_the_locked_robot(m, joint, seed):
     """Where bodies stand still, at odd angles, columns that are zero in exact arithmetic are rounding."""
@@ -150,7 +148,6 @@ def test_joints_that_are_locked_leave_fewer():
     assert check(jounce.load("iiwa14").locked({"joint3": 0.2, "joint5": 0.1}).mechanism).count < 43
 
 
-@settings(max_examples=15)
 @given(special())
 def test_the_regrouping_of_the_recursion_leaves_them_as_they_are(m):
     m = equivalent.align_frames(m)

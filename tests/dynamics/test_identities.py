@@ -33,7 +33,7 @@ def size(*arrays):
 
 
 @given(mechanisms())
-def test_mass_matrix_and_its_rates_are_symmetric_and_it_is_positive_definite(drawn):
+def test_the_mass_matrix_is_symmetric_positive_definite(drawn):
     _, _, F = state(drawn)
     for k in ORDERS:
         vanishes(F.gM[k] - F.gM[k].T, size(F.gM[k]))
@@ -42,7 +42,7 @@ def test_mass_matrix_and_its_rates_are_symmetric_and_it_is_positive_definite(dra
 
 
 @given(mechanisms())
-def test_rate_of_the_mass_matrix_less_twice_the_skew_form_is_skew_and_so_are_its_rates(drawn):
+def test_mdot_less_twice_the_skew_form_is_skew_with_its_rates(drawn):
     _, _, F = state(drawn)
     S = F.gM.dot - 2 * F.gCbar
     for k in ORDERS:
@@ -50,7 +50,7 @@ def test_rate_of_the_mass_matrix_less_twice_the_skew_form_is_skew_and_so_are_its
 
 
 @given(mechanisms())
-def test_both_forms_of_c_do_no_work_beyond_the_kinetic_energy_and_give_the_same_forces(drawn):
+def test_both_forms_of_c_give_the_same_forces_and_power(drawn):
     _, q, F = state(drawn)
     qd = q[1]
     for C in (F.gC, F.gCbar):

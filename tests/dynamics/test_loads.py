@@ -94,7 +94,7 @@ def test_what_the_ground_feels_of_a_balanced_mechanism_is_constant():
 
 
 @given(drawn=mechanisms())
-def test_a_load_constant_in_the_world_is_the_gradient_of_its_potential_energy(drawn):
+def test_a_constant_load_is_the_gradient_of_its_potential_energy(drawn):
     """-f . x(q), at a point of a merged link: Qext is its gradient, and the rates of Qext those of the gradient."""
     robot, rng, _ = with_tool(drawn)
     f, p = rng.normal(size=(2, 3))

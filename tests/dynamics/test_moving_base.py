@@ -114,7 +114,7 @@ def test_matrices_are_those_of_the_forces_and_of_the_momentum(drawn):
 
 @few
 @given(drawn=moved_mechanisms())
-def test_momentum_changes_by_the_wrench_of_the_ground_and_by_the_weight(drawn):
+def test_the_rate_of_momentum_is_base_wrench_plus_weight(drawn):
     """About the inertial origin and about the centre of mass, in which the mass is gathered."""
     robot, q, base, nu = state(drawn)
     m = robot.mechanism.M[:, 3, 3].sum()
@@ -172,7 +172,7 @@ def test_the_choice_of_the_inertial_frame_does_not_matter(drawn):
 
 @few
 @given(drawn=moved_mechanisms(largest=3))
-def test_rates_are_time_derivatives_along_motions_of_the_base_in_long_doubles(drawn):
+def test_rates_with_a_moving_base_are_time_derivatives(drawn):
     mechanism, rng = drawn
     robot = Interpreted(jounce.Robot(mechanism))
     path, base = harmonic(rng, mechanism.n, 5), base_path(rng, 5)

@@ -163,7 +163,7 @@ def test_erratum_skew_symmetry_needs_the_arrangement_of_cbar(paper):
     assert np.abs(Sbar + Sbar.T).max() < 1e-12 * np.abs(S).max()
 
 
-def test_erratum_the_mass_matrix_is_only_semidefinite_with_massless_bodies():
+def test_erratum_massless_bodies_leave_m_semidefinite():
     """Section 5: M > 0 follows from M_i > 0; with semidefinite M_i it must be checked."""
     B, X = [np.eye(4)] * 2, [[0, 0, 1, 0, 0, 0], [1, 0, 0, 0, 0, 0]]
     massless = np.zeros((6, 6))

@@ -104,7 +104,7 @@ def columns(robot, model):
     return np.concatenate([10 * (model.getJointId(name) - 1) + np.arange(10) for name in robot.mechanism.joints])
 
 
-def test_regressors_of_the_parameters_in_the_frames_of_the_links_agree(pair):
+def test_regressors_in_link_frames_agree(pair):
     robot, model = pair
     data, G, g, rows = model.createData(), robot.mechanism.G, robot.mechanism.g, by_name(robot, model)
     q, qd, q2d = states(robot, 1)[0]

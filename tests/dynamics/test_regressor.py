@@ -28,7 +28,6 @@ def energy(robot, q, base=None):
     return np.add(robot.kinetic_energy(*q, base=base), U)
 
 
-@settings(max_examples=20)
 @given(moved_mechanisms(largest=5))
 def test_it_gives_the_forces_and_their_rates_from_the_parameters(drawn):
     robot, q, base = of_one_state(drawn)
@@ -52,7 +51,7 @@ def test_those_of_momentum_and_energy_give_them_and_their_rates(drawn):
 
 @settings(max_examples=10)
 @given(moved_mechanisms())
-def test_forces_are_the_rate_of_the_momentum_and_what_position_and_velocity_determine(drawn):
+def test_forces_are_the_momentum_rate_plus_terms_of_q_and_qd(drawn):
     robot, q, base = of_one_state(drawn, 0)
     rests = []
     for q2d, Vd in ((q[2], base[2]), (0 * q[2], 0 * base[2])):
@@ -123,7 +122,7 @@ def test_columns_of_drive_terms_give_the_forces_of_the_drives(on_base):
 
 
 @pytest.mark.parametrize("on_base", [False, True])
-def test_columns_of_drive_terms_give_momentum_and_energy_of_the_drives(on_base):
+def test_drive_columns_give_momentum_and_energy_of_the_drives(on_base):
     rng = np.random.default_rng(6)
     m = replace(branched().mechanism, elasticity=None, acting=("armature", "spring"))
     m = floating(m, rng) if on_base else m

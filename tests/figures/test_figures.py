@@ -61,7 +61,7 @@ def test_many_curves_repeat_no_style():
 
 
 @pytest.mark.parametrize("small", [False, True])
-def test_panels_show_their_values_with_units_and_a_legend_that_hides_nothing(small):
+def test_panels_show_values_units_and_an_unobtrusive_legend(small):
     curves = CURVES | ({"finger": 0.01 * T} if small else {})
     drawn = [Panel("Q [N m]", curves), Panel("Qd [N m/s]", curves, curves)]
     figure = over_time([Run(T, drawn)])
@@ -80,7 +80,7 @@ def test_panels_show_their_values_with_units_and_a_legend_that_hides_nothing(sma
         assert not box.overlaps(axes.get_window_extent())
 
 
-def test_differentiated_values_are_rings_on_the_line_they_were_made_of():
+def test_differentiated_values_are_rings_on_their_line():
     figure = over_time([Run(T, [Panel("Qd", CURVES, {name: values + 0.25 for name, values in CURVES.items()})])])
     [axes] = figure.axes
     rings = [line for line in axes.get_lines() if line.get_marker() == "o" and len(line.get_xdata())]
@@ -126,7 +126,7 @@ def test_names_stand_in_the_legend_as_they_are():
 
 
 @pytest.mark.parametrize(("count", "length"), [(8, 40), (40, 6), (40, 200), (1, 2000)])
-def test_a_legend_of_many_or_long_names_leaves_the_page_and_its_axes_their_size(count, length):
+def test_a_large_legend_leaves_page_and_axes_their_size(count, length):
     figure = over_time([Run(T, [Panel("Q", {f"{i:02d}" + "x" * length: T for i in range(count)})])])
     figure.draw_without_rendering()
     box = figure.legends[0].get_window_extent()
@@ -406,7 +406,7 @@ def bands(axes):
     return [(patch.get_y(), np.sign(patch.get_height())) for patch in axes.patches if patch.get_alpha() == BAND_OPACITY]
 
 
-def test_a_joint_alone_in_its_axes_has_bands_beyond_its_limits_that_leave_the_scale_alone():
+def test_bands_beyond_the_limits_do_not_change_the_scale():
     q = {"a": np.sin(9 * T)}
     [axes] = over_time([Run(T, [Panel("q", q, limits={"a": (-1.1, 1.05)})])]).axes
     assert bands(axes) == [(-1.1, -1), (1.05, 1)]
@@ -436,7 +436,7 @@ def test_a_single_sample_beyond_a_limit_is_seen_among_many():
     assert mark.get_marker() == "o"
 
 
-def test_runs_laid_over_each_other_are_curves_in_the_axes_of_each_joint():
+def test_overlaid_runs_are_curves_in_the_axes_of_each_joint():
     """Told apart in colour and in grey; a limit of the joint is drawn once."""
     limits = {"a": (-1.0, 2.1)}
     first = Run(T, [Panel("Q", {"a": T, "b": 0.01 * T}, limits=limits), Panel("Qd", {"a": T})], title="first.csv")
@@ -451,7 +451,7 @@ def test_runs_laid_over_each_other_are_curves_in_the_axes_of_each_joint():
 
 
 @pytest.mark.parametrize(("draw", "width", "columns"), [(over_time, PAGE_WIDTH, 3), (laid_over, COLUMN_WIDTH, 1)])
-def test_a_page_of_a_journal_has_its_width_its_letters_and_columns_that_can_be_read(tmp_path, draw, width, columns):
+def test_a_journal_page_has_its_width_font_and_legible_columns(tmp_path, draw, width, columns):
     names = ("a", "b", "c", "d")
     units = {"joint_units": dict(zip(names, ("rad", "m", "s", "kg"), strict=True)), "units": {"rad": "N m"}}
     runs = [Run(T, [Panel("Q", dict.fromkeys(names, T), **units)])]
@@ -478,7 +478,7 @@ def test_other_widths_are_refused(text):
     refusal(lambda: width_of(text), f"--width {text!r}; expected column, page or 30 to 500 mm")
 
 
-def test_runs_lie_side_by_side_in_the_same_columns_and_to_the_same_scales():
+def test_runs_side_by_side_share_columns_and_scales():
     """The small one of one run is small in the other, and a joint looks the same in both."""
     first = Run(T, [Panel("Q", {"a": T, "b": 0.01 * T})], title="first.csv")
     second = Run(2 * T, [Panel("Q", {"b": 3 * T, "a": 2 * T})], title="second.csv")

@@ -9,7 +9,7 @@ from time import monotonic
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis.strategies import SearchStrategy
 
-QUICK = 0.2  # of a round, where no seconds are given: `make test` shows that the attacks work, `make fuzz` attacks
+QUICK = 0.1  # of a round, where no seconds are given: `make test` shows that the attacks work, `make fuzz` attacks
 
 
 @dataclass(frozen=True)

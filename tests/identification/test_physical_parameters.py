@@ -115,7 +115,7 @@ def test_another_optimiser_in_log_cholesky_parameters_finds_the_same():
     np.testing.assert_allclose(objective(found.parameters), other.fun, rtol=1e-4)
 
 
-def test_impossible_data_have_the_smallest_residual_of_bodies_that_can_exist():
+def test_impossible_data_get_the_best_fit_of_possible_bodies():
     """A moment of inertia below zero becomes almost zero: that of a mass on the axis, with small arms."""
     M = random_inertia(np.random.default_rng(0), 1.0)
     m = jounce.Robot.from_screws([np.eye(4)], [[0, 0, 1, 0, 0, 0]], [M], gravity=[0, -9.81, 0]).mechanism

@@ -133,7 +133,7 @@ HANDS = {  # a file, the link that the gripper hangs on, and what its joints are
 
 @pytest.mark.parametrize("whole", [False, True], ids=["gripper", "whole robot"])
 @pytest.mark.parametrize("hand", HANDS)
-def test_a_mimic_gripper_is_the_mechanism_with_its_constraint_eliminated(tmp_path, hand, whole):
+def test_a_mimic_gripper_has_its_constraint_eliminated(tmp_path, hand, whole):
     """The same file without <mimic> has free fingers; theta = F q makes of them Q = F^T Q_free, M = F^T M_free F."""
     name, palm, factors = HANDS[hand]
     free = tmp_path / "free.urdf"

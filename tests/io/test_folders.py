@@ -28,7 +28,7 @@ def test_a_new_or_empty_folder_gets_all_files(there, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
-def test_a_folder_that_is_not_empty_takes_overwrite_which_spares_what_is_not_ours(tmp_path):
+def test_overwrite_of_a_folder_spares_files_of_others(tmp_path):
     (tmp_path / "own.txt").write_text("mine")
     (tmp_path / "a.txt").write_text(f"# {MARK}, old")
     refusal(lambda: write(tmp_path), "is not empty (a.txt, own.txt)", "--overwrite")

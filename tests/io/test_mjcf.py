@@ -196,7 +196,7 @@ def odd():
     return model, without_balls(jounce.Robot.from_mujoco(model))
 
 
-def test_several_joints_of_a_body_references_and_odd_axes_agree_with_mujoco(odd):
+def test_joints_of_one_body_with_odd_axes_agree_with_mujoco(odd):
     check_against_mujoco(*odd)
 
 
@@ -252,7 +252,7 @@ def test_rates_agree_between_paths_and_with_differences(odd):
     assert relative_error(Q2d, ahead) < 1e-9
 
 
-def test_a_robot_may_start_at_a_body_in_spite_of_free_joints_before_it():
+def test_a_robot_may_start_at_a_body_behind_free_joints():
     carried = hinge("a", hinge("b"))
     model = model_of(small(f"<body name='car'><freejoint name='drive'/><geom size='.2'/>{carried}</body>"))
     robot = jounce.Robot.from_mujoco(model, root="a")
@@ -336,7 +336,7 @@ def test_plain_tendons_actuators_and_contacts_are_no_matter():
     jounce.Robot.from_mujoco(model_of(small(THREE, TENDON.format("") + actuators)))  # a warning would be an error here
 
 
-def test_rotors_and_dampers_of_actuators_go_through_the_square_of_the_gear():
+def test_rotors_and_dampers_count_by_the_square_of_the_gear():
     actuators = (
         "<motor joint='a_turn' gear='5' armature='.2' damping='.3'/><motor joint='a_turn' gear='2' armature='1'/>"
     )
@@ -475,7 +475,7 @@ def test_an_mjcf_file_serves_the_command_line(tmp_path):
     assert [one["name"] for one in json.loads(result.output)["coordinates"]] == ["a_turn", "c_turn"]
 
 
-def test_what_mujoco_keeps_of_meshes_is_freed_unless_the_program_reads_models_by_itself(tmp_path):
+def test_mujocos_meshes_are_freed_unless_the_program_uses_mujoco(tmp_path):
     """It would hold up to 500 MB of them for as long as the process lives."""
     corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
     (tmp_path / "mesh.obj").write_text(corners + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")

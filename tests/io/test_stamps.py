@@ -129,7 +129,7 @@ def test_rounding_of_doubles_is_in_the_deviations_and_is_said():
     assert max(np.mean(a > 0.003 * d) for a, d in zip(off, deviations, strict=True)) > 0.5
 
 
-def test_samples_through_a_spline_are_warned_of_where_rounding_of_doubles_shows():
+def test_splines_warn_where_rounding_of_doubles_shows():
     since = np.arange(400) / 1000 + np.random.default_rng(0).uniform(0, 1e-5, 400)
     q = rates(since - since[0])[0]
     given = {"t": START + since, "joint1": q[:, 0], "joint2": q[:, 1]}

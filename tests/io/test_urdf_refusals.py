@@ -111,7 +111,7 @@ NUMBERS = {
 
 
 @pytest.mark.filterwarnings("ignore::jounce.JounceWarning")
-def test_large_numbers_are_read_without_warnings_of_overflow_and_locked_in_words(tmp_path):
+def test_large_numbers_are_read_without_overflow_warnings(tmp_path):
     broad = [link(name, (1.0, [0, 0, 0], [0, 0, 0], [1e308, 0.0, 0.0, 1e308, 0.0, 1e308])) for name in ("x", "y")]
     path = robot_file(tmp_path, *GOOD, *broad, joint("lift", "arm", "x"), joint("bend", "x", "y"))
     assert jounce.load(path).mechanism.M.max() == 1e308

@@ -188,7 +188,7 @@ def test_peaks_of_the_highest_rate_that_a_table_states_are_exact():
             assert row.ratio >= np.abs(column).max() * (1 - 1e-12)
 
 
-def test_rates_that_vanish_in_the_middle_and_at_both_ends_are_looked_at():
+def test_rates_that_vanish_in_the_middle_and_at_both_ends():
     """From rest to rest all rates of even order do; their peaks lie at a quarter."""
     robot, rates = jounce.load("planar2r"), ("q", "qd", "q2d", "q3d", "q4d")
     table = {f"{joint}.{rate}": [float(k == 0), 0.0] for joint in robot.joint_names for k, rate in enumerate(rates)}
@@ -386,7 +386,7 @@ def _piecewise(start):
     ],
     ids=["through samples", "fit", "piecewise", "Fourier series", "polynomial"],
 )
-def test_a_motion_with_times_since_1970_is_judged_as_the_one_from_zero(motion, limit):
+def test_times_since_1970_give_the_verdict_of_times_from_zero(motion, limit):
     """Times are those of the motion, to the step of its doubles, and so are the ends of violations."""
     since, step = 1.7e9, np.spacing(1.7e9)
     robot = jounce.load("planar2r")
@@ -467,9 +467,7 @@ def test_a_peak_near_a_break_is_found_whatever_comes_behind_it(peak, side, share
 
 @pytest.mark.parametrize("first", [0.9, 0.991, 0.995, 0.999, 0.99999])
 @pytest.mark.parametrize(("share", "verdict"), [(1 - 1e-5, "broken"), (1 + 1e-5, "kept")])
-def test_a_peak_higher_than_one_of_an_earlier_block_is_found_between_points_of_the_grid(
-    monkeypatch, first, share, verdict
-):
+def test_a_higher_peak_of_a_later_block_is_found_off_the_grid(monkeypatch, first, share, verdict):
     """Quintics from rest to rest: accelerations reach 10 / sqrt(3), 1 % more than at any sixteenth of the way."""
     monkeypatch.setattr(pieces, "_PIECES_PER_BLOCK", 1)
     arm = jounce.load("planar2r").locked({"joint2": 0.0})

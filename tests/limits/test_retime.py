@@ -133,7 +133,7 @@ def test_products_have_the_derivatives_that_differences_give():
             np.testing.assert_allclose(second[:, i], change / (2 * h), atol=1e-7 * np.abs(change / h).max(initial=1))
 
 
-def test_a_time_law_is_the_inverse_of_its_times_and_its_rates_are_derivatives():
+def test_a_time_law_inverts_its_times_and_has_exact_rates():
     law = law_of(wavy(UR5))
     t = np.linspace(law.start, law.stop, 101)
     np.testing.assert_allclose(law.times(law.sigma(t)), t, rtol=0, atol=1e-14)
@@ -215,7 +215,7 @@ def test_it_is_never_slower_than_the_slowdown(robot):
         assert robot.check(found.motion).worst.ratio < 1.001
 
 
-def test_an_effort_between_two_bounds_of_one_sign_decides_only_near_one_of_them():
+def test_effort_bounds_of_one_sign_decide_near_one_of_them_only():
     robot = jounce.load("planar2r").with_limits(velocity=0.2, acceleration=1.5, effort={"joint1": (5, 300)})
     found = robot.retime(rest_to_rest(np.array([0.3, 0.2]), np.array([0.3, 0.3])))
     assert {stretch.limit for stretch in found.binding} == {"velocity", "acceleration"}

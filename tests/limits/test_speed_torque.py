@@ -137,7 +137,7 @@ def test_joints_that_turn_the_other_way_have_the_line_of_their_leader():
     np.testing.assert_allclose(limits.no_load_velocity, NO_LOAD / 2)
 
 
-def test_deviations_are_those_of_velocity_or_of_effort_where_one_decides():
+def test_deviations_are_those_of_the_decisive_velocity_or_effort():
     t = np.linspace(0, 2, 1001)
     q = np.stack([np.sin(2 * t), np.cos(3 * t)], axis=1) + np.random.default_rng(0).normal(0, 1e-4, (1001, 2))
     fit = jounce.Motion.fit(t, q)

@@ -27,7 +27,7 @@ def turns(joint: int) -> np.ndarray:
 
 @pytest.mark.parametrize("eps", [0.05, 1e-3, 1e-5, 1e-7, 1e-9])
 @pytest.mark.parametrize("joint", [0, 1])
-def test_the_torque_rate_where_a_joint_turns_round_is_found_at_any_eps(eps, joint):
+def test_the_torque_rate_at_a_reversal_is_found_at_any_eps(eps, joint):
     robot = rubbing(eps).with_limits(effort_rate=np.where(np.arange(2) == joint, 500.0, np.inf))
     near = turns(joint)[:, None] + np.linspace(-2, 2, 2001) * min(1.0, eps)
     t = np.unique(np.concatenate([near.ravel().clip(MOTION.start, MOTION.stop), np.linspace(0, 10, 20001)]))
@@ -40,7 +40,7 @@ def test_the_torque_rate_where_a_joint_turns_round_is_found_at_any_eps(eps, join
 
 @pytest.mark.filterwarnings("ignore:planar2r. friction no longer acts in Q")
 @pytest.mark.parametrize(("eps", "verdict"), [(1e-4, "kept"), (1e-7, "undecided")])
-def test_what_changes_too_fast_to_be_followed_is_undecided_near_a_limit_alone(eps, verdict):
+def test_too_fast_changes_are_undecided_near_a_limit_only(eps, verdict):
     arm = rubbing(eps).elastic([800, 600], rotor=0.1).with_limits(motor_torque=[80.0, 60.0])
     far = arm.check(MOTION)
     assert (far.verdict, far.notes) == ("kept", ())

@@ -54,7 +54,7 @@ def test_a_ball_is_retimed_along_its_path():
         robot.with_limits(upper={"ankle.swing": 0.8}).retime(swinging())
 
 
-def test_a_jump_of_a_rate_of_a_quaternion_breaks_limits_of_velocities_behind_it():
+def test_a_jump_of_a_quaternion_rate_breaks_later_velocities():
     m = ROBOT.mechanism
     start, end = resting_position(m), resting_position(m)
     turn = next(joint.numbers for joint in positions(m).values() if joint.name == "ankle")

@@ -1,6 +1,7 @@
 """Verdicts on measured motions: what samples decide is kept or broken up to their ends, and the rest is undecided."""
 
 import json
+from functools import cache
 
 import numpy as np
 import pytest
@@ -52,7 +53,7 @@ def test_positions_beyond_limits_at_both_ends_of_a_log_are_found(measured):
     assert ends.table[0].violations[-1][1] == T[-1]
 
 
-def test_a_torque_rate_beyond_its_limit_where_rates_are_uncertain_counts(measured):
+def test_a_torque_rate_beyond_its_limit_counts_if_uncertain(measured):
     rate = np.abs(true_rates(DENSE)[1][:, 0])
     limited = ROBOT.with_limits(effort_rate=[9e3, 9e3])
     start = bounded(limited, measured).window("effort_rate")[0]
@@ -91,18 +92,24 @@ def test_where_samples_do_not_decide_the_verdict_is_undecided(measured):
     assert "of the time for snap" in repr(found)
 
 
-@pytest.mark.parametrize("seed", range(6))
-@pytest.mark.parametrize("kind", ["velocity", "acceleration", "jerk", "effort", "effort_rate"])
-def test_verdicts_agree_with_the_truth(seed, kind):
+@cache
+def fitted(seed):
+    """A motion through noisy samples, and the largest true rates and forces along it."""
     rng = np.random.default_rng(seed)
     t = T[: rng.integers(900, len(T))] + rng.uniform(-5, 5)
     motion = jounce.Motion.fit(t, log(seed, 10 ** rng.uniform(-5, -3.5))[: len(t)], allow_noise=True)
     at = DENSE[t[-1] - t[0] >= DENSE]
     rates = dict(zip(("position", "velocity", "acceleration", "jerk"), (truth(at, k) for k in range(4)), strict=True))
     rates |= dict(zip(("effort", "effort_rate"), true_rates(at)[:2], strict=True))
-    peak = np.abs(rates[kind]).max(axis=0)
-    assert ROBOT.with_limits(**{kind: 1.4 * peak}).check(motion).verdict != "broken"
-    assert ROBOT.with_limits(**{kind: 0.7 * peak}).check(motion).verdict != "kept"
+    return motion, {kind: np.abs(values).max(axis=0) for kind, values in rates.items()}
+
+
+@pytest.mark.parametrize("kind", ["velocity", "acceleration", "jerk", "effort", "effort_rate"])
+@pytest.mark.parametrize("seed", range(6))
+def test_verdicts_agree_with_the_truth(seed, kind):
+    motion, peaks = fitted(seed)
+    assert ROBOT.with_limits(**{kind: 1.4 * peaks[kind]}).check(motion).verdict != "broken"
+    assert ROBOT.with_limits(**{kind: 0.7 * peaks[kind]}).check(motion).verdict != "kept"
 
 
 @pytest.mark.filterwarnings("ignore:.*rounding of .* or t:jounce.JounceWarning")

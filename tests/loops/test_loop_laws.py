@@ -229,7 +229,7 @@ def test_a_locked_robot_is_the_whole_one_with_a_joint_at_rest(closed, states, na
     refusal(lambda: robot.locked(dict(zip(robot.joint_names, own, strict=True))), "joints are locked; expected one")
 
 
-def test_a_mass_matrix_is_regular_where_bodies_beyond_the_cut_have_mass(closed, states, tmp_path):
+def test_the_mass_matrix_is_regular_with_mass_beyond_the_cut(closed, states, tmp_path):
     """The massless link moves the forearm that the tree carries elsewhere."""
     said = fivebar_cut_at_elbow()
     del said["bodies"][0]["inertia"]

@@ -124,7 +124,7 @@ def test_partial_derivatives_are_those_of_differences(moving):
     np.testing.assert_allclose(partials[0][2], M, atol=1e-12 * np.abs(M).max())
 
 
-def test_partial_derivatives_of_forward_dynamics_are_those_of_differences(moving):
+def test_partials_of_forward_dynamics_agree_with_differences(moving):
     (q, qd, *_), given = moving.now
     given, n = first(given, 2) | {"wrench": moving.wrench[0]}, moving.m.n
     Q, direction = moving.rng.uniform(-1, 1, (2, moving.m.nv))

@@ -113,7 +113,7 @@ def test_drives_are_off_until_they_are_asked_for():
 
 @settings(max_examples=6)
 @given(mechanisms(4))
-def test_the_mass_matrix_gains_the_armature_and_forces_are_linear_in_accelerations_by_it(drawn):
+def test_the_armature_adds_to_the_mass_matrix_and_to_forces(drawn):
     robot, rng = drawn_robot(drawn, "armature")
     q, qd, a, b = rng.uniform(-1, 1, (4, robot.n))
     m = robot.mechanism
@@ -138,7 +138,7 @@ def test_a_robot_whose_code_is_a_loop_has_drives_too():
         assert relative_error(x, y) < 1e-13
 
 
-def test_the_panda_with_rotors_damping_and_friction_agrees_with_differences_along_a_motion():
+def test_rates_of_the_panda_with_drives_agree_with_differences():
     """Five-point differences of Q show Qd, and of Qd show Q2d, to what such differences can show."""
     base, rng = jounce.load(PANDA).mechanism, np.random.default_rng(5)
     drives = {"armature": rng.uniform(0.05, 0.5, 9), "damping": rng.uniform(1, 5, 9), "friction": rng.uniform(1, 4, 9)}

@@ -84,7 +84,7 @@ def test_symbols_are_compared_as_such():
     assert jounce.load("planar2r", m1=m) != jounce.load("planar2r")
 
 
-def test_symbols_without_truth_values_are_equal_where_they_are_known_to_be(robot):
+def test_symbols_without_truth_values_are_equal_if_known_to_be(robot):
     casadi = pytest.importorskip("casadi")
 
     def pulled_by(g):

@@ -41,7 +41,7 @@ def test_limits_are_infinite_where_nothing_is_stated():
     assert stated(of_one({"velocity": [2]})) == {key: [x] for key, x in (FREE | {"velocity": 2.0}).items()}
 
 
-def test_limits_of_one_robot_may_be_given_to_another_and_are_copied_and_frozen():
+def test_limits_given_to_another_robot_are_copied_and_frozen():
     lower = np.array([-1.0])
     robot = of_one({"lower": lower})
     other = of_one(robot.limits)

@@ -19,7 +19,7 @@ def about(axis, angle):
 
 @pytest.mark.parametrize(("swing", "twist"), [(0.4, -0.3), (2.9, 3.0), (0.0, 1.0), (1.0, -3.1)])
 @pytest.mark.parametrize("sign", [1, -3])
-def test_a_turn_is_a_twist_about_z_then_a_swing_about_an_axis_square_to_it(swing, twist, sign):
+def test_a_turn_is_a_twist_about_z_then_a_swing_square_to_it(swing, twist, sign):
     H = about([0.6, 0.8, 0], swing) @ about([0, 0, 1], twist)
     found = BALL.extent(sign * BALL.numbers(H))
     angle = np.arccos((np.trace(rotation(H)) - 1) / 2)
@@ -73,7 +73,7 @@ def test_a_file_of_limits_bounds_a_ball(tmp_path):
         ({"upper": {"ankle.twist": 4}}, "'ankle.twist': a limit of 4 rad; a twist is never beyond pi"),
     ],
 )  # fmt: skip
-def test_a_limit_that_a_ball_cannot_have_is_refused_with_those_that_it_can(given, words):
+def test_limits_that_a_ball_cannot_have_are_refused_by_name(given, words):
     with pytest.raises(jounce.JounceError, match=words):
         ROBOT.with_limits(**given)
 

@@ -38,7 +38,7 @@ def test_the_mass_matrix_takes_memory_in_proportion_to_it():
 
 
 @pytest.mark.parametrize(("kind", "times"), [(float, 2), (object, 1)])
-def test_numbers_of_unkept_series_are_computed_again_and_expressions_are_kept(kind, times):
+def test_numbers_of_unkept_series_are_computed_again(kind, times):
     asked = []
 
     def term(k):

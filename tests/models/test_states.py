@@ -237,7 +237,7 @@ def test_refuses(pin, muj):
         refusal(call, *words)
 
 
-def test_a_robot_that_stands_does_not_take_the_state_of_one_that_floats(pin):
+def test_a_fixed_robot_refuses_the_state_of_a_floating_one(pin):
     with pytest.warns(jounce.JounceWarning):
         robot = jounce.Robot.from_pinocchio(pin[1], base="fixed")
     q = pinocchio.neutral(pin[1])

@@ -63,7 +63,7 @@ def test_run_takes_the_motion_of_the_paper_by_name(tmp_path):
         assert relative_error(central, exact[2:-2]) < 1e-9
 
 
-def test_the_wrench_of_the_paper_is_a_sine_in_all_components_and_its_rates_are_exact():
+def test_the_papers_wrench_is_a_sine_with_exact_rates():
     motion = motions.read(motions.Path("paper-wrench"), IIWA, 4)
     same = motions.read(motions.Path("paper"), IIWA, 4)
     t = motion.times

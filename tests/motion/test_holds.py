@@ -68,7 +68,7 @@ APART = {
 
 @pytest.mark.parametrize("seed", [2])
 @pytest.mark.parametrize("given", APART.values(), ids=APART)
-def test_joints_whose_sensors_are_not_read_together_are_moved_to_common_times(given, seed):
+def test_joints_read_at_different_times_are_moved_to_common_ones(given, seed):
     """Errors were up to 343 deviations, and delays were reported as vibrations."""
     t, q, truth = held_apart(seed, *given)
     smooth = fit(t, q)
@@ -94,7 +94,7 @@ def test_a_log_may_begin_within_a_hold(missing):
 
 
 @pytest.mark.parametrize("late", [0.0, 0.5, 0.99])
-def test_deviations_hold_what_a_sensor_may_be_read_earlier_than_the_first_row(late):
+def test_deviations_include_a_sensor_read_before_the_first_row(late):
     """A sensor of a fourth of the log's rate is late by the same part of a row each time, which no row tells."""
     rng = np.random.default_rng(4)
     truth, t = harmonics(rng), np.arange(4000) / 1000
@@ -123,7 +123,7 @@ def test_encoders_that_stay_on_a_step_hold_nothing(bits, rests):
     assert not any("hold" in note or "repeat" in note for note in smooth.notes)
 
 
-def test_a_joint_that_creeps_over_the_steps_of_its_encoder_holds_nothing():
+def test_a_joint_creeping_over_encoder_steps_is_not_held():
     """Its value changes every 25 rows: by the encoder, not by the sensor."""
     t = np.arange(4000) / 1000
     q = encoder(40 * 2 * np.pi / 2**14 * t + 2e-3 * np.sin(t), 14)[:, None]

@@ -142,7 +142,7 @@ def test_noise_and_the_steps_of_steady_joints_are_no_vibrations(seed):
 
 
 @pytest.mark.parametrize(("count", "amplitude"), [(32, 2e-5), (64, 5e-5), (128, 1e-4), (512, 1e-5)])
-def test_the_interpolation_error_of_an_encoder_is_said_with_its_count_per_turn(count, amplitude):
+def test_an_encoders_interpolation_error_has_its_count_per_turn(count, amplitude):
     rng = np.random.default_rng(0)
     truth, t = harmonics(rng, base=0.05, amplitude=0.5), np.arange(0, 10, 1e-3)
     q = truth(t)[:, :2]
@@ -152,7 +152,7 @@ def test_the_interpolation_error_of_an_encoder_is_said_with_its_count_per_turn(c
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_half_a_second_of_loud_noise_does_not_hide_the_error_of_an_encoder(seed):
+def test_half_a_second_of_noise_hides_no_encoder_error(seed):
     rng = np.random.default_rng(seed)
     truth, t = harmonics(rng, base=0.05, amplitude=0.5), np.arange(0, 10, 1e-3)
     q = truth(t)[:, :2]

@@ -142,7 +142,7 @@ def test_motions_that_follow_each_other_continue_the_base():
     assert "only one" in refusal(lambda: first + Motion.polynomial([[1, 1], [2, 1]], 1))
 
 
-def test_jumps_of_the_base_are_breaks_of_the_forces_that_blends_replace():
+def test_jumps_of_the_base_are_force_breaks_that_blends_replace():
     whole = LINEAR.with_base(T, C, degree=7) + Motion.polynomial([[1, 1], [2, 2]], 1.0).with_base(None, C[-1])
     found = ROBOT.forces_along(whole, np.linspace(0, 2, 11), order=1).breaks
     assert [(one.t, one.order, {cause.symbol for cause in one.causes}) for one in found] == [(1.0, -1, {"base"})]

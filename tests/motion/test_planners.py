@@ -167,7 +167,7 @@ class Waves(OfOpenRave):
         return np.sin(np.asarray(s)[..., None] * np.arange(1, N + 1) + order * np.pi / 2) * np.arange(1, N + 1) ** order
 
 
-def test_paths_of_toppra_that_are_no_polynomials_or_know_no_time_are_refused():
+def test_toppra_paths_without_polynomials_or_time_are_refused():
     along = toppra_motion("ParametrizeConstAccel", Waves())
     refusal(lambda: Motion.from_toppra(along), "along a spline or polynomials", "Motion.through(t, path(t))")
     assert Motion.from_toppra(toppra_motion("ParametrizeSpline", Waves())).duration > 0

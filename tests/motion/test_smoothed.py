@@ -42,7 +42,7 @@ def test_a_log_of_encoders_is_smoothed_by_default(tmp_path):
     assert np.array_equal(tables.read(tmp_path / "out.npz")["joint1.Q2d"], along.forces[2][:, 0])
 
 
-def test_samples_that_cannot_carry_the_highest_rate_are_refused_unless_noise_is_allowed(tmp_path):
+def test_samples_too_noisy_for_the_highest_rate_are_refused(tmp_path):
     words = ("do not carry", "--allow-noise (allow_noise=)", "--bandwidth HZ (bandwidth=)")
     refusal(lambda: jounce.load_motion(NOISE, PLANAR), *words)
     assert any("do not carry" in note for note in jounce.load_motion(NOISE, PLANAR, allow_noise=True).notes)
@@ -74,7 +74,7 @@ def test_an_option_without_effect_is_refused(source, options, reason):
 
 
 @pytest.mark.parametrize(("size", "inside"), [(1e-3, False), (1e-9, True)])
-def test_a_note_on_the_ends_of_a_log_stands_where_they_are_not_trustworthy(size, inside):
+def test_a_note_names_the_ends_of_a_log_that_are_unreliable(size, inside):
     t = np.arange(0, 4, 0.005)
     q = np.c_[1.2 * np.sin(1.5 * t), 0.9 * np.cos(2 * t)] + size * np.random.default_rng(1).normal(size=(len(t), 2))
     motion = jounce.Motion.fit(t, q)

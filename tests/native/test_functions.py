@@ -85,7 +85,7 @@ def test_numpy_has_nothing_to_warn_of(sincos, angle):
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_the_hyperbolic_tangent_of_native_code_is_within_three_units_in_the_last_place(way):
+def test_native_tanh_is_within_three_units_in_the_last_place(way):
     tape = Tape()
     (x,) = tape.variables(1)
     function = native(tape.program([x.tanh()]), signature(((1,),), ((1,),), (0,)), way)
@@ -100,7 +100,7 @@ def test_the_hyperbolic_tangent_of_native_code_is_within_three_units_in_the_last
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_the_exponential_of_native_code_is_within_two_units_in_the_last_place(way):
+def test_native_exp_is_within_two_units_in_the_last_place(way):
     tape = Tape()
     (x,) = tape.variables(1)
     function = native(tape.program([x.exp()]), signature(((1,),), ((1,),), (1,)), way)

@@ -167,7 +167,7 @@ def test_agrees_with_golden_data(name):
 
 @settings(max_examples=8)
 @given(mechanisms(4, spread=True))
-def test_agrees_with_extended_precision_over_masses_from_a_milligram_to_ten_tons(drawn):
+def test_agrees_with_extended_precision_from_1_mg_to_10_t(drawn):
     mechanism, rng = drawn
     q, W = random_state(rng, mechanism)
     exact = [[x.astype(np.longdouble) for x in y] for y in (q, W)]
@@ -270,7 +270,7 @@ def test_results_may_lie_over_the_states(threads):
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
-def test_a_number_that_is_none_spoils_what_it_matters_to_and_nothing_else(kernel, wrong):
+def test_nan_spoils_only_the_results_that_depend_on_it(kernel, wrong):
     """Entry by entry: NaN in all results from the order that the array matters to, in its own state alone."""
     arrays = states(kernel, 20)
     expected = tupled(kernel(*arrays))

@@ -303,7 +303,7 @@ def process(kind):
     return subprocess.Popen([sys.executable, "-c", PROCESS, kind], stdout=subprocess.PIPE, text=True)
 
 
-def test_two_processes_at_once_and_one_after_them_that_compiles_nothing(folder):
+def test_two_processes_at_once_and_a_third_that_compiles_nothing(folder):
     both = [process("cold"), process("cold")]
     outputs = [p.communicate(timeout=60)[0] for p in both]
     last = process("warm")

@@ -103,7 +103,7 @@ print(forked, len(right), all(right))
 """
 
 
-def test_many_bodies_go_through_small_stacks_through_many_threads_and_forks():
+def test_many_bodies_work_with_small_stacks_threads_and_forks():
     folder = Path(__file__).parent
     command = [sys.executable, "-W", "ignore", "-c", SMALL_STACK, folder, folder.parent / "support"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
@@ -162,7 +162,7 @@ def test_where_there_is_no_memory_a_kernel_is_refused_in_one_line(robot, monkeyp
         Kernel(robot.mechanism, FORCES)
 
 
-def test_robots_that_need_more_memory_than_the_limit_are_refused_or_left_to_the_recursion(monkeypatch):
+def test_robots_beyond_the_memory_limit_get_no_native_code(monkeypatch):
     robot, q = chain(500), np.random.default_rng(2).uniform(-1, 1, (3, 500))
     assert (
         plan.scratch_size(Computation("inverse_dynamics", 12, wrench=True), chain(1000).mechanism, 8)

@@ -90,7 +90,7 @@ def test_native_steps_are_those_of_arrays(closed, name):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_positions_do_not_depend_on_the_batch_or_the_way_they_are_closed(closed, name):
+def test_closed_positions_do_not_depend_on_batch_or_method(closed, name):
     robot = closed[name]
     u = positions(robot, 30, 0.3)
     u[7] = np.nan

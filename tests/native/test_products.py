@@ -90,7 +90,7 @@ def given(kernel):
     return x, arrays_of(kernel.signature.inputs, batch, 1), arrays_of(kernel.signature.outputs, batch, 2)
 
 
-def test_native_products_are_transposes_of_each_other_and_those_of_the_complex_step(kernel, given):
+def test_native_products_are_transposes_and_match_complex_steps(kernel, given):
     x, directions, weights = given
     gradients, tangents = kernel.vjp(x, weights), kernel.jvp(x, directions)
     assert [g.shape for g in gradients] == [a.shape for a in x]

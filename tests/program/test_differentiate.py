@@ -61,7 +61,7 @@ def test_products_are_transposes_of_each_other_to_the_last_bit(drawn, numbers):
     assert passed == reverse or max(map(abs, reverse)) > 2**40
 
 
-def test_inputs_that_are_there_twice_or_unused_or_outputs_have_their_derivative():
+def test_inputs_repeated_unused_or_returned_have_derivatives():
     steps = (Step("input", value=1.0), Step("input", value=1.0), Step("mul", (0, 1)))
     program = Program(steps, (2, 0, 2), 3)
     assert vjp(program).run([9, 5, 9, 1, 10, 100]) == [0, 101 * 2 * 5 + 10, 0]

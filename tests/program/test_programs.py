@@ -49,7 +49,7 @@ def test_the_iiwa_takes_no_more_operations_than_measured(order, operations):
 
 
 @given(mechanisms(), st.integers(0, 3), st.booleans())
-def test_programs_of_random_mechanisms_give_the_forces_after_every_pass(drawn, order, loaded):
+def test_programs_give_the_forces_after_every_pass(drawn, order, loaded):
     mechanism, rng = drawn
     q, W = random_state(rng, mechanism, order)
     expected = inverse_dynamics(mechanism, columns(q), loads(W) if loaded else None).upto(order)

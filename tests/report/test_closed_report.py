@@ -39,7 +39,7 @@ def test_all_joints_move_and_cut_joints_are_joined(fivebar, subject):
     np.testing.assert_allclose(np.linalg.norm(subject.loop_wrenches[..., 3:], axis=-1).max(), worst, rtol=1e-9)
 
 
-def test_motors_at_other_joints_than_the_coordinates_show_their_forces(fivebar):
+def test_motors_at_dependent_joints_show_their_forces(fivebar):
     other = fivebar[0].closed(coordinates=["left_shoulder", "left_elbow"])
     q = fivebar[0].coordinates([2.2, 0.9])[[0, 1]]
     s = subject_of(other, jounce.Motion.polynomial([[q[0], 0.1], [q[1], 0.1]], 0.2), 0)

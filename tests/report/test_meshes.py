@@ -98,7 +98,7 @@ def test_many_triangles_are_simplified_on_a_grid(tmp_path):
     assert len(np.unique(ordered, axis=0)) == len(triangles)
 
 
-def test_links_whose_meshes_cannot_be_read_are_capsules_and_the_page_says_why(tmp_path, monkeypatch):
+def test_links_with_unreadable_meshes_are_capsules(tmp_path, monkeypatch):
     trimesh.creation.box((1, 2, 3)).export(tmp_path / "box.stl")
     (tmp_path / "odd.stl").write_bytes(b"solid nothing")
     file = arm(tmp_path, "package://description/" + 80 * "x" + "/no&lt;b&gt;.stl", "odd.stl", "box.stl")

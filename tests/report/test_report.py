@@ -73,7 +73,7 @@ def test_a_tripping_motion_and_the_retimed_one_have_opposite_verdicts(panda, rec
         record_property("megabytes", len(report.html) / 1e6)
 
 
-def test_the_report_of_the_tutorials_log_is_small_and_has_bands_and_dots(tmp_path, monkeypatch):
+def test_the_report_of_the_tutorial_is_small_with_bands_and_dots(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "docs/tutorials/from-a-log-to-torques.md").read_text(encoding="utf-8")
     names = {}
@@ -94,7 +94,7 @@ def test_the_report_of_the_tutorials_log_is_small_and_has_bands_and_dots(tmp_pat
     assert len(page.xpath("//caption[contains(., 'Standard deviations')]")) == 1
 
 
-def test_a_spike_of_one_sample_among_a_hundred_thousand_is_drawn_and_is_the_worst(planar):
+def test_a_spike_of_one_sample_is_drawn_and_is_the_worst(planar):
     bump = np.zeros((11, 3, 2))  # of the first joint, narrower than five samples, continuous to its fourth derivative
     bump[:6, 1, 0] = [-1, 5, -10, 10, -5, 1]
     width = 2.0**-11  # s: a power of two, so that polynomials meet exactly

@@ -113,7 +113,7 @@ def test_a_motion_in_degrees_is_warned_of(way):
     robot.forces_along(motions[way](np.pi / 180), [0.5], order=0)
 
 
-def test_turns_of_joints_without_limits_that_degrees_do_not_explain_are_left_alone():
+def test_turns_without_limits_that_fit_no_degrees_are_accepted():
     motion = jounce.Motion.polynomial([[0, 1e4], [0, 0]], 100.0)  # rad/s, or deg/s: none moves so
     jounce.load("planar2r").forces_along(motion, [0.5], order=0)
 

@@ -21,7 +21,7 @@ def traced(order=2, *, moving_base=False):
     return order, moving_base
 
 
-def test_a_keyword_by_its_old_name_warns_with_the_new_one_where_it_is_written():
+def test_an_old_keyword_warns_at_its_line_with_the_new_one():
     with pytest.warns(JounceWarning, match=r"^base= of traced\(\) is deprecated, .*; write moving_base=$") as found:
         assert traced(1, base=True) == (1, True)
     assert found[0].filename == __file__
@@ -47,7 +47,7 @@ ARM = "<body><joint/><geom size='1'/></body>"
 MJCF = f"<mujoco><worldbody><body><freejoint/><geom size='1'/>{ARM}</body></worldbody></mujoco>"
 
 
-def test_states_and_forces_by_their_old_names_are_those_of_the_new_ones():
+def test_old_names_of_states_and_forces_give_the_new_ones():
     """Tuples and arrays, as before: a tuple of one vector where one is given."""
     model = pinocchio.buildSampleModelManipulator()
     robot, q, v = jounce.Robot.from_pinocchio(model), np.arange(6.0), np.ones(6)

@@ -122,7 +122,7 @@ def test_arrays_of_other_kinds_are_taken_as_ever(kind):
         np.testing.assert_array_equal(x, y)
 
 
-def test_results_may_be_written_over_a_broadcast_state_and_in_short_floats():
+def test_out_may_be_a_broadcast_state_or_hold_short_floats():
     q, qd, q2d, q3d = states(4, 5)
     expected = SERVED.inverse_dynamics(q[0], qd, q2d, q3d)
     out = np.empty((5, N)), np.empty((5, N), np.float32)

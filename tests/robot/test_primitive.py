@@ -118,7 +118,7 @@ def test_the_gradient_of_a_cost_of_Q2d_is_that_of_casadi():
     assert relative_error(np.array(found), expected) < 1e-13
 
 
-def test_second_derivatives_of_potential_energy_are_those_of_gravity_forces():
+def test_hessians_of_energy_are_jacobians_of_gravity_forces():
     """By the rules of both products, and of a batch: those of the traced law."""
     point, U = jnp.array([0.3, -0.7]), ROBOT.potential_energy
     stiffness = jax.jacfwd(ROBOT.gravity_forces)(point)
@@ -270,7 +270,7 @@ def test_what_fits_nothing_is_refused():
             call()
 
 
-def test_joints_of_several_screws_have_gradients_by_the_numbers_of_their_positions():
+def test_joints_of_several_screws_have_gradients_by_positions():
     robot = amid({"cart": "planar", "foot": "ball"}, [-1, -1])
     q, qd, q2d = states_of(robot, 3, 3)
     weights = np.random.default_rng(3).normal(size=robot.n)

@@ -391,7 +391,7 @@ PUBLIC = [name for name, _ in inspect.getmembers(jounce.Robot, inspect.isfunctio
 
 
 @pytest.mark.parametrize("name", [name for name in PUBLIC if name not in vars(OldMethods)])
-def test_python_names_the_class_that_users_know_where_it_refuses_a_call(name):
+def test_calls_that_python_refuses_name_the_public_class(name):
     with pytest.raises(TypeError, match=rf"^Robot\.{name}\(\) (got an unexpected keyword|missing \d)"):
         getattr(jounce.Robot, name)(None, no_such_keyword=1)
 

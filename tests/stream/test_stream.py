@@ -328,7 +328,7 @@ def test_a_full_disk_loses_nothing(tmp_path, small_parts, monkeypatch):
     assert_same(out, forces(table(90)))
 
 
-def test_a_disk_that_is_full_when_tables_are_joined_is_not_taken_for_a_part_that_cannot_be_read(tmp_path):
+def test_a_full_disk_while_joining_is_no_unreadable_part(tmp_path):
     resource = pytest.importorskip("resource")
     part, before = write(tmp_path / "part.csv", table(2000)), resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, before[1]))
@@ -361,7 +361,7 @@ def test_a_bad_row_is_named_and_can_be_left_out(tmp_path, small_parts, suffix):
     assert summary("run", "planar2r", path, "-o", tmp_path / "out2", "--on-error", "skip")["skipped"]["rows"] == 0
 
 
-def test_an_infinite_time_at_the_end_of_a_part_spoils_no_row_of_the_next(tmp_path, monkeypatch):
+def test_an_infinite_time_ending_a_part_spoils_no_other_row(tmp_path, monkeypatch):
     monkeypatch.setattr(plan, "MAX_PART_CELLS", 10 * 11)
     columns = table(30)
     columns["t"][9] = np.inf
@@ -561,7 +561,7 @@ with locked(Path("out.csv.unfinished"), Path("out.csv")):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no locks of files there")
-def test_a_second_run_into_one_output_is_refused_until_the_first_has_ended(tmp_path, monkeypatch):
+def test_a_second_run_into_one_output_is_refused_until_the_end(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = ["run", "planar2r", write(tmp_path / "states.csv", table(9)), "-o", "out.csv", "--on-error", "skip"]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
@@ -576,7 +576,7 @@ def test_a_second_run_into_one_output_is_refused_until_the_first_has_ended(tmp_p
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no locks of files there")
-def test_a_lock_whose_file_another_run_removes_meanwhile_is_taken_again(tmp_path, monkeypatch):
+def test_a_lock_whose_file_another_run_removes_is_taken_again(tmp_path, monkeypatch):
     """The other run ends between the opening of the file and its lock: a third one would lock a new file."""
     import fcntl
 

@@ -31,6 +31,11 @@ def endless() -> list[Any]:
     return rows
 
 
+FRAME = pd.DataFrame({"joint1": [1.0, None], "joint2": ["x", 2]})  # takes as long to make as to be refused
+FRAME_OF_TWICE = pd.DataFrame([[1.0, 2.0]], columns=["joint1", "joint1"])
+FRAME_OF_INDICES = pd.DataFrame([[1.0]], columns=pd.MultiIndex.from_tuples([("a", "b")]))
+CATEGORIES = pd.Categorical(["x", "y"])
+
 HOSTILE: dict[str, Callable[[], Any]] = {
     "None": lambda: None,
     "object": object,
@@ -113,13 +118,13 @@ HOSTILE: dict[str, Callable[[], Any]] = {
     "record": lambda: np.rec.array([(1.0, 2.0)], names="joint1,joint2"),
     "NumPy's matrix": lambda: np.asmatrix([1.0, 2.0]),
     "series": lambda: pd.Series([1.0, 2.0], index=["joint1", "joint2"]),
-    "frame": lambda: pd.DataFrame({"joint1": [1.0, None], "joint2": ["x", 2]}),
-    "frame of twice": lambda: pd.DataFrame([[1.0, 2.0]], columns=["joint1", "joint1"]),
-    "frame of indices": lambda: pd.DataFrame([[1.0]], columns=pd.MultiIndex.from_tuples([("a", "b")])),
+    "frame": FRAME.copy,
+    "frame of twice": FRAME_OF_TWICE.copy,
+    "frame of indices": FRAME_OF_INDICES.copy,
     "NA": lambda: pd.NA,
     "NaT": lambda: pd.NaT,
     "pandas' numbers": lambda: pd.array([1, None], dtype="Int64"),
-    "categories": lambda: pd.Categorical(["x", "y"]),
+    "categories": CATEGORIES.copy,
     "index": lambda: pd.Index(["joint1", "joint2"]),
     "path": lambda: Path("x.yaml"),
 }

@@ -294,7 +294,7 @@ def test_what_is_too_large_says_so_and_names_the_way_out(monkeypatch):
     assert "\n" not in str(refused.value)
 
 
-def test_products_of_arrays_go_on_beyond_the_limit_which_is_told_after_them():
+def test_array_products_beyond_the_limit_finish_then_name_it():
     """NumPy's products of object arrays with batch axes, in which an operator raises, end in segmentation faults."""
     variables = Variables(1000)
     A = np.full((3, 4, 4), variables.variable("x") + variables.variable("y"))
@@ -387,7 +387,7 @@ def test_the_base_moves_as_its_symbols_say(afloat):
     assert abs(sympy.lambdify(list(known), gap)(*known.values())).max() < 1e-12
 
 
-def test_a_fixed_robot_has_no_symbols_of_a_base_that_it_was_not_asked_for():
+def test_a_fixed_robot_has_no_symbols_of_a_base():
     S = planar2r().symbolic()
     with pytest.raises(AttributeError, match=r"^Symbolic has no member 'base_pose'"):
         _ = S.base_pose

@@ -109,7 +109,7 @@ def test_websockets_are_for_the_page_of_this_server(served, origin, host, status
     connection.close()
 
 
-def test_starting_and_stopping_prints_nothing_and_leaves_stdout_to_all(along, capfd):
+def test_start_and_stop_print_nothing_and_leave_stdout_alone(along, capfd):
     stdout = sys.stdout
 
     def start(_):
