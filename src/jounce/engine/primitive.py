@@ -137,8 +137,8 @@ def _differentiate(
     elif not all(type(x) is ad.Zero for x in along_others):
         terms.append(_bind_linear(request, state, along_others))
     if others and not all(type(x) is ad.Zero for x in along_state):
-        law = partial(_trace, others=others, request=request)
-        terms.append(jax.jvp(law, tuple(state), tuple(map(ad.instantiate_zeros, along_state)))[1])
+        along = tuple(map(ad.instantiate_zeros, along_state))
+        terms.append(jax.jvp(lambda *x: _trace(*x, *others, request=request), tuple(state), along)[1])
     sums = [sum(parts[1:], parts[0]) for parts in zip(*terms, strict=True)]
     return results, [jnp.broadcast_to(x, y.shape) for x, y in zip(sums, results, strict=True)]
 
@@ -165,16 +165,17 @@ def _fit(x: Array, shape: tuple[int, ...]) -> Array:
     return x.sum(tuple(range(x.ndim - len(shape)))) if x.ndim > len(shape) else jnp.broadcast_to(x, shape)
 
 
-def _trace(*state: Array, others: Sequence[Array], request: Request) -> tuple[Array, ...]:
+def _trace(*given: Array, request: Request) -> tuple[Array, ...]:
     """The law, or a product of its derivatives, in operations of JAX."""
     ports, values = request.signature.inputs, request.product(None).computation
-    arrays = broadcast([*state, *others], [len(port.shape) for port in ports], [port.name for port in ports])
+    arrays = broadcast(given, [len(port.shape) for port in ports], [port.name for port in ports])
     method, product, dtype = next(iter(values.quantity.methods)), request.computation.product, arrays[0].dtype
 
     def law(*x: Array) -> tuple[Array, ...]:
         return tuple(y.astype(dtype) for y in compute_by_method(values, method, request.mechanism, x))
 
-    x, more = arrays[: len(state)], arrays[len(state) :]
+    count = len(request.state)
+    x, more = arrays[:count], arrays[count:]
     if product is None:
         return law(*x)
 
@@ -188,16 +189,11 @@ def _trace(*state: Array, others: Sequence[Array], request: Request) -> tuple[Ar
     return jax.jvp(displaced, start, more)[1] if product == "jvp" else jax.vjp(displaced, *start)[1](tuple(more))
 
 
-def _trace_all(*arrays: Array, request: Request) -> tuple[Array, ...]:
-    count = len(request.state)
-    return _trace(*arrays[:count], others=arrays[count:], request=request)
-
-
 def _call_kernel(*arrays: Array, request: Request) -> tuple[Array, ...]:
     """The call of native code, or the traced law where there is no native code."""
     kernel = request.kernel()
     if kernel is None:
-        return _trace_all(*arrays, request=request)
+        return _trace(*arrays, request=request)
     ports, dtype = request.signature.inputs, arrays[0].dtype
     batch = _batch(ports, arrays)
     shapes = [(prod(batch), *port.shape) for port in request.signature.outputs]  # of a batch, also for one state
@@ -238,5 +234,5 @@ quantity_p.def_abstract_eval(_abstract_results)
 batching.primitive_batchers[quantity_p] = _map_over_axes
 ad.primitive_jvps[quantity_p] = _differentiate
 ad.primitive_transposes[quantity_p] = _transpose
-mlir.register_lowering(quantity_p, mlir.lower_fun(_trace_all, multiple_results=True))
+mlir.register_lowering(quantity_p, mlir.lower_fun(_trace, multiple_results=True))
 mlir.register_lowering(quantity_p, mlir.lower_fun(_call_kernel, multiple_results=True), platform="cpu")

@@ -28,7 +28,7 @@ from jounce.model.kinds import KINDS
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
 
-_TURN_OFFSETS = 0.5 ** np.arange(8, 20, 0.25)  # of the duration: how far from a turn points are added, 4e-3 to 2e-6
+_TURN_OFFSETS = 0.5 ** np.arange(8, 20, 0.25)  # of the duration: how far from a turn points are added, 4e-3 to 1e-6
 _TURN_SHARES = 0.5 ** np.arange(1, 44)  # of the time from a turn to the next row, down to the rounding of times
 _TANH_RANGE = (1 / 16, 32.0)  # eps: velocities between which tanh changes; beyond, by less than rounding
 
