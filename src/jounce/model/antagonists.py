@@ -83,6 +83,7 @@ class _Setting(NamedTuple):
 
 
 Curve = Callable[[np.ndarray], _Setting]  # the settings that carry a force, over e
+Condition = Callable[[_Setting], np.ndarray]  # state by state
 
 
 def deflections(springs: AntagonisticSprings, Q: np.ndarray, S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -167,11 +168,7 @@ def _softer_difference(springs: AntagonisticSprings, curve: Curve, S: np.ndarray
 
 
 def _find_bracket(
-    curve: Curve,
-    passed: Callable[[_Setting], np.ndarray],
-    start: np.ndarray,
-    way: np.ndarray | float,
-    known: np.ndarray,
+    curve: Curve, passed: Condition, start: np.ndarray, way: np.ndarray | float, known: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Two differences on the way from a start: the condition holds at the second, if anywhere, and not at the first."""
     near = far = start
@@ -184,7 +181,7 @@ def _find_bracket(
 
 
 def _halve_bracket(
-    curve: Curve, passed: Callable[[_Setting], np.ndarray], near: np.ndarray, far: np.ndarray, times: int
+    curve: Curve, passed: Condition, near: np.ndarray, far: np.ndarray, times: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """A bracket of `_find_bracket`, halved."""
     for _ in range(times):

@@ -24,7 +24,7 @@ from jounce.spatial import inertia
 from jounce.spatial.lie import Ad, hat, inverse, pose, position, rotation
 
 _I = np.eye(3, dtype=int)
-_Z = _I[:, 2:]
+_Z_AXIS = _I[:, 2:]
 
 
 def reframe(mechanism: Mechanism, T: Sequence[Array]) -> Mechanism:
@@ -73,7 +73,7 @@ def turn_frames(mechanism: Mechanism) -> Mechanism:
     T = [np.eye(4, dtype=int)] * mechanism.nb
     for i, j in single_variables(mechanism).items():
         if not is_zero(mechanism.X[j, 2]):
-            T[i] = pose(_simplest_turn(axes[i]), 0 * _Z)
+            T[i] = pose(_simplest_turn(axes[i]), 0 * _Z_AXIS)
     return mechanism if all(t.dtype == int for t in T) else _round_rotations(reframe(mechanism, T))
 
 
@@ -100,7 +100,9 @@ def split_turn(B: Array, X: Array) -> tuple[Array, Array]:
     if _count_odd_entries(S) >= _count_odd_entries(R):
         return B, np.eye(4, dtype=int)
     c, s = S[:, 0] @ R[:, 0], S[:, 1] @ R[:, 0]
-    return pose(_round_units(S), position(B)), pose(_round_units(np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])), 0 * _Z)
+    return pose(_round_units(S), position(B)), pose(
+        _round_units(np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])), 0 * _Z_AXIS
+    )
 
 
 def _count_odd_entries(R: Array) -> int:
@@ -118,7 +120,7 @@ def slide_origins(mechanism: Mechanism) -> Mechanism:
             slides = is_zero(mechanism.X[alone[i], 2])
             left = 0 * offset if slides else _shorten_offset(offset, old[:3, 2:3])
             way = rotation(old).mT @ (left - offset)
-            T[i] = pose(_I, way if slides else _Z * way[2:])
+            T[i] = pose(_I, way if slides else _Z_AXIS * way[2:])
         B[i] = pose(rotation(old), left)
     return replace(reframe(mechanism, T), B=np.stack(B))
 
@@ -161,8 +163,8 @@ def _untransmitted_moments(X: Array) -> tuple[int, Array, Array]:
     turns, slides = (not all(map(is_zero, np.ravel(part))) for part in (X[:, :3], X[:, 3:]))
     of_m = int(turns and not slides)
     if len(X) != 1:
-        return of_m, 0 * _Z, 0 * _I
-    return of_m, _Z * of_m, _Z @ _Z.T if turns else np.ones((3, 3), dtype=int)
+        return of_m, 0 * _Z_AXIS, 0 * _I
+    return of_m, _Z_AXIS * of_m, _Z_AXIS @ _Z_AXIS.T if turns else np.ones((3, 3), dtype=int)
 
 
 @lru_cache(maxsize=64)
@@ -190,7 +192,7 @@ def _frame_on_axis(X: Array) -> tuple[Array, Array]:
         raise JounceError(f"joint direction {X.tolist()} is not made of numbers; use method='closed_form'")
     R = _round_units(turn_to(e))
     if prismatic:
-        return pose(R, 0 * _Z), np.array([0, 0, 0, 0, 0, 1])
+        return pose(R, 0 * _Z_AXIS), np.array([0, 0, 0, 0, 0, 1])
     eta = X[3:, None]
     pitch = _round_units(xi @ eta)
     return _round_units(pose(R, hat(R[:, 2]) @ eta)), concatenate([_I[2], 0 * _I[0, :2], pitch], axis=-1)
