@@ -159,6 +159,9 @@ class Kernel(DerivativeProducts[Results]):
         vars(call)["alive"] = self, everything, called, arguments
         return call
 
+    def _compile(self, computation: Computation, patience: float) -> "Kernel":
+        return compile_kernel(self.mechanism, computation, patience)
+
     def _order_of_inputs(self) -> str:
         return f"it takes {', '.join(port.name for port in self.signature.inputs)}"
 

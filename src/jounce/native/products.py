@@ -1,5 +1,6 @@
 """Products of the derivatives of kernels: a kernel compiles them when it is first asked for them, and keeps them."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Generic
@@ -14,8 +15,6 @@ from jounce.native.arguments import of_product
 if TYPE_CHECKING:
     from typing_extensions import TypeVar  # type checkers have it, and know its defaults
 
-    from jounce.native.kernel import Kernel
-
     Results = TypeVar("Results", default=Any)
 else:
     from typing import TypeVar
@@ -23,13 +22,17 @@ else:
     Results = TypeVar("Results")
 
 
-class DerivativeProducts(Generic[Results]):
+class DerivativeProducts(ABC, Generic[Results]):
     """What a `Kernel` computes of the derivatives of its quantity."""
 
     mechanism: Mechanism
     computation: Computation
     signature: Signature
-    _products: dict[str, "Kernel"]
+    _products: dict[str, Any]
+
+    @abstractmethod
+    def _compile(self, computation: Computation, patience: float) -> Any:
+        """The kernel of another computation of the robot."""
 
     def vjp(
         self,
@@ -147,7 +150,7 @@ class DerivativeProducts(Generic[Results]):
         result: Results = kernel(*given, out=out, threads=threads)
         return result
 
-    def _product(self, name: Product, arrays: Any, others: Any) -> tuple["Kernel", list[Any]]:
+    def _product(self, name: Product, arrays: Any, others: Any) -> tuple[Any, list[Any]]:
         """The kernel of a product of the derivatives, and all arrays that it takes."""
         kernel = self._products.get(name)
         if kernel is None:
@@ -155,16 +158,14 @@ class DerivativeProducts(Generic[Results]):
         given = of_product(f"{name} of {self!r}", self.signature, kernel.signature, arrays, others)
         return kernel, given
 
-    def _compile_product(self, name: Product) -> "Kernel":
-        from jounce.native.kernel import compile_kernel  # which imports this module
-
+    def _compile_product(self, name: Product) -> Any:
         if self.computation.product:
             raise JounceError(f"{self!r} has no {name}: it computes derivatives itself; compile the values for theirs")
         asked = replace(self.computation, product=name)
         if refusal := plan.obstacle(asked, self.mechanism):
             raise JounceError(f"{name} of {self!r}: native code {refusal}; choose a lower order")
         try:
-            return compile_kernel(self.mechanism, asked, plan.MAX_COMPILE_SECONDS)
+            return self._compile(asked, plan.MAX_COMPILE_SECONDS)
         except plan.LongCompilationError:
             raise JounceError(
                 f"{name} of {self!r} takes longer than {plan.MAX_COMPILE_SECONDS:g} s to compile;"
