@@ -53,8 +53,8 @@ def from_columns(
         with at(place):
             si, notes_of_turns = turned_along(si, joint.names[len(joint.group.places) :], found.sampled)
         of_turns += notes_of_turns
-    rows = (np.stack([si[name] for name in joints], axis=1),) if found.sampled else stated_rates(si, known)
-    q = rows[0]
+    rows = () if found.sampled else stated_rates(si, known)
+    q = np.stack([si[name] for name in joints], axis=1) if found.sampled else rows[0]
     check_units(t, q, rows[1] if rows[1:] else None, mechanism, (found.angles_stated, found.time_stated), place)
     of_wrenches = {name: si[name] for name in loads.named(list(si), mechanism)}
     of_base = {name: si[name] for name in poses.named(list(si), mechanism)}
