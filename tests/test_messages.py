@@ -7,7 +7,6 @@ import warnings
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from files import BODY, joint, link, refusal, robot_file
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -23,6 +22,7 @@ from jounce.core.errors import (
     quoted,
     shortened,
 )
+from support.files import BODY, joint, link, refusal, robot_file
 
 ODD = "\x1b[31m\u202edrow\u2066\n\u2028\x00\x7f\x85\xad\ud800\u200b"  # colour, directions, ends of lines, half a pair
 TEXTS = st.text(st.characters(), max_size=3 * MAX_QUOTED_LENGTH)

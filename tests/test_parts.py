@@ -6,10 +6,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from abandoned import abandoned_part
 
 from jounce.core import parts
 from jounce.io import files, folders
+from support.abandoned import abandoned_part
 
 posix = pytest.mark.skipif(not hasattr(os, "uname"), reason="Windows has other modes and processes")
 MARK = "made by us"

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import sympy as sp
-from files import refusal
 
 import jounce
 from jounce import Motor
+from support.files import refusal
 
 GRAVITY = (0.0, -1.5, -9.81)
 SLOW = {"method": "recursion"}  # which compiles nothing

@@ -7,8 +7,6 @@ import jax
 import numpy as np
 import pytest
 import sympy
-from files import refusal
-from robots import differentiated, golden, harmonic
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
@@ -18,6 +16,8 @@ from jounce.dynamics.computation import Computation
 from jounce.native import cache
 from jounce.native.forms import program
 from jounce.native.jit import host
+from support.files import refusal
+from support.robots import differentiated, golden, harmonic
 
 PART = jounce.load("planar2r", L1=0.6, L2=0.4, m1=2.0, m2=1.5).mechanism
 DRIVES = {"armature": [0.3, 0.2], "damping": [0.4, 0.1], "friction": [0.5, 0.3], "stiffness": [3.0, 2.0]}

@@ -8,7 +8,6 @@ import mpmath
 import numpy as np
 import pytest
 import sympy
-from natives import native, signature
 
 import casadi
 import jounce
@@ -20,6 +19,7 @@ from jounce.model.spring_table import SpringTable
 from jounce.model.springs import CubicSpring, SpringFunction, force_along
 from jounce.program.trace import Tape
 from jounce.spatial.series import Series
+from support.natives import native, signature
 
 CUBIC = CubicSpring(500.0, 2e4)
 ROW = np.linspace(-0.6, 0.6, 121)

@@ -5,12 +5,12 @@ import pickle
 import numpy as np
 import pytest
 import sympy
-from files import refusal
 
 import jounce
 from jounce import AntagonisticSprings, CubicSpring, Motion, Motor, SpringFunction, SpringTable
 from jounce.actuators import damping
 from jounce.engine import generic
+from support.files import refusal
 
 ROBOT = jounce.load("planar2r")
 K = 500.0

@@ -4,12 +4,12 @@ import numpy as np
 import pandas
 import pinocchio
 import pytest
-from robots import floating
 
 import jounce
 from jounce.arguments.poses import not_a_pose
 from jounce.core.errors import JounceError
 from jounce.dynamics.quantities import QUANTITIES
+from support.robots import floating
 
 ORIGIN, STILL = np.eye(4), np.zeros(6)
 ZEROS = np.zeros((3, 2))

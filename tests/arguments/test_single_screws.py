@@ -5,10 +5,10 @@ from dataclasses import replace
 import dask.array as da
 import numpy as np
 import pytest
-from files import refusal
-from several_named import amid, states
 
 import jounce.dask
+from support.files import refusal
+from support.several_named import amid, states
 
 ROBOT = amid()
 

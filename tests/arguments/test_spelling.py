@@ -3,11 +3,11 @@
 from dataclasses import replace
 
 import pytest
-from files import refusal
-from quantities import IDS, REQUESTS, branched
 
 from jounce.arguments.requests import computation, parse_computation
 from jounce.dynamics.quantities import QUANTITIES
+from support.files import refusal
+from support.quantities import IDS, REQUESTS, branched
 
 MECHANISM = branched().mechanism
 ODD = replace(MECHANISM, bodies=("body1", "base:joint", "body1:world", "world", "base:joint:spatial"))

@@ -12,10 +12,8 @@ import numpy as np
 import pytest
 import sympy
 from click.testing import CliRunner
-from files import BODY, ODD, joint, link, refusal, robot_file
 from hypothesis import given
 from hypothesis import strategies as st
-from robots import mechanisms, random_mechanism
 from scipy.spatial.transform import Rotation
 
 import jounce
@@ -26,6 +24,8 @@ from jounce.checks.description import describe
 from jounce.cli import main
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia, lie
+from support.files import BODY, ODD, joint, link, refusal, robot_file
+from support.robots import mechanisms, random_mechanism
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
 LIMITS = {"effort": [50.0, 40.0, 30.0], "velocity": [2.0, 2.0, 3.0]}

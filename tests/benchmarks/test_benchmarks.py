@@ -9,11 +9,11 @@ from benchmarks.forces import PEERS, Gathered, computed
 from benchmarks.peers import MissingError
 from benchmarks.results import Run
 from benchmarks.tables import figure, paragraph, share, table
-from robots import relative_error
 
 import jounce
 from benchmarks import bound, cuda, machine, measure, peaks, pictures, quantities, results, robots, threads
 from jounce.program.program import Program, Step
+from support.robots import relative_error
 
 LIGHT = [peer for peer in PEERS if peer.name.startswith("jounce") or "pin.rnea" in peer.name]
 PROGRAM = Program(

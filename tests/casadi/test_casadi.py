@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from quantities import IDS, REQUESTS, affordable, branched, method_of, tupled
-from robots import differentiated, floating, golden, random_pose, rates_of, relative_error
-from several_named import amid, states
 
 import casadi
 import jounce
 from jounce.core.errors import JounceError
 from jounce.model.positions import moves
 from jounce.spatial import lie
+from support.quantities import IDS, REQUESTS, affordable, branched, method_of, tupled
+from support.robots import differentiated, floating, golden, random_pose, rates_of, relative_error
+from support.several_named import amid, states
 
 TOLERANCE = 1e-12
 RATES = ("", "d", "2d", "3d", "4d")

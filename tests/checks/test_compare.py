@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from files import BODY, GOOD, OTHER, joint, link, origin, robot_file
 from hypothesis import given, settings
-from robots import floating, mechanisms, on_its_axis, random_mechanism
-from several_named import amid
 
 import jounce
 from jounce.checks.compare import compare
 from jounce.cli import main
 from jounce.engine.dispatch import compute
 from jounce.spatial.lie import pose
+from support.files import BODY, GOOD, OTHER, joint, link, origin, robot_file
+from support.robots import floating, mechanisms, on_its_axis, random_mechanism
+from support.several_named import amid
 
 FLIES = joint("fly", "w", "base", "floating", inner=origin((0.3, 0, 0), (0, 0.4, 0)))
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"

@@ -12,8 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from files import BODY, GOOD, ODD, joint, link, robot_file
-from motion_tables import from_table
 
 import jounce
 from jounce.checks.description import describe
@@ -22,6 +20,8 @@ from jounce.engine import motion_states
 from jounce.io import tables
 from jounce.motion.spline import Spline
 from jounce.spatial.series import rate_name
+from support.files import BODY, GOOD, ODD, joint, link, robot_file
+from support.motion_tables import from_table
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PANDA, IIWA_MOTION = EXAMPLES / "panda.urdf", EXAMPLES / "iiwa14.csv"

@@ -7,13 +7,13 @@ import pyarrow.parquet
 import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
-from robots import floating
 
 import jounce
 from jounce.cli import main
 from jounce.figures.canvas import painted
 from jounce.figures.drawing import View, draw, poses_on
 from jounce.io import tables
+from support.robots import floating
 
 ARM = jounce.load("planar2r")
 YAML = """time: {stop: 1, count: 21}

@@ -4,12 +4,12 @@ import json
 import os
 
 import pytest
-from abandoned import abandoned_part
 from click.testing import CliRunner
 
 import jounce
 from jounce.cli import main
 from jounce.native import cache
+from support.abandoned import abandoned_part
 
 CODE = {"a" * 64: b"code", "b" * 64: b"more code"}
 

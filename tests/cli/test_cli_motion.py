@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from motion_tables import from_table
 
 import jounce
 from jounce.cli import main
@@ -14,6 +13,7 @@ from jounce.figures.curves import over_time
 from jounce.figures.table import run_of
 from jounce.io import tables
 from jounce.io.motions import writing
+from support.motion_tables import from_table
 
 PLANAR = jounce.load("planar2r")
 T = np.linspace(0, 1, 201)

@@ -5,13 +5,13 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from files import BODY, GOOD, LINKS, OTHER, joint, link, robot_file
 
 import jounce
 from jounce.checks.description import describe
 from jounce.cli import main
 from jounce.dynamics.quantities import FORCES
 from jounce.io import tables
+from support.files import BODY, GOOD, LINKS, OTHER, joint, link, robot_file
 
 FLOATING = (*LINKS, joint("hold", "base", "arm", "floating"), link("x", OTHER), joint("turn", "arm", "x"))
 DRIVEN = (*GOOD, link("x", BODY), joint("bend", "arm", "x", inner='<dynamics damping="0.5" friction="0.2"/>'))

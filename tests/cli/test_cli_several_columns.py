@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from files import LINKS, OTHER, joint, link, robot_file
 
 import jounce
 from jounce.cli import main
 from jounce.io import tables
+from support.files import LINKS, OTHER, joint, link, robot_file
 
 BALL = """<mujoco><worldbody><body name="arm"><joint name="turn" axis="0 0 1"/><geom size=".1"/>
 <body name="foot" pos="0 0 1"><joint name="ankle" type="ball"/><geom size=".1" pos=".1 0 0"/></body></body></worldbody>

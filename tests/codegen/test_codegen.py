@@ -17,10 +17,6 @@ import numpy as np
 import pytest
 import sympy
 from click.testing import CliRunner
-from files import refusal
-from robots import GOLDEN, floating, golden, on_its_axis, random_mechanism, springs
-from several_named import amid
-from tools import NODE, needs, require
 
 import jounce
 from jounce._codegen import generate, header, render, schedule
@@ -33,6 +29,10 @@ from jounce.cli import main
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.model.frame import Frame
+from support.files import refusal
+from support.robots import GOLDEN, floating, golden, on_its_axis, random_mechanism, springs
+from support.several_named import amid
+from support.tools import NODE, needs, require
 
 STRICT = "-std=c99 -O0 -Wall -Wextra -Wpedantic -Wconversion -Wdouble-promotion -Wfloat-conversion -Werror"
 STRICT_CXX = STRICT.replace("c99", "c++11"), STRICT.replace("c99", "c++17")

@@ -6,7 +6,8 @@ import subprocess
 import numpy as np
 import pytest
 from test_codegen import ALL, PARAMETERS, robot_of, texts, written
-from tools import NODE, needs
+
+from support.tools import NODE, needs
 
 pytestmark = needs(NODE)
 

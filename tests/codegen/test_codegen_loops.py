@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import sympy
-from robots import relative_error
 from test_codegen import PROGRAMS, passes
-from tools import needs
 
 import jounce
 from jounce._codegen.test_vectors import near_start
 from jounce.core.errors import JounceError
 from jounce.dynamics.assembly import gaps
+from support.robots import relative_error
+from support.tools import needs
 
 OUTPUTS = ("inverse_dynamics", "mass_matrix", "coordinates", "loop_wrenches")
 TITLE = "Dependent coordinates, the 2 entries of q_dependent:"

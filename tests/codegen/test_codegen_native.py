@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 from test_codegen import ALL, CASES, FLOATING, PARAMETERS, STRICT, passes, texts, written
-from tools import needs, obstacles
 
 from jounce._codegen import schedule
+from support.tools import needs, obstacles
 
 CASADI = find_spec("casadi")  # which brings the headers of Eigen along
 PLACES = [Path("/usr/include/eigen3"), Path(CASADI.origin or "").parent / "include" / "eigen3" if CASADI else Path()]

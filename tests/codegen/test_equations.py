@@ -7,11 +7,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import sympy
-from files import refusal
 from test_codegen import ALL, PARAMETERS, computed, in_equations, requested, robot_of, texts
 
 import jounce
 from jounce._codegen.latex.equations import MAX_LINE_GLYPHS, _width, document, tex
+from support.files import refusal
 
 CASES = {
     "symbols": ("symbols", {"order": 2, "outputs": in_equations(ALL), "wrench": True}),

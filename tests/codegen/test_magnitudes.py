@@ -5,8 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from quantities import REQUESTS, branched, served
-from robots import mechanisms, on_its_axis, springs
 
 import jounce
 from jounce.checks.magnitudes import _Sized, magnitudes, scale
@@ -16,6 +14,8 @@ from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.generic import compute_by_method
 from jounce.model.drives import Drives
 from jounce.spatial.series import Series
+from support.quantities import REQUESTS, branched, served
+from support.robots import mechanisms, on_its_axis, springs
 
 OF_TREES = [row for row in QUANTITIES.values() if not row.closed]
 every = pytest.mark.parametrize("quantity", OF_TREES, ids=lambda row: row.name)

@@ -4,11 +4,8 @@ import pickle
 import sys
 from types import SimpleNamespace
 
-import cupy_on_cpu
 import numpy as np
 import pytest
-from robots import relative_error
-from tools import obstacle
 
 import jounce
 import jounce.cuda
@@ -16,6 +13,9 @@ from jounce.core.errors import JounceError
 from jounce.cuda import arrays as device
 from jounce.cuda.source import THREADS_PER_BLOCK, source
 from jounce.engine.generic import as_tuple
+from support import cupy_on_cpu
+from support.robots import relative_error
+from support.tools import obstacle
 
 BATCH = 2 * THREADS_PER_BLOCK + 37  # three blocks, the last one not full
 

@@ -7,13 +7,13 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from robots import relative_error
 
 import jounce
 from jounce._report.demo.example import example, step_errors, without_steiner
 from jounce.cli import main
 from jounce.io import tables
 from jounce.io.motions.writing import named
+from support.robots import relative_error
 
 command = sys.modules["jounce.cli.demo"]  # its name in jounce.cli is that of the verb
 

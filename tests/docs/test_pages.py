@@ -14,14 +14,14 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
-import cupy_on_cpu
 import pytest
 from click.testing import CliRunner
-from tools import obstacle, require
 
 import jounce
 from jounce.cli import main
 from jounce.robot.old import OldMethods
+from support import cupy_on_cpu
+from support.tools import obstacle, require
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]

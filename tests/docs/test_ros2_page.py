@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 from test_pages import ROOT, blocks
-from tools import needs
 
 import jounce
+from support.tools import needs
 
 PAGE = ROOT / "docs" / "howto" / "ros2-control.md"
 FLAGS = ["-std=c++17", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wsign-conversion", "-Wshadow", "-Werror"]

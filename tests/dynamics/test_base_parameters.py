@@ -4,13 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bases import random_base
-from files import refusal
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from robots import floating, mechanisms, random_mechanism, random_pose, relative_error
 from scipy.linalg import qr
-from several_named import KINDS, PARENTS, amid, states
 
 import jounce
 from jounce.dynamics import assembly
@@ -19,6 +15,10 @@ from jounce.model import equivalent
 from jounce.model.frame import Frame
 from jounce.model.parameters import parameters_of
 from jounce.spatial import inertia
+from support.bases import random_base
+from support.files import refusal
+from support.robots import floating, mechanisms, random_mechanism, random_pose, relative_error
+from support.several_named import KINDS, PARENTS, amid, states
 
 AXES = [s * e for e in np.eye(3) for s in (1, -1)]
 

@@ -3,11 +3,11 @@
 import jax
 import numpy as np
 import pytest
-from quantities import branched, rigid
-from robots import Interpreted, harmonic, relative_error
 
 import jounce
 from jounce.spatial import lie
+from support.quantities import branched, rigid
+from support.robots import Interpreted, harmonic, relative_error
 
 ROBOTS = {"a forest with drives": Interpreted(rigid(branched())), "iiwa14": Interpreted(jounce.load("iiwa14"))}
 named = pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)

@@ -6,11 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import sympy
-from bases import moved_mechanisms, random_base
-from files import refusal
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from robots import Interpreted, floating, mechanisms, on_base, on_its_axis, random_mechanism, relative_error
 
 import casadi
 import jounce
@@ -24,6 +21,9 @@ from jounce.program.passes import factor
 from jounce.program.trace import Tape
 from jounce.spatial.linear import Factors, solved
 from jounce.spatial.series import Series, columns
+from support.bases import moved_mechanisms, random_base
+from support.files import refusal
+from support.robots import Interpreted, floating, mechanisms, on_base, on_its_axis, random_mechanism, relative_error
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")

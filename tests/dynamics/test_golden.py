@@ -1,12 +1,12 @@
 """Against reference data computed to 50 digits from Lagrange's equations, sharing nothing with the paper's formulas."""
 
 import pytest
-import recursion
-from robots import GOLDEN_NAMES, golden, loads, rates_of, relative_error
 
 from jounce.dynamics.closed_form import closed_form
 from jounce.dynamics.paper import Paper
 from jounce.spatial.series import columns
+from support import recursion
+from support.robots import GOLDEN_NAMES, golden, loads, rates_of, relative_error
 
 TOLERANCE = 1e-12
 ENTRIES = {

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from recursion import inverse_dynamics
-from robots import Interpreted, differentiated_at_once, harmonic, loads, mechanisms, random_state, relative_error
 
 import jounce
 from jounce.dynamics.closed_form import closed_form
@@ -14,6 +12,16 @@ from jounce.model.mechanism import reference_poses
 from jounce.model.screws import from_screws
 from jounce.spatial import lie
 from jounce.spatial.series import columns
+from support.recursion import inverse_dynamics
+from support.robots import (
+    Interpreted,
+    differentiated_at_once,
+    harmonic,
+    loads,
+    mechanisms,
+    random_state,
+    relative_error,
+)
 
 ORDERS = (0, 1, 2)
 

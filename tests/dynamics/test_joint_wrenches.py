@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from bases import base_path, moved_mechanisms
 from hypothesis import given
-from robots import Interpreted, differentiated_at_once, harmonic, mechanisms, relative_error
 
 import jounce
 from jounce.core.errors import JounceError
 from jounce.model.mechanism import ancestors
 from jounce.spatial import lie
+from support.bases import base_path, moved_mechanisms
+from support.robots import Interpreted, differentiated_at_once, harmonic, mechanisms, relative_error
 
 
 def close(x, y, tolerance=1e-11):

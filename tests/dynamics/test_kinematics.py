@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from hypothesis import given
-from robots import differentiated_at_once, harmonic, mechanisms, relative_error, with_tool
 
 import jounce
 from jounce.spatial import lie
+from support.robots import differentiated_at_once, harmonic, mechanisms, relative_error, with_tool
 
 
 def vee(H):

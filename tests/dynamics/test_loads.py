@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given
-from quantities import tupled
-from robots import Interpreted, differentiated_at_once, harmonic, mechanisms, relative_error, with_tool
 
 import jounce
 from jounce.core.errors import JounceError, JounceWarning
 from jounce.spatial import lie
+from support.quantities import tupled
+from support.robots import Interpreted, differentiated_at_once, harmonic, mechanisms, relative_error, with_tool
 
 
 def close(x, y, tolerance=1e-12):

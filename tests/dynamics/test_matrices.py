@@ -2,9 +2,7 @@
 
 import numpy as np
 import pytest
-import recursion
 from hypothesis import given
-from robots import golden, loads, mechanisms, random_inertia, random_pose, random_screw, random_state
 
 import jounce
 from jounce.dynamics.closed_form import closed_form
@@ -14,6 +12,8 @@ from jounce.model.mechanism import path_to
 from jounce.model.screws import from_screws
 from jounce.program.trace import Tape
 from jounce.spatial.series import columns
+from support import recursion
+from support.robots import golden, loads, mechanisms, random_inertia, random_pose, random_screw, random_state
 
 RECURSIONS = {
     "gM": recursion.mass_matrix,

@@ -5,18 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-import recursion
-from bases import base_path, motion_of, moved_mechanisms, random_base
 from hypothesis import given, settings
-from robots import (
-    Interpreted,
-    differentiated_at_once,
-    floating,
-    harmonic,
-    random_mechanism,
-    random_pose,
-    relative_error,
-)
 
 import jounce
 from jounce.core.errors import JounceError
@@ -26,6 +15,17 @@ from jounce.dynamics.state import State
 from jounce.spatial.inertia import moments
 from jounce.spatial.lie import Ad, hat, inverse
 from jounce.spatial.series import Series, columns, from_rate, joined
+from support import recursion
+from support.bases import base_path, motion_of, moved_mechanisms, random_base
+from support.robots import (
+    Interpreted,
+    differentiated_at_once,
+    floating,
+    harmonic,
+    random_mechanism,
+    random_pose,
+    relative_error,
+)
 
 RECURSIONS = {
     "gC": recursion.coriolis_matrix,

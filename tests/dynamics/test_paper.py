@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from robots import GOLDEN_NAMES, golden, loads, rates_of, relative_error
 
 import jounce
 from jounce.core.errors import JounceError
@@ -14,6 +13,7 @@ from jounce.dynamics.paper import Paper, section3, section4
 from jounce.io import motions
 from jounce.spatial import lie
 from jounce.spatial.series import Series, columns, from_rate
+from support.robots import GOLDEN_NAMES, golden, loads, rates_of, relative_error
 
 CASES = [(name, i) for name in GOLDEN_NAMES for i in range(3)]
 

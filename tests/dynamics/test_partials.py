@@ -7,10 +7,7 @@ import jax
 import numpy as np
 import pytest
 import sympy
-from bases import moved_mechanisms, random_base
-from files import refusal
 from hypothesis import given, settings
-from robots import Interpreted, floating, mechanisms, on_its_axis, random_mechanism, relative_error
 
 import casadi
 import jounce
@@ -22,6 +19,9 @@ from jounce.native.forms import program
 from jounce.program import differentiate
 from jounce.program.trace import Tape
 from jounce.spatial.lie import exp
+from support.bases import moved_mechanisms, random_base
+from support.files import refusal
+from support.robots import Interpreted, floating, mechanisms, on_its_axis, random_mechanism, relative_error
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")

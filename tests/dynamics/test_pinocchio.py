@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bases import random_base
-from robots import Interpreted, relative_error
 
 import jounce
 from jounce.io.bundled import BUNDLED
+from support.bases import random_base
+from support.robots import Interpreted, relative_error
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from planar2r import printed
-from robots import relative_error
 
 import jounce
+from support.planar2r import printed
+from support.robots import relative_error
 
 
 @pytest.mark.parametrize("method", ["closed_form", "paper", "recursion"])

@@ -4,17 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bases import moved_mechanisms, random_base
-from files import refusal
 from hypothesis import given, settings
-from quantities import branched
-from robots import Interpreted, floating, random_mechanism, relative_error
 
 import jounce
 from jounce.dynamics.computation import Computation
 from jounce.model.drives import TERMS
 from jounce.model.mechanism import ancestors
 from jounce.native.forms import program
+from support.bases import moved_mechanisms, random_base
+from support.files import refusal
+from support.quantities import branched
+from support.robots import Interpreted, floating, random_mechanism, relative_error
 
 
 def of_one_state(drawn, order=2):

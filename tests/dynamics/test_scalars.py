@@ -9,10 +9,7 @@ import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
-import recursion
 import sympy
-from quantities import affordable, method_of, served, tupled
-from robots import GOLDEN_NAMES, golden, rates_of, relative_error, springs
 
 import casadi
 import jounce
@@ -22,6 +19,9 @@ from jounce.dynamics.quantities import QUANTITIES as TABLE
 from jounce.model.casting import with_exact_integers
 from jounce.program.trace import Tape
 from jounce.spatial.series import columns
+from support import recursion
+from support.quantities import affordable, method_of, served, tupled
+from support.robots import GOLDEN_NAMES, golden, rates_of, relative_error, springs
 
 jax.config.update("jax_enable_x64", True)
 

@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import random_pose, relative_error
-from several_screws import TREES, forces_by_jets, robot_of, start_of
 
 import jounce
 from jounce import JounceError
@@ -14,6 +12,8 @@ from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.positions import moves, positions
 from jounce.native.kernel import compile_kernel
+from support.robots import random_pose, relative_error
+from support.several_screws import TREES, forces_by_jets, robot_of, start_of
 
 ROBOTS = [(name, tilted, floats) for name in TREES for tilted in (False, True) for floats in (False, True)]
 EVERYWHERE = [name for name, row in QUANTITIES.items() if row.everywhere]

@@ -11,10 +11,10 @@ import sys
 
 import numpy as np
 import pytest
-from files import refusal
-from robots import GOLDEN, relative_error
 
 import jounce
+from support.files import refusal
+from support.robots import GOLDEN, relative_error
 
 pytest.importorskip("sympy")
 ROOT, HERE = GOLDEN.parents[1], GOLDEN / "skidy"

@@ -6,13 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from files import refusal
 from hypothesis import given
 from lxml import etree
 from matplotlib import rc_context
 from matplotlib.colors import to_rgb
 from paper_robots import iiwa14, planar2r
-from robots import mechanisms
 
 import jounce
 from jounce.figures import canvas
@@ -24,6 +22,8 @@ from jounce.figures.labels import LABEL, outline_points
 from jounce.figures.panels import MAX_CURVES_PER_AXES, MAX_POINTS_DRAWN, Panel, Run, columns_of, drawn_points
 from jounce.figures.table import rows_between, run_of
 from jounce.motion.trust import BAND_DEVIATIONS
+from support.files import refusal
+from support.robots import mechanisms
 
 ROOT = Path(__file__).parents[2]
 PICTURES = [*ROOT.glob("docs/pictures/*.svg"), *ROOT.glob("benchmarks/*.svg")]

@@ -3,12 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from robots import floating, random_rotation
 
 import jounce
 from fuzz import dense, plans
 from fuzz.trees import random_tree, robot_of
 from jounce.model.kinds import KEYS, MOTOR_KINDS
+from support.robots import floating, random_rotation
 
 TOLERANCE = 2e-6  # of the largest value of a kind: what polynomials between rows are trusted to, and rounding
 FACTORS = (0.9, 0.999, 0.99999, 1.00001, 1.001, 1.1, 2.0)

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from hypothesis import strategies as st
-from robots import parts
 
 import jounce
 from fuzz.contract import kept, refusal_or, shallow, workshop
 from fuzz.mutations import mutated
 from fuzz.originals import MOTIONS, ROBOTS
+from support.robots import parts
 
 PLANAR = jounce.load("planar2r")
 RANDOM = st.randoms(note_method_calls=False, use_true_random=False)

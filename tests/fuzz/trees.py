@@ -1,10 +1,10 @@
 """Random trees and forests for the oracle, the robots of jounce that they are, and arrays in odd layouts."""
 
 import numpy as np
-from robots import random_rotation
 
 import jounce
 from fuzz.jets import Body, Tree
+from support.robots import random_rotation
 
 KINDS = ("revolute", "prismatic", "helical")
 

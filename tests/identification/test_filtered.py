@@ -4,9 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from files import refusal
-from quantities import branched
-from robots import Interpreted, floating, relative_error
 
 import jounce
 from jounce.identification import low_pass as filters
@@ -14,6 +11,9 @@ from jounce.identification.filtered import cells_of_momentum, cells_of_power, en
 from jounce.identification.low_pass import low_pass
 from jounce.identification.measurements import Measurements
 from jounce.model.drives import COLUMNS, TERMS
+from support.files import refusal
+from support.quantities import branched
+from support.robots import Interpreted, floating, relative_error
 
 
 def moving_robot(seed=3, on_base=False):

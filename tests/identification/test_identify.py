@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from files import refusal
 
 import jounce
 from jounce.identification.regression import solve
+from support.files import refusal
 
 SECONDS, COUNT = 6.0, 1501
 T = np.linspace(0, SECONDS, COUNT)

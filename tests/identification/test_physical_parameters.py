@@ -4,11 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bases import random_base
-from files import refusal
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from robots import floating, mechanisms, random_inertia, random_mechanism, random_pose
 from scipy.optimize import minimize
 from scipy.stats import chi2
 
@@ -19,6 +16,9 @@ from jounce.identification.physical import DEFAULT_DIVERGENCE_WEIGHT, consistent
 from jounce.model import equivalent
 from jounce.model.parameters import parameters_of, with_parameters
 from jounce.spatial import inertia
+from support.bases import random_base
+from support.files import refusal
+from support.robots import floating, mechanisms, random_inertia, random_mechanism, random_pose
 
 TERMS = ("armature", "damping", "friction", "offset")
 UNIT_MOMENTS = inertia.moment_matrix(inertia.from_parameters(np.eye(10)))

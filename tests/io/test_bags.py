@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from files import refusal
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 import jounce
+from support.files import refusal
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 PLANAR = jounce.load("planar2r")

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from closed_robots import LOOP_ROBOTS
-from files import refusal
 
 import jounce
 from jounce.cli import main
 from jounce.io import bundled
 from jounce.io.bundled import BUNDLED, notices
 from jounce.model.mechanism import Mechanism
+from support.closed_robots import LOOP_ROBOTS
+from support.files import refusal
 
 FILES = [name for name, robot in BUNDLED.items() if robot.urdf]
 FOLDER = Path(bundled.__file__).parent / "robots"

@@ -3,10 +3,10 @@
 import mujoco
 import numpy as np
 import pytest
-from robots import relative_error
 
 import jounce
 from jounce.model.positions import positions, single_positions
+from support.robots import relative_error
 
 LEG = """
 <body name='{s}-hip' pos='.02 {y} 0' xyaxes='0 0 -1 0 1 0'>

@@ -4,10 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from files import refusal
 from scipy.spatial.transform import Rotation
 
 import jounce
+from support.files import refusal
 
 GOOD = """\
 name: lifted

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from files import refusal
 
 import jounce
 from jounce.cli import main
+from support.files import refusal
 
 HEAD = """name: arm
 units: SI

@@ -4,11 +4,11 @@ import re
 
 import numpy as np
 import pytest
-from files import refusal
-from peer import REAL, crba, pinocchio, rnea
-from robots import differentiated, harmonic, relative_error
 
 import jounce
+from support.files import refusal
+from support.peer import REAL, crba, pinocchio, rnea
+from support.robots import differentiated, harmonic, relative_error
 
 pytestmark = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")  # of odd inertias, and of welded roots
 

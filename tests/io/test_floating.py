@@ -9,11 +9,11 @@ import numpy as np
 import pinocchio
 import pytest
 from click.testing import CliRunner
-from files import BODY, ODD, OTHER, joint, link, origin, refusal, robot_file
-from robots import on_base, parts, random_inertia, relative_error
 
 import jounce
 from jounce.cli import main
+from support.files import BODY, ODD, OTHER, joint, link, origin, refusal, robot_file
+from support.robots import on_base, parts, random_inertia, relative_error
 
 PLACED = origin((0.3, -0.2, 0.5), (0.1, 0.7, -0.4))
 TURN = joint("turn", "trunk", "arm", axis="0 1 0")

@@ -3,9 +3,9 @@
 import os
 
 import pytest
-from files import refusal
 
 from jounce.io import folders
+from support.files import refusal
 
 MARK = "made by us"
 FILES = {"a.txt": f"{MARK}\nnew\n", "b.txt": f"{MARK}\nnew\n"}

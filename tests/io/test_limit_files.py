@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from files import refusal
 
 import jounce
 from jounce.io.limits.reading import read_table, table_names
 from jounce.model.kinds import KEYS, KINDS, LINE
+from support.files import refusal
 
 MOVEIT = """
 joint_limits:

@@ -10,12 +10,12 @@ import mujoco
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from files import GOOD, refusal, robot_file
-from robots import differentiated, harmonic, random_pose, relative_error
 
 import jounce
 from jounce.cli import main
 from jounce.model.positions import positions
+from support.files import GOOD, refusal, robot_file
+from support.robots import differentiated, harmonic, random_pose, relative_error
 
 ROBOSUITE = [f"robosuite/models/assets/{name}.xml" for name in (
     *(f"robots/{robot}/robot" for robot in ("panda", "iiwa", "ur5e", "kinova3", "jaco", "sawyer", "xarm7")),

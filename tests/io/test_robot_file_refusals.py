@@ -4,9 +4,9 @@ import json
 import time
 
 import pytest
-from files import refusal
 
 import jounce
+from support.files import refusal
 
 GOOD = """\
 name: arm

@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 import sympy
 from click.testing import CliRunner
-from files import refusal
 from hypothesis import given
 from hypothesis import strategies as st
-from robots import GOLDEN_NAMES, floating, golden, mechanisms, parts, random_inertia, random_pose, with_tool
 from scipy.spatial.transform import Rotation
 
 import jounce
@@ -21,6 +19,8 @@ from jounce.cli import main
 from jounce.io import documents
 from jounce.io.native import writing
 from jounce.model.frame import Frame
+from support.files import refusal
+from support.robots import GOLDEN_NAMES, floating, golden, mechanisms, parts, random_inertia, random_pose, with_tool
 
 pytestmark = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")  # of the inertias of the iiwa
 ROOT = Path(__file__).parents[2]

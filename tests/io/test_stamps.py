@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from files import refusal
 
 import jounce
 from jounce.cli import main
 from jounce.io import tables
+from support.files import refusal
 
 ROBOT = jounce.load("planar2r")
 START = 1_732_287_600  # s

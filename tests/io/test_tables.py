@@ -8,10 +8,10 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
-from files import refusal
 
 import jounce
 from jounce.io import csv, tables
+from support.files import refusal
 
 COLUMNS = {"t": np.arange(9.0), "a": np.arange(9.0) ** 2}
 

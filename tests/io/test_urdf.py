@@ -4,10 +4,10 @@ import warnings
 
 import numpy as np
 import pytest
-from files import BODY, GOOD, ODD, OTHER, joint, link, origin, refusal, robot_file, text
 from scipy.spatial.transform import Rotation
 
 import jounce
+from support.files import BODY, GOOD, ODD, OTHER, joint, link, origin, refusal, robot_file, text
 
 
 @pytest.fixture

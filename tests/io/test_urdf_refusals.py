@@ -7,9 +7,9 @@ import time
 from pathlib import Path
 
 import pytest
-from files import BODY, GOOD, LINKS, MOMENTS, joint, link, refusal, robot_file, text
 
 import jounce
+from support.files import BODY, GOOD, LINKS, MOMENTS, joint, link, refusal, robot_file, text
 
 
 def turn(**given):

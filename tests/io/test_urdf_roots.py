@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from files import BODY, GOOD, LINKS, OTHER, joint, link, origin, refusal, robot_file
 
 import jounce
+from support.files import BODY, GOOD, LINKS, OTHER, joint, link, origin, refusal, robot_file
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
 PLACED = origin((0.3, -0.2, 0.5), (0.1, 0.7, -0.4))

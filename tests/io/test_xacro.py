@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import xacro
 import xacro.color
-from files import GOOD, refusal, robot_file
 from xacrodoc import packages
 
 import jounce
+from support.files import GOOD, refusal, robot_file
 
 ARM = """<?xml version="1.0"?>
 <robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from files import refusal
 from scipy.interpolate import CubicSpline
 
 import jounce
@@ -16,6 +15,7 @@ from jounce.motion import hermite
 from jounce.motion.analytic import Analytic, Cosine, Terms
 from jounce.motion.motion import Motion
 from jounce.motion.smoothness import resolution
+from support.files import refusal
 
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
 ALL = {

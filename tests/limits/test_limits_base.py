@@ -1,12 +1,12 @@
 """Limits of joints along motions with a base: the forces on a base that floats are not limited, its motion counts."""
 
 import numpy as np
-from files import refusal
-from robots import floating
 from scipy.spatial.transform import Rotation
 
 import jounce
 from jounce import Motion
+from support.files import refusal
+from support.robots import floating
 
 ARM = jounce.load("planar2r").with_limits(effort=[60, 20], velocity=5.0)
 FLOATING = jounce.Robot(floating(ARM.mechanism, np.random.default_rng(3), mass=30.0))

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from files import refusal
 from test_check import fourier, rows
 
 import jounce
 from jounce.limits.deviations import deviations_of
 from jounce.limits.scaling import polynomials
 from jounce.limits.validation import bounded
+from support.files import refusal
 
 STIFFNESS, ROTOR = [300.0, 200.0], [0.4, 0.2]
 MOTION = fourier(3, 2, duration=1.0).with_step(0.05)

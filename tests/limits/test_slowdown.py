@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from files import refusal
 from test_check import HOME, fourier
 
 import jounce
 from jounce.limits.scaling import polynomials, positive_roots
 from jounce.limits.validation import bounded
+from support.files import refusal
 
 
 def pendulum(**limits):

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from files import refusal
 from test_check import fourier
 from test_retime import RUBBING, STATED_GAP, UR5, largest, move, rubbing
 
@@ -17,6 +16,7 @@ from jounce.limits.grid import DUALITY_GAP, GRID_POINTS_PER_POINT, Grid
 from jounce.limits.problem import problem_of
 from jounce.limits.samples import worst_broken
 from jounce.model.coordinates import coordinate_limits
+from support.files import refusal
 
 PLANAR = jounce.load("planar2r")
 NO_LOAD = np.array([2.0, 1.8, 2.2, 3.0, 2.5, 2.8])  # rad/s, below the velocities that the UR5 allows

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from leg_and_cart import AXIS, leg_and_cart, swinging
 
 import jounce
 from jounce.model.positions import position_names, positions, resting_position
+from support.leg_and_cart import AXIS, leg_and_cart, swinging
 
 ROBOT = leg_and_cart()
 SWING = np.arccos(np.cos(1.6) + (1 - np.cos(1.6)) * AXIS[2] ** 2)  # of a turn of 1.6 rad about AXIS

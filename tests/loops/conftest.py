@@ -1,9 +1,9 @@
 """The bundled robots with closed loops, read once."""
 
 import pytest
-from closed_robots import LOOP_ROBOTS
 
 import jounce
+from support.closed_robots import LOOP_ROBOTS
 
 
 @pytest.fixture(scope="session")

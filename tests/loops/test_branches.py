@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from linkages import elbows, elbows_along, fivebar
 
 import jounce
 from jounce import JounceError
+from support.linkages import elbows, elbows_along, fivebar
 
 FIVEBARS = 30
 

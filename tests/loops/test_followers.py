@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from linkages import fourbar, palletizer, rods
-from robots import relative_error
 
 import jounce
 from jounce import JounceError
 from jounce.dynamics.branches import with_solved_loops, without_ratios
 from jounce.engine.dispatch import compute
 from jounce.engine.generic import as_tuple
+from support.linkages import fourbar, palletizer, rods
+from support.robots import relative_error
 
 QUANTITIES = (
     "inverse_dynamics",

@@ -2,7 +2,10 @@
 
 import numpy as np
 import pytest
-from closed_robots import (
+
+import jounce
+from jounce.spatial import lie
+from support.closed_robots import (
     LOOP_ROBOTS,
     content,
     fivebar_cut_at_elbow,
@@ -11,11 +14,8 @@ from closed_robots import (
     platform_on_leg_four,
     with_drives,
 )
-from files import refusal
-from robots import WEIGHTS, relative_error
-
-import jounce
-from jounce.spatial import lie
+from support.files import refusal
+from support.robots import WEIGHTS, relative_error
 
 RECURSION = {"method": "recursion"}
 H = 0.02  # s, of differences over nine points

@@ -8,8 +8,6 @@ import mujoco
 import numpy as np
 import pytest
 import sympy
-from random_loops import looped
-from robots import differentiated_at_once, relative_error
 
 import casadi
 import jounce
@@ -17,6 +15,8 @@ import jounce.dask
 from jounce.checks.compare import compare
 from jounce.core.errors import JounceError
 from jounce.dynamics import assembly
+from support.random_loops import looped
+from support.robots import differentiated_at_once, relative_error
 
 RECURSION = {"method": "recursion"}
 DRIVEN = looped("cylindrical with mimic joint and drives")

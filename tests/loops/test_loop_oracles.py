@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from closed_robots import LOOP_ROBOTS, golden_loops, motion_near_start
-from robots import relative_error
+
+from support.closed_robots import LOOP_ROBOTS, golden_loops, motion_near_start
+from support.robots import relative_error
 
 RECURSION = {"method": "recursion"}
 
@@ -41,7 +42,7 @@ def test_coordinates_are_those_of_closed_form_kinematics(closed, name):
 @pytest.mark.parametrize("name", LOOP_ROBOTS)
 def test_forces_and_accelerations_are_those_of_pinocchio(closed, name):
     pytest.importorskip("pinocchio")
-    from loop_peer import ConstrainedPeer
+    from support.loop_peer import ConstrainedPeer
 
     robot = closed[name]
     m, own = robot.mechanism, list(robot.mechanism.closure.independent)

@@ -5,11 +5,11 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from closed_robots import motion_near_start
-from robots import differentiated_at_once, relative_error
 
 import jounce
 from jounce.checks.derivatives import product
+from support.closed_robots import motion_near_start
+from support.robots import differentiated_at_once, relative_error
 
 ROBOT = jounce.load("fivebar")
 DEPENDENT = list(ROBOT.mechanism.closure.dependent)

@@ -9,8 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from linkages import elbows, fivebar, fourbar, rods, unit
-from precise import Precise
 from pyarrow import parquet
 from scipy.optimize import brentq
 
@@ -21,6 +19,8 @@ from jounce.dynamics.assembly import MIN_INVERSE_CONDITION, inverse_conditions
 from jounce.dynamics.computation import Computation
 from jounce.engine.digits import max_condition
 from jounce.io import tables
+from support.linkages import elbows, fivebar, fourbar, rods, unit
+from support.precise import Precise
 
 COUNT = 25  # positions
 ZEROS = (0.9, 1.3, -0.7)  # rad, coordinates of the four-bar where it lies: angles near 0 would be rounded less

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from bases import base_path
-from random_loops import LOOPED, looped
-from robots import Interpreted, differentiated_at_once, harmonic, relative_error
 from scipy.linalg import expm
 
 import jounce
 from jounce.spatial.lie import wedge
+from support.bases import base_path
+from support.random_loops import LOOPED, looped
+from support.robots import Interpreted, differentiated_at_once, harmonic, relative_error
 
 NAMES = list(LOOPED)
 CLOSED = {"method": "closed_form"}

@@ -8,13 +8,13 @@ import numpy as np
 import pandas as pd
 import pytest
 import sympy
-from files import refusal
 from hypothesis import given
 from hypothesis import strategies as st
-from robots import Interpreted, random_inertia, random_pose, relative_error
 
 import jounce
 from jounce.spatial import inertia, lie
+from support.files import refusal
+from support.robots import Interpreted, random_inertia, random_pose, relative_error
 
 ROOT = Path(__file__).parents[2]
 FILES = {Path(file).name: Path(file.locate()) for file in metadata.files("example-robot-data") or []}

@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 import sympy
 from click.testing import CliRunner
-from files import LINKS, joint, refusal, robot_file
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from robots import mechanisms, random_mechanism, relative_error
-from tools import require
 
 import casadi
 import jounce
 from jounce.checks.description import describe
 from jounce.cli import main
 from jounce.model.drives import EPS, TERMS
+from support.files import LINKS, joint, refusal, robot_file
+from support.robots import mechanisms, random_mechanism, relative_error
+from support.tools import require
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
 ONE = {"B": [np.eye(4)], "X": [[0, 0, 1, 0, 0, 0]], "M": [np.eye(6)]}

@@ -6,10 +6,10 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from robots import on_base
 
 import jounce
 from jounce.model.mechanism import Mechanism
+from support.robots import on_base
 
 
 @pytest.fixture(scope="module")

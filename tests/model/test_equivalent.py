@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from recursion import inverse_dynamics
-from robots import GOLDEN_NAMES, Interpreted, floating, golden, loads, mechanisms, random_pose, random_state
 
 import jounce
 from jounce.dynamics.closed_form import closed_form
@@ -15,6 +13,8 @@ from jounce.model import equivalent
 from jounce.spatial import lie
 from jounce.spatial.inertia import from_moments, moments
 from jounce.spatial.series import columns
+from support.recursion import inverse_dynamics
+from support.robots import GOLDEN_NAMES, Interpreted, floating, golden, loads, mechanisms, random_pose, random_state
 
 PASSES = {
     "aligned": equivalent.align_frames,

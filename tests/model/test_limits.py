@@ -9,9 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from files import GOOD, LINKS, joint, refusal, robot_file
 from hypothesis import given
-from robots import mechanisms, random_inertia, random_rotation, random_screw
 
 import jounce
 from jounce.cli import main
@@ -22,6 +20,8 @@ from jounce.model.frame import UNIT_ROUNDING
 from jounce.model.kinds import KEYS, KINDS, LINE
 from jounce.model.limits import Limits
 from jounce.model.screws import exact_inertia, exact_pose, exact_screw
+from support.files import GOOD, LINKS, joint, refusal, robot_file
+from support.robots import mechanisms, random_inertia, random_rotation, random_screw
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
 ONE = {"B": [np.eye(4)], "X": [[0, 0, 1, 0, 0, 0]], "M": [np.eye(6)]}

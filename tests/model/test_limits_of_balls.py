@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from leg_and_cart import leg_and_cart
 
 import jounce
 from jounce.model.positions import extent, extent_names, position_count, positions, resting_position
 from jounce.spatial.groups import BALL, GROUPS, PLANAR
 from jounce.spatial.lie import exp, rotation
+from support.leg_and_cart import leg_and_cart
 
 ROBOT = leg_and_cart()
 LIMITED = {"upper": {"ankle.swing": 0.5, "ankle.twist": 0.3}, "lower": {"ankle.twist": -0.2}}

@@ -6,12 +6,12 @@ import pickle
 
 import numpy as np
 import pytest
-from robots import golden, random_mechanism, random_rotation, relative_error
 
 import jounce
 from jounce.core.errors import JounceError
 from jounce.model.screws import exact_inertia
 from jounce.spatial.inertia import form_error, principal_moments, triangle_slack
+from support.robots import golden, random_mechanism, random_rotation, relative_error
 
 
 def data(n=2):

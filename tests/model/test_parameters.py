@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from robots import golden, relative_error
 
 import jounce
 from jounce.core.errors import JounceError
@@ -12,6 +11,7 @@ from jounce.model.parameters import MODEL_PARAMETERS, own_values, parametrise
 from jounce.program.trace import Tape
 from jounce.spatial import inertia
 from jounce.spatial.lie import pose
+from support.robots import golden, relative_error
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
 ROBOTS = {

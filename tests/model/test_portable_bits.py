@@ -3,12 +3,12 @@
 import math
 
 import numpy as np
-from robots import random_rotation
 
 import jounce
 from jounce.model.frame import UNIT_ROUNDING
 from jounce.model.screws import exact_pose, exact_screw
 from jounce.spatial.inertia import symmetric
+from support.robots import random_rotation
 
 
 def test_inertias_about_the_com_come_to_the_same_bits():

@@ -4,8 +4,6 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from files import refusal
-from robots import random_mechanism
 
 import jounce
 from jounce.checks.audit.mobility import massless
@@ -13,6 +11,8 @@ from jounce.checks.audit.units import sizes
 from jounce.model.mechanism import ancestors
 from jounce.model.size import MAX_BODIES, check_size
 from jounce.spatial.series import Series
+from support.files import refusal
+from support.robots import random_mechanism
 
 
 def chain(n):

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from files import LINKS, joint, link, refusal, robot_file
 from hypothesis import given
 from hypothesis import strategies as st
-from robots import Interpreted, mechanisms, random_mechanism, relative_error
 
 import jounce
+from support.files import LINKS, joint, link, refusal, robot_file
+from support.robots import Interpreted, mechanisms, random_mechanism, relative_error
 
 
 def split(robot, rng, chosen):

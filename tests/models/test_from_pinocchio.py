@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from files import BODY, LINKS, OTHER, joint, link, refusal, robot_file
-from peer import REAL, configuration, pinocchio, rnea
-from robots import relative_error
 
 import jounce
+from support.files import BODY, LINKS, OTHER, joint, link, refusal, robot_file
+from support.peer import REAL, configuration, pinocchio, rnea
+from support.robots import relative_error
 
 AXIS = np.array([1.0, 2.0, -2.0]) / 3
 JOINTS = {

@@ -5,13 +5,13 @@ from math import factorial
 import mujoco
 import numpy as np
 import pytest
-from files import BODY, OTHER, joint, link, origin, refusal, robot_file
-from peer import pinocchio
-from robots import parts, relative_error
 from test_from_pinocchio import FREE, composite, model_of
 
 import jounce
 from jounce.model.positions import position_names, positions
+from support.files import BODY, OTHER, joint, link, origin, refusal, robot_file
+from support.peer import pinocchio
+from support.robots import parts, relative_error
 
 TREES = {
     "one ball": ([FREE["spherical"]], [0]),

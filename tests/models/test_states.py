@@ -6,13 +6,13 @@ import mujoco
 import numpy as np
 import pinocchio
 import pytest
-from files import BODY, OTHER, joint, link, origin, refusal, robot_file
-from peer import REAL
-from robots import random_pose, relative_error
 
 import jounce
 from jounce.engine.generic import as_tuple
 from jounce.spatial import lie
+from support.files import BODY, OTHER, joint, link, origin, refusal, robot_file
+from support.peer import REAL
+from support.robots import random_pose, relative_error
 
 PLACED = origin((0.3, -0.2, 0.5), (0.1, 0.7, -0.4))
 LIMIT = '<limit lower="-2" upper="2" effort="1" velocity="1"/>'

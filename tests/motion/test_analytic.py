@@ -6,18 +6,18 @@ from importlib.resources import files
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from files import refusal
 from hypothesis import given
 from hypothesis import strategies as st
-from motion_tables import from_table
 from numpy.polynomial import Polynomial
-from robots import RATES, golden, relative_error
 
 import jounce
 from jounce.cli import main
 from jounce.io import motions, tables
 from jounce.motion.analytic import Cosine, Terms
 from jounce.motion.spline import Spline
+from support.files import refusal
+from support.motion_tables import from_table
+from support.robots import RATES, golden, relative_error
 
 PLANAR = jounce.load("planar2r").mechanism
 IIWA = jounce.load("iiwa14").mechanism

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from files import refusal
 from scipy.io import savemat
 
 import jounce
 from jounce.cli import main
 from jounce.io import tables
+from support.files import refusal
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PLANAR = jounce.load("planar2r")

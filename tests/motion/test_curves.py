@@ -5,16 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from files import refusal
 from hypothesis import given
 from hypothesis import strategies as st
-from motion_tables import from_table
 from numpy.polynomial import Polynomial
 from scipy.interpolate import PPoly, make_interp_spline
 
 import jounce
 from jounce import Motion
 from jounce.motion.time_law import Paced, TimeLaw
+from support.files import refusal
+from support.motion_tables import from_table
 
 PLANAR = jounce.load("planar2r")
 SLIDES = jounce.Robot.from_screws(

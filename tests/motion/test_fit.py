@@ -4,13 +4,13 @@ from functools import cache
 
 import numpy as np
 import pytest
-from logs import NAMES, encoder, harmonics, log
 from scipy.interpolate import BPoly, make_lsq_spline
 
 import jounce
 from jounce.core.errors import JounceError
 from jounce.motion.fit import fit
 from jounce.motion.samples import MIN_FIT_SAMPLES
+from support.logs import NAMES, encoder, harmonics, log
 
 
 @cache

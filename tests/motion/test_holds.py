@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from logs import encoder, harmonics, moves
 
 import jounce
 from jounce.motion.fit import fit
+from support.logs import encoder, harmonics, moves
 
 
 def held(seed, sensor, rate=1000, bits=17, rests=False, joints=2):

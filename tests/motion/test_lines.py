@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from logs import encoder, harmonics
 
 import jounce
 from jounce.motion.fit import fit
+from support.logs import encoder, harmonics
 
 
 def vibrating(seed, joints=2, frequency=15.0, amplitude=1e-5, rate=1000):

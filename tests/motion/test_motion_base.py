@@ -4,9 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from files import refusal
-from motion_tables import from_table
-from robots import floating
 from scipy.spatial.transform import Rotation
 
 import jounce
@@ -15,6 +12,9 @@ from jounce.io import tables
 from jounce.io.motions.writing import pieces
 from jounce.motion.base import BASE_COLUMNS, POSE_COLUMNS, motion_of
 from jounce.motion.curves import Arranged
+from support.files import refusal
+from support.motion_tables import from_table
+from support.robots import floating
 
 ARM = jounce.load("planar2r")
 ROBOT = jounce.Robot(floating(ARM.mechanism, np.random.default_rng(3)))

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from files import BODY, LINKS, joint, link, refusal, robot_file
-from motion_tables import from_table
-from robots import relative_error
 
 import jounce
 from jounce import JounceWarning
 from jounce.motion.spline import Smoothing, Spline
+from support.files import BODY, LINKS, joint, link, refusal, robot_file
+from support.motion_tables import from_table
+from support.robots import relative_error
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
 PLANAR = jounce.load("planar2r").mechanism

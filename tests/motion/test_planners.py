@@ -5,12 +5,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import ruckig
-from files import refusal
-from robots import relative_error
 from scipy.interpolate import PPoly
 
 import jounce
 from jounce import Motion
+from support.files import refusal
+from support.robots import relative_error
 
 IIWA = jounce.load("iiwa14")
 N, NAMES = IIWA.n, IIWA.joint_names

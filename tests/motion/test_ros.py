@@ -5,11 +5,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from files import refusal
 from ruamel.yaml import YAML
 
 import jounce
 from jounce import Motion
+from support.files import refusal
 
 ROBOT = jounce.load("planar2r")
 RNG = np.random.default_rng(4)

@@ -4,8 +4,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from amid import amid
-from files import refusal
 from scipy.spatial.transform import Rotation
 
 import jounce
@@ -16,6 +14,8 @@ from jounce.model.positions import moves, position_names, several_positions
 from jounce.motion.base import numbers_of, twists
 from jounce.spatial.groups import GROUPS
 from jounce.spatial.lie import Ad, hat, inverse
+from support.amid import amid
+from support.files import refusal
 
 KINDS = ("ball", "planar", "free")
 ROBOTS = {kind: amid(kind) for kind in KINDS}

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from motion_tables import from_table
 from scipy.interpolate import CubicSpline, make_interp_spline
 
 import jounce
 from jounce.motion import smoothness
+from support.motion_tables import from_table
 
 PLANAR = jounce.load("planar2r").mechanism
 KNOTS, HEIGHTS = np.linspace(0, 3, 8), np.array([0.12, -0.13, 0.64, 0.1, -0.53, 0.36, 1.3, 0.95])  # seven segments

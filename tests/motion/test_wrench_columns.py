@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from files import refusal
-from motion_tables import from_table
 
 import jounce
 from jounce.cli import main
 from jounce.io import tables
+from support.files import refusal
+from support.motion_tables import from_table
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
 IIWA = jounce.load("iiwa14").mechanism

@@ -5,10 +5,10 @@ import warnings
 import mpmath
 import numpy as np
 import pytest
-from natives import WAYS, native, signature
 
 from jounce.native.functions import HALF_PI_PARTS, MAX_REDUCED_ANGLE
 from jounce.program.trace import Tape
+from support.natives import WAYS, native, signature
 
 UNITS = 2  # in the last place
 FEW = 10.0 ** np.arange(-300, 301, 20)

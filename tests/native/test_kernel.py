@@ -4,10 +4,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from natives import WAYS, assembled, target
-from quantities import IDS, REQUESTS, affordable, branched, method_of, tupled
-from recursion import inverse_dynamics
-from robots import (
+
+import jounce
+from jounce.core.errors import JounceError
+from jounce.dynamics.computation import Computation
+from jounce.native import forms
+from jounce.spatial.series import columns
+from support.natives import WAYS, assembled, target
+from support.quantities import IDS, REQUESTS, affordable, branched, method_of, tupled
+from support.recursion import inverse_dynamics
+from support.robots import (
     GOLDEN_NAMES,
     floating,
     golden,
@@ -18,12 +24,6 @@ from robots import (
     rates_of,
     relative_error,
 )
-
-import jounce
-from jounce.core.errors import JounceError
-from jounce.dynamics.computation import Computation
-from jounce.native import forms
-from jounce.spatial.series import columns
 
 BATCHES = [(), (1,), (7,), (8,), (9,), (17,), (64,), (3, 5), (0,), (2, 0)]
 QUANTITIES = {"inverse_dynamics": 3, "gravity_forces": 1, "mass_matrix": 1}

@@ -8,8 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from abandoned import abandoned_part
-from robots import floating
 
 import jounce
 from jounce.dynamics.computation import Computation
@@ -17,6 +15,8 @@ from jounce.native import cache, jit
 from jounce.native import kernel as module
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel
+from support.abandoned import abandoned_part
+from support.robots import floating
 
 ROBOT = jounce.load("planar2r")
 QUANTITY = Computation("gravity_forces", 0)

@@ -12,7 +12,6 @@ from threading import Barrier
 import numpy as np
 import pytest
 import sympy
-from robots import golden, relative_error
 
 import jounce
 from jounce.core.errors import JounceError, JounceWarning
@@ -22,6 +21,7 @@ from jounce.native import jit
 from jounce.native import kernel as module
 from jounce.native.kernel import Kernel
 from jounce.native.plan import is_straight
+from support.robots import golden, relative_error
 
 ROBOT = jounce.load("planar2r")
 ONES = [np.ones((5, 2))] * 4

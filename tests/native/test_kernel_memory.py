@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from robots import random_mechanism
 
 import jounce
 from jounce.core.errors import JounceError
@@ -17,6 +16,7 @@ from jounce.dynamics.computation import Computation
 from jounce.native import plan, pool
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel
+from support.robots import random_mechanism
 
 BODIES = 75  # whose scratch memory is not from the stack, even where two states are computed at once
 STATE = np.random.default_rng(0).uniform(-1, 1, (5, 200, BODIES))
@@ -105,7 +105,7 @@ print(forked, len(right), all(right))
 
 def test_many_bodies_work_with_small_stacks_threads_and_forks():
     folder = Path(__file__).parent
-    command = [sys.executable, "-W", "ignore", "-c", SMALL_STACK, folder, folder.parent / "support"]
+    command = [sys.executable, "-W", "ignore", "-c", SMALL_STACK, folder, folder.parent]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stdout.split()) == (0, ["0", "60", "True"]), done.stderr
 

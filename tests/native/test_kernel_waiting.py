@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from robots import random_mechanism
 
 import jounce
 from jounce.core.errors import JounceWarning
@@ -12,6 +11,7 @@ from jounce.native import forms, jit
 from jounce.native import kernel as module
 from jounce.native.jit import host
 from jounce.native.plan import LongCompilationError
+from support.robots import random_mechanism
 
 
 def chain(nb, kinds=("revolute", "prismatic"), seed=3):

@@ -6,14 +6,14 @@ from functools import cache
 
 import numpy as np
 import pytest
-from quantities import tupled
-from robots import floating, random_mechanism, random_pose, relative_error
 
 import jounce
 from jounce.arguments.poses import POSE_TOLERANCE, not_a_pose
 from jounce.core.errors import JounceError
 from jounce.native.plan import is_straight
 from jounce.native.poses import are_poses
+from support.quantities import tupled
+from support.robots import floating, random_mechanism, random_pose, relative_error
 
 
 @cache

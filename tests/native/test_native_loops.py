@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from robots import relative_error
 
 import jounce
 from jounce.core.errors import JounceError
@@ -12,6 +11,7 @@ from jounce.dynamics.computation import Computation
 from jounce.native.closing import NativeStep
 from jounce.native.forms import program
 from jounce.spatial.linear import OrthogonalFactors, elimination
+from support.robots import relative_error
 
 ROBOTS = ("fivebar", "fourbar_leg", "delta")
 

@@ -7,11 +7,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from bases import random_base
-from quantities import REQUESTS, branched, ids
-from robots import floating
 from scipy.linalg import expm
-from several_named import chain, states
 
 import jounce
 from jounce.checks.derivatives import product
@@ -22,6 +18,10 @@ from jounce.native import forms, jit, plan
 from jounce.native import kernel as module
 from jounce.program.differentiate import jvp, vjp
 from jounce.spatial.lie import wedge
+from support.bases import random_base
+from support.quantities import REQUESTS, branched, ids
+from support.robots import floating
+from support.several_named import chain, states
 
 ROBOT = branched()  # with a mimic joint and drives
 TWO = jounce.load("planar2r")

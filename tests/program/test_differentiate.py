@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from programs import expressions, nested, one_of_each, run_exactly
 
 import jounce
 from jounce.dynamics.computation import Computation
@@ -15,6 +14,7 @@ from jounce.program.operations import OPERATIONS
 from jounce.program.passes import factor, fuse
 from jounce.program.program import Program, Step
 from jounce.program.trace import Tape
+from support.programs import expressions, nested, one_of_each, run_exactly
 
 POINT, WEIGHTS = (0.7, -1.3, 0.45), (1.7, -0.6, 2.3)
 

@@ -12,9 +12,6 @@ import mpmath
 import numpy as np
 import pytest
 import sympy
-from natives import WAYS, native, signature
-from programs import exact, nested, one_of_each, run_exactly
-from tools import NODE, require
 
 import casadi
 import jounce
@@ -28,6 +25,9 @@ from jounce.native.jit import host
 from jounce.program.operations import FREE_KINDS, FUNCTION_KINDS, OPERATIONS
 from jounce.program.passes import factor, fuse
 from jounce.program.trace import Tape
+from support.natives import WAYS, native, signature
+from support.programs import exact, nested, one_of_each, run_exactly
+from support.tools import NODE, require
 
 operations = pytest.mark.parametrize("name", OPERATIONS)
 POINT = (0.7, -1.3, 0.45)

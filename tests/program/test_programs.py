@@ -6,10 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from natives import WAYS, native, signature
-from programs import expressions
-from recursion import inverse_dynamics
-from robots import loads, mechanisms, random_mechanism, random_state, relative_error
 
 import jounce
 from jounce.dynamics.computation import Computation
@@ -18,6 +14,10 @@ from jounce.program.passes import factor, fuse
 from jounce.program.program import FREE_KINDS, OPERATIONS, prune, topological_order
 from jounce.program.trace import Tape, TapeFullError, interruptible
 from jounce.spatial.series import Series, columns
+from support.natives import WAYS, native, signature
+from support.programs import expressions
+from support.recursion import inverse_dynamics
+from support.robots import loads, mechanisms, random_mechanism, random_state, relative_error
 
 PASSES = {"traced": lambda program: program, "factored": factor, "fused": lambda program: fuse(factor(program))}
 

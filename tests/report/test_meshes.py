@@ -5,13 +5,13 @@ import sys
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from files import BODY, joint, link, origin, refusal, robot_file
-from pages import LARGEST, decoded, panel, parsed, words
 
 import jounce
 from jounce._report.drawing import LINK
 from jounce._report.meshes import MAX_TRIANGLES
 from jounce.cli import main
+from support.files import BODY, joint, link, origin, refusal, robot_file
+from support.pages import LARGEST, decoded, panel, parsed, words
 
 trimesh = pytest.importorskip("trimesh")
 MESH = '<visual>{}<geometry><mesh filename="{}" scale="2 1 0.5"/></geometry></visual>'

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from files import refusal
-from pages import LARGEST, decoded, panel, parsed, words
 
 import jounce
 from jounce._report.curves import MAX_CURVE_POINTS
 from jounce._report.sliders import end_names, sliders_code, sliders_data
 from jounce._report.subject import subject_of
 from jounce.cli import main
+from support.files import refusal
+from support.pages import LARGEST, decoded, panel, parsed, words
 
 ROOT = Path(__file__).parents[2]
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from leg_and_cart import leg_and_cart, swinging
-from pages import decoded, parsed, words
 
 from jounce._report.drawing import parts_of
 from jounce._report.turns import in_turn, numbers_of
@@ -13,6 +11,8 @@ from jounce.checks.description import describe
 from jounce.figures.drawing import skeleton
 from jounce.model.positions import positions, resting_position
 from jounce.spatial.lie import exp
+from support.leg_and_cart import leg_and_cart, swinging
+from support.pages import decoded, parsed, words
 
 ROBOT = leg_and_cart()
 M = ROBOT.mechanism

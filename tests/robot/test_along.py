@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from files import refusal
-from quantities import branched, rigid
-from robots import relative_error
 
 import jounce
 from jounce.engine import motion_states
+from support.files import refusal
+from support.quantities import branched, rigid
+from support.robots import relative_error
 
 ROBOT = rigid(branched())
 T = np.linspace(0, 1, 50)

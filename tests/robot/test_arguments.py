@@ -11,13 +11,13 @@ import mujoco
 import numpy as np
 import pinocchio
 import pytest
-from hostile import HOSTILE
 
 import jounce
 from jounce import JounceError
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.kinds import KEYS
 from jounce.robot.old import OldMethods
+from support.hostile import HOSTILE
 
 URDF = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>

@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 import pytest
 import sympy
-from files import BODY, LINKS, joint, link, refusal, robot_file
 
 import casadi
 import jounce
 from jounce.io import tables
+from support.files import BODY, LINKS, joint, link, refusal, robot_file
 
 jax.config.update("jax_enable_x64", True)
 

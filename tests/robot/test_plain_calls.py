@@ -6,12 +6,12 @@ from weakref import ref
 
 import numpy as np
 import pytest
-from quantities import IDS, REQUESTS, affordable, branched, method_of, rigid, tupled
 
 import jounce
 from jounce.core.errors import JounceError
 from jounce.engine import dispatch
 from jounce.native import kernel as module
+from support.quantities import IDS, REQUESTS, affordable, branched, method_of, rigid, tupled
 
 ROBOT = branched()
 N, NB = ROBOT.n, ROBOT.mechanism.nb

@@ -9,9 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from robots import floating, random_mechanism, random_pose, relative_error
-from several_named import amid
-from several_named import states as states_of
 
 import casadi
 import jounce
@@ -19,6 +16,9 @@ from jounce.core.errors import JounceError
 from jounce.engine import primitive
 from jounce.native import plan, xla
 from jounce.spatial import lie
+from support.robots import floating, random_mechanism, random_pose, relative_error
+from support.several_named import amid
+from support.several_named import states as states_of
 
 ROBOT = jounce.load("planar2r")
 CALL = "custom_call @jounce_"

@@ -5,14 +5,14 @@ from functools import cache
 import jax
 import numpy as np
 import pytest
-from quantities import IDS, REQUESTS, affordable, branched, ids, method_of, rate_of, tupled
-from robots import Interpreted, differentiated_at_once, harmonic, relative_error
 
 from jounce.arguments import requests
 from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.backends import NATIVE, native_obstacle
+from support.quantities import IDS, REQUESTS, affordable, branched, ids, method_of, rate_of, tupled
+from support.robots import Interpreted, differentiated_at_once, harmonic, relative_error
 
 ROBOT = branched()
 SMALL = branched((-1, 0, -1))  # XLA takes long for every body

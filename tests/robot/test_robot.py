@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given
-from robots import golden, mechanisms, random_state, relative_error
 
 import jounce
 from jounce.core.errors import JounceError
 from jounce.robot.old import OldMethods
+from support.robots import golden, mechanisms, random_state, relative_error
 
 METHODS = ("recursion", "closed_form", "paper")
 QUANTITIES = {  # the fewest rates each takes, and the shape of its result for a robot of two joints

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robots import random_pose, random_screw
 from scipy.linalg import expm
 
 from jounce.spatial import lie
+from support.robots import random_pose, random_screw
 
 seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 amounts = st.one_of(st.floats(-10, 10), st.floats(-1e-9, 1e-9), st.just(0.0))

@@ -1,12 +1,12 @@
 """Robots with a ball, planar or free joint between two revolute ones, or on the ground before one."""
 
 import numpy as np
-from robots import random_inertia, random_pose
 
 import jounce
 from jounce.model.screws import from_screws
 from jounce.spatial.groups import GROUPS
 from jounce.spatial.lie import Ad
+from support.robots import random_inertia, random_pose
 
 
 def amid(kind: str, ground: bool = False, seed: int = 5) -> jounce.Robot:

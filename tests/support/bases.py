@@ -2,12 +2,12 @@
 
 import numpy as np
 from hypothesis import strategies as st
-from robots import floating, harmonic, mechanisms, random_pose, random_screw
 
 from jounce.dynamics.joint_motion import JointMotion
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import Ad, ad, exp
 from jounce.spatial.series import Series, columns, from_rate
+from support.robots import floating, harmonic, mechanisms, random_pose, random_screw
 
 
 @st.composite

@@ -5,12 +5,12 @@ import json
 from pathlib import Path
 
 import numpy as np
-from robots import GOLDEN
 from ruamel.yaml import YAML
 
 import jounce
 from jounce.io import bundled
 from jounce.spatial import lie
+from support.robots import GOLDEN
 
 LOOP_ROBOTS = ("fivebar", "delta", "gough_stewart", "fourbar_leg")
 FOLDER = Path(bundled.__file__).parent / "robots"

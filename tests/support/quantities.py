@@ -4,11 +4,11 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from robots import random_mechanism, random_pose, springs
 
 import jounce
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.model.frame import Frame
+from support.robots import random_mechanism, random_pose, springs
 
 
 def requests():

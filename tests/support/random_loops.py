@@ -5,7 +5,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from robots import floating, random_mechanism, random_pose, random_rotation
 
 import jounce
 from jounce.arguments.loops import loop_between
@@ -13,6 +12,7 @@ from jounce.dynamics import assembly
 from jounce.model.frame import Frame
 from jounce.model.loops import Closure
 from jounce.spatial import lie
+from support.robots import floating, random_mechanism, random_pose, random_rotation
 
 R, P, H = "revolute", "prismatic", "helical"
 LOOPED: dict[str, dict[str, Any]] = {  # the arguments of `random_closed`

@@ -1,9 +1,9 @@
 """Robots whose revolute joints have a ball, a planar and a free joint amid them, named as files name them."""
 
 import numpy as np
-from several_screws import random_robot
 
 from jounce.spatial.groups import GROUPS
+from support.several_screws import random_robot
 
 KINDS = {"hip": "revolute", "ankle": "ball", "toe": "revolute", "deck": "planar", "lid": "revolute", "box": "free"}
 PARENTS = [-1, 0, 1, 1, 3, 2]

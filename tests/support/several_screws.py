@@ -10,12 +10,12 @@ from math import factorial
 from typing import Any
 
 import numpy as np
-from robots import random_inertia, random_pose, random_screw
 
 import jounce
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.groups import GROUPS
 from jounce.spatial.lie import Ad, inverse, wedge
+from support.robots import random_inertia, random_pose, random_screw
 
 TREES = {  # kinds of joints, and parents
     "ball": (["ball"], [-1]),

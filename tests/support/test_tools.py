@@ -3,7 +3,8 @@
 import os
 
 import pytest
-from tools import needs, obstacle, require
+
+from support.tools import needs, obstacle, require
 
 COUNT = 'echo x >> "$(dirname "$0")/calls"'
 

@@ -9,10 +9,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import sympy
-from planar2r import printed
-from quantities import QUANTITIES, affordable, method_of, rate_of, tupled
-from robots import golden, on_base, random_pose, relative_error
-from several_named import amid, states
 from sympy import cos, sin
 
 import jounce
@@ -22,6 +18,10 @@ from jounce.core.scalars import check_recording
 from jounce.model.frame import Frame
 from jounce.spatial.lie import pose
 from jounce.spatial.series import rate_name
+from support.planar2r import printed
+from support.quantities import QUANTITIES, affordable, method_of, rate_of, tupled
+from support.robots import golden, on_base, random_pose, relative_error
+from support.several_named import amid, states
 
 L1, L2, m1, m2, g = PARAMETERS = sympy.symbols("L1 L2 m1 m2 g")
 UP, DOWN = [[1, 0, 0], [0, 0, -1], [0, 1, 0]], [[1, 0, 0], [0, 0, 1], [0, -1, 0]]

@@ -10,12 +10,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from language_server import LanguageServer
-from stubs import stubs
 
 import jounce
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.robot.docstrings import options_of
+from support.language_server import LanguageServer
+from support.stubs import stubs
 
 PROGRAM = Path(__file__).with_name("editor.py")
 SOURCES = Path(jounce.__file__).parents[1]

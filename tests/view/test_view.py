@@ -14,8 +14,6 @@ from urllib.request import urlopen
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from files import BODY, joint, link, origin, refusal, robot_file
-from robots import floating
 from scipy.spatial.transform import Rotation
 
 import jounce
@@ -24,6 +22,8 @@ from jounce._report.view.track import MAX_TRACK_STATES, at_rest, track
 from jounce.cli import main
 from jounce.io.mesh_files import NO_FILE, OUTSIDE, mesh_file
 from jounce.io.visuals import _resolver, read_mesh, read_visuals, visuals_of
+from support.files import BODY, joint, link, origin, refusal, robot_file
+from support.robots import floating
 
 trimesh = pytest.importorskip("trimesh")
 rich = pytest.importorskip("rich")

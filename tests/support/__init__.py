@@ -1,0 +1,1 @@
+"""What tests share: robots, oracles, programs that they run, and pages that they read back."""
