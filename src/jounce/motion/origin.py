@@ -31,7 +31,7 @@ class Origin:
     def rounding(self, t: np.ndarray) -> float:
         """The standard deviation in s of the rounding of stamps at times t (N,) since this one; 0 if they are exact.
 
-        They are rounded where they are multiples of the step of doubles, and not of a decimal that doubles tell apart.
+        They are rounded where they are multiples of the step of doubles, and not of a decimal that doubles resolve.
         """
         step = float(np.spacing(abs(self.high)))
         since = t / self.factor
@@ -65,7 +65,7 @@ def rounding_notes(rounding: float, highest: int) -> tuple[str, ...]:
 
 
 def shortest_decimal(largest: float) -> float:
-    """The power of ten whose multiples doubles up to the largest are certain to tell apart."""
+    """The power of ten whose multiples doubles up to the largest are certain to resolve."""
     return float(10.0 ** np.ceil(np.log10(2 * np.spacing(abs(largest)))))
 
 
