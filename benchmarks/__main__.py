@@ -9,7 +9,7 @@ from benchmarks import chains, forces, machine, making, matrices, measure, peaks
 from benchmarks.pictures import pictures
 from benchmarks.results import Run, page
 from jounce.figures.canvas import save
-from jounce.io.files import make_folder, written_whole
+from jounce.io.files import make_folder, write_whole
 
 
 @click.command()
@@ -48,7 +48,7 @@ def main(rounds: int, output: Path) -> None:
         others.compiled,
         products.operations(),
     )
-    with written_whole(output / "RESULTS.md") as part:
+    with write_whole(output / "RESULTS.md") as part:
         part.write_text(page(run), encoding="utf-8")
     for name, figure in pictures(run).items():
         save(figure, output / f"{name}.svg")

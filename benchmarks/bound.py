@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 from jounce import load
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.quantities import FORCES
-from jounce.model.casting import with_exact_integers
-from jounce.native import forms, functions
+from jounce.dynamics.quantities import DEFAULT_QUANTITY
+from jounce.model.scalar_casting import with_exact_integers
+from jounce.native import code_forms, vector_functions
 from jounce.native.ir import Writer
 from jounce.native.jit import host
 from jounce.program.passes import fuse
@@ -50,7 +50,7 @@ def of_circles(program: Program) -> Count:
     """The arithmetic of its sines and cosines, one polynomial pair an angle, as `functions` writes it."""
     angles = {step.operands for step in program.steps if step.kind in ("sin", "cos")}
     ir = Writer(host())
-    functions.define_sincos(ir)
+    vector_functions.define_sincos(ir)
     written = Counter(re.findall(r"@llvm\.(fma)|\b(fmul|fadd|fsub) ", ir.text().partition("@sincos(")[2]))
     kinds = Counter({a or b: count for (a, b), count in written.items()})
     return Count(len(angles) * (kinds["fma"] + kinds["fmul"]), len(angles) * (kinds["fadd"] + kinds["fsub"]))
@@ -60,11 +60,11 @@ def programs(order: int) -> tuple[Program, Program]:
     """The program of the iiwa's forces as it is traced, and after its products are factored."""
     m = load("iiwa14").mechanism
     tape = Tape()
-    forces = Computation(FORCES.name, order)
+    forces = Computation(DEFAULT_QUANTITY.name, order)
     q = [tape.variables(m.n) for _ in range(forces.rates)]
     results = forces.series("recursion", with_exact_integers(m), q).upto(order)
     traced = tape.program([x for result in results for x in result.ravel()])
-    return traced, forms.program(m, forces)
+    return traced, code_forms.trace_program(m, forces)
 
 
 def floor(program: Program, peaks: Mapping[str, float]) -> float:

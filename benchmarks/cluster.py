@@ -20,7 +20,7 @@ import click
 
 from benchmarks import machine
 from benchmarks.stream import ORDER, generate, sums
-from jounce.io.files import written_whole
+from jounce.io.files import write_whole
 
 
 class Measured(NamedTuple):
@@ -61,7 +61,7 @@ def main(rows: int, folder: Path | None, output: Path) -> None:
     lines += ["", "## Machine", "", f"* topology: {topology()}"]
     lines += [f"* {name}: {value}" for name, value in machine.described()]
     lines += [f"* load before and after: {before}, {machine.load()}", ""]
-    with written_whole(output) as part:
+    with write_whole(output) as part:
         part.write_text("\n".join(lines), encoding="utf-8")
     click.echo("\n".join(lines))
 

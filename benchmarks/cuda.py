@@ -17,11 +17,11 @@ import click
 
 from benchmarks.tables import paragraph, table
 from jounce import JounceError, load
-from jounce.arguments.requests import computation
+from jounce.arguments.requests import build_computation
 from jounce.core.version import __version__
 from jounce.cuda.source import THREADS_PER_BLOCK, source
-from jounce.io.files import written_whole
-from jounce.native import forms
+from jounce.io.files import write_whole
+from jounce.native import code_forms
 
 ROBOTS = ("iiwa14", "g1")
 KERNELS = (  # quantity, order, precision
@@ -125,16 +125,16 @@ def page() -> Iterator[str]:
 
 def _row(name: str, quantity: str, order: int, dtype: str, architecture: str) -> tuple[str, ...]:
     mechanism = load(name).mechanism
-    asked = computation(mechanism, quantity, order)
+    asked = build_computation(mechanism, quantity, order)
     signature = asked.signature(mechanism)
     moved = (4 if dtype == "float32" else 8) * (signature.inputs[-1].end + signature.outputs[-1].end)
     found = usage(source(mechanism, asked, dtype == "float32"), architecture)
     click.echo(f"sm_{architecture} {name} {quantity} {order} {dtype}: {found}", err=True)
-    counts = (forms.program(mechanism, asked).operations, moved, found.registers, found.stack, found.stores,
+    counts = (code_forms.trace_program(mechanism, asked).operations, moved, found.registers, found.stack, found.stores,
               found.loads, found.shared, found.threads, found.code // 1024)  # fmt: skip
     return f"{name}, {quantity}, order {order}, {dtype}", *(f"{x:,}" for x in counts)
 
 
 if __name__ == "__main__":
-    with written_whole(Path(__file__).parent / "CUDA.md") as part:
+    with write_whole(Path(__file__).parent / "CUDA.md") as part:
         part.write_text("\n".join(page()), encoding="utf-8")

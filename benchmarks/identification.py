@@ -15,9 +15,9 @@ from scipy.stats import chi2
 import jounce
 from benchmarks import machine
 from benchmarks.tables import paragraph, table
-from jounce.checks.audit.inertias import impossible
+from jounce.checks.audit.inertias import check_inertias
 from jounce.core.typing import DriveColumn
-from jounce.io.files import written_whole
+from jounce.io.files import write_whole
 from jounce.spatial import inertia
 
 TERMS: tuple[DriveColumn, ...] = ("damping", "friction", "offset")
@@ -82,7 +82,7 @@ def compared(robot: jounce.Robot, motion: jounce.Motion, far: float, prior: floa
         beyond.append(np.abs(data - true) > 2 * np.sqrt(np.diag(found.covariance)))
         model = _values(robot, np.zeros(robot.n))
         forces.append([np.sqrt(np.mean((Y @ (z - true) / deviations) ** 2)) for z in (model, data, bodies)])
-        broken += bool(impossible(found.robot.mechanism))
+        broken += bool(check_inertias(found.robot.mechanism))
     size = len(found.table)
     (of_data, of_bodies), of_forces = np.mean(chi, axis=0) / size, np.mean(forces, axis=0)
     inside = np.mean(chi2.cdf(np.array(chi)[:, 0], size) < 0.95)
@@ -141,7 +141,7 @@ def main() -> None:
         *table(head, rows),
         *[f"* {name}: {value}" for name, value in machine.described()],
     ]  # fmt: skip
-    with written_whole(Path(__file__).parent / "IDENTIFICATION.md") as part:
+    with write_whole(Path(__file__).parent / "IDENTIFICATION.md") as part:
         part.write_text("\n".join(text).rstrip() + "\n", encoding="utf-8")
 
 

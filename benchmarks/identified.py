@@ -11,7 +11,7 @@ import numpy as np
 import jounce
 from benchmarks.measured import ROOT, loaded
 from jounce.figures.canvas import save
-from jounce.figures.measured import over_time
+from jounce.figures.measured_forces import draw_measured_forces
 from jounce.model.coordinates import force_names, force_units
 
 
@@ -39,7 +39,7 @@ def main(log: Path, span: tuple[float, float], prior: float, output: Path) -> No
         click.echo(f"{part}: of the model's residuals in the band {shares(band)}, of all samples {shares(samples)}")
         click.echo(f"{part}: share of the remaining residuals above the band {shares(ripple)}")
     m = robot.mechanism
-    save(over_time(found, force_names(m), force_units(m)), output)
+    save(draw_measured_forces(found, force_names(m), force_units(m)), output)
 
 
 def shares(values: list[float]) -> str:

@@ -12,8 +12,8 @@ from benchmarks import machine
 from benchmarks.measure import Case, medians
 from benchmarks.tables import figure, paragraph, table
 from jounce.dynamics.computation import Computation
-from jounce.io.files import written_whole
-from jounce.native.forms import program
+from jounce.io.files import write_whole
+from jounce.native.code_forms import trace_program
 
 ROBOTS = ("fivebar", "fourbar_leg", "delta", "gough_stewart")
 ASKED = (
@@ -45,7 +45,7 @@ def positions(robot: jounce.Robot, count: int) -> np.ndarray:
 
 def operations(robot: jounce.Robot, quantity: str, order: int) -> int:
     """The operations of a program."""
-    return program(robot.mechanism, Computation(quantity, order)).operations
+    return trace_program(robot.mechanism, Computation(quantity, order)).operations
 
 
 def cases() -> Iterator[Case]:
@@ -122,7 +122,7 @@ def page(rounds: int) -> str:
 @click.option("-o", "--output", default=Path(__file__).parent / "LOOPS.md", type=click.Path(path_type=Path))
 def main(rounds: int, output: Path) -> None:
     """Measure robots with closed loops, and write LOOPS.md."""
-    with written_whole(output) as part:
+    with write_whole(output) as part:
         part.write_text(page(rounds), encoding="utf-8")
 
 

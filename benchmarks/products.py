@@ -9,8 +9,8 @@ import numpy as np
 from benchmarks.measure import Case
 from benchmarks.robots import states
 from jounce import load
-from jounce.dynamics.computation import PRODUCTS, Computation
-from jounce.native import forms
+from jounce.dynamics.computation import DERIVATIVE_PRODUCTS, Computation
+from jounce.native import code_forms
 
 ROBOTS = ("iiwa14", "ur5", "panda")
 ORDER = 2
@@ -21,9 +21,11 @@ def operations() -> dict[tuple[str, str], int]:
     """The operations of the values, keyed (robot, ""), and of each product."""
     asked = Computation("inverse_dynamics", ORDER)
     return {
-        (name, product): forms.program(load(name).mechanism, replace(asked, product=product or None)).operations
+        (name, product): code_forms.trace_program(
+            load(name).mechanism, replace(asked, product=product or None)
+        ).operations
         for name in ROBOTS
-        for product in ("", *PRODUCTS)
+        for product in ("", *DERIVATIVE_PRODUCTS)
     }
 
 
@@ -31,7 +33,7 @@ def cases() -> Iterator[Case]:
     """Keyed ("product", robot, product), of the values with the product ""."""
     for name in ROBOTS:
         robot = load(name)
-        for product in ("", *PRODUCTS):
+        for product in ("", *DERIVATIVE_PRODUCTS):
             kernel = robot.compile("inverse_dynamics", order=ORDER, product=product or None)
             given, results = ([np.zeros((COUNT, *shape)) for shape in shapes] for shapes in kernel.shapes)
             for array, x in zip(given, 2 * states(robot.n, COUNT, ORDER), strict=False):

@@ -20,7 +20,7 @@ from benchmarks.robots import states
 from jounce import JounceError, Robot, load
 from jounce.checks.reference.pinocchio import build_model
 from jounce.dynamics.computation import Computation
-from jounce.native import forms
+from jounce.native import code_forms
 from jounce.native.kernel import Kernel
 
 FILES = {"panda": "panda.urdf", "g1": "g1_29dof_rev_1_0.urdf", "talos": "talos_reduced.urdf"}
@@ -152,7 +152,7 @@ def _compiled(robot: Robot, row: Row, body: str) -> Compiled:
         finally:
             os.environ.pop("JOUNCE_CACHE_DIR")
             os.environ |= {"JOUNCE_CACHE_DIR": before} if before is not None else {}
-    return Compiled(forms.program(robot.mechanism, asked).operations, cold, again)
+    return Compiled(code_forms.trace_program(robot.mechanism, asked).operations, cold, again)
 
 
 def _cases(name: str, robot: Robot, row: Row, body: str) -> Iterator[Case]:

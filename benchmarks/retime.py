@@ -15,11 +15,11 @@ import numpy as np
 from benchmarks import machine
 from benchmarks.tables import paragraph, table
 from jounce import Motion, Robot, load
-from jounce.io.files import written_whole
+from jounce.io.files import write_whole
 from jounce.limits.friction import FrictionAlong
-from jounce.limits.grid import START_SPEED_SHARE, Grid
-from jounce.limits.problem import problem_of
 from jounce.limits.retime import FIRST_INTERVALS, SPEED_CAPS, Retiming, retime
+from jounce.limits.retime_problem import build_problem
+from jounce.limits.transcription import START_SPEED_SHARE, Grid
 
 MARGIN = 0.01
 EVERY = 4  # IPOPT gets the rows of every fourth point at which retime checks its result
@@ -78,7 +78,7 @@ def densest(robot: Robot, found: Retiming) -> float:
 
 def last_grid(robot: Robot, motion: Motion, found: Retiming) -> Grid:
     """The grid of the spline of a result."""
-    problem = problem_of(robot, motion, 1 - MARGIN)
+    problem = build_problem(robot, motion, 1 - MARGIN)
     return Grid.build(problem, len(np.unique(found.law.x.t)) - 1, SPEED_CAPS[0])
 
 
@@ -210,7 +210,7 @@ def main() -> None:
         *table(head, rows),
         *[f"* {name}: {value}" for name, value in machine.described()],
     ]  # fmt: skip
-    with written_whole(Path(__file__).parent / "RETIMING.md") as part:
+    with write_whole(Path(__file__).parent / "RETIMING.md") as part:
         part.write_text("\n".join(text).rstrip() + "\n", encoding="utf-8")
 
 

@@ -23,7 +23,7 @@ import numpy as np
 import jounce
 from benchmarks import machine
 from jounce.io.columns import Columns
-from jounce.io.files import written_whole
+from jounce.io.files import write_whole
 from jounce.io.tables import PARQUET
 from jounce.spatial.series import rate_name
 
@@ -64,7 +64,7 @@ def main(rows: int, kills: int, folder: Path | None, output: Path) -> None:
         about = [f"* {name}: {value}" for name, value in machine.described()]
         load = f"* load before and after: {before}, {machine.load()}"
     text = "\n".join(["# Streaming", "", *lines, "", "## Machine", "", *about, load, ""])
-    with written_whole(output) as part:
+    with write_whole(output) as part:
         part.write_text(text, encoding="utf-8")
     click.echo(text)
 

@@ -15,12 +15,12 @@ from jounce.cli import main
 from jounce.core.errors import (
     MAX_MESSAGE_LENGTH,
     MAX_QUOTED_LENGTH,
-    escaped,
-    listed,
-    no_such,
+    escape_text,
+    join_names,
     one_line,
-    quoted,
-    shortened,
+    quote_value,
+    shorten,
+    unknown_name_error,
 )
 from support.files import BODY, joint, link, refusal, robot_file
 
@@ -61,7 +61,7 @@ def test_an_endless_message_keeps_its_ends():
 
 @given(VALUES)
 def test_whatever_is_quoted_is_cut(value):
-    said = quoted(value)
+    said = quote_value(value)
     assert said.isprintable()
     assert len(said) <= 10 * (MAX_QUOTED_LENGTH + 3) + 2  # each character may be escaped
     assert not (isinstance(value, str) and len(value) <= MAX_QUOTED_LENGTH) or said == repr(value)
@@ -69,20 +69,20 @@ def test_whatever_is_quoted_is_cut(value):
 
 @given(st.lists(TEXTS))
 def test_names_in_a_row_are_cut_and_escaped(names):
-    assert listed(names).isprintable()
-    assert str(no_such("thing", "".join(names), names)).isprintable()
-    assert all(len(shortened(name)) <= MAX_QUOTED_LENGTH + 3 for name in names if name.isprintable())
+    assert join_names(names).isprintable()
+    assert str(unknown_name_error("thing", "".join(names), names)).isprintable()
+    assert all(len(shorten(name)) <= MAX_QUOTED_LENGTH + 3 for name in names if name.isprintable())
 
 
 def test_what_they_look_like():
-    assert quoted("x" * 81) == f"'{'x' * 80}...'"
-    assert shortened("x" * 81) == "x" * 80 + "..."
-    assert escaped(ODD) == r"\x1b[31m\u202edrow\u2066\n\u2028\x00\x7f\x85\xad\ud800\u200b"
-    assert quoted(np.str_("a\nb")) == r"'a\nb'"
-    assert quoted(10**5000) == "an integer of 16610 bits"
+    assert quote_value("x" * 81) == f"'{'x' * 80}...'"
+    assert shorten("x" * 81) == "x" * 80 + "..."
+    assert escape_text(ODD) == r"\x1b[31m\u202edrow\u2066\n\u2028\x00\x7f\x85\xad\ud800\u200b"
+    assert quote_value(np.str_("a\nb")) == r"'a\nb'"
+    assert quote_value(10**5000) == "an integer of 16610 bits"
     assert one_line("two\n lines") == "two lines"
-    assert quoted([[[1]]] * 9) == "[[[...]], [[...]], [[...]], [[...]], ...]"
-    assert escaped("łódź, Grüße, 腕, שלום") == "łódź, Grüße, 腕, שלום"
+    assert quote_value([[[1]]] * 9) == "[[[...]], [[...]], [[...]], [[...]], ...]"
+    assert escape_text("łódź, Grüße, 腕, שלום") == "łódź, Grüße, 腕, שלום"
 
 
 def robot(folder, name, of_arm):

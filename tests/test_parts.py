@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from jounce.core import parts
+from jounce.core import temporary_files
 from jounce.io import files, folders
 from support.abandoned import abandoned_part
 
@@ -24,7 +24,7 @@ def umask():
 
 
 def write(path, content="new"):
-    with files.written_whole(path) as part:
+    with files.write_whole(path) as part:
         part.write_text(content)
 
 
@@ -38,7 +38,7 @@ def test_a_file_that_is_replaced_keeps_its_mode(tmp_path, umask, kept):
     path = tmp_path / "out.csv"
     path.write_text("old")
     path.chmod(kept)
-    with files.written_whole(path) as part:
+    with files.write_whole(path) as part:
         assert mode(part) == 0o600  # until then nobody else reads it
         part.write_text("new")
     assert (path.read_text(), mode(path)) == ("new", kept)
@@ -82,7 +82,7 @@ folders.write_folder(pathlib.Path("out"), {"a": "half of"}, "mark", overwrite=Fa
 """
     subprocess.run([sys.executable, "-c", code, kind], cwd=tmp_path, check=False, timeout=60)
     [part] = tmp_path.iterdir()
-    assert parts.PART_NAME.fullmatch(part.name)
+    assert temporary_files.PART_NAME.fullmatch(part.name)
     assert part.is_dir() == (kind == "folder")
     write(tmp_path / "other.csv")
     assert [path.name for path in tmp_path.iterdir()] == ["other.csv"]

@@ -3,7 +3,7 @@
 from typing import Any
 
 from jounce.dynamics.quantities import QUANTITIES, Quantity
-from jounce.robot.docstrings import SHARED_OPTIONS, options_of
+from jounce.robot.docstrings import SHARED_OPTIONS, list_options
 
 HEAD = ("", "method", "rates", "shape", "unit", "what it is", "options")
 
@@ -25,7 +25,7 @@ def _row(quantity: Quantity) -> tuple[str, ...]:
         f"{quantity.rates} + k" if axis == "rates" else {"bodies": "nb"}.get(axis, str(axis)) for axis in quantity.shape
     ]
     shape = ", ".join(["...", *axes])
-    options = options_of(quantity)[: -len(SHARED_OPTIONS)]
+    options = list_options(quantity)[: -len(SHARED_OPTIONS)]
     return (
         ", ".join(f"`{name}`" for name in quantity.names(0)),
         f"[`{quantity.name}`][jounce.Robot.{quantity.name}]",

@@ -8,7 +8,7 @@ import numpy as np
 import jounce
 from jounce.figures.canvas import INK, painted, save
 from jounce.figures.drawing import LABEL_GREY, View, arrow, draw
-from jounce.figures.labels import place_labels, write
+from jounce.figures.labels import place_labels, write_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,11 +32,11 @@ def planar2r() -> "Figure":
             heading = float(q[:i].sum())
             _angle(axes, start, heading - q[i - 1], q[i - 1], f"$q_{i}$")
             across = 12 * np.array([-np.sin(heading), np.cos(heading)])
-            write(axes, f"$L_{i}$", (start + end) / 2, across)
-            write(axes, f"$m_{i}$", end, (15, -5))
+            write_label(axes, f"$L_{i}$", (start + end) / 2, across)
+            write_label(axes, f"$m_{i}$", end, (15, -5))
         top = np.array([-0.25, 1.35])
         arrow(axes, top, top - [0, 0.25])
-        write(axes, "$g$", top - [0, 0.12], (9, 0))
+        write_label(axes, "$g$", top - [0, 0.12], (9, 0))
         place_labels(figure, axes)
 
     return painted(paint, 5.2, 5.2)
@@ -62,7 +62,7 @@ def _angle(axes: "Axes", at: np.ndarray, start: float, turned: float, label: str
     axes.plot(*(at[:, None] + 0.36 * np.stack([np.cos(along), np.sin(along)])), color=INK, linewidth=0.9)
     middle = start + turned / 2
     outward = np.array([np.cos(middle), np.sin(middle)])
-    write(axes, label, at + 0.36 * outward, 9 * outward)
+    write_label(axes, label, at + 0.36 * outward, 9 * outward)
 
 
 if __name__ == "__main__":

@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from jounce.motion import Motion
     from jounce.native.kernel import Kernel
     from jounce.robot import Robot
-    from jounce.robot.elastic import ElasticRobot as ElasticRobot  # for one release
+    from jounce.robot.deprecated_elastic import ElasticRobot as ElasticRobot  # for one release
+    from jounce.robot.deprecated_methods import casadi_function, codegen, excite, identify, report, symbolic  # noqa: F401
     from jounce.robot.loading import load
     from jounce.robot.motions import load_motion
-    from jounce.robot.old import casadi_function, codegen, excite, identify, report, symbolic  # noqa: F401
     from jounce.robot.saving import save
     from jounce.spatial.inertia import inertia_matrix
 

@@ -6,8 +6,8 @@ import sympy
 from scipy.optimize import brentq, minimize_scalar
 
 from jounce.core.errors import JounceError
-from jounce.model.antagonists import AntagonisticSprings, deflection_series, deflections
-from jounce.model.inversion import UnreachableError
+from jounce.model.antagonists import AntagonisticSprings, antagonist_deflections, antagonist_series
+from jounce.model.spring_deflection import UnreachableError
 from jounce.model.spring_table import SpringTable
 from jounce.model.springs import CubicSpring, SpringFunction, force_along
 from jounce.spatial.series import Series
@@ -36,7 +36,7 @@ def waves(mean, size, speed, order=4):
 @pairs
 def test_deflections_give_force_and_stiffness_with_rates(name):
     springs, Q, S = PAIRS[name], waves(3, 15, 2.0), waves(250, 60, 1.3)
-    d1, d2 = deflection_series(springs, Q, S)
+    d1, d2 = antagonist_series(springs, Q, S)
     force, stiffness = (force_along(springs.first, d1, j) + force_along(springs.second, d2, j) for j in (0, 1))
     for k in range(4):
         np.testing.assert_allclose(force[k], Q[k], rtol=1e-9, atol=1e-10)
@@ -48,11 +48,11 @@ def test_the_least_stiffness_of_equal_sinh_springs_is_known():
     """S >= sqrt(4 k0^2 + a^2 Q^2)."""
     Q = np.array([-60.0, 0.0, 10.0])
     least = np.sqrt(4 * K0**2 + A**2 * Q**2)
-    d1, d2 = deflections(PAIRS["sinh"], Q, least * (1 + 1e-8))
+    d1, d2 = antagonist_deflections(PAIRS["sinh"], Q, least * (1 + 1e-8))
     np.testing.assert_allclose(d1, d2, atol=1e-3)
     for i in (0, 2):
         with pytest.raises(UnreachableError, match=rf"at force {Q[i]:g}; it is above {least[i]:g}, where it rises"):
-            deflections(PAIRS["sinh"], Q[i : i + 1], least[i : i + 1] * (1 - 1e-8))
+            antagonist_deflections(PAIRS["sinh"], Q[i : i + 1], least[i : i + 1] * (1 - 1e-8))
 
 
 @pytest.mark.parametrize("above", [1e-1, 1e-2, 1e-4, 1e-7])
@@ -67,7 +67,7 @@ def test_stiffnesses_close_above_the_least_are_reached(above):
 
         least = minimize_scalar(stiffness, bounds=(-1.5, 1.5), method="bounded", options={"xatol": 1e-9}).fun
         S = np.array([least * (1 + above)])
-        d1, d2 = deflections(AntagonisticSprings(first, second), np.array([Q]), S)
+        d1, d2 = antagonist_deflections(AntagonisticSprings(first, second), np.array([Q]), S)
         np.testing.assert_allclose(first.stiffness(d1) + second.stiffness(d2), S, rtol=1e-13)
 
 
@@ -83,10 +83,10 @@ def test_stiffnesses_close_above_the_least_are_reached(above):
 )
 def test_a_stiffness_that_no_setting_has_is_refused(springs, Q, S, said):
     with pytest.raises(UnreachableError, match=said) as error:
-        deflections(springs, np.array([np.nan, Q]), np.array([S, S]))
+        antagonist_deflections(springs, np.array([np.nan, Q]), np.array([S, S]))
     assert error.value.state == 1
 
 
 def test_two_springs_need_numbers():
     with pytest.raises(JounceError, match=r"^two springs of one joint need NumPy arrays of floats$"):
-        deflections(PAIRS["sinh"], np.array([sympy.Symbol("Q")]), np.array([100.0]))
+        antagonist_deflections(PAIRS["sinh"], np.array([sympy.Symbol("Q")]), np.array([100.0]))

@@ -40,7 +40,9 @@ def test_the_integrals_of_the_exponential(z):
     with mpmath.workdps(30):
         split = [0, max(0, 1 - 20 / max(z, 1)), 1]
         expected = [mpmath.quad(lambda u, j=j: mpmath.exp(-z * (1 - u)) * u**j, split) for j in range(6)]
-    np.testing.assert_allclose(damping.integrals(np.array(z), 6), np.array(expected, dtype=float), rtol=1e-14)
+    np.testing.assert_allclose(
+        damping.exponential_integrals(np.array(z), 6), np.array(expected, dtype=float), rtol=1e-14
+    )
 
 
 @pytest.mark.parametrize("D", DAMPERS)
@@ -55,10 +57,12 @@ def test_linear_springs_are_integrated_exactly(D):
         return rates, rates
 
     expected = np.stack([x(t) for x in exact], 1)
-    found = damping.linear(K, np.array([D, D]), t, polynomials(t), expected[0])
+    found = damping.integrate_linear(K, np.array([D, D]), t, polynomials(t), expected[0])
     np.testing.assert_allclose(found, expected, rtol=1e-12)
     t = np.linspace(0, 1, 101)
-    found = damping.linear(np.array([500.0]), np.array([D]), t, sampled(CubicSpring(500.0), D)(t), np.zeros(1))
+    found = damping.integrate_linear(
+        np.array([500.0]), np.array([D]), t, sampled(CubicSpring(500.0), D)(t), np.zeros(1)
+    )
     np.testing.assert_allclose(found[:, 0], wave(0.05, t, 0)[0], atol=1e-12)
 
 
@@ -67,7 +71,7 @@ def test_other_springs_are_integrated_to_the_error_of_the_interpolant(D):
     errors = []
     for count in (51, 101):
         t = np.linspace(0, 1, count)
-        found = damping.nonlinear(CUBIC, D, t, sampled(CUBIC, D)(t), 0.0)
+        found = damping.integrate_nonlinear(CUBIC, D, t, sampled(CUBIC, D)(t), 0.0)
         errors.append(np.abs(found - wave(0.05, t, 0)[0]).max())
     assert errors[0] < 1e-10
     assert errors[1] < max(errors[0] / 30, 1e-15)
@@ -81,9 +85,9 @@ def test_a_jump_of_the_force_dies_out_with_the_time_constant():
         return after, after
 
     expected = 10 / K * (1 - np.exp(-t * K / D))
-    found = damping.linear(np.array([K]), np.array([D]), t, step(t), np.zeros(1))
+    found = damping.integrate_linear(np.array([K]), np.array([D]), t, step(t), np.zeros(1))
     np.testing.assert_allclose(found[:, 0], expected, rtol=1e-13)
-    np.testing.assert_allclose(damping.nonlinear(CubicSpring(K), D, t, step(t), 0.0), expected, rtol=1e-6)
+    np.testing.assert_allclose(damping.integrate_nonlinear(CubicSpring(K), D, t, step(t), 0.0), expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize("spring", [CubicSpring(500.0), CUBIC])
@@ -92,7 +96,7 @@ def test_each_term_of_the_series_has_the_error_of_the_next(spring):
     Q, delta = Series.of(force(spring, 3.0, t, 8)), wave(0.05, t, 2)
     errors = []
     for terms in range(1, 7):
-        sums = deflections.of_damped_spring(spring, 3.0, Q, terms)
+        sums = deflections.expand_damped_deflection(spring, 3.0, Q, terms)
         errors.append(np.abs(sums[-1][0] - delta[0]).max())
         deflections.check_series(sums, 3.0 / 500)
         estimate = np.abs(sums[-1][0] - sums[-2][0]).max()
@@ -102,7 +106,7 @@ def test_each_term_of_the_series_has_the_error_of_the_next(spring):
 
 def test_a_series_whose_terms_do_not_fall_is_refused():
     Q = Series.of(force(CUBIC, 80.0, np.linspace(0, 1, 30), 6))
-    sums = deflections.of_damped_spring(CUBIC, 80.0, Q, 4)
+    sums = deflections.expand_damped_deflection(CUBIC, 80.0, Q, 4)
     with pytest.raises(JounceError, match=r"does not converge: term 4 is .*; the time constant D/K is 0.16 s; use mot"):
         deflections.check_series(sums, 80 / 500)
 
@@ -110,6 +114,6 @@ def test_a_series_whose_terms_do_not_fall_is_refused():
 def test_rates_of_a_deflection_that_is_known():
     t = np.linspace(0, 1, 30)
     Q = Series.of(force(CUBIC, 3.0, t, 4))
-    found = deflections.of_moving_damper(CUBIC, 3.0, Q, wave(0.05, t, 0)[0])
+    found = deflections.damped_deflection_rates(CUBIC, 3.0, Q, wave(0.05, t, 0)[0])
     for k in range(6):
         np.testing.assert_allclose(found[k], wave(0.05, t, k)[k], rtol=1e-8, atol=1e-11 * 1e3**k)

@@ -14,7 +14,7 @@ import casadi
 import jounce
 from jounce.dynamics.computation import Computation
 from jounce.native import cache
-from jounce.native.forms import program
+from jounce.native.code_forms import trace_program
 from jounce.native.jit import host
 from support.files import refusal
 from support.robots import differentiated, golden, harmonic
@@ -237,8 +237,8 @@ def test_the_head_of_generated_code_states_springs_and_motors(tmp_path):
 
 def test_torques_take_hardly_more_operations_than_forces_to_order_2():
     robot = jounce.load("panda")
-    forces = len(program(robot.mechanism, Computation("inverse_dynamics", 2)).steps)
-    torques = len(program(robot.elastic(1e4, rotor=0.5).mechanism, Computation("motor_torques", 0)).steps)
+    forces = len(trace_program(robot.mechanism, Computation("inverse_dynamics", 2)).steps)
+    torques = len(trace_program(robot.elastic(1e4, rotor=0.5).mechanism, Computation("motor_torques", 0)).steps)
     assert torques < 1.05 * forces
 
 

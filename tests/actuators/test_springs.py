@@ -13,8 +13,8 @@ import casadi
 import jounce
 from jounce.core.errors import JounceError
 from jounce.dynamics import deflections
-from jounce.model import inversion
-from jounce.model.inversion import UnreachableError, deflection
+from jounce.model import spring_deflection as deflection_solver
+from jounce.model.spring_deflection import UnreachableError, spring_deflection
 from jounce.model.spring_table import SpringTable
 from jounce.model.springs import CubicSpring, SpringFunction, force_along
 from jounce.program.trace import Tape
@@ -68,7 +68,7 @@ def test_deflections_undo_forces_with_their_rates(name):
     spring, _ = LAWS[name]
     t = np.linspace(0, 6, 50)
     given = deflection_rates(t, 4)
-    found = deflections.of_spring(spring, force_along(spring, given))
+    found = deflections.deflect_spring(spring, force_along(spring, given))
     for k in range(5):
         np.testing.assert_allclose(found[k], given[k], atol=1e-13 * 10**k)
 
@@ -76,7 +76,7 @@ def test_deflections_undo_forces_with_their_rates(name):
 @pytest.mark.parametrize("force", [0.0, 1e-300, -1e-12, 3.0, -1e4, 1e7])
 def test_deflections_of_any_size_are_found(force):
     for spring in (CUBIC, LAWS["sinh"][0]):
-        d = deflection(spring, np.array([force]))
+        d = spring_deflection(spring, np.array([force]))
         np.testing.assert_allclose(spring._derivatives(d)[0], [force], rtol=1e-13)
 
 
@@ -90,26 +90,28 @@ def exact_deflection(spring, force):
 
 def traced(spring, Q):
     tape = Tape()
-    return tape.program(deflection(spring, tape.variables(1)))
+    return tape.program(spring_deflection(spring, tape.variables(1)))
 
 
 def by_casadi(spring, Q):
     symbol = casadi.SX.sym("Q")
-    function = casadi.Function("f", [symbol], list(deflection(spring, np.array([symbol], dtype=object))))
+    function = casadi.Function("f", [symbol], list(spring_deflection(spring, np.array([symbol], dtype=object))))
     return [float(function(x)) for x in Q]
 
 
 def by_jax(spring, Q):
     with jax.enable_x64(True):
-        return np.asarray(deflection(spring, jnp.asarray(Q)))
+        return np.asarray(spring_deflection(spring, jnp.asarray(Q)))
 
 
 ON_SCALARS = {
-    "NumPy": deflection,
-    "long doubles": lambda spring, Q: deflection(spring, Q.astype(np.longdouble)),
+    "NumPy": spring_deflection,
+    "long doubles": lambda spring, Q: spring_deflection(spring, Q.astype(np.longdouble)),
     "tape": lambda spring, Q: [traced(spring, Q).run([x])[0] for x in Q.tolist()],
     "native": lambda spring, Q: native(traced(spring, Q), signature(((1,),), ((1,),), (0,)))(Q[:, None])[:, 0],
-    "SymPy": lambda spring, Q: deflection(spring, np.array([sympy.Float(x, 25) for x in Q.tolist()], dtype=object)),
+    "SymPy": lambda spring, Q: spring_deflection(
+        spring, np.array([sympy.Float(x, 25) for x in Q.tolist()], dtype=object)
+    ),
     "CasADi": by_casadi,
     "JAX": by_jax,
 }
@@ -130,7 +132,7 @@ def test_cubic_springs_are_inverted_to_rounding_on_every_scalar_type(spring, kin
 @pytest.mark.parametrize("kind", ["NumPy", "SymPy", "native"])
 def test_start_values_and_steps_have_room(kind, monkeypatch):
     """One step less is not enough; so the test above sees whether they are."""
-    monkeypatch.setattr(inversion, "HALLEY_STEPS", 2)
+    monkeypatch.setattr(deflection_solver, "HALLEY_STEPS", 2)
     Q = np.array([1e150])
     found = np.asarray(ON_SCALARS[kind](CubicSpring(1.0, 1.0), Q), dtype=float)
     assert 1e-8 < abs(found[0] / exact_deflection(CubicSpring(1.0, 1.0), Q[0]) - 1) < 1e-6
@@ -138,15 +140,15 @@ def test_start_values_and_steps_have_room(kind, monkeypatch):
 
 def test_linear_springs_divide():
     np.testing.assert_array_equal(
-        deflection(CubicSpring(4.0), np.array([sympy.Symbol("Q")])), [sympy.Symbol("Q") * 0.25]
+        spring_deflection(CubicSpring(4.0), np.array([sympy.Symbol("Q")])), [sympy.Symbol("Q") * 0.25]
     )
 
 
 def test_springs_soft_at_rest_have_deflection_rates_under_force():
     spring, Q = CubicSpring(0.0, 64.0), np.array([0.0, 1e-300, -8.0, 1e200])
-    np.testing.assert_allclose(deflection(spring, Q), np.cbrt(Q) / 4, rtol=1e-15)
+    np.testing.assert_allclose(spring_deflection(spring, Q), np.cbrt(Q) / 4, rtol=1e-15)
     given = Series.of([np.array([-8.0, 1.0]), np.array([1.0, 3.0]), np.zeros(2)])
-    found = deflections.of_spring(spring, given)
+    found = deflections.deflect_spring(spring, given)
     for found_rate, rate in zip(force_along(spring, found).upto(2), given.upto(2), strict=True):
         np.testing.assert_allclose(found_rate, rate, rtol=1e-14, atol=1e-14)
 
@@ -154,7 +156,7 @@ def test_springs_soft_at_rest_have_deflection_rates_under_force():
 @pytest.mark.parametrize(("Q", "refused"), [(0.0, True), (0.9e-8, True), (1.2e-8, False)])
 def test_rates_are_refused_where_a_force_is_rounding_of_others(Q, refused):
     forces = Series.of([np.array([1.0, Q]), np.array([1.0, 1e-3])])
-    found = deflections.of_spring(CubicSpring(0.0, 64.0), forces, 1.0)
+    found = deflections.deflect_spring(CubicSpring(0.0, 64.0), forces, 1.0)
     assert np.isfinite(found[0]).all()
     if refused:
         with pytest.raises(UnreachableError, match=r"^the spring has no stiffness where it carries .* k above 0") as e:
@@ -166,7 +168,7 @@ def test_rates_are_refused_where_a_force_is_rounding_of_others(Q, refused):
 
 def test_forces_beyond_the_steps_are_refused():
     with pytest.raises(UnreachableError, match=r"^no deflection of the spring carries 1e\+200"):
-        deflection(CubicSpring(1.0, 1.0), np.array([1e200]))
+        spring_deflection(CubicSpring(1.0, 1.0), np.array([1e200]))
 
 
 @pytest.mark.parametrize(("k", "fixed"), [(1.01e-60, True), (0.99e-60, False), (0.0, False)])
@@ -176,7 +178,7 @@ def test_springs_of_hardly_any_stiffness_have_no_fixed_steps(k, fixed):
     assert spring.has_fixed_steps == fixed
     if not fixed:
         with pytest.raises(JounceError, match=r"springs for symbols are linear or stiffen$"):
-            deflection(spring, np.array([sympy.Symbol("Q")]))
+            spring_deflection(spring, np.array([sympy.Symbol("Q")]))
 
 
 def test_a_table_is_the_function_that_it_samples():
@@ -190,8 +192,8 @@ def test_a_table_is_the_function_that_it_samples():
         errors.append([np.abs(table._derivatives(d)[k] - law._derivatives(d)[k]).max() for k in range(5)])
     assert (np.array(errors[0]) < [1e-12, 1e-9, 1e-6, 1e-3, 1]).all()
     assert (np.log2(np.array(errors[1]) / errors[0]) > [5.5, 4.5, 3.5, 2.5, 1.5]).all()
-    known = deflections.of_spring(law, force_along(law, deflection_rates(d, 3)))
-    found = deflections.of_spring(table, force_along(law, deflection_rates(d, 3)))
+    known = deflections.deflect_spring(law, force_along(law, deflection_rates(d, 3)))
+    found = deflections.deflect_spring(table, force_along(law, deflection_rates(d, 3)))
     np.testing.assert_allclose(found[2], known[2], atol=1e-6)
 
 
@@ -266,7 +268,7 @@ def test_what_is_no_spring_is_refused(make, said):
 )
 def test_forces_that_a_spring_cannot_carry_are_refused(spring, Q):
     with pytest.raises(UnreachableError, match=rf"^no deflection of the spring carries {Q:g}; it carries -") as error:
-        deflection(spring, np.array([1.0, 2.0, Q, np.nan]))
+        spring_deflection(spring, np.array([1.0, 2.0, Q, np.nan]))
     assert error.value.state == 2
 
 
@@ -291,10 +293,10 @@ def test_springs_say_nothing_of_deflections_beyond_their_ends(spring):
 
 def test_forces_that_are_not_known_have_no_deflection():
     for spring in (CUBIC, SpringTable(ROW, ROW)):
-        assert np.isnan(deflection(spring, np.array([np.nan, 0.1]))).tolist() == [True, False]
+        assert np.isnan(spring_deflection(spring, np.array([np.nan, 0.1]))).tolist() == [True, False]
 
 
 @pytest.mark.parametrize("spring", [SpringTable(ROW, ROW), LAWS["sinh"][0], CubicSpring(1.0, -1.0)])
 def test_springs_that_need_numbers_say_so(spring):
     with pytest.raises(JounceError, match=r"needs NumPy arrays of floats; springs for symbols are linear or stiffen$"):
-        deflection(spring, np.array([sympy.Symbol("Q")]))
+        spring_deflection(spring, np.array([sympy.Symbol("Q")]))

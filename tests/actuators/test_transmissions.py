@@ -9,7 +9,7 @@ import sympy
 import jounce
 from jounce import AntagonisticSprings, CubicSpring, Motion, Motor, SpringFunction, SpringTable
 from jounce.actuators import damping
-from jounce.engine import generic
+from jounce.engine import generic_methods
 from support.files import refusal
 
 ROBOT = jounce.load("planar2r")
@@ -138,7 +138,7 @@ def force_of(along):
 
 def test_long_batches_name_the_state_without_stiffness(monkeypatch):
     """Batches are cut in pieces, and the index is that in the whole."""
-    monkeypatch.setattr(generic, "MAX_WORKING_BYTES", 1)
+    monkeypatch.setattr(generic_methods, "MAX_WORKING_BYTES", 1)
     arm = ROBOT.elastic(spring=CubicSpring(0, 1e4), rotor=0.1)
     q, zero = np.tile([0.3, 0.2], (2, 3, 1)), np.zeros((2, 3, 2))
     q[1, 0] = np.pi / 2, 0

@@ -6,7 +6,7 @@ import pinocchio
 import pytest
 
 import jounce
-from jounce.arguments.poses import not_a_pose
+from jounce.arguments.poses import pose_error
 from jounce.core.errors import JounceError
 from jounce.dynamics.quantities import QUANTITIES
 from support.robots import floating
@@ -63,9 +63,9 @@ def test_forces_of_pinocchio_are_refused_as_linear_first(robot, W):
 
 def test_distances_from_poses_are_those_of_their_parts():
     near = turned(0.7) + 1e-9 * np.ones((4, 4))
-    assert 1e-9 < not_a_pose(near) < 1e-8
-    assert not_a_pose(turned(0.7)) < 1e-15
-    assert np.array_equal(not_a_pose(np.stack([ORIGIN, 3 * ORIGIN])) > 1, [False, True])
+    assert 1e-9 < pose_error(near) < 1e-8
+    assert pose_error(turned(0.7)) < 1e-15
+    assert np.array_equal(pose_error(np.stack([ORIGIN, 3 * ORIGIN])) > 1, [False, True])
 
 
 def test_a_base_is_required_where_it_enters(robot):

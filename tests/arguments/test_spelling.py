@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from jounce.arguments.requests import computation, parse_computation
+from jounce.arguments.requests import build_computation, parse_computation
 from jounce.dynamics.quantities import QUANTITIES
 from support.files import refusal
 from support.quantities import IDS, REQUESTS, branched
@@ -16,7 +16,7 @@ ODD = replace(MECHANISM, bodies=("body1", "base:joint", "body1:world", "world", 
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 def test_what_is_spelled_is_read(quantity, keywords):
     for product in (None, "vjp"):
-        asked = computation(MECHANISM, quantity.name, quantity.highest(2), **keywords, product=product)
+        asked = build_computation(MECHANISM, quantity.name, quantity.highest(2), **keywords, product=product)
         assert parse_computation(MECHANISM, asked.spelling, 2) == asked
 
 
@@ -24,7 +24,7 @@ def test_what_is_spelled_is_read(quantity, keywords):
 @pytest.mark.parametrize("quantity", [row for row in QUANTITIES.values() if row.of_bodies], ids=lambda row: row.name)
 def test_names_of_bodies_may_hold_colons_and_be_those_of_frames(quantity, body):
     for frame in quantity.frames or ("body",):
-        asked = computation(ODD, quantity.name, 1, body=body, frame=frame)
+        asked = build_computation(ODD, quantity.name, 1, body=body, frame=frame)
         assert parse_computation(ODD, asked.spelling, 1) == asked
 
 

@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 
 import jounce
 from jounce.checks.audit import SEVERITIES, Finding, audit
-from jounce.checks.audit.mobility import singular
-from jounce.checks.audit.names import formulas
+from jounce.checks.audit.mobility import check_singular
+from jounce.checks.audit.names import check_formulas
 from jounce.checks.description import describe
 from jounce.cli import main
 from jounce.model.mechanism import Mechanism
@@ -164,7 +164,7 @@ def test_finds_it_and_not_what_is_barely_sound(kind, data, severity, where, numb
 def test_names_that_spreadsheets_execute_are_found(start):
     sane = arm().mechanism
     named = replace(sane, joints=(f"{start}1+1", *sane.joints[1:]), bodies=(f"{start}2+2", *sane.bodies[1:]))
-    found = [(finding.unit, finding.joints, finding.bodies) for finding in formulas(named)]
+    found = [(finding.unit, finding.joints, finding.bodies) for finding in check_formulas(named)]
     assert found == [("joints", (f"{start}1+1",), ()), ("links", (), (f"{start}2+2",))]
 
 
@@ -173,7 +173,7 @@ def test_a_long_chain_is_not_singular():
     B = np.stack([lie.pose(np.eye(3), np.array([[0.0], [0.0], [0.1]]))] * 1000)
     M = np.stack([jounce.inertia_matrix(1.5, [0, 0, 0.05], np.diag([0.01, 0.012, 0.011]))] * 1000)
     chain = jounce.Robot.from_screws(B, [[0, 1, 0, 0, 0, 0]] * 1000, M)
-    assert not list(singular(chain.mechanism))
+    assert not list(check_singular(chain.mechanism))
 
 
 def test_an_axis_that_a_urdf_leaves_out_is_noted(tmp_path):

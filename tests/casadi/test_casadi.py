@@ -8,7 +8,7 @@ import pytest
 import casadi
 import jounce
 from jounce.core.errors import JounceError
-from jounce.model.positions import moves
+from jounce.model.positions import position_rate_map
 from jounce.spatial import lie
 from support.quantities import IDS, REQUESTS, affordable, branched, method_of, tupled
 from support.robots import differentiated, floating, golden, random_pose, rates_of, relative_error
@@ -301,5 +301,8 @@ def test_derivatives_by_positions_give_those_by_displacements():
     x = [casadi.SX.sym(name, F.size1_in(k)) for k, name in enumerate(F.name_in())]
     by_q = casadi.Function("J", x, [casadi.jacobian(F(*x), x[0])])
     J = dense(by_q(q, *rates), (robot.n, robot.nq))
-    assert relative_error(J @ moves(robot.mechanism, q), robot.inverse_dynamics_partials(q, *rates)[0]) < TOLERANCE
+    assert (
+        relative_error(J @ position_rate_map(robot.mechanism, q), robot.inverse_dynamics_partials(q, *rates)[0])
+        < TOLERANCE
+    )
     assert np.abs(J[:, 1:5] @ q[1:5]).max() < 1e-11  # the length of a quaternion does not matter

@@ -9,8 +9,8 @@ from click.testing import CliRunner
 import jounce
 from jounce.cli import main
 from jounce.engine import motion_states
-from jounce.figures.curves import over_time
-from jounce.figures.table import run_of
+from jounce.figures.curves import draw_curves
+from jounce.figures.table import make_run
 from jounce.io import tables
 from jounce.io.motions import writing
 from support.motion_tables import from_table
@@ -65,7 +65,7 @@ def test_deviations_go_from_table_to_forces():
     motion = jounce.load_motion(SAMPLES, PLANAR)
     rates = motion(T)
     spreads = [np.zeros((len(T), 2))] * 4 + [np.tile([2.0, 0.5], (len(T), 1))]
-    columns = {"t": T} | writing.named("q", PLANAR.joint_names, rates, spreads)
+    columns = {"t": T} | writing.named_columns("q", PLANAR.joint_names, rates, spreads)
     table = from_table(columns, PLANAR.mechanism, 4, "m.csv")
     assert np.array_equal(table.deviations(T)[4], spreads[4])
     along = PLANAR.forces_along(table)
@@ -146,13 +146,13 @@ def test_samples_residuals_bands_and_breaks_are_drawn():
         "a.Q_measured": T + 1,
     }
     columns["break"] = np.where(T[50] == T, 2.0, -1.0)
-    run = run_of(columns, "m.csv")
+    run = make_run(columns, "m.csv")
     found = run.panels
     assert [panel.label.split()[0] for panel in found] == ["q", "residual", "qd", "Q"]
     np.testing.assert_allclose(found[1].curves["a"], 0.02)
     assert found[3].points["a"] is columns["a.Q_measured"]
     assert run.breaks == [T[50]]
-    figure = over_time([run])
+    figure = draw_curves([run])
     [band] = figure.axes[0].collections
     low, high = band.get_paths()[0].vertices[:, 1].min(), band.get_paths()[0].vertices[:, 1].max()
     np.testing.assert_allclose([low, high], [q.min() - 0.196, q.max() + 0.196])

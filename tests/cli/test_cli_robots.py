@@ -9,7 +9,7 @@ from click.testing import CliRunner
 import jounce
 from jounce.checks.description import describe
 from jounce.cli import main
-from jounce.dynamics.quantities import FORCES
+from jounce.dynamics.quantities import DEFAULT_QUANTITY
 from jounce.io import tables
 from support.files import BODY, GOOD, LINKS, OTHER, joint, link, robot_file
 
@@ -146,5 +146,5 @@ def test_verbs_on_which_drives_have_no_effect_take_none(verb):
 
 def test_help_of_run_names_every_method():
     helped = call("run", "--help").stdout
-    assert [method for method in ("kernel", *FORCES.methods) if method not in helped] == []
+    assert [method for method in ("kernel", *DEFAULT_QUANTITY.methods) if method not in helped] == []
     assert "kernel (native code, the default)" in " ".join(helped.split())

@@ -12,7 +12,7 @@ import jounce
 from jounce.cli import main
 from jounce.io import tables
 from jounce.spatial.series import rate_name
-from jounce.stream import plan
+from jounce.stream import input_parts
 
 PAGE = Path(__file__).parents[2] / "docs" / "summaries.md"
 ROBOT = jounce.load("planar2r")
@@ -80,8 +80,8 @@ def test_results_are_summed_up_alike_by_both_ways(tmp_path, monkeypatch, robots,
     tables.write(tmp_path / "log.csv", table())
     words = (robots[limits], tmp_path / "log.csv", *(ELASTIC if verb == "motors" else ()))
     _, whole = summary(verb, *words, "-o", tmp_path / "whole.npz")
-    monkeypatch.setattr(plan, "MIN_LARGE_TABLE_BYTES", 0)
-    monkeypatch.setattr(plan, "MAX_PART_CELLS", 200)
+    monkeypatch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 0)
+    monkeypatch.setattr(input_parts, "MAX_PART_CELLS", 200)
     _, found = summary(verb, *words, "-o", tmp_path / "parts.npz", *asked(table))
     assert_same(found, whole)
     assert (whole["parts"], found["parts"] > 1) == (1, table is stated)
@@ -96,8 +96,8 @@ def test_limits_are_summed_up_alike_by_both_ways(tmp_path, monkeypatch, robots, 
     """Between rows a stretch of them tells a little less than all: digits of the ratio differ, and no more."""
     tables.write(tmp_path / "log.csv", table())
     (expected, whole) = summary("check", robots[verdict], tmp_path / "log.csv")
-    monkeypatch.setattr(plan, "MIN_LARGE_TABLE_BYTES", 0)
-    monkeypatch.setattr("jounce.stream.limits.MAX_STRETCH_ROWS", 50)
+    monkeypatch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 0)
+    monkeypatch.setattr("jounce.stream.limit_checks.MAX_STRETCH_ROWS", 50)
     found_code, found = summary("check", robots[verdict], tmp_path / "log.csv", *asked(table))
     assert_same(found, whole, rel=1e-6 if table is stated else 0.0)
     assert found_code == expected

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from test_cli import shell
 
 from jounce.cli import main, output
-from jounce.cli.output import progress, straight_columns
+from jounce.cli.output import align_columns, progress
 
 
 class Screen(io.StringIO):
@@ -65,8 +65,8 @@ def test_colour_only_where_wanted(monkeypatch, settings, coloured, asked):
 
 def test_columns_are_straight(monkeypatch):
     monkeypatch.setenv("NO_COLOR", "1")
-    assert straight_columns([("a", "bb", ""), ("ccc", "d", "e")]) == ["a    bb", "ccc  d   e"]
-    assert straight_columns([("a\nb", "c"), ("d", "e")]) == [r"a\nb  c", "d     e"]
+    assert align_columns([("a", "bb", ""), ("ccc", "d", "e")]) == ["a    bb", "ccc  d   e"]
+    assert align_columns([("a\nb", "c"), ("d", "e")]) == [r"a\nb  c", "d     e"]
 
 
 @pytest.mark.parametrize(

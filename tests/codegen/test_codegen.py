@@ -23,7 +23,7 @@ from jounce._codegen import generate, header, render, schedule
 from jounce._codegen.function import function_names, trace
 from jounce._codegen.language import LANGUAGE_NAMES, language
 from jounce._codegen.options import check_options
-from jounce._codegen.parametric import parametric
+from jounce._codegen.parametric import make_parametric
 from jounce._codegen.test_vectors import vectors
 from jounce.cli import main
 from jounce.dynamics.computation import Computation
@@ -185,13 +185,13 @@ def requested(
 def computed(robot, count, method, **options):
     """What all languages share: the functions of a request, and the test vectors of each."""
     request = requested(robot, "c", **options)
-    functions = generate.functions_of(request)
+    functions = generate.trace_functions(request)
     return functions, [vectors(request.robot, f, request.single, count, method) for f in functions]
 
 
 def texts(robot, lang, count=20, method="recursion", **options):
     """The files of generated code, its test vectors so many states by the recursion."""
-    return render.files(requested(robot, lang, **options), *computed(robot, count, method, **options))
+    return render.render_files(requested(robot, lang, **options), *computed(robot, count, method, **options))
 
 
 def case(name, lang):
@@ -692,22 +692,27 @@ def test_words_of_the_language_are_refused_as_prefixes(name):
 
 def test_symbols_are_parameters_by_their_names_without_clashes():
     robot = robot_of("symbols").mechanism
-    assert list(parametric(robot, []).shapes) == sorted(SYMBOLS)
+    assert list(make_parametric(robot, []).shapes) == sorted(SYMBOLS)
     one = jounce.load("planar2r", m1=sympy.Symbol("gravity")).mechanism
-    refusal(lambda: parametric(one, ["gravity"]), "parameter 'gravity' is also the name of a symbol")
+    refusal(lambda: make_parametric(one, ["gravity"]), "parameter 'gravity' is also the name of a symbol")
     two = jounce.load("planar2r", m2=SYMBOLS["m2"]).mechanism
-    refusal(lambda: parametric(two, ["masses"]), "the mass of 'body2' is m2; 'masses' applies to numbers")
+    refusal(lambda: make_parametric(two, ["masses"]), "the mass of 'body2' is m2; 'masses' applies to numbers")
 
 
 def test_symbols_that_parameters_replace_are_none_themselves():
     """Who set them would move nothing."""
     robot = jounce.load("planar2r", L2=SYMBOLS["L2"], g=SYMBOLS["g"]).mechanism
-    assert list(parametric(robot, ["gravity", "masses", "lengths"]).shapes) == ["L2", "gravity", "masses", "lengths"]
+    assert list(make_parametric(robot, ["gravity", "masses", "lengths"]).shapes) == [
+        "L2",
+        "gravity",
+        "masses",
+        "lengths",
+    ]
 
 
 def test_powers_of_symbols_take_few_products():
     robots = (jounce.load("planar2r", m1=SYMBOLS["m1"] ** k).mechanism for k in (1, 3001))
-    first, power = (trace(parametric(m, []), "", Computation("inverse_dynamics", 0)).operations for m in robots)
+    first, power = (trace(make_parametric(m, []), "", Computation("inverse_dynamics", 0)).operations for m in robots)
     assert power - first < 2 * np.log2(3001)
 
 
@@ -762,7 +767,7 @@ def test_functions_are_named_after_what_they_compute():
 
 
 def test_parameters_cost_nothing_where_there_are_none():
-    plain = trace(parametric(jounce.load("iiwa14").mechanism, []), "", Computation("inverse_dynamics", 2))
+    plain = trace(make_parametric(jounce.load("iiwa14").mechanism, []), "", Computation("inverse_dynamics", 2))
     assert plain.operations <= 2213
     assert plain.parameters == ()
 

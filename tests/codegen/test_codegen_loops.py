@@ -8,9 +8,9 @@ import sympy
 from test_codegen import PROGRAMS, passes
 
 import jounce
-from jounce._codegen.test_vectors import near_start
+from jounce._codegen.test_vectors import states_near_start
 from jounce.core.errors import JounceError
-from jounce.dynamics.assembly import gaps
+from jounce.dynamics.loop_assembly import gaps
 from support.robots import relative_error
 from support.tools import needs
 
@@ -61,7 +61,7 @@ def texts(folder):
 
 def test_vectors_have_closed_loops(fivebar):
     m = fivebar.mechanism
-    u, d = near_start(m, np.random.default_rng(0).uniform(-5, 5, (4, 2)))  # as far as ways that are shortened
+    u, d = states_near_start(m, np.random.default_rng(0).uniform(-5, 5, (4, 2)))  # as far as ways that are shortened
     q = np.empty((4, 4))
     q[:, list(m.closure.independent)], q[:, list(m.closure.dependent)] = u, d
     assert np.abs(gaps(m, q)[0]).max() < 1e-13

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 import jounce
 from jounce.checks.magnitudes import _Sized, magnitudes, scale
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.deflections import of_spring
+from jounce.dynamics.deflections import deflect_spring
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.engine.generic import compute_by_method
+from jounce.engine.generic_methods import compute_by_method
 from jounce.model.drives import Drives
 from jounce.spatial.series import Series
 from support.quantities import REQUESTS, branched, served
@@ -97,7 +97,7 @@ def test_sizes_of_deflections_follow_forces_that_cancel():
     """Q = 0 of terms of 3 N m: the spring k delta + k3 delta^3 is off by rounding of 3 / k, not of the root of 3."""
     Q = [np.zeros((1, 1)), np.full((1, 1), 2.0)]
     sized = Series.of([_Sized(Q[0], np.full((1, 1), 9.0)), _Sized(Q[1])])
-    delta = of_spring(jounce.CubicSpring(4.0, 1e6), sized)
+    delta = deflect_spring(jounce.CubicSpring(4.0, 1e6), sized)
     assert [x.value.item() for x in delta.upto(1)] == [0.0, 0.5]
     np.testing.assert_allclose([np.sqrt(x.square).item() for x in delta.upto(1)], [0.75, 0.5], rtol=1e-15)
 

@@ -12,7 +12,7 @@ import jounce.cuda
 from jounce.core.errors import JounceError
 from jounce.cuda import arrays as device
 from jounce.cuda.source import THREADS_PER_BLOCK, source
-from jounce.engine.generic import as_tuple
+from jounce.engine.generic_methods import as_tuple
 from support import cupy_on_cpu
 from support.robots import relative_error
 from support.tools import obstacle
@@ -162,7 +162,7 @@ def test_arrays_that_have_steps_are_read_and_written_in_place(cupy):
 
 def test_a_kernel_launches_one_thread_per_state():
     calls = []
-    kernel = object.__new__(jounce.cuda.Kernel)
+    kernel = object.__new__(jounce.cuda.CudaKernel)
     robot = jounce.load("planar2r")
     kernel.mechanism, kernel.computation = robot.mechanism, robot.compile("gravity_forces", order=0).computation
     kernel.signature, kernel.dtype = kernel.computation.signature(robot.mechanism), np.dtype(float)
@@ -184,7 +184,7 @@ def test_arrays_of_jax_come_back_as_such(cupy, kernels, monkeypatch):
     jax = pytest.importorskip("jax")
     kernel, native = kernels("forces")
     if cupy is cupy_on_cpu:
-        monkeypatch.setattr(device, "_on_one_gpu", lambda name, x: x)
+        monkeypatch.setattr(device, "_check_one_gpu", lambda name, x: x)
     elif jax.default_backend() != "gpu":
         pytest.skip("this JAX has no GPU")
     arrays = states(kernel, BATCH)

@@ -12,7 +12,7 @@ import jounce
 from jounce._report.demo.example import example, step_errors, without_steiner
 from jounce.cli import main
 from jounce.io import tables
-from jounce.io.motions.writing import named
+from jounce.io.motions.writing import named_columns
 from support.robots import relative_error
 
 command = sys.modules["jounce.cli.demo"]  # its name in jounce.cli is that of the verb
@@ -77,7 +77,7 @@ def test_demo_writes_all_that_it_names(tmp_path, monkeypatch):
     assert sorted(path.name for path in out.iterdir()) == sorted(names)
     assert {"forces", "forces-wrench", "step-size", "published-code"} == set(summary["pictures"])
     alone = example("paper", 200)
-    expected = {"t": alone.t} | named("Q", alone.robot.joint_names, alone.forces, None)
+    expected = {"t": alone.t} | named_columns("Q", alone.robot.joint_names, alone.forces, None)
     found = tables.read(out / "forces.csv")
     assert all((found[name] == values).all() for name, values in expected.items())
     assert summary["peaks"]["without W"] == [np.abs(Q).max() for Q in alone.forces]

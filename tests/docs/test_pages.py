@@ -19,7 +19,7 @@ from click.testing import CliRunner
 
 import jounce
 from jounce.cli import main
-from jounce.robot.old import OldMethods
+from jounce.robot.deprecated_methods import OldMethods
 from support import cupy_on_cpu
 from support.tools import obstacle, require
 

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from scipy.linalg import qr
 
 import jounce
-from jounce.dynamics import assembly
+from jounce.dynamics import loop_assembly
 from jounce.dynamics.base_parameters import base_parameters
-from jounce.model import equivalent
+from jounce.model import equivalent_mechanisms
 from jounce.model.frame import Frame
-from jounce.model.parameters import parameters_of
+from jounce.model.parameters import inertial_parameters
 from jounce.spatial import inertia
 from support.bases import random_base
 from support.files import refusal
@@ -137,7 +137,7 @@ def test_a_body_that_is_welded_to_the_ground_by_a_loop_has_none(seed):
     assert (found.count, np.abs(found.matrix).max() < 10) == (8, True)
     assert not [name for name in found.names if name.startswith("body4")]
     assert not found.matrix[:, 30:].any()
-    q = assembly.samples(robot.mechanism, 40)
+    q = loop_assembly.sample_positions(robot.mechanism, 40)
     Y = robot.regressor(q, *np.random.default_rng(seed).uniform(-2, 2, (2, 40, 1)), method="recursion")
     sizes = np.linalg.svd(Y.reshape(-1, 40), compute_uv=False)
     assert sizes[7] > 1e-6 * sizes[0] > 1e6 * sizes[8]
@@ -150,8 +150,8 @@ def test_joints_that_are_locked_leave_fewer():
 
 @given(special())
 def test_the_regrouping_of_the_recursion_leaves_them_as_they_are(m):
-    m = equivalent.align_frames(m)
-    found, reduced = base_parameters(m), equivalent.base_parameters(m)
+    m = equivalent_mechanisms.align_frames(m)
+    found, reduced = base_parameters(m), equivalent_mechanisms.reduce_inertias(m)
     p = inertia.parameters(reduced.M).ravel()
     np.testing.assert_allclose(found.matrix @ p, found.values, atol=1e-12 * max(1, np.abs(p).max()))
 
@@ -183,7 +183,7 @@ def test_joints_of_several_screws(kinds, floats):
     robot = amid(kinds, PARENTS[: len(kinds)], floats=floats)
     x = states(robot, 3, 40)
     Y, Q = robot.regressor(*x), robot.inverse_dynamics(*x)
-    p = parameters_of(robot.mechanism).ravel()
+    p = inertial_parameters(robot.mechanism).ravel()
     assert relative_error(Y @ p, Q) < 1e-12
     energies = robot.kinetic_energy(*x[:2]) + robot.potential_energy(x[0])
     assert relative_error(np.sum(robot.energy_regressor(*x[:2]) * p, axis=-1), energies) < 1e-12

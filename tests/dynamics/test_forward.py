@@ -15,12 +15,12 @@ from jounce.checks.reference.pinocchio import build_model
 from jounce.dynamics.mobility import may_be_singular
 from jounce.dynamics.recursion import matrices
 from jounce.dynamics.recursion.articulated import ArticulatedBodies, has_deep_branches
-from jounce.model.casting import with_exact_integers
-from jounce.model.drives import TERMS, Drives
+from jounce.model.drives import DRIVE_TERMS, Drives
+from jounce.model.scalar_casting import with_exact_integers
 from jounce.program.passes import factor
 from jounce.program.trace import Tape
-from jounce.spatial.linear import Factors, solved
-from jounce.spatial.series import Series, columns
+from jounce.spatial.linear import Factors, solve_series
+from jounce.spatial.series import Series, column_series
 from support.bases import moved_mechanisms, random_base
 from support.files import refusal
 from support.robots import Interpreted, floating, mechanisms, on_base, on_its_axis, random_mechanism, relative_error
@@ -35,7 +35,7 @@ def driven(mechanism, rng):
     names = ("armature", "damping", "friction", "stiffness", "rest")
     nc = len(mechanism.joints)
     drives = Drives(eps=np.full(nc, 0.5), **{name: rng.uniform(0.1, 1, nc) for name in names})
-    return Interpreted(jounce.Robot(replace(mechanism, drives=drives, acting=TERMS)))
+    return Interpreted(jounce.Robot(replace(mechanism, drives=drives, acting=DRIVE_TERMS)))
 
 
 def chain(n=14):
@@ -124,7 +124,7 @@ def test_the_way_with_fewer_operations_is_taken(n, floats):
     counts = []
     for solver in (
         lambda q: ArticulatedBodies.of(m, q),
-        lambda q: Factors.of(matrices.mass_matrix(m, columns([q[:, 0]]))[0]),
+        lambda q: Factors.of(matrices.mass_matrix(m, column_series([q[:, 0]]))[0]),
     ):
         tape = Tape()
         q, b = tape.variables(n, 1), tape.variables(m.nv, 1)
@@ -185,7 +185,7 @@ def test_solved_obeys_the_product_rule():
     A0 = rng.normal(size=(3, 5, 5))
     A = Series.of([A0 @ A0.mT + np.eye(5), *(x + x.mT for x in rng.normal(size=(3, 3, 5, 5)))])
     X = Series.of(list(rng.normal(size=(4, 3, 5, 2))))
-    for found, expected in zip(solved(A, A @ X).upto(3), X.upto(3), strict=True):
+    for found, expected in zip(solve_series(A, A @ X).upto(3), X.upto(3), strict=True):
         assert relative_error(found, expected) < 1e-9
     b = rng.normal(size=(3, 5, 1))
     assert relative_error(Factors.of(A[0]).solve(b), np.linalg.solve(A[0], b)) < 1e-11

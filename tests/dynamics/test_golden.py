@@ -4,7 +4,7 @@ import pytest
 
 from jounce.dynamics.closed_form import closed_form
 from jounce.dynamics.paper import Paper
-from jounce.spatial.series import columns
+from jounce.spatial.series import column_series
 from support import recursion
 from support.robots import GOLDEN_NAMES, golden, loads, rates_of, relative_error
 
@@ -41,7 +41,7 @@ def test_agrees_with_golden_data(name, method):
     assert len(cases) >= 5
     for case in cases:
         q, W = rates_of(case)
-        found = compute(mechanism, columns(q), loads(W))
+        found = compute(mechanism, column_series(q), loads(W))
         for entry, keys in ENTRIES.items():
             for k, key in enumerate(keys[: highest + 1]):
                 result = found[entry][k]

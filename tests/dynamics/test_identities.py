@@ -11,7 +11,7 @@ from jounce.dynamics.computation import Computation
 from jounce.model.mechanism import reference_poses
 from jounce.model.screws import from_screws
 from jounce.spatial import lie
-from jounce.spatial.series import columns
+from jounce.spatial.series import column_series
 from support.recursion import inverse_dynamics
 from support.robots import (
     Interpreted,
@@ -29,7 +29,7 @@ ORDERS = (0, 1, 2)
 def state(drawn, order=2):
     mechanism, rng = drawn
     q, W = random_state(rng, mechanism, order)
-    return mechanism, [x[:, None] for x in q], closed_form(mechanism, columns(q), loads(W))
+    return mechanism, [x[:, None] for x in q], closed_form(mechanism, column_series(q), loads(W))
 
 
 def vanishes(x, scale):
@@ -94,11 +94,11 @@ def test_power_is_the_rate_of_energy(drawn):
 
     def energy(t):
         q, qd, _ = path(t)
-        V = closed_form(mechanism, columns([q, qd])).V[0].reshape(*q.shape[:-1], -1, 6)
+        V = closed_form(mechanism, column_series([q, qd])).V[0].reshape(*q.shape[:-1], -1, 6)
         return 0.5 * np.einsum("...bi,bij,...bj", V, mechanism.M, V) + potential_energy(mechanism, q)
 
     q = path(0)
-    Q = inverse_dynamics(mechanism, columns(q))[0][:, 0]
+    Q = inverse_dynamics(mechanism, column_series(q))[0][:, 0]
     power = q[1] @ Q
     assert abs(differentiated_at_once(energy) - power) < 1e-8 * (1 + size(Q))
 
@@ -112,7 +112,7 @@ def test_each_order_is_the_time_derivative_of_the_one_below(order, drawn):
 
     def forces(t, k):
         W = [x.reshape(*x.shape[:-1], -1, 6) for x in w(t)]
-        return inverse_dynamics(mechanism, columns(path(t)), loads(W))[k][..., 0]
+        return inverse_dynamics(mechanism, column_series(path(t)), loads(W))[k][..., 0]
 
     exact = forces(0, order)
     assert np.abs(differentiated_at_once(lambda t: forces(t, order - 1)) - exact).max() < 1e-8 * (1 + size(exact))
@@ -127,7 +127,7 @@ def test_forces_are_linear_in_the_inertial_parameters(drawn, factor):
     def forces(M):
         parts = (mechanism.B, mechanism.X, M, mechanism.parent)
         same = jounce.model.screws.from_screws(*parts, gravity=mechanism.gravity, G=mechanism.G, g=mechanism.g)
-        return inverse_dynamics(same, columns(q)).upto(2)
+        return inverse_dynamics(same, column_series(q)).upto(2)
 
     for Q, Q_a, Q_b in zip(forces(mechanism.M + factor * other), forces(mechanism.M), forces(other), strict=True):
         vanishes(Q - Q_a - factor * Q_b, size(Q_a, Q_b))
@@ -138,7 +138,7 @@ def test_matrices_formed_from_spatial_twists_are_the_same(drawn):
     """gM = sum J_i^T M_i J_i and gC, with spatial Jacobians and inertias in the place of body-fixed ones."""
     mechanism, rng = drawn
     q, _ = random_state(rng, mechanism)
-    F, qd = closed_form(mechanism, columns(q)), q[1]
+    F, qd = closed_form(mechanism, column_series(q)), q[1]
     J = Computation("jacobian", order=2, frame="spatial").series("recursion", mechanism, q[:3])
     back = lie.Ad(lie.inverse(Interpreted(jounce.Robot(mechanism)).poses(q[0])))
     M = back.mT @ mechanism.M @ back

@@ -6,12 +6,12 @@ from hypothesis import given
 
 import jounce
 from jounce.dynamics.closed_form import closed_form
-from jounce.dynamics.joint_motion import STILL
-from jounce.model import equivalent
+from jounce.dynamics.joint_motion import BASE_AT_REST
+from jounce.model import equivalent_mechanisms
 from jounce.model.mechanism import path_to
 from jounce.model.screws import from_screws
 from jounce.program.trace import Tape
-from jounce.spatial.series import columns
+from jounce.spatial.series import column_series
 from support import recursion
 from support.robots import golden, loads, mechanisms, random_inertia, random_pose, random_screw, random_state
 
@@ -33,8 +33,8 @@ def equal(found, expected, tolerance=1e-12):
 def test_recursion_agrees_with_the_closed_form(entry, drawn):
     mechanism, rng = drawn
     q, _ = random_state(rng, mechanism, 3)
-    expected = getattr(closed_form(mechanism, columns(q)), entry)
-    found = RECURSIONS[entry](mechanism, columns(q))
+    expected = getattr(closed_form(mechanism, column_series(q)), entry)
+    found = RECURSIONS[entry](mechanism, column_series(q))
     for k in range(4):
         equal(found[k], expected[k])
 
@@ -43,8 +43,8 @@ def test_recursion_agrees_with_the_closed_form(entry, drawn):
 def test_base_wrench_agrees_with_the_closed_form_under_wrenches(drawn):
     mechanism, rng = drawn
     q, W = random_state(rng, mechanism, 3)
-    expected = closed_form(mechanism, columns(q), loads(W)).F
-    found = recursion.base_wrench(mechanism, columns(q), loads(W))
+    expected = closed_form(mechanism, column_series(q), loads(W)).F
+    found = recursion.base_wrench(mechanism, column_series(q), loads(W))
     for k in range(4):
         equal(found[k], expected[k])
 
@@ -53,9 +53,9 @@ def test_base_wrench_agrees_with_the_closed_form_under_wrenches(drawn):
 def test_jacobians_agree_with_the_closed_form(drawn):
     mechanism, rng = drawn
     q, _ = random_state(rng, mechanism, 3)
-    J = closed_form(mechanism, columns(q)).J
-    found = recursion.jacobians(mechanism, columns(q), STILL, None)
-    one = recursion.jacobians(mechanism, columns(q), STILL, mechanism.nb - 1)
+    J = closed_form(mechanism, column_series(q)).J
+    found = recursion.jacobians(mechanism, column_series(q), BASE_AT_REST, None)
+    one = recursion.jacobians(mechanism, column_series(q), BASE_AT_REST, mechanism.nb - 1)
     for k in range(4):
         expected = J[k].reshape(mechanism.nb, 6, mechanism.n)
         equal(found[k], expected)
@@ -66,9 +66,9 @@ def test_jacobians_agree_with_the_closed_form(drawn):
 def test_coriolis_matrices_are_those_of_any_body_frames(drawn):
     """Hence the frames on the joint axes; but not the base parameters, see below."""
     mechanism, rng = drawn
-    moved = equivalent.reframe(mechanism, [random_pose(rng) for _ in range(mechanism.nb)])
+    moved = equivalent_mechanisms.reframe(mechanism, [random_pose(rng) for _ in range(mechanism.nb)])
     q, _ = random_state(rng, mechanism)
-    F, G = closed_form(mechanism, columns(q)), closed_form(moved, columns(q))
+    F, G = closed_form(mechanism, column_series(q)), closed_form(moved, column_series(q))
     for C, expected in ((G.gC, F.gC), (G.gCbar, F.gCbar)):
         for k in range(3):
             equal(C[k], expected[k], 1e-11)
@@ -77,8 +77,8 @@ def test_coriolis_matrices_are_those_of_any_body_frames(drawn):
 @pytest.mark.parametrize("entry", ["gC", "gCbar"])
 def test_base_parameters_change_the_coriolis_matrix_alone(entry):
     mechanism, cases = golden("iiwa")
-    q = columns([np.array(cases[0][rate]) for rate in ("q", "qd")])
-    given, reduced = closed_form(mechanism, q), closed_form(equivalent.minimal(mechanism), q)
+    q = column_series([np.array(cases[0][rate]) for rate in ("q", "qd")])
+    given, reduced = closed_form(mechanism, q), closed_form(equivalent_mechanisms.minimal_mechanism(mechanism), q)
     equal(reduced.gM[0], given.gM[0])
     C, C_reduced = getattr(given, entry)[0], getattr(reduced, entry)[0]
     assert np.abs(C_reduced - C).max() > 0.1 * np.abs(C).max()
@@ -86,13 +86,13 @@ def test_base_parameters_change_the_coriolis_matrix_alone(entry):
     equal(C_reduced @ qd, C @ qd)
 
 
-@pytest.mark.parametrize("compute", [*RECURSIONS.values(), lambda m, q: recursion.jacobians(m, q, STILL, None)])
+@pytest.mark.parametrize("compute", [*RECURSIONS.values(), lambda m, q: recursion.jacobians(m, q, BASE_AT_REST, None)])
 def test_batches_of_a_single_joint_keep_their_axes(compute):
     """A lone joint's mass matrix and Jacobian depend on no coordinate."""
     mechanism = jounce.load("planar2r").mechanism
     lone = from_screws(mechanism.B[:1], mechanism.X[:1], mechanism.M[:1])
-    q = columns(np.ones((4, 5, 3, 1)))
-    one = compute(lone, columns(np.ones((4, 1))))
+    q = column_series(np.ones((4, 5, 3, 1)))
+    one = compute(lone, column_series(np.ones((4, 1))))
     for k in range(2):
         assert compute(lone, q)[k].shape == (5, 3, *one[k].shape)
 
@@ -104,14 +104,14 @@ def test_long_chains_do_not_nest_deeply():
     kinds = rng.choice(["revolute", "prismatic", "helical"], nb)
     M = np.stack([random_inertia(rng, 1) for _ in range(nb)])
     chain = from_screws([random_pose(rng) for _ in range(nb)], [random_screw(rng, kind) for kind in kinds], M)
-    q = columns(rng.uniform(-0.1, 0.1, (4, nb)))
+    q = column_series(rng.uniform(-0.1, 0.1, (4, nb)))
     Q = recursion.inverse_dynamics(chain, q) - recursion.gravity_forces(chain, q)
     M = recursion.mass_matrix(chain, q)
     for C in (recursion.coriolis_matrix(chain, q), recursion.skew_coriolis_matrix(chain, q)):
         for k in range(2):
             equal((M @ q.dot.dot + C @ q.dot)[k], Q[k], 1e-10)
-    J = recursion.jacobians(chain, q, STILL, nb - 1)
-    assert J[1].shape == recursion.jacobians(chain, q, STILL, None)[1][-1].shape
+    J = recursion.jacobians(chain, q, BASE_AT_REST, nb - 1)
+    assert J[1].shape == recursion.jacobians(chain, q, BASE_AT_REST, None)[1][-1].shape
     assert recursion.base_wrench(chain, q)[1].shape == recursion.momentum(chain, q)[1].shape
 
 

@@ -14,7 +14,7 @@ from jounce.dynamics.paper import equations
 from jounce.dynamics.state import State
 from jounce.spatial.inertia import moments
 from jounce.spatial.lie import Ad, hat, inverse
-from jounce.spatial.series import Series, columns, from_rate, joined
+from jounce.spatial.series import Series, column_series, from_rate, join_series
 from support import recursion
 from support.bases import base_path, motion_of, moved_mechanisms, random_base
 from support.robots import (
@@ -50,7 +50,7 @@ def equal(found, expected, tolerance=1e-12):
 @given(drawn=moved_mechanisms())
 def test_recursion_agrees_with_the_closed_form(drawn):
     mechanism, rng = drawn
-    q, base = columns(rng.uniform(-2, 2, (5, mechanism.n))), motion_of(random_base(rng, 5))
+    q, base = column_series(rng.uniform(-2, 2, (5, mechanism.n))), motion_of(random_base(rng, 5))
     expected = closed_form(mechanism, q, None, base)
     for k in range(4):
         equal(recursion.mass_matrix(mechanism, q)[k], expected.gM[k])
@@ -62,7 +62,7 @@ def test_recursion_agrees_with_the_closed_form(drawn):
 @given(drawn=moved_mechanisms(largest=3))
 def test_the_printed_expansions_agree_with_the_closed_form(drawn):
     mechanism, rng = drawn
-    q, base = columns(rng.uniform(-2, 2, (5, mechanism.n))), motion_of(random_base(rng, 5))
+    q, base = column_series(rng.uniform(-2, 2, (5, mechanism.n))), motion_of(random_base(rng, 5))
     x, expected = State(q, base=base), closed_form(mechanism, q, None, base)
     for k in range(3):
         equal(equations.mass_matrix(mechanism, x)[k], expected.gM[k])
@@ -226,7 +226,7 @@ def test_a_rigid_body_that_tumbles_by_eulers_equations_takes_no_force():
     w = from_rate(rng.normal(size=(3, 1)), lambda w: -(np.linalg.inv(inertia) @ cross(w, inertia @ w)))
     field = from_rate(C[:3, :3].T @ m.gravity[:, None], lambda g: -cross(w, g))
     u = from_rate(rng.normal(size=(3, 1)), lambda u: field - cross(w, u))  # of the centre of mass
-    V = joined([w, u - cross(w, Series.constant(center))], axis=-2)
+    V = join_series([w, u - cross(w, Series.constant(center))], axis=-2)
     base = (C, *(V[k][:, 0] for k in range(6)))
     Q = Interpreted(jounce.Robot(m)).inverse_dynamics(*rng.normal(size=(7, 1)), base=base)
     for k in range(5):

@@ -12,7 +12,7 @@ from jounce.dynamics.closed_form import closed_form
 from jounce.dynamics.paper import Paper, section3, section4
 from jounce.io import motions
 from jounce.spatial import lie
-from jounce.spatial.series import Series, columns, from_rate
+from jounce.spatial.series import Series, column_series, from_rate
 from support.robots import GOLDEN_NAMES, golden, loads, rates_of, relative_error
 
 CASES = [(name, i) for name in GOLDEN_NAMES for i in range(3)]
@@ -22,7 +22,7 @@ CASES = [(name, i) for name in GOLDEN_NAMES for i in range(3)]
 def paper(request):
     mechanism, cases = golden(request.param[0])
     q, W = rates_of(cases[request.param[1]])
-    return Paper(mechanism, columns(q), loads(W))
+    return Paper(mechanism, column_series(q), loads(W))
 
 
 @pytest.fixture
@@ -87,7 +87,7 @@ def test_system_matrices_satisfy_their_definitions(paper):
     mechanism, A, a, eye = paper.mechanism, paper.A, paper.a(), np.eye(6 * paper.mechanism.nb)
     D = system.system_D(mechanism, paper.poses)
     same(A, np.linalg.inv(eye - D))  # (A)
-    assert np.abs(a @ system.of_bodies(mechanism).X).max() < 1e-14  # aX = 0
+    assert np.abs(a @ system.build_system(mechanism).X).max() < 1e-14  # aX = 0
     assert np.abs(paper.b() @ paper.V()).max() < 1e-12  # bV = 0, after (Cbar)
     roots = np.zeros((6 * mechanism.nb, 6))
     for i, p in enumerate(mechanism.parent):
@@ -145,11 +145,11 @@ def test_d_solves_its_differential_equation(paper):
     A = from_rate(paper.A, lambda A: A @ D.dot @ A)
     J = closed_form(paper.mechanism, paper.q).J
     for k in range(3):
-        same(A[k] @ system.of_bodies(paper.mechanism).X, J[k], 1e-12)
+        same(A[k] @ system.build_system(paper.mechanism).X, J[k], 1e-12)
 
 
 def closed_a(paper):
-    return paper.q.dot.map(lambda v: system.system_a(system.of_bodies(paper.mechanism).X, v))
+    return paper.q.dot.map(lambda v: system.system_a(system.build_system(paper.mechanism).X, v))
 
 
 def test_erratum_skew_symmetry_needs_the_arrangement_of_cbar(paper):

@@ -13,9 +13,9 @@ import casadi
 import jounce
 from jounce.checks.reference.pinocchio import build_model
 from jounce.dynamics.computation import Computation
-from jounce.model.casting import with_exact_integers
-from jounce.model.drives import TERMS, Drives
-from jounce.native.forms import program
+from jounce.model.drives import DRIVE_TERMS, Drives
+from jounce.model.scalar_casting import with_exact_integers
+from jounce.native.code_forms import trace_program
 from jounce.program import differentiate
 from jounce.program.trace import Tape
 from jounce.spatial.lie import exp
@@ -35,7 +35,7 @@ def driven(mechanism, rng):
     names = ("armature", "damping", "friction", "stiffness", "rest")
     nc = len(mechanism.joints)
     drives = Drives(eps=np.full(nc, 0.5), **{name: rng.uniform(0.1, 1, nc) for name in names})
-    return replace(mechanism, drives=drives, acting=TERMS)
+    return replace(mechanism, drives=drives, acting=DRIVE_TERMS)
 
 
 def tree():
@@ -123,7 +123,7 @@ def test_the_recursion_agrees_with_the_closed_form(drawn):
 def test_reverse_accumulation_on_the_traced_forces_gives_the_same():
     m = tree()
     q, W = state(m, 1)
-    traced = program(with_exact_integers(m), Computation("inverse_dynamics", 1, wrench=True))
+    traced = trace_program(with_exact_integers(m), Computation("inverse_dynamics", 1, wrench=True))
     tape = Tape()
     forces = differentiate.evaluate(traced, tape, [*tape.variables(traced.inputs)])
     rows = [differentiate.adjoints(forces, row)[: 4 * m.n] for row in np.eye(2 * m.n, dtype=int).tolist()]
@@ -239,7 +239,7 @@ def test_a_wrench_that_keeps_its_direction_in_space_has_one_more_term():
 def test_they_take_few_operations(name, order, base, most):
     m = jounce.load(name, **({} if base == "fixed" else {"base": base})).mechanism
     asked = Computation("inverse_dynamics_partials", order, base=base == "floating")
-    assert program(m, asked).operations <= most
+    assert trace_program(m, asked).operations <= most
 
 
 def test_a_point_mass_falls_by_its_mass_alone():

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 
 import jounce
 from jounce.dynamics.computation import Computation
-from jounce.model.drives import TERMS
+from jounce.model.drives import DRIVE_TERMS
 from jounce.model.mechanism import ancestors
-from jounce.native.forms import program
+from jounce.native.code_forms import trace_program
 from support.bases import moved_mechanisms, random_base
 from support.files import refusal
 from support.quantities import branched
@@ -103,7 +103,7 @@ def test_joints_do_not_feel_bodies_that_they_do_not_carry():
 @pytest.mark.parametrize("on_base", [False, True])
 def test_columns_of_drive_terms_give_the_forces_of_the_drives(on_base):
     rng = np.random.default_rng(5)
-    m = replace(branched().mechanism, elasticity=None, acting=TERMS)
+    m = replace(branched().mechanism, elasticity=None, acting=DRIVE_TERMS)
     m = floating(m, rng) if on_base else m
     robot, q, d = Interpreted(jounce.Robot(m)), rng.uniform(-1, 1, (5, 2, m.n)), m.drives
     base = random_base(rng, 5) if on_base else None
@@ -148,7 +148,7 @@ def test_the_iiwa_takes_no_more_operations_than_measured():
         "regressor": (1303, 3488), "momentum_regressor": (821, 2369), "energy_regressor": (258, 665),
     }.items():  # fmt: skip
         for order, most in enumerate(counts):
-            assert program(m, Computation(name, order)).operations <= most, name
+            assert trace_program(m, Computation(name, order)).operations <= most, name
 
 
 def test_bad_input_is_refused_in_one_line():

@@ -14,11 +14,11 @@ import sympy
 import casadi
 import jounce
 from jounce.core.errors import JounceError
-from jounce.core.scalars import element
+from jounce.core.scalars import convert_element
 from jounce.dynamics.quantities import QUANTITIES as TABLE
-from jounce.model.casting import with_exact_integers
+from jounce.model.scalar_casting import with_exact_integers
 from jounce.program.trace import Tape
-from jounce.spatial.series import columns
+from jounce.spatial.series import column_series
 from support import recursion
 from support.quantities import affordable, method_of, served, tupled
 from support.robots import GOLDEN_NAMES, golden, rates_of, relative_error, springs
@@ -208,7 +208,7 @@ def test_the_iiwa_takes_no_more_operations_than_measured(quantities, operations)
         tape = Tape()
         q, outputs = [tape.variables(robot.n) for _ in range(order + 3)], []
         for law, rates in (QUANTITIES[name] for name in quantities.split()):
-            outputs += [x for term in law(model, columns(q[: order + rates + 1])).upto(order) for x in term.flat]
+            outputs += [x for term in law(model, column_series(q[: order + rates + 1])).upto(order) for x in term.flat]
         counts = tape.program(outputs).counts()
         assert counts["add"] + counts["sub"] + counts["mul"] <= most
 
@@ -310,7 +310,7 @@ def test_every_quantity_by_every_method_of_symbols(quantity, method):
     q = np.random.default_rng(3).uniform(-1, 1, (quantity.rates + order, 2))
     compute = method_of(robot, quantity)
     symbols = symbols_of(robot, casadi.SX.sym, len(q) - 3)
-    entries = [x for result in tupled(compute(*symbols, method=method)) for x in element(result, "it").ravel()]
+    entries = [x for result in tupled(compute(*symbols, method=method)) for x in convert_element(result, "it").ravel()]
     values = casadi.Function("f", [casadi.vertcat(*x) for x in symbols], [casadi.vertcat(*entries)])(*q)
     expected = np.concatenate([np.ravel(x) for x in tupled(compute(*q, method=method))])
     assert relative_error(np.array(values)[:, 0], expected) < 1e-12

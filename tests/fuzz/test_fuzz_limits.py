@@ -22,7 +22,7 @@ from fuzz.planted import (
     rounding,
     with_planted_limits,
 )
-from jounce.limits import slowdown, worst
+from jounce.limits import slowdown, worst_values
 from jounce.limits.peaks import Peaks
 
 NAMES = (*ROBOTS, "tree")
@@ -187,8 +187,8 @@ def test_measured_motions(budget):
 
 NO_PEAKS = Peaks(*(np.array([], dtype=kind) for kind in (str, int, int, float, float)))
 FAULTS = {
-    "peaks between rows": (worst, "peaks_of", lambda *_: NO_PEAKS, check_verdict, "samples", 0),
-    "jumps": (worst.Worst, "take_jumps", lambda *_: None, check_verdict, "points", 1),
+    "peaks between rows": (worst_values, "peaks_of", lambda *_: NO_PEAKS, check_verdict, "samples", 0),
+    "jumps": (worst_values.Worst, "take_jumps", lambda *_: None, check_verdict, "points", 1),
     "refined factors": (slowdown, "times_beyond", lambda *_: np.empty(0), check_slowdown, "samples", 0),
 }
 

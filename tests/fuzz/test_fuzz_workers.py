@@ -16,7 +16,7 @@ from fuzz.contract import kept, workshop
 from jounce.cli import main
 from jounce.io import tables
 from jounce.spatial.series import rate_name
-from jounce.stream import cluster, plan
+from jounce.stream import cluster, input_parts
 from jounce.stream.records import CONTINUATION
 
 ROBOT = jounce.load("planar2r")
@@ -99,7 +99,7 @@ def test_kills(budget, monkeypatch):
         with workshop("workers") as folder:
             source, here, there = (folder / at for at in ("states.csv", "here", "there"))
             written_states(rng, source)
-            monkeypatch.setattr(plan, "MAX_PART_CELLS", cells)
+            monkeypatch.setattr(input_parts, "MAX_PART_CELLS", cells)
             for place in (here, there):
                 place.mkdir()
                 (place / "limits.yaml").write_text(LIMITS)

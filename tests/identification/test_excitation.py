@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import jounce
+from jounce.identification.excitation_setup import prepare_search
 from jounce.identification.harmonics import Harmonics
-from jounce.identification.setup import search_of
 
 ARM = jounce.load("planar2r")
 LIMITED = ARM.with_limits(
@@ -88,7 +88,7 @@ def test_a_seed_gives_the_same_motion_again(found):
 def test_gradients_are_those_of_differences(limits):
     robot = LIMITED.with_limits(**limits)
     rng = np.random.default_rng(0)
-    search, _ = search_of(robot, Harmonics(4.0, 1, 3), COLUMNS, None, 3.0, 0.01, rng)
+    search, _ = prepare_search(robot, Harmonics(4.0, 1, 3), COLUMNS, None, 3.0, 0.01, rng)
     for delta in (0.01, 0.5):  # with values on both sides of it
         u, way = search.random_start(rng), rng.normal(size=search.units.size)
         h = 1e-5

@@ -7,10 +7,16 @@ import pytest
 
 import jounce
 from jounce.identification import low_pass as filters
-from jounce.identification.filtered import cells_of_momentum, cells_of_power, energy, filtered_rows, momentum
-from jounce.identification.low_pass import low_pass
+from jounce.identification.filtered_balances import (
+    average_momentum,
+    average_power,
+    energy_balance,
+    filter_rows,
+    momentum_balance,
+)
+from jounce.identification.low_pass import design_low_pass
 from jounce.identification.measurements import Measurements
-from jounce.model.drives import COLUMNS, TERMS
+from jounce.model.drives import DRIVE_COLUMNS, DRIVE_TERMS
 from support.files import refusal
 from support.quantities import branched
 from support.robots import Interpreted, floating, relative_error
@@ -19,7 +25,7 @@ from support.robots import Interpreted, floating, relative_error
 def moving_robot(seed=3, on_base=False):
     """A robot whose drives act, the parameters of it and of its drives, and a motion of it with wrenches."""
     rng = np.random.default_rng(seed)
-    m = replace(branched((-1, 0, 1, 0)).mechanism, elasticity=None, acting=TERMS)
+    m = replace(branched((-1, 0, 1, 0)).mechanism, elasticity=None, acting=DRIVE_TERMS)
     m = floating(m, rng) if on_base else m
     motion = jounce.Motion.fourier(
         *rng.uniform(-0.5, 0.5, (3, m.n))[:1], *rng.uniform(-0.3, 0.3, (2, 2, m.n)), 3.0, 2.0
@@ -44,13 +50,13 @@ def test_the_filter_is_exact_for_cubics_at_uneven_times(degree):
     t, f = uneven(np.random.default_rng(1), 60, 3.0), 0.7
     u, w = np.polynomial.Polynomial(np.arange(1.0, degree + 2)), 2 * np.pi * f
     steady = sum((-1 / w) ** k * u.deriv(k) for k in range(degree + 1))  # the polynomial with y' = w (u - y)
-    found = low_pass(t, f).apply(u(t)[:, None])[:, 0]
+    found = design_low_pass(t, f).apply(u(t)[:, None])[:, 0]
     np.testing.assert_allclose(found, steady(t) - np.exp(-w * t) * steady(0), rtol=0, atol=1e-11 * abs(u(3.0)))
 
 
 def test_where_intervals_differ_much_noise_is_not_amplified():
     t = np.sort(np.append(np.linspace(0, 1, 50), np.linspace(0, 1, 50)[5:45] + 1e-9))
-    through = low_pass(t, 2.0)
+    through = design_low_pass(t, 2.0)
     assert np.abs(through.weights).sum() < 2 * through.weights.sum()
     w = through.cutoff
     found = through.apply(2 * t[:, None] - 1)[:, 0]
@@ -62,10 +68,10 @@ def test_the_balance_of_momentum_is_the_equation_of_motion(on_base):
     robot, p, motion = moving_robot(on_base=on_base)
     t = np.linspace(0.1, 1.9, 7)
     rates, base = motion(t, 2), motion.base(t, 2)
-    _, of_stored = robot.momentum_regressor(*rates, drives=COLUMNS, base=base)
+    _, of_stored = robot.momentum_regressor(*rates, drives=DRIVE_COLUMNS, base=base)
     _, pd = robot.generalized_momentum(*rates, base=base)
-    rest, stored = momentum(robot, motion, t, COLUMNS)
-    assert relative_error(of_stored + rest[..., :-1], robot.regressor(*rates, drives=COLUMNS, base=base)) < 1e-12
+    rest, stored = momentum_balance(robot, motion, t, DRIVE_COLUMNS)
+    assert relative_error(of_stored + rest[..., :-1], robot.regressor(*rates, drives=DRIVE_COLUMNS, base=base)) < 1e-12
     assert relative_error((of_stored + rest[..., :-1]) @ p, robot.inverse_dynamics(*rates, base=base)) < 1e-12
     assert relative_error(stored[..., :-1] @ p, stored[..., -1]) < 1e-12
     wrench = motion.wrench(t, 0)
@@ -76,29 +82,29 @@ def test_the_balance_of_energy_is_the_power_of_the_forces():
     robot, p, motion = moving_robot()
     t = np.linspace(0.1, 1.9, 7)
     rates = motion(t, 2)
-    _, of_stored = robot.energy_regressor(*rates, drives=COLUMNS)
+    _, of_stored = robot.energy_regressor(*rates, drives=DRIVE_COLUMNS)
     power, loaded = (
         np.einsum("ti,ti->t", rates[1], robot.inverse_dynamics(*rates, wrench=W)) for W in (None, motion.wrench(t, 0))
     )
-    rest, stored = (x[:, 0] for x in energy(robot, motion, t, COLUMNS))
+    rest, stored = (x[:, 0] for x in energy_balance(robot, motion, t, DRIVE_COLUMNS))
     assert relative_error((of_stored + rest[..., :-1]) @ p, power) < 1e-12
     assert relative_error(stored[..., :-1] @ p, stored[..., -1]) < 1e-12
     assert relative_error(of_stored @ p + rest[..., -1], loaded) < 1e-12
 
 
-@pytest.mark.parametrize("law", [momentum, energy])
+@pytest.mark.parametrize("law", [momentum_balance, energy_balance])
 def test_filtered_rows_fit_filtered_forces_whatever_the_pieces(law, monkeypatch):
     robot, p, motion = moving_robot()
     t = uneven(np.random.default_rng(2), 250, 2.0)
-    through = low_pass(t, 3.0)
+    through = design_low_pass(t, 3.0)
     rates = motion(t, 2)
-    rows = np.concatenate([y for _, y in filtered_rows(law, robot, motion, COLUMNS, through)])
+    rows = np.concatenate([y for _, y in filter_rows(law, robot, motion, DRIVE_COLUMNS, through)])
     for found, W in ((rows[..., :-1] @ p, None), (rows[..., -1], motion.wrench(t, 0))):
         Q = robot.inverse_dynamics(*rates, wrench=W)
-        right = Q if law is momentum else np.einsum("ti,ti->t", rates[1], Q)[:, None]
+        right = Q if law is momentum_balance else np.einsum("ti,ti->t", rates[1], Q)[:, None]
         assert relative_error(found, through.apply(right)) < 1e-4
     monkeypatch.setattr(filters, "MAX_REGRESSOR_SAMPLES", 37)
-    parts = list(filtered_rows(law, robot, motion, COLUMNS, through))
+    parts = list(filter_rows(law, robot, motion, DRIVE_COLUMNS, through))
     assert [part.stop for part, _ in parts][-2:] == [223, 250]
     np.testing.assert_allclose(np.concatenate([y for _, y in parts]), rows, rtol=0, atol=1e-12 * np.abs(rows).max())
 
@@ -153,7 +159,7 @@ def test_deviations_of_smoothed_positions_enter(arm):
     q = motion(T, 0)[0] + np.random.default_rng(1).normal(0, 1e-4, (len(T), 2))
     smoothed = jounce.Motion.fit(T, q)
     samples = Measurements(T, Q, np.ones_like(Q))
-    for cells_of in (cells_of_momentum, cells_of_power):
+    for cells_of in (average_momentum, average_power):
         cells = cells_of(model, smoothed, samples, (), 0.2, 2.5)
         assert cells.spread[0].min() > 10 * np.median(cells.spread, axis=0).max()  # smoothing is worst at the ends
         slow = cells_of(model, smoothed, samples, (), 0.2, 0.2).spread
@@ -174,4 +180,4 @@ def test_what_power_cannot_do_is_refused_in_one_line(arm):
     )
     moving = motion.with_base(None, np.eye(4))
     refusal(lambda: model.identify(moving, Q, t=T, method="power"), "method='power' needs a base at rest")
-    refusal(lambda: low_pass(T[:3], 1.0), "a filter needs 4 samples or more, got 3")
+    refusal(lambda: design_low_pass(T[:3], 1.0), "a filter needs 4 samples or more, got 3")

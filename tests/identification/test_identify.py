@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.identification.regression import solve
+from jounce.identification.regression import solve_normal_equations
 from support.files import refusal
 
 SECONDS, COUNT = 6.0, 1501
@@ -254,7 +254,7 @@ def test_refuses(arm, motion, Q, given, words):
 
 
 def test_the_shortest_solution_of_what_is_not_determined():
-    found = solve(np.diag([4.0, 0.0]), np.array([8.0, 0.0]))
+    found = solve_normal_equations(np.diag([4.0, 0.0]), np.array([8.0, 0.0]))
     assert found.x.tolist() == [2, 0]
     assert np.diag(found.covariance).tolist() == [0.25, np.inf]
     assert (found.rank, found.condition) == (1, 1.0)

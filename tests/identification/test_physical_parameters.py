@@ -10,11 +10,11 @@ from scipy.optimize import minimize
 from scipy.stats import chi2
 
 import jounce
-from jounce.checks.audit.inertias import impossible
+from jounce.checks.audit.inertias import check_inertias
 from jounce.dynamics.base_parameters import base_parameters
-from jounce.identification.physical import DEFAULT_DIVERGENCE_WEIGHT, consistent_parameters
-from jounce.model import equivalent
-from jounce.model.parameters import parameters_of, with_parameters
+from jounce.identification.physical_consistency import DEFAULT_DIVERGENCE_WEIGHT, fit_consistent_parameters
+from jounce.model import equivalent_mechanisms
+from jounce.model.parameters import inertial_parameters, with_inertial_parameters
 from jounce.spatial import inertia
 from support.bases import random_base
 from support.files import refusal
@@ -41,7 +41,7 @@ def log_cholesky(x, T):
 
 def other_bodies(m, rng, far):
     """Parameters of bodies that can exist; the logarithms of their sizes are off by `far`."""
-    return log_cholesky(far * rng.normal(size=(m.nb, 10)), np.linalg.cholesky(moments(parameters_of(m))))
+    return log_cholesky(far * rng.normal(size=(m.nb, 10)), np.linalg.cholesky(moments(inertial_parameters(m))))
 
 
 def data(m, rng, p, d=(), terms=(), deviation=0.1, count=60):
@@ -62,7 +62,7 @@ def divergence(Pi, Pi0):
 
 
 def can_exist(m, found):
-    return not impossible(with_parameters(m, found.parameters))
+    return not check_inertias(with_inertial_parameters(m, found.parameters))
 
 
 def slopes(found, m, base, A, estimate, weight):
@@ -70,7 +70,7 @@ def slopes(found, m, base, A, estimate, weight):
     of_values = A @ (found.values - estimate)
     of_parameters = (base.matrix.T @ of_values[: base.count]).reshape(-1, 10)
     G = (np.linalg.pinv(UNIT_MOMENTS.reshape(10, 16)) @ of_parameters.T).T.reshape(-1, 4, 4)
-    Pi, Pi0 = moments(found.parameters), moments(parameters_of(m))
+    Pi, Pi0 = moments(found.parameters), moments(inertial_parameters(m))
     V = np.linalg.cholesky(Pi)
     return V.mT @ (G + weight * (np.linalg.inv(Pi0) - np.linalg.inv(Pi))) @ V, of_values[base.count :]
 
@@ -81,9 +81,9 @@ def test_it_is_the_minimum_of_a_convex_function(drawn, floats, deviation):
     """At any estimate, most of them of impossible bodies."""
     m, rng = drawn
     m = floating(m, rng) if floats else m
-    base, A, estimate, _ = data(m, rng, parameters_of(m), np.zeros(4 * len(m.joints)), TERMS, deviation)
+    base, A, estimate, _ = data(m, rng, inertial_parameters(m), np.zeros(4 * len(m.joints)), TERMS, deviation)
     estimate += rng.normal(size=len(estimate))
-    found = consistent_parameters(m, base, A, estimate, TERMS)
+    found = fit_consistent_parameters(m, base, A, estimate, TERMS)
     assert np.linalg.eigvalsh(moments(found.parameters)).min() > 0
     of_bodies, of_drives = slopes(found, m, base, A, estimate, DEFAULT_DIVERGENCE_WEIGHT)
     assert np.abs(of_bodies).max() < 1e-4 * DEFAULT_DIVERGENCE_WEIGHT
@@ -100,10 +100,10 @@ def test_it_is_the_minimum_of_a_convex_function(drawn, floats, deviation):
 def test_another_optimiser_in_log_cholesky_parameters_finds_the_same():
     rng = np.random.default_rng(0)
     m = random_mechanism(rng, [-1], ["revolute"], [2.0])
-    base, A, estimate, _ = data(m, rng, parameters_of(m), deviation=1.0, count=10)
-    Pi0 = moments(parameters_of(m))
+    base, A, estimate, _ = data(m, rng, inertial_parameters(m), deviation=1.0, count=10)
+    Pi0 = moments(inertial_parameters(m))
     estimate = estimate * [1.0, 2.0, -0.5]
-    found = consistent_parameters(m, base, A, estimate)
+    found = fit_consistent_parameters(m, base, A, estimate)
 
     def objective(p):
         off = base.matrix @ p - estimate
@@ -123,7 +123,7 @@ def test_impossible_data_get_the_best_fit_of_possible_bodies():
     estimate = np.array([0.0, 0.0, -1.0])
     assert [name[-3:] for name in base.names] == ["mcx", "mcy", "Izz"]
     for weight in (1.0, 1e-2, 1e-4):
-        found = consistent_parameters(m, base, scale * np.eye(3), estimate, weight=weight)
+        found = fit_consistent_parameters(m, base, scale * np.eye(3), estimate, weight=weight)
         assert scale < scale * np.sum((found.values - estimate) ** 2) < scale + 8 * weight
 
 
@@ -135,7 +135,7 @@ def test_exact_data_of_bodies_that_can_exist_are_met(far, floats):
     m = floating(m, rng) if floats else m
     p, d = other_bodies(m, rng, far), np.append(rng.uniform(0, 1, 9), rng.normal(size=3))
     base, A, estimate, true = data(m, rng, p, d, TERMS, deviation=1e-5)
-    found = consistent_parameters(m, base, A, estimate, TERMS)
+    found = fit_consistent_parameters(m, base, A, estimate, TERMS)
     off = (
         found.values - true
     )  # in what is seen: armature and the moment of inertia of the first joint are not told apart
@@ -152,14 +152,14 @@ def test_what_the_data_do_not_see_stays(drawn, rank):
     """Data of few directions, whose estimate is that of the robot, or nothing."""
     m, rng = drawn
     m = replace(m, drives=replace(m.drives, friction=rng.uniform(0, 2, m.nb)))
-    base, own, terms = base_parameters(m), parameters_of(m), ("friction", "offset")
+    base, own, terms = base_parameters(m), inertial_parameters(m), ("friction", "offset")
     Y = rng.normal(size=(rank, base.count + 2 * m.nb)) * 1e3
     d = np.append(m.drives.friction, np.zeros(m.nb))
-    found = consistent_parameters(m, base, Y.T @ Y, np.append(base.values, d), terms)
+    found = fit_consistent_parameters(m, base, Y.T @ Y, np.append(base.values, d), terms)
     scale = np.abs(own).max()
     np.testing.assert_allclose(found.parameters, own, rtol=1e-6, atol=1e-7 * scale)
     np.testing.assert_allclose(found.values[base.count :], d, atol=1e-6)
-    nothing = consistent_parameters(m, base, 0 * Y.T @ Y, rng.normal(size=base.count + 2 * m.nb), terms)
+    nothing = fit_consistent_parameters(m, base, 0 * Y.T @ Y, rng.normal(size=base.count + 2 * m.nb), terms)
     np.testing.assert_allclose(nothing.parameters, own, rtol=1e-12, atol=1e-12 * scale)
     np.testing.assert_array_equal(nothing.values[base.count :], d)
 
@@ -169,7 +169,7 @@ def test_a_robot_that_does_nothing_stays_as_it_is():
     m = replace(jounce.load("iiwa14").mechanism, gravity=np.zeros(3))
     base = base_parameters(m)
     A = np.diag(np.repeat([0.0, 1.0], [base.count, 7]))
-    found = consistent_parameters(m, base, A, np.zeros(len(A)), ("offset",))
+    found = fit_consistent_parameters(m, base, A, np.zeros(len(A)), ("offset",))
     np.testing.assert_array_equal(found.drives["offset"], 0.0)
     np.testing.assert_array_equal(A @ found.values, 0.0)
 
@@ -182,9 +182,9 @@ def test_noise_is_followed_within_its_deviations():
     for _ in range(20):
         p = other_bodies(m, rng, 0.3)
         base, A, estimate, true = data(m, rng, p, deviation=0.5, count=30)
-        found = consistent_parameters(m, base, A, estimate)
+        found = fit_consistent_parameters(m, base, A, estimate)
         off, noise = found.values - true, estimate - true
-        prior = 2 * DEFAULT_DIVERGENCE_WEIGHT * divergence(moments(p), moments(parameters_of(m)))
+        prior = 2 * DEFAULT_DIVERGENCE_WEIGHT * divergence(moments(p), moments(inertial_parameters(m)))
         assert (found.values - estimate) @ A @ (found.values - estimate) <= noise @ A @ noise + prior
         chi.append((noise @ A @ noise, off @ A @ off))
         assert can_exist(m, found)
@@ -200,28 +200,30 @@ def test_frames_of_bodies_do_not_matter():
     p, T = other_bodies(m, rng, 0.3), [random_pose(rng) for _ in range(2)]
 
     def in_frames(p):
-        return parameters_of(equivalent.reframe(with_parameters(m, p), T))
+        return inertial_parameters(equivalent_mechanisms.reframe(with_inertial_parameters(m, p), T))
 
     found = [
-        consistent_parameters(x, *data(x, np.random.default_rng(4), parameters, deviation=0.5, count=10)[:3]).parameters
-        for x, parameters in ((m, p), (equivalent.reframe(m, T), in_frames(p)))
+        fit_consistent_parameters(
+            x, *data(x, np.random.default_rng(4), parameters, deviation=0.5, count=10)[:3]
+        ).parameters
+        for x, parameters in ((m, p), (equivalent_mechanisms.reframe(m, T), in_frames(p)))
     ]
     np.testing.assert_allclose(in_frames(found[0]), found[1], atol=1e-6 * np.abs(found[1]).max())
 
 
 def test_points_get_an_extent_and_what_has_no_mass_keeps_none():
     m = jounce.load("planar2r").mechanism
-    p = parameters_of(m)
+    p = inertial_parameters(m)
     base, A, estimate, _ = data(m, np.random.default_rng(5), 2 * p)
-    found = consistent_parameters(m, base, A, estimate)
+    found = fit_consistent_parameters(m, base, A, estimate)
     assert (found.thickened, found.massless) == (("body1", "body2"), ())
     assert np.linalg.eigvalsh(moments(found.parameters)).min() > 0
     np.testing.assert_allclose(found.values, 2 * base.values, atol=0.1)
-    blind = consistent_parameters(m, base, 0 * A, estimate).parameters - p
+    blind = fit_consistent_parameters(m, base, 0 * A, estimate).parameters - p
     extent = 1e-3 * np.array([0, 0, 0, 0, 2, 0, 2, 0, 0, 2])  # of a thousandth of the squared distance of the joints
     np.testing.assert_allclose(blind, np.tile(extent, 2), atol=1e-12)
-    light = with_parameters(m, p * np.repeat([0, 1], 10))
-    found = consistent_parameters(light, base_parameters(light), A, estimate)
+    light = with_inertial_parameters(m, p * np.repeat([0, 1], 10))
+    found = fit_consistent_parameters(light, base_parameters(light), A, estimate)
     assert (found.thickened, found.massless) == (("body2",), ("body1",))
     np.testing.assert_array_equal(found.parameters[:10], 0.0)
 
@@ -229,7 +231,7 @@ def test_points_get_an_extent_and_what_has_no_mass_keeps_none():
 def test_an_impossible_robot_gets_the_bodies_near_it():
     robot = jounce.load("iiwa14")  # rounded parameters: link2 is flat, the others break the triangle inequality
     base, k = robot.base_parameters(), robot.base_parameters().count
-    found = consistent_parameters(robot.mechanism, base, np.eye(k), base.values)
+    found = fit_consistent_parameters(robot.mechanism, base, np.eye(k), base.values)
     assert found.thickened == ("link2", "link4", "link7")
     assert can_exist(robot.mechanism, found)
 
@@ -244,6 +246,6 @@ def test_an_impossible_robot_gets_the_bodies_near_it():
 )
 def test_without_a_start_there_is_one_line(factors, words):
     m = jounce.load("planar2r").mechanism
-    p = parameters_of(m).reshape(2, 10) * np.stack([np.broadcast_to(x, 10) for x in factors])
-    m = with_parameters(m, p.ravel())
-    refusal(lambda: consistent_parameters(m, base_parameters(m), np.eye(6), np.ones(6)), words)
+    p = inertial_parameters(m).reshape(2, 10) * np.stack([np.broadcast_to(x, 10) for x in factors])
+    m = with_inertial_parameters(m, p.ravel())
+    refusal(lambda: fit_consistent_parameters(m, base_parameters(m), np.eye(6), np.ones(6)), words)

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 import jounce
 from jounce.cli import main
 from jounce.io import bundled
-from jounce.io.bundled import BUNDLED, notices
+from jounce.io.bundled import BUNDLED, read_notices
 from jounce.model.mechanism import Mechanism
 from support.closed_robots import LOOP_ROBOTS
 from support.files import refusal
@@ -80,7 +80,7 @@ def test_robots_whose_base_has_no_known_inertia_do_not_float():
 
 @pytest.mark.parametrize("name", FILES)
 def test_source_and_licence_go_with_the_numbers(name):
-    robot, texts = BUNDLED[name], notices(name)
+    robot, texts = BUNDLED[name], read_notices(name)
     head = (FOLDER / name / "robot.yaml").read_text().split("name:")[0]
     assert all(line.startswith("# ") for line in head.splitlines())
     assert {robot.source, robot.urdf} <= set(head.replace(",", " ").split())
@@ -132,9 +132,9 @@ def test_the_verb_lists_them_as_json():
 def test_the_verb_shows_licences_in_full(name):
     said = call(name).stdout
     assert BUNDLED[name].source in said
-    assert all(text.strip() in said for text in notices(name).values())
+    assert all(text.strip() in said for text in read_notices(name).values())
     shown = json.loads(call(name, "--json").stdout)
-    assert (shown["name"], shown["notices"]) == (name, notices(name))
+    assert (shown["name"], shown["notices"]) == (name, read_notices(name))
 
 
 def test_the_verb_knows_no_others():

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.model.positions import positions, single_positions
+from jounce.model.positions import multiscrew_joints, single_positions
 from support.robots import relative_error
 
 LEG = """
@@ -89,7 +89,7 @@ def squat(robot, t, count):
     m = robot.mechanism
     shares = np.array([SQUAT.get(name.partition("-")[2], 0) for name in m.coordinates])
     rates = [shares @ single_positions(m) * s[0], *(shares * value for value in s[1:])]
-    for x in positions(m).values():
+    for x in multiscrew_joints(m).values():
         axis = np.array([0.6, 0, 0.8]) if x.name.startswith("left") else np.array([0, 0.28, -0.96])
         rates[0][x.numbers] = [*axis * np.sin(0.2 * s[0]), np.cos(0.2 * s[0])]
         for rate, value in zip(rates[1:], s[1:], strict=True):
@@ -102,7 +102,7 @@ def squat(robot, t, count):
 def test_it_loads_without_an_edit(biped):
     robot, model = biped
     assert (robot.nq, robot.nv) == (model.nq, model.nv)
-    assert {x.name for x in positions(robot.mechanism).values()} == {
+    assert {x.name for x in multiscrew_joints(robot.mechanism).values()} == {
         f"{side}-{rod}-rod" for side in ("left", "right") for rod in ("achilles", "plantar")
     }
     assert [loop.joint for loop in robot.mechanism.loops] == ["spherical"] * 4

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 import jounce
 from jounce.cli import main
-from jounce.model.positions import positions
+from jounce.model.positions import multiscrew_joints
 from support.files import GOOD, refusal, robot_file
 from support.robots import differentiated, harmonic, random_pose, relative_error
 
@@ -107,7 +107,7 @@ def model_of(text):
 
 def without_balls(robot):
     """The robot with its balls locked where the file has their bodies."""
-    return robot.locked({x.name: [0, 0, 0, 1] for x in positions(robot.mechanism).values()})
+    return robot.locked({x.name: [0, 0, 0, 1] for x in multiscrew_joints(robot.mechanism).values()})
 
 
 def rows(model):

@@ -162,7 +162,7 @@ def test_anchors_spare_repetition(tmp_path):
 
 def test_files_are_pleasant_to_read(tmp_path):
     """Forms for people wherever they read back the same; vectors on a line, whole numbers without a point."""
-    text = writing.yaml(jounce.load("iiwa14").mechanism)
+    text = writing.yaml_text(jounce.load("iiwa14").mechanism)
     start = """\
 name: iiwa14
 units: SI
@@ -188,7 +188,7 @@ bodies:
 """
     assert text.startswith(start)
     mechanism = jounce.load(PANDA).mechanism
-    panda = writing.yaml(mechanism)
+    panda = writing.yaml_text(mechanism)
     assert "matrix" not in text
     exact = [body["name"] for body in writing.document(mechanism)["bodies"] if "matrix" in body["inertia"]]
     assert {*exact} <= {"panda_link7"}  # links were merged into it, which may take all digits of the matrix

@@ -7,14 +7,14 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import jounce
-from jounce.limits import pieces, search
-from jounce.limits.bounded import Bounded
-from jounce.limits.pieces import pieces_of
-from jounce.limits.validation import bounded
+from jounce.limits import motion_polynomials, root_finding
+from jounce.limits.limited_motion import LimitedMotion
+from jounce.limits.motion_polynomials import split_motion
+from jounce.limits.validation import validate_limits
 from jounce.motion import hermite
-from jounce.motion.analytic import Analytic, Cosine, Terms
+from jounce.motion.analytic import AnalyticCurve, Cosine, Terms
 from jounce.motion.motion import Motion
-from jounce.motion.smoothness import resolution
+from jounce.motion.smoothness import rounding_error
 from support.files import refusal
 
 HOME = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
@@ -204,7 +204,7 @@ def test_rounding_of_a_rate_that_vanishes_is_not_followed(bound):
     """At a constant velocity gravity alone acts on the first joint: Qd less that of gravity is what rounding leaves."""
     motion = jounce.Motion.polynomial([[0, 1.0], [0.5, 0]], 4.0).with_step(0.01)
     limited = jounce.load("planar2r").with_limits(effort_rate=[bound, np.inf], of="Q - Qgrav")
-    assert sum(len(pieces.start) for pieces in pieces_of(bounded(limited, motion))) < 4 * len(motion.times)
+    assert sum(len(pieces.start) for pieces in split_motion(validate_limits(limited, motion))) < 4 * len(motion.times)
     assert limited.check(motion).verdict == "kept"
 
 
@@ -294,7 +294,7 @@ def test_stamps_since_1970_are_checked_as_those_since_the_start():
     q = np.stack([np.sin(9 * t), np.cos(80 * t) / 50], axis=1)
     robot = jounce.load("planar2r").with_limits(velocity=3, effort_rate=2000)
     slower = [jounce.Motion.fit(start + t, q).scaled(3.2) for start in (0, 1.7e9)]
-    counts = [sum(len(pieces.start) for pieces in pieces_of(bounded(robot, motion))) for motion in slower]
+    counts = [sum(len(pieces.start) for pieces in split_motion(validate_limits(robot, motion))) for motion in slower]
     assert counts[1] <= 1.05 * counts[0]
 
 
@@ -302,18 +302,18 @@ def rows_of(digits, count=300, known=4):
     """A table of all rates of sines, a row each ms: rounded digits of q make ripples between rows."""
     t, w, turns = 1e-3 * np.arange(count), np.array([2, 5]), np.array([0, 1])
     rates = [w**k * [1, 1 / 3] * np.sin(np.outer(t, w) + np.pi / 2 * (turns + k)) for k in range(known + 1)]
-    return Motion(hermite.Hermite(t, tuple(rate.round(digits) for rate in rates)), None, "rows")
+    return Motion(hermite.HermiteCurve(t, tuple(rate.round(digits) for rate in rates)), None, "rows")
 
 
 def evaluations(monkeypatch, call):
     """What a call returns, and at how many times it asks for what limits bound."""
-    counts, series = [], Bounded.series
+    counts, series = [], LimitedMotion.series
 
     def count(b, t, side="right"):
         counts.append(len(t))
         return series(b, t, side)
 
-    monkeypatch.setattr(Bounded, "series", count)
+    monkeypatch.setattr(LimitedMotion, "series", count)
     return call(), sum(counts)
 
 
@@ -329,7 +329,9 @@ def test_ripples_between_rows_of_few_digits_take_few_evaluations(monkeypatch, ki
     peak = np.abs(dense).max(axis=0)
     for share, verdict in ((0.99, "broken"), (1.02, "kept")):
         limited = robot.with_limits(**{kind: share * peak})
-        assert sum(len(pieces.start) for pieces in pieces_of(bounded(limited, motion))) < 5 * len(motion.times)
+        assert sum(len(pieces.start) for pieces in split_motion(validate_limits(limited, motion))) < 5 * len(
+            motion.times
+        )
         found, count = evaluations(monkeypatch, lambda limited=limited: limited.check(motion))
         assert found.verdict == verdict
         assert count < 1500 * len(motion.times)  # each row has peaks that are placed
@@ -344,7 +346,7 @@ def test_rounding_of_phases_since_1970_is_no_peak(monkeypatch, start, w):
     """Rows 20 us apart: polynomials of rates would divide the rounding of w t, 1e-6, by the square of that."""
     t = start + 20e-6 * np.arange(200)
     terms = [Terms((0.1,), (Cosine(0.3, w * (1 + j / 2), 0.2), Cosine(0.02, 2.2 * w, 1.0))) for j in range(2)]
-    motion = Motion(Analytic(tuple(terms), t[0], t[-1]), None, "analytic terms", grid=t)
+    motion = Motion(AnalyticCurve(tuple(terms), t[0], t[-1]), None, "analytic terms", grid=t)
     robot = jounce.load("planar2r")
     peak = np.abs(robot.inverse_dynamics(*motion(np.linspace(t[0], t[-1], 4001)))[2]).max(axis=0)
     for share, verdict in ((0.99, "broken"), (1.01, "kept")):
@@ -411,13 +413,13 @@ def test_digits_of_a_table_are_counted_once(monkeypatch):
 
     def count(column):
         counted.append(column)
-        return resolution(column)
+        return rounding_error(column)
 
-    monkeypatch.setattr(hermite, "resolution", count)
+    monkeypatch.setattr(hermite, "rounding_error", count)
     t, q = _samples()
     w, turns = np.array([2, 5]), np.array([0, 1])
     rates = [w**k * [1, 1 / 3] * np.sin(np.outer(t, w) + np.pi / 2 * (turns + k)) for k in range(1, 5)]
-    curve = hermite.Hermite(t, (q, *rates))
+    curve = hermite.HermiteCurve(t, (q, *rates))
     robot = jounce.load("planar2r").with_limits(velocity=1.0, effort_rate=5)
     assert robot.check(Motion(curve, None, "rows")).verdict == "broken"
     assert len(counted) == q.shape[1]
@@ -433,7 +435,7 @@ def test_rounding_of_the_highest_rates_is_not_looked_into(kind, start, jitter):
     stamps = start + t + jitter * np.random.default_rng(0).uniform(-1, 1, len(t))
     motion = jounce.Motion.through(stamps, q)
     robot = jounce.load("planar2r").with_limits(**{kind: 1e3})
-    pieces = sum(len(pieces.start) for pieces in pieces_of(bounded(robot, motion)))
+    pieces = sum(len(pieces.start) for pieces in split_motion(validate_limits(robot, motion)))
     assert pieces < (4 if jitter == 0 else 8) * len(t)
     row = robot.check(motion).worst
     rates = motion(np.linspace(motion.start, motion.stop, 20001))
@@ -469,7 +471,7 @@ def test_a_peak_near_a_break_is_found_whatever_comes_behind_it(peak, side, share
 @pytest.mark.parametrize(("share", "verdict"), [(1 - 1e-5, "broken"), (1 + 1e-5, "kept")])
 def test_a_higher_peak_of_a_later_block_is_found_off_the_grid(monkeypatch, first, share, verdict):
     """Quintics from rest to rest: accelerations reach 10 / sqrt(3), 1 % more than at any sixteenth of the way."""
-    monkeypatch.setattr(pieces, "_PIECES_PER_BLOCK", 1)
+    monkeypatch.setattr(motion_polynomials, "_PIECES_PER_BLOCK", 1)
     arm = jounce.load("planar2r").locked({"joint2": 0.0})
     table = {"joint1.q": [0, first, first + 1], "joint1.qd": np.zeros(3), "joint1.q2d": np.zeros(3)}
     motion = jounce.load_motion({"t": [0.0, 1.0, 2.0], **table}, arm, 0)
@@ -489,7 +491,7 @@ def test_peaks_below_a_thousandth_of_a_limit_are_those_of_rows(share, exact):
 def test_a_peak_between_neighbouring_doubles_is_found():
     low = np.array([3600.0, 1.7e9])
     high = np.nextafter(low, np.inf)
-    t = search.largest(lambda t: -((t - low[:, None]) ** 2), low, high)
+    t = root_finding.find_maxima(lambda t: -((t - low[:, None]) ** 2), low, high)
     assert ((low <= t) & (t <= high)).all()
 
 
@@ -499,9 +501,11 @@ def test_zeros_are_found_to_rounding_each_at_its_own_pace():
     def f(t, at):
         return np.choose(at, [t - 0.1, (t - 0.25) ** 3, np.sign(t - 0.9), np.exp(9 * t) - np.exp(4.5)])
 
-    np.testing.assert_allclose(search.root(f, np.zeros(4), np.ones(4)), zeros, atol=1e-5)
-    np.testing.assert_allclose(search.root(f, np.zeros(4), np.ones(4))[[0, 2, 3]], zeros[[0, 2, 3]], atol=1e-14)
+    np.testing.assert_allclose(root_finding.find_roots(f, np.zeros(4), np.ones(4)), zeros, atol=1e-5)
+    np.testing.assert_allclose(
+        root_finding.find_roots(f, np.zeros(4), np.ones(4))[[0, 2, 3]], zeros[[0, 2, 3]], atol=1e-14
+    )
     ends = np.stack([f(np.full(4, t), np.arange(4)) for t in (0.0, 1.0)])
     low, high = np.zeros(4), np.ones(4)
-    np.testing.assert_array_equal(search.root(f, low, high, ends), search.root(f, low, high))
-    assert search.root(lambda t, at: t + 1, np.zeros(1), np.ones(1)) == 0
+    np.testing.assert_array_equal(root_finding.find_roots(f, low, high, ends), root_finding.find_roots(f, low, high))
+    assert root_finding.find_roots(lambda t, at: t + 1, np.zeros(1), np.ones(1)) == 0

@@ -5,9 +5,9 @@ import pytest
 from test_check import fourier, rows
 
 import jounce
-from jounce.limits.deviations import deviations_of
-from jounce.limits.scaling import polynomials
-from jounce.limits.validation import bounded
+from jounce.limits.deviations import compute_deviations
+from jounce.limits.speed_polynomials import polynomials
+from jounce.limits.validation import validate_limits
 from support.files import refusal
 
 STIFFNESS, ROTOR = [300.0, 200.0], [0.4, 0.2]
@@ -47,7 +47,7 @@ def test_worst_values_are_those_of_a_dense_grid():
 def test_motors_are_polynomials_of_the_speed():
     elastic = arm(motor_position=9, motor_velocity=9, motor_torque=900)
     t = np.linspace(MOTION.start, MOTION.stop, 7)
-    found = polynomials(bounded(elastic, MOTION), t)
+    found = polynomials(validate_limits(elastic, MOTION), t)
     assert {kind: len(c) - 1 for kind, c in found.items()} == {
         "motor_position": 2,
         "motor_velocity": 3,
@@ -135,9 +135,9 @@ def test_deviations_of_motors_follow_from_those_of_the_joints():
     robot = jounce.load("planar2r").elastic(STIFFNESS, motors=motor).with_limits(**limits)
     truth, t = fourier(3, 2, duration=4.0), np.linspace(0, 4, 2001)
     measured = jounce.Motion.fit(t, truth(t, 0)[0] + np.random.default_rng(0).normal(0, 1e-5, (2001, 2)))
-    b, middle = bounded(robot, measured), np.linspace(1, 3, 41)
-    found, exact = b.values(middle), bounded(robot, truth).values(middle)
-    for kind, off in deviations_of(b, middle).items():
+    b, middle = validate_limits(robot, measured), np.linspace(1, 3, 41)
+    found, exact = b.values(middle), validate_limits(robot, truth).values(middle)
+    for kind, off in compute_deviations(b, middle).items():
         assert (off > 0).all()
         assert (np.abs(found[kind] - exact[kind]) < 5 * off).all()
         assert (off < 0.02 * np.abs(exact[kind]).max(axis=0)).all()

@@ -8,15 +8,15 @@ from scipy.interpolate import make_interp_spline
 
 import jounce
 from jounce import JounceError, Motion
-from jounce.limits import friction, pace
-from jounce.limits.barrier import Program, fastest
+from jounce.limits import friction, path_velocity
+from jounce.limits.barrier import BarrierProgram, minimize_duration
 from jounce.limits.basis import Basis
-from jounce.limits.friction import friction_of
-from jounce.limits.grid import DUALITY_GAP, GRID_POINTS_PER_POINT, WARM_START_GAP, Grid
-from jounce.limits.path import path_of
-from jounce.limits.problem import problem_of, without_friction
-from jounce.model.kinds import EFFORT_KINDS
-from jounce.motion.time_law import Paced, TimeLaw
+from jounce.limits.friction import acting_friction
+from jounce.limits.path import sample_path
+from jounce.limits.retime_problem import build_problem, without_friction
+from jounce.limits.transcription import DUALITY_GAP, GRID_POINTS_PER_POINT, WARM_START_GAP, Grid
+from jounce.model.limit_kinds import EFFORT_KINDS
+from jounce.motion.time_law import TimeLaw, TimeLawCurve
 
 PANDA = jounce.load("panda", lock={"panda_finger_joint1": 0.0})
 UR5 = jounce.load("ur5")
@@ -59,8 +59,8 @@ def law_of(motion, degree=5):
 
 
 def by_law(motion, law):
-    loads = {body: Paced(curve, law) for body, curve in motion.loads.items()}
-    return replace(motion, curve=Paced(motion.curve, law), loads=loads)
+    loads = {body: TimeLawCurve(curve, law) for body, curve in motion.loads.items()}
+    return replace(motion, curve=TimeLawCurve(motion.curve, law), loads=loads)
 
 
 def rubbing(robot, friction, eps=0.05):
@@ -98,10 +98,10 @@ def test_path_algebra_gives_the_forces_of_composed_motions(robot):
     composed = by_law(motion, law)
     t = np.linspace(composed.start, composed.stop, 57)
     sigma = law.sigma(t)
-    path, jet = path_of(without_friction(robot), motion, sigma, 2), np.stack([law.x(sigma, nu=k) for k in range(4)])
+    path, jet = sample_path(without_friction(robot), motion, sigma, 2), np.stack([law.x(sigma, nu=k) for k in range(4)])
     along = robot.forces_along(composed, t)
     gravity = robot.gravity_forces(*along.rates[:3])
-    coulomb, products, added = friction_of(robot.mechanism), pace.products(jet), {}
+    coulomb, products, added = acting_friction(robot.mechanism), path_velocity.products(jet), {}
     if coulomb:
         rubs = coulomb.along(path.q[1:], (*EFFORT_KINDS, "power"))
         products = np.concatenate([products, rubs.products(jet)])
@@ -122,8 +122,8 @@ def test_path_algebra_gives_the_forces_of_composed_motions(robot):
 def test_products_have_the_derivatives_that_differences_give():
     rng = np.random.default_rng(0)
     jet, h = rng.uniform(0.5, 2, (4, 9)), 1e-6
-    coulomb = friction_of(rubbing(UR5, np.ones(6), 0.7).mechanism)
-    for functions in (pace, coulomb.along(tuple(rng.uniform(-1, 1, (3, 9, 6))), (*EFFORT_KINDS, "power"))):
+    coulomb = acting_friction(rubbing(UR5, np.ones(6), 0.7).mechanism)
+    for functions in (path_velocity, coulomb.along(tuple(rng.uniform(-1, 1, (3, 9, 6))), (*EFFORT_KINDS, "power"))):
         first, second = functions.derivatives(jet)
         for i, step in enumerate(h * np.eye(4)[:, :, None]):
             ahead, back = jet + step, jet - step
@@ -171,7 +171,7 @@ def test_breaks_and_deviations_go_with_the_path():
     t = np.linspace(0, 4, 401)
     q = np.sin(2 * t)[:, None] * [1.0, 0.5] + 1e-4 * rng.normal(size=(401, 2))
     fit = Motion.fit(t, q)
-    half = replace(fit, curve=Paced(fit.curve, TimeLaw(make_interp_spline(t, 0 * t + 0.25, k=5), 0.0, 4.0, 0.0)))
+    half = replace(fit, curve=TimeLawCurve(fit.curve, TimeLaw(make_interp_spline(t, 0 * t + 0.25, k=5), 0.0, 4.0, 0.0)))
     for found, exact in zip(half.deviations(1.0), fit.scaled(2).deviations(1.0), strict=True):
         np.testing.assert_allclose(found, exact, rtol=1e-9)
 
@@ -236,7 +236,7 @@ def test_the_program_finds_what_ipopt_finds():
 
     del casadi
     robot = UR5.with_limits(effort_rate=10 * UR5.limits.effort)
-    grid = Grid.build(problem_of(robot, move(robot), 0.99), 20, 20.0)
+    grid = Grid.build(build_problem(robot, move(robot), 0.99), 20, 20.0)
     inner = grid.inner(np.ones(grid.basis.count))
     c = grid.solve(inner, inner, 1.0)
     assert grid.basis.duration(c) == pytest.approx(ipopt(grid), rel=2e-3)
@@ -257,13 +257,13 @@ def test_the_program_stops_at_the_gap_that_the_page_states(robot, limits):
     pytest.importorskip("casadi")
     from benchmarks.retime import ipopt
 
-    grid = Grid.build(problem_of(robot.with_limits(**limits), move(UR5, 2), 0.99), 20, 20.0)
+    grid = Grid.build(build_problem(robot.with_limits(**limits), move(UR5, 2), 0.99), 20, 20.0)
     points = slice(None, grid.count, GRID_POINTS_PER_POINT)
-    program = Program(grid.basis, grid.at.select(points), grid.rows.select(points), grid.free)
+    program = BarrierProgram(grid.basis, grid.at.select(points), grid.rows.select(points), grid.free)
     best, inner = ipopt(grid, points), grid.inner(np.ones(grid.basis.count))
 
     def gap(share, first):
-        c = fastest(program, inner, share, first)
+        c = minimize_duration(program, inner, share, first)
         assert program.rows.excess(program.at.jets(c)).max() < 0
         return grid.basis.duration(c) / best - 1
 

@@ -5,8 +5,8 @@ import pytest
 from test_check import HOME, fourier
 
 import jounce
-from jounce.limits.scaling import polynomials, positive_roots
-from jounce.limits.validation import bounded
+from jounce.limits.speed_polynomials import polynomials, positive_roots
+from jounce.limits.validation import validate_limits
 from support.files import refusal
 
 
@@ -102,9 +102,9 @@ def test_scaling_is_that_of_composed_motions():
     t = np.linspace(0, 2, 21)
     table = {"t": t, "joint1": np.sin(t), "joint2": np.cos(2 * t), "body2.fx": 3 * np.sin(3 * t), "body2.mz": t**2}
     motion = jounce.load_motion(table, robot, degree=7)
-    b = bounded(robot, motion)
+    b = validate_limits(robot, motion)
     for c in (0.3, 1.0, 1.7):
-        scaled = bounded(robot, motion.scaled(1 / c))
+        scaled = validate_limits(robot, motion.scaled(1 / c))
         exact = scaled.values(scaled.motion.start + (t - motion.start) / c)
         for kind, coefficients in polynomials(b, t).items():
             value = sum(x * c**k for k, x in enumerate(coefficients))

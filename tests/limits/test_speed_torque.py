@@ -11,10 +11,10 @@ from test_retime import RUBBING, STATED_GAP, UR5, largest, move, rubbing
 
 import jounce
 from jounce.cli import main
-from jounce.limits.barrier import Program, fastest
-from jounce.limits.grid import DUALITY_GAP, GRID_POINTS_PER_POINT, Grid
-from jounce.limits.problem import problem_of
-from jounce.limits.samples import worst_broken
+from jounce.limits.barrier import BarrierProgram, minimize_duration
+from jounce.limits.retime_problem import build_problem
+from jounce.limits.samples import find_worst_broken
+from jounce.limits.transcription import DUALITY_GAP, GRID_POINTS_PER_POINT, Grid
 from jounce.model.coordinates import coordinate_limits
 from support.files import refusal
 
@@ -89,10 +89,10 @@ def test_the_fastest_time_law_keeps_the_line_and_is_that_of_ipopt(robot, limits)
     assert "stall_effort" in {stretch.limit for stretch in found.binding}
     free = robot.with_limits(stall_effort=np.inf)
     assert shares(robot, free.retime(motion).motion, 501).max() > 1.1
-    grid = Grid.build(problem_of(robot, motion, 0.99), 20, 20.0)
+    grid = Grid.build(build_problem(robot, motion, 0.99), 20, 20.0)
     points = slice(None, grid.count, GRID_POINTS_PER_POINT)
-    program = Program(grid.basis, grid.at.select(points), grid.rows.select(points), grid.free)
-    c = fastest(program, grid.inner(np.ones(grid.basis.count)), DUALITY_GAP)
+    program = BarrierProgram(grid.basis, grid.at.select(points), grid.rows.select(points), grid.free)
+    c = minimize_duration(program, grid.inner(np.ones(grid.basis.count)), DUALITY_GAP)
     assert -1e-7 < grid.basis.duration(c) / ipopt(grid, points) - 1 < STATED_GAP
 
 
@@ -164,6 +164,6 @@ def test_files_samples_commands_and_reports_know_the_line(tmp_path):
     assert "no load velocity" in found.output
     motion = fourier(2, 2).with_step(0.01)
     along = robot.forces_along(motion, order=0)
-    worst = worst_broken(robot.limits, along.t, along.rates, along.forces)
+    worst = find_worst_broken(robot.limits, along.t, along.rates, along.forces)
     assert worst.kind == "stall_effort"
     assert worst.ratio == pytest.approx(shares(robot, motion, 201).max(), rel=1e-2)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.model.positions import position_names, positions, resting_position
+from jounce.model.positions import multiscrew_joints, position_names, resting_position
 from support.leg_and_cart import AXIS, leg_and_cart, swinging
 
 ROBOT = leg_and_cart()
@@ -57,7 +57,7 @@ def test_a_ball_is_retimed_along_its_path():
 def test_a_jump_of_a_quaternion_rate_breaks_later_velocities():
     m = ROBOT.mechanism
     start, end = resting_position(m), resting_position(m)
-    turn = next(joint.numbers for joint in positions(m).values() if joint.name == "ankle")
+    turn = next(joint.numbers for joint in multiscrew_joints(m).values() if joint.name == "ankle")
     end[turn] = [*np.sin(0.4) * AXIS, np.cos(0.4)]
     motion = jounce.Motion.trapezoidal([start, end], 1.0, 5.0, joint_names=position_names(m))
     rows = ROBOT.with_limits(jerk=500.0).check(motion).table

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 import jounce
 from jounce.cli import main
 from jounce.io import tables
-from jounce.limits.validation import bounded
+from jounce.limits.validation import validate_limits
 
 ROBOT = jounce.load("planar2r")
 TURNS = np.array([-0.25 + 2.1j, -0.2 + 3.3j])  # 1/s: motions that swing down, with their largest rates at the start
@@ -56,7 +56,7 @@ def test_positions_beyond_limits_at_both_ends_of_a_log_are_found(measured):
 def test_a_torque_rate_beyond_its_limit_counts_if_uncertain(measured):
     rate = np.abs(true_rates(DENSE)[1][:, 0])
     limited = ROBOT.with_limits(effort_rate=[9e3, 9e3])
-    start = bounded(limited, measured).window("effort_rate")[0]
+    start = validate_limits(limited, measured).window("effort_rate")[0]
     bound = 1.02 * rate[start <= DENSE].max()
     assert rate[start > DENSE].max() > 1.1 * bound
     found = ROBOT.with_limits(effort_rate=[bound, 9e3]).check(measured)
@@ -71,7 +71,7 @@ def test_a_torque_rate_beyond_its_limit_counts_if_uncertain(measured):
 
 def test_a_slowdown_takes_what_is_surely_broken_at_the_ends(measured):
     rate = np.abs(true_rates(DENSE)[1])
-    start = bounded(ROBOT.with_limits(effort_rate=9e3), measured).window("effort_rate")[0]
+    start = validate_limits(ROBOT.with_limits(effort_rate=9e3), measured).window("effort_rate")[0]
     limited = ROBOT.with_limits(effort_rate=[1.02 * rate[start <= DENSE, 0].max(), 9e3])
     slow = limited.slowdown(measured)
     assert slow.binding[:2] == ("joint1", "effort_rate")
@@ -122,7 +122,7 @@ def test_peaks_between_rows_count_where_stamps_are_uncertain():
     motion = jounce.load_motion({"t": t, **table}, ROBOT, 1)
     rate = np.abs(motion(np.linspace(motion.start, motion.stop, 100001), 2)[2][:, 0])
     limited = ROBOT.with_limits(acceleration=0.999 * rate.max())
-    assert "acceleration" in bounded(limited, motion).windows
+    assert "acceleration" in validate_limits(limited, motion).windows
     found = limited.check(motion)
     assert found.verdict == "broken"
     assert found.worst.ratio == pytest.approx(1 / 0.999, rel=1e-6)

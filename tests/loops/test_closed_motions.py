@@ -9,7 +9,7 @@ from click import ClickException
 import jounce
 from jounce import JounceError, Motion
 from jounce.cli import main
-from jounce.engine.closed_path import positions
+from jounce.engine.closed_path import continue_positions
 from jounce.io.tables import read
 
 
@@ -103,7 +103,7 @@ def test_a_singular_position_is_refused(short, near):
 def test_near_a_singular_configuration_the_branch_stays(short):
     """Rods that are nearly stretched bend to the same side again: the pin stays above the line between the elbows."""
     motion, t = through(short, 0.5, off=1e-3), np.linspace(0.4, 0.6, 5)
-    a1, p1, a2, _ = positions(short, motion, t).T
+    a1, p1, a2, _ = continue_positions(short, motion, t).T
     left, right = (0.2 * np.array([np.cos(a), np.sin(a)]) for a in (a1, a2))
     line, rod = right - left + [[0.2], [0]], np.array([np.cos(a1 + p1), np.sin(a1 + p1)])
     assert (line[0] * rod[1] > line[1] * rod[0]).all()
@@ -198,7 +198,7 @@ def save(path, table):
 def test_parts_of_a_table_give_what_the_whole_does(robot, followers, tmp_path, monkeypatch):
     """With and without the positions of passive joints; only with them rows do not depend on each other."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("jounce.stream.plan.MAX_PART_CELLS", 500)
+    monkeypatch.setattr("jounce.stream.input_parts.MAX_PART_CELLS", 500)
     save("table.csv", columns(robot, swing(), np.linspace(0, 2, 201), followers))
     for output in ("whole.csv", "parts"):
         main(["run", "fivebar", "table.csv", "-o", output, "--order", "1"], standalone_mode=False)

@@ -5,9 +5,9 @@ import pytest
 
 import jounce
 from jounce import JounceError
-from jounce.dynamics.branches import with_solved_loops, without_ratios
+from jounce.dynamics.loop_branches import with_solved_loops, without_ratios
 from jounce.engine.dispatch import compute
-from jounce.engine.generic import as_tuple
+from jounce.engine.generic_methods import as_tuple
 from support.linkages import fourbar, palletizer, rods
 from support.robots import relative_error
 

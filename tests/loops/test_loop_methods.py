@@ -14,7 +14,7 @@ import jounce
 import jounce.dask
 from jounce.checks.compare import compare
 from jounce.core.errors import JounceError
-from jounce.dynamics import assembly
+from jounce.dynamics import loop_assembly
 from support.random_loops import looped
 from support.robots import differentiated_at_once, relative_error
 
@@ -79,7 +79,11 @@ def test_wrench_of_a_load_on_a_floating_robot():
 
 @pytest.mark.parametrize("robot", [DRIVEN, SHARED], ids=["driven", "shared"])
 def test_base_parameters_are_the_fewest_that_determine_the_forces(robot):
-    rng, found, places = np.random.default_rng(5), robot.base_parameters(), assembly.samples(robot.mechanism, 40)
+    rng, found, places = (
+        np.random.default_rng(5),
+        robot.base_parameters(),
+        loop_assembly.sample_positions(robot.mechanism, 40),
+    )
     Y = robot.regressor(places, *rng.uniform(-2, 2, (2, 40, robot.n)), **RECURSION)
     assert relative_error(Y[..., found.columns] @ found.values, Y @ robot.inertial_parameters) < 1e-10
     assert found.count < tree_of(robot).base_parameters().count

@@ -15,9 +15,9 @@ from scipy.optimize import brentq
 import jounce
 from jounce import JounceError, JounceWarning, UncertainError
 from jounce.cli import main
-from jounce.dynamics.assembly import MIN_INVERSE_CONDITION, inverse_conditions
 from jounce.dynamics.computation import Computation
-from jounce.engine.digits import max_condition
+from jounce.dynamics.loop_assembly import MIN_INVERSE_CONDITION, inverse_conditions
+from jounce.engine.certain_digits import max_condition
 from jounce.io import tables
 from support.linkages import elbows, fivebar, fourbar, rods, unit
 from support.precise import Precise

@@ -18,7 +18,7 @@ import casadi
 import jounce
 from jounce.checks.description import describe
 from jounce.cli import main
-from jounce.model.drives import EPS, TERMS
+from jounce.model.drives import DEFAULT_SMOOTHING_VELOCITY, DRIVE_TERMS
 from support.files import LINKS, joint, refusal, robot_file
 from support.robots import mechanisms, random_mechanism, relative_error
 from support.tools import require
@@ -33,7 +33,7 @@ def stated(rng, nb):
     return {name: rng.uniform(0.2, 2, nb) for name in names}
 
 
-def driven(mechanism, drives, terms=TERMS):
+def driven(mechanism, drives, terms=DRIVE_TERMS):
     """The robot of a mechanism with drives, some of which act."""
     m = mechanism
     names = {"names": m.bodies, "joint_names": m.coordinates}
@@ -41,7 +41,7 @@ def driven(mechanism, drives, terms=TERMS):
     return robot.with_drives(terms)
 
 
-def drawn_robot(drawn, terms=TERMS):
+def drawn_robot(drawn, terms=DRIVE_TERMS):
     mechanism, rng = drawn
     return driven(mechanism, stated(rng, mechanism.nb), terms), rng
 
@@ -63,7 +63,7 @@ def exact(term, drives, i, rates, order):
         return [float(mpmath.diff(laws[term], 0, k)) for k in range(order + 1)]
 
 
-@pytest.mark.parametrize("term", TERMS)
+@pytest.mark.parametrize("term", DRIVE_TERMS)
 def test_rates_of_every_term_are_exact(term):
     rng = np.random.default_rng(1)
     mechanism = random_mechanism(rng, [-1, 0, 1], ["revolute", "prismatic", "helical"], [1.0] * 3)
@@ -90,13 +90,13 @@ def test_every_path_adds_the_same_forces_of_drives(drawn):
             assert relative_error(x, y + z) < 1e-13
 
 
-@pytest.mark.parametrize("term", TERMS)
+@pytest.mark.parametrize("term", DRIVE_TERMS)
 def test_switching_a_term_off_removes_exactly_that_term(term):
     rng = np.random.default_rng(2)
     base = jounce.load("iiwa14").mechanism
     robot = driven(base, stated(rng, 7))
     q = rng.uniform(-1, 1, (5, 7))
-    everything, others = robot.inverse_dynamics(*q), robot.with_drives([t for t in TERMS if t != term])
+    everything, others = robot.inverse_dynamics(*q), robot.with_drives([t for t in DRIVE_TERMS if t != term])
     alone = robot.drive_forces(*q, terms=[term])
     for x, y, z in zip(everything, others.inverse_dynamics(*q), alone, strict=True):
         assert relative_error(x - y, z) < 1e-11
@@ -161,7 +161,7 @@ def test_friction_at_rest_and_at_speed():
     robot = jounce.Robot.from_screws(**ONE, drives={"friction": [3.0]}).with_drives(eps=0.1)
     forces = [robot.drive_forces([0], [v], [0])[0] for v in (0.0, 0.1, 0.5, -40.0)]
     np.testing.assert_allclose(forces, [0, 3 * np.tanh(1), 3 * np.tanh(5), -3])
-    assert jounce.Robot.from_screws(**ONE).drives.eps[0] == EPS
+    assert jounce.Robot.from_screws(**ONE).drives.eps[0] == DEFAULT_SMOOTHING_VELOCITY
     assert not any(map(np.isnan, robot.drive_forces([0], [1e300], [0], [1.0], [1.0])))
 
 
@@ -222,7 +222,7 @@ def test_a_urdf_states_damping_and_friction(tmp_path):
     robot = jounce.load(path, drives=True)
     assert jounce.load(path).mechanism.acting == ()
     assert (robot.drives.damping[0], robot.drives.friction[0]) == (2.5, 0.5)
-    assert robot.mechanism.acting == TERMS
+    assert robot.mechanism.acting == DRIVE_TERMS
 
 
 @pytest.mark.parametrize("suffix", [".yaml", ".json"])

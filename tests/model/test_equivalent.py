@@ -9,26 +9,26 @@ from hypothesis import strategies as st
 
 import jounce
 from jounce.dynamics.closed_form import closed_form
-from jounce.model import equivalent
+from jounce.model import equivalent_mechanisms
 from jounce.spatial import lie
 from jounce.spatial.inertia import from_moments, moments
-from jounce.spatial.series import columns
+from jounce.spatial.series import column_series
 from support.recursion import inverse_dynamics
 from support.robots import GOLDEN_NAMES, Interpreted, floating, golden, loads, mechanisms, random_pose, random_state
 
 PASSES = {
-    "aligned": equivalent.align_frames,
-    "turned": lambda m: equivalent.turn_frames(equivalent.align_frames(m)),
-    "slid": lambda m: equivalent.slide_origins(equivalent.align_frames(m)),
-    "base_parameters": lambda m: equivalent.base_parameters(equivalent.align_frames(m)),
-    "minimal": equivalent.minimal,
+    "aligned": equivalent_mechanisms.align_frames,
+    "turned": lambda m: equivalent_mechanisms.turn_frames(equivalent_mechanisms.align_frames(m)),
+    "slid": lambda m: equivalent_mechanisms.slide_origins(equivalent_mechanisms.align_frames(m)),
+    "base_parameters": lambda m: equivalent_mechanisms.reduce_inertias(equivalent_mechanisms.align_frames(m)),
+    "minimal": equivalent_mechanisms.minimal_mechanism,
 }
 
 
 def equal_forces(mechanism, other, rng, tolerance=1e-11):
     q, _ = random_state(rng, mechanism)
-    given = closed_form(mechanism, columns(q)).Q.upto(2)
-    for Q, expected in zip(closed_form(other, columns(q)).Q.upto(2), given, strict=True):
+    given = closed_form(mechanism, column_series(q)).Q.upto(2)
+    for Q, expected in zip(closed_form(other, column_series(q)).Q.upto(2), given, strict=True):
         assert np.abs(Q - expected).max() <= tolerance * max(np.abs(expected).max(), 1e-9)
 
 
@@ -44,9 +44,9 @@ def test_passes_leave_the_forces_unchanged(name, drawn):
 def test_frames_moved_by_rigid_transforms_leave_the_forces(drawn):
     mechanism, rng = drawn
     T = np.stack([random_pose(rng) for _ in range(mechanism.nb)])
-    moved = equivalent.reframe(mechanism, T)
+    moved = equivalent_mechanisms.reframe(mechanism, T)
     equal_forces(mechanism, moved, rng)
-    assert np.abs(equivalent.frame_shifts(mechanism, moved) - T).max() < 1e-13
+    assert np.abs(equivalent_mechanisms.frame_shifts(mechanism, moved) - T).max() < 1e-13
 
 
 def floating_mass_matrix(mechanism, q):
@@ -83,17 +83,17 @@ def test_recursion_agrees_with_the_closed_form_under_wrenches(drawn, seed):
     mechanism, _ = drawn
     rng = np.random.default_rng(seed)
     q, W = random_state(rng, mechanism, 3)
-    found = inverse_dynamics(mechanism, columns(q), loads(W)).upto(3)
-    for Q, expected in zip(found, closed_form(mechanism, columns(q), loads(W)).Q.upto(3), strict=True):
+    found = inverse_dynamics(mechanism, column_series(q), loads(W)).upto(3)
+    for Q, expected in zip(found, closed_form(mechanism, column_series(q), loads(W)).Q.upto(3), strict=True):
         assert np.abs(Q - expected).max() < 1e-12 * (1 + np.abs(expected).max())
 
 
 @given(drawn=mechanisms())
 def test_what_a_turn_about_the_axis_does_is_split_off(drawn):
     """As of DH parameters: what is left leaves one of the parent's axes where it is, wherever that is possible."""
-    chain = equivalent.on_axes(drawn[0])
+    chain = equivalent_mechanisms.align_to_axes(drawn[0])
     for i, (B, X) in enumerate(zip(chain.B, chain.X, strict=True)):
-        S, Z = equivalent.split_turn(B, X)
+        S, Z = equivalent_mechanisms.split_turn(B, X)
         assert np.abs(S @ Z - B).max() < 4e-15
         assert (Z[2:, :] == np.eye(4)[2:]).all()
         assert (Z[:, 2:] == np.eye(4)[:, 2:]).all()
@@ -107,13 +107,13 @@ def test_origins_do_not_slide_far_along_axes_that_are_nearly_parallel():
     R = lie.rotation(lie.exp(np.eye(6)[0], np.array(1e-6)))
     B = [np.eye(4), lie.pose(R, np.array([[0.1], [0.2], [0.3]]))]
     M = [np.diag([1.0, 1, 1, 1, 1, 1])] * 2
-    chain = equivalent.on_axes(jounce.Robot.from_screws(B, [[0, 0, 1, 0, 0, 0]] * 2, M).mechanism)
+    chain = equivalent_mechanisms.align_to_axes(jounce.Robot.from_screws(B, [[0, 0, 1, 0, 0, 0]] * 2, M).mechanism)
     assert np.abs(chain.B[:, :3, 3]).max() < 1
 
 
 @pytest.mark.parametrize("name", GOLDEN_NAMES)
 def test_minimal_mechanisms_have_their_exact_zeros(name):
-    chain = equivalent.minimal(golden(name)[0])
+    chain = equivalent_mechanisms.minimal_mechanism(golden(name)[0])
     for X, M in zip(chain.X, chain.M, strict=True):
         turns, pitch = X[2], X[5]
         assert (X[[0, 1, 3, 4]] == 0).all()
@@ -129,7 +129,7 @@ def test_minimal_mechanisms_have_their_exact_zeros(name):
 
 
 def test_offsets_that_can_vanish_do():
-    chain = equivalent.minimal(golden("iiwa")[0])
+    chain = equivalent_mechanisms.minimal_mechanism(golden("iiwa")[0])
     offsets = chain.B[:, :3, 3]
     assert np.count_nonzero(offsets) == 2  # the upper arm and the forearm, one number each
     assert set(np.unique(chain.B[:, :3, :3])) <= {-1.0, 0.0, 1.0}
@@ -144,7 +144,7 @@ def test_moments_and_inertia_matrix_are_inverse(drawn):
 @pytest.mark.parametrize("e", [*np.eye(3), *-np.eye(3), np.array([1e-9, 0, -1]), np.ones(3) / np.sqrt(3)])
 def test_alignment_turns_z_to_any_axis(e):
     e = e / np.linalg.norm(e)
-    R = equivalent.turn_to(e)
+    R = equivalent_mechanisms.turn_to(e)
     np.testing.assert_allclose(R[:, 2], e, atol=1e-15)
     np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-15)
     assert np.linalg.det(R) > 0

@@ -13,23 +13,23 @@ from hypothesis import given
 
 import jounce
 from jounce.cli import main
-from jounce.model import equivalent
-from jounce.model.casting import with_exact_integers, with_extended_precision
+from jounce.model import equivalent_mechanisms
 from jounce.model.coordinates import coordinate_limits, following_efforts
 from jounce.model.frame import UNIT_ROUNDING
-from jounce.model.kinds import KEYS, KINDS, LINE
+from jounce.model.limit_kinds import LIMIT_KEYS, LIMIT_KINDS, STALL_LINE_KINDS
 from jounce.model.limits import Limits
+from jounce.model.scalar_casting import with_exact_integers, with_extended_precision
 from jounce.model.screws import exact_inertia, exact_pose, exact_screw
 from support.files import GOOD, LINKS, joint, refusal, robot_file
 from support.robots import mechanisms, random_inertia, random_rotation, random_screw
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
 ONE = {"B": [np.eye(4)], "X": [[0, 0, 1, 0, 0, 0]], "M": [np.eye(6)]}
-FREE = {"lower": -np.inf} | dict.fromkeys(KEYS[1:], np.inf)
+FREE = {"lower": -np.inf} | dict.fromkeys(LIMIT_KEYS[1:], np.inf)
 
 
 def stated(robot):
-    return {key: getattr(robot.limits, key).tolist() for key in KEYS}
+    return {key: getattr(robot.limits, key).tolist() for key in LIMIT_KEYS}
 
 
 def of_one(limits):
@@ -79,12 +79,12 @@ def test_passes_keep_limits(drawn):
     m, rng = drawn
     lower = rng.normal(size=m.nb)
     bounded = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, limits={"lower": lower}).mechanism
-    aligned = equivalent.align_frames(bounded)
+    aligned = equivalent_mechanisms.align_frames(bounded)
     passes = (
         aligned,
-        equivalent.slide_origins(aligned),
-        equivalent.base_parameters(aligned),
-        equivalent.minimal(bounded),
+        equivalent_mechanisms.slide_origins(aligned),
+        equivalent_mechanisms.reduce_inertias(aligned),
+        equivalent_mechanisms.minimal_mechanism(bounded),
     )
     for other in (*passes, with_exact_integers(bounded), with_extended_precision(bounded)):
         assert other.limits.lower.tolist() == lower.tolist()
@@ -143,7 +143,7 @@ def test_info_shows_limits(tmp_path):
     assert "panda_finger_joint2  0 .. 0.04 m             0.2 m/s      100 N" in words
     first = json.loads(shown(PANDA, "--json"))["bodies"][0]
     given = {"lower": -2.8973, "upper": 2.8973, "velocity": 2.175, "effort": 87}
-    assert first["limits"] == dict.fromkeys(KEYS) | given
+    assert first["limits"] == dict.fromkeys(LIMIT_KEYS) | given
     turn = joint("turn", "base", "arm", "continuous", inner='<limit velocity="2"/>')
     path = robot_file(tmp_path, *LINKS, turn)
     assert ["turn", "-", "2", "rad/s", "-"] in [line.split() for line in shown(path).splitlines()]
@@ -280,11 +280,13 @@ def test_limits_equal_their_copies_and_no_others():
 
 def test_rows_of_limits_are_attributes_keywords_and_keys():
     robot = jounce.load("planar2r")
-    assert {*inspect.signature(robot.with_limits).parameters} == {"source", *KEYS, "of"}
-    assert len({getattr(Limits, key).__doc__ for key in KEYS}) == len(KEYS)
-    for key in KEYS:
-        line = dict.fromkeys(LINE, 1.0) if key in LINE else {}
+    assert {*inspect.signature(robot.with_limits).parameters} == {"source", *LIMIT_KEYS, "of"}
+    assert len({getattr(Limits, key).__doc__ for key in LIMIT_KEYS}) == len(LIMIT_KEYS)
+    for key in LIMIT_KEYS:
+        line = dict.fromkeys(STALL_LINE_KINDS, 1.0) if key in STALL_LINE_KINDS else {}
         limits = robot.with_limits(**line | {key: 1.5}).limits
         assert getattr(limits, key).tolist() == [1.5, 1.5]
         assert limits.stated(1)[key] == 1.5
-        assert key in LINE or limits.kinds == tuple(row.name for row in KINDS.values() if key in row.keys)
+        assert key in STALL_LINE_KINDS or limits.kinds == tuple(
+            row.name for row in LIMIT_KINDS.values() if key in row.keys
+        )

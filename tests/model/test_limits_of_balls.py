@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.model.positions import extent, extent_names, position_count, positions, resting_position
+from jounce.model.positions import extent_names, multiscrew_joints, position_count, position_extents, resting_position
 from jounce.spatial.groups import BALL, GROUPS, PLANAR
 from jounce.spatial.lie import exp, rotation
 from support.leg_and_cart import leg_and_cart
@@ -35,9 +35,9 @@ def test_extents_of_a_plane_and_of_places_are_as_they_are_given():
 def test_a_resting_position_moves_no_body():
     m, q = ROBOT.mechanism, resting_position(ROBOT.mechanism)
     assert q.shape == (position_count(m),)
-    for joint in positions(m).values():
+    for joint in multiscrew_joints(m).values():
         np.testing.assert_array_equal(joint.group.pose(q[joint.numbers]), np.eye(4))
-    np.testing.assert_array_equal(extent(m, q), np.zeros(m.n))
+    np.testing.assert_array_equal(position_extents(m, q), np.zeros(m.n))
 
 
 def test_limits_of_a_ball_bound_its_swing_and_its_twist():

@@ -55,7 +55,7 @@ def test_other_values_are_those_of_another_robot(name):
     values = {"gravity": gravity, "masses": masses, "lengths": lengths}
     values |= {"payload_mass": [2.5], "payload_com": com, "payload_inertia": six}
     scaled = m.M * (masses / m.M[:, 3, 3])[:, None, None]
-    scaled[-1] += jounce.inertia_matrix(2.5, com, inertia.symmetric(six))
+    scaled[-1] += jounce.inertia_matrix(2.5, com, inertia.symmetric_matrix(six))
     B = np.stack([pose(b[:3, :3], x[:, None]) for b, x in zip(m.B, lengths, strict=True)])
     other = jounce.Robot.from_screws(B, m.X, scaled, m.parent, gravity=gravity)
     found = forces(m, placed(m, MODEL_PARAMETERS), values, state)

@@ -7,13 +7,13 @@ import numpy as np
 import jounce
 from jounce.model.frame import UNIT_ROUNDING
 from jounce.model.screws import exact_pose, exact_screw
-from jounce.spatial.inertia import symmetric
+from jounce.spatial.inertia import symmetric_matrix
 from support.robots import random_rotation
 
 
 def test_inertias_about_the_com_come_to_the_same_bits():
     for mass, x, y, z, *six in np.random.default_rng(0).normal(size=(200, 10)).tolist():
-        M = jounce.inertia_matrix(mass, [x, y, z], symmetric(np.array(six)))
+        M = jounce.inertia_matrix(mass, [x, y, z], symmetric_matrix(np.array(six)))
         squares = y * y + z * z, x * x + z * z, x * x + y * y
         assert np.diag(M[:3, :3]).tolist() == [six[i] + mass * s for i, s in zip((0, 3, 5), squares, strict=True)]
         products = six[1] - mass * (x * y), six[2] - mass * (x * z), six[4] - mass * (y * z)

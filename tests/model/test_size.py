@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.checks.audit.mobility import massless
-from jounce.checks.audit.units import sizes
+from jounce.checks.audit.mobility import check_massless
+from jounce.checks.audit.units import check_sizes
+from jounce.model.body_count import MAX_BODIES, check_size
 from jounce.model.mechanism import ancestors
-from jounce.model.size import MAX_BODIES, check_size
 from jounce.spatial.series import Series
 from support.files import refusal
 from support.robots import random_mechanism
@@ -51,7 +51,7 @@ def test_numbers_of_unkept_series_are_computed_again(kind, times):
     assert [asked.count(k) for k in range(3)] == [times] * 3
 
 
-@pytest.mark.parametrize("check", [sizes, massless])
+@pytest.mark.parametrize("check", [check_sizes, check_massless])
 def test_checks_of_a_chain_take_less_memory_than_a_matrix(check):
     n = 400
     assert peak(lambda m: list(check(m)), chain(n)) < 8 * n**2

@@ -8,7 +8,7 @@ import pytest
 from test_from_pinocchio import FREE, composite, model_of
 
 import jounce
-from jounce.model.positions import position_names, positions
+from jounce.model.positions import multiscrew_joints, position_names
 from support.files import BODY, OTHER, joint, link, origin, refusal, robot_file
 from support.peer import pinocchio
 from support.robots import parts, relative_error
@@ -54,7 +54,10 @@ def start(model, seed=0):
 def test_forces_and_states_are_those_of_pinocchio(name):
     model = pinocchio_tree(name)
     robot = jounce.Robot.from_pinocchio(model)
-    assert (robot.nv, sum(len(x.group.axes) for x in positions(robot.mechanism).values()) > 0) == (model.nv, True)
+    assert (robot.nv, sum(len(x.group.axes) for x in multiscrew_joints(robot.mechanism).values()) > 0) == (
+        model.nv,
+        True,
+    )
     x, q = start(model)
     vectors = motion(model, 0.4, x, q)
     tau = pinocchio.rnea(model, model.createData(), *vectors)
@@ -156,7 +159,7 @@ def test_q_means_what_qpos_means_in_mujoco(odd):
     """But for the order of quaternions: a free joint has the pose of its body in the world, a ball starts at 1."""
     robot, model, data = odd
     q = robot.state_from("mujoco", data.qpos, model=model).q
-    at = {x.name: q[x.numbers] for x in positions(robot.mechanism).values()}
+    at = {x.name: q[x.numbers] for x in multiscrew_joints(robot.mechanism).values()}
     for name in ("fly", "drift"):
         np.testing.assert_allclose(at[name][[0, 1, 2, 6, 3, 4, 5]], data.joint(name).qpos, atol=1e-15)
     for name in ("rod", "neck"):
@@ -255,7 +258,7 @@ def test_such_joints_are_locked_as_a_whole():
     held = robot.locked({"j2": [0, 1.2, 0, 1.6], "j4": 0.3})
     rng = np.random.default_rng(0)
     q, v, a = rng.normal(size=robot.nq), *rng.normal(size=(2, robot.n))
-    j2 = next(x for x in positions(robot.mechanism).values() if x.name == "j2")
+    j2 = next(x for x in multiscrew_joints(robot.mechanism).values() if x.name == "j2")
     q[j2.numbers], still = [0, 0.6, 0, 0.8], [*range(*j2.coordinates.indices(99)), robot.joint_names.index("j4")]
     v[still] = a[still] = 0
     at = np.ones(robot.nq, dtype=bool)

@@ -8,7 +8,7 @@ import pinocchio
 import pytest
 
 import jounce
-from jounce.engine.generic import as_tuple
+from jounce.engine.generic_methods import as_tuple
 from jounce.spatial import lie
 from support.files import BODY, OTHER, joint, link, origin, refusal, robot_file
 from support.peer import REAL

@@ -12,7 +12,7 @@ from scipy.interpolate import PPoly, make_interp_spline
 
 import jounce
 from jounce import Motion
-from jounce.motion.time_law import Paced, TimeLaw
+from jounce.motion.time_law import TimeLaw, TimeLawCurve
 from support.files import refusal
 from support.motion_tables import from_table
 
@@ -144,7 +144,7 @@ def test_what_rounding_leaves_of_rates_at_rests_is_no_jump(size, closed):
     for motion in legs(points, rng.uniform(0.3, 1.5, len(points) - 1)):
         t = np.linspace(0, motion.stop, 9)
         law = TimeLaw(make_interp_spline(t, 2 + np.sin(t), k=5), 0.0, motion.stop, 0.0)
-        for found in (motion, motion.scaled(1e-2).shifted(50), replace(motion, curve=Paced(motion.curve, law))):
+        for found in (motion, motion.scaled(1e-2).shifted(50), replace(motion, curve=TimeLawCurve(motion.curve, law))):
             assert {jump.order for jump in found.breaks_to(4)} == {4}
         assert SLIDES.check(motion).ok
 

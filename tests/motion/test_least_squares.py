@@ -18,13 +18,13 @@ def problem():
 
 def dense(t, breaks, order=0):
     count = len(breaks) + ls.FIT_DEGREE - 1
-    return BSpline(ls.knots(breaks), np.eye(count), ls.FIT_DEGREE)(t, nu=order)
+    return BSpline(ls.pad_knots(breaks), np.eye(count), ls.FIT_DEGREE)(t, nu=order)
 
 
 def test_solutions_are_those_of_scipy(problem):
     t, y, weight, breaks = problem
-    solution = ls.solve(ls.rows_of(t, y, weight, (0, 10)), breaks)
-    expected = make_lsq_spline(t, y, ls.knots(breaks), ls.FIT_DEGREE, w=weight)
+    solution = ls.solve(ls.make_rows(t, y, weight, (0, 10)), breaks)
+    expected = make_lsq_spline(t, y, ls.pad_knots(breaks), ls.FIT_DEGREE, w=weight)
     assert np.allclose(solution.coefficients, expected.c, atol=1e-11, rtol=0)
     assert np.allclose(solution.energy, ((weight[:, None] * (y - expected(t))) ** 2).sum(axis=0))
 
@@ -32,14 +32,14 @@ def test_solutions_are_those_of_scipy(problem):
 def test_exact_data_are_fitted_to_rounding(problem):
     t, _, weight, breaks = problem
     y = dense(t, breaks) @ np.random.default_rng(1).normal(size=(len(breaks) + 8, 3))
-    assert np.abs(ls.solve(ls.rows_of(t, y, weight, (0, 10)), breaks).residual).max() < 1e-13
+    assert np.abs(ls.solve(ls.make_rows(t, y, weight, (0, 10)), breaks).residual).max() < 1e-13
 
 
 def test_the_covariance_is_the_inverse_of_the_normal_equations(problem):
     t, y, weight, breaks = problem
     values = weight[:, None] * dense(t, breaks)
     inverse = np.linalg.inv(values.T @ values)
-    blocks = ls.covariance_blocks(ls.solve(ls.rows_of(t, y, weight, (0, 10)), breaks).factor)
+    blocks = ls.covariance_blocks(ls.solve(ls.make_rows(t, y, weight, (0, 10)), breaks).factor)
     for i, block in enumerate(blocks):
         assert np.allclose(block, inverse[i : i + 10, i : i + 10], rtol=1e-8, atol=1e-10 * np.abs(block).max())
 
@@ -54,10 +54,10 @@ def test_derivatives_of_the_basis(problem, order):
 
 def test_compressed_samples_give_the_same_spline(problem):
     t, y, weight, _ = problem
-    rows = ls.few_rows_of(t, y, weight, (0, 10), cells=60)
+    rows = ls.compress_rows(t, y, weight, (0, 10), cells=60)
     assert len(rows.t) < len(t) / 4
     breaks = rows.snap(np.linspace(0, 10, 21))
-    expected = ls.solve(ls.rows_of(t, y, weight, (0, 10)), breaks)
+    expected = ls.solve(ls.make_rows(t, y, weight, (0, 10)), breaks)
     solution = ls.solve(rows, breaks)
     assert np.allclose(solution.coefficients, expected.coefficients, atol=1e-9, rtol=0)
     assert np.allclose(solution.energy, expected.energy, rtol=1e-9)

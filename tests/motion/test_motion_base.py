@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 import jounce
 from jounce import Motion
 from jounce.io import tables
-from jounce.io.motions.writing import pieces
-from jounce.motion.base import BASE_COLUMNS, POSE_COLUMNS, motion_of
-from jounce.motion.curves import Arranged
+from jounce.io.motions.writing import motion_pieces
+from jounce.motion.base import BASE_COLUMNS, POSE_COLUMNS, compute_base_motion
+from jounce.motion.curves import ArrangedCurve
 from support.files import refusal
 from support.motion_tables import from_table
 from support.robots import floating
@@ -82,7 +82,7 @@ def test_forces_along_take_the_base():
 def test_all_rates_in_a_table_are_the_motion_again(tmp_path):
     """A table with other signs of some rows and the base link's name as prefix is the same motion."""
     robot = jounce.Robot(replace(ROBOT.mechanism, bodies=("trunk", *ARM.mechanism.bodies)))
-    tables.write_pieces(tmp_path / "m.npz", pieces(MOTION, ROBOT.joint_names, 4))
+    tables.write_pieces(tmp_path / "m.npz", motion_pieces(MOTION, ROBOT.joint_names, 4))
     found = tables.read(tmp_path / "m.npz")
     columns = {name.replace("base.", "trunk."): values.copy() for name, values in found.items()}
     for name in columns:
@@ -132,7 +132,7 @@ def test_motions_that_follow_each_other_continue_the_base():
     first = LINEAR.with_base(T, C, degree=7)
     later = Motion.polynomial([[1, -1], [2, -2]], 1.0).with_base(T, C[::-1], degree=7)
     for sign in (1, -1):
-        other = replace(later, base_curve=Arranged(later.base_curve, np.arange(7), np.array([1] * 3 + [sign] * 4)))
+        other = replace(later, base_curve=ArrangedCurve(later.base_curve, np.arange(7), np.array([1] * 3 + [sign] * 4)))
         whole = first + other
         np.testing.assert_allclose(whole.base(1.5, 0)[0], C[50], atol=1e-6)
         of_base = {found.order for found in whole.breaks if found.symbol == "base"}
@@ -213,7 +213,7 @@ def test_what_is_no_motion_of_a_base_is_refused_in_one_line():
 def test_the_length_of_the_quaternion_is_free():
     x = [rng.normal(size=(5, 7)) for rng in [np.random.default_rng(0)] * 4]
     longer = [np.concatenate([rate[:, :3], 3 * rate[:, 3:]], axis=1) for rate in x]
-    for ours, other in zip(motion_of(longer), motion_of(x), strict=True):
+    for ours, other in zip(compute_base_motion(longer), compute_base_motion(x), strict=True):
         np.testing.assert_allclose(ours, other, rtol=1e-10, atol=1e-10)
     assert len(POSE_COLUMNS) == 7
 

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 import jounce
 from jounce import Motion
 from jounce.io import tables
-from jounce.io.motions.writing import pieces
-from jounce.model.positions import moves, position_names, several_positions
-from jounce.motion.base import numbers_of, twists
+from jounce.io.motions.writing import motion_pieces
+from jounce.model.positions import list_multiscrew_joints, position_names, position_rate_map
+from jounce.motion.base import compute_numbers, compute_twists
 from jounce.spatial.groups import GROUPS
 from jounce.spatial.lie import Ad, hat, inverse
 from support.amid import amid
@@ -23,7 +23,7 @@ kinds = pytest.mark.parametrize("kind", KINDS)
 
 
 def joint_of(robot):
-    [joint] = several_positions(robot.mechanism)
+    [joint] = list_multiscrew_joints(robot.mechanism)
     return joint
 
 
@@ -87,7 +87,7 @@ def test_rates_of_twists_follow_their_derivatives(kind):
     for k in range(4):
         slope = (sides[1][k] - sides[2][k]) / (2 * h)
         rate = sides[0][k + 1]
-        rate = rate if k else (moves(robot.mechanism, sides[0][0]) @ rate[..., None])[..., 0]
+        rate = rate if k else (position_rate_map(robot.mechanism, sides[0][0]) @ rate[..., None])[..., 0]
         np.testing.assert_allclose(rate, slope, atol=1e-5 * (1 + abs(slope).max()))
     for force, other in zip(along.forces, robot.inverse_dynamics(*along.rates), strict=True):
         np.testing.assert_array_equal(force, other)
@@ -99,7 +99,7 @@ def test_twists_and_rates_of_numbers_are_inverse_to_each_other(kind):
     p = rng.normal(size=(6, len(group.positions)))
     p[:, len(group.places) :] /= np.linalg.norm(p[:, len(group.places) :], axis=1, keepdims=True)
     nu = rng.normal(size=(4, 6, len(group.axes)))
-    again = twists(group, (p, *numbers_of(group, p, nu)))
+    again = compute_twists(group, (p, *compute_numbers(group, p, nu)))
     np.testing.assert_allclose(again, nu, atol=1e-12)
 
 
@@ -174,7 +174,7 @@ def test_forces_balance_the_momentum(tmp_path, kind):
 def test_what_is_written_is_read_again(tmp_path, kind, suffix):
     robot, description = analytic(kind, scale=1.4)
     motion = loaded(tmp_path, robot, description)
-    tables.write_pieces(tmp_path / f"m.{suffix}", pieces(motion, robot.joint_names, 4))
+    tables.write_pieces(tmp_path / f"m.{suffix}", motion_pieces(motion, robot.joint_names, 4))
     again = jounce.load_motion(tmp_path / f"m.{suffix}", robot)
     for ours, other in zip(again(motion.times), motion(motion.times), strict=True):
         np.testing.assert_array_equal(ours, other)
@@ -200,7 +200,7 @@ def test_smoothed_samples_have_deviations_that_are_read_again(tmp_path, kind):
         assert 0.3 < ratio < 2, k
     along = robot.forces_along(found, inside[::20], order=0)
     assert along.deviations[0].all()
-    tables.write_pieces(tmp_path / "m.npz", pieces(found, robot.joint_names, 2))
+    tables.write_pieces(tmp_path / "m.npz", motion_pieces(found, robot.joint_names, 2))
     again = jounce.load_motion(tmp_path / "m.npz", robot, order=0)
     for ours, other in zip(again.deviations(inside, 2), off, strict=True):
         np.testing.assert_allclose(ours, other, rtol=1e-6)
@@ -237,7 +237,7 @@ def test_velocities_are_never_ignored(tmp_path, kind):
     samples = columns_of(robot, motion, t)
     message = refusal(lambda: jounce.load_motion(samples | {velocity: 0 * t}, robot))
     assert velocity in message or "both samples and columns of rates" in message
-    tables.write_pieces(tmp_path / "m.npz", pieces(motion, robot.joint_names, 4))
+    tables.write_pieces(tmp_path / "m.npz", motion_pieces(motion, robot.joint_names, 4))
     rates = tables.read(tmp_path / "m.npz")
     assert "both rates of numbers and velocities" in refusal(
         lambda: jounce.load_motion(rates | {velocity: 0 * t}, robot)

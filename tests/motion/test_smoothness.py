@@ -43,14 +43,14 @@ SMOOTH = {
 @pytest.mark.parametrize(("path", "told"), JUMPY.values(), ids=JUMPY)
 def test_tells_what_jumps_and_where_that_leaves_the_forces(path, told, count):
     t = np.linspace(0, 3, count)
-    assert smoothness.of_samples(t, np.stack([path(t), np.cos(t)], axis=1)).startswith(told)
+    assert smoothness.describe_sample_jumps(t, np.stack([path(t), np.cos(t)], axis=1)).startswith(told)
 
 
 @pytest.mark.parametrize("count", [60, 200, 1000, 3000])
 @pytest.mark.parametrize("path", SMOOTH.values(), ids=SMOOTH)
 def test_says_nothing_of_smooth_motions(path, count):
     t = np.linspace(0, 3, count)
-    assert smoothness.of_samples(t, path(t)[:, None]) is None
+    assert smoothness.describe_sample_jumps(t, path(t)[:, None]) is None
 
 
 DIGITS = {"exact": lambda q: q, "six digits": lambda q: np.round(q, 6), "noise": lambda q: q + NOISE[: len(q)]}
@@ -70,8 +70,8 @@ def test_rates_of_a_table_are_judged_as_they_are():
     t = np.linspace(0, 3, 301)
     spline = CubicSpline(KNOTS, HEIGHTS)
     rates = [np.stack([spline(t, nu=k), np.cos(t + k * np.pi / 2)], axis=1) for k in range(4)]
-    assert smoothness.of_rates(rates).startswith("jerk jumps at 4 knots")
-    assert smoothness.of_rates(rates[:3]) is None
+    assert smoothness.describe_rate_jumps(rates).startswith("jerk jumps at 4 knots")
+    assert smoothness.describe_rate_jumps(rates[:3]) is None
     names = ("q", "qd", "q2d", "q3d")
     columns = {f"joint{j + 1}.{name}": rates[k][:, j] for k, name in enumerate(names) for j in (0, 1)} | {"t": t}
     with pytest.warns(jounce.JounceWarning, match=r"m\.csv: jerk jumps at 4 knots"):

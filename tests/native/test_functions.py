@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from jounce.native.functions import HALF_PI_PARTS, MAX_REDUCED_ANGLE
+from jounce.native.vector_functions import HALF_PI_PARTS, MAX_REDUCED_ANGLE
 from jounce.program.trace import Tape
 from support.natives import WAYS, native, signature
 

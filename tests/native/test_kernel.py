@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 import jounce
 from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Computation
-from jounce.native import forms
-from jounce.spatial.series import columns
+from jounce.native import code_forms
+from jounce.spatial.series import column_series
 from support.natives import WAYS, assembled, target
 from support.quantities import IDS, REQUESTS, affordable, branched, method_of, tupled
 from support.recursion import inverse_dynamics
@@ -171,7 +171,7 @@ def test_agrees_with_extended_precision_from_1_mg_to_10_t(drawn):
     mechanism, rng = drawn
     q, W = random_state(rng, mechanism)
     exact = [[x.astype(np.longdouble) for x in y] for y in (q, W)]
-    expected = inverse_dynamics(mechanism, columns(exact[0]), loads(exact[1])).upto(2)
+    expected = inverse_dynamics(mechanism, column_series(exact[0]), loads(exact[1])).upto(2)
     found = jounce.Robot(mechanism).inverse_dynamics(*q, wrench=tuple(W), method="kernel")
     for x, y in zip(found, expected, strict=True):
         assert relative_error(x, y[:, 0]) < 1e-13
@@ -193,7 +193,7 @@ def test_agrees_with_the_host_on_other_targets(way):
     robot = forest()
     quantity = Computation("inverse_dynamics", 1, wrench=True)
     function = assembled(
-        forms.modules(robot.mechanism, quantity, target(way)), quantity.signature(robot.mechanism), way
+        code_forms.kernel_modules(robot.mechanism, quantity, target(way)), quantity.signature(robot.mechanism), way
     )
     kernel = robot.compile(order=1, wrench=True)
     for count in (1, 3, 29):

@@ -57,7 +57,7 @@ def test_the_second_kernel_is_not_compiled(folder, compilations):
     assert len(compilations) == 1
     works()
     assert len(compilations) == 1
-    assert list(cache.entries()) == [entry(folder)]
+    assert list(cache.kernel_paths()) == [entry(folder)]
 
 
 @posix
@@ -209,7 +209,7 @@ def test_the_least_recently_used_make_room(folder, monkeypatch):
     assert cache.read("a") is not None  # which is a use
     cache.write("e", bytes(1500 - 32))
     assert kept(folder) == set("ade")
-    assert sum(path.stat().st_size for path in cache.entries()) <= 4000
+    assert sum(path.stat().st_size for path in cache.kernel_paths()) <= 4000
     cache.write("d", bytes(1500 - 32))  # in place of its older self
     assert kept(folder) == set("ade")
 
@@ -225,7 +225,7 @@ def test_a_write_looks_at_each_kernel_once_at_most(folder, monkeypatch):
     )
     cache.write("f" * 64, b"x" * 100)
     assert [path for path in looks if any(name in path for name in names)] == []  # DirEntry.stat is none of os.stat
-    assert len(list(cache.entries())) == 21
+    assert len(list(cache.kernel_paths())) == 21
 
 
 def test_a_kernel_larger_than_the_limit_drives_nothing_out(folder, monkeypatch):
@@ -275,7 +275,7 @@ def test_the_key_tells_apart_whatever_the_code_depends_on():
 
 def test_the_key_changes_with_the_program_itself(monkeypatch):
     before = cache.key(ROBOT.mechanism, QUANTITY, host())
-    monkeypatch.setattr(cache, "sources", lambda: "another version")
+    monkeypatch.setattr(cache, "source_digest", lambda: "another version")
     assert cache.key(ROBOT.mechanism, QUANTITY, host()) != before
 
 

@@ -20,7 +20,7 @@ from jounce.engine import backends
 from jounce.native import jit
 from jounce.native import kernel as module
 from jounce.native.kernel import Kernel
-from jounce.native.plan import is_straight
+from jounce.native.memory_layout import is_straight
 from support.robots import golden, relative_error
 
 ROBOT = jounce.load("planar2r")
@@ -196,7 +196,7 @@ def test_what_becomes_doubles_is_served(kind):
 
 def test_without_llvmlite_the_recursion_serves_and_says_so(monkeypatch):
     monkeypatch.setitem(sys.modules, "llvmlite.binding", None)
-    monkeypatch.setattr(backends, "available", cache(backends.available.__wrapped__))
+    monkeypatch.setattr(backends, "is_available", cache(backends.is_available.__wrapped__))
     robot, q = jounce.load("planar2r"), states(3, 3)  # a robot that no kernel was made for
     with pytest.warns(
         JounceWarning, match=r"^native code is not available, the recursion is used instead: llvmlite cannot be"

@@ -13,7 +13,7 @@ import pytest
 import jounce
 from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Computation
-from jounce.native import plan, pool
+from jounce.native import memory_layout, scratch_pool
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel
 from support.robots import random_mechanism
@@ -42,7 +42,7 @@ class Heap:
 
     def __init__(self, monkeypatch, most=1000):
         self.used, self.largest = 0, 0
-        allocate, free = pool._allocate, pool._free
+        allocate, free = scratch_pool._allocate, scratch_pool._free
 
         def counted_allocate(size):
             if self.used >= most:
@@ -55,8 +55,10 @@ class Heap:
             self.used -= bool(buffer)
             free(buffer)
 
-        monkeypatch.setattr(pool, "_allocate", ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_size_t)(counted_allocate))
-        monkeypatch.setattr(pool, "_free", ctypes.CFUNCTYPE(None, ctypes.c_void_p)(counted_free))
+        monkeypatch.setattr(
+            scratch_pool, "_allocate", ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_size_t)(counted_allocate)
+        )
+        monkeypatch.setattr(scratch_pool, "_free", ctypes.CFUNCTYPE(None, ctypes.c_void_p)(counted_free))
 
 
 def same_from_four_threads(kernel, expected):
@@ -127,7 +129,7 @@ def test_buffers_are_kept_for_the_next_call_and_freed_with_the_kernel(robot, mon
 
 
 def test_more_calls_at_once_than_buffers_are_kept(robot, monkeypatch, tmp_path):
-    monkeypatch.setattr(pool, "MAX_KEPT_BUFFERS", 1)
+    monkeypatch.setattr(scratch_pool, "MAX_KEPT_BUFFERS", 1)
     monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path))  # other code under the same key
     heap = Heap(monkeypatch)
     kernel = Kernel(robot.mechanism, FORCES)
@@ -139,7 +141,7 @@ def test_more_calls_at_once_than_buffers_are_kept(robot, monkeypatch, tmp_path):
 def test_nothing_that_memory_happens_to_hold_is_computed_with(robot, name):
     kernel = Kernel(robot.mechanism, Computation(name, 2))
     [buffer] = filter(None, kernel._pool.table[2:])
-    size = plan.scratch_size(kernel.computation, robot.mechanism, host().lanes)
+    size = memory_layout.scratch_size(kernel.computation, robot.mechanism, host().lanes)
     found = []
     for content in (0x7FF4000000000000, 0x7FEFFFFFFFFFFFFF):  # a signalling NaN, the largest number
         np.frombuffer((ctypes.c_char * size).from_address(buffer), np.uint64)[:] = content
@@ -165,10 +167,10 @@ def test_where_there_is_no_memory_a_kernel_is_refused_in_one_line(robot, monkeyp
 def test_robots_beyond_the_memory_limit_get_no_native_code(monkeypatch):
     robot, q = chain(500), np.random.default_rng(2).uniform(-1, 1, (3, 500))
     assert (
-        plan.scratch_size(Computation("inverse_dynamics", 12, wrench=True), chain(1000).mechanism, 8)
-        < plan.MAX_SCRATCH_BYTES
+        memory_layout.scratch_size(Computation("inverse_dynamics", 12, wrench=True), chain(1000).mechanism, 8)
+        < memory_layout.MAX_SCRATCH_BYTES
     )
-    monkeypatch.setattr(plan, "MAX_SCRATCH_BYTES", 2**16)
+    monkeypatch.setattr(memory_layout, "MAX_SCRATCH_BYTES", 2**16)
     expected = robot.inverse_dynamics(*q, method="recursion")
     np.testing.assert_array_equal(robot.inverse_dynamics(*q), expected)
     for call in (lambda: robot.compile(order=0), lambda: robot.inverse_dynamics(*q, method="kernel")):
@@ -178,7 +180,7 @@ def test_robots_beyond_the_memory_limit_get_no_native_code(monkeypatch):
 
 @pytest.mark.parametrize("parent", [[-1], [-1, -1, -1], [-1, 0, 0, -1, 3, 2, 1, 4], list(range(-1, 9)), [-1, *[0] * 9]])
 def test_motions_stay_until_the_last_child_has_them(parent):
-    slots = plan.motion_slots(parent)
+    slots = memory_layout.motion_slots(parent)
     for i in range(len(parent)):
         held = {slots[p + 1] for p in parent[i:] if p < i}  # of bodies that still have children, the parent among them
         assert slots[i + 1] not in held

@@ -7,10 +7,10 @@ import jounce
 from jounce.core.errors import JounceWarning
 from jounce.dynamics.computation import Computation
 from jounce.engine import backends
-from jounce.native import forms, jit
+from jounce.native import code_forms, jit
 from jounce.native import kernel as module
 from jounce.native.jit import host
-from jounce.native.plan import LongCompilationError
+from jounce.native.memory_layout import LongCompilationError
 from support.robots import random_mechanism
 
 
@@ -84,17 +84,21 @@ def test_what_is_compiled_in_seconds_is_compiled_unasked():
     """Bundled arms, a chain of 44 bodies and every loop to order 6; not chains of any joints to order 12."""
     quantities = [Computation(name, 2) for name in ("inverse_dynamics", "skew_coriolis_matrix")]
     for quantity in quantities:
-        forms.modules(jounce.load("iiwa14").mechanism, quantity, host(), backends.MAX_COMPILE_SECONDS)
-    forms.modules(chain(44).mechanism, Computation("inverse_dynamics", 2), host(), backends.MAX_COMPILE_SECONDS)
+        code_forms.kernel_modules(jounce.load("iiwa14").mechanism, quantity, host(), backends.MAX_COMPILE_SECONDS)
+    code_forms.kernel_modules(
+        chain(44).mechanism, Computation("inverse_dynamics", 2), host(), backends.MAX_COMPILE_SECONDS
+    )
     robot = chain(100, ("revolute", "prismatic", "helical"))
-    forms.modules(
+    code_forms.kernel_modules(
         robot.mechanism, Computation("inverse_dynamics", 6, wrench=True), host(), backends.MAX_COMPILE_SECONDS
     )
     with pytest.raises(LongCompilationError):
-        forms.modules(robot.mechanism, Computation("inverse_dynamics", 12), host(), backends.MAX_COMPILE_SECONDS)
+        code_forms.kernel_modules(
+            robot.mechanism, Computation("inverse_dynamics", 12), host(), backends.MAX_COMPILE_SECONDS
+        )
     skew = Computation("skew_coriolis_matrix", 3)
     with pytest.raises(LongCompilationError):
-        forms.modules(chain(12).mechanism, skew, host(), backends.MAX_COMPILE_SECONDS)
+        code_forms.kernel_modules(chain(12).mechanism, skew, host(), backends.MAX_COMPILE_SECONDS)
 
 
 def test_instructions_of_the_loop_form_do_not_grow_with_the_robot():
@@ -102,5 +106,5 @@ def test_instructions_of_the_loop_form_do_not_grow_with_the_robot():
     counts = set()
     for nb in (50, 60):
         quantity = Computation("inverse_dynamics", 2, wrench=True)
-        counts.add(forms.modules(chain(nb).mechanism, quantity, host())[0].count("\n"))
+        counts.add(code_forms.kernel_modules(chain(nb).mechanism, quantity, host())[0].count("\n"))
     assert len(counts) == 1

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.arguments.poses import POSE_TOLERANCE, not_a_pose
+from jounce.arguments.poses import POSE_TOLERANCE, pose_error
 from jounce.core.errors import JounceError
-from jounce.native.plan import is_straight
-from jounce.native.poses import are_poses
+from jounce.native.memory_layout import is_straight
+from jounce.native.pose_check import are_poses
 from support.quantities import tupled
 from support.robots import floating, random_mechanism, random_pose, relative_error
 
@@ -107,7 +107,7 @@ def test_the_quick_check_is_no_laxer():
     assert are_poses(C[0])
     assert not are_poses(C * [[-1], [1], [1], [1]])  # of determinant -1
     bent = C + rng.normal(size=(20, 50, 4, 4)) * POSE_TOLERANCE
-    wrong = (not_a_pose(bent) > POSE_TOLERANCE).ravel()
+    wrong = (pose_error(bent) > POSE_TOLERANCE).ravel()
     assert 0 < wrong.sum() < wrong.size
     assert not any(map(are_poses, bent.reshape(-1, 4, 4)[wrong]))
     assert not are_poses(np.full((4, 4), np.nan))

@@ -5,12 +5,12 @@ import pytest
 
 import jounce
 from jounce.core.errors import JounceError
-from jounce.dynamics import newton
-from jounce.dynamics.branches import pattern
+from jounce.dynamics import loop_newton
 from jounce.dynamics.computation import Computation
-from jounce.native.closing import NativeStep
-from jounce.native.forms import program
-from jounce.spatial.linear import OrthogonalFactors, elimination
+from jounce.dynamics.loop_branches import constraint_pattern
+from jounce.native.code_forms import trace_program
+from jounce.native.loop_closure import NativeStep
+from jounce.spatial.linear import OrthogonalFactors, elimination_order
 from support.robots import relative_error
 
 ROBOTS = ("fivebar", "fourbar_leg", "delta")
@@ -23,13 +23,13 @@ def closed():
 
 def positions(robot, count, size=0.1):
     """Independent coordinates about the start."""
-    own, s = list(robot.mechanism.closure.independent), newton.scales(robot.mechanism)
+    own, s = list(robot.mechanism.closure.independent), loop_newton.scales(robot.mechanism)
     way = np.random.default_rng(0).uniform(-size, size, (count, robot.n))
     return robot.mechanism.closure.start[own] + way * s.coordinates[own]
 
 
 def operations(mechanism, name, order):
-    return program(mechanism, Computation(name, order)).operations
+    return trace_program(mechanism, Computation(name, order)).operations
 
 
 @pytest.mark.parametrize("name", ["fivebar", "fourbar_leg"])
@@ -62,7 +62,7 @@ def test_legs_of_a_platform_leave_their_rows_one_by_one(closed):
     """Of fifteen dependent coordinates ten are those of universal joints, each with a row of its own."""
     m = closed["gough_stewart"].mechanism
     dependent = list(m.closure.dependent)
-    steps = elimination(pattern(m)[:, dependent])
+    steps = elimination_order(constraint_pattern(m)[:, dependent])
     alone = [m.tree.coordinates[dependent[j]] for j, row in steps if row is not None]
     assert sorted(alone) == [f"leg{k}_{axis}" for k in range(2, 7) for axis in "xy"]
 
@@ -85,7 +85,7 @@ def test_native_steps_are_those_of_arrays(closed, name):
     m, rng = robot.mechanism, np.random.default_rng(2)
     q = m.closure.start + rng.uniform(-0.1, 0.1, (9, m.tree.n))
     change = rng.uniform(-0.1, 0.1, (9, m.n))
-    for found, expected in zip(NativeStep(m)(q, change), newton.step_of_arrays(m)(q, change), strict=True):
+    for found, expected in zip(NativeStep(m)(q, change), loop_newton.numpy_step(m)(q, change), strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
@@ -110,7 +110,7 @@ def test_closed_positions_do_not_depend_on_batch_or_method(closed, name):
     )
     assert relative_error(robot.coordinates(near), q[known]) < 1e-13
     assert relative_error(robot.coordinates(near[0]), q[known[0]]) < 1e-13  # by the short way, as one state
-    assert np.abs(newton.gaps(robot.mechanism, q[known])[0]).max() < 1e-14
+    assert np.abs(loop_newton.gaps(robot.mechanism, q[known])[0]).max() < 1e-14
 
 
 def test_the_short_way_of_calls_is_the_long_one(closed):
@@ -139,6 +139,6 @@ def test_coordinates_that_are_given_decide_on_the_branch(closed):
     turns = 2 * (np.arctan2(across[1], across[0]) - np.array([q[0] + q[1], q[2] + q[3] - np.pi])) + [0, -2 * np.pi]
     other = q + np.array([0, turns[0], 0, turns[1]])  # the pin on the other side of the line between the elbows
     found = robot.coordinates(other)
-    assert np.abs(newton.gaps(robot.mechanism, found[None])[0]).max() < 1e-14
+    assert np.abs(loop_newton.gaps(robot.mechanism, found[None])[0]).max() < 1e-14
     assert np.abs(found - other).max() < 1e-9
     assert np.abs(np.sin((found - q) / 2)).max() > 0.1

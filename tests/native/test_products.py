@@ -12,9 +12,9 @@ from scipy.linalg import expm
 import jounce
 from jounce.checks.derivatives import product
 from jounce.core.errors import JounceError, JounceWarning
-from jounce.dynamics.computation import PRODUCTS, Computation
+from jounce.dynamics.computation import DERIVATIVE_PRODUCTS, Computation
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.native import forms, jit, plan
+from jounce.native import code_forms, jit, memory_layout
 from jounce.native import kernel as module
 from jounce.program.differentiate import jvp, vjp
 from jounce.spatial.lie import wedge
@@ -55,7 +55,7 @@ def close(found, expected, tolerance=1e-12):
 @pytest.mark.parametrize(("quantity", "keywords"), ALL, ids=ids(ALL))
 def test_products_of_every_quantity_are_those_of_the_complex_step(quantity, keywords):
     m, wrench = ROBOT.mechanism, quantity.wrenches
-    values = forms.program(m, Computation(quantity.name, 1, wrench, **keywords))
+    values = code_forms.trace_program(m, Computation(quantity.name, 1, wrench, **keywords))
     for name, differentiate in (("vjp", vjp), ("jvp", jvp)):
         asked = of_product(quantity.name, 1, name, wrench, **keywords)
         given = arrays_of(asked.signature(m).inputs)
@@ -66,12 +66,12 @@ def test_products_of_every_quantity_are_those_of_the_complex_step(quantity, keyw
 
 
 @pytest.mark.parametrize("base", [False, True])
-@pytest.mark.parametrize("name", PRODUCTS)
+@pytest.mark.parametrize("name", DERIVATIVE_PRODUCTS)
 def test_the_arrays_of_products_have_names_of_their_own(name, base):
     for m in (TWO.mechanism, jounce.load("fivebar").mechanism):
         for quantity in (row for row in QUANTITIES.values() if m.closure or not row.closed):
             asked = of_product(quantity.name, 0, name, quantity.wrenches, base=base)
-            for order in (3, plan.highest_order(asked, m)):
+            for order in (3, memory_layout.highest_order(asked, m)):
                 signature = replace(asked, order=quantity.highest(order)).signature(m)
                 names = [port.name for port in (*signature.inputs, *signature.outputs)]
                 assert len(set(names)) == len(names)
@@ -231,7 +231,7 @@ def test_what_does_not_fit_is_refused_in_one_line(case):
 
 def test_what_takes_long_to_compile_waits_for_compile(monkeypatch, tmp_path):
     monkeypatch.setenv("JOUNCE_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(plan, "MAX_COMPILE_SECONDS", 0.001)
+    monkeypatch.setattr(memory_layout, "MAX_COMPILE_SECONDS", 0.001)
     robot = jounce.load("ur5", gravity=(0, 0, 1))
     kernel = robot.compile("gravity_forces", order=0)
     q = np.ones(6)
@@ -245,8 +245,8 @@ def test_what_takes_long_to_compile_waits_for_compile(monkeypatch, tmp_path):
 def test_robots_of_the_loop_form_have_products_in_a_straight_line():
     asked = Computation("inverse_dynamics", 9)
     m = jounce.load("ur5").mechanism
-    assert not plan.is_straight(asked, m)
-    assert plan.is_straight(replace(asked, product="vjp"), m)
+    assert not memory_layout.is_straight(asked, m)
+    assert memory_layout.is_straight(replace(asked, product="vjp"), m)
 
 
 def test_long_chains_with_a_ball_take_straight_code_or_none():
@@ -256,7 +256,7 @@ def test_long_chains_with_a_ball_take_straight_code_or_none():
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", JounceWarning)
             found = robot.inverse_dynamics(*given)
-        assert plan.is_straight(Computation("inverse_dynamics", order), robot.mechanism)
+        assert memory_layout.is_straight(Computation("inverse_dynamics", order), robot.mechanism)
         expected = robot.inverse_dynamics(*given, method="closed_form")
         np.testing.assert_allclose(
             np.vstack([found]), np.vstack([expected]), rtol=1e-10, atol=1e-10 * np.abs(found).max()

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import jounce
-from jounce.native.threads import boxes, in_parts
+from jounce.native.threads import boxes, compute_in_parts
 
 BATCHES = st.lists(st.integers(0, 5), min_size=1, max_size=4).map(tuple)
 
@@ -38,7 +38,7 @@ def test_every_state_is_computed_once(batch, parts):
     def work(box):
         found[box] += 1
 
-    in_parts(work, batch, parts)
+    compute_in_parts(work, batch, parts)
     assert (found == 1).all()
 
 
@@ -52,7 +52,7 @@ def test_threads_work_at_the_same_time_and_are_kept(batch):
         idents.append(threading.get_ident())
 
     for _ in range(3):
-        in_parts(work, batch, 2)
+        compute_in_parts(work, batch, 2)
     assert len(idents) == 6
     names = [thread.name for thread in threading.enumerate() if thread.name.startswith("jounce")]
     assert 1 <= len(names) <= max(1, os.cpu_count() - 1)
@@ -64,10 +64,10 @@ def test_a_caller_computes_what_no_thread_has_begun():
     held, done = threading.Event(), []
     with ThreadPoolExecutor(1) as other:
         first = other.submit(
-            in_parts, lambda box: held.wait(30), (9 * (os.cpu_count() or 1),), 9 * (os.cpu_count() or 1)
+            compute_in_parts, lambda box: held.wait(30), (9 * (os.cpu_count() or 1),), 9 * (os.cpu_count() or 1)
         )
         time.sleep(0.05)
-        in_parts(done.append, (8,), 4)
+        compute_in_parts(done.append, (8,), 4)
         held.set()
         first.result()
     assert len(done) == 4
@@ -85,7 +85,7 @@ def test_an_error_of_any_part_comes_back_once_all_have_ended(wrong):
         running.remove(box)
 
     with pytest.raises(ValueError, match="a part"):
-        in_parts(work, (4,), 4)
+        compute_in_parts(work, (4,), 4)
     assert [box[0].start for box in running] == [wrong]
 
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import jounce
 from jounce.dynamics.computation import Computation
-from jounce.native import forms
+from jounce.native import code_forms
 from jounce.program.differentiate import adjoints, evaluate, jvp, tangents, vjp
 from jounce.program.operations import OPERATIONS
 from jounce.program.passes import factor, fuse
@@ -91,7 +91,7 @@ def test_zero_weights_and_directions_write_no_step():
 @pytest.mark.parametrize(("order", "most"), [(0, 1356), (2, 5566)])
 def test_products_of_the_iiwa_take_no_more_operations_than_measured(order, most):
     """A gradient of Q, Qd, Q2d takes 2.52 times the operations of the values."""
-    program = forms.program(jounce.load("iiwa14").mechanism, Computation("inverse_dynamics", order))
+    program = code_forms.trace_program(jounce.load("iiwa14").mechanism, Computation("inverse_dynamics", order))
     assert vjp(program).operations <= most
     assert jvp(program).operations <= 1.01 * most
     tape = Tape()

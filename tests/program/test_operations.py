@@ -18,10 +18,10 @@ import jounce
 from jounce._codegen.language import LANGUAGE_NAMES, language
 from jounce.core import scalars
 from jounce.core.errors import JounceError
-from jounce.native import forms
-from jounce.native.functions import DEFINITIONS
+from jounce.native import code_forms
 from jounce.native.ir import Writer
 from jounce.native.jit import host
+from jounce.native.vector_functions import DEFINITIONS
 from jounce.program.operations import FREE_KINDS, FUNCTION_KINDS, OPERATIONS
 from jounce.program.passes import factor, fuse
 from jounce.program.trace import Tape
@@ -126,7 +126,7 @@ def test_nodes_have_the_functions_of_the_table_and_no_others():
         assert getattr(x, name)().kind == name
     assert not hasattr(x, "inv")
     with pytest.raises(JounceError, match=r"^scalars of type Node have no method arctan\(\), which is required$"):
-        scalars._elementwise("arctan")(np.array([x]))
+        scalars._make_elementwise("arctan")(np.array([x]))
 
 
 SCALAR_FUNCTIONS = {
@@ -193,7 +193,7 @@ def mass_matrix_of_operations():
 def generated(tmp_path, monkeypatch, lang, float32=False):
     program, count = mass_matrix_of_operations()
     with monkeypatch.context() as patch:
-        patch.setattr(forms, "program", lambda *_: program)
+        patch.setattr(code_forms, "trace_program", lambda *_: program)
         jounce.load("iiwa14").codegen(lang, 0, tmp_path / lang, outputs=["mass_matrix"], prefix="arm", float32=float32)
     return program, count
 

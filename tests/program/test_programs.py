@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 import jounce
 from jounce.dynamics.computation import Computation
-from jounce.native import forms
+from jounce.native import code_forms
 from jounce.program.passes import factor, fuse
 from jounce.program.program import FREE_KINDS, OPERATIONS, prune, topological_order
 from jounce.program.trace import Tape, TapeFullError, interruptible
-from jounce.spatial.series import Series, columns
+from jounce.spatial.series import Series, column_series
 from support.natives import WAYS, native, signature
 from support.programs import expressions
 from support.recursion import inverse_dynamics
@@ -27,7 +27,7 @@ def traced(mechanism, order, loaded):
     tape = Tape()
     q = [tape.variables(mechanism.n) for _ in range(order + 3)]
     W = [tape.variables(6 * mechanism.nb, 1) for _ in range(order + 1)]
-    Q = inverse_dynamics(mechanism, columns(q), Series.of(W) if loaded else None).upto(order)
+    Q = inverse_dynamics(mechanism, column_series(q), Series.of(W) if loaded else None).upto(order)
     return tape.program([x for rate in Q for x in rate[:, 0]])
 
 
@@ -41,7 +41,7 @@ def in_order(program):
 @pytest.mark.parametrize(("order", "operations"), [(0, 562), (1, 1225), (2, 2213)])
 def test_the_iiwa_takes_no_more_operations_than_measured(order, operations):
     """A guard of the economy of recursion, trace and factoring, sines and cosines among the operations."""
-    program = forms.program(jounce.load("iiwa14").mechanism, Computation("inverse_dynamics", order))
+    program = code_forms.trace_program(jounce.load("iiwa14").mechanism, Computation("inverse_dynamics", order))
     assert program.operations <= operations
     counts = fuse(program).counts()
     assert (counts["sin"], counts["cos"]) == (7, 7) or (counts["sin"], counts["cos"]) == (6, 6)
@@ -52,7 +52,7 @@ def test_the_iiwa_takes_no_more_operations_than_measured(order, operations):
 def test_programs_give_the_forces_after_every_pass(drawn, order, loaded):
     mechanism, rng = drawn
     q, W = random_state(rng, mechanism, order)
-    expected = inverse_dynamics(mechanism, columns(q), loads(W) if loaded else None).upto(order)
+    expected = inverse_dynamics(mechanism, column_series(q), loads(W) if loaded else None).upto(order)
     inputs = [float(x) for array in (q + W if loaded else q) for x in np.ravel(array)]
     program = traced(mechanism, order, loaded)
     for name, run in PASSES.items():
@@ -163,11 +163,11 @@ def test_wherever_a_tape_fills_the_trace_ends_with_its_own_error():
     """Products of object arrays with batch axes, as regressors have, go on calling operators after one has raised."""
     mechanism, regressor = random_mechanism(np.random.default_rng(0), [-1, 0], ["helical"] * 2, [1.0, 1.0]), "regressor"
     whole = Tape()
-    forms.program(mechanism, Computation(regressor, 1), whole)
+    code_forms.trace_program(mechanism, Computation(regressor, 1), whole)
     for most in range(500, len(whole.nodes), 150):
         with pytest.raises(TapeFullError):
-            forms.program(mechanism, Computation(regressor, 1), Tape(most))
-    forms.program(mechanism, Computation(regressor, 1), Tape(len(whole.nodes)))
+            code_forms.trace_program(mechanism, Computation(regressor, 1), Tape(most))
+    code_forms.trace_program(mechanism, Computation(regressor, 1), Tape(len(whole.nodes)))
 
 
 @pytest.mark.parametrize("at", range(500, 3500, 600))
@@ -186,7 +186,7 @@ def test_a_signal_in_a_trace_is_an_interruption_wherever_it_comes(monkeypatch, a
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # which jobs in the background ignore
     try:
         with pytest.raises(KeyboardInterrupt):
-            forms.program(chain, Computation("regressor", 1))
+            code_forms.trace_program(chain, Computation("regressor", 1))
     finally:
         signal.signal(signal.SIGINT, before)
     assert len(steps) >= at

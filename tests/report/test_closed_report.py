@@ -7,8 +7,8 @@ import pytest
 
 import jounce
 from jounce._report.drawing import drawing
-from jounce._report.subject import subject_of
-from jounce.dynamics.closing import close_loops
+from jounce._report.report_data import make_report_data
+from jounce.dynamics.loop_closure import close_loops
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
@@ -21,7 +21,7 @@ def fivebar():
 
 @pytest.fixture(scope="module")
 def subject(fivebar):
-    return subject_of(*fivebar, 1)
+    return make_report_data(*fivebar, 1)
 
 
 def test_all_joints_move_and_cut_joints_are_joined(fivebar, subject):
@@ -42,7 +42,7 @@ def test_all_joints_move_and_cut_joints_are_joined(fivebar, subject):
 def test_motors_at_dependent_joints_show_their_forces(fivebar):
     other = fivebar[0].closed(coordinates=["left_shoulder", "left_elbow"])
     q = fivebar[0].coordinates([2.2, 0.9])[[0, 1]]
-    s = subject_of(other, jounce.Motion.polynomial([[q[0], 0.1], [q[1], 0.1]], 0.2), 0)
+    s = make_report_data(other, jounce.Motion.polynomial([[q[0], 0.1], [q[1], 0.1]], 0.2), 0)
     Q = next(x for x in s.quantities if x.symbol == "Q")
     rates = [x[s.frames] for x in s.along.rates[:3]]
     np.testing.assert_allclose(Q.values[s.frames][:, Q.joints], other.actuator_forces(*rates), rtol=1e-9)
@@ -52,7 +52,7 @@ def test_motors_at_dependent_joints_show_their_forces(fivebar):
 def test_platforms_have_edges_and_virtual_slides_are_not_drawn():
     robot = jounce.load("delta")
     motion = jounce.Motion.polynomial([[0.6, 0.1]] * 3, 0.1)
-    solids = drawing(subject_of(robot, motion, 0))["solids"]
+    solids = drawing(make_report_data(robot, motion, 0))["solids"]
     bodies = np.concatenate([np.frombuffer(_bytes(solid["bodies"]), "i4") for solid in solids])
     names = robot.mechanism.bodies
     assert not set(bodies.tolist()) & {names.index("slide_x"), names.index("slide_y")}

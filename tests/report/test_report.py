@@ -12,8 +12,8 @@ from click.testing import CliRunner
 
 import jounce
 from jounce._report.curves import MAX_CURVE_POINTS
+from jounce._report.report_data import make_report_data
 from jounce._report.sliders import end_names, sliders_code, sliders_data
-from jounce._report.subject import subject_of
 from jounce.cli import main
 from support.files import refusal
 from support.pages import LARGEST, decoded, panel, parsed, words
@@ -25,7 +25,7 @@ HOSTILE = ["</script><script>hacked=1</script>", '"><img src=x onerror=hacked=1>
 
 def test_an_end_of_the_robot_is_pulled_and_no_name_of_a_file_is_code(panda):
     m = panda.mechanism
-    data = sliders_data(subject_of(panda, jounce.Motion.polynomial([[x, 0.1] for x in HOME], 1.0), 0))
+    data = sliders_data(make_report_data(panda, jounce.Motion.polynomial([[x, 0.1] for x in HOME], 1.0), 0))
     assert end_names(m) == [*panda.body_names, *(frame.name for frame in m.frames if frame.body >= 0)]
     assert len(end_names(m)) == len(data["ends"])
     assert end_names(m)[data["first"]] == "panda_hand_tcp"

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from jounce._report.drawing import parts_of
-from jounce._report.turns import in_turn, numbers_of
-from jounce._report.view.track import at_rest, start_of, track
+from jounce._report.single_screws import from_single_screws, to_single_screws
+from jounce._report.view.track import record_track, rest_state, start_of
 from jounce.checks.compare import compare
 from jounce.checks.description import describe
 from jounce.figures.drawing import skeleton
-from jounce.model.positions import positions, resting_position
+from jounce.model.positions import multiscrew_joints, resting_position
 from jounce.spatial.lie import exp
 from support.leg_and_cart import leg_and_cart, swinging
 from support.pages import decoded, parsed, words
@@ -23,14 +23,14 @@ STATES = np.random.default_rng(0).normal(size=(5, ROBOT.nq))
 
 @pytest.mark.parametrize("q", [*STATES, LOCKED, resting_position(M)])
 def test_joints_of_several_screws_are_joints_of_one_screw_in_turn(q):
-    s, C = in_turn(M, q), []
+    s, C = to_single_screws(M, q), []
     for i, p in enumerate(M.parent):
         H = M.B[i] if p < 0 else C[p] @ M.B[i]
         for j in M.columns[i]:
             H = H @ exp(M.X[j], s[j, None, None])
         C.append(H)
     np.testing.assert_allclose(C, ROBOT.poses(q), atol=1e-14)
-    np.testing.assert_allclose(ROBOT.poses(numbers_of(M, s)), ROBOT.poses(q), atol=1e-14)
+    np.testing.assert_allclose(ROBOT.poses(from_single_screws(M, s)), ROBOT.poses(q), atol=1e-14)
 
 
 def test_the_page_draws_poses_and_shows_what_limits_bound():
@@ -38,7 +38,7 @@ def test_the_page_draws_poses_and_shows_what_limits_bound():
     page, data = parsed(ROBOT.with_limits(upper={"ankle.swing": 0.5}, velocity=1.0).report(motion))
     t = decoded(data["frames"]["t"])
     s = decoded(data["robot"]["q"]).reshape(len(t), M.n)
-    np.testing.assert_allclose(s, in_turn(M, motion(t)[0]), atol=1e-15)
+    np.testing.assert_allclose(s, to_single_screws(M, motion(t)[0]), atol=1e-15)
     said = words(page, "//section[@id='robot_data-panel']")
     assert "joint ankle is a ball joint, so that there are no sliders: its q are shown as swing, angle, twist" in said
     assert not page.xpath("//section[@id='sliders-panel']")
@@ -55,9 +55,9 @@ def test_a_ball_is_a_sphere_and_what_is_loose_has_no_link():
 
 
 def test_a_view_starts_at_rest_and_follows_a_motion():
-    still = at_rest(ROBOT, start_of(ROBOT), np.eye(4))
+    still = rest_state(ROBOT, start_of(ROBOT), np.eye(4))
     np.testing.assert_allclose(still.Q, ROBOT.gravity_forces(resting_position(M)))
-    assert track(ROBOT, swinging()).positions.shape[1] == ROBOT.nq
+    assert record_track(ROBOT, swinging()).positions.shape[1] == ROBOT.nq
 
 
 @pytest.mark.parametrize("base", [False, True])
@@ -67,7 +67,7 @@ def test_comparison_and_description_know_joints_of_several_screws(base):
     rows = describe(robot.mechanism)["bodies"]
     assert [row["type"] for row in rows[:3]] == ["revolute", "ball", "revolute"]
     assert sum(row["mass"] or 0 for row in rows) == pytest.approx(7)
-    assert {joint.name for joint in positions(robot.mechanism).values()} == {"ankle", "deck", "box"}
+    assert {joint.name for joint in multiscrew_joints(robot.mechanism).values()} == {"ankle", "deck", "box"}
 
 
 def test_a_notebook_shows_it():

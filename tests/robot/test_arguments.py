@@ -15,8 +15,8 @@ import pytest
 import jounce
 from jounce import JounceError
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.model.kinds import KEYS
-from jounce.robot.old import OldMethods
+from jounce.model.limit_kinds import LIMIT_KEYS
+from jounce.robot.deprecated_methods import OldMethods
 from support.hostile import HOSTILE
 
 URDF = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/>
@@ -172,7 +172,7 @@ CASES: dict[str, Case] = {
         {"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3},
     ),
     "from_screws": (jounce.Robot.from_screws, {"B": B, "X": X, "M": M, "owners": [0, 1], **TREE}),
-    "limits": (lambda **limits: screws(limits=limits), dict.fromkeys(KEYS, (1, 1))),
+    "limits": (lambda **limits: screws(limits=limits), dict.fromkeys(LIMIT_KEYS, (1, 1))),
     "drives": (
         lambda **drives: screws(drives=drives),
         dict.fromkeys(("armature", "damping", "friction", "eps", "stiffness", "rest"), (1, 1)),
@@ -210,7 +210,7 @@ CASES: dict[str, Case] = {
     "with_drives": (ROBOT.with_drives, {"terms": True, "eps": None}),
     "term of with_drives": (lambda term: ROBOT.with_drives([term]), {"term": "spring"}),
     "with_limits": (
-        ROBOT.with_limits, {"source": None, **dict.fromkeys(KEYS, 1), "effort": [[-1, 1], [-2, 3]], "of": "Q"},
+        ROBOT.with_limits, {"source": None, **dict.fromkeys(LIMIT_KEYS, 1), "effort": [[-1, 1], [-2, 3]], "of": "Q"},
     ),
     "joint of with_limits": (lambda joint1: ROBOT.with_limits(jerk={"joint1": joint1}), {"joint1": (-1, 1)}),
     "kind of with_limits": (lambda effort: ROBOT.with_limits(of={"effort": effort}), {"effort": "Q"}),

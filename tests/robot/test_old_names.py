@@ -12,10 +12,10 @@ from click.testing import CliRunner
 import jounce
 from jounce import JounceError, JounceWarning
 from jounce.cli import main
-from jounce.core.deprecated import renamed, renamed_keywords
+from jounce.core.deprecated import deprecate_function, deprecate_keywords
 
 
-@renamed_keywords(base="moving_base")
+@deprecate_keywords(base="moving_base")
 def traced(order=2, *, moving_base=False):
     """What is traced."""
     return order, moving_base
@@ -40,7 +40,7 @@ def test_a_function_with_renamed_keywords_has_its_own_signature():
 
 def test_a_function_by_its_old_name_warns_with_the_new_call():
     with pytest.warns(JounceWarning, match=r"^report\(\) is deprecated, .*; write robot.report\(\.\.\.\)$"):
-        assert renamed("report()", "robot.report(...)", max)(1, 2) == 2
+        assert deprecate_function("report()", "robot.report(...)", max)(1, 2) == 2
 
 
 ARM = "<body><joint/><geom size='1'/></body>"

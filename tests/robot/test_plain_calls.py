@@ -45,7 +45,7 @@ def test_what_was_served_once_is_not_checked_at_length_again(quantity, keywords,
     options = keywords | ({"wrench": wrenches(3)[: quantity.wrench_rates + order]} if quantity.wrenches else {})
     expected = tupled(compute(*q, **options, method="kernel"))
     assert tupled(compute(*q, **options))[0].shape == expected[0].shape
-    monkeypatch.setattr(dispatch, "checked_arguments", None)
+    monkeypatch.setattr(dispatch, "check_arguments", None)
     out = tuple(np.full(x.shape, np.nan) for x in expected)
     assert all(x is y for x, y in zip(tupled(compute(*q, **options, out=out)), out, strict=True))
     found = (out, compute(*q, **options), compute(*q, **options, out=[np.empty(x.shape) for x in expected]))

@@ -14,7 +14,7 @@ import casadi
 import jounce
 from jounce.core.errors import JounceError
 from jounce.engine import primitive
-from jounce.native import plan, xla
+from jounce.native import memory_layout, xla
 from jounce.spatial import lie
 from support.robots import floating, random_mechanism, random_pose, relative_error
 from support.several_named import amid
@@ -206,7 +206,7 @@ def test_threads_call_at_once():
     robot = jounce.Robot(random_mechanism(np.random.default_rng(0), range(-1, 29), ["revolute"] * 30, np.ones(30)))
     kernel = robot.compile(order=5)
     assert kernel.addresses[1]
-    assert not plan.is_straight(kernel.computation, robot.mechanism)
+    assert not memory_layout.is_straight(kernel.computation, robot.mechanism)
     q = states(*[(50,)] * 8, n=robot.n)
     expected, law = kernel(*q), jax.jit(robot.inverse_dynamics)
     arrays = [jnp.asarray(x) for x in q]

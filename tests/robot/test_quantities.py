@@ -83,7 +83,7 @@ def by_recursion(name, **keywords):
 def test_every_method_gives_the_same_for_every_batch(quantity, keywords, method):
     compute, order = method_of(ROBOT, quantity), batch_order(quantity, keywords)
     if method == NATIVE:
-        computation = requests.computation(ROBOT.mechanism, quantity.name, order, **keywords)
+        computation = requests.build_computation(ROBOT.mechanism, quantity.name, order, **keywords)
         available = native_obstacle(ROBOT.mechanism, computation) is None
     else:
         available = method in quantity.methods

@@ -13,7 +13,7 @@ from hypothesis import given
 
 import jounce
 from jounce.core.errors import JounceError
-from jounce.robot.old import OldMethods
+from jounce.robot.deprecated_methods import OldMethods
 from support.robots import golden, mechanisms, random_state, relative_error
 
 METHODS = ("recursion", "closed_form", "paper")
@@ -122,7 +122,7 @@ def test_long_batches_are_worked_in_pieces_without_a_seam(robot, monkeypatch):
     q, W = state(robot, (5, 7), 5), np.random.default_rng(3).normal(size=(7, 6))
     whole = robot.inverse_dynamics(*q, wrench=(W, W, W))
     four_states = 8 * 4 * 7 * 4  # bytes: the last piece is ragged
-    monkeypatch.setattr("jounce.engine.generic.MAX_WORKING_BYTES", four_states)
+    monkeypatch.setattr("jounce.engine.generic_methods.MAX_WORKING_BYTES", four_states)
     pieces = robot.inverse_dynamics(*q, wrench=(W, W, W))
     for a, b in zip(whole, pieces, strict=True):
         assert relative_error(b, a) < 1e-14

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 
-from jounce.spatial.series import Series, columns, diagonal, from_rate, joined
+from jounce.spatial.series import Series, column_series, diagonal, from_rate, join_series
 
 ORDER = 5
 polynomials = st.lists(st.integers(-5, 5), min_size=1, max_size=6).map(Polynomial)
@@ -39,7 +39,7 @@ def test_sums_constants_and_transposes():
     assert ((-S).mT[1] == -S[1].T).all()
     assert (S.dot[1] == S[2]).all()
     assert (Series.constant(c)[3] == 0).all()
-    assert joined([S, S], axis=-1)[0].shape == (2, 4)
+    assert join_series([S, S], axis=-1)[0].shape == (2, 4)
 
 
 def test_from_rate_solves_the_differential_equation():
@@ -67,7 +67,7 @@ def test_terms_are_computed_once_and_only_when_asked_for():
 
 def test_given_terms_end_where_they_end():
     with pytest.raises(IndexError):
-        columns([np.zeros(2)])[1]
+        column_series([np.zeros(2)])[1]
 
 
 def test_diagonal_places_blocks():

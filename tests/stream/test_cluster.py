@@ -24,13 +24,13 @@ from test_stream import ROBOT, bytes_of, call, joined, refusal, summary, table, 
 
 import jounce
 import jounce.dask
-from jounce.core.errors import collected_warnings, warn
-from jounce.dask.kept import keep
+from jounce.core.errors import collect_warnings, warn
+from jounce.dask.pickled import pickle_object
 from jounce.dynamics.computation import Computation
 from jounce.native import kernel
-from jounce.stream import cluster, plan
+from jounce.stream import cluster, input_parts
+from jounce.stream.input_parts import make_plan
 from jounce.stream.job import Job, Reading
-from jounce.stream.plan import make_plan
 
 LONGEST = 300  # s, after which the process of the tests ends instead of hanging
 cloudpickle.register_pickle_by_value(sys.modules[__name__])
@@ -50,7 +50,7 @@ def workers(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("dask.system.CPU_COUNT", 2)
         patch.setattr("tempfile.tempdir", str(folder))
-        with cluster._local(9) as found, Client(found, set_as_default=False) as client:
+        with cluster._start_local_cluster(9) as found, Client(found, set_as_default=False) as client:
             yield client
     assert list(folder.iterdir()) == []
 
@@ -63,7 +63,7 @@ def address(workers):
 @pytest.fixture
 def states(tmp_path, monkeypatch):
     """A table of two motions in many parts."""
-    monkeypatch.setattr(plan, "MAX_PART_CELLS", 200)
+    monkeypatch.setattr(input_parts, "MAX_PART_CELLS", 200)
     return write(tmp_path / "states.csv", joined(table(60), table(40, 5), names=["a", "b"]))
 
 
@@ -118,15 +118,15 @@ def test_the_end_of_workers_and_of_clusters_is_told_in_one_line(tmp_path, states
     """A part is given up that several workers do not survive."""
     made = make_plan(Job("forces", ROBOT, 2, Reading(), ".csv"), states, 4)
     with pytest.raises(jounce.JounceError) as caught:
-        cluster._checked(made.task, made.parts[0], SimpleNamespace(result=Mock(side_effect=error)), tmp_path)
+        cluster._check_record(made.task, made.parts[0], SimpleNamespace(result=Mock(side_effect=error)), tmp_path)
     assert message in str(caught.value)
     assert str(caught.value).endswith("finished parts are kept, and the same command continues after them")
 
 
 def test_a_run_that_is_stopped_keeps_its_finished_parts(tmp_path, address, states, monkeypatch):
-    from jounce.stream import results
+    from jounce.stream import whole_run
 
-    real = results.run
+    real = whole_run.run
 
     def stopped(plan, work, runner, show):
         def interrupt(*_):
@@ -135,7 +135,7 @@ def test_a_run_that_is_stopped_keeps_its_finished_parts(tmp_path, address, state
         return real(plan, work, runner, interrupt)
 
     with monkeypatch.context() as patch:
-        patch.setattr(results, "run", stopped)
+        patch.setattr(whole_run, "run", stopped)
         assert call("run", "planar2r", states, "-o", tmp_path / "out", "--cluster", address).exit_code == 130
     assert not (tmp_path / "out").exists()
     found = summary("run", "planar2r", states, "-o", tmp_path / "out", "--cluster", address)
@@ -262,7 +262,7 @@ def test_warnings_of_threads_do_not_mix():
     both = Barrier(2)
 
     def part(name):
-        with collected_warnings() as found:
+        with collect_warnings() as found:
             both.wait(10)
             warn(name)
             both.wait(10)
@@ -296,11 +296,11 @@ def test_what_tasks_share_is_sent_with_its_closures_and_kept(workers):
     def scaled(x):
         return x * factor
 
-    kept = keep(scaled)
+    kept = pickle_object(scaled)
     assert workers.submit(lambda kept: kept.value(2).tolist(), kept).result() == [0, 2, 4]
-    assert kept.value is keep(scaled).value
+    assert kept.value is pickle_object(scaled).value
     with pytest.raises(jounce.JounceError, match=r"^lock cannot be sent to other processes: cannot pickle"):
-        keep(Lock())
+        pickle_object(Lock())
 
 
 def die_after(count, told):

@@ -21,10 +21,10 @@ import jounce
 from jounce.cli import main
 from jounce.io import tables
 from jounce.spatial.series import rate_name
-from jounce.stream import parts, plan, publish
+from jounce.stream import input_parts, parts, publish
+from jounce.stream.input_parts import make_plan
 from jounce.stream.job import RECORD_VERSION, Job, Reading
-from jounce.stream.lock import LOCK_FILE, locked
-from jounce.stream.plan import make_plan
+from jounce.stream.lock import LOCK_FILE, hold_lock
 from jounce.stream.records import line_of
 
 ROBOT = jounce.load("planar2r")
@@ -111,9 +111,9 @@ def bytes_of(path):
 @pytest.fixture
 def small_parts(monkeypatch):
     """Parts of a few rows, and chunks of fewer."""
-    monkeypatch.setattr(plan, "MAX_PART_CELLS", 200)
-    monkeypatch.setattr(plan, "MIN_LARGE_TABLE_BYTES", 0)
-    monkeypatch.setattr("jounce.io.rows.CELLS_PER_CHUNK", 70)
+    monkeypatch.setattr(input_parts, "MAX_PART_CELLS", 200)
+    monkeypatch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 0)
+    monkeypatch.setattr("jounce.io.table_format.CELLS_PER_CHUNK", 70)
     monkeypatch.setattr("jounce.io.parquet.ROWS_PER_GROUP", 13)
 
 
@@ -163,7 +163,7 @@ def test_motions_of_samples_are_fitted_as_wholes(tmp_path, small_parts):
 
 
 def test_a_motion_that_does_not_fit_into_memory_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(plan, "_memory", lambda: 1000)
+    monkeypatch.setattr(input_parts, "_memory", lambda: 1000)
     t = np.linspace(0, 2, 120)
     path = write(tmp_path / "log.parquet", {"t": t, "joint1": t, "joint2": t})
     message = refusal("run", "planar2r", path, "-o", tmp_path / "out")
@@ -188,7 +188,7 @@ def test_motors_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypat
     path = write(tmp_path / "states.npz", table(60))
     options = ("--stiffness", "1000", "--rotor", "0.2")
     with monkeypatch.context() as patch:
-        patch.setattr(plan, "MIN_LARGE_TABLE_BYTES", 1 << 20)
+        patch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 1 << 20)
         assert call("motors", "planar2r", path, "-o", tmp_path / "whole.npz", *options).exit_code == 0
     assert call("motors", "planar2r", path, "-o", tmp_path / "parts", *options).exit_code == 0
     whole, found = read(tmp_path / "whole.npz"), read(tmp_path / "parts")
@@ -199,7 +199,7 @@ def test_motors_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypat
 
 @pytest.mark.filterwarnings("ignore:.*rounding of .* or t:jounce.JounceWarning")  # of a stretch of a few rows
 def test_limits_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypatch):
-    monkeypatch.setattr("jounce.stream.limits.MAX_STRETCH_ROWS", 7)
+    monkeypatch.setattr("jounce.stream.limit_checks.MAX_STRETCH_ROWS", 7)
     columns = table(90)
     path = write(tmp_path / "states.csv", columns)
     (tmp_path / "limits.yaml").write_text(
@@ -207,7 +207,7 @@ def test_limits_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypat
     )
     limits = ("--limits", tmp_path / "limits.yaml")
     with monkeypatch.context() as patch:
-        patch.setattr(plan, "MIN_LARGE_TABLE_BYTES", 1 << 20)
+        patch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 1 << 20)
         whole = json.loads(call("check", "planar2r", path, *limits, "--json").stdout)
     result = call("check", "planar2r", path, *limits, "--table", tmp_path / "out.csv", "--json")
     found = json.loads(result.stdout)
@@ -221,7 +221,7 @@ def test_limits_by_parts_are_those_of_the_whole(tmp_path, small_parts, monkeypat
 
 def divided(monkeypatch, folder, rows):
     """A table in parts of a few rows, that have chunks of the usual size."""
-    monkeypatch.setattr(plan, "MAX_PART_CELLS", 200)
+    monkeypatch.setattr(input_parts, "MAX_PART_CELLS", 200)
     with monkeypatch.context() as patch:
         patch.setattr("jounce.io.parquet.ROWS_PER_GROUP", 13)
         return write(folder / "states.parquet", table(rows))
@@ -362,7 +362,7 @@ def test_a_bad_row_is_named_and_can_be_left_out(tmp_path, small_parts, suffix):
 
 
 def test_an_infinite_time_ending_a_part_spoils_no_other_row(tmp_path, monkeypatch):
-    monkeypatch.setattr(plan, "MAX_PART_CELLS", 10 * 11)
+    monkeypatch.setattr(input_parts, "MAX_PART_CELLS", 10 * 11)
     columns = table(30)
     columns["t"][9] = np.inf
     path = write(tmp_path / "states.npz", columns)
@@ -451,7 +451,7 @@ def test_a_part_that_cannot_be_read_is_named_and_can_be_left_out(tmp_path, small
 @pytest.mark.parametrize("cells", [200, 1 << 20])
 @pytest.mark.parametrize("verb", ["run", "check"])
 def test_a_motion_that_begins_again_is_refused(tmp_path, monkeypatch, small_parts, cells, verb):
-    monkeypatch.setattr(plan, "MAX_PART_CELLS", cells)
+    monkeypatch.setattr(input_parts, "MAX_PART_CELLS", cells)
     (tmp_path / "limits.yaml").write_text("units: SI\njoints: {joint1: {velocity: 1.9}}")
     path = write(tmp_path / "a.npz", joined(table(30), table(20, 5), table(30), names=["a", "b", "a"]))
     where = ("-o", tmp_path / "out") if verb == "run" else ("--limits", tmp_path / "limits.yaml")
@@ -506,7 +506,7 @@ def test_other_programs_read_what_is_written(tmp_path, small_parts):
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_memory_does_not_grow_with_the_number_of_rows(tmp_path, monkeypatch, suffix):
-    monkeypatch.setattr(plan, "MAX_PART_CELLS", 1 << 12)
+    monkeypatch.setattr(input_parts, "MAX_PART_CELLS", 1 << 12)
     monkeypatch.setattr("jounce.io.parquet.ROWS_PER_GROUP", 300)
     monkeypatch.setattr("jounce.io.csv.BLOCK_BYTES", 1 << 16)
     peaks = []
@@ -540,9 +540,9 @@ def test_parquet_without_pyarrow_says_how_to_get_it(tmp_path, monkeypatch):
 def test_large_tables_of_rates_are_read_by_parts(tmp_path, small_parts, monkeypatch):
     """Which changes none of the bytes that are written."""
     path = write(tmp_path / "states.csv", table(60))
-    monkeypatch.setattr(plan, "MIN_LARGE_TABLE_BYTES", 100_000)
+    monkeypatch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 100_000)
     before = call("run", "planar2r", path, "-o", tmp_path / "a.csv")
-    monkeypatch.setattr(plan, "MIN_LARGE_TABLE_BYTES", 1000)
+    monkeypatch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 1000)
     found = summary("run", "planar2r", path, "-o", tmp_path / "b.csv")
     assert found["parts"] > 1
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
@@ -589,9 +589,12 @@ def test_a_lock_whose_file_another_run_removes_is_taken_again(tmp_path, monkeypa
         lock(file, how)
 
     monkeypatch.setattr(fcntl, "flock", late)
-    with locked(tmp_path / "work", tmp_path / "out.csv"):
+    with hold_lock(tmp_path / "work", tmp_path / "out.csv"):
         assert len(taken) == 2
-        with pytest.raises(jounce.JounceError, match="another run writes there"), locked(tmp_path / "work", tmp_path):
+        with (
+            pytest.raises(jounce.JounceError, match="another run writes there"),
+            hold_lock(tmp_path / "work", tmp_path),
+        ):
             pass
 
 
@@ -635,8 +638,8 @@ def test_limits_are_checked_wherever_parts_end(tmp_path, monkeypatch):
     limits.write_text('{"units": "SI", "joints": {"joint1": {"velocity": 0.1}}}')
     found = set()
     for cells in range(20, 120, 7):
-        monkeypatch.setattr(plan, "MAX_PART_CELLS", cells)
-        monkeypatch.setattr(plan, "MIN_LARGE_TABLE_BYTES", 0)
+        monkeypatch.setattr(input_parts, "MAX_PART_CELLS", cells)
+        monkeypatch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 0)
         out = tmp_path / f"{cells}.csv"
         assert call("check", "planar2r", path, "--limits", limits, "--table", out).exit_code == 1
         found.add(out.read_bytes())
@@ -649,9 +652,9 @@ def test_motions_of_one_row_are_refused_wherever_they_lie(tmp_path, monkeypatch,
     path, limits = tmp_path / "states.csv", tmp_path / "l.json"
     write(path, joined(table(rows), table(1, 2), table(9, 3), names=["a", "b", "c"]))
     limits.write_text('{"units": "SI", "joints": {"joint1": {"velocity": 0.1}}}')
-    monkeypatch.setattr(plan, "MIN_LARGE_TABLE_BYTES", 0)
+    monkeypatch.setattr(input_parts, "MIN_LARGE_TABLE_BYTES", 0)
     for cells in range(20, 120, 7):
-        monkeypatch.setattr(plan, "MAX_PART_CELLS", cells)
+        monkeypatch.setattr(input_parts, "MAX_PART_CELLS", cells)
         refused = call("check", "planar2r", path, "--limits", limits, "--table", tmp_path / "out.csv")
         assert refused.exit_code == 2, cells
         assert "motion 'b' has one row" in refused.stderr

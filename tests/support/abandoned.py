@@ -5,7 +5,7 @@ import subprocess
 import sys
 import time
 
-from jounce.core import parts
+from jounce.core import temporary_files
 
 
 def abandoned_part(folder, process=None, age=0.0):
@@ -14,7 +14,7 @@ def abandoned_part(folder, process=None, age=0.0):
         gone = subprocess.Popen([sys.executable, "-c", ""])
         gone.wait()
         process = gone.pid
-    path = parts.part_in(folder)
+    path = temporary_files.temporary_path(folder)
     path = path.with_name(path.name.replace(f"-{os.getpid()}-", f"-{process}-"))
     path.write_text("half of")
     os.utime(path, (time.time() - age,) * 2)

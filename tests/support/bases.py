@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from jounce.dynamics.joint_motion import JointMotion
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import Ad, ad, exp
-from jounce.spatial.series import Series, columns, from_rate
+from jounce.spatial.series import Series, column_series, from_rate
 from support.robots import floating, harmonic, mechanisms, random_pose, random_screw
 
 
@@ -23,7 +23,7 @@ def random_base(rng: np.random.Generator, count: int) -> tuple[np.ndarray, ...]:
 
 
 def motion_of(base: tuple[np.ndarray, ...]) -> JointMotion:
-    return JointMotion(base[0], columns(base[1:]))
+    return JointMotion(base[0], column_series(base[1:]))
 
 
 def base_path(rng: np.random.Generator, order: int):

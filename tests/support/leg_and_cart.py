@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import jounce
-from jounce.model.positions import position_names, positions, resting_position
+from jounce.model.positions import multiscrew_joints, position_names, resting_position
 from jounce.model.screws import from_screws
 from jounce.motion.time_law import chain_rule
 from jounce.spatial.groups import BALL, FREE, GROUPS, PLANAR
@@ -65,7 +65,7 @@ class Swinging:
         """The numbers of q with their rates."""
         angle = [self.amplitude * ((k == 0) - np.cos(t + k * np.pi / 2)) for k in range(order + 1)]
         m = leg_and_cart().mechanism
-        joints = {joint.name: joint for joint in positions(m).values()}
+        joints = {joint.name: joint for joint in multiscrew_joints(m).values()}
         q = np.zeros((order + 1, len(t), self.columns))
         q[0] = resting_position(m)
         for k, factors in enumerate(chain_rule([rate / 2 for rate in angle], order)):

@@ -1,11 +1,11 @@
 """Motions from tables in memory."""
 
-from jounce.core.errors import at
-from jounce.motion.columns import match
-from jounce.motion.table import AS_NAMED, SMOOTHED, from_columns
+from jounce.core.errors import locate_errors
+from jounce.motion.table import DEFAULT_COLUMN_OPTIONS, DEFAULT_SMOOTHING, motion_from_columns
+from jounce.motion.table_columns import match_columns
 
 
-def from_table(columns, mechanism, highest, place, way=SMOOTHED, options=AS_NAMED):
-    with at(place):
-        found = match(list(columns), mechanism, options, highest)
-    return from_columns(columns, found, mechanism, highest, place, way)
+def from_table(columns, mechanism, highest, place, way=DEFAULT_SMOOTHING, options=DEFAULT_COLUMN_OPTIONS):
+    with locate_errors(place):
+        found = match_columns(list(columns), mechanism, options, highest)
+    return motion_from_columns(columns, found, mechanism, highest, place, way)

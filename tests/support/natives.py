@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
-from jounce.dynamics.computation import Port, Signature, in_a_row
+from jounce.dynamics.computation import Port, Signature, number_scalars
 from jounce.native import jit
-from jounce.native.calls import modules
-from jounce.native.emit import straight
-from jounce.native.jit import host, ufunc
+from jounce.native.calls import write_modules
+from jounce.native.emit import straight_block
+from jounce.native.jit import host, make_ufunc
 
 WAYS = ["host", "4 lanes", "2 lanes", "4 lanes, no fma", "2 lanes, no fma"]
 
@@ -24,16 +24,18 @@ def signature(taken, given, first_orders):
         Port(f"x{k}", shape, "coordinate", 0, order)
         for k, (shape, order) in enumerate(zip(taken, first_orders, strict=True))
     ]
-    return Signature(in_a_row(inputs), in_a_row([Port(f"y{k}", shape, "result") for k, shape in enumerate(given)]))
+    return Signature(
+        number_scalars(inputs), number_scalars([Port(f"y{k}", shape, "result") for k, shape in enumerate(given)])
+    )
 
 
 def native(program, interface, way="host"):
     """A program as a function of arrays."""
-    return assembled(modules(straight(program, interface), interface, target(way)), interface, way)
+    return assembled(write_modules(straight_block(program, interface), interface, target(way)), interface, way)
 
 
 def assembled(texts, interface, way="host"):
     """Modules as a function of arrays; what it needs lives as long as it does."""
     code = jit.load_object(jit.assemble(texts, target(way)), target(way))
-    function, needed = ufunc(code.address("states"), interface, "native", None)
+    function, needed = make_ufunc(code.address("states"), interface, "native", None)
     return lambda *arrays, kept=(code, needed), **options: function(*arrays, **options)

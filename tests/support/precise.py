@@ -5,10 +5,10 @@ from typing import Any
 import mpmath
 from mpmath import mpf
 
-from jounce.dynamics import newton
+from jounce.dynamics import loop_newton
 from jounce.dynamics.computation import Computation
-from jounce.model.casting import with_exact_integers
-from jounce.native.forms import program
+from jounce.model.scalar_casting import with_exact_integers
+from jounce.native.code_forms import trace_program
 from jounce.program.trace import Tape
 
 RULES: dict[str, Any] = {
@@ -42,9 +42,9 @@ class Precise:
     def __init__(self, robot: Any, order: int = 2) -> None:
         self.m, self.order, tape = robot.mechanism, order, Tape()
         q, change = tape.variables(self.m.tree.n), tape.variables(self.m.n)
-        found, measures, _ = newton.step(with_exact_integers(self.m), q, change)
+        found, measures, _ = loop_newton.newton_step(with_exact_integers(self.m), q, change)
         self.step = tape.program([*found, *measures])
-        self.law = program(self.m, Computation("inverse_dynamics", order))
+        self.law = trace_program(self.m, Computation("inverse_dynamics", order))
 
     def forces(self, q: Any, rates: Any) -> list[list[float]]:
         """Q, Qd, ... where all coordinates q are nearly closed."""

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 import jounce
-from jounce.arguments.loops import loop_between
-from jounce.dynamics import assembly
+from jounce.arguments.loops import build_loop
+from jounce.dynamics import loop_assembly
 from jounce.model.frame import Frame
 from jounce.model.loops import Closure
 from jounce.spatial import lie
@@ -72,8 +72,8 @@ def _independent(m: Any, loops: list[tuple[str, str, str, np.ndarray]], q: np.nd
     """The coordinates that are left when those with the largest pivots of the constraints are not."""
     everything = tuple(range(m.n))
     closure = Closure(m.coordinates, m.G, m.g, everything, q, everything, np.ones(m.n))
-    m = replace(m, loops=tuple(loop_between(m, *given) for given in loops), closure=closure)
-    A, dependent = assembly.scaled_constraints(m, q[None])[0], []
+    m = replace(m, loops=tuple(build_loop(m, *given) for given in loops), closure=closure)
+    A, dependent = loop_assembly.scaled_constraints(m, q[None])[0], []
     for _ in range(np.linalg.matrix_rank(A, rtol=1e-8)):
         dependent.append(int(np.argmax(np.linalg.norm(A, axis=0))))
         e = A[:, dependent[-1]] / np.linalg.norm(A[:, dependent[-1]])

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from jounce.dynamics.recursion.bodies import jacobians, poses, twists
-from jounce.dynamics.recursion.forces import AT_REST, MOVING, base_wrench, rnea
+from jounce.dynamics.recursion.forces import MOVING_SWEEP, RESTING_SWEEP, base_wrench, rnea
 from jounce.dynamics.recursion.matrices import (
     centroidal_momentum_matrix,
     coriolis_matrix,
@@ -41,13 +41,13 @@ __all__ = [
 
 
 def inverse_dynamics(mechanism, q, W=None):
-    return rnea(MOVING, mechanism, q, W)
+    return rnea(MOVING_SWEEP, mechanism, q, W)
 
 
 def gravity_forces(mechanism, q):
-    return rnea(AT_REST, mechanism, q)
+    return rnea(RESTING_SWEEP, mechanism, q)
 
 
 def external_forces(mechanism, q, W):
     """Qext: the forces without masses."""
-    return rnea(MOVING, replace(mechanism, M=0 * mechanism.M), q, W)
+    return rnea(MOVING_SWEEP, replace(mechanism, M=0 * mechanism.M), q, W)

@@ -12,7 +12,7 @@ from textwrap import indent
 import jounce
 from jounce.core import typing as types
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.robot.docstrings import METHOD_OPTIONS, docstring, options_of
+from jounce.robot.docstrings import METHOD_OPTIONS, docstring, list_options
 from jounce.robot.methods import Methods
 from jounce.spatial.series import rate_name
 
@@ -60,7 +60,7 @@ def _code(text):
 def _of_row(row):
     path = Path(row.methods["recursion"].law.__code__.co_filename).relative_to(SOURCE.parent).as_posix()
     declared = [
-        f"{name}: {METHOD_OPTIONS[name].annotation} = {METHOD_OPTIONS[name].default}" for name in options_of(row)
+        f"{name}: {METHOD_OPTIONS[name].annotation} = {METHOD_OPTIONS[name].default}" for name in list_options(row)
     ]
     options = [text.replace("'", '"') for text in declared]
     one, names = "Array" if row.shape else "Any", row.input_names(row.rates + 3)

@@ -13,7 +13,7 @@ import pytest
 
 import jounce
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.robot.docstrings import options_of
+from jounce.robot.docstrings import list_options
 from support.language_server import LanguageServer
 from support.stubs import stubs
 
@@ -39,7 +39,7 @@ def test_the_signature_of_a_method_is_a_line_of_names(row):
     names = row.input_names(row.rates + (0 if row.results else 2))  # two further rates have names in all methods
     assert list(signature.parameters)[1 : len(names) + 1] == list(names)
     assert all(x.default is None for x in list(signature.parameters.values())[row.rates + 1 : len(names) + 1])
-    assert [x.name for x in signature.parameters.values() if x.kind is x.KEYWORD_ONLY] == list(options_of(row))
+    assert [x.name for x in signature.parameters.values() if x.kind is x.KEYWORD_ONLY] == list(list_options(row))
     assert method.__qualname__ == f"Robot.{row.name}"
 
 
@@ -83,7 +83,7 @@ def test_an_editor_shows_the_method_its_parameters_and_its_row(server, line):
     print(*(signature["label"] for signature in shown), sep="\n")
     for order, signature in enumerate(shown[:3]):
         labels = [parameter["label"].partition(":")[0] for parameter in signature["parameters"]]
-        assert labels == [*row.input_names(row.rates + order), "*", *options_of(row)]
+        assert labels == [*row.input_names(row.rates + order), "*", *list_options(row)]
     places = asked(server, "definition", line, "robot.")
     print(*(place["uri"].rpartition("/jounce/")[2] for place in places), sep="\n")
     source, first = inspect.getsourcelines(getattr(jounce.Robot, name))
@@ -102,7 +102,7 @@ def test_jedi_shows_the_method_and_its_docstring(name):
     assert found.type == "function"
     assert row.text.splitlines()[0] in found.docstring()
     shown = [x.name for x in script.get_signatures(3, len(call))[0].params if x.name]
-    assert shown == [*row.input_names(row.rates), *options_of(row)]
+    assert shown == [*row.input_names(row.rates), *list_options(row)]
 
 
 def test_a_wrong_argument_costs_one_line_of_mypy():

@@ -15,12 +15,12 @@ import jounce
 from jounce._codegen.language import LANGUAGE_NAMES
 from jounce.arguments.loads import LOAD_FRAMES
 from jounce.core import typing
-from jounce.dynamics.kinematics import FRAMES
+from jounce.dynamics.kinematics import SCREW_FRAMES
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.quantities.names import QuantityName
 from jounce.engine.backends import NATIVE
-from jounce.model import dh
-from jounce.model.drives import TERMS
+from jounce.model import denavit_hartenberg
+from jounce.model.drives import DRIVE_TERMS
 from jounce.motion import units
 from jounce.robot.methods import FORMS
 
@@ -81,13 +81,13 @@ def test_the_right_program_runs():
     [
         (QuantityName, QUANTITIES),
         (typing.Method, [NATIVE, *(method for row in QUANTITIES.values() for method in row.methods)]),
-        (typing.Frame, FRAMES),
+        (typing.Frame, SCREW_FRAMES),
         (typing.LoadFrame, LOAD_FRAMES),
         (typing.Form, FORMS),
-        (typing.DriveTerm, TERMS),
+        (typing.DriveTerm, DRIVE_TERMS),
         (typing.Language, LANGUAGE_NAMES),
-        (typing.Convention, dh.CONVENTIONS),
-        (typing.JointType, dh.TYPES),
+        (typing.Convention, denavit_hartenberg.CONVENTIONS),
+        (typing.JointType, denavit_hartenberg.TYPES),
         (typing.Angles, units.ANGLE_UNITS),
         (typing.TimeUnit, units.TIME_UNITS),
     ],

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce._report.view.track import at_rest, start_of, track
+from jounce._report.view.track import record_track, rest_state, start_of
 
 ROBOT = jounce.load("fivebar")
 
 
 def test_all_joints_are_shown_along_a_motion_and_at_rest():
-    along = track(ROBOT, jounce.Motion.polynomial([[2.2, 0.3], [0.9, 0.2]], 1.0))
+    along = record_track(ROBOT, jounce.Motion.polynomial([[2.2, 0.3], [0.9, 0.2]], 1.0))
     np.testing.assert_allclose(along.positions, ROBOT.coordinates(along.q), atol=1e-12)
-    rest = at_rest(ROBOT, np.array([2.4, 1.0]), np.eye(4), start_of(ROBOT))
+    rest = rest_state(ROBOT, np.array([2.4, 1.0]), np.eye(4), start_of(ROBOT))
     np.testing.assert_allclose(rest.positions, ROBOT.coordinates(rest.q), atol=1e-12)
 
 
@@ -20,9 +20,9 @@ def test_sliders_stay_where_the_loops_close():
     pytest.importorskip("viser", reason="viser is not installed")
     from pathlib import Path
 
-    from jounce._report.view.viewer import serving
+    from jounce._report.view.viewer import serve_robot
 
-    with serving(ROBOT, Path("fivebar"), None, 0) as served:
+    with serve_robot(ROBOT, Path("fivebar"), None, 0) as served:
         before = [slider.value for slider in served.joints]
         served.joints[0].value, served.joints[1].value = 3.6, -0.4
         assert "cannot be closed" in served.table.content

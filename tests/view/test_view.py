@@ -18,10 +18,10 @@ from scipy.spatial.transform import Rotation
 
 import jounce
 from jounce._report.view import controls, scene, viewer
-from jounce._report.view.track import MAX_TRACK_STATES, at_rest, track
+from jounce._report.view.track import MAX_TRACK_STATES, record_track, rest_state
 from jounce.cli import main
-from jounce.io.mesh_files import NO_FILE, OUTSIDE, mesh_file
-from jounce.io.visuals import _resolver, read_mesh, read_visuals, visuals_of
+from jounce.io.mesh_files import NO_FILE, OUTSIDE, find_mesh
+from jounce.io.visuals import _folder_resolver, read_mesh, read_visuals, robot_visuals
 from support.files import BODY, joint, link, origin, refusal, robot_file
 from support.robots import floating
 
@@ -53,12 +53,12 @@ def motion(file):
 
 @pytest.fixture(scope="module")
 def along(motion):
-    return track(ARM, motion)
+    return record_track(ARM, motion)
 
 
 @pytest.fixture(scope="module")
 def served(along):
-    with viewer.serving(ARM, Path("planar2r"), along, 0) as found:
+    with viewer.serve_robot(ARM, Path("planar2r"), along, 0) as found:
         yield found
 
 
@@ -113,7 +113,7 @@ def test_start_and_stop_print_nothing_and_leave_stdout_alone(along, capfd):
     stdout = sys.stdout
 
     def start(_):
-        with viewer.serving(ARM, Path("planar2r"), None, 0):
+        with viewer.serve_robot(ARM, Path("planar2r"), None, 0):
             return sys.stdout is stdout
 
     with ThreadPoolExecutor(2) as threads:
@@ -151,7 +151,7 @@ def test_where_sliders_are_the_robot_rests(served):
     served.joints[1].value = -0.25
     assert not served.playing.value
     q = np.array([0.5, -0.25])
-    now = at_rest(ARM, q, np.eye(4))
+    now = rest_state(ARM, q, np.eye(4))
     np.testing.assert_allclose(now.Q, ARM.gravity_forces(q), atol=1e-12)
     np.testing.assert_allclose(shown_poses(served), ARM.poses(q), atol=1e-12)
     np.testing.assert_allclose(shown_force(served, "base force")[1], [0, 2 * 9.81, 0], atol=1e-4)
@@ -212,7 +212,7 @@ def shapes(tmp_path):
 
 def test_shapes_of_a_file_are_drawn_where_it_says(shapes):
     robot = jounce.load(shapes)
-    with viewer.serving(robot, shapes, None, 0) as served:
+    with viewer.serve_robot(robot, shapes, None, 0) as served:
         names = set(served.server.scene._handle_from_node_name)
         [note] = served.scene.notes
     drawn = {name for name in names if "visual" in name}
@@ -229,19 +229,19 @@ def test_shapes_of_a_file_are_drawn_where_it_says(shapes):
 def test_meshes_are_found_by_path_and_by_package(shapes, tmp_path, monkeypatch):
     box = shapes.parent.parent / "meshes" / "box.stl"
     found = [box.as_uri().replace("%20", " "), "../meshes/box.stl", "package://arm_description/meshes/box.stl"]
-    assert all(mesh_file(uri, shapes).samefile(box) for uri in found)
-    assert mesh_file("package://arm_description/meshes/box.stl", tmp_path.parent / "elsewhere.urdf") == NO_FILE
+    assert all(find_mesh(uri, shapes).samefile(box) for uri in found)
+    assert find_mesh("package://arm_description/meshes/box.stl", tmp_path.parent / "elsewhere.urdf") == NO_FILE
     sibling = tmp_path / "robot" / "urdf" / "robot.urdf"
-    assert mesh_file("package://arm_description/meshes/box.stl", sibling).samefile(box)
+    assert find_mesh("package://arm_description/meshes/box.stl", sibling).samefile(box)
     for name, folder in (("ROS_PACKAGE_PATH", tmp_path), ("AMENT_PREFIX_PATH", tmp_path / "install")):
         (tmp_path / "install").mkdir(exist_ok=True)
         (tmp_path / "install" / "share").exists() or (tmp_path / "install" / "share").symlink_to(tmp_path)
         monkeypatch.setenv(name, f"/no/such{os.pathsep}{folder}")
-        assert mesh_file("package://arm_description/meshes/box.stl", Path("/elsewhere.urdf")).samefile(box)
+        assert find_mesh("package://arm_description/meshes/box.stl", Path("/elsewhere.urdf")).samefile(box)
         (tmp_path / "secret.stl").touch()
-        assert mesh_file("package://arm_description/../secret.stl", Path("/elsewhere.urdf")) == OUTSIDE
+        assert find_mesh("package://arm_description/../secret.stl", Path("/elsewhere.urdf")) == OUTSIDE
         monkeypatch.delenv(name)
-    assert mesh_file("", shapes) == NO_FILE
+    assert find_mesh("", shapes) == NO_FILE
 
 
 def test_meshes_elsewhere_are_not_read_unless_their_folder_is_named(shapes, tmp_path):
@@ -251,18 +251,18 @@ def test_meshes_elsewhere_are_not_read_unless_their_folder_is_named(shapes, tmp_
     secret.write_bytes(box.read_bytes())
     (shapes.parent / "link.stl").symlink_to(secret)
     for uri in (str(secret), secret.as_uri(), "../../private/secret.stl", "link.stl"):
-        assert mesh_file(uri, shapes) == OUTSIDE
-        assert mesh_file(uri, shapes, [tmp_path / "other"]) == OUTSIDE
-        assert mesh_file(uri, shapes, [secret.parent]).samefile(secret)
+        assert find_mesh(uri, shapes) == OUTSIDE
+        assert find_mesh(uri, shapes, [tmp_path / "other"]) == OUTSIDE
+        assert find_mesh(uri, shapes, [secret.parent]).samefile(secret)
     for package in ("private", "arm_description/../private"):
-        assert mesh_file(f"package://{package}/secret.stl", shapes) == OUTSIDE
+        assert find_mesh(f"package://{package}/secret.stl", shapes) == OUTSIDE
     for package in ("..", ".", "", str(tmp_path)):
-        assert mesh_file(f"package://{package}/secret.stl", shapes) == NO_FILE
-    assert mesh_file("package://private/secret.stl", shapes, [tmp_path]).samefile(secret)
-    assert mesh_file("package://private/secret.stl", shapes, [secret.parent]).samefile(secret)
+        assert find_mesh(f"package://{package}/secret.stl", shapes) == NO_FILE
+    assert find_mesh("package://private/secret.stl", shapes, [tmp_path]).samefile(secret)
+    assert find_mesh("package://private/secret.stl", shapes, [secret.parent]).samefile(secret)
     (shapes.parent.parent / "package.xml").unlink()
-    assert mesh_file("../meshes/box.stl", shapes) == OUTSIDE
-    assert mesh_file("package://arm_description/meshes/box.stl", shapes) == OUTSIDE
+    assert find_mesh("../meshes/box.stl", shapes) == OUTSIDE
+    assert find_mesh("package://arm_description/meshes/box.stl", shapes) == OUTSIDE
 
 
 def test_a_mesh_names_materials_in_its_own_folder_only(tmp_path):
@@ -277,7 +277,7 @@ def test_a_mesh_names_materials_in_its_own_folder_only(tmp_path):
         found = read_mesh(read_visuals(path)[0], path)
         colour = getattr(getattr(found.visual, "material", None), "main_color", np.zeros(4))
         assert (list(colour[:3]) == [255, 0, 0]) is red
-    own = _resolver(tmp_path / "sub" / "mesh.obj")
+    own = _folder_resolver(tmp_path / "sub" / "mesh.obj")
     with pytest.raises(ValueError, match="outside of the folder of the mesh"):
         own.get("../material.mtl")
     (tmp_path / "sub" / "own.mtl").write_text("Kd 1 0 0")
@@ -296,20 +296,20 @@ def test_commands_name_folders_of_meshes(shapes, tmp_path):
         assert result.exit_code == 0, result.output
         notes.append((tmp_path / "page.html").read_text())
     for folders in ([], [shapes.parent.parent]):
-        with viewer.serving(jounce.load(shapes), shapes, None, 0, folders) as served:
+        with viewer.serve_robot(jounce.load(shapes), shapes, None, 0, folders) as served:
             notes.append(" ".join(served.scene.notes))
     assert ["--meshes FOLDER" in note for note in notes] == [True, False] * 2
 
 
 def test_shapes_of_a_floating_base_are_drawn(shapes):
     robot = jounce.load(shapes, base="floating", root="arm")
-    assert [visual.link for visual in visuals_of(robot.mechanism, shapes)] == ["arm", "hand", "tool", "tip"]
+    assert [visual.link for visual in robot_visuals(robot.mechanism, shapes)] == ["arm", "hand", "tool", "tip"]
 
 
 def test_names_of_a_file_are_text_on_the_page(tmp_path):
     name = "<b onclick='x()'>\u202e"
     robot = jounce.Robot.from_screws([np.eye(4)], [[0, 0, 1, 0, 0, 0]], [np.eye(6)], joint_names=[name], name=name)
-    table = controls.table_of(robot, at_rest(robot, np.zeros(1), np.eye(4)))
+    table = controls.table_of(robot, rest_state(robot, np.zeros(1), np.eye(4)))
     assert "&lt;b onclick=" in table
     assert "<b " not in table
     assert "\u202e" not in table
@@ -356,7 +356,7 @@ def test_a_robot_is_shown_where_its_base_is(motion, floats):
     C = np.tile(np.eye(4), (9, 1, 1))
     C[:, :3, 3] = [1.0, 2.0, 3.0] + np.sin(np.linspace(0, np.pi, 9))[:, None]
     moved = motion.with_base(np.linspace(1, 3, 9), C, degree=5)
-    with viewer.serving(robot, Path("planar2r"), track(robot, moved), 0) as served:
+    with viewer.serve_robot(robot, Path("planar2r"), record_track(robot, moved), 0) as served:
         served.time.value = 2.0
         np.testing.assert_allclose(served.scene.ground.position, [2, 3, 4], atol=1e-3)
         expected = np.asarray(robot.poses(served.along.at(2.0).q, base=served.along.at(2.0).C))[-2:]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.arguments import requests
-from jounce.core.errors import JounceError, listed, warn
+from jounce.core.errors import JounceError, join_names, warn
 from jounce.core.scalars import asarray
 from jounce.core.typing import Frame
 from jounce.dynamics.computation import Computation
@@ -39,7 +39,9 @@ def casadi_function(
         raise JounceError(
             "the robot contains symbols; expected numbers (parameters=['masses'] makes its masses inputs)"
         )
-    computation = requests.computation(robot.mechanism, quantity, order, wrench, body, frame, moving_base=moving_base)
+    computation = requests.build_computation(
+        robot.mechanism, quantity, order, wrench, body, frame, moving_base=moving_base
+    )
     _check_axes(computation, robot.mechanism)
     shapes = {name: value.shape for name, value in own_values(robot.mechanism, parameters).items()}
     signature = computation.signature(robot.mechanism, shapes)
@@ -54,7 +56,7 @@ def casadi_function(
     all_results = casadi.veccat(*results)
     idle = [name for name in shapes if not casadi.depends_on(all_results, inputs[name])]
     if idle:
-        warn(f"parameters without effect on {quantity}: {listed(idle)}")
+        warn(f"parameters without effect on {quantity}: {join_names(idle)}")
     return casadi.Function(_name(computation), list(inputs.values()), results, list(inputs), names)
 
 
@@ -78,5 +80,5 @@ def _check_axes(computation: Computation, mechanism: Mechanism) -> None:
     if computation.quantity.of_bodies and len(shape) > 2:
         raise JounceError(
             f"{computation.name} of all bodies: a CasADi matrix has 2 axes, not {len(shape)};"
-            f" body= selects one of: {listed(mechanism.bodies)}"
+            f" body= selects one of: {join_names(mechanism.bodies)}"
         )

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from jounce._codegen.parametric import Parametric
+from jounce._codegen.parametric import ParametricRobot
 from jounce.dynamics.computation import Computation, Port, Signature
 from jounce.program.program import Program
 
@@ -42,15 +42,15 @@ class Function:
         return self.program.operations
 
 
-def trace(robot: Parametric, name: str, computation: Computation) -> Function:
+def trace(robot: ParametricRobot, name: str, computation: Computation) -> Function:
     """A computation for a robot, traced."""
-    from jounce.native.forms import program
+    from jounce.native.code_forms import trace_program
     from jounce.program.trace import Tape
 
     tape = Tape()
     signature = computation.signature(robot.origin, robot.shapes).as_matrices()
     values = {port.name: tape.variables(*port.shape) for port in signature.of_role("parameter")}
-    return Function(name, computation, signature, program(robot.mechanism(values), computation, tape))
+    return Function(name, computation, signature, trace_program(robot.mechanism(values), computation, tape))
 
 
 def function_names(computations: Iterable[Computation]) -> list[str]:

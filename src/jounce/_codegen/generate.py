@@ -7,13 +7,13 @@ from pathlib import Path
 
 from jounce._codegen import header
 from jounce._codegen.function import Function, trace
-from jounce._codegen.options import Options, check_options, languages_where
+from jounce._codegen.options import CodegenOptions, check_options, languages_where
 from jounce._codegen.test_vectors import vectors
-from jounce.core.errors import JounceError, listed, quoted, true_or_false, warn
+from jounce.core.errors import JounceError, check_bool, join_names, quote_value, warn
 from jounce.core.typing import Language
 from jounce.engine.engine import Engine
 from jounce.io import folders
-from jounce.io.files import path_of
+from jounce.io.files import expand_path
 
 
 @dataclass(frozen=True)
@@ -42,16 +42,16 @@ def codegen(
     from jounce._codegen import render  # imported here, as only this needs Jinja
 
     if not isinstance(directory, str | os.PathLike | None):
-        raise JounceError(f"directory is {quoted(directory)}; expected the path of a folder")
-    true_or_false("overwrite", overwrite, "whether to write into a folder that is not empty")
+        raise JounceError(f"directory is {quote_value(directory)}; expected the path of a folder")
+    check_bool("overwrite", overwrite, "whether to write into a folder that is not empty")
     options = check_options(robot, lang, order, outputs, wrench, parameters, float32, prefix, moving_base)
-    folder = path_of(f"{options.prefix}-{lang}" if directory is None else directory)
-    names = render.names(options)
+    folder = expand_path(f"{options.prefix}-{lang}" if directory is None else directory)
+    names = render.file_names(options)
     folders.check_folder(folder, header.GENERATED_MARK, names, overwrite)
-    functions = functions_of(options)
+    functions = trace_functions(options)
     _warn_of_idle(options, functions)
     tests = [vectors(options.robot, function, options.single) for function in functions]
-    files = render.files(options, functions, tests)
+    files = render.render_files(options, functions, tests)
     folders.write_folder(folder, files, header.GENERATED_MARK, overwrite)
     return Generated(folder, tuple(sorted(files)), {f"{options.prefix}_{f.name}": f.operations for f in functions})
 
@@ -61,10 +61,10 @@ def code(robot: Engine, lang: Language, template: str, order: int, outputs: Sequ
     from jounce._codegen import render
 
     options = check_options(robot, lang, order, outputs, wrench, (), False, None)
-    return render.code(options, functions_of(options), template)
+    return render.render_template(options, trace_functions(options), template)
 
 
-def functions_of(options: Options) -> list[Function]:
+def trace_functions(options: CodegenOptions) -> list[Function]:
     """The functions of what is asked for, or `JounceError` where one is too large."""
     functions, most = [], options.language.largest
     for name, computation in options.outputs.items():
@@ -80,7 +80,7 @@ def functions_of(options: Options) -> list[Function]:
     return functions
 
 
-def _warn_of_idle(options: Options, functions: Sequence[Function]) -> None:
+def _warn_of_idle(options: CodegenOptions, functions: Sequence[Function]) -> None:
     """Warn of parameters that are asked for and that no function uses."""
     used: set[str] = set()
     for f in functions:
@@ -88,4 +88,4 @@ def _warn_of_idle(options: Options, functions: Sequence[Function]) -> None:
         used |= {port.name for port in f.parameters if numbers & set(range(port.start, port.end))}
     idle = [name for name in options.robot.own if name not in used]
     if idle:
-        warn(f"parameters without effect on {listed(options.outputs)}: {listed(idle)}")
+        warn(f"parameters without effect on {join_names(options.outputs)}: {join_names(idle)}")

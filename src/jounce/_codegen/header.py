@@ -6,15 +6,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from jounce._codegen.function import Function
-from jounce._codegen.parametric import Parametric
+from jounce._codegen.parametric import ParametricRobot
 from jounce.core.version import __version__
-from jounce.dynamics.computation import DEPENDENT
-from jounce.dynamics.kinematics import FRAMES
+from jounce.dynamics.computation import DEPENDENT_INPUT
+from jounce.dynamics.kinematics import SCREW_FRAMES
 from jounce.dynamics.quantities import Quantity
 from jounce.model.coordinates import coordinate_units, position_units
-from jounce.model.drives import AMOUNTS, TERMS
+from jounce.model.drives import AMOUNTS, DRIVE_TERMS
 from jounce.model.mechanism import Mechanism, body_name
-from jounce.model.positions import position_names, positions
+from jounce.model.positions import multiscrew_joints, position_names
 from jounce.program.operations import OPERATIONS
 from jounce.program.program import Program
 
@@ -40,7 +40,7 @@ def arrays(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
     bodies = [f"{i}  {printable(name)}" for i, name in enumerate(robot.bodies, start=first)]
     of_forces = f", those of forces behind the 6 of {printable(robot.bodies[0])}" if robot.floats else " and of forces"
     titled = [(f"Coordinates, the {robot.n} entries of q, qd, ...{of_forces}:", coordinates)]
-    if positions(robot):
+    if multiscrew_joints(robot):
         numbers = _numbered(position_names(robot), position_units(robot), first)
         titled = [
             (f"Positions, the {len(numbers)} entries of q:", numbers),
@@ -50,7 +50,7 @@ def arrays(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
         names, units = robot.tree.coordinates, coordinate_units(robot.tree)
         others = robot.closure.dependent
         entries = _numbered([names[k] for k in others], [units[k] for k in others], first)
-        titled.append((f"Dependent coordinates, the {len(entries)} entries of {DEPENDENT}:", entries))
+        titled.append((f"Dependent coordinates, the {len(entries)} entries of {DEPENDENT_INPUT}:", entries))
     return [*titled, ("Bodies:", bodies)]
 
 
@@ -81,7 +81,7 @@ def conventions(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
 
 def several_screws(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
     """Return a sentence on the balls, planar and free joints of the robot, if it has any."""
-    joints = [f"{printable(joint.name)} ({joint.group.name})" for joint in positions(robot).values()]
+    joints = [f"{printable(joint.name)} ({joint.group.name})" for joint in multiscrew_joints(robot).values()]
     if not joints:
         return []
     products = (
@@ -103,10 +103,10 @@ def closed_loops(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
         return []
     loops = ", ".join(f"{printable(loop.a.name)} and {printable(loop.b.name)} ({loop.joint})" for loop in robot.loops)
     motors = ", ".join(printable(robot.closure.coordinates[j]) for j in robot.closure.actuated)
-    products = f" Derivatives by q contain what follows through {DEPENDENT}, by which they have none."
+    products = f" Derivatives by q contain what follows through {DEPENDENT_INPUT}, by which they have none."
     return [
-        f"Loops are closed by joints between {loops}. Motors: {motors}. {DEPENDENT}: the positions of all other joints"
-        " where the loops are closed, which is not checked. Robot.coordinates of jounce computes them from q by"
+        f"Loops are closed by joints between {loops}. Motors: {motors}. {DEPENDENT_INPUT}: the positions of all other"
+        " joints where the loops are closed, which is not checked. Robot.coordinates of jounce computes them from q by"
         " Newton's method. Their rates are not needed, as they follow from those of q."
         f"{products if any(f.computation.product for f in functions) else ''}"
     ]
@@ -151,7 +151,7 @@ def places(robot: Mechanism, functions: Sequence[Function]) -> dict[str, str]:
             carrier = body_name(robot, robot.frame(body).body, ground="")
             held = f"body {printable(carrier)}" if carrier else "the ground"
             fixed = "" if body in robot.bodies else f", fixed on {held}"
-            frame = f"; components in {FRAMES[f.computation.frame]}" if f.computation.quantity.frames else ""
+            frame = f"; components in {SCREW_FRAMES[f.computation.frame]}" if f.computation.quantity.frames else ""
             found[f.name] = f"body {printable(body)}{fixed}{frame}"
     return found
 
@@ -185,7 +185,7 @@ def elastic_joints(robot: Mechanism, functions: Sequence[Function]) -> list[str]
 def drive_trains(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
     """Return sentences on the drive terms that the functions include or omit."""
     rows = _quantities(functions)
-    entering = [term for term in TERMS if any(term in row.drive_terms for row in rows)]
+    entering = [term for term in DRIVE_TERMS if any(term in row.drive_terms for row in rows)]
     stated = [term for term in entering if np.any(getattr(robot.drives, AMOUNTS[term]))]
     included = [(row.symbol, [x for x in stated if x in robot.acting and x in row.drive_terms]) for row in rows]
     e = robot.elasticity if all(row.elastic for row in rows) else None  # whose torques hold the terms of the motors
@@ -209,7 +209,7 @@ def effort(program: Program) -> str:
     return f"{program.operations} operations: {listed or 'none'}"
 
 
-def parameters(robot: Parametric) -> dict[str, str]:
+def parameters(robot: ParametricRobot) -> dict[str, str]:
     """Map the names of the parameters to descriptions."""
     bodies = [name.partition(":")[2] or robot.origin.bodies[-1] for name in robot.asked if name.startswith("payload")]
     meanings = dict(MEANINGS)

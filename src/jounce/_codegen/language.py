@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, one_of, quoted
+from jounce.core.errors import JounceError, check_choice, quote_value
 from jounce.dynamics.computation import Port
 
 LANGUAGE_NAMES = ("c", "cpp", "cuda", "javascript", "julia", "latex", "matlab", "python", "rust")
@@ -58,13 +58,14 @@ class Language:
         """Raise `JounceError` if a string is not a valid identifier, or not with `added` more characters."""
         if not isinstance(name, str) or not (name.isascii() and name.isidentifier()) or name.startswith("_"):
             raise JounceError(
-                f"{what} {quoted(name)} is not a valid identifier; expected ASCII letters, digits and _, a letter first"
+                f"{what} {quote_value(name)} is not a valid identifier; expected ASCII letters, digits and _,"
+                " a letter first"
             )
         if name in self.reserved.split():
             raise JounceError(f"{what} {name!r} is a reserved word of {self.title}; choose another name")
         if (letters := len(name) + added) > self.longest:
             raise JounceError(
-                f"{what} {quoted(name)} makes identifiers of {letters} characters; generated {self.title} allows"
+                f"{what} {quote_value(name)} makes identifiers of {letters} characters; generated {self.title} allows"
                 f" at most {self.longest}"
             )
 
@@ -77,4 +78,4 @@ class Language:
 
 def language(name: str) -> Language:
     """Return the language with a name; an error lists all of them."""
-    return import_module(f"jounce._codegen.{one_of('language', name, LANGUAGE_NAMES)}").LANGUAGE
+    return import_module(f"jounce._codegen.{check_choice('language', name, LANGUAGE_NAMES)}").LANGUAGE

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 from jounce._codegen.function import function_names
 from jounce._codegen.language import LANGUAGE_NAMES, Language, language
-from jounce._codegen.parametric import Parametric, parametric
-from jounce.arguments.rates import checked_order
+from jounce._codegen.parametric import ParametricRobot, make_parametric
+from jounce.arguments.rates import check_order
 from jounce.arguments.requests import parse_computation, takes_base
-from jounce.core.errors import JounceError, listed, quoted, several, true_or_false
+from jounce.core.errors import JounceError, as_list, check_bool, join_names, quote_value
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.engine import Engine
@@ -20,10 +20,10 @@ MAX_TRACED_SIZE = 1500  # bodies times (order + 1)^2: a program of this size is 
 
 
 @dataclass(frozen=True)
-class Options:
+class CodegenOptions:
     """The checked options of code generation."""
 
-    robot: Parametric
+    robot: ParametricRobot
     language: Language
     order: int
     outputs: Mapping[str, Computation]  # by the names of their functions
@@ -41,30 +41,30 @@ def check_options(
     float32: bool,
     prefix: str | None,
     moving_base: bool = False,
-) -> Options:
+) -> CodegenOptions:
     """Check the arguments of `codegen`; raise `JounceError` if one is invalid."""
     target = language(lang)
-    true_or_false("wrench", wrench, "whether functions take any")
-    true_or_false("moving_base", moving_base, "whether functions take the motion of the base")
-    true_or_false("float32", float32, "whether the code is in single precision")
+    check_bool("wrench", wrench, "whether functions take any")
+    check_bool("moving_base", moving_base, "whether functions take the motion of the base")
+    check_bool("float32", float32, "whether the code is in single precision")
     if float32 and not target.single:
         others = languages_where(lambda x: x.single)
         raise JounceError(f"{target.title} has no single precision; float32 works with {others}")
-    order = checked_order(order, HIGHEST_CODE_ORDER)
+    order = check_order(order, HIGHEST_CODE_ORDER)
     computations = _computations(robot.mechanism, target, outputs, order, wrench, moving_base)
     check_size(robot.mechanism, order)
-    found = parametric(robot.mechanism, parameters)
+    found = make_parametric(robot.mechanism, parameters)
     for name in found.shapes:
         target.check_name(name, "parameter", len("params_"))
     names = function_names(computations)
     begins = _prefix(prefix, robot.name, target)
     target.check_prefix(begins, [*(f"_{name}" for name in names), *["_parameters"] * bool(found.shapes)])
-    return Options(found, target, order, dict(zip(names, computations, strict=True)), float32, begins)
+    return CodegenOptions(found, target, order, dict(zip(names, computations, strict=True)), float32, begins)
 
 
 def check_size(mechanism: Mechanism, order: int) -> None:
     """Raise `JounceError` if a robot has too many bodies for code of an order, or the order is too high."""
-    checked_order(order, HIGHEST_CODE_ORDER)
+    check_order(order, HIGHEST_CODE_ORDER)
     bodies = mechanism.nb - mechanism.floats  # behind joints
     if bodies * (order + 1) ** 2 > MAX_TRACED_SIZE:
         raise JounceError(
@@ -77,26 +77,26 @@ def _computations(
     mechanism: Mechanism, target: Language, outputs: Sequence[str], order: int, wrench: bool, moving_base: bool
 ) -> list[Computation]:
     """Return the computations of the outputs, with wrenches and the motion of the base if they depend on them."""
-    texts = several(outputs)
+    texts = as_list(outputs)
     found = [parse_computation(mechanism, text, order) for text in texts]
     if not found or len(set(found)) != len(found):
         raise JounceError(
-            f"outputs are {quoted(outputs)}; expected one or more different NAME[.PRODUCT][:BODY[:FRAME]]"
+            f"outputs are {quote_value(outputs)}; expected one or more different NAME[.PRODUCT][:BODY[:FRAME]]"
         )
     for asked in found:
         if asked.product:
             _check_product(asked, target)
         if asked.quantity.of_bodies and asked.body is None:
-            frames = f", or {asked.name}:BODY:FRAME with a FRAME of {listed(asked.quantity.frames)}"
+            frames = f", or {asked.name}:BODY:FRAME with a FRAME of {join_names(asked.quantity.frames)}"
             raise JounceError(
                 f"generated code holds {asked.name} of one body: expected {asked.name}:BODY"
-                f"{frames if asked.quantity.frames else ''}; available: {listed(mechanism.frame_names)}"
+                f"{frames if asked.quantity.frames else ''}; available: {join_names(mechanism.frame_names)}"
             )
     if wrench and not any(asked.quantity.wrenches for asked in found):
         parse_computation(mechanism, texts[0], order, wrench)  # says which ones do
     moving = [asked.base or (moving_base and takes_base(asked.name, asked.frame)) for asked in found]
     if moving_base and not any(moving):
-        raise JounceError(f"moving_base=True has no effect: the motion of the base does not enter {listed(texts)}")
+        raise JounceError(f"moving_base=True has no effect: the motion of the base does not enter {join_names(texts)}")
     return [
         replace(asked, wrench=wrench and asked.quantity.wrenches, base=moves)
         for asked, moves in zip(found, moving, strict=True)
@@ -108,7 +108,7 @@ def _check_product(asked: Computation, target: Language) -> None:
     if target.name == "latex":
         raise JounceError(f"{asked.spelling} is not written as equations; expected a quantity, or another language")
     if len(asked.quantity.shape) != 1:
-        vectors = listed(row.name for row in QUANTITIES.values() if len(row.shape) == 1)
+        vectors = join_names(row.name for row in QUANTITIES.values() if len(row.shape) == 1)
         raise JounceError(f"code of {asked.product} is generated for vectors: {vectors}; not for {asked.name}")
 
 

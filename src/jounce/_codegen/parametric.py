@@ -12,14 +12,14 @@ import numpy as np
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array, is_symbolic
 from jounce.dynamics.computation import Shape
-from jounce.model.casting import with_arrays
 from jounce.model.mechanism import Mechanism
 from jounce.model.parameters import own_values, parametrise
+from jounce.model.scalar_casting import with_arrays
 from jounce.spatial.lie import pose, rotation
 
 
 @dataclass(frozen=True, eq=False)
-class Parametric:
+class ParametricRobot:
     """A robot of which some data are parameters: SymPy's symbols in it by their names, and parts that were asked for.
 
     `own` are the values with which it is the robot itself; symbols have none.
@@ -38,7 +38,7 @@ class Parametric:
         ]
 
 
-def parametric(mechanism: Mechanism, asked: Sequence[str]) -> Parametric:
+def make_parametric(mechanism: Mechanism, asked: Sequence[str]) -> ParametricRobot:
     """A robot with the parameters that it has itself, and those asked for, as `jounce.model.parameters` lists them.
 
     Raises `JounceError` where one that is asked for is unknown, comes twice, or has the name of a symbol.
@@ -46,14 +46,14 @@ def parametric(mechanism: Mechanism, asked: Sequence[str]) -> Parametric:
     own = own_values(mechanism, asked)
     if "masses" in own:
         _check_masses(mechanism)
-    mechanism = _without(mechanism, own)
+    mechanism = _without_replaced_data(mechanism, own)
     free = symbols(mechanism)
     twice = sorted(set(free) & set(own))
     if twice:
         raise JounceError(f"parameter {twice[0]!r} is also the name of a symbol of the robot; rename the symbol")
     shapes: dict[str, Shape] = dict.fromkeys(free, ())
     shapes |= {name: () if value.size == 1 else value.shape for name, value in own.items()}
-    return Parametric(mechanism, tuple(asked), shapes, own)
+    return ParametricRobot(mechanism, tuple(asked), shapes, own)
 
 
 def _check_masses(mechanism: Mechanism) -> None:
@@ -64,7 +64,7 @@ def _check_masses(mechanism: Mechanism) -> None:
             )
 
 
-def _without(mechanism: Mechanism, replaced: Container[str]) -> Mechanism:
+def _without_replaced_data(mechanism: Mechanism, replaced: Container[str]) -> Mechanism:
     """Return the mechanism without the data that parameters replace, so that symbols in them need no values."""
     if "gravity" in replaced:
         mechanism = replace(mechanism, gravity=np.zeros(3))

@@ -13,7 +13,7 @@ from jounce.program.operations import ATOM, OPERATIONS, SUM
 
 
 @dataclass(frozen=True)
-class Part:
+class StatementPart:
     """Some of the statements, as lines, and the arrays of states that they read; `parametric`: parameters too."""
 
     lines: list[str]
@@ -22,7 +22,7 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
-class Printed(Function):
+class PrintedFunction(Function):
     """A function in a language: `parts` and `results` are what templates put into functions."""
 
     language: Language
@@ -44,7 +44,7 @@ class Printed(Function):
         return self.schedule.scratch
 
     @cached_property
-    def parts(self) -> list[Part]:
+    def parts(self) -> list[StatementPart]:
         """The statements, part by part; a single part is the body of the function itself."""
         return [self._part(part) for part in self.schedule.parts]
 
@@ -69,12 +69,12 @@ class Printed(Function):
         """A number of the code."""
         return self.language.literal(digits(x, self.single), self.single)
 
-    def _part(self, statements: Sequence[int]) -> Part:
+    def _part(self, statements: Sequence[int]) -> StatementPart:
         steps = self.program.steps
         read = {int(steps[j].value) for i in statements for j in self.schedule.leaves(i) if steps[j].kind == "input"}
         used = [port for port in self.signature.inputs if any(port.start <= j < port.end for j in read)]
         states = [port for port in used if port.role != "parameter"]
-        return Part([self._statement(i) for i in statements], states, len(states) < len(used))
+        return StatementPart([self._statement(i) for i in statements], states, len(states) < len(used))
 
     def _statement(self, i: int) -> str:
         value = self._expression(i, whole=True)[0]

@@ -10,8 +10,8 @@ import numpy as np
 from jounce._codegen import header
 from jounce._codegen.function import Function
 from jounce._codegen.language import digits
-from jounce._codegen.options import Options
-from jounce._codegen.printer import Printed
+from jounce._codegen.options import CodegenOptions
+from jounce._codegen.printer import PrintedFunction
 from jounce._codegen.test_vectors import TEST_TOLERANCES, Vectors
 from jounce.model.positions import position_count
 from jounce.program.operations import FUNCTION_KINDS
@@ -23,12 +23,12 @@ TEMPLATES = Path(__file__).parent
 TEMPLATE_SUFFIX = ".jinja"
 
 
-def names(options: Options) -> list[str]:
+def file_names(options: CodegenOptions) -> list[str]:
     """The names of the files that there may be."""
     return list(_templates(options))
 
 
-def files(options: Options, functions: Sequence[Function], tests: Sequence[Vectors]) -> dict[str, str]:
+def render_files(options: CodegenOptions, functions: Sequence[Function], tests: Sequence[Vectors]) -> dict[str, str]:
     """The files by name, from functions and the test vectors of each; a template that comes out empty makes no file."""
     environment, context = _environment(), _context(options, functions, tests)
     by_name = {f.name: f for f in context["functions"]}
@@ -39,7 +39,7 @@ def files(options: Options, functions: Sequence[Function], tests: Sequence[Vecto
     return {name: text for name, text in made.items() if text.strip()}
 
 
-def code(options: Options, functions: Sequence[Function], template: str) -> str:
+def render_template(options: CodegenOptions, functions: Sequence[Function], template: str) -> str:
     """What a template of the language makes of functions without test vectors."""
     path = f"{options.language.name}/{template}{TEMPLATE_SUFFIX}"
     tests = [Vectors({}, {}, {}, {}) for _ in functions]
@@ -61,7 +61,7 @@ def _environment() -> "Environment":
     return environment
 
 
-def _templates(options: Options) -> dict[str, tuple[str, str]]:
+def _templates(options: CodegenOptions) -> dict[str, tuple[str, str]]:
     """Map the names of the generated files to their templates, as paths in this package, and functions.
 
     A template with FUNCTION in its name makes one file per function.
@@ -77,12 +77,12 @@ def _templates(options: Options) -> dict[str, tuple[str, str]]:
     return made
 
 
-def _context(options: Options, functions: Sequence[Function], tests: Sequence[Vectors]) -> dict[str, Any]:
+def _context(options: CodegenOptions, functions: Sequence[Function], tests: Sequence[Vectors]) -> dict[str, Any]:
     """Return the variables of the templates."""
     robot, mechanism, single = options.robot, options.robot.origin, options.single
     known = all(name in robot.own and robot.own[name].dtype != object for name in robot.shapes)  # all have numbers
     used = {"sin", "cos"} | {step.kind for function in functions for step in function.program.steps}
-    printed = [Printed(**vars(f), language=options.language, single=single) for f in functions]
+    printed = [PrintedFunction(**vars(f), language=options.language, single=single) for f in functions]
     literal = options.language.literal
     return {
         **options.language.helpers,

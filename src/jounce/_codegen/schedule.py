@@ -62,11 +62,11 @@ def schedule(program: Program) -> Schedule:
     statements = [i for i in order if i in stated]
     size = STATEMENTS_PER_PART if len(statements) > MAX_UNDIVIDED_STATEMENTS else len(statements)
     cuts = range(0, len(statements), size) if statements else [0]
-    parts = tuple(tuple(_by_depth(program, stated, statements[i : i + size])) for i in cuts)
+    parts = tuple(tuple(_sort_by_depth(program, stated, statements[i : i + size])) for i in cuts)
     return Schedule(program, parts, _slots(program, stated, parts) if len(parts) > 1 else {})
 
 
-def _by_depth(program: Program, stated: Container[int], statements: Sequence[int]) -> list[int]:
+def _sort_by_depth(program: Program, stated: Container[int], statements: Sequence[int]) -> list[int]:
     """Statements by how many others they wait for, one after the other: a processor does many of a depth at a time.
 
     For the iiwa at order 2 that is 15 % faster, on x86, than to finish one value after the other.

@@ -6,18 +6,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce._codegen.function import Function
-from jounce._codegen.parametric import Parametric
+from jounce._codegen.parametric import ParametricRobot
 from jounce.checks.derivatives import product, product_magnitudes
 from jounce.checks.magnitudes import magnitudes, scale
 from jounce.core.errors import JounceError
-from jounce.dynamics.closing import close_loops
-from jounce.dynamics.computation import DEPENDENT, Port
+from jounce.dynamics.computation import DEPENDENT_INPUT, Port
+from jounce.dynamics.loop_closure import close_loops
+from jounce.dynamics.loop_newton import scales
 from jounce.dynamics.loops import closure_of
-from jounce.dynamics.newton import scales
-from jounce.engine.generic import compute_by_method
-from jounce.model.casting import with_extended_precision
+from jounce.engine.generic_methods import compute_by_method
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import positions
+from jounce.model.positions import multiscrew_joints
+from jounce.model.scalar_casting import with_extended_precision
 from jounce.spatial.lie import pose
 
 MAX_BODY_STATES = 100  # bodies times states of a test: the closed form is dense
@@ -56,7 +56,7 @@ class Vectors:
 
 
 def vectors(
-    robot: Parametric, function: Function, single: bool, count: int | None = None, method: str = "closed_form"
+    robot: ParametricRobot, function: Function, single: bool, count: int | None = None, method: str = "closed_form"
 ) -> Vectors:
     """Random states, and the outputs computed in extended precision, rounded at the end.
 
@@ -71,7 +71,7 @@ def vectors(
         if port.is_pose:
             return np.stack([_random_pose(rng) for _ in range(count)])
         x = rng.integers(-2 * STEPS_PER_UNIT, 2 * STEPS_PER_UNIT, (count, *port.shape)) / STEPS_PER_UNIT
-        for joint in positions(robot.origin).values() if port.directions else ():
+        for joint in multiscrew_joints(robot.origin).values() if port.directions else ():
             turns = x[:, joint.turn]
             turns[:] = [_random_turn(rng, turns.shape[1]) for _ in turns]
         return x
@@ -81,12 +81,12 @@ def vectors(
 
     inputs = {port.name: given(random(port)) for port in function.inputs}
     if robot.origin.closure:
-        near = near_start(robot.origin, inputs["q"] / 2)
-        inputs |= {name: given(x) for name, x in zip(("q", DEPENDENT), near, strict=True)}
+        near = states_near_start(robot.origin, inputs["q"] / 2)
+        inputs |= {name: given(x) for name, x in zip(("q", DEPENDENT_INPUT), near, strict=True)}
     batch = -(-count // MAX_TEST_STATES) if function.parameters else count  # states that share their parameters
     starts = np.arange(count) // batch * batch
     parameters = {
-        port.name: given(_near(robot.own.get(port.name), random(port)))[starts] for port in function.parameters
+        port.name: given(_values_near(robot.own.get(port.name), random(port)))[starts] for port in function.parameters
     }
     results, sizes = [], []
     for k in range(0, count, batch):
@@ -98,10 +98,10 @@ def vectors(
         )
         results.append(compute(function.computation, method, mechanism, list(states.values())))
         sizes.append(size(mechanism, function.computation, list(states.values())))
-    return Vectors(parameters, inputs, _by_name(function, results), _by_name(function, sizes))
+    return Vectors(parameters, inputs, _outputs_by_name(function, results), _outputs_by_name(function, sizes))
 
 
-def near_start(m: Mechanism, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def states_near_start(m: Mechanism, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Independent and dependent coordinates (k, ...) with closed loops, ways (k, n) from the start of the closure.
 
     Ways are halved, up to nine times, until loops close; they are not where lengths are parameters, and where no way
@@ -133,7 +133,7 @@ def _random_turn(rng: np.random.Generator, size: int) -> np.ndarray:
     return numbers * rng.choice([-1, 1], size) * rng.integers(5, 21) / 100
 
 
-def _near(own: np.ndarray | None, random: np.ndarray) -> np.ndarray:
+def _values_near(own: np.ndarray | None, random: np.ndarray) -> np.ndarray:
     """Values of a parameter near its own, one that is zero or has none being between 0 and 1; three decimals each."""
     near = 0.5 + random / 4  # from 0 to 1
     if own is not None and own.dtype != object:
@@ -141,7 +141,7 @@ def _near(own: np.ndarray | None, random: np.ndarray) -> np.ndarray:
     return np.round(near, 3)
 
 
-def _by_name(function: Function, results: Sequence[Sequence[np.ndarray]]) -> dict[str, np.ndarray]:
+def _outputs_by_name(function: Function, results: Sequence[Sequence[np.ndarray]]) -> dict[str, np.ndarray]:
     """The outputs by name, of one group of states after the other."""
     arrays = [np.concatenate(terms).astype(float) for terms in zip(*results, strict=True)]
     return {x.name: array.reshape((-1, *x.shape)) for x, array in zip(function.outputs, arrays, strict=True)}

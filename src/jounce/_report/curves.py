@@ -5,15 +5,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jounce._report.packing import packed, packed_times
-from jounce._report.subject import Quantity, Subject
-from jounce.figures.bounds import MAX_ROOM_SHARE
+from jounce._report.array_text import pack_array, pack_times
+from jounce._report.report_data import ReportData, ReportQuantity
 from jounce.figures.canvas import INK, line_style
 from jounce.figures.curves import MAX_BAND_SHARE
-from jounce.figures.panels import drawn_points
+from jounce.figures.limit_lines import MAX_ROOM_SHARE
+from jounce.figures.panels import thin_points
 from jounce.limits.check import CheckedLimit
 from jounce.model.positions import extent_names
-from jounce.motion.trust import BAND_DEVIATIONS
+from jounce.motion.reliability import BAND_DEVIATIONS
 
 # Points of a curve, and of all together: more than a chart has pixels across, and a page of a few MB.
 MAX_CURVE_POINTS, MIN_CURVE_POINTS, MAX_CHART_POINTS = 1000, 300, 100_000
@@ -28,12 +28,12 @@ KEPT, BROKEN = {"symbol": "circle-open", "size": 8}, {"symbol": "x", "size": 9, 
 class Chart(NamedTuple):
     """A quantity of the coordinates of one unit."""
 
-    quantity: Quantity
+    quantity: ReportQuantity
     unit: str
     joints: list[int]
 
 
-def figure(s: Subject) -> dict[str, Any]:
+def figure(s: ReportData) -> dict[str, Any]:
     """`data` and `layout` of plotly, and the `ranges` (joint: lowest, highest) of the vertical axis of each chart."""
     charts = charts_of(s)
     share = MAX_CHART_POINTS // sum(len(chart.joints) for chart in charts)
@@ -48,7 +48,7 @@ def figure(s: Subject) -> dict[str, Any]:
     return {"data": traces, "layout": _layout(s, charts, list(ranges)), "ranges": ranges}
 
 
-def charts_of(s: Subject) -> list[Chart]:
+def charts_of(s: ReportData) -> list[Chart]:
     """The charts from above."""
     return [
         Chart(quantity, unit, [j for j in quantity.joints if quantity.units[j] == unit])
@@ -65,33 +65,33 @@ def joint_style(j: int) -> dict[str, str]:
     return {"color": style["color"], "dash": ",".join(f"{LINE_WIDTH * x:g}px" for x in lengths) or "solid"}
 
 
-def _traces(s: Subject, quantity: Quantity, j: int, most: int) -> Iterator[dict[str, Any]]:
+def _traces(s: ReportData, quantity: ReportQuantity, j: int, most: int) -> Iterator[dict[str, Any]]:
     """Limits, the band of deviations, stretches beyond a limit, the curve, and the worst value of a joint."""
     values, style = quantity.values[:, j], joint_style(j)
-    found = _checked(s, quantity, j)
+    found = _find_limit(s, quantity, j)
     ends = np.searchsorted(s.t, np.reshape(found.violations if found else (), (-1, 2)))
-    drawn = drawn_points(values, most)
+    drawn = thin_points(values, most)
     at = np.union1d(drawn, ends) if len(ends) < most else drawn
-    t = packed_times(s.t[at])
+    t = pack_times(s.t[at])
     if np.isfinite(quantity.bounds[:, j]).any():
         yield _limits(s, quantity.bounds[:, j], style["color"])
     if quantity.deviations is not None and np.isfinite(quantity.deviations[:, j]).all():
         yield _band(s, quantity, j, style["color"])
     if quantity.symbol == "Q" and s.motion.torques is not None and j in s.own:
-        yield from _measured(s, s.own.index(j), most, style["color"])
+        yield from _measured_torques(s, s.own.index(j), most, style["color"])
     if len(ends):
         beyond = np.full(len(values), np.nan)
         for start, stop in ends:
             beyond[start : stop + 1] = values[start : stop + 1]
         line = {"color": RED, "width": 7}
-        yield {"mode": "lines", "x": t, "y": packed(beyond[at], "f4"), "line": line, "opacity": 0.45}
-    yield {"mode": "lines", "x": t, "y": packed(values[at], "f4"), "line": {"width": LINE_WIDTH, **style}}
+        yield {"mode": "lines", "x": t, "y": pack_array(beyond[at], "f4"), "line": line, "opacity": 0.45}
+    yield {"mode": "lines", "x": t, "y": pack_array(values[at], "f4"), "line": {"width": LINE_WIDTH, **style}}
     if found and np.isfinite(found.value):
         marker = BROKEN if found.verdict == "broken" else KEPT | {"color": style["color"]}
         yield {"mode": "markers", "x": [found.t], "y": [found.value], "marker": marker}
 
 
-def _limits(s: Subject, bounds: np.ndarray, colour: str) -> dict[str, Any]:
+def _limits(s: ReportData, bounds: np.ndarray, colour: str) -> dict[str, Any]:
     """The limits of a joint as lines across."""
     stated = bounds[np.isfinite(bounds)].tolist()
     times = [s.motion.start, s.motion.stop, None] * len(stated)
@@ -99,38 +99,41 @@ def _limits(s: Subject, bounds: np.ndarray, colour: str) -> dict[str, Any]:
     return {"mode": "lines", "x": times, "y": [y for bound in stated for y in (bound, bound, None)], "line": line}
 
 
-def _band(s: Subject, quantity: Quantity, j: int, colour: str) -> dict[str, Any]:
+def _band(s: ReportData, quantity: ReportQuantity, j: int, colour: str) -> dict[str, Any]:
     """The band of 95 % about an uncertain curve."""
     at = np.linspace(0, len(s.frames) - 1, min(len(s.frames), MAX_BAND_POINTS)).astype(int)
     t, (lower, upper) = s.t[s.frames[at]], (edge[at] for edge in _edges(s, quantity, j))
-    outline = {"x": packed_times(np.concatenate([t, t[::-1]])), "y": packed(np.concatenate([upper, lower[::-1]]), "f4")}
+    outline = {
+        "x": pack_times(np.concatenate([t, t[::-1]])),
+        "y": pack_array(np.concatenate([upper, lower[::-1]]), "f4"),
+    }
     return outline | {"mode": "none", "fill": "toself", "fillcolor": colour, "opacity": 0.25}
 
 
-def _edges(s: Subject, quantity: Quantity, j: int) -> tuple[np.ndarray, np.ndarray]:
+def _edges(s: ReportData, quantity: ReportQuantity, j: int) -> tuple[np.ndarray, np.ndarray]:
     assert quantity.deviations is not None
     values, reach = quantity.values[s.frames, j], BAND_DEVIATIONS * quantity.deviations[:, j]
     return values - reach, values + reach
 
 
-def _measured(s: Subject, j: int, most: int, colour: str) -> Iterator[dict[str, Any]]:
+def _measured_torques(s: ReportData, j: int, most: int, colour: str) -> Iterator[dict[str, Any]]:
     """The torques that the log of a motion holds of its joint j, as dots."""
     assert s.motion.torques is not None
     t, torques = s.motion.torques
     known = np.flatnonzero(np.isfinite(torques[:, j]))
-    at = known[drawn_points(torques[known, j], most)] if known.size else known
+    at = known[thin_points(torques[known, j], most)] if known.size else known
     marker = {"color": colour, "size": 3, "opacity": 0.35}
     if at.size:
-        yield {"mode": "markers", "x": packed_times(t[at]), "y": packed(torques[at, j], "f4"), "marker": marker}
+        yield {"mode": "markers", "x": pack_times(t[at]), "y": pack_array(torques[at, j], "f4"), "marker": marker}
 
 
-def _checked(s: Subject, quantity: Quantity, j: int) -> CheckedLimit | None:
+def _find_limit(s: ReportData, quantity: ReportQuantity, j: int) -> CheckedLimit | None:
     rows = s.check.table if s.check and quantity.bounded else ()
     joint = (extent_names(s.robot.mechanism.tree) if quantity.kind == "position" else s.joints)[j]
     return next((row for row in rows if row.joint == joint and row.limit == quantity.kind), None)
 
 
-def _range(s: Subject, quantity: Quantity, j: int) -> tuple[float, float]:
+def _range(s: ReportData, quantity: ReportQuantity, j: int) -> tuple[float, float]:
     """What a chart of a joint shows: its values where they are known, and limits that they come near to."""
     values = quantity.values[:, j]
     if quantity.deviations is not None:
@@ -146,7 +149,7 @@ def _range(s: Subject, quantity: Quantity, j: int) -> tuple[float, float]:
     return low, high
 
 
-def _layout(s: Subject, charts: list[Chart], axes: list[str]) -> dict[str, Any]:
+def _layout(s: ReportData, charts: list[Chart], axes: list[str]) -> dict[str, Any]:
     """The charts above each other; the page sets the ranges of their axes, by the joints that are drawn."""
     count, grid = len(charts), {"gridcolor": "#e6e6e6", "zeroline": False, "linecolor": INK, "ticks": "outside"}
     time = {"title": {"text": "t [s]"}, "range": [s.motion.start, s.motion.stop]}
@@ -162,23 +165,23 @@ def _layout(s: Subject, charts: list[Chart], axes: list[str]) -> dict[str, Any]:
         "hovermode": "x",
         "dragmode": "zoom",
         "xaxis": time_axis,
-        "shapes": [_upright(t) for t in breaks[:MAX_BREAKS_DRAWN]],
+        "shapes": [_break_line(t) for t in breaks[:MAX_BREAKS_DRAWN]],
     }
     for i, (chart, axis) in enumerate(zip(charts, axes, strict=True)):
         top = 1 - i / count
         layout[axis] = grid | {"domain": [top - 0.88 / count, top - 0.13 / count]}
         layout["annotations"].append({
-            "text": f"<b>{chart.quantity.symbol}</b> [{powers(chart.unit)}]", "showarrow": False,
+            "text": f"<b>{chart.quantity.symbol}</b> [{raise_powers(chart.unit)}]", "showarrow": False,
             "xref": "paper", "x": 0, "xanchor": "left", "yref": "paper", "y": top - 0.12 / count, "yanchor": "bottom",
         })  # fmt: skip
     return layout
 
 
-def powers(unit: str) -> str:
+def raise_powers(unit: str) -> str:
     """A unit with raised powers."""
     return unit.replace("^2", "²").replace("^3", "³").replace("^4", "⁴")
 
 
-def _upright(t: float) -> dict[str, Any]:
+def _break_line(t: float) -> dict[str, Any]:
     line = {"color": "#777777", "width": 1, "dash": "dot"}
     return {"type": "line", "xref": "x", "yref": "paper", "x0": t, "x1": t, "y0": 0, "y1": 1, "line": line}

@@ -10,24 +10,24 @@ from typing import Any
 
 import numpy as np
 
+from jounce._report.array_text import pack_array
 from jounce._report.curves import joint_style
 from jounce._report.meshes import Mesh
-from jounce._report.packing import packed
-from jounce._report.subject import Subject
-from jounce._report.turns import in_turn
+from jounce._report.report_data import ReportData
+from jounce._report.single_screws import to_single_screws
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.figures.drawing import joint_points, skeleton
 from jounce.model.coordinates import leading_joints
 from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import loose_bodies, outer_bodies, positions
+from jounce.model.positions import loose_bodies, multiscrew_joints, outer_bodies
 from jounce.spatial.inertia import moments
 
 CIRCLE_CORNERS = 12  # looks round with smooth shading
 LINK, CUT = "#b9bdc4", "#6a6e75"
 LINK_RADIUS, SLIDE_RADIUS, JOINT_RADIUS, JOINT_HEIGHT = 0.032, 0.024, 0.05, 0.06  # of the robot's size
-MIN_ROBOT_SIZE = 1e-3  # m, of a robot whose points all coincide
+MIN_DRAWN_SIZE = 1e-3  # m, of a robot whose points all coincide
 MIN_PLATE_CUTS = 3  # cut joints of a body that is drawn by its edges: three make a plane
 MIN_EXTENT_SHARE = 0.6  # of the widest extent of the drawn space
 SWEEP_MARGIN = 0.03  # of the robot's size, around what it sweeps: half the width of a link
@@ -35,27 +35,28 @@ GROUND_BODY = -1
 BOX_DIRECTIONS = np.array(list(product((-1, 0, 1), repeat=3))).T
 
 
-def drawing(s: Subject) -> dict[str, Any]:
+def drawing(s: ReportData) -> dict[str, Any]:
     """What the page draws a robot by: its triangles, the data of its poses, and the space that it sweeps."""
     m = s.robot.mechanism.tree
-    poses, steps = compute(Engine(m), "poses", [s.positions]), in_turn(m, s.positions)
+    poses, steps = compute(Engine(m), "poses", [s.positions]), to_single_screws(m, s.positions)
     size = robot_size(m, poses[0])
     shown = {mesh.body for mesh in s.meshes.shapes}
     parts = [part for part in parts_of(m, size, steps) if part.body not in shown]
     parts += [mesh._replace(colour=_colour(m, mesh.body)) for mesh in s.meshes.shapes]
     colours = dict.fromkeys(part.colour for part in parts)
     swept = [
-        outermost(part.vertices) if part.body == GROUND_BODY else
-        (outermost(part.vertices) @ poses[:, part.body, :3, :3].mT + poses[:, part.body, None, :3, 3]).reshape(-1, 3)
+        extreme_points(part.vertices) if part.body == GROUND_BODY else
+        (extreme_points(part.vertices) @ poses[:, part.body, :3, :3].mT + poses[:, part.body, None, :3, 3])
+        .reshape(-1, 3)
         for part in parts
     ]  # fmt: skip
     lowest, highest = (f([f(points, axis=0) for points in swept] + [np.zeros(3)], axis=0) for f in (np.min, np.max))
     return {
         "parent": list(m.parent), "owners": list(m.owners),
-        "B": packed(m.B[:, :3]), "X": packed(m.X), "G": packed(m.G), "g": packed(m.g),
-        "q": packed(steps) if positions(m) else None,
+        "B": pack_array(m.B[:, :3]), "X": pack_array(m.X), "G": pack_array(m.G), "g": pack_array(m.g),
+        "q": pack_array(steps) if multiscrew_joints(m) else None,
         "solids": [_solid([part for part in parts if part.colour == colour]) for colour in colours],
-        "ends": [packed(poses[:, body, :3, 3] + poses[:, body, :3, :3] @ point, "f4") for body, point in tips(m)],
+        "ends": [pack_array(poses[:, body, :3, 3] + poses[:, body, :3, :3] @ point, "f4") for body, point in tips(m)],
         "space": np.stack(_space(lowest - SWEEP_MARGIN * size, highest + SWEEP_MARGIN * size), axis=1).tolist(),
     }  # fmt: skip
 
@@ -65,9 +66,9 @@ def _solid(parts: list[Mesh]) -> dict[str, Any]:
     first = np.cumsum([0, *(len(part.vertices) for part in parts)])
     return {
         "colour": parts[0].colour,
-        "vertices": packed(np.concatenate([part.vertices for part in parts]), "f4"),
-        "bodies": packed(np.repeat([part.body for part in parts], np.diff(first)), "i4"),
-        "triangles": packed(np.concatenate([p.triangles + k for p, k in zip(parts, first, strict=False)]).T, "i4"),
+        "vertices": pack_array(np.concatenate([part.vertices for part in parts]), "f4"),
+        "bodies": pack_array(np.repeat([part.body for part in parts], np.diff(first)), "i4"),
+        "triangles": pack_array(np.concatenate([p.triangles + k for p, k in zip(parts, first, strict=False)]).T, "i4"),
     }
 
 
@@ -78,14 +79,14 @@ def _space(lowest: np.ndarray, highest: np.ndarray) -> tuple[np.ndarray, np.ndar
     return lowest - room, highest + room
 
 
-def outermost(points: np.ndarray) -> np.ndarray:
+def extreme_points(points: np.ndarray) -> np.ndarray:
     """The points that are farthest in each of some directions: they span nearly the space that all do."""
     return points[np.unique((points @ BOX_DIRECTIONS).argmax(axis=0))]
 
 
 def robot_size(m: Mechanism, poses: np.ndarray) -> float:
     """The size of a robot at some poses of its bodies, m; never 0, so that lengths can be shares of it."""
-    return max(skeleton(m, poses).size, MIN_ROBOT_SIZE)
+    return max(skeleton(m, poses).size, MIN_DRAWN_SIZE)
 
 
 def parts_of(m: Mechanism, size: float, q: np.ndarray | None = None) -> list[Mesh]:
@@ -93,7 +94,7 @@ def parts_of(m: Mechanism, size: float, q: np.ndarray | None = None) -> list[Mes
     centres = joint_points(m)
     radius = LINK_RADIUS * size
     parts, drawn = [], [j for j in range(len(m.joints)) if not _is_virtual(m, j)]
-    several, loose = positions(m), loose_bodies(m)
+    several, loose = multiscrew_joints(m), loose_bodies(m)
     for i in dict.fromkeys(m.owners[j] for j in drawn if m.owners[j] not in loose):
         p = m.parent[i]
         start = centres[p] if p != GROUND_BODY else np.zeros(3)
@@ -102,27 +103,27 @@ def parts_of(m: Mechanism, size: float, q: np.ndarray | None = None) -> list[Mes
     parts += [_capsule(*placed, radius, LINK) for placed in (*_ends(m, centres), *_plates(m, centres))]
     drawn = [j for j in drawn if m.owners[j] not in several]
     parts += _slides(m, drawn, centres, size, q)
-    parts += [_cut(loop, JOINT_RADIUS * size) for loop in m.loops]
+    parts += [_cut_joint_mesh(loop, JOINT_RADIUS * size) for loop in m.loops]
     balls = [i for i in several if i not in loose]
-    parts += [_revolved(i, centres[i], np.zeros(3), _sphere(JOINT_RADIUS * size), _colour(m, i)) for i in balls]
+    parts += [_revolve(i, centres[i], np.zeros(3), _sphere(JOINT_RADIUS * size), _colour(m, i)) for i in balls]
     turns = m.X[:, :3].any(axis=1)
     axes = np.where(turns[:, None], m.X[:, :3], m.X[:, 3:])
     for i, j in ((m.owners[j], j) for j in drawn):
         thick, high = (1.0, 1.0) if turns[j] else (0.7, 2.0)
         half, r = high * JOINT_HEIGHT * size, thick * JOINT_RADIUS * size
         profile = np.array([[0, -half], [r, -half], [r, half], [0, half]])
-        parts.append(_revolved(i, centres[i], axes[j], profile, _colour(m, i)))
+        parts.append(_revolve(i, centres[i], axes[j], profile, _colour(m, i)))
     return parts
 
 
 def _is_virtual(m: Mechanism, j: int) -> bool:
     """Whether a joint is a slide next to a massless body of a robot with loops: it counts motions, nothing slides."""
     i = m.owners[j]
-    massless = [not m.M[body, 3, 3] for body in (i, m.parent[i]) if _on_joint(m, body)]
+    massless = [not m.M[body, 3, 3] for body in (i, m.parent[i]) if _hangs_by_joint(m, body)]
     return bool(m.loops) and not m.X[j, :3].any() and any(massless)
 
 
-def _on_joint(m: Mechanism, body: int) -> bool:
+def _hangs_by_joint(m: Mechanism, body: int) -> bool:
     """Whether a body hangs by a joint: the ground and a floating base do not."""
     return body in m.owners
 
@@ -148,7 +149,7 @@ def _slides(m: Mechanism, drawn: list[int], centres: np.ndarray, size: float, q:
 def _ends(m: Mechanism, centres: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """Links from the joint of a body to its outermost point, and to cut joints where these are few."""
     cut = cut_points(m)
-    few = {body: points for body, points in cut.items() if len(points) < MIN_PLATE_CUTS or not _on_joint(m, body)}
+    few = {body: points for body, points in cut.items() if len(points) < MIN_PLATE_CUTS or not _hangs_by_joint(m, body)}
     ends = {body: [*points] for body, points in few.items()}
     for body, end in tips(m):
         if len(cut.get(body, ())) < MIN_PLATE_CUTS and not any(np.allclose(end, point) for point in ends.get(body, ())):
@@ -161,7 +162,7 @@ def _ends(m: Mechanism, centres: np.ndarray) -> Iterator[tuple[int, np.ndarray, 
 def _plates(m: Mechanism, centres: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """The edges of bodies with many cut joints: these and the body's own joint are corners, unless it lies inside."""
     for body, points in cut_points(m).items():
-        if len(points) < MIN_PLATE_CUTS or not _on_joint(m, body):
+        if len(points) < MIN_PLATE_CUTS or not _hangs_by_joint(m, body):
             continue
         corners = np.array([*points, centres[body]])
         away = corners - corners.mean(axis=0)
@@ -172,14 +173,14 @@ def _plates(m: Mechanism, centres: np.ndarray) -> Iterator[tuple[int, np.ndarray
         yield from ((body, start, end) for start, end in zip(ring, np.roll(ring, -1, axis=0), strict=True))
 
 
-def _cut(loop: Loop, radius: float) -> Mesh:
+def _cut_joint_mesh(loop: Loop, radius: float) -> Mesh:
     """A cut joint: a ball where it turns in every direction, else a short cylinder along its axis."""
     place, axis = np.asarray(loop.a.T, dtype=float), np.asarray(loop.axis, dtype=float)
     half = JOINT_HEIGHT / JOINT_RADIUS * radius
     profile = np.array([[0, -half], [radius, -half], [radius, half], [0, half]])
     if loop.joint == "spherical":
         profile = _sphere(radius)
-    return _revolved(loop.a.body, place[:3, 3], place[:3, :3] @ axis, profile, CUT)
+    return _revolve(loop.a.body, place[:3, 3], place[:3, :3] @ axis, profile, CUT)
 
 
 def _sphere(radius: float) -> np.ndarray:
@@ -220,10 +221,10 @@ def _capsule(body: int, start: np.ndarray, end: np.ndarray, radius: float, colou
     cap = radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     along = end - start
     profile = np.concatenate([cap[::-1] * [1, -1], cap + np.array([0, np.linalg.norm(along)])])
-    return _revolved(body, start, along, profile, colour)
+    return _revolve(body, start, along, profile, colour)
 
 
-def _revolved(body: int, origin: np.ndarray, axis: np.ndarray, profile: np.ndarray, colour: str) -> Mesh:
+def _revolve(body: int, origin: np.ndarray, axis: np.ndarray, profile: np.ndarray, colour: str) -> Mesh:
     """The solid that a profile (P, 2) of (radius, height) makes about an axis through an origin."""
     e = axis / np.linalg.norm(axis) if axis.any() else np.array([0.0, 0.0, 1.0])
     u, v = np.linalg.svd(e[None])[2][1:]

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jounce.core.errors import listed
-from jounce.io.visuals import Visual, read_mesh, visuals_of
+from jounce.core.errors import join_names
+from jounce.io.visuals import Visual, read_mesh, robot_visuals
 from jounce.model.mechanism import Mechanism
 
 MAX_TRIANGLES = 20_000  # of all meshes together: half a megabyte of the page
@@ -40,7 +40,7 @@ class Meshes:
 
 def meshes_of(m: Mechanism, path: Path, folders: Sequence[Path] = ()) -> Meshes:
     """The visuals of a robot file as triangles, `MAX_TRIANGLES` at most; none where trimesh is missing."""
-    visuals = visuals_of(m, path)
+    visuals = robot_visuals(m, path)
     if not visuals:
         return Meshes(notes=(f"{path.name} has no visuals of the links; capsules stand for them.",))
     try:
@@ -52,9 +52,9 @@ def meshes_of(m: Mechanism, path: Path, folders: Sequence[Path] = ()) -> Meshes:
     shapes = [Mesh(i, x.vertices @ C[:3, :3].T + C[:3, 3], np.asarray(x.faces)) for i, C, x in placed]
     notes = []
     if missed:
-        reasons = listed(dict.fromkeys(missed))
+        reasons = join_names(dict.fromkeys(missed))
         notes.append(f"Meshes that cannot be read: {reasons}; capsules stand for links that nothing else shows.")
-    drawn, step = _simplified(shapes)
+    drawn, step = _simplify(shapes)
     before, after = (sum(len(mesh.triangles) for mesh in some) for some in (shapes, drawn))
     if before > MAX_TRIANGLES:
         notes.append(f"Meshes of {before:,} triangles are simplified to {after:,}, on a grid of {1000 * step:.2g} mm.")
@@ -71,19 +71,19 @@ def place_visuals(
     return found, [x for x in meshes if isinstance(x, str)]
 
 
-def _simplified(meshes: list[Mesh]) -> tuple[list[Mesh], float]:
+def _simplify(meshes: list[Mesh]) -> tuple[list[Mesh], float]:
     """Meshes of `MAX_TRIANGLES` at most, and the step of the grid on which their vertices were merged, m."""
     extent = max((float(np.ptp(mesh.vertices, axis=0).max()) for mesh in meshes), default=0.0)
     step = MIN_MESH_GRID * extent or 1.0
     while True:  # ends: in the coarsest grid every mesh is one vertex
-        drawn = [_clustered(mesh, step) for mesh in meshes]
+        drawn = [_cluster_vertices(mesh, step) for mesh in meshes]
         count = sum(len(mesh.triangles) for mesh in drawn)
         if count <= MAX_TRIANGLES:
             return drawn, step
         step *= max(MIN_GRID_GROWTH, (count / MAX_TRIANGLES) ** 0.5)  # triangles of a surface go as 1 / step^2
 
 
-def _clustered(mesh: Mesh, step: float) -> Mesh:
+def _cluster_vertices(mesh: Mesh, step: float) -> Mesh:
     """Merge the vertices in each cell of a grid; triangles that thereby lose a corner or cover another are left out."""
     cells = np.round((mesh.vertices - mesh.vertices.min(axis=0)) / step).astype(np.int64)
     keys = cells @ (1 << 21 * np.arange(3))  # at most 1 / MIN_MESH_GRID cells along each axis

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce._report.curves import powers
-from jounce._report.packing import packed
+from jounce._report.array_text import pack_array
+from jounce._report.curves import raise_powers
 from jounce._report.panels import PANELS
-from jounce._report.subject import MAX_REPORT_ORDER, Subject, subject_of
-from jounce.core.errors import JounceError, escaped, quoted
-from jounce.engine.along import Q_RATE_ORDER, checked_motion
+from jounce._report.report_data import MAX_REPORT_ORDER, ReportData, make_report_data
+from jounce.core.errors import JounceError, escape_text, quote_value
+from jounce.engine.along import Q_RATE_ORDER, check_motion
 from jounce.engine.engine import Engine
 from jounce.io import files
 from jounce.io.visuals import URDF_SUFFIX
@@ -82,9 +82,9 @@ class Report:
         """
         if not isinstance(path, str | os.PathLike):
             raise JounceError(f"save() expects a path, got {type(path).__name__}")
-        target = files.path_of(path)
+        target = files.expand_path(path)
         check_writable(target)
-        with files.written_whole(target) as part:
+        with files.write_whole(target) as part:
             part.write_text(self.html, encoding="utf-8", newline="\n")
 
 
@@ -101,8 +101,8 @@ def report(
         raise JounceError(f"report() expects a jounce.Motion, got {type(motion).__name__}; try jounce.load_motion")
     file = None if visuals is None else _visuals_file(visuals)
     _check_still(robot, motion)
-    path, folders = checked_motion(robot.mechanism, motion), _mesh_folders(mesh_folders)
-    subject = subject_of(robot, path, _order(motion, order), file, folders)
+    path, folders = check_motion(robot.mechanism, motion), _mesh_folders(mesh_folders)
+    subject = make_report_data(robot, path, _order(motion, order), file, folders)
     slowdown = subject.slowdown if isinstance(subject.slowdown, Slowdown) else None
     return Report(_page(subject), subject.check, slowdown)
 
@@ -135,18 +135,18 @@ def _order(motion: Motion, order: int | None) -> int:
     if order is None:
         return MAX_REPORT_ORDER if known is None else max(0, min(MAX_REPORT_ORDER, known - Q_RATE_ORDER))
     if isinstance(order, bool) or not isinstance(order, int | np.integer) or not 0 <= int(order) <= MAX_REPORT_ORDER:
-        raise JounceError(f"order is {quoted(order)}; expected 0, 1 or 2: the highest rate of Q on the page")
+        raise JounceError(f"order is {quote_value(order)}; expected 0, 1 or 2: the highest rate of Q on the page")
     return int(order)
 
 
 def _mesh_folders(given: Sequence[str | os.PathLike[str]]) -> list[Path]:
     if not isinstance(given, list | tuple):
-        raise JounceError(f"mesh_folders is {quoted(given)}; expected a list of folders")
-    return [files.path_of(folder) for folder in given]
+        raise JounceError(f"mesh_folders is {quote_value(given)}; expected a list of folders")
+    return [files.expand_path(folder) for folder in given]
 
 
 def _visuals_file(given: str | os.PathLike[str]) -> Path:
-    path = files.path_of(given)
+    path = files.expand_path(given)
     if path.suffix.lower() != URDF_SUFFIX:
         raise JounceError(
             f"{path}: visuals are read from {URDF_SUFFIX} files; without visuals= the page draws capsules"
@@ -154,7 +154,7 @@ def _visuals_file(given: str | os.PathLike[str]) -> Path:
     return path
 
 
-def _page(s: Subject) -> str:
+def _page(s: ReportData) -> str:
     from markupsafe import Markup
     from plotly.offline import get_plotlyjs
 
@@ -171,12 +171,12 @@ def _read(name: str) -> str:
     return (HERE / name).read_text(encoding="utf-8")
 
 
-def _frames(s: Subject) -> dict[str, Any]:
+def _frames(s: ReportData) -> dict[str, Any]:
     """Where the cursor can stand: times, and all values there, with their bounds (2, n)."""
     return {
         "n": len(s.joints),
-        "t": packed(s.t[s.frames]),
-        "values": [packed(x.values[s.frames]) for x in s.quantities],
+        "t": pack_array(s.t[s.frames]),
+        "values": [pack_array(x.values[s.frames]) for x in s.quantities],
         "bounds": [[[y if np.isfinite(y) else None for y in row] for row in x.bounds.tolist()] for x in s.quantities],
     }
 
@@ -188,13 +188,13 @@ def _environment() -> "Environment":
 
     def printable(x: Any) -> Any:
         """Names from files with control and direction characters escaped."""
-        return escaped(x) if isinstance(x, str) and not isinstance(x, Markup) else x
+        return escape_text(x) if isinstance(x, str) and not isinstance(x, Markup) else x
 
     environment = Environment(
         loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, finalize=printable,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False}
-    environment.filters["powers"] = powers
+    environment.filters["powers"] = raise_powers
     environment.filters["number"] = lambda x: "∞" if np.isinf(x) else f"{x:.5g}"
     return environment

@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from jounce._report.curves import figure, joint_style, powers
+from jounce._report.curves import figure, joint_style, raise_powers
 from jounce._report.drawing import drawing
+from jounce._report.report_data import MAX_SLOWDOWN_STATES, ReportData
 from jounce._report.sliders import end_names, sliders_code, sliders_data
-from jounce._report.subject import MAX_SLOWDOWN_STATES, Subject
 from jounce.checks.description import joint_kind
 from jounce.core.version import __version__
 from jounce.model.coordinates import leading_joints
-from jounce.model.kinds import FORCES
+from jounce.model.limit_kinds import BOUNDED_FORCES
 from jounce.model.mechanism import Mechanism, body_name
-from jounce.model.positions import positions
+from jounce.model.positions import multiscrew_joints
 from jounce.spatial.series import rate_name
 
 MAX_BREAKS_LISTED = 30  # rows of the page; their number is given
@@ -24,7 +24,7 @@ MAX_SLIDER_BODIES = 100  # of a robot whose sliders compute: code of some 200 kB
 
 
 @dataclass(frozen=True)
-class Panel:
+class ReportPanel:
     """A part of the page: the template part ``panels/NAME.html.jinja``, with a title and a place.
 
     `content` is what the template part gets; `data` is what its script gets, by ``panelData("NAME")``, as JSON: that of
@@ -39,48 +39,48 @@ class Panel:
     code: str = ""  # JavaScript that is made for this robot, before the script of the panel
 
 
-def robot(s: Subject) -> Panel:
+def robot(s: ReportData) -> ReportPanel:
     """The robot that moves."""
-    return Panel("robot", "Robot", "side", {"meshes": bool(s.meshes.shapes)}, drawing(s))
+    return ReportPanel("robot", "Robot", "side", {"meshes": bool(s.meshes.shapes)}, drawing(s))
 
 
-def values(s: Subject) -> Panel:
+def values(s: ReportData) -> ReportPanel:
     """The values under the cursor, and which joints are drawn."""
-    charts = [{"symbol": x.symbol, "units": list(dict.fromkeys(map(powers, x.units)))} for x in s.quantities]
+    charts = [{"symbol": x.symbol, "units": list(dict.fromkeys(map(raise_powers, x.units)))} for x in s.quantities]
     joints = [joint_style(j) | {"name": joint} for j, joint in enumerate(s.joints)]
-    return Panel("values", "Values at the cursor", "side", {"quantities": charts, "joints": joints})
+    return ReportPanel("values", "Values at the cursor", "side", {"quantities": charts, "joints": joints})
 
 
-def curves(s: Subject) -> Panel:
+def curves(s: ReportData) -> ReportPanel:
     """The curves over time."""
     shown = {
         "symbols": [x.symbol for x in s.quantities], "uncertain": any(x.deviations is not None for x in s.quantities),
         "measured": s.motion.torques is not None, "breaks": bool(s.motion.breaks), "checked": s.check is not None,
     }  # fmt: skip
-    return Panel("curves", "Curves", "wide", shown, figure(s))
+    return ReportPanel("curves", "Curves", "wide", shown, figure(s))
 
 
-def sliders(s: Subject) -> Panel | None:
+def sliders(s: ReportData) -> ReportPanel | None:
     """Joints that the reader moves, and an end that is pulled: what holds the robot at rest there."""
-    if s.robot.mechanism.nb > MAX_SLIDER_BODIES or positions(s.robot.mechanism):
+    if s.robot.mechanism.nb > MAX_SLIDER_BODIES or multiscrew_joints(s.robot.mechanism):
         return None
     data = sliders_data(s)
     joints = [joint_style(j) | {"name": s.joints[j]} for j in s.own]
     content = {"joints": joints, "ends": end_names(s.robot.mechanism), "first": data["first"], "force": data["force"],
                "closed": bool(data["loops"])}  # fmt: skip
-    return Panel("sliders", "Forces at rest", "wide", content, data, sliders_code(s.robot))
+    return ReportPanel("sliders", "Forces at rest", "wide", content, data, sliders_code(s.robot))
 
 
-def limits(s: Subject) -> Panel:
+def limits(s: ReportData) -> ReportPanel:
     """The worst ratio of every limit, and the slow-down factor."""
     rows = sorted(s.check.table, key=lambda row: -row.ratio) if s.check else []
     table = [{"row": row, "frame": s.frame(row.t)} for row in rows]
     slowed = {"states": MAX_SLOWDOWN_STATES} if len(s.motion.times) > MAX_SLOWDOWN_STATES else {}
     content = {"table": table, "check": s.check, "slowdown": s.slowdown, "duration": s.motion.duration, **slowed}
-    return Panel("limits", "Limits", "below", content)
+    return ReportPanel("limits", "Limits", "below", content)
 
 
-def motion(s: Subject) -> Panel:
+def motion(s: ReportData) -> ReportPanel:
     """Where the motion comes from, how uncertain it is, and where it is not smooth."""
     m = s.motion
     names = s.robot.joint_names
@@ -103,10 +103,10 @@ def motion(s: Subject) -> Panel:
         "motion": m, "states": len(m.times), "residual": None if m.residual is None else float(np.max(m.residual)),
         "breaks": breaks, "all_breaks": len(m.breaks), "uncertain": uncertain, "joints": s.joints,
     }  # fmt: skip
-    return Panel("motion", "Motion", "below", content)
+    return ReportPanel("motion", "Motion", "below", content)
 
 
-def robot_data(s: Subject) -> Panel:
+def robot_data(s: ReportData) -> ReportPanel:
     """The joints of the robot and the bodies that they move."""
     m = s.robot.mechanism
     masses = np.asarray(m.M[:, 3, 3], dtype=float)
@@ -123,20 +123,20 @@ def robot_data(s: Subject) -> Panel:
         for j, i in enumerate(m.owners)
     ]
     content = {"robot": s.robot, "joints": joints, "mass": masses.sum(), "gravity": np.asarray(m.gravity).tolist()}
-    content["notes"], content["loops"] = [*s.meshes.notes, *_of_several(m)], _cut_joints(s)
-    return Panel("robot_data", "Robot data", "below", content)
+    content["notes"], content["loops"] = [*s.meshes.notes, *_several_screw_notes(m)], _cut_joints(s)
+    return ReportPanel("robot_data", "Robot data", "below", content)
 
 
-def _of_several(m: Mechanism) -> list[str]:
+def _several_screw_notes(m: Mechanism) -> list[str]:
     """What the page shows as q of joints of several screws, and that it has no sliders of them."""
     return [
         f"joint {joint.name} is a {joint.group.name} joint, so that there are no sliders: its q are shown as"
         f" {', '.join(joint.group.extents)} in the places of {', '.join(joint.group.velocities)}"
-        for joint in positions(m).values()
+        for joint in multiscrew_joints(m).values()
     ]
 
 
-def _cut_joints(s: Subject) -> list[dict[str, Any]]:
+def _cut_joints(s: ReportData) -> list[dict[str, Any]]:
     """The joints at which loops are cut, with the largest force and moment of each."""
     W, loops = s.loop_wrenches, s.robot.mechanism.loops
     if W is None:
@@ -153,7 +153,7 @@ def _cut_joints(s: Subject) -> list[dict[str, Any]]:
     ]
 
 
-def conventions(s: Subject) -> Panel:
+def conventions(s: ReportData) -> ReportPanel:
     """Units, signs and versions."""
     from plotly.offline import get_plotlyjs_version
 
@@ -163,10 +163,10 @@ def conventions(s: Subject) -> Panel:
     }  # fmt: skip
     content = {
         "acting": s.robot.mechanism.acting, "loads": list(s.motion.loads), "elastic": s.robot.mechanism.elasticity,
-        "inertial": FORCES[1] if s.limits.without_gravity else None,
+        "inertial": BOUNDED_FORCES[1] if s.limits.without_gravity else None,
         "states": len(s.motion.times), "frames": len(s.frames), "versions": versions,
     }  # fmt: skip
-    return Panel("conventions", "Conventions and versions", "below", content)
+    return ReportPanel("conventions", "Conventions and versions", "below", content)
 
 
 PANELS = (robot, values, curves, sliders, limits, motion, robot_data, conventions)

@@ -8,14 +8,14 @@ import numpy as np
 
 from jounce._codegen import generate
 from jounce._report.drawing import GROUND_BODY, tips
-from jounce._report.subject import Subject
-from jounce.dynamics.newton import scales
+from jounce._report.report_data import ReportData
+from jounce.dynamics.loop_newton import scales
 from jounce.engine.engine import Engine
 from jounce.model.coordinates import coordinate_limits, coordinate_units
-from jounce.model.kinds import unit_of
+from jounce.model.limit_kinds import derivative_unit
 from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import positions
+from jounce.model.positions import multiscrew_joints
 
 HERE = Path(__file__).parent
 UNLIMITED_RANGE = {"rad": np.pi, "m": 0.5}  # rad, m: how far a joint without limits goes either way, a whole turn
@@ -35,7 +35,7 @@ def sliders_code(robot: Engine) -> str:
     return f"{closing}const forcesAtRest = (() => {{\n{functions}return {{{', '.join(outputs)}}};\n}})();\n"
 
 
-def sliders_data(s: Subject) -> dict[str, Any]:
+def sliders_data(s: ReportData) -> dict[str, Any]:
     """The stretches of the joints, the points that may be pulled, and the bounds of Q."""
     m, ends = s.robot.mechanism, _ends(s.robot.mechanism)
     units = coordinate_units(m)
@@ -43,7 +43,7 @@ def sliders_data(s: Subject) -> dict[str, Any]:
     return {
         "lower": lower.tolist(),
         "upper": upper.tolist(),
-        "units": [unit_of("Q", 0, unit) for unit in units],
+        "units": [derivative_unit("Q", 0, unit) for unit in units],
         "effort": [
             [x if np.isfinite(x) else None for x in row] for row in s.limits.bounds("effort")[:, s.own].tolist()
         ],
@@ -61,7 +61,9 @@ def slider_ranges(m: Mechanism, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The lowest and the highest coordinates of sliders: the limits, or those of a motion q (N, n) that goes beyond."""
     bounds = coordinate_limits(m).bounds("position").copy()
     free = np.array([UNLIMITED_RANGE[unit] for unit in coordinate_units(m)])
-    bounds[:, [j for x in positions(m).values() for j in range(m.n)[x.coordinates]]] = np.inf  # not of what sliders set
+    bounds[:, [j for x in multiscrew_joints(m).values() for j in range(m.n)[x.coordinates]]] = (
+        np.inf
+    )  # not of what sliders set
     lower, upper = np.where(np.isfinite(bounds), bounds, [-free, free])
     return q.min(axis=0, initial=np.inf).clip(max=lower), q.max(axis=0, initial=-np.inf).clip(min=upper)
 

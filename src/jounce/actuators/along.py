@@ -10,21 +10,21 @@ from typing import Any
 import numpy as np
 
 from jounce.actuators import damping
-from jounce.arguments.rates import checked_order, rates_in
+from jounce.arguments.rates import check_order, find_rates
 from jounce.arguments.requests import check_existence
-from jounce.arguments.stiffness import stiffnesses_of
-from jounce.core.errors import JounceError, quoted
+from jounce.arguments.stiffness import convert_stiffness
+from jounce.core.errors import JounceError, quote_value
 from jounce.core.typing import ArrayLike
 from jounce.dynamics import elastic, electrical
-from jounce.dynamics.quantities import QUANTITIES, row_of
-from jounce.dynamics.stretch import elasticity_of, with_stiffness
+from jounce.dynamics.joint_springs import elasticity_of, with_stiffness
+from jounce.dynamics.quantities import QUANTITIES, find_row
 from jounce.engine.along import Along, ForceBreak, Progress, forces_along
 from jounce.engine.engine import Engine
 from jounce.model.elasticity import Elasticity
-from jounce.model.inversion import UnreachableError
 from jounce.model.mechanism import Mechanism
+from jounce.model.spring_deflection import UnreachableError
 from jounce.motion.motion import Motion
-from jounce.spatial.series import columns
+from jounce.spatial.series import column_series
 
 Rates = tuple[np.ndarray, ...]
 _POSITION_ROW, _TORQUE_ROW = QUANTITIES["motor_positions"], QUANTITIES["motor_torques"]
@@ -86,17 +86,17 @@ def motors_along(
     check_existence(robot.mechanism, _POSITION_ROW.name, moves or robot.mechanism.floats, "motors_along")
     e, options = elasticity_of(robot.mechanism), (method, progress)
     if not e.pairs:
-        stiffnesses_of(robot.mechanism, stiffness, 1)  # none, or an error
+        convert_stiffness(robot.mechanism, stiffness, 1)  # none, or an error
     if (e.dampers and e.level is None) or e.pairs:
-        links, theta, tau = _of_integrals(robot, motion, t, checked_order(order), stiffness, *options)
+        links, theta, tau = _integrate_motors(robot, motion, t, check_order(order), stiffness, *options)
         return ElasticAlong(links.t, links.rates, theta, tau, *electrical.outputs(e, theta, tau), breaks=links.breaks)
     try:
-        rows = [row_of(row.name, e.more_rates) for row in (_POSITION_ROW, _TORQUE_ROW)]
+        rows = [find_row(row.name, e.more_rates) for row in (_POSITION_ROW, _TORQUE_ROW)]
         found = forces_along(robot, motion, t, order, *options, rows[1])
         highest = len(found.rates) - rows[0].rates
         theta = forces_along(robot, motion, found.t, highest, method, None, rows[0]).forces
     except UnreachableError:
-        _of_integrals(robot, motion, t, checked_order(order), None, *options)  # which reports the time
+        _integrate_motors(robot, motion, t, check_order(order), None, *options)  # which reports the time
         raise
     _check_stiffness_between(robot.mechanism, found.t, theta[0] - found.rates[0])
     outputs = electrical.outputs(e, theta, found.forces)
@@ -112,18 +112,18 @@ def _check_stiffness_between(m: Mechanism, t: np.ndarray, deflections: np.ndarra
         if turned.size:
             before, after = t[order][turned[0] : turned[0] + 2]
             raise JounceError(
-                f"joint {quoted(m.coordinates[j])}: the force of its spring crosses zero between t = {before:g} s and"
-                f" {after:g} s, where the spring has no stiffness and its motor would move infinitely fast; give"
+                f"joint {quote_value(m.coordinates[j])}: the force of its spring crosses zero between t = {before:g} s"
+                f" and {after:g} s, where the spring has no stiffness and its motor would move infinitely fast; give"
                 " CubicSpring a k above 0"
             )
 
 
-def order_of_voltages(e: Elasticity, known: int | None) -> int:
+def voltage_order(e: Elasticity, known: int | None) -> int:
     """The rate of the torques that voltages take: the first with inductances, if rates of q are known so far."""
     return int(e.is_inductive and (known is None or known >= 5 + e.more_rates))
 
 
-def _of_integrals(
+def _integrate_motors(
     robot: Engine,
     motion: Motion,
     t: ArrayLike | None,
@@ -136,8 +136,8 @@ def _of_integrals(
     m, e = robot.mechanism, elasticity_of(robot.mechanism)
     shift = 1 if len(e.dampers) == m.n else 2
     links = forces_along(robot, motion, t, order + shift, method, progress)
-    q, Q = columns(links.rates), columns([force[:, -m.n :] for force in links.forces])
-    inputs = with_stiffness(m, columns(_stiffness_over_time(robot, stiffness, len(links.t), order + 3)))
+    q, Q = column_series(links.rates), column_series([force[:, -m.n :] for force in links.forces])
+    inputs = with_stiffness(m, column_series(_stiffness_over_time(robot, stiffness, len(links.t), order + 3)))
     try:
         inputs = replace(inputs, deflections=damping.integrate_deflections(robot, motion, links.t, method))
         theta, phi = elastic.motor_positions(m, q, lambda _: Q, inputs)
@@ -154,11 +154,11 @@ def _stiffness_over_time(robot: Engine, given: Any, times: int, count: int) -> l
     m = robot.mechanism
     if not elasticity_of(m).pairs:
         return []
-    if given is not None and rates_in(given) is None:
-        (constant,) = stiffnesses_of(m, given, 1)
+    if given is not None and find_rates(given) is None:
+        (constant,) = convert_stiffness(m, given, 1)
         if constant.ndim == 1:
             return [np.tile(constant * (k == 0), (times, 1)) for k in range(count)]
-    S = stiffnesses_of(m, given, count)
+    S = convert_stiffness(m, given, count)
     for term in S:
         if term.shape[:-1] != (times,):
             raise JounceError(

@@ -19,18 +19,18 @@ from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quote_value
 from jounce.dynamics import deflections
-from jounce.dynamics.quantities import FORCES
-from jounce.dynamics.recursion.joints import rows
-from jounce.dynamics.stretch import elasticity_of
+from jounce.dynamics.joint_springs import elasticity_of
+from jounce.dynamics.quantities import DEFAULT_QUANTITY
+from jounce.dynamics.recursion.joints import take_rows
 from jounce.engine.along import SIDES
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates, Side
 from jounce.model.springs import CubicSpring, DampedSpring, Spring
-from jounce.motion.hermite import between, coefficients
+from jounce.motion.hermite import hermite_coefficients, interpolate_hermite
 from jounce.motion.motion import Motion
-from jounce.spatial.series import columns
+from jounce.spatial.series import column_series
 
 _DOWNWARD_TERMS = 60  # of the recursion downward, where z < 6: it then neglects less than 6^60 / 60! = 1e-35
 _RADAU_STAGES = 5  # of the Runge-Kutta method, which has order 9: above that of the quintics of Q
@@ -51,7 +51,7 @@ def integrate_deflections(robot: Engine, motion: Motion, t: np.ndarray, method: 
         return {}
     joints = list(laws)
     sampled = _sample_forces(robot, motion, joints, method)
-    breaks = [b.t for b in motion.breaks_to(FORCES.rates + 1) if motion.start < b.t < t.max()]
+    breaks = [b.t for b in motion.breaks_to(DEFAULT_QUANTITY.rates + 1) if motion.start < b.t < t.max()]
     even = np.linspace(motion.start, max(float(t.max()), motion.start), _FIRST_DAMPER_STEPS + 1)
     grid = np.unique(np.concatenate([even, t, breaks]))
     start = _initial_deflections(robot, motion, laws, method)
@@ -74,9 +74,9 @@ def integrate_deflections(robot: Engine, motion: Motion, t: np.ndarray, method: 
     if not resolved.all():
         i = int(np.argmin(resolved))
         raise JounceError(
-            f"joint {quoted(robot.joint_names[joints[i]])}: the deflection of the spring with a damper is not resolved"
-            f" by {len(grid) - 1} steps; the last halving changed it by {change[i] / size[i]:.1g} of its size; give"
-            " more times t, which become steps"
+            f"joint {quote_value(robot.joint_names[joints[i]])}: the deflection of the spring with a damper is not"
+            f" resolved by {len(grid) - 1} steps; the last halving changed it by {change[i] / size[i]:.1g} of its size;"
+            " give more times t, which become steps"
         )
     at = known[np.searchsorted(grid, t)]
     return {j: at[:, i : i + 1, None] for i, j in enumerate(joints)}
@@ -88,7 +88,7 @@ def _check_ends(robot: Engine, laws: dict[int, DampedSpring], t: np.ndarray, kno
         if (gone := np.flatnonzero(np.isnan(known[:, i]))).size:
             low, high = law.spring.range
             raise JounceError(
-                f"joint {quoted(robot.joint_names[j])}: the spring with a damper is deflected beyond its ends,"
+                f"joint {quote_value(robot.joint_names[j])}: the spring with a damper is deflected beyond its ends,"
                 f" {low:g} to {high:g}, at t = {t[gone[0]]:g} s"
             )
 
@@ -97,25 +97,25 @@ def _sample_forces(robot: Engine, motion: Motion, joints: Sequence[int], method:
     """Q, Qd, Q2d (N, k) of some joints just before and just after times of a motion."""
 
     def both(t: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        before, after = ([rate[:, joints] for rate in _forces(robot, motion, t, side, method)] for side in SIDES)
+        before, after = ([rate[:, joints] for rate in _joint_forces(robot, motion, t, side, method)] for side in SIDES)
         return before, after
 
     return both
 
 
-def _forces(robot: Engine, motion: Motion, t: np.ndarray, side: Side, method: Any) -> list[np.ndarray]:
+def _joint_forces(robot: Engine, motion: Motion, t: np.ndarray, side: Side, method: Any) -> list[np.ndarray]:
     """Q, Qd, Q2d (N, n) of the joints."""
-    states = MotionStates.sample(robot, motion, t, [(FORCES, 2)], side)
-    return [rate[:, -robot.n :] for rate in states.compute(robot, FORCES.name, method)]
+    states = MotionStates.sample(robot, motion, t, [(DEFAULT_QUANTITY, 2)], side)
+    return [rate[:, -robot.n :] for rate in states.compute(robot, DEFAULT_QUANTITY.name, method)]
 
 
 def _initial_deflections(robot: Engine, motion: Motion, laws: dict[int, DampedSpring], method: Any) -> np.ndarray:
     """The deflections at the start: those of the series of the damper, which a robot at rest has exactly."""
     t = np.array([motion.start])
-    rates = _forces(robot, motion, t, "right", method)
-    Q, found = columns(rates), []
+    rates = _joint_forces(robot, motion, t, "right", method)
+    Q, found = column_series(rates), []
     for j, law in laws.items():
-        sums = deflections.of_damped_spring(law.spring, law.damping, rows(Q, j, j + 1), len(rates))
+        sums = deflections.expand_damped_deflection(law.spring, law.damping, take_rows(Q, j, j + 1), len(rates))
         try:
             deflections.check_series(sums, law.time_constant)
         except JounceError:
@@ -134,13 +134,13 @@ def _solve(laws: Sequence[DampedSpring], t: np.ndarray, Q: Sampled, start: np.nd
         spring = law.spring
         if isinstance(spring, CubicSpring) and spring.k3 == 0:
             K, D = np.array([spring.k]), np.array([law.damping])
-            parts.append(linear(K, D, t, own, start[i : i + 1])[:, 0])
+            parts.append(integrate_linear(K, D, t, own, start[i : i + 1])[:, 0])
         else:
-            parts.append(nonlinear(spring, law.damping, t, own, float(start[i])))
+            parts.append(integrate_nonlinear(spring, law.damping, t, own, float(start[i])))
     return np.stack(parts, axis=1)
 
 
-def integrals(z: np.ndarray, count: int) -> np.ndarray:
+def exponential_integrals(z: np.ndarray, count: int) -> np.ndarray:
     """I_j(z) = integral of e^(-z (1 - u)) u^j over 0 .. 1, for j < count: (count, ...).
 
     The recursion ``z I_j + j I_(j - 1) = 1`` is stable downward where j > z, and upward where j < z.
@@ -159,20 +159,20 @@ def integrals(z: np.ndarray, count: int) -> np.ndarray:
     return np.where(z < count, np.stack(low[:count]), np.stack(high))
 
 
-def linear(K: np.ndarray, D: np.ndarray, t: np.ndarray, Q: Sides, start: np.ndarray) -> np.ndarray:
+def integrate_linear(K: np.ndarray, D: np.ndarray, t: np.ndarray, Q: Sides, start: np.ndarray) -> np.ndarray:
     """Deflections (N, n) of linear springs K (n,) with dampers D (n,) at times t (N,), from those at the first."""
     before, after = Q
     h = np.diff(t)[:, None]
-    c = coefficients([rate[:-1] for rate in after], [rate[1:] for rate in before], h)[::-1]
+    c = hermite_coefficients([rate[:-1] for rate in after], [rate[1:] for rate in before], h)[::-1]
     z = K * h / D
-    driven = h / D * np.einsum("jik,jik->ik", c, integrals(z, len(c)))
+    driven = h / D * np.einsum("jik,jik->ik", c, exponential_integrals(z, len(c)))
     found, decay = [start], np.exp(-z)
     for factor, forced in zip(decay, driven, strict=True):
         found.append(factor * found[-1] + forced)
     return np.stack(found)
 
 
-def nonlinear(spring: Spring, D: float, t: np.ndarray, Q: Sides, start: float) -> np.ndarray:
+def integrate_nonlinear(spring: Spring, D: float, t: np.ndarray, Q: Sides, start: float) -> np.ndarray:
     """Deflections (N,) of one spring with a damper at times t (N,); Q is that of its joint, (N, 1).
 
     They are NaN once they have left the range of the spring.
@@ -181,7 +181,7 @@ def nonlinear(spring: Spring, D: float, t: np.ndarray, Q: Sides, start: float) -
     before, after = Q
     h = np.diff(t)[:, None]
     ends = [rate[:-1] for rate in after], [rate[1:] for rate in before]
-    forces = np.hstack([between(*ends, h, np.full_like(h, u), 0)[0] for u in nodes])
+    forces = np.hstack([interpolate_hermite(*ends, h, np.full_like(h, u), 0)[0] for u in nodes])
     found, (low, high) = [start], spring.range
     for step, force in zip(h[:, 0] / D, forces, strict=True):
         if not low <= found[-1] <= high:

@@ -5,18 +5,18 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from jounce.arguments import positions
-from jounce.arguments.rates import rates_of
-from jounce.arguments.requests import missing
+from jounce.arguments.rates import convert_rates
+from jounce.arguments.requests import missing_reason
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array, broadcast
-from jounce.dynamics import coupling, stretch
+from jounce.dynamics import coupling, joint_springs
+from jounce.dynamics.joint_springs import elasticity_of
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.dynamics.stretch import elasticity_of
 from jounce.engine.dispatch import compute
-from jounce.engine.engine import Engine, like
-from jounce.model.casting import cast_model
+from jounce.engine.engine import Engine, with_mechanism
+from jounce.model.scalar_casting import cast_model
 from jounce.model.springs import DampedSpring
-from jounce.spatial.series import columns
+from jounce.spatial.series import column_series
 
 STATE = replace(QUANTITIES["elastic_forward_dynamics"], rates=4)  # q, qd, theta, thetad, no forces
 
@@ -39,19 +39,19 @@ def energy(robot: Engine, given: Sequence[Any]) -> Energy:
     """The energies in a state q, qd, theta, thetad."""
     _check_elastic(robot, "elastic_energy")
     given, whole = positions.split_rates(robot.mechanism, given)
-    q, qd, theta, thetad = arrays = broadcast(rates_of(robot.mechanism, given, STATE), [1] * 4, STATE.inputs[:4])
+    q, qd, theta, thetad = arrays = broadcast(convert_rates(robot.mechanism, given, STATE), [1] * 4, STATE.inputs[:4])
     m, at = cast_model(robot.mechanism, arrays), q if whole is None else whole
     e, joints = elasticity_of(m), elasticity_of(m).joints_of_motors
     rigid = elasticity_of(robot.mechanism).of_motors.is_rigid * 1
     v, delta = thetad + rigid * (qd[..., joints] - thetad), (theta - q[..., joints])[..., None]
     rotors = (e.of_motors.rotor * v * v).sum(-1) * 0.5
     if e.level is not None:
-        rotors = rotors + coupling.spin_energy(m, columns([q, qd]), columns([theta, thetad]))[0][..., 0, 0]
+        rotors = rotors + coupling.spin_energy(m, column_series([q, qd]), column_series([theta, thetad]))[0][..., 0, 0]
     return Energy(
         compute(robot, "kinetic_energy", (at, qd)),
         rotors,
         compute(robot, "potential_energy", (at,)),
-        stretch.spring_energy(m, delta)[..., 0, 0],
+        joint_springs.spring_energy(m, delta)[..., 0, 0],
     )
 
 
@@ -62,7 +62,7 @@ def damping_error(robot: Engine, given: Sequence[Any], wrench: Any) -> Array:
     if not e.dampers:
         raise JounceError(f"{robot.name}: no joint has a damper; robot.elastic(..., damping=...) states one")
     laws = [replace(law, terms=law.terms - 1) if isinstance(law, DampedSpring) else law for law in e.springs]
-    fewer = like(robot, replace(robot.mechanism, elasticity=replace(e, springs=tuple(laws))))
+    fewer = with_mechanism(robot, replace(robot.mechanism, elasticity=replace(e, springs=tuple(laws))))
     both = [compute(x, "motor_positions", given, wrench=wrench) for x in (robot, fewer)]
     theta, other = (x[0] if isinstance(x, tuple) else x for x in both)
     return abs(theta - other)
@@ -70,7 +70,7 @@ def damping_error(robot: Engine, given: Sequence[Any], wrench: Any) -> Array:
 
 def _check_elastic(robot: Engine, what: str) -> None:
     """Raise `JounceError` if joints are rigid or the base moves."""
-    if reason := missing(robot.mechanism, STATE):
+    if reason := missing_reason(robot.mechanism, STATE):
         raise JounceError(f"{what} of {robot.name!r}{reason}")
     if robot.mechanism.floats:
         raise JounceError(f"{what}: the base of {robot.name!r} moves; expected one at rest")

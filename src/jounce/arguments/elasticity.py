@@ -6,17 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from jounce.arguments.drive_trains import elasticity_of_drives, with_moved_terms
-from jounce.core.errors import JounceError, at, listed, one_of, quoted
+from jounce.arguments.drive_trains import elasticity_from_drives, with_moved_terms
+from jounce.core.errors import JounceError, check_choice, join_names, locate_errors, quote_value
 from jounce.core.scalars import asarray, is_numeric
-from jounce.dynamics.coupling import GROUND
+from jounce.dynamics.coupling import GROUND_CARRIER
 from jounce.model.antagonists import AntagonisticSprings
 from jounce.model.coordinates import coordinate_units
-from jounce.model.elasticity import Elasticity, Law
+from jounce.model.elasticity import Elasticity, ElasticLaw
 from jounce.model.mechanism import Mechanism
 from jounce.model.motors import Motor
-from jounce.model.positions import check_single
-from jounce.model.springs import CubicSpring, DampedSpring, Spring, spring_of
+from jounce.model.positions import check_single_screws
+from jounce.model.springs import CubicSpring, DampedSpring, Spring, read_spring
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,9 +37,9 @@ UNSTATED = tuple(vars(ElasticParameters()).values())
 
 def with_elasticity(mechanism: Mechanism, stated: ElasticParameters) -> Mechanism:
     """Return the mechanism with springs between motors and links: terms of the drives that act on motors leave Q."""
-    check_single(mechanism, "elastic joints")
+    check_single_screws(mechanism, "elastic joints")
     _check_closure(mechanism, stated)
-    e = mechanism.elasticity or elasticity_of_drives(mechanism)
+    e = mechanism.elasticity or elasticity_from_drives(mechanism)
     if mechanism.elasticity and all(x is y for x, y in zip(vars(stated).values(), UNSTATED, strict=True)):
         return mechanism  # its own springs and motors stay
     kept = mechanism.elasticity is not None and stated.stiffness is None and stated.spring is None
@@ -48,14 +48,14 @@ def with_elasticity(mechanism: Mechanism, stated: ElasticParameters) -> Mechanis
     e = replace(
         e,
         stiffness=e.stiffness if kept else _stiffness(mechanism, stated, springs),
-        rotor=e.rotor if stated.rotor is None else _per_coordinate(mechanism, "rotor", stated.rotor, e.rotor),
+        rotor=e.rotor if stated.rotor is None else _number_per_coordinate(mechanism, "rotor", stated.rotor, e.rotor),
         springs=springs if any(springs) else (),
         motors=motors if any(motors) else (),
-        level=_level(stated.coupling),
+        level=_coupling_level(stated.coupling),
     )
     if stated.motors is not None:
         e = _with_motors(mechanism, e, stated.rotor)
-    _check(mechanism, e, stated.rotor)
+    _check_stiffness_and_rotors(mechanism, e, stated.rotor)
     e = _with_dampers(mechanism, e, stated)
     _check_carriers(mechanism, e)
     return replace(with_moved_terms(mechanism), elasticity=e)
@@ -67,47 +67,47 @@ def _check_closure(mechanism: Mechanism, stated: ElasticParameters) -> None:
     if c is None:
         return
     if sorted(c.actuated) != sorted(c.independent):
-        motors = listed(c.coordinates[j] for j in c.actuated)
+        motors = join_names(c.coordinates[j] for j in c.actuated)
         raise JounceError(
-            f"{mechanism.name!r} has motors at {motors}, and its coordinates are {listed(mechanism.coordinates)};"
+            f"{mechanism.name!r} has motors at {motors}, and its coordinates are {join_names(mechanism.coordinates)};"
             " expected elastic joints at the coordinates: robot.closed(actuated=[...]) with as many motors as the robot"
             " moves in ways"
         )
     if stated.coupling != "spong":
-        level = f"coupling={quoted(stated.coupling)}"
+        level = f"coupling={quote_value(stated.coupling)}"
         raise JounceError(f"{level} is not available for robots with closed loops; use coupling='spong'")
     followers = [c.coordinates[j] for j in c.dependent]
     for what, given in vars(stated).items():
         if isinstance(given, Mapping) and (named := [name for name in given if name in followers]):
             why = "it follows others in closed loops and has no motor"
             raise JounceError(
-                f"{what} of joint {quoted(named[0])}: {why}; expected one of {listed(mechanism.coordinates)}"
+                f"{what} of joint {quote_value(named[0])}: {why}; expected one of {join_names(mechanism.coordinates)}"
             )
 
 
-def _by_joint(mechanism: Mechanism, given: Any) -> dict[str, Any]:
+def _expand_by_joint(mechanism: Mechanism, given: Any) -> dict[str, Any]:
     """What is given of coordinates by name, or of all of them the same."""
     stated = given if isinstance(given, Mapping) else dict.fromkeys(mechanism.coordinates, given)
-    return {one_of("joint", name, mechanism.coordinates): value for name, value in stated.items()}
+    return {check_choice("joint", name, mechanism.coordinates): value for name, value in stated.items()}
 
 
 def _springs(mechanism: Mechanism, given: object) -> tuple[Spring | AntagonisticSprings | None, ...]:
     """The springs that are not linear, one per coordinate or None."""
-    by_joint = _by_joint(mechanism, given)
-    stated = [(f"spring of joint {quoted(name)}", by_joint.get(name)) for name in mechanism.coordinates]
-    return tuple(x if x is None or isinstance(x, AntagonisticSprings) else spring_of(x, label) for label, x in stated)
+    by_joint = _expand_by_joint(mechanism, given)
+    stated = [(f"spring of joint {quote_value(name)}", by_joint.get(name)) for name in mechanism.coordinates]
+    return tuple(x if x is None or isinstance(x, AntagonisticSprings) else read_spring(x, label) for label, x in stated)
 
 
 def _motors(mechanism: Mechanism, given: object, e: Elasticity) -> tuple[Motor | None, ...]:
     """The motors, one per coordinate or None."""
     if given is None:
         return e.motors or (None,) * mechanism.n
-    by_joint = _by_joint(mechanism, given)
+    by_joint = _expand_by_joint(mechanism, given)
     for name, motor in by_joint.items():
         if not isinstance(motor, Motor):
-            raise JounceError(f"motor of joint {quoted(name)} is {quoted(motor)}; expected a jounce.Motor")
-        if motor.body not in (None, GROUND):
-            with at(f"motor of joint {quoted(name)}"):
+            raise JounceError(f"motor of joint {quote_value(name)} is {quote_value(motor)}; expected a jounce.Motor")
+        if motor.body not in (None, GROUND_CARRIER):
+            with locate_errors(f"motor of joint {quote_value(name)}"):
                 mechanism.frame(motor.body)
     return tuple(by_joint.get(name) for name in mechanism.coordinates)
 
@@ -120,25 +120,25 @@ def _stiffness(mechanism: Mechanism, stated: ElasticParameters, springs: Sequenc
             f"{mechanism.name!r} states no stiffness of its joints; robot.elastic(stiffness) does (--stiffness), or"
             " spring=; infinity is a rigid joint"
         )
-    numbers = _per_coordinate(mechanism, "stiffness", given, np.full(mechanism.n, np.inf))
+    numbers = _number_per_coordinate(mechanism, "stiffness", given, np.full(mechanism.n, np.inf))
     for j, (name, spring) in enumerate(zip(mechanism.coordinates, springs, strict=True)):
         if spring is None:
             continue
         if (name in given) if isinstance(given, Mapping) else np.ndim(given) and not np.isnan(numbers[j]):
             cure = "leave it out of a mapping, or put NaN into an array"
-            raise JounceError(f"joint {quoted(name)} has a stiffness and a spring; expected one of them: {cure}")
+            raise JounceError(f"joint {quote_value(name)} has a stiffness and a spring; expected one of them: {cure}")
         parts = (spring.first, spring.second) if isinstance(spring, AntagonisticSprings) else (spring,)
         numbers[j] = sum(float(part.stiffness(np.clip(0.0, *part.range))) for part in parts if isinstance(part, Spring))
     return numbers
 
 
-def _level(coupling: object) -> int | None:
+def _coupling_level(coupling: object) -> int | None:
     if isinstance(coupling, str) and coupling == "spong":
         return None
     if isinstance(coupling, int) and not isinstance(coupling, bool) and coupling >= 0:
         return coupling
     levels = "the level at which rotors and links are coupled: 0, 1, 2, ..."
-    raise JounceError(f"coupling is {quoted(coupling)}; expected 'spong', or {levels}")
+    raise JounceError(f"coupling is {quote_value(coupling)}; expected 'spong', or {levels}")
 
 
 def _with_motors(mechanism: Mechanism, e: Elasticity, rotor: object) -> Elasticity:
@@ -150,7 +150,7 @@ def _with_motors(mechanism: Mechanism, e: Elasticity, rotor: object) -> Elastici
         if motor.reflected_inertia is not None:
             if rotor is not None and (not isinstance(rotor, Mapping) or name in rotor):
                 by_both = "has the inertia of its rotor by rotor= and by its motor; state one of them"
-                raise JounceError(f"joint {quoted(name)} {by_both}")
+                raise JounceError(f"joint {quote_value(name)} {by_both}")
             found["rotor"][j] = motor.reflected_inertia
         found["viscous"][j] += motor.gear**2 * motor.damping
         found["friction"][j] += abs(motor.gear) * motor.friction
@@ -163,13 +163,13 @@ def _with_dampers(mechanism: Mechanism, e: Elasticity, stated: ElasticParameters
         return e
     terms = stated.damping_terms
     if not isinstance(terms, int) or isinstance(terms, bool) or terms < 1:
-        raise JounceError(f"damping_terms is {quoted(terms)}; expected a whole number, 1 or more")
-    springs: list[Law | None] = list(e.springs or (None,) * mechanism.n)
+        raise JounceError(f"damping_terms is {quote_value(terms)}; expected a whole number, 1 or more")
+    springs: list[ElasticLaw | None] = list(e.springs or (None,) * mechanism.n)
     present = np.array([law.damping if isinstance(law, DampedSpring) else 0.0 for law in springs])
-    damping = _per_coordinate(mechanism, "damping", stated.damping, present)
+    damping = _number_per_coordinate(mechanism, "damping", stated.damping, present)
     for j, (name, D) in enumerate(zip(mechanism.coordinates, damping.tolist(), strict=True)):
         if not 0 <= D < np.inf:
-            raise JounceError(f"damping of joint {quoted(name)} is {D:g}; expected 0 or more, N m s/rad or N s/m")
+            raise JounceError(f"damping of joint {quote_value(name)} is {D:g}; expected 0 or more, N m s/rad or N s/m")
         law = springs[j]
         spring = law.spring if isinstance(law, DampedSpring) else law
         if not D:
@@ -178,10 +178,10 @@ def _with_dampers(mechanism: Mechanism, e: Elasticity, stated: ElasticParameters
         spring = spring if spring or e.is_rigid[j] else CubicSpring(float(e.stiffness[j]))
         if not isinstance(spring, Spring):
             kind = "is rigid" if spring is None else "has two motors"
-            raise JounceError(f"joint {quoted(name)} {kind}; expected no damper parallel to its spring")
+            raise JounceError(f"joint {quote_value(name)} {kind}; expected no damper parallel to its spring")
         if spring.stiffness(0.0) == 0:
             none = "has no stiffness at rest, and its damper no time constant there; give CubicSpring a k above 0"
-            raise JounceError(f"the spring of joint {quoted(name)} {none}")
+            raise JounceError(f"the spring of joint {quote_value(name)} {none}")
         springs[j] = DampedSpring(spring, D, terms)
     return replace(e, springs=tuple(springs) if any(springs) else ())
 
@@ -194,24 +194,24 @@ def _check_carriers(mechanism: Mechanism, e: Elasticity) -> None:
     lost = [name for name, x in zip(mechanism.coordinates, motors, strict=True) if x is None or x.body is None]
     if lost:
         raise JounceError(
-            f"coupling={e.level} needs the body that carries each rotor; {listed(lost)} have none:"
+            f"coupling={e.level} needs the body that carries each rotor; {join_names(lost)} have none:"
             " motors={joint: jounce.Motor(gear=..., inertia=..., body=..., axis=...)}, 'world' for the ground"
         )
     if e.is_rigid.any():
-        held = listed(name for name, rigid in zip(mechanism.coordinates, e.is_rigid, strict=True) if rigid)
+        held = join_names(name for name, rigid in zip(mechanism.coordinates, e.is_rigid, strict=True) if rigid)
         raise JounceError(f"coupling={e.level} needs elastic joints; {held} have no finite stiffness")
     if e.pairs:
         raise JounceError(f"coupling={e.level} is not available for joints with two motors; use coupling='spong'")
 
 
-def _per_coordinate(mechanism: Mechanism, what: str, given: object, others: np.ndarray) -> np.ndarray:
+def _number_per_coordinate(mechanism: Mechanism, what: str, given: object, others: np.ndarray) -> np.ndarray:
     """One number for all coordinates, (n,), or {joint: number} with `others` for those left out: (n,)."""
     if isinstance(given, Mapping):
         numbers = others.copy()
-        for name, value in _by_joint(mechanism, given).items():
-            number = np.asarray(asarray(value, f"{what} of joint {quoted(name)}"))
+        for name, value in _expand_by_joint(mechanism, given).items():
+            number = np.asarray(asarray(value, f"{what} of joint {quote_value(name)}"))
             if not is_numeric(number) or number.shape != ():
-                raise JounceError(f"{what} of joint {quoted(name)} is {quoted(value)}; expected a number")
+                raise JounceError(f"{what} of joint {quote_value(name)} is {quote_value(value)}; expected a number")
             numbers[mechanism.coordinates.index(name)] = number
         return numbers
     array = np.asarray(asarray(given, what))
@@ -221,11 +221,11 @@ def _per_coordinate(mechanism: Mechanism, what: str, given: object, others: np.n
     return np.full(mechanism.n, array, dtype=float)
 
 
-def _check(mechanism: Mechanism, e: Elasticity, rotor: object) -> None:
+def _check_stiffness_and_rotors(mechanism: Mechanism, e: Elasticity, rotor: object) -> None:
     """Raise `JounceError` unless stiffnesses and rotors are positive; a rigid joint may go without a rotor."""
     units, springs = coordinate_units(mechanism), e.springs or (None,) * mechanism.n
     for name, unit, K, B, law in zip(mechanism.coordinates, units, e.stiffness, e.rotor, springs, strict=True):
-        joint, rad = f"joint {quoted(name)}", unit == "rad"
+        joint, rad = f"joint {quote_value(name)}", unit == "rad"
         if not K > 0 and law is None:  # springs check their own
             expected = f"a positive number, {'N m/rad' if rad else 'N/m'}, or infinity for a rigid joint"
             raise JounceError(f"stiffness of {joint} is {K:g}; expected {expected}")

@@ -15,7 +15,7 @@ from jounce.core.errors import JounceError
 from jounce.core.scalars import Array, asarray, is_numeric
 from jounce.dynamics.quantities import Quantity
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import Position, positions, whole_position_count
+from jounce.model.positions import Position, multiscrew_joints, whole_position_count
 from jounce.spatial.groups import FREE
 from jounce.spatial.lie import pose
 
@@ -26,25 +26,25 @@ MIN_ROTATION_NORM = (
 
 def numbers_by_name(mechanism: Mechanism, given: Any) -> Any:
     """A position by joint name, with the numbers of joints of several screws one by one under their own names."""
-    return _one_by_one(mechanism, given, lambda x: x.names, _numbers)
+    return _split_joints(mechanism, given, lambda x: x.names, _position_numbers)
 
 
 def velocities_by_name(mechanism: Mechanism, given: Any) -> Any:
     """A rate of the position by joint name, with the velocities of such joints one by one."""
-    return _one_by_one(mechanism, given, lambda x: mechanism.coordinates[x.coordinates], _velocities)
+    return _split_joints(mechanism, given, lambda x: mechanism.coordinates[x.coordinates], _velocity_numbers)
 
 
-def _one_by_one(
+def _split_joints(
     mechanism: Mechanism,
     given: Any,
     names_of: Callable[[Position], Sequence[str]],
     numbers_of: Callable[[Position, Any], Array],
 ) -> Any:
-    joints = {x.name: x for x in positions(mechanism).values()}
+    joints = {x.name: x for x in multiscrew_joints(mechanism).values()}
     if not joints:
         return given
     found: dict[Any, Any] = {}
-    for name, value in names.entries(given).items():
+    for name, value in names.read_entries(given).items():
         if (joint := joints.get(name)) is None:
             found[name] = value
         else:
@@ -53,7 +53,7 @@ def _one_by_one(
     return found
 
 
-def _numbers(joint: Position, value: Any) -> Array:
+def _position_numbers(joint: Position, value: Any) -> Array:
     """The numbers of a joint, (..., k), from these, from a rotation matrix or from a pose."""
     x, own = asarray(value, repr(joint.name)), joint.group
     if x.shape[-2:] in ((3, 3), (4, 4)):
@@ -70,18 +70,18 @@ def _numbers(joint: Position, value: Any) -> Array:
     return x
 
 
-def _velocities(joint: Position, value: Any) -> Array:
+def _velocity_numbers(joint: Position, value: Any) -> Array:
     x, names = asarray(value, repr(joint.name)), joint.group.velocities
     if x.shape[-1:] != (len(names),):
         raise JounceError(f"joint {joint.name!r} has shape {x.shape}; expected (..., {len(names)}): {', '.join(names)}")
     return x
 
 
-def checked_positions(mechanism: Mechanism, q: Array) -> Array:
+def check_positions(mechanism: Mechanism, q: Array) -> Array:
     """q; raise `JounceError` where a quaternion, or a cosine and a sine, is too short to say a rotation."""
     if not is_numeric(q):
         return q
-    for joint in positions(mechanism).values():
+    for joint in multiscrew_joints(mechanism).values():
         turn = q[..., joint.turn]
         norms = np.sqrt((turn * turn).sum(axis=-1))
         if (norms < MIN_ROTATION_NORM).any():
@@ -91,7 +91,7 @@ def checked_positions(mechanism: Mechanism, q: Array) -> Array:
     return q
 
 
-def without_base(
+def separate_base(
     mechanism: Mechanism, given: Sequence[Any], base: Any, row: Quantity
 ) -> tuple[Sequence[Any], tuple[Any, ...] | None]:
     """The state behind the base, and the motion (C, V, ...) of the base, of a whole floating robot's q, v, ...

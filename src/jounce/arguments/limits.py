@@ -5,39 +5,39 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed, one_of, quoted
+from jounce.core.errors import JounceError, check_choice, join_names, quote_value
 from jounce.core.scalars import asarray, is_numeric
 from jounce.model.coordinates import leading_joints, limit_place
-from jounce.model.kinds import EFFORT_KINDS, ENDS, FORCES, KEYS, MOTION_KINDS
+from jounce.model.limit_kinds import BOUNDED_FORCES, EFFORT_KINDS, LIMIT_KEYS, MOTION_KINDS, POSITION_ENDS
 from jounce.model.mechanism import Mechanism
-from jounce.model.stated import Stated, limits_with
+from jounce.model.stated_limits import StatedLimit, change_limits
 
 
 def with_limits(mechanism: Mechanism, given: Mapping[str, object], of: object = None) -> Mechanism:
     """The mechanism with some limits in place of its own; `of` says which force its effort limits bound."""
-    stated = {one_of("limit", key, KEYS): value for key, value in given.items() if value is not None}
-    changes: dict[int, dict[str, Stated]] = {}
+    stated = {check_choice("limit", key, LIMIT_KEYS): value for key, value in given.items() if value is not None}
+    changes: dict[int, dict[str, StatedLimit]] = {}
     for key, value in stated.items():
-        for i, number in _by_joint(mechanism, key, value).items():
+        for i, number in _limits_by_joint(mechanism, key, value).items():
             changes.setdefault(i, {})[key] = number
-    return replace(mechanism, limits=limits_with(mechanism, changes, _forces(stated, of)))
+    return replace(mechanism, limits=change_limits(mechanism, changes, _bounded_forces(stated, of)))
 
 
-def _by_joint(mechanism: Mechanism, key: str, given: object) -> dict[int, Stated]:
+def _limits_by_joint(mechanism: Mechanism, key: str, given: object) -> dict[int, StatedLimit]:
     """What is given for a kind of limit, by the index of the joint variable."""
-    each, leaders = _limited(mechanism, key)
+    each, leaders = _limited_joints(mechanism, key)
     if isinstance(given, Mapping):
-        stated = {limit_place(mechanism, name, key): _number(key, value, name) for name, value in given.items()}
+        stated = {limit_place(mechanism, name, key): _limit_value(key, value, name) for name, value in given.items()}
         motors = [mechanism.joints[i] for i in leaders]
         for i in stated:
             if each == "motor" and mechanism.joints[i] not in motors:
                 raise JounceError(
-                    f"{key} of joint {quoted(mechanism.joints[i])}: it has no motor, so that nothing would check this"
-                    f" limit; expected one of {listed(motors)}, or robot.closed(actuated=[...]) with it"
+                    f"{key} of joint {quote_value(mechanism.joints[i])}: it has no motor, so that nothing would check"
+                    f" this limit; expected one of {join_names(motors)}, or robot.closed(actuated=[...]) with it"
                 )
         return stated
     numbers, count = np.asarray(asarray(given, key)), len(leaders)
-    pairs = key not in ENDS
+    pairs = key not in POSITION_ENDS
     if not is_numeric(numbers) or numbers.shape not in [(), (count,), *[(count, 2)] * pairs]:
         more = f", ({count}, 2) for (lower, upper)" if pairs else ""
         expected = f"one number, ({count},) one per {each}{more}, or a mapping {{joint: number}}"
@@ -46,34 +46,34 @@ def _by_joint(mechanism: Mechanism, key: str, given: object) -> dict[int, Stated
     return dict(zip(leaders, numbers.tolist(), strict=True))
 
 
-def _limited(mechanism: Mechanism, key: str) -> tuple[str, list[int]]:
+def _limited_joints(mechanism: Mechanism, key: str) -> tuple[str, list[int]]:
     """What a kind of limit is stated for, coordinates or motors, and their joint variables in this order."""
     c = mechanism.closure
-    if c is None or key in (*ENDS, *MOTION_KINDS):
+    if c is None or key in (*POSITION_ENDS, *MOTION_KINDS):
         return "coordinate", leading_joints(mechanism)
     order = c.independent if sorted(c.actuated) == sorted(c.independent) else c.actuated
     every = leading_joints(mechanism.tree)
     return "motor", [every[j] for j in order]
 
 
-def _number(key: str, given: object, joint: object) -> Stated:
+def _limit_value(key: str, given: object, joint: object) -> StatedLimit:
     number = np.asarray(asarray(given, key))
-    if not is_numeric(number) or number.shape not in [(), *[(2,)] * (key not in ENDS)]:
-        pair = "" if key in ENDS else " or two, (lower, upper)"
-        raise JounceError(f"{key} of joint {quoted(joint)} is {quoted(given)}; expected a number{pair}")
+    if not is_numeric(number) or number.shape not in [(), *[(2,)] * (key not in POSITION_ENDS)]:
+        pair = "" if key in POSITION_ENDS else " or two, (lower, upper)"
+        raise JounceError(f"{key} of joint {quote_value(joint)} is {quote_value(given)}; expected a number{pair}")
     return number.tolist()
 
 
-def _forces(stated: Mapping[str, object], of: object) -> dict[str, str]:
+def _bounded_forces(stated: Mapping[str, object], of: object) -> dict[str, str]:
     """Which forces effort limits bound: those that are stated, or that `of` names."""
     efforts = [key for key in stated if key in EFFORT_KINDS]
     said: Mapping[str, object] = (
-        of if isinstance(of, Mapping) else dict.fromkeys(efforts, FORCES[0] if of is None else of)
+        of if isinstance(of, Mapping) else dict.fromkeys(efforts, BOUNDED_FORCES[0] if of is None else of)
     )
     if of is not None and not said:
         kinds = ", ".join(EFFORT_KINDS)
-        raise JounceError(f"of={quoted(of)} says which force effort limits bound; expected one of {kinds}")
-    return dict.fromkeys(efforts, FORCES[0]) | {
-        one_of("effort limit", kind, EFFORT_KINDS): one_of("force of a limit", force, FORCES)
+        raise JounceError(f"of={quote_value(of)} says which force effort limits bound; expected one of {kinds}")
+    return dict.fromkeys(efforts, BOUNDED_FORCES[0]) | {
+        check_choice("effort limit", kind, EFFORT_KINDS): check_choice("force of a limit", force, BOUNDED_FORCES)
         for kind, force in said.items()
     }

@@ -9,10 +9,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jounce.arguments.rates import is_unbatched, rates_in
+from jounce.arguments.rates import find_rates, is_unbatched
 from jounce.core import scalars
-from jounce.core.errors import JounceError, one_of, quoted, warn
-from jounce.core.scalars import Array, asarray, broadcast, shaped
+from jounce.core.errors import JounceError, check_choice, quote_value, warn
+from jounce.core.scalars import Array, array_of_shape, asarray, broadcast
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import Ad, inverse
 from jounce.spatial.series import rate_name
@@ -20,7 +20,7 @@ from jounce.spatial.series import rate_name
 LOAD_FRAMES = ("world", "body")
 
 
-def load_of(force: object, torque: object, order: int, q: Sequence[Array]) -> list[Array]:
+def convert_load(force: object, torque: object, order: int, q: Sequence[Array]) -> list[Array]:
     """Return a caller's load (torque; force), (..., 1, 6), and its rates up to `order`, at the states `q`."""
     if force is None and torque is None:
         raise JounceError("neither force nor torque is given; expected force=, torque= or both")
@@ -29,9 +29,9 @@ def load_of(force: object, torque: object, order: int, q: Sequence[Array]) -> li
     return [scalars.concatenate(pair, axis=-1)[..., None, :] for pair in both]
 
 
-def place_of(axes: str, point: object, force: object) -> Array:
+def convert_load_point(axes: str, point: object, force: object) -> Array:
     """Return the point (3,) where a force acts, the link's origin if None, and check the name of the axes."""
-    one_of("frame of a load", axes, LOAD_FRAMES)
+    check_choice("frame of a load", axes, LOAD_FRAMES)
     p = np.zeros(3, dtype=int) if point is None else asarray(point, "point")
     if p.shape != (3,):
         raise JounceError(f"point has shape {p.shape}; expected (3,), in the frame of the link")
@@ -42,31 +42,33 @@ def place_of(axes: str, point: object, force: object) -> Array:
 
 def _vector_rates(given: object, label: str, order: int, q: Sequence[Array]) -> list[Array]:
     """Return a vector (..., 3) and its rates: a tuple has all of them, a single array is constant in its axes."""
-    rates = rates_in(given)
+    rates = find_rates(given)
     if rates is not None and len(rates) != order + 1:
         raise JounceError(f"{label} gives {len(rates)} terms; order {order} takes it and its rates, {order + 1} terms")
     terms = [np.zeros(3) if given is None else given] if rates is None else rates
-    arrays = [shaped(term, (3,), rate_name(label, k)) for k, term in enumerate(terms)]
+    arrays = [array_of_shape(term, (3,), rate_name(label, k)) for k, term in enumerate(terms)]
     if order and isinstance(given, list) and arrays[0].shape == (order + 1, 3) and is_unbatched(q):
         warn(f"{label} is a list of {order + 1} vectors, read as a batch; a tuple gives a vector with its rates")
     return arrays + [0 * arrays[0]] * (order + 1 - len(arrays))
 
 
-def wrenches_of(mechanism: Mechanism, wrench: object, order: int, q: Sequence[Array], least: int = 1) -> list[Array]:
+def convert_wrenches(
+    mechanism: Mechanism, wrench: object, order: int, q: Sequence[Array], least: int = 1
+) -> list[Array]:
     """Return W and its rates for a quantity to an order, at the states `q`; an empty list if `wrench` is None.
 
     The quantity itself takes the first `least` of W, Wd, ...; each of its rates takes one more.
     """
     if wrench is None:
         return []
-    given, count = rates_in(wrench), least + order
+    given, count = find_rates(wrench), least + order
     terms = (wrench,) if given is None else given
     if len(terms) != count:
         have = "W alone" if given is None else _rate_names(len(given)) or "nothing"
         takes = f"a tuple ({_rate_names(count)})" if count > 1 else "W alone"
         raise JounceError(f"wrench gives {have}; order {order} takes {takes}; a list is one array")
     at_one_state = is_unbatched(q)
-    return [_on_bodies(mechanism, W, rate_name("W", k), at_one_state) for k, W in enumerate(terms)]
+    return [_wrenches_on_bodies(mechanism, W, rate_name("W", k), at_one_state) for k, W in enumerate(terms)]
 
 
 def _rate_names(count: int) -> str:
@@ -75,22 +77,22 @@ def _rate_names(count: int) -> str:
     return ", ".join([*names[:2], "...", names[-1]] if count > 3 else names)
 
 
-def _on_bodies(mechanism: Mechanism, W: object, label: str, at_one_state: bool) -> Array:
+def _wrenches_on_bodies(mechanism: Mechanism, W: object, label: str, at_one_state: bool) -> Array:
     """W of all bodies; wrenches on merged links, by name, are transported to the body frames."""
     nb = mechanism.nb
     if not isinstance(W, Mapping):
-        return shaped(W, (nb, 6), label, ", or a dict of body names to (..., 6)")
+        return array_of_shape(W, (nb, 6), label, ", or a dict of body names to (..., 6)")
     parts: list[Array] = [np.zeros((nb, 6))]
     for name, value in W.items():
-        frame, what = mechanism.frame(name), f"{label}[{quoted(name)}]"
-        array = shaped(value, (6,), what, ", (moment; force)")
+        frame, what = mechanism.frame(name), f"{label}[{quote_value(name)}]"
+        array = array_of_shape(value, (6,), what, ", (moment; force)")
         if at_one_state and array.shape == (nb, 6) != (1, 6):
             raise JounceError(
                 f"{what} has shape {array.shape}, as W of all bodies has; expected (6,), or W without names;"
                 f" for {nb} wrenches in turn make a batch of the state, q[None]"
             )
         if frame.body >= 0:  # a wrench between the ground and its environment moves nothing
-            T = scalars.exact_integers(frame.T) if scalars.is_symbolic(array) else frame.T
+            T = scalars.restore_integers(frame.T) if scalars.is_symbolic(array) else frame.T
             local = Ad(inverse(T)).mT @ array[..., None]
             parts.append(np.eye(nb, dtype=int)[frame.body][:, None] * local[..., None, :, 0])
-    return sum(broadcast(parts, [2] * len(parts), ["bodies", *(f"{label}[{quoted(name)}]" for name in W)]))
+    return sum(broadcast(parts, [2] * len(parts), ["bodies", *(f"{label}[{quote_value(name)}]" for name in W)]))

@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments import names
-from jounce.core.errors import JounceError, at, listed, one_of, quoted
+from jounce.core.errors import JounceError, check_choice, join_names, locate_errors, quote_value
 from jounce.core.scalars import asarray, is_numeric
-from jounce.dynamics import assembly, closing, followers
+from jounce.dynamics import followers, loop_assembly, loop_closure
 from jounce.dynamics.loops import closure_of
 from jounce.model.frame import UNIT_ROUNDING
-from jounce.model.locking import locked, warn_of_limits
-from jounce.model.loops import HELD, Closure, Loop, Z
+from jounce.model.locking import lock_coordinates, warn_of_limits
+from jounce.model.loops import DEFAULT_LOOP_AXIS, HELD_DIRECTIONS, Closure, Loop
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import check_single
+from jounce.model.positions import check_single_screws
 
 
 def with_loops(
@@ -31,12 +31,12 @@ def with_loops(
         first = "robot.closed(loops, actuated) and then elastic(stiffness)"
         raise JounceError(f"{mechanism.name!r} has elastic joints; close its loops first: {first}")
     tree = mechanism.tree
-    check_single(tree, "closed loops")
+    check_single_screws(tree, "closed loops")
     tree = replace(tree, loops=_loops(tree, loops))
     _check_numbers(tree)
     kept = mechanism.closure if actuated is None else None
-    motors = kept.actuated if kept else _places(tree, "actuated", actuated)
-    own = motors if coordinates is None else _places(tree, "coordinates", coordinates)
+    motors = kept.actuated if kept else _coordinate_places(tree, "actuated", actuated)
+    own = motors if coordinates is None else _coordinate_places(tree, "coordinates", coordinates)
     if len(own) == tree.n:
         raise JounceError(
             f"{tree.name!r}: all {tree.n} coordinates are named, so that none can follow where loops are closed; name"
@@ -47,12 +47,12 @@ def with_loops(
         G=tree.G,
         g=tree.g,
         independent=own,
-        start=_start(mechanism, start),
+        start=_start_configuration(mechanism, start),
         actuated=motors,
-        weights=_weights(tree, motors, weights),
+        weights=_motor_weights(tree, motors, weights),
     )
     closed = replace(tree, G=tree.G[:, own], coordinates=tuple(tree.coordinates[j] for j in own), closure=closure)
-    closed = replace(closed, closure=replace(closure, start=assembly.assemble(closed, closure.start)))
+    closed = replace(closed, closure=replace(closure, start=loop_assembly.assemble(closed, closure.start)))
     _check_mobility(closed)
     closed = followers.with_ratios(closed)
     if start is not None:
@@ -65,21 +65,21 @@ def with_locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
     """The mechanism with some coordinates locked at values, rad or m, its loops still closed."""
     c = mechanism.closure
     if c is None or not isinstance(values, Mapping):
-        return locked(mechanism, values)
+        return lock_coordinates(mechanism, values)
     for name in values:
         if name in mechanism.joints and name not in mechanism.coordinates:
             raise JounceError(
                 f"joint {name!r} cannot be locked: it follows others in closed loops; lock one of"
-                f" {listed(mechanism.coordinates)}, or name it by robot.closed(coordinates=[...]) first"
+                f" {join_names(mechanism.coordinates)}, or name it by robot.closed(coordinates=[...]) first"
             )
-        one_of("joint to lock", name, mechanism.coordinates)
+        check_choice("joint to lock", name, mechanism.coordinates)
     places = [j for j, name in enumerate(mechanism.coordinates) if name not in values]
     if not places:
         raise JounceError(f"all {mechanism.n} joints are locked; expected one that moves")
-    tree = locked(mechanism.tree, values)
+    tree = lock_coordinates(mechanism.tree, values)
     u = c.start[list(c.independent)]
     u = np.array([values.get(name, x) for name, x in zip(mechanism.coordinates, u, strict=True)], dtype=float)
-    q = dict(zip(c.coordinates, closing.close_loops(mechanism, u[None])[0], strict=True))
+    q = dict(zip(c.coordinates, loop_closure.close_loops(mechanism, u[None])[0], strict=True))
     start = {name: q[name] for name in tree.coordinates}
     weights = dict(zip((c.coordinates[j] for j in c.actuated), c.weights, strict=True))
     weights = {name: w for name, w in weights.items() if name not in values}
@@ -101,25 +101,25 @@ def _check_numbers(tree: Mechanism) -> None:
 def _check_mobility(m: Mechanism) -> None:
     """Raise `JounceError` unless the independent coordinates, and the motors, determine the motion at the start."""
     c = closure_of(m)
-    A = assembly.scaled_constraints(m, c.start[None])[0]
-    free = A.shape[1] - np.linalg.matrix_rank(A, rtol=assembly.CONSTRAINT_RANK_TOLERANCE)
+    A = loop_assembly.scaled_constraints(m, c.start[None])[0]
+    free = A.shape[1] - np.linalg.matrix_rank(A, rtol=loop_assembly.CONSTRAINT_RANK_TOLERANCE)
     if m.n > free:
         raise JounceError(
             f"{m.name!r} with its loops closed moves in {free} ways, yet {m.n} coordinates are named:"
-            f" {listed(m.coordinates)}; name {free} of them by coordinates=, those of more motors by actuated="
+            f" {join_names(m.coordinates)}; name {free} of them by coordinates=, those of more motors by actuated="
         )
-    loose = assembly.loose_coordinates(A, c.dependent)
+    loose = loop_assembly.loose_coordinates(A, c.dependent)
     if loose.any():
-        names_of = listed(c.coordinates[j] for j, moves in zip(c.dependent, loose, strict=True) if moves)
+        names_of = join_names(c.coordinates[j] for j, moves in zip(c.dependent, loose, strict=True) if moves)
         raise JounceError(
-            f"{m.name!r}: {listed(m.coordinates)} do not determine the motion, of {free} ways at the start: with these"
-            f" held {names_of} can move; name {free} joints by actuated= or coordinates=, or another start="
+            f"{m.name!r}: {join_names(m.coordinates)} do not determine the motion, of {free} ways at the start: with"
+            f" these held {names_of} can move; name {free} joints by actuated= or coordinates=, or another start="
         )
-    F = assembly.tangent(A, c.independent, c.dependent)
-    if np.linalg.matrix_rank(F[list(c.actuated)], rtol=assembly.CONSTRAINT_RANK_TOLERANCE) < m.n:
+    F = loop_assembly.tangent_map(A, c.independent, c.dependent)
+    if np.linalg.matrix_rank(F[list(c.actuated)], rtol=loop_assembly.CONSTRAINT_RANK_TOLERANCE) < m.n:
         raise JounceError(
-            f"{m.name!r}: motors at {listed(c.coordinates[j] for j in c.actuated)} cannot move all of"
-            f" {listed(m.coordinates)}; expected {m.n} or more that determine the motion"
+            f"{m.name!r}: motors at {join_names(c.coordinates[j] for j in c.actuated)} cannot move all of"
+            f" {join_names(m.coordinates)}; expected {m.n} or more that determine the motion"
         )
 
 
@@ -130,74 +130,76 @@ def _loops(tree: Mechanism, given: object) -> tuple[Loop, ...]:
             raise JounceError(f"{tree.name!r} states no loops; expected loops=[(frame_a, frame_b), ...]")
         return tree.loops
     if not isinstance(given, Sequence) or isinstance(given, str) or not given:
-        raise JounceError(f"loops is {quoted(given)}; expected [(frame_a, frame_b), ...]")
+        raise JounceError(f"loops is {quote_value(given)}; expected [(frame_a, frame_b), ...]")
     found = []
     for k, x in enumerate(given):
         if not isinstance(x, Loop):
             if not isinstance(x, Sequence) or isinstance(x, str) or not 2 <= len(x) <= 4:
                 expected = "(frame_a, frame_b), with a joint and its axis or without"
-                raise JounceError(f"loops[{k}] is {quoted(x)}; expected {expected}")
-            with at(f"loops[{k}]"):
-                x = loop_between(tree, *x)
+                raise JounceError(f"loops[{k}] is {quote_value(x)}; expected {expected}")
+            with locate_errors(f"loops[{k}]"):
+                x = build_loop(tree, *x)
         found.append(x)
     return tuple(found)
 
 
-def loop_between(tree: Mechanism, a: Any, b: Any, joint: Any = "spherical", axis: Any = Z) -> Loop:
+def build_loop(tree: Mechanism, a: Any, b: Any, joint: Any = "spherical", axis: Any = DEFAULT_LOOP_AXIS) -> Loop:
     """The loop that is cut at a joint between two frames of a tree, given by name."""
     frames = tree.frame(a), tree.frame(b)
     if frames[0].body == frames[1].body:
-        raise JounceError(f"frames {quoted(a)} and {quoted(b)} are on one body; expected frames on two")
-    one_of("joint", joint, HELD)
+        raise JounceError(f"frames {quote_value(a)} and {quote_value(b)} are on one body; expected frames on two")
+    check_choice("joint", joint, HELD_DIRECTIONS)
     along = np.array(asarray(axis, "axis"), dtype=float)
     if along.shape != (3,) or not np.isfinite(along).all() or not along.any():
-        raise JounceError(f"axis is {quoted(axis)}; expected a direction (3,) in the axes of frame {quoted(a)}")
+        raise JounceError(
+            f"axis is {quote_value(axis)}; expected a direction (3,) in the axes of frame {quote_value(a)}"
+        )
     if joint in ("spherical", "fixed"):  # which have none
-        along = np.array(Z, dtype=float)
+        along = np.array(DEFAULT_LOOP_AXIS, dtype=float)
     length = np.linalg.norm(along)  # of what a file states, 1 but for rounding: it is read as it was written
     return Loop(*frames, joint, along if abs(length - 1) < UNIT_ROUNDING else along / length)
 
 
-def _places(tree: Mechanism, label: str, given: object) -> tuple[int, ...]:
+def _coordinate_places(tree: Mechanism, label: str, given: object) -> tuple[int, ...]:
     """The places of coordinates that a caller names, in this order."""
     if isinstance(given, str) or not isinstance(given, Sequence) or not given:
-        raise JounceError(f"{label} is {quoted(given)}; expected a list of joints: {listed(tree.coordinates)}")
-    found = [tree.coordinates.index(one_of("joint", name, tree.coordinates, label)) for name in given]
+        raise JounceError(f"{label} is {quote_value(given)}; expected a list of joints: {join_names(tree.coordinates)}")
+    found = [tree.coordinates.index(check_choice("joint", name, tree.coordinates, label)) for name in given]
     if len(set(found)) < len(found):
-        raise JounceError(f"{label} names a joint twice: {listed(map(str, given))}")
+        raise JounceError(f"{label} names a joint twice: {join_names(map(str, given))}")
     return tuple(found)
 
 
-def _start(mechanism: Mechanism, given: object) -> np.ndarray:
+def _start_configuration(mechanism: Mechanism, given: object) -> np.ndarray:
     """The configuration (N,) of a caller's start: by joint name, 0 where a joint is left out, or all coordinates."""
     tree = mechanism.tree
     if given is None:
         return mechanism.closure.start if mechanism.closure else np.zeros(tree.n)
-    q = _per_joint(given, tree.coordinates, 0.0, "joint", "start")
+    q = _values_per_joint(given, tree.coordinates, 0.0, "joint", "start")
     if q.shape != (tree.n,):
-        raise JounceError(f"start has shape {q.shape}; expected ({tree.n},): {listed(tree.coordinates)}")
+        raise JounceError(f"start has shape {q.shape}; expected ({tree.n},): {join_names(tree.coordinates)}")
     if not is_numeric(q) or not np.isfinite(q).all():
         raise JounceError("start is not finite; expected joint positions, rad or m")
     return q
 
 
-def _weights(tree: Mechanism, motors: Sequence[int], given: object) -> np.ndarray:
+def _motor_weights(tree: Mechanism, motors: Sequence[int], given: object) -> np.ndarray:
     """The weights of the forces of actuated joints, positive."""
     if given is None:
         return np.ones(len(motors))
     joints = [tree.coordinates[j] for j in motors]
-    weights = _per_joint(given, joints, 1.0, "actuated joint", "weights")
+    weights = _values_per_joint(given, joints, 1.0, "actuated joint", "weights")
     if weights.shape != (len(motors),) or not is_numeric(weights) or not ((weights > 0) & (weights < np.inf)).all():
-        expected = f"positive finite numbers, one for each of {listed(joints)}"
-        raise JounceError(f"weights is {quoted(given)}; expected {expected}")
+        expected = f"positive finite numbers, one for each of {join_names(joints)}"
+        raise JounceError(f"weights is {quote_value(given)}; expected {expected}")
     return weights
 
 
-def _per_joint(given: object, joints: Sequence[str], default: float, kind: str, label: str) -> np.ndarray:
+def _values_per_joint(given: object, joints: Sequence[str], default: float, kind: str, label: str) -> np.ndarray:
     """An array with an entry per joint: one as it is given, or of what is given by name, the others `default`."""
-    if names.listed_in(given) is not None:
-        entries = names.entries(given)
+    if names.entry_names(given) is not None:
+        entries = names.read_entries(given)
         for name in entries:
-            one_of(kind, name, joints, label)
+            check_choice(kind, name, joints, label)
         given = [entries.get(name, default) for name in joints]
     return np.asarray(asarray(given, label))

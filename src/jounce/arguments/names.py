@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed, one_line, quoted
+from jounce.core.errors import JounceError, join_names, one_line, quote_value
 from jounce.core.scalars import is_zero
 from jounce.model.mechanism import Mechanism
 
 LOCK_CURE = "lock= of jounce.load, or Robot.locked, holds joints without a value"
 
 
-def listed_in(given: Any) -> list[Any] | None:
+def entry_names(given: Any) -> list[Any] | None:
     """Return the names of the entries of a caller's data, or None if they have no names.
 
     Named are the entries of mappings and whatever else `dict` accepts by keys (data frames and series of pandas), of
@@ -28,29 +28,29 @@ def listed_in(given: Any) -> list[Any] | None:
         columns = getattr(given, "column_names", getattr(given, "columns", None))  # of pyarrow, of polars
         fields = getattr(getattr(given, "dtype", None), "names", None)
     except Exception as error:
-        raise _unreadable(given, error) from error
+        raise _unreadable_error(given, error) from error
     if isinstance(columns, list):
         return columns
     return list(fields) if isinstance(fields, tuple) else None
 
 
-def _unreadable(given: Any, error: Exception) -> JounceError:  # of a foreign type: a lazy frame, a closed file
+def _unreadable_error(given: Any, error: Exception) -> JounceError:  # of a foreign type: a lazy frame, a closed file
     return JounceError(f"nothing can be read from {type(given).__name__}: {one_line(error)}")
 
 
-def entries(given: Any) -> dict[Any, Any]:
+def read_entries(given: Any) -> dict[Any, Any]:
     """Map the names that `listed_in` finds to their entries."""
-    names = listed_in(given) or []
-    repeated = [quoted(name) for name in dict.fromkeys(names) if names.count(name) > 1]
+    names = entry_names(given) or []
+    repeated = [quote_value(name) for name in dict.fromkeys(names) if names.count(name) > 1]
     if repeated:
-        raise JounceError(f"repeated name {listed(repeated)}; expected every name once")
+        raise JounceError(f"repeated name {join_names(repeated)}; expected every name once")
     try:
         return {name: given[name] for name in names}
     except Exception as error:
-        raise _unreadable(given, error) from error
+        raise _unreadable_error(given, error) from error
 
 
-def check(given: Collection[Any], expected: Sequence[str], unfit: Mapping[Any, str], asked: str = "") -> None:
+def check_names(given: Collection[Any], expected: Sequence[str], unfit: Mapping[Any, str], asked: str = "") -> None:
     """Raise `JounceError` if the given names are not the expected ones, with all missing, unknown and unfit names.
 
     `unfit` maps existing names that are not allowed here to the reason; `asked` describes the expected names.
@@ -59,20 +59,20 @@ def check(given: Collection[Any], expected: Sequence[str], unfit: Mapping[Any, s
     unknown = []
     for name in [name for name in given if name not in expected and name not in unfit]:
         near = get_close_matches(name, absent, n=1) if isinstance(name, str) else []
-        unknown.append(quoted(name) + (f" (did you mean {near[0]!r}?)" if near else ""))
-    found = (("missing", [quoted(name) for name in absent]), ("unknown", unknown))
-    wrong = [f"{word} {listed(names)}" for word, names in found if names]
-    wrong += [f"leave out {quoted(name)}, {unfit[name]}" for name in given if name in unfit]
+        unknown.append(quote_value(name) + (f" (did you mean {near[0]!r}?)" if near else ""))
+    found = (("missing", [quote_value(name) for name in absent]), ("unknown", unknown))
+    wrong = [f"{word} {join_names(names)}" for word, names in found if names]
+    wrong += [f"leave out {quote_value(name)}, {unfit[name]}" for name in given if name in unfit]
     if wrong:
-        raise JounceError(f"{'; '.join(wrong)}; expected {asked or listed(expected)}")
+        raise JounceError(f"{'; '.join(wrong)}; expected {asked or join_names(expected)}")
 
 
-def followers(mechanism: Mechanism) -> dict[Any, str]:
+def find_followers(mechanism: Mechanism) -> dict[Any, str]:
     """Map the joints that are not coordinates, and so not part of a state, to the joints that they follow."""
     in_loops = [name for name in mechanism.tree.coordinates if name not in mechanism.coordinates]
     follows: dict[Any, str] = dict.fromkeys(in_loops, "which follows others in closed loops")
     for joint, row in zip(mechanism.joints, mechanism.tree.G, strict=True):
         if joint not in mechanism.tree.coordinates:
             leaders = [mechanism.tree.coordinates[j] for j in np.flatnonzero([not is_zero(factor) for factor in row])]
-            follows[joint] = f"which follows {listed(leaders) or 'none'} (mimic)"
+            follows[joint] = f"which follows {join_names(leaders) or 'none'} (mimic)"
     return follows

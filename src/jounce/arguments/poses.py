@@ -17,7 +17,7 @@ def check_pose(C: Array, what: str = "base: C") -> None:
         C = np.asarray(C)
     if not is_numeric(C):
         return
-    off = not_a_pose(C if C.dtype == FLOAT else C.astype(float))
+    off = pose_error(C if C.dtype == FLOAT else C.astype(float))
     if (off > POSE_TOLERANCE).any():
         at, where = worst_sample(off)
         pose = "[R, r; 0, 1] with an orthogonal R of determinant 1"
@@ -31,12 +31,12 @@ def worst_sample(errors: np.ndarray) -> tuple[Any, str]:
     return at, f" of sample {', '.join(map(str, at))}" if at else ""
 
 
-def not_a_pose(C: np.ndarray) -> np.ndarray:
+def pose_error(C: np.ndarray) -> np.ndarray:
     """How far matrices (..., 4, 4) are from poses: the largest entry of R^T R - 1, of det R - 1 and of the last row."""
-    return np.maximum.reduce([np.abs(part).max(axis=(-2, -1)) for part in misses(C)])
+    return np.maximum.reduce([np.abs(part).max(axis=(-2, -1)) for part in pose_residuals(C)])
 
 
-def misses(C: Array) -> tuple[Array, ...]:
+def pose_residuals(C: Array) -> tuple[Array, ...]:
     """What vanishes of poses (..., 4, 4): R^T R - 1, det R - 1, and what the last row is besides 0, 0, 0, 1."""
     R = rotation(C)
     x, y, z = (R[..., k : k + 1] for k in range(3))

@@ -6,29 +6,29 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments import names
-from jounce.arguments.rates import column
-from jounce.core.errors import JounceError, listed
+from jounce.arguments.rates import convert_coordinates
+from jounce.core.errors import JounceError, join_names
 from jounce.core.scalars import Array, asarray, is_numeric
-from jounce.dynamics import closing, newton
+from jounce.dynamics import loop_closure, loop_newton
+from jounce.dynamics.loop_newton import NewtonStep
 from jounce.dynamics.loops import closure_of
-from jounce.dynamics.newton import Step
-from jounce.model.casting import cast_model
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
+from jounce.model.scalar_casting import cast_model
 
 
-def split(mechanism: Mechanism, q: Any) -> tuple[Any, Any]:
+def split_positions(mechanism: Mechanism, q: Any) -> tuple[Any, Any]:
     """The independent coordinates and those (..., N) of the tree that a caller's q contains, or None.
 
     A q of N entries, or one that names all coordinates of the tree, has the dependent ones too.
     """
-    closure, named = closure_of(mechanism), names.listed_in(q)
+    closure, named = closure_of(mechanism), names.entry_names(q)
     if named is None:
         whole = asarray(q, "q")
         if whole.shape[-1:] != (len(closure.coordinates),) or not closure.dependent:
             return q, None
     elif set(closure.coordinates) <= set(named):
-        whole = column(mechanism.tree, q, "q", len(closure.coordinates))
+        whole = convert_coordinates(mechanism.tree, q, "q", len(closure.coordinates))
     else:
         return q, None
     return whole[..., list(closure.independent)], whole
@@ -38,11 +38,11 @@ def split_rates(mechanism: Mechanism, given: Sequence[Any]) -> tuple[Sequence[An
     """The rates of the coordinates, and all coordinates of the tree of a closed robot where q states these."""
     if not mechanism.closure or not given:
         return given, None
-    first, whole = split(mechanism, given[0])
+    first, whole = split_positions(mechanism, given[0])
     return [first, *given[1:]], whole
 
 
-def dependent_of(mechanism: Mechanism, u: Array, whole: Array | None, step: Step | None = None) -> Array:
+def dependent_coordinates(mechanism: Mechanism, u: Array, whole: Array | None, step: NewtonStep | None = None) -> Array:
     """The dependent coordinates (..., N - n), with loops closed: from those given, if any, else from the start.
 
     Symbols are taken as they are. `step` is one of `closing.close_loops`.
@@ -56,18 +56,18 @@ def dependent_of(mechanism: Mechanism, u: Array, whole: Array | None, step: Step
     if whole is None and not is_numeric(u):
         raise JounceError(
             f"q holds {mechanism.n} symbols, or an array of JAX; expected all {len(closure.coordinates)} coordinates of"
-            f" the tree, as loops are closed on numbers of NumPy: {listed(closure.coordinates)}"
+            f" the tree, as loops are closed on numbers of NumPy: {join_names(closure.coordinates)}"
         )
     flat = np.asarray(u, dtype=float).reshape(-1, mechanism.n)
     start = None if whole is None else np.asarray(whole, dtype=float).reshape(-1, len(closure.coordinates))
-    found = closing.close_loops(mechanism, flat, start, step)[:, others].reshape(*u.shape[:-1], len(others))
+    found = loop_closure.close_loops(mechanism, flat, start, step)[:, others].reshape(*u.shape[:-1], len(others))
     if u.dtype == np.longdouble:  # closed to the precision of q
         model = cast_model(mechanism, [u])
         for _ in range(2):
-            found = newton.step(model, all_coordinates(closure, u, found), 0 * u)[0]
+            found = loop_newton.newton_step(model, all_coordinates(closure, u, found), 0 * u)[0]
     return found
 
 
-def dependent_arrays(mechanism: Mechanism, q: Array, whole: Any, step: Step | None = None) -> list[Array]:
+def dependent_arrays(mechanism: Mechanism, q: Array, whole: Any, step: NewtonStep | None = None) -> list[Array]:
     """The last array of all computations of closed robots: the dependent coordinates."""
-    return [dependent_of(mechanism, q, whole, step)] if mechanism.closure else []
+    return [dependent_coordinates(mechanism, q, whole, step)] if mechanism.closure else []

@@ -8,26 +8,26 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments import names
-from jounce.arguments.joints import checked_positions, numbers_by_name, velocities_by_name
+from jounce.arguments.joints import check_positions, numbers_by_name, velocities_by_name
 from jounce.core import scalars
-from jounce.core.errors import JounceError, at, listed, quoted
-from jounce.core.scalars import FLOAT, Array, asarray, is_symbolic, shaped
+from jounce.core.errors import JounceError, join_names, locate_errors, quote_value
+from jounce.core.scalars import FLOAT, Array, array_of_shape, asarray, is_symbolic
 from jounce.dynamics.quantities import Quantity
 from jounce.model.elasticity import motor_names
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import position_names, positions
+from jounce.model.positions import multiscrew_joints, position_names
 
 MAX_ORDER = 100  # rates: computing more takes minutes, and no data have the digits for them
 
 
-def checked_order(order: object, highest: int = MAX_ORDER) -> int:
+def check_order(order: object, highest: int = MAX_ORDER) -> int:
     """Return a caller's order, checked."""
     if not isinstance(order, int | np.integer) or isinstance(order, bool) or not 0 <= order <= highest:
-        raise JounceError(f"order is {quoted(order)}; expected 0 to {highest}")
+        raise JounceError(f"order is {quote_value(order)}; expected 0 to {highest}")
     return int(order)
 
 
-def rates_in(given: object) -> tuple[Any, ...] | None:
+def find_rates(given: object) -> tuple[Any, ...] | None:
     """Return (value, rate, ...) if a caller gives such a tuple; None for one array or a tuple of scalars.
 
     Nested lists are one array.
@@ -35,7 +35,7 @@ def rates_in(given: object) -> tuple[Any, ...] | None:
     return given if isinstance(given, tuple) and not (given and all(map(scalars.is_scalar, given))) else None
 
 
-def rates_of(mechanism: Mechanism, given: Sequence[Any], row: Quantity, more: int = 0) -> list[Array]:
+def convert_rates(mechanism: Mechanism, given: Sequence[Any], row: Quantity, more: int = 0) -> list[Array]:
     """Return what a quantity takes of a caller's q, qd, ..., Q, Qd, ... as arrays: no less, and none skipped.
 
     Its row takes `more` rates for springs and motors of the robot than that of other robots.
@@ -58,9 +58,9 @@ def rates_of(mechanism: Mechanism, given: Sequence[Any], row: Quantity, more: in
         raise JounceError(f"{labels[k]} is None{skipped}; expected every rate up to the last")
     e = mechanism.elasticity if row.inputs else None
     others = replace(mechanism, coordinates=motor_names(e, mechanism.coordinates)) if e and e.pairs else mechanism
-    q = [position(mechanism, term) for term in terms[: min(own, 1)]]
-    q += [column(mechanism, *both, mechanism.n) for both in zip(terms[1:own], labels[1:], strict=False)]
-    return q + [column(others, *both, others.nv) for both in zip(terms[own:], labels[own:], strict=True)]
+    q = [convert_position(mechanism, term) for term in terms[: min(own, 1)]]
+    q += [convert_coordinates(mechanism, *both, mechanism.n) for both in zip(terms[1:own], labels[1:], strict=False)]
+    return q + [convert_coordinates(others, *both, others.nv) for both in zip(terms[own:], labels[own:], strict=True)]
 
 
 def is_unbatched(q: Sequence[Array]) -> bool:
@@ -68,37 +68,37 @@ def is_unbatched(q: Sequence[Array]) -> bool:
     return all(term.ndim == 1 for term in q)
 
 
-def position(mechanism: Mechanism, term: Any) -> Array:
+def convert_position(mechanism: Mechanism, term: Any) -> Array:
     """Return the numbers of q, (..., nq), from an array or by joint name."""
-    if not positions(mechanism):
-        return column(mechanism, term, "q", mechanism.n)
+    if not multiscrew_joints(mechanism):
+        return convert_coordinates(mechanism, term, "q", mechanism.n)
     joints = position_names(mechanism)
-    if names.listed_in(term) is not None:
-        with at("q"):
-            numbers = _by_name(numbers_by_name(mechanism, term), mechanism, joints)
-        return checked_positions(mechanism, numbers)
+    if names.entry_names(term) is not None:
+        with locate_errors("q"):
+            numbers = _stack_by_name(numbers_by_name(mechanism, term), mechanism, joints)
+        return check_positions(mechanism, numbers)
     array = asarray(term, "q")
     meant = "" if array.shape[-1:] != (mechanism.n,) else f"; {mechanism.n} are velocities, which q has no numbers of"
-    return checked_positions(mechanism, shaped(array, (len(joints),), "q", f": {', '.join(joints)}{meant}"))
+    return check_positions(mechanism, array_of_shape(array, (len(joints),), "q", f": {', '.join(joints)}{meant}"))
 
 
-def column(mechanism: Mechanism, term: Any, label: str, size: int) -> Array:
+def convert_coordinates(mechanism: Mechanism, term: Any, label: str, size: int) -> Array:
     """Return coordinates, or a rate of them, (..., n), or forces (..., nv), from an array or by joint name."""
     if type(term) is np.ndarray and term.dtype is FLOAT and term.shape[-1:] == (size,):
         return term  # as most are, and some a thousand times a second
     of_base, joints = size > mechanism.n, mechanism.coordinates
-    if names.listed_in(term) is not None and not of_base:
-        with at(label):
-            return _by_name(velocities_by_name(mechanism, term), mechanism, joints)
+    if names.entry_names(term) is not None and not of_base:
+        with locate_errors(label):
+            return _stack_by_name(velocities_by_name(mechanism, term), mechanism, joints)
     array = asarray(term, label)
     if array.shape[-1:] == (size,):
         return array
-    cure = "" if of_base else _cure(array.shape, label, mechanism)
+    cure = "" if of_base else _shape_cure(array.shape, label, mechanism)
     rows = ("moment (3) and force (3) on the base", *joints) if of_base else joints
-    return shaped(array, (size,), label, f": {', '.join(rows)}{cure}")
+    return array_of_shape(array, (size,), label, f": {', '.join(rows)}{cure}")
 
 
-def _cure(shape: tuple[int, ...], label: str, mechanism: Mechanism) -> str:
+def _shape_cure(shape: tuple[int, ...], label: str, mechanism: Mechanism) -> str:
     """What makes coordinates of a wrong shape fit, as the end of a sentence, or nothing."""
     n, count = mechanism.n, shape[-1] if shape else 0
     if len(shape) > 1 and shape[-2] == n:
@@ -106,20 +106,20 @@ def _cure(shape: tuple[int, ...], label: str, mechanism: Mechanism) -> str:
     if 0 < count < n:
         return f"; {names.LOCK_CURE}"
     if mechanism.closure and label == "q":
-        return f"; or all {mechanism.tree.n} of the tree: {listed(mechanism.tree.coordinates)}"
+        return f"; or all {mechanism.tree.n} of the tree: {join_names(mechanism.tree.coordinates)}"
     followers = [name for name in mechanism.joints if name not in mechanism.coordinates]
     if followers and count == len(mechanism.joints):
-        return f"; leave out joints that follow others: {listed(followers)}"
+        return f"; leave out joints that follow others: {join_names(followers)}"
     return ""
 
 
-def _by_name(term: Any, mechanism: Mechanism, joints: Sequence[str]) -> Array:
+def _stack_by_name(term: Any, mechanism: Mechanism, joints: Sequence[str]) -> Array:
     """Return an array (..., n) of coordinates (...) given by joint name, broadcast."""
-    named = names.entries(term)
-    cure = f"{listed(joints)}; {names.LOCK_CURE}" if len(named) < len(joints) else ""
-    names.check(named, joints, names.followers(mechanism), cure)
-    parts = [scalars.element(named[joint], repr(joint)) for joint in joints]
+    named = names.read_entries(term)
+    cure = f"{join_names(joints)}; {names.LOCK_CURE}" if len(named) < len(joints) else ""
+    names.check_names(named, joints, names.find_followers(mechanism), cure)
+    parts = [scalars.convert_element(named[joint], repr(joint)) for joint in joints]
     if any(map(is_symbolic, parts)):
-        parts = [part if is_symbolic(part) else scalars.exact_integers(part) for part in parts]
+        parts = [part if is_symbolic(part) else scalars.restore_integers(part) for part in parts]
     parts = scalars.broadcast(parts, [0] * len(parts), [repr(joint) for joint in joints])
     return scalars.namespace(*parts).stack(parts, axis=-1)

@@ -2,16 +2,16 @@
 
 from functools import lru_cache
 
-from jounce.arguments.rates import checked_order
-from jounce.core.errors import JounceError, listed, no_such, one_of, true_or_false
-from jounce.dynamics.computation import PRODUCTS, Computation
+from jounce.arguments.rates import check_order
+from jounce.core.errors import JounceError, check_bool, check_choice, join_names, unknown_name_error
+from jounce.dynamics.computation import DERIVATIVE_PRODUCTS, Computation
 from jounce.dynamics.elastic import with_rigid_rotors
 from jounce.dynamics.mobility import idle_coordinates
 from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.model.mechanism import Mechanism
 
 
-def computation(
+def build_computation(
     mechanism: Mechanism,
     quantity: str,
     order: int,
@@ -25,12 +25,12 @@ def computation(
 
     The motion of the base belongs to the inputs if `moving_base` is true, and wherever it enters if the robot floats.
     """
-    row = QUANTITIES[one_of("quantity", quantity, QUANTITIES)]
-    if true_or_false("wrench", wrench, "whether wrenches are taken") and not row.wrenches:
-        takers = listed(name for name, other in QUANTITIES.items() if other.wrenches)
+    row = QUANTITIES[check_choice("quantity", quantity, QUANTITIES)]
+    if check_bool("wrench", wrench, "whether wrenches are taken") and not row.wrenches:
+        takers = join_names(name for name, other in QUANTITIES.items() if other.wrenches)
         raise JounceError(f"{quantity} takes no wrenches; these do: {takers}")
-    place(mechanism, quantity, body, frame)
-    true_or_false("moving_base", moving_base, "whether the motion of the base is taken")
+    check_place(mechanism, quantity, body, frame)
+    check_bool("moving_base", moving_base, "whether the motion of the base is taken")
     check_existence(mechanism, quantity, moving_base or mechanism.floats)
     check_invertible(mechanism, quantity)
     if row.takes_stiffness and mechanism.elasticity and mechanism.elasticity.pairs:
@@ -38,12 +38,12 @@ def computation(
             f"{quantity} of {mechanism.name!r}: joints with two motors take a stiffness, as native and generated code"
             f" do not; robot.{quantity}(..., stiffness=...) does"
         )
-    order = checked_order(order)
+    order = check_order(order)
     check_rates(quantity, order)
     if product is not None:
-        one_of("product", product, PRODUCTS)
+        check_choice("product", product, DERIVATIVE_PRODUCTS)
     moving = (moving_base or mechanism.floats) and takes_base(quantity, frame)
-    return Computation(quantity, order, wrench, body, frame, product, more_rates(mechanism, quantity), moving)
+    return Computation(quantity, order, wrench, body, frame, product, count_more_rates(mechanism, quantity), moving)
 
 
 def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool = False) -> Computation:
@@ -56,16 +56,16 @@ def parse_computation(mechanism: Mechanism, text: str, order: int, wrench: bool 
     full, asked, rest = text.partition(":") if isinstance(text, str) else (text, "", "")
     name, dot, end = full.partition(".") if isinstance(text, str) else (text, "", "")
     product = end if dot else None
-    row = QUANTITIES[one_of("quantity", name, QUANTITIES)]
+    row = QUANTITIES[check_choice("quantity", name, QUANTITIES)]
     if not asked:
-        return computation(mechanism, name, row.highest(order), wrench, product=product)
+        return build_computation(mechanism, name, row.highest(order), wrench, product=product)
     bodies = mechanism.frame_names
     body, colon, frame = rest.rpartition(":")
     if colon and frame in row.frames and (body in bodies or rest not in bodies):
-        return computation(mechanism, name, order, wrench, body or None, frame, product)
+        return build_computation(mechanism, name, order, wrench, body or None, frame, product)
     if colon and row.of_bodies and body in bodies and rest not in bodies:
-        raise no_such("frame", frame, row.frames, name)
-    return computation(mechanism, name, order, wrench, rest, product=product)
+        raise unknown_name_error("frame", frame, row.frames, name)
+    return build_computation(mechanism, name, order, wrench, rest, product=product)
 
 
 def check_rates(quantity: str, order: int) -> None:
@@ -80,17 +80,17 @@ def check_invertible(mechanism: Mechanism, quantity: str) -> None:
     """Raise `JounceError` if a quantity takes the inverse of a mass matrix that is singular everywhere."""
     if not QUANTITIES[quantity].inverts or not mechanism.is_numeric:
         return
-    rank, idle = idle_coordinates(inverted(mechanism, quantity))
+    rank, idle = idle_coordinates(inverted_mechanism(mechanism, quantity))
     if idle:
         size = f"{mechanism.nv} velocities" if mechanism.floats else f"{mechanism.n} coordinates"
         raise JounceError(
             f"{quantity} of {mechanism.name!r}: the mass matrix is singular, of rank {rank} for {size}:"
-            f" {listed(idle)} can move without moving inertia; give their bodies inertia, or hold them by lock= of"
+            f" {join_names(idle)} can move without moving inertia; give their bodies inertia, or hold them by lock= of"
             " jounce.load, or Robot.locked"
         )
 
 
-def inverted(mechanism: Mechanism, quantity: str) -> Mechanism:
+def inverted_mechanism(mechanism: Mechanism, quantity: str) -> Mechanism:
     """The mechanism whose mass matrix a quantity inverts: with the rotors of rigid joints where motors move it."""
     return with_rigid_rotors(mechanism) if QUANTITIES[quantity].inputs else mechanism
 
@@ -102,7 +102,7 @@ def check_existence(mechanism: Mechanism, quantity: str, moving: bool, call: str
     for which the quantity is computed, by default that of the quantity.
     """
     row, call, e = QUANTITIES[quantity], call or quantity, mechanism.elasticity
-    if reason := missing(mechanism, row):
+    if reason := missing_reason(mechanism, row):
         raise JounceError(f"{call} of {mechanism.name!r}{reason}")
     if not (moving and row.elastic and e):
         return
@@ -118,7 +118,7 @@ def check_existence(mechanism: Mechanism, quantity: str, moving: bool, call: str
         )
 
 
-def missing(mechanism: Mechanism, row: Quantity) -> str | None:
+def missing_reason(mechanism: Mechanism, row: Quantity) -> str | None:
     """Return why a robot has nothing of a quantity, as the end of a sentence that begins with both, or None."""
     if row.closed and mechanism.closure is None:
         return ": no loop is closed; robot.closed(loops, actuated) closes some"
@@ -133,25 +133,25 @@ def takes_base(quantity: str, frame: str) -> bool:
     return frame not in QUANTITIES[quantity].without_base
 
 
-def more_rates(mechanism: Mechanism, quantity: str) -> int:
+def count_more_rates(mechanism: Mechanism, quantity: str) -> int:
     """How many rates of the motion a quantity takes in addition to those of its row."""
     row, e = QUANTITIES[quantity], mechanism.elasticity
     return e.more_rates + (row.inductive and e.is_inductive) if e and row.takes_stiffness else 0
 
 
-def place(mechanism: Mechanism, quantity: str, body: str | None, frame: str) -> None:
+def check_place(mechanism: Mechanism, quantity: str, body: str | None, frame: str) -> None:
     """Raise `JounceError` unless the quantity exists for this body (None: all bodies) in this frame."""
     row = QUANTITIES[quantity]
     if body is not None:
         if not row.of_bodies:
-            takers = listed(name for name, other in QUANTITIES.items() if other.of_bodies)
+            takers = join_names(name for name, other in QUANTITIES.items() if other.of_bodies)
             raise JounceError(f"{quantity} takes no body; these do: {takers}")
         mechanism.frame(body)
-    one_of("frame", frame, row.frames or ("body",))
+    check_choice("frame", frame, row.frames or ("body",))
 
 
 @lru_cache(maxsize=1024)
-def known(
+def cached_computation(
     name: str, order: int, wrench: bool, body: str | None = None, frame: str = "body", more: int = 0, base: bool = False
 ) -> Computation:
     """Return the computation of checked arguments; equal arguments share one."""

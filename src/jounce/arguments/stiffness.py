@@ -5,15 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from jounce.arguments.base import terms_of
-from jounce.core.errors import JounceError, listed, one_of
-from jounce.core.scalars import Array, asarray, shaped
-from jounce.dynamics.stretch import elasticity_of
+from jounce.arguments.base import split_terms
+from jounce.core.errors import JounceError, check_choice, join_names
+from jounce.core.scalars import Array, array_of_shape, asarray
+from jounce.dynamics.joint_springs import elasticity_of
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import rate_name
 
 
-def stiffnesses_of(m: Mechanism, given: Any, count: int) -> list[Array]:
+def convert_stiffness(m: Mechanism, given: Any, count: int) -> list[Array]:
     """S, Sd, ... (..., k) of the k joints with two motors, by name or in their order: `count` of them."""
     names = [m.coordinates[j] for j in elasticity_of(m).pairs]
     if not names:
@@ -22,22 +22,24 @@ def stiffnesses_of(m: Mechanism, given: Any, count: int) -> list[Array]:
         why = "no joint has two motors: spring=AntagonisticSprings(...)"
         raise JounceError(f"stiffness is given; expected None, as {why}")
     if given is None:
-        raise JounceError(f"stiffness is None; expected the stiffness of the joints with two motors: {listed(names)}")
-    terms = terms_of(given)
+        raise JounceError(
+            f"stiffness is None; expected the stiffness of the joints with two motors: {join_names(names)}"
+        )
+    terms = split_terms(given)
     if len(terms) < count:
         takes = ", ".join(rate_name("S", k) for k in range(count))
         raise JounceError(f"stiffness has {len(terms)} terms; expected a tuple ({takes}), one for each rate of Q")
-    return [_of_joints(term, names, rate_name("stiffness", k)) for k, term in enumerate(terms[:count])]
+    return [_stack_by_joint(term, names, rate_name("stiffness", k)) for k, term in enumerate(terms[:count])]
 
 
-def _of_joints(given: Any, names: Sequence[str], label: str) -> Array:
+def _stack_by_joint(given: Any, names: Sequence[str], label: str) -> Array:
     if isinstance(given, Mapping):
         for name in given:
-            one_of("joint with two motors", name, names)
+            check_choice("joint with two motors", name, names)
         if lacking := [name for name in names if name not in given]:
-            raise JounceError(f"{label} has no joint {listed(lacking)}; expected {listed(names)}")
+            raise JounceError(f"{label} has no joint {join_names(lacking)}; expected {join_names(names)}")
         parts = np.broadcast_arrays(*(asarray(given[name], label) for name in names))
         return np.stack(parts, axis=-1)
     array = np.asarray(asarray(given, label))
     array = np.broadcast_to(array, (len(names),)) if array.ndim == 0 else array
-    return shaped(array, (len(names),), label, f", for {listed(names)}")
+    return array_of_shape(array, (len(names),), label, f", for {join_names(names)}")

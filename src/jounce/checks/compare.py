@@ -18,13 +18,13 @@ from jounce.checks.magnitudes import magnitudes, scale
 from jounce.checks.reference import Absence, peers
 from jounce.checks.reference.peer import joint_rates
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.newton import scales
-from jounce.dynamics.quantities import FORCES, QUANTITIES
+from jounce.dynamics.loop_newton import scales
+from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES
 from jounce.engine.dispatch import compute
-from jounce.engine.engine import Engine, like
-from jounce.engine.generic import as_tuple
+from jounce.engine.engine import Engine, with_mechanism
+from jounce.engine.generic_methods import as_tuple
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import positions, single_positions
+from jounce.model.positions import multiscrew_joints, single_positions
 from jounce.model.screws import from_screws
 from jounce.spatial.series import rate_name
 
@@ -38,7 +38,7 @@ _BASE_CARRIER = Engine(from_screws([np.eye(4)] * 6, np.roll(np.eye(6), 3, axis=0
 
 
 @dataclass(frozen=True)
-class Check:
+class ComparedQuantity:
     """The worst error of a quantity against another way to compute it, or the reason that it is not compared."""
 
     quantity: str
@@ -55,9 +55,9 @@ class Check:
 
 def compare(
     robot: Engine, source: Path | None = None, *, order: int = 2, states: int = 20, seed: int = 0
-) -> list[Check]:
+) -> list[ComparedQuantity]:
     """Run the checks of a robot without drive terms; other libraries read its file `source`, if given."""
-    rigid, rng = like(robot, replace(robot.mechanism, acting=())), np.random.default_rng(seed)
+    rigid, rng = with_mechanism(robot, replace(robot.mechanism, acting=())), np.random.default_rng(seed)
     m, q = rigid.mechanism, rng.uniform(-1, 1, (order + 3, states, robot.n))
     if m.closure:
         own = list(m.closure.independent)
@@ -65,13 +65,17 @@ def compare(
         q[0] += m.closure.start[own]
     x = _Motion(q, rng.uniform(-1, 1, (order + 3, states, 6)) if m.floats else None)
     sizes = x.forces(rigid) if m.closure else _sizes(m, order, x)  # squares outgrow what constraints are solved for
-    return [*_with_peers(rigid, source, x), *_with_paths(rigid, x, sizes), *_with_differences(rigid, x, sizes)]
+    return [
+        *_compare_peers(rigid, source, x),
+        *_compare_methods(rigid, x, sizes),
+        *_compare_differences(rigid, x, sizes),
+    ]
 
 
 def _sizes(m: Mechanism, order: int, x: "_Motion") -> Sequence[np.ndarray]:
     """The magnitudes of forces and their rates."""
     base = x.base(len(x.q))
-    return magnitudes(m, Computation(FORCES.name, order, base=base is not None), [*x.rates(m), *(base or ())])
+    return magnitudes(m, Computation(DEFAULT_QUANTITY.name, order, base=base is not None), [*x.rates(m), *(base or ())])
 
 
 @dataclass(frozen=True)
@@ -86,16 +90,16 @@ class _Motion:
 
     def base(self, count: int) -> tuple[Any, ...] | None:
         """C, V, Vd, ... of the base, as many as there are rates of the coordinates; None if it does not float."""
-        return None if self.carrier is None else _carried(self.carrier[:count])
+        return None if self.carrier is None else _carry_body(self.carrier[:count])
 
     def rates(self, m: Mechanism, count: int | None = None) -> list[np.ndarray]:
         """q, qd, ... of a robot, as many as asked for, by default as there are rates of the coordinates."""
         q, *rates = self.q[:count].copy()
         q = q @ single_positions(m)
-        for x in positions(m).values():
+        for x in multiscrew_joints(m).values():
             six = np.zeros((*self.q[:count].shape[:-1], 6), dtype=self.q.dtype)
             six[..., (np.array(x.group.axes) + 3) % 6] = self.q[:count][..., x.coordinates]
-            C, *twists = _carried(six)
+            C, *twists = _carry_body(six)
             q[..., x.numbers] = x.group.numbers(C)
             for rate, V in zip(rates, twists, strict=True):
                 rate[..., x.coordinates] = V[..., list(x.group.axes)]
@@ -104,14 +108,14 @@ class _Motion:
     def forces(self, robot: Engine, count: int | None = None, **options: Any) -> tuple[Any, ...]:
         """Q and its rates from the first rates of the coordinates, by default from all of them."""
         q = self.rates(robot.mechanism, count)
-        return as_tuple(compute(robot, FORCES.name, q, base=self.base(len(q)), **options))
+        return as_tuple(compute(robot, DEFAULT_QUANTITY.name, q, base=self.base(len(q)), **options))
 
     def map(self, f: Callable[[np.ndarray], np.ndarray]) -> "_Motion":
         """The motion with other rates."""
         return _Motion(f(self.q), None if self.carrier is None else f(self.carrier))
 
 
-def _carried(rates: np.ndarray) -> tuple[np.ndarray, ...]:
+def _carry_body(rates: np.ndarray) -> tuple[np.ndarray, ...]:
     """C, V, Vd, ... of a body on six joints with these rates."""
     C = compute(_BASE_CARRIER, "poses", [*rates[:1]], body="body6", method="recursion")
     more = (
@@ -120,10 +124,12 @@ def _carried(rates: np.ndarray) -> tuple[np.ndarray, ...]:
     return C, *more
 
 
-def _with_peers(robot: Engine, source: Path | None, x: _Motion) -> Iterator[Check]:
+def _compare_peers(robot: Engine, source: Path | None, x: _Motion) -> Iterator[ComparedQuantity]:
     m, q = robot.mechanism, x.rates(robot.mechanism)
     if m.closure:
-        yield Check("-", "other libraries", None, 0.0, "loops are closed: these would compute the forces of the tree")
+        yield ComparedQuantity(
+            "-", "other libraries", None, 0.0, "loops are closed: these would compute the forces of the tree"
+        )
         return
     known = {row.symbol: row for row in QUANTITIES.values() if row.symbol in ("Q", "Qgrav", "M")}
     ours, sizes = {}, {}
@@ -141,7 +147,7 @@ def _with_peers(robot: Engine, source: Path | None, x: _Motion) -> Iterator[Chec
     at_rest = [((theta, 0 * rate, 0 * rate), base and (base[0], *np.zeros((2, 6)))) for (theta, rate, _), base in at]
     for peer in peers(m, source):
         if isinstance(peer, Absence):
-            yield Check("-", peer.name, None, 0.0, peer.reason)
+            yield ComparedQuantity("-", peer.name, None, 0.0, peer.reason)
             continue
         theirs = {
             "Q": [peer.forces(theta, base) @ G for theta, base in at],
@@ -150,10 +156,10 @@ def _with_peers(robot: Engine, source: Path | None, x: _Motion) -> Iterator[Chec
         }
         for name, expected in theirs.items():
             error = _error(ours[name], np.stack(expected), sizes[name])
-            yield Check(name, peer.name, error, MAX_COMPARISON_ERRORS["exact"], peer.source)
+            yield ComparedQuantity(name, peer.name, error, MAX_COMPARISON_ERRORS["exact"], peer.source)
 
 
-def _with_paths(robot: Engine, x: _Motion, sizes: Sequence[np.ndarray]) -> Iterator[Check]:
+def _compare_methods(robot: Engine, x: _Motion, sizes: Sequence[np.ndarray]) -> Iterator[ComparedQuantity]:
     """Compare with every other method, and with the recursion in extended precision."""
     own = x.forces(robot)
     paths: dict[str, Callable[[], Sequence[np.ndarray]]] = {
@@ -163,10 +169,12 @@ def _with_paths(robot: Engine, x: _Motion, sizes: Sequence[np.ndarray]) -> Itera
     }
     for name, results in paths.items():
         for k, (found, expected, size) in enumerate(zip(own, results(), sizes, strict=True)):
-            yield Check(rate_name("Q", k), name, _error(found, expected, size), MAX_COMPARISON_ERRORS["exact"])
+            yield ComparedQuantity(
+                rate_name("Q", k), name, _error(found, expected, size), MAX_COMPARISON_ERRORS["exact"]
+            )
 
 
-def _with_differences(robot: Engine, x: _Motion, sizes: Sequence[np.ndarray]) -> Iterator[Check]:
+def _compare_differences(robot: Engine, x: _Motion, sizes: Sequence[np.ndarray]) -> Iterator[ComparedQuantity]:
     """Compare each rate with nine-point differences of the lower one, along the polynomials that have the rates q."""
     exact = x.forces(robot)
     for k in range(1, len(exact)):
@@ -174,7 +182,7 @@ def _with_differences(robot: Engine, x: _Motion, sizes: Sequence[np.ndarray]) ->
         for h in _DIFFERENCE_STEPS:
             along = [x.map(partial(_shift, t=j * h)).forces(robot, k + 2)[-1] for j in range(-4, 5)]
             errors.append(_error(np.tensordot(_DIFFERENCE_STENCIL, along, 1) / h, exact[k], sizes[k]))
-        yield Check(
+        yield ComparedQuantity(
             rate_name("Q", k),
             f"differences of {rate_name('Q', k - 1)}",
             min(errors),

@@ -14,7 +14,7 @@ import numpy as np
 from jounce.checks.magnitudes import magnitudes
 from jounce.dynamics.computation import Computation, change
 from jounce.dynamics.loops import closure_of
-from jounce.engine.generic import compute_by_method
+from jounce.engine.generic_methods import compute_by_method
 from jounce.model.mechanism import Mechanism
 
 _COMPLEX_STEP = 1e-100  # its square vanishes, and it is no difference: no digits cancel
@@ -32,7 +32,7 @@ def product(
 
     def along(directions: Sequence[np.ndarray]) -> list[np.ndarray]:
         rates = [change(mechanism, port, a, d) for port, a, d in zip(free, x, directions, strict=False)]
-        rates += _of_followers(mechanism, x[0], rates[0], x[-1]) if mechanism.closure else []
+        rates += _follower_rates(mechanism, x[0], rates[0], x[-1]) if mechanism.closure else []
         moved = [a + 1j * _COMPLEX_STEP * d for a, d in zip(x, rates, strict=True)]
         return [y.imag / _COMPLEX_STEP for y in compute_by_method(values, method, mechanism, moved)]
 
@@ -49,7 +49,7 @@ def product(
     return gradients
 
 
-def _of_followers(mechanism: Mechanism, q: np.ndarray, dq: np.ndarray, dependent: np.ndarray) -> list[np.ndarray]:
+def _follower_rates(mechanism: Mechanism, q: np.ndarray, dq: np.ndarray, dependent: np.ndarray) -> list[np.ndarray]:
     """The rates of the dependent coordinates of a closed robot, where the others have the rates dq."""
     rates = compute_by_method(Computation("coordinates", 1), "recursion", mechanism, [q, dq, dependent])[1]
     return [rates[..., list(closure_of(mechanism).dependent)]]

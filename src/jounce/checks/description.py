@@ -6,9 +6,9 @@ import numpy as np
 
 from jounce.checks.audit import audit
 from jounce.model.coordinates import coordinate_units
-from jounce.model.kinds import KEYS, KINDS
+from jounce.model.limit_kinds import LIMIT_KEYS, LIMIT_KINDS
 from jounce.model.mechanism import Mechanism, body_name
-from jounce.model.positions import position_names, positions, whole_position_count
+from jounce.model.positions import multiscrew_joints, position_names, whole_position_count
 from jounce.spatial import inertia
 
 
@@ -52,7 +52,7 @@ def _elastic(mechanism: Mechanism) -> dict[str, dict[str, float | None]]:
 
 def _body(mechanism: Mechanism, i: int) -> dict[str, Any]:
     """A body and the joint that moves it."""
-    own, several = mechanism.columns[i], positions(mechanism).get(i)
+    own, several = mechanism.columns[i], multiscrew_joints(mechanism).get(i)
     joint = _variable(mechanism, own[0])
     if several is not None:
         joint = dict.fromkeys(joint) | {"joint": several.name, "type": several.group.name}
@@ -78,8 +78,8 @@ def _variable(mechanism: Mechanism, j: int) -> dict[str, Any]:
         "extent": _extent(mechanism, j),
         "axis": (X[:3] if turns else X[3:]).tolist(),
         "pitch": float(X[:3] @ X[3:]) if kind == "helical" else None,
-        "follows": _follows(mechanism, j),
-        "limits": dict.fromkeys(KEYS) | mechanism.limits.stated(j),
+        "follows": _describe_dependence(mechanism, j),
+        "limits": dict.fromkeys(LIMIT_KEYS) | mechanism.limits.stated(j),
         "drive": {key: float(array[j]) for key, array in vars(mechanism.drives).items()},
     }
 
@@ -87,13 +87,13 @@ def _variable(mechanism: Mechanism, j: int) -> dict[str, Any]:
 def _extent(mechanism: Mechanism, j: int) -> str | None:
     """What the limits of the position bound in the place of a velocity of a joint of several screws."""
     i = mechanism.owners[j]
-    joint = positions(mechanism).get(i)
+    joint = multiscrew_joints(mechanism).get(i)
     return None if joint is None else joint.group.extents[mechanism.columns[i].index(j)]
 
 
 def joint_kind(mechanism: Mechanism, j: int) -> str:
     """What the joint of a joint variable is: revolute, prismatic, helical, or, of several, ball, planar or free."""
-    joint, X = positions(mechanism).get(mechanism.owners[j]), mechanism.X[j]
+    joint, X = multiscrew_joints(mechanism).get(mechanism.owners[j]), mechanism.X[j]
     if joint is not None:
         return joint.group.name
     return "prismatic" if not X[:3].any() else "helical" if abs(X[:3] @ X[3:]) > 1e-12 else "revolute"
@@ -111,7 +111,7 @@ def _inertia(M: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _follows(mechanism: Mechanism, i: int) -> str | None:
+def _describe_dependence(mechanism: Mechanism, i: int) -> str | None:
     """The joint variable in the coordinates, where it is not simply one of them."""
     row, offset = mechanism.G[i], float(mechanism.g[i])
     terms = [f"{_factor(row[j])}{mechanism.coordinates[j]}" for j in np.flatnonzero(row)]
@@ -125,11 +125,11 @@ def _factor(x: float) -> str:
 
 def limit_in_words(body: dict[str, Any], kind: str) -> str:
     """The limit of the joint of a described body with its unit, "-" where it is not stated."""
-    limits = body["limits"] or dict.fromkeys(KEYS)  # those of a joint of several screws are its velocities'
+    limits = body["limits"] or dict.fromkeys(LIMIT_KEYS)  # those of a joint of several screws are its velocities'
     value = [limits["lower"], limits["upper"]] if kind == "position" else limits[kind]
     if value in (None, [None, None]):
         return "-"
-    unit = KINDS[kind].unit(body["unit"])
+    unit = LIMIT_KINDS[kind].unit(body["unit"])
     ends = zip(value, ("-inf", "inf"), strict=True) if isinstance(value, list) else [(value, "")]
     what = f"{body['extent']} " if kind == "position" and body["extent"] else ""
     return what + " .. ".join(free if x is None else f"{x:.5g}" for x, free in ends) + f" {unit}"

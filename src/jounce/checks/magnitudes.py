@@ -19,13 +19,13 @@ import numpy as np
 from jounce.core.scalars import Array
 from jounce.dynamics import elastic
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.deflections import of_spring, solution
-from jounce.dynamics.quantities import FORCES, QUANTITIES
-from jounce.engine.generic import compute_by_method
-from jounce.model.functions import inverse
+from jounce.dynamics.deflections import deflect_spring, solve_deflection
+from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES
+from jounce.engine.generic_methods import compute_by_method
 from jounce.model.mechanism import Mechanism
+from jounce.model.series_functions import inverse
 from jounce.model.springs import Spring, force_along
-from jounce.spatial.groups import of_angle, of_quaternion
+from jounce.spatial.groups import rotation_from_angle, rotation_from_quaternion
 from jounce.spatial.series import Series
 
 _COMPARED_METHODS = ("closed_form", "recursion")  # in the body frames as given, and in those on the joint axes
@@ -38,11 +38,11 @@ def magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequence[
     the forces cause.
     """
     if computation.quantity.inputs:
-        return _of_motors(mechanism, computation, arrays)
+        return _motor_magnitudes(mechanism, computation, arrays)
     if computation.quantity.results:
-        return _of_forward_partials(mechanism, computation, arrays)
+        return _forward_partial_magnitudes(mechanism, computation, arrays)
     if computation.quantity.forces:
-        return _of_accelerations(mechanism, computation, arrays)
+        return _acceleration_magnitudes(mechanism, computation, arrays)
     by_method = [
         compute_by_method(computation, method, mechanism, [_Sized(np.asarray(x, dtype=float)) for x in arrays])
         for method in _COMPARED_METHODS
@@ -51,28 +51,30 @@ def magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequence[
     return tuple(np.sqrt(np.max([x.square for x in terms], axis=0)) for terms in zip(*by_method, strict=True))
 
 
-def _of_accelerations(
+def _acceleration_magnitudes(
     mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]
 ) -> tuple[np.ndarray, ...]:
     accelerations = compute_by_method(computation, "recursion", mechanism, arrays)
     moving = _with_accelerations(mechanism, computation, arrays, accelerations)
-    forces = magnitudes(mechanism, replace(computation, name=FORCES.name), moving)
-    squares = _inverse_squared(mechanism, arrays)
+    forces = magnitudes(mechanism, replace(computation, name=DEFAULT_QUANTITY.name), moving)
+    squares = _square_inverse(mechanism, arrays)
     return tuple(np.sqrt((squares @ np.square(Q)[..., None])[..., 0]) for Q in forces)
 
 
-def _of_forward_partials(
+def _forward_partial_magnitudes(
     mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]
 ) -> tuple[np.ndarray, ...]:
     q2d = compute_by_method(replace(computation, name="forward_dynamics"), "recursion", mechanism, arrays)
     moving = _with_accelerations(mechanism, computation, arrays, q2d)
     (P,) = magnitudes(mechanism, replace(computation, name="inverse_dynamics_partials"), moving)
-    squares = _inverse_squared(mechanism, arrays)[..., None, :, :]
+    squares = _square_inverse(mechanism, arrays)[..., None, :, :]
     by = squares @ np.square(P)
     return tuple(np.sqrt(x) for x in (by[..., 0, :, :], by[..., 1, :, :], (by[..., 2:, :, :] @ squares)[..., 0, :, :]))
 
 
-def _of_motors(mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]) -> tuple[np.ndarray, ...]:
+def _motor_magnitudes(
+    mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]
+) -> tuple[np.ndarray, ...]:
     """What the state of motors causes: the forces of springs are differences of positions many times as large."""
     x, sized = (computation.state(mechanism, given) for given in (arrays, [_make_sized(x) for x in arrays]))
     plant, count = elastic.with_rigid_rotors(mechanism), computation.rates
@@ -84,8 +86,8 @@ def _of_motors(mechanism: Mechanism, computation: Computation, arrays: Sequence[
         (tau,) = magnitudes(mechanism, replace(computation, name="motor_torques"), moving)
         return (np.sqrt(tau**2 + phi.square[..., 0]),)
     q2d, _ = compute_by_method(computation, "recursion", mechanism, arrays)
-    (forces,) = magnitudes(plant, replace(computation, name=FORCES.name), [*arrays[:2], q2d, *arrays[count:]])
-    squares = _inverse_squared(plant, arrays) @ (forces[..., None] ** 2 + Q.square)
+    (forces,) = magnitudes(plant, replace(computation, name=DEFAULT_QUANTITY.name), [*arrays[:2], q2d, *arrays[count:]])
+    squares = _square_inverse(plant, arrays) @ (forces[..., None] ** 2 + Q.square)
     theta2d = elastic.rotor_accelerations(mechanism, _Sized(q2d[..., None], squares), drive - phi)
     return np.sqrt(squares[..., 0]), np.sqrt(theta2d.square[..., 0])
 
@@ -99,18 +101,18 @@ def _with_accelerations(
     """
     own, first = computation.quantity.coordinate_inputs(computation.rates), mechanism.nv - mechanism.n
     of_base = [x[..., :first] for x in found] if first else []
-    loads, dependent = _dependent_apart(mechanism, arrays[computation.rates :])
+    loads, dependent = _split_dependent(mechanism, arrays[computation.rates :])
     return [*arrays[:own], *(x[..., first:] for x in found), *loads, *of_base, *dependent]
 
 
-def _dependent_apart(mechanism: Mechanism, arrays: Sequence[Array]) -> tuple[Sequence[Array], Sequence[Array]]:
+def _split_dependent(mechanism: Mechanism, arrays: Sequence[Array]) -> tuple[Sequence[Array], Sequence[Array]]:
     """The arrays without the last one of a closed robot, its dependent coordinates, and this one."""
     return (arrays[:-1], arrays[-1:]) if mechanism.closure else (arrays, [])
 
 
-def _inverse_squared(mechanism: Mechanism, arrays: Sequence[Array]) -> np.ndarray:
+def _square_inverse(mechanism: Mechanism, arrays: Sequence[Array]) -> np.ndarray:
     """The squares of the entries of M^-1."""
-    at = [arrays[0], *_dependent_apart(mechanism, arrays)[1]]
+    at = [arrays[0], *_split_dependent(mechanism, arrays)[1]]
     (M,) = compute_by_method(Computation("mass_matrix", 0), "recursion", mechanism, at)
     return np.square(np.linalg.inv(M.astype(float)))
 
@@ -190,26 +192,26 @@ class _Sized:
     __radd__, __rmul__ = __add__, __mul__
 
 
-@solution.register
+@solve_deflection.register
 def _(force: _Sized, spring: Spring, Q: Series, largest: float) -> Series:
     """Solutions of phi(delta) = Q: of small changes P of Q, delta changes by P / phi'(delta), with all rates.
 
     The steps that lead to a solution add no terms, since later ones correct what earlier ones round.
     """
-    delta = of_spring(spring, Q.map(lambda x: x.value), largest)
+    delta = deflect_spring(spring, Q.map(lambda x: x.value), largest)
     compliance = inverse(force_along(spring, delta, 1)).map(_make_sized)
     changes = compliance * Q
     return Series(lambda k: _Sized(delta[k], np.maximum(changes[k].square, np.square(delta[k]))))
 
 
-@of_quaternion.register
+@rotation_from_quaternion.register
 def _(p: _Sized) -> _Sized:
-    return _Sized(of_quaternion(p.value))
+    return _Sized(rotation_from_quaternion(p.value))
 
 
-@of_angle.register
+@rotation_from_angle.register
 def _(p: _Sized) -> _Sized:
-    return _Sized(of_angle(p.value))
+    return _Sized(rotation_from_angle(p.value))
 
 
 def _make_sized(x: Any) -> _Sized:

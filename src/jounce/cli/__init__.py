@@ -19,7 +19,7 @@ from jounce.cli.identify import identify
 from jounce.cli.info import info
 from jounce.cli.motion import motion
 from jounce.cli.motors import motors
-from jounce.cli.output import styled
+from jounce.cli.output import style_text
 from jounce.cli.plot import plot
 from jounce.cli.report import report
 from jounce.cli.retime import retime
@@ -27,7 +27,7 @@ from jounce.cli.robots import robots
 from jounce.cli.run import run
 from jounce.cli.slowdown import slowdown
 from jounce.cli.view import view
-from jounce.core.errors import JounceError, escaped, one_line
+from jounce.core.errors import JounceError, escape_text, one_line
 from jounce.core.version import __version__
 
 EPILOG = """\b
@@ -46,7 +46,7 @@ class _Refusal(click.ClickException):
     exit_code = 2
 
     def show(self, file: IO[Any] | None = None) -> None:
-        click.echo(f"{styled('Error', fg='red', bold=True)}: {self.format_message()}", file=file, err=True)
+        click.echo(f"{style_text('Error', fg='red', bold=True)}: {self.format_message()}", file=file, err=True)
 
 
 class _Interruption(click.ClickException):
@@ -62,10 +62,10 @@ class _Interruption(click.ClickException):
 
 
 def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
-    click.echo(f"{styled('Warning', fg='yellow', bold=True)}: {escaped(str(message))}", err=True)
+    click.echo(f"{style_text('Warning', fg='yellow', bold=True)}: {escape_text(str(message))}", err=True)
 
 
-class _Verbs(click.Group):
+class _Commands(click.Group):
     def main(self, *args: Any, **options: Any) -> Any:
         """Run the command; what the output cannot encode is escaped."""
         for stream in (sys.stdout, sys.stderr):
@@ -91,7 +91,9 @@ class _Verbs(click.Group):
                 raise _Refusal(error.strerror or str(error)) from error
 
 
-@click.group(cls=_Verbs, epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
+@click.group(
+    cls=_Commands, epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"], "show_default": True}
+)
 @click.version_option(__version__, prog_name="jounce")
 def main() -> None:
     """Higher-order inverse dynamics: a robot and a motion in, drive forces and their exact time derivatives out."""

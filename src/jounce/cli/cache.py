@@ -2,7 +2,7 @@
 
 import click
 
-from jounce.cli.output import tell
+from jounce.cli.output import print_summary
 
 EPILOG = """\b
 Example:
@@ -23,15 +23,15 @@ def cache(clear: bool, as_json: bool) -> None:
     """Show the folder, number and size of the compiled kernels, or remove them."""
     from jounce.native import cache as kernels
 
-    sizes = kernels.clear() if clear else [path.stat().st_size for path in kernels.entries()]
+    sizes = kernels.clear() if clear else [path.stat().st_size for path in kernels.kernel_paths()]
     summary = {
         "folder": str(kernels.folder()), "private": (obstacle := kernels.obstacle()) is None, "obstacle": obstacle,
-        "cleared": clear, "kernels": len(sizes), "bytes": sum(sizes), "limit": kernels.limit(),
+        "cleared": clear, "kernels": len(sizes), "bytes": sum(sizes), "limit": kernels.size_limit(),
     }  # fmt: skip
-    tell(summary, _in_words, as_json)
+    print_summary(summary, _format_summary, as_json)
 
 
-def _in_words(summary: dict[str, object]) -> str:
+def _format_summary(summary: dict[str, object]) -> str:
     found = f"kernels {'removed' if summary['cleared'] else 'kept'}: {summary['kernels']}, {summary['bytes']} bytes"
     found += "" if summary["cleared"] else f" of at most {summary['limit']}"
     unused = "" if summary["private"] else f"\nnot used: {summary['obstacle']}"

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jounce.cli.limits import LIMITS, draw_ratios, load_robot, spans_in_words
-from jounce.cli.motions import AskedMotion, MotionCommand, of_motion
-from jounce.cli.options import PATH, Asked, on_robot
-from jounce.cli.output import straight_columns, tell
-from jounce.cli.results import AskedStream, compute, is_by_parts, notes_in_words, on_stream_without_reduce
-from jounce.core.errors import JounceError, shortened
+from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
+from jounce.cli.output import align_columns, print_summary
+from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options
+from jounce.cli.summaries import StreamRequest, add_stream_options_without_reduce, compute, is_by_parts, notes_in_words
+from jounce.core.errors import JounceError, shorten
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from jounce.motion import Motion
-    from jounce.stream.tally import Aggregate
+    from jounce.stream.aggregates import Aggregate
 
 MAX_LIMITS_SHOWN = 20  # those nearest to their bounds: a table that fits a terminal; --json has all
 EXIT_CODES = {"kept": 0, "broken": 1, "undecided": 3}  # 2 is that of errors
@@ -35,19 +35,19 @@ MOTION may be a folder of tables, or a table of many motions.
 
 
 @click.command(cls=MotionCommand, epilog=EPILOG, short_help="Every limit of a robot along a motion.")
-@on_robot
-@of_motion
+@add_robot_options
+@add_motion_options
 @LIMITS
 @click.option("-o", "--picture", type=PATH, help="Ratios over time as a picture: .png, .svg or .pdf.")
 @click.option("--table", type=PATH, help="Write the limits of every motion as a table: .csv, .npz or .parquet.")
-@on_stream_without_reduce
+@add_stream_options_without_reduce
 @click.option("--json", "as_json", is_flag=True, help="Print every limit as JSON.")
 def check(
-    robot: Asked, motion: AskedMotion, limits: Path | None, picture: Path | None, table: Path | None,
-    stream: AskedStream, as_json: bool,
+    robot: RobotRequest, motion: MotionRequest, limits: Path | None, picture: Path | None, table: Path | None,
+    stream: StreamRequest, as_json: bool,
 ) -> None:  # fmt: skip
     """Check MOTION of ROBOT against its limits of position, speed, acceleration, torque, torque rate and others."""
-    from jounce.limits.bounded import order_needed
+    from jounce.limits.limited_motion import required_order
     from jounce.stream.job import Job
 
     if picture is not None:
@@ -55,7 +55,7 @@ def check(
 
         canvas.check_writable(picture)
     arm = load_robot(robot, limits)
-    job = Job("limits", arm, order_needed(arm), stream.reading(motion), None)
+    job = Job("limits", arm, required_order(arm), stream.reading(motion), None)
     if picture is not None and is_by_parts(job, motion, table, stream):
         raise JounceError("-o draws one motion that is read as a whole; --table writes the limits of many")
     loaded: list[Motion] = []
@@ -68,69 +68,70 @@ def check(
     if picture is not None:
         draw_ratios(arm, loaded[0], picture)
     summary |= {"picture": None if picture is None else str(picture), **_verdicts(found.aggregates)}
-    tell(summary, _in_words, as_json)
+    print_summary(summary, _format_summary, as_json)
     raise SystemExit(EXIT_CODES[summary["verdict"]])
 
 
 def _verdicts(found: "Mapping[str, Aggregate]") -> dict[str, Any]:
     """The verdict on all motions, the worst motion for each limit, and the least share of time that is judged."""
-    from jounce.limits.verdicts import overall
+    from jounce.limits.verdicts import combine_verdicts
 
     worst: dict[tuple[str, str], dict[str, Any]] = {}
     judged: dict[str, float] = {}
     for name, of in found.items():
         for row in of["limits"]:
             key = row["joint"], row["limit"]
-            if key not in worst or _number(row["ratio"]) > _number(worst[key]["ratio"]):
+            if key not in worst or or_infinity(row["ratio"]) > or_infinity(worst[key]["ratio"]):
                 worst[key] = row | {"motion": name}
         for kind, share in of["judged"].items():
             judged[kind] = min(share, judged.get(kind, 1.0))
-    verdicts = {name: overall([row["verdict"] for row in of["limits"]]) for name, of in found.items()}
-    verdict = overall(verdicts.values())
+    verdicts = {name: combine_verdicts([row["verdict"] for row in of["limits"]]) for name, of in found.items()}
+    verdict = combine_verdicts(verdicts.values())
     motions = {bad: [name for name, of in verdicts.items() if of == bad] for bad in ("broken", "undecided")}
     return {"ok": verdict == "kept", "verdict": verdict, "judged": judged, **motions, "limits": [*worst.values()]}
 
 
-def _in_words(summary: dict[str, Any]) -> str:
-    from jounce.model.kinds import in_words
+def _format_summary(summary: dict[str, Any]) -> str:
+    from jounce.model.limit_kinds import describe_kind
 
-    rows = sorted(summary["limits"], key=lambda row: -_number(row["ratio"]))
+    rows = sorted(summary["limits"], key=lambda row: -or_infinity(row["ratio"]))
     cells: list[tuple[str, ...]] = [
         ("limit", "joint", "|worst|", "bound", "unit", "at t", "ratio", "broken at t", "undecided at t", "motion")
     ]
     for row in rows[:MAX_LIMITS_SHOWN]:
-        value, bound, ratio = (f"{abs(_number(row[key])):.6g}" for key in ("value", "bound", "ratio"))
+        value, bound, ratio = (f"{abs(or_infinity(row[key])):.6g}" for key in ("value", "bound", "ratio"))
         deviation = f" +- {row['deviation']:.2g}" if row["deviation"] else ""
         cells.append((
-            in_words(row["limit"], row["of"]), row["joint"], value, bound, row["unit"], f"{row['t']:.4f}",
+            describe_kind(row["limit"], row["of"]), row["joint"], value, bound, row["unit"], f"{row['t']:.4f}",
             ratio + deviation, spans_in_words(row["violations"]) or "-", spans_in_words(row["undecided"]) or "-",
             row["motion"] or "-",
         ))  # fmt: skip
     shown = [True] * 8 + [any(row["undecided"] for row in rows), summary["motions"] > 1]
     cells = [tuple(compress(row, shown)) for row in cells]
-    robot, (first, last) = shortened(summary["robot"]), summary["t"]
+    robot, (first, last) = shorten(summary["robot"]), summary["t"]
     more = [f"and {len(rows) - MAX_LIMITS_SHOWN} more; --json lists them"] if len(rows) > MAX_LIMITS_SHOWN else []
     return "\n".join([
         f"{robot} along {summary['motion']}, t = {first:g} .. {last:g} s: {_verdict_in_words(summary)}",
         *notes_in_words(summary),
         *([f"limits written to {summary['output']}"] if summary["output"] else []),
         "",
-        *straight_columns(cells),
+        *align_columns(cells),
         *more,
         *([f"ratios drawn to {summary['picture']}"] if summary["picture"] else []),
     ])  # fmt: skip
 
 
 def _verdict_in_words(summary: dict[str, Any]) -> str:
-    from jounce.limits.verdicts import judged_in_words, verdict_in_words
+    from jounce.limits.verdicts import describe_judged, describe_verdict
 
     if summary["motions"] == 1:
-        return verdict_in_words([row["verdict"] for row in summary["limits"]], summary["judged"])
+        return describe_verdict([row["verdict"] for row in summary["limits"]], summary["judged"])
     counts = [f"{name} in {len(summary[name])}" for name in ("broken", "undecided") if summary[name]]
     some, every = "limits are " + " and ".join(counts), "every limit is kept in"
     verdict = f"{some} of {summary['motions']} motions" if counts else f"{every} all {summary['motions']} motions"
-    return "; ".join([verdict, *judged_in_words(summary["judged"], "judged of each motion, at least")])
+    return "; ".join([verdict, *describe_judged(summary["judged"], "judged of each motion, at least")])
 
 
-def _number(x: float | None) -> float:
+def or_infinity(x: float | None) -> float:
+    """A number, or infinity for a missing one."""
     return float("inf") if x is None else x

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.options import PATH, Asked, on_robot, renamed_flag
-from jounce.cli.output import tell
+from jounce.cli.output import print_summary
+from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options, deprecate_flag
 
 if TYPE_CHECKING:
     from jounce.core.typing import Language
@@ -34,28 +34,28 @@ class _Codegen(click.Command):
     """The command; its help lists what the table of quantities holds, which is read for it only."""
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        from jounce.dynamics.kinematics import FRAMES
+        from jounce.dynamics.kinematics import SCREW_FRAMES
         from jounce.dynamics.quantities import QUANTITIES
 
         texts = [row.name + ":BODY" * row.of_bodies + "[:FRAME]" * bool(row.frames) for row in QUANTITIES.values()]
         outputs = fill(", ".join(texts), 76, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False)
-        self.epilog = EPILOG.format(outputs=outputs, frames=" or ".join(FRAMES))
+        self.epilog = EPILOG.format(outputs=outputs, frames=" or ".join(SCREW_FRAMES))
         super().format_epilog(ctx, formatter)
 
 
-def _names(_: click.Context, __: click.Parameter, given: str | None) -> list[str] | None:
+def _split_names(_: click.Context, __: click.Parameter, given: str | None) -> list[str] | None:
     """Names that commas separate."""
     return given if given is None else [name.strip() for name in given.split(",") if name.strip()]
 
 
 @click.command(cls=_Codegen, short_help="Generate source code in another language, with tests.")
-@on_robot
+@add_robot_options
 @click.option("--lang", required=True, help="Language: c, cpp, cuda, javascript, julia, latex, matlab, python or rust.")
 @click.option("--order", default=2, help="Highest time derivative, up to 4: 2 gives Q, Qd, Q2d.")
 @click.option("-o", "--output", required=True, type=PATH, help="Output folder, new or empty.")
 @click.option(
     "--outputs",
-    callback=_names,
+    callback=_split_names,
     metavar="NAMES",
     help="Comma-separated quantities to compute: NAME, NAME:BODY or NAME:BODY:FRAME (default: the forces Q).",
 )
@@ -69,16 +69,16 @@ def _names(_: click.Context, __: click.Parameter, given: str | None) -> list[str
 )
 @click.option(
     "--parameters",
-    callback=_names,
+    callback=_split_names,
     metavar="NAMES",
     help="Comma-separated data of the robot that become run-time parameters.",
 )
 @click.option("--float32", is_flag=True, help="Single precision.")
 @click.option("--prefix", help="Prefix of all names in the code (default: the robot's name).")
 @click.option("--overwrite", is_flag=True, help="Replace what an earlier run generated there; other files stay.")
-@renamed_flag("--force", "--overwrite")
+@deprecate_flag("--force", "--overwrite")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
-def codegen(robot: Asked, lang: "Language", order: int, output: Path, as_json: bool, **options: Any) -> None:
+def codegen(robot: RobotRequest, lang: "Language", order: int, output: Path, as_json: bool, **options: Any) -> None:
     """Generate source code, with tests, of the equations of ROBOT: a file or the name of a bundled robot."""
     given = {name: value for name, value in options.items() if value is not None}
     made = robot.load().codegen(lang, order, output, **given)
@@ -86,9 +86,9 @@ def codegen(robot: Asked, lang: "Language", order: int, output: Path, as_json: b
         "robot": str(robot.path), "language": lang, "order": order, "output": str(made.directory),
         "files": list(made.files), "operations": made.operations,
     }  # fmt: skip
-    tell(summary, _in_words, as_json)
+    print_summary(summary, _format_summary, as_json)
 
 
-def _in_words(summary: dict[str, Any]) -> str:
+def _format_summary(summary: dict[str, Any]) -> str:
     lines = [f"{name}: {count} operations" for name, count in summary["operations"].items()]
     return "\n".join([*lines, f"{', '.join(summary['files'])} written to {summary['output']}"])

@@ -4,9 +4,9 @@ from typing import Any
 
 import click
 
-from jounce.cli.options import Asked, on_robot_without_drives
-from jounce.cli.output import straight_columns, tell
-from jounce.core.errors import shortened
+from jounce.cli.output import align_columns, print_summary
+from jounce.cli.robot_options import RobotRequest, add_robot_options_without_drives
+from jounce.core.errors import shorten
 
 EPILOG = """\b
 Example:
@@ -23,13 +23,13 @@ exceeds its tolerance for rounding or differentiation.
 
 
 @click.command(epilog=EPILOG, short_help="Check a robot against other libraries and methods.")
-@on_robot_without_drives
+@add_robot_options_without_drives
 @click.option("--order", default=2, type=click.IntRange(0, 6), help="Highest time derivative of Q.")
 @click.option("--states", default=20, type=click.IntRange(1, 10_000), help="How many.")
 @click.option("--seed", default=0, type=click.IntRange(0), help="Seed of the random states.")
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 @click.pass_context
-def compare(ctx: click.Context, robot: Asked, order: int, states: int, seed: int, as_json: bool) -> None:
+def compare(ctx: click.Context, robot: RobotRequest, order: int, states: int, seed: int, as_json: bool) -> None:
     """Compare the results for ROBOT, a file or the name of a bundled robot, with other libraries and methods."""
     from jounce.checks.compare import compare as checks_of
 
@@ -38,11 +38,11 @@ def compare(ctx: click.Context, robot: Asked, order: int, states: int, seed: int
     passed = all(check.passed for check in checks)
     rows = [vars(check) | {"passed": check.passed} for check in checks]
     data = {"robot": arm.name, "states": states, "order": order, "passed": passed, "checks": rows}
-    tell(data, _in_words, as_json)
+    print_summary(data, _format_summary, as_json)
     ctx.exit(0 if passed else 1)
 
 
-def _in_words(data: dict[str, Any]) -> str:
+def _format_summary(data: dict[str, Any]) -> str:
     rows: list[tuple[str, ...]] = [("", "against", "worst error", "allowed", "")]
     checks = data["checks"]
     for check in checks:
@@ -53,5 +53,5 @@ def _in_words(data: dict[str, Any]) -> str:
         rows.append((check["quantity"], check["against"], error, allowed, verdict))
     worst = [check for check in checks if not check["passed"]]
     end = f"{len(worst)} of {len(checks)} errors are too large" if worst else "all agree"
-    head = f"{shortened(data['robot'])} at {data['states']} random states"
-    return "\n".join([f"{head}: {end}", "", *straight_columns(rows)])
+    head = f"{shorten(data['robot'])} at {data['states']} random states"
+    return "\n".join([f"{head}: {end}", "", *align_columns(rows)])

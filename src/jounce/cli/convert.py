@@ -6,9 +6,9 @@ from typing import Any
 
 import click
 
-from jounce.cli.options import PATH, Asked, on_robot_without_drives
-from jounce.cli.output import check_distinct, tell
-from jounce.core.errors import shortened
+from jounce.cli.output import check_distinct, print_summary
+from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options_without_drives
+from jounce.core.errors import shorten
 
 EPILOG = """\b
 Example:
@@ -24,12 +24,12 @@ when you use it.
 
 
 @click.command(epilog=EPILOG, short_help="Convert a robot to a YAML or JSON file.")
-@on_robot_without_drives
+@add_robot_options_without_drives
 @click.option("-o", "--output", required=True, type=PATH, help="File to write: .yaml, .yml or .json.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
-def convert(robot: Asked, output: Path, as_json: bool) -> None:
+def convert(robot: RobotRequest, output: Path, as_json: bool) -> None:
     """Write ROBOT, a file or the name of a bundled robot, as a YAML or JSON file that can be edited."""
-    from jounce.model.positions import positions
+    from jounce.model.positions import multiscrew_joints
     from jounce.robot.saving import check_writable, save
 
     check_writable(output)
@@ -39,17 +39,17 @@ def convert(robot: Asked, output: Path, as_json: bool) -> None:
     m = arm.mechanism
     summary = {
         "robot": arm.name, "source": str(robot.path), "output": str(output), "n": m.n, "nq": arm.nq, "nv": arm.nv,
-        "joints": dict(Counter(x.group.name for x in positions(m.tree).values())),  # of several screws, by kind
+        "joints": dict(Counter(x.group.name for x in multiscrew_joints(m.tree).values())),  # of several screws, by kind
         "nb": m.nb - m.floats,  # without the base
         "base": m.bodies[0] if m.floats else None, "frames": len(m.frames),
     }  # fmt: skip
-    tell(summary, _in_words, as_json)
+    print_summary(summary, _format_summary, as_json)
 
 
-def _in_words(summary: dict[str, Any]) -> str:
-    floats = f"floating on {shortened(summary['base'])}, " if summary["base"] else ""
+def _format_summary(summary: dict[str, Any]) -> str:
+    floats = f"floating on {shorten(summary['base'])}, " if summary["base"] else ""
     bodies = summary["nb"] + bool(summary["base"])  # as `jounce info` counts them
     several = "".join(f", {count} {kind} joint{'s' * (count > 1)}" for kind, count in summary["joints"].items())
     numbers = f" ({summary['nq']} numbers)" if several else ""
     size = f"{floats}{summary['n']} coordinates{numbers}, {bodies} bodies{several}, {summary['frames']} merged links"
-    return f"{shortened(summary['robot'])}: {size} written to {summary['output']}"
+    return f"{shorten(summary['robot'])}: {size} written to {summary['output']}"

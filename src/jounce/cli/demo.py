@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.options import PATH
-from jounce.cli.output import progress, straight_columns, tell
+from jounce.cli.output import align_columns, print_summary, progress
+from jounce.cli.robot_options import PATH
 from jounce.figures.canvas import PICTURE_FORMATS
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
     from jounce._report.demo.gallery import gallery
     from jounce.figures import canvas
     from jounce.io import files, tables
-    from jounce.io.motions.writing import named
+    from jounce.io.motions.writing import named_columns
 
     formats = list(dict.fromkeys(formats))
     canvas.check_installed()
@@ -58,14 +58,14 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
         examples = {}
         for name, motion in (("forces", "paper"), ("forces-wrench", "paper-wrench")):
             found = examples[name] = example.example(motion, states)
-            forces = named("Q", found.robot.joint_names, found.forces, None)
+            forces = named_columns("Q", found.robot.joint_names, found.forces, None)
             tables.write(output / f"{name}.csv", {"t": found.t} | forces)
             advance()
         alone, loaded = examples.values()
         errors, steiner = example.step_errors(alone.robot), example.without_steiner(alone)
         advance()
         times = {}
-        for method, *pair in example.seconds(alone):
+        for method, *pair in example.time_methods(alone):
             times[method] = pair
             advance()
         pictures = gallery(alone, loaded, errors)
@@ -83,7 +83,7 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
         "milliseconds_of_the_paper": example.PAPER_MS, "folder": str(output),
         "tables": [f"{name}.csv" for name in examples], "pictures": list(pictures), "formats": formats,
     }  # fmt: skip
-    tell(summary, _in_words, as_json)
+    print_summary(summary, _format_summary, as_json)
 
 
 def _peaks(found: "Example") -> list[float]:
@@ -102,7 +102,7 @@ def _differences(alone: "Example", errors: "Sequence[StepErrors]") -> dict[str, 
     return found | {"two exact paths compared": [of.exact for of in errors]}
 
 
-def _in_words(summary: Mapping[str, Any]) -> str:
+def _format_summary(summary: Mapping[str, Any]) -> str:
     peaks = [(name, *(f"{peak:.6g}" for peak in row)) for name, row in summary["peaks"].items()]
     differences = [
         (name, *("-" if share is None else f"{share:.1e}" for share in row))
@@ -113,13 +113,13 @@ def _in_words(summary: Mapping[str, Any]) -> str:
     return "\n".join([
         f"The iiwa of Müller & Kumar, Section 6.2: {summary['states']} states over 5 s; W: its end exerts 10 sin(pi t)",
         "",
-        *straight_columns([("largest", "|Q| N m", "|Qd| N m/s", "|Q2d| N m/s^2"), *peaks]),
+        *align_columns([("largest", "|Q| N m", "|Qd| N m/s", "|Q2d| N m/s^2"), *peaks]),
         "",
         "Rates by numerical differentiation: largest error, as a share of the largest value",
-        *straight_columns([("", "Qd", "Q2d"), *differences]),
+        *align_columns([("", "Qd", "Q2d"), *differences]),
         "",
         "Time of one evaluation of Q, Qd and Q2d",
-        *straight_columns([("", "in a batch", "alone"), *times]),
+        *align_columns([("", "in a batch", "alone"), *times]),
         f"The paper reports {summary['milliseconds_of_the_paper']} ms, on an Intel Core i9-7960X.",
         "",
         f"The authors' published code leaves out Steiner's theorem: its Q, Qd, Q2d differ by {steiner} %",

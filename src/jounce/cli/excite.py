@@ -7,10 +7,10 @@ from typing import Any
 import click
 
 from jounce.cli.limits import LIMITS, draw_ratios, load_robot
-from jounce.cli.motions import write_motion
-from jounce.cli.options import PATH, Asked, drive_terms, on_robot_without_drives
-from jounce.cli.output import check_distinct, progress, tell
-from jounce.core.errors import escaped, shortened
+from jounce.cli.motion_options import write_motion
+from jounce.cli.output import check_distinct, print_summary, progress
+from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options_without_drives, parse_drive_terms
+from jounce.core.errors import escape_text, shorten
 
 EPILOG = """\b
 Example:
@@ -28,7 +28,7 @@ the motion before it runs, or narrow the ranges of positions by --limits.
 
 
 @click.command(epilog=EPILOG, short_help="A motion that excites the parameters of a robot, within all limits.")
-@on_robot_without_drives
+@add_robot_options_without_drives
 @LIMITS
 @click.option("-o", "--output", required=True, type=PATH, help="Table or YAML file of the motion to write.")
 @click.option("--period", metavar="S", default=10.0, help="Period of the Fourier series in s.")
@@ -54,7 +54,7 @@ the motion before it runs, or narrow the ranges of positions by --limits.
 @click.option("--picture", type=PATH, help="Ratios to all limits over time: .png, .svg or .pdf.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def excite(
-    robot: Asked, limits: Path | None, output: Path, terms: str | None, step: float | None, picture: Path | None,
+    robot: RobotRequest, limits: Path | None, output: Path, terms: str | None, step: float | None, picture: Path | None,
     as_json: bool, **options: Any,
 ) -> None:  # fmt: skip
     """Find the Fourier series of the joints of ROBOT that determines its parameters best, within all limits.
@@ -72,7 +72,7 @@ def excite(
     if picture is not None:
         canvas.check_writable(picture)
     arm = load_robot(robot, limits)
-    columns = False if terms is None else drive_terms(terms)
+    columns = False if terms is None else parse_drive_terms(terms)
     with progress("starts") as show:
         found = arm.excite(drives=columns, progress=show, **options)
     motion = found.motion if step is None else found.motion.with_step(step)
@@ -92,6 +92,6 @@ def excite(
     }  # fmt: skip
     drawn = f", ratios to limits drawn to {picture}" if picture else ""
     what = "series" if in_terms else f"{summary['states']} rows"
-    head = f"{shortened(arm.name)}: {what} written to {output}{drawn}"
+    head = f"{shorten(arm.name)}: {what} written to {output}{drawn}"
     lines = [head, *str(found).splitlines()]
-    tell(summary, lambda _: "\n".join(map(escaped, lines)), as_json)
+    print_summary(summary, lambda _: "\n".join(map(escape_text, lines)), as_json)

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.motions import AskedMotion, MotionCommand, of_motion
-from jounce.cli.options import PATH, Asked, drive_terms, on_robot_without_drives
-from jounce.cli.output import check_distinct, tell
-from jounce.core.errors import JounceError, collected_warnings, warn
+from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
+from jounce.cli.output import check_distinct, print_summary
+from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options_without_drives, parse_drive_terms
+from jounce.core.errors import JounceError, collect_warnings, warn
 
 if TYPE_CHECKING:
     from jounce.identification import Identification
@@ -33,8 +33,8 @@ those of the data alone; parameters that they do not determine are listed.
 
 
 @click.command(cls=MotionCommand, epilog=EPILOG, short_help="Identify inertial parameters and friction from a log.")
-@on_robot_without_drives
-@of_motion
+@add_robot_options_without_drives
+@add_motion_options
 @click.option("-o", "--output", required=True, type=PATH, help="Robot file to write: .yaml or .json.")
 @click.option(
     "--drives",
@@ -65,8 +65,8 @@ those of the data alone; parameters that they do not determine are listed.
 @click.option("--plot", type=PATH, help="Measured and predicted torques as a picture: .png, .svg or .pdf.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def identify(
-    robot: Asked, motion: AskedMotion, output: Path, terms: str, table: Path | None, plot: Path | None, as_json: bool,
-    **options: Any,
+    robot: RobotRequest, motion: MotionRequest, output: Path, terms: str, table: Path | None, plot: Path | None,
+    as_json: bool, **options: Any,
 ) -> None:  # fmt: skip
     """Identify ROBOT from MOTION, a log with measured torques: its inertial parameters and friction."""
     from jounce.figures import canvas
@@ -84,8 +84,8 @@ def identify(
         canvas.check_writable(plot)
     arm = robot.load()
     log = motion.load(arm, 0)
-    with collected_warnings() as warnings:
-        found = arm.identify(log, drives=drive_terms(terms), **options)
+    with collect_warnings() as warnings:
+        found = arm.identify(log, drives=parse_drive_terms(terms), **options)
     for text in warnings:
         if text not in found.notes:  # which are printed
             warn(text)
@@ -94,7 +94,9 @@ def identify(
         _write_table(found, table)
     if plot is not None:
         _draw(found, plot)
-    tell(_summary(found, motion.path, log.notes, output, table, plot), lambda of: _in_words(found, of), as_json)
+    print_summary(
+        _summary(found, motion.path, log.notes, output, table, plot), lambda of: _format_summary(found, of), as_json
+    )
 
 
 def _write_table(found: "Identification", table: Path) -> None:
@@ -105,17 +107,17 @@ def _write_table(found: "Identification", table: Path) -> None:
 
     rows = [asdict(row) for row in found.table]
     columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    with files.written_whole(table) as part:
+    with files.write_whole(table) as part:
         tables.CSV.write(part, [columns | {"seen": columns["seen"].astype(int)}])
 
 
 def _draw(found: "Identification", picture: Path) -> None:
     from jounce.figures import canvas
-    from jounce.figures.measured import over_time
+    from jounce.figures.measured_forces import draw_measured_forces
     from jounce.model.coordinates import force_names, force_units
 
     m = found.robot.mechanism
-    canvas.save(over_time(found, force_names(m), force_units(m)), picture)
+    canvas.save(draw_measured_forces(found, force_names(m), force_units(m)), picture)
 
 
 def _summary(
@@ -136,7 +138,7 @@ def _summary(
     }  # fmt: skip
 
 
-def _in_words(found: "Identification", summary: dict[str, Any]) -> str:
+def _format_summary(found: "Identification", summary: dict[str, Any]) -> str:
     written = [f"{what} written to {summary[key]}" for key, what in WRITTEN.items() if summary[key]]
     notes = [note for note in summary["notes"] if note not in found.notes]
     return "\n".join([*notes, str(found), "", *written])

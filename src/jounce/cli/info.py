@@ -5,9 +5,9 @@ from typing import Any
 
 import click
 
-from jounce.cli.options import Asked, on_robot
-from jounce.cli.output import straight_columns, tell
-from jounce.core.errors import shortened
+from jounce.cli.output import align_columns, print_summary
+from jounce.cli.robot_options import RobotRequest, add_robot_options
+from jounce.core.errors import shorten
 
 INFO_WIDTH = 100  # characters of a line: names of robots in one line, on usual terminals
 COMMON = ("position", "velocity", "effort")  # limits that most robots have
@@ -20,10 +20,10 @@ Example:
 
 
 @click.command(epilog=EPILOG, short_help="Show bodies, joints and masses of a robot, and audit its data.")
-@on_robot
+@add_robot_options
 @click.option("--strict", is_flag=True, help="Exit with code 1 if the audit finds errors or warnings.")
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
-def info(robot: Asked, strict: bool, as_json: bool) -> None:
+def info(robot: RobotRequest, strict: bool, as_json: bool) -> None:
     """Show the bodies, joints, limits and masses of ROBOT: a file or the name of a bundled robot.
 
     Ends with a data audit: errors (physically impossible data, or a singular mass matrix), warnings (possible, but
@@ -32,39 +32,39 @@ def info(robot: Asked, strict: bool, as_json: bool) -> None:
     from jounce.checks.description import describe
 
     data = describe(robot.load().mechanism)
-    tell(data, _in_words, as_json)
+    print_summary(data, _format_summary, as_json)
     if strict and any(finding["severity"] != "note" for finding in data["findings"]):
         raise SystemExit(1)
 
 
-def _in_words(data: dict[str, Any]) -> str:
+def _format_summary(data: dict[str, Any]) -> str:
     from jounce.model.drives import AMOUNTS
 
     gravity = " ".join(f"{x:g}" for x in data["gravity"])
     base = [data["base"]] if data["base"] else []
     numbers = f" ({len(data['positions'])} numbers)" if len(data["positions"]) > data["n"] else ""
     size = f"{data['n']} coordinates{numbers}, {len(base) + data['nb']} bodies, {data['mass']:.6g} kg moving"
-    head = f"{shortened(data['name'])}: {size}{', floating' if base else ''}, gravity {gravity} m/s^2"
+    head = f"{shorten(data['name'])}: {size}{', floating' if base else ''}, gravity {gravity} m/s^2"
     rows: list[tuple[str, ...]] = [("joint", "type", "axis", "body", "on", "mass kg", "COM m")]
     rows += [("-", "floating", "-", body["name"], "-", *_mass(body)) for body in base]
     for body in data["bodies"]:
         kind = body["type"] if body["pitch"] is None else f"{body['type']} {body['pitch']:g} m/rad"
         axis = _vector(body["axis"], ".4g") if body["axis"] else f"{body['nq']} in q, {body['nv']} velocities"
         rows.append((body["joint"], kind, axis, body["name"], body["parent"], *_mass(body)))
-    order = wrap(f"q: {', '.join(map(shortened, data['positions']))}", width=INFO_WIDTH, subsequent_indent="   ")
-    lines = [head, *order, "", *straight_columns(rows)]
+    order = wrap(f"q: {', '.join(map(shorten, data['positions']))}", width=INFO_WIDTH, subsequent_indent="   ")
+    lines = [head, *order, "", *align_columns(rows)]
     variables = [x for body in data["bodies"] for x in body["velocities"] or [body]]
     lines += _limits(variables)
     driven = [_drive(x) for x in variables if any(x["drive"][key] for key in AMOUNTS.values())]
     if driven:
         acting = f"in Q: {', '.join(data['acting']) or 'none of these'}"
-        lines += ["", *straight_columns([("drive", "armature", "damping", "friction", "spring"), *driven]), acting]
+        lines += ["", *align_columns([("drive", "armature", "damping", "friction", "spring"), *driven]), acting]
     lines += _elastic(data)
-    follows = [f"{shortened(body['joint'])} = {body['follows']}" for body in data["bodies"] if body["follows"]]
+    follows = [f"{shorten(body['joint'])} = {body['follows']}" for body in data["bodies"] if body["follows"]]
     if follows:
         lines += ["", *follows]
     lines += _loops(data)
-    merged = [f"{shortened(link)} ({shortened(body)})" for link, body in data["merged_links"].items()]
+    merged = [f"{shorten(link)} ({shorten(body)})" for link, body in data["merged_links"].items()]
     if merged:
         lines += ["", *wrap(f"merged links: {', '.join(merged)}", width=INFO_WIDTH, subsequent_indent="  ")]
     return "\n".join([*lines, *_moments(base + data["bodies"]), *_findings(data["findings"])])
@@ -72,8 +72,8 @@ def _in_words(data: dict[str, Any]) -> str:
 
 def _loops(data: dict[str, Any]) -> list[str]:
     """The cut joints of loops, and the joints that follow where they are closed."""
-    cuts = [f"{' - '.join(map(shortened, loop['frames']))} ({loop['joint']})" for loop in data["loops"]]
-    following = [f"following joints: {', '.join(map(shortened, data['following']))}"] if data["following"] else []
+    cuts = [f"{' - '.join(map(shorten, loop['frames']))} ({loop['joint']})" for loop in data["loops"]]
+    following = [f"following joints: {', '.join(map(shorten, data['following']))}"] if data["following"] else []
     loops = [f"loops, {'closed' if following else 'open'}: {', '.join(cuts)}"] if cuts else []
     wrapped = [wrap(line, width=INFO_WIDTH, subsequent_indent="  ") for line in loops + following]
     return ["", *(line for lines in wrapped for line in lines)] if wrapped else []
@@ -93,7 +93,7 @@ def _moments(bodies: list[dict[str, Any]]) -> list[str]:
         for body in bodies
         if body["principal_moments"] is not None
     ]
-    return ["", *straight_columns([("body", "principal moments", "about COM", "kg m^2", "triangle slack"), *rows])]
+    return ["", *align_columns([("body", "principal moments", "about COM", "kg m^2", "triangle slack"), *rows])]
 
 
 def _findings(findings: list[dict[str, Any]]) -> list[str]:
@@ -138,16 +138,16 @@ def _elastic(data: dict[str, Any]) -> list[str]:
             f"{e['viscous']:.5g} {force} s/{unit}" if e["viscous"] else "-",
             f"{e['friction']:.5g} {force} over {e['eps']:.5g} {unit}/s" if e["friction"] else "-",
         ))  # fmt: skip
-    return ["", *straight_columns(rows)]
+    return ["", *align_columns(rows)]
 
 
 def _limits(bodies: list[dict[str, Any]]) -> list[str]:
     """A table of the limits that are stated of any joint; "-" for those that are not stated of one."""
     from jounce.checks.description import limit_in_words
-    from jounce.model.kinds import KINDS
+    from jounce.model.limit_kinds import LIMIT_KINDS
 
-    rows = {body["joint"]: {kind: limit_in_words(body, kind) for kind in KINDS} for body in bodies}
-    shown = [kind for kind in KINDS if kind in COMMON or any(row[kind] != "-" for row in rows.values())]
+    rows = {body["joint"]: {kind: limit_in_words(body, kind) for kind in LIMIT_KINDS} for body in bodies}
+    shown = [kind for kind in LIMIT_KINDS if kind in COMMON or any(row[kind] != "-" for row in rows.values())]
     limited = [(joint, *(row[kind] for kind in shown)) for joint, row in rows.items() if set(row.values()) != {"-"}]
     heads = ("limits", *(kind.replace("_", " ") for kind in shown))
-    return ["", *straight_columns([heads, *limited])] if limited else []
+    return ["", *align_columns([heads, *limited])] if limited else []

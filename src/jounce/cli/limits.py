@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from jounce.cli.motions import AskedMotion
-from jounce.cli.options import Asked, FileOrName
+from jounce.cli.motion_options import MotionRequest
+from jounce.cli.robot_options import FileOrName, RobotRequest
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -29,15 +29,17 @@ LIMITS = click.option(
 )
 
 
-def load(robot: Asked, motion: AskedMotion, limits: Path | None, order: int = 0) -> "tuple[Robot, Motion]":
+def load_with_motion(
+    robot: RobotRequest, motion: MotionRequest, limits: Path | None, order: int = 0
+) -> "tuple[Robot, Motion]":
     """The robot with its limits, and the motion with the rates that they and forces up to an order need."""
-    from jounce.limits.bounded import order_needed
+    from jounce.limits.limited_motion import required_order
 
     arm = load_robot(robot, limits)
-    return arm, motion.load(arm, max(order, order_needed(arm)))
+    return arm, motion.load(arm, max(order, required_order(arm)))
 
 
-def load_robot(robot: Asked, limits: Path | None) -> "Robot":
+def load_robot(robot: RobotRequest, limits: Path | None) -> "Robot":
     """The robot with its limits."""
     arm = robot.load()
     return arm if limits is None else arm.with_limits(limits)
@@ -45,10 +47,10 @@ def load_robot(robot: Asked, limits: Path | None) -> "Robot":
 
 def draw_ratios(robot: "Robot", motion: "Motion", picture: Path) -> None:
     """Draw the ratios of a motion to all limits over time."""
-    from jounce.figures import canvas, ratios
-    from jounce.limits.along import ratios_along
+    from jounce.figures import canvas, limit_ratios
+    from jounce.limits.ratio_curves import ratios_along
 
-    canvas.save(ratios.over_time(*ratios_along(robot, motion), robot.joint_names), picture)
+    canvas.save(limit_ratios.draw_limit_ratios(*ratios_along(robot, motion), robot.joint_names), picture)
 
 
 def spans_in_words(spans: "list[list[float]]", most: int = 2) -> str:

@@ -5,17 +5,17 @@ from typing import Any
 
 import click
 
-from jounce.cli.motions import (
-    AskedMotion,
+from jounce.cli.motion_options import (
     MotionCommand,
+    MotionRequest,
+    add_motion_options,
     check_options_writable,
-    of_motion,
     write_motion,
     write_options,
 )
-from jounce.cli.options import PATH, Asked, on_robot_without_drives
-from jounce.cli.output import check_distinct, tell
-from jounce.core.errors import shortened
+from jounce.cli.output import check_distinct, print_summary
+from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options_without_drives
+from jounce.core.errors import shorten
 
 EPILOG = """\b
 Example:
@@ -32,13 +32,15 @@ previous row and this one.
 
 
 @click.command(cls=MotionCommand, epilog=EPILOG, short_help="Write a motion with its rates, q to q4d, as a table.")
-@on_robot_without_drives
-@of_motion
+@add_robot_options_without_drives
+@add_motion_options
 @click.option("-o", "--output", required=True, type=PATH, help="Output table: .csv or .npz.")
 @click.option("--order", default=4, type=click.IntRange(0), help="Highest time derivative of q.")
 @click.option("--save-read", type=PATH, metavar="FILE", help="Save how the table is read, for --read: .yaml.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
-def motion(robot: Asked, motion: AskedMotion, output: Path, order: int, save_read: Path | None, as_json: bool) -> None:
+def motion(
+    robot: RobotRequest, motion: MotionRequest, output: Path, order: int, save_read: Path | None, as_json: bool
+) -> None:
     """Write MOTION of ROBOT with its rates as a table that `jounce run` reads and `jounce plot` draws."""
     from jounce.io import tables
 
@@ -60,15 +62,15 @@ def motion(robot: Asked, motion: AskedMotion, output: Path, order: int, save_rea
         "output": str(output), "save_read": None if save_read is None else str(save_read),
         "states": len(path.times), "t": [float(path.times[0]), float(path.times[-1])], "order": order,
     }  # fmt: skip
-    tell(summary, _in_words, as_json)
+    print_summary(summary, _format_summary, as_json)
 
 
-def _in_words(summary: dict[str, Any]) -> str:
+def _format_summary(summary: dict[str, Any]) -> str:
     from jounce.spatial.series import rate_name
 
     first, last = summary["t"]
     residual = "" if summary["residual"] is None else f", at most {summary['residual']:.2g} from what it is made of"
-    robot, count = shortened(summary["robot"]), len(summary["breaks"])
+    robot, count = shorten(summary["robot"]), len(summary["breaks"])
     return "\n".join([
         f"{robot} along {summary['motion']}: {summary['states']} rows, t = {first:g} .. {last:g} s",
         summary["source"] + residual,

@@ -6,11 +6,18 @@ from typing import Any
 
 import click
 
-from jounce.cli.motions import AskedMotion, MotionCommand, of_motion
-from jounce.cli.options import Asked, on_robot
-from jounce.cli.output import tell
-from jounce.cli.results import OUTPUT, AskedStream, on_stream, results, results_in_words, with_deviation
-from jounce.core.errors import JounceError, quoted
+from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
+from jounce.cli.output import print_summary
+from jounce.cli.robot_options import RobotRequest, add_robot_options
+from jounce.cli.summaries import (
+    OUTPUT,
+    StreamRequest,
+    add_stream_options,
+    compute_results,
+    format_with_deviation,
+    results_in_words,
+)
+from jounce.core.errors import JounceError, quote_value
 
 MOTOR_FORCE_ORDER = 2  # rates of Q that motor torques need: tau = B theta2d + Q, theta = q + Q / K
 
@@ -38,8 +45,8 @@ Damping and friction that --drives selects act on the motors.
 @click.command(
     cls=MotionCommand, epilog=EPILOG, short_help="Positions and torques of the motors of elastic joints along a motion."
 )
-@on_robot
-@of_motion
+@add_robot_options
+@add_motion_options
 @click.option(
     "--stiffness",
     multiple=True,
@@ -53,26 +60,27 @@ Damping and friction that --drives selects act on the motors.
     help="Inertia of the rotors seen from the links in kg m^2 or kg: of all joints, or of one; may be repeated.",
 )
 @OUTPUT
-@on_stream
+@add_stream_options
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def motors(
-    robot: Asked, motion: AskedMotion, stiffness: Sequence[str], rotor: Sequence[str], output: Path,
-    stream: AskedStream, as_json: bool,
+    robot: RobotRequest, motion: MotionRequest, stiffness: Sequence[str], rotor: Sequence[str], output: Path,
+    stream: StreamRequest, as_json: bool,
 ) -> None:  # fmt: skip
     """Compute positions, velocities and torques of the motors of ROBOT, whose joints are elastic, along MOTION."""
     from jounce.stream.job import Job
-    from jounce.stream.results import form_of
+    from jounce.stream.whole_run import table_suffix
 
     links = robot.load()
     arm = links.elastic(
-        _by_joint("--stiffness", stiffness, links.joint_names), _by_joint("--rotor", rotor, links.joint_names)
+        _values_by_joint("--stiffness", stiffness, links.joint_names),
+        _values_by_joint("--rotor", rotor, links.joint_names),
     )
-    job = Job("motors", arm, 0, stream.reading(motion), None if stream.reduce else form_of(output))
-    _, summary = results(job, motion, output, stream, "motors", lambda: motion.load(arm, MOTOR_FORCE_ORDER))
-    tell(summary, _in_words, as_json)
+    job = Job("motors", arm, 0, stream.reading(motion), None if stream.reduce else table_suffix(output))
+    _, summary = compute_results(job, motion, output, stream, "motors", lambda: motion.load(arm, MOTOR_FORCE_ORDER))
+    print_summary(summary, _format_summary, as_json)
 
 
-def _by_joint(option: str, given: Sequence[str], joints: Sequence[str]) -> dict[str, float] | None:
+def _values_by_joint(option: str, given: Sequence[str], joints: Sequence[str]) -> dict[str, float] | None:
     """The numbers of an option by joint: VALUE is of all joints, JOINT=VALUE of one; None without any."""
     from jounce.core.foreign import parse_finite
 
@@ -82,9 +90,11 @@ def _by_joint(option: str, given: Sequence[str], joints: Sequence[str]) -> dict[
         name, _, value = text.rpartition("=")
         number = parse_finite(value)
         if number is None:
-            raise JounceError(f"{option} {quoted(text)}; expected a number, or JOINT=NUMBER")
+            raise JounceError(f"{option} {quote_value(text)}; expected a number, or JOINT=NUMBER")
         if name in named or (not name and found):
-            raise JounceError(f"{option} {quoted(text)} is the second for {quoted(name) if name else 'all joints'}")
+            raise JounceError(
+                f"{option} {quote_value(text)} is the second for {quote_value(name) if name else 'all joints'}"
+            )
         if name:
             named[name] = number
         else:
@@ -92,11 +102,11 @@ def _by_joint(option: str, given: Sequence[str], joints: Sequence[str]) -> dict[
     return (found | named) or None
 
 
-def _in_words(summary: dict[str, Any]) -> str:
+def _format_summary(summary: dict[str, Any]) -> str:
     symbols = list(dict.fromkeys(symbol for peaks in summary["peaks"].values() for symbol in peaks))
     rows: list[tuple[str, ...]] = [("largest", *symbols)]
     for name, peaks in summary["peaks"].items():
         units, off = summary["units"][name], summary["deviations"][name]
-        cells = {symbol: f"{with_deviation(x, off[symbol])} {units[symbol]}" for symbol, x in peaks.items()}
+        cells = {symbol: f"{format_with_deviation(x, off[symbol])} {units[symbol]}" for symbol, x in peaks.items()}
         rows.append((name, *(cells.get(symbol, "-") for symbol in symbols)))
     return results_in_words(summary, symbols, rows)

@@ -11,12 +11,12 @@ from typing import Any
 
 import click
 
-from jounce.core.errors import JounceError, escaped, shortened
+from jounce.core.errors import JounceError, escape_text, shorten
 
 PROGRESS_DELAY = 1.0  # s of work before a bar appears: shorter work needs none
 
 
-def styled(text: str, **style: Any) -> str:
+def style_text(text: str, **style: Any) -> str:
     """Style a string for terminals (click strips it elsewhere), unless NO_COLOR is set."""
     return text if os.environ.get("NO_COLOR") else click.style(text, **style)
 
@@ -27,29 +27,29 @@ def check_distinct(output: Path, *sources: Path | None) -> None:
         raise JounceError(f"{output}: the output file is the input file; choose another path")
 
 
-def tell(data: Any, in_words: Callable[[Any], str], as_json: bool) -> None:
+def print_summary(data: Any, in_words: Callable[[Any], str], as_json: bool) -> None:
     """Print plain data, as JSON or as text."""
-    click.echo(json.dumps(data, indent=2) if as_json else in_words(_readable(data)))
+    click.echo(json.dumps(data, indent=2) if as_json else in_words(_escape_strings(data)))
 
 
-def _readable(data: Any) -> Any:
+def _escape_strings(data: Any) -> Any:
     """Escape control characters in the strings of data, whatever their source."""
     if isinstance(data, dict):
-        return {_readable(name): _readable(value) for name, value in data.items()}
+        return {_escape_strings(name): _escape_strings(value) for name, value in data.items()}
     if isinstance(data, list | tuple):
-        return [_readable(item) for item in data]
-    return escaped(data) if isinstance(data, str) else data
+        return [_escape_strings(item) for item in data]
+    return escape_text(data) if isinstance(data, str) else data
 
 
-def straight_columns(rows: list[tuple[str, ...]]) -> list[str]:
+def align_columns(rows: list[tuple[str, ...]]) -> list[str]:
     """Format rows of strings as lines with aligned columns, the first in bold on terminals.
 
     Cells are cut, except the last of a row, which shifts no other.
     """
-    rows = [(*map(shortened, row[:-1]), escaped(row[-1])) for row in rows]
+    rows = [(*map(shorten, row[:-1]), escape_text(row[-1])) for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     head, *body = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
-    return [styled(head, bold=True), *body]
+    return [style_text(head, bold=True), *body]
 
 
 @contextmanager

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.options import PATH, ROBOT_NAME, Asked
-from jounce.cli.output import tell
-from jounce.core.errors import JounceError, listed
+from jounce.cli.output import print_summary
+from jounce.cli.robot_options import PATH, ROBOT_NAME, RobotRequest
+from jounce.core.errors import JounceError, join_names
 
 if TYPE_CHECKING:
-    from jounce.figures.panels import Run
+    from jounce.figures.panels import TableRun
 
 EPILOG = """\b
 Examples:
@@ -54,40 +54,42 @@ def plot(
     tables are laid over each other, in axes of their own for each joint.
     """
     from jounce.figures import canvas
-    from jounce.figures.curves import laid_over, over_time
-    from jounce.figures.grid import width_of
-    from jounce.figures.table import rows_between, run_of
+    from jounce.figures.curves import draw_curves, overlay_runs
+    from jounce.figures.grid import parse_width
+    from jounce.figures.table import make_run, select_rows
     from jounce.io.motions import is_analytic
     from jounce.io.tables import read
 
-    inches = None if width is None else width_of(width)
+    inches = None if width is None else parse_width(width)
     canvas.check_writable(output)
     if base is not None and robot is None:
         raise JounceError("--base needs --robot, the robot whose joints it welds")
-    mechanism = None if robot is None else Asked(robot, {} if base is None else {"base": base}).load().mechanism
+    mechanism = None if robot is None else RobotRequest(robot, {} if base is None else {"base": base}).load().mechanism
     for table in tables:
         if is_analytic(table):
             raise JounceError(f"{table} is no table; `jounce motion ROBOT {table} -o OUT` makes one to be drawn")
-    runs = [run_of(rows_between(read(table), str(table), between), str(table), joints, quantities, mechanism)
+    runs = [make_run(select_rows(read(table), str(table), between), str(table), joints, quantities, mechanism)
             for table in tables]  # fmt: skip
     if len(runs) == 1:
         runs = [replace(runs[0], title="")]
     apart = side_by_side or len(runs) == 1
-    figure = over_time(runs, width=inches) if apart else laid_over(runs, inches)
+    figure = draw_curves(runs, width=inches) if apart else overlay_runs(runs, inches)
     canvas.save(figure, output, canvas.LOOK if inches is None else canvas.PRINT)
-    tell({"tables": [str(table) for table in tables], "output": str(output), **_summary(runs)}, _in_words, as_json)
+    print_summary(
+        {"tables": [str(table) for table in tables], "output": str(output), **_summary(runs)}, _format_summary, as_json
+    )
 
 
-def _summary(runs: "Sequence[Run]") -> dict[str, Any]:
+def _summary(runs: "Sequence[TableRun]") -> dict[str, Any]:
     """What is drawn of runs, and what is beyond a limit."""
-    from jounce.figures.bounds import beyond
+    from jounce.figures.limit_lines import find_violations
 
     shown: dict[str, dict[str, None]] = {}  # the joints of each panel, in order
     exceeded: dict[str, dict[str, None]] = {}  # those of their joints that are beyond a limit
     for run in runs:
         for panel in run.panels:
             shown.setdefault(panel.label, {}).update(dict.fromkeys(panel.curves))
-            if names := [name for name in panel.curves if beyond(panel, name).any()]:
+            if names := [name for name in panel.curves if find_violations(panel, name).any()]:
                 exceeded.setdefault(panel.label, {}).update(dict.fromkeys(names))
     return {
         "states": [len(run.t) for run in runs],
@@ -96,7 +98,7 @@ def _summary(runs: "Sequence[Run]") -> dict[str, Any]:
     }
 
 
-def _in_words(summary: dict[str, Any]) -> str:
+def _format_summary(summary: dict[str, Any]) -> str:
     from jounce.model.coordinates import BASE_FORCES
 
     shown = ", ".join(summary["panels"])
@@ -105,5 +107,5 @@ def _in_words(summary: dict[str, Any]) -> str:
     of += ["the base"] if names & {*BASE_FORCES} else []
     states = " and ".join(f"{states} state{'s' * (states > 1)}" for states in summary["states"])
     line = f"{shown} of {' and '.join(of)}, {states}, drawn to {summary['output']}"
-    exceeded = [f"beyond a limit: {label} of {listed(names)}" for label, names in summary["exceeded"].items()]
+    exceeded = [f"beyond a limit: {label} of {join_names(names)}" for label, names in summary["exceeded"].items()]
     return "\n".join([line, *exceeded])

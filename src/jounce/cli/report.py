@@ -5,11 +5,11 @@ from typing import Any
 
 import click
 
-from jounce.cli.limits import LIMITS, load
-from jounce.cli.motions import AskedMotion, MotionCommand, of_motion
-from jounce.cli.options import MESHES, PATH, Asked, on_robot
-from jounce.cli.output import check_distinct, tell
-from jounce.core.errors import shortened
+from jounce.cli.limits import LIMITS, load_with_motion
+from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
+from jounce.cli.output import check_distinct, print_summary
+from jounce.cli.robot_options import MESHES, PATH, RobotRequest, add_robot_options
+from jounce.core.errors import shorten
 
 EPILOG = """\b
 Example:
@@ -22,15 +22,15 @@ server for anything.
 
 
 @click.command(cls=MotionCommand, epilog=EPILOG, short_help="A page with the moving robot, its curves and limits.")
-@on_robot
-@of_motion
+@add_robot_options
+@add_motion_options
 @LIMITS
 @click.option("-o", "--output", metavar="PAGE", required=True, type=PATH, help="Output page: .html.")
 @click.option("--order", default=2, type=click.IntRange(0, 2), help="Highest time derivative of Q on the page.")
 @click.option("--json", "as_json", is_flag=True, help="Print a summary of the page as JSON.")
 @MESHES
 def report(
-    robot: Asked, motion: AskedMotion, limits: Path | None, output: Path, order: int, as_json: bool,
+    robot: RobotRequest, motion: MotionRequest, limits: Path | None, output: Path, order: int, as_json: bool,
     meshes: tuple[Path, ...],
 ) -> None:  # fmt: skip
     """Make a page about MOTION of ROBOT: the robot that moves, q to q4d, Q, Qd, Q2d, limits, slow-down factor.
@@ -44,7 +44,7 @@ def report(
     check_writable(output)
     check_distinct(output, motion.path)
     check_installed()
-    arm, path = load(robot, motion, limits, order)
+    arm, path = load_with_motion(robot, motion, limits, order)
     visuals = robot.path if robot.path.suffix.lower() == URDF_SUFFIX else None
     page = _report.report(arm, path, order, visuals, meshes)
     page.save(output)
@@ -57,11 +57,11 @@ def report(
         "factor": page.slowdown and page.slowdown.factor, "notes": list(path.notes),
     }  # fmt: skip
     verdict = page.check.words if page.check else "states no limits"
-    tell(summary, lambda of: _in_words(of, verdict), as_json)
+    print_summary(summary, lambda of: _format_summary(of, verdict), as_json)
 
 
-def _in_words(summary: dict[str, Any], verdict: str) -> str:
-    head = f"{shortened(summary['robot'])} along {summary['motion']}, {summary['states']} states"
+def _format_summary(summary: dict[str, Any], verdict: str) -> str:
+    head = f"{shorten(summary['robot'])} along {summary['motion']}, {summary['states']} states"
     worst = [f"worst: {summary['worst']}"] if summary["worst"] else []
     factor = [f"slow-down factor: {summary['factor']:.6g}"] if summary["factor"] else []
     written = f"page of {summary['bytes'] / 1e6:.1f} MB written to {summary['output']}"

@@ -5,11 +5,11 @@ from typing import Any
 
 import click
 
-from jounce.cli.limits import LIMITS, load
-from jounce.cli.motions import AskedMotion, MotionCommand, of_motion, write_motion
-from jounce.cli.options import PATH, Asked, on_robot
-from jounce.cli.output import check_distinct, straight_columns, tell
-from jounce.core.errors import shortened
+from jounce.cli.limits import LIMITS, load_with_motion
+from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options, write_motion
+from jounce.cli.output import align_columns, check_distinct, print_summary
+from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options
+from jounce.core.errors import shorten
 
 EPILOG = """\b
 Example:
@@ -22,15 +22,15 @@ OUT holds t and NAME.q, NAME.qd, ... NAME.q4d, as `jounce motion` writes them.
 
 
 @click.command(cls=MotionCommand, epilog=EPILOG, short_help="The fastest motion along a path, within all limits.")
-@on_robot
-@of_motion
+@add_robot_options
+@add_motion_options
 @LIMITS
 @click.option("-o", "--output", required=True, type=PATH, help="Table to write: .csv or .npz.")
 @click.option("--margin", default=0.01, help="Share of each limit that is left.")
 @click.option("--picture", type=PATH, help="Speed along the path with its limits: .png, .svg or .pdf.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def retime(
-    robot: Asked, motion: AskedMotion, limits: Path | None, output: Path, margin: float, picture: Path | None,
+    robot: RobotRequest, motion: MotionRequest, limits: Path | None, output: Path, margin: float, picture: Path | None,
     as_json: bool,
 ) -> None:  # fmt: skip
     """Write the fastest motion of ROBOT along the path of MOTION, from rest to rest, within all limits."""
@@ -41,32 +41,32 @@ def retime(
     check_distinct(output, motion.path)
     if picture is not None:
         canvas.check_writable(picture)
-    arm, given = load(robot, motion, limits)
+    arm, given = load_with_motion(robot, motion, limits)
     found = arm.retime(given, margin)
     fast = found.motion if motion.step is None else found.motion.with_step(motion.step)
     write_motion(output, fast, arm.joint_names)
     if picture is not None:
-        from jounce.figures.path_speed import over_path
+        from jounce.figures.path_speed import draw_path_speed
 
-        canvas.save(over_path(arm, given, found), picture)
+        canvas.save(draw_path_speed(arm, given, found), picture)
     summary = {
         "robot": arm.name, "motion": str(motion.path), "source": given.source, "margin": margin,
         "given": given.duration, "duration": found.duration, "binding": [part._asdict() for part in found.binding],
         "output": str(output), "picture": None if picture is None else str(picture), "states": len(fast.times),
     }  # fmt: skip
-    tell(summary, _in_words, as_json)
+    print_summary(summary, _format_summary, as_json)
 
 
-def _in_words(summary: dict[str, Any]) -> str:
+def _format_summary(summary: dict[str, Any]) -> str:
     rows: list[tuple[str, ...]] = [("decides", "limit", "|from [s]", "|to [s]")]
     for stretch in summary["binding"]:
         limit = stretch["limit"].replace("_", " ")
         rows.append((stretch["joint"], limit, f"{stretch['start']:.4f}", f"{stretch['stop']:.4f}"))
-    along = f"{shortened(summary['robot'])} along {summary['motion']}"
+    along = f"{shorten(summary['robot'])} along {summary['motion']}"
     pictured = f", drawn to {summary['picture']}" if summary["picture"] else ""
     return "\n".join([
         f"{along}: {summary['given']:.6g} s -> {summary['duration']:.6g} s with a margin of {summary['margin']:.3g}",
         f"{summary['states']} rows written to {summary['output']}{pictured}",
         "",
-        *straight_columns(rows),
+        *align_columns(rows),
     ])  # fmt: skip

@@ -6,10 +6,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.motions import AskedMotion, MotionCommand, of_motion
-from jounce.cli.options import Asked, on_robot
-from jounce.cli.output import tell
-from jounce.cli.results import OUTPUT, AskedStream, on_stream, results, results_in_words, with_deviation
+from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
+from jounce.cli.output import print_summary
+from jounce.cli.robot_options import RobotRequest, add_robot_options
+from jounce.cli.summaries import (
+    OUTPUT,
+    StreamRequest,
+    add_stream_options,
+    compute_results,
+    format_with_deviation,
+    results_in_words,
+)
 
 if TYPE_CHECKING:
     from jounce.robot import Robot
@@ -51,31 +58,31 @@ same command continues a run that was stopped.
 @click.command(
     cls=MotionCommand, epilog=EPILOG, short_help="Compute Q, Qd, Q2d along a motion and write them as a table."
 )
-@on_robot
-@of_motion
+@add_robot_options
+@add_motion_options
 @OUTPUT
 @click.option("--order", default=2, type=click.IntRange(0), help="Highest time derivative of Q.")
 @click.option("--rates", "with_rates", is_flag=True, help="Write q, qd, ... too.")
 @click.option(
     "--method", default=None, help="Method: kernel (native code, the default), recursion, closed_form or paper."
 )
-@on_stream
+@add_stream_options
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
-    robot: Asked, motion: AskedMotion, output: Path, order: int, with_rates: bool, method: str | None,
-    stream: AskedStream, as_json: bool,
+    robot: RobotRequest, motion: MotionRequest, output: Path, order: int, with_rates: bool, method: str | None,
+    stream: StreamRequest, as_json: bool,
 ) -> None:  # fmt: skip
     """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled robot."""
     from jounce.stream.job import Job
-    from jounce.stream.results import form_of
+    from jounce.stream.whole_run import table_suffix
 
     arm = robot.load()
-    form = None if stream.reduce else form_of(output)
+    form = None if stream.reduce else table_suffix(output)
     job = Job("forces", arm, order, stream.reading(motion), form, method, with_rates)
-    found, summary = results(job, motion, output, stream, "inverse dynamics", lambda: motion.load(arm, order))
+    found, summary = compute_results(job, motion, output, stream, "inverse dynamics", lambda: motion.load(arm, order))
     worst, name = max((of["broken"], name) for name, of in found.aggregates.items())
     summary |= {"order": order, "broken_limit": _limit(worst, name, arm) if worst else None}
-    tell(summary, _in_words, as_json)
+    print_summary(summary, _format_summary, as_json)
 
 
 def _limit(worst: list[Any], motion: str, robot: "Robot") -> dict[str, Any]:
@@ -100,11 +107,11 @@ def _limit_in_words(found: dict[str, Any] | None) -> list[str]:
     return [f"limit broken: {came} is {ratio} its limit; jounce check lists all limits"]
 
 
-def _in_words(summary: dict[str, Any]) -> str:
+def _format_summary(summary: dict[str, Any]) -> str:
     names = list(next(iter(summary["peaks"].values())))
     per = ["", " /s", *(f" /s^{k}" for k in range(2, len(names)))]
     rows = [("largest", "unit", *(f"|{name}|{unit}" for name, unit in zip(names, per, strict=False)))]
     for joint, peaks in summary["peaks"].items():
-        cells = (with_deviation(peaks[name], summary["deviations"][joint][name]) for name in names)
+        cells = (format_with_deviation(peaks[name], summary["deviations"][joint][name]) for name in names)
         rows.append((joint, summary["units"][joint][names[0]], *cells))
     return results_in_words(summary, names, rows, *_limit_in_words(summary["broken_limit"]))

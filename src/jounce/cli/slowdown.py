@@ -5,11 +5,11 @@ from typing import Any
 
 import click
 
-from jounce.cli.limits import LIMITS, load
-from jounce.cli.motions import AskedMotion, MotionCommand, of_motion, write_motion
-from jounce.cli.options import PATH, Asked, on_robot
-from jounce.cli.output import check_distinct, tell
-from jounce.core.errors import shortened
+from jounce.cli.limits import LIMITS, load_with_motion
+from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options, write_motion
+from jounce.cli.output import check_distinct, print_summary
+from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options
+from jounce.core.errors import shorten
 
 EPILOG = """\b
 Example:
@@ -22,19 +22,21 @@ OUT holds t and NAME.q, NAME.qd, ... NAME.q4d of the motion at this pace.
 
 
 @click.command(cls=MotionCommand, epilog=EPILOG, short_help="The pace at which a motion keeps every limit.")
-@on_robot
-@of_motion
+@add_robot_options
+@add_motion_options
 @LIMITS
 @click.option("-o", "--output", type=PATH, help="Table of the slower motion: .csv or .npz.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-def slowdown(robot: Asked, motion: AskedMotion, limits: Path | None, output: Path | None, as_json: bool) -> None:
+def slowdown(
+    robot: RobotRequest, motion: MotionRequest, limits: Path | None, output: Path | None, as_json: bool
+) -> None:
     """Find the largest factor of speed at which MOTION of ROBOT keeps all limits, and every smaller one does too."""
     from jounce.io import tables
 
     if output is not None:
         tables.check_writable(output)
         check_distinct(output, motion.path)
-    arm, path = load(robot, motion, limits)
+    arm, path = load_with_motion(robot, motion, limits)
     slow = arm.slowdown(path)
     if output is not None:
         write_motion(output, slow.motion, arm.joint_names)
@@ -43,14 +45,14 @@ def slowdown(robot: Asked, motion: AskedMotion, limits: Path | None, output: Pat
         "binding": slow.binding._asdict(), "duration": [path.duration, slow.motion.duration],
         "notes": [*path.notes, *slow.notes], "output": None if output is None else str(output),
     }  # fmt: skip
-    tell(summary, _in_words, as_json)
+    print_summary(summary, _format_summary, as_json)
 
 
-def _in_words(summary: dict[str, Any]) -> str:
+def _format_summary(summary: dict[str, Any]) -> str:
     factor, binding = summary["factor"], summary["binding"]
     before, after = summary["duration"]
     kept = "it may be faster" if factor > 1 else "it must be slower" if factor < 1 else "it just keeps its limits"
-    head = f"{shortened(summary['robot'])} along {summary['motion']}: {kept}, {factor:.6g} times the speed"
+    head = f"{shorten(summary['robot'])} along {summary['motion']}: {kept}, {factor:.6g} times the speed"
     largest = summary["largest"]
     gap = (
         [f"limits are kept again up to {largest:.6g} times the speed, but not by all factors between"]

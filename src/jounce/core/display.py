@@ -8,14 +8,14 @@ REGISTRY = "jounce.figures.displays"  # which registers the functions; it is imp
 
 
 @singledispatch
-def html(shown: object) -> str:
+def render_html(shown: object) -> str:
     """An object in HTML."""
     return escape(repr(shown))
 
 
-class Displayed:
+class HtmlDisplay:
     """An object that notebooks show in HTML."""
 
     def _repr_html_(self) -> str:
         import_module(REGISTRY)
-        return html(self)
+        return render_html(self)

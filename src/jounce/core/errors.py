@@ -22,7 +22,7 @@ class JounceError(Exception):
     """Base class of all errors of jounce. The message says what was given, what was expected, and what exists."""
 
     def __init__(self, text: object = "") -> None:
-        super().__init__(_message(str(text)))
+        super().__init__(_safe_message(str(text)))
 
 
 class UncertainError(JounceError):
@@ -50,7 +50,7 @@ class JounceWarning(UserWarning):
     """Base class of all warnings of jounce."""
 
     def __init__(self, text: object = "") -> None:
-        super().__init__(_message(str(text)))
+        super().__init__(_safe_message(str(text)))
 
 
 for _public in (JounceError, UncertainError, JounceWarning):  # as tracebacks name them
@@ -60,7 +60,7 @@ _collected: ContextVar[list[str] | None] = ContextVar("_collected", default=None
 
 
 @contextmanager
-def collected_warnings() -> Iterator[list[str]]:
+def collect_warnings() -> Iterator[list[str]]:
     """Within this context, warnings of this thread go into a list; the contexts of `warnings` act on all threads."""
     found: list[str] = []
     token = _collected.set(found)
@@ -88,7 +88,7 @@ def _is_inside(frame: FrameType) -> bool:
 
 
 @contextmanager
-def at(place: object) -> Iterator[None]:
+def locate_errors(place: object) -> Iterator[None]:
     """Within this context, errors begin with a place: a file, or a line of a file."""
     try:
         yield
@@ -96,29 +96,29 @@ def at(place: object) -> Iterator[None]:
         raise JounceError(f"{place}: {error}") from None
 
 
-def no_such(kind: str, name: object, existing: Iterable[str], owner: str = "") -> JounceError:
+def unknown_name_error(kind: str, name: object, existing: Iterable[str], owner: str = "") -> JounceError:
     """Return the error for an unknown name: the nearest valid one first, then all that exist, those of `owner`."""
     known = list(existing)
-    near = get_close_matches(_cut(name, MAX_QUOTED_LENGTH), known, n=1) if isinstance(name, str) else []
-    hint = f"; did you mean {quoted(near[0])}?" if near else ";"
+    near = get_close_matches(_cut_text(name, MAX_QUOTED_LENGTH), known, n=1) if isinstance(name, str) else []
+    hint = f"; did you mean {quote_value(near[0])}?" if near else ";"
     unknown = f"{owner} has no {kind}" if owner else f"unknown {kind}"
-    return JounceError(f"{unknown} {quoted(name)}{hint} available: {listed(known) or 'none'}")
+    return JounceError(f"{unknown} {quote_value(name)}{hint} available: {join_names(known) or 'none'}")
 
 
-def one_of(kind: str, given: object, existing: Iterable[str], owner: str = "") -> str:
+def check_choice(kind: str, given: object, existing: Iterable[str], owner: str = "") -> str:
     """Return a caller's name if it exists; a value of any other type is refused like an unknown name."""
     known = list(existing)
     if not isinstance(given, str) or given not in known:  # arrays do not compare to a string
-        raise no_such(kind, given, known, owner)
+        raise unknown_name_error(kind, given, known, owner)
     return given
 
 
-def option(keyword: str) -> str:
+def option_name(keyword: str) -> str:
     """An option of a command, and the keyword of the library: messages name both, for either reader."""
     return f"--{keyword.replace('_', '-')} ({keyword}=)"
 
 
-def several(given: object) -> list[Any]:
+def as_list(given: object) -> list[Any]:
     """Return a list of what a caller gives: the items of an iterable, or the single item."""
     if isinstance(given, str) or not isinstance(given, Iterable):
         return [given]
@@ -128,56 +128,56 @@ def several(given: object) -> list[Any]:
         return [given]
 
 
-def true_or_false(label: str, given: object, meaning: str) -> bool:
+def check_bool(label: str, given: object, meaning: str) -> bool:
     """Return a caller's bool; raise for other types, truthy ones too."""
     if not isinstance(given, bool):
-        raise JounceError(f"{label} is {quoted(given)}; expected True or False: {meaning}")
+        raise JounceError(f"{label} is {quote_value(given)}; expected True or False: {meaning}")
     return given
 
 
-def listed(names: Iterable[str], most: int = 24) -> str:
+def join_names(names: Iterable[str], most: int = 24) -> str:
     """Join names with commas, each as `shortened` shows it; of many, only the first."""
-    shown = [shortened(name) for name in names]
+    shown = [shorten(name) for name in names]
     rest = f", ... ({len(shown)} in all)" if len(shown) > most else ""
     return ", ".join(shown[:most]) + rest
 
 
-def quoted(given: object) -> str:
+def quote_value(given: object) -> str:
     """Return the repr of a value from a file or a caller, cut to a length that suits a message."""
     if isinstance(given, str):
-        return repr(_cut(str(given), MAX_QUOTED_LENGTH))
+        return repr(_cut_text(str(given), MAX_QUOTED_LENGTH))
     return one_line(_BRIEF.repr(given), MAX_QUOTED_LENGTH)
 
 
 def one_line(error: object, most: int = 300) -> str:
     """Return the message of another library's error on one line."""
-    return shortened(" ".join(str(error).split()), most)
+    return shorten(" ".join(str(error).split()), most)
 
 
-def _message(text: str) -> str:
+def _safe_message(text: str) -> str:
     """A message without control characters; of one that is too long, its ends, which have the value and the cure."""
-    text = escaped(text)
+    text = escape_text(text)
     half = (MAX_MESSAGE_LENGTH - 3) // 2
     return text if len(text) <= MAX_MESSAGE_LENGTH else f"{text[:half]}...{text[-half:]}"
 
 
-def shortened(text: str, most: int = MAX_QUOTED_LENGTH) -> str:
+def shorten(text: str, most: int = MAX_QUOTED_LENGTH) -> str:
     """Return a string that is safe in a message: cut, and without control characters."""
-    return escaped(_cut(text, most))
+    return escape_text(_cut_text(text, most))
 
 
-def escaped(text: str) -> str:
+def escape_text(text: str) -> str:
     """Escape control and direction characters, and all others that are not printable, as Python does."""
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
-def _cut(text: str, most: int) -> str:
+def _cut_text(text: str, most: int) -> str:
     return text if len(text) <= most else f"{text[:most]}..."
 
 
-class _Brief(Repr):
+class _ShortRepr(Repr):
     """Short reprs of values in messages: a few lines of YAML with aliases can make trees of any size."""
 
     def repr_int(self, x: int, level: int) -> str:
@@ -187,5 +187,5 @@ class _Brief(Repr):
             return f"an integer of {x.bit_length()} bits"
 
 
-_BRIEF = _Brief()
+_BRIEF = _ShortRepr()
 _BRIEF.maxlevel, _BRIEF.maxlist, _BRIEF.maxstring, _BRIEF.maxother = 2, 4, 60, 60

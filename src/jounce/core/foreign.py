@@ -35,12 +35,12 @@ def fill_masked(x: Any) -> Any:
     if isinstance(x, np.ma.MaskedArray) and x.dtype.kind in "biufO":
         kind = x.dtype if x.dtype.kind == "O" else np.result_type(x.dtype, np.float64)
         return np.ma.filled(x.astype(kind), np.nan)
-    return [fill_masked(part) for part in x] if type(x) in (list, tuple) and is_masked(x) else x
+    return [fill_masked(part) for part in x] if type(x) in (list, tuple) and has_mask(x) else x
 
 
-def is_masked(x: Any) -> bool:
+def has_mask(x: Any) -> bool:
     """Whether an array has a mask, or one in a list or tuple of them."""
-    return isinstance(x, np.ma.MaskedArray) or (type(x) in (list, tuple) and any(map(is_masked, x)))
+    return isinstance(x, np.ma.MaskedArray) or (type(x) in (list, tuple) and any(map(has_mask, x)))
 
 
 def fill_missing(array: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from jounce.core import foreign
-from jounce.core.errors import JounceError, one_line, quoted
+from jounce.core.errors import JounceError, one_line, quote_value
 
 FLOAT = np.dtype(float)
 Array: TypeAlias = Any  # a NumPy array of floats or objects, a JAX array or tracer
@@ -54,11 +54,11 @@ def asarray(x: Any, what: str = "an array") -> Array:
         raise JounceError(f"{what} holds {came}; expected real numbers or symbols")
     for v in array.flat:
         if not _is_element(v):
-            raise JounceError(f"{what} holds {quoted(v)}; expected real numbers or symbols")
+            raise JounceError(f"{what} holds {quote_value(v)}; expected real numbers or symbols")
     return array
 
 
-def shaped(x: Any, shape: tuple[int, ...], what: str, rows: str = "") -> Array:
+def array_of_shape(x: Any, shape: tuple[int, ...], what: str, rows: str = "") -> Array:
     """Convert `x` as `asarray` does, and check its last axes; `rows` says in an error what they are."""
     array = asarray(x, what)
     if array.shape[-len(shape) :] != shape:
@@ -92,7 +92,7 @@ def is_finite(x: Any) -> bool:
         return False
 
 
-def element(x: Any, what: str) -> Array:
+def convert_element(x: Any, what: str) -> Array:
     """Return one scalar of an array, with batch axes only; a CasADi scalar, which has two axes, is one scalar."""
     if not type(x).__module__.startswith("casadi") or x.shape != (1, 1):
         return asarray(x, what)
@@ -146,7 +146,7 @@ def check_recording(x: Array) -> None:
         recorder.check_recording()
 
 
-def exact_integers(x: np.ndarray) -> np.ndarray:
+def restore_integers(x: np.ndarray) -> np.ndarray:
     """Convert integer-valued floats to ints in an object array, so that symbolic results show L, not 1.0*L.
 
     Doubles beyond 2^53 stay doubles: products of such ints would raise an error only when they are divided.
@@ -175,7 +175,7 @@ def concatenate(arrays: Sequence[Array], axis: int) -> Array:
     return xp.concatenate([xp.broadcast_to(x, lead + x.shape[axis:]) for x in arrays], axis=axis)
 
 
-def batch_of(arrays: Sequence[Array], tails: Sequence[int], labels: Sequence[str]) -> tuple[int, ...]:
+def common_batch_shape(arrays: Sequence[Array], tails: Sequence[int], labels: Sequence[str]) -> tuple[int, ...]:
     """The shape to which the leading (batch) axes broadcast, all but the last `tails` axes of each array."""
     batches = [x.shape[: x.ndim - tail] for x, tail in zip(arrays, tails, strict=True)]
     try:
@@ -187,7 +187,7 @@ def batch_of(arrays: Sequence[Array], tails: Sequence[int], labels: Sequence[str
 
 def broadcast(arrays: Sequence[Array], tails: Sequence[int], labels: Sequence[str]) -> list[Array]:
     """The arrays with their leading (batch) axes broadcast against each other; the last `tails` axes stay."""
-    batch, xp = batch_of(arrays, tails, labels), namespace(*arrays)
+    batch, xp = common_batch_shape(arrays, tails, labels), namespace(*arrays)
     return [xp.broadcast_to(x, batch + x.shape[x.ndim - tail :]) for x, tail in zip(arrays, tails, strict=True)]
 
 
@@ -196,7 +196,7 @@ def zeros_like(x: Array) -> Array:
     return namespace(x).zeros_like(x)
 
 
-def _elementwise(name: str) -> Callable[[Array], Array]:
+def _make_elementwise(name: str) -> Callable[[Array], Array]:
     def scalar(s: Any) -> Any:
         sympy = sys.modules.get("sympy")  # imported already wherever its symbols exist
         if sympy is not None and isinstance(s, sympy.Basic):
@@ -223,15 +223,15 @@ def _elementwise(name: str) -> Callable[[Array], Array]:
     return function
 
 
-sin, cos, tanh, exp, sqrt = map(_elementwise, ("sin", "cos", "tanh", "exp", "sqrt"))
+sin, cos, tanh, exp, sqrt = map(_make_elementwise, ("sin", "cos", "tanh", "exp", "sqrt"))
 
 
 def reciprocal(x: Array) -> Array:
     """1 / x of every element, whatever the scalar type; of the number 0 it is infinite, as IEEE 754 has it."""
-    return np.asarray(np.frompyfunc(_reciprocal, 1, 1)(x), dtype=object) if is_symbolic(x) else 1 / x
+    return np.asarray(np.frompyfunc(_scalar_reciprocal, 1, 1)(x), dtype=object) if is_symbolic(x) else 1 / x
 
 
-def _reciprocal(s: Any) -> Any:
+def _scalar_reciprocal(s: Any) -> Any:
     if isinstance(s, int | float | Fraction) and s == 0:  # where Python raises an error
         return math.copysign(math.inf, s)
     if isinstance(s, int) and abs(s) == 1:  # exact, as integers among symbols are

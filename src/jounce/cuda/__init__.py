@@ -5,6 +5,6 @@
 """
 
 from jounce.cuda.compilation import compile  # noqa: A004
-from jounce.cuda.kernel import Kernel
+from jounce.cuda.kernel import CudaKernel as Kernel
 
 __all__ = ["Kernel", "compile"]

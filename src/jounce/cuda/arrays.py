@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import cupy
 
 
-def on_gpu(name: str, x: Any) -> "cupy.ndarray":
+def as_gpu_array(name: str, x: Any) -> "cupy.ndarray":
     """Return an array on one GPU, of CuPy, JAX or another library, as one of CuPy, without a copy; or refuse it."""
     import cupy
 
@@ -25,7 +25,7 @@ def on_gpu(name: str, x: Any) -> "cupy.ndarray":
     kind = f"{type(x).__module__.partition('.')[0]}.{type(x).__name__}"
     try:
         if is_jax(x):
-            return cupy.from_dlpack(_on_one_gpu(name, x))
+            return cupy.from_dlpack(_check_one_gpu(name, x))
         if hasattr(x, "__cuda_array_interface__"):
             return cupy.asarray(x)
     except JounceError:
@@ -35,7 +35,7 @@ def on_gpu(name: str, x: Any) -> "cupy.ndarray":
     raise JounceError(f"{name} is a {kind}; expected an array on the GPU, which cupy.asarray makes of one of NumPy")
 
 
-def _on_one_gpu(name: str, x: Any) -> Any:
+def _check_one_gpu(name: str, x: Any) -> Any:
     """An array of JAX, which is on one GPU."""
     places = sorted(map(str, x.devices()))
     if len(places) > 1 or any(device.platform != "gpu" for device in x.devices()):
@@ -76,7 +76,7 @@ def steps(x: "cupy.ndarray", inner: int) -> tuple[int, int] | None:
     return outer // x.itemsize, entry // x.itemsize
 
 
-def arguments(x: "cupy.ndarray", inner: int) -> tuple[Any, ...]:
+def kernel_arguments(x: "cupy.ndarray", inner: int) -> tuple[Any, ...]:
     """What a kernel takes of an array that has steps: where it begins, and both of them."""
     found = steps(x, inner)
     assert found is not None

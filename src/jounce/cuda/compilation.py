@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments import requests
-from jounce.core.deprecated import renamed_keywords
-from jounce.core.errors import JounceError, one_of, quoted
+from jounce.core.deprecated import deprecate_keywords
+from jounce.core.errors import JounceError, check_choice, quote_value
 from jounce.core.typing import Frame, Product
-from jounce.cuda.kernel import Kernel
+from jounce.cuda.kernel import CudaKernel
 from jounce.dynamics import elastic
 from jounce.dynamics.quantities.names import QuantityName
 from jounce.engine.engine import Engine
@@ -16,7 +16,7 @@ from jounce.engine.engine import Engine
 DTYPES = ("float64", "float32")
 
 
-@renamed_keywords(base="moving_base")
+@deprecate_keywords(base="moving_base")
 def compile(  # noqa: A001  # what Robot.compile is to processors
     robot: Engine,
     quantity: QuantityName = "inverse_dynamics",
@@ -28,7 +28,7 @@ def compile(  # noqa: A001  # what Robot.compile is to processors
     product: Product | None = None,
     moving_base: bool = False,
     dtype: Any = "float64",
-) -> Kernel:
+) -> CudaKernel:
     """Compile a quantity and its rates up to an order for a GPU.
 
     The code is that of `Robot.codegen`, straight-line CUDA for this robot, one state per thread. NVRTC compiles it
@@ -73,12 +73,12 @@ def compile(  # noqa: A001  # what Robot.compile is to processors
     """
     if not isinstance(robot, Engine):
         raise JounceError(f"jounce.cuda.compile() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
-    asked = requests.computation(robot.mechanism, quantity, order, wrench, body, frame, product, moving_base)
+    asked = requests.build_computation(robot.mechanism, quantity, order, wrench, body, frame, product, moving_base)
     if not robot.mechanism.is_numeric:
         raise JounceError("CUDA code needs a robot of numbers; this one contains symbols")
     if asked.quantity.elastic and (refusal := elastic.native_obstacle(robot.mechanism)):
         raise JounceError(f"CUDA code {refusal}")
-    return Kernel(robot.mechanism, asked, _precision(dtype))
+    return CudaKernel(robot.mechanism, asked, _precision(dtype))
 
 
 def _precision(dtype: Any) -> str:
@@ -86,5 +86,5 @@ def _precision(dtype: Any) -> str:
     try:
         name = dtype if isinstance(dtype, str) or dtype is None else np.dtype(dtype).name
     except TypeError:
-        name = quoted(dtype)
-    return one_of("dtype", name, DTYPES)
+        name = quote_value(dtype)
+    return check_choice("dtype", name, DTYPES)

@@ -12,7 +12,7 @@ from jounce.core.scalars import is_jax
 from jounce.cuda import arrays as device
 from jounce.cuda.source import THREADS_PER_BLOCK, compile_source, require_gpu, source
 from jounce.dynamics.computation import Computation
-from jounce.engine.generic import batch_shape
+from jounce.engine.generic_methods import batch_shape
 from jounce.model.mechanism import Mechanism
 from jounce.native.arguments import refuse_names_and_masks, refuse_shapes
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import cupy
 
 
-class Kernel:
+class CudaKernel:
     """A quantity of one robot with its rates up to an order on a GPU. `jounce.cuda.compile` makes one.
 
     It can be pickled; an unpickled one is read from CuPy's cache on disk or compiled again.
@@ -40,8 +40,8 @@ class Kernel:
         require_gpu()
         self._function = compile_source(source(mechanism, computation, dtype == "float32"))
 
-    def __reduce__(self) -> tuple[Callable[..., "Kernel"], tuple[Mechanism, Computation, str]]:
-        return Kernel, (self.mechanism, self.computation, self.dtype.name)
+    def __reduce__(self) -> tuple[Callable[..., "CudaKernel"], tuple[Mechanism, Computation, str]]:
+        return CudaKernel, (self.mechanism, self.computation, self.dtype.name)
 
     def __repr__(self) -> str:
         return f"<cuda.Kernel, {self.dtype.name}: {self.computation.describe(self.mechanism.name)}>"
@@ -89,9 +89,9 @@ class Kernel:
         refuse_names_and_masks(repr(self), arrays, into or ())
         if into is not None and any(map(is_jax, into)):
             raise JounceError("out holds arrays of JAX, which cannot be written into; leave out= away")
-        with _memory(self):
-            given = [device.on_gpu(port.name, x) for port, x in zip(ports, arrays, strict=True)]
-            results = None if into is None else [device.on_gpu(f"out[{k}]", x) for k, x in enumerate(into)]
+        with _report_gpu_errors(self):
+            given = [device.as_gpu_array(port.name, x) for port, x in zip(ports, arrays, strict=True)]
+            results = None if into is None else [device.as_gpu_array(f"out[{k}]", x) for k, x in enumerate(into)]
             self._check(given, results or [])
             with given[0].device:
                 found = self._run(given, results)
@@ -133,7 +133,7 @@ class Kernel:
         apart = [x.copy() if any(cupy.may_share_memory(x, y) for y in written) else x for x in given]
         whole = [device.with_steps(x, port, batch) for x, port in zip(apart, ports.inputs, strict=True)]
         both = zip([*whole, *written], [*ports.inputs, *ports.outputs], strict=True)
-        passed = [value for x, port in both for value in device.arguments(x, len(port.shape))]
+        passed = [value for x, port in both for value in device.kernel_arguments(x, len(port.shape))]
         blocks = -(-prod(batch) // THREADS_PER_BLOCK)
         self._function((blocks,), (THREADS_PER_BLOCK,), (np.int64(prod(batch)), *passed))
         for x, y in zip(out, written, strict=True):
@@ -143,7 +143,7 @@ class Kernel:
 
 
 @contextmanager
-def _memory(kernel: Kernel) -> Iterator[None]:
+def _report_gpu_errors(kernel: CudaKernel) -> Iterator[None]:
     """Within this context, errors of CuPy are those of jounce, in one line; first of all that memory is short."""
     import cupy
 

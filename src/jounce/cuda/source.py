@@ -7,10 +7,10 @@ entry lie one behind the other, through a tile of shared memory where the entrie
 from typing import TYPE_CHECKING
 
 from jounce._codegen import render
-from jounce._codegen.generate import functions_of
+from jounce._codegen.generate import trace_functions
 from jounce._codegen.language import language
-from jounce._codegen.options import Options, check_size
-from jounce._codegen.parametric import parametric
+from jounce._codegen.options import CodegenOptions, check_size
+from jounce._codegen.parametric import make_parametric
 from jounce.core.errors import JounceError, one_line
 from jounce.dynamics.computation import Computation
 from jounce.model.mechanism import Mechanism
@@ -25,10 +25,11 @@ KERNEL_NAME = "states"  # of the function in the template
 def source(mechanism: Mechanism, computation: Computation, single: bool) -> str:
     """Return CUDA source of a computation for a robot of numbers, unless it is too large for straight-line code."""
     check_size(mechanism, computation.order)
-    options = Options(
-        parametric(mechanism, ()), language("cuda"), computation.order, {"compute": computation}, single, "jounce"
+    options = CodegenOptions(
+        make_parametric(mechanism, ()), language("cuda"), computation.order, {"compute": computation}, single, "jounce"
     )
-    return f"#define THREADS {THREADS_PER_BLOCK}\n{render.code(options, functions_of(options), '_states.cu')}"
+    states = render.render_template(options, trace_functions(options), "_states.cu")
+    return f"#define THREADS {THREADS_PER_BLOCK}\n{states}"
 
 
 def require_gpu() -> None:

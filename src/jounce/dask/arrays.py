@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments import names, requests
-from jounce.core.errors import JounceError, at, one_line, one_of
+from jounce.core.errors import JounceError, check_choice, locate_errors, one_line
 from jounce.core.typing import Frame, Method
-from jounce.dask.kept import Kept, keep
-from jounce.dynamics.quantities import QUANTITIES, row_of
+from jounce.dask.pickled import Pickled, pickle_object
+from jounce.dynamics.quantities import QUANTITIES, find_row
 from jounce.dynamics.quantities.names import QuantityName
-from jounce.engine.dispatch import checked_arguments, compute
+from jounce.engine.dispatch import check_arguments, compute
 from jounce.engine.engine import Engine
-from jounce.engine.generic import as_tuple
+from jounce.engine.generic_methods import as_tuple
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import position_names, positions
+from jounce.model.positions import multiscrew_joints, position_names
 
 Shape = tuple[int, ...]
 Pattern = int | dict[Any, Any] | tuple[Any, ...] | None  # an argument with the numbers of its arrays in their places
@@ -85,31 +85,33 @@ def apply(
         raise JounceError(f"jounce.dask.apply() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     arrays = _Arrays()
     frames = [x for x in rates if _is_frame(x)]
-    named = [_columns(x, robot.mechanism, k) if _is_frame(x) else x for k, x in enumerate(rates)]
+    named = [_frame_columns(x, robot.mechanism, k) if _is_frame(x) else x for k, x in enumerate(rates)]
     given = tuple(arrays.pattern(x, 1) for x in named)
     patterns = given, arrays.pattern_of_rates(wrench, 2, 2), arrays.pattern_of_rates(base, 2, 1)
-    one_of("quantity", quantity, QUANTITIES)
-    row = row_of(quantity, requests.more_rates(robot.mechanism, quantity))
+    check_choice("quantity", quantity, QUANTITIES)
+    row = find_row(quantity, requests.count_more_rates(robot.mechanism, quantity))
     if len(rates) < row.rates:
         takes = ", ".join(row.input_names(row.rates))
         raise JounceError(f"{quantity} of {robot.name!r} takes {takes}, and further rates; got {len(rates)} of them")
     q, W, C = (fill(pattern, arrays.samples()) for pattern in patterns)
-    if robot.mechanism.closure or positions(robot.mechanism):  # not known yet: no loop has to close, nor zeros to turn
-        q = (_unknown(q[0]), *q[1:])
-    asked, _ = checked_arguments(robot.mechanism, quantity, q, W, C, body, frame, method)
+    if robot.mechanism.closure or multiscrew_joints(
+        robot.mechanism
+    ):  # not known yet: no loop has to close, nor zeros to turn
+        q = (_missing_positions(q[0]), *q[1:])
+    asked, _ = check_arguments(robot.mechanism, quantity, q, W, C, body, frame, method)
     shapes = [port.shape for port in asked.signature(robot.mechanism).outputs]
-    blocks = arrays.blocks(Block(keep(robot), quantity, *patterns, body, frame, method))
+    blocks = arrays.blocks(BlockFunction(pickle_object(robot), quantity, *patterns, body, frame, method))
     results = [_result(blocks, k, shape) for k, shape in enumerate(shapes)]
     if frames:
-        results = [_frame(x, frames[0], robot) for x in results]
+        results = [_to_frame(x, frames[0], robot) for x in results]
     return tuple(results) if len(results) > 1 else results[0]
 
 
 @dataclass(frozen=True)
-class Block:
+class BlockFunction:
     """The function of a block: it puts the arrays into their places, and calls the robot that its process keeps."""
 
-    robot: Kept[Engine]
+    robot: Pickled[Engine]
     quantity: str
     rates: Pattern
     wrench: Pattern
@@ -126,7 +128,7 @@ class Block:
         return as_tuple(found)
 
 
-def _unknown(q: Any) -> Any:
+def _missing_positions(q: Any) -> Any:
     """Positions, or a dict of them, that are missing."""
     return {name: x * np.nan for name, x in q.items()} if isinstance(q, dict) else q * np.nan
 
@@ -150,8 +152,8 @@ class _Arrays:
         """The pattern of an argument; its arrays have some axes that are not batch axes, those in a dict one less."""
         if given is None:
             return None
-        if not hasattr(given, "dask") and names.listed_in(given) is not None:
-            return {name: self.number(x, axes - 1) for name, x in names.entries(given).items()}
+        if not hasattr(given, "dask") and names.entry_names(given) is not None:
+            return {name: self.number(x, axes - 1) for name, x in names.read_entries(given).items()}
         return self.number(given, axes)
 
     def number(self, given: Any, axes: int) -> int:
@@ -179,7 +181,7 @@ class _Arrays:
             samples.append(state.reshape((1,) * (x.ndim - len(core)) + core))
         return samples
 
-    def blocks(self, block: Block) -> Any:
+    def blocks(self, block: BlockFunction) -> Any:
         """An array of Dask over the batch, whose blocks are the tuples that a function returns."""
         import dask.array as da
 
@@ -216,15 +218,15 @@ def _is_frame(x: Any) -> bool:
     return hasattr(x, "to_dask_array") and hasattr(x, "columns")
 
 
-def _columns(x: Any, mechanism: Mechanism, k: int) -> Any:
+def _frame_columns(x: Any, mechanism: Mechanism, k: int) -> Any:
     """The columns of a data frame of Dask, the k-th argument, as an array in the order of the joints."""
     joints = list(mechanism.coordinates if k else position_names(mechanism))
-    with at("data frame"):
-        names.check(list(x.columns), joints, names.followers(mechanism))
+    with locate_errors("data frame"):
+        names.check_names(list(x.columns), joints, names.find_followers(mechanism))
     return x[joints].to_dask_array()
 
 
-def _frame(x: Any, source: Any, robot: Engine) -> Any:
+def _to_frame(x: Any, source: Any, robot: Engine) -> Any:
     """A result with an entry per joint as a data frame of Dask with the index of another; any other as it is."""
     import dask.dataframe as dd
 

@@ -24,20 +24,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jounce.core.errors import JounceError
-from jounce.dynamics import assembly
+from jounce.dynamics import loop_assembly
 from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.state import State
-from jounce.model.coordinates import leading_joints, screws_of
+from jounce.model.coordinates import body_screws, leading_joints
 from jounce.model.mechanism import Mechanism, ancestors, reference_poses
-from jounce.model.positions import position_count, positions
+from jounce.model.positions import multiscrew_joints, position_count
 from jounce.spatial import inertia
-from jounce.spatial.inertia import PARAMETERS
+from jounce.spatial.inertia import INERTIAL_PARAMETERS
 from jounce.spatial.lie import Ad, ad, inverse, wedge
-from jounce.spatial.series import columns
+from jounce.spatial.series import column_series
 
 REGROUPING_TOLERANCE = 1e-9  # of singular values, relative to the largest or 1: smaller ones are rounding
-_LENGTH_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # powers of a length in the units of the parameters
+LENGTH_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # powers of a length in the units of the parameters
 _UNIT_INERTIAS = inertia.from_parameters(np.eye(10))
 _UNIT_MOMENTS = inertia.moment_matrix(_UNIT_INERTIAS)
 
@@ -106,19 +106,19 @@ def base_parameters(m: Mechanism) -> BaseParameters:
     if not m.is_numeric:
         raise JounceError(f"robot {m.name!r} contains symbols; base parameters need numbers")
     length = length_scale(m)  # as unit, so that all moments are of one size
-    scale = np.tile(length**_LENGTH_POWERS, m.nb)
-    places, rows = _of_tree(_in_lengths(m, length))
+    scale = np.tile(length**LENGTH_POWERS, m.nb)
+    places, rows = _regroup_tree(_scale_lengths(m, length))
     if m.n < len(m.joints):  # joints that follow others, as do those of closed loops
-        Y, sizes = _relative_columns(m, length, places, scale[places])
+        Y, sizes = _scale_columns(m, length, places, scale[places])
         found = _span(Y)
-        named = _independent(found)
+        named = _select_independent(found)
         combined = np.linalg.solve(found[:, named], found) * sizes / sizes[named, None]
         places, rows = places[named], combined @ rows
     order = np.argsort(places)
     places, rows = places[order], rows[order]
     rows = np.where(np.abs(rows - np.rint(rows)) < 1e-12, np.rint(rows) + 0.0, rows)  # integers but for rounding
     matrix = rows * scale[places, None] / scale
-    names = tuple(f"{body} {name}" for body in m.bodies for name in PARAMETERS)
+    names = tuple(f"{body} {name}" for body in m.bodies for name in INERTIAL_PARAMETERS)
     values = matrix @ inertia.parameters(m.M).ravel()
     for array in (places, matrix, values):
         array.flags.writeable = False
@@ -139,7 +139,7 @@ def length_scale(m: Mechanism) -> float:
     return float(max([1e-3, *np.linalg.norm(m.B[:, :3, 3], axis=1)]))
 
 
-def _in_lengths(m: Mechanism, length: float) -> Mechanism:
+def _scale_lengths(m: Mechanism, length: float) -> Mechanism:
     """The mechanism in another unit of length."""
     B, X = np.array(m.B, dtype=float), np.array(m.X, dtype=float)
     B[:, :3, 3] /= length
@@ -147,14 +147,14 @@ def _in_lengths(m: Mechanism, length: float) -> Mechanism:
     return replace(m, B=B, X=X)
 
 
-def _of_tree(m: Mechanism) -> tuple[np.ndarray, np.ndarray]:
+def _regroup_tree(m: Mechanism) -> tuple[np.ndarray, np.ndarray]:
     """The places of the named parameters and the combinations, of joints that are all independent."""
-    poses, carries, size = reference_poses(m), ancestors(m), len(PARAMETERS)
+    poses, carries, size = reference_poses(m), ancestors(m), len(INERTIAL_PARAMETERS)
     # outward: the spaces of each body from those of its parent; the ground only falls
     nothing = np.zeros((0, size))
     spaces = {-1: _Spaces(nothing, nothing, _span(np.array([[0, 0, 0, *m.gravity]], dtype=float)))}
     for i in range(m.nb):
-        spaces[i] = _spaces(spaces[m.parent[i]], m.B[i], screws_of(m, i).T)
+        spaces[i] = _spaces(spaces[m.parent[i]], m.B[i], body_screws(m, i).T)
     # inward: functions of composite inertias in the parameters of all bodies, solved for some of the first body's
     places, rows = np.zeros(0, dtype=int), np.zeros((0, size * m.nb))
     for j in reversed(range(m.nb)):
@@ -163,7 +163,7 @@ def _of_tree(m: Mechanism) -> tuple[np.ndarray, np.ndarray]:
         for k in range(j, m.nb):
             if carries[k, j]:
                 composite[:, k] = own @ _transport(inverse(poses[j]) @ poses[k])
-        named = _independent(own)
+        named = _select_independent(own)
         new = np.linalg.solve(own[:, named], composite.reshape(len(own), -1))
         new = new - new[:, places] @ rows  # without what the bodies behind have named
         places, rows = np.append(named + size * j, places), np.concatenate([new, rows])
@@ -172,26 +172,26 @@ def _of_tree(m: Mechanism) -> tuple[np.ndarray, np.ndarray]:
 
 def _spaces(parent: _Spaces, B: np.ndarray, X: np.ndarray) -> _Spaces:
     """The spaces of a body from those of its parent, on a joint with screws X, (k, 6)."""
-    velocities = _span(np.concatenate([_closed(parent.velocities @ Ad(inverse(B)).T, ad(X).mT), X]))
+    velocities = _span(np.concatenate([_close_space(parent.velocities @ Ad(inverse(B)).T, ad(X).mT), X]))
     momenta = np.concatenate([velocities @ (_UNIT_INERTIAS @ x).T for x in X])  # of the unit parameters, (6, 10) each
-    flows = np.stack([_parameters(wedge(x) @ _UNIT_MOMENTS + _UNIT_MOMENTS @ wedge(x).T).T for x in X])
+    flows = np.stack([_moments_to_parameters(wedge(x) @ _UNIT_MOMENTS + _UNIT_MOMENTS @ wedge(x).T).T for x in X])
     handed_on = parent.constant @ _transport(B)  # constant at every position of the joint if f D vanishes
-    constant = _closed(handed_on, flows)
+    constant = _close_space(handed_on, flows)
     vanishing = _span(np.concatenate([momenta, *(constant @ flow for flow in flows)]))
     return _Spaces(vanishing, _span(np.concatenate([vanishing, handed_on])), velocities)
 
 
 def _transport(T: np.ndarray) -> np.ndarray:
     """The parameters in the outer frame from those in a frame at the pose T: (10, 10)."""
-    return _parameters(T @ _UNIT_MOMENTS @ T.T).T
+    return _moments_to_parameters(T @ _UNIT_MOMENTS @ T.T).T
 
 
-def _parameters(Pi: np.ndarray) -> np.ndarray:
+def _moments_to_parameters(Pi: np.ndarray) -> np.ndarray:
     """The inertial parameters of moments of mass: (..., 4, 4) to (..., 10)."""
     return inertia.parameters(inertia.from_moment_matrix(Pi))
 
 
-def _closed(rows: np.ndarray, matrices: np.ndarray) -> np.ndarray:
+def _close_space(rows: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     """The smallest space that contains the rows, and x A with every x and every A of some matrices."""
     rows = _span(rows)
     while len(larger := _span(np.concatenate([rows, *(rows @ A for A in matrices)]))) > len(rows):
@@ -205,7 +205,7 @@ def _span(rows: np.ndarray) -> np.ndarray:
     return basis[s > REGROUPING_TOLERANCE * max(1.0, s.max(initial=0))]
 
 
-def _independent(rows: np.ndarray) -> np.ndarray:
+def _select_independent(rows: np.ndarray) -> np.ndarray:
     """Columns with which independent rows are a regular matrix; of those that serve equally well the first (QR)."""
     left, found = rows.copy(), list[int]()
     for _ in rows:
@@ -215,16 +215,14 @@ def _independent(rows: np.ndarray) -> np.ndarray:
     return np.sort(np.array(found, dtype=int))
 
 
-def _relative_columns(
-    m: Mechanism, length: float, places: np.ndarray, scale: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _scale_columns(m: Mechanism, length: float, places: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Columns of the regressor at random states, of size 1 or, of bodies that cannot move, of rounding; their sizes.
 
     Sizes are relative to those of independent joints, and to the largest at each state, as all grow near singular ones.
     """
     free = replace(m.tree, G=np.eye(len(m.joints)), g=np.zeros(len(m.joints)), coordinates=m.joints)
-    most = np.linalg.norm(_samples(free, length)[..., places] * scale, axis=(0, 1))
-    Y = _samples(m, length)[..., places] * scale / most
+    most = np.linalg.norm(_sample_regressor(free, length)[..., places] * scale, axis=(0, 1))
+    Y = _sample_regressor(m, length)[..., places] * scale / most
     largest = np.abs(Y).max(axis=(1, 2), keepdims=True)
     Y = (Y / np.where(largest > 0, largest, 1.0)).reshape(-1, len(places))
     sizes = np.linalg.norm(Y, axis=0)
@@ -232,18 +230,20 @@ def _relative_columns(
     return Y / sizes, sizes * most
 
 
-def _samples(m: Mechanism, length: float) -> np.ndarray:
+def _sample_regressor(m: Mechanism, length: float) -> np.ndarray:
     """The regressor at random states, (states, nv, parameters), in twice as many rows as there are parameters."""
-    rng, count = np.random.default_rng(0), 2 * len(PARAMETERS) * m.nb // m.nv + 10
+    rng, count = np.random.default_rng(0), 2 * len(INERTIAL_PARAMETERS) * m.nb // m.nv + 10
     size = np.where(m.X[leading_joints(m), :3].any(axis=1), np.pi, length)
     q = list(rng.uniform(-1, 1, (3, count, m.n)) * size)
-    if positions(m.tree):
+    if multiscrew_joints(m.tree):
         q[0] = rng.uniform(-1, 1, (count, position_count(m)))
-    base = JointMotion(np.eye(4), columns(list(rng.uniform(-2, 2, (2, count, 6))))) if m.floats else None
-    tree = assembly.samples(m, count)[..., None] if m.closure else None
+    base = JointMotion(np.eye(4), column_series(list(rng.uniform(-2, 2, (2, count, 6))))) if m.floats else None
+    tree = loop_assembly.sample_positions(m, count)[..., None] if m.closure else None
     if m.closure and tree is not None:
         q[0] = tree[:, list(m.closure.independent), 0]
-    return np.asarray(QUANTITIES["regressor"].law("recursion", m)(m, State(columns(q), base=base, position=tree))[0])
+    return np.asarray(
+        QUANTITIES["regressor"].law("recursion", m)(m, State(column_series(q), base=base, position=tree))[0]
+    )
 
 
 def _formula(factors: np.ndarray, names: Sequence[str]) -> str:

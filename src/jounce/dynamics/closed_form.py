@@ -10,12 +10,12 @@ import numpy as np
 
 from jounce.core.scalars import Array, concatenate
 from jounce.dynamics import system
-from jounce.dynamics.joint_motion import STILL, JointMotion, on_moving_ground
+from jounce.dynamics.joint_motion import BASE_AT_REST, JointMotion, add_moving_ground
 from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism, reciprocal_mass
 from jounce.spatial import inertia
 from jounce.spatial.lie import ad, wedge
-from jounce.spatial.series import Series, from_rate, joined
+from jounce.spatial.series import Series, from_rate, join_series
 
 
 @dataclass(frozen=True)
@@ -48,15 +48,15 @@ class ClosedForm:
 def closed_form(m: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None) -> ClosedForm:
     """The equations of motion for coordinates q, columns (..., n, 1), and wrenches W on the bodies, (..., 6nb, 1)."""
     if m.floats or base is None:
-        velocities = joined([(base or STILL).V, q.dot], axis=-2) if m.floats else q.dot
+        velocities = join_series([(base or BASE_AT_REST).V, q.dot], axis=-2) if m.floats else q.dot
         return _closed_form(m, system.poses(m, q, base), velocities, W)
-    carried = on_moving_ground(m)
-    W = None if W is None else joined([0 * W.map(lambda W: W[..., :6, :]), W], axis=-2)
-    velocities, given = joined([base.V, q.dot], axis=-2), joined([base.V.dot, 0 * q.dot], axis=-2)
-    return _without_base(_closed_form(carried, system.poses(carried, q, base), velocities, W, given), m.n)
+    carried = add_moving_ground(m)
+    W = None if W is None else join_series([0 * W.map(lambda W: W[..., :6, :]), W], axis=-2)
+    velocities, given = join_series([base.V, q.dot], axis=-2), join_series([base.V.dot, 0 * q.dot], axis=-2)
+    return _remove_base(_closed_form(carried, system.poses(carried, q, base), velocities, W, given), m.n)
 
 
-def at(m: Mechanism, x: State) -> ClosedForm:
+def evaluate_state(m: Mechanism, x: State) -> ClosedForm:
     """The equations of motion of a state."""
     return closed_form(m, x.q, x.W, x.base)
 
@@ -67,7 +67,7 @@ def _closed_form(m: Mechanism, C0: Array, qd: Series, W: Series | None, given: S
     Of the accelerations, `bias` takes those that are `given`. Where a X is not 0, as of a base that floats, J' has more
     terms than the printed -A a J, and C J with it: ``C J = M J' - b^T M J``.
     """
-    bodies, g = system.of_bodies(m), system.system_gravity(m)
+    bodies, g = system.build_system(m), system.system_gravity(m)
     X, M = bodies.X, bodies.M
     a = qd.map(lambda v: system.system_a(X, v))  # (a)
     A = from_rate(system.system_A(bodies.carries, C0), lambda A: (Aa := A @ a) - Aa @ A)  # (Adot)
@@ -90,9 +90,9 @@ def _closed_form(m: Mechanism, C0: Array, qd: Series, W: Series | None, given: S
     h = UT @ (M @ V)
     F = h.dot + UT @ (M @ UG)  # Newton and Euler: the momentum changes by the ground, by gravity and by loads -W
     F = F if W is None else F + UT @ W
-    H = from_rate(C0, lambda H: H @ by_body(V).map(lambda v: wedge(v[..., 0])))
+    H = from_rate(C0, lambda H: H @ split_bodies(V).map(lambda v: wedge(v[..., 0])))
     c = H.map(lambda H: system.first_moment(bodies.inertias, H) * reciprocal_mass(m))
-    AG, to_centre = UT @ (M @ J), c.map(system.to_point)
+    AG, to_centre = UT @ (M @ J), c.map(system.shift_to_point)
     hG, AG = h + to_centre @ h, AG + to_centre @ AG
     p = gM @ qd
     T = qd.mT @ p * 0.5
@@ -104,7 +104,7 @@ def _closed_form(m: Mechanism, C0: Array, qd: Series, W: Series | None, given: S
     )  # fmt: skip
 
 
-def by_body(x: Series) -> Series:
+def split_bodies(x: Series) -> Series:
     """System rows (..., 6nb, k) as those of each body, (..., nb, 6, k)."""
     return x.map(lambda a: a.reshape((*a.shape[:-2], a.shape[-2] // 6, 6, a.shape[-1])))
 
@@ -112,34 +112,34 @@ def by_body(x: Series) -> Series:
 def regressor(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """Y, (..., nv, 10 nb): the forces J^T (M (V' + U G) - b^T M V) of bodies that have one unit parameter each."""
     x, unit = closed_form(m, q, None, base), inertia.from_parameters(np.eye(10, dtype=int))
-    V, a, J = (by_body(s).map(lambda s: s[..., None, :, :]) for s in (x.V, x.V.dot + x.UG, x.J))
+    V, a, J = (split_bodies(s).map(lambda s: s[..., None, :, :]) for s in (x.V, x.V.dot + x.UG, x.J))
     W = unit @ a - V.map(lambda V: ad(V[..., 0]).mT) @ (unit @ V)  # (..., nb, 10, 6, 1)
-    return (J.mT @ W).map(_side_by_side)
+    return (J.mT @ W).map(_join_columns)
 
 
 def momentum_regressor(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """Yp, (..., nv, 10 nb): the momenta J^T M V of bodies that have one unit parameter each."""
     x, unit = closed_form(m, q, None, base), inertia.from_parameters(np.eye(10, dtype=int))
-    V, J = (by_body(s).map(lambda s: s[..., None, :, :]) for s in (x.V, x.J))
-    return (J.mT @ (unit @ V)).map(_side_by_side)
+    V, J = (split_bodies(s).map(lambda s: s[..., None, :, :]) for s in (x.V, x.J))
+    return (J.mT @ (unit @ V)).map(_join_columns)
 
 
 def energy_regressor(mechanism: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
     """YE, (..., 10 nb, 1): the energies 1/2 V . M V - m g . c of bodies that have one unit parameter each."""
     x, unit = closed_form(mechanism, q, None, base), inertia.from_parameters(np.eye(10, dtype=int))
-    V, H = by_body(x.V).map(lambda V: V[..., None, :, :]), x.H.map(lambda H: H[..., None, :3, :])
+    V, H = split_bodies(x.V).map(lambda V: V[..., None, :, :]), x.H.map(lambda H: H[..., None, :3, :])
     m, h, _ = inertia.moments(unit)
     E = V.mT @ (unit @ V) * 0.5 - mechanism.gravity[None, :] @ (H @ concatenate([h, m], axis=-2))  # (..., nb, 10, 1, 1)
-    return E.map(lambda E: _side_by_side(E).mT)
+    return E.map(lambda E: _join_columns(E).mT)
 
 
-def _side_by_side(Y: Array) -> Array:
+def _join_columns(Y: Array) -> Array:
     """Columns (..., nb, 10, nv, 1) of bodies and parameters as those of one matrix (..., nv, 10 nb)."""
     *lead, nb, k, nv, _ = Y.shape
     return Y.reshape((*lead, nb * k, nv)).mT
 
 
-def _without_base(x: ClosedForm, n: int) -> ClosedForm:
+def _remove_base(x: ClosedForm, n: int) -> ClosedForm:
     """The bodies and coordinates of a fixed robot, the last n, whose ground is the base."""
     bodies, own = slice(6, None), slice(-n, None)
     one, square, both = (..., own, slice(None)), (..., own, own), (..., bodies, bodies)
@@ -152,21 +152,21 @@ def _without_base(x: ClosedForm, n: int) -> ClosedForm:
 
 def poses(m: Mechanism, q: Series, base: JointMotion, body: int | None) -> Series:
     """H of all bodies (..., nb, 4, 4), of one (..., 4, 4), or of the ground, -1."""
-    return _of_body(closed_form(m, q, None, base).H, body, (STILL if m.floats else base).H)
+    return _select_body(closed_form(m, q, None, base).H, body, (BASE_AT_REST if m.floats else base).H)
 
 
 def twists(m: Mechanism, q: Series, base: JointMotion, body: int | None) -> Series:
     """V of all bodies (..., nb, 6, 1), of one (..., 6, 1), or of the ground, -1."""
-    return _of_body(by_body(closed_form(m, q, None, base).V), body, (STILL if m.floats else base).V)
+    return _select_body(split_bodies(closed_form(m, q, None, base).V), body, (BASE_AT_REST if m.floats else base).V)
 
 
 def jacobians(m: Mechanism, q: Series, base: JointMotion, body: int | None) -> Series:
     """J of all bodies (..., nb, 6, nv), of one (..., 6, nv), or of the ground, -1."""
     still = Series.constant(np.zeros((6, m.nv), dtype=int))
-    return _of_body(by_body(closed_form(m, q, None, base).J), body, still)
+    return _select_body(split_bodies(closed_form(m, q, None, base).J), body, still)
 
 
-def _of_body(x: Series, body: int | None, ground: Series) -> Series:
+def _select_body(x: Series, body: int | None, ground: Series) -> Series:
     if body is None:
         return x
     if body < 0:

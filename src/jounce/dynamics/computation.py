@@ -10,19 +10,22 @@ import numpy as np
 
 from jounce.core.scalars import Array
 from jounce.dynamics.joint_motion import JointMotion
-from jounce.dynamics.quantities import Quantity, row_of
+from jounce.dynamics.joint_springs import elasticity_of
+from jounce.dynamics.quantities import Quantity, find_row
 from jounce.dynamics.state import State
-from jounce.dynamics.stretch import elasticity_of
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import moves, position_count, positions
-from jounce.spatial.inertia import PARAMETERS
+from jounce.model.positions import multiscrew_joints, position_count, position_rate_map
+from jounce.spatial.inertia import INERTIAL_PARAMETERS
 from jounce.spatial.lie import cowedge, pose, position, rotation, wedge
-from jounce.spatial.series import Series, columns, rate_name, wrench_columns
+from jounce.spatial.series import Series, column_series, rate_name, wrench_columns
 
 Shape = tuple[int, ...]
-DEPENDENT = "q_dependent"  # the name of the dependent coordinates of a closed robot
-PRODUCTS = {"vjp": "vector-Jacobian products", "jvp": "Jacobian-vector products"}  # of the derivatives by all inputs
+DEPENDENT_INPUT = "q_dependent"  # the name of the dependent coordinates of a closed robot
+DERIVATIVE_PRODUCTS = {
+    "vjp": "vector-Jacobian products",
+    "jvp": "Jacobian-vector products",
+}  # of the derivatives by all inputs
 
 
 @dataclass(frozen=True)
@@ -109,7 +112,7 @@ class Computation:
     @property
     def quantity(self) -> Quantity:
         """The row of the quantity."""
-        return row_of(self.name, self.more_rates)
+        return find_row(self.name, self.more_rates)
 
     @property
     def rates(self) -> int:
@@ -166,13 +169,13 @@ class Computation:
             pairs = (len(elasticity_of(m).pairs),)
             inputs.append(Port(rate_name("stiffness", k), pairs, "stiffness", k, max(0, k + 1 - own)))
         if m.closure:
-            inputs.append(Port(DEPENDENT, (len(m.closure.dependent),), "dependent"))
+            inputs.append(Port(DEPENDENT_INPUT, (len(m.closure.dependent),), "dependent"))
         rates = [0] * self.count if self.quantity.results else range(self.count)
         names = self.quantity.names(self.order)
         outputs = [Port(name, self.shape(m, k), "result", k) for k, name in zip(rates, names, strict=True)]
         if self.product:
-            inputs, outputs = _ports_of_product(self.product, inputs, outputs)
-        return Signature(in_a_row(inputs), in_a_row(outputs))
+            inputs, outputs = _product_ports(self.product, inputs, outputs)
+        return Signature(number_scalars(inputs), number_scalars(outputs))
 
     def state_ports(self, m: Mechanism) -> list[Port]:
         """The ports of q, qd, ..., and of Q, Qd, ..., or of theta, thetad, ..."""
@@ -183,7 +186,7 @@ class Computation:
         sizes = [m.n if k < own else others for k in range(self.rates)]
         both = enumerate(zip(names, sizes, strict=True))
         ports = [Port(name, (size,), "state", k, max(0, k + 1 - least)) for k, (name, size) in both]
-        if positions(m):
+        if multiscrew_joints(m):
             ports[0] = replace(ports[0], shape=(position_count(m),), directions=m.n)
         return ports
 
@@ -200,7 +203,7 @@ class Computation:
         bodies = m.nb
         sizes = {"n": m.n, "nv": m.nv, "nb": bodies, "bodies": bodies}
         sizes["rates"] = self.quantity.rates + k
-        sizes["parameters"] = len(PARAMETERS) * bodies
+        sizes["parameters"] = len(INERTIAL_PARAMETERS) * bodies
         if closure := m.closure:
             sizes |= {"tree": len(closure.coordinates), "loops": len(m.loops), "motors": len(closure.actuated)}
         axes = (axis for axis in self.quantity.shape if axis != "nb" or self.body is None)
@@ -218,13 +221,13 @@ class Computation:
             tree = all_coordinates(m.closure, arrays[0], dependent)[..., None]
         stiffness = None
         if self.takes_stiffness(m):
-            arrays, stiffness = arrays[: -self.loads], columns(arrays[-self.loads :])
+            arrays, stiffness = arrays[: -self.loads], column_series(arrays[-self.loads :])
         loads = self.rates + (self.loads if self.wrench else 0)
         given, W, base = arrays[: self.rates], arrays[self.rates : loads], arrays[loads:]
         own = self.quantity.coordinate_inputs(self.rates)
-        q, others = columns(given[:own]), columns(given[own:])
+        q, others = column_series(given[:own]), column_series(given[own:])
         behind = {"motors" if self.quantity.inputs else "Q": others}
-        moving = JointMotion(pose(rotation(base[0]), position(base[0])), columns(base[1:])) if self.base else None
+        moving = JointMotion(pose(rotation(base[0]), position(base[0])), column_series(base[1:])) if self.base else None
         return State(
             q, wrench_columns(W) if W else None, base=moving, body=self.body, frame=self.frame, position=tree,
             stiffness=stiffness, **behind,
@@ -239,7 +242,7 @@ def change(m: Mechanism, port: Port, x: Array, d: Array) -> Array:
     """The change of an input x by a displacement d, of the shape `port.displacement`."""
     if port.is_pose:
         return x @ wedge(d)
-    return (moves(m, x) @ d[..., None])[..., 0] if port.directions else d
+    return (position_rate_map(m, x) @ d[..., None])[..., 0] if port.directions else d
 
 
 def displacement(m: Mechanism, port: Port, x: Array, dx: Array) -> Array:
@@ -248,7 +251,7 @@ def displacement(m: Mechanism, port: Port, x: Array, dx: Array) -> Array:
         return cowedge(x.mT @ dx) * np.array([0.5, 0.5, 0.5, 1, 1, 1], dx.dtype)
     if not port.directions:
         return dx
-    N = moves(m, x)  # its columns are orthogonal
+    N = position_rate_map(m, x)  # its columns are orthogonal
     return (N.mT @ dx[..., None])[..., 0] / (N * N).sum(axis=-2)
 
 
@@ -257,7 +260,7 @@ def base_name(k: int) -> str:
     return rate_name("base_twist", k - 1) if k else "base_pose"
 
 
-def _ports_of_product(product: str, inputs: list[Port], results: list[Port]) -> tuple[list[Port], list[Port]]:
+def _product_ports(product: str, inputs: list[Port], results: list[Port]) -> tuple[list[Port], list[Port]]:
     """The ports of a product: weights wQ, ... of the results and gradients gq, ..., or tangents dq, ... and dQ, ..."""
     given = [replace(port, shape=port.displacement, directions=0) for port in inputs if port.is_free]
     if product == "vjp":  # the gradient by any input contains all results
@@ -268,7 +271,7 @@ def _ports_of_product(product: str, inputs: list[Port], results: list[Port]) -> 
     return inputs + directions, [replace(port, name=f"d{port.name}") for port in results]
 
 
-def in_a_row(ports: Sequence[Port]) -> tuple[Port, ...]:
+def number_scalars(ports: Sequence[Port]) -> tuple[Port, ...]:
     """The ports, their scalars numbered one port after the other."""
     starts = accumulate((port.size for port in ports), initial=0)
     return tuple(replace(port, start=start) for port, start in zip(ports, starts, strict=False))

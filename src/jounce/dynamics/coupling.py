@@ -16,16 +16,16 @@ from operator import add
 import numpy as np
 
 from jounce.core.scalars import Array, reciprocal
-from jounce.dynamics.joint_motion import STILL
+from jounce.dynamics.joint_motion import BASE_AT_REST
+from jounce.dynamics.joint_springs import elasticity_of
 from jounce.dynamics.recursion import bodies
-from jounce.dynamics.recursion.joints import rows
-from jounce.dynamics.stretch import elasticity_of
+from jounce.dynamics.recursion.joints import take_rows
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import hat, rotation
 from jounce.spatial.linear import Factors
 from jounce.spatial.series import Series
 
-GROUND = "world"  # as a carrier
+GROUND_CARRIER = "world"  # as a carrier
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def rotors(m: Mechanism) -> list[Rotor]:
     """The rotors of a mechanism that bodies carry; those on the ground have no effect on links."""
     found, e = [], m.elasticity
     for j, motor in enumerate(e.motors if e else ()):
-        if e and motor is not None and motor.body is not None and motor.body != GROUND:
+        if e and motor is not None and motor.body is not None and motor.body != GROUND_CARRIER:
             frame = m.frame(motor.body)
             axis = rotation(frame.T) @ np.array(motor.axis)[:, None]
             found.append(Rotor(j, frame.body, axis * (e.rotor[j] / motor.gear)))
@@ -59,10 +59,10 @@ def _angular_velocities(m: Mechanism, V: Series) -> list[tuple[Rotor, Series]]:
 
 def reaction_wrenches(m: Mechanism, q: Series, theta: Series) -> Series:
     """The moments of spinning rotors on their carriers, as wrenches that the bodies exert, (..., 6nb, 1)."""
-    V = bodies.twists(m, q, STILL, None)
+    V = bodies.twists(m, q, BASE_AT_REST, None)
     moments = []
     for rotor, w in _angular_velocities(m, V):
-        spin, H = rows(theta, rotor.coordinate, rotor.coordinate + 1).dot, rotor.momentum
+        spin, H = take_rows(theta, rotor.coordinate, rotor.coordinate + 1).dot, rotor.momentum
         place = np.zeros((6 * m.nb, 3), dtype=int)
         place[6 * rotor.body : 6 * rotor.body + 3] = np.eye(3, dtype=int)
         moments.append(place @ (H * spin.dot - hat(H[:, 0]) @ w * spin))
@@ -72,7 +72,7 @@ def reaction_wrenches(m: Mechanism, q: Series, theta: Series) -> Series:
 def motor_reactions(m: Mechanism, q: Series) -> Series:
     """r J a . w_p', the torque that a motor takes because its carrier turns faster and faster: (..., n, 1)."""
     total = 0 * q
-    for rotor, w in _angular_velocities(m, bodies.twists(m, q, STILL, None)):
+    for rotor, w in _angular_velocities(m, bodies.twists(m, q, BASE_AT_REST, None)):
         unit = np.eye(m.n, dtype=int)[:, rotor.coordinate : rotor.coordinate + 1]
         total = total + unit @ (rotor.momentum.mT @ w.dot)
     return total
@@ -95,14 +95,14 @@ def accelerations(m: Mechanism, q: Series, M: Array, force: Array, free: Array) 
 
 def _spin_forces(m: Mechanism, q: Series) -> Array:
     """S (..., n, n): the generalized forces of the momenta of rotors."""
-    J, unit = bodies.jacobians(m, q, STILL, None)[0], np.eye(m.n, dtype=int)
+    J, unit = bodies.jacobians(m, q, BASE_AT_REST, None)[0], np.eye(m.n, dtype=int)
     parts = [J[..., x.body, :3, :].mT @ x.momentum @ unit[x.coordinate : x.coordinate + 1] for x in rotors(m)]
     return reduce(add, parts, 0 * J[..., 0, :1, :] * unit)
 
 
 def spin_energy(m: Mechanism, q: Series, theta: Series) -> Series:
     """The kinetic energy that couples rotors and carriers, J r theta' a . w_p: (..., 1, 1)."""
-    total = 0 * rows(q, 0, 1)
-    for rotor, w in _angular_velocities(m, bodies.twists(m, q, STILL, None)):
-        total = total + rotor.momentum.mT @ w * rows(theta, rotor.coordinate, rotor.coordinate + 1).dot
+    total = 0 * take_rows(q, 0, 1)
+    for rotor, w in _angular_velocities(m, bodies.twists(m, q, BASE_AT_REST, None)):
+        total = total + rotor.momentum.mT @ w * take_rows(theta, rotor.coordinate, rotor.coordinate + 1).dot
     return total

@@ -21,8 +21,8 @@ import numpy as np
 
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array
-from jounce.model.functions import inverse
-from jounce.model.inversion import UnreachableError, deflection
+from jounce.model.series_functions import inverse
+from jounce.model.spring_deflection import UnreachableError, spring_deflection
 from jounce.model.springs import CubicSpring, Spring, force_along
 from jounce.spatial.series import Series, from_rate
 
@@ -30,22 +30,22 @@ FORCE_ROUNDING = 1e-8  # of the largest force: smaller ones have lost half their
 NEGLIGIBLE_TERM = 1e-13  # of a deflection: smaller terms of its series are rounding, and need not fall
 
 
-def of_spring(spring: Spring, Q: Series, largest: float = 0.0) -> Series:
+def deflect_spring(spring: Spring, Q: Series, largest: float = 0.0) -> Series:
     """delta with phi(delta) = Q; `largest` is the largest force of the robot, of which the others have the rounding."""
     if isinstance(spring, CubicSpring) and spring.k3 == 0:
         return Q * (1 / spring.k)
-    return solution(Q[0], spring, Q, largest)
+    return solve_deflection(Q[0], spring, Q, largest)
 
 
 @singledispatch
-def solution(force: Array, spring: Spring, Q: Series, largest: float) -> Series:
+def solve_deflection(force: Array, spring: Spring, Q: Series, largest: float) -> Series:
     """delta with phi(delta) = Q, Q[0] being `force`: other kinds of arrays may register a rule of their own."""
 
     def rate(delta: Series) -> Series:
         _check_stiffness(spring, Q, largest)
         return Q.dot * inverse(force_along(spring, delta, 1))
 
-    return from_rate(deflection(spring, force), rate)
+    return from_rate(spring_deflection(spring, force), rate)
 
 
 def _check_stiffness(spring: Spring, Q: Series, largest: float) -> None:
@@ -64,15 +64,15 @@ def _check_stiffness(spring: Spring, Q: Series, largest: float) -> None:
         )
 
 
-def of_damped_spring(spring: Spring, damping: float, Q: Series, terms: int) -> list[Series]:
+def expand_damped_deflection(spring: Spring, damping: float, Q: Series, terms: int) -> list[Series]:
     """The sums of 0, 1, ... `terms` terms of delta with phi(delta) + D delta' = Q."""
-    sums = [Q * 0, of_spring(spring, Q)]
+    sums = [Q * 0, deflect_spring(spring, Q)]
     while len(sums) <= terms:  # the rate of a sum takes a rate of Q more than the sum
-        sums.append(of_spring(spring, Q - sums[-1].dot * damping))
+        sums.append(deflect_spring(spring, Q - sums[-1].dot * damping))
     return sums[: terms + 1]
 
 
-def of_moving_damper(spring: Spring, damping: float, Q: Series, delta: Array) -> Series:
+def damped_deflection_rates(spring: Spring, damping: float, Q: Series, delta: Array) -> Series:
     """The rates of a deflection that is known, from delta' = (Q - phi(delta)) / D."""
     return from_rate(delta, lambda delta: (Q - force_along(spring, delta)) * (1 / damping))
 

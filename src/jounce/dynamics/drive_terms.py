@@ -9,7 +9,7 @@ from jounce.core.typing import DriveColumn
 from jounce.model import drives
 from jounce.model.coordinates import generalized_forces, generalized_matrix, joint_variables
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.series import Series, joined
+from jounce.spatial.series import Series, join_series
 
 
 def forces(m: Mechanism, q: Series, terms: Sequence[str]) -> Series:
@@ -19,30 +19,30 @@ def forces(m: Mechanism, q: Series, terms: Sequence[str]) -> Series:
 
 def regressor(m: Mechanism, q: Series, terms: Sequence[DriveColumn]) -> Series:
     """Return the forces of unit parameters of some drive terms, (..., nv, nc) of each, side by side."""
-    return _of_coordinates(m, _units(drives.FORCES, m, q, terms))
+    return _project_columns(m, _unit_terms(drives.FORCE_LAWS, m, q, terms))
 
 
 def momentum_regressor(m: Mechanism, q: Series, terms: Sequence[DriveColumn]) -> Series:
     """Return the generalized momenta of unit parameters, like `regressor`: zero where a term has none."""
-    return _of_coordinates(m, _units(drives.MOMENTA, m, q, terms))
+    return _project_columns(m, _unit_terms(drives.MOMENTUM_LAWS, m, q, terms))
 
 
 def energy_regressor(m: Mechanism, q: Series, terms: Sequence[DriveColumn]) -> Series:
     """Return the energies of unit parameters, (..., nc) of each term, one after the other: zero where it has none."""
-    return joined(_units(drives.ENERGIES, m, q, terms), axis=-2).map(lambda E: E[..., 0])
+    return join_series(_unit_terms(drives.ENERGY_LAWS, m, q, terms), axis=-2).map(lambda E: E[..., 0])
 
 
-def _units(
+def _unit_terms(
     laws: Mapping[DriveColumn, drives.DriveLaw], m: Mechanism, q: Series, terms: Sequence[DriveColumn]
 ) -> list[Series]:
     c, theta = drives.coefficients(m.drives), joint_variables(m, q)
-    return [drives.unit(laws, c, term, theta) for term in terms]
+    return [drives.unit_contribution(laws, c, term, theta) for term in terms]
 
 
-def _of_coordinates(m: Mechanism, of_terms: Sequence[Series]) -> Series:
+def _project_columns(m: Mechanism, of_terms: Sequence[Series]) -> Series:
     """Columns, one for each joint, of what terms contribute at the joints."""
-    by_joint = joined([x * np.eye(len(m.joints), dtype=int) for x in of_terms], axis=-1)
-    return behind_base(m, generalized_forces(m, by_joint), (-2,))
+    by_joint = join_series([x * np.eye(len(m.joints), dtype=int) for x in of_terms], axis=-1)
+    return pad_base(m, generalized_forces(m, by_joint), (-2,))
 
 
 def partials(m: Mechanism, q: Series, terms: Sequence[str]) -> tuple[Series, Series, Series]:
@@ -57,12 +57,12 @@ def armature_matrix(m: Mechanism) -> Array:
     return generalized_matrix(m, m.drives.armature[:, None] * np.eye(len(m.joints), dtype=int))
 
 
-def behind_base(m: Mechanism, x: Series | Array, axes: Sequence[int]) -> Series | Array:
+def pad_base(m: Mechanism, x: Series | Array, axes: Sequence[int]) -> Series | Array:
     """What drives add to a quantity whose axes of velocities begin with those of a floating base: nothing there."""
     if not m.floats:
         return x
     if isinstance(x, Series):
-        return x.map(lambda x: behind_base(m, x, axes))
+        return x.map(lambda x: pad_base(m, x, axes))
     for axis in axes:
         first = (..., slice(0, 1), *[slice(None)] * (-1 - axis))
         x = concatenate([*[0 * x[first]] * 6, x], axis=axis)

@@ -12,10 +12,18 @@ from functools import lru_cache
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed, quoted
+from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.scalars import Array, reciprocal
 from jounce.dynamics import coupling
-from jounce.dynamics.stretch import NO_INPUTS, SpringInputs, at_motors, elasticity_of, on_joints, spring_force, stretch
+from jounce.dynamics.joint_springs import (
+    NO_INPUTS,
+    SpringInputs,
+    deflect_springs,
+    elasticity_of,
+    select_motors,
+    spring_force,
+    sum_on_joints,
+)
 from jounce.model import drives
 from jounce.model.mechanism import Mechanism
 from jounce.model.springs import CubicSpring
@@ -39,11 +47,11 @@ def motor_positions(m: Mechanism, q: Series, forces: Forces, inputs: SpringInput
     """
     level = elasticity_of(m).level
     if level is None:
-        delta, phi = stretch(m, forces(None), inputs)
-        return at_motors(m, q) + delta, phi
+        delta, phi = deflect_springs(m, forces(None), inputs)
+        return select_motors(m, q) + delta, phi
     theta = q
     for _ in range(level + 1):
-        delta, phi = stretch(m, forces(coupling.reaction_wrenches(m, q, theta)), inputs)
+        delta, phi = deflect_springs(m, forces(coupling.reaction_wrenches(m, q, theta)), inputs)
         theta = q + delta
     return theta, phi
 
@@ -57,7 +65,7 @@ def with_rigid_rotors(m: Mechanism) -> Mechanism:
         alone = np.flatnonzero((m.G[:, j] != 0) & (np.count_nonzero(m.G, axis=1) == 1))
         if not alone.size:
             raise JounceError(
-                f"rigid joint {quoted(m.coordinates[j])} moves no joint alone, which its rotor takes;"
+                f"rigid joint {quote_value(m.coordinates[j])} moves no joint alone, which its rotor takes;"
                 " state a finite stiffness"
             )
         armature[alone[0]] = e.rotor[j] / m.G[alone[0], j] ** 2
@@ -67,29 +75,29 @@ def with_rigid_rotors(m: Mechanism) -> Mechanism:
 
 def spring_forces(m: Mechanism, q: Series, theta: Series) -> Series:
     """phi(theta - q) of the motors, and its rate, where there is no damper."""
-    return spring_force(m, theta - at_motors(m, q))
+    return spring_force(m, theta - select_motors(m, q))
 
 
 def plant_forces(m: Mechanism, q: Series, theta: Series, tau: Array) -> tuple[Array, Array, Array]:
     """The forces on the links, those of the springs, and what motors have to move their rotors and their springs."""
-    rigid, joints, phi = _rigid(m), at_motors(m, q), spring_forces(m, q, theta)[0]
+    rigid, joints, phi = _rigid_factors(m), select_motors(m, q), spring_forces(m, q, theta)[0]
     turning = Series.of([theta[0], theta[1] + rigid * (joints[1] - theta[1])])
     drive = tau - motor_friction(m, turning)[0]
-    return on_joints(m, phi + rigid * drive), phi, drive
+    return sum_on_joints(m, phi + rigid * drive), phi, drive
 
 
 def rotor_accelerations(m: Mechanism, q2d: Array, free: Array) -> Array:
     """theta2d, from the torques that are left to turn rotors; of a rigid joint, which may have no rotor, its q2d."""
-    rigid = _rigid(m)
+    rigid = _rigid_factors(m)
     own = reciprocal(_column(elasticity_of(m).of_motors.rotor) + rigid) * (1 - rigid)
-    return own * free + rigid * at_motors(m, Series.of([q2d]))[0]
+    return own * free + rigid * select_motors(m, Series.of([q2d]))[0]
 
 
-def _rigid(m: Mechanism) -> Array:
+def _rigid_factors(m: Mechanism) -> Array:
     return _column(elasticity_of(m).of_motors.is_rigid) * 1
 
 
-def no_linearization(m: Mechanism) -> str | None:
+def linearization_obstacle(m: Mechanism) -> str | None:
     """Why tau does not decide q4d alone, by static feedback, as the end of a sentence, or None."""
     e = elasticity_of(m)
     if e.level is not None or e.dampers or e.pairs:
@@ -97,7 +105,7 @@ def no_linearization(m: Mechanism) -> str | None:
         return f"is not available with {reason}; use coupling='spong' and springs without dampers"
     if not e.is_rigid.any():
         return None
-    joints = listed(name for name, held in zip(m.coordinates, e.is_rigid, strict=True) if held)
+    joints = join_names(name for name, held in zip(m.coordinates, e.is_rigid, strict=True) if held)
     are = "are" if e.is_rigid.sum() > 1 else "is"
     return f"needs elastic joints, but {joints} {are} rigid; robot.elastic(stiffness) states finite stiffnesses"
 
@@ -108,7 +116,7 @@ def native_obstacle(m: Mechanism) -> str | None:
         if law is not None and not (isinstance(law, CubicSpring) and law.has_fixed_steps):
             return (
                 "supports springs that are linear, or stiffen cubically from a stiffness k above 0; that of joint"
-                f" {quoted(name)} is another"
+                f" {quote_value(name)} is another"
             )
     return None
 

@@ -9,10 +9,15 @@ from dataclasses import replace
 import numpy as np
 
 from jounce.core.errors import JounceError
-from jounce.dynamics import closing
-from jounce.dynamics.assembly import MIN_SAMPLE_INVERSE_CONDITION, inverse_conditions_of, scaled_constraints, tangent
+from jounce.dynamics import loop_closure
+from jounce.dynamics.loop_assembly import (
+    MIN_SAMPLE_INVERSE_CONDITION,
+    compute_inverse_conditions,
+    scaled_constraints,
+    tangent_map,
+)
+from jounce.dynamics.loop_newton import scales
 from jounce.dynamics.loops import closure_of
-from jounce.dynamics.newton import scales
 from jounce.model.loops import FollowerRatios
 from jounce.model.mechanism import Mechanism
 
@@ -32,11 +37,11 @@ def with_ratios(m: Mechanism) -> Mechanism:
     for _ in range(3 * RATIO_SAMPLES):
         u = c.start[own] + rng.uniform(-RATIO_SAMPLE_REACH, RATIO_SAMPLE_REACH, m.n) * s.coordinates[own]
         try:
-            [q] = closing.close_loops(m, u[None])
+            [q] = loop_closure.close_loops(m, u[None])
         except JounceError:  # out of reach
             continue
         A = scaled_constraints(m, q[None])[..., c.dependent]
-        if inverse_conditions_of(A)[0] < np.sqrt(MIN_SAMPLE_INVERSE_CONDITION):
+        if compute_inverse_conditions(A)[0] < np.sqrt(MIN_SAMPLE_INVERSE_CONDITION):
             continue
         found += 1
         turned = np.abs((_tangent(m, q) * sizes - F) / sizes).max(axis=1)
@@ -57,4 +62,4 @@ def with_ratios(m: Mechanism) -> Mechanism:
 def _tangent(m: Mechanism, q: np.ndarray) -> np.ndarray:
     """F (N, n) at coordinates (N,), without units."""
     c = closure_of(m)
-    return tangent(scaled_constraints(m, q[None])[0], c.independent, c.dependent)
+    return tangent_map(scaled_constraints(m, q[None])[0], c.independent, c.dependent)

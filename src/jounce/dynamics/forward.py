@@ -13,11 +13,11 @@ from jounce.dynamics import drive_terms
 from jounce.dynamics.closed_form import closed_form
 from jounce.dynamics.joint_motion import JointMotion
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.linear import solved
+from jounce.spatial.linear import solve_series
 from jounce.spatial.series import Series
 
 
-def dense(m: Mechanism, q: Series, Q: Series, W: Series | None = None, base: JointMotion | None = None) -> Series:
+def solve_dense(m: Mechanism, q: Series, Q: Series, W: Series | None = None, base: JointMotion | None = None) -> Series:
     """(EOM1) for the accelerations: q2d = M^-1 (Q - C qd - Qgrav - Qext), with all its rates by Leibniz' rule.
 
     Those of a floating base, Vd, come first; the motion of the ground of a fixed robot is given.
@@ -30,10 +30,10 @@ def dense(m: Mechanism, q: Series, Q: Series, W: Series | None = None, base: Joi
     other = [term for term in m.acting if term != "armature"]
     M, taken = x.gM, x.bias
     if "armature" in m.acting:
-        M = M + drive_terms.behind_base(m, drive_terms.armature_matrix(m), (-2, -1))
+        M = M + drive_terms.pad_base(m, drive_terms.armature_matrix(m), (-2, -1))
     if other:
-        taken = taken + drive_terms.behind_base(m, drive_terms.forces(m, moving, other), (-2,))
-    found = solved(M, Q - taken)
+        taken = taken + drive_terms.pad_base(m, drive_terms.forces(m, moving, other), (-2,))
+    found = solve_series(M, Q - taken)
     return found
 
 
@@ -44,7 +44,7 @@ class Solver(Protocol):
         """X of M X = b, both (..., nv, m)."""
 
 
-def from_inverse(
+def solve_with_inverse_dynamics(
     M: Solver,
     inverse: Callable[[Series, JointMotion | None], Series],
     m: Mechanism,

@@ -8,7 +8,7 @@ import numpy as np
 
 from jounce.core.scalars import Array
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import positions
+from jounce.model.positions import multiscrew_joints
 from jounce.spatial.lie import ad, pose, position, rotation, wedge
 from jounce.spatial.series import Series, from_rate
 
@@ -34,18 +34,18 @@ class JointMotion:
         return replace(self, pose=pose(rotation(self.pose), 0 * position(self.pose)))
 
 
-STILL = JointMotion(np.eye(4, dtype=int), Series.constant(np.zeros((6, 1), dtype=int)))  # at the inertial frame
+BASE_AT_REST = JointMotion(np.eye(4, dtype=int), Series.constant(np.zeros((6, 1), dtype=int)))  # at the inertial frame
 
 
 def motion_of_joint(m: Mechanism, body: int, q: Series, base: JointMotion | None) -> JointMotion:
     """The motion of the joint of a body, of several screws, at coordinates q: that of the base if it is the base."""
     if m.floats and body == 0:
-        return base or STILL
-    own = positions(m)[body]
+        return base or BASE_AT_REST
+    own = multiscrew_joints(m)[body]
     return JointMotion(own.motion(q[0]), q.dot.map(lambda x: x[..., own.coordinates, :]))
 
 
-def turning(m: Mechanism, q: Series, base: JointMotion | None) -> Series | None:
+def velocity_drift(m: Mechanism, q: Series, base: JointMotion | None) -> Series | None:
     """a, (..., nv, nv), of joints of several screws: displaced by d, their velocities nu change by d' + a d.
 
     ``a = X^T ad(X nu) X`` of each, on the diagonal; ad(V) of a floating base. None where there is no such joint.
@@ -53,7 +53,7 @@ def turning(m: Mechanism, q: Series, base: JointMotion | None) -> Series | None:
     unit, parts = np.eye(m.nv, dtype=int), list[Series]()
     if m.floats and base:
         parts.append(unit[:, :6] @ base.V.map(lambda V: ad(V[..., 0])) @ unit[:6])
-    for i, x in positions(m).items():
+    for i, x in multiscrew_joints(m).items():
         X, own = x.group.X, slice(m.nv - m.n + x.coordinates.start, m.nv - m.n + x.coordinates.stop)
         twist = X @ motion_of_joint(m, i, q, base).V
         parts.append(unit[:, own] @ (X.T @ twist.map(lambda V: ad(V[..., 0])) @ X) @ unit[own])
@@ -61,7 +61,7 @@ def turning(m: Mechanism, q: Series, base: JointMotion | None) -> Series | None:
 
 
 @lru_cache(maxsize=64)
-def on_moving_ground(m: Mechanism) -> Mechanism:
+def add_moving_ground(m: Mechanism) -> Mechanism:
     """A fixed robot on a body without inertia, in the place of the ground, that moves as a base does."""
     return replace(
         m,

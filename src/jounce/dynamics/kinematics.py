@@ -16,11 +16,11 @@ from jounce.dynamics.recursion import bodies
 from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import lie
-from jounce.spatial.series import Series, joined
+from jounce.spatial.series import Series, join_series
 
 OfBodies = Callable[[Mechanism, Series, JointMotion, int | None], Series]
 
-FRAMES = {  # of screws: the axes and the origin of their components
+SCREW_FRAMES = {  # of screws: the axes and the origin of their components
     "body": "the axes of the body, about its origin",
     "world": "inertial axes, about the origin of the body",
     "spatial": "inertial axes, about the inertial origin",
@@ -49,17 +49,17 @@ def _adjoint(H: Series, frame: str) -> Series:
     In the world frame, world axes at the origin of the body, a screw is what it would be if the frame did not move.
     """
     R = H.map(lie.rotation)
-    return _in_blocks(
+    return _assemble_blocks(
         R, R * 0 if frame == "world" else H.map(lambda C: lie.hat(lie.position(C)[..., 0])) @ R
     )  # (AdCij)
 
 
-def _in_blocks(R: Series, below: Series) -> Series:
+def _assemble_blocks(R: Series, below: Series) -> Series:
     """``[[R, 0], [below, R]]``, (..., 6, 6)."""
-    return joined([joined([R, 0 * R], axis=-1), joined([below, R], axis=-1)], axis=-2)
+    return join_series([join_series([R, 0 * R], axis=-1), join_series([below, R], axis=-1)], axis=-2)
 
 
-def wrench_of(m: Mechanism, q: Series, base: JointMotion, load: Series, body: str, axes: str, point: Array) -> Series:
+def load_wrench(m: Mechanism, q: Series, base: JointMotion, load: Series, body: str, axes: str, point: Array) -> Series:
     """W, (..., nb, 6), of a load (torque; force), (..., 6, 1), that acts on a body or merged link at a point of it.
 
     The rates of a load in world axes hold those of the link's rotation.
@@ -67,7 +67,7 @@ def wrench_of(m: Mechanism, q: Series, base: JointMotion, load: Series, body: st
     link = m.frame(body)
     if axes == "world":
         R = bodies.poses(m, q, base, link.body).map(lambda H: lie.rotation(H @ link.T))
-        load = _in_blocks(R.mT, 0 * R) @ load
+        load = _assemble_blocks(R.mT, 0 * R) @ load
     about_origin = lie.Ad(lie.pose(np.eye(3, dtype=int), -point[:, None])).mT  # (torque + p x force; force)
     W = -(lie.Ad(lie.inverse(link.T)).mT @ about_origin @ load)
     rows = np.zeros((m.nb, 1), dtype=int)

@@ -16,11 +16,11 @@ from functools import cached_property
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate, reciprocal, zeros_like
-from jounce.dynamics.branches import Ends, pattern, with_solved_loops, without_ratios
+from jounce.dynamics.loop_branches import LoopEnds, constraint_pattern, with_solved_loops, without_ratios
 from jounce.dynamics.state import Law, State
 from jounce.model.loops import Closure
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.linear import OrthogonalFactors, mirrored, solved
+from jounce.spatial.linear import OrthogonalFactors, mirror_triangle, solve_series
 from jounce.spatial.series import Series
 
 
@@ -56,7 +56,7 @@ class ClosedMotion:
 
     def _whole(self, own: Array, solved: Array) -> Array:
         """Velocities in the order of the tree from the independent ones and those solved for."""
-        following = closure_of(self.m).ratios.F @ own[..., self._first :, :] if self._places[1] else _zeros(0, own)
+        following = closure_of(self.m).ratios.F @ own[..., self._first :, :] if self._places[1] else _zero_rows(0, own)
         parts = concatenate([own, following, solved], axis=-2)
         return parts[..., np.argsort([*self._places[0], *self._places[1], *self._places[2]]), :]
 
@@ -68,7 +68,7 @@ class ClosedMotion:
 
     def _behind_base(self, x: Array) -> Array:
         """Rows of joints below those of the base, which are zero."""
-        return concatenate([_zeros(self._first, x), x], axis=-2)
+        return concatenate([_zero_rows(self._first, x), x], axis=-2)
 
     def _of_joints(self, x: Array) -> Array:
         """The rows of the velocities of joints."""
@@ -80,16 +80,16 @@ class ClosedMotion:
         return self.velocities(Series.constant(np.eye(self.m.nv, dtype=int)))
 
     @cached_property
-    def ends(self) -> Ends:
+    def ends(self) -> LoopEnds:
         """The motion of the ends of loops in which constraints are solved."""
-        return Ends(with_solved_loops(self.m), self.q)
+        return LoopEnds(with_solved_loops(self.m), self.q)
 
     @cached_property
     def _factors(self) -> OrthogonalFactors:
         """Those of A_d."""
         solved = list(closure_of(self.m).solved)
         A_d = self.ends.held(Series.constant(np.eye(self.m.tree.n, dtype=int)[:, solved]))[0]
-        return OrthogonalFactors.of(A_d, pattern(self.ends.m)[:, solved])
+        return OrthogonalFactors.of(A_d, constraint_pattern(self.ends.m)[:, solved])
 
     def velocities(self, own: Series) -> Series:
         """The velocities x of the tree, (..., k), from the independent ones: dependent ones d obey A_d d = -A_u x_u.
@@ -99,7 +99,7 @@ class ClosedMotion:
         known: list[Array] = []
 
         def term(k: int) -> Array:
-            found = self._whole(own[k], _zeros(len(self._places[2]), own[k]))
+            found = self._whole(own[k], _zero_rows(len(self._places[2]), own[k]))
             if self._places[2]:
                 x = Series.of([*known, found]).map(self._of_joints)
                 found = self._whole(own[k], -self._factors.solve(self.ends.held(x)[k]))
@@ -117,7 +117,7 @@ class ClosedMotion:
 
         def along(z: Series) -> Series:
             independent = len(self._places[0])
-            return self.ends.held(z.map(lambda z: self._of_joints(self._whole(_zeros(independent, z), z))))
+            return self.ends.held(z.map(lambda z: self._of_joints(self._whole(_zero_rows(independent, z), z))))
 
         return along(self._balance(Q, lambda x: self._factors.solve(self._factors.solve_transposed(x)), along))
 
@@ -156,12 +156,12 @@ class ClosedMotion:
         return concatenate([own[..., : self._first, :], own[..., self._first :, :] + pulled], axis=-2)
 
 
-def _zeros(count: int, like: Array) -> Array:
+def _zero_rows(count: int, like: Array) -> Array:
     """Rows of zeros, as many columns as another array has."""
     return np.zeros((count, like.shape[-1]), dtype=int)
 
 
-def law(tree_law: Law, shape: Sequence[int | str], of_turning: Law | None) -> Law:
+def close_law(tree_law: Law, shape: Sequence[int | str], of_turning: Law | None) -> Law:
     """The law of a closed robot from that of its tree: axes of velocities become those of the independent ones.
 
     C and Cbar go with M, which is symmetric: as F varies, (F u')' = F u'' + F' u', F^T M F' is added. `of_turning` is
@@ -182,7 +182,7 @@ def law(tree_law: Law, shape: Sequence[int | str], of_turning: Law | None) -> La
             return motion.pull(X.map(lambda Q: Q[..., None])).map(lambda Q: Q[..., 0])
         if rows and columns:
             X = motion.F.mT @ X
-            return X if of_turning else X.map(mirrored)
+            return X if of_turning else X.map(mirror_triangle)
         return motion.pull(X) if rows else X
 
     return closed
@@ -202,7 +202,7 @@ def actuator_forces(m: Mechanism, F: Series, Q: Series) -> Series:
     closure, first = closure_of(m), m.nv - m.n
     F_u = F.map(lambda F: F[..., [first + j for j in closure.actuated], first:])
     weighted = reciprocal(closure.weights)[:, None] * F_u
-    return weighted @ solved(F_u.mT @ weighted, Q)
+    return weighted @ solve_series(F_u.mT @ weighted, Q)
 
 
 def loop_wrenches(m: Mechanism, motion: ClosedMotion, Q: Series) -> Series:

@@ -17,13 +17,13 @@ from functools import lru_cache
 import numpy as np
 
 from jounce.dynamics import loops
-from jounce.dynamics.joint_motion import STILL
+from jounce.dynamics.joint_motion import BASE_AT_REST
 from jounce.dynamics.recursion import bodies
 from jounce.dynamics.recursion.joints import joints
 from jounce.model.coordinates import joint_columns
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import position_count
-from jounce.spatial.series import Series, columns
+from jounce.spatial.series import Series, column_series
 
 MASS_RANK_TOLERANCE = 1e-12  # relative to what a pivot could be: rounding leaves less
 MOBILITY_SAMPLES = 3  # configurations of a tree: if the mass matrix is regular in one, it is in almost all
@@ -40,7 +40,7 @@ def idle_coordinates(m: Mechanism) -> tuple[int, tuple[str, ...]]:
         q = np.cos(1.0 + k + 1.7 * np.arange(position_count(m)))
         if _is_regular(m, q):
             return m.nv, ()
-        trial = _idle(m, q)
+        trial = _find_idle(m, q)
         rank, idle = max((rank, idle), trial, key=lambda found: found[0])
         if rank == m.nv:
             return rank, ()
@@ -103,7 +103,7 @@ def _is_regular(m: Mechanism, q: np.ndarray) -> bool:
         left, largest = articulated[i], np.abs(articulated[i]).max()
         own = rotors[list(m.columns[i])] if m.columns[i] else np.zeros(6)
         for X, rotor in zip(joint.X.T, own, strict=True):
-            freed = _freed(left, X, rotor, largest)
+            freed = _free_joint(left, X, rotor, largest)
             if freed is None:
                 return False
             left = freed
@@ -112,7 +112,7 @@ def _is_regular(m: Mechanism, q: np.ndarray) -> bool:
     return True
 
 
-def _freed(inertia: np.ndarray, X: np.ndarray, rotor: float, largest: float) -> np.ndarray | None:
+def _free_joint(inertia: np.ndarray, X: np.ndarray, rotor: float, largest: float) -> np.ndarray | None:
     """What is left of an inertia where its body moves freely along a screw; None if nothing resists there."""
     momentum = inertia @ X
     pivot = X @ momentum + rotor
@@ -121,15 +121,15 @@ def _freed(inertia: np.ndarray, X: np.ndarray, rotor: float, largest: float) -> 
     return inertia - np.outer(momentum, momentum / pivot)
 
 
-def _idle(m: Mechanism, q: np.ndarray) -> tuple[int, np.ndarray]:
+def _find_idle(m: Mechanism, q: np.ndarray) -> tuple[int, np.ndarray]:
     """The rank of the mass matrix at q, and which coordinates take part in motions without kinetic energy."""
     if closure := m.closure:  # where the loops are known to close, instead of at q
         tree, position = m.tree, closure.start[:, None]
-        F = loops.ClosedMotion(m, columns([closure.start[list(closure.independent)]]), position).F[0]
+        F = loops.ClosedMotion(m, column_series([closure.start[list(closure.independent)]]), position).F[0]
         q = closure.start
     else:
         tree, F = m, np.eye(m.nv)
-    J = bodies.jacobians(tree, columns([q]), STILL, None)[0] @ F
+    J = bodies.jacobians(tree, column_series([q]), BASE_AT_REST, None)[0] @ F
     M, nv = m.M, m.nv
     rotors = _rotors(m)
     G = tree.G @ joint_columns(tree) @ F

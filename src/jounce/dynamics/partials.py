@@ -14,14 +14,14 @@ import numpy as np
 from jounce.core.scalars import Array, concatenate
 from jounce.dynamics import system
 from jounce.dynamics.closed_form import closed_form
-from jounce.dynamics.joint_motion import JointMotion, turning
-from jounce.model.coordinates import screws_of
+from jounce.dynamics.joint_motion import JointMotion, velocity_drift
+from jounce.model.coordinates import body_screws
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.linear import Factors, mirrored
+from jounce.spatial.linear import Factors, mirror_triangle
 from jounce.spatial.series import Series
 
 
-def dense(
+def compute_dense_partials(
     m: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None
 ) -> tuple[Series, Series, Series]:
     """K, D and M by the closed form, (..., nv, nv) each, with wrenches W on the bodies, (..., 6nb, 1), fixed in them.
@@ -30,26 +30,26 @@ def dense(
     J dq in space, and their forces accordingly. Forces turn with the bodies: those that joint j moves have turned as
     seen from the screw of a joint i that carries joint j.
     """
-    x, bodies = closed_form(m, q, W, base), system.of_bodies(m)
+    x, bodies = closed_form(m, q, W, base), system.build_system(m)
     J, b, M = x.J, x.b, bodies.M
     P = M @ x.V
     J1 = J.dot + b @ J  # rates of the screws in space
     J2 = J1.dot + b @ J1 + x.UG.map(system.system_b) @ J  # relative to free fall
-    B = -(b.mT @ M) - M @ b + P.map(system.system_moved)
+    B = -(b.mT @ M) - M @ b + P.map(system.system_wrench_rate)
     force = P.dot - b.mT @ P + M @ x.UG
     S = x.A @ bodies.S
-    turned = S.mT @ (force if W is None else force + W).map(system.system_moved) @ S
-    owner = np.repeat(np.arange(m.nb), [screws_of(m, i).shape[-1] for i in range(m.nb)])
+    turned = S.mT @ (force if W is None else force + W).map(system.system_wrench_rate) @ S
+    owner = np.repeat(np.arange(m.nb), [body_screws(m, i).shape[-1] for i in range(m.nb)])
     outward = turned * (owner[:, None] < owner)
     K = J.mT @ (M @ J2 + B @ J1) + bodies.G.T @ outward @ bodies.G
     D = J.mT @ (2 * (M @ J1) + B @ J)
-    if (a := turning(m, q, base)) is None:
+    if (a := velocity_drift(m, q, base)) is None:
         return K, D, x.gM
     D = D - x.gM @ a  # so far, of displacements of the base that are constant, and change the components of its twist
     return K - D @ a - x.gM @ a.dot, D, x.gM
 
 
-def of_all_rates(K: Series, D: Series, M: Series, a: Series | None = None) -> Series:
+def extend_to_rates(K: Series, D: Series, M: Series, a: Series | None = None) -> Series:
     """P, whose k-th term has the partial derivatives of Q^(k) by q, qd, ..., q^(k+2): (..., 3 + k, nv, nv)."""
     rows = [[K, D, M]]
 
@@ -63,9 +63,9 @@ def of_all_rates(K: Series, D: Series, M: Series, a: Series | None = None) -> Se
     return Series(term)
 
 
-def of_accelerations(P: Array) -> tuple[Array, Array, Array]:
+def acceleration_partials(P: Array) -> tuple[Array, Array, Array]:
     """dq2d/dq = -M^-1 K, dq2d/dqd = -M^-1 D and M^-1 from K, D and M, (..., 3, nv, nv)."""
     K, D, M = (P[..., j, :, :] for j in range(3))
     n = M.shape[-1]
     solution = Factors.of(M).solve(concatenate([-K, -D, np.eye(n, dtype=int)], axis=-1))
-    return solution[..., :n], solution[..., n : 2 * n], mirrored(solution[..., 2 * n :])
+    return solution[..., :n], solution[..., n : 2 * n], mirror_triangle(solution[..., 2 * n :])

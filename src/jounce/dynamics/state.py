@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from jounce.core.scalars import Array
-from jounce.dynamics.joint_motion import STILL, JointMotion
+from jounce.dynamics.joint_motion import BASE_AT_REST, JointMotion
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
@@ -31,7 +31,7 @@ class State:
     @property
     def motion_of_base(self) -> JointMotion:
         """The motion of the base: at rest at the inertial frame unless it is given."""
-        return self.base or STILL
+        return self.base or BASE_AT_REST
 
 
 Law = Callable[[Mechanism, State], Series]

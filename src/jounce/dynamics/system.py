@@ -13,7 +13,7 @@ import numpy as np
 
 from jounce.core.scalars import Array, concatenate
 from jounce.dynamics.joint_motion import JointMotion, motion_of_joint
-from jounce.model.coordinates import joint_variables, screws_of, velocity_map
+from jounce.model.coordinates import body_screws, joint_variables, velocity_map
 from jounce.model.mechanism import Mechanism, ancestors
 from jounce.spatial.inertia import moments
 from jounce.spatial.lie import Ad, ad, exp, inverse
@@ -41,9 +41,9 @@ class System:
 
 
 @lru_cache(maxsize=64)
-def of_bodies(m: Mechanism) -> System:
+def build_system(m: Mechanism) -> System:
     """The system of the bodies."""
-    parts = [screws_of(m, i).T for i in range(m.nb)]
+    parts = [body_screws(m, i).T for i in range(m.nb)]
     moves = np.repeat(np.eye(len(parts), dtype=int), list(map(len, parts)), axis=0)  # (k, nb): screw by body
     S = (moves[..., None] * concatenate(parts, axis=-2)[:, None, :]).reshape(len(moves), -1).T
     return System(S, velocity_map(m), m.M, ancestors(m))
@@ -96,7 +96,7 @@ def system_b(V: Array) -> Array:
     return diagonal(ad(V.reshape((*V.shape[:-2], V.shape[-2] // 6, 6))))  # (b)
 
 
-def system_moved(W: Array) -> Array:
+def system_wrench_rate(W: Array) -> Array:
     """The blocks that map a screw x to -ad(x)^T W_i, the rate of a wrench W_i that moves along x: (..., 6nb, 6nb)."""
     by_body = W.reshape((*W.shape[:-2], W.shape[-2] // 6, 1, 6, 1))
     return diagonal(-(ad(np.eye(6, dtype=int)).mT @ by_body)[..., 0].mT)
@@ -113,7 +113,7 @@ def first_moment(inertias: Array, C: Array) -> Array:
     return (C @ concatenate([h, m], axis=-2))[..., :3, :].sum(axis=-3)
 
 
-def to_point(r: Array) -> Array:
+def shift_to_point(r: Array) -> Array:
     """The matrix that is added to 1 where a wrench about the origin is taken about r instead, linear in r."""
     return ad(concatenate([0 * r, r], axis=-2)[..., 0]).mT
 

@@ -7,22 +7,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce.arguments.rates import checked_order
-from jounce.core.errors import JounceError, UncertainError, at, quoted, warn
+from jounce.arguments.rates import check_order
+from jounce.core.errors import JounceError, UncertainError, locate_errors, quote_value, warn
 from jounce.core.typing import ArrayLike
-from jounce.dynamics.quantities import FORCES, Quantity
-from jounce.engine import digits
+from jounce.dynamics.quantities import DEFAULT_QUANTITY, Quantity
+from jounce.engine import certain_digits
 from jounce.engine.engine import Engine
 from jounce.engine.force_deviations import compute_certain, entry_count, interpolate_deviations
 from jounce.engine.motion_states import MotionStates, Rates, Side
 from jounce.model.mechanism import Mechanism
-from jounce.motion.matching import matched
+from jounce.motion.joint_matching import match_joints
 from jounce.motion.motion import Break, Motion
 from jounce.motion.units import warn_of_degrees
 
 _UNIT_SAMPLES = 200  # even times of a motion by which its unit, rad or degrees, is judged
 _FORCE_JUMP_TOLERANCE = 1e-12  # of the largest rate of all joints: smaller differences at a break are rounding
-Q_RATE_ORDER = FORCES.rates - 1  # the order of the rate of q that Q itself takes: q2d
+Q_RATE_ORDER = DEFAULT_QUANTITY.rates - 1  # the order of the rate of q that Q itself takes: q2d
 
 SIDES: tuple[Side, Side] = ("left", "right")  # of a break: before it and after it
 
@@ -90,49 +90,51 @@ def forces_along(
     order: object = 2,
     method: str | None = None,
     progress: Progress | None = None,
-    row: Quantity = FORCES,
+    row: Quantity = DEFAULT_QUANTITY,
 ) -> Along:
     """Compute the forces and their rates at given times of a motion, or at its own times.
 
     `row` may be another quantity (n,) that takes as many rates of q or more, such as motor torques.
     """
-    path, highest = checked_motion(robot.mechanism, motion), checked_order(order)
+    path, highest = check_motion(robot.mechanism, motion), check_order(order)
     q, qd = path(np.linspace(path.start, path.stop, _UNIT_SAMPLES), 1)
     warn_of_degrees(q, qd, robot.mechanism, "the motion")
     times = path.times if t is None else path.checked(t)
     if times.ndim != 1 or not times.size:
-        raise JounceError(f"t is {quoted(t)}; expected an array (N,) of times in s, or None for those of the motion")
+        raise JounceError(
+            f"t is {quote_value(t)}; expected an array (N,) of times in s, or None for those of the motion"
+        )
     if progress is not None and not callable(progress):
-        raise JounceError(f"progress is {quoted(progress)}; expected a function of two numbers, (done, total)")
-    parts = list(pieces_along(robot, path, times, highest, method, progress, row))
-    rates, forces = (_join([getattr(part, name) for part in parts]) for name in ("rates", "forces"))
-    deviations = None if parts[0].deviations is None else _join([part.deviations or () for part in parts])
-    breaks = force_breaks(robot, path, times, highest, method, row)
-    base = None if parts[0].base is None else _join([part.base or () for part in parts])
+        raise JounceError(f"progress is {quote_value(progress)}; expected a function of two numbers, (done, total)")
+    parts = list(compute_pieces(robot, path, times, highest, method, progress, row))
+    rates, forces = (_join_rates([getattr(part, name) for part in parts]) for name in ("rates", "forces"))
+    deviations = None if parts[0].deviations is None else _join_rates([part.deviations or () for part in parts])
+    breaks = find_force_breaks(robot, path, times, highest, method, row)
+    base = None if parts[0].base is None else _join_rates([part.base or () for part in parts])
     return Along(times, rates, forces, deviations, breaks, base)
 
 
-def checked_motion(mechanism: Mechanism, motion: object) -> Motion:
+def check_motion(mechanism: Mechanism, motion: object) -> Motion:
     """Check that a motion is one of the robot's joints, and put it in their order."""
     if not isinstance(motion, Motion):
-        raise JounceError(f"motion is {quoted(motion)}; expected a jounce.Motion, as jounce.load_motion makes one")
-    with at("the motion"):
+        raise JounceError(f"motion is {quote_value(motion)}; expected a jounce.Motion, as jounce.load_motion makes one")
+    with locate_errors("the motion"):
         if mechanism.floats and motion.base_curve is None:
             raise JounceError(
                 f"{mechanism.name!r} floats, and the motion has no base; columns base.x, ..., base.qz of a table state"
                 " one, and motion.with_base(t, C) gives it poses C (N, 4, 4), or one pose with t=None"
             )
-        return matched(motion, mechanism)
+        return match_joints(motion, mechanism)
 
 
-def pieces_along(
+def compute_pieces(
     robot: Engine,
     motion: Motion,
     times: np.ndarray,
     order: int,
     method: str | None = None,
     progress: Progress | None = None,
-    row: Quantity = FORCES,
+    row: Quantity = DEFAULT_QUANTITY,
 ) -> Iterator[Along]:
     """Yield the forces along a motion in pieces of some states, without breaks.
 
@@ -153,11 +155,16 @@ def pieces_along(
         yield Along(t, states.rates, forces, spread and spread(t), base=states.base)
     if uncertain:
         by_order = map(np.concatenate, zip(*uncertain, strict=True))
-        warn(digits.describe(robot.mechanism, row.names(order), by_order, len(times)))
+        warn(certain_digits.describe_uncertain(robot.mechanism, row.names(order), by_order, len(times)))
 
 
-def force_breaks(
-    robot: Engine, motion: Motion, times: np.ndarray, order: int, method: str | None = None, row: Quantity = FORCES
+def find_force_breaks(
+    robot: Engine,
+    motion: Motion,
+    times: np.ndarray,
+    order: int,
+    method: str | None = None,
+    row: Quantity = DEFAULT_QUANTITY,
 ) -> tuple[ForceBreak, ...]:
     """Find the times between the first and the last given time at which the forces up to an order are not smooth."""
     known = [
@@ -183,5 +190,5 @@ def force_breaks(
     )
 
 
-def _join(parts: list[Rates]) -> Rates:
+def _join_rates(parts: list[Rates]) -> Rates:
     return tuple(np.concatenate(terms) for terms in zip(*parts, strict=True))

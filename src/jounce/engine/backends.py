@@ -8,22 +8,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jounce.core.errors import JounceError, quoted, warn
+from jounce.core.errors import JounceError, quote_value, warn
 from jounce.core.scalars import FLOAT, Array, is_jax
 from jounce.dynamics import elastic
-from jounce.dynamics.branches import without_ratios
 from jounce.dynamics.computation import Computation
+from jounce.dynamics.loop_branches import without_ratios
 from jounce.dynamics.quantities import Quantity
-from jounce.engine import digits
+from jounce.engine import certain_digits
 from jounce.engine.engine import Engine, Form, Ready
-from jounce.engine.generic import batch_shape, checked_out, compute_by_method, results_into
-from jounce.model.casting import cast_model
+from jounce.engine.generic_methods import batch_shape, check_out, compute_by_method, write_results
 from jounce.model.mechanism import Mechanism
-from jounce.native import closing, plan
-from jounce.native.closing import NativeStep
+from jounce.model.scalar_casting import cast_model
+from jounce.native import loop_closure, memory_layout
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel, compile_kernel
-from jounce.native.plan import MAX_COMPILE_SECONDS, LongCompilationError, obstacle
+from jounce.native.loop_closure import NativeStep
+from jounce.native.memory_layout import MAX_COMPILE_SECONDS, LongCompilationError, obstacle
 
 NATIVE = "kernel"  # the method that is native code
 
@@ -54,7 +54,9 @@ def closing_step(robot: Engine) -> NativeStep | None:
     """Return the step in native code that closes the loops of a robot, if there is one."""
     steps = robot._kernels.steps
     if not steps:
-        steps.append(closing.native_step(robot.mechanism) if robot.mechanism.is_numeric and available() else None)
+        steps.append(
+            loop_closure.native_step(robot.mechanism) if robot.mechanism.is_numeric and is_available() else None
+        )
     return steps[0]
 
 
@@ -88,7 +90,7 @@ def _prepare_native(call: Call) -> tuple[Kernel | None, str | None]:
     kernel, refusal = _kernel(call.robot, call.computation, MAX_COMPILE_SECONDS if call.method is None else inf)
     m = call.robot.mechanism
     if kernel is not None and call.form is not None and with_constraints(call.robot, call.computation) is m:
-        limit = digits.max_condition(call.computation)
+        limit = certain_digits.max_condition(call.computation)
         call.robot._kernels.ready[call.form] = Ready(kernel, call.computation.rates, limit)
     return kernel, refusal and f"native code {refusal}"
 
@@ -99,7 +101,7 @@ def _run_native(call: Call, kernel: Kernel) -> Any:
     if call.out is not None:
         batch = batch_shape(signature.inputs, call.arrays)
         shapes = [(*batch, *port.shape) for port in signature.outputs]
-        results = kernel(*call.arrays, out=checked_out(call.out, shapes, FLOAT), threads=call.threads)
+        results = kernel(*call.arrays, out=check_out(call.out, shapes, FLOAT), threads=call.threads)
         return call.out if isinstance(call.out, np.ndarray) else results
     try:
         return kernel(*call.arrays, threads=call.threads)
@@ -115,13 +117,13 @@ def _prepare_generic(call: Call) -> tuple[str, str | None]:
         return method, f"method={NATIVE!r} is not available"
     if isinstance(call.threads, int | np.integer) and not isinstance(call.threads, bool) and call.threads == 1:
         return method, None
-    return method, f"threads={quoted(call.threads)} needs native code, which is not available"
+    return method, f"threads={quote_value(call.threads)} needs native code, which is not available"
 
 
 def _run_generic(call: Call, method: str) -> Any:
     """Run a method on arrays of any scalar type."""
     model = cast_model(call.robot.mechanism, call.arrays)
-    return results_into(compute_by_method(call.computation, method, model, call.arrays), call.out)
+    return write_results(compute_by_method(call.computation, method, model, call.arrays), call.out)
 
 
 def _prepare_jax(call: Call) -> tuple[Any, str | None]:
@@ -144,7 +146,7 @@ def _run_jax(call: Call, request: Any) -> Any:
     """Run the primitive of JAX for a quantity."""
     from jounce.engine import primitive
 
-    return results_into(primitive.compute(request, call.arrays), call.out)
+    return write_results(primitive.compute(request, call.arrays), call.out)
 
 
 BACKENDS = (  # the first that accepts
@@ -182,19 +184,19 @@ def native_obstacle(mechanism: Mechanism, computation: Computation) -> str | Non
         return found
     if not mechanism.is_numeric:
         return "needs a robot of numbers; this one contains symbols"
-    if not available():
+    if not is_available():
         return "needs llvmlite, which cannot be imported"
     if computation.quantity.elastic and (found := elastic.native_obstacle(mechanism)):
         return found
-    size = plan.scratch_size(computation, mechanism, host().lanes)
-    if size > plan.MAX_SCRATCH_BYTES:
-        limit, needed = (f"{x / 2**20:.3g} MiB" for x in (plan.MAX_SCRATCH_BYTES, size))
+    size = memory_layout.scratch_size(computation, mechanism, host().lanes)
+    if size > memory_layout.MAX_SCRATCH_BYTES:
+        limit, needed = (f"{x / 2**20:.3g} MiB" for x in (memory_layout.MAX_SCRATCH_BYTES, size))
         return f"is limited to {limit} of scratch memory; this call needs {needed}"
     return None
 
 
 @cache
-def available() -> bool:
+def is_available() -> bool:
     """Return whether llvmlite can be imported; warn once if it cannot."""
     try:
         import llvmlite.binding  # noqa: F401

@@ -19,25 +19,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed
-from jounce.dynamics import closing, newton
-from jounce.dynamics.assembly import (
+from jounce.core.errors import JounceError, join_names
+from jounce.dynamics import loop_closure, loop_newton
+from jounce.dynamics.computation import Computation
+from jounce.dynamics.loop_assembly import (
     MIN_INVERSE_CONDITION,
-    crossing,
+    compute_inverse_conditions,
+    crosses_singularity,
     inverse_conditions,
-    inverse_conditions_of,
     solved_constraints,
 )
-from jounce.dynamics.computation import Computation
 from jounce.dynamics.loops import closure_of
-from jounce.engine.generic import compute_by_method
+from jounce.engine.generic_methods import compute_by_method
 from jounce.model.mechanism import Mechanism
 from jounce.motion.curves import Curve
 
 _MAX_STATES_AT_ONCE = 1000  # times continued from one position together
 _MAX_BRANCH_HALVINGS = 8  # of an interval whose ends do not agree, before they count as a jump
 _MAX_CLOSING_HALVINGS = 4  # of an interval at whose end loops cannot be closed, before that counts as their limit
-_MAX_UNEXPLAINED_SHARE = 0.5  # of the way between neighbours: what their rates may leave unexplained
+_MAX_UNEXPLAINED_WAY_SHARE = 0.5  # of the way between neighbours: what their rates may leave unexplained
 _MIN_EXPLAINED_WAY = 1e-10  # rad or sizes of the robot: shorter ways are rounding
 _SINGULAR_CURE = "expected a motion that keeps away from singular configurations"
 _COORDINATE_RATES = Computation("coordinates", 2)
@@ -57,7 +57,7 @@ class States:
         return States(self.t[which], self.q[which], self.after[:, which], self.before[:, which])
 
 
-def joined(parts: Sequence[States]) -> States:
+def join_states(parts: Sequence[States]) -> States:
     """States that follow each other."""
     t, q = (np.concatenate([getattr(part, name) for part in parts]) for name in ("t", "q"))
     return States(t, q, *(np.concatenate([getattr(part, x) for part in parts], axis=1) for x in ("after", "before")))
@@ -69,7 +69,7 @@ class ClosedCurve:
 
     m: Mechanism
     curve: Curve
-    step: newton.Step | None  # that closes the loops, by default in NumPy
+    step: loop_newton.NewtonStep | None  # that closes the loops, by default in NumPy
 
     @property
     def own(self) -> list[int]:
@@ -85,12 +85,12 @@ class ClosedCurve:
         """The states at times, continued from positions (N,) nearby."""
         order = 2 if self.curve.highest is None else min(2, self.curve.highest)
         rates = self.curve.rates(t, order)
-        q = closing.close_loops(self.m, rates[0], near, self.step)
+        q = loop_closure.close_loops(self.m, rates[0], near, self.step)
         after = self.rates_of(q, rates)
         before, breaks = after.copy(), np.flatnonzero(np.isin(t, [jump.t for jump in self.curve.jumps(order)]))
         if breaks.size:
             left = self.curve.rates(t[breaks], order, True)
-            before[:, breaks] = self.rates_of(closing.close_loops(self.m, left[0], q[breaks], self.step), left)
+            before[:, breaks] = self.rates_of(loop_closure.close_loops(self.m, left[0], q[breaks], self.step), left)
             before[:, breaks[(left[0] != rates[0][breaks]).any(axis=1)]] = np.nan  # where q jumps, nothing is continued
         return States(t, q, after, before)
 
@@ -101,13 +101,13 @@ class ClosedCurve:
 
     def find_agreeing(self, s: States) -> np.ndarray:
         """Which neighbours, (K - 1,), are on one branch, by their rates, or are apart because q itself jumps."""
-        sizes = newton.scales(self.m).coordinates[self.dependent]
+        sizes = loop_newton.scales(self.m).coordinates[self.dependent]
         x, h = s.q[:, self.dependent] / sizes, np.diff(s.t)[:, None]
         (v, a), (w, b) = (rates[..., self.dependent] / sizes for rates in (s.after[:, :-1], s.before[:, 1:]))
         in_way = np.abs(np.diff(x, axis=0) - h / 2 * (v + w) + h**2 / 12 * (b - a))
         in_velocity = np.abs(w - v - h / 2 * (a + b))
         way = h * np.maximum(np.abs(v), np.abs(w)).max(axis=1, keepdims=True)
-        explained = (in_way + h * in_velocity <= _MAX_UNEXPLAINED_SHARE * way + _MIN_EXPLAINED_WAY).all(axis=1)
+        explained = (in_way + h * in_velocity <= _MAX_UNEXPLAINED_WAY_SHARE * way + _MIN_EXPLAINED_WAY).all(axis=1)
         return np.asarray(explained & ~self.crossing(s) | np.isnan(s.before[0, 1:]).any(axis=1))
 
     def crossing(self, s: States) -> np.ndarray:
@@ -116,11 +116,16 @@ class ClosedCurve:
         Or the later one is singular itself.
         """
         A = solved_constraints(self.m, s.q)
-        return np.asarray((inverse_conditions_of(A[1:]) < MIN_INVERSE_CONDITION) | crossing(A[:-1], A[1:]))
+        return np.asarray(
+            (compute_inverse_conditions(A[1:]) < MIN_INVERSE_CONDITION) | crosses_singularity(A[:-1], A[1:])
+        )
 
     def path(self, t: np.ndarray, start: np.ndarray) -> States:
         """States on one branch at times (K,), and between them where neighbours do not agree at once."""
-        reach, longest = closing.FIRST_CONTINUATION_STEP * newton.scales(self.m).coordinates[self.own], np.diff(t).max()
+        reach, longest = (
+            loop_closure.FIRST_CONTINUATION_STEP * loop_newton.scales(self.m).coordinates[self.own],
+            np.diff(t).max(),
+        )
         done, todo, size = [self.states(t[:1], start)], t[1:], _MAX_STATES_AT_ONCE
         while todo.size:
             # As many times together as lie within the first step that Newton's method is trusted with.
@@ -132,7 +137,7 @@ class ClosedCurve:
             except JounceError:
                 found = None
             # Keep the states up to the first that does not agree with its predecessor.
-            agrees = np.zeros(1, dtype=bool) if found is None else self.find_agreeing(joined([last, found]))
+            agrees = np.zeros(1, dtype=bool) if found is None else self.find_agreeing(join_states([last, found]))
             count = len(agrees) if agrees.all() else int(agrees.argmin())
             if found is not None and count:
                 done.append(found.select(slice(0, count)))
@@ -142,14 +147,14 @@ class ClosedCurve:
                     raise self.error(last, float(part[0]), found)
                 todo = np.insert(todo, 0, (last.t[0] + part[0]) / 2)
             size = min(_MAX_STATES_AT_ONCE, 2 * len(part)) if count == len(part) else 1
-        return joined(done)
+        return join_states(done)
 
     def error(self, last: States, t: float, found: States | None) -> JounceError:
         """The error where a branch ends between two times, or jumps."""
-        s = last if found is None else joined([last, found])
+        s = last if found is None else join_states([last, found])
         if found is None or self.crossing(s).any():
-            return lost(self.m, t, s.q, found is None)
-        others, own = (listed(self.m.tree.coordinates[j] for j in places) for places in (self.dependent, self.own))
+            return constraint_error(self.m, t, s.q, found is None)
+        others, own = (join_names(self.m.tree.coordinates[j] for j in places) for places in (self.dependent, self.own))
         inverse = inverse_conditions(self.m, s.q).min()
         return JounceError(
             f"{self.m.name!r}: the branch jumps along the motion at t = {t:.9g} s, where 1/cond is {inverse:.2g}: rates"
@@ -157,7 +162,7 @@ class ClosedCurve:
         )
 
 
-def lost(m: Mechanism, t: float, q: np.ndarray, stuck: bool) -> JounceError:
+def constraint_error(m: Mechanism, t: float, q: np.ndarray, stuck: bool) -> JounceError:
     """The error where constraints are lost along a motion, near positions (K, N), and loops stay open or not."""
     inverse = inverse_conditions(m, q).min()
     beyond = ", and the loops cannot be closed beyond" if stuck else ""

@@ -7,23 +7,23 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments import loads, positions, requests
-from jounce.arguments.base import base_of
-from jounce.arguments.joints import without_base
-from jounce.arguments.rates import rates_of
-from jounce.arguments.stiffness import stiffnesses_of
-from jounce.core.errors import JounceError, one_of
+from jounce.arguments.base import convert_base_motion
+from jounce.arguments.joints import separate_base
+from jounce.arguments.rates import convert_rates
+from jounce.arguments.stiffness import convert_stiffness
+from jounce.core.errors import JounceError, check_choice
 from jounce.core.scalars import Array, is_numeric
 from jounce.dynamics.computation import Computation
+from jounce.dynamics.loop_newton import NewtonStep
 from jounce.dynamics.mobility import is_singular, may_be_singular
-from jounce.dynamics.newton import Step
-from jounce.dynamics.quantities import row_of
-from jounce.engine import digits
+from jounce.dynamics.quantities import find_row
+from jounce.engine import certain_digits
 from jounce.engine.backends import BACKENDS, NATIVE, Call, closing_step, default_method, with_constraints
-from jounce.engine.engine import Engine, like
-from jounce.engine.generic import as_tuple, is_fit, results_into
+from jounce.engine.engine import Engine, with_mechanism
+from jounce.engine.generic_methods import as_tuple, is_fit, write_results
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import positions as of_several_screws
-from jounce.native.poses import are_poses
+from jounce.model.positions import multiscrew_joints as of_several_screws
+from jounce.native.pose_check import are_poses
 
 
 def compute(
@@ -68,7 +68,7 @@ def compute(
     plain = plain and type(threads) is int
     natively = isinstance(method, str | None) and method in (None, NATIVE)
     step = closing_step(robot) if robot.mechanism.closure and natively else None
-    asked, given = checked_arguments(robot.mechanism, name, given, wrench, base, body, frame, method, step, stiffness)
+    asked, given = check_arguments(robot.mechanism, name, given, wrench, base, body, frame, method, step, stiffness)
     lasting = plain and threads == 1 and asked.base == bool(moved) and not _needs_inverse(robot, asked)
     lasting = lasting and not of_several_screws(robot.mechanism)  # quaternions of zeros are refused on the long way
     return _run(Call(robot, asked, given, method, out, threads, form if lasting else None))
@@ -87,14 +87,14 @@ def _with_dependent(robot: Engine, arrays: Sequence[Any], limit: float) -> tuple
             raise LookupError
         u, d = step.close(q, limit)
     except LookupError:
-        u, whole = positions.split(robot.mechanism, q)
-        d = positions.dependent_of(robot.mechanism, u, whole, step)
-        if digits.displaced(robot.mechanism, u, d, limit, step) is not None:
+        u, whole = positions.split_positions(robot.mechanism, q)
+        d = positions.dependent_coordinates(robot.mechanism, u, whole, step)
+        if certain_digits.displace_dependent(robot.mechanism, u, d, limit, step) is not None:
             raise
     return u, *arrays[1:], d
 
 
-def checked_arguments(
+def check_arguments(
     mechanism: Mechanism,
     name: str,
     given: Sequence[Any],
@@ -103,32 +103,34 @@ def checked_arguments(
     body: str | None,
     frame: str,
     method: str | None,
-    step: Step | None = None,
+    step: NewtonStep | None = None,
     stiffness: Any = None,
 ) -> tuple[Computation, list[Array]]:
     """Check the arguments of a call, and return its computation and input arrays; `step` closes the loops."""
-    more, moves = requests.more_rates(mechanism, name), base is not None or mechanism.floats
-    quantity, enters = row_of(name, more), moves and requests.takes_base(name, frame)
+    more, moves = requests.count_more_rates(mechanism, name), base is not None or mechanism.floats
+    quantity, enters = find_row(name, more), moves and requests.takes_base(name, frame)
     requests.check_existence(mechanism, name, moves)
-    given, base = without_base(mechanism, given, base, quantity)
+    given, base = separate_base(mechanism, given, base, quantity)
     given, whole = positions.split_rates(mechanism, given)
-    q = rates_of(mechanism, given, quantity, more)
+    q = convert_rates(mechanism, given, quantity, more)
     order = len(q) - quantity.rates
     requests.check_rates(name, order)
-    W = loads.wrenches_of(mechanism, wrench, order, q, quantity.wrench_rates)
+    W = loads.convert_wrenches(mechanism, wrench, order, q, quantity.wrench_rates)
     if method is not None:
-        one_of("method", method, [*quantity.methods, NATIVE], name)
+        check_choice("method", method, [*quantity.methods, NATIVE], name)
     if body is not None or frame != "body":
-        requests.place(mechanism, name, body, frame)
+        requests.check_place(mechanism, name, body, frame)
     if quantity.inverts:
         requests.check_invertible(mechanism, name)
-    asked = requests.known(name, order, bool(W), body, frame, more, enters)
+    asked = requests.cached_computation(name, order, bool(W), body, frame, more, enters)
     d = positions.dependent_arrays(mechanism, q[0], whole, step)
     if quantity.takes_stiffness:
-        d = [*stiffnesses_of(mechanism, stiffness, asked.loads), *d]
+        d = [*convert_stiffness(mechanism, stiffness, asked.loads), *d]
     if base is None and not enters:
         return asked, [*q, *W, *d]
-    C = base_of(mechanism, base, asked.base_terms(mechanism), f"{name} of order {order}")  # wrong ones never pass
+    C = convert_base_motion(
+        mechanism, base, asked.base_terms(mechanism), f"{name} of order {order}"
+    )  # wrong ones never pass
     return asked, [*q, *W, *C, *d] if enters else [*q, *W, *d]
 
 
@@ -142,9 +144,9 @@ def _run(call: Call) -> Any:
         def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
             return as_tuple(_run_by_backend(call._replace(arrays=arrays, out=None, form=None)))
 
-        results = digits.certain_results(m, asked, names, call.arrays, run, step)
+        results = certain_digits.compute_certain_results(m, asked, names, call.arrays, run, step)
         if results is not None:
-            return results_into(results, call.out)
+            return write_results(results, call.out)
     return _run_by_backend(call)
 
 
@@ -155,7 +157,7 @@ def _run_by_backend(call: Call) -> Any:
         ready, refusal = backend.prepare(call)
         if refusal is None:
             found = backend.run(call, ready)
-            return _infinite_where_singular(call, found) if _needs_inverse(call.robot, call.computation) else found
+            return _mark_singular(call, found) if _needs_inverse(call.robot, call.computation) else found
         reasons += [refusal] if refusal else []
     cure = f"use method={default_method(call.computation.quantity)!r}" if call.method == NATIVE else "leave threads out"
     raise JounceError(f"{': '.join(reversed(reasons))}; {cure}")
@@ -164,16 +166,20 @@ def _run_by_backend(call: Call) -> Any:
 def _needs_inverse(robot: Engine, computation: Computation) -> bool:
     """Whether a quantity takes the inverse of a mass matrix that may be singular at some positions."""
     m, name = robot.mechanism, computation.name
-    return computation.quantity.inverts and m.is_numeric and may_be_singular(requests.inverted(m, name))
+    return computation.quantity.inverts and m.is_numeric and may_be_singular(requests.inverted_mechanism(m, name))
 
 
-def _infinite_where_singular(call: Call, found: Any) -> Any:
+def _mark_singular(call: Call, found: Any) -> Any:
     """Results with infinite entries, and NumPy's warning, where pivots of the mass matrix are only rounding."""
     m = call.robot.mechanism
     at = [call.arrays[0], *(call.arrays[-1:] if m.closure else [])]
     if not all(map(is_numeric, call.arrays)):
         return found
-    plant = like(call.robot, requests.inverted(m, call.computation.name)) if call.computation.quantity.inputs else None
+    plant = (
+        with_mechanism(call.robot, requests.inverted_mechanism(m, call.computation.name))
+        if call.computation.quantity.inputs
+        else None
+    )
     M = _run_by_backend(Call(plant or call.robot, Computation("mass_matrix", 0), at, None, None, 1, None))
     regular = 1.0 - is_singular(M)
     if not regular.all():

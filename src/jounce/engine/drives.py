@@ -4,20 +4,20 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from jounce.arguments import positions
-from jounce.arguments.rates import rates_of
+from jounce.arguments.rates import convert_rates
 from jounce.core.scalars import Array, broadcast, concatenate
 from jounce.core.typing import DriveColumn
 from jounce.dynamics import drive_terms
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.loops import law as closed_law
-from jounce.dynamics.quantities import FORCES, row_of
+from jounce.dynamics.loops import close_law as closed_law
+from jounce.dynamics.quantities import DEFAULT_QUANTITY, find_row
 from jounce.dynamics.state import State
-from jounce.engine import digits
+from jounce.engine import certain_digits
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
-from jounce.engine.generic import as_tuple, evaluate, results_into
-from jounce.model.casting import cast_model
+from jounce.engine.generic_methods import as_tuple, evaluate, write_results
 from jounce.model.mechanism import Mechanism
+from jounce.model.scalar_casting import cast_model
 from jounce.spatial.series import Series
 
 
@@ -25,19 +25,19 @@ def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str
     """Compute the forces of drive terms for given rates of the coordinates, whether or not the terms act in Q."""
 
     def law(m: Mechanism, q: Series) -> Series:
-        forces = drive_terms.behind_base(m, drive_terms.forces(m, q, terms), (-2,))
+        forces = drive_terms.pad_base(m, drive_terms.forces(m, q, terms), (-2,))
         return forces.map(lambda Q: Q[..., 0])
 
-    forces = _of_drives(mechanism, FORCES.name, given, 4 * len(mechanism.joints), law)
-    return results_into(tuple(Q[..., -mechanism.n :] for Q in forces), out)
+    forces = _compute_drive_part(mechanism, DEFAULT_QUANTITY.name, given, 4 * len(mechanism.joints), law)
+    return write_results(tuple(Q[..., -mechanism.n :] for Q in forces), out)
 
 
-def _of_drives(
+def _compute_drive_part(
     mechanism: Mechanism, name: str, given: Sequence[Any], width: int, law: Callable[[Mechanism, Series], Series]
 ) -> tuple[Array, ...]:
     """Compute the contribution of drives to a quantity by its law, for given rates of the coordinates."""
-    row, (given, whole) = row_of(name), positions.split_rates(mechanism, given)
-    q = rates_of(mechanism, given, row)
+    row, (given, whole) = find_row(name), positions.split_rates(mechanism, given)
+    q = convert_rates(mechanism, given, row)
     model, asked = cast_model(mechanism, q), Computation(name, len(q) - row.rates)
 
     def on_tree(m: Mechanism, x: State) -> Series:
@@ -49,7 +49,7 @@ def _of_drives(
     def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
         return evaluate(lambda x: of_drives(model, asked.state(model, x)), ports, arrays, asked.count, width)
 
-    return digits.certain_results(mechanism, asked, row.names(asked.order), arrays, run) or run(arrays)
+    return certain_digits.compute_certain_results(mechanism, asked, row.names(asked.order), arrays, run) or run(arrays)
 
 
 def regressor(
@@ -60,7 +60,7 @@ def regressor(
         return compute(robot, name, given, out=out, **options)
     own, m = as_tuple(compute(robot, name, given, **options)), robot.mechanism
     of_units: Callable[..., Series] = getattr(drive_terms, name)
-    added = _of_drives(m, name, given, len(m.joints) * m.nv * len(terms), lambda m, q: of_units(m, q, terms))
-    axes = [len(row_of(name).shape)] * 2
+    added = _compute_drive_part(m, name, given, len(m.joints) * m.nv * len(terms), lambda m, q: of_units(m, q, terms))
+    axes = [len(find_row(name).shape)] * 2
     pairs = (broadcast(pair, axes, ["Y", "drives"]) for pair in zip(own, added, strict=True))
-    return results_into(tuple(concatenate(pair, axis=-1) for pair in pairs), out)
+    return write_results(tuple(concatenate(pair, axis=-1) for pair in pairs), out)

@@ -7,8 +7,8 @@ from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Computation
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import whole_position_count
-from jounce.native.closing import NativeStep
 from jounce.native.kernel import Kernel
+from jounce.native.loop_closure import NativeStep
 
 Form = tuple[Any, ...]  # of a call: what it asks for, and the types of what it gives
 
@@ -93,6 +93,6 @@ else:
     R = TypeVar("R", bound=Engine)  # a robot of the caller's own type
 
 
-def like(robot: R, mechanism: Mechanism) -> R:
+def with_mechanism(robot: R, mechanism: Mechanism) -> R:
     """A robot of the same type with another mechanism, without native code."""
     return type(robot)(mechanism)

@@ -7,13 +7,13 @@ from functools import partial
 import numpy as np
 
 from jounce.core.errors import UncertainError
-from jounce.dynamics import closing
+from jounce.dynamics import loop_closure
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import Quantity
 from jounce.engine.backends import closing_step
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates, Rates
-from jounce.motion.base import motion_of, perturbed, states_of
+from jounce.motion.base import compute_base_motion, compute_states, perturb_rates
 from jounce.motion.motion import Motion
 
 _MAX_PERTURBED_STATES = 200_000  # computed for deviations of forces, which change slowly: linear between fewer times
@@ -52,9 +52,9 @@ def interpolate_deviations(
     total = np.zeros((order + 1, len(t), entry_count(robot, row)))
     for part, states in MotionStates.pieces(robot, motion, t, [(row, order)]):
         true = np.array(compute_certain(robot, states, method, row))
-        for moved in _perturbed(motion, t[part], states):
+        for moved in _perturb_states(motion, t[part], states):
             if moved.near is not None:
-                near = closing.close_loops(robot.mechanism, moved.rates[0], moved.near, closing_step(robot))
+                near = loop_closure.close_loops(robot.mechanism, moved.rates[0], moved.near, closing_step(robot))
                 moved = replace(moved, near=near)
             found = np.array(compute_certain(robot, moved, method, row))
             total[:, part] += (found - true) ** 2
@@ -67,15 +67,15 @@ def interpolate_deviations(
     return interpolate
 
 
-def _perturbed(motion: Motion, t: np.ndarray, states: MotionStates) -> Iterator[MotionStates]:
+def _perturb_states(motion: Motion, t: np.ndarray, states: MotionStates) -> Iterator[MotionStates]:
     """States at times with each entry of q, W and the base off by its standard deviation, one by one."""
     highest, W = len(states.rates) - 1, states.wrench or ()
-    for q in perturbed(motion.curve, t, highest, partial(states_of, motion.several)):
+    for q in perturb_rates(motion.curve, t, highest, partial(compute_states, motion.several)):
         yield replace(states, rates=q)
     for k, by_body in enumerate(motion.wrench_deviations(t, len(W) - 1) if W else ()):
         for body, off in by_body.items():
             for j in np.flatnonzero(off.any(axis=0)).tolist():
                 moved = {**W[k], body: W[k][body] + off * (np.arange(6) == j)}
                 yield replace(states, wrench=(*W[:k], moved, *W[k + 1 :]))
-    for base in perturbed(motion.base_curve, t, highest, motion_of) if motion.base_curve else ():
+    for base in perturb_rates(motion.base_curve, t, highest, compute_base_motion) if motion.base_curve else ():
         yield replace(states, base=base)

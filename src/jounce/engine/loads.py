@@ -4,17 +4,17 @@ from collections.abc import Sequence
 from typing import Any
 
 from jounce.arguments import loads, positions
-from jounce.arguments.base import base_of
-from jounce.arguments.rates import rates_of
+from jounce.arguments.base import convert_base_motion
+from jounce.arguments.rates import convert_rates
 from jounce.core.scalars import Array
 from jounce.dynamics.computation import Computation, Port
-from jounce.dynamics.kinematics import wrench_of
+from jounce.dynamics.kinematics import load_wrench
 from jounce.dynamics.loops import closed_motion
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.engine import digits
-from jounce.engine.generic import evaluate, results_into
-from jounce.model.casting import cast_model
+from jounce.engine import certain_digits
+from jounce.engine.generic_methods import evaluate, write_results
 from jounce.model.mechanism import Mechanism
+from jounce.model.scalar_casting import cast_model
 from jounce.spatial.series import Series, rate_name
 
 
@@ -23,11 +23,11 @@ def wrench_of_load(
 ) -> Any:
     """Compute the wrenches W that correspond to a load on a body, for given rates of the coordinates."""
     given, whole = positions.split_rates(mechanism, given)
-    q = rates_of(mechanism, given, QUANTITIES["poses"])
-    place, load = loads.place_of(frame, point, force), loads.load_of(force, torque, len(q) - 1, q)
+    q = convert_rates(mechanism, given, QUANTITIES["poses"])
+    place, load = loads.convert_load_point(frame, point, force), loads.convert_load(force, torque, len(q) - 1, q)
     moving = base is not None or (mechanism.floats and frame == "world")
     poses = Computation("poses", len(q) - 1, base=moving)
-    C = base_of(mechanism, base, len(q), "wrench") if moving else []
+    C = convert_base_motion(mechanism, base, len(q), "wrench") if moving else []
     model = cast_model(mechanism, [*q, *C, *load])
     first, last = len(q) + len(C), len(q) + len(C) + len(load)  # the places of loads among the arrays
     ports = list(poses.signature(model).inputs)
@@ -37,11 +37,13 @@ def wrench_of_load(
         terms = Series.of([x.swapaxes(-1, -2) for x in arrays[first:last]])
         x = poses.state(model, [*arrays[:first], *arrays[last:]])
         on_tree = closed_motion(model, x).q if model.closure else x.q
-        return wrench_of(model.tree, on_tree, x.motion_of_base, terms, body, frame, place)
+        return load_wrench(model.tree, on_tree, x.motion_of_base, terms, body, frame, place)
 
     def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
         return evaluate(law, ports, arrays, len(q), 6 * model.nb)
 
     arrays = [*q, *C, *load, *positions.dependent_arrays(mechanism, q[0], whole)]
     asked, names = Computation("twists", len(q) - 1), [rate_name("W", k) for k in range(len(q))]  # as many axes
-    return results_into(digits.certain_results(mechanism, asked, names, arrays, run) or run(arrays), None)
+    return write_results(
+        certain_digits.compute_certain_results(mechanism, asked, names, arrays, run) or run(arrays), None
+    )

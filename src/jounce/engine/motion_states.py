@@ -7,10 +7,10 @@ from typing import Any, Literal, Self
 import numpy as np
 
 from jounce.dynamics.quantities import Quantity
-from jounce.engine.closed_path import on_tree, positions
+from jounce.engine.closed_path import continue_positions, with_tree_positions
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
-from jounce.engine.generic import as_tuple
+from jounce.engine.generic_methods import as_tuple
 from jounce.motion.motion import Motion
 
 _STATES_PER_PIECE = 1000  # computed together: bounds working memory, and each piece reports progress
@@ -46,7 +46,7 @@ class MotionStates:
         known = [(order + row.rates - 1, order + row.wrench_rates - 1) for row, order in rows]
         highest, of_wrench = (max((pair[k] for pair in known), default=0) for k in (0, 1))
         W, base = (motion.wrench(t, of_wrench, side), motion.base(t, highest, side)) if known else (None, None)
-        return cls(motion(t, max(rates, highest), side), W, base, positions(robot, motion, t, side))
+        return cls(motion(t, max(rates, highest), side), W, base, continue_positions(robot, motion, t, side))
 
     @classmethod
     def pieces(
@@ -71,5 +71,5 @@ class MotionStates:
 
     def compute(self, robot: Engine, name: str, method: str | None = None) -> tuple[Any, ...]:
         """A quantity with its rates."""
-        rates = on_tree(self.rates, self.near)
+        rates = with_tree_positions(self.rates, self.near)
         return as_tuple(compute(robot, name, rates, wrench=self.wrench, base=self.base, method=method))

@@ -24,9 +24,9 @@ from jax.interpreters import ad, batching, mlir
 
 from jounce.core.scalars import Array, broadcast, is_jax, is_numeric
 from jounce.dynamics.computation import Computation, Port, Signature, change, displacement
-from jounce.engine.generic import as_tuple, batch_shape, compute_by_method
+from jounce.engine.generic_methods import as_tuple, batch_shape, compute_by_method
 from jounce.model.mechanism import Mechanism
-from jounce.native import plan, xla
+from jounce.native import memory_layout, xla
 from jounce.native.kernel import Kernel, compile_kernel
 
 TRANSPOSES = {"jvp": "vjp", "vjp": "jvp"}
@@ -61,7 +61,7 @@ class Request:
 
     def kernel(self) -> Kernel | None:
         """Return its native code, or None if it has none, however long it takes to compile: XLA takes longer."""
-        supported = plan.obstacle(self.computation, self.mechanism) is None
+        supported = memory_layout.obstacle(self.computation, self.mechanism) is None
         return compile_kernel(self.mechanism, self.computation) if supported else None
 
 
@@ -200,7 +200,7 @@ def _call_kernel(*arrays: Array, request: Request) -> tuple[Array, ...]:
     both = zip(ports, arrays, strict=True)
     rows = [x.reshape((prod(batch), *port.shape)) if x.ndim > len(port.shape) else x for port, x in both]
     inside = np.dtype(np.float32 if dtype == np.float32 else np.float64)
-    name = xla.target(kernel, inside)
+    name = xla.register_target(kernel, inside)
     if name is None:
         results = jax.pure_callback(partial(_call_back, kernel), _arrays(shapes, dtype), *rows)
     else:

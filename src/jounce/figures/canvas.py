@@ -7,7 +7,7 @@ from pathlib import Path
 from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
 
-from jounce.core.errors import JounceError, no_such, shortened
+from jounce.core.errors import JounceError, shorten, unknown_name_error
 from jounce.io import files
 
 if TYPE_CHECKING:
@@ -88,17 +88,17 @@ def line_style(i: int) -> dict[str, Any]:
     return {"color": COLOURS[i % len(COLOURS)], "linestyle": DASHES[(i + i // len(COLOURS)) % len(DASHES)]}
 
 
-def written(name: str) -> str:
+def printable_name(name: str) -> str:
     """A name as the font of pictures can write it: shortened, and escaped where it has no glyph."""
     from matplotlib.font_manager import FontProperties, findfont, get_font
 
     glyphs = get_font(findfont(FontProperties(family="DejaVu Sans"))).get_charmap()  # comes with matplotlib
-    return "".join(c if ord(c) in glyphs else c.encode("unicode_escape").decode() for c in shortened(name))
+    return "".join(c if ord(c) in glyphs else c.encode("unicode_escape").decode() for c in shorten(name))
 
 
-def letter(i: int) -> str:
+def axes_letter(i: int) -> str:
     """The letters of the i-th of several axes: a, b, ..., z, aa, ab, ..."""
-    return ("" if i < 26 else letter(i // 26 - 1)) + ascii_lowercase[i % 26]
+    return ("" if i < 26 else axes_letter(i // 26 - 1)) + ascii_lowercase[i % 26]
 
 
 def legend_above(figure: "Figure", entries: Mapping[str, Mapping[str, Any]], columns: int = 8, **options: Any) -> None:
@@ -133,7 +133,7 @@ def _legend(
     )
     for text, name in zip(legend.get_texts(), names, strict=True):
         text.set_parse_math(False)  # $ and _ of a name are not marks of TeX, nor does a first _ hide it
-        text.set_text(written(name))
+        text.set_text(printable_name(name))
     return legend
 
 
@@ -141,7 +141,7 @@ def check_format(path: Path) -> None:
     """Raise `JounceError` where no picture of this suffix can be written."""
     if path.suffix.lower().removeprefix(".") not in PICTURE_FORMATS:
         raise JounceError(
-            f"{path}: {no_such('type of picture', path.suffix, [f'.{name}' for name in PICTURE_FORMATS])}"
+            f"{path}: {unknown_name_error('type of picture', path.suffix, [f'.{name}' for name in PICTURE_FORMATS])}"
         )
 
 
@@ -159,7 +159,7 @@ def save(figure: "Figure", path: Path, look: Any = LOOK) -> None:
     check_format(path)
     kind = path.suffix.lower().removeprefix(".")
     undated = {"png": {}, "pdf": {"CreationDate": None}}
-    with matplotlib.rc_context(look), files.written_whole(path) as part:
+    with matplotlib.rc_context(look), files.write_whole(path) as part:
         if kind == "svg":
             part.write_bytes(svg(figure, look))
         else:
@@ -173,9 +173,9 @@ def svg(figure: "Figure", look: Any = LOOK) -> bytes:
     content = BytesIO()
     with matplotlib.rc_context(look):
         figure.savefig(content, format="svg", metadata={"Date": None})
-    drawn = re.sub(rb'(?<= d=")[^"]+', _shortened, content.getvalue())
+    drawn = re.sub(rb'(?<= d=")[^"]+', _shorten_path, content.getvalue())
     return drawn.replace(b"</style>", DARK + b"</style>", 1)
 
 
-def _shortened(path: re.Match[bytes]) -> bytes:
+def _shorten_path(path: re.Match[bytes]) -> bytes:
     return re.sub(rb"-?\d+\.\d+", lambda x: b"%g" % round(float(x[0]), 2), b" ".join(path[0].split()))

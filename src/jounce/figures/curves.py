@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce.figures.bounds import LIMIT_ENTRY, OF_LIMITS, VIOLATION, draw_limits, mark_violations, reach
-from jounce.figures.canvas import INK, LOOK, PRINT, legend_above, line_style, painted, written
-from jounce.figures.grid import leave_out_labels, page_size, places
-from jounce.figures.panels import Panel, Run, columns_of, drawn_points, joint_names
+from jounce.figures.canvas import INK, LOOK, PRINT, legend_above, line_style, painted, printable_name
+from jounce.figures.grid import create_axes_grid, leave_out_labels, page_size
+from jounce.figures.limit_lines import LIMIT_ENTRY, OF_LIMITS, VIOLATION, axes_reach, draw_limits, mark_violations
+from jounce.figures.panels import CurvePanel, TableRun, columns_of, joint_names, thin_points
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,21 +29,24 @@ MAX_BAND_SHARE = 0.5  # of the largest value: a wider band is cut, nothing would
 class Trace:
     """The curves of a joint in a run, all of one style: that of a number."""
 
-    run: Run
+    run: TableRun
     joint: str
     number: int
 
 
 @dataclass(frozen=True)
-class Cell:
+class AxesCell:
     """What the axes of every quantity show in one place of their grid, under a title."""
 
     title: str
     traces: Sequence[Trace]
 
 
-def over_time(
-    runs: Sequence[Run], title: str = "", columns: Sequence[Sequence[str]] | None = None, width: float | None = None
+def draw_curves(
+    runs: Sequence[TableRun],
+    title: str = "",
+    columns: Sequence[Sequence[str]] | None = None,
+    width: float | None = None,
 ) -> "Figure":
     """A row of axes per quantity and a column per group of joints, above a common time axis and under one legend.
 
@@ -54,21 +57,21 @@ def over_time(
     panels = [panel for run in runs for panel in run.panels]
     names = joint_names(panels)
     cells = [
-        Cell(run.title, [Trace(run, name, i) for i, name in enumerate(names) if name in column])
+        AxesCell(run.title, [Trace(run, name, i) for i, name in enumerate(names) if name in column])
         for column in (columns or columns_of(panels)) for run in runs
     ]  # fmt: skip
     return _figure(cells, names, len(cells), len(runs), width, title)
 
 
-def laid_over(runs: Sequence[Run], width: float | None = None) -> "Figure":
+def overlay_runs(runs: Sequence[TableRun], width: float | None = None) -> "Figure":
     """Axes for each joint and quantity, in which each of several runs is a curve; `width` as in `over_time`."""
     joints = joint_names([panel for run in runs for panel in run.panels])
-    cells = [Cell(joint, [Trace(run, joint, i) for i, run in enumerate(runs)]) for joint in joints]
+    cells = [AxesCell(joint, [Trace(run, joint, i) for i, run in enumerate(runs)]) for joint in joints]
     return _figure(cells, [run.title for run in runs], min(len(cells), MAX_JOINT_COLUMNS), 1, width)
 
 
 def _figure(
-    cells: Sequence[Cell], names: Sequence[str], columns: int, alike: int, width: float | None, title: str = ""
+    cells: Sequence[AxesCell], names: Sequence[str], columns: int, alike: int, width: float | None, title: str = ""
 ) -> "Figure":
     """The axes of all cells, quantity by quantity; groups of `alike` neighbours have the same scales."""
     runs = list({id(trace.run): trace.run for cell in cells for trace in cell.traces}.values())
@@ -78,7 +81,7 @@ def _figure(
 
     def paint(figure: "Figure") -> None:
         marks: list[str] = []
-        grid = places(figure, len(cells), columns, len(labels))
+        grid = create_axes_grid(figure, len(cells), columns, len(labels))
         for label, row in zip(labels, grid, strict=True):
             of_label = [panel for panel in panels if panel.label == label]
             for i, (axes, cell) in enumerate(zip(row, cells, strict=True)):
@@ -87,7 +90,7 @@ def _figure(
                     axes.tick_params(labelleft=False)
                 marks += _draw(axes, cell, label, of_label, len(names))
                 if cell.title and (alike == 1 or label == labels[0]):
-                    axes.set_title(written(cell.title), parse_math=False)
+                    axes.set_title(printable_name(cell.title), parse_math=False)
         leave_out_labels(grid, columns)
         figure.align_ylabels()
         legend_above(figure, _entries(panels, names, any(run.breaks for run in runs), marks), title=title or None)
@@ -95,7 +98,7 @@ def _figure(
     return painted(paint, *size, LOOK if width is None else PRINT)
 
 
-def _axis_label(panel: Panel, column: Sequence[str]) -> str:
+def _axis_label(panel: CurvePanel, column: Sequence[str]) -> str:
     """``Q [N m]``, with the units of those joints that the axes show; nothing where they show none."""
     of = {panel.joint_units.get(name) for name in column if name in panel.curves}
     units = [unit for joint_unit, unit in panel.units.items() if None in of or joint_unit in of]
@@ -103,7 +106,7 @@ def _axis_label(panel: Panel, column: Sequence[str]) -> str:
 
 
 def _entries(
-    panels: Sequence[Panel], names: Sequence[str], breaks: bool, limits: Container[str]
+    panels: Sequence[CurvePanel], names: Sequence[str], breaks: bool, limits: Container[str]
 ) -> dict[str, dict[str, Any]]:
     """The line styles of the legend, by name."""
     marks = {
@@ -117,11 +120,11 @@ def _entries(
     return entries | {name: {"color": "0.3"} | style for name, (style, drawn) in marks.items() if drawn}
 
 
-def _draw(axes: "Axes", cell: Cell, label: str, panels: Sequence[Panel], count: int) -> list[str]:
+def _draw(axes: "Axes", cell: AxesCell, label: str, panels: Sequence[CurvePanel], count: int) -> list[str]:
     """Draw a quantity, of which there are these panels, in the axes of a cell; what it holds of limits, by name."""
     found = [(trace, panel) for trace in cell.traces for panel in trace.run.panels if panel.label == label]
     joints = list(dict.fromkeys(trace.joint for trace in cell.traces))
-    height, marks = reach(panels) if len(joints) == 1 else None, []
+    height, marks = axes_reach(panels) if len(joints) == 1 else None, []
     for joint in joints:
         of_joint = [(trace, panel) for trace, panel in found if trace.joint == joint and joint in panel.curves]
         for trace, panel in of_joint:
@@ -140,11 +143,11 @@ def _draw(axes: "Axes", cell: Cell, label: str, panels: Sequence[Panel], count: 
     return marks
 
 
-def _draw_curve(axes: "Axes", t: np.ndarray, panel: Panel, trace: Trace, count: int) -> None:
+def _draw_curve(axes: "Axes", t: np.ndarray, panel: CurvePanel, trace: Trace, count: int) -> None:
     apart = max(1, len(t) // RINGS_PER_CURVE)
     i, name = trace.number, trace.joint
     values, style = panel.curves[name], line_style(i)
-    shown = drawn_points(values)
+    shown = thin_points(values)
     if name in panel.points:
         axes.plot(t[shown], panel.points[name][shown], **SAMPLE_STYLE, color=style["color"])
     if name in panel.deviations:
@@ -158,7 +161,7 @@ def _draw_curve(axes: "Axes", t: np.ndarray, panel: Panel, trace: Trace, count: 
         axes.plot(t[at], panel.differentiated[name][at], **RING_STYLE, color=style["color"])
 
 
-def _leave_out_wide_bands(axes: "Axes", panels: Sequence[Panel], column: Sequence[str]) -> None:
+def _leave_out_wide_bands(axes: "Axes", panels: Sequence[CurvePanel], column: Sequence[str]) -> None:
     """Scale axes to the values that are known: where bands are far wider, as at the ends of a fit, they are cut."""
     curves = [(panel, name) for panel in panels for name in column if name in panel.curves]
     peak = max((panel.peak(name) for panel, name in curves), default=0.0)

@@ -8,14 +8,14 @@ import jinja2
 import numpy as np
 
 from jounce.checks.description import describe, limit_in_words
-from jounce.core.display import html
-from jounce.core.errors import JounceError, shortened
+from jounce.core.display import render_html
+from jounce.core.errors import JounceError, shorten
 from jounce.engine.engine import Engine
 from jounce.figures import canvas
-from jounce.figures.curves import over_time
+from jounce.figures.curves import draw_curves
 from jounce.figures.drawing import View, draw, poses_on
 from jounce.figures.labels import place_labels
-from jounce.figures.panels import Panel, Run
+from jounce.figures.panels import CurvePanel, TableRun
 from jounce.limits.check import Check, CheckedLimit
 from jounce.limits.retime import Retiming
 from jounce.limits.slowdown import Slowdown
@@ -39,7 +39,7 @@ MAX_BODIES_DRAWN = 12  # of a robot: labels of more frames would cover each othe
 DISPLAY_CURVE_POINTS = 400  # of a curve: a small SVG within a notebook
 
 
-@html.register
+@render_html.register
 def robot(robot: Engine) -> str:
     """The joints, bodies and limits of a robot, and a drawing of it where all coordinates are 0."""
     m, head = robot.mechanism, repr(robot)[1:-1]
@@ -68,7 +68,7 @@ def robot(robot: Engine) -> str:
     return _page(head, names, rows, picture=drawing)
 
 
-@html.register
+@render_html.register
 def motion(motion: Motion) -> str:
     """Where the joints of a motion start and end, their largest rates, and q, qd, q2d over time."""
     t = np.linspace(motion.start, motion.stop, DISPLAY_CURVE_POINTS)
@@ -78,29 +78,29 @@ def motion(motion: Motion) -> str:
         (joint, *(f"{x:.5g}" for x in (q[0], q[-1], abs(qd).max(), abs(q2d).max())))
         for joint, q, qd, q2d in zip(joints, *(rate.T for rate in rates), strict=True)
     ]
-    panels = [Panel(rate_name("q", k), dict(zip(joints, rate.T, strict=True))) for k, rate in enumerate(rates)]
-    run = Run(t, panels, [found.t for found in motion.breaks])
+    panels = [CurvePanel(rate_name("q", k), dict(zip(joints, rate.T, strict=True))) for k, rate in enumerate(rates)]
+    run = TableRun(t, panels, [found.t for found in motion.breaks])
     names = ("joint", "start", "end", "largest |qd|", "largest |q2d|")
-    return _page(repr(motion)[1:-1], names, rows, motion.notes, _picture(lambda: over_time([run])))
+    return _page(repr(motion)[1:-1], names, rows, motion.notes, _picture(lambda: draw_curves([run])))
 
 
-@html.register
+@render_html.register
 def check(found: Check) -> str:
     """The limits that a motion comes nearest to, or breaks."""
     rows = sorted(found.table, key=lambda row: -row.ratio)[:MAX_ROWS_SHOWN]
     names = ("", "joint", "limit", "worst", "bound", "unit", "at t [s]", "ratio")
     left = len(found.table) - len(rows)
     notes = (*([f"and {left} more limits, all of lower ratios"] if left else []), *found.notes)
-    return _page(repr(found)[1:-1], names, [_checked(row) for row in rows], notes)
+    return _page(repr(found)[1:-1], names, [_limit_cells(row) for row in rows], notes)
 
 
-@html.register
+@render_html.register
 def slowdown(slow: Slowdown) -> str:
     """The factor of speed of a slow-down, the limit that decides it, and the motion."""
     return _page(repr(slow)[1:-1], notes=slow.notes, picture=motion(slow.motion))
 
 
-@html.register
+@render_html.register
 def retiming(faster: Retiming) -> str:
     """The duration of a retimed motion, the limits that decide it, and the motion."""
     rows = [
@@ -112,7 +112,7 @@ def retiming(faster: Retiming) -> str:
     return _page(repr(faster)[1:-1], names, rows, notes, picture=motion(faster.motion))
 
 
-def _checked(row: CheckedLimit) -> tuple[str, ...]:
+def _limit_cells(row: CheckedLimit) -> tuple[str, ...]:
     spread = f" ± {row.deviation:.2g}" if row.deviation else ""
     numbers = (f"{row.value:.5g}", f"{row.bound:.5g}", row.unit, f"{row.t:.4f}", f"{row.ratio:.4g}{spread}")
     return (row.verdict, row.joint, row.words, *numbers)
@@ -129,6 +129,6 @@ def _picture(paint: Callable[[], "Figure"]) -> str:
 
 def _page(head: str, names: Cells = (), rows: Sequence[Cells] = (), notes: Cells = (), picture: str = "") -> str:
     """A heading, a table, notes and a picture; names are escaped."""
-    cells = [[shortened(cell) for cell in row] for row in rows]
+    cells = [[shorten(cell) for cell in row] for row in rows]
     template = jinja2.Environment(autoescape=True).from_string(PAGE)
     return template.render(head=head, names=names, rows=cells, notes=notes, picture=picture)

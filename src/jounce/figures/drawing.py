@@ -12,9 +12,9 @@ from jounce.core.scalars import Array
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.figures.canvas import COLOURS, INK, PALE
-from jounce.figures.labels import write
+from jounce.figures.labels import write_label
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import anchors, loose_bodies, outer_bodies, positions
+from jounce.model.positions import anchors, loose_bodies, multiscrew_joints, outer_bodies
 from jounce.spatial.inertia import moments
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def draw(axes: "Axes", mechanism: Mechanism, poses: np.ndarray, view: View) -> S
         points = view.of(np.stack(link)).T
         axes.plot(*points, color=INK, linewidth=9, solid_capstyle="round", zorder=1)
         axes.plot(*points, color="#e4e4e4", linewidth=7, solid_capstyle="round", zorder=1.1)
-    several = positions(mechanism)
+    several = multiscrew_joints(mechanism)
     for i, (point, direction) in enumerate(zip(bones.joints, bones.axes, strict=True), 1):
         joint = several.get(mechanism.owners[i - 1])
         if joint is None:
@@ -105,7 +105,7 @@ def draw(axes: "Axes", mechanism: Mechanism, poses: np.ndarray, view: View) -> S
         if np.isfinite(com).all():
             _centre_of_mass(axes, view.of(com), 0.016 * bones.size, f"$c_{{{i}}}$")
     _frame(axes, view, np.eye(4), bones.size, -1, "0")
-    for together in _sharing_origins(bones.poses, bones.size):
+    for together in _group_by_origin(bones.poses, bones.size):
         for place, i in enumerate(together):
             aside = 0 if len(together) == 1 else place + 1
             _frame(axes, view, bones.poses[i], bones.size, aside, str(i + 1))
@@ -138,7 +138,7 @@ def _axis(axes: "Axes", view: View, point: np.ndarray, half: np.ndarray, label: 
     axes.plot(*view.of(point), "o", ms=5, mfc="white", mec=INK, mew=0.9, zorder=3)
     along = end - start
     if np.linalg.norm(along) > MIN_ARROW_SHARE * np.linalg.norm(half):
-        write(axes, label, end, 9 * along / np.linalg.norm(along), color=LABEL_GREY)
+        write_label(axes, label, end, 9 * along / np.linalg.norm(along), color=LABEL_GREY)
 
 
 def _centre_of_mass(axes: "Axes", at: np.ndarray, radius: float, label: str) -> None:
@@ -148,7 +148,7 @@ def _centre_of_mass(axes: "Axes", at: np.ndarray, radius: float, label: str) -> 
     axes.add_patch(Circle(tuple(at), radius, facecolor="white", edgecolor=INK, linewidth=0.8, zorder=5))
     for start in (0, 180):
         axes.add_patch(Wedge(tuple(at), radius, start, start + 90, facecolor=INK, linewidth=0, zorder=5.1))
-    write(axes, label, at, (-12, 5))
+    write_label(axes, label, at, (-12, 5))
 
 
 def _frame(axes: "Axes", view: View, pose: np.ndarray, size: float, aside: int, label: str) -> None:
@@ -162,14 +162,14 @@ def _frame(axes: "Axes", view: View, pose: np.ndarray, size: float, aside: int, 
         tip = view.of(direction) * length
         if np.linalg.norm(tip) > MIN_ARROW_SHARE * length:
             arrow(axes, origin, origin + tip, colour)
-            write(axes, name, origin + tip, 6 * tip / np.linalg.norm(tip), color=colour, fontsize=7)
+            write_label(axes, name, origin + tip, 6 * tip / np.linalg.norm(tip), color=colour, fontsize=7)
         else:
             axes.plot(*origin, "o", ms=13, mfc="none", mec=colour, mew=1.2, zorder=5)
             axes.plot(*origin, ".", ms=3, color=colour, zorder=4)
-    write(axes, label, origin, (-7, -9), fontweight="bold")
+    write_label(axes, label, origin, (-7, -9), fontweight="bold")
 
 
-def _sharing_origins(poses: np.ndarray, size: float) -> list[list[int]]:
+def _group_by_origin(poses: np.ndarray, size: float) -> list[list[int]]:
     groups: list[list[int]] = []
     for i, r in enumerate(poses[:, :3, 3]):
         near = [group for group in groups if np.linalg.norm(poses[group[0], :3, 3] - r) < 1e-6 * size]

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from jounce.core.errors import JounceError, quoted
-from jounce.figures.canvas import letter
+from jounce.core.errors import JounceError, quote_value
+from jounce.figures.canvas import axes_letter
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -16,7 +16,7 @@ MIN_AXES_WIDTH = 2.1  # inches of a column of axes: its tick labels need it
 MIN_PICTURE_WIDTH, MAX_PICTURE_WIDTH = 30.0, 500.0  # mm: below, nothing can be read; above, no paper is as wide
 
 
-def width_of(text: str) -> float:
+def parse_width(text: str) -> float:
     """The width in inches that "column", "page" or a number of mm means; `JounceError` if nothing can be read on it."""
     try:
         found = {"column": COLUMN_WIDTH, "page": PAGE_WIDTH}.get(text) or float(text)
@@ -24,7 +24,7 @@ def width_of(text: str) -> float:
         found = 0.0
     if not MIN_PICTURE_WIDTH <= found <= MAX_PICTURE_WIDTH:
         raise JounceError(
-            f"--width {quoted(text)}; expected column, page or {MIN_PICTURE_WIDTH:g} to {MAX_PICTURE_WIDTH:g} mm"
+            f"--width {quote_value(text)}; expected column, page or {MIN_PICTURE_WIDTH:g} to {MAX_PICTURE_WIDTH:g} mm"
         )
     return found / MM_PER_INCH
 
@@ -42,7 +42,7 @@ def page_size(
     return (width, 0.5 + row * labels * -(-cells // columns)), columns
 
 
-def places(figure: "Figure", cells: int, columns: int, labels: int) -> "Sequence[Sequence[Axes]]":
+def create_axes_grid(figure: "Figure", cells: int, columns: int, labels: int) -> "Sequence[Sequence[Axes]]":
     """The axes of every cell, label by label, in a grid with a common time axis."""
     rows = -(-cells // columns)
     grid = figure.subplots(labels * rows, columns, sharex=True, squeeze=False)
@@ -67,4 +67,4 @@ def leave_out_labels(grid: "Sequence[Sequence[Axes]]", columns: int) -> None:
                 of_label[i].set_ylabel("")
     every = [axes for of_label in grid for axes in of_label]
     for i, axes in enumerate(every if len(every) > 1 else []):
-        axes.set_title(f"({letter(i)})", loc="left")
+        axes.set_title(f"({axes_letter(i)})", loc="left")

@@ -29,7 +29,7 @@ OUTLINE_SPACING = 2.0  # points between those of an outline: less than a label i
 COST_ON_LABEL, COST_ON_LINE, COST_MOVED = 1000.0, 10.0, 1.0
 
 
-def write(axes: "Axes", text: str, at: Array, offset: Array = (0, 0), **style: Any) -> None:
+def write_label(axes: "Axes", text: str, at: Array, offset: Array = (0, 0), **style: Any) -> None:
     """Write a label, in points from a place of the drawing; what lies beneath does not cross it."""
     from matplotlib.patheffects import withStroke
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.motion.trust import BAND_DEVIATIONS, surest_peaks
+from jounce.motion.reliability import BAND_DEVIATIONS, find_surest_peaks
 
 MAX_POINTS_DRAWN = 2000  # of a curve, about: a page has no more pixels across
 MIN_VISIBLE_SHARE = 0.1  # of the largest value: a smaller curve looks flat in the same axes
@@ -15,7 +15,7 @@ MAX_CROWD_COLUMNS = 6  # of axes over which many curves are spread: a page has r
 
 
 @dataclass(frozen=True)
-class Panel:
+class CurvePanel:
     """A quantity over time: its values by joint, and if given those that differentiation makes of them."""
 
     label: str
@@ -38,28 +38,28 @@ class Panel:
 
     def peak(self, name: str) -> float:
         """The largest absolute value of a curve, that of its wild ends left out."""
-        return float(surest_peaks(self.curves[name], self._deviations(name))[0])
+        return float(find_surest_peaks(self.curves[name], self._deviations(name))[0])
 
     def _deviations(self, name: str) -> np.ndarray:
         return self.deviations.get(name, np.zeros(len(self.curves[name])))
 
 
 @dataclass(frozen=True)
-class Run:
+class TableRun:
     """The panels of a table over its times; breaks are upright lines."""
 
     t: np.ndarray
-    panels: Sequence[Panel]
+    panels: Sequence[CurvePanel]
     breaks: Sequence[float] = ()
     title: str = ""
 
 
-def joint_names(panels: Sequence[Panel]) -> list[str]:
+def joint_names(panels: Sequence[CurvePanel]) -> list[str]:
     """The joints of all panels: a table need not hold every quantity of every joint."""
     return list(dict.fromkeys(name for panel in panels for name in panel.curves))
 
 
-def columns_of(panels: Sequence[Panel]) -> list[list[str]]:
+def columns_of(panels: Sequence[CurvePanel]) -> list[list[str]]:
     """The joints of each column of axes: of one unit, of sizes that can be seen together, and not too many."""
     names = joint_names(panels)
     units = {name: unit for panel in panels for name, unit in panel.joint_units.items()}
@@ -67,12 +67,12 @@ def columns_of(panels: Sequence[Panel]) -> list[list[str]]:
     most = max(MAX_CURVES_PER_AXES, -(-len(names) // MAX_CROWD_COLUMNS))
     return [
         [str(name) for name in column]
-        for group in alike for sized in by_size(panels, group)
+        for group in alike for sized in split_by_size(panels, group)
         for column in np.array_split(sized, -(-len(sized) // most))
     ]  # fmt: skip
 
 
-def by_size(panels: Sequence[Panel], names: Sequence[str]) -> list[list[str]]:
+def split_by_size(panels: Sequence[CurvePanel], names: Sequence[str]) -> list[list[str]]:
     """Curves in one column, or in two, large and small, if one is hidden by the largest of its panel."""
     small = set()
     for panel in panels:
@@ -82,7 +82,7 @@ def by_size(panels: Sequence[Panel], names: Sequence[str]) -> list[list[str]]:
     return [column for column in columns if column]
 
 
-def drawn_points(values: np.ndarray, most: int = MAX_POINTS_DRAWN) -> np.ndarray:
+def thin_points(values: np.ndarray, most: int = MAX_POINTS_DRAWN) -> np.ndarray:
     """The indices of the samples that a page shows: of many the ends, in each short piece the first and the extremes.
 
     Extremes alone would make a ring of a cloud of dots.

@@ -7,14 +7,14 @@ import numpy as np
 
 from jounce.engine.engine import Engine
 from jounce.figures.canvas import COLOURS, PALE, legend_above, painted
-from jounce.limits import pace
-from jounce.limits.friction import friction_of
+from jounce.limits import path_velocity
+from jounce.limits.friction import acting_friction
 from jounce.limits.joints import joint_limits
-from jounce.limits.path import Path, path_of
-from jounce.limits.problem import MAX_UNIFORM_SPEED, without_friction
-from jounce.limits.rows import rows_of
-from jounce.model.kinds import KINDS, LINE
-from jounce.model.limits import unlimited
+from jounce.limits.limit_rows import build_rows
+from jounce.limits.path import Path, sample_path
+from jounce.limits.retime_problem import MAX_UNIFORM_SPEED, without_friction
+from jounce.model.limit_kinds import LIMIT_KINDS, STALL_LINE_KINDS
+from jounce.model.limits import no_limits
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,21 +29,21 @@ MIN_SPEED_SHARE = 1e-3  # of the largest speed: lower ones are on the axis of a 
 CURVE: Any = {"linewidth": 1.0, "linestyle": (0, (5, 2))}
 
 
-def over_path(robot: Engine, motion: "Motion", found: "Retiming") -> "Figure":
+def draw_path_speed(robot: Engine, motion: "Motion", found: "Retiming") -> "Figure":
     """The speed along the path over the distance on it: given, retimed, and the curves of the limits.
 
     The curve of efforts and accelerations is the maximum velocity curve: above it no acceleration along the path meets
     all of them. Torque rates have no curve of their own.
     """
     sigma = np.linspace(motion.start, motion.stop, PATH_POINTS)
-    path = path_of(without_friction(robot), motion, sigma, 0)
+    path = sample_path(without_friction(robot), motion, sigma, 0)
     unit = np.linalg.norm(path.q[1], axis=1)
     way = np.concatenate([[0.0], np.cumsum((unit[1:] + unit[:-1]) / 2 * np.diff(sigma))])
     pace_found = np.sqrt(found.law.x(sigma))
     speed = unit * pace_found
     top = AXES_HEIGHT_PER_SPEED * float(speed.max())
     decided = {stretch.limit for stretch in found.binding}
-    colours = {kind: COLOURS[i % len(COLOURS)] for i, kind in enumerate(KINDS)}
+    colours = {kind: COLOURS[i % len(COLOURS)] for i, kind in enumerate(LIMIT_KINDS)}
     t = found.law.times(sigma)
 
     def paint(figure: "Figure") -> None:
@@ -62,7 +62,7 @@ def over_path(robot: Engine, motion: "Motion", found: "Retiming") -> "Figure":
             axes.plot(way[inside], speed[inside], color=colours[stretch.limit], linewidth=2.4)
         entries |= {
             f"retimed, at {k.replace('_', ' ')} limit": {"color": colours[k], "linewidth": 2.4}
-            for k in KINDS
+            for k in LIMIT_KINDS
             if k in decided
         }
         axes.set_ylim(0, top)
@@ -83,12 +83,15 @@ def _curves(robot: Engine, path: Path, reached: np.ndarray) -> dict[str, np.ndar
     possible paces above it are not drawn. Its error is the ratio of neighbouring tries.
     """
     limits = joint_limits(robot.mechanism)
-    drawn = [[*KINDS].index(kind) for kind in ("velocity", "effort", "acceleration", *LINE)]
-    table = unlimited(limits.table.shape[-1]).table
+    drawn = [[*LIMIT_KINDS].index(kind) for kind in ("velocity", "effort", "acceleration", *STALL_LINE_KINDS)]
+    table = no_limits(limits.table.shape[-1]).table
     table[drawn] = limits.table[drawn]
-    rows, found = rows_of(path, replace(limits, table=table), 1.0, MAX_UNIFORM_SPEED, friction_of(robot.mechanism)), {}
+    rows, found = (
+        build_rows(path, replace(limits, table=table), 1.0, MAX_UNIFORM_SPEED, acting_friction(robot.mechanism)),
+        {},
+    )
     if np.isfinite(limits.bounds("velocity")).any():
-        found["velocity limits"] = rows.factors[:, 0, rows.used == pace.S1_2].ravel() ** -0.5
+        found["velocity limits"] = rows.factors[:, 0, rows.used == path_velocity.S1_2].ravel() ** -0.5
     first = [i for i, kind in enumerate(rows.kinds) if kind in ("effort", "acceleration", "stall_effort")]
     if not first:
         return found
@@ -96,7 +99,7 @@ def _curves(robot: Engine, path: Path, reached: np.ndarray) -> dict[str, np.ndar
     # the intervals (tries, N, limits) of accelerations; where a is 0, a limit allows all or none
     tries = reached.max() * np.geomspace(MIN_SPEED_SHARE, 10, SPEEDS_PER_POINT)
     rest = np.stack([rows.uniform(speed)[:, first] for speed in tries])
-    a = rows.factors[:, first] @ (rows.used == pace.S2)
+    a = rows.factors[:, first] @ (rows.used == path_velocity.S2)
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.stack([(lower - rest) / a, (upper - rest) / a])
     least = np.where(a == 0, np.where((rest >= lower) & (rest <= upper), -np.inf, np.inf), ends.min(axis=0)).max(axis=2)

@@ -5,35 +5,35 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed, no_such, quoted, shortened
+from jounce.core.errors import JounceError, join_names, quote_value, shorten, unknown_name_error
 from jounce.figures.curves import SAMPLE_STYLE
-from jounce.figures.panels import Panel, Run
+from jounce.figures.panels import CurvePanel, TableRun
 from jounce.model.coordinates import BASE_FORCES, coordinate_limits, coordinate_units, force_names
-from jounce.model.kinds import EFFORT_KINDS, KINDS, MOTION_KINDS, UNITS
+from jounce.model.limit_kinds import BOUNDED_UNITS, EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.series import SUFFIX
+from jounce.spatial.series import RATE_SUFFIX
 
-KINDS_BY_SYMBOL = {KINDS[kind].symbol: kind for kind in (*MOTION_KINDS, *EFFORT_KINDS)}  # by the quantity
+KINDS_BY_SYMBOL = {LIMIT_KINDS[kind].symbol: kind for kind in (*MOTION_KINDS, *EFFORT_KINDS)}  # by the quantity
 MAX_DRAWN_VALUE = 1e300  # matplotlib cannot number an axis of larger values: its margins overflow
 FIELDS_BY_SUFFIX = {"_sd": "deviations", "_sample": "points", "_measured": "points"}
 # a name may be of any characters, or of none
-COLUMN_NAME = re.compile(rf"(.*)\.([qQ])({SUFFIX})(_sd|_sample|_measured)?", re.DOTALL)
+COLUMN_NAME = re.compile(rf"(.*)\.([qQ])({RATE_SUFFIX})(_sd|_sample|_measured)?", re.DOTALL)
 
 
-def run_of(
+def make_run(
     columns: Mapping[str, np.ndarray],
     place: str,
     joints: Sequence[str] = (),
     quantities: Sequence[str] = (),
     mechanism: Mechanism | None = None,
-) -> Run:
+) -> TableRun:
     """The panels and breaks of a table, under its name: all that it holds, or some joints and quantities (Q, Qd) only.
 
     The mechanism gives the order of the joints, their units and limits; without it the table's order holds. Raises
     `JounceError` if columns are missing, numbers are too large, or the mechanism has no such joint.
     """
-    found, extra = _found(columns, place)
-    shown = _shown(found, place, joints, quantities, mechanism)
+    found, extra = _collect_curves(columns, place)
+    shown = _select_curves(found, place, joints, quantities, mechanism)
     _check_sizes(columns, shown, place)
     units = dict(zip(BASE_FORCES, ["rad"] * 3 + ["m"] * 3, strict=True))
     if mechanism is not None:
@@ -44,15 +44,15 @@ def run_of(
         given = {kind: of.get(quantity, {}) for kind, of in extra.items()}
         unit, of_joints = _units(quantity), limits.get(quantity, {})
         if curves:
-            drawn.append(Panel(quantity, curves, None, **given, units=unit, joint_units=units, limits=of_joints))
+            drawn.append(CurvePanel(quantity, curves, None, **given, units=unit, joint_units=units, limits=of_joints))
         points = given.get("points", {}) if quantity == "q" else {}
         if residuals := {joint: points[joint] - values for joint, values in curves.items() if joint in points}:
-            drawn.append(Panel("residual of q", residuals, units=unit, joint_units=units, style=SAMPLE_STYLE))
+            drawn.append(CurvePanel("residual of q", residuals, units=unit, joint_units=units, style=SAMPLE_STYLE))
     breaks = columns["t"][columns["break"] >= 0].tolist() if "break" in columns else []  # as `jounce motion` marks them
-    return Run(columns["t"], drawn, breaks, place)
+    return TableRun(columns["t"], drawn, breaks, place)
 
 
-def rows_between(
+def select_rows(
     columns: Mapping[str, np.ndarray], place: str, between: tuple[float, float] | None
 ) -> Mapping[str, np.ndarray]:
     """The rows of a table between two times, both included, or all; `JounceError` if no row lies between them."""
@@ -66,7 +66,7 @@ def rows_between(
     return {name: values[rows] for name, values in columns.items()}
 
 
-def _found(
+def _collect_curves(
     columns: Mapping[str, np.ndarray], place: str
 ) -> tuple[dict[str, dict[str, np.ndarray]], dict[str, dict[str, dict[str, np.ndarray]]]]:
     """The curves by quantity and joint; and by what else there is to a curve, its points and deviations."""
@@ -80,14 +80,15 @@ def _found(
     if not found:
         cure = f"of samples `jounce motion ROBOT {place} -o OUT` makes a table to be drawn"
         raise JounceError(
-            f"{place}: no columns NAME.Q, NAME.Qd, ... or NAME.q, NAME.qd, ...; available: {listed(columns)}; {cure}"
+            f"{place}: no columns NAME.Q, NAME.Qd, ... or NAME.q, NAME.qd, ...; available:"
+            f" {join_names(columns)}; {cure}"
         )
     if "t" not in columns:
-        raise JounceError(f"{place}: no column 't'; available: {listed(columns)}")
+        raise JounceError(f"{place}: no column 't'; available: {join_names(columns)}")
     return found, extra
 
 
-def _shown(
+def _select_curves(
     found: Mapping[str, Mapping[str, np.ndarray]],
     place: str,
     joints: Sequence[str],
@@ -100,20 +101,20 @@ def _shown(
         names = force_names(mechanism)
         for joint in known:
             if joint not in names:
-                missing = no_such(f"joint of {shortened(mechanism.name)}", joint, names)
+                missing = unknown_name_error(f"joint of {shorten(mechanism.name)}", joint, names)
                 raise JounceError(f"{place}: {missing}; expected a table of this robot")
         known = [joint for joint in names if joint in known]
     for kind, asked, existing in (("joint", joints, known), ("quantity", quantities, list(found))):
         for name in asked:
             if name not in existing:
-                raise JounceError(f"{place}: {no_such(kind, name, existing)}")
+                raise JounceError(f"{place}: {unknown_name_error(kind, name, existing)}")
     chosen = [joint for joint in known if joint in (joints or known)]
     shown = {
         quantity: {joint: found[quantity][joint] for joint in chosen if joint in found[quantity]}
         for quantity in sorted(quantities or found, key=lambda name: (name[0] == "Q", _order(name)))
     }
     if not any(shown.values()):
-        raise JounceError(f"{place}: none of {listed(joints)} has a column of {listed(quantities)}")
+        raise JounceError(f"{place}: none of {join_names(joints)} has a column of {join_names(quantities)}")
     return shown
 
 
@@ -121,7 +122,7 @@ def _check_sizes(columns: Mapping[str, np.ndarray], shown: Mapping[str, Mapping[
     for name in ["t", *(f"{joint}.{quantity}" for quantity, curves in shown.items() for joint in curves)]:
         peak = np.abs(columns[name]).max()
         if peak > MAX_DRAWN_VALUE:
-            came = f"column {quoted(name)} holds {peak:g}"
+            came = f"column {quote_value(name)} holds {peak:g}"
             raise JounceError(f"{place}: {came}; expected no more than {MAX_DRAWN_VALUE:g} to draw it")
 
 
@@ -143,4 +144,4 @@ def _units(quantity: str) -> dict[str, str]:
     """``N m/s², N/s²`` of Q2d, by the unit of the joint."""
     k = _order(quantity)
     per = "" if not k else "/s" if k == 1 else f"/s$^{{{k}}}$"
-    return {joint_unit: unit + per for joint_unit, unit in zip(("rad", "m"), UNITS[quantity[0]], strict=True)}
+    return {joint_unit: unit + per for joint_unit, unit in zip(("rad", "m"), BOUNDED_UNITS[quantity[0]], strict=True)}

@@ -3,6 +3,6 @@
 from jounce.identification.estimation import identify
 from jounce.identification.excitation import Excitation, excite
 from jounce.identification.result import Identification
-from jounce.identification.table import ForceResidual, IdentifiedParameter
+from jounce.identification.result_tables import ForceResidual, IdentifiedParameter
 
 __all__ = ["Excitation", "ForceResidual", "Identification", "IdentifiedParameter", "excite", "identify"]

@@ -6,21 +6,21 @@ from typing import get_args
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed, one_of, quoted, warn
+from jounce.core.errors import JounceError, check_choice, join_names, quote_value, warn
 from jounce.core.scalars import asarray, is_finite
 from jounce.core.typing import ArrayLike, DriveColumn, DriveColumns, Equations
-from jounce.engine.along import checked_motion
-from jounce.engine.engine import R, like
-from jounce.identification.measurements import measurements
-from jounce.identification.physical import ConsistentParameters, consistent_parameters
-from jounce.identification.problem import model_of, problem
-from jounce.identification.regression import regression, solve
+from jounce.engine.along import check_motion
+from jounce.engine.engine import R, with_mechanism
+from jounce.identification.force_warnings import force_warnings, unexplained_warnings
+from jounce.identification.least_squares_problem import pose_problem, with_smoothing_velocity
+from jounce.identification.measurements import check_measurements
+from jounce.identification.physical_consistency import ConsistentParameters, fit_consistent_parameters
+from jounce.identification.regression import solve_normal_equations, weigh_forces
 from jounce.identification.result import Identification
-from jounce.identification.suspicions import suspicions, unexplained
-from jounce.identification.table import IdentifiedParameter, parameter_table, residuals
-from jounce.model.drives import AMOUNTS, OFFSET, TERMS, select_columns
-from jounce.model.parameters import with_parameters
-from jounce.model.positions import check_single
+from jounce.identification.result_tables import IdentifiedParameter, force_residuals, parameter_table
+from jounce.model.drives import AMOUNTS, DRIVE_TERMS, OFFSET, select_columns
+from jounce.model.parameters import with_inertial_parameters
+from jounce.model.positions import check_single_screws
 from jounce.motion.motion import Motion
 
 MIN_PRIOR = 1e-9  # relative deviation: no model is better, and squares of smaller ones overflow
@@ -41,27 +41,29 @@ def identify(
     method: Equations,
 ) -> Identification[R]:
     """Identify a robot from a motion and measured forces, see `Robot.identify`."""
-    one_of("method", method, get_args(Equations))
+    check_choice("method", method, get_args(Equations))
     terms = select_columns(drives)
-    model = model_of(robot, terms, eps)
+    model = with_smoothing_velocity(robot, terms, eps)
     if not is_finite(prior) or not prior >= MIN_PRIOR:
-        raise JounceError(f"prior is {quoted(prior)}; expected a relative standard deviation, {MIN_PRIOR:g} or more")
-    check_single(model.mechanism, "identify()")
-    path = checked_motion(model.mechanism, motion)
-    given = measurements(model.mechanism, path, forces, t, weights, deviations)
-    posed = problem(model, path, terms, given, _select_samples(span, given.t), band, method)
-    weighed = regression(posed.cells, posed.columns, known=deviations is not None)
+        raise JounceError(
+            f"prior is {quote_value(prior)}; expected a relative standard deviation, {MIN_PRIOR:g} or more"
+        )
+    check_single_screws(model.mechanism, "identify()")
+    path = check_motion(model.mechanism, motion)
+    given = check_measurements(model.mechanism, path, forces, t, weights, deviations)
+    posed = pose_problem(model, path, terms, given, _select_samples(span, given.t), band, method)
+    weighed = weigh_forces(posed.cells, posed.columns, known=deviations is not None)
     information = weighed.information[np.ix_(posed.columns, posed.columns)]
-    solution = solve(information, weighed.right[posed.columns])
+    solution = solve_normal_equations(information, weighed.right[posed.columns])
     table = parameter_table(posed, solution, weighed.variances)
-    notes = [*suspicions(posed, method), *_undetermined_notes(table, solution.rank)]
+    notes = [*force_warnings(posed, method), *_undetermined_notes(table, solution.rank)]
     for text in notes:
         warn(text)
     estimate, weight = posed.model_parameters + solution.x, float(prior) ** -2
-    found = consistent_parameters(model.mechanism, posed.base, information, estimate, terms, weight=weight)
+    found = fit_consistent_parameters(model.mechanism, posed.base, information, estimate, terms, weight=weight)
     predicted = posed.predict(found.parameters, found.values[posed.base.count :])
-    rows, times = residuals(posed, predicted), given.t[posed.used]
-    notes += (left := unexplained(rows))
+    rows, times = force_residuals(posed, predicted), given.t[posed.used]
+    notes += (left := unexplained_warnings(rows))
     for text in left:
         warn(text)
     return Identification(
@@ -91,20 +93,22 @@ def _select_samples(span: tuple[float, float] | None, t: np.ndarray) -> np.ndarr
         return np.ones(len(t), dtype=bool)
     times = np.asarray(asarray(span, "span"))
     if times.shape != (2,) or times.dtype.kind != "f":
-        raise JounceError(f"span is {quoted(span)}; expected two times in s")
+        raise JounceError(f"span is {quote_value(span)}; expected two times in s")
     first, last = times
     inside = (t >= first) & (t <= last)
     if not inside.any():
-        raise JounceError(f"span is {quoted(span)}; expected times from {t[0]:.6g} to {t[-1]:.6g} s, which forces have")
+        raise JounceError(
+            f"span is {quote_value(span)}; expected times from {t[0]:.6g} to {t[-1]:.6g} s, which forces have"
+        )
     return inside
 
 
 def _build_robot(robot: R, terms: Sequence[DriveColumn], found: ConsistentParameters) -> R:
     """The robot with what was found; its drive terms act."""
-    m = with_parameters(robot.mechanism, found.parameters)
+    m = with_inertial_parameters(robot.mechanism, found.parameters)
     values = {AMOUNTS[term]: x for term, x in found.drives.items() if term != OFFSET}
-    acting = tuple(term for term in TERMS if term in {*m.acting, *terms})
-    return like(robot, replace(m, drives=replace(m.drives, **values), acting=acting))
+    acting = tuple(term for term in DRIVE_TERMS if term in {*m.acting, *terms})
+    return with_mechanism(robot, replace(m, drives=replace(m.drives, **values), acting=acting))
 
 
 def _undetermined_notes(table: Sequence[IdentifiedParameter], rank: int) -> list[str]:
@@ -112,9 +116,9 @@ def _undetermined_notes(table: Sequence[IdentifiedParameter], rank: int) -> list
     unseen = [row.name for row in table if not row.seen]
     known = f"deviations exceed sizes (rank {rank} of {len(table)})"
     cure = "a faster or longer motion of more joints determines them"
-    return [f"the data do not determine {listed(unseen)}: {known}; {cure}"] if unseen else []
+    return [f"the data do not determine {join_names(unseen)}: {known}; {cure}"] if unseen else []
 
 
 def _body_notes(found: ConsistentParameters) -> list[str]:
     said = {"have no mass, and keep none": found.massless, "were thin, and got an inside": found.thickened}
-    return [f"bodies that {what}: {listed(which)}" for what, which in said.items() if which]
+    return [f"bodies that {what}: {join_names(which)}" for what, which in said.items() if which]

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed
+from jounce.core.errors import JounceError, join_names
 from jounce.core.typing import ArrayLike, DriveColumns
 from jounce.engine.engine import Engine
+from jounce.identification.excitation_search import ExcitationSearch, Progress
+from jounce.identification.excitation_setup import check_number, check_whole_number, prepare_search
 from jounce.identification.harmonics import MIN_HARMONICS, Harmonics
-from jounce.identification.search import Progress, Search
-from jounce.identification.setup import number, search_of, whole
 from jounce.limits.check import Check, CheckedLimit, check
 from jounce.model.drives import select_columns
 from jounce.motion import Motion
@@ -79,7 +79,7 @@ class Excitation:
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         return "\n".join([
             self.motion.source,
-            f"{len(self.parameters)} parameters seen, unseen: {listed(self.unseen) or '-'}",
+            f"{len(self.parameters)} parameters seen, unseen: {join_names(self.unseen) or '-'}",
             f"log det of the information matrix {self.criterion:.6g}, condition number {self.condition:.4g}",
             *self.notes,
             "",
@@ -101,10 +101,13 @@ def excite(
     progress: Progress | None,
 ) -> Excitation:
     """Find the motion that excites a robot within its limits, see `Robot.excite`."""
-    count, rng = whole("starts", starts, 1, MAX_REPETITIONS), np.random.default_rng(whole("seed", seed, 0))
-    times = number("period", period, "s"), whole("periods", periods, 1, MAX_REPETITIONS)
-    series = Harmonics(*times, whole("harmonics", harmonics, MIN_HARMONICS, MAX_HARMONICS))
-    search, notes = search_of(robot, series, select_columns(drives), weights, reach, margin, rng)
+    count, rng = (
+        check_whole_number("starts", starts, 1, MAX_REPETITIONS),
+        np.random.default_rng(check_whole_number("seed", seed, 0)),
+    )
+    times = check_number("period", period, "s"), check_whole_number("periods", periods, 1, MAX_REPETITIONS)
+    series = Harmonics(*times, check_whole_number("harmonics", harmonics, MIN_HARMONICS, MAX_HARMONICS))
+    search, notes = prepare_search(robot, series, select_columns(drives), weights, reach, margin, rng)
     rest = search.find_rest(rng)
     x, motion, found = _shrink_into_limits(search, search.find_best(count, rng, progress), rest)
     rates, information = search.rates(x), search.information
@@ -117,7 +120,7 @@ def excite(
     return Excitation(motion, information.log_det(rates), condition, names, unseen, found, notes)
 
 
-def _shrink_into_limits(search: Search, x: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, Motion, Check]:
+def _shrink_into_limits(search: ExcitationSearch, x: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, Motion, Check]:
     """A series drawn to a pose at rest as far as limits between its points need it, with its motion and the check."""
     robot, centre, size = search.information.robot, np.zeros_like(x), 1.0
     centre[0] = rest

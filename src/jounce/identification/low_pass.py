@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import hyp1f1
 
 from jounce.core.errors import JounceError
-from jounce.identification.cells import MAX_REGRESSOR_SAMPLES
+from jounce.identification.averaging import MAX_REGRESSOR_SAMPLES
 
 CUBIC_POINTS = 4  # samples that a cubic passes through
 MIN_INTERVAL_RATIO = 0.1  # of the intervals between them: below it a line is taken, as a cubic would amplify noise
@@ -55,7 +55,7 @@ class LowPass:
         return np.concatenate([y for _, y in self(lambda part: (values[part], 0 * values[part]))])
 
 
-def low_pass(t: np.ndarray, cutoff: float) -> LowPass:
+def design_low_pass(t: np.ndarray, cutoff: float) -> LowPass:
     """The filter for increasing times (N,), four at least, and a cutoff frequency in Hz."""
     if len(t) < CUBIC_POINTS:
         raise JounceError(f"a filter needs {CUBIC_POINTS} samples or more, got {len(t)}")

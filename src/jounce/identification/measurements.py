@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.core.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import asarray
 from jounce.core.typing import ArrayLike
 from jounce.model.coordinates import force_names
@@ -37,7 +37,7 @@ class Measurements:
         return Measurements(self.t[rows], self.forces[rows], self.weights[rows])
 
 
-def measurements(
+def check_measurements(
     mechanism: Mechanism,
     motion: Motion,
     forces: ArrayLike | None,
@@ -99,5 +99,5 @@ def _factors(label: str, given: ArrayLike | None, shape: Sequence[int]) -> np.nd
 def _check_numbers(given: ArrayLike, label: str) -> np.ndarray:
     found = np.asarray(asarray(given, label))
     if found.dtype.kind != "f" or not np.size(found):
-        raise JounceError(f"{label} is {quoted(given)}; expected an array of numbers")
+        raise JounceError(f"{label} is {quote_value(given)}; expected an array of numbers")
     return found

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.identification.cells import Cells
+from jounce.identification.averaging import CellAverages
 
 INFORMATION_RANK_TOLERANCE = 1e-12  # of eigenvalues of the scaled information to the largest: smaller ones are rounding
 NULL_SPACE_TOLERANCE = 1e-8  # squared share of directions without information in a parameter: below, it is rounding
@@ -26,7 +26,7 @@ MIN_RELATIVE_DEVIATION = 1e-6  # of forces to their size: no sensor is better
 
 
 @dataclass(frozen=True, eq=False)
-class Regression:
+class NormalEquations:
     """The normal equations of corrections x of the parameters of a model, and the variances W^-1 that weigh them."""
 
     information: np.ndarray  # (P, P) sum of Y^T W Y of all columns
@@ -36,7 +36,7 @@ class Regression:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class InformedSolution:
     """The solution of a least-squares problem by its information, as far as the data determine it."""
 
     x: np.ndarray  # (P,) the shortest solution, in the scales of the columns
@@ -45,16 +45,16 @@ class Solution:
     condition: float  # ratio of the singular values of the scaled problem, the largest to the smallest that counts
 
 
-def solve(information: np.ndarray, right: np.ndarray) -> Solution:
+def solve_normal_equations(information: np.ndarray, right: np.ndarray) -> InformedSolution:
     """Solve information x = right in columns scaled to one."""
     directions, values, blind = _informed_directions(information)
     covariance = directions @ directions.T
     covariance[blind, blind] = np.inf
     condition = float(np.sqrt(values.max() / values.min())) if len(values) else np.inf
-    return Solution(directions @ (directions.T @ right), covariance, len(values), condition)
+    return InformedSolution(directions @ (directions.T @ right), covariance, len(values), condition)
 
 
-def regression(cells: Cells, chosen: np.ndarray, known: bool) -> Regression:
+def weigh_forces(cells: CellAverages, chosen: np.ndarray, known: bool) -> NormalEquations:
     """Weigh the cells by iterated variances; `chosen` (K,) are columns that span those of all.
 
     If the variances are `known`, the counts of the cells are their sums of inverse variances.
@@ -72,17 +72,17 @@ def regression(cells: Cells, chosen: np.ndarray, known: bool) -> Regression:
             break
     Y, off = _weighted_rows(cells, variances)
     deviations = np.sqrt(variances / np.where(measured, cells.counts.mean(axis=0), 1.0))
-    return Regression(Y.T @ Y, Y.T @ off, variances, deviations)
+    return NormalEquations(Y.T @ Y, Y.T @ off, variances, deviations)
 
 
-def row_weights(cells: Cells, variances: np.ndarray) -> np.ndarray:
+def row_weights(cells: CellAverages, variances: np.ndarray) -> np.ndarray:
     """The inverse variances (C, nv) of the averages over cells."""
     measured = cells.counts > 0
     own = np.divide(variances, cells.counts, out=np.full(cells.counts.shape, np.inf), where=measured)
     return np.asarray(1 / (own + cells.spread))
 
 
-def _variance_ratios(cells: Cells, chosen: np.ndarray, variances: np.ndarray) -> np.ndarray:
+def _variance_ratios(cells: CellAverages, chosen: np.ndarray, variances: np.ndarray) -> np.ndarray:
     """How many times as large the residuals' variances (nv,) are as those that weigh them, by their periodograms."""
     Y, off = _weighted_rows(cells, variances)
     Y = Y[:, chosen]
@@ -96,13 +96,13 @@ def _variance_ratios(cells: Cells, chosen: np.ndarray, variances: np.ndarray) ->
     return np.divide(found, expected, out=np.ones_like(found), where=expected > 0)
 
 
-def _weighted_rows(cells: Cells, variances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _weighted_rows(cells: CellAverages, variances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Regressor (C nv, P) and forces that the model leaves (C nv,) over the deviations of the rows."""
     roots = np.sqrt(row_weights(cells, variances))
     return (cells.Y * roots[..., None]).reshape(-1, cells.Y.shape[-1]), (cells.off * roots).ravel()
 
 
-def _mean_square(cells: Cells, values: np.ndarray) -> np.ndarray:
+def _mean_square(cells: CellAverages, values: np.ndarray) -> np.ndarray:
     """Mean squares (nv,) of averages over cells, of one sample each."""
     there = np.maximum((cells.counts > 0).sum(axis=0), 1)
     return np.asarray((cells.counts * values**2).sum(axis=0) / there)

@@ -6,12 +6,12 @@ from typing import Generic
 
 import numpy as np
 
-from jounce.core.errors import shortened
+from jounce.core.errors import shorten
 from jounce.core.typing import ArrayLike
-from jounce.engine.along import checked_motion, forces_along
+from jounce.engine.along import check_motion, forces_along
 from jounce.engine.engine import R
-from jounce.identification.cells import regressors
-from jounce.identification.table import ForceResidual, IdentifiedParameter
+from jounce.identification.averaging import regressor_pieces
+from jounce.identification.result_tables import ForceResidual, IdentifiedParameter
 from jounce.model.coordinates import generalized_forces
 from jounce.model.drives import OFFSET
 from jounce.motion.motion import Motion
@@ -124,7 +124,7 @@ class Identification(Generic[R]):
         """
         m, along = self.robot.mechanism, forces_along(self.robot, motion, t, 0)
         if m.closure:  # offsets of joints that others carry along act through the loops
-            pieces = regressors(self.robot, checked_motion(m, motion), along.t, (OFFSET,))
+            pieces = regressor_pieces(self.robot, check_motion(m, motion), along.t, (OFFSET,))
             constant = np.concatenate([Y[..., -len(m.joints) :] @ self.offsets for _, Y in pieces])
         else:
             constant = np.append(np.zeros(m.nv - m.n), generalized_forces(m, self.offsets[:, None])[:, 0])
@@ -132,19 +132,19 @@ class Identification(Generic[R]):
 
     def __repr__(self) -> str:
         seen = sum(row.seen for row in self.table)
-        return f"<Identification of {shortened(self.robot.name)}: {seen} of {len(self.table)} parameters seen>"
+        return f"<Identification of {shorten(self.robot.name)}: {seen} of {len(self.table)} parameters seen>"
 
     def __str__(self) -> str:
         first, last = self.span
         averages = f"averaged to {self.cells} cells of {self.cell:.3g} s"
         counts = f"{self.samples} samples, t = {first:g} .. {last:g} s, {averages}"
         rank = f"rank {self.rank} of {len(self.table)}, condition {self.condition:.3g}"
-        head = [f"{shortened(self.robot.name)}: {counts}, up to {self.band:.3g} Hz", rank, *self.notes, ""]
+        head = [f"{shorten(self.robot.name)}: {counts}, up to {self.band:.3g} Hz", rank, *self.notes, ""]
         rows: list[tuple[str, ...]] = [("parameter", "value", "deviation", "model", "unit", "")]
         for row in self.table:
             values = (f"{row.value:.6g}", f"{row.deviation:.2g}", f"{row.model:.6g}")
             rows.append((row.name, *values, row.unit, "" if row.seen else "not seen"))
-        lines = aligned(rows)
+        lines = align_columns(rows)
         for part, title in PART_TITLES.items():
             some = [of for of in self.residuals if of.part == part]
             rows = [(title, "measured", "model", "identified", "unit", "all samples: model", "identified")]
@@ -152,12 +152,12 @@ class Identification(Generic[R]):
                 numbers = (of.measured, of.model, of.identified, of.model_samples, of.identified_samples)
                 cells = [f"{x:.4g}" for x in numbers]
                 rows.append((of.force, *cells[:3], of.unit, *cells[3:]))
-            lines += ["", *aligned(rows)] if some else []
+            lines += ["", *align_columns(rows)] if some else []
         return "\n".join([*head, *lines])
 
 
-def aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
+def align_columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
     """Lines of cells in columns, of names on the left and of all else on the right."""
-    cells = [tuple(map(shortened, row)) for row in rows]
+    cells = [tuple(map(shorten, row)) for row in rows]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     return ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]).rstrip() for row in cells]

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.arguments.elasticity import ElasticParameters, with_elasticity
-from jounce.core.errors import JounceError, listed
-from jounce.core.scalars import Array, element
+from jounce.core.errors import JounceError, join_names
+from jounce.core.scalars import Array, convert_element
 from jounce.io import entries
 from jounce.io.native import reading
-from jounce.model.locking import locked
+from jounce.model.locking import lock_coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.model.screws import from_screws
-from jounce.spatial.inertia import inertia_matrix, symmetric
+from jounce.spatial.inertia import inertia_matrix, symmetric_matrix
 from jounce.spatial.lie import pose
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def iiwa14(gravity: Array = (0, 0, -9.80665)) -> Mechanism:
     r = np.zeros((7, 3))
     r[2, 1], r[4, 1] = UPPER_ARM_LENGTH, -FOREARM_LENGTH
     B = [pose(np.array(R_i, dtype=float), r_i[:, None]) for R_i, r_i in zip(R, r, strict=True)]
-    M = [inertia_matrix(row[0], row[1:4], symmetric(row[4:])) for row in IIWA14]
+    M = [inertia_matrix(row[0], row[1:4], symmetric_matrix(row[4:])) for row in IIWA14]
     names = [f"link{i}" for i in range(1, 8)]
     return from_screws(B, [[0, 0, 1, 0, 0, 0]] * 7, M, names=names, gravity=gravity, name="iiwa14")
 
@@ -61,11 +61,11 @@ def planar2r(L1: Array = 1, L2: Array = 1, m1: Array = 1, m2: Array = 1, g: Arra
     The paper prints m L^2 as the xx moment of its links; a point mass on the x axis has 0 (it never enters Q).
     """
     for label, x in {"L1": L1, "L2": L2, "m1": m1, "m2": m2, "g": g}.items():
-        if shape := element(x, label).shape:
+        if shape := convert_element(x, label).shape:
             raise JounceError(f"{label} has shape {shape}; expected one number or symbol")
     B = [np.eye(4, dtype=int), [[1, 0, 0, L1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]]
     M = [inertia_matrix(m, [L, 0, 0], np.zeros((3, 3), dtype=int)) for m, L in ((m1, L1), (m2, L2))]
-    return from_screws(B, [[0, 0, 1, 0, 0, 0]] * 2, M, gravity=[0, -element(g, "g"), 0], name="planar2r")
+    return from_screws(B, [[0, 0, 1, 0, 0, 0]] * 2, M, gravity=[0, -convert_element(g, "g"), 0], name="planar2r")
 
 
 # A Panda as a series elastic arm. The inertias of its rotors, seen from the links, are those of the FR3, which
@@ -78,13 +78,13 @@ PANDA_STIFFNESS = (1000.0, 1000.0, 1000.0, 1000.0, 400.0, 400.0, 400.0)  # N m/r
 
 def panda_elastic(gravity: object = None) -> Mechanism:
     """The Panda with closed fingers and elastic joints."""
-    arm = locked(_read("panda", gravity), {"panda_finger_joint1": 0.0})
+    arm = lock_coordinates(_read_bundled("panda", gravity), {"panda_finger_joint1": 0.0})
     stated = ElasticParameters(stiffness=PANDA_STIFFNESS, rotor=PANDA_ROTORS)
     return replace(with_elasticity(arm, stated), name="panda_elastic")
 
 
 @dataclass(frozen=True)
-class Bundled:
+class BundledRobot:
     """A bundled robot: description, size, source of its data, and constructor."""
 
     name: str
@@ -100,67 +100,68 @@ class Bundled:
     base: str | None = None  # the link that can float
 
 
-def _of_file(
+def _bundle_file(
     name: str, kind: str, size: tuple[int, int, float], source: str, urdf: str | None = None, base: str | None = None
-) -> Bundled:
-    return Bundled(name, kind, *size, _BSD, source, partial(_read, name), urdf, base=base)
+) -> BundledRobot:
+    return BundledRobot(name, kind, *size, _BSD, source, partial(_read_bundled, name), urdf, base=base)
 
 
-def _read(name: str, /, gravity: object = None, base: str = "fixed") -> Mechanism:
+def _read_bundled(name: str, /, gravity: object = None, base: str = "fixed") -> Mechanism:
     from importlib.resources import as_file
 
-    with as_file(_folder(name) / "robot.yaml") as path:
+    with as_file(_robot_folder(name) / "robot.yaml") as path:
         return reading.read(entries.read(path, "the robot"), gravity, base)
 
 
-def _folder(name: str) -> "Traversable":
+def _robot_folder(name: str) -> "Traversable":
     from importlib.resources import files  # imported here to keep start-up fast
 
     return files("jounce.io") / "robots" / name
 
 
-def check_floats(name: str) -> None:
+def check_floating_base(name: str) -> None:
     """Raise `JounceError` unless the inertia of the base of a bundled robot is known."""
     if BUNDLED[name].base is None:
-        able = listed(robot.name for robot in BUNDLED.values() if robot.base)
+        able = join_names(robot.name for robot in BUNDLED.values() if robot.base)
         raise JounceError(f"{name} has no floating base: the inertia of its base is not known; robots with one: {able}")
 
 
-def notices(name: str) -> dict[str, str]:
+def read_notices(name: str) -> dict[str, str]:
     """Return the licence texts of a robot's file by name; none for robots under the licence of jounce."""
-    texts = (_folder(BUNDLED[name].like or name) / text for text in ("NOTICE", "LICENSE"))
+    texts = (_robot_folder(BUNDLED[name].like or name) / text for text in ("NOTICE", "LICENSE"))
     return {text.name: text.read_text(encoding="utf-8") for text in texts if text.is_file()}
 
 
 _APACHE, _BSD, _PAPER, _GITHUB = "Apache-2.0", "BSD-3-Clause", "Müller & Kumar, Section 6", "https://github.com/"
 
-BUNDLED: dict[str, Bundled] = {
+BUNDLED: dict[str, BundledRobot] = {
     robot.name: robot
     for robot in (
-        Bundled("iiwa14", "arm, KUKA LBR iiwa 14 R820", 7, 7, 20.66958, _BSD, _PAPER, iiwa14),
-        Bundled("planar2r", "two links in a plane", 2, 2, 2.0, _BSD, _PAPER, planar2r),
-        Bundled("panda", "arm with gripper, Franka Panda", 8, 9, 16.822132, _APACHE,
-                _GITHUB + "frankaemika/franka_ros", partial(_read, "panda"), "panda_description/urdf/panda.urdf"),
-        Bundled("panda_elastic", "Panda, elastic joints of invented stiffness", 7, 7, 16.822132, _APACHE,
+        BundledRobot("iiwa14", "arm, KUKA LBR iiwa 14 R820", 7, 7, 20.66958, _BSD, _PAPER, iiwa14),
+        BundledRobot("planar2r", "two links in a plane", 2, 2, 2.0, _BSD, _PAPER, planar2r),
+        BundledRobot("panda", "arm with gripper, Franka Panda", 8, 9, 16.822132, _APACHE,
+                _GITHUB + "frankaemika/franka_ros", partial(_read_bundled, "panda"),
+                "panda_description/urdf/panda.urdf"),
+        BundledRobot("panda_elastic", "Panda, elastic joints of invented stiffness", 7, 7, 16.822132, _APACHE,
                 _GITHUB + "frankaemika/franka_ros", panda_elastic, like="panda"),
-        _of_file("ur5", "arm, Universal Robots UR5", (6, 6, 16.9939), _GITHUB + "ros-industrial/universal_robot",
+        _bundle_file("ur5", "arm, Universal Robots UR5", (6, 6, 16.9939), _GITHUB + "ros-industrial/universal_robot",
                  "ur_description/urdf/ur5_robot.urdf"),
-        _of_file("ur10", "arm, Universal Robots UR10", (6, 6, 28.7), _GITHUB + "ros-industrial/universal_robot",
+        _bundle_file("ur10", "arm, Universal Robots UR10", (6, 6, 28.7), _GITHUB + "ros-industrial/universal_robot",
                  "ur_description/urdf/ur10_robot.urdf"),
-        _of_file("xarm7", "arm, UFACTORY xArm 7", (7, 7, 10.4315), _GITHUB + "xArm-Developer/xarm_ros2",
+        _bundle_file("xarm7", "arm, UFACTORY xArm 7", (7, 7, 10.4315), _GITHUB + "xArm-Developer/xarm_ros2",
                  "xarm_description/urdf/xarm7.urdf"),
-        _of_file("g1", "humanoid on its pelvis, Unitree G1", (29, 29, 29.52714202),
+        _bundle_file("g1", "humanoid on its pelvis, Unitree G1", (29, 29, 29.52714202),
                  _GITHUB + "unitreerobotics/unitree_ros", "g1_description/urdf/g1_29dof_rev_1_0.urdf", "pelvis"),
-        _of_file("anymal", "quadruped on its base, ANYmal C", (12, 12, 25.76168),
+        _bundle_file("anymal", "quadruped on its base, ANYmal C", (12, 12, 25.76168),
                  _GITHUB + "ANYbotics/anymal_c_simple_description",
                  "anymal_c_simple_description/urdf/anymal.urdf", "base"),
-        _of_file("solo12", "quadruped on its base, Solo 12", (12, 12, 1.33885188),
+        _bundle_file("solo12", "quadruped on its base, Solo 12", (12, 12, 1.33885188),
                  _GITHUB + "open-dynamic-robot-initiative/robot_properties_solo",
                  "solo_description/robots/solo12.urdf", "base_link"),
-        _of_file("fivebar", "parallel, planar five-bar, invented", (2, 4, 1.05), "invented"),
-        _of_file("delta", "parallel, Delta, arm masses invented", (3, 12, 1.76), _GITHUB + "RicoJia/Omnid_Project"),
-        _of_file("gough_stewart", "parallel, Gough-Stewart, legs invented", (6, 21, 3.9),
+        _bundle_file("fivebar", "parallel, planar five-bar, invented", (2, 4, 1.05), "invented"),
+        _bundle_file("delta", "parallel, Delta, arm masses invented", (3, 12, 1.76), _GITHUB + "RicoJia/Omnid_Project"),
+        _bundle_file("gough_stewart", "parallel, Gough-Stewart, legs invented", (6, 21, 3.9),
                  "https://reference.wolfram.com/system-modeler/libraries/IndustryExamples/"),
-        _of_file("fourbar_leg", "parallel, four-bar leg, invented", (2, 4, 3.27), "invented"),
+        _bundle_file("fourbar_leg", "parallel, four-bar leg, invented", (2, 4, 3.27), "invented"),
     )
 }  # fmt: skip

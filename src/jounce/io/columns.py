@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quote_value
 from jounce.io.remainders import split_names, with_remainders
 
 Columns = dict[str, np.ndarray]
@@ -15,7 +15,7 @@ Select = Callable[[Sequence[str]], Iterable[str]]  # of the names that a table h
 
 
 @dataclass(frozen=True)
-class About:
+class TableMetadata:
     """Metadata of a table: the unit of a column by its name, and plain data; tables of some types keep it."""
 
     unit: Callable[[str], str]
@@ -48,7 +48,7 @@ class CellError(JounceError):
     """A cell is not a finite number."""
 
 
-def checked(place: object, columns: Mapping[str, np.ndarray]) -> Columns:
+def check_columns(place: object, columns: Mapping[str, np.ndarray]) -> Columns:
     """Convert a caller's arrays to the columns of a table."""
     if not columns or not max(array.size for array in columns.values()):
         raise JounceError(f"{place}: no columns or no rows; expected named columns of numbers")
@@ -56,7 +56,9 @@ def checked(place: object, columns: Mapping[str, np.ndarray]) -> Columns:
     for name, array in columns.items():
         if array.shape != rows or array.ndim != 1 or array.dtype.kind not in "fiu":
             came = f"{array.dtype} of shape {array.shape}"
-            raise CellError(f"{place}: column {quoted(name)} is {came}; expected numbers of shape {rows or '(N,)'}")
+            raise CellError(
+                f"{place}: column {quote_value(name)} is {came}; expected numbers of shape {rows or '(N,)'}"
+            )
     check_finite(place, columns)
     return {name: array.astype(float) for name, array in columns.items()}
 
@@ -70,11 +72,11 @@ def check_finite(place: object, columns: Mapping[str, np.ndarray], first: int = 
         bad = np.flatnonzero(np.isinf(array) if missing else ~np.isfinite(array))
         if bad.size:
             came = f"{array[bad[0]]} in row {first + bad[0]} from 0"
-            raise CellError(f"{place}: column {quoted(name)} holds {came}; expected finite numbers")
+            raise CellError(f"{place}: column {quote_value(name)} holds {came}; expected finite numbers")
 
 
 def check_distinct(place: object, names: Iterable[str]) -> None:
     """Raise `JounceError` where columns have the same name."""
     for name, count in Counter(names).items():
         if count > 1:
-            raise JounceError(f"{place}: column {quoted(name)} occurs {count} times; expected once")
+            raise JounceError(f"{place}: column {quote_value(name)} occurs {count} times; expected once")

@@ -13,10 +13,10 @@ import numpy as np
 
 from jounce.core.errors import JounceError, one_line
 from jounce.core.foreign import parse_finite
-from jounce.io.columns import About, check_distinct
-from jounce.io.files import opened
-from jounce.io.remainders import remainder_of, remainders_of_texts, split_names
-from jounce.io.rows import Chunk, Format, Pieces, Span
+from jounce.io.columns import TableMetadata, check_distinct
+from jounce.io.files import open_file
+from jounce.io.remainders import remainder_name, split_names, text_remainders
+from jounce.io.table_format import Chunk, Pieces, Span, TableFormat
 
 BLOCK_BYTES = 1 << 19  # read at a time: bounds the memory that the cells take as Python strings
 CELLS_PER_WRITE = 1 << 16  # converted to text at a time, a few MB of Python objects
@@ -26,7 +26,7 @@ SEPARATORS = (",", ";", "\t", " ")  # of cells, the first that stands between co
 BLANK = " ,;\t\r\n"
 
 
-class Layout(NamedTuple):
+class CsvLayout(NamedTuple):
     """The names of the columns, the separator of the cells, and the byte at which the rows begin."""
 
     header: list[str]
@@ -34,7 +34,7 @@ class Layout(NamedTuple):
     start: int
 
 
-class Csv(Format):
+class Csv(TableFormat):
     """Tables of text, of which places are bytes: spans go from the beginning of one line to the end of another.
 
     The separator is that of the column names: a comma, or else a semicolon, tab or space. If it is not the comma, a
@@ -45,47 +45,47 @@ class Csv(Format):
 
     def columns(self, path: Path) -> dict[str, str]:
         """The columns by name; their types are not known before the text is read."""
-        return dict.fromkeys(layout(path).header, "")
+        return dict.fromkeys(read_layout(path).header, "")
 
     def size(self, path: Path) -> int:
-        with opened(path):
+        with open_file(path):
             return path.stat().st_size
 
     def spans(self, path: Path, cells: int) -> list[Span]:
-        first, step = layout(path).start, cells * BYTES_PER_CELL
-        with opened(path) as file:
+        first, step = read_layout(path).start, cells * BYTES_PER_CELL
+        with open_file(path) as file:
             end = path.stat().st_size
-            cuts = [first, *(_line_after(file, place) for place in range(first + step, end, step)), end]
+            cuts = [first, *(_find_line_after(file, place) for place in range(first + step, end, step)), end]
         return [Span(start, stop) for start, stop in itertools.pairwise(cuts) if start < stop]
 
     def chunks(self, path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
-        form, place = layout(path), span.start
-        with opened(path) as file:
+        form, place = read_layout(path), span.start
+        with open_file(path) as file:
             file.seek(place)
-            for block in _blocks(file, span.stop - place):
+            for block in _read_blocks(file, span.stop - place):
                 if (chunk := self._chunk(path, form, block, place, names, texts)) is not None:
                     yield chunk
                 place += len(block)
 
     def row_before(self, path: Path, place: int) -> Span | None:
-        first = layout(path).start
+        first = read_layout(path).start
         if place <= first:
             return None
         begin = max(first, place - MAX_LINE_BYTES)
-        with opened(path) as file:
+        with open_file(path) as file:
             file.seek(begin)
             text = file.read(place - 1 - begin)
         return Span(begin + text.rfind(b"\n") + 1, place)
 
     def next_row(self, path: Path, place: int) -> Span | None:
-        with opened(path) as file:
-            stop = _line_after(file, place + 1)
+        with open_file(path) as file:
+            stop = _find_line_after(file, place + 1)
         return Span(place, stop) if stop > place else None
 
     def number(self, path: Path, place: int, known: tuple[int, int]) -> int:
         """The number of the line that begins at a place; `known` are a place before it and the number of its line."""
         (start, line), feeds, returns = known, 0, 0
-        with opened(path) as file:
+        with open_file(path) as file:
             file.seek(start)
             while start < place and (block := file.read(min(BLOCK_BYTES, place - start))):
                 start, feeds, returns = start + len(block), feeds + block.count(b"\n"), returns + block.count(b"\r")
@@ -95,7 +95,7 @@ class Csv(Format):
         """A line, as messages name it."""
         return f"{path}:{number}"
 
-    def write(self, path: Path, pieces: Pieces, about: About | None = None) -> None:
+    def write(self, path: Path, pieces: Pieces, about: TableMetadata | None = None) -> None:
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
             for number, columns in enumerate(pieces):
@@ -109,16 +109,16 @@ class Csv(Format):
 
     def join(self, path: Path, parts: Iterable[Path]) -> None:
         with path.open("wb") as file:
-            file.writelines(_bytes(parts))
+            file.writelines(_concatenate_bytes(parts))
 
     def _chunk(
-        self, path: Path, form: Layout, block: bytes, place: int, names: Sequence[str], texts: str | None
+        self, path: Path, form: CsvLayout, block: bytes, place: int, names: Sequence[str], texts: str | None
     ) -> Chunk | None:
         """The rows of a block of lines; None without any."""
         lines = block.splitlines(keepends=True)
         rows, first, line = list[list[str]](), list[int](), 0  # the rows, and the lines that they begin with
         try:
-            reader = _reader(map(bytes.decode, lines), form.mark)
+            reader = _csv_reader(map(bytes.decode, lines), form.mark)
             for row in reader:
                 if any(map(str.strip, row)):
                     rows.append(row)
@@ -139,19 +139,19 @@ class Csv(Format):
         cells = [row[i] for row in rows for i in at]
         if form.mark != ",":  # decimal commas
             cells = [cell.replace(",", ".") for cell in cells]
-        numbers = _numbers(cells)
+        numbers = _parse_numbers(cells)
         wrong = np.flatnonzero(np.isnan(numbers)).tolist()
         bad = {(k // len(at), names[k % len(at)]): cells[k].strip() for k in wrong}
         columns = {name: x.copy() for name, x in zip(names, numbers.reshape(len(rows), -1).T, strict=True)}
         for name in bases:
-            columns[remainder_of(name)] = remainders_of_texts(cells[names.index(name) :: len(at)], columns[name])
+            columns[remainder_name(name)] = text_remainders(cells[names.index(name) :: len(at)], columns[name])
         column = None if texts is None else form.header.index(texts)
         motions = None if column is None else np.array([row[column].strip() for row in rows], dtype=str)
         places = place + np.cumsum([0, *map(len, lines)])
         return Chunk(columns, motions, places[[*first, -1]], bad, broken)
 
 
-def layout(path: Path) -> Layout:
+def read_layout(path: Path) -> CsvLayout:
     """The layout of a table, whose rows are not read."""
     start = 0
 
@@ -163,27 +163,27 @@ def layout(path: Path) -> Layout:
                 start += len(line)
                 yield text
 
-    with opened(path) as file:
+    with open_file(path) as file:
         try:
             following = lines(file)
             first = next((line for line in following if line.strip(BLANK)), "")
             bare = re.sub(r'"[^"]*"', "", first).lstrip("# ").strip()
             mark = next((mark for mark in SEPARATORS if mark in bare), ",")
-            cells: list[str] = next(_reader(itertools.chain([first], following), mark), [])
+            cells: list[str] = next(_csv_reader(itertools.chain([first], following), mark), [])
         except (UnicodeDecodeError, csv.Error) as error:
             raise JounceError(f"{path}: not a CSV table: {one_line(error)}") from None
     if not cells:
         raise JounceError(f"{path}: the table is empty; expected a row of column names and rows of numbers")
-    return Layout(_header(path, [cell.strip() for cell in cells], mark), mark, start)
+    return CsvLayout(_check_header(path, [cell.strip() for cell in cells], mark), mark, start)
 
 
-def _reader(lines: Iterable[str], mark: str) -> Any:
+def _csv_reader(lines: Iterable[str], mark: str) -> Any:
     """The rows of lines as lists of cells."""
     lines = (line.strip() for line in lines) if mark == " " else lines
     return csv.reader(lines, delimiter=mark, skipinitialspace=True, strict=True)
 
 
-def _header(path: Path, cells: Sequence[str], mark: str) -> list[str]:
+def _check_header(path: Path, cells: Sequence[str], mark: str) -> list[str]:
     header = [cells[0].lstrip("# "), *cells[1:]]  # numpy.savetxt marks its header with #
     header = header[1:] if mark == " " and not header[0] else header
     if all(parse_finite(name) is not None for name in header):
@@ -192,7 +192,7 @@ def _header(path: Path, cells: Sequence[str], mark: str) -> list[str]:
     return header
 
 
-def _blocks(file: BinaryIO, size: int) -> Iterator[bytes]:
+def _read_blocks(file: BinaryIO, size: int) -> Iterator[bytes]:
     """Whole lines of the next bytes of a file, about as many at a time, none of which ends within quotes."""
     rest = b""
     while size and (block := file.read(min(BLOCK_BYTES, size))):
@@ -206,7 +206,7 @@ def _blocks(file: BinaryIO, size: int) -> Iterator[bytes]:
         yield rest
 
 
-def _line_after(file: BinaryIO, place: int) -> int:
+def _find_line_after(file: BinaryIO, place: int) -> int:
     """Where the first line begins that does not begin before a place."""
     file.seek(place - 1)
     while block := file.readline(BLOCK_BYTES):
@@ -215,7 +215,7 @@ def _line_after(file: BinaryIO, place: int) -> int:
     return file.tell()
 
 
-def _numbers(cells: Sequence[str]) -> np.ndarray:
+def _parse_numbers(cells: Sequence[str]) -> np.ndarray:
     """Cells as finite numbers, NaN where they are not; all at once if none needs the slower look."""
     with suppress(ValueError):
         numbers, text = np.fromiter(map(float, cells), float, len(cells)), "".join(cells)
@@ -225,10 +225,10 @@ def _numbers(cells: Sequence[str]) -> np.ndarray:
     return np.array([np.nan if number is None else number for number in found])
 
 
-def _bytes(parts: Iterable[Path]) -> Iterator[bytes]:
+def _concatenate_bytes(parts: Iterable[Path]) -> Iterator[bytes]:
     """The bytes of several files one below the other, with the header of the first."""
     for number, part in enumerate(parts):
-        with opened(part) as content:
+        with open_file(part) as content:
             header = content.readline()
             if number == 0:
                 yield header

@@ -17,22 +17,26 @@ from typing import TypeVar
 
 import numpy as np
 
-from jounce.core.errors import JounceError, at, quoted
+from jounce.core.errors import JounceError, locate_errors, quote_value
 from jounce.io.entries import Entry
-from jounce.io.native import parts
-from jounce.model import dh
-from jounce.model.dh import CONVENTIONS, DH_PARAMETERS, TYPES
+from jounce.io.native import body_entries
+from jounce.model import denavit_hartenberg
+from jounce.model.denavit_hartenberg import CONVENTIONS, DH_PARAMETERS, TYPES
 from jounce.model.drives import UNDRIVEN
-from jounce.model.kinds import KINDS, UNITS
+from jounce.model.limit_kinds import BOUNDED_UNITS, LIMIT_KINDS
 from jounce.model.mechanism import GRAVITY, Mechanism
-from jounce.model.stated import Stated, limits_of_joints
+from jounce.model.stated_limits import StatedLimit, limits_of_joints
 
 ANGLE_UNITS = {"rad": 1.0, "deg": math.pi / 180}
 ROW_KEYS = ("name", "body", "type", "limits", "drive", "inertia")  # keys of a row besides its four parameters
 # Angles, or rates of them, where a joint turns:
-ANGULAR_KEYS = (*(key for row in KINDS.values() if UNITS[row.of][0] == "rad" for key in row.keys), "rest", "eps")
+ANGULAR_KEYS = (
+    *(key for row in LIMIT_KINDS.values() if BOUNDED_UNITS[row.of][0] == "rad" for key in row.keys),
+    "rest",
+    "eps",
+)
 
-Number = TypeVar("Number", float, Stated)
+Number = TypeVar("Number", float, StatedLimit)
 
 
 def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mechanism:
@@ -42,21 +46,27 @@ def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mecha
         why = "needs the inertia of the base, which this format does not state"
         raise JounceError(f"{robot.path}: base='floating' {why}; {others}")
     robot.keys(("units", "angles", "convention", "dh"), ("name", "gravity", "base", "tool", "limits_of"))
-    parts.check_units(robot)
+    body_entries.check_units(robot)
     unit, convention = ANGLE_UNITS[robot.get("angles").choice(ANGLE_UNITS)], robot.get("convention").choice(CONVENTIONS)
     name, own = robot.get("name", robot.path.stem).text(), robot.get("gravity", list(GRAVITY)).numbers((3,))
     rows = [row.keys(DH_PARAMETERS, ROW_KEYS) for row in robot.get("dh").items(least=1)]
-    joints, bodies = _names(rows, "name", "joint"), _names(rows, "body", "body")
-    rows = [row.named(f"joint {quoted(name)}") for row, name in zip(rows, joints, strict=True)]
+    joints, bodies = _row_names(rows, "name", "joint"), _row_names(rows, "body", "body")
+    rows = [row.named(f"joint {quote_value(name)}") for row, name in zip(rows, joints, strict=True)]
     types = [row.get("type", TYPES[0]).choice(TYPES) for row in rows]
     units = [unit if kind == "revolute" else 1.0 for kind in types]
-    limits = [in_rad(parts.limits(row), row.get("limits", {}).value, x) for row, x in zip(rows, units, strict=True)]
-    drives = [in_rad(parts.drive(row), row.get("drive", {}).value, x) for row, x in zip(rows, units, strict=True)]
+    limits = [
+        convert_to_rad(body_entries.limits(row), row.get("limits", {}).value, x)
+        for row, x in zip(rows, units, strict=True)
+    ]
+    drives = [
+        convert_to_rad(body_entries.drive(row), row.get("drive", {}).value, x)
+        for row, x in zip(rows, units, strict=True)
+    ]
     table = [[row.get(key).number() for key in DH_PARAMETERS] for row in rows]
-    M = [parts.inertia(row) for row in rows]
-    placed = {key: parts.pose(robot, key, unit) for key in ("base", "tool") if key in robot.value}
-    with at(robot.path):
-        return dh.from_dh(
+    M = [body_entries.inertia(row) for row in rows]
+    placed = {key: body_entries.pose(robot, key, unit) for key in ("base", "tool") if key in robot.value}
+    with locate_errors(robot.path):
+        return denavit_hartenberg.from_dh(
             table,
             np.stack(M),
             convention,
@@ -66,13 +76,13 @@ def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mecha
             names=bodies,
             gravity=own if gravity is None else gravity,
             joint_names=joints,
-            limits=limits_of_joints(limits, parts.without_gravity(robot)),
+            limits=limits_of_joints(limits, body_entries.limits_without_gravity(robot)),
             drives={key: [one[key] for one in drives] for key in UNDRIVEN},
             name=name,
         )
 
 
-def _names(rows: list[Entry], key: str, stem: str) -> list[str]:
+def _row_names(rows: list[Entry], key: str, stem: str) -> list[str]:
     """Return the names of rows under a key, by default numbered; all are different."""
     names: list[str] = []
     for i, row in enumerate(rows, start=1):
@@ -83,7 +93,7 @@ def _names(rows: list[Entry], key: str, stem: str) -> list[str]:
     return names
 
 
-def in_rad(numbers: Mapping[str, Number], stated: Collection[str], unit: float) -> dict[str, Number]:
+def convert_to_rad(numbers: Mapping[str, Number], stated: Collection[str], unit: float) -> dict[str, Number]:
     """Numbers of a joint, those of angles that are stated converted from their unit to rad."""
     keys = {*ANGULAR_KEYS} & {*stated}
     return {key: np.multiply(x, unit).tolist() if key in keys else x for key, x in numbers.items()}

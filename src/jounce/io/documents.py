@@ -4,7 +4,7 @@ from collections.abc import Callable
 from difflib import get_close_matches
 from pathlib import Path
 
-from jounce.core.errors import JounceError, listed, no_such
+from jounce.core.errors import JounceError, join_names, unknown_name_error
 from jounce.io import denavit_hartenberg, entries
 from jounce.io.entries import Entry
 from jounce.io.native import reading
@@ -30,7 +30,7 @@ def read(path: Path, gravity: object = None, base: str | None = None) -> Mechani
         raise JounceError(f"{robot.place}: a description for skidy, which jounce does not read; {cure}")
     for key in keys:
         if get_close_matches(key, ROBOT_FORMATS, n=1):
-            raise JounceError(f"{robot.get(key).place}: {no_such('key', key, ROBOT_FORMATS, 'the robot')}")
+            raise JounceError(f"{robot.get(key).place}: {unknown_name_error('key', key, ROBOT_FORMATS, 'the robot')}")
     formats = ", ".join(f"{key!r} ({words})" for key, (words, _) in ROBOT_FORMATS.items())
-    came = listed(keys) or "none"
+    came = join_names(keys) or "none"
     raise JounceError(f"{robot.place}: the robot has no key that identifies its format, {formats}; its keys: {came}")

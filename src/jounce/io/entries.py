@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed, no_such, one_line, quoted, shortened
+from jounce.core.errors import JounceError, join_names, one_line, quote_value, shorten, unknown_name_error
 from jounce.core.scalars import is_finite
 from jounce.io.files import read_bytes
 
@@ -33,7 +33,7 @@ class Entry:
 
     def error(self, expected: str) -> JounceError:
         """Return the error for an invalid value."""
-        return JounceError(f"{self.place}: {self.what} is {quoted(self.value)}; expected {expected}")
+        return JounceError(f"{self.place}: {self.what} is {quote_value(self.value)}; expected {expected}")
 
     def named(self, what: str) -> "Entry":
         """Return the entry with another name for messages."""
@@ -44,7 +44,7 @@ class Entry:
         known = [*needed, *optional]
         for key in self._mapping():
             if key not in known:
-                raise JounceError(f"{self.get(key).place}: {no_such('key', key, known, self.what)}")
+                raise JounceError(f"{self.get(key).place}: {unknown_name_error('key', key, known, self.what)}")
         for key in needed:
             self.need(key, needed)
         return self
@@ -52,14 +52,16 @@ class Entry:
     def need(self, key: str, needed: Sequence[str] = ()) -> "Entry":
         """Return the value of a required key; `needed` are all required keys."""
         if key not in self._mapping():
-            raise JounceError(f"{self.place}: {self.what} has no {quoted(key)}; expected {listed(needed or [key])}")
+            raise JounceError(
+                f"{self.place}: {self.what} has no {quote_value(key)}; expected {join_names(needed or [key])}"
+            )
         return self.get(key)
 
     def alone(self, key: str, others: Sequence[str]) -> bool:
         """Return whether a key is present; raise if one that it excludes is present too."""
         for other in others:
             if key in self._mapping() and other in self.value:
-                both = f"{quoted(key)} and {quoted(other)}"
+                both = f"{quote_value(key)} and {quote_value(other)}"
                 raise JounceError(f"{self.place}: {self.what} has both {both}; expected one of them")
         return key in self.value
 
@@ -69,7 +71,7 @@ class Entry:
         pairs = self.node.value if self.node is not None and self.node.id == "mapping" else []
         named, node = next(((k, v) for k, v in pairs if k.value == str(key)), (None, None))
         line = self.line if named is None else named.start_mark.line + 1
-        return Entry(value, f"{shortened(str(key))} of {self.what}", self.path, line, node)
+        return Entry(value, f"{shorten(str(key))} of {self.what}", self.path, line, node)
 
     def members(self) -> dict[str, "Entry"]:
         """Return the values of all keys; a key that YAML reads as a number is still a name."""
@@ -100,7 +102,7 @@ class Entry:
     def choice(self, known: Collection[str]) -> str:
         """One of the known texts."""
         if self.text() not in known:
-            raise JounceError(f"{self.place}: {no_such(self.what, self.value, known)}")
+            raise JounceError(f"{self.place}: {unknown_name_error(self.what, self.value, known)}")
         return str(self.value)
 
     def number(self) -> float:
@@ -130,7 +132,7 @@ def read(path: Path, what: str) -> Entry:
     kind = "JSON" if path.suffix.lower() == ".json" else "YAML"
     try:
         if kind == "JSON":
-            return Entry(json.loads(content, object_pairs_hook=_distinct), what, path)
+            return Entry(json.loads(content, object_pairs_hook=_refuse_repeated_keys), what, path)
         return _from_yaml(content, what, path)
     except Exception as error:  # others than the parsers': numbers of 5,000 digits, the 31st of June, 9,999 brackets
         mark = getattr(error, "problem_mark", None)
@@ -150,9 +152,9 @@ def _from_yaml(content: bytes, what: str, path: Path) -> Entry:
     return Entry(yaml.constructor.construct_document(node), what, path, node.start_mark.line + 1, node)
 
 
-def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _refuse_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
         [(key, _)] = Counter(key for key, _ in pairs).most_common(1)
-        raise ValueError(f"key {quoted(key)} occurs twice")
+        raise ValueError(f"key {quote_value(key)} occurs twice")
     return found

@@ -7,8 +7,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from jounce.core.errors import JounceError, one_line, quoted
-from jounce.core.parts import part_in, remove_abandoned
+from jounce.core.errors import JounceError, one_line, quote_value
+from jounce.core.temporary_files import remove_abandoned, temporary_path
 
 
 @contextmanager
@@ -30,12 +30,12 @@ def check_readable(path: Path) -> None:
 
 def read_bytes(path: Path) -> bytes:
     """The content of a file."""
-    with opened(path) as file:
+    with open_file(path) as file:
         return file.read()
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[BinaryIO]:
+def open_file(path: Path) -> Iterator[BinaryIO]:
     """Open a file for reading; within this context its errors become `JounceError`."""
     check_readable(path)
     with system_errors(path, "cannot be read: "), path.open("rb") as file:
@@ -77,7 +77,7 @@ def write_errors(path: Path, cure: str = "") -> Iterator[None]:
 
 
 @contextmanager
-def written_whole(path: Path) -> Iterator[Path]:
+def write_whole(path: Path) -> Iterator[Path]:
     """Yield a path to write to, next to `path`, and move it there at the end, so that no partial file is ever seen.
 
     The new file gets the mode of the file that it replaces; until then only its owner can read it.
@@ -85,7 +85,7 @@ def written_whole(path: Path) -> Iterator[Path]:
     check_writable(path)
     target = path.resolve()
     remove_abandoned(target.parent)
-    part, mode = part_in(target.parent), mode_of(target)
+    part, mode = temporary_path(target.parent), file_mode(target)
     try:
         with write_errors(path):
             part.touch(0o666 if mode is None else 0o600, exist_ok=False)
@@ -97,19 +97,19 @@ def written_whole(path: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
-def mode_of(path: Path) -> int | None:
+def file_mode(path: Path) -> int | None:
     """Return the permissions of a path, or None if it does not exist."""
     with suppress(FileNotFoundError):
         return stat.S_IMODE(path.stat().st_mode)
     return None
 
 
-def path_of(given: str | os.PathLike[str]) -> Path:
+def expand_path(given: str | os.PathLike[str]) -> Path:
     """Return a caller's path, with a leading ~ expanded."""
     try:
         path = Path(given).expanduser()
         if b"\0" in os.fsencode(path):
             raise ValueError("it contains a zero byte")
     except Exception as error:  # half a character, a home of nobody, and errors of any foreign path
-        raise JounceError(f"{quoted(given)} is not a path: {one_line(error)}") from None
+        raise JounceError(f"{quote_value(given)} is not a path: {one_line(error)}") from None
     return path

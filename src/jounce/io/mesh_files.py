@@ -14,7 +14,7 @@ NO_FILE = "no such file"
 OUTSIDE = "not in the folders of the robot; --meshes FOLDER allows it"
 
 
-def mesh_file(uri: str, robot_file: Path, folders: Sequence[Path] = ()) -> Path | str:
+def find_mesh(uri: str, robot_file: Path, folders: Sequence[Path] = ()) -> Path | str:
     """The file that a mesh of a robot file names, or why it is not read.
 
     A path is relative to the robot file. A package is searched among the folders above the robot file, where it has a
@@ -22,7 +22,7 @@ def mesh_file(uri: str, robot_file: Path, folders: Sequence[Path] = ()) -> Path 
     """
     scheme, _, rest = uri.partition("://")
     if rest and scheme != "file":
-        found = [(path, allowed) for path, allowed in _in_packages(rest, robot_file, folders) if path.is_file()]
+        found = [(path, allowed) for path, allowed in _package_candidates(rest, robot_file, folders) if path.is_file()]
         return next((path for path, allowed in found if allowed), OUTSIDE if found else NO_FILE)
     path = Path(rest) if rest else robot_file.parent / uri
     if not path.is_file():
@@ -32,7 +32,7 @@ def mesh_file(uri: str, robot_file: Path, folders: Sequence[Path] = ()) -> Path 
     return path if _is_within(path, [above[0], *package, *folders]) else OUTSIDE
 
 
-def _in_packages(uri: str, robot_file: Path, folders: Sequence[Path]) -> Iterator[tuple[Path, bool]]:
+def _package_candidates(uri: str, robot_file: Path, folders: Sequence[Path]) -> Iterator[tuple[Path, bool]]:
     """Where a file of a package, ``PACKAGE/PATH``, may be, and whether it is read from there."""
     package, _, inside = uri.partition("/")
     if package in ("", ".", "..") or Path(package).name != package:

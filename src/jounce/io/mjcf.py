@@ -8,7 +8,7 @@ from typing import Any
 
 from lxml import etree
 
-from jounce.core.errors import JounceError, one_line, shortened, warn
+from jounce.core.errors import JounceError, one_line, shorten, warn
 from jounce.io import urdf
 from jounce.io.doctype import refuse_declarations
 from jounce.io.files import read_bytes
@@ -20,11 +20,11 @@ MJCF = ("mujoco", "mujocoinclude")  # root elements
 
 def read(path: Path, gravity: object = None, base: str | None = None, root: str | None = None) -> Mechanism:
     """The mechanism of an .xml file, under its own gravity unless another is given."""
-    element = _root(path)
+    element = _root_tag(path)
     if element == "robot":
         return urdf.read(path, gravity, base, root)
     if element not in MJCF:
-        raise JounceError(f"{path}: the root element is <{shortened(str(element))}>; MJCF has <mujoco>, a URDF <robot>")
+        raise JounceError(f"{path}: the root element is <{shorten(str(element))}>; MJCF has <mujoco>, a URDF <robot>")
     return models.mechanism(compile_model(path), gravity, base, root, file=path)
 
 
@@ -34,7 +34,7 @@ def compile_model(path: Path) -> Any:
         import mujoco
     except ImportError:
         raise JounceError(f"{path}: MJCF needs MuJoCo; install it by: pip install 'jounce[mujoco]'") from None
-    with warnings_of(mujoco) as said, without_assets(mujoco):
+    with collect_mujoco_warnings(mujoco) as said, free_assets(mujoco):
         try:
             model = mujoco.MjModel.from_xml_path(str(path))
         except Exception as error:  # ValueError, and one of MuJoCo's own that is no child of it
@@ -45,7 +45,7 @@ def compile_model(path: Path) -> Any:
 
 
 @contextmanager
-def warnings_of(mujoco: Any) -> Iterator[list[str]]:
+def collect_mujoco_warnings(mujoco: Any) -> Iterator[list[str]]:
     """Collect MuJoCo's warnings, which it would print and append to MUJOCO_LOG.TXT in the current folder."""
     said: list[str] = []
     before = mujoco.get_mju_user_warning()
@@ -57,7 +57,7 @@ def warnings_of(mujoco: Any) -> Iterator[list[str]]:
 
 
 @contextmanager
-def without_assets(mujoco: Any) -> Iterator[None]:
+def free_assets(mujoco: Any) -> Iterator[None]:
     """Free the meshes and textures that MuJoCo caches, up to 500 MB, unless the program has read models by itself."""
     find = getattr(mujoco, "mj_getCache", None)  # which old versions do not have
     cache = find() if find else None
@@ -69,7 +69,7 @@ def without_assets(mujoco: Any) -> Iterator[None]:
             mujoco.mj_clearCache(cache)
 
 
-def _root(path: Path) -> object:
+def _root_tag(path: Path) -> object:
     """Return the tag of the root element, before the file is read further."""
     content = read_bytes(path)
     refuse_declarations(content, path)

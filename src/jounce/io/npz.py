@@ -8,42 +8,42 @@ from zipfile import ZIP_STORED, ZipFile, ZipInfo
 
 import numpy as np
 
-from jounce.arguments.names import entries
-from jounce.core.errors import JounceError, one_line, quoted
-from jounce.io.columns import About, Columns, Select, check_distinct, checked, flatten, select_columns
-from jounce.io.files import opened
+from jounce.arguments.names import read_entries
+from jounce.core.errors import JounceError, one_line, quote_value
+from jounce.io.columns import Columns, Select, TableMetadata, check_columns, check_distinct, flatten, select_columns
+from jounce.io.files import open_file
 from jounce.io.remainders import split_names, with_remainders
-from jounce.io.rows import Chunk, Format, Pieces, Span, rows_of
+from jounce.io.table_format import Chunk, Pieces, Span, TableFormat, rows_per_chunk
 
 # of the fixed part of a ZIP member's header, which ends in two lengths: of its name, and of what follows that
 LOCAL_HEADER_BYTES = 30
 
 
-class Npz(Format):
+class Npz(TableFormat):
     """Archives, whose arrays lie in the file as they are in memory unless they are compressed."""
 
     def columns(self, path: Path) -> dict[str, str]:
-        return {name: "" if x.dtype.kind in "fiu" else str(x.dtype) for name, x in _columns_of(path).items()}
+        return {name: "" if x.dtype.kind in "fiu" else str(x.dtype) for name, x in _map_columns(path).items()}
 
     def size(self, path: Path) -> int:
-        return sum(column.nbytes for column in _columns_of(path).values())
+        return sum(column.nbytes for column in _map_columns(path).values())
 
     def spans(self, path: Path, cells: int) -> list[Span]:
-        columns = _columns_of(path)
+        columns = _map_columns(path)
         first, *others = columns
         rows, step = len(columns[first]), max(1, cells // len(columns))
         for name in others:
             if len(columns[name]) != rows:
-                came = f"{rows} rows in column {quoted(first)}, {len(columns[name])} in {quoted(name)}"
+                came = f"{rows} rows in column {quote_value(first)}, {len(columns[name])} in {quote_value(name)}"
                 raise JounceError(f"{path}: {came}; expected as many in all")
         return [Span(start, min(start + step, rows)) for start in range(0, rows, step)]
 
     def chunks(self, path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
         names, bases = split_names(names)
-        step = rows_of(len(names))
+        step = rows_per_chunk(len(names))
         for start in range(span.start, span.stop, step):
             part = slice(start, min(start + step, span.stop))
-            columns = _columns_of(path)  # mapped again, so that the pages that were read do not pile up
+            columns = _map_columns(path)  # mapped again, so that the pages that were read do not pile up
             found = {name: columns[name][part].astype(float) for name in names}
             yield Chunk(
                 with_remainders(found, bases, {name: columns[name][part] for name in bases}),
@@ -53,9 +53,9 @@ class Npz(Format):
 
     def pieces(self, path: Path, select: Select | None = None) -> Iterator[Columns]:
         """The whole table in one piece: its columns follow each other, and may be compressed."""
-        yield checked(path, select_columns(_arrays(path, _read), select))
+        yield check_columns(path, select_columns(_read_members(path, _read_member), select))
 
-    def write(self, path: Path, pieces: Pieces, about: About | None = None) -> None:
+    def write(self, path: Path, pieces: Pieces, about: TableMetadata | None = None) -> None:
         """Write a table as numpy.savez does, column by column: all pieces are held until the last has come."""
         parts = list(pieces)
         with ZipFile(path, "w") as archive:
@@ -68,9 +68,9 @@ class Npz(Format):
         """Write the tables of several files, whose columns are the same, as one; a column of a file at a time."""
         tables = list(parts)
         with ZipFile(path, "w") as archive:
-            for name, first in _columns_of(tables[0]).items():
+            for name, first in _map_columns(tables[0]).items():
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                    columns = [_columns_of(table)[name] for table in tables]
+                    columns = [_map_columns(table)[name] for table in tables]
                     dtype = np.result_type(first.dtype, *(column.dtype for column in columns))
                     header = {"shape": (sum(map(len, columns)),), "fortran_order": False, "descr": dtype.str}
                     np.lib.format.write_array_header_2_0(member, header)
@@ -78,27 +78,27 @@ class Npz(Format):
                         member.write(np.ascontiguousarray(column, dtype).tobytes())
 
 
-def _columns_of(path: Path) -> dict[str, np.ndarray]:
+def _map_columns(path: Path) -> dict[str, np.ndarray]:
     """The columns, mapped from the file: their pages are read when they are used."""
-    found = flatten(_arrays(path, _mapped))
+    found = flatten(_read_members(path, _map_member))
     columns = {name: column for name, column in found.items() if column.ndim == 1 and column.size}
     if not columns:
         raise JounceError(f"{path}: no columns or no rows; expected named columns of numbers")
     return columns
 
 
-def _arrays(path: Path, read: Callable[[Path, BinaryIO, ZipFile, ZipInfo], np.ndarray]) -> dict[str, np.ndarray]:
+def _read_members(path: Path, read: Callable[[Path, BinaryIO, ZipFile, ZipInfo], np.ndarray]) -> dict[str, np.ndarray]:
     """The arrays of all members, and of all fields of those that are tables of their own."""
     found: list[tuple[str, np.ndarray]] = []
     where = ""
-    with opened(path) as file:
+    with open_file(path) as file:
         try:
             with ZipFile(file) as archive:
                 for member in archive.infolist():
                     name = member.filename.removesuffix(".npy")
-                    where = f" column {quoted(name)}:"
+                    where = f" column {quote_value(name)}:"
                     array = read(path, file, archive, member)
-                    found += [(name, array)] if array.dtype.names is None else entries(array).items()
+                    found += [(name, array)] if array.dtype.names is None else read_entries(array).items()
         except JounceError:
             raise
         except Exception as error:  # damaged archives make their decoder raise errors of any type
@@ -107,7 +107,7 @@ def _arrays(path: Path, read: Callable[[Path, BinaryIO, ZipFile, ZipInfo], np.nd
     return dict(found)
 
 
-def _read(_path: Path, _file: BinaryIO, archive: ZipFile, member: ZipInfo) -> np.ndarray:
+def _read_member(_path: Path, _file: BinaryIO, archive: ZipFile, member: ZipInfo) -> np.ndarray:
     """The array of a member, whose bytes are checked."""
     with archive.open(member) as content:
         array = np.lib.format.read_array(content, allow_pickle=False)
@@ -116,10 +116,10 @@ def _read(_path: Path, _file: BinaryIO, archive: ZipFile, member: ZipInfo) -> np
     return array
 
 
-def _mapped(path: Path, file: BinaryIO, _archive: ZipFile, member: ZipInfo) -> np.ndarray:
+def _map_member(path: Path, file: BinaryIO, _archive: ZipFile, member: ZipInfo) -> np.ndarray:
     """The array of a member, which lies in the file as it is in memory."""
     if member.compress_type != ZIP_STORED:
-        came = f"{quoted(member.filename)} is compressed, which is read as a whole only"
+        came = f"{quote_value(member.filename)} is compressed, which is read as a whole only"
         raise JounceError(f"{path}: {came}; numpy.savez, not savez_compressed, writes tables that are read by rows")
     file.seek(member.header_offset)
     lengths = unpack_from("<HH", file.read(LOCAL_HEADER_BYTES), LOCAL_HEADER_BYTES - 4)

@@ -18,10 +18,10 @@ def from_rpy(angles: np.ndarray, place: str) -> np.ndarray:
     if np.abs(angles).max() > MIN_DEGREES_ANGLE:
         warn(f"{place}: rpy is {angles.round(6).tolist()}, more than a turn; expected angles in rad")
     roll, pitch, yaw = angles
-    return _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
+    return _rotation_about(2, yaw) @ _rotation_about(1, pitch) @ _rotation_about(0, roll)
 
 
-def _about(axis: int, angle: float) -> np.ndarray:
+def _rotation_about(axis: int, angle: float) -> np.ndarray:
     j, k = (axis + 1) % 3, (axis + 2) % 3
     R = np.eye(3)
     R[j, j] = R[k, k] = np.cos(angle)
@@ -30,7 +30,7 @@ def _about(axis: int, angle: float) -> np.ndarray:
     return R
 
 
-def direction(axis: np.ndarray) -> np.ndarray | None:
+def unit_direction(axis: np.ndarray) -> np.ndarray | None:
     """The unit vector along an axis, which is left as it is where its length is 1; None where it is 0."""
     if not axis.any():
         return None

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jounce.core.errors import JounceError, one_line
-from jounce.io.columns import About, check_distinct
+from jounce.io.columns import TableMetadata, check_distinct
 from jounce.io.files import check_readable
 from jounce.io.remainders import split_names, with_remainders
-from jounce.io.rows import Chunk, Format, Pieces, Span, rows_of
+from jounce.io.table_format import Chunk, Pieces, Span, TableFormat, rows_per_chunk
 
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile
@@ -23,23 +23,23 @@ ROWS_PER_GROUP = 1 << 17  # enough for fast reading, few enough to hold a group 
 METADATA_KEY = b"jounce"  # of the schema, under which the unit of each column stands
 
 
-class Parquet(Format):
+class Parquet(TableFormat):
     """Tables in row groups, each of which is read in chunks of rows."""
 
     def columns(self, path: Path) -> dict[str, str]:
-        with _opened(path) as file:
+        with _open_table(path) as file:
             fields = [(str(field.name), field.type) for field in file.schema_arrow]
         check_distinct(path, [name for name, _ in fields])
-        types = pyarrow(path).types
+        types = import_pyarrow(path).types
         numbers = (types.is_floating, types.is_integer, types.is_decimal)
         return {name: "" if any(holds(kind) for holds in numbers) else str(kind) for name, kind in fields}
 
     def size(self, path: Path) -> int:
-        with _opened(path) as file:
+        with _open_table(path) as file:
             return int(file.metadata.num_rows) * len(file.schema_arrow.names) * 8
 
     def spans(self, path: Path, cells: int) -> list[Span]:
-        with _opened(path) as file:
+        with _open_table(path) as file:
             about, columns = file.metadata, len(file.schema_arrow.names)
             counts = [about.row_group(i).num_rows for i in range(about.num_row_groups)]
         found: list[Span] = []
@@ -53,23 +53,23 @@ class Parquet(Format):
 
     def chunks(self, path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
         names, bases = split_names(names)
-        with _opened(path) as file:
+        with _open_table(path) as file:
             wanted = [*names, *([] if texts is None else [texts])]
-            for first, batch in _batches(file, wanted, span):
-                columns = {name: _numbers(batch.column(name)) for name in names}
-                columns = with_remainders(columns, bases, {name: _as_stated(batch.column(name)) for name in bases})
-                motions = None if texts is None else _texts(path, batch.column(texts))
+            for first, batch in _read_batches(file, wanted, span):
+                columns = {name: _float_cells(batch.column(name)) for name in names}
+                columns = with_remainders(columns, bases, {name: _exact_cells(batch.column(name)) for name in bases})
+                motions = None if texts is None else _text_cells(path, batch.column(texts))
                 yield Chunk(columns, motions, np.arange(first, first + batch.num_rows + 1))
 
-    def write(self, path: Path, pieces: Pieces, about: About | None = None) -> None:
+    def write(self, path: Path, pieces: Pieces, about: TableMetadata | None = None) -> None:
         """Write a table piece by piece; texts are a dictionary of few values."""
-        arrow, schema = pyarrow(path), None
+        arrow, schema = import_pyarrow(path), None
 
         def tables() -> Iterator[Any]:
             nonlocal schema
             for columns in pieces:
-                table = arrow.table({name: _array(arrow, column) for name, column in columns.items()})
-                schema = _described(arrow, table.schema, about) if schema is None else schema
+                table = arrow.table({name: _arrow_array(arrow, column) for name, column in columns.items()})
+                schema = _add_metadata(arrow, table.schema, about) if schema is None else schema
                 yield table.cast(schema)
 
         _write_groups(arrow, path, tables())
@@ -78,14 +78,14 @@ class Parquet(Format):
 
         def tables() -> Iterator[Any]:
             for part in parts:
-                with _opened(part) as file:
+                with _open_table(part) as file:
                     for i in range(file.num_row_groups):
                         yield file.read_row_group(i)
 
-        _write_groups(pyarrow(path), path, tables())
+        _write_groups(import_pyarrow(path), path, tables())
 
 
-def pyarrow(path: object) -> Any:
+def import_pyarrow(path: object) -> Any:
     """The modules pyarrow and pyarrow.parquet, or the error that says how to install them."""
     try:
         import pyarrow
@@ -96,10 +96,10 @@ def pyarrow(path: object) -> Any:
 
 
 @contextmanager
-def _opened(path: Path) -> "Iterator[ParquetFile]":
+def _open_table(path: Path) -> "Iterator[ParquetFile]":
     """Open a table; within this context errors of its reader become `JounceError`."""
     check_readable(path)
-    arrow = pyarrow(path)
+    arrow = import_pyarrow(path)
     try:
         with arrow.OSFile(fsencode(path)) as content, arrow.parquet.ParquetFile(content, pre_buffer=True) as file:
             yield file
@@ -107,32 +107,34 @@ def _opened(path: Path) -> "Iterator[ParquetFile]":
         raise JounceError(f"{path}: not a Parquet table, or a damaged one: {one_line(error)}") from None
 
 
-def _batches(file: "ParquetFile", wanted: Sequence[str], span: Span) -> "Iterator[tuple[int, Any]]":
+def _read_batches(file: "ParquetFile", wanted: Sequence[str], span: Span) -> "Iterator[tuple[int, Any]]":
     """The batches of a span with the numbers of their first rows."""
     first = 0
     for i in range(file.metadata.num_row_groups):
         start, first = first, first + file.metadata.row_group(i).num_rows
         if first <= span.start or start >= span.stop:
             continue
-        for batch in file.iter_batches(rows_of(len(wanted)), row_groups=[i], columns=list(wanted), use_threads=False):
+        for batch in file.iter_batches(
+            rows_per_chunk(len(wanted)), row_groups=[i], columns=list(wanted), use_threads=False
+        ):
             begin, end = max(span.start - start, 0), min(span.stop - start, batch.num_rows)
             if begin < end:
                 yield start + begin, batch.slice(begin, end - begin)
             start += batch.num_rows
 
 
-def _numbers(column: Any) -> np.ndarray:
+def _float_cells(column: Any) -> np.ndarray:
     """The cells as float64; missing ones are NaN."""
     return np.asarray(column.cast("float64", safe=False).to_numpy(zero_copy_only=False))
 
 
-def _as_stated(column: Any) -> np.ndarray:
+def _exact_cells(column: Any) -> np.ndarray:
     """The cells as integers, if they are and none is missing, or as float64."""
     kind = str(column.type)
-    return np.asarray(column.to_numpy()) if "int" in kind and not column.null_count else _numbers(column)
+    return np.asarray(column.to_numpy()) if "int" in kind and not column.null_count else _float_cells(column)
 
 
-def _texts(path: Path, column: Any) -> np.ndarray:
+def _text_cells(path: Path, column: Any) -> np.ndarray:
     if column.null_count:
         raise JounceError(f"{path}: the column of motions has {column.null_count} empty cells; expected a name in each")
     return np.asarray(column.cast("string").to_numpy(zero_copy_only=False).astype(str))
@@ -158,7 +160,7 @@ def _write_groups(arrow: Any, path: Path, tables: Iterable[Any]) -> None:
             writer.write_table(arrow.concat_tables(pending).unify_dictionaries(), ROWS_PER_GROUP)
 
 
-def _array(arrow: Any, column: np.ndarray) -> Any:
+def _arrow_array(arrow: Any, column: np.ndarray) -> Any:
     if column.dtype.kind != "U":
         return arrow.array(np.ascontiguousarray(column))
     firsts = np.flatnonzero(np.concatenate([[True], column[1:] != column[:-1]]))  # of runs of equal texts
@@ -167,7 +169,7 @@ def _array(arrow: Any, column: np.ndarray) -> Any:
     return arrow.DictionaryArray.from_arrays(arrow.array(every), arrow.array(values.tolist()))
 
 
-def _described(arrow: Any, schema: Any, about: About | None) -> Any:
+def _add_metadata(arrow: Any, schema: Any, about: TableMetadata | None) -> Any:
     """The schema with the metadata of the table."""
     if about is None:
         return schema

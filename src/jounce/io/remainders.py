@@ -9,14 +9,14 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from jounce.motion.origin import MIN_LARGE_STAMP, shortest_decimal
+from jounce.motion.time_origin import MIN_LARGE_STAMP, shortest_decimal
 
 REMAINDER_MARK = "\0remainder"  # no name of a column ends in this
 MAX_INTEGER = 2.0**62  # doubles beyond may overflow when cast to int64
 DECIMAL = re.compile(r"\s*\d+(?:\.(\d*))?\s*")
 
 
-def remainder_of(name: str) -> str:
+def remainder_name(name: str) -> str:
     """The name under which the remainder of a column is requested."""
     return name + REMAINDER_MARK
 
@@ -33,10 +33,10 @@ def with_remainders(
     columns: Mapping[str, np.ndarray], bases: Sequence[str], numbers: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
     """The columns with the remainders of some of them, of which `numbers` are the arrays as the table holds them."""
-    return {**columns, **{remainder_of(name): remainders_of_array(numbers[name]) for name in bases}}
+    return {**columns, **{remainder_name(name): array_remainders(numbers[name]) for name in bases}}
 
 
-def remainders_of_array(numbers: np.ndarray) -> np.ndarray:
+def array_remainders(numbers: np.ndarray) -> np.ndarray:
     """The remainders of integers, and of doubles that are the shortest decimals that doubles distinguish.
 
     A double of 1732287600.001 s is off by 7e-8 s, and no other decimal of microseconds is read as it.
@@ -62,7 +62,7 @@ def remainders_of_array(numbers: np.ndarray) -> np.ndarray:
     return np.where(inside & are_decimals, left, 0.0)
 
 
-def remainders_of_texts(cells: Sequence[str], high: np.ndarray) -> np.ndarray:
+def text_remainders(cells: Sequence[str], high: np.ndarray) -> np.ndarray:
     """The remainders of cells, which are the doubles `high` when read; 0 where a cell is no plain decimal.
 
     Cells whose last digits are those of a double, as `%.9f` writes one, hold no more than it.
@@ -73,13 +73,13 @@ def remainders_of_texts(cells: Sequence[str], high: np.ndarray) -> np.ndarray:
     if not any(found and found[1] for found in plain):
         integers = [int(cell) if found else 0 for cell, found in zip(cells, plain, strict=True)]
         fits = all(abs(x) < MAX_INTEGER for x in integers)
-        return remainders_of_array(np.array(integers) if fits else high)
+        return array_remainders(np.array(integers) if fits else high)
     digits = [(found[1] or "") if found else "" for found in plain]
     of_cells = np.array([found is not None for found in plain])
     whole = np.array([float(c.partition(".")[0]) if known else 0 for c, known in zip(cells, of_cells, strict=True)])
     left = np.where(of_cells, np.array([float(f"0.{rest}") for rest in digits]) - (high - whole), 0.0)
     half_unit = 0.5 * 10.0 ** -np.array([len(rest) for rest in digits], dtype=float)
-    return remainders_of_array(high) if (np.abs(left) <= half_unit).all() else left
+    return array_remainders(high) if (np.abs(left) <= half_unit).all() else left
 
 
 def _are_large(numbers: np.ndarray) -> bool:

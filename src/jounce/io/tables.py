@@ -8,20 +8,20 @@ import numpy as np
 
 from jounce.core.errors import JounceError, one_line
 from jounce.io import files, jsonlines
-from jounce.io.columns import About, Columns, Select, check_finite, checked, flatten, select_columns
+from jounce.io.columns import Columns, Select, TableMetadata, check_columns, check_finite, flatten, select_columns
 from jounce.io.csv import Csv
 from jounce.io.npz import Npz
-from jounce.io.parquet import Parquet, pyarrow
-from jounce.io.rows import Format, Pieces
+from jounce.io.parquet import Parquet, import_pyarrow
+from jounce.io.table_format import Pieces, TableFormat
 
 Known = TypeVar("Known")
 
 
-def _mat_pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
+def _read_mat(path: Path, select: Select | None = None) -> Iterator[Columns]:
     """The variables of a MATLAB file, in one piece: matrices are columns NAME[0], NAME[1], ..., fields STRUCT.FIELD."""
     from scipy.io import loadmat  # half a second to import, and only for such files
 
-    with files.opened(path) as file:
+    with files.open_file(path) as file:
         try:
             content = loadmat(cast(Any, file), simplify_cells=True)
         except NotImplementedError:
@@ -29,7 +29,7 @@ def _mat_pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
         except Exception as error:  # damaged files make their reader raise errors of any type
             raise JounceError(f"{path}: not a MAT file: {one_line(error) or type(error).__name__}") from None
     arrays = flatten(dict(_mat_arrays({k: v for k, v in content.items() if not k.startswith("__")}, "")))
-    yield checked(path, select_columns(arrays, select))
+    yield check_columns(path, select_columns(arrays, select))
 
 
 def _mat_arrays(content: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, np.ndarray]]:
@@ -41,59 +41,59 @@ def _mat_arrays(content: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, 
 
 
 CSV, NPZ, PARQUET = Csv(), Npz(), Parquet()
-ROW_FORMATS: Mapping[str, Format] = {".parquet": PARQUET, ".csv": CSV, ".npz": NPZ, ".tsv": CSV, ".txt": CSV}
+ROW_FORMATS: Mapping[str, TableFormat] = {".parquet": PARQUET, ".csv": CSV, ".npz": NPZ, ".tsv": CSV, ".txt": CSV}
 TABLE_READERS: Mapping[str, Callable[[Path, Select | None], Iterator[Columns]]] = {
     **{suffix: form.pieces for suffix, form in ROW_FORMATS.items()},
-    **{".mat": _mat_pieces, ".jsonl": jsonlines.pieces, ".ndjson": jsonlines.pieces},
+    **{".mat": _read_mat, ".jsonl": jsonlines.read_pieces, ".ndjson": jsonlines.read_pieces},
 }
-TABLE_WRITERS: dict[str, Format] = {".csv": CSV, ".npz": NPZ, ".parquet": PARQUET}
+TABLE_WRITERS: dict[str, TableFormat] = {".csv": CSV, ".npz": NPZ, ".parquet": PARQUET}
 
 
-def format_of(path: Path) -> Format:
+def select_format(path: Path) -> TableFormat:
     """The format by which a file is read by rows."""
-    return _by_suffix(path, ROW_FORMATS, "read by rows are")
+    return _select_by_suffix(path, ROW_FORMATS, "read by rows are")
 
 
-def place(path: Path, at: int) -> str:
+def describe_place(path: Path, at: int) -> str:
     """A place in a file, as messages name it."""
-    return format_of(path).place(path, at)
+    return select_format(path).place(path, at)
 
 
 def read(path: Path, select: Select | None = None) -> Columns:
     """The columns of a table, all or those selected by name: finite numbers, all of one length, at least one row."""
-    parts = list(pieces(path, select))
+    parts = list(read_pieces(path, select))
     return {name: np.concatenate([part.pop(name) for part in parts]) for name in list(parts[0])}
 
 
-def pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
+def read_pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
     """Yield a table in pieces of some rows, each checked before it is yielded."""
-    return _by_suffix(path, TABLE_READERS)(path, select)
+    return _select_by_suffix(path, TABLE_READERS)(path, select)
 
 
 def check_writable(path: Path) -> None:
     """Raise `JounceError` if `write` could not write, before any work is done."""
-    _by_suffix(path, TABLE_WRITERS)
+    _select_by_suffix(path, TABLE_WRITERS)
     files.check_writable(path)
     if path.suffix.lower() == ".parquet":
-        pyarrow(path)
+        import_pyarrow(path)
 
 
-def write(path: Path, columns: Mapping[str, np.ndarray], about: About | None = None) -> None:
+def write(path: Path, columns: Mapping[str, np.ndarray], about: TableMetadata | None = None) -> None:
     """Write a table; a partial file is never seen."""
     write_pieces(path, [columns], about)
 
 
-def write_pieces(path: Path, pieces: Pieces, about: About | None = None, missing: bool = False) -> None:
+def write_pieces(path: Path, pieces: Pieces, about: TableMetadata | None = None, missing: bool = False) -> None:
     """Write a table from pieces of some rows, each checked first; a partial file is never seen.
 
     Numbers may be `missing`, NaN, where results of closed robots have no certain digits.
     """
-    writer = _by_suffix(path, TABLE_WRITERS)
-    with files.written_whole(path) as part:
-        writer.write(part, _finite(path, pieces, missing), about)
+    writer = _select_by_suffix(path, TABLE_WRITERS)
+    with files.write_whole(path) as part:
+        writer.write(part, _check_pieces(path, pieces, missing), about)
 
 
-def _finite(path: Path, pieces: Pieces, missing: bool) -> Iterator[Mapping[str, np.ndarray]]:
+def _check_pieces(path: Path, pieces: Pieces, missing: bool) -> Iterator[Mapping[str, np.ndarray]]:
     rows = 0
     for columns in pieces:
         check_finite(path, columns, rows, missing)
@@ -101,7 +101,7 @@ def _finite(path: Path, pieces: Pieces, missing: bool) -> Iterator[Mapping[str, 
         rows += len(next(iter(columns.values())))
 
 
-def _by_suffix(path: Path, known: Mapping[str, Known], available: str = "available") -> Known:
+def _select_by_suffix(path: Path, known: Mapping[str, Known], available: str = "available") -> Known:
     if path.suffix.lower() not in known:
         raise JounceError(f"{path}: unknown type of table {path.suffix!r}; {available}: {', '.join(known)}")
     return known[path.suffix.lower()]

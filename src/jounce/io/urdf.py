@@ -6,17 +6,17 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
-from jounce.core.errors import JounceError, at, no_such, one_line, quoted, shortened
+from jounce.core.errors import JounceError, locate_errors, one_line, quote_value, shorten, unknown_name_error
 from jounce.core.foreign import parse_finite
 from jounce.io.doctype import refuse_declarations
 from jounce.io.files import read_bytes
-from jounce.io.orientation import direction, from_rpy
+from jounce.io.orientation import from_rpy, unit_direction
 from jounce.model import tree
-from jounce.model.equivalent import turn_to
+from jounce.model.body_count import check_size
+from jounce.model.equivalent_mechanisms import turn_to
 from jounce.model.mechanism import GRAVITY, Mechanism
-from jounce.model.size import check_size
 from jounce.spatial.groups import PLANAR
-from jounce.spatial.inertia import inertia_matrix, symmetric
+from jounce.spatial.inertia import inertia_matrix, symmetric_matrix
 from jounce.spatial.lie import Ad, pose
 
 AXIS_PLACES = {
@@ -38,12 +38,12 @@ def parse(content: bytes, file: str, name: str, gravity: object, base: str | Non
     """The mechanism of a URDF's text; messages call it `file`, and a robot without a name is called `name`."""
     robot = parse_xml(content, file)
     if root is None:
-        with at(file):  # before minutes of reading
+        with locate_errors(file):  # before minutes of reading
             check_size(sum(element.get("type") in AXIS_PLACES for element in robot.iterchildren("joint")))
-    links = [_link(element, file) for element in robot.iterchildren("link")]
-    joints = [_joint(element, file) for element in robot.iterchildren("joint")]
+    links = [_read_link(element, file) for element in robot.iterchildren("link")]
+    joints = [_read_joint(element, file) for element in robot.iterchildren("joint")]
     given = GRAVITY if gravity is None else gravity
-    built = tree.mechanism(links, joints, given, robot.get("name") or name, file, base=base, root=root)
+    built = tree.build_mechanism(links, joints, given, robot.get("name") or name, file, base=base, root=root)
     unsaid = [element for element in robot.iterchildren("joint") if element.find("axis") is None]
     without = {f"{joint.get('name')}{'.wz' * (joint.get('type') == 'planar')}" for joint in unsaid}
     return replace(built, default_axes=tuple(joint for joint in built.joints if joint in without))
@@ -59,79 +59,84 @@ def parse_xml(content: bytes, file: str) -> etree._Element:
     except etree.XMLSyntaxError as error:
         raise JounceError(f"{file}:{error.lineno}: not XML: {one_line(error.msg) or 'the file is empty'}") from None
     if root.tag != "robot":
-        raise JounceError(f"{file}: the root element is <{shortened(str(root.tag))}>; a URDF has <robot>")
+        raise JounceError(f"{file}: the root element is <{shorten(str(root.tag))}>; a URDF has <robot>")
     for element in root.iter(etree.Element, etree.Entity):
         if element.tag is etree.Entity:
-            came = f"{shortened(element.text or '')} is an entity, which is never resolved"
-            raise JounceError(f"{_at(element, file)}: {came}; write its content instead")
+            came = f"{shorten(element.text or '')} is an entity, which is never resolved"
+            raise JounceError(f"{_element_place(element, file)}: {came}; write its content instead")
         if element.prefix == "xacro":
-            raise JounceError(f"{_at(element, file)}: contains xacro macros; name the file *.xacro to expand them")
+            raise JounceError(
+                f"{_element_place(element, file)}: contains xacro macros; name the file *.xacro to expand them"
+            )
     return root
 
 
-def _link(element: etree._Element, file: str) -> tree.Link:
-    name, inertial = _text(element, "name", file), element.find("inertial")
+def _read_link(element: etree._Element, file: str) -> tree.Link:
+    name, inertial = _require_text(element, "name", file), element.find("inertial")
     if inertial is None:
-        return tree.Link(name, np.zeros((6, 6)), _at(element, file))
-    mass = read_numbers(_child(inertial, "mass", file), "value", 1, file)[0]
-    tensor = _child(inertial, "inertia", file)
+        return tree.Link(name, np.zeros((6, 6)), _element_place(element, file))
+    mass = read_numbers(_require_child(inertial, "mass", file), "value", 1, file)[0]
+    tensor = _require_child(inertial, "inertia", file)
     six = [read_numbers(tensor, "i" + axes, 1, file)[0] for axes in ("xx", "xy", "xz", "yy", "yz", "zz")]
     C = origin_pose(inertial, file)
-    theta = symmetric(np.array(six))
-    return tree.Link(name, inertia_matrix(mass, C[:3, 3], theta, rotation=C[:3, :3]), _at(element, file))
+    theta = symmetric_matrix(np.array(six))
+    return tree.Link(name, inertia_matrix(mass, C[:3, 3], theta, rotation=C[:3, :3]), _element_place(element, file))
 
 
-def _joint(element: etree._Element, file: str) -> tree.Joint:
-    name, kind = _text(element, "name", file), _text(element, "type", file)
+def _read_joint(element: etree._Element, file: str) -> tree.Joint:
+    name, kind = _require_text(element, "name", file), _require_text(element, "type", file)
     kinds = ["fixed", *AXIS_PLACES, *FREE_JOINT_TYPES]
     if kind not in kinds:
-        raise JounceError(f"{_at(element, file)}: joint {quoted(name)}: {no_such('joint type', kind, kinds)}")
+        raise JounceError(
+            f"{_element_place(element, file)}: joint {quote_value(name)}:"
+            f" {unknown_name_error('joint type', kind, kinds)}"
+        )
     return tree.Joint(
         name=name,
-        parent=_text(_child(element, "parent", file), "link", file),
-        child=_text(_child(element, "child", file), "link", file),
+        parent=_require_text(_require_child(element, "parent", file), "link", file),
+        child=_require_text(_require_child(element, "child", file), "link", file),
         B=origin_pose(element, file),
-        X=_screw(element, kind, file) if kind in (*AXIS_PLACES, "planar") else None,
-        mimic=_mimic(element, file) if kind in AXIS_PLACES else None,
-        limits=_limits(element, kind, file) if kind in AXIS_PLACES else {},
-        drive=_drive(element, file) if kind in AXIS_PLACES else {},
-        place=_at(element, file),
+        X=_joint_screw(element, kind, file) if kind in (*AXIS_PLACES, "planar") else None,
+        mimic=_read_mimic(element, file) if kind in AXIS_PLACES else None,
+        limits=_read_limits(element, kind, file) if kind in AXIS_PLACES else {},
+        drive=_read_drive(element, file) if kind in AXIS_PLACES else {},
+        place=_element_place(element, file),
         free=kind if kind in FREE_JOINT_TYPES else None,
     )
 
 
-def _screw(element: etree._Element, kind: str, file: str) -> np.ndarray:
+def _joint_screw(element: etree._Element, kind: str, file: str) -> np.ndarray:
     """The screw (6,) of a joint, or those (3, 6) of a planar joint, whose axis is the normal of the plane.
 
     The axes x and y in which a planar position counts are those of the child, turned the shortest way that takes z to
     the normal. Pinocchio takes z for the normal, whatever a file says.
     """
-    axis = _axis(element, file)
+    axis = _joint_axis(element, file)
     if kind == "planar":
         return (Ad(pose(turn_to(axis), np.zeros((3, 1)))) @ PLANAR.X).T
     return np.insert(np.zeros(3), AXIS_PLACES[kind], axis)
 
 
-def _axis(element: etree._Element, file: str) -> np.ndarray:
+def _joint_axis(element: etree._Element, file: str) -> np.ndarray:
     stated = element.find("axis")
     numbers = np.array(DEFAULT_AXIS.split(), dtype=float) if stated is None else read_numbers(stated, "xyz", 3, file)
-    axis = direction(numbers)
+    axis = unit_direction(numbers)
     if axis is None:
-        name = quoted(element.get("name"))
-        raise JounceError(f"{_at(element, file)}: joint {name} has a zero axis; expected a direction")
+        name = quote_value(element.get("name"))
+        raise JounceError(f"{_element_place(element, file)}: joint {name} has a zero axis; expected a direction")
     return axis
 
 
-def _mimic(element: etree._Element, file: str) -> tree.Mimic | None:
+def _read_mimic(element: etree._Element, file: str) -> tree.Mimic | None:
     mimic = element.find("mimic")
     if mimic is None:
         return None
     multiplier = read_numbers(mimic, "multiplier", 1, file, default="1")[0]
     offset = read_numbers(mimic, "offset", 1, file, default="0")[0]
-    return tree.Mimic(_text(mimic, "joint", file), multiplier, offset)
+    return tree.Mimic(_require_text(mimic, "joint", file), multiplier, offset)
 
 
-def _limits(element: etree._Element, kind: str, file: str) -> dict[str, float]:
+def _read_limits(element: etree._Element, kind: str, file: str) -> dict[str, float]:
     """Return the values of a <limit>; missing positions are 0 by the format, except for continuous joints."""
     limit = element.find("limit")
     if limit is None:
@@ -140,7 +145,7 @@ def _limits(element: etree._Element, kind: str, file: str) -> dict[str, float]:
     return {key: float(read_numbers(limit, key, 1, file, default="0")[0]) for key in keys}
 
 
-def _drive(element: etree._Element, file: str) -> dict[str, float]:
+def _read_drive(element: etree._Element, file: str) -> dict[str, float]:
     dynamics = element.find("dynamics")
     if dynamics is None:
         return {}
@@ -154,23 +159,27 @@ def origin_pose(element: etree._Element, file: str) -> np.ndarray:
         return np.eye(4)
     for key in origin.attrib:  # a quaternion, or a frame that the pose is given in, must not be lost in silence
         if key not in ORIGIN_ATTRIBUTES:
-            raise JounceError(f"{_at(origin, file)}: {no_such('attribute of <origin>', key, ORIGIN_ATTRIBUTES)}")
-    R = from_rpy(read_numbers(origin, "rpy", 3, file, default="0 0 0"), _at(origin, file))
+            raise JounceError(
+                f"{_element_place(origin, file)}: {unknown_name_error('attribute of <origin>', key, ORIGIN_ATTRIBUTES)}"
+            )
+    R = from_rpy(read_numbers(origin, "rpy", 3, file, default="0 0 0"), _element_place(origin, file))
     return pose(R, read_numbers(origin, "xyz", 3, file, default="0 0 0")[:, None])
 
 
-def _child(element: etree._Element, tag: str, file: str) -> etree._Element:
+def _require_child(element: etree._Element, tag: str, file: str) -> etree._Element:
     child = element.find(tag)
     if child is None:
         name = element.get("name")
-        raise JounceError(f"{_at(element, file)}: <{element.tag}>{f' {quoted(name)}' if name else ''} has no <{tag}>")
+        raise JounceError(
+            f"{_element_place(element, file)}: <{element.tag}>{f' {quote_value(name)}' if name else ''} has no <{tag}>"
+        )
     return child
 
 
-def _text(element: etree._Element, attribute: str, file: str) -> str:
+def _require_text(element: etree._Element, attribute: str, file: str) -> str:
     text = element.get(attribute)
     if not text:
-        raise JounceError(f"{_at(element, file)}: <{element.tag}> has no {attribute}=; expected a text")
+        raise JounceError(f"{_element_place(element, file)}: <{element.tag}> has no {attribute}=; expected a text")
     return text
 
 
@@ -180,12 +189,14 @@ def read_numbers(
     """The finite numbers of an attribute, as many as are expected."""
     text, expected = element.get(attribute, default), f"expected {count} finite number{'s' * (count > 1)}"
     if text is None:
-        raise JounceError(f"{_at(element, file)}: <{element.tag}> has no {attribute}=; {expected}")
+        raise JounceError(f"{_element_place(element, file)}: <{element.tag}> has no {attribute}=; {expected}")
     numbers = [number for number in map(parse_finite, text.split()) if number is not None]
     if not len(numbers) == len(text.split()) == count:
-        raise JounceError(f"{_at(element, file)}: <{element.tag} {attribute}={quoted(text)}>; {expected}")
+        raise JounceError(
+            f"{_element_place(element, file)}: <{element.tag} {attribute}={quote_value(text)}>; {expected}"
+        )
     return np.array(numbers)
 
 
-def _at(element: etree._Element, file: str) -> str:
+def _element_place(element: etree._Element, file: str) -> str:
     return f"{file}:{element.sourceline}"

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from lxml import etree
 
-from jounce.core.errors import one_line, quoted
+from jounce.core.errors import one_line, quote_value
 from jounce.io.files import read_bytes
-from jounce.io.mesh_files import mesh_file
+from jounce.io.mesh_files import find_mesh
 from jounce.io.urdf import origin_pose, parse_xml, read_numbers
 
 if TYPE_CHECKING:
@@ -42,16 +42,18 @@ def read_visuals(path: Path) -> list[Visual]:
         return []
     robot = parse_xml(read_bytes(path), str(path))
     links = [link for link in robot.iterchildren("link") if link.get("name")]
-    return [found for link in links for visual in link.iterchildren("visual") for found in _read(visual, link, path)]
+    return [
+        found for link in links for visual in link.iterchildren("visual") for found in _read_visual(visual, link, path)
+    ]
 
 
-def visuals_of(m: "Mechanism", path: Path) -> list[Visual]:
+def robot_visuals(m: "Mechanism", path: Path) -> list[Visual]:
     """The visuals of links that the robot has: `--root` may have left some out."""
     names = set(m.frame_names)
     return [visual for visual in read_visuals(path) if visual.link in names]
 
 
-def _read(visual: etree._Element, link: etree._Element, path: Path) -> Iterator[Visual]:
+def _read_visual(visual: etree._Element, link: etree._Element, path: Path) -> Iterator[Visual]:
     T, name, file = origin_pose(visual, str(path)), str(link.get("name")), str(path)
     for shape in visual.iterfind("geometry/*"):
         if shape.tag == "mesh":
@@ -76,12 +78,12 @@ def read_mesh(visual: Visual, path: Path, folders: Sequence[Path] = ()) -> Any:
         case "sphere":
             mesh = trimesh.creation.icosphere(3, *visual.size)
         case _:
-            name = quoted(visual.mesh.rpartition("/")[2])  # lists of whole addresses leave no space for reasons
-            found = mesh_file(visual.mesh, path, folders)
+            name = quote_value(visual.mesh.rpartition("/")[2])  # lists of whole addresses leave no space for reasons
+            found = find_mesh(visual.mesh, path, folders)
             if isinstance(found, str):
                 return f"{name} ({found})"
             try:
-                mesh = trimesh.load(found, force="mesh", resolver=_resolver(found))
+                mesh = trimesh.load(found, force="mesh", resolver=_folder_resolver(found))
             except Exception as error:  # readers of meshes raise anything
                 return f"{name} ({one_line(str(error))})"
             if not len(mesh.faces):
@@ -92,7 +94,7 @@ def read_mesh(visual: Visual, path: Path, folders: Sequence[Path] = ()) -> Any:
     return mesh
 
 
-def _resolver(mesh: Path) -> Any:
+def _folder_resolver(mesh: Path) -> Any:
     """What finds the materials and textures that a mesh names: in its own folder only."""
     from trimesh.resolvers import FilePathResolver
 
@@ -100,7 +102,7 @@ def _resolver(mesh: Path) -> Any:
         def get(self, name: str) -> bytes:
             folder = mesh.resolve().parent
             if not (folder / name.strip()).resolve().is_relative_to(folder):
-                raise ValueError(f"{quoted(name)} is outside of the folder of the mesh")
+                raise ValueError(f"{quote_value(name)} is outside of the folder of the mesh")
             found: bytes = super().get(name)
             return found
 

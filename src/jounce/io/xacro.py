@@ -10,7 +10,7 @@ from threading import Lock
 from types import SimpleNamespace
 from typing import Any
 
-from jounce.core.errors import JounceError, no_such, one_line, quoted, shortened, warn
+from jounce.core.errors import JounceError, one_line, quote_value, shorten, unknown_name_error, warn
 from jounce.io.doctype import refuse_declarations
 from jounce.io.files import read_bytes
 
@@ -56,9 +56,9 @@ def expand(path: Path, arguments: Mapping[str, object]) -> bytes:
     try:
         with (
             _EXPANDING,
-            _replaced(packages, _finder=packages._finder),
-            _replaced(xacro.color, sys=prints),
-            _replaced(xacro, sys=prints, **_checked_functions(xacro)),
+            _replace_names(packages, _finder=packages._finder),
+            _replace_names(xacro.color, sys=prints),
+            _replace_names(xacro, sys=prints, **_build_checked_functions(xacro)),
         ):
             packages.reset()  # a finder remembers where each package was: two checkouts may hold one of the same name
             packages.walk_up_from(path)
@@ -67,18 +67,18 @@ def expand(path: Path, arguments: Mapping[str, object]) -> bytes:
         absent = getattr(error, "exc", None)
         if isinstance(absent, packages.PackageNotFoundError):
             places = "in the folders above the file or in ROS_PACKAGE_PATH"
-            raise JounceError(f"{path}: xacro: no package {quoted(absent.args[0])} {places}") from None
+            raise JounceError(f"{path}: xacro: no package {quote_value(absent.args[0])} {places}") from None
         raise JounceError(f"{path}: xacro: {one_line(error) or type(error).__name__}") from None
     for name in arguments:
         if name not in given.asked:
-            raise JounceError(f"{path}: {no_such('xacro argument', name, sorted(given.asked))}")
+            raise JounceError(f"{path}: {unknown_name_error('xacro argument', name, sorted(given.asked))}")
     if said.getvalue().strip():
         warn(f"{path}: xacro: {one_line(said.getvalue())}")
     return document.toprettyxml(indent="  ").encode()  # the lines that `xacro FILE` writes
 
 
 @contextmanager
-def _replaced(module: Any, **others: Any) -> Iterator[None]:
+def _replace_names(module: Any, **others: Any) -> Iterator[None]:
     """Within this context, a module has other values for some of its names."""
     before = {name: getattr(module, name) for name in others}
     vars(module).update(others)
@@ -88,7 +88,7 @@ def _replaced(module: Any, **others: Any) -> Iterator[None]:
         vars(module).update(before)
 
 
-def _checked_functions(xacro: Any) -> dict[str, Callable[..., Any]]:
+def _build_checked_functions(xacro: Any) -> dict[str, Callable[..., Any]]:
     """The functions of xacro that expand macros and read files, with checks.
 
     Macros and files that call themselves without end are refused before Python's stack ends, much later; so are
@@ -101,7 +101,7 @@ def _checked_functions(xacro: Any) -> dict[str, Callable[..., Any]]:
         asked = " ".join([node.tagName, *(f"{k}={xacro.eval_text(v, symbols)}" for k, v in node.attributes.items())])
         calls[asked] += 1
         if calls[asked] > MAX_MACRO_DEPTH:
-            raise JounceError(f"<{shortened(asked)}> calls itself without end")
+            raise JounceError(f"<{shorten(asked)}> calls itself without end")
         try:
             return call(node, macros, symbols)
         finally:
@@ -109,7 +109,7 @@ def _checked_functions(xacro: Any) -> dict[str, Callable[..., Any]]:
 
     def checked_include(given: Any, name: str | None = None) -> Any:
         if given is None and xacro.filestack.count(name) > 1:
-            raise JounceError(f"{shortened(Path(str(name)).name)} includes itself")
+            raise JounceError(f"{shorten(Path(str(name)).name)} includes itself")
         if given is None and (path := Path(xacro.root_dir, str(name))).is_file():
             refuse_declarations(path.read_bytes(), path)
         return include(given, name)

@@ -27,8 +27,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce.core.errors import JounceError
-from jounce.limits.basis import Basis, Local
-from jounce.limits.rows import Rows
+from jounce.limits.basis import Basis, LocalSplines
+from jounce.limits.limit_rows import LimitRows
 
 _MAX_BARRIER_STEPS = 300  # of Newton's method: several times as many as problems have been seen to take
 _DECREMENT_TO_SHRINK_MU = 5.0  # Newton's decrement in units of mu: centred well enough for the next mu
@@ -43,12 +43,12 @@ UNEVEN = "retiming fails: the paces of the motion differ by too much; retime its
 
 
 @dataclass(frozen=True, eq=False)
-class Program:
+class BarrierProgram:
     """Rows at points of a path, the spline's derivatives there, and which coefficients are free."""
 
     basis: Basis
-    at: Local
-    rows: Rows
+    at: LocalSplines
+    rows: LimitRows
     free: np.ndarray
 
     def feasible(self, c: np.ndarray) -> bool:
@@ -59,7 +59,7 @@ class Program:
         )
 
 
-def within(program: Program, c: np.ndarray) -> np.ndarray | None:
+def find_feasible(program: BarrierProgram, c: np.ndarray) -> np.ndarray | None:
     """Coefficients whose rows are all within their bounds, from any with x > 0; None where none are found.
 
     The bounds are widened until they hold, and then drawn in as the centre of what they leave moves.
@@ -71,9 +71,9 @@ def within(program: Program, c: np.ndarray) -> np.ndarray | None:
             return c
         # Bounds so wide that c is strictly within them, and a few steps towards their centre.
         wider = program.rows.widen(max(1.05 * excess, 0.0) + 20 * _MIN_BOUND_DISTANCE)
-        relaxed = Program(program.basis, program.at, wider, program.free)
+        relaxed = BarrierProgram(program.basis, program.at, wider, program.free)
         mu = _CENTRING_WEIGHT * program.basis.duration(c) / wider.factors[:, :, 0].size
-        now = _iterate(relaxed, c, mu)
+        now = _start_iterate(relaxed, c, mu)
         for _ in range(_CENTRING_STEPS):
             _step(relaxed, now, mu)
         c, jet = now.c, program.at.jets(now.c)
@@ -94,14 +94,14 @@ class Iterate:
     push_up: np.ndarray
 
 
-def fastest(program: Program, c: np.ndarray, gap: float, first: float = 1.0) -> np.ndarray:
+def minimize_duration(program: BarrierProgram, c: np.ndarray, gap: float, first: float = 1.0) -> np.ndarray:
     """The coefficients of the fastest x, from feasible ones: at most about a share `gap` of the duration is missed.
 
     `first` is the share of the duration that the rows may miss in the first problem.
     """
     rows, duration = 2 * program.rows.factors[:, :, 0].size, program.basis.duration(c)
     mu = first * duration / rows
-    now = _iterate(program, c, mu)
+    now = _start_iterate(program, c, mu)
     for _ in range(_MAX_BARRIER_STEPS):
         decrement, length = _step(program, now, mu)
         if length == 0:
@@ -114,13 +114,13 @@ def fastest(program: Program, c: np.ndarray, gap: float, first: float = 1.0) -> 
     return now.c
 
 
-def _iterate(program: Program, c: np.ndarray, mu: float) -> Iterate:
+def _start_iterate(program: BarrierProgram, c: np.ndarray, mu: float) -> Iterate:
     values = program.rows.values(program.at.jets(c))
     above, below = program.rows.upper - values, values - program.rows.lower
     return Iterate(c, above, below, mu / above, mu / below)
 
 
-def _step(program: Program, now: Iterate, mu: float) -> tuple[float, float]:
+def _step(program: BarrierProgram, now: Iterate, mu: float) -> tuple[float, float]:
     """One Newton step; its decrement in units of mu, and its length, 0 where none makes progress."""
     rows, at = program.rows, program.at
     jet = at.jets(now.c)
@@ -138,7 +138,7 @@ def _step(program: Program, now: Iterate, mu: float) -> tuple[float, float]:
     slope, curvature = program.basis.duration_derivatives(now.c)
     gradient = slope + at.collect(force)
     gradient[~program.free] = 0
-    move = -_solved(program, outer, bent, curvature, gradient)
+    move = -_solve_newton(program, outer, bent, curvature, gradient)
     # The rows' changes, and the Newton steps of the multipliers that follow from them.
     moved = np.matmul(slopes, at.jets(move)[: rows.jet].T[:, :, None])[:, :, 0]
     down = mu / now.above - now.push_down + now.push_down / now.above * moved
@@ -154,8 +154,8 @@ def _step(program: Program, now: Iterate, mu: float) -> tuple[float, float]:
     return decrease / mu, taken
 
 
-def _solved(
-    program: Program, outer: np.ndarray, bent: np.ndarray, curvature: np.ndarray, gradient: np.ndarray
+def _solve_newton(
+    program: BarrierProgram, outer: np.ndarray, bent: np.ndarray, curvature: np.ndarray, gradient: np.ndarray
 ) -> np.ndarray:
     """The Newton matrix's solution; where it is not positive definite, the bending of the rows is made so."""
     from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
@@ -184,7 +184,9 @@ def _solved(
     raise JounceError(UNEVEN)
 
 
-def _line_search(program: Program, now: Iterate, mu: float, move: np.ndarray, length: float, decrease: float) -> float:
+def _line_search(
+    program: BarrierProgram, now: Iterate, mu: float, move: np.ndarray, length: float, decrease: float
+) -> float:
     """Move as far as the barrier function falls, and all rows stay within their bounds; how far that is."""
     floor = 0.1 * (1 - _MAX_SHARE_TO_BOUND)
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.limits.pace import JET_SIZE
+from jounce.limits.path_velocity import JET_SIZE
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -21,16 +21,16 @@ _DURATION_NODES = 4  # of Gauss and Legendre in each interval: exact to degree 7
 
 
 @dataclass(frozen=True, eq=False)
-class Local:
+class LocalSplines:
     """The B-splines that are not zero at N points: their indices (N, k + 1), with derivatives (N, 4, k + 1)."""
 
     index: np.ndarray
     values: np.ndarray
     count: int
 
-    def select(self, points: np.ndarray | slice) -> "Local":
+    def select(self, points: np.ndarray | slice) -> "LocalSplines":
         """The same at some of the points."""
-        return Local(self.index[points], self.values[points], self.count)
+        return LocalSplines(self.index[points], self.values[points], self.count)
 
     def jets(self, c: np.ndarray) -> np.ndarray:
         """x, x', x'', x''' at the points, (4, N), of coefficients c."""
@@ -90,7 +90,7 @@ class Basis:
         greville = greville.clip(self.first, self.last)  # means of equal knots are off by rounding
         return make_interp_spline(greville, spline(greville), k=_TIME_LAW_DEGREE, t=self.knots).c
 
-    def evaluate(self, sigma: np.ndarray) -> Local:
+    def evaluate(self, sigma: np.ndarray) -> LocalSplines:
         """The B-splines at points."""
         from scipy.interpolate import BSpline
 
@@ -104,7 +104,7 @@ class Basis:
             )
             for k in range(JET_SIZE):
                 values[rows, k, (phase - index[:, 0]) % (_TIME_LAW_DEGREE + 1)] = some(sigma, nu=k)
-        return Local(index, values, self.count)
+        return LocalSplines(index, values, self.count)
 
     def speeds(self, c: np.ndarray) -> np.ndarray:
         """x at the points at which the duration is evaluated."""
@@ -121,7 +121,7 @@ class Basis:
         return at.collect((-0.5 * weights * x**-1.5)[:, None]), at.bands((0.75 * weights * x**-2.5)[:, None, None])
 
     @cached_property
-    def _quadrature(self) -> tuple[Local, np.ndarray]:
+    def _quadrature(self) -> tuple[LocalSplines, np.ndarray]:
         u, w = np.polynomial.legendre.leggauss(_DURATION_NODES)
         ends = self.knots[_TIME_LAW_DEGREE:-_TIME_LAW_DEGREE]
         half = np.diff(ends)[:, None] / 2

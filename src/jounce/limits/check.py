@@ -5,21 +5,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jounce.core.display import Displayed
-from jounce.core.errors import listed, quoted
-from jounce.engine.along import ForceBreak, force_breaks
+from jounce.core.display import HtmlDisplay
+from jounce.core.errors import join_names, quote_value
+from jounce.engine.along import ForceBreak, find_force_breaks
 from jounce.engine.engine import Engine
-from jounce.limits.bounded import Bounded, Span
-from jounce.limits.deviations import deviations_of
+from jounce.limits.deviations import compute_deviations
 from jounce.limits.joints import joint_units
-from jounce.limits.pieces import pieces_of
+from jounce.limits.limited_motion import LimitedMotion, Span
+from jounce.limits.motion_polynomials import split_motion
 from jounce.limits.ratios import SIGNS
-from jounce.limits.uncertain import take_uncertain
-from jounce.limits.validation import bounded
-from jounce.limits.verdicts import Verdict, join_spans, overall, verdict_in_words, verdict_of
-from jounce.limits.worst import Spans, Worst
+from jounce.limits.uncertain_spans import count_uncertain
+from jounce.limits.validation import validate_limits
+from jounce.limits.verdicts import Verdict, combine_verdicts, decide_verdict, describe_verdict, join_spans
+from jounce.limits.worst_values import Spans, Worst
 from jounce.model.coordinates import following_efforts
-from jounce.model.kinds import EFFORT_KINDS, KINDS, in_words
+from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, describe_kind
 from jounce.spatial.series import rate_name
 
 
@@ -76,7 +76,7 @@ class CheckedLimit:
     @property
     def verdict(self) -> Verdict:
         """Whether the limit is "kept" to rounding, "broken", or "undecided": kept as far as the samples decide."""
-        return verdict_of(self.ratio, self.undecided)
+        return decide_verdict(self.ratio, self.undecided)
 
     @property
     def ok(self) -> bool:
@@ -86,7 +86,7 @@ class CheckedLimit:
     @property
     def words(self) -> str:
         """The kind of limit in words, and the force that it bounds unless that is Q."""
-        return in_words(self.limit, self.of)
+        return describe_kind(self.limit, self.of)
 
     def __str__(self) -> str:
         of = f" of {self.of}" if self.of else ""
@@ -96,7 +96,7 @@ class CheckedLimit:
 
 
 @dataclass(frozen=True, repr=False)
-class Check(Displayed):
+class Check(HtmlDisplay):
     """Every limit of a robot along a motion. `Robot.check` makes one.
 
     Attributes
@@ -134,7 +134,7 @@ class Check(Displayed):
     @property
     def verdict(self) -> Verdict:
         """Whether every limit is "kept", one is "broken", or that is "undecided": none is, as far as samples decide."""
-        return overall([row.verdict for row in self.table])
+        return combine_verdicts([row.verdict for row in self.table])
 
     @property
     def ok(self) -> bool:
@@ -144,7 +144,7 @@ class Check(Displayed):
     @property
     def words(self) -> str:
         """The verdict in words, with the shares of time that are judged unless that is all of it."""
-        return verdict_in_words([row.verdict for row in self.table], self.judged)
+        return describe_verdict([row.verdict for row in self.table], self.judged)
 
     @property
     def worst(self) -> CheckedLimit:
@@ -154,34 +154,34 @@ class Check(Displayed):
 
 def check(robot: Engine, motion: object) -> Check:
     """Every limit of a robot along a motion."""
-    b = bounded(robot, motion)
+    b = validate_limits(robot, motion)
     worst = Worst(b)
-    for pieces in pieces_of(b):
+    for pieces in split_motion(b):
         worst.take(pieces)
-    undecided = take_uncertain(b, worst)
+    undecided = count_uncertain(b, worst)
     for of, spans in worst.unresolved.items():
         undecided[of] = undecided.get(of, []) + spans
-    breaks = breaks_of(b)
+    breaks = find_limited_breaks(b)
     worst.take_jumps(breaks)
-    notes = (*notes_of(b, breaks), *unresolved_notes(worst))
-    return Check(_table(b, worst, undecided), breaks, notes, _shares(b, undecided))
+    notes = (*describe_omissions(b, breaks), *describe_unresolved(worst))
+    return Check(_build_table(b, worst, undecided), breaks, notes, _judged_shares(b, undecided))
 
 
-def breaks_of(b: Bounded) -> tuple[ForceBreak, ...]:
+def find_limited_breaks(b: LimitedMotion) -> tuple[ForceBreak, ...]:
     """Where the forces that are limited are not smooth."""
-    return force_breaks(b.robot, b.motion, b.motion.times, b.force_order, row=b.efforts) if b.forces else ()
+    return find_force_breaks(b.robot, b.motion, b.motion.times, b.force_order, row=b.efforts) if b.forces else ()
 
 
-def unresolved_notes(worst: Worst) -> tuple[str, ...]:
+def describe_unresolved(worst: Worst) -> tuple[str, ...]:
     """Which values change too fast between samples for a verdict, and where that begins."""
     return tuple(
-        f"the {kind.replace('_', ' ')} of joint {quoted(worst.b.name(kind, j))} may be beyond its limit between samples"
-        f" from t = {min(spans)[0]:.9g} s on: it changes too fast there to be followed"
+        f"the {kind.replace('_', ' ')} of joint {quote_value(worst.b.name(kind, j))} may be beyond its limit between"
+        f" samples from t = {min(spans)[0]:.9g} s on: it changes too fast there to be followed"
         for (kind, j), spans in worst.unresolved.items()
     )
 
 
-def _table(b: Bounded, worst: Worst, undecided: Spans) -> tuple[CheckedLimit, ...]:
+def _build_table(b: LimitedMotion, worst: Worst, undecided: Spans) -> tuple[CheckedLimit, ...]:
     ratios, units = worst.ratios, joint_units(b.robot.mechanism)
     limited = [
         (kind, max(SIGNS, key=lambda sign: ratios[kind, sign][j]), j)
@@ -189,7 +189,7 @@ def _table(b: Bounded, worst: Worst, undecided: Spans) -> tuple[CheckedLimit, ..
         for kind in b.kinds
         if np.isfinite(b.limits.bounds(kind)[:, j]).any()
     ]
-    off = deviations_of(b, np.array([worst.t[kind, sign][j] for kind, sign, j in limited]))
+    off = compute_deviations(b, np.array([worst.t[kind, sign][j] for kind, sign, j in limited]))
     rows = []
     for i, (kind, sign, j) in enumerate(limited):
         value, bound = (sign * float(x[j]) for x in (worst.value[kind, sign], b.scales[kind].bound(sign)))
@@ -198,7 +198,7 @@ def _table(b: Bounded, worst: Worst, undecided: Spans) -> tuple[CheckedLimit, ..
             joint=b.name(kind, j),
             limit=kind,
             of=b.limits.of(kind) if kind in EFFORT_KINDS else None,
-            unit=KINDS[kind].unit(units[j]),
+            unit=LIMIT_KINDS[kind].unit(units[j]),
             value=value,
             bound=bound,
             ratio=float(ratios[kind, sign][j]),
@@ -211,7 +211,7 @@ def _table(b: Bounded, worst: Worst, undecided: Spans) -> tuple[CheckedLimit, ..
     return tuple(rows)
 
 
-def _shares(b: Bounded, undecided: Spans) -> dict[str, float]:
+def _judged_shares(b: LimitedMotion, undecided: Spans) -> dict[str, float]:
     """The share of time in which each kind is decided for all joints."""
     shares = {}
     for kind in b.kinds:
@@ -220,21 +220,25 @@ def _shares(b: Bounded, undecided: Spans) -> dict[str, float]:
     return shares
 
 
-def notes_of(b: Bounded, breaks: tuple[ForceBreak, ...]) -> tuple[str, ...]:
+def describe_omissions(b: LimitedMotion, breaks: tuple[ForceBreak, ...]) -> tuple[str, ...]:
     """What the motion cannot meet because it is not smooth, and which limits nothing is checked against."""
     notes = []
     missed = [found for found in breaks if found.order < max(b.force_rates.values(), default=0)]
     if missed:
         first = missed[0]
         joints = b.robot.joint_names
-        names = listed([joints[j] if isinstance(j := cause.joint, int) else j for cause in first.causes])
+        names = join_names([joints[j] if isinstance(j := cause.joint, int) else j for cause in first.causes])
         more = f" (and at {len(missed) - 1} more times)" if len(missed) > 1 else ""
         jumps = rate_name("Q", max(first.order, 0)) if first.order >= 0 else "qd"
         limits = " and ".join(kind.replace("_", " ") for kind, k in b.force_rates.items() if k > max(first.order, 0))
         came = f"break at t = {first.t:.9g} s{more}: {jumps} jumps because of {names}"
         notes.append(f"{came}; no limit of {limits} can be met there; motion.blended (--blend) replaces breaks")
     if idle := [kind.replace("_", " ") for kind in b.limits.kinds if kind not in b.kinds]:
-        notes.append(f"limits of {listed(idle)} are not checked: the joints are rigid; see robot.elastic(stiffness)")
+        notes.append(
+            f"limits of {join_names(idle)} are not checked: the joints are rigid; see robot.elastic(stiffness)"
+        )
     for joint in following_efforts(b.robot.mechanism):
-        notes.append(f"effort limits of joint {quoted(joint)} are not checked: it follows another, which Q belongs to")
+        notes.append(
+            f"effort limits of joint {quote_value(joint)} are not checked: it follows another, which Q belongs to"
+        )
     return tuple(notes)

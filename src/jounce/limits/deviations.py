@@ -2,20 +2,20 @@
 
 import numpy as np
 
-from jounce.dynamics.quantities import FORCES, Quantity
-from jounce.engine.along import pieces_along
-from jounce.limits.bounded import Bounded, Span, motion_order, quantities_of
-from jounce.limits.joints import in_columns, of_joints
-from jounce.model.kinds import KINDS, MOTION_KINDS, MOTOR_KINDS
-from jounce.model.positions import positions as joints_of_several
+from jounce.dynamics.quantities import DEFAULT_QUANTITY, Quantity
+from jounce.engine.along import compute_pieces
+from jounce.limits.joints import drop_base, scatter_columns
+from jounce.limits.limited_motion import LimitedMotion, Span, motion_order, required_quantities
+from jounce.model.limit_kinds import LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS
+from jounce.model.positions import multiscrew_joints as joints_of_several
 
 _MAX_DEVIATION_OVER_MEDIAN = 10.0  # within a window: towards the ends of a fit deviations rise by powers of ten
-_MAX_COMPARED_TIMES = 2000  # of a motion, for the median of deviations, which change slowly
+_MAX_MEDIAN_TIMES = 2000  # of a motion, for the median of deviations, which change slowly
 
 Deviations = dict[str, np.ndarray]  # by kind, (N, joints); NaN where they are not known
 
 
-def deviations_of(b: Bounded, t: np.ndarray) -> Deviations:
+def compute_deviations(b: LimitedMotion, t: np.ndarray) -> Deviations:
     """Standard deviations at times (N,), without the kinds that are exact.
 
     Of joints that follow others in closed loops only the deviations of forces are known.
@@ -33,20 +33,20 @@ def deviations_of(b: Bounded, t: np.ndarray) -> Deviations:
     for joint in joints_of_several(b.robot.mechanism.tree).values() if rates else ():
         spread[0, :, joint.coordinates] = np.nan  # those of swings, ... are not known
     found = dict(zip(MOTION_KINDS, spread, strict=False)) if rates else {}
-    found |= _of_forces(b, t, spread[1]) | _of_motors(b, t)
+    found |= _force_deviations(b, t, spread[1]) | _motor_deviations(b, t)
     return {kind: found[kind] for kind in b.kinds if kind in found}
 
 
-def _of_forces(b: Bounded, t: np.ndarray, off: np.ndarray) -> Deviations:
+def _force_deviations(b: LimitedMotion, t: np.ndarray, off: np.ndarray) -> Deviations:
     """The deviations of efforts with rates, power and stall efforts, from those of velocities, `off` (N, joints)."""
-    kinds = [kind for kind in b.kinds if KINDS[kind].force]
+    kinds = [kind for kind in b.kinds if LIMIT_KINDS[kind].force]
     if not kinds:
         return {}
-    along = _along(b, t, b.efforts, max(KINDS[kind].rate for kind in kinds))
-    spread, Q = (in_columns(b.robot.mechanism, x, b.efforts) for x in along)
+    along = _sample_deviations(b, t, b.efforts, max(LIMIT_KINDS[kind].rate for kind in kinds))
+    spread, Q = (scatter_columns(b.robot.mechanism, x, b.efforts) for x in along)
     if not spread:
         return {}
-    found = {kind: spread[KINDS[kind].rate] for kind in kinds}
+    found = {kind: spread[LIMIT_KINDS[kind].rate] for kind in kinds}
     if "power" in b.kinds:
         found["power"] = np.hypot(b.rates(t, 1)[1] * spread[0], Q[0] * off)
     if "stall_effort" in b.kinds:
@@ -54,32 +54,37 @@ def _of_forces(b: Bounded, t: np.ndarray, off: np.ndarray) -> Deviations:
     return found
 
 
-def _of_motors(b: Bounded, t: np.ndarray) -> Deviations:
+def _motor_deviations(b: LimitedMotion, t: np.ndarray) -> Deviations:
     """The deviations of motors; those of voltages are sums over their parts, an upper bound."""
     found = {}
     for kind in MOTOR_KINDS:
         if kind in b.kinds:
-            spread = {name: _along(b, t, b.row(name), k)[0] for name, k in quantities_of(b.robot, kind).items()}
+            spread = {
+                name: _sample_deviations(b, t, b.row(name), k)[0]
+                for name, k in required_quantities(b.robot, kind).items()
+            }
             if all(spread.values()):
-                of_motor = b.motor_values(kind, spread)[KINDS[kind].rate]
-                [found[kind]] = in_columns(b.robot.mechanism, [np.abs(of_motor)], FORCES)
+                of_motor = b.motor_values(kind, spread)[LIMIT_KINDS[kind].rate]
+                [found[kind]] = scatter_columns(b.robot.mechanism, [np.abs(of_motor)], DEFAULT_QUANTITY)
     return found
 
 
-def _along(b: Bounded, t: np.ndarray, row: Quantity, order: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def _sample_deviations(
+    b: LimitedMotion, t: np.ndarray, row: Quantity, order: int
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """The deviations of a quantity with its rates, none where it is exact, and the quantity."""
-    parts = list(pieces_along(b.robot, b.motion, t, order, row=row))
+    parts = list(compute_pieces(b.robot, b.motion, t, order, row=row))
     of_rates = [part.deviations or () for part in parts], [part.forces for part in parts]
     spread, values = (tuple(map(np.concatenate, zip(*rates, strict=True))) for rates in of_rates)
-    return of_joints(b.robot.mechanism, spread, row), of_joints(b.robot.mechanism, values, row)
+    return drop_base(b.robot.mechanism, spread, row), drop_base(b.robot.mechanism, values, row)
 
 
-def windows_of(b: Bounded) -> dict[str, Span]:
+def find_windows(b: LimitedMotion) -> dict[str, Span]:
     """The times between which each kind is known well, of the kinds that are not known well along the whole motion."""
     times = b.motion.times
-    t = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), _MAX_COMPARED_TIMES)).astype(int))]
+    t = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), _MAX_MEDIAN_TIMES)).astype(int))]
     found = {}
-    for kind, deviations in deviations_of(b, t).items():
+    for kind, deviations in compute_deviations(b, t).items():
         off = deviations[:, ~np.isnan(deviations).any(axis=0)]
         well = np.flatnonzero((off <= _MAX_DEVIATION_OVER_MEDIAN * np.median(off, axis=0)).all(axis=1))
         ends = (well[0], well[-1]) if well.size else (0, 0)

@@ -21,10 +21,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jounce.limits import pace
+from jounce.limits import path_velocity
 from jounce.limits.path import Terms
-from jounce.limits.search import root
-from jounce.model.kinds import KINDS
+from jounce.limits.root_finding import find_roots
+from jounce.model.limit_kinds import LIMIT_KINDS
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
 
@@ -67,7 +67,7 @@ class Friction:
     def turns(self, motion: Motion, columns: list[int], count: int) -> np.ndarray:
         """Times near which a joint with friction begins to move, stops or turns round, as `count` times show."""
         velocity = _velocity(motion, self.ratios[:, columns].T)
-        turns, _, _ = _zeros(velocity, np.linspace(motion.start, motion.stop, count))
+        turns, _, _ = _find_zeros(velocity, np.linspace(motion.start, motion.stop, count))
         near = turns[:, None] + motion.duration * np.concatenate([-_TURN_OFFSETS, [0.0], _TURN_OFFSETS])
         return near[(near >= motion.start) & (near <= motion.stop)]
 
@@ -78,7 +78,7 @@ class Friction:
         """
         # Zeros of velocities in units of eps, where tanh is not linear between neighbours of t.
         velocity = _velocity(motion, self.ratios.T * self.slope.T)
-        turns, at, joint = _zeros(velocity, t, least=_TANH_RANGE[0])
+        turns, at, joint = _find_zeros(velocity, t, least=_TANH_RANGE[0])
         turn, low, high = (x[:, None] for x in (turns, t[at], t[at + 1]))
         # Times at halves, quarters, ... of the way to both neighbours; those where tanh changes are kept.
         near = np.concatenate([turn - (turn - low) * _TURN_SHARES, turn + (high - turn) * _TURN_SHARES], axis=1)
@@ -105,25 +105,25 @@ class FrictionAlong:
     @property
     def highest_jet(self) -> tuple[int, ...]:
         """Of each product, the derivative of x that it takes."""
-        return tuple(np.repeat([KINDS[kind].rate for kind in self.kinds], len(self.friction.slope)).tolist())
+        return tuple(np.repeat([LIMIT_KINDS[kind].rate for kind in self.kinds], len(self.friction.slope)).tolist())
 
     def terms(self, kind: str, rate: np.ndarray) -> Terms:
         """The factors (N, n) of the products in what limits of a kind bound, along a path with q' = `rate`."""
         if kind not in self.kinds:
             return {}
-        first = len(pace.PRODUCT_POWERS) + self.kinds.index(kind) * len(self.friction.onto)
+        first = len(path_velocity.PRODUCT_POWERS) + self.kinds.index(kind) * len(self.friction.onto)
         each = rate if kind == "power" else np.ones_like(rate)
         return {first + i: onto * each for i, onto in enumerate(self.friction.onto)}
 
     def products(self, jet: np.ndarray) -> np.ndarray:
         """The products (M, N) at jets (4, N)."""
-        known = pace.products(jet)
-        bent = self._tanh_derivatives(known[pace.S1])
+        known = path_velocity.products(jet)
+        bent = self._tanh_derivatives(known[path_velocity.S1])
         return np.concatenate(self._evaluate(bent, lambda terms: sum(c * known[k] for k, c in terms.items())))
 
     def derivatives(self, jet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gradients (M, 4, N) and Hessians (M, 4, 4, N) of the products."""
-        values, (first, second) = pace.products(jet), pace.derivatives(jet)
+        values, (first, second) = path_velocity.products(jet), path_velocity.derivatives(jet)
 
         def combined(terms: Terms) -> Smooth:
             parts = [
@@ -131,9 +131,9 @@ class FrictionAlong:
             ]
             return reduce(add, parts)
 
-        velocity = combined({pace.S1: self.rates[0]})
+        velocity = combined({path_velocity.S1: self.rates[0]})
         outer = velocity.first[:, :, None] * velocity.first[:, None]
-        bent = [x[:, None] for x in self._tanh_derivatives(values[pace.S1])]
+        bent = [x[:, None] for x in self._tanh_derivatives(values[path_velocity.S1])]
         smooth = [
             Smooth(x[:, 0], slope * velocity.first, curvature[:, None] * outer + slope[:, None] * velocity.second)
             for x, slope, curvature in zip(bent, bent[1:], bent[2:], strict=False)
@@ -154,13 +154,13 @@ class FrictionAlong:
         q, found = self.rates, []
         for kind in self.kinds:
             if kind == "power":
-                found.append(bent[0] * combined({pace.S1: np.ones_like(q[0])}))
-            elif not KINDS[kind].rate:
+                found.append(bent[0] * combined({path_velocity.S1: np.ones_like(q[0])}))
+            elif not LIMIT_KINDS[kind].rate:
                 found.append(bent[0])
             else:
-                rate = bent[1] * (A := combined({pace.S2: q[0], pace.S1_2: q[1]}))
-                if KINDS[kind].rate == 2:
-                    B = combined({pace.S3: q[0], pace.S1_S2: 3 * q[1], pace.S1_3: q[2]})
+                rate = bent[1] * (A := combined({path_velocity.S2: q[0], path_velocity.S1_2: q[1]}))
+                if LIMIT_KINDS[kind].rate == 2:
+                    B = combined({path_velocity.S3: q[0], path_velocity.S1_S2: 3 * q[1], path_velocity.S1_3: q[2]})
                     rate = bent[2] * A * A + bent[1] * B
                 found.append(rate)
         return found
@@ -171,7 +171,7 @@ def _velocity(motion: Motion, onto: np.ndarray) -> Callable[[np.ndarray], np.nda
     return lambda t: np.asarray(motion(t, 1)[1] @ onto)
 
 
-def _zeros(
+def _find_zeros(
     velocity: Callable[[np.ndarray], np.ndarray], t: np.ndarray, least: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """When velocities change their sign between neighbours of the times t, one of which is faster than `least`.
@@ -181,11 +181,11 @@ def _zeros(
     v = velocity(t)
     changes = np.sign(v[1:]) != np.sign(v[:-1])
     at, joint = np.nonzero(changes & (np.maximum(np.abs(v[1:]), np.abs(v[:-1])) > least))
-    zeros = root(lambda t, places: velocity(t)[np.arange(len(t)), joint[places]], t[at], t[at + 1])
+    zeros = find_roots(lambda t, places: velocity(t)[np.arange(len(t)), joint[places]], t[at], t[at + 1])
     return zeros, at, joint
 
 
-def friction_of(m: Mechanism) -> Friction | None:
+def acting_friction(m: Mechanism) -> Friction | None:
     """The Coulomb friction that acts in a robot, of the joint variables that have some; None without."""
     which = np.flatnonzero(m.drives.friction)
     if "friction" not in m.acting or not which.size:

@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 
 from jounce.dynamics.loops import closure_of
-from jounce.dynamics.quantities import FORCES, QUANTITIES, Quantity
-from jounce.engine.closed_path import on_tree
+from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES, Quantity
+from jounce.engine.closed_path import with_tree_positions
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
-from jounce.engine.generic import as_tuple
+from jounce.engine.generic_methods import as_tuple
 from jounce.model.coordinates import coordinate_limits, coordinate_units
-from jounce.model.kinds import KINDS, MOTION_KINDS
+from jounce.model.limit_kinds import LIMIT_KINDS, MOTION_KINDS
 from jounce.model.limits import Limits
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import extent
+from jounce.model.positions import position_extents
 
 
 def joint_names(m: Mechanism) -> tuple[str, ...]:
@@ -40,7 +40,7 @@ def joint_limits(m: Mechanism) -> Limits:
         return limits
     table = limits.table.copy()
     passive = [j for j in range(m.tree.n) if j not in m.closure.actuated]
-    forces = [k for k, kind in enumerate(KINDS) if kind not in MOTION_KINDS]
+    forces = [k for k, kind in enumerate(LIMIT_KINDS) if kind not in MOTION_KINDS]
     table[np.ix_(forces, [0], passive)], table[np.ix_(forces, [1], passive)] = -np.inf, np.inf
     return replace(limits, table=table)
 
@@ -50,28 +50,28 @@ def drives_coordinates(m: Mechanism) -> bool:
     return m.closure is None or sorted(m.closure.actuated) == sorted(m.closure.independent)
 
 
-def efforts(m: Mechanism) -> Quantity:
+def effort_quantity(m: Mechanism) -> Quantity:
     """The row of the forces that effort limits bound."""
-    return FORCES if drives_coordinates(m) else QUANTITIES["actuator_forces"]
+    return DEFAULT_QUANTITY if drives_coordinates(m) else QUANTITIES["actuator_forces"]
 
 
-def columns_of(m: Mechanism, row: Quantity) -> Sequence[int]:
+def quantity_columns(m: Mechanism, row: Quantity) -> Sequence[int]:
     """The columns of a quantity, which are motors or coordinates."""
     if m.closure is None:
         return range(m.n)
     return m.closure.actuated if "motors" in row.shape else m.closure.independent
 
 
-def of_joints(m: Mechanism, found: Any, row: Quantity) -> list[np.ndarray]:
+def drop_base(m: Mechanism, found: Any, row: Quantity) -> list[np.ndarray]:
     """A quantity and its rates without the entries of a base, which no limit bounds."""
-    return [x[..., -len(columns_of(m, row)) :] for x in as_tuple(found)]
+    return [x[..., -len(quantity_columns(m, row)) :] for x in as_tuple(found)]
 
 
-def in_columns(m: Mechanism, found: Sequence[np.ndarray], row: Quantity) -> list[np.ndarray]:
+def scatter_columns(m: Mechanism, found: Sequence[np.ndarray], row: Quantity) -> list[np.ndarray]:
     """Columns of all joints from those of a quantity."""
     if m.closure is None:
         return list(found)
-    return [_placed(x, columns_of(m, row), m.tree.n) for x in found]
+    return [_place_columns(x, quantity_columns(m, row), m.tree.n) for x in found]
 
 
 def joint_rates(
@@ -85,13 +85,13 @@ def joint_rates(
     if position is None:
         found = tuple(rates)
     elif not needed:
-        found = tuple(_placed(x, closure_of(m).independent, m.tree.n) for x in rates)
+        found = tuple(_place_columns(x, closure_of(m).independent, m.tree.n) for x in rates)
     else:
-        found = as_tuple(compute(robot, "coordinates", on_tree(tuple(rates), position)))
-    return extent(m.tree, found[0]), *found[1:]
+        found = as_tuple(compute(robot, "coordinates", with_tree_positions(tuple(rates), position)))
+    return position_extents(m.tree, found[0]), *found[1:]
 
 
-def _placed(x: np.ndarray, places: Sequence[int], count: int) -> np.ndarray:
+def _place_columns(x: np.ndarray, places: Sequence[int], count: int) -> np.ndarray:
     whole = np.zeros((*x.shape[:-1], count))
     whole[..., list(places)] = x
     return whole

@@ -14,24 +14,24 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.dynamics.quantities import FORCES, QUANTITIES
+from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES
 from jounce.engine.along import SIDES
-from jounce.engine.closed_path import named_by_time
+from jounce.engine.closed_path import name_errors_by_time
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates
-from jounce.limits import pace
-from jounce.limits.bounded import at_speed, gravity
-from jounce.limits.joints import in_columns, joint_rates, of_joints
+from jounce.limits import path_velocity
+from jounce.limits.joints import drop_base, joint_rates, scatter_columns
+from jounce.limits.limited_motion import compute_at_speed, compute_gravity
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
 
 Terms = dict[int, np.ndarray]  # factors (N, n) by the product of sigma's rates that they multiply
 TIMES_S1 = {
-    pace.S2: pace.S1_S2,
-    pace.S1_2: pace.S1_3,
-    pace.S1: pace.S1_2,
-    pace.ONE: pace.S1,
+    path_velocity.S2: path_velocity.S1_S2,
+    path_velocity.S1_2: path_velocity.S1_3,
+    path_velocity.S1: path_velocity.S1_2,
+    path_velocity.ONE: path_velocity.S1,
 }  # products of Q and of s1 Q
 
 
@@ -62,39 +62,45 @@ class Path:
         """The terms of the time derivative of q of an order from 1 to 4."""
         q = self.q
         if order == 1:
-            return {pace.S1: q[1]}
+            return {path_velocity.S1: q[1]}
         if order == 2:
-            return {pace.S2: q[1], pace.S1_2: q[2]}
+            return {path_velocity.S2: q[1], path_velocity.S1_2: q[2]}
         if order == 3:
-            return {pace.S3: q[1], pace.S1_S2: 3 * q[2], pace.S1_3: q[3]}
-        return {pace.S4: q[1], pace.S1_S3: 4 * q[2], pace.S2_2: 3 * q[2], pace.S1_2_S2: 6 * q[3], pace.S1_4: q[4]}
+            return {path_velocity.S3: q[1], path_velocity.S1_S2: 3 * q[2], path_velocity.S1_3: q[3]}
+        return {
+            path_velocity.S4: q[1],
+            path_velocity.S1_S3: 4 * q[2],
+            path_velocity.S2_2: 3 * q[2],
+            path_velocity.S1_2_S2: 6 * q[3],
+            path_velocity.S1_4: q[4],
+        }
 
     def force(self, order: int, without_gravity: bool = False) -> Terms:
         """The terms of the time derivative of Q of an order from 0 to 2, or of Q - Qgrav."""
         a, b, v = self.a, self.b, self.v
         g = [x - y for x, y in zip(self.g, self.gravity, strict=True)] if without_gravity else self.g
         if order == 0:
-            return {pace.S2: a[0], pace.S1_2: b[0], pace.S1: v[0], pace.ONE: g[0]}
+            return {path_velocity.S2: a[0], path_velocity.S1_2: b[0], path_velocity.S1: v[0], path_velocity.ONE: g[0]}
         if order == 1:
             return {
-                pace.S3: a[0],
-                pace.S1_S2: a[1] + 2 * b[0],
-                pace.S1_3: b[1],
-                pace.S2: v[0],
-                pace.S1_2: v[1],
-                pace.S1: g[1],
+                path_velocity.S3: a[0],
+                path_velocity.S1_S2: a[1] + 2 * b[0],
+                path_velocity.S1_3: b[1],
+                path_velocity.S2: v[0],
+                path_velocity.S1_2: v[1],
+                path_velocity.S1: g[1],
             }
         return {
-            pace.S4: a[0],
-            pace.S1_S3: 2 * (a[1] + b[0]),
-            pace.S2_2: a[1] + 2 * b[0],
-            pace.S1_2_S2: a[2] + 5 * b[1],
-            pace.S1_4: b[2],
-            pace.S3: v[0],
-            pace.S1_S2: 3 * v[1],
-            pace.S1_3: v[2],
-            pace.S1_2: g[2],
-            pace.S2: g[1],
+            path_velocity.S4: a[0],
+            path_velocity.S1_S3: 2 * (a[1] + b[0]),
+            path_velocity.S2_2: a[1] + 2 * b[0],
+            path_velocity.S1_2_S2: a[2] + 5 * b[1],
+            path_velocity.S1_4: b[2],
+            path_velocity.S3: v[0],
+            path_velocity.S1_S2: 3 * v[1],
+            path_velocity.S1_3: v[2],
+            path_velocity.S1_2: g[2],
+            path_velocity.S2: g[1],
         }
 
     def power(self) -> Terms:
@@ -102,18 +108,20 @@ class Path:
         return {TIMES_S1[k]: self.q[1] * term for k, term in self.force(0).items()}
 
 
-def path_of(robot: Engine, motion: "Motion", sigma: np.ndarray, order: int, left: bool = False) -> Path:
+def sample_path(robot: Engine, motion: "Motion", sigma: np.ndarray, order: int, left: bool = False) -> Path:
     """The path of a motion at times sigma (N,), its forces up to an order of time derivatives.
 
     Inverse dynamics at the speeds 1, -1 and 2 along the path separates what does not depend on speed, what is linear in
     it, and what is quadratic.
     """
-    with named_by_time(sigma):
+    with name_errors_by_time(sigma):
         m, side = robot.mechanism, SIDES[not left]
-        states = MotionStates.sample(robot, motion, sigma, [(FORCES, order)], side)
+        states = MotionStates.sample(robot, motion, sigma, [(DEFAULT_QUANTITY, order)], side)
 
         def forces(speed: float) -> list[np.ndarray]:
-            found = in_columns(m, at_speed(robot, states, FORCES, order, speed), FORCES)
+            found = scatter_columns(
+                m, compute_at_speed(robot, states, DEFAULT_QUANTITY, order, speed), DEFAULT_QUANTITY
+            )
             return [rate / speed**k for k, rate in enumerate(found)]
 
         b, v, g = [], [], []
@@ -124,6 +132,6 @@ def path_of(robot: Engine, motion: "Motion", sigma: np.ndarray, order: int, left
             g.append(even - b[-1])
         momentum = QUANTITIES["generalized_momentum"]
         p = replace(states.upto(momentum, order), wrench=None).compute(robot, momentum.name)
-        a = in_columns(m, of_joints(m, p, momentum), momentum)
-        weight = in_columns(m, gravity(robot, states, order), FORCES)
+        a = scatter_columns(m, drop_base(m, p, momentum), momentum)
+        weight = scatter_columns(m, compute_gravity(robot, states, order), DEFAULT_QUANTITY)
         return Path(joint_rates(robot, states.rates, states.near), a, b, v, g, weight)

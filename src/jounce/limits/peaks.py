@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce.limits.bounded import Bounded
-from jounce.limits.pieces import Pieces, hull, values_at
+from jounce.limits.limited_motion import LimitedMotion
+from jounce.limits.motion_polynomials import Pieces, bernstein_coefficients, evaluate_polynomials
 from jounce.limits.ratios import SIGNS
-from jounce.limits.search import largest, root
-from jounce.model.kinds import KINDS
+from jounce.limits.root_finding import find_maxima, find_roots
+from jounce.model.limit_kinds import LIMIT_KINDS
 
 _SAMPLES_PER_PIECE = 17  # of a polynomial: many for the six extremes of degree 7
 _MIN_PEAK_HEIGHT = 1e-12  # of the values of a polynomial: lower peaks are rounding, and the ends as high
@@ -34,13 +34,13 @@ class Peaks(NamedTuple):
     value: np.ndarray
 
 
-def peaks_of(b: Bounded, pieces: Pieces, floor: Callable[[Pieces, str, int], np.ndarray]) -> Peaks:
+def find_peaks(b: LimitedMotion, pieces: Pieces, floor: Callable[[Pieces, str, int], np.ndarray]) -> Peaks:
     """The extremes inside pieces that pass a floor (K, n), given by kind and sign; each is exact."""
     found: list[tuple[np.ndarray, ...]] = []
     u = np.linspace(0, 1, _SAMPLES_PER_PIECE)
     for kind in pieces.kinds if pieces.width.all() else ():
         c = pieces.polynomials[kind]
-        bernstein = hull(c)
+        bernstein = bernstein_coefficients(c)
         for sign in SIGNS:
             # Discard polynomials that cannot reach the floor.
             least = floor(pieces, kind, sign)
@@ -50,7 +50,8 @@ def peaks_of(b: Bounded, pieces: Pieces, floor: Callable[[Pieces, str, int], np.
             # Samples between which the slope changes its sign, and the tangents meet above the floor.
             near = c[:, i, j]
             y, slope = (
-                sign * values_at(x, u[:, None]) for x in (near, near[:-1] * np.arange(len(c) - 1, 0, -1)[:, None])
+                sign * evaluate_polynomials(x, u[:, None])
+                for x in (near, near[:-1] * np.arange(len(c) - 1, 0, -1)[:, None])
             )
             inner = (slope[:-1] > 0) & (slope[1:] <= 0)
             tangents = np.maximum(
@@ -66,48 +67,48 @@ def peaks_of(b: Bounded, pieces: Pieces, floor: Callable[[Pieces, str, int], np.
             count = len(which)
             found.append((np.full(count, kind), j[which], np.full(count, sign), low, high))
     if not found:
-        return _placed(b, np.array([], dtype=str), *(np.array([], dtype=int),) * 2, *(np.array([]),) * 2)
-    return _placed(b, *(np.concatenate(column) for column in zip(*found, strict=True)))
+        return _place_peaks(b, np.array([], dtype=str), *(np.array([], dtype=int),) * 2, *(np.array([]),) * 2)
+    return _place_peaks(b, *(np.concatenate(column) for column in zip(*found, strict=True)))
 
 
-def _placed(
-    b: Bounded, kind: np.ndarray, joint: np.ndarray, sign: np.ndarray, low: np.ndarray, high: np.ndarray
+def _place_peaks(
+    b: LimitedMotion, kind: np.ndarray, joint: np.ndarray, sign: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> Peaks:
     """The exact extremes between two times each: where the derivative is 0, or on finer and finer grids."""
     if not kind.size:
         return Peaks(kind, joint, sign, low, low)
 
     def value(t: np.ndarray) -> np.ndarray:
-        return picked(b, t, kind, joint, 0)
+        return pick_values(b, t, kind, joint, 0)
 
     series = b.select_kinds(set(kind.tolist())).series(low[:1])
-    known = np.array([len(series[k]) > KINDS[k].derivative + 1 for k in kind.tolist()])
+    known = np.array([len(series[k]) > LIMIT_KINDS[k].derivative + 1 for k in kind.tolist()])
     t, places = np.empty(len(low)), np.flatnonzero(known)
     if places.size:
 
         def slope(t: np.ndarray, at: np.ndarray) -> np.ndarray:
-            return sign[at] * picked(b, t, kind[at], joint[at], 1)
+            return sign[at] * pick_values(b, t, kind[at], joint[at], 1)
 
         ends = np.stack([slope(end[places], places) for end in (low, high)])
         crosses = ends[0] * ends[1] <= 0  # else the polynomial and the value do not rise and fall alike
         known[places[~crosses]] = False
         places = places[crosses]
-        t[places] = root(lambda t, at: slope(t, places[at]), low[places], high[places], ends[:, crosses])
+        t[places] = find_roots(lambda t, at: slope(t, places[at]), low[places], high[places], ends[:, crosses])
     if not known.all():
 
         def height(t: np.ndarray) -> np.ndarray:
             of, at = (np.repeat(column[~known], t.shape[1]) for column in (kind, joint))
-            return sign[~known, None] * picked(b, t.ravel(), of, at, 0).reshape(t.shape)
+            return sign[~known, None] * pick_values(b, t.ravel(), of, at, 0).reshape(t.shape)
 
-        t[~known] = largest(height, low[~known], high[~known])
+        t[~known] = find_maxima(height, low[~known], high[~known])
     return Peaks(kind, joint, sign, t, value(t))
 
 
-def picked(b: Bounded, t: np.ndarray, kind: np.ndarray, joint: np.ndarray, derivative: int) -> np.ndarray:
+def pick_values(b: LimitedMotion, t: np.ndarray, kind: np.ndarray, joint: np.ndarray, derivative: int) -> np.ndarray:
     """What limits bound, of one kind and joint at each time, or a derivative of it."""
     series = b.select_kinds(set(kind.tolist())).series(t)
     found = np.empty(len(t))
     for name, known in series.items():
         mine = np.flatnonzero(kind == name)
-        found[mine] = known[KINDS[name].derivative + derivative][mine, joint[mine]]
+        found[mine] = known[LIMIT_KINDS[name].derivative + derivative][mine, joint[mine]]
     return found

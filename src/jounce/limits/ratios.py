@@ -45,7 +45,7 @@ class Scale:
         return np.maximum(*(self.ratio(value, sign) for sign in SIGNS))
 
 
-def scale_of(bounds: np.ndarray, kind: str = "") -> Scale:
+def build_scale(bounds: np.ndarray, kind: str = "") -> Scale:
     """The scale of bounds (2, n): from 0 where it lies between them, positions from their middle.
 
     Where a position has one bound only, ratios are measured from 1 rad or 1 m before it.

@@ -22,19 +22,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce.core.display import Displayed
-from jounce.core.errors import JounceError, quoted
+from jounce.core.display import HtmlDisplay
+from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import is_finite
-from jounce.engine.along import checked_motion
+from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
 from jounce.limits.barrier import UNEVEN
 from jounce.limits.check import check
-from jounce.limits.grid import GRID_POINTS_PER_INTERVAL, WARM_START_GAP, Grid
 from jounce.limits.joints import joint_names
-from jounce.limits.problem import Problem, problem_of
+from jounce.limits.retime_problem import RetimeProblem, build_problem
+from jounce.limits.transcription import GRID_POINTS_PER_INTERVAL, WARM_START_GAP, Grid
 from jounce.model.positions import number_rates
 from jounce.motion import Motion
-from jounce.motion.time_law import Paced, TimeLaw
+from jounce.motion.time_law import TimeLaw, TimeLawCurve
 
 FIRST_INTERVALS = 30  # of the first spline: enough for a point-to-point motion, and cheap
 _MAX_FIRST_TIME_LAW_INTERVALS = 480  # of the first spline: a motion that needs more has very uneven speeds
@@ -58,7 +58,7 @@ class Stretch(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Retiming(Displayed):
+class Retiming(HtmlDisplay):
     """A motion along the same path by the fastest time law. `Robot.retime` makes one.
 
     Attributes
@@ -92,19 +92,21 @@ class Retiming(Displayed):
 
 def retime(robot: Engine, motion: object, margin: object = 0.01) -> Retiming:
     """The fastest motion along the path of a motion, whose limits are taken to a share 1 - margin of themselves."""
-    given = checked_motion(robot.mechanism, motion)
+    given = check_motion(robot.mechanism, motion)
     if not is_finite(margin) or not 0 <= margin < 1:  # type: ignore[operator]
-        raise JounceError(f"margin is {quoted(margin)}; expected a number from 0 to below 1, 0.01 for 99 % of a limit")
-    problem = problem_of(robot, given, 1 - float(margin))  # type: ignore[arg-type]
-    intervals = _resolving(robot, given)
+        raise JounceError(
+            f"margin is {quote_value(margin)}; expected a number from 0 to below 1, 0.01 for 99 % of a limit"
+        )
+    problem = build_problem(robot, given, 1 - float(margin))  # type: ignore[arg-type]
+    intervals = _count_intervals(robot, given)
     for reach in SPEED_CAPS:
-        grid, c = _fastest(Grid.build(problem, intervals, reach))
+        grid, c = _refine_splines(Grid.build(problem, intervals, reach))
         if grid.is_bounded(c):
-            return _verified(robot, _result(grid, c), problem)
+            return _verify_friction(robot, _build_result(grid, c), problem)
     raise problem.unbounded_error()
 
 
-def _verified(robot: Engine, found: Retiming, problem: Problem) -> Retiming:
+def _verify_friction(robot: Engine, found: Retiming, problem: RetimeProblem) -> Retiming:
     """A result with Coulomb friction, refused where it changes too fast for the points of the path."""
     if problem.friction:
         rows = [row for row in check(robot, found.motion).table if row.limit != "position"]
@@ -118,7 +120,7 @@ def _verified(robot: Engine, found: Retiming, problem: Problem) -> Retiming:
     return found
 
 
-def _resolving(robot: Engine, motion: Motion) -> int:
+def _count_intervals(robot: Engine, motion: Motion) -> int:
     """A number of intervals whose finer points follow the velocities of a motion."""
     intervals = FIRST_INTERVALS
     while intervals <= _MAX_FIRST_TIME_LAW_INTERVALS:
@@ -134,7 +136,7 @@ def _resolving(robot: Engine, motion: Motion) -> int:
     raise JounceError(UNEVEN)
 
 
-def _fastest(grid: Grid) -> tuple[Grid, np.ndarray]:
+def _refine_splines(grid: Grid) -> tuple[Grid, np.ndarray]:
     """The fastest spline, of as many intervals as pay."""
     inner = grid.inner(np.ones(grid.basis.count))
     c = grid.solve(inner, inner, 1.0)
@@ -154,7 +156,7 @@ def _fastest(grid: Grid) -> tuple[Grid, np.ndarray]:
     return grid, c
 
 
-def _result(grid: Grid, c: np.ndarray) -> Retiming:
+def _build_result(grid: Grid, c: np.ndarray) -> Retiming:
     """The motion with x of some coefficients."""
     given, spline = grid.problem.motion, grid.basis.spline(c)
     if spline(np.linspace(given.start, given.stop, _POSITIVITY_SAMPLES_PER_POINT * grid.count)).min() <= 0:
@@ -162,18 +164,18 @@ def _result(grid: Grid, c: np.ndarray) -> Retiming:
     law = TimeLaw(spline, given.start, given.stop, given.start)
     motion = replace(
         given,
-        curve=Paced(given.curve, law),
-        loads={body: Paced(curve, law) for body, curve in given.loads.items()},
-        base_curve=given.base_curve and Paced(given.base_curve, law),
+        curve=TimeLawCurve(given.curve, law),
+        loads={body: TimeLawCurve(curve, law) for body, curve in given.loads.items()},
+        base_curve=given.base_curve and TimeLawCurve(given.base_curve, law),
         source=f"{given.source}, retimed",
         samples=None,
         grid=None,
         torques=None,
     )
-    return Retiming(motion, motion.duration, _binding(grid, c, law), law)
+    return Retiming(motion, motion.duration, _find_stretches(grid, c, law), law)
 
 
-def _binding(grid: Grid, c: np.ndarray, law: TimeLaw) -> tuple[Stretch, ...]:
+def _find_stretches(grid: Grid, c: np.ndarray, law: TimeLaw) -> tuple[Stretch, ...]:
     """The stretches on which a limit decides."""
     rows, jet = grid.rows, grid.at.jets(c)
     near = rows.nearness(jet)[: grid.count]

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce.limits.ratios import scale_of
-from jounce.model.kinds import EFFORT_KINDS, KINDS, MOTION_KINDS
+from jounce.limits.ratios import build_scale
+from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS
 from jounce.model.limits import Limits
 
 
@@ -19,16 +19,16 @@ class Sample(NamedTuple):
     t: float
 
 
-def worst_broken(
+def find_worst_broken(
     limits: Limits, t: np.ndarray, rates: tuple[np.ndarray, ...], forces: tuple[np.ndarray, ...]
 ) -> Sample | None:
     """The limit of a coordinate that rates q, qd, ... (N, n) and forces Q, Qd, ... (N, nv) break most."""
     forces = tuple(force[:, -rates[0].shape[1] :] for force in forces)  # without those of a base
     found = []
-    for kind, value in values_of(limits, rates, forces).items():
+    for kind, value in limited_values(limits, rates, forces).items():
         if not np.isfinite(limits.bounds(kind)).any():
             continue
-        scale = scale_of(limits.bounds(kind), kind)
+        scale = build_scale(limits.bounds(kind), kind)
         x = np.asfortranarray(value)  # whose columns are reduced several times as fast
         ends = np.maximum(scale.ratio(x.max(axis=0), 1), scale.ratio(x.min(axis=0), -1))
         if not (ends <= 1).all():  # or some are not known
@@ -39,13 +39,13 @@ def worst_broken(
     return max((sample for sample in found if sample.ratio > 1), default=None)
 
 
-def values_of(
+def limited_values(
     limits: Limits, rates: Sequence[np.ndarray], forces: Sequence[np.ndarray], gravity: Sequence[np.ndarray] = ()
 ) -> dict[str, np.ndarray]:
     """The limited values by kind, from q, qd, ..., Q, Qd, ... and Qgrav (N, n); without Qgrav none of Q - Qgrav."""
     found, weight = dict(zip(MOTION_KINDS, rates, strict=False)), dict(zip(EFFORT_KINDS, gravity, strict=False))
     slope = limits.effort_slope
-    for kind, row in KINDS.items():
+    for kind, row in LIMIT_KINDS.items():
         if row.force and row.rate < len(forces) and (kind in weight or kind not in limits.without_gravity):
             Q = forces[row.rate] - weight[kind] if kind in limits.without_gravity else forces[row.rate]
             found[kind] = row.law(Q, rates[1], slope)

@@ -21,17 +21,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce.core.display import Displayed
-from jounce.core.errors import JounceError, listed, quoted
+from jounce.core.display import HtmlDisplay
+from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.engine.along import ForceBreak
 from jounce.engine.engine import Engine
-from jounce.limits.bounded import Bounded
-from jounce.limits.bracketing import Place, bracketed_factor, is_polynomial, worst_of
-from jounce.limits.check import breaks_of, notes_of, unresolved_notes
-from jounce.limits.feasible import Feasible
-from jounce.limits.uncertain import take_uncertain
-from jounce.limits.validation import bounded
-from jounce.limits.worst import Worst
+from jounce.limits.check import describe_omissions, describe_unresolved, find_limited_breaks
+from jounce.limits.factor_search import Place, bracket_factor, compute_worst, is_polynomial
+from jounce.limits.feasible_factors import Feasible
+from jounce.limits.limited_motion import LimitedMotion
+from jounce.limits.uncertain_spans import count_uncertain
+from jounce.limits.validation import validate_limits
+from jounce.limits.worst_values import Worst
 from jounce.motion.motion import Motion
 
 _BINDING_RATIO_TOLERANCE = 2e-10  # of a ratio above 1: factors are as exact
@@ -52,7 +52,7 @@ class Binding(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class Slowdown(Displayed):
+class Slowdown(HtmlDisplay):
     """How fast a motion may be. `Robot.slowdown` makes one.
 
     Attributes
@@ -91,38 +91,38 @@ class Slowdown(Displayed):
 
 def slowdown(robot: Engine, motion: object) -> Slowdown:
     """The largest factor of speed such that every smaller one keeps all limits too."""
-    b = bounded(robot, motion)
-    breaks = breaks_of(b)
-    notes = (*notes_of(b, breaks), *_window_notes(b))
+    b = validate_limits(robot, motion)
+    breaks = find_limited_breaks(b)
+    notes = (*describe_omissions(b, breaks), *_window_notes(b))
     _refuse_jumps(b, breaks)
     if is_polynomial(b):
         states = Feasible(b)
-        factor = _first(b, states)
+        factor = _refine_first(b, states)
         i = states.first
         place = str(states.kind[i]), int(states.joint[i]), float(states.t[i])
-        largest: float | None = max(factor, _largest(b, states))
+        largest: float | None = max(factor, _refine_largest(b, states))
     else:
-        (factor, place), largest = bracketed_factor(b), None
-    if found := _slower(b, factor):
+        (factor, place), largest = bracket_factor(b), None
+    if found := _slow_for_uncertain(b, factor):
         (factor, place), largest = found, None
     kind, joint, t = place
-    notes += unresolved_notes(worst_of(b, factor))
+    notes += describe_unresolved(compute_worst(b, factor))
     return Slowdown(factor, Binding(b.name(kind, joint), kind, t), b.motion.scaled(1 / factor), largest, notes)
 
 
-def _slower(b: Bounded, factor: float) -> tuple[float, Place] | None:
+def _slow_for_uncertain(b: LimitedMotion, factor: float) -> tuple[float, Place] | None:
     """The factor at which values outside of windows keep their limits, and the last limit; None where all keep them."""
-    place = _beyond_windows(b, factor)
+    place = _find_beyond_windows(b, factor)
     if place is None:
         return None
     low, high = 0.0, factor
     for _ in range(_FACTOR_BISECTIONS):
         middle = (low + high) / 2
-        beyond = _beyond_windows(b, middle)
+        beyond = _find_beyond_windows(b, middle)
         low, high, place = (middle, high, place) if beyond is None else (low, middle, beyond)
     if not low:
         kind, joint, t = place
-        what = f"the {kind.replace('_', ' ')} of joint {quoted(b.name(kind, joint))}"
+        what = f"the {kind.replace('_', ' ')} of joint {quote_value(b.name(kind, joint))}"
         raise JounceError(
             f"{what} is beyond its limit by more than two standard deviations at t = {t:.6g} s, at every speed; change"
             " the motion or with_limits"
@@ -130,11 +130,11 @@ def _slower(b: Bounded, factor: float) -> tuple[float, Place] | None:
     return low, place
 
 
-def _beyond_windows(b: Bounded, factor: float) -> Place | None:
+def _find_beyond_windows(b: LimitedMotion, factor: float) -> Place | None:
     """A limit that is surely broken outside of the windows at a factor of speed: kind, joint, time as it was given."""
     scaled = b.scaled(1 / factor)
     worst = Worst(scaled)
-    take_uncertain(scaled, worst)
+    count_uncertain(scaled, worst)
     for (kind, sign), spans in worst.spans.items():
         for j, found in enumerate(spans):
             if found:
@@ -142,66 +142,67 @@ def _beyond_windows(b: Bounded, factor: float) -> Place | None:
     return None
 
 
-def _window_notes(b: Bounded) -> tuple[str, ...]:
+def _window_notes(b: LimitedMotion) -> tuple[str, ...]:
     """Between which times of a measured motion limits count, of kinds that do not along the whole motion."""
     spans = [f"{kind.replace('_', ' ')} {start:.6g} to {stop:.6g} s" for kind, (start, stop) in b.windows.items()]
     if not spans:
         return ()
     return (
-        f"limits count within {listed(spans)}; elsewhere the samples are uncertain, and two deviations beyond count",
+        f"limits count within {join_names(spans)}; elsewhere the samples are uncertain, and two deviations beyond"
+        " count",
     )
 
 
-def _first(b: Bounded, states: Feasible) -> float:
+def _refine_first(b: LimitedMotion, states: Feasible) -> float:
     """The largest factor below which all are feasible: refined between samples there, and where limits are near."""
     if np.isinf(states.factor):
-        states.add(times_beyond(b, 1.0))  # raises where a limit between the states is broken at every speed
+        states.add(find_times_beyond(b, 1.0))  # raises where a limit between the states is broken at every speed
     for _ in range(_MAX_SLOWDOWN_ROUNDS):
-        factor = _finite(states)
+        factor = _check_factor(states)
         # Exchange: states farthest beyond a limit at this factor, or where smaller ones come near, bound the next.
         near = states.near_misses(factor)
-        beyond = np.unique(np.concatenate([times_beyond(b, at) for at in (*near, factor)]))
+        beyond = np.unique(np.concatenate([find_times_beyond(b, at) for at in (*near, factor)]))
         if not beyond.size:
             return factor
         states.add(beyond)
-    return _finite(states)
+    return _check_factor(states)
 
 
-def _largest(b: Bounded, states: Feasible) -> float:
+def _refine_largest(b: LimitedMotion, states: Feasible) -> float:
     """The largest feasible factor, refined between samples."""
     for _ in range(_MAX_SLOWDOWN_ROUNDS):
-        beyond = times_beyond(b, states.largest)
+        beyond = find_times_beyond(b, states.largest)
         if states.largest <= states.factor or not beyond.size:
             break
         states.add(beyond)
     return states.largest
 
 
-def _finite(states: Feasible) -> float:
+def _check_factor(states: Feasible) -> float:
     factor = states.factor
     if np.isinf(factor):
         raise JounceError("no limit bounds the speed of this motion: it does not move, or with_limits must state more")
     if factor < _MIN_SPEED_FACTOR:
         i = states.first
         joint, kind = states.b.joints[states.joint[i]], str(states.kind[i]).replace("_", " ")
-        raise JounceError(f"joint {quoted(joint)} moves at t = {states.t[i]:.6g} s, and its limit of {kind} is 0")
+        raise JounceError(f"joint {quote_value(joint)} moves at t = {states.t[i]:.6g} s, and its limit of {kind} is 0")
     return factor
 
 
-def times_beyond(b: Bounded, factor: float) -> np.ndarray:
+def find_times_beyond(b: LimitedMotion, factor: float) -> np.ndarray:
     """When, between samples too, the motion at a factor of speed is farthest beyond limits, in the given motion."""
-    worst = worst_of(b, factor)
+    worst = compute_worst(b, factor)
     found = [worst.t[side][ratio > 1 + _BINDING_RATIO_TOLERANCE] for side, ratio in worst.ratios.items()]
     return np.asarray(b.given_times(np.unique(np.concatenate(found)), factor))
 
 
-def _refuse_jumps(b: Bounded, breaks: Sequence[ForceBreak]) -> None:
+def _refuse_jumps(b: LimitedMotion, breaks: Sequence[ForceBreak]) -> None:
     """Raise where a limit is broken at every speed: a lower rate jumps."""
     worst = Worst(b)
     worst.take_jumps(breaks)
     for (kind, sign), value in worst.value.items():
         for j in np.flatnonzero(np.isposinf(value)):
-            joint, t = quoted(b.name(kind, int(j))), worst.t[kind, sign][j]
+            joint, t = quote_value(b.name(kind, int(j))), worst.t[kind, sign][j]
             limit = kind.replace("_", " ")
             raise JounceError(
                 f"break at t = {t:.9g} s: the {limit} of joint {joint} is infinite there at every speed, and it has a"

@@ -5,32 +5,32 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed, quoted
-from jounce.engine.along import checked_motion
+from jounce.core.errors import JounceError, join_names, quote_value
+from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
-from jounce.limits.bounded import Bounded, known_kinds
-from jounce.limits.deviations import windows_of
+from jounce.limits.deviations import find_windows
 from jounce.limits.joints import drives_coordinates, joint_limits
-from jounce.model.kinds import KINDS
+from jounce.limits.limited_motion import LimitedMotion, known_kinds
+from jounce.model.limit_kinds import LIMIT_KINDS
 from jounce.model.limits import Limits
 from jounce.model.mechanism import Mechanism
 
 
-def bounded(robot: Engine, motion: object) -> Bounded:
+def validate_limits(robot: Engine, motion: object) -> LimitedMotion:
     """A robot along a motion, checked, with the limits of its coordinates; a robot without any is refused."""
-    path, limits = checked_motion(robot.mechanism, motion), joint_limits(robot.mechanism)
+    path, limits = check_motion(robot.mechanism, motion), joint_limits(robot.mechanism)
     kinds = known_kinds(robot, limits)
     if not kinds:
         if limits.kinds:
-            came = f"robot {robot.name!r} states no limits of rigid joints, only {listed(limits.kinds)}"
+            came = f"robot {robot.name!r} states no limits of rigid joints, only {join_names(limits.kinds)}"
             raise JounceError(f"{came}; robot.elastic(stiffness) makes its joints elastic")
         ways = "robot.with_limits(effort=..., velocity=...) or robot.with_limits('panda') states some"
         raise JounceError(f"robot {robot.name!r} states no limits; {ways} (--limits)")
     _check_data(robot, limits, kinds)
     _check_stiffness(robot, kinds)
     check_gravity(robot.mechanism, limits, kinds)
-    b = Bounded(robot, path, limits, kinds)
-    return replace(b, windows=windows_of(b))
+    b = LimitedMotion(robot, path, limits, kinds)
+    return replace(b, windows=find_windows(b))
 
 
 def _check_data(robot: Engine, limits: Limits, kinds: Sequence[str]) -> None:
@@ -41,20 +41,21 @@ def _check_data(robot: Engine, limits: Limits, kinds: Sequence[str]) -> None:
         limited = np.isfinite(limits.bounds(kind)[:, list(places)]).any(axis=0)
         for j in np.flatnonzero(limited).tolist():
             motor = e.motors[j] if e and e.motors else None
-            if lacking := [name for name in KINDS[kind].data if motor is None or getattr(motor, name) is None]:
+            if lacking := [name for name in LIMIT_KINDS[kind].data if motor is None or getattr(motor, name) is None]:
                 raise JounceError(
-                    f"joint {quoted(robot.joint_names[j])} has a limit of {kind}, and its motor states no"
+                    f"joint {quote_value(robot.joint_names[j])} has a limit of {kind}, and its motor states no"
                     f" {' and no '.join(lacking)}; robot.elastic(motors={{joint: jounce.Motor(...)}}) states it"
                 )
 
 
 def _check_stiffness(robot: Engine, kinds: Sequence[str]) -> None:
     """Raise `JounceError` where motors are bounded whose rates may be infinite between the times that are checked."""
-    e, of_motors = robot.mechanism.elasticity, [kind for kind in kinds if KINDS[kind].takes]
+    e, of_motors = robot.mechanism.elasticity, [kind for kind in kinds if LIMIT_KINDS[kind].takes]
     if e and e.slack and of_motors:
         raise JounceError(
-            f"joint {quoted(robot.joint_names[e.slack[0]])}: its spring has no stiffness at rest, and its motor moves"
-            f" infinitely fast where no force acts; limits of {listed(of_motors)} need a CubicSpring with k above 0"
+            f"joint {quote_value(robot.joint_names[e.slack[0]])}: its spring has no stiffness at rest, and its motor"
+            f" moves infinitely fast where no force acts; limits of {join_names(of_motors)} need a"
+            " CubicSpring with k above 0"
         )
 
 
@@ -63,7 +64,7 @@ def check_gravity(m: Mechanism, limits: Limits, kinds: Sequence[str]) -> None:
     without = [kind for kind in kinds if kind in limits.without_gravity]
     if without and not drives_coordinates(m):
         raise JounceError(
-            f"{m.name!r}: limits of {listed(without)} bound Q - Qgrav, which is not known for motors at other joints"
-            f" than the coordinates {listed(m.coordinates)}; state them for Q (of=), or name these joints by"
+            f"{m.name!r}: limits of {join_names(without)} bound Q - Qgrav, which is not known for motors at other"
+            f" joints than the coordinates {join_names(m.coordinates)}; state them for Q (of=), or name these joints by"
             " robot.closed(actuated=...)"
         )

@@ -4,39 +4,39 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from math import floor
 from typing import Literal
 
-from jounce.core.errors import listed
-from jounce.limits.bounded import Span
+from jounce.core.errors import join_names
+from jounce.limits.limited_motion import Span
 from jounce.limits.ratios import LIMIT_TOLERANCE
 
 Verdict = Literal["kept", "broken", "undecided"]
 
 
-def verdict_of(ratio: float, undecided: Sequence[object]) -> Verdict:
+def decide_verdict(ratio: float, undecided: Sequence[object]) -> Verdict:
     """The verdict on a limit by its worst ratio where it is decided, and the spans where it is not."""
     return "broken" if ratio > 1 + LIMIT_TOLERANCE else "undecided" if undecided else "kept"
 
 
-def overall(verdicts: Collection[Verdict]) -> Verdict:
+def combine_verdicts(verdicts: Collection[Verdict]) -> Verdict:
     """The verdict on several limits or motions: broken if one is, kept if all are."""
     return "broken" if "broken" in verdicts else "undecided" if "undecided" in verdicts else "kept"
 
 
-def verdict_in_words(verdicts: Sequence[Verdict], judged: Mapping[str, float]) -> str:
+def describe_verdict(verdicts: Sequence[Verdict], judged: Mapping[str, float]) -> str:
     """How many limits are broken or undecided, and which share of time is judged, by kind, unless that is all of it."""
     counts = [
         f"{n} of {len(verdicts)} limits {name}" for name in ("broken", "undecided") if (n := verdicts.count(name))
     ]
-    return "; ".join([" and ".join(counts) or "every limit is kept", *judged_in_words(judged)])
+    return "; ".join([" and ".join(counts) or "every limit is kept", *describe_judged(judged)])
 
 
-def judged_in_words(judged: Mapping[str, float], subject: str = "judged") -> list[str]:
+def describe_judged(judged: Mapping[str, float], subject: str = "judged") -> list[str]:
     """The shares of time that are judged, by kind, where they are not all of it."""
     partly = [
         f"{floor(1e4 * share) / 1e4:.2%} of the time for {kind.replace('_', ' ')}"
         for kind, share in judged.items()
         if share < 1
     ]
-    return [f"{subject}: {listed(partly)}"] if partly else []
+    return [f"{subject}: {join_names(partly)}"] if partly else []
 
 
 def join_spans(spans: Iterable[Sequence[float]]) -> tuple[Span, ...]:

@@ -22,9 +22,9 @@ import numpy as np
 
 from jounce.core.errors import JounceError
 from jounce.core.scalars import is_numeric
-from jounce.model.functions import inverse
-from jounce.model.inversion import UnreachableError, rising_root
-from jounce.model.springs import CubicSpring, Spring, force_along, spring_of
+from jounce.model.series_functions import inverse
+from jounce.model.spring_deflection import UnreachableError, rising_root
+from jounce.model.springs import CubicSpring, Spring, force_along, read_spring
 from jounce.spatial.series import Series, from_rate
 
 FIRST_DIFFERENCE_STEP = 1e-3  # rad or m, of the search for a bracket of e; it doubles from step to step
@@ -68,7 +68,7 @@ class AntagonisticSprings:
 
     def __init__(self, first: Spring | Callable[[Any], Any], second: Spring | Callable[[Any], Any]) -> None:
         for name, spring in {"first": first, "second": second}.items():
-            found = spring_of(spring, f"AntagonisticSprings: {name}")
+            found = read_spring(spring, f"AntagonisticSprings: {name}")
             if isinstance(found, CubicSpring) and found.k == 0:
                 raise JounceError(f"AntagonisticSprings: {name} has no stiffness at rest; give CubicSpring a k above 0")
             object.__setattr__(self, name, found)
@@ -86,7 +86,7 @@ Curve = Callable[[np.ndarray], _Setting]  # the settings that carry a force, ove
 Condition = Callable[[_Setting], np.ndarray]  # state by state
 
 
-def deflections(springs: AntagonisticSprings, Q: np.ndarray, S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def antagonist_deflections(springs: AntagonisticSprings, Q: np.ndarray, S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The deflections of both springs for a force and a stiffness, arrays of floats; raise `UnreachableError`."""
     if not (is_numeric(Q) and is_numeric(S)):
         raise JounceError("two springs of one joint need NumPy arrays of floats")
@@ -121,9 +121,9 @@ def deflections(springs: AntagonisticSprings, Q: np.ndarray, S: np.ndarray) -> t
     return np.where(known, d1, np.nan), np.where(known, d2, np.nan)
 
 
-def deflection_series(springs: AntagonisticSprings, Q: Series, S: Series) -> tuple[Series, Series]:
+def antagonist_series(springs: AntagonisticSprings, Q: Series, S: Series) -> tuple[Series, Series]:
     """The deflections of both springs with their rates, by the inverse of the Jacobian of (Q, S)."""
-    d1, d2 = deflections(springs, Q[0], S[0])
+    d1, d2 = antagonist_deflections(springs, Q[0], S[0])
 
     @cache
     def rates() -> tuple[Series, Series]:

@@ -10,12 +10,12 @@ from typing import TypeVar
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed, one_of, quoted
+from jounce.core.errors import JounceError, check_choice, join_names, quote_value
 from jounce.core.scalars import Array, concatenate
-from jounce.model.kinds import ENDS, KINDS, MOTION_KINDS, unit_of
-from jounce.model.limits import Limits, unlimited
+from jounce.model.limit_kinds import LIMIT_KINDS, MOTION_KINDS, POSITION_ENDS, derivative_unit
+from jounce.model.limits import Limits, no_limits
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import extent_names, positions, several_positions, single_positions
+from jounce.model.positions import extent_names, list_multiscrew_joints, multiscrew_joints, single_positions
 from jounce.spatial.series import Series
 
 T = TypeVar("T", Array, Series)
@@ -27,7 +27,7 @@ MIN_DEGREES_ANGLE = 6.3  # rad, just above a turn: only larger angles are taken 
 
 def joint_variables(mechanism: Mechanism, q: Series) -> Series:
     """theta = G q + g: (..., n, 1) to (..., nc, 1); 0 at joints of several screws, whose rates are their velocities."""
-    if not positions(mechanism):
+    if not multiscrew_joints(mechanism):
         return mechanism.G @ q + mechanism.g[:, None]
     G = mechanism.G @ single_positions(mechanism)
     return Series(lambda k: mechanism.G @ q[k] if k else G @ q[0] + mechanism.g[:, None])
@@ -47,14 +47,14 @@ def velocity_map(mechanism: Mechanism) -> Array:
     return concatenate([base, mechanism.G @ joint_columns(mechanism)], axis=-2)
 
 
-def velocities_of(mechanism: Mechanism, body: int) -> list[int]:
+def velocity_rows(mechanism: Mechanism, body: int) -> list[int]:
     """The rows of `velocity_map` that belong to the joint of a body."""
     if mechanism.floats and body == 0:
         return list(range(6))
     return [6 * mechanism.floats + j for j in mechanism.columns[body]]
 
 
-def screws_of(mechanism: Mechanism, body: int) -> Array:
+def body_screws(mechanism: Mechanism, body: int) -> Array:
     """(6, k): the screws of the joint that moves a body; the unit matrix of a base that floats."""
     if mechanism.floats and body == 0:
         return np.eye(6, dtype=int)
@@ -93,12 +93,12 @@ def limit_place(mechanism: Mechanism, name: str, key: str) -> int:
     Limits of the position of a joint of several screws bound no single number of it.
     """
     places = joint_places(mechanism)
-    for joint in positions(mechanism).values():
+    for joint in multiscrew_joints(mechanism).values():
         own, extents = mechanism.tree.coordinates[joint.coordinates], joint.extents
-        if name in ((*own, joint.name) if key in ENDS else (*{*extents} - {*own}, joint.name)):
-            kind = f"a {joint.group.name} joint, with limits of {listed(extents if key in ENDS else own)}"
-            raise JounceError(f"joint {quoted(name)} has no {key} limit: {joint.name!r} is {kind}")
-    return places[one_of("joint", name, places)]
+        if name in ((*own, joint.name) if key in POSITION_ENDS else (*{*extents} - {*own}, joint.name)):
+            kind = f"a {joint.group.name} joint, with limits of {join_names(extents if key in POSITION_ENDS else own)}"
+            raise JounceError(f"joint {quote_value(name)} has no {key} limit: {joint.name!r} is {kind}")
+    return places[check_choice("joint", name, places)]
 
 
 def coordinate_units(mechanism: Mechanism) -> list[str]:
@@ -109,7 +109,7 @@ def coordinate_units(mechanism: Mechanism) -> list[str]:
 def position_units(mechanism: Mechanism) -> list[str]:
     """rad, m or 1: the unit of each number of q, without those of a base that floats."""
     units = coordinate_units(mechanism)
-    for joint in reversed(several_positions(mechanism)):
+    for joint in reversed(list_multiscrew_joints(mechanism)):
         places = len(joint.group.places)
         units[joint.coordinates] = ["m"] * places + ["1"] * (len(joint.names) - places)
     return units
@@ -122,7 +122,7 @@ def force_names(mechanism: Mechanism) -> tuple[str, ...]:
 
 def force_units(mechanism: Mechanism) -> list[str]:
     """N m or N: the unit of each of the nv entries of Q."""
-    own = [unit_of("Q", 0, unit) for unit in coordinate_units(mechanism)]
+    own = [derivative_unit("Q", 0, unit) for unit in coordinate_units(mechanism)]
     return [*(["N m"] * 3 + ["N"] * 3 if mechanism.floats else []), *own]
 
 
@@ -132,13 +132,13 @@ def coordinate_limits(mechanism: Mechanism) -> Limits:
     A joint variable that one coordinate moves bounds the motion of this coordinate, whether it leads or follows; one
     that several move does not. Effort, power and motor are those of the leading joint: what the others exert adds to Q.
     """
-    table, leaders = unlimited(mechanism.n).table, leading_joints(mechanism)
+    table, leaders = no_limits(mechanism.n).table, leading_joints(mechanism)
     for i, row in enumerate(mechanism.G):
         moved = np.flatnonzero(row)
         if len(moved) != 1:
             continue
         [j] = moved
-        for k, kind in enumerate(KINDS.values()):
+        for k, kind in enumerate(LIMIT_KINDS.values()):
             bounds = mechanism.limits.table[k, :, i]
             if kind.name in MOTION_KINDS:
                 offset = 0.0 if kind.rate else float(mechanism.g[i])
@@ -154,7 +154,7 @@ def coordinate_limits(mechanism: Mechanism) -> Limits:
 def following_efforts(mechanism: Mechanism) -> list[str]:
     """The joints whose effort limits bound no coordinate: they follow others, and Q is the sum of all shares."""
     limits, leaders = mechanism.limits, leading_joints(mechanism)
-    kinds = [kind.name for kind in KINDS.values() if kind.of == "Q"]
+    kinds = [kind.name for kind in LIMIT_KINDS.values() if kind.of == "Q"]
     stated = [any(np.isfinite(limits.bounds(kind)[:, i]).any() for kind in kinds) for i in range(len(mechanism.joints))]
     return [joint for i, joint in enumerate(mechanism.joints) if stated[i] and i not in leaders]
 

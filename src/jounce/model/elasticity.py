@@ -20,7 +20,7 @@ from jounce.model.antagonists import AntagonisticSprings
 from jounce.model.motors import Motor
 from jounce.model.springs import CubicSpring, DampedSpring, Spring
 
-Law: TypeAlias = Spring | DampedSpring | AntagonisticSprings
+ElasticLaw: TypeAlias = Spring | DampedSpring | AntagonisticSprings
 SpringLaw: TypeAlias = Spring | AntagonisticSprings | Callable[[Any], Any]  # as callers give it
 
 
@@ -60,7 +60,7 @@ class Elasticity:
     viscous: Floats
     friction: Floats
     eps: Floats
-    springs: tuple[Law | None, ...] = ()
+    springs: tuple[ElasticLaw | None, ...] = ()
     motors: tuple[Motor | None, ...] = ()
     level: int | None = None
 

@@ -6,19 +6,29 @@ from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import one_of
+from jounce.core.errors import check_choice
 from jounce.core.typing import Floats
-from jounce.model.kinds import EFFORT_KINDS, ENDS, FORCES, KINDS, LINE, MOTION_KINDS, MOTOR_KINDS, PLACES, units_of
+from jounce.model.limit_kinds import (
+    BOUNDED_FORCES,
+    EFFORT_KINDS,
+    LIMIT_KINDS,
+    LIMIT_PLACES,
+    MOTION_KINDS,
+    MOTOR_KINDS,
+    POSITION_ENDS,
+    STALL_LINE_KINDS,
+    kind_units,
+)
 
 
 class Bound(property):
     """An attribute of limits: what is stated under a name of each joint variable, in the positive direction."""
 
     def __init__(self, key: str) -> None:
-        row = next(row for row in KINDS.values() if key in row.keys)
-        super().__init__(lambda limits: in_positive_direction(limits.table, key))
-        size = "smallest" if key == ENDS[0] else "largest"
-        self.__doc__ = f"The {size} {row.name.replace('_', ' ')}, {units_of(row.name)}."
+        row = next(row for row in LIMIT_KINDS.values() if key in row.keys)
+        super().__init__(lambda limits: positive_bounds(limits.table, key))
+        size = "smallest" if key == POSITION_ENDS[0] else "largest"
+        self.__doc__ = f"The {size} {row.name.replace('_', ' ')}, {kind_units(row.name)}."
 
     def __get__(self, limits: Any, owner: type | None = None) -> Floats:  # type: ignore[override]  # not of classes
         return super().__get__(limits, owner)
@@ -79,7 +89,9 @@ class Limits:
     @property
     def kinds(self) -> tuple[str, ...]:
         """The kinds that bound any joint variable."""
-        return tuple(kind for kind in KINDS if kind != LINE[1] and np.isfinite(self.bounds(kind)).any())
+        return tuple(
+            kind for kind in LIMIT_KINDS if kind != STALL_LINE_KINDS[1] and np.isfinite(self.bounds(kind)).any()
+        )
 
     def bounds(self, kind: str) -> Floats:
         """The lower and upper bounds of a kind.
@@ -105,12 +117,12 @@ class Limits:
         >>> jounce.load("panda").limits.bounds("effort")[:, 0]
         array([-87.,  87.])
         """
-        return self.table[[*KINDS].index(one_of("limit", kind, KINDS))]
+        return self.table[[*LIMIT_KINDS].index(check_choice("limit", kind, LIMIT_KINDS))]
 
-    lower, upper = map(Bound, ENDS)
+    lower, upper = map(Bound, POSITION_ENDS)
     velocity, acceleration, jerk, snap = map(Bound, MOTION_KINDS[1:])
     effort, effort_rate, second_effort_rate = map(Bound, EFFORT_KINDS)
-    power, stall_effort, no_load_velocity = map(Bound, ("power", *LINE))
+    power, stall_effort, no_load_velocity = map(Bound, ("power", *STALL_LINE_KINDS))
     motor_position, motor_velocity, motor_torque, motor_current, motor_voltage = map(Bound, MOTOR_KINDS)
 
     @property
@@ -143,8 +155,8 @@ class Limits:
         >>> jounce.load("panda").with_limits("panda").limits.of("effort_rate")
         'Q - Qgrav'
         """
-        one_of("effort limit", kind, EFFORT_KINDS)
-        return FORCES[kind in self.without_gravity]
+        check_choice("effort limit", kind, EFFORT_KINDS)
+        return BOUNDED_FORCES[kind in self.without_gravity]
 
     def stated(self, i: int) -> dict[str, float | list[float | None]]:
         """The finite limits of one joint variable, as robot files have them.
@@ -171,7 +183,7 @@ class Limits:
         {'lower': -2.8973, 'upper': 2.8973, 'velocity': 2.175, 'effort': 87.0}
         """
         found: dict[str, float | list[float | None]] = {}
-        for key, place in PLACES.items():
+        for key, place in LIMIT_PLACES.items():
             ends = np.atleast_1d(self.table[(*place, i)]).tolist()
             if np.isfinite(ends).any():
                 alike = len(ends) == 1 or ends[0] == -ends[1]
@@ -204,14 +216,14 @@ class Limits:
         return replace(self, table=self.table[..., joints])
 
 
-def unlimited(nb: int) -> Limits:
+def no_limits(nb: int) -> Limits:
     """No limits of nb joint variables."""
-    table = np.full((len(KINDS), 2, nb), np.inf)
+    table = np.full((len(LIMIT_KINDS), 2, nb), np.inf)
     table[:, 0] = -np.inf
     return Limits(table)
 
 
-def in_positive_direction(table: Floats, key: str) -> Floats:
+def positive_bounds(table: Floats, key: str) -> Floats:
     """What a table (kinds, 2, ...) has under a name: the upper bounds, and the lower ones of "lower"."""
-    kind, side = PLACES[key]
+    kind, side = LIMIT_PLACES[key]
     return table[kind, side if isinstance(side, int) else 1]

@@ -6,9 +6,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed, no_such, quoted
+from jounce.core.errors import JounceError, join_names, quote_value, unknown_name_error
 from jounce.model.drives import drive_error
-from jounce.model.stated import Stated, limit_error
+from jounce.model.stated_limits import StatedLimit, limit_error
 from jounce.spatial.groups import BALL, FREE, PLANAR, Group
 
 FREE_JOINT_GROUPS: Mapping[str, Group] = {"floating": FREE, "planar": PLANAR, "spherical": BALL}
@@ -42,7 +42,7 @@ class Joint:
     B: np.ndarray
     X: np.ndarray | None  # (6,); None where it is fixed, and where its screws are those of its kind of free joint
     mimic: Mimic | None
-    limits: Mapping[str, Stated]  # those that the file states of lower, upper, velocity, effort, ...
+    limits: Mapping[str, StatedLimit]  # those that the file states of lower, upper, velocity, effort, ...
     drive: Mapping[str, float]  # and of armature, damping, friction, stiffness, rest
     place: str
     free: str | None = None  # "floating", "planar", "spherical": what makes of it more than one screw does
@@ -75,19 +75,19 @@ def index_by_name(items: Sequence[Item], kind: str) -> dict[str, Item]:
     found: dict[str, Item] = {}
     for item in items:
         if (first := found.setdefault(item.name, item)) is not item:
-            raise JounceError(f"{item.place}: duplicate {kind} {quoted(item.name)}; the first is at {first.place}")
+            raise JounceError(f"{item.place}: duplicate {kind} {quote_value(item.name)}; the first is at {first.place}")
     return found
 
 
 def check_numbers(links: Sequence[Link], joints: Sequence[Joint]) -> None:
     """Raise `JounceError` if a pose, axis, inertia or limit is not finite or not valid, with its name and place."""
-    held = [(link.place, f"inertia of link {quoted(link.name)}", link.M) for link in links]
+    held = [(link.place, f"inertia of link {quote_value(link.name)}", link.M) for link in links]
     for joint in joints:
         law = [] if joint.mimic is None else [joint.mimic.multiplier, joint.mimic.offset]
         for what, numbers in (("pose", joint.B), ("axis", joint.screws), ("mimic", law)):
-            held.append((joint.place, f"{what} of joint {quoted(joint.name)}", np.array(numbers)))
+            held.append((joint.place, f"{what} of joint {quote_value(joint.name)}", np.array(numbers)))
         if error := limit_error(**joint.limits) or drive_error(**joint.drive):
-            raise JounceError(f"{joint.place}: joint {quoted(joint.name)}: {error}")
+            raise JounceError(f"{joint.place}: joint {quote_value(joint.name)}: {error}")
     for place, what, array in held:
         for x in array[~np.isfinite(array)][:1]:
             raise JounceError(f"{place}: {what} holds {x}; expected finite numbers")
@@ -100,11 +100,11 @@ def outward_order(links: Mapping[str, Link], joints: Sequence[Joint]) -> list[Jo
     for joint in joints:
         for role, link in (("parent", joint.parent), ("child", joint.child)):
             if link not in links:
-                named = f"{role} of joint {quoted(joint.name)}"
-                raise JounceError(f"{joint.place}: {named}: {no_such('link', link, links)}")
+                named = f"{role} of joint {quote_value(joint.name)}"
+                raise JounceError(f"{joint.place}: {named}: {unknown_name_error('link', link, links)}")
         if joint.child in above:
-            both = f"two joints, {quoted(above[joint.child].name)} and {quoted(joint.name)}"
-            raise JounceError(f"{joint.place}: link {quoted(joint.child)} is the child of {both}; expected one")
+            both = f"two joints, {quote_value(above[joint.child].name)} and {quote_value(joint.name)}"
+            raise JounceError(f"{joint.place}: link {quote_value(joint.child)} is the child of {both}; expected one")
         above[joint.child] = joint
         children[joint.parent].append(joint)
     roots = [link for link in links if link not in above]
@@ -117,6 +117,6 @@ def outward_order(links: Mapping[str, Link], joints: Sequence[Joint]) -> list[Jo
     if len(ordered) < len(joints):
         reached = {joint.name for joint in ordered}
         cycle = [joint for joint in joints if joint.name not in reached]
-        rootless, names = "" if roots else "no root link: ", listed(joint.name for joint in cycle)
+        rootless, names = "" if roots else "no root link: ", join_names(joint.name for joint in cycle)
         raise JounceError(f"{cycle[0].place}: {rootless}joints {names} form a cycle; expected a tree")
     return ordered

@@ -12,20 +12,20 @@ from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed, one_of, quoted, several, warn
+from jounce.core.errors import JounceError, as_list, check_choice, join_names, quote_value, warn
 from jounce.core.scalars import Array, is_finite, is_numeric
 from jounce.model.coordinates import MIN_DEGREES_ANGLE, likely_positions
 from jounce.model.drives import Drives
 from jounce.model.frame import Frame
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import Position, positions
+from jounce.model.positions import Position, multiscrew_joints
 from jounce.model.screws import exact_inertia, exact_pose
 from jounce.spatial import inertia, lie
 
 LIMIT_SLACK = 1e-3  # of the range of a joint, by which positions may exceed limits: those in files are rounded
 
 
-def locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
+def lock_coordinates(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
     """Return the mechanism with some coordinates locked at values, rad or m; joints that follow only these too.
 
     A ball, planar or free joint is locked as a whole, at its numbers in q.
@@ -34,7 +34,7 @@ def locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
         raise JounceError(f"joints to lock are of type {type(values).__name__}; expected a mapping of names and values")
     if not values:
         return mechanism
-    wholes = {x.name: (i, x) for i, x in positions(mechanism).items()}
+    wholes = {x.name: (i, x) for i, x in multiscrew_joints(mechanism).items()}
     of = {name: x for _, x in wholes.values() for name in mechanism.coordinates[x.coordinates]}
     single = [name for name in mechanism.coordinates if name not in of]
     for name, value in values.items():
@@ -48,11 +48,11 @@ def locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
             continue
         if name in mechanism.joints and name not in mechanism.coordinates:
             leaders = np.flatnonzero(mechanism.G[mechanism.joints.index(name)])
-            said = listed([mechanism.coordinates[j] for j in leaders])
+            said = join_names([mechanism.coordinates[j] for j in leaders])
             raise JounceError(f"joint {name!r} cannot be locked: it follows {said}; lock that")
-        one_of("joint to lock", name, [*single, *wholes])
+        check_choice("joint to lock", name, [*single, *wholes])
         if not is_finite(value):
-            raise JounceError(f"joint {name!r} is locked at {quoted(value)}; expected a finite number, rad or m")
+            raise JounceError(f"joint {name!r} is locked at {quote_value(value)}; expected a finite number, rad or m")
     at = np.zeros(mechanism.n)
     for name in set(values) - set(wholes):
         at[mechanism.coordinates.index(name)] = float(values[name])
@@ -73,10 +73,12 @@ def locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
         warn_of_limits(mechanism, np.flatnonzero(still), g, "is locked at")
     for array in (*welded.arrays.values(), *(frame.T for frame in welded.frames)):
         if is_numeric(array) and not np.isfinite(array).all():
-            raise JounceError(f"locking {listed(values)} overflows: a pose, inertia or offset is not finite")
+            raise JounceError(f"locking {join_names(values)} overflows: a pose, inertia or offset is not finite")
     for loop in welded.loops:
         if loop.a.body == loop.b.body:
-            raise JounceError(f"locking {listed(values)} leaves both ends of loop {loop.name} on one body; lock fewer")
+            raise JounceError(
+                f"locking {join_names(values)} leaves both ends of loop {loop.name} on one body; lock fewer"
+            )
     return welded
 
 
@@ -97,16 +99,16 @@ def warn_of_limits(mechanism: Mechanism, still: Iterable[int], theta: np.ndarray
         turns = revolute[i] and abs(theta[i]) > MIN_DEGREES_ANGLE and not is_beyond(radians)[i]
         cure = f"; {theta[i]:.6g} deg are {radians[i]:.6g} rad" if turns else ""
         more = f" (and {len(found) - 1} more joints)" if found[1:] else ""
-        came = f"joint {quoted(mechanism.joints[i])} {state} {theta[i]:.6g} {unit}"
+        came = f"joint {quote_value(mechanism.joints[i])} {state} {theta[i]:.6g} {unit}"
         warn(f"{came}: {reach if stated else 'more than four turns'}{cure}{more}")
 
 
 def _check_numbers(joint: Position, value: object) -> None:
     """Raise `JounceError` unless a value is the numbers of a joint of several screws."""
-    names, numbers = joint.group.positions, several(value)
+    names, numbers = joint.group.positions, as_list(value)
     if len(numbers) != len(names) or not all(map(is_finite, numbers)) or not any(numbers[len(joint.group.places) :]):
         named = f"{joint.group.name} joint {joint.name!r}"
-        raise JounceError(f"{named} is locked at {quoted(value)}; expected {', '.join(names)}")
+        raise JounceError(f"{named} is locked at {quote_value(value)}; expected {', '.join(names)}")
 
 
 def _merge_locked_bodies(mechanism: Mechanism, still: list[bool], poses: Mapping[int, Array]) -> Mechanism:

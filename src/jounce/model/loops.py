@@ -14,7 +14,7 @@ import numpy as np
 from jounce.core.scalars import Array, concatenate
 from jounce.model.frame import UNIT_ROUNDING, Frame
 
-Z = (0, 0, 1)  # the axis of a cut joint that states none
+DEFAULT_LOOP_AXIS = (0, 0, 1)  # the axis of a cut joint that states none
 _I = np.eye(3, dtype=int)
 
 
@@ -32,7 +32,7 @@ def _round_directions(directions: np.ndarray) -> np.ndarray:
 
 
 # of a cut joint, the directions in which it allows no turn and no slide
-HELD: Mapping[str, Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
+HELD_DIRECTIONS: Mapping[str, Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
     "spherical": lambda axis: (_I[:0], _I),
     "revolute": lambda axis: (_perpendicular_directions(axis), _I),
     "prismatic": lambda axis: (_I, _perpendicular_directions(axis)),
@@ -76,7 +76,7 @@ class Loop:
     @property
     def held(self) -> tuple[np.ndarray, np.ndarray]:
         """The directions (k, 3) and (l, 3), in the axes of frame a, in which the joint allows no turn and no slide."""
-        turns, slides = HELD[self.joint](np.asarray(self.axis, dtype=float))
+        turns, slides = HELD_DIRECTIONS[self.joint](np.asarray(self.axis, dtype=float))
         return _round_directions(turns), _round_directions(slides)
 
     @property
@@ -168,7 +168,7 @@ class Closure:
         return own | {"ratios": self.ratios.F, "offset": self.ratios.offset}
 
 
-def in_scalars(
+def convert_loops(
     loops: Sequence[Loop], closure: Closure | None, convert: Callable[[Array], Array]
 ) -> tuple[tuple[Loop, ...], Closure | None]:
     """Loops and their closure with the numbers converted to other scalars."""

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, one_of
+from jounce.core.errors import JounceError, check_choice
 from jounce.core.scalars import Array, is_numeric, is_zero, reciprocal
 from jounce.model.drives import Drives
 from jounce.model.elasticity import Elasticity
@@ -183,7 +183,7 @@ class Mechanism:
         >>> jounce.load("panda").mechanism.frame("panda_hand_tcp").body
         6
         """
-        one_of("body", name, self.frame_names)
+        check_choice("body", name, self.frame_names)
         if name in self.bodies:
             return Frame(name, self.bodies.index(name), np.eye(4, dtype=int))
         return next(frame for frame in self.frames if frame.name == name)

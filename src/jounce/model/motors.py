@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.core.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import asarray, is_finite, is_numeric
 
 POSITIVE = ("inertia", "resistance", "constant")
@@ -70,12 +70,14 @@ class Motor:
             least = "above 0" if name in POSITIVE else "0 or more" if name in NOT_NEGATIVE else "not 0"
             fits = is_finite(x) and (x > 0 if name in POSITIVE else x >= 0 if name in NOT_NEGATIVE else x != 0)
             if not fits:
-                raise JounceError(f"{name} of a motor is {quoted(x)}; expected a finite number, {least}")
+                raise JounceError(f"{name} of a motor is {quote_value(x)}; expected a finite number, {least}")
         if self.body is not None and not isinstance(self.body, str):
-            raise JounceError(f"body of a motor is {quoted(self.body)}; expected the name of the body that carries it")
+            raise JounceError(
+                f"body of a motor is {quote_value(self.body)}; expected the name of the body that carries it"
+            )
         axis = np.asarray(asarray(self.axis, "axis of a motor"))
         if axis.shape != (3,) or not is_numeric(axis) or not (np.isfinite(axis).all() and axis.any()):
-            raise JounceError(f"axis of a motor is {quoted(self.axis)}; expected three finite numbers, not all 0")
+            raise JounceError(f"axis of a motor is {quote_value(self.axis)}; expected three finite numbers, not all 0")
         object.__setattr__(self, "axis", tuple((axis / np.linalg.norm(axis)).tolist()))
 
     @property

@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed, no_such, quoted
-from jounce.core.scalars import Array, asarray, exact_integers, is_numeric, is_zero
-from jounce.model.casting import with_exact_integers
+from jounce.core.errors import JounceError, join_names, quote_value, unknown_name_error
+from jounce.core.scalars import Array, asarray, is_numeric, is_zero, restore_integers
 from jounce.model.frame import Frame
 from jounce.model.mechanism import Mechanism
+from jounce.model.scalar_casting import with_exact_integers
 from jounce.spatial import inertia
 from jounce.spatial.lie import pose, rotation
 
@@ -43,7 +43,7 @@ def parametrise(
     comes twice, or a payload hangs on the ground.
     """
     symbols = {name: symbol(name, value.shape) for name, value in own_values(mechanism, names).items()}
-    B, M = exact_integers(mechanism.B), exact_integers(mechanism.M)
+    B, M = restore_integers(mechanism.B), restore_integers(mechanism.M)
     if "lengths" in symbols:
         first = int(mechanism.floats)  # the base stays
         B = np.concatenate([B[:first], pose(rotation(B[first:]), symbols["lengths"][..., None])])
@@ -51,8 +51,8 @@ def parametrise(
         M = np.stack([_with_mass(M_i, symbols["masses"][i : i + 1, None]) for i, M_i in enumerate(M)])
     for stem, frame in _payloads(mechanism, names).items():
         mass, com, six = (symbols[f"{stem}_{part}"] for part in PAYLOAD_SIZES)
-        load = inertia.inertia_matrix(mass, com, inertia.symmetric(six))
-        added = inertia.shift_inertia(load, exact_integers(frame.T))
+        load = inertia.inertia_matrix(mass, com, inertia.symmetric_matrix(six))
+        added = inertia.shift_inertia(load, restore_integers(frame.T))
         M = M + np.eye(len(M), dtype=int)[frame.body][:, None, None] * added
     gravity = symbols.get("gravity", mechanism.gravity)
     return with_exact_integers(replace(mechanism, B=B, M=M, gravity=np.array(gravity))), symbols
@@ -72,12 +72,12 @@ def _payloads(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Frame]:
     texts = isinstance(names, Sequence) and not isinstance(names, str) and all(isinstance(x, str) for x in names)
     if not texts or len(set(names)) != len(names):
         known = ", ".join(MODEL_PARAMETERS)
-        raise JounceError(f"parameters are {quoted(names)}; expected a list of different names of {known}")
+        raise JounceError(f"parameters are {quote_value(names)}; expected a list of different names of {known}")
     payloads: dict[str, Frame] = {}
     for name in names:
         kind, colon, body = name.partition(":")
         if kind not in MODEL_PARAMETERS or (colon and kind != "payload"):
-            raise no_such("parameter", name, [*MODEL_PARAMETERS, "payload:BODY"])
+            raise unknown_name_error("parameter", name, [*MODEL_PARAMETERS, "payload:BODY"])
         if kind == "payload":
             frame = mechanism.frame(body if colon else _tip(mechanism))
             if frame.body < 0:
@@ -90,30 +90,32 @@ def _tip(mechanism: Mechanism) -> str:
     """The body at the end, where there is one end only."""
     tips = [name for i, name in enumerate(mechanism.bodies) if i not in mechanism.parent]
     if len(tips) > 1:
-        ends = f"{mechanism.name} ends in {listed(tips)}"
+        ends = f"{mechanism.name} ends in {join_names(tips)}"
         raise JounceError(f"payload: {ends}; expected payload:BODY, on one of them or any other body or link")
     return tips[0]
 
 
 def _with_mass(M: Array, mass: Array) -> Array:
     """Scale the inertia matrix of a body to another mass, (1, 1)."""
-    return M + mass * _UNIT_POINT_MASS if is_zero(M[3, 3]) else mass * exact_integers(M / M[3, 3])
+    return M + mass * _UNIT_POINT_MASS if is_zero(M[3, 3]) else mass * restore_integers(M / M[3, 3])
 
 
-def parameters_of(mechanism: Mechanism) -> Array:
+def inertial_parameters(mechanism: Mechanism) -> Array:
     """Return the ten parameters of each body, in the order of `bodies`: (10 nb,)."""
     return inertia.parameters(mechanism.M).reshape(-1)
 
 
-def with_parameters(mechanism: Mechanism, given: object) -> Mechanism:
+def with_inertial_parameters(mechanism: Mechanism, given: object) -> Mechanism:
     """Return the mechanism with other inertial parameters, (10 nb,)."""
     p, names = asarray(given, "p"), mechanism.bodies
-    if p.shape != (len(inertia.PARAMETERS) * len(names),):
-        expected = f"({len(inertia.PARAMETERS) * len(names)},): {', '.join(inertia.PARAMETERS)}"
+    if p.shape != (len(inertia.INERTIAL_PARAMETERS) * len(names),):
+        expected = f"({len(inertia.INERTIAL_PARAMETERS) * len(names)},): {', '.join(inertia.INERTIAL_PARAMETERS)}"
         raise JounceError(f"p has shape {p.shape}; expected {expected} of each of {len(names)} bodies")
     if is_numeric(p) and not np.isfinite(p).all():
         place = int(np.flatnonzero(~np.isfinite(p))[0])
-        body, k = divmod(place, len(inertia.PARAMETERS))
-        raise JounceError(f"p: {inertia.PARAMETERS[k]} of {names[body]!r} is {p[place]}; expected finite numbers")
-    M = inertia.from_parameters(p.reshape((len(names), len(inertia.PARAMETERS))))
+        body, k = divmod(place, len(inertia.INERTIAL_PARAMETERS))
+        raise JounceError(
+            f"p: {inertia.INERTIAL_PARAMETERS[k]} of {names[body]!r} is {p[place]}; expected finite numbers"
+        )
+    M = inertia.from_parameters(p.reshape((len(names), len(inertia.INERTIAL_PARAMETERS))))
     return replace(mechanism, M=M)

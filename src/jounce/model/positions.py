@@ -9,10 +9,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from jounce.core.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import Array, concatenate, is_zero
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.groups import FREE, Group, group_of
+from jounce.spatial.groups import FREE, Group, find_group
 from jounce.spatial.lie import inverse
 
 
@@ -52,7 +52,7 @@ class Position:
 
 
 @lru_cache(maxsize=64)
-def positions(mechanism: Mechanism) -> dict[int, Position]:
+def multiscrew_joints(mechanism: Mechanism) -> dict[int, Position]:
     """The numbers of the joints of several screws, by body, in the order of q."""
     found, start = dict[int, Position](), 0
     tree = mechanism.tree if mechanism.closure else mechanism
@@ -61,14 +61,14 @@ def positions(mechanism: Mechanism) -> dict[int, Position]:
         if i in found:
             continue
         if len(tree.columns[i]) > 1:
-            spanned = group_of(np.asarray(tree.X[list(tree.columns[i])], dtype=float).T)
+            spanned = find_group(np.asarray(tree.X[list(tree.columns[i])], dtype=float).T)
             if spanned is None:
-                raise JounceError(f"the joint of body {quoted(tree.bodies[i])} is no ball, planar or free joint")
+                raise JounceError(f"the joint of body {quote_value(tree.bodies[i])} is no ball, planar or free joint")
             group, T = spanned
             rows, unit = list(tree.columns[i]), np.eye(tree.n, dtype=int)[j : j + len(group.axes)]
             own = len(unit) == len(rows) and all(map(is_zero, [*np.ravel(tree.G[rows] - unit), *tree.g[rows]]))
             if not own or np.count_nonzero(tree.G[:, j : j + len(rows)]) != len(rows):
-                of = f"the {group.name} joint of body {quoted(tree.bodies[i])}"
+                of = f"the {group.name} joint of body {quote_value(tree.bodies[i])}"
                 raise JounceError(f"{of} follows others, or others follow it; expected coordinates of its own")
             exact = np.eye(4, dtype=int) if np.array_equal(T, np.eye(4)) else T
             numbers = slice(start, start + len(group.positions))
@@ -83,7 +83,7 @@ def positions(mechanism: Mechanism) -> dict[int, Position]:
 @lru_cache(maxsize=64)
 def _count_numbers(mechanism: Mechanism) -> tuple[int, Array]:
     """How many numbers q has, and the matrix (n, numbers) that leaves those of joints of one screw."""
-    joints = positions(mechanism).values()
+    joints = multiscrew_joints(mechanism).values()
     several = {j for x in joints for j in range(x.coordinates.start, x.coordinates.stop)}
     count = mechanism.n + sum(len(x.group.positions) - len(x.group.axes) for x in joints)
     taken = {k for x in joints for k in range(x.numbers.start, x.numbers.stop)}
@@ -107,37 +107,37 @@ def whole_position_count(mechanism: Mechanism) -> int:
 def position_names(mechanism: Mechanism) -> tuple[str, ...]:
     """The names of the numbers of q, those of a base that floats left out."""
     names = list(mechanism.coordinates)
-    for joint in reversed(several_positions(mechanism)):
+    for joint in reversed(list_multiscrew_joints(mechanism)):
         names[joint.coordinates] = joint.names
     return tuple(names)
 
 
-def several_positions(mechanism: Mechanism) -> tuple[Position, ...]:
+def list_multiscrew_joints(mechanism: Mechanism) -> tuple[Position, ...]:
     """The joints of several screws, in the order of q."""
-    return tuple(positions(mechanism).values())
+    return tuple(multiscrew_joints(mechanism).values())
 
 
 def extent_names(mechanism: Mechanism) -> tuple[str, ...]:
     """The names of what limits of the position bound: of joints of one screw the coordinates."""
     names = list(mechanism.coordinates)
-    for joint in positions(mechanism).values():
+    for joint in multiscrew_joints(mechanism).values():
         names[joint.coordinates] = joint.extents
     return tuple(names)
 
 
-def extent(mechanism: Mechanism, q: np.ndarray) -> np.ndarray:
+def position_extents(mechanism: Mechanism, q: np.ndarray) -> np.ndarray:
     """What limits of the position bound, (..., n), at q of numbers, (..., nq): q itself of joints of one screw."""
-    if not positions(mechanism):
+    if not multiscrew_joints(mechanism):
         return q
-    found = of_single_joints(mechanism, q)
-    for joint in positions(mechanism).values():
+    found = single_joint_positions(mechanism, q)
+    for joint in multiscrew_joints(mechanism).values():
         found[..., joint.coordinates] = joint.group.extent(q[..., joint.numbers])
     return found
 
 
 def loose_bodies(mechanism: Mechanism) -> set[int]:
     """The bodies that their joints let leave the bodies that carry them: on planar and free ones."""
-    return {body for body, joint in positions(mechanism).items() if joint.group.places}
+    return {body for body, joint in multiscrew_joints(mechanism).items() if joint.group.places}
 
 
 def outer_bodies(mechanism: Mechanism) -> list[int]:
@@ -149,7 +149,7 @@ def outer_bodies(mechanism: Mechanism) -> list[int]:
 def anchors(mechanism: Mechanism) -> np.ndarray:
     """(nc, 3): of the axis of each joint variable the point nearest to the body's origin; several share their own."""
     points = np.cross(mechanism.X[:, :3], mechanism.X[:, 3:])
-    for body, joint in positions(mechanism).items():
+    for body, joint in multiscrew_joints(mechanism).items():
         points[list(mechanism.columns[body])] = joint.T[:3, 3]
     return points
 
@@ -157,7 +157,7 @@ def anchors(mechanism: Mechanism) -> np.ndarray:
 def resting_position(mechanism: Mechanism) -> np.ndarray:
     """q of zeros, but for joints of several screws, which do not move their body: (nq,)."""
     q = np.zeros(position_count(mechanism))
-    for joint in positions(mechanism).values():
+    for joint in multiscrew_joints(mechanism).values():
         q[joint.numbers] = joint.group.resting
     return q
 
@@ -167,19 +167,19 @@ def single_positions(mechanism: Mechanism) -> Array:
     return _count_numbers(mechanism)[1]
 
 
-def of_single_joints(mechanism: Mechanism, q: np.ndarray) -> np.ndarray:
+def single_joint_positions(mechanism: Mechanism, q: np.ndarray) -> np.ndarray:
     """q (..., n) of joints of one screw, 0 in the places of others, of positions (..., nq)."""
-    return q @ single_positions(mechanism).T if positions(mechanism) else q
+    return q @ single_positions(mechanism).T if multiscrew_joints(mechanism) else q
 
 
 def number_rates(mechanism: Mechanism, q: np.ndarray, velocity: np.ndarray) -> np.ndarray:
     """The rates (..., nq) of positions q (..., nq) that move by a velocity (..., n)."""
-    return (moves(mechanism, q) @ velocity[..., None])[..., 0] if positions(mechanism) else velocity
+    return (position_rate_map(mechanism, q) @ velocity[..., None])[..., 0] if multiscrew_joints(mechanism) else velocity
 
 
-def moves(mechanism: Mechanism, q: Array) -> Array:
+def position_rate_map(mechanism: Mechanism, q: Array) -> Array:
     """(..., numbers, n): the rates of the numbers q, (..., numbers), by the velocities of the coordinates."""
-    rows, joints, k = [], several_positions(mechanism), 0
+    rows, joints, k = [], list_multiscrew_joints(mechanism), 0
     unit, single = np.eye(mechanism.n, dtype=int), single_positions(mechanism).T
     for x in joints:
         rows += [
@@ -190,9 +190,9 @@ def moves(mechanism: Mechanism, q: Array) -> Array:
     return concatenate([*rows, single[k:] + 0 * q[..., :1, None]], axis=-2)
 
 
-def check_single(mechanism: Mechanism, what: str, of: Array | None = None) -> None:
+def check_single_screws(mechanism: Mechanism, what: str, of: Array | None = None) -> None:
     """Raise `JounceError` if a joint has several screws, or one of those whose variables an array (nc,) is not 0 of."""
-    for body, joint in positions(mechanism).items():
+    for body, joint in multiscrew_joints(mechanism).items():
         if of is None or np.any(np.asarray(of)[list(mechanism.columns[body])]):
-            named = f"joint {quoted(joint.name)} of {quoted(mechanism.name)} is a {joint.group.name} joint"
+            named = f"joint {quote_value(joint.name)} of {quote_value(mechanism.name)} is a {joint.group.name} joint"
             raise JounceError(f"{what}: {named}; expected joints of one screw, revolute, prismatic or helical")

@@ -5,16 +5,16 @@ from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, one_line, one_of, quoted, several, shortened
+from jounce.core.errors import JounceError, as_list, check_choice, one_line, quote_value, shorten
 from jounce.core.scalars import Array, asarray, is_finite, is_numeric, is_symbolic
-from jounce.model.casting import with_exact_integers
+from jounce.model.body_count import check_size
 from jounce.model.drives import UNDRIVEN, Drives, drive_error
 from jounce.model.frame import UNIT_ROUNDING
 from jounce.model.limits import Limits
 from jounce.model.mechanism import GRAVITY, Mechanism
-from jounce.model.positions import positions
-from jounce.model.size import check_size
-from jounce.model.stated import checked_limits
+from jounce.model.positions import multiscrew_joints
+from jounce.model.scalar_casting import with_exact_integers
+from jounce.model.stated_limits import check_limits
 from jounce.spatial import inertia, lie
 
 UNIT_TOLERANCE = 1e-9  # how far a direction or rotation may be from unit length before it is taken for a mistake
@@ -56,7 +56,7 @@ def from_screws(
     carriers = _check_parents(parent, nb)
     if base is not None:
         if _check_text(base_name, "base_name") in bodies:
-            raise JounceError(f"base_name is {quoted(base_name)}, which is the name of a body; expected another")
+            raise JounceError(f"base_name is {quote_value(base_name)}, which is the name of a body; expected another")
         bodies = (base_name, *bodies)
         data["B"], data["M"] = np.stack([np.eye(4), *data["B"]]), np.stack([_base_inertia(base), *data["M"]])
         carriers, moved = (-1, *(p + 1 for p in carriers)), tuple(i + 1 for i in moved)
@@ -67,12 +67,12 @@ def from_screws(
         bodies=bodies,
         joints=coordinates if G is None else _check_names(None, nc, "joints", "joint"),
         coordinates=coordinates,
-        limits=checked_limits(limits, nc),
+        limits=check_limits(limits, nc),
         drives=_check_drives(drives, nc),
         floats=base is not None,
         name=_check_text(name, "name"),
     )
-    positions(built)  # refuses joints of several screws that are none
+    multiscrew_joints(built)  # refuses joints of several screws that are none
     return with_exact_integers(built) if any(map(is_symbolic, built.arrays.values())) else built
 
 
@@ -80,10 +80,10 @@ def _check_owners(given: Sequence[int] | None, nb: int) -> tuple[int, ...]:
     """The body that each joint variable moves: each body has some, in the order of the bodies."""
     if given is None:
         return tuple(range(nb))
-    numbers = several(given)
+    numbers = as_list(given)
     if not all(is_finite(i) for i in numbers) or sorted(set(numbers)) != list(range(nb)) or sorted(numbers) != numbers:
         expected = f"the bodies 0 .. {nb - 1} that the screws move, in order"
-        raise JounceError(f"owners is {quoted(given)}; expected {expected}")
+        raise JounceError(f"owners is {quote_value(given)}; expected {expected}")
     return tuple(map(int, numbers))
 
 
@@ -122,7 +122,7 @@ def _copy_data(x: Array, label: str) -> np.ndarray:
     try:
         return np.array(array if isinstance(array, np.ndarray) else np.asarray(array, dtype=np.float64))
     except Exception as error:  # such as a tracer of JAX
-        why = shortened(one_line(error))
+        why = shorten(one_line(error))
         raise JounceError(f"{label} is not concrete: {why}; a state may be traced, the robot's data may not") from None
 
 
@@ -190,7 +190,7 @@ def _check_drives(given: object, nb: int) -> Drives:
     if not isinstance(stated, Mapping):
         raise JounceError(f"drives is of type {type(given).__name__}; expected a mapping of {', '.join(UNDRIVEN)}")
     for key in stated:
-        one_of("drive", key, UNDRIVEN)
+        check_choice("drive", key, UNDRIVEN)
     whole = {key: np.full(nb, value) for key, value in UNDRIVEN.items()}
     arrays = {key: _copy_data(array, key) for key, array in (whole | dict(stated)).items()}
     for key, array in arrays.items():
@@ -205,27 +205,27 @@ def _check_drives(given: object, nb: int) -> Drives:
 def _check_parents(parent: Sequence[int] | None, nb: int) -> tuple[int, ...]:
     if parent is None:
         return tuple(range(-1, nb - 1))
-    numbers = several(parent)
+    numbers = as_list(parent)
     if len(numbers) != nb:
-        raise JounceError(f"parent is {quoted(parent)}; expected {nb} indices, one for each body")
+        raise JounceError(f"parent is {quote_value(parent)}; expected {nb} indices, one for each body")
     for i, p in enumerate(numbers):
         if not is_finite(p) or p not in range(-1, i):
             earlier = f" or an earlier body, 0 .. {i - 1}" if i else ""
-            raise JounceError(f"parent[{i}] = {quoted(p)}; expected -1 (the ground){earlier}")
+            raise JounceError(f"parent[{i}] = {quote_value(p)}; expected -1 (the ground){earlier}")
     return tuple(map(int, numbers))
 
 
 def _check_text(name: object, label: str) -> str:
     if not isinstance(name, str):
-        raise JounceError(f"{label} is {quoted(name)}; expected a text")
+        raise JounceError(f"{label} is {quote_value(name)}; expected a text")
     return name
 
 
 def _check_names(given: Sequence[str] | None, count: int, label: str, stem: str) -> tuple[str, ...]:
     if given is None:
         return tuple(f"{stem}{i + 1}" for i in range(count))
-    names = several(given)
+    names = as_list(given)
     texts = not isinstance(given, str) and all(isinstance(x, str) for x in names)
     if not texts or not len(names) == len(set(names)) == count:
-        raise JounceError(f"{label} is {quoted(given)}; expected {count} different texts")
+        raise JounceError(f"{label} is {quote_value(given)}; expected {count} different texts")
     return tuple(names)

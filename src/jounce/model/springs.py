@@ -13,10 +13,10 @@ from typing import Any, Self
 
 import numpy as np
 
-from jounce.core.errors import JounceError, at, one_line, quoted
+from jounce.core.errors import JounceError, locate_errors, one_line, quote_value
 from jounce.core.scalars import Array, is_finite, is_numeric
 from jounce.core.typing import ArrayLike
-from jounce.model.functions import evaluate
+from jounce.model.series_functions import evaluate
 from jounce.program.program import Program
 from jounce.program.trace import Tape
 from jounce.spatial.series import Series
@@ -88,7 +88,7 @@ class CubicSpring(Spring):
     def __post_init__(self) -> None:
         if not (is_finite(self.k) and is_finite(self.k3) and (self.k > 0 or (self.k == 0 and self.k3 > 0))):
             expected = "a stiffness k above 0, in N m/rad or N/m, and a finite k3; or k=0 with k3 above 0"
-            raise JounceError(f"CubicSpring(k={quoted(self.k)}, k3={quoted(self.k3)}): expected {expected}")
+            raise JounceError(f"CubicSpring(k={quote_value(self.k)}, k3={quote_value(self.k3)}): expected {expected}")
 
     @property
     def has_fixed_steps(self) -> bool:
@@ -190,15 +190,15 @@ class SpringFunction(Spring):
         return deflection / 2 * (force @ weights)
 
 
-def spring_of(given: object, label: str) -> Spring:
+def read_spring(given: object, label: str) -> Spring:
     """A spring that a caller gives: as one, or as a function of the deflection."""
     if isinstance(given, Spring):
         return given
     if callable(given):
-        with at(label):
+        with locate_errors(label):
             return SpringFunction.of(given)
     expected = "a CubicSpring, a SpringTable or a function of the deflection"
-    raise JounceError(f"{label} is {quoted(given)}; expected {expected}")
+    raise JounceError(f"{label} is {quote_value(given)}; expected {expected}")
 
 
 @dataclass(frozen=True)

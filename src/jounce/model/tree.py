@@ -14,20 +14,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce.core.errors import JounceError, at, listed, no_such, quoted, shortened, warn
+from jounce.core.errors import JounceError, join_names, locate_errors, quote_value, shorten, unknown_name_error, warn
+from jounce.model.body_count import check_size
 from jounce.model.drives import UNDRIVEN
 from jounce.model.frame import Frame
 from jounce.model.links import FREE_JOINT_GROUPS, Joint, Link, Mimic, check_numbers, index_by_name, outward_order
 from jounce.model.mechanism import Mechanism
 from jounce.model.screws import from_screws
-from jounce.model.size import check_size
-from jounce.model.stated import limits_of_joints
+from jounce.model.stated_limits import limits_of_joints
 from jounce.spatial import inertia
 
-__all__ = ["FREE_JOINT_GROUPS", "Joint", "Link", "Mimic", "check_base", "mechanism"]
+__all__ = ["FREE_JOINT_GROUPS", "Joint", "Link", "Mimic", "build_mechanism", "check_base"]
 
 
-def mechanism(
+def build_mechanism(
     links: Sequence[Link],
     joints: Sequence[Joint],
     gravity: object,
@@ -49,7 +49,7 @@ def mechanism(
     check_numbers(links, joints)
     ordered = outward_order(by_name, joints)
     floating = None
-    with at(file):
+    with locate_errors(file):
         check_base(base)
         if base == "floating":
             root = floating = _floating_link(by_name, ordered, root, world)
@@ -66,7 +66,7 @@ def mechanism(
         cure = " or base='floating', by which the base moves freely" if base is None and by_name else ""
         raise JounceError(f"{file}: no movable joint among {stated}; expected at least one{cure}")
 
-    with at(file):
+    with locate_errors(file):
         check_size(len(movable))
     frames = {link: Frame(link, -1, np.eye(4)) for link in by_name}  # the roots stand on the ground, or are the base
     parent: list[Frame] = []
@@ -81,12 +81,14 @@ def mechanism(
     for link, frame in frames.items():
         M[frame.body] += inertia.shift_inertia(by_name[link].M, frame.T)
     if floating is not None and not M[-1].any():
-        warn(f"{file}: base {quoted(floating)} has no inertia, nor has a link fixed to it; root= names another link")
+        warn(
+            f"{file}: base {quote_value(floating)} has no inertia, nor has a link fixed to it; root= names another link"
+        )
 
     G, g, coordinates = _coordinates(movable, ordered, joints)
     variables = [(joint, name, i) for i, joint in enumerate(movable) for name in joint.variables]
     bodies = tuple(joint.child for joint in movable)
-    with at(file):
+    with locate_errors(file):
         built = from_screws(
             np.stack([carrier.T @ joint.B for carrier, joint in zip(parent, movable, strict=True)]),
             np.concatenate([joint.screws for joint in movable]),
@@ -118,7 +120,7 @@ def _start_at(
 ) -> tuple[dict[str, Link], list[Joint]]:
     """Return the links and joints from a link outward, in the file's order."""
     if not isinstance(root, str) or root not in links:
-        raise JounceError(f"{file}: {no_such('link', root, links)}")
+        raise JounceError(f"{file}: {unknown_name_error('link', root, links)}")
     carried, kept = {root}, []
     for joint in ordered:
         if joint.parent in carried:
@@ -132,7 +134,7 @@ def _floating_link(links: Mapping[str, Link], ordered: Sequence[Joint], root: st
     if root is None:
         root = _free_link(links, ordered)
     if root == world:
-        ground = f"{quoted(world)} is the ground, and no free joint stands on it"
+        ground = f"{quote_value(world)} is the ground, and no free joint stands on it"
         raise JounceError(f"base='floating': {ground}; expected root=, the link that floats")
     return root
 
@@ -142,12 +144,12 @@ def _free_link(links: Mapping[str, Link], ordered: Sequence[Joint]) -> str:
     roots, moving = _roots(links, ordered), _joints_on_ground(links, ordered)
     floating = [joint.child for joint in moving if joint.free == "floating"]
     if floating and len(moving) > 1:
-        came = f"{len(moving)} links move on the ground, {listed(joint.child for joint in moving)}"
+        came = f"{len(moving)} links move on the ground, {join_names(joint.child for joint in moving)}"
         raise JounceError(f"base='floating': {came}; expected root=, the one that floats: {' or '.join(floating)}")
     if not roots:
         raise JounceError("base='floating': no links; expected at least one")
     if not floating and len(roots) > 1:
-        came = f"{len(roots)} root links, {listed(roots)}"
+        came = f"{len(roots)} root links, {join_names(roots)}"
         raise JounceError(f"base='floating': {came}; expected root=, the one that floats")
     return (floating or roots)[0]
 
@@ -172,7 +174,7 @@ def check_base(base: object) -> None:
     """Raise `JounceError` unless a base is left out, fixed or floating."""
     if base is not None and not (isinstance(base, str) and base in ("fixed", "floating")):
         known = "'floating', whose base link moves freely, or 'fixed', which welds free joints"
-        raise JounceError(f"base is {quoted(base)}; expected {known}")
+        raise JounceError(f"base is {quote_value(base)}; expected {known}")
 
 
 def _weld_free_joints(links: Mapping[str, Link], ordered: Sequence[Joint], base: str | None, file: str) -> list[Joint]:
@@ -183,12 +185,12 @@ def _weld_free_joints(links: Mapping[str, Link], ordered: Sequence[Joint], base:
     moving = _joints_on_ground(links, ordered)
     floating = [joint for joint in moving if joint.free == "floating"]
     if base == "fixed" and floating:
-        warn(f"{file}: base='fixed' welds at zero: {listed(f'{joint.name} ({joint.free})' for joint in floating)}")
+        warn(f"{file}: base='fixed' welds at zero: {join_names(f'{joint.name} ({joint.free})' for joint in floating)}")
         return [replace(joint, free=None, X=None) if joint in floating else joint for joint in ordered]
     if base is None and len(moving) == len(floating) == 1 < len(_movable_joints(ordered)):
         [joint] = floating
         ways = "base='floating', base='fixed' to weld it at its zero pose, or root= to start at another link"
-        raise JounceError(f"{joint.place}: joint {quoted(joint.name)} is floating; expected {ways}")
+        raise JounceError(f"{joint.place}: joint {quote_value(joint.name)} is floating; expected {ways}")
     return list(ordered)
 
 
@@ -208,15 +210,15 @@ def _coordinates(
         factor, offset, followed = 1.0, 0.0, [joint.name]
         while (mimic := known[followed[-1]].mimic) is not None:
             if mimic.joint not in known:
-                named = f"mimic of {quoted(followed[-1])}"
-                raise JounceError(f"{joint.place}: {named}: {no_such('joint', mimic.joint, known)}")
+                named = f"mimic of {quote_value(followed[-1])}"
+                raise JounceError(f"{joint.place}: {named}: {unknown_name_error('joint', mimic.joint, known)}")
             if mimic.joint in followed:
-                circle = " -> ".join(map(shortened, [*followed, mimic.joint]))
+                circle = " -> ".join(map(shorten, [*followed, mimic.joint]))
                 raise JounceError(f"{joint.place}: joints mimic each other in a cycle: {circle}")
             leader = known[mimic.joint]
             single = leader.X is not None and not leader.free
             if not (single and mimic.joint in kept):
-                both = f"joint {quoted(followed[-1])} mimics {quoted(mimic.joint)}"
+                both = f"joint {quote_value(followed[-1])} mimics {quote_value(mimic.joint)}"
                 state = "excluded by root=" if single else leader.free or "fixed"
                 raise JounceError(f"{joint.place}: {both}, which is {state}")
             factor, offset = factor * mimic.multiplier, offset + factor * mimic.offset

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from jounce.motion.base import with_blocks
-from jounce.motion.curves import OfCurve, Smooth
-from jounce.spatial.series import Series, columns, from_rate, joined
+from jounce.motion.curves import DerivedCurve, SmoothCurve
+from jounce.spatial.series import Series, column_series, from_rate, join_series
 
 POWER_SERIES_RADIUS = 1.0  # of z, rad, below which the power series is used
 POWER_SERIES_TERMS = 10  # the next one is less than 1e-18
@@ -50,7 +50,7 @@ class Terms:
 
 
 @dataclass(frozen=True)
-class Analytic(Smooth):
+class AnalyticCurve(SmoothCurve):
     """Coordinates in closed form from one time to another."""
 
     terms: tuple[Terms, ...]
@@ -73,7 +73,7 @@ class Analytic(Smooth):
 
 
 @dataclass(frozen=True, eq=False)
-class Exponential(OfCurve, Smooth):
+class ExponentialCurve(DerivedCurve, SmoothCurve):
     """A smooth curve whose columns at some places are exponential coordinates, as one of quaternions (x, y, z, w).
 
     A place of one column is an angle, of which cosine and sine are made.
@@ -89,21 +89,21 @@ class Exponential(OfCurve, Smooth):
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
         """The values and their derivatives up to `order`."""
         rates = self.base.rates(t, order, left)
-        turned = [_turned([rate[:, place] for rate in rates]) for place in self.turns]
+        turned = [_exponentiate([rate[:, place] for rate in rates]) for place in self.turns]
         parts = (with_blocks(rate.T, self.turns, [Q[k].T for Q in turned]) for k, rate in enumerate(rates))
         return [np.concatenate(part).T for part in parts]
 
 
-def _turned(rates: list[np.ndarray]) -> list[np.ndarray]:
+def _exponentiate(rates: list[np.ndarray]) -> list[np.ndarray]:
     """The quaternion, or cosine and sine, of exponential coordinates (N, 3) or (N, 1), with as many rates."""
-    x, part = columns(rates), 1 / 2 if rates[0].shape[1] == 3 else 1.0
+    x, part = column_series(rates), 1 / 2 if rates[0].shape[1] == 3 else 1.0
     s, z = x.mT @ x, part * np.linalg.norm(rates[0], axis=1)[:, None, None]
 
     @cache
     def u(k: int) -> Series:
         return from_rate(_bessel(k, z), lambda _: u(k + 1) @ s.dot * (-part * part / 2))
 
-    Q = joined([x @ u(1) * part, u(0)][:: 1 if part < 1 else -1], axis=-2)
+    Q = join_series([x @ u(1) * part, u(0)][:: 1 if part < 1 else -1], axis=-2)
     return [Q[k][..., 0] for k in range(len(rates))]
 
 

@@ -17,8 +17,8 @@ from jounce.model.positions import Position
 from jounce.motion.curves import Curve
 from jounce.spatial.groups import FREE, Group
 from jounce.spatial.lie import hat
-from jounce.spatial.linear import solved
-from jounce.spatial.series import SUFFIX, columns, from_rate, joined
+from jounce.spatial.linear import solve_series
+from jounce.spatial.series import RATE_SUFFIX, column_series, from_rate, join_series
 
 POSE_COLUMNS = ("x", "y", "z", "qw", "qx", "qy", "qz")  # of a base, in files
 BASE_COLUMNS = tuple(f"base.{column}" for column in POSE_COLUMNS)
@@ -26,19 +26,19 @@ UNIT_NORM_TOLERANCE = 1e-3  # rounding to three digits leaves no norm of a quate
 MIN_QUATERNION_NORM = 0.1  # nearer to zero the curve of a quaternion has no direction
 FREE_JOINT_PLACES = [0, 1, 2, 4, 5, 6, 3]  # of the numbers of a free joint, whose qw is last, among those of a base
 
-Terms = tuple[np.ndarray, ...]  # C, V, Vd, ...
+BaseTerms = tuple[np.ndarray, ...]  # C, V, Vd, ...
 
 
-def terms_at(curve: Curve, t: np.ndarray, order: int, left: bool = False) -> Terms:
+def evaluate_base(curve: Curve, t: np.ndarray, order: int, left: bool = False) -> BaseTerms:
     """C, V, Vd, ... at times (N,) of a curve of seven columns, with as many terms as the rates of the curve."""
     rates = curve.rates(t, order, left)
-    check_length(rates[0][:, 3:], t, "the quaternion of the base")
-    return motion_of(rates)
+    check_norms(rates[0][:, 3:], t, "the quaternion of the base")
+    return compute_base_motion(rates)
 
 
-def perturbed(
-    curve: Curve, t: np.ndarray, order: int, meaning: Callable[[Sequence[np.ndarray]], Terms]
-) -> Iterator[Terms]:
+def perturb_rates(
+    curve: Curve, t: np.ndarray, order: int, meaning: Callable[[Sequence[np.ndarray]], BaseTerms]
+) -> Iterator[BaseTerms]:
     """What rates of a curve mean, each entry off by its standard deviation, one after the other; none if exact."""
     rates = curve.rates(t, order)
     for k, off in enumerate(curve.deviations(t, order) or ()):
@@ -46,7 +46,7 @@ def perturbed(
             yield meaning((*rates[:k], rates[k] + off * (np.arange(curve.columns) == j), *rates[k + 1 :]))
 
 
-def check_length(Q: np.ndarray, t: np.ndarray, what: str) -> None:
+def check_norms(Q: np.ndarray, t: np.ndarray, what: str) -> None:
     """Raise `JounceError` where quaternions (N, 4), or (N, 2) cosines and sines, are near zero, without direction."""
     norms = np.linalg.norm(Q, axis=1)
     near = np.flatnonzero(~(norms > MIN_QUATERNION_NORM))
@@ -56,31 +56,31 @@ def check_length(Q: np.ndarray, t: np.ndarray, what: str) -> None:
         raise JounceError(f"{what} has the norm {norms[i]:.2g} at t = {t[i]:g} s; expected {expected}")
 
 
-def motion_of(rates: Sequence[np.ndarray]) -> Terms:
+def compute_base_motion(rates: Sequence[np.ndarray]) -> BaseTerms:
     """C, V, Vd, ... from position and quaternion (N, 7) and their rates: as many terms as there are rates."""
     numbers = [rate[:, FREE_JOINT_PLACES] for rate in rates]
-    return (FREE.pose(numbers[0]), *twists(FREE, numbers))
+    return (FREE.pose(numbers[0]), *compute_twists(FREE, numbers))
 
 
-def twists(group: Group, rates: Sequence[np.ndarray]) -> Terms:
+def compute_twists(group: Group, rates: Sequence[np.ndarray]) -> BaseTerms:
     """nu, nu', ... (N, k) from numbers p of a kind of joint and their rates: one less than these."""
-    count, p = len(group.places), columns(rates)
+    count, p = len(group.places), column_series(rates)
     r, Q = p.map(lambda p: p[:, :count]), p.map(lambda p: p[:, count:])
     T = Q.map(lambda Q: group.turning(Q[..., 0]))
     squares = 4 if rates[0].shape[1] == count + 4 else 1  # T^T T = |Q|^2 / 4 of quaternions, |Q|^2 e e^T in a plane
-    w = solved(Q.mT @ Q, (T.mT @ Q.dot * squares).mT).mT
+    w = solve_series(Q.mT @ Q, (T.mT @ Q.dot * squares).mT).mT
     to_body = from_rate(group.turn(rates[0][:, count:]).mT, lambda RT: -(w.map(lambda w: hat(w[..., 0])) @ RT))
-    V = joined([w, to_body.map(lambda RT: RT[..., :count]) @ r.dot], axis=-2)
+    V = join_series([w, to_body.map(lambda RT: RT[..., :count]) @ r.dot], axis=-2)
     return tuple(V[k][:, list(group.axes), 0] for k in range(len(rates) - 1))
 
 
-def numbers_of(group: Group, p: np.ndarray, nu: Sequence[np.ndarray]) -> Terms:
+def compute_numbers(group: Group, p: np.ndarray, nu: Sequence[np.ndarray]) -> BaseTerms:
     """p', p'', ... (N, numbers) of a kind of joint at its numbers p, from its velocities nu, nu', ... (N, k)."""
     count = len(group.places)
-    V = group.X @ columns(nu)
+    V = group.X @ column_series(nu)
     R = from_rate(group.turn(p[:, count:]), lambda R: R @ V.map(lambda V: hat(V[:, :3, 0])))
     Q = from_rate(p[:, count:, None], lambda Q: Q.map(lambda Q: group.turning(Q[..., 0])) @ V.map(lambda V: V[:, :3]))
-    rates = joined([(R @ V.map(lambda V: V[:, 3:])).map(lambda r: r[:, :count]), Q.dot], axis=-2)
+    rates = join_series([(R @ V.map(lambda V: V[:, 3:])).map(lambda r: r[:, :count]), Q.dot], axis=-2)
     return tuple(rates[k][..., 0] for k in range(len(nu)))
 
 
@@ -93,17 +93,17 @@ def with_blocks(row: Any, places: Sequence[slice], blocks: Sequence[Any]) -> lis
     return [*parts, row[start:]]
 
 
-def states_of(joints: Sequence[Position], rates: Sequence[np.ndarray]) -> Terms:
+def compute_states(joints: Sequence[Position], rates: Sequence[np.ndarray]) -> BaseTerms:
     """q, nu, nu', ... from numbers (N, nq) and their rates: velocities (N, n) of such joints are twists."""
     if not joints:
         return tuple(rates)
-    nu = [twists(joint.group, [rate[:, joint.numbers] for rate in rates]) for joint in joints]
+    nu = [compute_twists(joint.group, [rate[:, joint.numbers] for rate in rates]) for joint in joints]
     places = [joint.numbers for joint in joints]
     parts = (with_blocks(rate.T, places, [x[k].T for x in nu]) for k, rate in enumerate(rates[1:]))
     return (rates[0], *(np.concatenate(part).T for part in parts))
 
 
-def turned_along(
+def align_quaternions(
     columns: Mapping[str, np.ndarray], names: Sequence[str], sampled: bool, unit: bool = False
 ) -> tuple[dict[str, np.ndarray], list[str]]:
     """Columns with those of a quaternion, or of cosine and sine, and their rates made neighbours; and notes.
@@ -122,7 +122,7 @@ def turned_along(
     if sampled and (np.abs(norms - 1) > UNIT_NORM_TOLERANCE).any():
         notes.append(f"{what}: of norm {norms.min():.4g} to {norms.max():.4g}, made 1")
     factors = signs / norms if sampled else signs
-    rates = re.compile(rf"({'|'.join(map(re.escape, names))}){SUFFIX}")
+    rates = re.compile(rf"({'|'.join(map(re.escape, names))}){RATE_SUFFIX}")
     return {name: x * factors if rates.fullmatch(name) else x for name, x in columns.items()}, notes
 
 

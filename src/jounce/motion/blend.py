@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce.core.errors import JounceError
-from jounce.motion.curves import INNER_SHARES, Curve, Jump, OfCurve, jumps_at
-from jounce.motion.hermite import between
+from jounce.motion.curves import INNER_SHARES, Curve, DerivedCurve, Jump, find_jumps
+from jounce.motion.hermite import interpolate_hermite
 
 BLEND_POINTS = 257  # at which its distance from the curve is measured; odd: the break is one of them
 
 
 @dataclass(frozen=True, eq=False)
-class Windows:
+class BlendWindows:
     """Where one column is replaced: from `start` to `stop` (m,), by polynomials with these rates (k, m) there."""
 
     start: np.ndarray
@@ -34,10 +34,10 @@ class Windows:
 
 
 @dataclass(frozen=True, eq=False)
-class Blend(OfCurve):
+class Blend(DerivedCurve):
     """A curve `base`, of which every column has windows of its own; none where it has no break."""
 
-    windows: tuple[Windows | None, ...]
+    windows: tuple[BlendWindows | None, ...]
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
         """The values and their derivatives up to `order`."""
@@ -48,7 +48,7 @@ class Blend(OfCurve):
             at, i = windows.which(t, left)
             h = (windows.stop[i] - windows.start[i])[:, None]
             u = (t[at] - windows.start[i])[:, None] / h
-            for whole, rate in zip(found, between(*windows.ends(i), h, u, order), strict=True):
+            for whole, rate in zip(found, interpolate_hermite(*windows.ends(i), h, u, order), strict=True):
                 whole[at, j] = rate[:, 0]
         return found
 
@@ -62,7 +62,7 @@ class Blend(OfCurve):
                 spans = windows.stop - windows.start
                 inside = np.concatenate([windows.start + share * spans for share in INNER_SHARES])
                 within = [rate[:, [j]] for rate in self.rates(inside, order)]
-                found += [jump._replace(column=j) for jump in jumps_at(t, before, after, np.tile(spans, 2), within)]
+                found += [jump._replace(column=j) for jump in find_jumps(t, before, after, np.tile(spans, 2), within)]
         return sorted(found)
 
     def _replaces(self, jump: Jump) -> bool:
@@ -70,7 +70,7 @@ class Blend(OfCurve):
         return windows is not None and windows.which(np.array([jump.t]), False)[0].size > 0
 
 
-def blended(base: Curve, time: float, continuity: int, names: Sequence[str]) -> tuple[Blend, np.ndarray]:
+def blend_curve(base: Curve, time: float, continuity: int, names: Sequence[str]) -> tuple[Blend, np.ndarray]:
     """A curve with polynomials of a duration in place of its breaks, C^continuity, and how far it moves (columns,)."""
     times: list[list[float]] = [[] for _ in names]
     for jump in base.jumps(continuity):
@@ -79,9 +79,9 @@ def blended(base: Curve, time: float, continuity: int, names: Sequence[str]) -> 
     for j, (name, of) in enumerate(zip(names, times, strict=True)):
         if of:
             _check_gaps(base, np.unique(of), time, name)
-        windows.append(_windows(base, j, np.unique(of), time, continuity) if of else None)
+        windows.append(_make_windows(base, j, np.unique(of), time, continuity) if of else None)
     blend = Blend(base, tuple(windows))
-    distances = [0.0 if column is None else _distance(blend, column, j) for j, column in enumerate(windows)]
+    distances = [0.0 if column is None else _measure_distance(blend, column, j) for j, column in enumerate(windows)]
     return blend, np.array(distances)
 
 
@@ -101,15 +101,15 @@ def _check_gaps(base: Curve, t: np.ndarray, time: float, name: str) -> None:
         )
 
 
-def _windows(base: Curve, j: int, t: np.ndarray, time: float, continuity: int) -> Windows:
+def _make_windows(base: Curve, j: int, t: np.ndarray, time: float, continuity: int) -> BlendWindows:
     start, stop = np.maximum(t - time / 2, base.start), np.minimum(t + time / 2, base.stop)
     left, right = (
         np.array([rate[:, j] for rate in base.rates(x, continuity, side)]) for x, side in ((start, True), (stop, False))
     )
-    return Windows(start, stop, left, right)
+    return BlendWindows(start, stop, left, right)
 
 
-def _distance(blend: Blend, windows: Windows, j: int) -> float:
+def _measure_distance(blend: Blend, windows: BlendWindows, j: int) -> float:
     """The largest distance of a blend from its curve: at the points, and what the curvature allows between them."""
     u = np.linspace(0, 1, BLEND_POINTS)
     t = windows.start[:, None] + (windows.stop - windows.start)[:, None] * u

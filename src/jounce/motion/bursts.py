@@ -10,8 +10,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from jounce.motion.choice import Part
-from jounce.motion.knots import MIN_MEAN_SAMPLES, fitted, usual_length
+from jounce.motion.knot_selection import DensePart
+from jounce.motion.knots import MIN_MEAN_SAMPLES, fit_breaks, median_length
 from jounce.motion.samples import Samples
 from jounce.motion.vibrations import BAND_TO_LINE, Line
 
@@ -26,14 +26,16 @@ MIN_BURST_STEPS = 0.6  # of an encoder: a joint that stays between two steps has
 
 def find_bursts(samples: Samples, breaks: np.ndarray, cells: int) -> list[Line]:
     """The bursts of each joint that a spline with these breaks does not follow to the ends of their flanks."""
-    usual = usual_length(breaks)
-    even = fitted(samples.rows(cells), np.linspace(*samples.span, round(np.ptp(samples.span) / usual) + 1)).spline
+    usual = median_length(breaks)
+    even = fit_breaks(samples.rows(cells), np.linspace(*samples.span, round(np.ptp(samples.span) / usual) + 1)).spline
     residual, lowest = samples.q - even(samples.t), MIN_FREQUENCY_TO_BAND / 2 / usual
-    found = (line for joint in range(samples.q.shape[1]) for line in _bursts_of(samples, residual, joint, lowest))
+    found = (
+        line for joint in range(samples.q.shape[1]) for line in _find_joint_bursts(samples, residual, joint, lowest)
+    )
     return [line for line in found if not is_followed(line, breaks)]
 
 
-def with_flanks(burst: Line, span: tuple[float, float]) -> Part:
+def with_flanks(burst: Line, span: tuple[float, float]) -> DensePart:
     """From when to when a spline is to follow a burst, and with intervals of what length at most."""
     start, end = np.clip(burst.reach, *span).tolist()
     return start, end, 1 / (2 * BAND_TO_LINE * burst.frequency)
@@ -46,7 +48,7 @@ def is_followed(burst: Line, breaks: np.ndarray) -> bool:
     return bool((np.diff(breaks)[over] < 1.01 * longest).all())
 
 
-def _bursts_of(samples: Samples, residual: np.ndarray, joint: int, lowest: float) -> Iterator[Line]:
+def _find_joint_bursts(samples: Samples, residual: np.ndarray, joint: int, lowest: float) -> Iterator[Line]:
     count, step = len(samples.t), float(samples.steps[joint])
     t = np.linspace(samples.t[0], samples.t[-1], count)
     row = t[1] - t[0]
@@ -55,7 +57,7 @@ def _bursts_of(samples: Samples, residual: np.ndarray, joint: int, lowest: float
     marked, frequency, amplitude = np.zeros(count, bool), np.zeros(count), np.zeros(count)
     for length in (length for length in BURST_PART_ROWS if count >= MIN_PARTS_OF_LOG * length):
         shorter = marked.copy()  # these have better times
-        for start, at, size in _standing_out(even, np.arange(0, count - length + 1, length // 2), length, step):
+        for start, at, size in _find_part_lines(even, np.arange(0, count - length + 1, length // 2), length, step):
             part = slice(start, start + length)
             if lowest < at / (length * row) < highest and size > MIN_BURST_STEPS * step and not shorter[part].any():
                 marked[part] = True
@@ -66,7 +68,7 @@ def _bursts_of(samples: Samples, residual: np.ndarray, joint: int, lowest: float
         yield Line(joint, highest, largest, (float(t[first]), float(t[last - 1])))
 
 
-def _standing_out(even: np.ndarray, starts: np.ndarray, length: int, step: float) -> list[tuple[int, int, float]]:
+def _find_part_lines(even: np.ndarray, starts: np.ndarray, length: int, step: float) -> list[tuple[int, int, float]]:
     """Starts, bins and amplitudes of the largest lines of parts of evenly spaced residuals, where they stand out.
 
     Powers of white noise are exponentially distributed: one in N is more than ln N / ln 2 medians.

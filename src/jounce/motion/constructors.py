@@ -4,18 +4,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jounce.core.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import asarray
-from jounce.motion.analytic import Analytic, Cosine, Terms
+from jounce.motion.analytic import AnalyticCurve, Cosine, Terms
 from jounce.motion.curves import DEFAULT_ORDER, Curve, Polynomials
-from jounce.motion.smoothed import found_from
-from jounce.motion.spline import Sampled, Smoothing, Spline
+from jounce.motion.sample_curves import fit_curve
+from jounce.motion.spline import SampledColumns, Smoothing, Spline
 from jounce.motion.units import warn_of_times
 
 PLACE = "the motion"
 
 
-class Parts(NamedTuple):
+class MotionParts(NamedTuple):
     """What a motion is made of: a curve, the names of its coordinates, its source; see `Motion`."""
 
     curve: Curve
@@ -27,57 +27,63 @@ class Parts(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-def through(t: Any, q: Any, way: Smoothing | Spline, joint_names: Any) -> Parts:
+def from_samples(t: Any, q: Any, way: Smoothing | Spline, joint_names: Any) -> MotionParts:
     """A curve of samples: through all of them, fitted by least squares, or smoothed."""
-    times, samples = numbers(t, "t", 1), numbers(q, "q", 2)
+    times, samples = as_finite_array(t, "t", 1), as_finite_array(q, "q", 2)
     if len(times) != len(samples):
         raise JounceError(f"t has {len(times)} times and q {len(samples)} rows; expected as many")
     check_increasing(times, "t")
-    names = checked_names(joint_names, samples.shape[1])
+    names = check_joint_names(joint_names, samples.shape[1])
     warn_of_times(times, samples, PLACE)
-    found = found_from(Sampled(times, samples, DEFAULT_ORDER, PLACE, names), way)
-    return Parts(found.curve, names, found.source, (times, samples), found.residual, times, found.notes)
+    found = fit_curve(SampledColumns(times, samples, DEFAULT_ORDER, PLACE, names), way)
+    return MotionParts(found.curve, names, found.source, (times, samples), found.residual, times, found.notes)
 
 
-def polynomial(coefficients: Any, duration: Any, start: Any, joint_names: Any) -> Parts:
+def from_polynomials(coefficients: Any, duration: Any, start: Any, joint_names: Any) -> MotionParts:
     """Polynomials in t - start, coefficients (n, degree + 1) with the lowest power first."""
-    c, first = numbers(coefficients, "coefficients", 2), float(numbers(start, "start", 0))
-    ends = np.array([first, first + _positive(duration, "duration")])
+    c, first = as_finite_array(coefficients, "coefficients", 2), float(as_finite_array(start, "start", 0))
+    ends = np.array([first, first + _positive_number(duration, "duration")])
     check_increasing(ends, "start and end")
     curve = Polynomials(ends, np.ascontiguousarray(c.T[::-1, None, :]))
-    return Parts(curve, checked_names(joint_names, len(c)), "polynomials, all rates exact")
+    return MotionParts(curve, check_joint_names(joint_names, len(c)), "polynomials, all rates exact")
 
 
-def fourier(
+def from_fourier_series(
     offset: Any, cosines: Any, sines: Any, frequency: Any, duration: Any, start: Any, joint_names: Any
-) -> Parts:
+) -> MotionParts:
     """offset + sum_k cosines[k] cos((k + 1) frequency t) + sines[k] sin((k + 1) frequency t)."""
-    mean, a, b = numbers(offset, "offset", 1), numbers(cosines, "cosines", 2), numbers(sines, "sines", 2)
+    mean, a, b = (
+        as_finite_array(offset, "offset", 1),
+        as_finite_array(cosines, "cosines", 2),
+        as_finite_array(sines, "sines", 2),
+    )
     for name, part in (("cosines", a), ("sines", b)):
         if part.shape[1] != len(mean):
             raise JounceError(f"{name} has shape {part.shape}; expected (harmonics, {len(mean)}), as offset has joints")
-    w, first = _positive(frequency, "frequency"), float(numbers(start, "start", 0))
+    w, first = _positive_number(frequency, "frequency"), float(as_finite_array(start, "start", 0))
     terms = []
     for j, constant in enumerate(mean.tolist()):
         waves = [Cosine(x, k * w, 0.0) for k, x in enumerate(a[:, j].tolist(), 1)]
         waves += [Cosine(x, k * w, -np.pi / 2) for k, x in enumerate(b[:, j].tolist(), 1)]
         terms.append(Terms((constant,), tuple(waves)))
-    curve = Analytic(tuple(terms), first, first + _positive(duration, "duration"))
-    return Parts(curve, checked_names(joint_names, len(mean)), "Fourier series, all rates exact")
+    curve = AnalyticCurve(tuple(terms), first, first + _positive_number(duration, "duration"))
+    return MotionParts(curve, check_joint_names(joint_names, len(mean)), "Fourier series, all rates exact")
 
 
-def piecewise(breaks: Any, coefficients: Any, joint_names: Any) -> Parts:
+def from_pieces(breaks: Any, coefficients: Any, joint_names: Any) -> MotionParts:
     """Piecewise polynomials as scipy's PPoly has them."""
-    x, c = numbers(breaks, "breaks", 1), numbers(coefficients, "coefficients", 3)
+    x, c = as_finite_array(breaks, "breaks", 1), as_finite_array(coefficients, "coefficients", 3)
     check_increasing(x, "breaks")
     if c.shape[1] != len(x) - 1 or not c.shape[0]:
         came = f"coefficients has shape {c.shape} for {len(x)} breaks"
         raise JounceError(f"{came}; expected (degree + 1, {max(len(x) - 1, 1)}, n), the highest power first")
     warn_of_times(x[:-1], c[-1], PLACE)  # the lowest coefficients are the values at the breaks
-    return Parts(Polynomials(x, c), checked_names(joint_names, c.shape[2]), "piecewise polynomials, all rates exact")
+    return MotionParts(
+        Polynomials(x, c), check_joint_names(joint_names, c.shape[2]), "piecewise polynomials, all rates exact"
+    )
 
 
-def checked_names(given: Any, count: int) -> tuple[str, ...] | None:
+def check_joint_names(given: Any, count: int) -> tuple[str, ...] | None:
     """The names of coordinates that a caller gives, or None."""
     if given is None:
         return None
@@ -86,7 +92,7 @@ def checked_names(given: Any, count: int) -> tuple[str, ...] | None:
     except Exception:  # whatever a foreign type raises
         names = []
     if len(names) != count or not all(isinstance(name, str) for name in names) or len(set(names)) != count:
-        raise JounceError(f"joint_names is {quoted(given)}; expected {count} different names, one for each joint")
+        raise JounceError(f"joint_names is {quote_value(given)}; expected {count} different names, one for each joint")
     return tuple(names)
 
 
@@ -102,20 +108,20 @@ def check_increasing(t: np.ndarray, what: str) -> None:
         )
 
 
-def numbers(given: Any, what: str, axes: int) -> np.ndarray:
+def as_finite_array(given: Any, what: str, axes: int) -> np.ndarray:
     """Finite numbers in an array of some axes, which is not empty along the last."""
     array = np.asarray(asarray(given, what))
     is_float = array.dtype.kind == "f" and np.asarray(given).dtype.kind != "b"
     if not is_float or array.ndim != axes or 0 in array.shape[-1:]:
         shape = ("a number", "an array (N,)", "an array (N, n)", "an array (degree + 1, pieces, n)")[axes]
-        raise JounceError(f"{what} is {quoted(given)}; expected {shape} of numbers")
+        raise JounceError(f"{what} is {quote_value(given)}; expected {shape} of numbers")
     if not np.isfinite(array).all():
         raise JounceError(f"{what} holds {array[~np.isfinite(array)].flat[0]}; expected finite numbers")
     return array.astype(float)
 
 
-def _positive(given: Any, what: str) -> float:
-    number = float(numbers(given, what, 0))
+def _positive_number(given: Any, what: str) -> float:
+    number = float(as_finite_array(given, what, 0))
     if number <= 0:
         raise JounceError(f"{what} is {number:g}; expected a number > 0")
     return number

@@ -52,7 +52,7 @@ class Curve(Protocol):
         """The standard deviations of the values and derivatives; None where they are exact."""
 
 
-class Smooth:
+class SmoothCurve:
     """What a curve has that is exact and without jumps, where it does not say otherwise."""
 
     def jumps(self, order: int) -> list[Jump]:
@@ -65,7 +65,7 @@ class Smooth:
 
 
 @dataclass(frozen=True, eq=False)
-class OfCurve:
+class DerivedCurve:
     """What a curve that is made of another one, its `base`, has from it, where it does not say otherwise."""
 
     base: Curve
@@ -113,7 +113,7 @@ class OfCurve:
 
 
 @dataclass(frozen=True, eq=False)
-class Arranged(OfCurve):
+class ArrangedCurve(DerivedCurve):
     """Some columns of a curve, times factors: column j is `factors[j]` times that of number `order[j]`, or 0 for -1."""
 
     order: np.ndarray
@@ -144,7 +144,7 @@ class Arranged(OfCurve):
         return np.pad(rate, ((0, 0), (0, 1)))[:, self.order]
 
 
-def jumps_at(
+def find_jumps(
     t: np.ndarray,
     before: Sequence[np.ndarray],
     after: Sequence[np.ndarray],
@@ -168,7 +168,7 @@ def jumps_at(
 
 
 @dataclass(frozen=True, eq=False)
-class Polynomials(Smooth):
+class Polynomials(SmoothCurve):
     """Piecewise polynomials, as scipy's PPoly: breakpoints x (m + 1,), coefficients c (degree + 1, m, columns).
 
     On the piece from x[i] to x[i + 1] the coefficients are those of powers of t - x[i], the highest power first.
@@ -196,24 +196,24 @@ class Polynomials(Smooth):
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
         """The values (N, columns) and their derivatives up to `order`."""
         piece = (np.searchsorted(self.x, t, side="left" if left else "right") - 1).clip(0, len(self.x) - 2)
-        return powers(self.c[:, piece], (t - self.x[piece])[:, None], order)
+        return evaluate_powers(self.c[:, piece], (t - self.x[piece])[:, None], order)
 
     def jumps(self, order: int) -> list[Jump]:
         """Where a derivative up to `order` jumps: between pieces that do not continue each other."""
         h = np.diff(self.x)
-        before = powers(self.c[:, :-1], h[:-1, None], order)
-        after = powers(self.c[:, 1:], np.zeros((len(h) - 1, 1)), order)
-        inside = (powers(self.c, share * h[:, None], order) for share in INNER_SHARES)
+        before = evaluate_powers(self.c[:, :-1], h[:-1, None], order)
+        after = evaluate_powers(self.c[:, 1:], np.zeros((len(h) - 1, 1)), order)
+        inside = (evaluate_powers(self.c, share * h[:, None], order) for share in INNER_SHARES)
         within = [np.concatenate(parts) for parts in zip(*inside, strict=True)]
-        return jumps_at(self.x[1:-1], before, after, np.maximum(h[:-1], h[1:]), within)
+        return find_jumps(self.x[1:-1], before, after, np.maximum(h[:-1], h[1:]), within)
 
 
-def rates_within(curve: Curve, order: int) -> list[np.ndarray]:
+def sample_rates(curve: Curve, order: int) -> list[np.ndarray]:
     """The values (points, columns) of a curve and their derivatives, at times between its ends."""
     return curve.rates(np.linspace(curve.start, curve.stop, CURVE_POINTS + 2)[1:-1], order)
 
 
-def powers(c: np.ndarray, s: np.ndarray, order: int) -> list[np.ndarray]:
+def evaluate_powers(c: np.ndarray, s: np.ndarray, order: int) -> list[np.ndarray]:
     """Polynomials with coefficients c (degree + 1, N, columns), highest power first, at s (N, 1), with derivatives."""
     found = []
     for _ in range(order + 1):

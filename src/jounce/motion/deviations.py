@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.motion.least_squares import Rows, Solution, basis, covariance_blocks, solve
+from jounce.motion.least_squares import SplineRows, SplineSolution, basis, covariance_blocks, solve
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -33,7 +33,7 @@ MAX_DEVIATION_ORDER = 6  # the highest derivative with a standard deviation
 
 
 @dataclass(frozen=True, eq=False)
-class StampCovariances:
+class TimestampCovariances:
     """Covariances (T, n, 7, 7), at times t (T,), of what is left of the stamps' scatter where they are corrected."""
 
     t: np.ndarray
@@ -47,14 +47,14 @@ class StampCovariances:
 
 
 @dataclass(frozen=True, eq=False)
-class Spread:
+class SplineCovariances:
     """Covariances of a least-squares spline: (B^T B)^-1, times a variance per interval and joint."""
 
-    solution: Solution  # the spline, of the joints that move
+    solution: SplineSolution  # the spline, of the joints that move
     variance: np.ndarray  # (M, n), of white noise that is fitted as the samples' noise is
     coarser: "BSpline | None" = None  # a spline of fewer intervals, from which the error of the spline itself follows
     ratio: float = 1.0  # how many times fewer they are
-    stamps: StampCovariances | None = None  # at times of their own: corrected rows may bear fewer breaks
+    stamps: TimestampCovariances | None = None  # at times of their own: corrected rows may bear fewer breaks
     # (M, n), squares of residuals beyond noise, as of a vibration at the end of the band
     unfollowed: np.ndarray | None = None
     unsure: np.ndarray | None = None  # (n,), by how much sensors may be read earlier than the times say, s
@@ -103,7 +103,7 @@ class Spread:
         """
         assert self.coarser is not None
         breaks = self.solution.breaks
-        t = _quarters(breaks)
+        t = _quarter_points(breaks)
         out = []
         for k in range(MAX_DEVIATION_ORDER + 1):
             rest = self.ratio ** -(ERROR_DECAY_POWER - k)
@@ -114,7 +114,7 @@ class Spread:
         return out
 
 
-def stamp_covariances(rows: Rows, raw: Solution, sigma: float, own: np.ndarray) -> StampCovariances:
+def timestamp_covariances(rows: SplineRows, raw: SplineSolution, sigma: float, own: np.ndarray) -> TimestampCovariances:
     """What is left in q, qd, ... of stamps that scattered by sigma before correction.
 
     Corrected stamps are wrong by what a fit to the raw ones takes of their scatter: tau = (v^T D^-1 e) / (v^T D^-1 v),
@@ -126,7 +126,7 @@ def stamp_covariances(rows: Rows, raw: Solution, sigma: float, own: np.ndarray) 
     across = v / own / np.maximum((v**2 / own).sum(axis=1), np.finfo(float).tiny)[:, None]
     weight = rows.weight if rows.edges is None else np.ones(len(rows.t))  # a row of a cell has the noise of one sample
     rows = replace(rows, along=None, rest=np.zeros(DRAWS_PER_FIT * v.shape[1]))
-    times = _quarters(raw.breaks)
+    times = _quarter_points(raw.breaks)
     total = np.zeros((len(times), v.shape[1], MAX_DEVIATION_ORDER + 1, MAX_DEVIATION_ORDER + 1))
     for _ in range(BOOTSTRAP_DRAWS // DRAWS_PER_FIT):
         # e: what the raw fit takes of random shifts
@@ -140,8 +140,8 @@ def stamp_covariances(rows: Rows, raw: Solution, sigma: float, own: np.ndarray) 
         rates = [curve(times, nu=k).reshape(len(times), -1, DRAWS_PER_FIT) for k in range(MAX_DEVIATION_ORDER + 1)]
         e = np.stack(rates, axis=2)  # squares are averaged over draws
         total += e @ e.mT / BOOTSTRAP_DRAWS
-    return StampCovariances(times, total)
+    return TimestampCovariances(times, total)
 
 
-def _quarters(breaks: np.ndarray) -> np.ndarray:
+def _quarter_points(breaks: np.ndarray) -> np.ndarray:
     return (breaks[:-1, None] + np.diff(breaks)[:, None] * np.array([0.125, 0.375, 0.625, 0.875])).ravel()

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce.motion.knots import fitted
+from jounce.motion.knots import fit_breaks
 from jounce.motion.samples import Samples
 from jounce.motion.vibrations import MIN_LINE_POWER, MIN_SPECTRUM_ROWS, Line
 
@@ -21,7 +21,7 @@ PLACES_PER_TURN = 2**14  # to which angles are rounded: 1,024 waves lose 1 % by 
 SCATTER_ROWS = 256  # whose scatter weighs a row
 
 
-def find_errors_of_encoders(
+def find_encoder_errors(
     samples: Samples, breaks: np.ndarray, cells: int, vibrations: Sequence[Line] = ()
 ) -> list[tuple[int, int]]:
     """Joints whose samples have a line over the joint's angle, with its count per turn.
@@ -38,52 +38,59 @@ def find_errors_of_encoders(
     found: dict[int, int] = {}
     for coarser in COARSENING_FACTORS:
         coarse = np.unique(np.append(breaks[::coarser], breaks[-1]))
-        found = dict(_standing_out(samples, coarse, cells, window)) | found
+        found = dict(_find_waves(samples, coarse, cells, window)) | found
     return [(joint, count) for joint, count in sorted(found.items()) if joint not in vibrating]
 
 
-def _standing_out(samples: Samples, coarse: np.ndarray, cells: int, window: np.ndarray) -> Iterator[tuple[int, int]]:
-    left = _left(samples, samples.q, coarse, cells)
-    powers = np.stack([_powers(*columns, window) for columns in zip(samples.q.T, left.T, strict=True)])
+def _find_waves(samples: Samples, coarse: np.ndarray, cells: int, window: np.ndarray) -> Iterator[tuple[int, int]]:
+    left = _fit_residual(samples, samples.q, coarse, cells)
+    powers = np.stack([_angular_spectrum(*columns, window) for columns in zip(samples.q.T, left.T, strict=True)])
     counts = WAVE_COUNTS[powers.argmax(axis=1)]
     waves = np.exp(1j * counts * samples.q)
-    real, imaginary = (_left(samples, part, coarse, cells) for part in (waves.real, waves.imag))
+    real, imaginary = (_fit_residual(samples, part, coarse, cells) for part in (waves.real, waves.imag))
     for joint, count in enumerate(counts):
         wave = real[:, joint] + 1j * imaginary[:, joint]
-        if powers[joint].any() and _medians(samples.q[:, joint], left[:, joint], wave, window, count) > MIN_LINE_POWER:
+        if (
+            powers[joint].any()
+            and _compare_wave_power(samples.q[:, joint], left[:, joint], wave, window, count) > MIN_LINE_POWER
+        ):
             yield joint, int(count)
 
 
-def _left(samples: Samples, columns: np.ndarray, breaks: np.ndarray, cells: int) -> np.ndarray:
+def _fit_residual(samples: Samples, columns: np.ndarray, breaks: np.ndarray, cells: int) -> np.ndarray:
     """What a spline with these breaks leaves of columns (N, n)."""
-    return np.asarray(columns - fitted(replace(samples, q=columns, drift=None).rows(cells), breaks).spline(samples.t))
+    return np.asarray(
+        columns - fit_breaks(replace(samples, q=columns, drift=None).rows(cells), breaks).spline(samples.t)
+    )
 
 
-def _weights(left: np.ndarray, window: np.ndarray) -> np.ndarray:
+def _row_weights(left: np.ndarray, window: np.ndarray) -> np.ndarray:
     around = np.sqrt(np.convolve(left**2, np.full(SCATTER_ROWS, 1 / SCATTER_ROWS), "same"))
     return window / np.maximum(around, max(float(np.median(np.abs(left))), np.finfo(float).tiny))
 
 
-def _powers(angle: np.ndarray, left: np.ndarray, window: np.ndarray) -> np.ndarray:
+def _angular_spectrum(angle: np.ndarray, left: np.ndarray, window: np.ndarray) -> np.ndarray:
     """Powers of weighted samples over the angle by WAVE_COUNTS; 0 of those that cannot be seen."""
     place = np.round(angle / (2 * np.pi) * PLACES_PER_TURN).astype(int) % PLACES_PER_TURN
-    power = np.abs(np.fft.rfft(np.bincount(place, _weights(left, window) * left, PLACES_PER_TURN))[WAVE_COUNTS]) ** 2
+    power = (
+        np.abs(np.fft.rfft(np.bincount(place, _row_weights(left, window) * left, PLACES_PER_TURN))[WAVE_COUNTS]) ** 2
+    )
     turned = np.quantile(np.abs(np.diff(angle)), 0.9)  # from row to row: faster waves are no longer sampled
     return np.where(
         (WAVE_COUNTS * turned < np.pi) & (WAVE_COUNTS * np.ptp(angle) > 2 * np.pi * MIN_WAVES_PASSED), power, 0
     )
 
 
-def _medians(angle: np.ndarray, left: np.ndarray, wave: np.ndarray, window: np.ndarray, count: int) -> float:
+def _compare_wave_power(angle: np.ndarray, left: np.ndarray, wave: np.ndarray, window: np.ndarray, count: int) -> float:
     """The power of a wave (N,) over the median of those around it, and of all, that are left without it."""
     columns, without = np.stack([wave.real, wave.imag], axis=1), left
     for _ in range(2):  # what is left without the wave weighs the rows
-        weights = _weights(without, window)
+        weights = _row_weights(without, window)
         size = np.linalg.lstsq(weights[:, None] * columns, weights * left, rcond=None)[0]
         without = left - columns @ size
-    power = np.abs((_weights(without, window) * left) @ wave.conj()) ** 2
-    weights = _weights(without, window) ** 2
-    others = _powers(angle, without, window)
+    power = np.abs((_row_weights(without, window) * left) @ wave.conj()) ** 2
+    weights = _row_weights(without, window) ** 2
+    others = _angular_spectrum(angle, without, window)
     near = others[(count // 2 - 8 <= WAVE_COUNTS) & (2 * count + 16 > WAVE_COUNTS)]
     median = max(float(np.median(x[x > 0])) for x in (others, near))
     return float(power / (weights @ np.abs(wave) ** 2 / weights.sum()) / median)

@@ -6,18 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed, quoted
-from jounce.motion.deviations import MAX_DEVIATION_ORDER, Spread
-from jounce.motion.holds import Holds, find_holds
-from jounce.motion.knots import usual_length
-from jounce.motion.least_squares import FIT_DEGREE, knots
-from jounce.motion.noise import Noise, noise_of, step_of
-from jounce.motion.samples import Samples, check, spikes
-from jounce.motion.sensors import Sensors, find_sensors
-from jounce.motion.smoothing import Smoothed, first_fit, interpolate, moves, rounded, smooth
+from jounce.core.errors import JounceError, join_names, quote_value
+from jounce.motion.deviations import MAX_DEVIATION_ORDER, SplineCovariances
+from jounce.motion.holds import SampleHolds, find_holds
+from jounce.motion.knots import median_length
+from jounce.motion.least_squares import FIT_DEGREE, pad_knots
+from jounce.motion.noise import Noise, classify_noise, find_step
+from jounce.motion.reliability import peaks_and_shares, refuse_holes
+from jounce.motion.samples import Samples, check_samples, find_spikes
+from jounce.motion.sensors import SensorClocks, find_sensors
+from jounce.motion.smoothing import SmoothedSamples, find_moving_joints, fit_even_breaks, interpolate, is_exact, smooth
 from jounce.motion.spline import check_bandwidth
-from jounce.motion.trust import peaks_and_shares, refuse_holes
-from jounce.motion.vibrations import Vibration, note_of_encoder, notes_of
+from jounce.motion.vibrations import Vibration, describe_encoder_error, describe_vibrations
 from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ class Fit:
     notes: tuple[str, ...]
     spacing: float
     rows: np.ndarray
-    _spread: Spread | None
+    _spread: SplineCovariances | None
     _moving: np.ndarray
     vibrations: tuple[Vibration, ...] = ()
 
@@ -82,7 +82,7 @@ class Fit:
         """Covariances of q, qd, ... of each joint with one another at times t: (..., n, order + 1, order + 1)."""
         if not 0 <= order <= MAX_DEVIATION_ORDER:
             raise JounceError(
-                f"order is {quoted(order)}; standard deviations are known from order 0 to {MAX_DEVIATION_ORDER}"
+                f"order is {quote_value(order)}; standard deviations are known from order 0 to {MAX_DEVIATION_ORDER}"
             )
         times = np.asarray(t, dtype=float)
         out = np.zeros((*times.shape, len(self.joints), order + 1, order + 1))
@@ -105,7 +105,7 @@ class Fit:
     def shortfall(self, order: int = 2) -> str | None:
         """Why the rate of the forces Q of that order cannot be had from these samples, in one line; None if it can."""
         if not 0 <= order + 2 <= MAX_DEVIATION_ORDER:
-            raise JounceError(f"order is {quoted(order)}; expected 0 to {MAX_DEVIATION_ORDER - 2}")
+            raise JounceError(f"order is {quote_value(order)}; expected 0 to {MAX_DEVIATION_ORDER - 2}")
         return self.lacks(order + 2, rate_name("Q", order))
 
     def lacks(self, k: int, purpose: str, symbol: str = "q") -> str | None:
@@ -154,15 +154,15 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     >>> smooth.noise[0].kind, smooth.highest
     ('encoder step', 6)
     """
-    times, samples, rows, joints = check(t, q, names)
+    times, samples, rows, joints = check_samples(t, q, names)
     check_bandwidth(bandwidth)
-    rounding = [step_of(column) for column in samples.T]
+    rounding = [find_step(column) for column in samples.T]
     steps = np.array([step for step, _ in rounding])
-    wild = spikes(times, samples, steps)
+    wild = find_spikes(times, samples, steps)
     times, samples = times[~wild], samples[~wild]
     span = float(times[0]), float(times[-1])
     try:
-        moving, holds, smoothed = _smooth(Samples(times, samples, np.ones(len(times)), span, steps), bandwidth)
+        moving, holds, smoothed = _smooth_samples(Samples(times, samples, np.ones(len(times)), span, steps), bandwidth)
     except np.linalg.LinAlgError:
         text = "no spline of degree 9 follows from these samples: give more of them, at distinct times"
         raise JounceError(text) from None
@@ -173,52 +173,54 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
         refuse_holes(smoothed.samples.t, smoothed.spread.solution.breaks)
         notes += [*holds.notes, *smoothed.notes]
         for k, joint in enumerate(movers):
-            noise[joint] = noise_of(smoothed.samples.q[:, k], float(smoothed.sigma[k]), rounding[joint])
-        notes += [note_of_encoder(joints[movers[k]], count) for k, count in smoothed.errors_of_encoders]
+            noise[joint] = classify_noise(smoothed.samples.q[:, k], float(smoothed.sigma[k]), rounding[joint])
+        notes += [describe_encoder_error(joints[movers[k]], count) for k, count in smoothed.errors_of_encoders]
     if not moving.all():
-        still = listed(name for name, moved in zip(joints, moving, strict=True) if not moved)
+        still = join_names(name for name, moved in zip(joints, moving, strict=True) if not moved)
         notes.append(f"at rest but for noise, hence constant: {still}")
     followed = np.flatnonzero(~wild)[~holds.held]
-    found = _fit_of(times, samples, moving, smoothed, joints, tuple(noise), tuple(notes), rows[followed])
+    found = _assemble_fit(times, samples, moving, smoothed, joints, tuple(noise), tuple(notes), rows[followed])
     if not smoothed:
         return found
     vibrations = []
     for line in smoothed.lines:
         number, is_followed = int(movers[line.joint]), line not in smoothed.spread.left_out
         vibrations.append(Vibration(line, joints[number], number, float(found.peaks[4, number]), is_followed))
-    return replace(found, vibrations=tuple(vibrations), notes=(*found.notes, *notes_of(vibrations)))
+    return replace(found, vibrations=tuple(vibrations), notes=(*found.notes, *describe_vibrations(vibrations)))
 
 
-def _smooth(samples: Samples, bandwidth: float | None) -> tuple[np.ndarray, Holds | Sensors, Smoothed | None]:
+def _smooth_samples(
+    samples: Samples, bandwidth: float | None
+) -> tuple[np.ndarray, SampleHolds | SensorClocks, SmoothedSamples | None]:
     """Which joints move, (n,), which rows hold older positions of these, and their spline."""
     moving = np.ptp(samples.q, axis=0) > 0
-    holds: Holds | Sensors = Holds(np.zeros(len(samples.t), bool), samples.t)
+    holds: SampleHolds | SensorClocks = SampleHolds(np.zeros(len(samples.t), bool), samples.t)
     if not moving.any():
         return moving, holds, None
     part = samples.joints(moving)
-    first, cells = first_fit(part)
-    moved = moves(part, first)
+    first, cells = fit_even_breaks(part)
+    moved = find_moving_joints(part, first)
     moving[moving] = moved
     if not moved.any():
         return moving, holds, None
     if not moved.all():
         part = samples.joints(moving)
-        first, cells = first_fit(part)
+        first, cells = fit_even_breaks(part)
     together = find_holds(part, first, cells)
     apart = find_sensors(part, first, cells, together)
     holds = apart or together
     if holds.held.any():
         part = apart.samples if apart else together.without(part)
-        first, cells = first_fit(part)
-    exact = bandwidth is None and rounded(part, first)
+        first, cells = fit_even_breaks(part)
+    exact = bandwidth is None and is_exact(part, first)
     return moving, holds, interpolate(part) if exact else smooth(part, first, cells, bandwidth)
 
 
-def _fit_of(
+def _assemble_fit(
     t: np.ndarray,
     q: np.ndarray,
     moving: np.ndarray,
-    smoothed: Smoothed | None,
+    smoothed: SmoothedSamples | None,
     joints: tuple[str, ...],
     noise: tuple[Noise, ...],
     notes: tuple[str, ...],
@@ -227,14 +229,14 @@ def _fit_of(
     """The fit of all joints, and how far it can be trusted."""
     from scipy.interpolate import BSpline
 
-    knot = smoothed.spline.t if smoothed else knots(t[[0, -1]])
+    knot = smoothed.spline.t if smoothed else pad_knots(t[[0, -1]])
     breaks = knot[FIT_DEGREE : len(knot) - FIT_DEGREE]
     middle = q[0] + (q - q[0]).mean(axis=0)  # exact where a joint does not move at all
     coefficients = np.tile(middle, (len(knot) - FIT_DEGREE - 1, 1))
     if smoothed:
         coefficients[:, moving] = smoothed.spline.c
     spline = BSpline(knot, coefficients, FIT_DEGREE)
-    usual = usual_length(breaks)
+    usual = median_length(breaks)
     edge = min(END_INTERVALS, max(0, (len(breaks) - 2) // 2))
     ends = (float(breaks[edge]), float(breaks[-1 - edge])) if smoothed else (float(t[0]), float(t[-1]))
     spread, spacing = smoothed.spread if smoothed else None, float(np.median(np.diff(t)))

@@ -11,15 +11,15 @@ from itertools import count, takewhile
 import numpy as np
 
 from jounce.core.errors import warn
-from jounce.motion.curves import Smooth, powers
-from jounce.motion.smoothness import MAX_ROUNDING_SHARE, resolution, sizes_of
+from jounce.motion.curves import SmoothCurve, evaluate_powers
+from jounce.motion.smoothness import MAX_ROUNDING_SHARE, rate_sizes, rounding_error
 from jounce.spatial.series import rate_name
 
 _counting: ContextVar[float] = ContextVar("_counting", default=math.inf)
 
 
 @contextmanager
-def counting_to(order: int) -> Iterator[None]:
+def limit_rounding_warnings(order: int) -> Iterator[None]:
     """Within this context, results depend on rates up to an order, and higher ones only help: none warns of these."""
     token = _counting.set(order)
     try:
@@ -28,7 +28,7 @@ def counting_to(order: int) -> Iterator[None]:
         _counting.reset(token)
 
 
-def stated_rates(columns: Mapping[str, np.ndarray], stems: Sequence[str], ending: str = "") -> tuple[np.ndarray, ...]:
+def collect_rates(columns: Mapping[str, np.ndarray], stems: Sequence[str], ending: str = "") -> tuple[np.ndarray, ...]:
     """The rates (N, stems) that columns state of every stem, none skipped; with an ending, their deviations."""
     names = ([f"{rate_name(stem, k)}{ending}" for stem in stems] for k in count())
     given = takewhile(lambda of_rate: all(name in columns for name in of_rate), names)
@@ -36,7 +36,7 @@ def stated_rates(columns: Mapping[str, np.ndarray], stems: Sequence[str], ending
 
 
 @dataclass(frozen=True, eq=False)
-class Hermite(Smooth):
+class HermiteCurve(SmoothCurve):
     """Polynomials between rows at t (N,) of q, qd, ... (N, columns) each: m of them make the degree 2 m - 1.
 
     `spreads` are their standard deviations, if the rows come from a fit and not from a plan. `rounding` is the standard
@@ -79,7 +79,7 @@ class Hermite(Smooth):
         left_row = i.clip(max=len(self.t) - 2)
         h = (self.t[left_row + 1] - self.t[left_row])[:, None]
         before, after = ([row[at] for row in self.rows] for at in (left_row, left_row + 1))
-        found = between(before, after, h, (t - self.t[left_row])[:, None] / h, order)
+        found = interpolate_hermite(before, after, h, (t - self.t[left_row])[:, None] / h, order)
         self._warn_of_rounding(order)
         return [np.where(on_row[:, None], row[i], rate) for row, rate in zip(self.rows, found, strict=False)]
 
@@ -102,7 +102,7 @@ class Hermite(Smooth):
         rates = [*(self._linear(np.abs(row), t) for row in self.rows[1:]), np.zeros((len(t), self.columns))]
         apart = np.where((self.t[i] == t) | (self.t[i - 1] == t), 0, np.sqrt(2) * self.rounding)[:, None]
         at_rows = [self.rounding * rates[min(k, self.highest)] for k in range(order + 1)]
-        between_rows = [apart * rates[0] * _gain(len(self.rows), k) / h**k for k in range(order + 1)]
+        between_rows = [apart * rates[0] * _error_gain(len(self.rows), k) / h**k for k in range(order + 1)]
         return list(map(np.hypot, at_rows, between_rows))
 
     def _warn_of_rounding(self, order: int) -> None:
@@ -125,17 +125,17 @@ class Hermite(Smooth):
         A rate that is zero at all rows has none. And where rounding is coarser than of doubles, so that digits help.
         """
         fastest = np.abs(self.rows[min(1, self.highest)]).max(axis=0)
-        size = np.maximum([resolution(column) for column in self.rows[0].T], self.rounding * fastest)
+        size = np.maximum([rounding_error(column) for column in self.rows[0].T], self.rounding * fastest)
         step = np.diff(self.t).min()
-        sizes = sizes_of(self.rows, self.stop - self.start)
+        sizes = rate_sizes(self.rows, self.stop - self.start)
         shares = [
-            size * _gain(len(self.rows), k) / step**k / rate * row.any(axis=0)
+            size * _error_gain(len(self.rows), k) / step**k / rate * row.any(axis=0)
             for k, (rate, row) in enumerate(zip(sizes, self.rows, strict=True))
         ]
         return shares, size > np.finfo(float).eps * np.abs(self.rows[0]).max(axis=0)
 
 
-def between(
+def interpolate_hermite(
     left: Sequence[np.ndarray], right: Sequence[np.ndarray], h: np.ndarray, u: np.ndarray, order: int
 ) -> list[np.ndarray]:
     """Values and derivatives up to `order` at u (N, 1) of the polynomials that `coefficients` makes.
@@ -148,11 +148,11 @@ def between(
         [sign * np.where(back, b, a) for sign, a, b in zip(signs, *sides, strict=False)]
         for sides in ((left, right), (right, left))
     )
-    found = powers(coefficients(near, far, h), np.where(back, 1 - u, u), order)
+    found = evaluate_powers(hermite_coefficients(near, far, h), np.where(back, 1 - u, u), order)
     return [sign * rate / h**k for k, (sign, rate) in enumerate(zip(signs, found, strict=False))]
 
 
-def coefficients(left: Sequence[np.ndarray], right: Sequence[np.ndarray], h: np.ndarray) -> np.ndarray:
+def hermite_coefficients(left: Sequence[np.ndarray], right: Sequence[np.ndarray], h: np.ndarray) -> np.ndarray:
     """Coefficients (2 m, N, columns), highest power first, of polynomials in u = (t - t_left) / h.
 
     They have the values and derivatives `left` at u = 0 and `right` at u = 1, m of each, stated per time.
@@ -163,12 +163,12 @@ def coefficients(left: Sequence[np.ndarray], right: Sequence[np.ndarray], h: np.
         h**j * rate - sum((math.perm(k, j) * low[k] for k in range(j, m)), start=0 * rate)
         for j, rate in enumerate(right)
     ]
-    high = np.einsum("kj,j...->k...", _inverse(m), np.stack(rest))
+    high = np.einsum("kj,j...->k...", _inverse_derivatives(m), np.stack(rest))
     return np.concatenate([high[::-1], np.stack(low)[::-1]])
 
 
 @cache
-def _inverse(m: int) -> np.ndarray:
+def _inverse_derivatives(m: int) -> np.ndarray:
     """Derivatives at 1 of u^m sum_k e_k u^k to e: the inverse of (m + k)! / (m + k - j)!, whole numbers over j!."""
     derivative = np.array([[math.perm(m + k, j) for k in range(m)] for j in range(m)], dtype=float)
     factorials = np.array([math.factorial(j) for j in range(m)], dtype=float)
@@ -176,8 +176,8 @@ def _inverse(m: int) -> np.ndarray:
 
 
 @cache
-def _gain(m: int, order: int) -> float:
+def _error_gain(m: int, order: int) -> float:
     """How much an error of one value of q, the step being 1, shows in the derivative of an order between the rows."""
-    c = np.concatenate([_inverse(m)[::-1, 0], np.zeros(m)])[:, None, None]
+    c = np.concatenate([_inverse_derivatives(m)[::-1, 0], np.zeros(m)])[:, None, None]
     u = np.linspace(0, 1, 33)[:, None]
-    return float(np.abs(powers(np.broadcast_to(c, (2 * m, len(u), 1)), u, order)[order]).max())
+    return float(np.abs(evaluate_powers(np.broadcast_to(c, (2 * m, len(u), 1)), u, order)[order]).max())

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jounce.motion.knots import fitted
-from jounce.motion.least_squares import Solution
+from jounce.motion.knots import fit_breaks
+from jounce.motion.least_squares import SplineSolution
 from jounce.motion.samples import Samples
 
 MIN_STEPS_IN_HOLD = 2.0  # or standard deviations, that a motion passes: positions round, and both ends scatter
@@ -28,7 +28,7 @@ MAX_ROWS_LATE = 1.1  # a regular sensor is read within one row, but for rounding
 
 
 @dataclass(frozen=True, eq=False)
-class Holds:
+class SampleHolds:
     """Rows that hold an older position than they could."""
 
     held: np.ndarray  # (N,), which rows do
@@ -48,7 +48,7 @@ class Holds:
         return (
             f"the sensor gives {1 / self.period:.4g} values per second, which rows hold, {self.delay:.2g} s late on"
             f" average: {count} rows are left out, the others are at the sensor's times"
-            + late_by(self.unsure, self.period),
+            + describe_delay(self.unsure, self.period),
         )
 
     def without(self, samples: Samples) -> Samples:
@@ -57,19 +57,19 @@ class Holds:
         return replace(samples.part(~self.held), t=self.t.clip(*samples.span), unsure=unsure)
 
 
-def late_by(unsure: np.ndarray | float, period: float) -> str:
+def describe_delay(unsure: np.ndarray | float, period: float) -> str:
     """What to say of times that are unsure, against the sensor's period."""
     late = float(np.max(unsure))
     return f" or up to {late:.2g} s late, which the deviations hold" if late > MIN_NOTED_DELAY * period else ""
 
 
-def find_holds(samples: Samples, first: Solution, cells: int) -> Holds:
+def find_holds(samples: Samples, first: SplineSolution, cells: int) -> SampleHolds:
     """The rows that hold older positions, by a first fit to all of them, which is late by half of a hold."""
     changed = np.append(True, (np.diff(samples.q, axis=0) != 0).any(axis=1))
     starts = np.flatnonzero(changed)
     ends = np.append(starts[1:], len(changed)) - 1
     scatter = np.sqrt(first.energy / len(changed))
-    own = fitted(samples.part(starts).rows(cells), first.breaks)  # others are off it for their delay
+    own = fit_breaks(samples.part(starts).rows(cells), first.breaks)  # others are off it for their delay
     size = np.maximum(MIN_STEPS_IN_HOLD * np.maximum(samples.steps, np.sqrt(own.energy / len(starts))), scatter / 2)
     curve = first.spline(samples.t)
 
@@ -81,18 +81,18 @@ def find_holds(samples: Samples, first: Solution, cells: int) -> Holds:
     passes = (np.abs(curve[ends] - curve[starts]) > size) & catches_up
     is_hold = passes.any(axis=1) & (ends - starts < MAX_HOLD_TO_USUAL * usual)
     fast = (np.abs(np.diff(curve, axis=0)) > MIN_STEPS_IN_HOLD * np.maximum(samples.steps, scatter)).any(axis=1)
-    period = _period(samples.t, starts, certain)
+    period = _estimate_period(samples.t, starts, certain)
     held = ~changed & (is_hold[np.cumsum(changed) - 1] | np.append(False, fast) | (period is not None))
     if period is not None:
-        held[_unchanged(samples.t, starts[~is_hold], ends[~is_hold], period)] = False
+        held[_find_reread_rows(samples.t, starts[~is_hold], ends[~is_hold], period)] = False
     t = samples.t[~held]
     if period is None:
-        return Holds(held, t, unsure=0.0 if certain.sum() >= MIN_SENSOR_CHANGES else np.inf)
-    ticks, unsure = _ticks(t, changed[~held], period, float(np.median(np.diff(samples.t))))
-    return Holds(held, ticks, period, float((samples.t - ticks[np.cumsum(~held) - 1]).mean()), unsure)
+        return SampleHolds(held, t, unsure=0.0 if certain.sum() >= MIN_SENSOR_CHANGES else np.inf)
+    ticks, unsure = _estimate_ticks(t, changed[~held], period, float(np.median(np.diff(samples.t))))
+    return SampleHolds(held, ticks, period, float((samples.t - ticks[np.cumsum(~held) - 1]).mean()), unsure)
 
 
-def _ticks(t: np.ndarray, changed: np.ndarray, period: float, row: float) -> tuple[np.ndarray, float]:
+def _estimate_ticks(t: np.ndarray, changed: np.ndarray, period: float, row: float) -> tuple[np.ndarray, float]:
     """When a sensor of about that period was read, by the first rows (R,) afterwards; how much earlier it may be.
 
     The straight line of ticks is that to which rows where something `changed` are late by the most alike times; the
@@ -113,10 +113,10 @@ def _ticks(t: np.ndarray, changed: np.ndarray, period: float, row: float) -> tup
     start = (t - found.x * k)[changed].min()
     late = (t - found.x * k - start)[changed] / row
     first = late <= np.quantile(late, FIRST_ROW_SHARE)
-    return start + found.x * k, row * _unsure(k[changed][first] / k[-1], late[first])
+    return start + found.x * k, row * _bound_clock_error(k[changed][first] / k[-1], late[first])
 
 
-def _unsure(x: np.ndarray, late: np.ndarray) -> float:
+def _bound_clock_error(x: np.ndarray, late: np.ndarray) -> float:
     """By how much the ends of a straight line of ticks may be off 0, where rows at x from 0 to 1 are `late` (R,): all
     lines are as good to which they are late by less than 1, the rows of the log that time is counted in.
 
@@ -134,7 +134,7 @@ def _unsure(x: np.ndarray, late: np.ndarray) -> float:
     return float(np.abs([linprog(goal, rows, bounds, bounds=(-2, 2)).fun or 0.0 for goal in goals]).max())
 
 
-def _period(t: np.ndarray, starts: np.ndarray, certain: np.ndarray) -> float | None:
+def _estimate_period(t: np.ndarray, starts: np.ndarray, certain: np.ndarray) -> float | None:
     """The time between changes, of those that are `certain` not to be missed, if it is regular and more than a row."""
     apart, row = np.diff(t[starts])[certain], float(np.median(np.diff(t)))
     if len(apart) < MIN_SENSOR_CHANGES:
@@ -144,7 +144,7 @@ def _period(t: np.ndarray, starts: np.ndarray, certain: np.ndarray) -> float | N
     return float(apart[near].mean()) if near.mean() >= MIN_REGULAR_SHARE and usual > MIN_PERIOD_IN_ROWS * row else None
 
 
-def _unchanged(t: np.ndarray, starts: np.ndarray, ends: np.ndarray, period: float) -> np.ndarray:
+def _find_reread_rows(t: np.ndarray, starts: np.ndarray, ends: np.ndarray, period: float) -> np.ndarray:
     """Rows in runs of equal ones, as encoders at rest give, at which a sensor of that period was read again."""
     found = [np.empty(0, int)]
     for a, b in zip(starts, ends, strict=True):

@@ -5,18 +5,18 @@ bisected in rounds, those first that gain most (bulk chasing: Doerfler, SIAM Jou
 unresolved place rings far into its neighbourhood, and bisecting all that rings would leave breaks there for ever.
 
 Breaks only get denser, and every interval keeps two samples, so that bisection ends. It stops too early where a feature
-explains nothing until it is bisected several times: `jounce.motion.choice` starts it from several numbers of intervals,
-and `jounce.motion.bursts` looks for what it misses.
+explains nothing until it is bisected several times: `jounce.motion.knot_selection` starts it from several numbers of
+intervals, and `jounce.motion.bursts` looks for what it misses.
 """
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from jounce.motion.least_squares import Rows, Solution, solve
+from jounce.motion.least_squares import SplineRows, SplineSolution, solve
 from jounce.motion.noise import Beats
 
-Family = Callable[[int], np.ndarray]  # breaks, for a number of intervals
+BreakFamily = Callable[[int], np.ndarray]  # breaks, for a number of intervals
 
 MAX_BISECTION_ROUNDS = 60  # a safeguard: bisection ends by itself where no interval gains
 RINGING_INTERVALS = 8  # on either side, to which an unresolved place rings
@@ -27,12 +27,12 @@ MIN_MEAN_SAMPLES = 3  # per interval on average: fewer leave hardly a residual t
 MEDIAN_OF_CHI2_3 = 2.366  # of chi^2 with three degrees of freedom
 
 
-def even(rows: Rows) -> Family:
+def even_breaks(rows: SplineRows) -> BreakFamily:
     """Evenly spaced breaks."""
     return lambda intervals: np.linspace(*rows.span, intervals + 1)
 
 
-def dense_where(trees: Sequence[np.ndarray]) -> tuple[Family, int]:
+def average_density(trees: Sequence[np.ndarray]) -> tuple[BreakFamily, int]:
     """Breaks as dense as those of several bisections on (geometric) average, and how many these have."""
     grid = np.unique(np.concatenate(trees))
     middles = (grid[1:] + grid[:-1]) / 2
@@ -45,80 +45,80 @@ def dense_where(trees: Sequence[np.ndarray]) -> tuple[Family, int]:
     return family, max(1, round(total[-1]))
 
 
-def bisect(rows: Rows, beats: Beats, start: int, variance: np.ndarray) -> np.ndarray:
+def bisect_intervals(rows: SplineRows, beats: Beats, start: int, variance: np.ndarray) -> np.ndarray:
     """Breaks, from evenly spaced ones, with intervals bisected as long as that explains more than noise does."""
-    breaks = admissible(rows, even(rows)(start))
+    breaks = drop_sparse_breaks(rows, even_breaks(rows)(start))
     for _ in range(MAX_BISECTION_ROUNDS):
         # what bisection of each interval explains; of one within steps of an encoder it would explain the steps
-        gain = gains(rows, beats, breaks, variance)
+        gain = bisection_gains(rows, beats, breaks, variance)
         gain[beats.passes(breaks) < MIN_STEPS_TO_BISECT] = 0
-        finer = bisect_most(rows, breaks, gain, noticeable(len(variance)))
+        finer = bisect_largest_gains(rows, breaks, gain, gain_threshold(len(variance)))
         if len(finer) == len(breaks):
             break
         breaks = finer
     return breaks
 
 
-def bisect_most(rows: Rows, breaks: np.ndarray, gain: np.ndarray, threshold: float) -> np.ndarray:
+def bisect_largest_gains(rows: SplineRows, breaks: np.ndarray, gain: np.ndarray, threshold: float) -> np.ndarray:
     """Breaks with those intervals bisected whose gain passes a threshold and is much of the largest one around."""
     around = np.lib.stride_tricks.sliding_window_view(np.pad(gain, RINGING_INTERVALS), 2 * RINGING_INTERVALS + 1)
     chosen = np.flatnonzero((gain > threshold) & (gain >= MIN_GAIN_TO_RIVALS * around.max(axis=1)))
     if not chosen.size:
         return breaks
-    return admissible(rows, halves(breaks, chosen))
+    return drop_sparse_breaks(rows, halve_intervals(breaks, chosen))
 
 
-def halves(breaks: np.ndarray, chosen: np.ndarray | slice = slice(None)) -> np.ndarray:
+def halve_intervals(breaks: np.ndarray, chosen: np.ndarray | slice = slice(None)) -> np.ndarray:
     """Breaks with chosen intervals bisected, by default all."""
     return np.sort(np.append(breaks, ((breaks[1:] + breaks[:-1]) / 2)[chosen]))
 
 
-def gains(rows: Rows, beats: Beats, breaks: np.ndarray, variance: np.ndarray) -> np.ndarray:
+def bisection_gains(rows: SplineRows, beats: Beats, breaks: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """What bisection explains in each interval, (M,): squares over those expected of noise, summed over the joints."""
     expected = variance * beats.inflation(breaks, cycles=2)
-    return (gains_by_joint(rows, breaks, halves(breaks)) / expected).sum(axis=1)
+    return (joint_gains(rows, breaks, halve_intervals(breaks)) / expected).sum(axis=1)
 
 
-def gains_by_joint(rows: Rows, breaks: np.ndarray, finer: np.ndarray) -> np.ndarray:
+def joint_gains(rows: SplineRows, breaks: np.ndarray, finer: np.ndarray) -> np.ndarray:
     """Squares, (M, n), that finer breaks explain in each interval."""
-    lost = solve(rows, breaks).residual ** 2 - fitted(rows, finer).residual ** 2
+    lost = solve(rows, breaks).residual ** 2 - fit_breaks(rows, finer).residual ** 2
     sums = np.concatenate([np.zeros((1, lost.shape[1])), np.cumsum(lost, axis=0)])
     return np.diff(sums[np.searchsorted(rows.t, breaks[:-1])], axis=0, append=sums[-1:])
 
 
-def usual_length(breaks: np.ndarray) -> float:
+def median_length(breaks: np.ndarray) -> float:
     """The length of the interval in the middle of the time, if intervals are sorted by length."""
     lengths = np.sort(np.diff(breaks))
     return float(lengths[np.searchsorted(np.cumsum(lengths), lengths.sum() / 2)])
 
 
-def noticeable(joints: int) -> float:
+def gain_threshold(joints: int) -> float:
     """More than noise explains in an interval (chi^2, a degree of freedom per joint) but once in some hundreds."""
     return float(2 * joints + 3 * np.sqrt(2 * joints))
 
 
-def noise_variance(rows: Rows, beats: Beats, breaks: np.ndarray) -> np.ndarray:
+def estimate_noise_variance(rows: SplineRows, beats: Beats, breaks: np.ndarray) -> np.ndarray:
     """The variance per joint of white noise that would be fitted as well as what is in the samples.
 
     From breaks that leave no motion in the residual: three more in each interval explain three variances, in the
     median over intervals and joints. How many times as much they explain multiplies the variances of the residual.
     """
-    breaks = admissible(rows, breaks)
-    finer = admissible(rows, halves(halves(breaks)))
+    breaks = drop_sparse_breaks(rows, breaks)
+    finer = drop_sparse_breaks(rows, halve_intervals(halve_intervals(breaks)))
     fine = solve(rows, finer)
     variance = np.maximum(fine.energy / max(1.0, rows.count - fine.unknowns), np.finfo(float).tiny)
     more = np.diff(np.searchsorted(finer, breaks))[:, None] - 1
     usual = (beats.inflation(breaks) < 2) & (more == 3)
-    gain = gains_by_joint(rows, breaks, finer) / variance
+    gain = joint_gains(rows, breaks, finer) / variance
     return variance * max(1.0, np.median(gain[usual]) / MEDIAN_OF_CHI2_3 if usual.any() else 1.0)
 
 
-def fitted(rows: Rows, breaks: np.ndarray) -> Solution:
+def fit_breaks(rows: SplineRows, breaks: np.ndarray) -> SplineSolution:
     """The spline with those of the breaks that the samples bear."""
-    return solve(rows, admissible(rows, breaks))
+    return solve(rows, drop_sparse_breaks(rows, breaks))
 
 
-def admissible(rows: Rows, breaks: np.ndarray) -> np.ndarray:
+def drop_sparse_breaks(rows: SplineRows, breaks: np.ndarray) -> np.ndarray:
     """Breaks without those that leave too few samples in an interval, in gaps above all."""
     breaks = rows.snap(breaks)
     if rows.edges is not None:  # cells have ten rows each
@@ -137,6 +137,6 @@ def admissible(rows: Rows, breaks: np.ndarray) -> np.ndarray:
     return breaks[[*kept, len(breaks) - 1]]
 
 
-def most_intervals(rows: Rows) -> int:
+def max_intervals(rows: SplineRows) -> int:
     """How many intervals the samples bear at most."""
     return max(1, len(rows.t) // MIN_MEAN_SAMPLES - 9 if rows.edges is None else len(rows.edges) // 2)

@@ -9,7 +9,7 @@ Many fits of a long log share one compression: the samples of a cell become ten 
 equations as long as knots lie at the edges of cells, to which `Rows.snap` moves them.
 
 Cholesky's method raises `LinAlgError` where the samples leave a coefficient undetermined: callers drop breaks first
-(`jounce.motion.knots.admissible`), or give up this number of intervals.
+(`jounce.motion.knots.drop_sparse_breaks`), or give up this number of intervals.
 """
 
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ MIN_CELLS = 8192  # that a long log is compressed to, ten rows each; more where 
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class SplineRows:
     """Rows of a least-squares problem in time: the spline's values at `t`, times weights, are to equal `y`."""
 
     t: np.ndarray  # (P,), increasing; ten in each cell if compressed
@@ -61,7 +61,7 @@ class Rows:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class SplineSolution:
     """A least-squares spline: its breaks (M + 1,), coefficients (M + 9, n), residual rows (P, n), Cholesky factor,
     and the sums of squares (n,) of what it leaves of the samples.
     """
@@ -87,21 +87,25 @@ class Solution:
         """The spline as a function."""
         from scipy.interpolate import BSpline
 
-        return BSpline(knots(self.breaks), self.coefficients, FIT_DEGREE)
+        return BSpline(pad_knots(self.breaks), self.coefficients, FIT_DEGREE)
 
 
-def rows_of(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float]) -> Rows:
+def make_rows(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float]) -> SplineRows:
     """The rows of samples y, (N, n), at times t in a span."""
-    return Rows(t, y * weight[:, None], weight, None, span, float((weight**2).sum()), np.zeros(y.shape[1]))
+    return SplineRows(t, y * weight[:, None], weight, None, span, float((weight**2).sum()), np.zeros(y.shape[1]))
 
 
-def few_rows_of(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float], cells: int) -> Rows:
+def compress_rows(
+    t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float], cells: int
+) -> SplineRows:
     """The rows of samples, compressed to cells where that leaves half of them or less."""
     size = len(t) // cells
-    return rows_of(t, y, weight, span) if size < 2 * BASIS_WIDTH else _compress(t, y, weight, span, size)
+    return make_rows(t, y, weight, span) if size < 2 * BASIS_WIDTH else _compress_cells(t, y, weight, span, size)
 
 
-def _compress(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float], size: int) -> Rows:
+def _compress_cells(
+    t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float], size: int
+) -> SplineRows:
     """Ten rows for each of cells of `size` samples or one less: the nodes and weights of their Gauss quadrature.
 
     Sums over the samples of polynomials up to degree 19 are the same over these rows (Golub & Welsch, Mathematics of
@@ -116,7 +120,7 @@ def _compress(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[floa
     edges = np.concatenate([span[:1], (t[starts[1:-1]] + t[starts[1:-1] - 1]) / 2, span[1:]])
     x = (t[of_cell] - edges[:-1, None]) / np.diff(edges)[:, None] * 2 - 1
     # the best polynomial of degree 9 of each cell, and what it leaves
-    polynomials, nodes, vectors = _gauss(x, squares)
+    polynomials, nodes, vectors = _gauss_nodes(x, squares)
     right = (polynomials * squares[:, None]) @ y[of_cell]
     rest = y[of_cell] - polynomials.mT @ right
     # its values at the nodes, whose weights are sqrt(sum of squares) times the first entries of eigenvectors
@@ -124,10 +128,10 @@ def _compress(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[floa
     times = edges[:-1, None] + np.diff(edges)[:, None] * (nodes + 1) / 2
     y, weights = (vectors.mT @ right).reshape(cells * BASIS_WIDTH, -1), (total * vectors[:, 0]).ravel()
     lost = np.einsum("cs,csj->j", squares, rest**2)
-    return Rows(times.ravel(), y, weights, edges, span, float((weight**2).sum()), lost)
+    return SplineRows(times.ravel(), y, weights, edges, span, float((weight**2).sum()), lost)
 
 
-def _gauss(x: np.ndarray, squares: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _gauss_nodes(x: np.ndarray, squares: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Polynomials (C, 10, S) orthonormal over points x (C, S) of squared weights, the zeros (C, 10) of the eleventh,
     and eigenvectors (C, 10, 10) of the Jacobi matrices, whose j-th columns are sqrt(weight_j) p_k(zero_j).
 
@@ -148,7 +152,7 @@ def _gauss(x: np.ndarray, squares: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     return polynomials, nodes, vectors * np.sign(vectors[:, :1])
 
 
-def knots(breaks: np.ndarray) -> np.ndarray:
+def pad_knots(breaks: np.ndarray) -> np.ndarray:
     """The knots of a spline with these breaks: ten at either end."""
     return np.pad(breaks, FIT_DEGREE, mode="edge")
 
@@ -161,7 +165,7 @@ def basis(t: np.ndarray, breaks: np.ndarray, order: int = 0) -> tuple[np.ndarray
     from scipy.interpolate import BSpline
 
     place = np.searchsorted(breaks, t, side="right").clip(1, len(breaks) - 1) - 1
-    all_knots = knots(breaks)
+    all_knots = pad_knots(breaks)
     inner = all_knots[order : len(all_knots) - order]
     values = BSpline.design_matrix(t, inner, FIT_DEGREE - order).data.reshape(-1, BASIS_WIDTH - order)
     for degree in range(FIT_DEGREE - order + 1, BASIS_WIDTH):
@@ -171,7 +175,7 @@ def basis(t: np.ndarray, breaks: np.ndarray, order: int = 0) -> tuple[np.ndarray
     return values, place
 
 
-def solve(rows: Rows, breaks: np.ndarray) -> Solution:
+def solve(rows: SplineRows, breaks: np.ndarray) -> SplineSolution:
     """The least-squares spline with these breaks; raises `LinAlgError` where the samples leave it undetermined."""
     from scipy.linalg import cho_solve_banded, cholesky_banded
 
@@ -180,7 +184,7 @@ def solve(rows: Rows, breaks: np.ndarray) -> Solution:
     values *= rows.weight[:, None]
     bounds = np.searchsorted(place, np.arange(len(breaks)))
     parts = [slice(*pair) for pair in pairwise(bounds.tolist())]
-    factor = cholesky_banded(_normal(values, parts), lower=True, check_finite=False)
+    factor = cholesky_banded(_normal_bands(values, parts), lower=True, check_finite=False)
     coefficients = np.zeros((len(parts) + FIT_DEGREE, rows.y.shape[1]))
     residual = rows.y
     while True:  # c += (B^T B)^-1 B^T (y - B c), once, or twice where the first residual is as small as its rounding
@@ -189,10 +193,10 @@ def solve(rows: Rows, breaks: np.ndarray) -> Solution:
         if before is not rows.y or ((residual**2).sum(axis=0) > MIN_REFINED_SHARE**2 * (rows.y**2).sum(axis=0)).all():
             break
     residual = rows.across(residual)
-    return Solution(breaks, coefficients, residual, factor, (residual**2).sum(axis=0) + rows.rest)
+    return SplineSolution(breaks, coefficients, residual, factor, (residual**2).sum(axis=0) + rows.rest)
 
 
-def _normal(values: np.ndarray, parts: list[slice]) -> np.ndarray:
+def _normal_bands(values: np.ndarray, parts: list[slice]) -> np.ndarray:
     """B^T B in lower bands, (10, m)."""
     blocks = np.array([values[part].T @ values[part] for part in parts])
     banded = np.zeros((BASIS_WIDTH, len(parts) + FIT_DEGREE))

@@ -5,18 +5,18 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from jounce.core.errors import JounceError, at, listed, quoted
+from jounce.core.errors import JounceError, join_names, locate_errors, quote_value
 from jounce.model.mechanism import Mechanism
-from jounce.motion.curves import COMPONENTS, Arranged, Curve
-from jounce.motion.hermite import Hermite
-from jounce.motion.smoothed import found_from
-from jounce.motion.spline import Sampled, Smoothing, Spline
-from jounce.spatial.series import SUFFIX, rate_name
+from jounce.motion.curves import COMPONENTS, ArrangedCurve, Curve
+from jounce.motion.hermite import HermiteCurve
+from jounce.motion.sample_curves import fit_curve
+from jounce.motion.spline import SampledColumns, Smoothing, Spline
+from jounce.spatial.series import RATE_SUFFIX, rate_name
 
-WRENCH_COLUMN = re.compile(r"(.*)\.([mf][xyz])" + SUFFIX, re.DOTALL)
+WRENCH_COLUMN = re.compile(r"(.*)\.([mf][xyz])" + RATE_SUFFIX, re.DOTALL)
 
 
-def named(names: Sequence[str], mechanism: Mechanism) -> list[str]:
+def select_wrench_columns(names: Sequence[str], mechanism: Mechanism) -> list[str]:
     """Those column names that are of wrenches; a body may be called as a joint is, and a joint ``arm.fx``."""
     joints = set(mechanism.coordinates)
     others = joints - {*mechanism.frame_names}
@@ -31,7 +31,7 @@ def are_sampled(columns: Iterable[str]) -> bool:
     return bool(rates) and not any(rates)
 
 
-def wrenches(
+def build_wrenches(
     t: np.ndarray,
     columns: Mapping[str, np.ndarray],
     mechanism: Mechanism,
@@ -42,7 +42,7 @@ def wrenches(
     """W over time by body, with rates up to `order` at least, and notes; components left out are zero."""
     parts = [match.groups() for name in columns if (match := WRENCH_COLUMN.fullmatch(name))]
     given = list(dict.fromkeys((body, component) for body, component, _ in parts))
-    with at(place):
+    with locate_errors(place):
         for body, _ in given:
             mechanism.frame(body)
     sampled, notes = are_sampled(columns), []
@@ -50,23 +50,27 @@ def wrenches(
     for body in dict.fromkeys(body for body, _ in given):
         components = [component for name, component in given if name == body]
         names = tuple(f"{body}.{component}" for component in components)
-        rows = [_stacked(columns, body, components, k, place) for k in range(1 if sampled else order + 1)]
+        rows = [_stack_rates(columns, body, components, k, place) for k in range(1 if sampled else order + 1)]
         curve: Curve
         if sampled:
-            samples = found_from(Sampled(t, rows[0], order, f"{place}: wrench of {quoted(body)}", names, "W"), way)
+            samples = fit_curve(
+                SampledColumns(t, rows[0], order, f"{place}: wrench of {quote_value(body)}", names, "W"), way
+            )
             curve = samples.curve
             if samples.notes:
-                notes += [f"wrench of {quoted(body)}: {text}" for text in (samples.source, *samples.notes)]
+                notes += [f"wrench of {quote_value(body)}: {text}" for text in (samples.source, *samples.notes)]
         else:
-            curve = Hermite(t, tuple(rows), table=place, names=names)
+            curve = HermiteCurve(t, tuple(rows), table=place, names=names)
         places = [components.index(component) if component in components else -1 for component in COMPONENTS]
-        found[body] = Arranged(curve, np.array(places))
+        found[body] = ArrangedCurve(curve, np.array(places))
     return found, tuple(notes)
 
 
-def _stacked(columns: Mapping[str, np.ndarray], body: str, components: Sequence[str], k: int, place: str) -> np.ndarray:
+def _stack_rates(
+    columns: Mapping[str, np.ndarray], body: str, components: Sequence[str], k: int, place: str
+) -> np.ndarray:
     names = [f"{body}.{rate_name(component, k)}" for component in components]
-    missing = [quoted(name) for name in names if name not in columns]
+    missing = [quote_value(name) for name in names if name not in columns]
     if missing:
-        raise JounceError(f"{place}: missing {listed(missing)}; expected every wrench column with all its rates")
+        raise JounceError(f"{place}: missing {join_names(missing)}; expected every wrench column with all its rates")
     return np.stack([columns[name] for name in names], axis=1)

@@ -7,16 +7,16 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from jounce.arguments.rates import checked_order
-from jounce.core.deprecated import renamed_keywords
-from jounce.core.display import Displayed
-from jounce.core.errors import JounceError, listed, one_of, quoted, warn
+from jounce.arguments.rates import check_order
+from jounce.core.deprecated import deprecate_keywords
+from jounce.core.display import HtmlDisplay
+from jounce.core.errors import JounceError, check_choice, join_names, quote_value, warn
 from jounce.core.scalars import asarray, is_finite
 from jounce.core.typing import ArrayLike
 from jounce.model.positions import Position
 from jounce.motion import base as bases
-from jounce.motion.composed import Chain, Retimed
-from jounce.motion.curves import COMPONENTS, DEFAULT_ORDER, Arranged, Curve, Jump, Polynomials
+from jounce.motion.composite_curves import CurveChain, RetimedCurve
+from jounce.motion.curves import COMPONENTS, DEFAULT_ORDER, ArrangedCurve, Curve, Jump, Polynomials
 from jounce.spatial.series import rate_name
 
 DEFAULT_TIME_STEP = 1e-3  # s, for motions without times of their own: the usual cycle of controllers
@@ -41,7 +41,7 @@ class Break(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Motion(Displayed):
+class Motion(HtmlDisplay):
     """The motion of a robot as a function of time: ``motion(t, order)`` gives q, qd, ... at any times.
 
     `jounce.load_motion` makes one of a file or of named columns; the static methods make one of samples, terms, or what
@@ -135,10 +135,10 @@ class Motion(Displayed):
         from jounce.motion import constructors
         from jounce.motion.spline import Spline
 
-        return Motion(**constructors.through(t, q, Spline(degree), joint_names)._asdict())
+        return Motion(**constructors.from_samples(t, q, Spline(degree), joint_names)._asdict())
 
     @staticmethod
-    @renamed_keywords(force="allow_noise")
+    @deprecate_keywords(force="allow_noise")
     def fit(
         t: ArrayLike,
         q: ArrayLike,
@@ -186,10 +186,10 @@ class Motion(Displayed):
         True
         """
         from jounce.motion import constructors
-        from jounce.motion.spline import way_of
+        from jounce.motion.spline import select_smoothing
 
-        way = way_of(degree, intervals, bandwidth, allow_noise)
-        return Motion(**constructors.through(t, q, way, joint_names)._asdict())
+        way = select_smoothing(degree, intervals, bandwidth, allow_noise)
+        return Motion(**constructors.from_samples(t, q, way, joint_names)._asdict())
 
     @staticmethod
     def polynomial(
@@ -223,7 +223,7 @@ class Motion(Displayed):
         """
         from jounce.motion import constructors
 
-        return Motion(**constructors.polynomial(coefficients, duration, start, joint_names)._asdict())
+        return Motion(**constructors.from_polynomials(coefficients, duration, start, joint_names)._asdict())
 
     @staticmethod
     def fourier(
@@ -268,7 +268,11 @@ class Motion(Displayed):
         """
         from jounce.motion import constructors
 
-        return Motion(**constructors.fourier(offset, cosines, sines, frequency, duration, start, joint_names)._asdict())
+        return Motion(
+            **constructors.from_fourier_series(
+                offset, cosines, sines, frequency, duration, start, joint_names
+            )._asdict()
+        )
 
     @staticmethod
     def piecewise(breaks: ArrayLike, coefficients: ArrayLike, *, joint_names: Sequence[str] | None = None) -> "Motion":
@@ -301,7 +305,7 @@ class Motion(Displayed):
         """
         from jounce.motion import constructors
 
-        return Motion(**constructors.piecewise(breaks, coefficients, joint_names)._asdict())
+        return Motion(**constructors.from_pieces(breaks, coefficients, joint_names)._asdict())
 
     @staticmethod
     def trapezoidal(
@@ -336,7 +340,7 @@ class Motion(Displayed):
         """
         from jounce.motion import planners
 
-        return Motion(**planners.trapezoidal(positions, velocity, acceleration, joint_names)._asdict())
+        return Motion(**planners.from_trapezoidal_profiles(positions, velocity, acceleration, joint_names)._asdict())
 
     @staticmethod
     def from_ruckig(trajectory: Any, *, joint_names: Sequence[str] | None = None) -> "Motion":
@@ -503,14 +507,14 @@ class Motion(Displayed):
         >>> [(found.t, found.order, found.jump) for found in motion.breaks_to(2)]
         [(0.5, 2, -2.0), (1.0, 2, -2.0)]
         """
-        order = checked_order(order)
+        order = check_order(order)
         names: Sequence[str | int] = self.joint_names or range(self.curve.columns)
-        found = [Break(jump.t, names[jump.column], jump.order, jump.size) for jump in _jumps(self.curve, order)]
+        found = [Break(jump.t, names[jump.column], jump.order, jump.size) for jump in _find_jumps(self.curve, order)]
         for body, curve in self.loads.items():
-            for jump in _jumps(curve, order - 2):
+            for jump in _find_jumps(curve, order - 2):
                 name = f"{body}.{COMPONENTS[jump.column]}"
                 found.append(Break(jump.t, name, jump.order, jump.size, "W"))
-        for jump in _jumps(self.base_curve, order) if self.base_curve else ():
+        for jump in _find_jumps(self.base_curve, order) if self.base_curve else ():
             found.append(Break(jump.t, bases.BASE_COLUMNS[jump.column], jump.order, jump.size, "base"))
         return tuple(sorted(found, key=lambda jump: jump.t))
 
@@ -546,13 +550,13 @@ class Motion(Displayed):
         >>> motion([0.0, 1.0], order=1)[1].tolist()
         [[1.0], [2.0]]
         """
-        times, order = self.checked(t), checked_order(order)
+        times, order = self.checked(t), check_order(order)
         self._check_known(self.curve, order, "q", self.source)
-        found = self.curve.rates(times.ravel(), order, one_of("side", side, BREAK_SIDES) == "left")
+        found = self.curve.rates(times.ravel(), order, check_choice("side", side, BREAK_SIDES) == "left")
         self._check_finite(found, times, "q", lambda j: f"joint {self._name(j)}")
         for joint in self.several:
-            bases.check_length(found[0][:, joint.turn], times.ravel(), f"{joint.name}: the rotation")
-        return tuple(rate.reshape(*times.shape, rate.shape[1]) for rate in bases.states_of(self.several, found))
+            bases.check_norms(found[0][:, joint.turn], times.ravel(), f"{joint.name}: the rotation")
+        return tuple(rate.reshape(*times.shape, rate.shape[1]) for rate in bases.compute_states(self.several, found))
 
     def wrench(
         self, t: ArrayLike, order: int = 2, side: Literal["right", "left"] = "right"
@@ -582,11 +586,11 @@ class Motion(Displayed):
         >>> list(W), W["link7"].shape
         (['link7'], (6,))
         """
-        times, order = self.checked(t), checked_order(order)
-        left = one_of("side", side, BREAK_SIDES) == "left"
+        times, order = self.checked(t), check_order(order)
+        left = check_choice("side", side, BREAK_SIDES) == "left"
         found: list[dict[str, np.ndarray]] = [{} for _ in range(order + 1)]
         for body, curve in self.loads.items():
-            what = f"the wrench of {quoted(body)}"
+            what = f"the wrench of {quote_value(body)}"
             self._check_known(curve, order, "W", what)
             rates = curve.rates(times.ravel(), order, left)
             self._check_finite(rates, times, "W", lambda j, what=what: what)
@@ -628,16 +632,16 @@ class Motion(Displayed):
         >>> V.round(6), Vd.round(6)
         (array([0. , 0. , 0. , 0. , 0. , 0.2]), array([0. , 0. , 0. , 0. , 0. , 0.2]))
         """
-        times, order = self.checked(t), checked_order(order)
-        left = one_of("side", side, BREAK_SIDES) == "left"
+        times, order = self.checked(t), check_order(order)
+        left = check_choice("side", side, BREAK_SIDES) == "left"
         if self.base_curve is None:
             return None
         self._check_known(self.base_curve, order, "q", "the motion of the base")
-        found = bases.terms_at(self.base_curve, times.ravel(), order, left)
+        found = bases.evaluate_base(self.base_curve, times.ravel(), order, left)
         self._check_finite(found, times, "the motion", lambda j: "the base")
         return tuple(term.reshape(*times.shape, *term.shape[1:]) for term in found)
 
-    @renamed_keywords(force="allow_noise")
+    @deprecate_keywords(force="allow_noise")
     def with_base(
         self,
         t: ArrayLike | None,
@@ -681,10 +685,10 @@ class Motion(Displayed):
         array([0., 0., 0., 0., 0., 0.])
         """
         from jounce.motion import poses
-        from jounce.motion.spline import way_of
+        from jounce.motion.spline import select_smoothing
 
-        way = way_of(degree, intervals, bandwidth, allow_noise)
-        curve, notes = poses.curve_of_poses(t, C, way, self.start, self.stop)
+        way = select_smoothing(degree, intervals, bandwidth, allow_noise)
+        curve, notes = poses.curve_from_poses(t, C, way, self.start, self.stop)
         return replace(self, base_curve=curve, notes=(*self.notes, *notes))
 
     def wrench_deviations(self, t: ArrayLike, order: int = 2) -> tuple[dict[str, np.ndarray], ...]:
@@ -711,7 +715,7 @@ class Motion(Displayed):
         >>> jounce.load_motion("paper-wrench", jounce.load("iiwa14")).wrench_deviations(0.5, order=0)
         ({},)
         """
-        times, order = self.checked(t), checked_order(order)
+        times, order = self.checked(t), check_order(order)
         found = {body: curve.deviations(times.ravel(), order) for body, curve in self.loads.items()}
         known = {body: rates for body, rates in found.items() if rates is not None}
         shape = *times.shape, len(COMPONENTS)
@@ -741,14 +745,14 @@ class Motion(Displayed):
         >>> jounce.Motion.polynomial([[0, 1]], duration=1.0).deviations(0.5) is None
         True
         """
-        times, order = self.checked(t), checked_order(order)
+        times, order = self.checked(t), check_order(order)
         self._check_known(self.curve, order, "q", self.source)
         found = self.curve.deviations(times.ravel(), order)
         if found is not None and self.several:
-            means = partial(bases.states_of, self.several)
+            means = partial(bases.compute_states, self.several)
             true = means(self.curve.rates(times.ravel(), order))
             found = [np.zeros_like(rate) for rate in true]
-            for off in bases.perturbed(self.curve, times.ravel(), order, means):
+            for off in bases.perturb_rates(self.curve, times.ravel(), order, means):
                 found = [np.hypot(*both) for both in zip(found, map(np.subtract, off, true), strict=True)]
         return None if found is None else tuple(rate.reshape(*times.shape, rate.shape[1]) for rate in found)
 
@@ -776,7 +780,7 @@ class Motion(Displayed):
         2.0
         """
         if not is_finite(factor) or not factor > 0:
-            raise JounceError(f"factor is {quoted(factor)}; expected a finite number > 0, 2 for half the speed")
+            raise JounceError(f"factor is {quote_value(factor)}; expected a finite number > 0, 2 for half the speed")
         return self._retimed(float(factor), self.start, f"{self.source}, {factor:g} times as long")
 
     def shifted(self, seconds: float) -> "Motion":
@@ -803,7 +807,7 @@ class Motion(Displayed):
         3.0
         """
         if not is_finite(seconds):
-            raise JounceError(f"seconds is {quoted(seconds)}; expected a finite number")
+            raise JounceError(f"seconds is {quote_value(seconds)}; expected a finite number")
         return self._retimed(1.0, self.start + float(seconds), self.source)
 
     def with_step(self, step: float) -> "Motion":
@@ -830,7 +834,7 @@ class Motion(Displayed):
         array([0.  , 0.25, 0.5 , 0.75, 1.  ])
         """
         if not is_finite(step) or not step > 0:
-            raise JounceError(f"step is {quoted(step)}; expected a number of seconds > 0")
+            raise JounceError(f"step is {quote_value(step)}; expected a number of seconds > 0")
         if self.duration / step > MAX_TIMES:
             came = f"a step of {step:g} s makes more than {MAX_TIMES} times in {self.duration:g} s"
             raise JounceError(f"{came}; expected a longer one")
@@ -865,28 +869,30 @@ class Motion(Displayed):
         >>> motion.blended(0.1).breaks_to(4)
         ()
         """
-        from jounce.motion.blend import blended
+        from jounce.motion.blend import blend_curve
 
         if not is_finite(time) or not time > 0:
-            raise JounceError(f"time is {quoted(time)}; expected a number of seconds > 0")
+            raise JounceError(f"time is {quote_value(time)}; expected a number of seconds > 0")
         if isinstance(continuity, bool) or not isinstance(continuity, int) or not 2 <= continuity <= MAX_CONTINUITY:
-            raise JounceError(f"continuity is {quoted(continuity)}; expected 2 to {MAX_CONTINUITY}, 4 for a smooth Q2d")
+            raise JounceError(
+                f"continuity is {quote_value(continuity)}; expected 2 to {MAX_CONTINUITY}, 4 for a smooth Q2d"
+            )
         if not self.breaks_to(continuity):
             last = rate_name("q", continuity)
             warn(f"no derivative up to {last} jumps ({self.source}): a blend has no effect; leave it out")
             return replace(self, residual=np.zeros(self.curve.columns))
         names = [f"joint {self._name(j)}" for j in range(self.curve.columns)]
-        curve, distance = blended(self.curve, float(time), _known(self.curve, continuity), names)
+        curve, distance = blend_curve(self.curve, float(time), _known_order(self.curve, continuity), names)
         loads, notes = dict(self.loads), list(self.notes)
         for body, load in self.loads.items():
-            if _jumps(load, continuity - 2):
+            if _find_jumps(load, continuity - 2):
                 components = [f"the wrench component {body}.{component}" for component in COMPONENTS]
-                loads[body], off = blended(load, float(time), _known(load, continuity - 2), components)
-                notes.append(f"wrench of {quoted(body)}: blended, at most {off.max():.2g} N m or N from it")
+                loads[body], off = blend_curve(load, float(time), _known_order(load, continuity - 2), components)
+                notes.append(f"wrench of {quote_value(body)}: blended, at most {off.max():.2g} N m or N from it")
         base = self.base_curve
-        if base and _jumps(base, continuity):
-            base, off = blended(
-                base, float(time), _known(base, continuity), [f"column {name}" for name in bases.BASE_COLUMNS]
+        if base and _find_jumps(base, continuity):
+            base, off = blend_curve(
+                base, float(time), _known_order(base, continuity), [f"column {name}" for name in bases.BASE_COLUMNS]
             )
             turn = f"{off[3:].max():.2g} in quaternions"
             notes.append(f"base: blended, at most {off[:3].max():.2g} m from it, and {turn}")
@@ -903,7 +909,7 @@ class Motion(Displayed):
         [end], [begin] = self(self.stop, 0, "left"), later(later.start, 0)
         factors = np.ones(len(end))
         for joint in self.several:
-            factors[joint.turn] = _factor(end[joint.turn], begin[joint.turn])
+            factors[joint.turn] = _continuation_factor(end[joint.turn], begin[joint.turn])
         begin = begin * factors
         apart = np.abs(end - begin)
         if apart.max() > MAX_JOIN_GAP:
@@ -911,15 +917,15 @@ class Motion(Displayed):
             came = f"joint {self._name(j)} ends at {end[j]:g} and goes on from {begin[j]:g}"
             raise JounceError(f"the motions do not meet: {came}; expected one to begin where the other ends")
         loads = {
-            body: Chain(tuple(part.loads.get(body) or _zero(part) for part in (self, later)))
+            body: CurveChain(tuple(part.loads.get(body) or _zero_wrench(part) for part in (self, later)))
             for body in {**self.loads, **later.loads}
         }
         grid = None
         if self.grid is not None and later.grid is not None:
             grid = np.concatenate([self.grid, later.grid[later.grid > self.grid[-1]]])
         source = self.source if self.source == other.source else f"{self.source}; then {other.source}"
-        curve = Chain((self.curve, _scaled(later.curve, factors) if self.several else later.curve))
-        found = Motion(curve, self.joint_names, source, loads, grid=grid, base_curve=_joined_bases(self, later))
+        curve = CurveChain((self.curve, _scale_columns(later.curve, factors) if self.several else later.curve))
+        found = Motion(curve, self.joint_names, source, loads, grid=grid, base_curve=_join_bases(self, later))
         return replace(found, branch=self.branch, several=self.several)
 
     def checked(self, t: ArrayLike) -> np.ndarray:
@@ -948,7 +954,7 @@ class Motion(Displayed):
         """
         times = np.asarray(asarray(t, "t"))
         if times.dtype.kind != "f" or np.asarray(t).dtype.kind == "b":
-            raise JounceError(f"t is {quoted(t)}; expected times in s")
+            raise JounceError(f"t is {quote_value(t)}; expected times in s")
         slack = 1e-12 * max(abs(self.start), abs(self.stop))
         outside = ~((times >= self.start - slack) & (times <= self.stop + slack))
         if outside.any():
@@ -962,7 +968,7 @@ class Motion(Displayed):
 
     def _retimed(self, factor: float, place: float, source: str) -> "Motion":
         """The motion at another pace, its start at a time `place`."""
-        retimed = partial(Retimed, factor=factor, origin=self.start, place=place)
+        retimed = partial(RetimedCurve, factor=factor, origin=self.start, place=place)
         curve = retimed(self.curve)
         return replace(
             self,
@@ -988,23 +994,23 @@ class Motion(Displayed):
                 raise JounceError(f"{came}; expected a finite time derivative of order {k}")
 
     def _name(self, j: int) -> str:
-        return quoted(self.joint_names[j]) if self.joint_names else str(j)
+        return quote_value(self.joint_names[j]) if self.joint_names else str(j)
 
     def _names(self) -> str:
-        return listed(self.joint_names) if self.joint_names else f"{self.curve.columns} without names"
+        return join_names(self.joint_names) if self.joint_names else f"{self.curve.columns} without names"
 
 
-def _known(curve: Curve, order: int) -> int:
+def _known_order(curve: Curve, order: int) -> int:
     """The order, or that of the last derivative that a curve knows."""
     return order if curve.highest is None else min(order, curve.highest)
 
 
-def _jumps(curve: Curve, order: int) -> list[Jump]:
+def _find_jumps(curve: Curve, order: int) -> list[Jump]:
     """Where a derivative of a curve up to an order jumps, as far as it is known."""
-    return curve.jumps(_known(curve, order)) if order >= 0 else []
+    return curve.jumps(_known_order(curve, order)) if order >= 0 else []
 
 
-def _joined_bases(first: Motion, later: Motion) -> Curve | None:
+def _join_bases(first: Motion, later: Motion) -> Curve | None:
     """The base of two motions one after the other; of the second quaternion the free sign and length follow suit."""
     if first.base_curve is None or later.base_curve is None:
         if first.base_curve or later.base_curve:
@@ -1012,23 +1018,23 @@ def _joined_bases(first: Motion, later: Motion) -> Curve | None:
         return None
     [end] = first.base_curve.rates(np.array([first.stop]), 0, True)
     [begin] = later.base_curve.rates(np.array([later.start]), 0)
-    factors = np.array([1.0] * 3 + [_factor(end[0, 3:], begin[0, 3:])] * 4)
+    factors = np.array([1.0] * 3 + [_continuation_factor(end[0, 3:], begin[0, 3:])] * 4)
     apart = np.abs(end - begin * factors).max()
     if apart > MAX_JOIN_GAP:
         came = f"the motions do not meet: their bases are {apart:.2g} apart in position (m) or quaternion"
         raise JounceError(f"{came}; expected one to begin where the other ends")
-    return Chain((first.base_curve, _scaled(later.base_curve, factors)))
+    return CurveChain((first.base_curve, _scale_columns(later.base_curve, factors)))
 
 
-def _factor(end: np.ndarray, begin: np.ndarray) -> float:
+def _continuation_factor(end: np.ndarray, begin: np.ndarray) -> float:
     """What makes a quaternion, whose sign is free, or cosine and sine go on from where others end."""
     factor = float(end @ begin) / float(begin @ begin)
     return factor if len(end) == 4 else abs(factor)
 
 
-def _scaled(curve: Curve, factors: np.ndarray) -> Curve:
-    return Arranged(curve, np.arange(curve.columns), factors)
+def _scale_columns(curve: Curve, factors: np.ndarray) -> Curve:
+    return ArrangedCurve(curve, np.arange(curve.columns), factors)
 
 
-def _zero(motion: Motion) -> Curve:
+def _zero_wrench(motion: Motion) -> Curve:
     return Polynomials(np.array([motion.start, motion.stop]), np.zeros((1, 1, 6)))

@@ -79,7 +79,7 @@ class Beats:
         return 1 + np.diff(sums[bounds], axis=0)
 
 
-def beats_of(
+def find_beats(
     t: np.ndarray, q: np.ndarray, velocity: np.ndarray, steps: np.ndarray, sigma: np.ndarray, weight: np.ndarray
 ) -> Beats:
     """Where samples q, (N, n), of weights (N,), rounded to `steps` (n,), beat: by estimated velocities and scatter."""
@@ -93,7 +93,7 @@ def beats_of(
     spread = 2 * np.pi * BEAT_HARMONICS * np.hypot(added, velocity[few] * uneven)[:, :, None] / step
     share = 6 / (np.pi * BEAT_HARMONICS) ** 2 * np.exp(-(np.minimum(spread, 20) ** 2)) * (steps > 0)[:, None]
     period = usual / np.maximum(np.abs(passed - np.round(passed)), 1e-9)
-    period[:, :, 0] = np.maximum(period[:, :, 0], durations(t, q)[few])
+    period[:, :, 0] = np.maximum(period[:, :, 0], hold_durations(t, q)[few])
     around = np.add.reduceat(weight**2, np.arange(0, len(t), few.step))
     travel = np.cumsum(np.abs(velocity) * np.diff(t, append=t[-1])[:, None], axis=0)[few]
     path = travel / np.where(steps > 0, steps, np.finfo(float).eps)
@@ -110,7 +110,7 @@ def varies_slowly(samples: np.ndarray) -> np.ndarray:
     return np.asarray((ratio - 1) * np.sqrt(len(samples)) < -WHITENESS_DEVIATIONS)
 
 
-def local_noise(samples: np.ndarray) -> np.ndarray:
+def estimate_local_noise(samples: np.ndarray) -> np.ndarray:
     """The standard deviation (n,) of white noise in most places, by differences that hold hardly any motion."""
     off = np.abs(np.diff(samples, NOISE_DIFFERENCE_ORDER, axis=0))
     return np.asarray(
@@ -118,7 +118,7 @@ def local_noise(samples: np.ndarray) -> np.ndarray:
     )
 
 
-def durations(t: np.ndarray, q: np.ndarray) -> np.ndarray:
+def hold_durations(t: np.ndarray, q: np.ndarray) -> np.ndarray:
     """For how long samples stay equal, (N, n)."""
     lasting = np.empty(q.shape)
     for joint, column in enumerate(q.T):
@@ -130,18 +130,18 @@ def durations(t: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 def rest_weights(t: np.ndarray, q: np.ndarray, interval: float) -> np.ndarray:
     """Weights (N,) of samples: less where all joints stay on a step for long, for the sake of their common error."""
-    lasting = durations(t, q).min(axis=1)
+    lasting = hold_durations(t, q).min(axis=1)
     equal = 1 + lasting / float(np.median(np.diff(t)))
     return np.where(lasting > interval / 2, equal ** (-REST_WEIGHT_POWER / 2), 1.0)
 
 
-def step_of(samples: np.ndarray) -> tuple[float, str]:
+def find_step(samples: np.ndarray) -> tuple[float, str]:
     """The step to which samples are rounded and its kind, of an encoder or of written digits; otherwise 0."""
     some = samples[:: len(samples) // MAX_STEP_SAMPLES + 1]
     if not _is_irregular(some):
         return 0.0, "written digits"
-    written = _written_step(some)
-    lattice = _lattice(some, written or _resolution(some))
+    written = _find_written_step(some)
+    lattice = _find_lattice_step(some, written or _rounding_tolerance(some))
     if lattice and not (written and lattice < 1.5 * written):
         return lattice, "encoder step"
     return written, "written digits"
@@ -161,13 +161,13 @@ def _is_irregular(samples: np.ndarray) -> bool:
     return bool(off[changes].mean() > 0.5) if changes.any() else True
 
 
-def _resolution(samples: np.ndarray) -> float:
+def _rounding_tolerance(samples: np.ndarray) -> float:
     """What the rounding of doubles, or of single precision, may be of a difference."""
     single = np.array_equal(samples, samples.astype(np.float32))
     return float(np.abs(samples).max() * (np.finfo(np.float32).eps if single else 4096 * np.finfo(float).eps))
 
 
-def _lattice(samples: np.ndarray, tolerance: float) -> float:
+def _find_lattice_step(samples: np.ndarray, tolerance: float) -> float:
     """The step of which all differences are multiples up to a tolerance; otherwise 0.
 
     Where a joint passes several steps from sample to sample, what is left of its differences determines the step:
@@ -194,19 +194,19 @@ def _lattice(samples: np.ndarray, tolerance: float) -> float:
     return 0.0
 
 
-def _written_step(samples: np.ndarray) -> float:
+def _find_written_step(samples: np.ndarray) -> float:
     """The unit of the last digit that samples are written with, the larger one of two lengths; 0 for doubles."""
     large = np.abs(samples) >= 1
     parts = [part for part in (samples[~large], samples[large]) if len(np.unique(part)) >= MIN_DIFFERENT_SAMPLES]
-    units = [_unit(part) for part in parts or [samples]]
+    units = [_decimal_unit(part) for part in parts or [samples]]
     return min(units) if 0.0 in units else max(units)
 
 
-def _unit(samples: np.ndarray) -> float:
+def _decimal_unit(samples: np.ndarray) -> float:
     return next((10.0**-d for d in range(MAX_DECIMALS + 1) if np.array_equal(np.round(samples, d), samples)), 0.0)
 
 
-def noise_of(samples: np.ndarray, sigma: float, rounding: tuple[float, str]) -> Noise:
+def classify_noise(samples: np.ndarray, sigma: float, rounding: tuple[float, str]) -> Noise:
     """The noise of a joint's samples that scatter by sigma about its motion; their step and its kind are known."""
     step, kind = rounding
     if step and sigma < 1.5 * step / np.sqrt(12):

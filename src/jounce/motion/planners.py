@@ -12,28 +12,32 @@ import numpy as np
 
 from jounce.core.errors import JounceError, one_line
 from jounce.core.scalars import asarray
-from jounce.motion.constructors import Parts, check_increasing, checked_names, numbers
+from jounce.motion.constructors import MotionParts, as_finite_array, check_increasing, check_joint_names
 from jounce.motion.curves import Polynomials
-from jounce.motion.hermite import coefficients
+from jounce.motion.hermite import hermite_coefficients
 
 PLANNER_TOLERANCE = 1e-6  # of the largest position or velocity, for a planner's own evaluation
 
 
-def from_ruckig(trajectory: Any, joint_names: Any) -> Parts:
+def from_ruckig(trajectory: Any, joint_names: Any) -> MotionParts:
     """The pieces of constant jerk of a `ruckig.Trajectory`: of each joint before, within and after its profile."""
     try:
         sections, duration = list(trajectory.profiles), float(trajectory.duration)
         starts = [0.0, *map(float, trajectory.intermediate_durations)][: len(sections)]
-        columns = [_phases([section[j] for section in sections], starts) for j in range(trajectory.degrees_of_freedom)]
+        columns = [
+            _collect_phases([section[j] for section in sections], starts) for j in range(trajectory.degrees_of_freedom)
+        ]
     except Exception as error:  # whatever another object raises
-        raise _not_from("from_ruckig", "a ruckig.Trajectory that is calculated", trajectory, error) from None
+        raise _foreign_object_error(
+            "from_ruckig", "a ruckig.Trajectory that is calculated", trajectory, error
+        ) from None
     _check_ends("from_ruckig", duration, columns)
-    curve = side_by_side(columns, duration)
+    curve = merge_columns(columns, duration)
     _check_agreement(curve, lambda t: np.array([trajectory.at_time(float(x))[:2] for x in t]), "ruckig")
-    return Parts(curve, checked_names(joint_names, curve.columns), "pieces of constant jerk, of Ruckig")
+    return MotionParts(curve, check_joint_names(joint_names, curve.columns), "pieces of constant jerk, of Ruckig")
 
 
-def _phases(profiles: Sequence[Any], starts: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+def _collect_phases(profiles: Sequence[Any], starts: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
     """Where the phases of one joint begin, and their coefficients (4, m): braking, seven phases, and what follows."""
     rows: list[tuple[float, ...]] = []
     for number, (profile, start) in enumerate(zip(profiles, starts, strict=True)):
@@ -52,7 +56,7 @@ def _phases(profiles: Sequence[Any], starts: Sequence[float]) -> tuple[np.ndarra
     return x[kept], np.array([rates[0] / 6, rates[1] / 2, rates[2], rates[3]])[:, kept]
 
 
-def from_toppra(path: Any, joint_names: Any) -> Parts:
+def from_toppra(path: Any, joint_names: Any) -> MotionParts:
     """The trajectory that toppra computes: a spline in time, or polynomials of a path that is quadratic in time."""
     if path is None:
         raise JounceError(
@@ -65,18 +69,18 @@ def from_toppra(path: Any, joint_names: Any) -> Parts:
             " if its variable is time, use Motion.piecewise(path.cspl.x, path.cspl.c)"
         )
     try:
-        x, c = _spline_of(path) if hasattr(path, "cspl") else _retimed_path(path)
+        x, c = _path_polynomials(path) if hasattr(path, "cspl") else _retime_path(path)
     except Exception as error:  # whatever another object raises
         expected = "what toppra's compute_trajectory() returns, along a spline or polynomials"
         cure = "(sample others at times t and use Motion.through(t, path(t)))"
-        raise _not_from("from_toppra", f"{expected} {cure}", path, error) from None
+        raise _foreign_object_error("from_toppra", f"{expected} {cure}", path, error) from None
     _check_ends("from_toppra", float(x[-1]), [(x, c[:, :, 0])])
     curve = Polynomials(x, c)
     _check_agreement(curve, lambda t: np.stack([path(t, k).reshape(len(t), -1) for k in (0, 1)], axis=1), "toppra")
-    return Parts(curve, checked_names(joint_names, curve.columns), "piecewise polynomials, of toppra")
+    return MotionParts(curve, check_joint_names(joint_names, curve.columns), "piecewise polynomials, of toppra")
 
 
-def _spline_of(path: Any) -> tuple[np.ndarray, np.ndarray]:
+def _path_polynomials(path: Any) -> tuple[np.ndarray, np.ndarray]:
     """Breakpoints (m + 1,) and coefficients (degree + 1, m, n) of a geometric path or trajectory."""
     from scipy.interpolate import PPoly
 
@@ -85,8 +89,8 @@ def _spline_of(path: Any) -> tuple[np.ndarray, np.ndarray]:
     elif hasattr(path, "ppoly"):
         x, c = path.ppoly.x, path.ppoly.c
     elif hasattr(path, "uspl"):
-        columns = [_pieces_of(spline) for spline in path.uspl]
-        curve = side_by_side(columns, float(path.path_interval[1]))
+        columns = [_univariate_pieces(spline) for spline in path.uspl]
+        curve = merge_columns(columns, float(path.path_interval[1]))
         x, c = curve.x, curve.c
     elif hasattr(path, "_polys"):
         pieces = [PPoly.from_bernstein_basis(poly) for poly in path._polys]
@@ -96,11 +100,11 @@ def _spline_of(path: Any) -> tuple[np.ndarray, np.ndarray]:
         c = np.zeros((max(map(len, powers)), 1, len(powers)))
         for j, power in enumerate(powers):
             c[len(c) - len(power) :, 0, j] = power[::-1]
-        x, c = np.array(path.path_interval, dtype=float), shifted(c, np.array(float(path.path_interval[0])))
+        x, c = np.array(path.path_interval, dtype=float), shift_polynomials(c, np.array(float(path.path_interval[0])))
     return np.asarray(x, dtype=float), np.asarray(c, dtype=float).reshape(*c.shape[:2], -1)
 
 
-def _pieces_of(spline: Any) -> tuple[np.ndarray, np.ndarray]:
+def _univariate_pieces(spline: Any) -> tuple[np.ndarray, np.ndarray]:
     """Where the pieces of a `scipy.interpolate.UnivariateSpline` begin, and their coefficients (degree + 1, m)."""
     x = np.asarray(spline.get_knots())[:-1]
     rates = np.array([spline.derivatives(at) for at in x]).T
@@ -108,10 +112,10 @@ def _pieces_of(spline: Any) -> tuple[np.ndarray, np.ndarray]:
     return x, (rates / factorials[:, None])[::-1]
 
 
-def _retimed_path(path: Any) -> tuple[np.ndarray, np.ndarray]:
+def _retime_path(path: Any) -> tuple[np.ndarray, np.ndarray]:
     """q(s(t)): s is quadratic in t between grid points, q polynomial in s between the points of the path."""
     t, s, v, u = (np.asarray(part, dtype=float) for part in (path._ts, path._ss, path._velocities, path._us))
-    knots, c = _spline_of(path._path)
+    knots, c = _path_polynomials(path._path)
     inner = knots[(knots > s[0]) & (knots < s[-1])]
     i = (np.searchsorted(s, inner, side="right") - 1).clip(0, len(u) - 1)
     ahead = inner - s[i]
@@ -127,10 +131,10 @@ def _retimed_path(path: Any) -> tuple[np.ndarray, np.ndarray]:
     piece = piece.clip(0, len(knots) - 2)
     pace = [(u[i] / 2)[:, None], (v[i] + since * u[i])[:, None]]
     begin = s[i] + since * (v[i] + since * u[i] / 2) - knots[piece]
-    return x, _composed(shifted(c[:, piece], begin[:, None]), pace)
+    return x, _compose_polynomials(shift_polynomials(c[:, piece], begin[:, None]), pace)
 
 
-def _composed(c: np.ndarray, pace: Sequence[np.ndarray]) -> np.ndarray:
+def _compose_polynomials(c: np.ndarray, pace: Sequence[np.ndarray]) -> np.ndarray:
     """Coefficients of p(a t^2 + b t), highest power first, of those c (degree + 1, m, n) of p, and a, b (m, 1)."""
     a, b = pace
     found = c[:1]
@@ -143,15 +147,15 @@ def _composed(c: np.ndarray, pace: Sequence[np.ndarray]) -> np.ndarray:
     return found
 
 
-def trapezoidal(positions: Any, velocity: Any, acceleration: Any, joint_names: Any) -> Parts:
+def from_trapezoidal_profiles(positions: Any, velocity: Any, acceleration: Any, joint_names: Any) -> MotionParts:
     """From rest to rest between positions (m, n), all joints in step, as fast as their limits allow."""
-    q = numbers(positions, "positions", 2)
+    q = as_finite_array(positions, "positions", 2)
     if len(q) < 2 or not np.abs(np.diff(q, axis=0)).max(axis=1).all():
         raise JounceError(f"positions has {len(q)} rows; expected two at least, each unlike the one before")
     limits = []
     for name, given in (("velocity", velocity), ("acceleration", acceleration)):
         limit = np.asarray(asarray(given, name))
-        limit = numbers(limit, name, 0 if limit.ndim == 0 else 1)
+        limit = as_finite_array(limit, name, 0 if limit.ndim == 0 else 1)
         if (limit.ndim and len(limit) != q.shape[1]) or (limit <= 0).any():
             raise JounceError(f"{name} is {limit.tolist()}; expected one or {q.shape[1]} numbers > 0")
         limits.append(np.broadcast_to(limit, q.shape[1]))
@@ -169,10 +173,10 @@ def trapezoidal(positions: Any, velocity: Any, acceleration: Any, joint_names: A
         start += total
     x = np.array([*(row[0] for row in rows), start])
     c = np.array([[row[k] for row in rows] for k in (1, 2, 3)])
-    return Parts(Polynomials(x, c), checked_names(joint_names, q.shape[1]), "trapezoidal velocity profiles")
+    return MotionParts(Polynomials(x, c), check_joint_names(joint_names, q.shape[1]), "trapezoidal velocity profiles")
 
 
-def between_points(t: np.ndarray, points: Sequence[Sequence[np.ndarray]], joint_names: Any) -> Parts:
+def from_trajectory_points(t: np.ndarray, points: Sequence[Sequence[np.ndarray]], joint_names: Any) -> MotionParts:
     """The curve that ROS makes of trajectory points: of each its positions and perhaps velocities and accelerations.
 
     Between two points it is linear, cubic or quintic: both state positions, or velocities too, or accelerations too.
@@ -184,13 +188,15 @@ def between_points(t: np.ndarray, points: Sequence[Sequence[np.ndarray]], joint_
         which = np.array(list(numbered))
         h = np.diff(t)[which, None]
         left, right = ([np.array([points[i + step][k] for i in which]) for k in range(m)] for step in (0, 1))
-        found = coefficients(left, right, h)
+        found = hermite_coefficients(left, right, h)
         scale = h[None] ** np.arange(2 * m - 1, -1, -1)[:, None, None]
         c[len(c) - 2 * m :, which] = found / scale
     kinds = {1: "linear", 2: "cubic", 3: "quintic"}
     said = " and ".join(kinds[m] for m in sorted(set(common)))
     curve = Polynomials(t, c)
-    return Parts(curve, checked_names(joint_names, curve.columns), f"trajectory points, {said} between them as in ROS")
+    return MotionParts(
+        curve, check_joint_names(joint_names, curve.columns), f"trajectory points, {said} between them as in ROS"
+    )
 
 
 def _check_ends(name: str, duration: float, columns: Sequence[tuple[np.ndarray, np.ndarray]]) -> None:
@@ -211,12 +217,12 @@ def _check_agreement(curve: Polynomials, evaluate: Any, planner: str) -> None:
         raise JounceError(f"{came}: this release of {planner} is not known; sample it and use Motion.through")
 
 
-def _not_from(name: str, expected: str, given: object, error: Exception) -> JounceError:
+def _foreign_object_error(name: str, expected: str, given: object, error: Exception) -> JounceError:
     came = type(given).__name__
     return JounceError(f"Motion.{name}() expects {expected}, got {came}: {one_line(cast(object, error))}")
 
 
-def shifted(c: np.ndarray, by: np.ndarray) -> np.ndarray:
+def shift_polynomials(c: np.ndarray, by: np.ndarray) -> np.ndarray:
     """Coefficients (degree + 1, ...) of p(s + by): highest power first, as those of p(s); Horner's scheme by Shaw."""
     c = c.copy()
     for last in range(len(c) - 1, 0, -1):
@@ -225,7 +231,7 @@ def shifted(c: np.ndarray, by: np.ndarray) -> np.ndarray:
     return c
 
 
-def side_by_side(parts: Sequence[tuple[np.ndarray, np.ndarray]], stop: float) -> Polynomials:
+def merge_columns(parts: Sequence[tuple[np.ndarray, np.ndarray]], stop: float) -> Polynomials:
     """Columns with breakpoints of their own as one curve with the breakpoints of all.
 
     A column is (x, c): its pieces begin at x (m,), with the coefficients c (degree + 1, m); the last reaches to `stop`.
@@ -242,5 +248,5 @@ def side_by_side(parts: Sequence[tuple[np.ndarray, np.ndarray]], stop: float) ->
     c = np.zeros((max(len(c) for _, c in parts), len(middle), len(parts)))
     for j, (knots, column) in enumerate(parts):
         piece = (np.searchsorted(knots, middle, side="right") - 1).clip(0)
-        c[len(c) - len(column) :, :, j] = shifted(column[:, piece], x[:-1] - knots[piece])
+        c[len(c) - len(column) :, :, j] = shift_polynomials(column[:, piece], x[:-1] - knots[piece])
     return Polynomials(x, c)

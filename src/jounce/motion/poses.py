@@ -7,36 +7,36 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments.poses import check_pose
-from jounce.core.errors import JounceError, at, listed, quoted, warn
+from jounce.core.errors import JounceError, join_names, locate_errors, quote_value, warn
 from jounce.core.scalars import asarray
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import several_positions
-from jounce.motion.base import BASE_COLUMNS, POSE_COLUMNS, neighbouring_signs, turned_along
-from jounce.motion.composed import Part
-from jounce.motion.constructors import check_increasing, numbers
+from jounce.model.positions import list_multiscrew_joints
+from jounce.motion.base import BASE_COLUMNS, POSE_COLUMNS, align_quaternions, neighbouring_signs
+from jounce.motion.composite_curves import CurvePart
+from jounce.motion.constructors import as_finite_array, check_increasing
 from jounce.motion.curves import DEFAULT_ORDER, Curve, Polynomials
-from jounce.motion.hermite import Hermite, stated_rates
-from jounce.motion.smoothed import found_from
-from jounce.motion.spline import Sampled, Smoothing, Spline, refuse_way
+from jounce.motion.hermite import HermiteCurve, collect_rates
+from jounce.motion.sample_curves import fit_curve
+from jounce.motion.spline import SampledColumns, Smoothing, Spline, refuse_smoothing
 from jounce.spatial.lie import rotation, to_quaternion
-from jounce.spatial.series import SUFFIX, rate_name
+from jounce.spatial.series import RATE_SUFFIX, rate_name
 
 BASE_PREFIX = "base"  # of its columns, for which the name of the base link may stand too
 MAX_BASE_SPEED = 50.0  # m/s, which no robot keeps up: positions look like another unit
-POSE_COLUMN = re.compile(rf"(.*)\.({'|'.join(POSE_COLUMNS)}){SUFFIX}(_sd)?", re.DOTALL)
+POSE_COLUMN = re.compile(rf"(.*)\.({'|'.join(POSE_COLUMNS)}){RATE_SUFFIX}(_sd)?", re.DOTALL)
 
 
-def named(names: Sequence[str], mechanism: Mechanism) -> dict[str, str]:
+def select_base_columns(names: Sequence[str], mechanism: Mechanism) -> dict[str, str]:
     """Those column names that are of the base, each as it is with the prefix ``base``."""
     prefixes = {BASE_PREFIX, mechanism.bodies[0] if mechanism.floats else BASE_PREFIX}
-    prefixes -= {joint.name for joint in several_positions(mechanism)}
+    prefixes -= {joint.name for joint in list_multiscrew_joints(mechanism)}
     parts = [(name, POSE_COLUMN.fullmatch(name)) for name in names if name not in mechanism.coordinates]
     return {
         name: f"{BASE_PREFIX}.{name[match.end(1) + 1 :]}" for name, match in parts if match and match[1] in prefixes
     }
 
 
-def check_names(names: Sequence[str], mechanism: Mechanism, highest: int) -> None:
+def check_base_columns(names: Sequence[str], mechanism: Mechanism, highest: int) -> None:
     """Raise `JounceError` unless the columns of a base, with the prefix ``base``, are complete."""
     if not names and not mechanism.floats:
         return
@@ -51,7 +51,7 @@ def check_names(names: Sequence[str], mechanism: Mechanism, highest: int) -> Non
     ]
     if missing:
         last = f" with all rates to {rate_name('x', highest)}" if len(rates) > 1 else ""
-        raise JounceError(f"missing {listed(missing)}; expected {', '.join(BASE_COLUMNS)}{last}")
+        raise JounceError(f"missing {join_names(missing)}; expected {', '.join(BASE_COLUMNS)}{last}")
 
 
 def are_sampled(names: Sequence[str]) -> bool:
@@ -59,37 +59,39 @@ def are_sampled(names: Sequence[str]) -> bool:
     return not any(match[3] for name in names if (match := POSE_COLUMN.fullmatch(name)))
 
 
-def unit_of(name: str) -> tuple[str, str]:
+def base_column_unit(name: str) -> tuple[str, str]:
     """The unit of a column of a base, m or none (1) of quaternions, and what its name adds for the rate: d, 2d, ..."""
     match = POSE_COLUMN.fullmatch(name)
     assert match is not None  # `named` selects them
     return "1" if match[2].startswith("q") else "m", match[3] or ""
 
 
-def curve_of_columns(
+def curve_from_columns(
     t: np.ndarray, columns: Mapping[str, np.ndarray], way: Smoothing | Spline, highest: int, place: str
 ) -> tuple[Curve | None, tuple[str, ...]]:
     """The curve of the columns of a base, which are complete, and notes; None without any."""
     if not columns:
         return None, ()
     sampled = are_sampled(list(columns))
-    with at(place):
-        columns, notes = turned_along(columns, BASE_COLUMNS[3:], sampled, unit=sampled)
-    rows, spreads = (stated_rates(columns, BASE_COLUMNS, ending) for ending in ("", "_sd"))
+    with locate_errors(place):
+        columns, notes = align_quaternions(columns, BASE_COLUMNS[3:], sampled, unit=sampled)
+    rows, spreads = (collect_rates(columns, BASE_COLUMNS, ending) for ending in ("", "_sd"))
     if sampled:
-        curve, further = _curve_of_samples(t, rows[0], way, highest, place)
+        curve, further = _curve_from_samples(t, rows[0], way, highest, place)
         return curve, (*notes, *further)
-    return Hermite(t, rows, spreads if len(spreads) == len(rows) else None, table=place, names=BASE_COLUMNS), tuple(
-        notes
-    )
+    return HermiteCurve(
+        t, rows, spreads if len(spreads) == len(rows) else None, table=place, names=BASE_COLUMNS
+    ), tuple(notes)
 
 
-def curve_of_poses(t: Any, C: Any, way: Smoothing | Spline, start: float, stop: float) -> tuple[Curve, tuple[str, ...]]:
+def curve_from_poses(
+    t: Any, C: Any, way: Smoothing | Spline, start: float, stop: float
+) -> tuple[Curve, tuple[str, ...]]:
     """The curve of poses C (N, 4, 4) at times t (N,), or of one pose (4, 4), for a motion; and notes."""
     poses = np.asarray(asarray(C, "C"))
     one = t is None
     if poses.dtype.kind != "f" or poses.ndim != (2 if one else 3) or poses.shape[-2:] != (4, 4):
-        came = f"C has shape {poses.shape}" if poses.dtype.kind == "f" else f"C is {quoted(C)}"
+        came = f"C has shape {poses.shape}" if poses.dtype.kind == "f" else f"C is {quote_value(C)}"
         raise JounceError(f"{came}; expected poses (N, 4, 4) at times t (N,), or t=None and one pose (4, 4)")
     if not np.isfinite(poses).all():
         raise JounceError(f"C holds {poses[~np.isfinite(poses)].flat[0]}; expected finite numbers")
@@ -98,9 +100,9 @@ def curve_of_poses(t: Any, C: Any, way: Smoothing | Spline, start: float, stop: 
     Q = to_quaternion(rotation(poses))
     samples = np.concatenate([poses[:, :3, 3], Q * neighbouring_signs(Q)[:, None]], axis=1)
     if one:
-        refuse_way(way, "base", "one pose rests")
+        refuse_smoothing(way, "base", "one pose rests")
         return Polynomials(np.array([start, stop]), samples[None]), ()
-    times = numbers(t, "t", 1)
+    times = as_finite_array(t, "t", 1)
     if len(times) != len(samples):
         raise JounceError(f"t has {len(times)} times and C {len(samples)} poses; expected as many")
     check_increasing(times, "t")
@@ -108,16 +110,16 @@ def curve_of_poses(t: Any, C: Any, way: Smoothing | Spline, start: float, stop: 
         raise JounceError(
             f"t goes from {times[0]:g} to {times[-1]:g} s; expected the whole motion, from {start:g} to {stop:g} s"
         )
-    curve, notes = _curve_of_samples(times, samples, way, DEFAULT_ORDER, "the motion")
-    return Part(curve, start, stop), notes
+    curve, notes = _curve_from_samples(times, samples, way, DEFAULT_ORDER, "the motion")
+    return CurvePart(curve, start, stop), notes
 
 
-def _curve_of_samples(
+def _curve_from_samples(
     t: np.ndarray, samples: np.ndarray, way: Smoothing | Spline, highest: int, place: str
 ) -> tuple[Curve, tuple[str, ...]]:
     fastest = float(np.median(np.linalg.norm(np.diff(samples[:, :3], axis=0), axis=1) / np.diff(t)))
     if fastest > MAX_BASE_SPEED:
         warn(f"{place}: the base moves at {fastest:.3g} m/s; expected m: a column in mm is called 'base.x [mm]'")
-    found = found_from(Sampled(t, samples, highest, f"{place}: base", BASE_COLUMNS), way)
+    found = fit_curve(SampledColumns(t, samples, highest, f"{place}: base", BASE_COLUMNS), way)
     residual = "" if found.residual is None else f", at most {found.residual[:3].max():.2g} m from them"
     return found.curve, tuple(f"base: {text}" for text in (found.source + residual, *found.notes))

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed, quoted
+from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.scalars import is_finite
-from jounce.motion.constructors import Parts
-from jounce.motion.planners import between_points
+from jounce.motion.constructors import MotionParts
+from jounce.motion.planners import from_trajectory_points
 
 POINT_FIELDS = ("positions", "velocities", "accelerations")
 IGNORED_FIELDS = ("multi_dof_joint_trajectory",)  # poses of bodies, which jounce does not read
@@ -16,22 +16,22 @@ MAX_MESSAGE_DEPTH = 8  # of messages within messages: a plan of MoveIt has its t
 TIME_FIELDS = (("sec", "secs"), ("nanosec", "nsecs"))  # of ROS 2 and ROS 1
 
 
-def from_joint_trajectory(message: Any) -> Parts:
+def from_joint_trajectory(message: Any) -> MotionParts:
     """The curve of a JointTrajectory, with the joints in its order."""
-    found = list(trajectories_in(message))
+    found = list(find_trajectories(message))
     if len(found) != 1:
         came = f"{len(found)} trajectories" if found else "no joint_names and points"
-        raise JounceError(f"{came} in {quoted(message)}; expected one JointTrajectory, or a plan that contains it")
+        raise JounceError(f"{came} in {quote_value(message)}; expected one JointTrajectory, or a plan that contains it")
     [trajectory] = found
-    names = _items(trajectory, "joint_names")
-    points = _items(trajectory, "points")
+    names = _get_list(trajectory, "joint_names")
+    points = _get_list(trajectory, "points")
     if not names or not all(isinstance(name, str) for name in names):
-        raise JounceError(f"joint_names is {quoted(names)}; expected names of joints")
-    t = np.array([_seconds(point, f"point {i}") for i, point in enumerate(points)])
-    return between_points(t, [_rates(point, names, f"point {i}") for i, point in enumerate(points)], names)
+        raise JounceError(f"joint_names is {quote_value(names)}; expected names of joints")
+    t = np.array([_read_seconds(point, f"point {i}") for i, point in enumerate(points)])
+    return from_trajectory_points(t, [_read_rates(point, names, f"point {i}") for i, point in enumerate(points)], names)
 
 
-def trajectories_in(message: Any) -> Iterator[Any]:
+def find_trajectories(message: Any) -> Iterator[Any]:
     """The JointTrajectory messages in a message: itself, or those in its fields, as a plan of MoveIt has one."""
     waiting, seen = [(message, 0)], set()
     while waiting:
@@ -39,64 +39,66 @@ def trajectories_in(message: Any) -> Iterator[Any]:
         if id(given) in seen:  # aliases of YAML, which make a tree of any size of a few lines
             continue
         seen.add(id(given))
-        if _has(given, "joint_names") and _has(given, "points"):
+        if _has_field(given, "joint_names") and _has_field(given, "points"):
             yield given
         elif depth < MAX_MESSAGE_DEPTH:
-            waiting += [(inner, depth + 1) for name, inner in _fields(given) if name not in IGNORED_FIELDS]
+            waiting += [(inner, depth + 1) for name, inner in _message_fields(given) if name not in IGNORED_FIELDS]
 
 
-def _fields(message: Any) -> list[tuple[Any, Any]]:
+def _message_fields(message: Any) -> list[tuple[Any, Any]]:
     if isinstance(message, Mapping):
         return list(message.items())
     if isinstance(message, list | tuple):
         return list(enumerate(message)) if any(isinstance(part, Mapping | list) for part in message[:1]) else []
     slots = getattr(message, "__slots__", None) or getattr(message, "__dict__", None) or ()
     names = [str(name).lstrip("_") for name in slots] if type(message).__module__ != "builtins" else []
-    return [(name, getattr(message, name)) for name in names if _has(message, name)]
+    return [(name, getattr(message, name)) for name in names if _has_field(message, name)]
 
 
-def _has(message: Any, name: str) -> bool:
+def _has_field(message: Any, name: str) -> bool:
     try:
         return name in message if isinstance(message, Mapping) else hasattr(message, name)
     except Exception:  # whatever a foreign type raises
         return False
 
 
-def _get(message: Any, name: str) -> Any:
+def _get_field(message: Any, name: str) -> Any:
     return message.get(name) if isinstance(message, Mapping) else getattr(message, name, None)
 
 
-def _items(message: Any, name: str) -> list[Any]:
-    given = _get(message, name)
+def _get_list(message: Any, name: str) -> list[Any]:
+    given = _get_field(message, name)
     try:
         if isinstance(given, str | Mapping):
             raise TypeError
         return [] if given is None else list(given)
     except Exception:  # what a foreign type raises
-        raise JounceError(f"{name} is {quoted(given)}; expected a list") from None
+        raise JounceError(f"{name} is {quote_value(given)}; expected a list") from None
 
 
-def _seconds(point: Any, what: str) -> float:
+def _read_seconds(point: Any, what: str) -> float:
     """time_from_start: seconds and nanoseconds, or a number of seconds."""
-    given = _get(point, "time_from_start")
+    given = _get_field(point, "time_from_start")
     parts = [given] if is_finite(given) else [
-        next((_get(given, name) for name in names if _has(given, name)), 0) for names in TIME_FIELDS
+        next((_get_field(given, name) for name in names if _has_field(given, name)), 0) for names in TIME_FIELDS
     ]  # fmt: skip
-    stated = len(parts) == 1 or any(_has(given, name) for names in TIME_FIELDS for name in names)
+    stated = len(parts) == 1 or any(_has_field(given, name) for names in TIME_FIELDS for name in names)
     if not stated or not all(map(is_finite, parts)):
-        raise JounceError(f"{what}: time_from_start is {quoted(given)}; expected {{sec: ..., nanosec: ...}} or seconds")
+        raise JounceError(
+            f"{what}: time_from_start is {quote_value(given)}; expected {{sec: ..., nanosec: ...}} or seconds"
+        )
     return float(parts[0]) + (1e-9 * float(parts[1]) if len(parts) == 2 else 0.0)
 
 
-def _rates(point: Any, names: list[str], what: str) -> list[np.ndarray]:
+def _read_rates(point: Any, names: list[str], what: str) -> list[np.ndarray]:
     """Positions, velocities, accelerations: those that a point has, none skipped."""
     found: list[np.ndarray] = []
     for k, name in enumerate(POINT_FIELDS):
-        given = _items(point, name)
+        given = _get_list(point, name)
         if not given and k:
             break
         if len(given) != len(names) or not all(map(is_finite, given)):
-            expected = f"{len(names)} finite numbers: {listed(names)}"
-            raise JounceError(f"{what}: {name} is {quoted(given)}; expected {expected}")
+            expected = f"{len(names)} finite numbers: {join_names(names)}"
+            raise JounceError(f"{what}: {name} is {quote_value(given)}; expected {expected}")
         found.append(np.array(given, dtype=float))
     return found

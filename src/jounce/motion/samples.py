@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.core.errors import JounceError, quoted
-from jounce.motion.least_squares import Rows, few_rows_of
+from jounce.core.errors import JounceError, quote_value
+from jounce.motion.least_squares import SplineRows, compress_rows
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -47,23 +47,23 @@ class Samples:
         """Some of the rows."""
         return replace(self, t=self.t[rows], q=self.q[rows], weight=self.weight[rows])
 
-    def rows(self, cells: int) -> Rows:
+    def rows(self, cells: int) -> SplineRows:
         """The rows of a least-squares problem, compressed to a number of cells if there are many samples."""
-        rows = few_rows_of(self.t, self.q, self.weight, self.span, cells)
+        rows = compress_rows(self.t, self.q, self.weight, self.span, cells)
         if self.drift is None:
             return rows
         spline, own = self.drift
         return replace(rows, along=(spline(rows.t, nu=1), own))
 
 
-def check(
+def check_samples(
     t: object, q: object, names: Sequence[str] | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]:
     """Samples as arrays (N,) and (N, n), the numbers of their rows, and the joints' names.
 
     Raises `JounceError` if they are invalid. Rows that are equal to the one before, time included, are left out.
     """
-    times, samples = (_numbers(x, label) for x, label in ((t, "t"), (q, "q")))
+    times, samples = (_as_numbers(x, label) for x, label in ((t, "t"), (q, "q")))
     samples = samples[:, None] if samples.ndim == 1 else samples
     if times.ndim != 1 or samples.ndim != 2 or len(times) != len(samples):
         raise JounceError(f"t has shape {times.shape} and q {samples.shape}; expected (N,) and (N, n)")
@@ -90,14 +90,14 @@ def check(
     return times, samples, np.flatnonzero(kept), joints
 
 
-def _numbers(given: object, label: str) -> np.ndarray:
+def _as_numbers(given: object, label: str) -> np.ndarray:
     array = np.asarray(given)
     if array.dtype.kind not in "fiu":
-        raise JounceError(f"{label} is {quoted(given)}; expected an array of numbers")
+        raise JounceError(f"{label} is {quote_value(given)}; expected an array of numbers")
     return array.astype(float)
 
 
-def spikes(t: np.ndarray, q: np.ndarray, steps: np.ndarray) -> np.ndarray:
+def find_spikes(t: np.ndarray, q: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """Which rows, (N,), lie off the line through those on either side, alone and much farther than others around."""
     share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
     off = np.pad(q[1:-1] - q[:-2] * (1 - share) - q[2:] * share, ((4, 4), (0, 0)))
@@ -111,7 +111,7 @@ def spikes(t: np.ndarray, q: np.ndarray, steps: np.ndarray) -> np.ndarray:
     return wild
 
 
-def are_wild(t: np.ndarray, q: np.ndarray, rows: np.ndarray, joint: np.ndarray, off: np.ndarray) -> np.ndarray:
+def are_wild_rows(t: np.ndarray, q: np.ndarray, rows: np.ndarray, joint: np.ndarray, off: np.ndarray) -> np.ndarray:
     """Which rows, (R,), far `off` a fit in a joint, are wild: q (N, n) and `off` are in standard deviations of noise.
 
     A motion that the fit does not follow leaves far rows too. A wild row, or one of two in succession, is off the cubic
@@ -119,15 +119,15 @@ def are_wild(t: np.ndarray, q: np.ndarray, rows: np.ndarray, joint: np.ndarray, 
     """
     wild = np.zeros(len(rows), bool)
     for others in ((0,), (0, 1), (-1, 0)):  # rows that may be wild together
-        own = _off_cubic(t, q, rows, joint, 0, others)
-        beside = [_off_cubic(t, q, rows, joint, k, others) for k in (others[0] - 1, others[-1] + 1)]
+        own = _distance_from_cubic(t, q, rows, joint, 0, others)
+        beside = [_distance_from_cubic(t, q, rows, joint, k, others) for k in (others[0] - 1, others[-1] + 1)]
         wild |= (own > off * MIN_WILD_SHARE) & (
             np.maximum(*beside) < own * MAX_NEIGHBOUR_SHARE + MAX_NEIGHBOUR_DEVIATIONS
         )
     return wild
 
 
-def _off_cubic(
+def _distance_from_cubic(
     t: np.ndarray, q: np.ndarray, rows: np.ndarray, joint: np.ndarray, target: int, without: tuple[int, ...]
 ) -> np.ndarray:
     """How far the rows (R,) plus a number `target` are off the cubic through the two next on either side but some."""

@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jounce.motion.holds import Holds, find_holds, late_by
-from jounce.motion.least_squares import Solution
+from jounce.motion.holds import SampleHolds, describe_delay, find_holds
+from jounce.motion.least_squares import SplineSolution
 from jounce.motion.samples import MIN_FIT_SAMPLES, Samples
-from jounce.motion.smoothing import first_fit
+from jounce.motion.smoothing import fit_even_breaks
 
 PERIOD_TOLERANCE = 0.01  # of a sensor's period, by which that of all joints together may differ
 MAX_MOVING_ROUNDS = 8  # each leaves a delay times the highest frequency of the rest
@@ -24,7 +24,7 @@ MOVING_TOLERANCE = 0.01  # standard deviations of noise, by which values still m
 
 
 @dataclass(frozen=True, eq=False)
-class Sensors:
+class SensorClocks:
     """What becomes of samples whose sensors are not read together."""
 
     held: np.ndarray  # (N,), rows that are left out
@@ -40,11 +40,11 @@ class Sensors:
             f"sensors of {' to '.join(rates)} values per second, which rows hold, are not read together for all joints:"
             f" {self.held.sum()} of {len(self.held)} rows are left out, which the slowest does not read, and values are"
             " moved to the times of the others by the motion itself"
-            + late_by(np.asarray(self.samples.unsure), float(known.max())),
+            + describe_delay(np.asarray(self.samples.unsure), float(known.max())),
         )
 
 
-def find_sensors(samples: Samples, first: Solution, cells: int, together: Holds) -> Sensors | None:
+def find_sensors(samples: Samples, first: SplineSolution, cells: int, together: SampleHolds) -> SensorClocks | None:
     """The samples at common times, where joints hold values over rows of their own and not all of them `together`."""
     own = [
         find_holds(samples.joints(np.array([k])), replace(first, coefficients=c[:, None], energy=e[None]), cells)
@@ -60,14 +60,14 @@ def find_sensors(samples: Samples, first: Solution, cells: int, together: Holds)
     ticks = np.stack([holds.t[np.cumsum(~holds.held)[rows] - 1] for holds in own], axis=1).clip(*samples.span)
     row = float(np.median(np.diff(samples.t)))  # joints as fast as the log have clocks of their own as well
     unsure = np.array([min(holds.unsure or row, periods.max()) for holds in own])
-    return Sensors(slowest.held, _moved(replace(samples.part(rows), unsure=unsure), ticks), periods)
+    return SensorClocks(slowest.held, _move_samples(replace(samples.part(rows), unsure=unsure), ticks), periods)
 
 
-def _moved(samples: Samples, ticks: np.ndarray) -> Samples:
+def _move_samples(samples: Samples, ticks: np.ndarray) -> Samples:
     """Samples q (R, n), read at `ticks` (R, n), as they were at the times of the rows."""
     moved = samples
     for _ in range(MAX_MOVING_ROUNDS):  # a fit, what it passes between the times, and whether that has changed
-        solution, _ = first_fit(moved)
+        solution, _ = fit_even_breaks(moved)
         curve = solution.spline
         passed = curve(samples.t) - np.stack([curve(t)[:, k] for k, t in enumerate(ticks.T)], axis=1)
         before, moved = moved, replace(moved, q=samples.q + passed)

@@ -21,16 +21,24 @@ import numpy as np
 
 from jounce.core.errors import JounceError
 from jounce.motion.bursts import find_bursts, with_flanks
-from jounce.motion.choice import Choice, Part, again, bounded, by_schwarz, choose, denser
-from jounce.motion.correction import colour, corrected
 from jounce.motion.curves import ROUNDING_OF_Q
-from jounce.motion.deviations import Spread, stamp_covariances
-from jounce.motion.encoders import find_errors_of_encoders
-from jounce.motion.knots import fitted, most_intervals
-from jounce.motion.least_squares import FIT_DEGREE, MIN_CELLS, Solution, rows_of, solve
-from jounce.motion.noise import Beats, beats_of, local_noise, rest_weights, varies_slowly
-from jounce.motion.samples import Samples, are_wild
-from jounce.motion.trust import notes_of_residual, residual_excess
+from jounce.motion.deviations import SplineCovariances, timestamp_covariances
+from jounce.motion.encoders import find_encoder_errors
+from jounce.motion.knot_selection import (
+    DensePart,
+    KnotChoice,
+    densify,
+    refit_choice,
+    select_by_bandwidth,
+    select_by_bic,
+    select_knots,
+)
+from jounce.motion.knots import fit_breaks, max_intervals
+from jounce.motion.least_squares import FIT_DEGREE, MIN_CELLS, SplineSolution, make_rows, solve
+from jounce.motion.noise import Beats, estimate_local_noise, find_beats, rest_weights, varies_slowly
+from jounce.motion.reliability import notes_of_residual, residual_excess
+from jounce.motion.samples import Samples, are_wild_rows
+from jounce.motion.timestamps import correct_timestamps, correlation_factor
 from jounce.motion.vibrations import BAND_TO_LINE, Line, find_lines
 
 if TYPE_CHECKING:
@@ -48,12 +56,12 @@ PROBE_SAMPLES = 4096  # in each of them
 
 
 @dataclass(frozen=True, eq=False)
-class Smoothed:
+class SmoothedSamples:
     """A spline through or along samples, with what its deviations come from and what was noticed."""
 
     samples: Samples
     spline: "BSpline"
-    spread: Spread
+    spread: SplineCovariances
     sigma: np.ndarray
     notes: tuple[str, ...]
     lines: tuple[Line, ...] = ()  # followed, or left out as the spread says
@@ -61,7 +69,7 @@ class Smoothed:
 
 
 @dataclass(frozen=True, eq=False)
-class Setting:
+class KnotSetting:
     """What breaks are chosen by."""
 
     beats: Beats  # of rounding
@@ -69,22 +77,22 @@ class Setting:
     cells: int
     bandwidth: float | None  # Hz, if it is given
     floor: np.ndarray  # (n,), the variance below which nothing is worth a break
-    bursts: Sequence[Part] = ()  # parts with denser breaks
+    bursts: Sequence[DensePart] = ()  # parts with denser breaks
 
 
-def first_fit(samples: Samples) -> tuple[Solution, int]:
+def fit_even_breaks(samples: Samples) -> tuple[SplineSolution, int]:
     """The evenly spaced spline of least BIC, and the number of cells to which samples may be compressed for it."""
     if len(samples.t) < MIN_LONG_LOG:
-        return by_schwarz(samples.rows(MIN_CELLS), samples.floor), MIN_CELLS
+        return select_by_bic(samples.rows(MIN_CELLS), samples.floor), MIN_CELLS
     starts = np.linspace(0, len(samples.t) - PROBE_SAMPLES, PROBES_OF_LOG).astype(int)
     parts = [samples.part(np.arange(start, start + PROBE_SAMPLES)) for start in starts]
-    needed = [by_schwarz(rows_of(p.t, p.q, p.weight, (p.t[0], p.t[-1])), samples.floor).intervals for p in parts]
+    needed = [select_by_bic(make_rows(p.t, p.q, p.weight, (p.t[0], p.t[-1])), samples.floor).intervals for p in parts]
     guess = int(np.mean(needed)) * len(samples.t) // PROBE_SAMPLES
     cells = max(MIN_CELLS, 4 * guess)
-    return by_schwarz(samples.rows(cells), samples.floor, guess), cells
+    return select_by_bic(samples.rows(cells), samples.floor, guess), cells
 
 
-def moves(samples: Samples, first: Solution) -> np.ndarray:
+def find_moving_joints(samples: Samples, first: SplineSolution) -> np.ndarray:
     """Which joints, (n,), a spline explains better, by BIC, than a constant does, or scatter by more than noise."""
     count = len(samples.t)
     constant = np.maximum(samples.q.var(axis=0), samples.floor)
@@ -93,18 +101,18 @@ def moves(samples: Samples, first: Solution) -> np.ndarray:
     return explained | varies_slowly(samples.q)
 
 
-def smooth(samples: Samples, first: Solution, cells: int, bandwidth: float | None) -> Smoothed:
+def smooth(samples: Samples, first: SplineSolution, cells: int, bandwidth: float | None) -> SmoothedSamples:
     """The smoothing spline of joints that move; without a bandwidth, of vibrations too that stand out of the noise.
 
     What stands out once the largest vibrations are followed is followed too, as far as the samples carry it.
     """
-    found = _with_vibrations(samples, first, cells, bandwidth)
-    errors = find_errors_of_encoders(found.samples, found.spread.solution.breaks, cells, found.lines)
+    found = _follow_vibrations(samples, first, cells, bandwidth)
+    errors = find_encoder_errors(found.samples, found.spread.solution.breaks, cells, found.lines)
     return replace(found, errors_of_encoders=tuple(errors))
 
 
-def _with_vibrations(samples: Samples, first: Solution, cells: int, bandwidth: float | None) -> Smoothed:
-    found = _smooth(samples, first, cells, bandwidth)
+def _follow_vibrations(samples: Samples, first: SplineSolution, cells: int, bandwidth: float | None) -> SmoothedSamples:
+    found = _smooth_once(samples, first, cells, bandwidth)
     lines: tuple[Line, ...] = ()
     for _ in range(MAX_VIBRATION_ROUNDS if bandwidth is None else 0):
         if not (new := found.spread.left_out):
@@ -115,7 +123,7 @@ def _with_vibrations(samples: Samples, first: Solution, cells: int, bandwidth: f
         lasting = [line.frequency for line in lines if line.lasts]
         bursts = tuple(with_flanks(line, samples.span) for line in lines if not line.lasts)
         try:
-            found = _smooth(samples, first, cells, BAND_TO_LINE * max(lasting) if lasting else None, bursts)
+            found = _smooth_once(samples, first, cells, BAND_TO_LINE * max(lasting) if lasting else None, bursts)
         except JounceError:  # the samples do not carry such a band
             return replace(found, lines=lines)
         # what is left beyond that band: below is what a wider fit leaves at its end
@@ -125,19 +133,19 @@ def _with_vibrations(samples: Samples, first: Solution, cells: int, bandwidth: f
     return replace(found, lines=lines + found.spread.left_out)
 
 
-def _smooth(
-    samples: Samples, first: Solution, cells: int, bandwidth: float | None, bursts: Sequence[Part] = ()
-) -> Smoothed:
+def _smooth_once(
+    samples: Samples, first: SplineSolution, cells: int, bandwidth: float | None, bursts: Sequence[DensePart] = ()
+) -> SmoothedSamples:
     # weights, and beats of rounding
     scatter = np.sqrt(first.energy / len(samples.t))
     samples = replace(samples, weight=rest_weights(samples.t, samples.q, float(np.ptp(samples.t)) / first.intervals))
     velocity = first.spline(samples.t, nu=1)
-    beats = beats_of(samples.t, samples.q, velocity, samples.steps, scatter, samples.weight)
+    beats = find_beats(samples.t, samples.q, velocity, samples.steps, scatter, samples.weight)
     floor = np.maximum(samples.floor, samples.steps**2 / 12)
-    setting = Setting(beats, first.intervals, cells, bandwidth, floor, bursts)
+    setting = KnotSetting(beats, first.intervals, cells, bandwidth, floor, bursts)
     # time stamps by the first fit
     stamped, left = samples, None
-    found = corrected(samples, first, cells, 1)
+    found = correct_timestamps(samples, first, cells, 1)
     if found:  # what is finer than stamps can show is not worth breaks
         samples = replace(found[0], drift=(first.spline, found[1].own))
         setting = replace(setting, floor=np.maximum(setting.floor, scatter**2))
@@ -145,11 +153,11 @@ def _smooth(
     chosen, samples, notes = _without_outliers(samples, setting)
     if found:  # time stamps by the better fit
         rows = stamped.rows(cells)
-        raw = fitted(rows, chosen.solution.breaks)
-        samples, times = corrected(stamped, raw, cells, 2) or found
-        alike = colour(samples, stamped.t, raw, times.sigma)
-        left = stamp_covariances(rows, raw, alike * times.sigma, times.own)
-        chosen = again(samples.rows(cells), beats, chosen)
+        raw = fit_breaks(rows, chosen.solution.breaks)
+        samples, times = correct_timestamps(stamped, raw, cells, 2) or found
+        alike = correlation_factor(samples, stamped.t, raw, times.sigma)
+        left = timestamp_covariances(rows, raw, alike * times.sigma, times.own)
+        chosen = refit_choice(samples.rows(cells), beats, chosen)
         notes += (f"time stamps scatter by {times.sigma:.2g} s; one shift per row, from all joints, corrects them",)
     # what the spline leaves
     solution = chosen.solution
@@ -157,62 +165,62 @@ def _smooth(
     excess = residual_excess(samples, residual, solution.breaks, chosen.variance)
     variance = chosen.variance * beats.inflation(solution.breaks, rests=True)
     beyond = chosen.variance * (excess - 1)
-    spread = Spread(solution, variance, chosen.coarser.spline, chosen.ratio, left, beyond, samples.unsure)
+    spread = SplineCovariances(solution, variance, chosen.coarser.spline, chosen.ratio, left, beyond, samples.unsure)
     sigma = np.sqrt((residual**2).mean(axis=0))
     notes += notes_of_residual(samples, residual, solution.breaks, excess)
     lines = find_lines(samples, residual, solution.spline(samples.t, nu=1))
     if not found:  # corrected stamps leave errors that come and go with the velocity
         lines += find_bursts(samples, solution.breaks, cells)
-    return Smoothed(samples, solution.spline, replace(spread, left_out=tuple(lines)), sigma, notes)
+    return SmoothedSamples(samples, solution.spline, replace(spread, left_out=tuple(lines)), sigma, notes)
 
 
-def interpolate(samples: Samples) -> Smoothed:
+def interpolate(samples: Samples) -> SmoothedSamples:
     """The spline of degree 9 through all samples, whose noise is their rounding."""
     from scipy.interpolate import make_interp_spline
 
     curve = make_interp_spline(samples.t, samples.q, k=FIT_DEGREE)
-    solution = solve(rows_of(samples.t, samples.q, samples.weight, samples.span), curve.t[FIT_DEGREE:-FIT_DEGREE])
+    solution = solve(make_rows(samples.t, samples.q, samples.weight, samples.span), curve.t[FIT_DEGREE:-FIT_DEGREE])
     sigma = np.maximum(samples.steps / np.sqrt(12), np.sqrt(samples.floor) / 8)
     variance = np.broadcast_to(sigma**2, (solution.intervals, len(sigma)))
     note = "the samples' noise is no more than their rounding; the spline goes through all of them"
-    return Smoothed(samples, curve, Spread(solution, variance), sigma, (note,))
+    return SmoothedSamples(samples, curve, SplineCovariances(solution, variance), sigma, (note,))
 
 
-def _choose(samples: Samples, setting: Setting) -> Choice:
+def _choose_knots(samples: Samples, setting: KnotSetting) -> KnotChoice:
     rows = samples.rows(setting.cells)
     if setting.bandwidth is None:
-        return denser(rows, choose(rows, setting.beats, setting.intervals, setting.floor), setting.bursts)
+        return densify(rows, select_knots(rows, setting.beats, setting.intervals, setting.floor), setting.bursts)
     wanted = max(1, int(np.ceil(2 * setting.bandwidth * np.ptp(samples.span))))
-    most = most_intervals(rows)
+    most = max_intervals(rows)
     if wanted > most:
         bound = most / 2 / np.ptp(samples.span)
         raise JounceError(f"bandwidth = {setting.bandwidth:g} Hz; these samples carry at most {bound:.3g} Hz")
-    return denser(rows, bounded(rows, setting.beats, wanted, setting.floor), setting.bursts)
+    return densify(rows, select_by_bandwidth(rows, setting.beats, wanted, setting.floor), setting.bursts)
 
 
-def _without_outliers(samples: Samples, setting: Setting) -> tuple[Choice, Samples, tuple[str, ...]]:
+def _without_outliers(samples: Samples, setting: KnotSetting) -> tuple[KnotChoice, Samples, tuple[str, ...]]:
     """The choice, once more where single rows lie far off, with less weight for these (Huber's)."""
-    chosen = _choose(samples, setting)
+    chosen = _choose_knots(samples, setting)
     left = samples.q - chosen.solution.spline(samples.t)
     scale = np.maximum(np.median(np.abs(left), axis=0) / 0.6745, np.sqrt(chosen.variance) / 2)
-    far = _far_alone(samples, left, scale) / OUTLIER_DEVIATIONS
+    far = _outlier_distances(samples, left, scale) / OUTLIER_DEVIATIONS
     if not 0 < (far > 1).mean() < MAX_OUTLIER_SHARE:
         return chosen, samples, ()
     samples = replace(samples, weight=samples.weight / np.sqrt(np.maximum(far, 1)))
-    return _choose(samples, setting), samples, (f"{(far > 1).sum()} rows lie far from the others and count less",)
+    return _choose_knots(samples, setting), samples, (f"{(far > 1).sum()} rows lie far from the others and count less",)
 
 
-def _far_alone(samples: Samples, left: np.ndarray, scale: np.ndarray) -> np.ndarray:
+def _outlier_distances(samples: Samples, left: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """How far each row (N,) of residuals (N, n) is off, in some joint; 0 where it is so by a motion of several rows."""
     off = np.abs(left) / scale
     far, worst = off.max(axis=1), off.argmax(axis=1)
     [beyond] = np.nonzero(far > OUTLIER_DEVIATIONS)
-    alone = are_wild(samples.t, samples.q / scale, beyond, worst[beyond], far[beyond])
+    alone = are_wild_rows(samples.t, samples.q / scale, beyond, worst[beyond], far[beyond])
     far[beyond[~alone]] = 0.0
     return far
 
 
-def rounded(samples: Samples, first: Solution) -> bool:
+def is_exact(samples: Samples, first: SplineSolution) -> bool:
     """Whether a spline explains samples to their rounding, or needs all breaks there are though they look smooth.
 
     Smooth in most places: a kink in exact samples is not noise.
@@ -221,5 +229,5 @@ def rounded(samples: Samples, first: Solution) -> bool:
     exact = (sigma < ROUNDING_OF_Q * np.abs(samples.q).max(axis=0)).all()
     if exact or samples.steps.any():
         return bool(exact)
-    needs_many = first.intervals >= MIN_NEEDED_INTERVALS * most_intervals(samples.rows(MIN_CELLS))
-    return needs_many and bool((local_noise(samples.q) < MAX_SMOOTH_NOISE * np.ptp(samples.q, axis=0)).all())
+    needs_many = first.intervals >= MIN_NEEDED_INTERVALS * max_intervals(samples.rows(MIN_CELLS))
+    return needs_many and bool((estimate_local_noise(samples.q) < MAX_SMOOTH_NOISE * np.ptp(samples.q, axis=0)).all())

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jounce.motion.curves import ROUNDING_OF_Q
-from jounce.motion.noise import step_of
+from jounce.motion.noise import find_step
 
 DERIVATIVE_NAMES = {
     "q": {1: "velocity", 2: "acceleration", 3: "jerk"},  # by the order of the derivative
@@ -26,32 +26,34 @@ MIN_JUMP_TO_PEAK = 0.02  # share of the largest value, below which a difference 
 
 
 @np.errstate(all="ignore")  # absurd steps make absurd differences, which no floor lets pass
-def of_samples(t: np.ndarray, q: np.ndarray, sigma: np.ndarray | float = 0.0, symbol: str = "q") -> str | None:
+def describe_sample_jumps(
+    t: np.ndarray, q: np.ndarray, sigma: np.ndarray | float = 0.0, symbol: str = "q"
+) -> str | None:
     """What jumps in a motion, or wrench, given by samples (N, n) alone, with noise of standard deviations sigma (n,).
 
     Its rates are divided differences.
     """
     if len(q) < MIN_JUDGED_SAMPLES:
         return None
-    noise = np.maximum(100 * np.array([resolution(column) for column in q.T]), MAX_NOISE_DEVIATIONS * sigma)
+    noise = np.maximum(100 * np.array([rounding_error(column) for column in q.T]), MAX_NOISE_DEVIATIONS * sigma)
     difference, orders, spacing = q, [], np.diff(t)
     holes = spacing > MIN_HOLE_TO_SPACING * np.median(spacing)  # beside them differences are of another scale
     for k in range(max(DERIVATIVE_NAMES[symbol]) + 1):
         difference = np.diff(difference, axis=0) * k / (t[k:] - t[:-k])[:, None] if k else difference
         unlike = np.asarray(np.lib.stride_tricks.sliding_window_view(holes, k + 1).any(axis=1))
         orders.append((k, difference, max(k, 1), noise * (2 / spacing.min()) ** k, unlike))
-    return _told([order for order in orders if order[0] in DERIVATIVE_NAMES[symbol]], symbol)
+    return _describe_jumps([order for order in orders if order[0] in DERIVATIVE_NAMES[symbol]], symbol)
 
 
-def of_rates(rates: Sequence[np.ndarray]) -> str | None:
+def describe_rate_jumps(rates: Sequence[np.ndarray]) -> str | None:
     """What jumps in a motion given with its rates."""
     if len(rates[0]) < MIN_JUDGED_SAMPLES:
         return None
-    none, floors = np.zeros(len(rates[0]) - 1, bool), [MIN_JUMP_TO_PEAK * peak for peak in peaks_of(rates)]
-    return _told([(k, rates[k], 1, floors[k], none) for k in DERIVATIVE_NAMES["q"] if k < len(rates)], "q")
+    none, floors = np.zeros(len(rates[0]) - 1, bool), [MIN_JUMP_TO_PEAK * peak for peak in rate_peaks(rates)]
+    return _describe_jumps([(k, rates[k], 1, floors[k], none) for k in DERIVATIVE_NAMES["q"] if k < len(rates)], "q")
 
 
-def peaks_of(rates: Sequence[np.ndarray]) -> list[np.ndarray]:
+def rate_peaks(rates: Sequence[np.ndarray]) -> list[np.ndarray]:
     """The largest value of each rate (N, n), by column; of columns at rest but for rounding, that of all others.
 
     What their rates are is rounding too, to be held against those that move; infinite where none does.
@@ -61,36 +63,36 @@ def peaks_of(rates: Sequence[np.ndarray]) -> list[np.ndarray]:
     return [np.where(rest, np.inf if rest.all() else peak[~rest].max(initial=0), peak) for peak in peaks]
 
 
-def sizes_of(rates: Sequence[np.ndarray], span: float) -> list[np.ndarray]:
+def rate_sizes(rates: Sequence[np.ndarray], span: float) -> list[np.ndarray]:
     """How large each rate is over a time, by column: those that are zero as lower ones would make them."""
-    peaks = peaks_of(rates)
+    peaks = rate_peaks(rates)
     lower = ([peak / span ** (k - i) for i, peak in enumerate(peaks[: k + 1])] for k in range(len(peaks)))
     return [np.maximum(np.max(each, axis=0), np.finfo(float).tiny) for each in lower]
 
 
-def resolution(samples: np.ndarray) -> float:
+def rounding_error(samples: np.ndarray) -> float:
     """Half the step that samples are rounded to: of an encoder, of their decimals, or of doubles."""
     ulp = np.finfo(float).eps * float(np.abs(samples).max()) / 2
-    return max(ulp, 0.5 * step_of(samples)[0]) if np.ptp(samples) else ulp
+    return max(ulp, 0.5 * find_step(samples)[0]) if np.ptp(samples) else ulp
 
 
-def _told(orders: Sequence[tuple[int, np.ndarray, int, np.ndarray, np.ndarray]], symbol: str) -> str | None:
+def _describe_jumps(orders: Sequence[tuple[int, np.ndarray, int, np.ndarray, np.ndarray]], symbol: str) -> str | None:
     for k, values, width, floors, unlike in orders:
         columns = zip(values.T, floors, strict=True)
-        if knots := sorted({knot for column, floor in columns for knot in _jumps(column, width, floor, unlike)}):
+        if knots := sorted({knot for column, floor in columns for knot in _find_jumps(column, width, floor, unlike)}):
             apart = 1 + int(np.count_nonzero(np.diff(knots) > width))
             what = f"{DERIVATIVE_NAMES[symbol][k]} jumps at {apart} knot{'s' * (apart > 1)}"
             order = k - FORCE_ORDERS[symbol]
-            then = f", {_force(order + 1)} undefined" if order < MAX_FORCE_ORDER else ""
-            return f"{what}: {_force(order)} is discontinuous there{then}"
+            then = f", {_force_name(order + 1)} undefined" if order < MAX_FORCE_ORDER else ""
+            return f"{what}: {_force_name(order)} is discontinuous there{then}"
     return None
 
 
-def _force(order: int) -> str:
+def _force_name(order: int) -> str:
     return "qd" if order < 0 else ("Q", "Qd", "Q2d")[order]
 
 
-def _jumps(values: np.ndarray, width: int, floor: float, unlike: np.ndarray) -> list[int]:
+def _find_jumps(values: np.ndarray, width: int, floor: float, unlike: np.ndarray) -> list[int]:
     """Where a sequence jumps, but for steps `unlike` others; seen through divided differences, a jump takes `width`."""
     steps = np.where(unlike, 0, np.abs(np.diff(values)))
     reach = width + 1

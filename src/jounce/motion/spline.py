@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.core.errors import JounceError, one_line, option, quoted, true_or_false, warn
-from jounce.motion.curves import Smooth
-from jounce.motion.smoothness import MAX_ROUNDING_SHARE, resolution, sizes_of
+from jounce.core.errors import JounceError, check_bool, one_line, option_name, quote_value, warn
+from jounce.motion.curves import SmoothCurve
+from jounce.motion.smoothness import MAX_ROUNDING_SHARE, rate_sizes, rounding_error
 from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
@@ -52,19 +52,19 @@ class Spline:
         """Raise `JounceError` if the number of samples does not suffice for the spline."""
         if not isinstance(self.degree, int) or self.degree not in SPLINE_DEGREES:
             known = " or ".join(map(str, SPLINE_DEGREES))
-            raise JounceError(f"a spline of degree {quoted(self.degree)} is not supported; expected {known}")
+            raise JounceError(f"a spline of degree {quote_value(self.degree)} is not supported; expected {known}")
         most = samples - self.degree
         if most < 1:
             least = f"a spline of degree {self.degree} needs at least {self.degree + 1}"
             raise JounceError(f"{place}: {samples} samples; {least}")
         if self.intervals is not None and not (type(self.intervals) is int and 1 <= self.intervals <= most):
             raise JounceError(
-                f"{place}: {quoted(self.intervals)} intervals for {samples} samples; expected 1 to {most}"
+                f"{place}: {quote_value(self.intervals)} intervals for {samples} samples; expected 1 to {most}"
             )
 
 
 @dataclass(frozen=True, eq=False)
-class SplineCurve(Smooth):
+class SplineCurve(SmoothCurve):
     """A B-spline with values (columns,); `start` and `stop` are where its samples begin and end.
 
     Its jumps of the degree, at every knot, are of the method and not of the motion: they do not count.
@@ -91,7 +91,7 @@ class SplineCurve(Smooth):
 
 
 @dataclass(frozen=True, eq=False)
-class Sampled:
+class SampledColumns:
     """Samples q (N, n) at times t (N,), of which the derivative of order `highest` is asked.
 
     Messages begin with `place` and call the columns `names`. `rounding` is the standard deviation of the rounding of t
@@ -107,7 +107,7 @@ class Sampled:
     rounding: float = 0.0
 
 
-def curve_of(given: Sampled, spline: Spline) -> SplineCurve:
+def fit_spline(given: SampledColumns, spline: Spline) -> SplineCurve:
     """The spline of samples; a warning where their rounding shows in the highest rate."""
     t, highest, place, symbol = given.t, given.highest, given.place, given.symbol
     spline.check(len(t), place)
@@ -126,48 +126,50 @@ def curve_of(given: Sampled, spline: Spline) -> SplineCurve:
     return curve
 
 
-def way_of(degree: int | None, intervals: int | None, bandwidth: float | None, allow_noise: bool) -> Smoothing | Spline:
+def select_smoothing(
+    degree: int | None, intervals: int | None, bandwidth: float | None, allow_noise: bool
+) -> Smoothing | Spline:
     """Return the way from samples to a curve that a caller selects."""
-    true_or_false("allow_noise", allow_noise, "whether to accept samples whose noise dominates the highest rate")
+    check_bool("allow_noise", allow_noise, "whether to accept samples whose noise dominates the highest rate")
     check_bandwidth(bandwidth)
     manual, smoothing = {"degree": degree, "intervals": intervals}, {"bandwidth": bandwidth, "allow_noise": allow_noise}
-    by_hand = [option(name) for name, x in manual.items() if x is not None]
-    smooth = [option(name) for name, x in smoothing.items() if x]
+    by_hand = [option_name(name) for name, x in manual.items() if x is not None]
+    smooth = [option_name(name) for name, x in smoothing.items() if x]
     if by_hand and smooth:
         came = f"{smooth[0]} is for samples that are smoothed, and {by_hand[0]} is for ones that are not"
         raise JounceError(f"{came}; leave one of them out")
     return Spline(7 if degree is None else degree, intervals) if by_hand else Smoothing(bandwidth, allow_noise)
 
 
-def refuse_way(way: Smoothing | Spline, place: str, reason: str) -> None:
+def refuse_smoothing(way: Smoothing | Spline, place: str, reason: str) -> None:
     """Raise `JounceError` where a caller says how samples become a curve, and there are no samples for a reason."""
     if isinstance(way, Spline):
         given = ["degree" if way.intervals is None else "intervals"]
     else:
         given = [name for name, value in vars(way).items() if value]
     if given:
-        raise JounceError(f"{place}: {reason}; {option(given[0])} is for samples: leave it out")
+        raise JounceError(f"{place}: {reason}; {option_name(given[0])} is for samples: leave it out")
 
 
 def check_bandwidth(given: object) -> None:
     """Raise `JounceError` where it is neither None nor a frequency."""
     number = isinstance(given, int | float) and not isinstance(given, bool)
     if given is not None and not (number and 0 < given < np.inf):  # type: ignore[operator]
-        raise JounceError(f"bandwidth is {quoted(given)}; expected a frequency in Hz above 0")
+        raise JounceError(f"bandwidth is {quote_value(given)}; expected a frequency in Hz above 0")
 
 
 @np.errstate(all="ignore")  # samples near the end of the doubles overflow here, and no more
-def _warn_of_rounding(given: Sampled, rates: Sequence[np.ndarray], spline: Spline) -> None:
+def _warn_of_rounding(given: SampledColumns, rates: Sequence[np.ndarray], spline: Spline) -> None:
     """Warn where the samples' own rounding shows in the highest rate: differentiation multiplies it by (1/dt)^k.
 
     A spline is linear in its samples, so the spline of random errors of their size shows what they do.
     """
     t, q, names, highest = given.t, given.q, given.names, given.highest
     of_t = (np.finfo(float).eps * np.abs(t).max() + given.rounding) * np.abs(rates[min(1, highest)]).max(axis=0)
-    size = np.nan_to_num(np.maximum([resolution(column) for column in q.T], of_t))
+    size = np.nan_to_num(np.maximum([rounding_error(column) for column in q.T], of_t))
     errors = np.random.default_rng(0).uniform(-1, 1, q.shape) * size
     error = np.abs(spline.of(t, errors)(t, nu=highest)).max(axis=0)
-    shares = error / sizes_of(rates, float(np.ptp(t)))[highest]
+    shares = error / rate_sizes(rates, float(np.ptp(t)))[highest]
     share, worst = float(shares.max()), names[int(shares.argmax())] if names else f"joint {shares.argmax()}"
     if share > MAX_ROUNDING_SHARE:
         came = f"{min(share, 1):.0%} of the largest {rate_name(given.symbol, highest)}, that of {worst}"

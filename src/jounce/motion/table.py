@@ -4,32 +4,40 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jounce.core.errors import JounceError, at, warn
+from jounce.core.errors import JounceError, locate_errors, warn
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import Position, position_names, several_positions
+from jounce.model.positions import Position, list_multiscrew_joints, position_names
 from jounce.motion import loads, poses, smoothness
-from jounce.motion.base import numbers_of, turned_along
-from jounce.motion.columns import DEVIATION, TIME, Match, Options, by_velocity, followers, stems
-from jounce.motion.hermite import Hermite, stated_rates
+from jounce.motion.base import align_quaternions, compute_numbers
+from jounce.motion.hermite import HermiteCurve, collect_rates
 from jounce.motion.motion import Motion
-from jounce.motion.origin import Origin, rounding_notes
-from jounce.motion.smoothed import Found, found_from
-from jounce.motion.spline import Sampled, Smoothing, Spline, refuse_way
+from jounce.motion.sample_curves import SampleCurve, fit_curve
+from jounce.motion.spline import SampledColumns, Smoothing, Spline, refuse_smoothing
+from jounce.motion.table_columns import (
+    DEVIATION,
+    TIME,
+    ColumnMatch,
+    ColumnOptions,
+    column_stems,
+    follower_columns,
+    joints_with_velocities,
+)
+from jounce.motion.time_origin import TimeOrigin, rounding_notes
 from jounce.motion.units import check_units
 from jounce.spatial.series import rate_name
 
-SMOOTHED, AS_NAMED = Smoothing(), Options()
-ALL_RATES = "all rates from the table"  # the source of motions without samples
+DEFAULT_SMOOTHING, DEFAULT_COLUMN_OPTIONS = Smoothing(), ColumnOptions()
+ALL_RATES_SOURCE = "all rates from the table"  # the source of motions without samples
 
 
-def from_columns(
+def motion_from_columns(
     columns: Mapping[str, np.ndarray],
-    found: Match,
+    found: ColumnMatch,
     mechanism: Mechanism,
     highest: int,
     place: str,
     way: Smoothing | Spline,
-    origin: Origin | None = None,
+    origin: TimeOrigin | None = None,
 ) -> Motion:
     """The motion in the columns of a table that are matched; its times are since `origin`, if there is one.
 
@@ -39,8 +47,8 @@ def from_columns(
     joints that follow others in closed loops, the first row decides on the branch, if it states them. Raises
     `JounceError` where units are suspect, t does not increase, or samples are too few.
     """
-    joints, several = position_names(mechanism), several_positions(mechanism)
-    known, by_twist = stems(mechanism), by_velocity(found.sources, mechanism)
+    joints, several = position_names(mechanism), list_multiscrew_joints(mechanism)
+    known, by_twist = column_stems(mechanism), joints_with_velocities(found.sources, mechanism)
     si = {name: columns[source] * found.factors[name] for name, source in found.sources.items()}
     t = si[TIME]
     _check_increasing(t, found.sources[TIME], place)
@@ -50,29 +58,29 @@ def from_columns(
     for joint in several:
         if joint in by_twist:
             si |= _rates_by_velocity(si, joint)
-        with at(place):
-            si, notes_of_turns = turned_along(si, joint.names[len(joint.group.places) :], found.sampled)
+        with locate_errors(place):
+            si, notes_of_turns = align_quaternions(si, joint.names[len(joint.group.places) :], found.sampled)
         of_turns += notes_of_turns
-    rows = () if found.sampled else stated_rates(si, known)
+    rows = () if found.sampled else collect_rates(si, known)
     q = np.stack([si[name] for name in joints], axis=1) if found.sampled else rows[0]
     check_units(t, q, rows[1] if rows[1:] else None, mechanism, (found.angles_stated, found.time_stated), place)
-    of_wrenches = {name: si[name] for name in loads.named(list(si), mechanism)}
-    of_base = {name: si[name] for name in poses.named(list(si), mechanism)}
+    of_wrenches = {name: si[name] for name in loads.select_wrench_columns(list(si), mechanism)}
+    of_base = {name: si[name] for name in poses.select_base_columns(list(si), mechanism)}
     of_samples = (loads.are_sampled(of_wrenches), bool(of_base) and poses.are_sampled(list(of_base)))
     if not found.sampled and not any(of_samples):
-        refuse_way(way, place, "all rates are in the table")
-    samples = found_from(Sampled(t, q, highest, place, joints, rounding=rounding), way) if found.sampled else None
-    branch = {name: float(si[column][0]) for name, column in followers(mechanism, si, found.sampled).items()}
-    base, of_poses = poses.curve_of_columns(t, of_base, way, highest, place)
-    W, of_loads = loads.wrenches(t, of_wrenches, mechanism, max(highest - 2, 0), way, place)
-    measured = _torques(columns, found, mechanism.coordinates)
+        refuse_smoothing(way, place, "all rates are in the table")
+    samples = fit_curve(SampledColumns(t, q, highest, place, joints, rounding=rounding), way) if found.sampled else None
+    branch = {name: float(si[column][0]) for name, column in follower_columns(mechanism, si, found.sampled).items()}
+    base, of_poses = poses.curve_from_columns(t, of_base, way, highest, place)
+    W, of_loads = loads.build_wrenches(t, of_wrenches, mechanism, max(highest - 2, 0), way, place)
+    measured = _measured_torques(columns, found, mechanism.coordinates)
     torques = None if measured is None else (t, measured)
     if samples is None:
-        if jumps := smoothness.of_rates(rows):
+        if jumps := smoothness.describe_rate_jumps(rows):
             warn(f"{place}: {jumps}")
-        spreads = stated_rates(si, known, DEVIATION)[: len(rows)]
-        curve = Hermite(t, rows, spreads if len(spreads) == len(rows) else None, rounding, place, tuple(known))
-        samples = Found(curve, ALL_RATES)
+        spreads = collect_rates(si, known, DEVIATION)[: len(rows)]
+        curve = HermiteCurve(t, rows, spreads if len(spreads) == len(rows) else None, rounding, place, tuple(known))
+        samples = SampleCurve(curve, ALL_RATES_SOURCE)
     notes = (*of_times, *found.notes, *of_turns, *samples.notes, *of_poses, *of_loads)
     made, through = (samples.curve, joints, samples.source, W), (t, q) if found.sampled else None
     return Motion(*made, through, samples.residual, t, torques, notes, base, branch, several)
@@ -92,11 +100,13 @@ def _check_increasing(t: np.ndarray, column: str, place: str) -> None:
 def _rates_by_velocity(columns: Mapping[str, np.ndarray], joint: Position) -> dict[str, np.ndarray]:
     """The columns of rates of the numbers of a joint whose velocities are stated."""
     p = np.stack([columns[name] for name in joint.names], axis=1)
-    rates = numbers_of(joint.group, p, stated_rates(columns, joint.velocities))
+    rates = compute_numbers(joint.group, p, collect_rates(columns, joint.velocities))
     return {rate_name(x, k): rate[:, j] for k, rate in enumerate(rates, 1) for j, x in enumerate(joint.names)}
 
 
-def _torques(columns: Mapping[str, np.ndarray], found: Match, joints: Sequence[str]) -> np.ndarray | None:
+def _measured_torques(
+    columns: Mapping[str, np.ndarray], found: ColumnMatch, joints: Sequence[str]
+) -> np.ndarray | None:
     """Measured torques (N, n), NaN for joints without them; None if no joint has any."""
     if not found.torques:
         return None

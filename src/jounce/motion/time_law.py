@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.motion.curves import Jump, OfCurve
+from jounce.motion.curves import DerivedCurve, Jump
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -98,7 +98,7 @@ class TimeLaw:
 
 
 @dataclass(frozen=True, eq=False)
-class Paced(OfCurve):
+class TimeLawCurve(DerivedCurve):
     """A curve by another time law: its value at t is that of `base` at sigma(t)."""
 
     law: TimeLaw
@@ -121,7 +121,7 @@ class Paced(OfCurve):
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
         """The values and their derivatives up to `order`, by the chain rule."""
         factors = chain_rule(self.law.rates(t, order), order)
-        return _composed(factors, self.base.rates(self.inner_at_jumps(t, order), order, left))
+        return _apply_chain_rule(factors, self.base.rates(self.inner_at_jumps(t, order), order, left))
 
     def jumps(self, order: int) -> list[Jump]:
         """Where a derivative up to `order` jumps: where those of `base` do."""
@@ -146,10 +146,10 @@ class Paced(OfCurve):
         if base is None:
             return None
         squares = [[b**2 for b in row] for row in chain_rule(law, order)]
-        return [np.sqrt(square) for square in _composed(squares, [rate**2 for rate in base])]
+        return [np.sqrt(square) for square in _apply_chain_rule(squares, [rate**2 for rate in base])]
 
 
-def _composed(rows: Sequence[Sequence[np.ndarray]], base: Sequence[np.ndarray]) -> list[np.ndarray]:
+def _apply_chain_rule(rows: Sequence[Sequence[np.ndarray]], base: Sequence[np.ndarray]) -> list[np.ndarray]:
     return [sum((b[:, None] * f for b, f in zip(row, base, strict=False)), start=0 * base[0]) for row in rows]
 
 

@@ -4,10 +4,10 @@ import re
 
 import numpy as np
 
-from jounce.core.errors import JounceError, no_such, quoted, warn
+from jounce.core.errors import JounceError, quote_value, unknown_name_error, warn
 from jounce.model.coordinates import coordinate_units, leading_joints, likely_positions
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import of_single_joints, single_positions
+from jounce.model.positions import single_joint_positions, single_positions
 from jounce.motion.smoothness import MIN_JUDGED_SAMPLES
 
 ANGLE_UNITS = {"rad": 1.0, "deg": np.pi / 180}  # rad
@@ -39,11 +39,11 @@ def split_unit(name: str) -> tuple[str, str | None]:
     return (name, None) if found is None or not found[1] or not unit or INDEX.fullmatch(unit) else (found[1], unit)
 
 
-def factor(stated: str | None, said: str | None, kind: str, order: int, column: str) -> float:
+def unit_factor(stated: str | None, said: str | None, kind: str, order: int, column: str) -> float:
     """Return the factor to SI units of a column of s, rad, m, 1 or load; its name or the caller states the unit."""
     if kind == "load":  # of wrenches, N m and N
         if stated is not None and "".join(stated.split()).replace("*", "") not in ("N", "Nm", "N.m", "N·m"):
-            raise JounceError(f"column {quoted(column)}: {no_such('unit', stated, ('N', 'N m'))}")
+            raise JounceError(f"column {quote_value(column)}: {unknown_name_error('unit', stated, ('N', 'N m'))}")
         return 1.0
     known = UNITS_BY_KIND[kind]
     if stated is None:
@@ -52,12 +52,12 @@ def factor(stated: str | None, said: str | None, kind: str, order: int, column: 
     base, power = (per[1], int(per[2] or SUPERSCRIPTS.get(per[3], 1))) if per else (stated, 0)
     base = SPELLINGS.get(base, base)
     if base not in known:
-        raise JounceError(f"column {quoted(column)}: {no_such('unit', stated, known)}")
+        raise JounceError(f"column {quote_value(column)}: {unknown_name_error('unit', stated, known)}")
     if power != order:
         expected = base + (f"/s^{order}" if order > 1 else "/s" * order)
-        raise JounceError(f"column {quoted(column)}: the unit is {quoted(stated)}; expected {expected}")
+        raise JounceError(f"column {quote_value(column)}: the unit is {quote_value(stated)}; expected {expected}")
     if said not in (None, base):
-        came = f"column {quoted(column)} states its unit, but {quoted(said)} is asked for"
+        came = f"column {quote_value(column)} states its unit, but {quote_value(said)} is asked for"
         raise JounceError(f"{came}; leave one of them out")
     return known[base]
 
@@ -69,16 +69,16 @@ def check_units(
 
     Not if they are `stated`, the unit of angles and that of time. Limits that are broken all the same are a warning.
     """
-    if len(t) >= MIN_JUDGED_SAMPLES and not stated[1] and (unit := _other_unit(t, q)):
+    if len(t) >= MIN_JUDGED_SAMPLES and not stated[1] and (unit := _guess_time_unit(t, q)):
         cure = f"state the unit by --time-unit {unit} or --time-unit s (time_unit=)"
-        raise JounceError(f"{place}: {_slow(t, q)}: t looks like {unit}; {cure}")
+        raise JounceError(f"{place}: {_describe_pace(t, q)}: t looks like {unit}; {cure}")
     _check_rates(t, q, qd, place)
-    q, qd = of_single_joints(mechanism, q), None if qd is None else of_single_joints(mechanism, qd)
-    speeds = _speeds(t, q) if qd is None or len(t) < MIN_JUDGED_SAMPLES else _quantile(np.abs(qd))
-    here = _broken(q, speeds, mechanism)
+    q, qd = single_joint_positions(mechanism, q), None if qd is None else single_joint_positions(mechanism, qd)
+    speeds = _usual_speeds(t, q) if qd is None or len(t) < MIN_JUDGED_SAMPLES else _high_quantile(np.abs(qd))
+    here = _breaks_limits(q, speeds, mechanism)
     if not here.any():
         return
-    came, allowed = _described(q, speeds, mechanism, int(here.argmax()))
+    came, allowed = _describe_motion(q, speeds, mechanism, int(here.argmax()))
     if not stated[0] and _look_like_degrees(q, speeds, mechanism):
         cure = "state the unit by --angles deg or --angles rad (angles=)"
         if not _only_turn_over(q, speeds, mechanism):
@@ -91,23 +91,23 @@ def check_units(
 
 def warn_of_degrees(q: np.ndarray, qd: np.ndarray, mechanism: Mechanism, place: str) -> None:
     """Warn where positions (N, nq) and velocities (N, n) of a motion that is no table look like degrees."""
-    q, speeds = of_single_joints(mechanism, q), np.abs(qd).max(axis=0) * single_positions(mechanism).any(axis=1)
+    q, speeds = single_joint_positions(mechanism, q), np.abs(qd).max(axis=0) * single_positions(mechanism).any(axis=1)
     if _look_like_degrees(q, speeds, mechanism):
-        came, allowed = _described(q, speeds, mechanism, int(_broken(q, speeds, mechanism).argmax()))
+        came, allowed = _describe_motion(q, speeds, mechanism, int(_breaks_limits(q, speeds, mechanism).argmax()))
         warn(f"{place}: {came}: {allowed}; {IN_DEGREES}: numpy.deg2rad makes rad of them")
 
 
 def warn_of_times(t: np.ndarray, q: np.ndarray, place: str) -> None:
     """Warn where times (N,) of samples (N, n) look like milliseconds."""
-    if len(t) >= MIN_JUDGED_SAMPLES and (unit := _other_unit(t, q)):
-        warn(f"{place}: {_slow(t, q)}: t looks like {unit}; expected seconds")
+    if len(t) >= MIN_JUDGED_SAMPLES and (unit := _guess_time_unit(t, q)):
+        warn(f"{place}: {_describe_pace(t, q)}: t looks like {unit}; expected seconds")
 
 
 def _look_like_degrees(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism) -> bool:
     """Whether revolute joints break their limits, which none would if its angles were degrees."""
     revolute = np.array([unit == "rad" for unit in coordinate_units(mechanism)])
     scale = np.where(revolute, ANGLE_UNITS["deg"], 1.0)
-    now, then = _broken(q, speeds, mechanism), _broken(q * scale, speeds * scale, mechanism)
+    now, then = _breaks_limits(q, speeds, mechanism), _breaks_limits(q * scale, speeds * scale, mechanism)
     return bool(now[revolute].any() and not then.any())
 
 
@@ -115,38 +115,38 @@ def _only_turn_over(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism) -> 
     """Whether joints leave nothing but a range that no file states, at speeds that they may have in rad/s too."""
     leading = leading_joints(mechanism)
     lower, upper = mechanism.limits.lower[leading], mechanism.limits.upper[leading]
-    turning = np.isinf(lower) & np.isinf(upper) & (speeds <= MAX_SPEED_TO_LIMIT * _limits(mechanism)[2])
-    return bool(turning[_broken(q, speeds, mechanism)].all())
+    turning = np.isinf(lower) & np.isinf(upper) & (speeds <= MAX_SPEED_TO_LIMIT * _generous_limits(mechanism)[2])
+    return bool(turning[_breaks_limits(q, speeds, mechanism)].all())
 
 
-def _broken(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism) -> np.ndarray:
+def _breaks_limits(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism) -> np.ndarray:
     """Which coordinates (n,) are far beyond their limits, or much faster."""
-    lower, upper, fastest = _limits(mechanism)
+    lower, upper, fastest = _generous_limits(mechanism)
     slack = MAX_OUT_OF_RANGE * np.where(np.isfinite(upper - lower), upper - lower, 1)
     far = (q.min(axis=0) < lower - slack) | (q.max(axis=0) > upper + slack)
     return np.asarray(far | (speeds > MAX_SPEED_TO_LIMIT * fastest))
 
 
-def _described(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism, j: int) -> tuple[str, str]:
+def _describe_motion(q: np.ndarray, speeds: np.ndarray, mechanism: Mechanism, j: int) -> tuple[str, str]:
     """How a joint moves, and what it may."""
     unit = coordinate_units(mechanism)[j]
     went = f"goes from {q[:, j].min():.4g} to {q[:, j].max():.4g} {unit} at up to {speeds[j]:.3g} {unit}/s"
-    return f"joint {quoted(mechanism.coordinates[j])} {went}", _allowed(mechanism, j)
+    return f"joint {quote_value(mechanism.coordinates[j])} {went}", _describe_limits(mechanism, j)
 
 
-def _other_unit(t: np.ndarray, q: np.ndarray) -> str | None:
+def _guess_time_unit(t: np.ndarray, q: np.ndarray) -> str | None:
     """The unit that times look like where rows are long apart, while nothing moves at a robot's speed."""
     step = float(np.median(np.diff(t)))
     moves = np.ptp(q, axis=0).max() > MIN_MOTION
     if step < MIN_SUSPECT_STEP or not (
-        step >= MIN_SUSPECT_STEP / TIME_UNITS["ms"] or (moves and _speeds(t, q).max() < MAX_SPEED_AT_REST)
+        step >= MIN_SUSPECT_STEP / TIME_UNITS["ms"] or (moves and _usual_speeds(t, q).max() < MAX_SPEED_AT_REST)
     ):
         return None
     return next((unit for unit in ("ms", "us") if step * TIME_UNITS[unit] < MIN_SUSPECT_STEP), "ns")
 
 
-def _slow(t: np.ndarray, q: np.ndarray) -> str:
-    step, fastest = np.median(np.diff(t)), _speeds(t, q).max()
+def _describe_pace(t: np.ndarray, q: np.ndarray) -> str:
+    step, fastest = np.median(np.diff(t)), _usual_speeds(t, q).max()
     return f"rows are {step:g} s apart, and no joint moves faster than {fastest:.2g} rad/s or m/s"
 
 
@@ -170,15 +170,15 @@ def _check_rates(t: np.ndarray, q: np.ndarray, qd: np.ndarray | None, place: str
             raise JounceError(f"{place}: q changes {ratio:.3g} times as fast as qd states; {cure}")
 
 
-def _speeds(t: np.ndarray, q: np.ndarray) -> np.ndarray:
+def _usual_speeds(t: np.ndarray, q: np.ndarray) -> np.ndarray:
     """The speeds (n,) that joints seldom exceed: single wild stamps and rows do not count."""
     if len(t) < MIN_JUDGED_SAMPLES:
         return np.zeros(q.shape[1])
     with np.errstate(all="ignore"):
-        return np.nan_to_num(_quantile(np.abs(np.diff(q, axis=0) / np.diff(t)[:, None])))
+        return np.nan_to_num(_high_quantile(np.abs(np.diff(q, axis=0) / np.diff(t)[:, None])))
 
 
-def _quantile(x: np.ndarray) -> np.ndarray:
+def _high_quantile(x: np.ndarray) -> np.ndarray:
     return np.asarray(np.quantile(x, 0.99, axis=0))
 
 
@@ -187,7 +187,7 @@ def _stated_limits(mechanism: Mechanism, j: int) -> tuple[float, float, float]:
     return float(limits.lower[i]), float(limits.upper[i]), float(limits.velocity[i])
 
 
-def _limits(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _generous_limits(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Lower and upper limits and speeds of the coordinates, generous ones where nothing is stated."""
     leading = leading_joints(mechanism)
     fastest = mechanism.limits.velocity[leading]
@@ -195,7 +195,7 @@ def _limits(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return lower, upper, np.where(np.isfinite(fastest) & (fastest > 0), fastest, DEFAULT_MAX_SPEED / MAX_SPEED_TO_LIMIT)
 
 
-def _allowed(mechanism: Mechanism, j: int) -> str:
+def _describe_limits(mechanism: Mechanism, j: int) -> str:
     lower, upper, fastest = _stated_limits(mechanism, j)
     if not np.isfinite([lower, upper, fastest]).any():
         return "more than four turns, or faster than joints move"

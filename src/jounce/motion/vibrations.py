@@ -53,12 +53,12 @@ def find_lines(samples: Samples, residual: np.ndarray, velocity: np.ndarray) -> 
             continue
         around = power[max(0, at - LINE_BINS) : at + LINE_BINS + 1].sum()
         amplitude = float(2 * np.sqrt(around / ((window**2).sum() * count)))
-        if not is_steady(velocity[:, joint], samples.steps[joint] or np.sqrt(12) * column.std(), count * row):
+        if not is_steady_motion(velocity[:, joint], samples.steps[joint] or np.sqrt(12) * column.std(), count * row):
             found.append(Line(joint, at / (count * row), amplitude, (float(t[0]), float(t[-1])), True))
     return found
 
 
-def is_steady(velocity: np.ndarray, step: float, duration: float) -> bool:
+def is_steady_motion(velocity: np.ndarray, step: float, duration: float) -> bool:
     """Whether rounding at these velocities (N,) may be a line: steps pass at a frequency of velocity over step."""
     slow, fast = np.quantile(velocity, [0.1, 0.9])
     return bool((fast - slow) / step * duration < MIN_ROUNDING_BINS)
@@ -92,7 +92,7 @@ class Vibration:
         )
 
 
-def notes_of(vibrations: Sequence[Vibration]) -> tuple[str, ...]:
+def describe_vibrations(vibrations: Sequence[Vibration]) -> tuple[str, ...]:
     """A note of each that lasts, and one of those in parts of the log: of the largest, and how many there are."""
     lasting = [str(v) for v in vibrations if v.line.lasts]
     bursts = [v for v in vibrations if not v.line.lasts]
@@ -103,13 +103,13 @@ def notes_of(vibrations: Sequence[Vibration]) -> tuple[str, ...]:
     return tuple(lasting)
 
 
-def note_of_encoder(name: str, count: int) -> str:
+def describe_encoder_error(name: str, count: int) -> str:
     """A note of a joint whose encoder errs by a wave over its angle."""
     wave = f"a wave of about {count} per turn, as an encoder's interpolation is"
     return f"{name} is off by {wave}; the fit follows it as motion as far as its band reaches"
 
 
-def in_forces(
+def describe_force_rates(
     vibration: Vibration, mass_matrices: Callable[[np.ndarray], np.ndarray], coordinates: Sequence[str]
 ) -> str:
     """A note of the largest Q2d that a vibration means to the first order, M (T, n, n) at times (T,) times its q4d."""

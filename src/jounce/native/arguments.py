@@ -8,7 +8,7 @@ import numpy as np
 
 from jounce.arguments import names
 from jounce.core.errors import JounceError
-from jounce.core.foreign import is_masked
+from jounce.core.foreign import has_mask
 from jounce.core.scalars import is_traced
 from jounce.dynamics.computation import Port, Shape, Signature
 
@@ -20,14 +20,14 @@ def refuse_names_and_masks(kernel: str, arrays: Sequence[Any], out: Sequence[Any
             f"{kernel} takes arrays of numbers, not those that JAX traces; the methods of a Robot take both, under"
             " jax.jit, jax.vmap and jax.grad"
         )
-    if any(names.listed_in(x) is not None for x in (*arrays, *out)):
+    if any(names.entry_names(x) is not None for x in (*arrays, *out)):
         raise JounceError(
             f"{kernel} takes arrays without names, in the order of its joints; a Robot's methods match names"
         )
     with suppress(RecursionError):  # a list may hold itself, which NumPy refuses
-        if is_masked(list(arrays)):
+        if has_mask(list(arrays)):
             raise JounceError(f"{kernel} takes arrays without masks; x.astype(float).filled(numpy.nan) is one")
-        if is_masked(list(out)):
+        if has_mask(list(out)):
             raise JounceError(f"{kernel} writes into arrays without masks; numpy.empty(shape) is one")
 
 
@@ -43,7 +43,9 @@ def refuse_shapes(kernel: str, ports: Sequence[Port], arrays: Sequence[Any]) -> 
             raise JounceError(f"{kernel}: {port.name} has shape {shape}; expected ({expected})")
 
 
-def bound_batch(kernel: str, signature: Signature, arrays: Sequence[np.ndarray], out: Sequence[np.ndarray]) -> Shape:
+def check_bound_arrays(
+    kernel: str, signature: Signature, arrays: Sequence[np.ndarray], out: Sequence[np.ndarray]
+) -> Shape:
     """Return the batch shape of arrays to bind, checked as native code trusts them."""
     taken, given = ([port.shape for port in ports] for ports in (signature.inputs, signature.outputs))
     if (len(arrays), len(out)) != (len(taken), len(given)):
@@ -71,17 +73,17 @@ def bound_batch(kernel: str, signature: Signature, arrays: Sequence[np.ndarray],
     return batch
 
 
-def of_product(caller: str, values: Signature, product: Signature, arrays: Any, others: Any) -> list[Any]:
+def collect_product_arrays(caller: str, values: Signature, product: Signature, arrays: Any, others: Any) -> list[Any]:
     """Return the arrays of a state, then its weights or directions, checked, zeros in place of None."""
     rest = product.inputs[len(values.inputs) :]
     if len(rest) == 1 and type(others) not in (tuple, list):
         others = (others,)
-    state = _listed(caller, "arrays", values.inputs, arrays)
-    given = _listed(caller, "weights" if rest[0].role == "weight" else "directions", rest, others)
+    state = _check_tuple(caller, "arrays", values.inputs, arrays)
+    given = _check_tuple(caller, "weights" if rest[0].role == "weight" else "directions", rest, others)
     return [*state, *(np.zeros(port.shape) if x is None else x for port, x in zip(rest, given, strict=True))]
 
 
-def _listed(caller: str, what: str, ports: Sequence[Port], given: Any) -> Sequence[Any]:
+def _check_tuple(caller: str, what: str, ports: Sequence[Port], given: Any) -> Sequence[Any]:
     expected = f"expected a tuple of {len(ports)}: {', '.join(port.name for port in ports)}"
     if type(given) not in (tuple, list):
         raise JounceError(f"{caller}: {what} are of type {type(given).__name__}; {expected}")

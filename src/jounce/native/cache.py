@@ -13,9 +13,9 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
-from jounce.core.errors import JounceError, quoted
+from jounce.core.errors import JounceError, quote_value
 from jounce.core.foreign import parse_finite
-from jounce.core.parts import part_in, remove_abandoned
+from jounce.core.temporary_files import remove_abandoned, temporary_path
 from jounce.dynamics import coupling
 from jounce.dynamics.computation import Computation
 from jounce.model.mechanism import Mechanism
@@ -32,18 +32,18 @@ def folder() -> Path:
     return Path(os.environ.get("JOUNCE_CACHE_DIR") or user_cache_path("jounce"))
 
 
-def limit() -> int:
+def size_limit() -> int:
     """Return the limit of the size of all kernels in bytes: ``$JOUNCE_CACHE_SIZE`` in MiB, checked, or the default."""
     given = os.environ.get("JOUNCE_CACHE_SIZE") or str(DEFAULT_CACHE_MIB)
     size = parse_finite(given)
     if size is None or size < 0:
-        raise JounceError(f"JOUNCE_CACHE_SIZE is {quoted(given)}; expected a number of MiB from 0 on")
+        raise JounceError(f"JOUNCE_CACHE_SIZE is {quote_value(given)}; expected a number of MiB from 0 on")
     return int(size * 2**20)
 
 
 def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
     """The name of a kernel: a hash of everything that its code depends on."""
-    digest = hashlib.sha256(key_of(str(computation), target).encode())
+    digest = hashlib.sha256(code_key(str(computation), target).encode())
     digest.update(repr((mechanism.parent, mechanism.owners, mechanism.floats, mechanism.acting)).encode())
     arrays = mechanism.arrays | (vars(mechanism.drives) if mechanism.acting else {})
     if mechanism.elasticity and computation.quantity.elastic:
@@ -67,15 +67,15 @@ def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
     return digest.hexdigest()
 
 
-def key_of(what: str, target: Target) -> str:
+def code_key(what: str, target: Target) -> str:
     """The name of code that depends on no robot."""
     import llvmlite
 
-    return hashlib.sha256(f"{what} {target} llvmlite {llvmlite.__version__} {sources()}".encode()).hexdigest()
+    return hashlib.sha256(f"{what} {target} llvmlite {llvmlite.__version__} {source_digest()}".encode()).hexdigest()
 
 
 @cache
-def sources() -> str:
+def source_digest() -> str:
     """A hash of jounce itself: what the program is made of and by."""
     digest = hashlib.sha256()
     for path in sorted(Path(__file__).parents[1].rglob("*.py")):
@@ -87,7 +87,7 @@ def read(name: str) -> bytes | None:
     """Return the code under a key, or None if there is no trusted entry."""
     try:
         path = folder() / (name + KERNEL_SUFFIX)
-        content = path.read_bytes() if _private(folder()) and _private(path) else b""
+        content = path.read_bytes() if _is_private(folder()) and _is_private(path) else b""
     except OSError:
         return None
     digest, code = content[:32], content[32:]
@@ -112,11 +112,11 @@ def write(name: str, code: bytes) -> None:
 
     What was not used for longest makes room for it; code larger than the limit is not kept.
     """
-    content, most = _hash(name, code) + code, limit()
-    part = part_in(folder())
+    content, most = _hash(name, code) + code, size_limit()
+    part = temporary_path(folder())
     try:
         folder().mkdir(mode=0o700, parents=True, exist_ok=True)
-        if not _private(folder()) or len(content) > most:
+        if not _is_private(folder()) or len(content) > most:
             return
         remove_abandoned(folder())
         _make_room(most - len(content), name)
@@ -132,7 +132,7 @@ def write(name: str, code: bytes) -> None:
 
 def _make_room(most: int, name: str) -> None:
     """Remove the least recently used kernels until all except the named one take at most `most` bytes."""
-    found = [(entry.stat(), entry.path) for entry in _listed() if entry.name != name + KERNEL_SUFFIX]
+    found = [(entry.stat(), entry.path) for entry in _list_kernels() if entry.name != name + KERNEL_SUFFIX]
     total = sum(stats.st_size for stats, _ in found)
     if total <= most:
         return
@@ -143,12 +143,12 @@ def _make_room(most: int, name: str) -> None:
             break
 
 
-def entries() -> Iterator[Path]:
+def kernel_paths() -> Iterator[Path]:
     """The kernels in the folder."""
-    return map(Path, _listed())
+    return map(Path, _list_kernels())
 
 
-def _listed() -> list[os.DirEntry[str]]:
+def _list_kernels() -> list[os.DirEntry[str]]:
     """The kernels as the folder lists them, which distinguishes them from links without a system call for each."""
     try:
         with os.scandir(folder()) as found:
@@ -168,7 +168,7 @@ def obstacle() -> str | None:
     if not stat.S_ISDIR(found.st_mode):
         kind = "a link" if stat.S_ISLNK(found.st_mode) else "a file"
         return f"it is {kind}, not a folder; JOUNCE_CACHE_DIR selects another"
-    if _private(folder()):
+    if _is_private(folder()):
         return None
     if found.st_uid != os.getuid():
         return "the cache folder belongs to another user; JOUNCE_CACHE_DIR selects another"
@@ -184,7 +184,7 @@ def clear() -> list[int]:
         raise JounceError(f"{folder()}: {found}")
     remove_abandoned(folder())
     sizes = []
-    for path in entries():
+    for path in kernel_paths():
         try:
             size = path.stat().st_size
             path.unlink()
@@ -200,7 +200,7 @@ def _hash(name: str, code: bytes) -> bytes:
     return hashlib.sha256(name.encode() + code).digest()
 
 
-def _private(path: Path) -> bool:
+def _is_private(path: Path) -> bool:
     """Whether nobody but this user can write to what is there; Windows keeps users' folders apart itself."""
     found = os.lstat(path)
     if not hasattr(os, "getuid"):

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from jounce.dynamics.computation import Port, Signature
-from jounce.native import functions, lanes, plan, pool
-from jounce.native.emit import Block
+from jounce.native import lane_transfer, memory_layout, scratch_pool, vector_functions
+from jounce.native.emit import BlockCode
 from jounce.native.ir import Writer
 from jounce.native.jit import Target
 
@@ -23,21 +23,24 @@ class _Array:
     within: tuple[str, ...]
 
 
-def modules(block: Block, signature: Signature, target: Target) -> list[str]:
+def write_modules(block: BlockCode, signature: Signature, target: Target) -> list[str]:
     """The modules of a kernel, to be linked: ``@states``, and for short blocks ``@state``, which is given one alone."""
     if not block.short:
-        return [_module(block, signature, target, "states")]
+        return [_write_module(block, signature, target, "states")]
     scalars = replace(target, lanes=1)
-    return [_module(block, signature, target, "states", "state"), _module(block, signature, scalars, "state")]
+    return [
+        _write_module(block, signature, target, "states", "state"),
+        _write_module(block, signature, scalars, "state"),
+    ]
 
 
-def _module(block: Block, signature: Signature, target: Target, name: str, of_one: str | None = None) -> str:
+def _write_module(block: BlockCode, signature: Signature, target: Target, name: str, of_one: str | None = None) -> str:
     """A module that defines a function of states, which leaves one state alone to the function of another module."""
     ir = Writer(target)
-    for define in functions.DEFINITIONS.values():
+    for define in vector_functions.DEFINITIONS.values():
         define(ir)
-    lanes.define_transposes(ir)
-    lanes.define_lanes(ir)
+    lane_transfer.define_transposes(ir)
+    lane_transfer.define_lanes(ir)
     block.define(ir)
     for k, places in enumerate(block.places):
         ir.table(f"places.{k}", [*places, *[places[-1]] * ir.lanes])  # read by whole vectors
@@ -45,8 +48,8 @@ def _module(block: Block, signature: Signature, target: Target, name: str, of_on
         _define_blocks(ir, signature)
     else:
         _define_state(ir, signature, block.places)
-    size = plan.call_size(signature, block.of_bodies, target.lanes)
-    define_call = _define_on_stack if size <= plan.MAX_STACK_BYTES else pool.define_on_heap
+    size = memory_layout.call_size(signature, block.of_bodies, target.lanes)
+    define_call = _define_on_stack if size <= memory_layout.MAX_STACK_BYTES else scratch_pool.define_on_heap
     define_call(ir, size, "@call" if of_one else f"@{name}")
     if of_one:
         _define_choice(ir, name, of_one)
@@ -85,9 +88,9 @@ def _define_blocks(ir: Writer, signature: Signature) -> None:
     widths = [port.size for port in ports]
     behind = max((-((width - ir.lanes) // width) for width in widths if width < ir.lanes), default=0)
     with ir.function("internal void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr %in)"):
-        out, bodies = _scratch(ir, signature)
+        out, bodies = _scratch_offsets(ir, signature)
         scratch = [ir.at("%in", port.start, ir.V) for port in signature.inputs] + [out] * len(signature.outputs)
-        arrays = list(_arrays(ir, [port.shape for port in ports]))
+        arrays = list(_read_arrays(ir, [port.shape for port in ports]))
         dense = _is_dense(ir, arrays, ports)
         for array, port in zip(arrays, ports, strict=True):
             dense = ir.let(f"and i1 {dense}, {ir.let(f'icmp eq i64 {array.step}, {8 * port.size}')}")
@@ -115,7 +118,7 @@ def _define_blocks(ir: Writer, signature: Signature) -> None:
                 ir.do(f"br label %{way}.done")
                 ir.label(f"{way}.lanes")
                 for port, x, place, there, table in part:
-                    ir.do(f"call void @{way}_lanes(ptr {place}, ptr {there}, {_lanes(x, port, lanes)}{table})")
+                    ir.do(f"call void @{way}_lanes(ptr {place}, ptr {there}, {_lane_arguments(x, port, lanes)}{table})")
                 ir.do(f"br label %{way}.done")
                 ir.label(f"{way}.done")
 
@@ -124,8 +127,8 @@ def _define_state(ir: Writer, signature: Signature, places: Sequence[Sequence[in
     """``@blocks`` of one state alone, in vectors of one."""
     ports, given = [*signature.inputs, *signature.outputs], len(signature.inputs)
     with ir.function("internal void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr %in)"):
-        out, bodies = _scratch(ir, signature)
-        arrays = list(_arrays(ir, [port.shape for port in ports]))
+        out, bodies = _scratch_offsets(ir, signature)
+        arrays = list(_read_arrays(ir, [port.shape for port in ports]))
         ir.do(f"br i1 {_is_dense(ir, arrays, ports)}, label %dense, label %strided")
         ir.label("dense")
         for array, port in zip(arrays, signature.inputs, strict=False):
@@ -139,32 +142,32 @@ def _define_state(ir: Writer, signature: Signature, places: Sequence[Sequence[in
         ir.label("strided")
         for array, port in zip(arrays, signature.inputs, strict=False):
             there = ir.at("%in", port.start)
-            ir.do(f"call void @load_lanes(ptr {array.pointer}, ptr {there}, {_lanes(array, port, '1')})")
+            ir.do(f"call void @load_lanes(ptr {array.pointer}, ptr {there}, {_lane_arguments(array, port, '1')})")
         ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies})")
         for k, (array, port) in enumerate(zip(arrays[given:], signature.outputs, strict=True)):
-            listed = _lanes(array, port, "1")
+            listed = _lane_arguments(array, port, "1")
             ir.do(f"call void @store_lanes(ptr {array.pointer}, ptr {out}, {listed}, ptr @places.{k})")
 
 
-def _scratch(ir: Writer, signature: Signature) -> tuple[str, str]:
+def _scratch_offsets(ir: Writer, signature: Signature) -> tuple[str, str]:
     """Return the offsets of results and bodies in scratch memory; whole-vector moves reach beyond rows."""
     out = ir.at("%in", signature.inputs[-1].end + ir.lanes, ir.V)
     return out, ir.at(out, signature.outputs[-1].end + ir.lanes, ir.V)
 
 
-def _lanes(array: _Array, port: Port, count: str) -> str:
+def _lane_arguments(array: _Array, port: Port, count: str) -> str:
     """The integers that moving lane by lane takes."""
-    return ", ".join(f"i64 {i}" for i in (*_in_three_axes(port.shape), array.step, *array.within, count))
+    return ", ".join(f"i64 {i}" for i in (*_pad_to_three_axes(port.shape), array.step, *array.within, count))
 
 
 def _define_on_stack(ir: Writer, size: int, name: str) -> None:
     """A function of states with its scratch memory on the stack."""
     with ir.function(f"void {name}(ptr %args, ptr %dimensions, ptr %steps, ptr %pool)"):
-        scratch = ir.let(f"alloca [{size} x i8], align {pool.BUFFER_ALIGNMENT}")
+        scratch = ir.let(f"alloca [{size} x i8], align {scratch_pool.BUFFER_ALIGNMENT}")
         ir.do(f"call void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr {scratch})")
 
 
-def _arrays(ir: Writer, shapes: list[tuple[int, ...]]) -> Iterator[_Array]:
+def _read_arrays(ir: Writer, shapes: list[tuple[int, ...]]) -> Iterator[_Array]:
     inner = len(shapes)
     for k, shape in enumerate(shapes):
         pointer = ir.let(f"load ptr, ptr {ir.at('%args', k, 'ptr')}")
@@ -175,7 +178,7 @@ def _arrays(ir: Writer, shapes: list[tuple[int, ...]]) -> Iterator[_Array]:
         yield _Array(pointer, step, (*["0"] * (3 - len(shape)), *within))
 
 
-def _in_three_axes(shape: tuple[int, ...]) -> tuple[int, ...]:
+def _pad_to_three_axes(shape: tuple[int, ...]) -> tuple[int, ...]:
     """The slabs, rows and columns of a state: a vector is one row, a scalar a vector of one."""
     return (*(1,) * (3 - len(shape)), *shape)
 
@@ -184,7 +187,7 @@ def _is_dense(ir: Writer, arrays: Sequence[_Array], ports: Sequence[Port]) -> st
     """Whether the numbers of a state lie one behind the other in all arrays."""
     dense = "true"
     for array, port in zip(arrays, ports, strict=True):
-        _, rows, columns = _in_three_axes(port.shape)
+        _, rows, columns = _pad_to_three_axes(port.shape)
         for stride, expected in zip(array.within, (8 * rows * columns, 8 * columns, 8), strict=True):
             if stride != "0":
                 dense = ir.let(f"and i1 {dense}, {ir.let(f'icmp eq i64 {stride}, {expected}')}")

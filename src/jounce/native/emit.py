@@ -14,7 +14,7 @@ STEPS_PER_BRANCH = 4000  # as the time that LLVM takes for code without a branch
 
 
 @dataclass(frozen=True)
-class Block:
+class BlockCode:
     """The code for one block of states: the text of ``@block(in, out, bodies)``, and the positions of its results."""
 
     define: Callable[[Writer], None]
@@ -23,7 +23,7 @@ class Block:
     short: bool = False  # whether a state alone has code of its own, which takes as long to compile again
 
 
-def straight(program: Program, signature: Signature) -> Block:
+def straight_block(program: Program, signature: Signature) -> BlockCode:
     """A program in a straight line. Results of a port that are equal, as many zeros of matrices, are stored once."""
     numbers: dict[tuple[int, int], int] = {}  # numbers of vectors, by port and step of the program
     places = [
@@ -31,7 +31,7 @@ def straight(program: Program, signature: Signature) -> Block:
         for k, port in enumerate(signature.outputs)
     ]
     short = len(program.steps) <= MAX_STEPS_COMPILED_TWICE
-    return Block(lambda ir: _define_straight(ir, program, signature, numbers), places, short=short)
+    return BlockCode(lambda ir: _define_straight(ir, program, signature, numbers), places, short=short)
 
 
 def _define_straight(

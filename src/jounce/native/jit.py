@@ -43,7 +43,7 @@ def host() -> Target:
     return Target(llvm.get_host_cpu_name(), features.flatten(), lanes, bool(fma))
 
 
-def _machine(target: Target) -> Any:
+def _make_code_generator(target: Target) -> Any:
     """LLVM's code generator for a target; a new one each time, as whoever runs code takes it over."""
     import llvmlite.binding as llvm
 
@@ -57,7 +57,7 @@ def assemble(texts: Sequence[str], target: Target) -> bytes:
     """The object code of modules linked together."""
     import llvmlite.binding as llvm
 
-    code = _machine(target)
+    code = _make_code_generator(target)
     module, *others = map(llvm.parse_assembly, texts)
     for other in others:
         module.link_in(other)
@@ -80,13 +80,13 @@ def load_object(code: bytes, target: Target) -> Code:
     """Object code in memory."""
     import llvmlite.binding as llvm
 
-    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine(target))
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _make_code_generator(target))
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     return Code(engine)
 
 
-def ufunc(address: int, signature: Signature, name: str, pool: int | None) -> tuple[Callable[..., Any], Any]:
+def make_ufunc(address: int, signature: Signature, name: str, pool: int | None) -> tuple[Callable[..., Any], Any]:
     """The ufunc of a loop at an address that is given the address of a pool, and what must live as long as it does.
 
     Where NumPy's table of functions is another one than expected, a plain function does the same, more slowly.
@@ -99,7 +99,7 @@ def ufunc(address: int, signature: Signature, name: str, pool: int | None) -> tu
     types = ctypes.create_string_buffer(bytes([np.dtype(float).num] * count))
     axes = "->".join(",".join(f"({','.join(map(str, shape))})" for shape in shapes) for shapes in (taken, given))
     texts = name.encode(), b"", axes.encode()
-    made = _maker()(loops, data, types, 1, len(taken), len(given), NO_IDENTITY, *texts[:2], 0, texts[2])
+    made = _ufunc_constructor()(loops, data, types, 1, len(taken), len(given), NO_IDENTITY, *texts[:2], 0, texts[2])
     return made, (loops, data, types, texts)
 
 
@@ -163,7 +163,7 @@ def _entry(table: int, place: int) -> int | None:
     return ctypes.c_void_p.from_address(table + place * ctypes.sizeof(ctypes.c_void_p)).value
 
 
-def _maker() -> Any:
+def _ufunc_constructor() -> Any:
     table = _table()
     assert table is not None
     address = _entry(table, FROM_SIGNATURE_ENTRY)

@@ -10,16 +10,16 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from jounce.core.errors import JounceError, one_line, quoted, warn
+from jounce.core.errors import JounceError, one_line, quote_value, warn
 from jounce.core.typing import ArrayLike, Floats
 from jounce.dynamics.computation import Computation
 from jounce.model.mechanism import Mechanism
-from jounce.native import cache, jit, plan
-from jounce.native.arguments import bound_batch, refuse_names_and_masks, refuse_shapes
-from jounce.native.jit import host, ufunc
-from jounce.native.pool import Pool
+from jounce.native import cache, jit, memory_layout
+from jounce.native.arguments import check_bound_arrays, refuse_names_and_masks, refuse_shapes
+from jounce.native.jit import host, make_ufunc
 from jounce.native.products import DerivativeProducts, Results
-from jounce.native.threads import Box, in_parts
+from jounce.native.scratch_pool import Pool
+from jounce.native.threads import Box, compute_in_parts
 
 
 class Kernel(DerivativeProducts[Results]):
@@ -43,12 +43,12 @@ class Kernel(DerivativeProducts[Results]):
     def __init__(self, mechanism: Mechanism, computation: Computation, patience: float = inf) -> None:
         self.mechanism, self.computation = mechanism, computation
         self.signature = computation.signature(mechanism)
-        self._code = jit.load_object(_code(mechanism, computation, patience), host())
-        size = plan.scratch_size(computation, mechanism, host().lanes)
-        self._pool = Pool(size) if size > plan.MAX_STACK_BYTES else None
+        self._code = jit.load_object(_object_code(mechanism, computation, patience), host())
+        size = memory_layout.scratch_size(computation, mechanism, host().lanes)
+        self._pool = Pool(size) if size > memory_layout.MAX_STACK_BYTES else None
         self.addresses = self._code.address("states"), self._pool.address if self._pool else 0
         self.shapes = tuple([p.shape for p in ports] for ports in (self.signature.inputs, self.signature.outputs))
-        self.ufunc, self._alive = ufunc(self.addresses[0], self.signature, computation.name, self.addresses[1])
+        self.ufunc, self._alive = make_ufunc(self.addresses[0], self.signature, computation.name, self.addresses[1])
         self._count = len(self.signature.inputs)
         self._products = {}
 
@@ -150,7 +150,7 @@ class Kernel(DerivativeProducts[Results]):
             raise self._fixed_at_compile_time(fixed)
         results: list[Any] = list(out) if isinstance(out, tuple | list) else [out]
         refuse_names_and_masks(repr(self), arrays, results)
-        batch = bound_batch(repr(self), self.signature, arrays, results)
+        batch = check_bound_arrays(repr(self), self.signature, arrays, results)
         everything = [*arrays, *results]
         called = jit.loop_arguments(everything, bool(batch))
         arguments = (ctypes.c_void_p * 4)(*map(ctypes.addressof, called), self.addresses[1])
@@ -170,13 +170,16 @@ class Kernel(DerivativeProducts[Results]):
             return JounceError(f"{self!r} takes arrays one after the other, without {name}=: {self._order_of_inputs()}")
         flags = {"base": {"moving_base": True}, "wrench": {"wrench": True}}  # what is given selects arrays by a flag
         asked = {key: x for name, given in asked.items() for key, x in flags.get(name, {name: given}).items()}
-        own, other = ", ".join(self.computation.keywords()), ", ".join(f"{k}={quoted(x)}" for k, x in asked.items())
+        own, other = (
+            ", ".join(self.computation.keywords()),
+            ", ".join(f"{k}={quote_value(x)}" for k, x in asked.items()),
+        )
         return JounceError(f"robot.compile({own}) fixed what {self!r} computes; compile another one with {other}")
 
     def _split(self, arrays: Sequence[Any], out: Sequence[Any] | None, threads: Any) -> Any:
         """The batch in as many parts as there are threads, all its axes split; what does not fit, NumPy says."""
         if not isinstance(threads, int | np.integer) or isinstance(threads, bool) or threads < 1:
-            raise JounceError(f"threads = {quoted(threads)}; expected how many, 1 or more")
+            raise JounceError(f"threads = {quote_value(threads)}; expected how many, 1 or more")
         taken, given = self.shapes
         inputs = [np.asarray(array) for array in arrays]
         both = list(zip(inputs, taken, strict=True))
@@ -194,7 +197,7 @@ class Kernel(DerivativeProducts[Results]):
         def work(box: Box) -> None:
             self.ufunc(*(x[box] for x in whole), out=tuple(y[box] for y in results))
 
-        in_parts(work, batch, min(int(threads), prod(batch)))
+        compute_in_parts(work, batch, min(int(threads), prod(batch)))
         return results[0] if len(given) == 1 else tuple(results)
 
 
@@ -215,13 +218,13 @@ def compile_kernel(mechanism: Mechanism, computation: Computation, patience: flo
     return kernel
 
 
-def _code(mechanism: Mechanism, computation: Computation, patience: float) -> bytes:
+def _object_code(mechanism: Mechanism, computation: Computation, patience: float) -> bytes:
     """Object code, from the cache where it is there."""
     target = host()
 
     def make() -> bytes:
-        from jounce.native.forms import modules  # imported here, as a warm cache needs none of it
+        from jounce.native.code_forms import kernel_modules  # imported here, as a warm cache needs none of it
 
-        return jit.assemble(modules(mechanism, computation, target, patience), target)
+        return jit.assemble(kernel_modules(mechanism, computation, target, patience), target)
 
     return cache.read_or_make(cache.key(mechanism, computation, target), make)

@@ -14,27 +14,27 @@ import numpy as np
 from jounce.dynamics.computation import Port, Signature
 from jounce.dynamics.recursion.forces import ground, sweep
 from jounce.dynamics.recursion.steps import BodyMotion
-from jounce.model.equivalent import minimal
+from jounce.model.equivalent_mechanisms import minimal_mechanism
 from jounce.model.mechanism import Mechanism
-from jounce.native import loop_steps, plan
-from jounce.native.emit import Block, emit_steps, nan_masks
+from jounce.native import loop_steps, memory_layout
+from jounce.native.emit import BlockCode, emit_steps, nan_masks
 from jounce.native.ir import Writer
 from jounce.native.loop_steps import JointStep, Sweeps
-from jounce.native.plan import Layout
+from jounce.native.memory_layout import VectorLayout
 
 STEP_MEMORY = ("constants", "body", "parent", "motion", "carrier")  # what a step reads and writes
 GROUND_MEMORY = ("%bodies", "%bodies", "%motions")  # the body, parent and motion of the ground
 
 
-def emit_loop(mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> Block:
+def emit_loop(mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> BlockCode:
     """The sweeps over the tree for one block of states."""
     places = [range(port.start, port.end) for port in signature.outputs]
-    vectors = plan.vectors_of_bodies(sweeps.computation, mechanism)
-    return Block(lambda ir: _define_block(ir, mechanism, sweeps, signature), places, vectors)
+    vectors = memory_layout.vectors_of_bodies(sweeps.computation, mechanism)
+    return BlockCode(lambda ir: _define_block(ir, mechanism, sweeps, signature), places, vectors)
 
 
 def _define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, signature: Signature) -> None:
-    reduced, of_joints = minimal(mechanism), loop_steps.kinds(mechanism)
+    reduced, of_joints = minimal_mechanism(mechanism), loop_steps.joint_kinds(mechanism)
     present = [kind for kind in loop_steps.JOINT_KINDS if kind in of_joints]
     _define_steps(ir, present, sweeps, reduced.floats)
     for name, numbers in loop_steps.tables(mechanism, [present.index(kind) for kind in of_joints]).items():
@@ -143,7 +143,7 @@ def _set_ground(ir: Writer, sweeps: Sweeps, motion: BodyMotion) -> None:
     _clear_ground(ir, sweeps.layout)
 
 
-def _clear_ground(ir: Writer, layout: Layout) -> None:
+def _clear_ground(ir: Writer, layout: VectorLayout) -> None:
     for place in chain.from_iterable(chain.from_iterable(map(layout.places, ("f", "n")))):
         ir.store(ir.vector(0.0), ir.at("%bodies", place, ir.V))
 
@@ -168,7 +168,7 @@ def _add_base_force(ir: Writer, sweeps: Sweeps, signature: Signature) -> None:
             ir.store(ir.op("add", ir.load(ir.at("%bodies", place, ir.V)), ir.load(Q)), Q)
 
 
-def _joint_variable(ir: Writer, i: str, body: str, layout: Layout, n: int) -> None:
+def _joint_variable(ir: Writer, i: str, body: str, layout: VectorLayout, n: int) -> None:
     """theta = G q + g with its rates, sine and cosine, of joint i."""
     offset = ir.splat(ir.let(f"load double, ptr {ir.at('@offsets', i)}"))
     for k, (place,) in enumerate(layout.places("theta")):
@@ -181,7 +181,7 @@ def _joint_variable(ir: Writer, i: str, body: str, layout: Layout, n: int) -> No
     ir.do(f"call void @sincos({ir.V} {ir.load(angle)}, ptr {sine})")  # and the cosine behind it
 
 
-def _add_wrench(ir: Writer, i: str, memory: Sequence[str], layout: Layout, signature: Signature) -> None:
+def _add_wrench(ir: Writer, i: str, memory: Sequence[str], layout: VectorLayout, signature: Signature) -> None:
     """The wrench on body i, added to what acts on it."""
     first = ir.let(f"mul i64 {i}, 6")
     for port, places in zip(signature.of_role("wrench"), layout.places("W"), strict=True):

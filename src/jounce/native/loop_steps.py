@@ -13,13 +13,13 @@ import numpy as np
 from jounce.core.scalars import is_zero
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.recursion.forces import ground
-from jounce.dynamics.recursion.joints import rows
-from jounce.dynamics.recursion.steps import AlignedJoint, BodyMotion, Force, Moments, free_joint
+from jounce.dynamics.recursion.joints import take_rows
+from jounce.dynamics.recursion.steps import AlignedJoint, BodyForce, BodyMotion, Moments, free_joint
 from jounce.model import drives
-from jounce.model.equivalent import frame_shifts, minimal
+from jounce.model.equivalent_mechanisms import frame_shifts, minimal_mechanism
 from jounce.model.mechanism import Mechanism
-from jounce.native import plan
-from jounce.native.plan import Layout, base_layout, body_layout, motion_layout, sweep_of
+from jounce.native import memory_layout
+from jounce.native.memory_layout import VectorLayout, base_layout, body_layout, motion_layout, sweep_of
 from jounce.program.passes import factor, fuse
 from jounce.program.program import Program
 from jounce.program.trace import Tape
@@ -46,7 +46,7 @@ class JointStep:
 class _Sheet:
     """A tape whose inputs and outputs have places in memory: of a body or its parent, of the motion of either."""
 
-    def __init__(self, sweeps: "Sweeps", carrier: Layout | None = None) -> None:
+    def __init__(self, sweeps: "Sweeps", carrier: VectorLayout | None = None) -> None:
         self.tape = Tape()
         of_body, of_motion = sweeps.layout, sweeps.motion
         self.layouts = {"body": of_body, "parent": of_body, "motion": of_motion, "carrier": carrier or of_motion}
@@ -71,7 +71,7 @@ class _Sheet:
         for k, places in enumerate(self.layouts[memory].places(name)):
             self.outputs += [(memory, place, x) for place, x in zip(places, np.ravel(values[k]), strict=True)]
 
-    def write_force(self, memory: str, force: Force) -> None:
+    def write_force(self, memory: str, force: BodyForce) -> None:
         """A force and its moment, as results."""
         self.write(memory, "f", force.f)
         self.write(memory, "n", force.n)
@@ -90,12 +90,12 @@ class Sweeps:
     acting: tuple[str, ...] = ()  # the terms of the drives in Q
 
     @property
-    def motion(self) -> Layout:
+    def motion(self) -> VectorLayout:
         """The vectors of the motion of a body."""
         return motion_layout(self.computation)
 
     @property
-    def layout(self) -> Layout:
+    def layout(self) -> VectorLayout:
         """The other vectors of a body."""
         return body_layout(self.computation)
 
@@ -133,15 +133,15 @@ class Sweeps:
         sheet = _Sheet(self)
         T = sheet.constants(CARRY_SIZES)
         W = Ad(pose(T["R"].reshape(3, 3), T["r"][:, None])).mT @ sheet.read("body", "W")
-        sheet.write("body", "f", sheet.read("body", "f") + rows(W, 3, 6))
-        sheet.write("body", "n", sheet.read("body", "n") + rows(W, 0, 3))
+        sheet.write("body", "f", sheet.read("body", "f") + take_rows(W, 3, 6))
+        sheet.write("body", "n", sheet.read("body", "n") + take_rows(W, 0, 3))
         return sheet.step()
 
     def inward(self, kind: str) -> JointStep:
         """Trace the step from the force on a body to the joint force and the force on its parent."""
         sheet = _Sheet(self)
         joint, _ = _joint(sheet, kind)
-        on, parents = (Force(sheet.read(memory, "f"), sheet.read(memory, "n")) for memory in ("body", "parent"))
+        on, parents = (BodyForce(sheet.read(memory, "f"), sheet.read(memory, "n")) for memory in ("body", "parent"))
         total = parents + joint.inward(on)
         sheet.write("body", "Q", joint.force(on))
         sheet.write_force("parent", total)
@@ -175,12 +175,12 @@ def _joint(sheet: _Sheet, kind: str) -> tuple[AlignedJoint, Moments]:
 
 
 def _moments(c: dict[str, np.ndarray]) -> Moments:
-    return c["m"][:, None], c["h"][:, None], inertia.symmetric(c["P"])
+    return c["m"][:, None], c["h"][:, None], inertia.symmetric_matrix(c["P"])
 
 
-def kinds(mechanism: Mechanism) -> list[str]:
+def joint_kinds(mechanism: Mechanism) -> list[str]:
     """The kind of each joint."""
-    chain = minimal(mechanism)
+    chain = minimal_mechanism(mechanism)
     return ["prismatic" if is_zero(X[2]) else "revolute" if is_zero(X[5]) else "helical" for X in chain.X]
 
 
@@ -189,10 +189,10 @@ def tables(mechanism: Mechanism, of_joints: Sequence[int]) -> dict[str, Sequence
 
     "constants", "drives", "base" and "carry" hold what the sizes above list; the ground's inertia is not read.
     """
-    chain, carriers = minimal(mechanism), plan.carriers(mechanism)
+    chain, carriers = minimal_mechanism(mechanism), memory_layout.carriers(mechanism)
     owners = list(chain.owners)
     joints = [
-        np.concatenate([*map(np.ravel, (rotation(B), position(B), X[5:])), _upper(M)])
+        np.concatenate([*map(np.ravel, (rotation(B), position(B), X[5:])), _moment_row(M)])
         for B, X, M in zip(chain.B[owners], chain.X, chain.M[owners], strict=True)
     ]
     T, G = frame_shifts(mechanism, chain), mechanism.G.astype(float)
@@ -200,23 +200,23 @@ def tables(mechanism: Mechanism, of_joints: Sequence[int]) -> dict[str, Sequence
     return {
         "kinds": of_joints,
         "parents": [p + 1 for p in carriers],
-        "slots": plan.motion_slots(carriers),
-        "constants": _listed(joints),
-        "drives": _listed(np.concatenate(list(drives.coefficients(mechanism.drives).values()), axis=1)),
-        "carry": _listed(np.concatenate([rotation(T).reshape(-1, 9), position(T).reshape(-1, 3)], axis=1)),
-        "base": _listed(np.concatenate([chain.gravity, _upper(chain.M[0])])),
+        "slots": memory_layout.motion_slots(carriers),
+        "constants": _flatten(joints),
+        "drives": _flatten(np.concatenate(list(drives.coefficients(mechanism.drives).values()), axis=1)),
+        "carry": _flatten(np.concatenate([rotation(T).reshape(-1, 9), position(T).reshape(-1, 3)], axis=1)),
+        "base": _flatten(np.concatenate([chain.gravity, _moment_row(chain.M[0])])),
         "entries": [0, *accumulate(map(len, followed))],  # those of joint i: from entry i to entry i + 1
         "coordinates": [j for row in followed for j in row],
         "factors": [float(row[j]) for row, listed in zip(G, followed, strict=True) for j in listed],
-        "offsets": _listed(mechanism.g),
+        "offsets": _flatten(mechanism.g),
     }
 
 
-def _listed(numbers: Any) -> list[float]:
+def _flatten(numbers: Any) -> list[float]:
     return np.array(numbers, dtype=float).ravel().tolist()
 
 
-def _upper(M: np.ndarray) -> np.ndarray:
+def _moment_row(M: np.ndarray) -> np.ndarray:
     """The moments of a mass matrix as a row of ten."""
     m, h, P = inertia.moments(M)
     return np.concatenate([np.ravel(m), np.ravel(h), P[np.triu_indices(3)]])

@@ -9,8 +9,8 @@ from jounce.core.errors import JounceError
 from jounce.core.typing import ArrayLike, Floats, Product
 from jounce.dynamics.computation import Computation, Signature
 from jounce.model.mechanism import Mechanism
-from jounce.native import plan
-from jounce.native.arguments import of_product
+from jounce.native import memory_layout
+from jounce.native.arguments import collect_product_arrays
 
 if TYPE_CHECKING:
     from typing_extensions import TypeVar  # type checkers have it, and know its defaults
@@ -155,19 +155,19 @@ class DerivativeProducts(ABC, Generic[Results]):
         kernel = self._products.get(name)
         if kernel is None:
             kernel = self._products[name] = self._compile_product(name)
-        given = of_product(f"{name} of {self!r}", self.signature, kernel.signature, arrays, others)
+        given = collect_product_arrays(f"{name} of {self!r}", self.signature, kernel.signature, arrays, others)
         return kernel, given
 
     def _compile_product(self, name: Product) -> Any:
         if self.computation.product:
             raise JounceError(f"{self!r} has no {name}: it computes derivatives itself; compile the values for theirs")
         asked = replace(self.computation, product=name)
-        if refusal := plan.obstacle(asked, self.mechanism):
+        if refusal := memory_layout.obstacle(asked, self.mechanism):
             raise JounceError(f"{name} of {self!r}: native code {refusal}; choose a lower order")
         try:
-            return self._compile(asked, plan.MAX_COMPILE_SECONDS)
-        except plan.LongCompilationError:
+            return self._compile(asked, memory_layout.MAX_COMPILE_SECONDS)
+        except memory_layout.LongCompilationError:
             raise JounceError(
-                f"{name} of {self!r} takes longer than {plan.MAX_COMPILE_SECONDS:g} s to compile;"
+                f"{name} of {self!r} takes longer than {memory_layout.MAX_COMPILE_SECONDS:g} s to compile;"
                 f" robot.compile({', '.join(asked.keywords())}) compiles it once"
             ) from None

@@ -14,7 +14,7 @@ from math import prod
 Box = tuple[slice, ...]  # of a batch: a slice of each axis
 
 
-def in_parts(work: Callable[[Box], object], batch: tuple[int, ...], parts: int) -> None:
+def compute_in_parts(work: Callable[[Box], object], batch: tuple[int, ...], parts: int) -> None:
     """Call `work` on boxes that make up a batch, in as many threads as there are parts of equal size.
 
     Threads run in the caller's context, where `numpy.errstate` is kept. An error is raised once all have ended.
@@ -54,15 +54,15 @@ def boxes(batch: tuple[int, ...], start: int, end: int) -> Iterator[Box]:
     size = prod(batch[1:])
     first, last = -(-start // size), end // size  # whole rows
     if first > last:  # within one row
-        yield from _within(batch, last, start - last * size, end - last * size)
+        yield from _boxes_in_row(batch, last, start - last * size, end - last * size)
         return
-    yield from _within(batch, first - 1, start - (first - 1) * size, size)
+    yield from _boxes_in_row(batch, first - 1, start - (first - 1) * size, size)
     if first < last:
         yield (slice(first, last), *(slice(0, length) for length in batch[1:]))
-    yield from _within(batch, last, 0, end - last * size)
+    yield from _boxes_in_row(batch, last, 0, end - last * size)
 
 
-def _within(batch: tuple[int, ...], row: int, start: int, end: int) -> Iterator[Box]:
+def _boxes_in_row(batch: tuple[int, ...], row: int, start: int, end: int) -> Iterator[Box]:
     return ((slice(row, row + 1), *rest) for rest in boxes(batch[1:], start, end) if start < end)
 
 

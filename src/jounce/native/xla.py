@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from jounce.dynamics.computation import Port
-from jounce.native import cache, jit, pool
+from jounce.native import cache, jit, scratch_pool
 from jounce.native.ir import Writer
 from jounce.native.jit import host
 from jounce.native.kernel import Kernel
-from jounce.native.pool import Pool
+from jounce.native.scratch_pool import Pool
 
 # Offsets in bytes and codes of XLA's C interface, of this version:
 FFI_VERSION = 0, 1
@@ -34,7 +34,7 @@ _lock = Lock()
 _targets: dict[str, tuple[Any, ...] | None] = {}  # what lives as long; None where this jaxlib refuses the handler
 
 
-def target(kernel: Kernel, dtype: np.dtype) -> str | None:
+def register_target(kernel: Kernel, dtype: np.dtype) -> str | None:
     """Return the name under which XLA calls a kernel, registered once; None if the jaxlib does not fit.
 
     Arguments are of the type, float64 or float32, row-major, (N, ...) or one state for all, (...); results are
@@ -71,7 +71,7 @@ def _handler(kernel: Kernel, dtype: np.dtype) -> tuple[str, Pool | None]:
         size = 8 * chunk * (inputs[-1].end + outputs[-1].end)
         memory = Pool(size)
         _define_conversions(ir, kernel, chunk)
-        pool.define_on_heap(ir, size, "@singles")
+        scratch_pool.define_on_heap(ir, size, "@singles")
     with ir.function("ptr @call(ptr %frame)"):
         arrays, strides = (ir.let(f"alloca [{count} x {kind}]") for count, kind in _sizes(ports))
         extension = _read(ir, "%frame", FRAME_EXTENSION)

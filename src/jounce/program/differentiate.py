@@ -39,7 +39,7 @@ class Followers:
 
 
 @dataclass(frozen=True, eq=False)
-class Displaced:
+class DisplacedInputs:
     """Inputs of a program that are changed by displacements, of which there are fewer: a pose, a quaternion.
 
     From `start` on they are as many as `shape` has entries; `change` makes a change of them, linear in a displacement.
@@ -133,7 +133,7 @@ def vjp(
     program: Program,
     parameters: int = 0,
     most: float = inf,
-    displaced: Sequence[Displaced] = (),
+    displaced: Sequence[DisplacedInputs] = (),
     followers: Followers | None = None,
 ) -> Program:
     """The vector-Jacobian product: after the inputs it takes a weight for each output, and gives J^T weights.
@@ -161,7 +161,7 @@ def jvp(
     program: Program,
     parameters: int = 0,
     most: float = inf,
-    displaced: Sequence[Displaced] = (),
+    displaced: Sequence[DisplacedInputs] = (),
     followers: Followers | None = None,
 ) -> Program:
     """The Jacobian-vector product: after the inputs it takes a direction for each, and gives J directions.

@@ -1,8 +1,8 @@
 """The table of operations of programs, one row each, with everything that is known about them.
 
 The tape, the passes, native code, generated code and derivatives derive what they need from these rows. A new operation
-takes a row; a function that processors lack also takes its LLVM text in `native/functions`, and its name in languages
-that spell it differently.
+takes a row; a function that processors lack also takes its LLVM text in `native/vector_functions`, and its name in
+languages that spell it differently.
 """
 
 import math
@@ -29,7 +29,7 @@ class Expression:
 
 @dataclass(frozen=True)
 class VectorFunction:
-    """A function of `native/functions` on vectors, which returns its value or writes two, of which this is one."""
+    """A function of `native/vector_functions` on vectors, which returns its value or writes two, this among them."""
 
     name: str
     result: int | None = None
@@ -60,7 +60,7 @@ class Operation:
     involution: bool = False  # whether it undoes itself
 
 
-def _of_angle(function: Callable[[float], float]) -> Callable[[float], float]:
+def _nan_at_infinity(function: Callable[[float], float]) -> Callable[[float], float]:
     """Sine or cosine, NaN where the angle is infinite; Python's raise an error there."""
     return lambda x: function(x) if math.isfinite(x) else math.nan
 
@@ -95,8 +95,8 @@ OPERATIONS: Mapping[str, Operation] = {operation.name: operation for operation i
               llvm=(("fneg", 0),), expression=Expression("-{0}", SUM, (ATOM,)), free=True, involution=True),
     Operation("inv", "reciprocals", 1, _reciprocal, lambda x: (-((1 / x) * (1 / x)),),
               llvm=(("fdiv", 1.0, 0),), expression=Expression("{one} / {0}", PRODUCT, (ATOM,)), involution=True),
-    Operation("sin", "sin", 1, _of_angle(math.sin), lambda x: (x.cos(),), function=VectorFunction("sincos", 0)),
-    Operation("cos", "cos", 1, _of_angle(math.cos), lambda x: (-x.sin(),), function=VectorFunction("sincos", 1)),
+    Operation("sin", "sin", 1, _nan_at_infinity(math.sin), lambda x: (x.cos(),), function=VectorFunction("sincos", 0)),
+    Operation("cos", "cos", 1, _nan_at_infinity(math.cos), lambda x: (-x.sin(),), function=VectorFunction("sincos", 1)),
     Operation("tanh", "tanh", 1, math.tanh, lambda x: (1 - x.tanh() * x.tanh(),), function=VectorFunction("tanh")),
     Operation("exp", "exp", 1, _exponential, lambda x: (x.exp(),), function=VectorFunction("exp")),
     Operation("sqrt", "sqrt", 1, _square_root, lambda x: (0.5 / x.sqrt(),), llvm=(("llvm.sqrt", 0),)),

@@ -11,7 +11,7 @@ from jounce.spatial.series import rate_name
 DOCSTRING_WIDTH = 112  # characters of a line: 120, less the indent of a method in the stub
 
 
-class Option(NamedTuple):
+class MethodOption(NamedTuple):
     """A keyword of methods: its type and default in sources, and its description."""
 
     annotation: str
@@ -21,38 +21,40 @@ class Option(NamedTuple):
 
 
 METHOD_OPTIONS = {
-    "wrench": Option(
+    "wrench": MethodOption(
         "Rates | None", "None", "(..., nb, 6) or dict, or a tuple of them, optional",
         "What the bodies EXERT ON their environment, Qext = +J^T W, (moment; force) in body-frame components about the"
         " origin of the body frame. A *tuple* (W, Wd, ...) is W with as many rates as the result has{more}; anything"
         " else, nested lists included, is W alone. Each is an array (..., nb, 6) or a dict {{body or merged link: (...,"
         " 6)}}. Wd is the derivative of those components.",
     ),
-    "stiffness": Option(
+    "stiffness": MethodOption(
         "Rates | None", "None", "(..., k) or mapping, or a tuple of them, optional",
         "The stiffness S of the k joints with two motors, in their order or by name, with as many rates as `wrench`.",
     ),
-    "side": Option(
+    "side": MethodOption(
         "Side | None", "None", '"links", optional',
         "To be given for this release where joints are elastic: Q is the force of the links, see `{of_motors}`.",
     ),
-    "drives": Option(
+    "drives": MethodOption(
         "DriveColumns", "False", "bool, str or iterable of str, optional",
         'Columns to append: nb, one per joint variable, for each of "armature", "damping", "friction", "spring" and'
         ' "offset", a constant force, in this order; True appends all. Their parameters are those of `Robot.drives`, of'
         " the spring its stiffness; eps of friction and the rest position of the spring are those of the robot.",
     ),
-    "form": Option("Form", "'paper'", "str, optional", '"paper" or "skew".'),
-    "body": Option("str | None", "None", "str, optional", "A body or a link merged into one; all bodies by default."),
-    "frame": Option(
+    "form": MethodOption("Form", "'paper'", "str, optional", '"paper" or "skew".'),
+    "body": MethodOption(
+            "str | None", "None", "str, optional", "A body or a link merged into one; all bodies by default."
+        ),
+    "frame": MethodOption(
         "Frame", "'body'", "str, optional",
         'Frame of the twists (angular; linear): "body" (the paper\'s body-fixed twist), "world" (world axes, origin of'
         ' the body frame: the hybrid form) or "spatial" (the paper\'s spatial twist).',
     ),
-    "base": Option("Rates | None", "None", "", ""),
-    "method": Option("Method | None", "None", "", ""),
-    "out": Option("Out", "None", "", ""),
-    "threads": Option("int", "1", "", ""),
+    "base": MethodOption("Rates | None", "None", "", ""),
+    "method": MethodOption("Method | None", "None", "", ""),
+    "out": MethodOption("Out", "None", "", ""),
+    "threads": MethodOption("int", "1", "", ""),
 }  # fmt: skip
 SHARED_OPTIONS = ("base", "method", "out", "threads")
 FORCES_TEXT = (
@@ -72,7 +74,7 @@ COORDINATE_TEXTS = {
 AXIS_LENGTHS = {"bodies": "nb", "parameters": "10 nb", "tree": "N", "motors": "k"}
 
 
-def options_of(row: Quantity) -> tuple[str, ...]:
+def list_options(row: Quantity) -> tuple[str, ...]:
     """The keywords of the method of a quantity."""
     of_joints = ("wrench",) * row.wrenches + ("stiffness",) * row.takes_stiffness + ("side",) * bool(row.of_motors)
     return (*of_joints, *row.options, *("body",) * row.of_bodies, *("frame",) * bool(row.frames), *SHARED_OPTIONS)
@@ -89,12 +91,12 @@ def docstring(row: Quantity) -> str:
 def _section(title: str, entries: Iterable[tuple[str, str]]) -> str:
     lines = [title, "-" * len(title)]
     for name, text in entries:
-        lines += [name, _indented(text)]
+        lines += [name, _indent_text(text)]
     return "\n".join(lines)
 
 
 @cache  # shared by many methods
-def _indented(text: str) -> str:
+def _indent_text(text: str) -> str:
     return fill(text, DOCSTRING_WIDTH, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False)
 
 
@@ -116,7 +118,7 @@ def _parameters(row: Quantity) -> Iterator[tuple[str, str]]:
         size = "nv" if row.forces else "n"
         more = f"Further rates, each for one more time derivative of {row.names(0)[0]}."
         yield f"{', '.join(names[row.rates :])}, *higher : (..., {size}), optional", more
-    for name in options_of(row)[: -len(SHARED_OPTIONS)]:
+    for name in list_options(row)[: -len(SHARED_OPTIONS)]:
         option = METHOD_OPTIONS[name]
         count = row.wrench_rates - 1
         more = f", and {count} more: ({', '.join(rate_name('W', k) for k in range(count + 1))}) for it" if count else ""

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from os import PathLike
 from typing import TYPE_CHECKING
 
-from jounce.core.deprecated import renamed_keywords
+from jounce.core.deprecated import deprecate_keywords
 from jounce.core.typing import Frame, Language
 from jounce.dynamics.quantities.names import QuantityName
 from jounce.engine.engine import Engine
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class Exports(Engine):
     """Methods of `Robot` that write its equations elsewhere; each imports what does it."""
 
-    @renamed_keywords(base="moving_base", force="overwrite")
+    @deprecate_keywords(base="moving_base", force="overwrite")
     def codegen(
         self, lang: Language, order: int = 2, directory: str | PathLike[str] | None = None, *,
         outputs: Sequence[str] = ("inverse_dynamics",), wrench: bool = False, parameters: Sequence[str] = (),
@@ -84,7 +84,7 @@ class Exports(Engine):
         given = (outputs, wrench, parameters, float32, prefix, overwrite, moving_base)
         return codegen(self, lang, order, directory, *given)
 
-    @renamed_keywords(base="moving_base")
+    @deprecate_keywords(base="moving_base")
     def casadi_function(
         self, quantity: QuantityName = "inverse_dynamics", order: int = 2, wrench: bool = False, *,
         body: str | None = None, frame: Frame = "body", parameters: Sequence[str] = (), moving_base: bool = False,
@@ -147,7 +147,7 @@ class Exports(Engine):
 
         return casadi_function(self, quantity, order, wrench, body, frame, parameters, moving_base)
 
-    @renamed_keywords(base="moving_base")
+    @deprecate_keywords(base="moving_base")
     def symbolic(self, moving_base: bool = False) -> "Symbolic":
         """The equations of motion as SymPy expressions: every quantity, and its rates.
 

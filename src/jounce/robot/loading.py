@@ -10,11 +10,11 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from jounce.core.errors import JounceError, at, no_such, warn
+from jounce.core.errors import JounceError, locate_errors, unknown_name_error, warn
 from jounce.core.scalars import is_numeric
 from jounce.core.typing import ArrayLike, Base, DriveTerms, Planar2R
-from jounce.io.bundled import BUNDLED, check_floats
-from jounce.io.files import path_of
+from jounce.io.bundled import BUNDLED, check_floating_base
+from jounce.io.files import expand_path
 from jounce.model import tree
 from jounce.model.drives import select_terms
 from jounce.model.mechanism import Mechanism
@@ -81,17 +81,17 @@ def load(
     """
     if not isinstance(source, str | os.PathLike):
         raise JounceError(f"load() expects a path or a name, got {type(source).__name__}; names: {', '.join(BUNDLED)}")
-    path = path_of(source)
+    path = expand_path(source)
     name = os.fspath(source)
     if drives is not None:
         select_terms(drives)
-    with at(name):
+    with locate_errors(name):
         tree.check_base(base)
     stated = {"gravity": gravity, "base": base, "root": root, "xacro_args": xacro_args}
     given = {key: value for key, value in stated.items() if value is not None} | parameters
     robot = Robot(_mechanism(name, path, given))
     if lock is not None:
-        with at(name):
+        with locate_errors(name):
             robot = robot.locked(lock)
     return robot if drives is None else robot.with_drives(drives)
 
@@ -99,12 +99,12 @@ def load(
 def _mechanism(name: str, path: Path, parameters: dict[str, object]) -> Mechanism:
     if name in BUNDLED:
         if parameters.get("base") == "floating":
-            check_floats(name)
+            check_floating_base(name)
         return _call(BUNDLED[name].build, parameters, name)
     if path.suffix.lower() not in ROBOT_READERS:
         known = ", ".join(ROBOT_READERS)
         if not path.suffix:
-            raise JounceError(f"{no_such('robot', name, BUNDLED)}, or a file of type {known}")
+            raise JounceError(f"{unknown_name_error('robot', name, BUNDLED)}, or a file of type {known}")
         raise JounceError(f"{path}: unknown type of robot file {path.suffix!r}; available: {known}")
     with np.errstate(all="ignore"):  # what overflows is refused as not finite, or judged by the audit
         mechanism = _call(partial(_reader(path.suffix.lower()), path), parameters, str(path))
@@ -142,14 +142,14 @@ def _call(build: Callable[..., Mechanism], parameters: dict[str, object], what: 
     known = list(inspect.signature(build).parameters)
     for name in parameters:
         if name not in known:
-            raise no_such("parameter", name, [*known, *ALWAYS], what)
+            raise unknown_name_error("parameter", name, [*known, *ALWAYS], what)
     return build(**parameters)
 
 
 def _warn_of_inertias(mechanism: Mechanism, path: Path) -> None:
-    from jounce.checks.audit import impossible
+    from jounce.checks.audit import check_inertias
 
-    found = impossible(mechanism) if is_numeric(mechanism.M) else []
+    found = check_inertias(mechanism) if is_numeric(mechanism.M) else []
     if found:
         more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
         count = f"{len(found)} of {mechanism.nb} bodies"

@@ -11,8 +11,8 @@ from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 from jounce.arguments import requests
-from jounce.core.deprecated import renamed_keywords
-from jounce.core.errors import one_of
+from jounce.core.deprecated import deprecate_keywords
+from jounce.core.errors import check_choice
 from jounce.core.typing import ArrayLike, DriveTerms, Frame, LoadFrame, Named, Out, Product, Rates, Results
 from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.engine import drives as _drives
@@ -21,8 +21,8 @@ from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.loads import wrench_of_load
 from jounce.model.drives import select_columns, select_terms
-from jounce.robot.docstrings import METHOD_OPTIONS, docstring, options_of
-from jounce.robot.elastic import check_side, compiled_name
+from jounce.robot.deprecated_elastic import check_side, compiled_name
+from jounce.robot.docstrings import METHOD_OPTIONS, docstring, list_options
 
 if TYPE_CHECKING:
     from jounce.dynamics.quantities.names import QuantityName
@@ -32,30 +32,32 @@ FORMS = {"paper": "coriolis_matrix", "skew": "skew_coriolis_matrix"}  # of the C
 
 
 def _form_of(form: str) -> str:
-    return FORMS[one_of("form", form, FORMS, "coriolis_matrix")]
+    return FORMS[check_choice("form", form, FORMS, "coriolis_matrix")]
 
 
-def _of_links(robot: Engine, name: str, side: str | None) -> str:
+def _check_links_side(robot: Engine, name: str, side: str | None) -> str:
     check_side(robot, name, side)
     return name
 
 
-def _with_columns(robot: Engine, name: str, given: Sequence[Any], *, drives: Any, out: Any, **options: Any) -> Any:
+def _regressor_with_columns(
+    robot: Engine, name: str, given: Sequence[Any], *, drives: Any, out: Any, **options: Any
+) -> Any:
     return _drives.regressor(robot, name, given, select_columns(drives), out, **options)
 
 
-def method_of(row: Quantity) -> FunctionType:
+def make_method(row: Quantity) -> FunctionType:
     """The method that computes a quantity: a signature, a docstring, and one call."""
-    names, options = row.input_names(row.rates + 2), options_of(row)
+    names, options = row.input_names(row.rates + 2), list_options(row)
     taken = list(names[: row.rates])
     given = ", ".join(taken) + "," if row.results else f"{', '.join(names)}, *higher"
     taken += ["*"] if row.results else [*(f"{name}=None" for name in names[row.rates :]), "*higher"]
     taken += [f"{name}={METHOD_OPTIONS[name].default}" for name in options]
-    called = _with_columns.__name__ if "drives" in options else compute.__name__
+    called = _regressor_with_columns.__name__ if "drives" in options else compute.__name__
     asked = f"{_form_of.__name__}(form)" if "form" in options else repr(row.name)
     if row.of_motors:
         unchecked = "side is None and self.mechanism.elasticity is None"
-        asked = f"{asked} if {unchecked} else {_of_links.__name__}(self, {asked}, side)"
+        asked = f"{asked} if {unchecked} else {_check_links_side.__name__}(self, {asked}, side)"
     keywords = ", ".join(f"{name}={name}" for name in options if name not in ("form", "side"))
     place = next(iter(row.methods.values())).law.__code__
     above = "\n" * (place.co_firstlineno - 1)
@@ -71,7 +73,7 @@ def method_of(row: Quantity) -> FunctionType:
 class Methods:
     """What robots compute."""
 
-    @renamed_keywords(base="moving_base")
+    @deprecate_keywords(base="moving_base")
     def compile(
         self, quantity: QuantityName | None = None, order: int = 2, wrench: bool = False, *, body: str | None = None,
         frame: Frame = "body", product: Product | None = None, moving_base: bool = False,
@@ -121,7 +123,7 @@ class Methods:
         True
         """
         name = compiled_name(self, quantity)
-        asked = requests.computation(self.mechanism, name, order, wrench, body, frame, product, moving_base)
+        asked = requests.build_computation(self.mechanism, name, order, wrench, body, frame, product, moving_base)
         return compile_ahead(self, asked)
 
     def drive_forces(
@@ -210,4 +212,4 @@ class Methods:
 
 
 for _row in QUANTITIES.values():
-    setattr(Methods, _row.name, method_of(_row))
+    setattr(Methods, _row.name, make_method(_row))

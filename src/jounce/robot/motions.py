@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jounce.arguments import names
-from jounce.arguments.rates import checked_order
-from jounce.core.deprecated import renamed_keywords
-from jounce.core.errors import JounceError, at, quoted
+from jounce.arguments.rates import check_order
+from jounce.core.deprecated import deprecate_keywords
+from jounce.core.errors import JounceError, locate_errors, quote_value
 from jounce.core.typing import Angles, ArrayLike, Shaped, TimeUnit
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.io import motions
-from jounce.io.files import path_of
-from jounce.model.positions import positions
+from jounce.io.files import expand_path
+from jounce.model.positions import multiscrew_joints
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 PLACE = "the motion"  # where columns without a file stand, in messages
 
 
-@renamed_keywords(force="allow_noise")
+@deprecate_keywords(force="allow_noise")
 def load_motion(
     source: str | os.PathLike[str] | Shaped | Mapping[str, ArrayLike], /, robot: Engine, order: int = 2,
     degree: int | None = None, intervals: int | None = None, *, bandwidth: float | None = None,
@@ -93,47 +93,51 @@ def load_motion(
     """
     if not isinstance(robot, Engine):
         raise JounceError(f"load_motion() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
-    from jounce.motion.columns import Options
-    from jounce.motion.spline import way_of
+    from jounce.motion.spline import select_smoothing
+    from jounce.motion.table_columns import ColumnOptions
 
-    mechanism, highest = robot.mechanism, checked_order(order) + 2
-    way = way_of(degree, intervals, bandwidth, allow_noise)
-    options = Options(time, columns, angles, time_unit, torques)
+    mechanism, highest = robot.mechanism, check_order(order) + 2
+    way = select_smoothing(degree, intervals, bandwidth, allow_noise)
+    options = ColumnOptions(time, columns, angles, time_unit, torques)
     if topic is not None and not isinstance(topic, str):
-        raise JounceError(f"topic is {quoted(topic)}; expected a text")
-    if names.listed_in(source) is not None:
+        raise JounceError(f"topic is {quote_value(topic)}; expected a text")
+    if names.entry_names(source) is not None:
         from jounce.io.motions import tabular
 
         if topic is not None:
             raise JounceError(f"{PLACE}: topic is for bags of ROS, not for columns: leave it out")
-        return _with_meaning(tabular.of_arrays(_arrays(source), mechanism, highest, way, options, PLACE), robot)
+        return _add_vibration_notes(
+            tabular.read_arrays(_arrays(source), mechanism, highest, way, options, PLACE), robot
+        )
     if not isinstance(source, str | os.PathLike):
         known = f"a path, one of {', '.join(motions.BUNDLED_MOTIONS)}, or named columns"
         raise JounceError(f"load_motion() expects {known}, got {type(source).__name__}")
-    path = path_of(source)
-    return _with_meaning(motions.read(path, mechanism, highest, way, options, topic), robot)
+    path = expand_path(source)
+    return _add_vibration_notes(motions.read(path, mechanism, highest, way, options, topic), robot)
 
 
-def _with_meaning(motion: "Motion", robot: Engine) -> "Motion":
+def _add_vibration_notes(motion: "Motion", robot: Engine) -> "Motion":
     """The motion, with notes of what vibrations of its samples mean in Q2d, for robots of joints alone."""
-    from jounce.motion.smoothed import SmoothedCurve
-    from jounce.motion.vibrations import in_forces
+    from jounce.motion.sample_curves import SmoothedCurve
+    from jounce.motion.vibrations import describe_force_rates
 
     mechanism, curve = robot.mechanism, motion.curve
-    if not isinstance(curve, SmoothedCurve) or mechanism.floats or mechanism.loops or positions(mechanism):
+    if not isinstance(curve, SmoothedCurve) or mechanism.floats or mechanism.loops or multiscrew_joints(mechanism):
         return motion
 
     def mass_matrices(t: np.ndarray) -> np.ndarray:
         return np.asarray(compute(robot, "mass_matrix", curve.rates(t, 0)))
 
-    notes = [in_forces(vibration, mass_matrices, mechanism.coordinates) for vibration in curve.fit.vibrations]
+    notes = [
+        describe_force_rates(vibration, mass_matrices, mechanism.coordinates) for vibration in curve.fit.vibrations
+    ]
     return replace(motion, notes=(*motion.notes, *notes))
 
 
 def _arrays(source: Any) -> dict[str, Any]:
-    with at(PLACE):
-        columns = names.entries(source)
+    with locate_errors(PLACE):
+        columns = names.read_entries(source)
         odd = [name for name in columns if not isinstance(name, str)]
         if odd:
-            raise JounceError(f"column {quoted(odd[0])} is not named by a string; expected t and names of joints")
+            raise JounceError(f"column {quote_value(odd[0])} is not named by a string; expected t and names of joints")
         return columns

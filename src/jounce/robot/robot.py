@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Self
 
 from jounce.arguments.limits import with_limits
 from jounce.arguments.loops import with_locked, with_loops
-from jounce.core.display import Displayed
-from jounce.core.errors import JounceError, listed
+from jounce.core.display import HtmlDisplay
+from jounce.core.errors import JounceError, join_names
 from jounce.core.typing import (
     Array,
     ArrayLike,
@@ -26,16 +26,16 @@ from jounce.core.typing import (
     Rates,
     Results,
 )
-from jounce.model import dh, equality, parameters, screws
+from jounce.model import denavit_hartenberg, mechanism_equality, parameters, screws
 from jounce.model.drives import Drives, select_terms, warn_of_idle, with_eps
-from jounce.model.kinds import KEYS
+from jounce.model.limit_kinds import LIMIT_KEYS
 from jounce.model.limits import Limits
 from jounce.model.mechanism import GRAVITY
-from jounce.model.positions import check_single, position_count, positions
+from jounce.model.positions import check_single_screws, multiscrew_joints, position_count
 from jounce.robot.applications import Applications
+from jounce.robot.deprecated_methods import OldMethods
 from jounce.robot.exports import Exports
 from jounce.robot.methods import Methods
-from jounce.robot.old import OldMethods
 
 if TYPE_CHECKING:
     from jounce.actuators.along import ElasticAlong
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Robot(Applications, Methods, OldMethods, Displayed):
+class Robot(Applications, Methods, OldMethods, HtmlDisplay):
     """A robot: its mechanism, and the quantities of its equations of motion along a motion.
 
     `jounce.load` makes one from a file, the constructors `Robot.from_...` from numbers or from other libraries' models.
@@ -99,15 +99,19 @@ class Robot(Applications, Methods, OldMethods, Displayed):
     """
 
     def __eq__(self, other: object) -> bool:
-        return equality.equal(self.mechanism, other.mechanism) if isinstance(other, Robot) else NotImplemented
+        return (
+            mechanism_equality.are_equal(self.mechanism, other.mechanism)
+            if isinstance(other, Robot)
+            else NotImplemented
+        )
 
     def __hash__(self) -> int:
-        return hash(equality.key(self.mechanism))
+        return hash(mechanism_equality.structure_key(self.mechanism))
 
     def __repr__(self) -> str:
         floats = ", floating" if self.mechanism.floats else ""
         springs = ", elastic joints" if self.mechanism.elasticity else ""
-        q = f", q of {position_count(self.mechanism)} numbers" if positions(self.mechanism) else ""
+        q = f", q of {position_count(self.mechanism)} numbers" if multiscrew_joints(self.mechanism) else ""
         return f"<Robot {self.name!r}: {self.n} coordinates{q}, {len(self.body_names)} bodies{floats}{springs}>"
 
     @property
@@ -332,7 +336,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> arm.gravity_forces([0.0, 0.0])
         array([19.62 ,  4.905])
         """
-        return cls(dh.from_dh(
+        return cls(denavit_hartenberg.from_dh(
             table, M, convention, types=types, degrees=degrees, base=base, tool=tool, names=names, gravity=gravity,
             joint_names=joint_names, G=G, g=g, limits=limits, drives=drives, name=name,
         ))  # fmt: skip
@@ -571,11 +575,11 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         """
         if self.mechanism.elasticity is not None and (moved := set(select_terms(terms)) - {"spring"}):
             raise JounceError(
-                f"{self.name} has elastic joints: {listed(sorted(moved))} would act on the links, not on the motors;"
-                " select drive terms before elastic()"
+                f"{self.name} has elastic joints: {join_names(sorted(moved))} would act on the links, not on the"
+                " motors; select drive terms before elastic()"
             )
         if "spring" in select_terms(terms):
-            check_single(self.mechanism, "springs of drives", self.drives.stiffness)
+            check_single_screws(self.mechanism, "springs of drives", self.drives.stiffness)
         drives = self.drives if eps is None else with_eps(self.drives, eps)
         warn_of_idle(self.drives, terms, eps, self.name)
         return type(self)(replace(self.mechanism, acting=select_terms(terms), drives=drives))
@@ -646,7 +650,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> robot.limits.velocity[:2]
         array([ 2., inf])
         """
-        given = {key: value for key, value in locals().items() if key in KEYS}
+        given = {key: value for key, value in locals().items() if key in LIMIT_KEYS}
         from jounce.io.limits.reading import limits_from  # imported here to keep start-up fast
 
         mechanism = self.mechanism
@@ -662,7 +666,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         m c and the inertia tensor I about the origin of the body frame, in its axes, as Pinocchio has them; kg, kg m,
         kg m^2.
         """
-        return parameters.parameters_of(self.mechanism)
+        return parameters.inertial_parameters(self.mechanism)
 
     def with_inertial_parameters(self, p: ArrayLike) -> Self:
         """The robot with other inertial parameters, such as identified ones.
@@ -688,7 +692,7 @@ class Robot(Applications, Methods, OldMethods, Displayed):
         >>> robot.with_inertial_parameters(2 * robot.inertial_parameters).gravity_forces([0, 0])
         array([58.86, 19.62])
         """
-        return type(self)(parameters.with_parameters(self.mechanism, p))
+        return type(self)(parameters.with_inertial_parameters(self.mechanism, p))
 
     def base_parameters(self) -> "BaseParameters":
         """The base inertial parameters: the fewest combinations of `inertial_parameters` that determine Q.

@@ -43,15 +43,15 @@ def save(robot: Engine, path: str | os.PathLike[str]) -> None:
         raise JounceError(f"save() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     if not isinstance(path, str | os.PathLike):
         raise JounceError(f"save() expects a path, got {type(path).__name__}")
-    target = files.path_of(path)
+    target = files.expand_path(path)
     check_writable(target)
     content = ROBOT_WRITERS[target.suffix.lower()](robot.mechanism)
-    with files.written_whole(target) as part:
+    with files.write_whole(target) as part:
         part.write_text(content, encoding="utf-8", newline="\n")
 
 
 Writer = Callable[[Mechanism], str]
-ROBOT_WRITERS: dict[str, Writer] = {".yaml": writing.yaml, ".yml": writing.yaml, ".json": writing.as_json}
+ROBOT_WRITERS: dict[str, Writer] = {".yaml": writing.yaml_text, ".yml": writing.yaml_text, ".json": writing.json_text}
 
 
 def check_writable(path: Path) -> None:

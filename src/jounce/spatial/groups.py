@@ -102,7 +102,7 @@ class Group:
 
 
 @singledispatch
-def of_quaternion(p: Array) -> Array:
+def rotation_from_quaternion(p: Array) -> Array:
     """The rotation, (..., 3, 3), of a quaternion (..., 4)."""
     v, w = hat(p[..., :3]), p[..., 3:, None]
     return _I + 2 * reciprocal(p[..., None, :] @ p[..., :, None]) * (w * v + v @ v)
@@ -114,7 +114,7 @@ def _quaternion_rates(p: Array) -> Array:
 
 
 @singledispatch
-def of_angle(p: Array) -> Array:
+def rotation_from_angle(p: Array) -> Array:
     """The rotation about z, (..., 3, 3), of a cosine and a sine, (..., 2)."""
     unit = reciprocal(sqrt(p[..., None, :] @ p[..., :, None])) * p[..., :, None]
     c, s, zero = unit[..., :1, :], unit[..., 1:, :], 0 * unit[..., :1, :]
@@ -128,13 +128,15 @@ def _angle_rates(p: Array) -> Array:
 
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
-BALL = Group("ball", (0, 1, 2), _QUATERNION, (), of_quaternion, _quaternion_rates)
-PLANAR = Group("planar", (2, 3, 4), ("x", "y", "cos", "sin"), (0, 1), of_angle, _angle_rates)
-FREE = Group("free", (0, 1, 2, 3, 4, 5), ("x", "y", "z", *_QUATERNION), (0, 1, 2), of_quaternion, _quaternion_rates)
+BALL = Group("ball", (0, 1, 2), _QUATERNION, (), rotation_from_quaternion, _quaternion_rates)
+PLANAR = Group("planar", (2, 3, 4), ("x", "y", "cos", "sin"), (0, 1), rotation_from_angle, _angle_rates)
+FREE = Group(
+    "free", (0, 1, 2, 3, 4, 5), ("x", "y", "z", *_QUATERNION), (0, 1, 2), rotation_from_quaternion, _quaternion_rates
+)
 GROUPS: Mapping[str, Group] = {group.name: group for group in (BALL, PLANAR, FREE)}
 
 
-def group_of(X: Array) -> tuple[Group, Array] | None:
+def find_group(X: Array) -> tuple[Group, Array] | None:
     """The group that screws X, (6, k), of a joint span, and the pose T of the frame in which they are its screws.
 
     ``X = Ad(T) group.X``. None where they span none of the three, in the order that it has.

@@ -11,12 +11,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jounce.core.errors import JounceError
-from jounce.core.scalars import Array, asarray, broadcast, concatenate, element, exact_integers, is_numeric, is_symbolic
+from jounce.core.scalars import (
+    Array,
+    asarray,
+    broadcast,
+    concatenate,
+    convert_element,
+    is_numeric,
+    is_symbolic,
+    restore_integers,
+)
 from jounce.core.typing import ArrayLike
 from jounce.spatial.lie import Ad, axial, hat, inverse, portable_product
 
 _I = np.eye(3, dtype=int)
-PARAMETERS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # of one body, as Pinocchio has them
+INERTIAL_PARAMETERS = (
+    "m",
+    "mcx",
+    "mcy",
+    "mcz",
+    "Ixx",
+    "Ixy",
+    "Iyy",
+    "Ixz",
+    "Iyz",
+    "Izz",
+)  # of one body, as Pinocchio has them
 _PARAMETER_PLACES = (
     [3, 2, 0, 1, 0, 0, 1, 0, 1, 2],
     [3, 4, 5, 3, 0, 1, 1, 2, 2, 2],
@@ -63,9 +83,9 @@ def inertia_matrix(
     >>> inertia_matrix(2.0, [0, 0, 0.5], [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.05]])[0, 0]
     np.float64(0.6)
     """
-    m, c, theta = element(mass, "mass"), asarray(com, "com"), asarray(inertia_com, "inertia_com")
+    m, c, theta = convert_element(mass, "mass"), asarray(com, "com"), asarray(inertia_com, "inertia_com")
     if any(map(is_symbolic, (m, c, theta))):
-        m, c, theta = exact_integers(m), exact_integers(c), exact_integers(theta)
+        m, c, theta = restore_integers(m), restore_integers(c), restore_integers(theta)
     for name, array, shape in (("com", c, (3,)), ("inertia_com", theta, (3, 3))):
         if array.shape[-len(shape) :] != shape:
             raise JounceError(f"{name} has shape {array.shape}; expected (..., {', '.join(map(str, shape))})")
@@ -99,7 +119,7 @@ def _unit(i: int, j: int) -> Array:
 _PARAMETER_BASIS = np.stack([_unit(i, j) for i, j in zip(*_PARAMETER_PLACES, strict=True)]).reshape(10, 36)
 
 
-def symmetric(six: Array) -> Array:
+def symmetric_matrix(six: Array) -> Array:
     """The tensor of its entries xx, xy, xz, yy, yz, zz: (6) to (3, 3)."""
     return six[_SYMMETRIC]
 
@@ -122,7 +142,7 @@ def moments(M: Array) -> tuple[Array, Array, Array]:
     diagonal = [(t[1] + t[2]) - t[0], (t[0] + t[2]) - t[1], (t[0] + t[1]) - t[2]]
     P = concatenate([d / 2 for d in diagonal], axis=-1) * _I - theta * (1 - _I)
     h = axial(M[..., :3, 3:])[..., None] / 2
-    return (M[..., 3:4, 3:4], exact_integers(h), exact_integers(P)) if is_symbolic(M) else (M[..., 3:4, 3:4], h, P)
+    return (M[..., 3:4, 3:4], restore_integers(h), restore_integers(P)) if is_symbolic(M) else (M[..., 3:4, 3:4], h, P)
 
 
 def from_moments(m: Array, h: Array, P: Array) -> Array:

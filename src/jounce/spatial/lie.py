@@ -109,7 +109,7 @@ def exp(X: Array, phi: Array) -> Array:
 
     ``|xi| = 1`` (revolute, helical of any pitch) or ``xi = 0`` (prismatic), as `from_screws` checks.
     """
-    return exp_of(*turn_and_slide(X), phi)
+    return exp_turn_and_slide(*turn_and_slide(X), phi)
 
 
 def turn_and_slide(X: Array) -> tuple[Array, Array]:
@@ -123,7 +123,7 @@ def turn_and_slide(X: Array) -> tuple[Array, Array]:
     return wedge(turn[:, 0]), wedge(slide[:, 0])
 
 
-def exp_of(turn: Array, slide: Array, phi: Array) -> Array:
+def exp_turn_and_slide(turn: Array, slide: Array, phi: Array) -> Array:
     """The exponential of a turn and a slide, (..., 4, 4); cosines alone where an axis is one of the frame's."""
     square = turn @ turn
     return (np.eye(4, dtype=int) + square) + sin(phi) * turn - cos(phi) * square + phi * slide  # (SO3exp)

@@ -59,7 +59,7 @@ class OrthogonalFactors:
     @classmethod
     def of(cls, A: Array, pattern: np.ndarray) -> "OrthogonalFactors":
         """The factors of a matrix that is zero where its pattern, (c, d) of bool, is False."""
-        steps = elimination(pattern)
+        steps = elimination_order(pattern)
         order = [j for j, _ in steps]
         A = A[..., order]
         Q, inverse_Q, R, rest = list[Array](), list[Array](), list[Array](), list[np.ndarray]()
@@ -108,7 +108,7 @@ class OrthogonalFactors:
         return Y
 
 
-def elimination(pattern: np.ndarray) -> list[tuple[int, int | None]]:
+def elimination_order(pattern: np.ndarray) -> list[tuple[int, int | None]]:
     """An order of the columns of a matrix (c, d) that keeps many zeros, with the row of those that have but one entry.
 
     An entry that is alone in its column is never zero where the rank is full. The row that it leaves needs no more
@@ -130,7 +130,7 @@ def elimination(pattern: np.ndarray) -> list[tuple[int, int | None]]:
     return steps
 
 
-def solved(A: Series, B: Series) -> Series:
+def solve_series(A: Series, B: Series) -> Series:
     """X of A X = B with its rates: A X[k] = B[k] - sum of binom(k, j) A[j] X[k - j], with A factored once."""
     factors: list[Factors] = []
 
@@ -146,7 +146,7 @@ def solved(A: Series, B: Series) -> Series:
     return X
 
 
-def mirrored(x: Array) -> Array:
+def mirror_triangle(x: Array) -> Array:
     """A symmetric matrix, each entry below the diagonal that above: traced, they are one expression, not two."""
     upper = np.tri(x.shape[-1], dtype=int).T
     return x * upper + x.mT * (1 - upper)

@@ -14,7 +14,7 @@ import numpy as np
 
 from jounce.core.scalars import Array, check_recording, concatenate, zeros_like
 
-SUFFIX = r"(d|[2-9]d|[1-9]\d+d)?"  # what `rate_name` adds to a symbol, as a regular expression
+RATE_SUFFIX = r"(d|[2-9]d|[1-9]\d+d)?"  # what `rate_name` adds to a symbol, as a regular expression
 
 
 def rate_name(symbol: str, k: int) -> str:
@@ -159,12 +159,12 @@ def from_rates(first: Callable[[int], Array], f: Callable[[Series], Series]) -> 
     return S
 
 
-def joined(parts: Sequence[Series], axis: int) -> Series:
+def join_series(parts: Sequence[Series], axis: int) -> Series:
     """The series of the parts joined along an axis (counted from the end)."""
     return Series(lambda k: concatenate([part[k] for part in parts], axis=axis))
 
 
-def columns(terms: Sequence[Array]) -> Series:
+def column_series(terms: Sequence[Array]) -> Series:
     """q, qd, q2d, ... of shape (..., n) as a series of columns (..., n, 1), the shape that matrices multiply."""
     return Series.of([term[..., None] for term in terms])
 

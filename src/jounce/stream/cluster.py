@@ -17,15 +17,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.core.errors import JounceError, one_line, quoted
+from jounce.core.errors import JounceError, one_line, quote_value
 from jounce.core.version import __version__
-from jounce.dask.kept import Kept, keep
-from jounce.io.tables import place
-from jounce.native.cache import sources
-from jounce.stream.job import Part, Task
+from jounce.dask.pickled import Pickled, pickle_object
+from jounce.io.tables import describe_place
+from jounce.native.cache import source_digest
+from jounce.stream.job import InputPart, Task
 from jounce.stream.parts import compute
-from jounce.stream.records import CONTINUATION, Record, find, rows_folder, rows_path
-from jounce.stream.records import keep as keep_record
+from jounce.stream.records import CONTINUATION, Record, find_record, rows_folder, rows_path
+from jounce.stream.records import write_record as keep_record
 from jounce.stream.runner import Runner, is_done
 
 if TYPE_CHECKING:
@@ -42,14 +42,14 @@ SHARED_FILES = "expected a file system that this process and all workers share"
 class Order:
     """What a worker needs to compute a part: its folder, and the version and file (size and time) that it must have."""
 
-    task: Kept[Task]
-    part: Part
+    task: Pickled[Task]
+    part: InputPart
     folder: Path
     version: str
     file: tuple[int, int]
 
 
-def on_cluster(address: str) -> Runner:
+def cluster_runner(address: str) -> Runner:
     """Return the runner of a cluster: "local", or that of the scheduler at an address, which is checked."""
     try:
         from distributed.comm.addressing import get_address_host_port
@@ -60,20 +60,20 @@ def on_cluster(address: str) -> Runner:
             get_address_host_port(address, strict=True)
         except ValueError:
             expected = "expected local, or the address of a scheduler: tcp://HOST:PORT"
-            raise JounceError(f"cluster {quoted(address)}; {expected}") from None
+            raise JounceError(f"cluster {quote_value(address)}; {expected}") from None
     return partial(_run, address)
 
 
 def version() -> str:
     """The version of jounce in this process, and a digest of its sources, on which results depend."""
-    return f"{__version__} (sources {sources()[:12]})"
+    return f"{__version__} (sources {source_digest()[:12]})"
 
 
 def compute_order(order: Order) -> Record:
     """Compute a part, on a worker; one that a worker finished before it died is not computed again."""
     _check_version(gethostname(), version(), order.version)
     _check_files(order)
-    if is_done(order.task.value, order.part, order.folder) and (record := find(order.folder, order.part)):
+    if is_done(order.task.value, order.part, order.folder) and (record := find_record(order.folder, order.part)):
         return record
     with np.errstate(all="ignore"):  # as the command does; what is not finite is refused
         return compute(order.task.value, order.part, order.folder)
@@ -99,23 +99,23 @@ def _identity(path: Path) -> tuple[int, int]:
     return about.st_size, int(about.st_mtime)
 
 
-def _run(address: str, task: Task, parts: Sequence[Part], folder: Path) -> Generator[Record]:
+def _run(address: str, task: Task, parts: Sequence[InputPart], folder: Path) -> Generator[Record]:
     """Compute parts on a cluster, which is looked for if there are any."""
     if parts:
-        with _connected(address, len(parts)) as client:
+        with _connect(address, len(parts)) as client:
             _check_workers(address, client)
             yield from _compute(client, task, parts, folder.absolute())
 
 
 @contextmanager
-def _connected(address: str, most: int) -> Iterator["Client"]:
+def _connect(address: str, most: int) -> Iterator["Client"]:
     """A client of a cluster; one of this machine has at most as many workers as there are parts."""
     from distributed import Client
 
     with ExitStack() as stack:
-        stack.enter_context(_quiet())
+        stack.enter_context(_silence_dask())
         try:
-            scheduler = stack.enter_context(_local(most)) if address == LOCAL_CLUSTER else address
+            scheduler = stack.enter_context(_start_local_cluster(most)) if address == LOCAL_CLUSTER else address
             client = stack.enter_context(Client(scheduler, timeout=CONNECTION_TIMEOUT, set_as_default=False))
             client.wait_for_workers(1, timeout=CONNECTION_TIMEOUT)
         except Exception as error:  # the address, the network, or a server that is no scheduler
@@ -124,7 +124,7 @@ def _connected(address: str, most: int) -> Iterator["Client"]:
 
 
 @contextmanager
-def _local(most: int) -> Iterator[str]:
+def _start_local_cluster(most: int) -> Iterator[str]:
     """A cluster of this machine, a process per core, without files or processes that outlive it."""
     import dask
     from dask.system import CPU_COUNT
@@ -146,7 +146,7 @@ def _local(most: int) -> Iterator[str]:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def _silence_dask() -> Iterator[None]:
     """Within this context Dask logs nothing: errors become one line."""
     names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]
     levels = {log: log.level for log in map(logging.getLogger, names)}
@@ -175,10 +175,10 @@ def _ignore_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _compute(client: "Client", task: Task, parts: Sequence[Part], folder: Path) -> Iterator[Record]:
+def _compute(client: "Client", task: Task, parts: Sequence[InputPart], folder: Path) -> Iterator[Record]:
     """Give parts out, a few more than workers can compute at once, until all are finished."""
-    kept, waiting = keep(task), iter(parts)
-    running: dict[Future[Record], Part] = {}
+    kept, waiting = pickle_object(task), iter(parts)
+    running: dict[Future[Record], InputPart] = {}
     try:
         while True:
             for part in islice(waiting, max(1, PARTS_PER_THREAD * _threads(client) - len(running))):
@@ -187,14 +187,14 @@ def _compute(client: "Client", task: Task, parts: Sequence[Part], folder: Path) 
                 running[client.submit(compute_order, order, pure=False)] = part
             if not running:
                 return
-            for future in _finished(client, list(running)):
-                yield _checked(task, running.pop(future), future, folder)
+            for future in _wait_for_parts(client, list(running)):
+                yield _check_record(task, running.pop(future), future, folder)
     finally:
         client.cancel(list(running))
 
 
 @contextmanager
-def _connection() -> Iterator[None]:
+def _report_lost_connection() -> Iterator[None]:
     """Within this context, the loss of the cluster is reported in one line."""
     from distributed import CancelledError
 
@@ -208,36 +208,36 @@ def _connection() -> Iterator[None]:
 
 def _threads(client: "Client") -> int:
     """The number of threads of all workers that are there."""
-    with _connection():
+    with _report_lost_connection():
         return sum(client.nthreads().values())
 
 
-def _finished(client: "Client", running: "Sequence[Future[Record]]") -> "Collection[Future[Record]]":
+def _wait_for_parts(client: "Client", running: "Sequence[Future[Record]]") -> "Collection[Future[Record]]":
     """Wait until some parts are finished."""
     from distributed import wait
 
     while True:
         try:
-            with _connection(), client.as_current():
+            with _report_lost_connection(), client.as_current():
                 return wait(running, IDLE_TIMEOUT, "FIRST_COMPLETED").done
         except TimeoutError:
             if not _threads(client):
                 raise JounceError(f"no worker of the cluster is left; {CONTINUATION}") from None
 
 
-def _checked(task: Task, part: Part, future: "Future[Record]", folder: Path) -> Record:
+def _check_record(task: Task, part: InputPart, future: "Future[Record]", folder: Path) -> Record:
     """The record of a finished part, whose files this process sees."""
     from distributed import KilledWorker
 
     try:
-        with _connection():
+        with _report_lost_connection():
             record = future.result()
     except KilledWorker as error:
         died = f"{error.allowed_failures + 1} workers died while they computed this part, for want of memory perhaps"
-        raise JounceError(f"{place(part.path, part.span.start)}: {died}; {CONTINUATION}") from None
+        raise JounceError(f"{describe_place(part.path, part.span.start)}: {died}; {CONTINUATION}") from None
     if record.checksum and task.job.form and not rows_path(folder, part, task.job.form).is_file():
         path = rows_path(folder, part, task.job.form)
         raise JounceError(f"{path}: a worker has written it elsewhere; {SHARED_FILES}")
-    if find(folder, part) is None:  # file systems of a network show new files late
+    if find_record(folder, part) is None:  # file systems of a network show new files late
         keep_record(folder, part, record)
     return record

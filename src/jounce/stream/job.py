@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import Any, Literal
 
 from jounce.core.version import __version__
-from jounce.dynamics.quantities import FORCES
-from jounce.dynamics.stretch import elasticity_of
+from jounce.dynamics.joint_springs import elasticity_of
+from jounce.dynamics.quantities import DEFAULT_QUANTITY
 from jounce.engine.engine import Engine
 from jounce.io.native import writing
-from jounce.io.rows import Span
-from jounce.motion.columns import Match, Options
-from jounce.motion.origin import Origin
+from jounce.io.table_format import Span
 from jounce.motion.spline import Smoothing, Spline
-from jounce.motion.table import AS_NAMED
+from jounce.motion.table import DEFAULT_COLUMN_OPTIONS
+from jounce.motion.table_columns import ColumnMatch, ColumnOptions
+from jounce.motion.time_origin import TimeOrigin
 
 Subject = Literal["forces", "motors", "limits"]
 MOTION_COLUMN = "motion"  # the column that names the motion of each row
@@ -31,7 +31,7 @@ class Reading:
     recorded instead of ending the run.
     """
 
-    options: Options = AS_NAMED
+    options: ColumnOptions = DEFAULT_COLUMN_OPTIONS
     way: Smoothing | Spline | None = None
     blend: float | None = None
     step: float | None = None
@@ -62,14 +62,14 @@ class Job:
     def highest(self) -> int:
         """The highest rate of q that the results take."""
         more = elasticity_of(self.robot.mechanism).more_rates + 2 if self.of_motors else 0
-        return self.order + FORCES.rates - 1 + more
+        return self.order + DEFAULT_QUANTITY.rates - 1 + more
 
     @cached_property
     def key(self) -> str:
         """A digest of all that results depend on, but for the input and the treatment of bad rows."""
         mechanism = self.robot.mechanism
         text = [
-            __version__, str(RECORD_VERSION), writing.as_json(mechanism), str(sorted(mechanism.acting)), self.subject,
+            __version__, str(RECORD_VERSION), writing.json_text(mechanism), str(sorted(mechanism.acting)), self.subject,
             str(self.order), str(self.form), str(self.method), str(self.with_rates), str(self.reading.options),
             str(self.reading.way), str(self.reading.blend), str(self.reading.step),
         ]  # fmt: skip
@@ -77,7 +77,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Part:
+class InputPart:
     """A piece of the input: whole motions, or any rows where these state all rates.
 
     `motion` is the name of the motion of all rows, None if a column names it. `key` is a digest of the job and of the
@@ -90,7 +90,7 @@ class Part:
     span: Span
     motion: str | None
     key: str
-    origin: Origin | None = None
+    origin: TimeOrigin | None = None
 
     @property
     def size(self) -> int:
@@ -107,7 +107,7 @@ class Task:
     """
 
     job: Job
-    match: Match
+    match: ColumnMatch
     independent: bool
     named: bool
 

@@ -12,10 +12,10 @@ LOCK_FILE = "_jounce.lock"
 
 
 @contextmanager
-def locked(work: Path, output: Path) -> Iterator[None]:
+def hold_lock(work: Path, output: Path) -> Iterator[None]:
     """Hold the lock of a work folder, unless another run does; a lock ends with its process, however that ends."""
     make_folder(work)
-    file = _lock(work / LOCK_FILE, output)
+    file = _take_lock(work / LOCK_FILE, output)
     try:
         yield
     finally:
@@ -26,7 +26,7 @@ def locked(work: Path, output: Path) -> Iterator[None]:
             os.close(file)
 
 
-def _lock(path: Path, output: Path) -> int | None:
+def _take_lock(path: Path, output: Path) -> int | None:
     """The file of the lock; None on systems and disks without locks."""
     try:
         import fcntl

@@ -5,22 +5,30 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jounce.actuators.along import motors_along, order_of_voltages
+from jounce.actuators.along import motors_along, voltage_order
 from jounce.core.errors import UncertainError, warn
 from jounce.dynamics import electrical
-from jounce.dynamics.quantities import FORCES, Quantity, row_of
-from jounce.dynamics.stretch import elasticity_of
-from jounce.engine import digits
-from jounce.engine.along import ForceBreak, Progress, force_breaks, pieces_along
-from jounce.engine.closed_path import on_tree
+from jounce.dynamics.joint_springs import elasticity_of
+from jounce.dynamics.quantities import DEFAULT_QUANTITY, Quantity, find_row
+from jounce.engine import certain_digits
+from jounce.engine.along import ForceBreak, Progress, compute_pieces, find_force_breaks
+from jounce.engine.closed_path import with_tree_positions
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
-from jounce.engine.generic import as_tuple
+from jounce.engine.generic_methods import as_tuple
 from jounce.io.columns import Columns
-from jounce.io.motions.writing import BREAK_COLUMN, MEASURED, break_marks, measured, named, of_base, of_joints
+from jounce.io.motions.writing import (
+    BREAK_COLUMN,
+    MEASURED,
+    base_columns,
+    break_marks,
+    joint_columns,
+    measured_columns,
+    named_columns,
+)
 from jounce.model.coordinates import force_names
 from jounce.model.elasticity import motor_names
-from jounce.model.positions import extent
+from jounce.model.positions import position_extents
 from jounce.motion import Motion
 from jounce.motion.motion import Break
 from jounce.spatial.series import rate_name
@@ -39,7 +47,7 @@ class Output(NamedTuple):
     deviations: Rates | None = None
 
 
-class Block(NamedTuple):
+class OutputBlock(NamedTuple):
     """Some rows of the output: their times, quantities with their rates, columns of the base and further ones.
 
     `states` are what limits of positions bound, with the rates of q that forces belong to, and `about` is plain data of
@@ -54,7 +62,7 @@ class Block(NamedTuple):
     about: Mapping[str, Any]
 
 
-def of_rows(
+def compute_rows(
     job: Job, t: np.ndarray, rates: Rates, W: Wrenches, base: Rates | None = None, position: np.ndarray | None = None
 ) -> list[Output]:
     """The quantities at states that do not depend on each other; those of closed robots with all positions (N,).
@@ -67,47 +75,49 @@ def of_rows(
             return as_tuple(compute(job.robot, row.name, given, wrench=W, base=base, method=job.method))
         except UncertainError as error:
             times = [t[where] for where in error.uncertain]
-            warn(digits.describe(job.robot.mechanism, error.names, times, len(t)))
+            warn(certain_digits.describe_uncertain(job.robot.mechanism, error.names, times, len(t)))
             return error.results
 
     given = rates[: job.highest + 1]
     own = [Output("q", job.robot.joint_names, given)] if job.with_rates else []
-    given = on_tree(given, position)
+    given = with_tree_positions(given, position)
     if not job.of_motors:
-        return [*own, Output(FORCES.symbol, force_names(job.robot.mechanism), certain(FORCES, W))]
+        return [*own, Output(DEFAULT_QUANTITY.symbol, force_names(job.robot.mechanism), certain(DEFAULT_QUANTITY, W))]
     more = elasticity_of(job.robot.mechanism).more_rates
-    rows = [row_of(name, more) for name in ("motor_positions", "motor_torques")]
+    rows = [find_row(name, more) for name in ("motor_positions", "motor_torques")]
     terms = [W and W[: len(given) - row.rates + row.wrench_rates] for row in rows]
     theta, tau = (certain(row, term) for row, term in zip(rows, terms, strict=True))
-    return _of_motors(job.robot, theta, tau, None)
+    return _motor_outputs(job.robot, theta, tau, None)
 
 
-def along(job: Job, motion: Motion, show: Progress | None = None) -> Iterator[Block]:
+def compute_motion(job: Job, motion: Motion, show: Progress | None = None) -> Iterator[OutputBlock]:
     """The quantities along a whole motion at its own times, in blocks of rows."""
     robot, order = job.robot, job.order
     if job.of_motors:
-        order = order_of_voltages(elasticity_of(robot.mechanism), motion.highest)
+        order = voltage_order(elasticity_of(robot.mechanism), motion.highest)
         whole = motors_along(robot, motion, order=order, method=job.method, progress=show)
-        found = _of_motors(robot, whole.positions, whole.torques, whole.deviations)
-        about = _about(motion, whole.breaks, robot.joint_names, ["tau", "taud"][: order + 1])
-        yield Block(whole.t, found, {}, _others(robot, motion, whole.breaks, whole.t), (), about)
+        found = _motor_outputs(robot, whole.positions, whole.torques, whole.deviations)
+        about = _describe_motion(motion, whole.breaks, robot.joint_names, ["tau", "taud"][: order + 1])
+        yield OutputBlock(whole.t, found, {}, _further_columns(robot, motion, whole.breaks, whole.t), (), about)
         return
-    forces, breaks = force_names(robot.mechanism), force_breaks(robot, motion, motion.times, order, job.method)
-    about = _about(motion, breaks, forces, FORCES.names(order))
-    for piece in pieces_along(robot, motion, motion.times, order, job.method, show):
-        outputs, base = [Output(FORCES.symbol, forces, piece.forces, piece.deviations)], Columns()
+    forces, breaks = force_names(robot.mechanism), find_force_breaks(robot, motion, motion.times, order, job.method)
+    about = _describe_motion(motion, breaks, forces, DEFAULT_QUANTITY.names(order))
+    for piece in compute_pieces(robot, motion, motion.times, order, job.method, show):
+        outputs, base = [Output(DEFAULT_QUANTITY.symbol, forces, piece.forces, piece.deviations)], Columns()
         if job.with_rates:
             highest = len(piece.rates) - 1
             if motion.several:
-                base = of_joints(motion, robot.joint_names, piece.t, highest)
+                base = joint_columns(motion, robot.joint_names, piece.t, highest)
             else:
                 outputs.insert(0, Output("q", robot.joint_names, piece.rates, motion.deviations(piece.t, highest)))
-            base |= of_base(motion, piece.t, highest)
-        states = extent(robot.mechanism, piece.rates[0]), *piece.rates[1:]
-        yield Block(piece.t, outputs, base, _others(robot, motion, breaks, piece.t), states, about)
+            base |= base_columns(motion, piece.t, highest)
+        states = position_extents(robot.mechanism, piece.rates[0]), *piece.rates[1:]
+        yield OutputBlock(piece.t, outputs, base, _further_columns(robot, motion, breaks, piece.t), states, about)
 
 
-def alike(block: Block, motion: Motion, joints: Sequence[str], torques: Sequence[str]) -> Block:
+def add_common_columns(
+    block: OutputBlock, motion: Motion, joints: Sequence[str], torques: Sequence[str]
+) -> OutputBlock:
     """A block with the columns of all motions of a table, of which some may have no breaks, deviations or `torques`."""
     others = {BREAK_COLUMN: np.full(len(block.t), -1.0)} | block.others
     if motion.torques is not None:
@@ -116,23 +126,23 @@ def alike(block: Block, motion: Motion, joints: Sequence[str], torques: Sequence
         others = {f"{name}.Q{MEASURED}": np.interp(block.t, at, column) for name, column in columns.items()} | others
     outputs = [
         output._replace(deviations=output.deviations or tuple(map(np.zeros_like, output.rates)))
-        if output.symbol in ("q", FORCES.symbol, "tau")
+        if output.symbol in ("q", DEFAULT_QUANTITY.symbol, "tau")
         else output
         for output in block.outputs
     ]
     return block._replace(outputs=outputs, others=others)
 
 
-def columns_of(block: Block) -> Columns:
+def block_columns(block: OutputBlock) -> Columns:
     """The columns of a block by name."""
     found: Columns = {"t": block.t}
     for k, output in enumerate(block.outputs):
         found |= block.base if k == len(block.outputs) - 1 else {}
-        found |= named(output.symbol, output.names, output.rates, output.deviations)
+        found |= named_columns(output.symbol, output.names, output.rates, output.deviations)
     return found | block.others
 
 
-def _of_motors(robot: Engine, theta: Rates, tau: Rates, off: Rates | None) -> list[Output]:
+def _motor_outputs(robot: Engine, theta: Rates, tau: Rates, off: Rates | None) -> list[Output]:
     """theta, thetad, tau and, of motors that state their data, current and voltage."""
     e = elasticity_of(robot.mechanism)
     names = motor_names(e, robot.joint_names)
@@ -144,13 +154,15 @@ def _of_motors(robot: Engine, theta: Rates, tau: Rates, off: Rates | None) -> li
     return found
 
 
-def _others(robot: Engine, motion: Motion, breaks: Sequence[ForceBreak], t: np.ndarray) -> Columns:
+def _further_columns(robot: Engine, motion: Motion, breaks: Sequence[ForceBreak], t: np.ndarray) -> Columns:
     """The columns of measured torques and of breaks, of motions that have some."""
     marks = [(found.t, max(found.order, 0)) for found in breaks]
-    return measured(motion, robot.joint_names, t) | break_marks(motion, marks, t)
+    return measured_columns(motion, robot.joint_names, t) | break_marks(motion, marks, t)
 
 
-def _about(motion: Motion, breaks: Sequence[ForceBreak], rows: Sequence[str], names: Sequence[str]) -> dict[str, Any]:
+def _describe_motion(
+    motion: Motion, breaks: Sequence[ForceBreak], rows: Sequence[str], names: Sequence[str]
+) -> dict[str, Any]:
     """What rows do not hold of a motion, as plain data: where its rates come from, notes, and breaks of forces."""
     return {
         "source": motion.source,

@@ -6,49 +6,49 @@ from pathlib import Path
 
 import numpy as np
 
-from jounce.core.errors import at, collected_warnings
+from jounce.core.errors import collect_warnings, locate_errors
 from jounce.io.columns import Columns
-from jounce.io.motions.writing import about
+from jounce.io.motions.writing import table_metadata
 from jounce.io.tables import TABLE_WRITERS
-from jounce.stream.blocks import blocks
-from jounce.stream.job import MOTION_COLUMN, Part, Task
-from jounce.stream.limits import checked_limits
-from jounce.stream.outputs import columns_of
-from jounce.stream.records import Record, Skipped, checksum, keep, rows_path, written
-from jounce.stream.tally import Aggregate, add, limits_of, tally
+from jounce.stream.aggregates import Aggregate, add, reported_limits, tally
+from jounce.stream.job import MOTION_COLUMN, InputPart, Task
+from jounce.stream.limit_checks import check_part_limits
+from jounce.stream.outputs import block_columns
+from jounce.stream.records import Record, Skipped, checksum, rows_path, write_atomically, write_record
+from jounce.stream.result_blocks import compute_blocks
 
 
-def compute(task: Task, part: Part, folder: Path) -> Record:
+def compute(task: Task, part: InputPart, folder: Path) -> Record:
     """Compute a part of the input: its rows and its record are written into the work folder.
 
     The result depends on nothing but the arguments and the file that the part is of.
     """
     skipped: list[Skipped] = []
     aggregates: dict[str, Aggregate] = {}
-    with collected_warnings() as caught:
+    with collect_warnings() as caught:
         if task.job.subject == "limits":
-            aggregates = checked_limits(task, part, skipped)
+            aggregates = check_part_limits(task, part, skipped)
             total = ""
         else:
             total = _write(task, part, folder, _pieces(task, part, aggregates, skipped))
     rows = sum(found["rows"] for found in aggregates.values())
     record = Record(part.number, part.key, rows, total, aggregates, tuple(skipped), tuple(dict.fromkeys(caught)))
-    keep(folder, part, record)
+    write_record(folder, part, record)
     return record
 
 
-def _pieces(task: Task, part: Part, aggregates: dict[str, Aggregate], skipped: list[Skipped]) -> Iterator[Columns]:
+def _pieces(task: Task, part: InputPart, aggregates: dict[str, Aggregate], skipped: list[Skipped]) -> Iterator[Columns]:
     """The rows of the output, whose aggregates are gathered meanwhile."""
-    limits = limits_of(task.job)
-    for runs, block in blocks(task, part, skipped):
-        with at(part.path):
+    limits = reported_limits(task.job)
+    for runs, block in compute_blocks(task, part, skipped):
+        with locate_errors(part.path):
             for run in runs:
                 add(aggregates, run.motion, tally(block, slice(run.start, run.stop), limits))
         names = np.repeat([run.motion for run in runs], [run.stop - run.start for run in runs])
-        yield ({MOTION_COLUMN: names} if task.named else {}) | columns_of(block)
+        yield ({MOTION_COLUMN: names} if task.named else {}) | block_columns(block)
 
 
-def _write(task: Task, part: Part, folder: Path, pieces: Iterator[Columns]) -> str:
+def _write(task: Task, part: InputPart, folder: Path, pieces: Iterator[Columns]) -> str:
     """Write the rows of a part; returns the checksum of the table, empty without any rows."""
     form, first = task.job.form, next(pieces, None)
     if form is None:
@@ -57,6 +57,8 @@ def _write(task: Task, part: Part, folder: Path, pieces: Iterator[Columns]) -> s
         return ""
     if first is None:
         return ""
-    with written(rows_path(folder, part, form)) as path:
-        TABLE_WRITERS[form].write(path, chain([first], pieces), about(task.job.robot.mechanism, task.job.order))
+    with write_atomically(rows_path(folder, part, form)) as path:
+        TABLE_WRITERS[form].write(
+            path, chain([first], pieces), table_metadata(task.job.robot.mechanism, task.job.order)
+        )
         return checksum(path)

@@ -6,12 +6,12 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from jounce.core.errors import JounceError, listed
-from jounce.core.parts import PART_NAME, part_in, remove_abandoned
+from jounce.core.errors import JounceError, join_names
+from jounce.core.temporary_files import PART_NAME, remove_abandoned, temporary_path
 from jounce.io import files
 from jounce.io.tables import TABLE_WRITERS
-from jounce.stream.plan import Plan
-from jounce.stream.records import CONTINUATION, Record, is_valid, line_of, parse, rows_folder, rows_path
+from jounce.stream.input_parts import Plan
+from jounce.stream.records import CONTINUATION, Record, is_valid, line_of, parse_record, rows_folder, rows_path
 
 RUN_FILES = re.compile(r"part-\d{6}\.(parquet|csv|npz|json)|_jounce\.jsonl")  # names of tables and records
 RECORDS_FILE = "_jounce.jsonl"  # the records of all parts, in a folder of tables
@@ -31,27 +31,27 @@ def check_folder(output: Path) -> None:
         raise JounceError(
             f"{output}: exists and is not a folder; state a file of type {', '.join(TABLE_WRITERS)}, or a folder"
         )
-    known = {RECORDS_FILE, *(f"part-{record.number:06d}.parquet" for record in published(output))}
+    known = {RECORDS_FILE, *(f"part-{record.number:06d}.parquet" for record in published_records(output))}
     foreign = sorted(path.name for path in output.iterdir() if path.name not in known)
     if foreign:
         raise JounceError(
-            f"{output}: holds files that are not of an earlier run ({listed(foreign, 3)}); choose another folder, or"
-            " move them away"
+            f"{output}: holds files that are not of an earlier run ({join_names(foreign, 3)}); choose another folder,"
+            " or move them away"
         )
 
 
-def published(output: Path) -> list[Record]:
+def published_records(output: Path) -> list[Record]:
     """The records of the tables in a folder; empty where it is not the output of a run."""
     try:
         lines = (output / RECORDS_FILE).read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError):
         return []
-    return [record for line in lines if (record := parse(line)) is not None]
+    return [record for line in lines if (record := parse_record(line)) is not None]
 
 
 def is_published(plan: Plan, output: Path) -> bool:
     """Whether a folder holds the whole output of a plan, by its checksums."""
-    found = {record.number: record for record in published(output)}
+    found = {record.number: record for record in published_records(output)}
     return len(found) == len(plan.parts) and all(
         found[part.number].key == part.key
         and is_valid(found[part.number], output / f"part-{part.number:06d}.parquet", plan.task.job.reading.skip)
@@ -64,12 +64,12 @@ def publish_folder(plan: Plan, folder: Path, records: Iterable[Record], output: 
     """Move the tables of all parts to a folder, with their records."""
     rows = rows_folder(folder)
     expected = {RECORDS_FILE, *(rows_path(folder, part, ".parquet").name for part in plan.parts)}
-    for path in _ours(rows):
+    for path in _run_files(rows):
         if path.name not in expected:  # it belongs to an earlier plan
             path.unlink(missing_ok=True)
     if foreign := sorted(path.name for path in rows.iterdir() if path.name not in expected):
-        raise JounceError(f"{rows}: holds files that are not of this run ({listed(foreign, 3)}); move them away")
-    old = part_in(output.parent)
+        raise JounceError(f"{rows}: holds files that are not of this run ({join_names(foreign, 3)}); move them away")
+    old = temporary_path(output.parent)
     try:
         with files.write_errors(output):
             with (rows / RECORDS_FILE).open("w", encoding="utf-8") as file:
@@ -85,7 +85,7 @@ def publish_file(plan: Plan, folder: Path, form: str, output: Path) -> None:
     """Join the tables of all parts to one."""
     tables = [rows_path(folder, part, form) for part in plan.parts]
     try:
-        with files.written_whole(output) as path:
+        with files.write_whole(output) as path:
             TABLE_WRITERS[form].join(path, [table for table in tables if table.exists()])
     except JounceError as error:  # most of all, the disk is full
         raise JounceError(f"{error}; {CONTINUATION}") from None
@@ -97,7 +97,7 @@ def remove_work(folder: Path) -> None:
         for path in (rows_folder(folder), folder):
             if path.exists():
                 remove_abandoned(path)
-                for file in _ours(path):
+                for file in _run_files(path):
                     file.unlink(missing_ok=True)
                 path.rmdir()
 
@@ -109,6 +109,6 @@ def remove_empty(folder: Path) -> None:
         folder.rmdir()
 
 
-def _ours(folder: Path) -> Iterator[Path]:
+def _run_files(folder: Path) -> Iterator[Path]:
     """The tables and records in a work folder, and what workers that died, on other machines too, were writing."""
     return (path for path in list(folder.iterdir()) if RUN_FILES.fullmatch(path.name) or PART_NAME.fullmatch(path.name))

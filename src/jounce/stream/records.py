@@ -8,9 +8,9 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from jounce.core.parts import part_in
+from jounce.core.temporary_files import temporary_path
 from jounce.io.files import write_errors
-from jounce.stream.job import Part, digest
+from jounce.stream.job import InputPart, digest
 
 CHECKSUM_BLOCK_BYTES = 1 << 20  # read at a time: tables of any size are checked in little memory
 CONTINUATION = "finished parts are kept, and the same command continues after them"
@@ -52,20 +52,20 @@ def rows_folder(folder: Path) -> Path:
     return folder / "rows"
 
 
-def rows_path(folder: Path, part: Part, form: str) -> Path:
+def rows_path(folder: Path, part: InputPart, form: str) -> Path:
     """The path of the table of rows of a part."""
     return rows_folder(folder) / f"part-{part.number:06d}{form}"
 
 
-def record_path(folder: Path, part: Part) -> Path:
+def record_path(folder: Path, part: InputPart) -> Path:
     """The path of the record of a part."""
     return folder / f"part-{part.number:06d}.json"
 
 
 @contextmanager
-def written(path: Path) -> Iterator[Path]:
+def write_atomically(path: Path) -> Iterator[Path]:
     """Yield a path to write to in the folder of a path; the file appears when all is in it."""
-    temporary = part_in(path.parent)
+    temporary = temporary_path(path.parent)
     try:
         with write_errors(path, f"; {CONTINUATION}"):
             yield temporary
@@ -74,9 +74,9 @@ def written(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def keep(folder: Path, part: Part, record: Record) -> None:
+def write_record(folder: Path, part: InputPart, record: Record) -> None:
     """Write the record of a part."""
-    with written(record_path(folder, part)) as path:
+    with write_atomically(record_path(folder, part)) as path:
         path.write_text(line_of(record), encoding="utf-8")
 
 
@@ -86,7 +86,7 @@ def line_of(record: Record) -> str:
     return json.dumps({"digest": digest(data), "record": data})
 
 
-def parse(line: str) -> Record | None:
+def parse_record(line: str) -> Record | None:
     """The record in a line of JSON; None if it is damaged."""
     try:
         kept = json.loads(line)
@@ -98,10 +98,10 @@ def parse(line: str) -> Record | None:
         return None
 
 
-def find(folder: Path, part: Part) -> Record | None:
+def find_record(folder: Path, part: InputPart) -> Record | None:
     """The record of a part in the work folder; None if it is missing, damaged or of another run."""
     try:
-        record = parse(record_path(folder, part).read_text(encoding="utf-8"))
+        record = parse_record(record_path(folder, part).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError):
         return None
     return record if record and record.key == part.key else None

@@ -4,24 +4,24 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 
-from jounce.core.parts import remove_abandoned
+from jounce.core.temporary_files import remove_abandoned
 from jounce.io.files import make_folder
-from jounce.stream.job import Part, Task
+from jounce.stream.input_parts import Plan
+from jounce.stream.job import InputPart, Task
 from jounce.stream.parts import compute
-from jounce.stream.plan import Plan
-from jounce.stream.records import Record, find, is_valid, rows_folder, rows_path
+from jounce.stream.records import Record, find_record, is_valid, rows_folder, rows_path
 
-Runner = Callable[[Task, Sequence[Part], Path], Generator[Record]]  # computes parts, in any order, into a folder
+Runner = Callable[[Task, Sequence[InputPart], Path], Generator[Record]]  # computes parts, in any order, into a folder
 Show = Callable[[int, int, int], object]  # takes the finished size, that of all parts, and the rows computed
 
 
-def here(task: Task, parts: Sequence[Part], folder: Path) -> Generator[Record]:
+def run_here(task: Task, parts: Sequence[InputPart], folder: Path) -> Generator[Record]:
     """Compute parts one after the other in this process."""
     for part in parts:
         yield compute(task, part, folder)
 
 
-def run(plan: Plan, folder: Path, runner: Runner = here, show: Show | None = None) -> int:
+def run(plan: Plan, folder: Path, runner: Runner = run_here, show: Show | None = None) -> int:
     """Compute all parts of a plan that have no valid record in the work folder; returns their number."""
     for path in (folder, rows_folder(folder)):
         make_folder(path)
@@ -38,16 +38,16 @@ def run(plan: Plan, folder: Path, runner: Runner = here, show: Show | None = Non
     return len(missing)
 
 
-def records(plan: Plan, folder: Path) -> Iterator[Record]:
+def read_records(plan: Plan, folder: Path) -> Iterator[Record]:
     """The records of all parts in the order of the input, each read when its turn comes."""
     for part in plan.parts:
-        found = find(folder, part)
+        found = find_record(folder, part)
         assert found is not None  # `run` computed it
         yield found
 
 
-def is_done(task: Task, part: Part, folder: Path) -> bool:
+def is_done(task: Task, part: InputPart, folder: Path) -> bool:
     """Whether a part has a valid record in the work folder."""
     job = task.job
     table = None if job.form is None else rows_path(folder, part, job.form)
-    return is_valid(find(folder, part), table, job.reading.skip)
+    return is_valid(find_record(folder, part), table, job.reading.skip)

@@ -9,7 +9,7 @@ import numpy as np
 
 from jounce._codegen.function import Function
 from jounce._codegen.header import printable
-from jounce._codegen.parametric import Parametric
+from jounce._codegen.parametric import ParametricRobot
 from jounce._codegen.symbolic import Symbolic, symbolic
 from jounce._codegen.symbolic.equations import EXTERNAL, quotient
 from jounce.core.errors import JounceError
@@ -50,7 +50,7 @@ class Document:
         return (list(_entries(found[port.rate], symbol, port)) for port in function.outputs)
 
 
-def document(robot: Parametric, base: bool = False) -> Document:
+def document(robot: ParametricRobot, base: bool = False) -> Document:
     """A robot in symbols that all look different, on a base that moves as symbols say, or on the ground at rest."""
     import sympy
 
@@ -95,7 +95,7 @@ def _entries(matrix: Any, symbol: str, port: Port) -> Iterator[list[str]]:
         alike.setdefault(entry, []).append(_symbol(symbol, port.rate, index))
     for entry, names in alike.items():
         starts = [" = ".join(names[i : i + MAX_EQUAL_PER_LINE]) for i in range(0, len(names), MAX_EQUAL_PER_LINE)]
-        yield from (_broken(f"{start} ={{}} &", list(_pieces(entry))) for start in starts)
+        yield from (_break_lines(f"{start} ={{}} &", list(_pieces(entry))) for start in starts)
 
 
 def _symbol(symbol: str, k: int, index: Sequence[int]) -> str:
@@ -127,7 +127,7 @@ def _with_sign(text: str) -> str:
     return f"- {text[1:].lstrip()}" if text.startswith("-") else f"+ {text}"
 
 
-def _broken(start: str, pieces: Sequence[str]) -> list[str]:
+def _break_lines(start: str, pieces: Sequence[str]) -> list[str]:
     """A sum in lines that paper holds, the first behind what it is equal to."""
     lines = [f"{start} {pieces[0].removeprefix('+ ')}"]
     for piece in pieces[1:]:

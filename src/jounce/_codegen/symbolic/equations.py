@@ -10,12 +10,12 @@ import numpy as np
 
 from jounce._codegen.symbolic.expressions import expressions
 from jounce.arguments import requests
-from jounce.arguments.rates import checked_order
-from jounce.core.errors import JounceError, no_such, quoted, true_or_false
+from jounce.arguments.rates import check_order
+from jounce.core.errors import JounceError, check_bool, quote_value, unknown_name_error
 from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.engine.engine import Engine
-from jounce.model.positions import moves
-from jounce.spatial.series import SUFFIX, Series, rate_name
+from jounce.model.positions import position_rate_map
+from jounce.spatial.series import RATE_SUFFIX, Series, rate_name
 
 EXTERNAL = "ext"  # ends the symbol of what wrenches add to a quantity: Qext
 # How many rates of each symbol `Symbolic.dot` differentiates: beyond those of any expression; of a pose, its entries.
@@ -59,11 +59,13 @@ class Symbolic:
 
     def __getattr__(self, name: str) -> Any:
         own = vars(self)  # empty while it is copied or unpickled
-        found = re.fullmatch(f"({'|'.join(own['series'])}){SUFFIX}", name) if "series" in own else None
+        found = re.fullmatch(f"({'|'.join(own['series'])}){RATE_SUFFIX}", name) if "series" in own else None
         if name in QUANTITIES and QUANTITIES[name].inverts:
             raise AttributeError(quotient(QUANTITIES[name]))
         if found is None:
-            raise AttributeError(str(no_such("member", name, [*own.get("series", ()), *OF_BODIES, "dot"], "Symbolic")))
+            raise AttributeError(
+                str(unknown_name_error("member", name, [*own.get("series", ()), *OF_BODIES, "dot"], "Symbolic"))
+            )
         symbol, suffix = found.groups()
         return self.series[symbol][int((suffix or "0d")[:-1] or 1)]
 
@@ -88,7 +90,7 @@ class Symbolic:
         import sympy
 
         if not isinstance(x, sympy.Expr | sympy.MatrixBase | sympy.NDimArray | int | float):
-            raise JounceError(f"dot() expects a SymPy expression, matrix or array, got {quoted(x)}")
+            raise JounceError(f"dot() expects a SymPy expression, matrix or array, got {quote_value(x)}")
         total, present = 0 * x, getattr(x, "free_symbols", ())
         for name, count in RATES_BY_SYMBOL.items():
             moving = self.series.get(name, NO_SYMBOLS)
@@ -114,10 +116,10 @@ def symbolic(robot: Engine, moving_base: bool) -> Symbolic:
         import sympy  # noqa: F401
     except ModuleNotFoundError:
         raise JounceError("symbolic() needs SymPy; install it by: pip install 'jounce[sympy]'") from None
-    true_or_false("moving_base", moving_base, "whether the ground moves")
+    check_bool("moving_base", moving_base, "whether the ground moves")
     m = robot.mechanism
     found = expressions(m, moving_base or m.floats)
-    series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if not requests.missing(m, row)}
+    series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if not requests.missing_reason(m, row)}
     series |= {symbol: found.external(row, symbol) for symbol, row in OF_WRENCHES.items()}
 
     @cache
@@ -125,18 +127,18 @@ def symbolic(robot: Engine, moving_base: bool) -> Symbolic:
         return found.quantity(OF_BODIES[name], body, frame)
 
     def checked(name: str, body: str | None, frame: str) -> Series:
-        requests.place(robot.mechanism, name, body, frame)
+        requests.check_place(robot.mechanism, name, body, frame)
         return of_bodies(name, body, frame)
 
     q, qd = (np.array(x.tolist(), dtype=object) for x in found.symbols["q"].upto(1))
-    return Symbolic(robot.name, {**found.symbols, **series}, checked, (moves(m, q[:, 0]) @ qd)[:, 0])
+    return Symbolic(robot.name, {**found.symbols, **series}, checked, (position_rate_map(m, q[:, 0]) @ qd)[:, 0])
 
 
 def _method(row: Quantity) -> Callable[..., Any]:
     """The method of `Symbolic` that gives a quantity of bodies."""
 
     def method(self: Symbolic, body: str | None = None, *, frame: str = "body", order: int = 0) -> Any:
-        terms = self.of_bodies(row.name, body, frame).upto(checked_order(order))
+        terms = self.of_bodies(row.name, body, frame).upto(check_order(order))
         return terms if order else terms[0]
 
     method.__name__, method.__qualname__ = row.name, f"{Symbolic.__name__}.{row.name}"

@@ -12,13 +12,13 @@ from jounce._codegen.symbolic.model import cast_mechanism, check_names, has_deci
 from jounce._codegen.symbolic.terms import Printer
 from jounce._codegen.symbolic.trig_polynomial import TrigPolynomial, Variables
 from jounce.arguments import requests
-from jounce.core.errors import JounceError, at
+from jounce.core.errors import JounceError, locate_errors
 from jounce.core.scalars import Array, zeros_like
 from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.quantities import Quantity
 from jounce.dynamics.state import Law, State
-from jounce.model.casting import with_exact_integers
 from jounce.model.mechanism import Mechanism
+from jounce.model.scalar_casting import with_exact_integers
 from jounce.spatial.lie import pose
 from jounce.spatial.series import Series, rate_name
 
@@ -72,7 +72,7 @@ class Expressions:
 
         def term(k: int) -> Any:
             self.variables.work = 0
-            with at(f"{rate_name(symbol, k)} of {place!r}"):
+            with locate_errors(f"{rate_name(symbol, k)} of {place!r}"):
                 try:
                     values = np.asarray(law()[k], dtype=object)
                     terms = sum(len(x.terms) for x in values.flat if isinstance(x, TrigPolynomial))

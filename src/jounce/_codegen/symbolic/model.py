@@ -9,13 +9,13 @@ import numpy as np
 
 from jounce._codegen.symbolic.terms import polynomial
 from jounce._codegen.symbolic.trig_polynomial import Variables
-from jounce.core.errors import JounceError, at
+from jounce.core.errors import JounceError, locate_errors
 from jounce.core.scalars import Array
 from jounce.dynamics.joint_motion import JointMotion
-from jounce.model.casting import with_arrays
 from jounce.model.drives import Drives
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import position_count
+from jounce.model.scalar_casting import with_arrays
 from jounce.spatial.series import Series
 
 _NUMBERED_AXES = ((1, "x"), (2, "y"), (3, "z"))
@@ -27,7 +27,7 @@ def cast_mechanism(mechanism: Mechanism, variables: Variables) -> Mechanism:
     def cast(array: Array, what: str) -> Array:
         result = np.empty(array.shape, dtype=object)
         for index, x in zip(np.ndindex(*array.shape), array.ravel().tolist(), strict=True):
-            with at(f"{what}{list(index)} of {mechanism.name!r}"):
+            with locate_errors(f"{what}{list(index)} of {mechanism.name!r}"):
                 rigid = isinstance(x, float) and isinf(x)  # a stiffness, of which only the reciprocal enters
                 result[index] = x if rigid else polynomial(x, variables)
         return result

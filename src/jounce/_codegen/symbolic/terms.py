@@ -9,7 +9,7 @@ from math import gcd
 from operator import add, mul
 from typing import Any
 
-from jounce._codegen.symbolic.trig_polynomial import TrigPolynomial, Variables, digits, exact
+from jounce._codegen.symbolic.trig_polynomial import TrigPolynomial, Variables, digits, exact_fraction
 from jounce.core.errors import JounceError
 
 MAX_EXPANDED_EXPONENT = 100  # powers from here on are variables of their own, so that exponents stay within a digit
@@ -25,7 +25,7 @@ def polynomial(x: Any, variables: Variables) -> Any:
 
     if not isinstance(x, sympy.Expr):
         try:
-            return exact(x)
+            return exact_fraction(x)
         except (TypeError, ValueError):
             raise JounceError(f"it is of type {type(x).__name__}; expected a number or a SymPy expression") from None
     if x.has(sympy.nan, sympy.oo, sympy.zoo, sympy.I):
@@ -82,7 +82,7 @@ class Printer:
         import sympy
 
         if not isinstance(x, TrigPolynomial):
-            return self._number(exact(x))
+            return self._number(exact_fraction(x))
         terms = [(c, dict(digits(powers)), angle, sine) for (powers, angle, sine), c in x.terms.items()]
         factor = self._factor([(c, powers) for c, powers, _, _ in terms])
         groups: dict[Any, list[tuple[Fraction, Powers]]] = defaultdict(list)

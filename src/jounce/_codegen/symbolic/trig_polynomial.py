@@ -98,7 +98,7 @@ class TrigPolynomial(Recorder):
 
     def __mul__(self, other: Any) -> "TrigPolynomial":
         if not isinstance(other, TrigPolynomial):
-            number = exact(other)
+            number = exact_fraction(other)
             if number == 1:
                 return self
             goes_on = self.variables.spend(len(self.terms)) and number
@@ -120,7 +120,7 @@ class TrigPolynomial(Recorder):
     __radd__, __rmul__ = __add__, __mul__
 
     def __truediv__(self, number: Any) -> "TrigPolynomial":
-        return self * (1 / exact(number))
+        return self * (1 / exact_fraction(number))
 
     def __rtruediv__(self, number: Any) -> "TrigPolynomial":
         """The quotient by a polynomial without sines and cosines; a sum becomes a variable, to the power of -1."""
@@ -172,7 +172,7 @@ class TrigPolynomial(Recorder):
         return x if isinstance(x, TrigPolynomial) else TrigPolynomial(self.variables, {(0, 0, False): Fraction(1)}) * x
 
 
-def exact(x: Any) -> Fraction:
+def exact_fraction(x: Any) -> Fraction:
     """A number as a fraction; a float is read as the decimals that it prints as: 0.1 is 1/10."""
     if isinstance(x, float) and x != x:
         raise JounceError("a number is missing, as those of motors that do not state all; expressions need every one")

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jounce._report.demo.example import Example, Forces, StepErrors, published
-from jounce.figures.canvas import INK, legend_above, letter, line_style, painted
-from jounce.figures.curves import over_time
-from jounce.figures.panels import Panel, Run, columns_of
+from jounce.figures.canvas import INK, axes_letter, legend_above, line_style, painted
+from jounce.figures.curves import draw_curves
+from jounce.figures.panels import CurvePanel, TableRun, columns_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,10 +37,10 @@ def forces(found: Example, title: str, other: Example) -> "Figure":
     The columns are those that suit this example and the other alike, so that their pictures can be compared.
     """
     panels = _panels(found)
-    return over_time([Run(found.t, panels)], title, columns_of([*panels, *_panels(other)]))
+    return draw_curves([TableRun(found.t, panels)], title, columns_of([*panels, *_panels(other)]))
 
 
-def _panels(found: Example) -> list[Panel]:
+def _panels(found: Example) -> list[CurvePanel]:
     differentiated = (None, None, *found.differentiated)
     labels = (r"$q$ [rad]", *FORCE_LABELS)
 
@@ -48,7 +48,7 @@ def _panels(found: Example) -> list[Panel]:
         return dict(zip(found.robot.joint_names, values.T, strict=True))
 
     return [
-        Panel(label, by_joint(exact), None if rough is None else by_joint(rough))
+        CurvePanel(label, by_joint(exact), None if rough is None else by_joint(rough))
         for label, exact, rough in zip(
             labels, (found.motion(found.t, 0)[0], *found.forces), differentiated, strict=True
         )
@@ -87,7 +87,7 @@ def overlay(found: Example, other: Forces) -> "Figure":
         for axes in grid[-1]:
             axes.set_xlabel("t [s]")
         for i, axes in enumerate(grid.flat):
-            axes.set_title(f"({letter(i)})", loc="left")
+            axes.set_title(f"({axes_letter(i)})", loc="left")
         figure.align_ylabels(grid)
         legend_above(figure, styles)
 

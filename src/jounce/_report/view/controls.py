@@ -5,15 +5,15 @@ from typing import Any
 
 import numpy as np
 
+from jounce._report.single_screws import to_single_screws
 from jounce._report.sliders import slider_ranges
-from jounce._report.turns import in_turn
 from jounce._report.view.scene import Scene
 from jounce._report.view.track import Track
-from jounce.core.errors import escaped, shortened
+from jounce.core.errors import escape_text, shorten
 from jounce.engine.engine import Engine
 from jounce.figures.canvas import COLOURS
 from jounce.model.coordinates import coordinate_limits, coordinate_units
-from jounce.model.kinds import unit_of
+from jounce.model.limit_kinds import derivative_unit
 
 VIEW_CURVE_POINTS = 400  # of a curve: it is sent again five times per second
 TIME_MARK_WIDTH = 1e-4  # of the duration: how wide the mark of the time is
@@ -21,7 +21,7 @@ TIME_MARK_WIDTH = 1e-4  # of the duration: how wide the mark of the time is
 
 def joint_sliders(gui: Any, robot: Engine, along: Track | None) -> list[Any]:
     """A slider for each joint: from limit to limit, and as far as the motion goes; of several screws `in_turn`."""
-    q = np.zeros((0, robot.n)) if along is None else in_turn(robot.mechanism, along.q)
+    q = np.zeros((0, robot.n)) if along is None else to_single_screws(robot.mechanism, along.q)
     lowest, highest = slider_ranges(robot.mechanism, q)
     closure = robot.mechanism.closure
     rest = closure.start[list(closure.independent)] if closure else np.zeros(robot.n)
@@ -29,7 +29,7 @@ def joint_sliders(gui: Any, robot: Engine, along: Track | None) -> list[Any]:
     found = []
     columns = (robot.joint_names, coordinate_units(robot.mechanism), *(x.tolist() for x in (lowest, highest, starts)))
     for name, unit, lower, upper, start in zip(*columns, strict=True):
-        label = f"{escaped(shortened(name))} [{unit}]"
+        label = f"{escape_text(shorten(name))} [{unit}]"
         found.append(gui.add_slider(label, lower, upper, max((upper - lower) / 2000, 1e-9), start))
     return found
 
@@ -51,7 +51,7 @@ def series_of(robot: Engine) -> tuple[Any, ...]:
     from viser import uplot
 
     joints = [
-        uplot.Series(label=escaped(shortened(name)), stroke=COLOURS[j % len(COLOURS)], width=2)
+        uplot.Series(label=escape_text(shorten(name)), stroke=COLOURS[j % len(COLOURS)], width=2)
         for j, name in enumerate(robot.joint_names)
     ]
     return (uplot.Series(label="t [s]"), *joints, uplot.Series(label="now", stroke="#888888", width=1))
@@ -64,7 +64,7 @@ def table_of(robot: Engine, now: Track) -> str:
     for j, (name, unit) in enumerate(zip(robot.joint_names, coordinate_units(robot.mechanism), strict=True)):
         Q, (lower, upper) = float(now.Q[j]), bounds[:, j]
         beyond = " <b>beyond its limit</b>" if not lower <= Q <= upper else ""
-        rows.append((text(shortened(name)), f"{Q:.4g} {unit_of('Q', 0, unit)}{beyond}"))
+        rows.append((escape_html(shorten(name)), f"{Q:.4g} {derivative_unit('Q', 0, unit)}{beyond}"))
     moment, force = (", ".join(f"{x:.4g}" for x in part) for part in (now.F[:3], now.F[3:]))
     rows += [("base force", f"({force}) N"), ("base moment", f"({moment}) N m")]
     body = "".join(f"<tr><td>{name}</td><td>{value}</td></tr>" for name, value in rows)
@@ -74,9 +74,9 @@ def table_of(robot: Engine, now: Track) -> str:
 def legend_of(scene: Scene) -> str:
     """What the arrows are, and what is not drawn."""
     words = "Orange: the force of the ground on the robot, and the loads on its bodies. Blue: the moment of the ground."
-    return "<br>".join(map(text, [words, *scene.notes]))
+    return "<br>".join(map(escape_html, [words, *scene.notes]))
 
 
-def text(given: str) -> str:
+def escape_html(given: str) -> str:
     """A text of a file as HTML."""
-    return escape(escaped(given))
+    return escape(escape_text(given))

@@ -9,12 +9,12 @@ import numpy as np
 
 from jounce._report.drawing import GROUND_BODY, parts_of, robot_size
 from jounce._report.meshes import place_visuals
-from jounce._report.turns import in_turn
+from jounce._report.single_screws import to_single_screws
 from jounce._report.view.track import Track, start_of
-from jounce.core.errors import JounceError, listed
+from jounce.core.errors import JounceError, join_names
 from jounce.engine.engine import Engine
 from jounce.figures.drawing import poses_on
-from jounce.io.visuals import visuals_of
+from jounce.io.visuals import robot_visuals
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import lie
 
@@ -54,7 +54,7 @@ def draw_scene(
         name, long, thick = f"{node}/frame", 0.12 * size, 0.005 * size
         frames.append(server.scene.add_frame(name, axes_length=long, axes_radius=thick, visible=False))
     seen, notes = _draw_visuals(server, robot, file, folders)
-    for k, part in enumerate(parts_of(m, size, in_turn(m, start[None]))):
+    for k, part in enumerate(parts_of(m, size, to_single_screws(m, start[None]))):
         if part.body not in seen:
             colour = np.frombuffer(bytes.fromhex(part.colour.removeprefix("#")), np.uint8)
             server.scene.add_mesh_simple(f"{_node(m, part.body)}/part{k}", part.vertices, part.triangles, color=colour)
@@ -99,11 +99,11 @@ def _draw_visuals(
 ) -> tuple[set[int], list[str]]:
     """Draw the visuals of a robot file; the bodies that they show, and what could not be drawn."""
     m = robot.mechanism
-    placed, missed = place_visuals(m, visuals_of(m, file), file, folders)
+    placed, missed = place_visuals(m, robot_visuals(m, file), file, folders)
     for k, (body, C, mesh) in enumerate(placed):
         name, turn = f"{_node(m, body)}/visual{k}", lie.to_quaternion(C[:3, :3])
         server.scene.add_mesh_trimesh(name, mesh, wxyz=turn, position=C[:3, 3])
-    return {body for body, _, _ in placed}, [f"not drawn: {listed(dict.fromkeys(missed))}"] if missed else []
+    return {body for body, _, _ in placed}, [f"not drawn: {join_names(dict.fromkeys(missed))}"] if missed else []
 
 
 def _node(m: Mechanism, body: int) -> str:

@@ -25,12 +25,12 @@ def serve(port: int | None) -> Iterator["viser.ViserServer"]:
     import viser
 
     first = FIRST_PORT if port is None else _free_port(port)
-    with _REPLACING, _own_pages_only(), _quiet():
+    with _REPLACING, _refuse_foreign_pages(), _silence_rich():
         server = viser.ViserServer(host=HOST, port=first, label="jounce", verbose=False)
     try:
         yield server
     finally:
-        with _REPLACING, _quiet():
+        with _REPLACING, _silence_rich():
             server.stop()
 
 
@@ -49,7 +49,7 @@ def refusal(headers: Any) -> str | None:
 
 
 @contextmanager
-def _own_pages_only() -> Iterator[None]:
+def _refuse_foreign_pages() -> Iterator[None]:
     """Inside, WebSocket servers refuse what `refusal` does; viser has no option for it."""
     server: Any = import_module("websockets.asyncio.server")
     original = server.serve
@@ -69,7 +69,7 @@ def _own_pages_only() -> Iterator[None]:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def _silence_rich() -> Iterator[None]:
     """Inside, rich prints nothing, by which viser prints an address of its own; stdout stays as it is."""
     import rich
 

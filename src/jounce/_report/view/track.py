@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.dynamics.closing import close_loops
-from jounce.dynamics.quantities import FORCES
+from jounce.dynamics.loop_closure import close_loops
+from jounce.dynamics.quantities import DEFAULT_QUANTITY
 from jounce.engine.along import forces_along
-from jounce.engine.closed_path import positions
+from jounce.engine.closed_path import continue_positions
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.model.positions import resting_position
@@ -42,7 +42,7 @@ class Track:
         return Track(self.t[k], self.q[k], self.Q[k], self.F[k], wrenches, self.C[k], self.positions[k])
 
 
-def track(robot: Engine, motion: "Motion") -> Track:
+def record_track(robot: Engine, motion: "Motion") -> Track:
     """A motion of a robot, which must be of its joints, at its own times or, of many, at evenly spaced ones."""
     t = motion.times
     if len(t) > MAX_TRACK_STATES:
@@ -51,7 +51,7 @@ def track(robot: Engine, motion: "Motion") -> Track:
     W = motion.wrench(t, 0)
     loads = {} if W is None else W[0]
     q, *rates = along.rates[:3]
-    near = positions(robot, motion, t)
+    near = continue_positions(robot, motion, t)
     whole = q if near is None else near
     F = compute(robot, "base_wrench", (whole, *rates), wrench=loads or None, base=along.base)
     C = np.tile(np.eye(4), (len(t), 1, 1)) if along.base is None else along.base[0]
@@ -64,9 +64,9 @@ def start_of(robot: Engine) -> np.ndarray:
     return closure.start if closure else resting_position(robot.mechanism)
 
 
-def at_rest(robot: Engine, q: np.ndarray, C: np.ndarray, near: np.ndarray | None = None) -> Track:
+def rest_state(robot: Engine, q: np.ndarray, C: np.ndarray, near: np.ndarray | None = None) -> Track:
     """The state of a robot that rests at q, its base at C, without loads; loops are closed from positions nearby."""
     whole = close_loops(robot.mechanism, q[None], near)[0] if robot.mechanism.closure else q
     rest, base = np.zeros(robot.n), (C, np.zeros(6), np.zeros(6))
-    Q, F = (compute(robot, name, (whole, rest, rest), base=base) for name in (FORCES.name, "base_wrench"))
+    Q, F = (compute(robot, name, (whole, rest, rest), base=base) for name in (DEFAULT_QUANTITY.name, "base_wrench"))
     return Track(np.zeros(()), q, Q[-robot.n :], F, {}, C, whole)

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce._report.turns import in_turn, numbers_of
-from jounce._report.view.controls import curves_of, joint_sliders, legend_of, series_of, table_of, text
+from jounce._report.single_screws import from_single_screws, to_single_screws
+from jounce._report.view.controls import curves_of, escape_html, joint_sliders, legend_of, series_of, table_of
 from jounce._report.view.scene import Scene, draw_scene, show
 from jounce._report.view.server import HOST, serve
-from jounce._report.view.track import Track, at_rest, start_of
+from jounce._report.view.track import Track, rest_state, start_of
 from jounce.core.errors import JounceError
 from jounce.engine.engine import Engine
 
@@ -57,21 +57,21 @@ class Viewer:
             if not self.setting:
                 if self.playing is not None:
                     self.playing.value = False
-                q = numbers_of(self.scene.robot.mechanism, np.array([slider.value for slider in self.joints]))
+                q = from_single_screws(self.scene.robot.mechanism, np.array([slider.value for slider in self.joints]))
                 try:
-                    self._show(at_rest(self.scene.robot, q, self.base, self.positions))
+                    self._show(rest_state(self.scene.robot, q, self.base, self.positions))
                 except JounceError as error:  # where loops cannot be closed
                     closure = self.scene.robot.mechanism.closure
                     assert closure is not None
                     self._set(self.positions[list(closure.independent)])
-                    self.table.content = text(str(error))
+                    self.table.content = escape_html(str(error))
 
     def move(self) -> None:
         """Show the motion at the time of its slider."""
         with self.busy:
             assert self.along is not None
             now = self.along.at(self.time.value)
-            self._set(in_turn(self.scene.robot.mechanism, now.q))
+            self._set(to_single_screws(self.scene.robot.mechanism, now.q))
             self._show(now)
 
     def _set(self, q: np.ndarray) -> None:
@@ -103,7 +103,7 @@ class Viewer:
 
 
 @contextmanager
-def serving(
+def serve_robot(
     robot: Engine, file: Path, along: Track | None, port: int | None = None, folders: Sequence[Path] = ()
 ) -> Iterator[Viewer]:
     """Serve a robot in this context, along a motion or none; its file and meshes in folders show its shapes."""
@@ -117,7 +117,7 @@ def _fill(
     scene, gui = draw_scene(server, robot, file, along, folders), server.gui
     server.initial_camera.position = tuple(scene.size * np.array([1.3, -1.3, 1.0]))
     server.initial_camera.look_at = (0.0, 0.0, 0.35 * scene.size)
-    gui.add_html(f"<b>{text(robot.name)}</b>")
+    gui.add_html(f"<b>{escape_html(robot.name)}</b>")
     time = plot = playing = speed = None
     if along is not None:
         with gui.add_folder("Motion"):

@@ -2,6 +2,6 @@
 
 from jounce.checks.audit.checks import audit
 from jounce.checks.audit.finding import SEVERITIES, Finding
-from jounce.checks.audit.inertias import impossible
+from jounce.checks.audit.inertias import check_inertias
 
-__all__ = ["SEVERITIES", "Finding", "audit", "impossible"]
+__all__ = ["SEVERITIES", "Finding", "audit", "check_inertias"]

@@ -5,29 +5,29 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from jounce.checks.audit.finding import SEVERITIES, Finding
-from jounce.checks.audit.inertias import impossible, placeholders, point_masses, unit_masses
-from jounce.checks.audit.limits import axes, degrees, limits
-from jounce.checks.audit.mobility import massless, singular
-from jounce.checks.audit.names import formulas
-from jounce.checks.audit.units import densities, gravity, masses, sizes
+from jounce.checks.audit.inertias import check_inertias, check_placeholders, check_point_masses, check_unit_masses
+from jounce.checks.audit.limits import check_axes, check_degrees, check_stated_limits
+from jounce.checks.audit.mobility import check_massless, check_singular
+from jounce.checks.audit.names import check_formulas
+from jounce.checks.audit.units import check_densities, check_gravity, check_masses, check_sizes
 from jounce.core.errors import JounceError
 from jounce.model.mechanism import Mechanism
 
 CHECKS: tuple[Callable[[Mechanism], Iterable[Finding]], ...] = (
-    impossible,
-    singular,
-    placeholders,
-    unit_masses,
-    densities,
-    masses,
-    sizes,
-    massless,
-    point_masses,
-    limits,
-    degrees,
-    axes,
-    gravity,
-    formulas,
+    check_inertias,
+    check_singular,
+    check_placeholders,
+    check_unit_masses,
+    check_densities,
+    check_masses,
+    check_sizes,
+    check_massless,
+    check_point_masses,
+    check_stated_limits,
+    check_degrees,
+    check_axes,
+    check_gravity,
+    check_formulas,
 )
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from jounce.core.errors import listed
+from jounce.core.errors import join_names
 
 SEVERITIES = {
     "error": "physically impossible, or leaves the mass matrix singular",
@@ -54,7 +54,7 @@ class Finding:
     @property
     def where(self) -> str:
         """The bodies or joints in a row, or "robot"."""
-        return listed(self.bodies or self.joints, most=8) or "robot"
+        return join_names(self.bodies or self.joints, most=8) or "robot"
 
     def __str__(self) -> str:
         return f"{self.where}: {self.text}"

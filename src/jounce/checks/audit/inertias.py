@@ -14,17 +14,17 @@ _MOMENT_TOLERANCE = 1e-6  # relative: what poses and Steiner's theorem leave of 
 _MEASURE = "take it from CAD, a data sheet or an identification"
 
 
-def impossible(mechanism: Mechanism) -> list[Finding]:
+def check_inertias(mechanism: Mechanism) -> list[Finding]:
     """Negative masses and moments, and principal moments that break the triangle inequality.
 
     Second moments about the COM that are positive semidefinite are the same as: principal moments non-negative and
     within the triangle inequality.
     """
-    found = [_defect(body, M) for body, M in zip(mechanism.bodies, mechanism.M, strict=True)]
+    found = [_find_defect(body, M) for body, M in zip(mechanism.bodies, mechanism.M, strict=True)]
     return [finding for finding in found if finding is not None]
 
 
-def _defect(body: str, M: np.ndarray) -> Finding | None:
+def _find_defect(body: str, M: np.ndarray) -> Finding | None:
     error = partial(Finding, severity="error", bodies=(body,))
     mass, largest = float(M[3, 3]), float(np.abs(M[:3, :3]).max())
     if mass < 0:
@@ -51,7 +51,7 @@ def _defect(body: str, M: np.ndarray) -> Finding | None:
     return None
 
 
-def placeholders(mechanism: Mechanism) -> Iterator[Finding]:
+def check_placeholders(mechanism: Mechanism) -> Iterator[Finding]:
     """Tensors of one round number times the identity, and the same tensor on bodies of different mass."""
     M = mechanism.M
     massive = np.flatnonzero(M[:, 3, 3] > 0)
@@ -70,20 +70,20 @@ def placeholders(mechanism: Mechanism) -> Iterator[Finding]:
             text = f"the same principal moments, up to {own[2]:.3g} kg m^2, on {len(alike)} bodies {spread}"
         else:
             continue
-        yield _placeholder(mechanism, alike.tolist(), float(own[2]), "kg m^2", text, "inertia")
+        yield _describe_placeholder(mechanism, alike.tolist(), float(own[2]), "kg m^2", text, "inertia")
 
 
-def unit_masses(mechanism: Mechanism) -> Iterator[Finding]:
+def check_unit_masses(mechanism: Mechanism) -> Iterator[Finding]:
     """Masses of exactly 1 kg on most bodies, at least three."""
     masses = mechanism.M[:, 3, 3]
     ones = [i for i, mass in enumerate(masses) if mass == 1]
     if len(ones) < 3 or 2 * len(ones) <= len(masses):
         return
     text = f"mass 1 kg on {len(ones)} of {len(masses)} bodies"
-    yield _placeholder(mechanism, ones, 1.0, "kg", text, "mass")
+    yield _describe_placeholder(mechanism, ones, 1.0, "kg", text, "mass")
 
 
-def point_masses(mechanism: Mechanism) -> Iterator[Finding]:
+def check_point_masses(mechanism: Mechanism) -> Iterator[Finding]:
     """Bodies with mass and no moments about their COM."""
     inertias = mechanism.M
     points = [i for i, M in enumerate(inertias) if M[3, 3] > 0 and is_point(M)]
@@ -93,7 +93,7 @@ def point_masses(mechanism: Mechanism) -> Iterator[Finding]:
     yield Finding(
         severity="note",
         kind="point mass",
-        bodies=_names(mechanism, points),
+        bodies=_body_names(mechanism, points),
         number=heaviest,
         unit="kg",
         text=f"mass, {heaviest:.3g} kg at most, without moments about its COM",
@@ -112,13 +112,13 @@ def _is_round(moments: np.ndarray) -> bool:
     return bool(np.allclose(moments, number, rtol=_MOMENT_TOLERANCE, atol=0))
 
 
-def _placeholder(
+def _describe_placeholder(
     mechanism: Mechanism, bodies: Sequence[int], number: float, unit: str, text: str, what: str
 ) -> Finding:
     return Finding(
         severity="warning",
         kind=f"placeholder {what}",
-        bodies=_names(mechanism, bodies),
+        bodies=_body_names(mechanism, bodies),
         number=number,
         unit=unit,
         text=f"{text}: a placeholder",
@@ -126,5 +126,5 @@ def _placeholder(
     )
 
 
-def _names(mechanism: Mechanism, bodies: Sequence[int]) -> tuple[str, ...]:
+def _body_names(mechanism: Mechanism, bodies: Sequence[int]) -> tuple[str, ...]:
     return tuple(mechanism.bodies[i] for i in bodies)

@@ -6,18 +6,18 @@ import numpy as np
 
 from jounce.checks.audit.finding import Finding
 from jounce.model.coordinates import MAX_UNLIMITED_ANGLE, leading_joints
-from jounce.model.kinds import units_of
+from jounce.model.limit_kinds import kind_units
 from jounce.model.mechanism import Mechanism, single_variables
 
 _MAX_DEGREES = 720.0  # two turns: a larger position limit stands for no limit rather than for degrees
 
 
-def limits(mechanism: Mechanism) -> Iterator[Finding]:
+def check_stated_limits(mechanism: Mechanism) -> Iterator[Finding]:
     """Effort and velocity limits that are missing or zero, of the joints that are driven; a finding for each kind."""
     alone = single_variables(mechanism).values()  # no motor turns a ball
     driven = sorted({*alone} & {*leading_joints(mechanism)})  # what follows others has no drive of its own
     for kind, act in (("effort", "exert a force"), ("velocity", "move")):
-        stated, unit = getattr(mechanism.limits, kind)[driven], units_of(kind)
+        stated, unit = getattr(mechanism.limits, kind)[driven], kind_units(kind)
         missing, zero = np.isinf(stated), stated == 0
         everywhere = bool(missing.all())
         others = " on any joint" if everywhere else f", unlike the other {int((~missing).sum())}"
@@ -43,7 +43,7 @@ def limits(mechanism: Mechanism) -> Iterator[Finding]:
             )
 
 
-def degrees(mechanism: Mechanism) -> Iterator[Finding]:
+def check_degrees(mechanism: Mechanism) -> Iterator[Finding]:
     """Position limits of revolute joints that look like degrees."""
     largest = np.maximum(
         *(np.nan_to_num(np.abs(x), posinf=0) for x in (mechanism.limits.lower, mechanism.limits.upper))
@@ -63,7 +63,7 @@ def degrees(mechanism: Mechanism) -> Iterator[Finding]:
     )
 
 
-def axes(mechanism: Mechanism) -> Iterator[Finding]:
+def check_axes(mechanism: Mechanism) -> Iterator[Finding]:
     """Joints whose axis the file leaves out."""
     found = tuple(joint for joint in mechanism.default_axes if joint in mechanism.joints)
     if not found:

@@ -9,7 +9,7 @@ from jounce.dynamics.mobility import idle_coordinates
 from jounce.model.mechanism import Mechanism
 
 
-def massless(mechanism: Mechanism) -> Iterator[Finding]:
+def check_massless(mechanism: Mechanism) -> Iterator[Finding]:
     """Find massless bodies: those that carry mass, which have no effect, and those that carry none.
 
     Bodies that a closed loop joins carry the mass of each other.
@@ -46,7 +46,7 @@ def massless(mechanism: Mechanism) -> Iterator[Finding]:
         )
 
 
-def singular(mechanism: Mechanism) -> Iterator[Finding]:
+def check_singular(mechanism: Mechanism) -> Iterator[Finding]:
     """Coordinates that move without kinetic energy in every configuration: no forward dynamics, no ``M^-1``."""
     rank, idle = idle_coordinates(mechanism)
     if not idle:

@@ -6,7 +6,7 @@ from jounce.model.mechanism import Mechanism
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")  # of cells that spreadsheets take for formulas
 
 
-def formulas(mechanism: Mechanism) -> list[Finding]:
+def check_formulas(mechanism: Mechanism) -> list[Finding]:
     """Names of joints and links that a spreadsheet computes: they are heads of columns, and cells of tables."""
     joints = tuple(name for name in mechanism.joints if name.startswith(FORMULA_STARTS))
     links = tuple(name for name in mechanism.frame_names if name.startswith(FORMULA_STARTS))

@@ -25,7 +25,7 @@ _MAX_MASS_RATIO = 1000.0  # to the median mass: grams for kilograms
 _EARTH_GRAVITY, _PLANET_GRAVITY = (9.7, 9.9), (1.0, 30.0)  # m/s^2: anywhere on Earth; from the Moon to Jupiter
 
 
-def densities(mechanism: Mechanism) -> Iterator[Finding]:
+def check_densities(mechanism: Mechanism) -> Iterator[Finding]:
     """Bodies that would be denser than osmium or lighter than air: masses or moments off by powers of 1000."""
     dense, thin = {}, {}
     for i, M in enumerate(mechanism.M):
@@ -76,7 +76,7 @@ def _density(
     )
 
 
-def masses(mechanism: Mechanism) -> Iterator[Finding]:
+def check_masses(mechanism: Mechanism) -> Iterator[Finding]:
     """Masses a factor of 1000 and more from the median."""
     m, names = mechanism.M[:, 3, 3], mechanism.bodies
     median = float(np.median(m[m > 0])) if np.any(m > 0) else 0.0
@@ -96,7 +96,7 @@ def masses(mechanism: Mechanism) -> Iterator[Finding]:
     )
 
 
-def sizes(mechanism: Mechanism) -> Iterator[Finding]:
+def check_sizes(mechanism: Mechanism) -> Iterator[Finding]:
     """A robot of tens of metres or few millimetres, and COMs far beyond a robot's size from their joint."""
     points = anchors(mechanism)
     size, reach = _size(mechanism, points), _reach(mechanism, points)
@@ -148,7 +148,7 @@ def _reach(mechanism: Mechanism, points: np.ndarray) -> list[float]:
     return reach
 
 
-def gravity(mechanism: Mechanism) -> Iterator[Finding]:
+def check_gravity(mechanism: Mechanism) -> Iterator[Finding]:
     """Find gravity that is zero, of another planet, or of no planet."""
     g = float(np.linalg.norm(mechanism.gravity))
     if _EARTH_GRAVITY[0] <= g <= _EARTH_GRAVITY[1]:

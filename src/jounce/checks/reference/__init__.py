@@ -28,10 +28,10 @@ def peers(mechanism: Mechanism, path: Path | None) -> Iterator[Peer | Absence]:
         ways = [partial(library.build_peer, mechanism)]
         if path is not None and path.suffix.lower() == library.FILE_SUFFIX:
             ways.insert(0, partial(library.read_peer, mechanism, path))
-        yield from _first(library.NAME, ways)
+        yield from _try_ways(library.NAME, ways)
 
 
-def _first(name: str, ways: Sequence[Callable[[], Peer]]) -> Iterator[Peer | Absence]:
+def _try_ways(name: str, ways: Sequence[Callable[[], Peer]]) -> Iterator[Peer | Absence]:
     """Return the first model of a library that can be built, and the reasons that the earlier ways failed."""
     for way in ways:
         try:

@@ -8,11 +8,11 @@ import numpy as np
 
 from jounce.checks.reference.peer import OUR_DATA, OWN_READING, Converter, NotComparableError, Peer
 from jounce.core.errors import one_line, warn
-from jounce.io.mjcf import warnings_of, without_assets
+from jounce.io.mjcf import collect_mujoco_warnings, free_assets
 from jounce.io.models import states
-from jounce.model.equivalent import on_axes
+from jounce.model.equivalent_mechanisms import align_to_axes
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import positions
+from jounce.model.positions import multiscrew_joints
 from jounce.spatial import inertia
 from jounce.spatial.groups import BALL, FREE
 from jounce.spatial.lie import hat, position, rotation, to_quaternion
@@ -27,7 +27,7 @@ def read_peer(mechanism: Mechanism, path: Path) -> Peer:
     """The model of an MJCF file."""
     import mujoco
 
-    with warnings_of(mujoco), without_assets(mujoco):  # the warnings were passed on when the robot was read
+    with collect_mujoco_warnings(mujoco), free_assets(mujoco):  # the warnings were passed on when the robot was read
         model = mujoco.MjModel.from_xml_path(str(path))
     return _peer(mujoco, mechanism, model, OWN_READING)
 
@@ -40,7 +40,7 @@ def build_peer(mechanism: Mechanism) -> Peer:
 
 
 def _build(mujoco: Any, mechanism: Mechanism) -> Any:
-    chain, spec = on_axes(mechanism), mujoco.MjSpec()
+    chain, spec = align_to_axes(mechanism), mujoco.MjSpec()
     bodies: list[Any] = []
     for B, p in zip(chain.B, chain.parent, strict=True):
         body = (bodies[p] if p >= 0 else spec.worldbody).add_body(
@@ -52,7 +52,7 @@ def _build(mujoco: Any, mechanism: Mechanism) -> Any:
     if chain.floats:
         bodies[0].name = chain.bodies[0]
         bodies[0].add_freejoint()
-    several = positions(chain)
+    several = multiscrew_joints(chain)
     for i, x in several.items():
         grounded = chain.parent[i] < 0 and np.array_equal(chain.B[i], np.eye(4))
         if x.group is not BALL and not (x.group is FREE and grounded):
@@ -107,7 +107,7 @@ def _peer(mujoco: Any, mechanism: Mechanism, model: Any, source: str) -> Peer:
 
 def _call(mujoco: Any, function: Callable[[Any, Any], None], model: Any, data: Any) -> None:
     """Call a function of MuJoCo, and pass its warnings on."""
-    with warnings_of(mujoco) as said:
+    with collect_mujoco_warnings(mujoco) as said:
         function(model, data)
     for warning in said:
         warn(f"{NAME} warns: {one_line(warning)}")

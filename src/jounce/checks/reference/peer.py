@@ -8,7 +8,7 @@ import numpy as np
 from jounce.core.errors import JounceError
 from jounce.io.models import states
 from jounce.model.mechanism import Mechanism, single_variables
-from jounce.model.positions import positions, single_positions
+from jounce.model.positions import multiscrew_joints, single_positions
 
 OWN_READING, OUR_DATA = "its own reading of the file", "our data"
 OTHER_JOINTS = "joints differ from those of the file: some were locked, welded or left out"
@@ -28,7 +28,7 @@ class Peer:
     mass_matrix: Callable[[np.ndarray, object], np.ndarray]  # as many rows and columns, of theta and base
 
 
-def _of_joints(mechanism: Mechanism) -> Mechanism:
+def _use_joint_variables(mechanism: Mechanism) -> Mechanism:
     """The mechanism whose coordinates are its joint variables."""
     nc = len(mechanism.joints)
     return replace(mechanism, G=np.eye(nc), g=np.zeros(nc), coordinates=mechanism.joints, elasticity=None)
@@ -36,11 +36,11 @@ def _of_joints(mechanism: Mechanism) -> Mechanism:
 
 def joint_rates(mechanism: Mechanism, rates: Sequence[np.ndarray]) -> list[np.ndarray]:
     """The joint variables and their rates, numbers of joints of several screws included, of the coordinates."""
-    free = _of_joints(mechanism)
+    free = _use_joint_variables(mechanism)
     theta = rates[0] @ (single_positions(mechanism).T @ mechanism.G.T) + mechanism.g
     theta = theta @ single_positions(free)
-    for i, x in positions(mechanism).items():
-        theta[..., positions(free)[i].numbers] = rates[0][..., x.numbers]
+    for i, x in multiscrew_joints(mechanism).items():
+        theta[..., multiscrew_joints(free)[i].numbers] = rates[0][..., x.numbers]
     return [theta, *(x @ mechanism.G.T for x in rates[1:])]
 
 
@@ -54,11 +54,11 @@ class Converter:
     @classmethod
     def match(cls, mechanism: Mechanism, layout: states.ModelLayout) -> "Converter":
         """Raise `NotComparableError` unless the joints of the mechanism are those of the model."""
-        several = {x.name for x in positions(mechanism).values()}
+        several = {x.name for x in multiscrew_joints(mechanism).values()}
         single = {mechanism.joints[j] for j in single_variables(mechanism).values()}
         if set(layout.places) != single or len(layout.free) != len(several & set(layout.free)) + mechanism.floats:
             raise NotComparableError(OTHER_JOINTS)
-        return cls(_of_joints(mechanism), layout)
+        return cls(_use_joint_variables(mechanism), layout)
 
     def state(self, theta: Sequence[np.ndarray], base: object) -> tuple[np.ndarray, ...]:
         """The vectors q, v, a of the model."""

@@ -12,9 +12,9 @@ import numpy as np
 from jounce.checks.reference.peer import OUR_DATA, OWN_READING, Converter, NotComparableError, Peer
 from jounce.core.errors import one_line
 from jounce.io.models import states
-from jounce.model.equivalent import on_axes
+from jounce.model.equivalent_mechanisms import align_to_axes
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import positions
+from jounce.model.positions import multiscrew_joints
 from jounce.spatial import inertia
 from jounce.spatial.groups import PLANAR
 from jounce.spatial.lie import hat, position, rotation
@@ -27,7 +27,9 @@ def read_peer(mechanism: Mechanism, path: Path) -> Peer:
     """The model of a URDF."""
     import pinocchio as pin
 
-    if any(x.group is PLANAR and not np.allclose(x.T[:3, :3], np.eye(3)) for x in positions(mechanism).values()):
+    if any(
+        x.group is PLANAR and not np.allclose(x.T[:3, :3], np.eye(3)) for x in multiscrew_joints(mechanism).values()
+    ):
         raise NotComparableError("it takes z for the normal of planar joints, whatever their <axis>")
     said: list[str] = []
     try:
@@ -70,10 +72,10 @@ def build_peer(mechanism: Mechanism) -> Peer:
 
 def build_model(pin: Any, mechanism: Mechanism) -> Any:
     """Return the model of a mechanism's data, on a free flyer if it floats."""
-    chain, model = on_axes(mechanism), pin.Model()
+    chain, model = align_to_axes(mechanism), pin.Model()
     model.gravity.linear = chain.gravity
     own = {0: (pin.JointModelFreeFlyer(), chain.bodies[0])} if chain.floats else {}  # of each body
-    several = positions(chain)
+    several = multiscrew_joints(chain)
     free = {"ball": pin.JointModelSpherical, "planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}
     own |= {i: (free[x.group.name](), x.name) for i, x in several.items()}
     for i, X, name in zip(chain.owners, chain.X, chain.joints, strict=True):

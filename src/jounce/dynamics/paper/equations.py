@@ -13,12 +13,12 @@ import numpy as np
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array, concatenate
 from jounce.dynamics import system
-from jounce.dynamics.joint_motion import STILL, JointMotion, on_moving_ground, turning
+from jounce.dynamics.joint_motion import BASE_AT_REST, JointMotion, add_moving_ground, velocity_drift
 from jounce.dynamics.paper.section3 import C11, M1, C
 from jounce.dynamics.paper.section4 import C21, M21
 from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism, ancestors
-from jounce.spatial.series import Series, from_rate, joined
+from jounce.spatial.series import Series, from_rate, join_series
 
 
 class Paper:
@@ -26,9 +26,9 @@ class Paper:
 
     def __init__(self, m: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None):
         self.mechanism, self.W, self.base = m, W, base
-        self.X, self.M = system.of_bodies(m).X, system.of_bodies(m).M
-        self.nu = joined([(base or STILL).V, q.dot], axis=-2) if m.floats else q.dot
-        alpha = turning(m, q, base)
+        self.X, self.M = system.build_system(m).X, system.build_system(m).M
+        self.nu = join_series([(base or BASE_AT_REST).V, q.dot], axis=-2) if m.floats else q.dot
+        alpha = velocity_drift(m, q, base)
         self.T = None if alpha is None else from_rate(np.eye(m.nv, dtype=int), lambda T: T @ alpha)
         nu_p = self.nu if self.T is None else self.T @ self.nu
         self.q = Series(lambda k: nu_p[k - 1] if k else q[0])
@@ -132,38 +132,38 @@ def _printed_series(expressions: Sequence[Callable[[], Array]]) -> Series:
 
 def inverse_dynamics(m: Mechanism, x: State) -> Series:
     """Q, (..., nv, 1)."""
-    paper = _paper(m, x)
-    return _forces(m, paper, paper.Q)
+    paper = _build_paper(m, x)
+    return _project_forces(m, paper, paper.Q)
 
 
 def gravity_forces(m: Mechanism, x: State) -> Series:
     """Qgrav, (..., nv, 1)."""
-    paper = _paper(m, x)
-    return _forces(m, paper, paper.Qgrav)
+    paper = _build_paper(m, x)
+    return _project_forces(m, paper, paper.Qgrav)
 
 
 def mass_matrix(m: Mechanism, x: State) -> Series:
     """gM, (..., nv, nv)."""
-    paper = _paper(m, x)
+    paper = _build_paper(m, x)
     return _own_rows(m, paper.gM if paper.T is None else paper.T.mT @ paper.gM @ paper.T, (-2, -1))
 
 
 def coriolis_matrix(m: Mechanism, x: State) -> Series:
     """gC, (..., nv, nv)."""
-    paper = _paper(m, x)
+    paper = _build_paper(m, x)
     C, T = paper.gC, paper.T
     return _own_rows(m, C if T is None else T.mT @ (C @ T + paper.gM @ T.dot), (-2, -1))
 
 
-def _paper(m: Mechanism, x: State) -> Paper:
+def _build_paper(m: Mechanism, x: State) -> Paper:
     """The equations of a state; a fixed robot on a ground that moves is carried by a base without inertia."""
     if m.floats or x.base is None:
         return Paper(m, x.q, x.W, x.base)
     W = x.W and x.W.map(lambda W: concatenate([0 * W[..., :6, :], W], axis=-2))
-    return Paper(on_moving_ground(m), x.q, W, x.base)
+    return Paper(add_moving_ground(m), x.q, W, x.base)
 
 
-def _forces(m: Mechanism, paper: Paper, Q: Series) -> Series:
+def _project_forces(m: Mechanism, paper: Paper, Q: Series) -> Series:
     return _own_rows(m, Q if paper.T is None else paper.T.mT @ Q, (-2,))
 
 

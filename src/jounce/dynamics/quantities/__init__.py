@@ -28,11 +28,11 @@ _TOPICS = (forces, forward, partials, regressors, matrices, bodies, momenta, wre
 QUANTITIES: Mapping[str, Quantity] = {
     name: row for topic in _TOPICS for name, row in vars(topic).items() if isinstance(row, Quantity)
 }
-FORCES = QUANTITIES["inverse_dynamics"]  # the default where a quantity is chosen
+DEFAULT_QUANTITY = QUANTITIES["inverse_dynamics"]  # the default where a quantity is chosen
 
 
 @lru_cache(maxsize=64)
-def row_of(name: str, more_rates: int = 0) -> Quantity:
+def find_row(name: str, more_rates: int = 0) -> Quantity:
     """The row of a quantity, for a robot whose springs and motors take further rates of the motion."""
     row = QUANTITIES[name]
     return replace(row, rates=row.rates + more_rates, wrench_rates=row.wrench_rates + more_rates) if more_rates else row

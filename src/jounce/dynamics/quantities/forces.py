@@ -2,10 +2,10 @@
 
 from jounce.dynamics import closed_form, drive_terms
 from jounce.dynamics.paper import equations
-from jounce.dynamics.quantities.row import column, quantity, row_vector
+from jounce.dynamics.quantities.row import column_width, quantity, row_vector
 from jounce.dynamics.recursion import forces
 from jounce.dynamics.state import State
-from jounce.model.drives import TERMS
+from jounce.model.drives import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
@@ -15,11 +15,11 @@ from jounce.spatial.series import Series
     rates=3,
     shape=("nv",),
     of_motors="motor_torques",
-    width=column,
-    closed_form=lambda m, x: row_vector(closed_form.at(m, x).Q),
+    width=column_width,
+    closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).Q),
     paper=lambda m, x: row_vector(equations.inverse_dynamics(m, x)),
-    sweep=forces.MOVING,
-    drive_terms=TERMS,
+    sweep=forces.MOVING_SWEEP,
+    drive_terms=DRIVE_TERMS,
     drive_law=lambda m, x: row_vector(drive_terms.forces(m, x.q, m.acting)),
     unit="N m or, for coordinates in m, N",
     caption="generalized forces",
@@ -45,17 +45,17 @@ def inverse_dynamics(m: Mechanism, x: State) -> Series:
     >>> Q.round(4), Qd.round(4)
     (array([29.43,  9.81]), array([0., 0.]))
     """
-    return row_vector(forces.rnea(forces.MOVING, m, x.q, x.W, x.base))
+    return row_vector(forces.rnea(forces.MOVING_SWEEP, m, x.q, x.W, x.base))
 
 
 @quantity(
     symbol="Qgrav",
     rates=1,
     shape=("nv",),
-    width=column,
-    closed_form=lambda m, x: row_vector(closed_form.at(m, x).Qgrav),
+    width=column_width,
+    closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).Qgrav),
     paper=lambda m, x: row_vector(equations.gravity_forces(m, x)),
-    sweep=forces.AT_REST,
+    sweep=forces.RESTING_SWEEP,
     unit="N m or, for coordinates in m, N",
     caption="gravity forces",
     meaning="Qgrav = dU/dq: the forces that hold the robot up against gravity.",
@@ -75,4 +75,4 @@ def gravity_forces(m: Mechanism, x: State) -> Series:
     >>> jounce.load("planar2r").gravity_forces([0, 0])
     array([29.43,  9.81])
     """
-    return row_vector(forces.rnea(forces.AT_REST, m, x.q, None, x.base))
+    return row_vector(forces.rnea(forces.RESTING_SWEEP, m, x.q, None, x.base))

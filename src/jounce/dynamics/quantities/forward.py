@@ -8,7 +8,7 @@ from jounce.dynamics.quantities import forces, matrices
 from jounce.dynamics.quantities.row import quantity, row_vector
 from jounce.dynamics.recursion import articulated
 from jounce.dynamics.state import State
-from jounce.model.drives import TERMS
+from jounce.model.drives import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import Factors
 from jounce.spatial.series import Series
@@ -21,7 +21,7 @@ from jounce.spatial.series import Series
     forces=True,
     shape=("nv",),
     of_motors="elastic_forward_dynamics",
-    drive_terms=TERMS,
+    drive_terms=DRIVE_TERMS,
     unit="rad/s^2 or, for coordinates in m, m/s^2",
     caption="accelerations of the coordinates",
     meaning="q2d = M^-1 (Q - C qd - Qgrav): the accelerations that generalized forces Q cause.",
@@ -57,7 +57,7 @@ def forward_dynamics(m: Mechanism, x: State, method: str = "recursion") -> Serie
            [1., 1., 1., 1., 1., 1., 1.]])
     """
     if method == "closed_form" and not m.closure:
-        return row_vector(forward.dense(m, x.q, x.Q, x.W, x.base))
+        return row_vector(forward.solve_dense(m, x.q, x.Q, x.W, x.base))
     inverse = forces.inverse_dynamics.law(method, m)
     if articulated.has_deep_branches(m) and not m.closure:
         M: forward.Solver = articulated.ArticulatedBodies.of(m, x.q[0])
@@ -67,4 +67,4 @@ def forward_dynamics(m: Mechanism, x: State, method: str = "recursion") -> Serie
     def required(q: Series, base: JointMotion | None) -> Series:
         return inverse(m, replace(x, q=q, base=base)).map(lambda Q: Q[..., None])
 
-    return row_vector(forward.from_inverse(M, required, m, x.q, x.Q, x.base))
+    return row_vector(forward.solve_with_inverse_dynamics(M, required, m, x.q, x.Q, x.base))

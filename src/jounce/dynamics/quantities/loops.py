@@ -6,7 +6,7 @@ from jounce.dynamics import loops
 from jounce.dynamics.quantities import forces
 from jounce.dynamics.quantities.row import quantity, row_vector
 from jounce.dynamics.state import State
-from jounce.model.drives import TERMS
+from jounce.model.drives import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
@@ -51,7 +51,7 @@ def coordinates(m: Mechanism, x: State) -> Series:
     rates=3,
     shape=("motors",),
     closed=True,
-    drive_terms=TERMS,
+    drive_terms=DRIVE_TERMS,
     unit="N m or, for coordinates in m, N",
     caption="forces of the motors",
     meaning="u: forces of the actuated joints, F_u^T u = Q, with the least weighted sum of squares.",
@@ -83,7 +83,7 @@ def actuator_forces(m: Mechanism, x: State, method: str = "recursion") -> Series
     shape=("loops", 6),
     closed=True,
     all_constraints=True,
-    drive_terms=TERMS,
+    drive_terms=DRIVE_TERMS,
     unit="N m and N",
     caption="wrenches at the cut joints",
     meaning="Wl: the wrench (moment; force) of a cut joint on the body of its second frame, in the first.",

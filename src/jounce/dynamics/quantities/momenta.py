@@ -1,7 +1,7 @@
 """Momenta and energies."""
 
 from jounce.dynamics import closed_form, drive_terms
-from jounce.dynamics.quantities.row import column, quantity, row_vector, scalar
+from jounce.dynamics.quantities.row import column_width, quantity, row_vector, scalar
 from jounce.dynamics.recursion import matrices, momenta
 from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism
@@ -12,8 +12,8 @@ from jounce.spatial.series import Series
     symbol="h",
     rates=2,
     shape=(6,),
-    width=column,
-    closed_form=lambda m, x: row_vector(closed_form.at(m, x).h),
+    width=column_width,
+    closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).h),
     unit="kg m^2/s and kg m/s",
     caption="spatial momentum",
     meaning="h: the momentum (angular; linear) of the bodies about the inertial origin, in inertial axes.",
@@ -37,8 +37,8 @@ def momentum(m: Mechanism, x: State) -> Series:
     symbol="hG",
     rates=2,
     shape=(6,),
-    width=column,
-    closed_form=lambda m, x: row_vector(closed_form.at(m, x).hG),
+    width=column_width,
+    closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).hG),
     unit="kg m^2/s and kg m/s",
     caption="centroidal momentum",
     meaning="hG: the momentum (angular; linear) of the bodies about their centre of mass, in inertial axes.",
@@ -69,7 +69,7 @@ def centroidal_momentum(m: Mechanism, x: State) -> Series:
     symbol="AG",
     rates=1,
     shape=(6, "nv"),
-    closed_form=lambda m, x: closed_form.at(m, x).AG,
+    closed_form=lambda m, x: closed_form.evaluate_state(m, x).AG,
     unit="kg m^2, kg m or kg",
     caption="centroidal momentum matrix",
     meaning="AG(q): the centroidal momentum matrix, hG = AG qd.",
@@ -101,8 +101,8 @@ def centroidal_momentum_matrix(m: Mechanism, x: State) -> Series:
     symbol="c",
     rates=1,
     shape=(3,),
-    width=column,
-    closed_form=lambda m, x: row_vector(closed_form.at(m, x).c),
+    width=column_width,
+    closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).c),
     unit="m",
     caption="centre of mass",
     meaning="c(q): the centre of mass of the bodies, in the inertial frame.",
@@ -128,8 +128,8 @@ def center_of_mass(m: Mechanism, x: State) -> Series:
     symbol="p",
     rates=2,
     shape=("nv",),
-    width=column,
-    closed_form=lambda m, x: row_vector(closed_form.at(m, x).p),
+    width=column_width,
+    closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).p),
     drive_terms=("armature",),
     drive_law=lambda m, x: row_vector(drive_terms.armature_matrix(m) @ x.q.dot),
     unit="N m s or, for coordinates in m, N s",
@@ -153,8 +153,8 @@ def generalized_momentum(m: Mechanism, x: State) -> Series:
     symbol="T",
     rates=2,
     shape=(),
-    width=column,
-    closed_form=lambda m, x: scalar(closed_form.at(m, x).T),
+    width=column_width,
+    closed_form=lambda m, x: scalar(closed_form.evaluate_state(m, x).T),
     drive_terms=("armature",),
     drive_law=lambda m, x: scalar(x.q.dot.mT @ (drive_terms.armature_matrix(m) @ x.q.dot) * 0.5),
     unit="J",
@@ -178,8 +178,8 @@ def kinetic_energy(m: Mechanism, x: State) -> Series:
     symbol="U",
     rates=1,
     shape=(),
-    width=column,
-    closed_form=lambda m, x: scalar(closed_form.at(m, x).U),
+    width=column_width,
+    closed_form=lambda m, x: scalar(closed_form.evaluate_state(m, x).U),
     drive_terms=("spring",),
     drive_law=lambda m, x: scalar(drive_terms.spring_energy(m, x.q)),
     unit="J",

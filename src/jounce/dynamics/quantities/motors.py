@@ -5,15 +5,15 @@ from dataclasses import replace
 from functools import partial
 
 from jounce.dynamics import coupling, elastic, electrical
+from jounce.dynamics.joint_springs import NO_INPUTS, elasticity_of, with_stiffness
 from jounce.dynamics.quantities import forces, forward, matrices
-from jounce.dynamics.quantities.row import column, quantity, row_vector
+from jounce.dynamics.quantities.row import column_width, quantity, row_vector
 from jounce.dynamics.state import State
-from jounce.dynamics.stretch import NO_INPUTS, elasticity_of, with_stiffness
-from jounce.model.drives import TERMS
+from jounce.model.drives import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
-_motor_quantity = partial(quantity, elastic=True, shape=("n",), drive_terms=TERMS)
+_motor_quantity = partial(quantity, elastic=True, shape=("n",), drive_terms=DRIVE_TERMS)
 
 
 def _motor_motion(method: str, m: Mechanism, x: State) -> tuple[Series, Callable[[], Series]]:
@@ -56,7 +56,7 @@ def _linearizing_torques(method: str, m: Mechanism, x: State) -> Series:
 @_motor_quantity(
     symbol="theta",
     rates=3,
-    width=column,
+    width=column_width,
     unit="rad or, for coordinates in m, m",
     caption="motor positions",
     meaning="theta = q + K^-1 Q: positions of the motors behind elastic joints.",
@@ -84,7 +84,7 @@ def motor_positions(m: Mechanism, x: State, method: str = "recursion") -> Series
 @_motor_quantity(
     symbol="tau",
     rates=5,
-    width=column,
+    width=column_width,
     unit="N m or, for coordinates in m, N",
     caption="motor torques",
     meaning="tau = Q + B theta2d + F_m(thetad): torques of the motors behind elastic joints.",
@@ -117,8 +117,8 @@ def motor_torques(m: Mechanism, x: State, method: str = "recursion") -> Series:
 @_motor_quantity(
     symbol="i",
     rates=5,
-    obstacle=electrical.no_currents,
-    width=column,
+    obstacle=electrical.current_obstacle,
+    width=column_width,
     unit="A",
     caption="motor currents",
     meaning="i = tau / (r k): currents of the motors, with gear ratios r and torque constants k.",
@@ -149,8 +149,8 @@ def motor_currents(m: Mechanism, x: State, method: str = "recursion") -> Series:
     symbol="u",
     rates=5,
     inductive=True,
-    obstacle=electrical.no_voltages,
-    width=column,
+    obstacle=electrical.voltage_obstacle,
+    width=column_width,
     unit="V",
     caption="motor voltages",
     meaning="u = R i + L di/dt + k r thetad: voltages of the motors.",
@@ -215,7 +215,7 @@ def elastic_forward_dynamics(m: Mechanism, x: State, method: str = "recursion") 
     results=("tau",),
     rates=5,
     inputs=("q", "qd", "theta", "thetad", "q4d"),
-    obstacle=elastic.no_linearization,
+    obstacle=elastic.linearization_obstacle,
     unit="N m or, for coordinates in m, N",
     caption="motor torques for a wanted snap",
     meaning="tau that makes q4d what is given in the state q, qd, theta, thetad.",

@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 from jounce.dynamics import drive_terms, loop_partials, loops, partials
-from jounce.dynamics.joint_motion import turning
+from jounce.dynamics.joint_motion import velocity_drift
 from jounce.dynamics.quantities import forces, forward
 from jounce.dynamics.quantities.loops import tree_forces
 from jounce.dynamics.quantities.row import quantity
 from jounce.dynamics.recursion import force_partials
 from jounce.dynamics.state import State
-from jounce.model.drives import TERMS
+from jounce.model.drives import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
@@ -18,8 +18,8 @@ from jounce.spatial.series import Series
     symbol="P",
     rates=forces.inverse_dynamics.rates,
     shape=("rates", "nv", "nv"),
-    drive_terms=TERMS,
-    drive_law=lambda m, x: partials.of_all_rates(*drive_terms.partials(m, x.q, m.acting)),
+    drive_terms=DRIVE_TERMS,
+    drive_law=lambda m, x: partials.extend_to_rates(*drive_terms.partials(m, x.q, m.acting)),
     unit="that of Q over that of q, qd, q2d",
     caption="partial derivatives of the generalized forces",
     meaning="P[j] = dQ/dq^(j): the partial derivatives of the generalized forces by q, qd and q2d.",
@@ -59,15 +59,15 @@ def inverse_dynamics_partials(m: Mechanism, x: State, method: str = "recursion")
     >>> bool(np.allclose(P[2], robot.mass_matrix([0, 0])))
     True
     """
-    of_forces = {"recursion": force_partials.partials, "closed_form": partials.dense}[method]
+    of_forces = {"recursion": force_partials.partials, "closed_form": partials.compute_dense_partials}[method]
     if not m.closure:
-        return partials.of_all_rates(*of_forces(m, x.q, x.W, x.base), turning(m, x.q, x.base))
+        return partials.extend_to_rates(*of_forces(m, x.q, x.W, x.base), velocity_drift(m, x.q, x.base))
     motion = loops.closed_motion(m, x)
     rigid = of_forces(m.tree, motion.q, x.W, x.base)
     of_drives = drive_terms.partials(m.tree, motion.q, m.acting)
-    K, D, M = (P + drive_terms.behind_base(m, own, (-2, -1)) for P, own in zip(rigid, of_drives, strict=True))
+    K, D, M = (P + drive_terms.pad_base(m, own, (-2, -1)) for P, own in zip(rigid, of_drives, strict=True))
     found = loop_partials.partials(motion, (K, D, M), tree_forces(method, m, x, motion))
-    return partials.of_all_rates(*found, turning(m, x.q, x.base))
+    return partials.extend_to_rates(*found, velocity_drift(m, x.q, x.base))
 
 
 @quantity(
@@ -76,7 +76,7 @@ def inverse_dynamics_partials(m: Mechanism, x: State, method: str = "recursion")
     rates=3,
     forces=True,
     shape=("nv", "nv"),
-    drive_terms=TERMS,
+    drive_terms=DRIVE_TERMS,
     unit="that of q2d over that of q, qd, Q",
     caption="partial derivatives of the accelerations",
     meaning="dq = dq2d/dq, dqd = dq2d/dqd, Minv = dq2d/dQ = M^-1: the partial derivatives of forward dynamics.",
@@ -112,4 +112,4 @@ def forward_dynamics_partials(m: Mechanism, x: State, method: str = "recursion")
     if m.floats and x.base:
         moving = replace(moving, base=replace(x.base, V=Series.of([x.base.V[0], found[..., :6, :]])))
     P = inverse_dynamics_partials.law(method, m)(m, moving)
-    return Series.of(partials.of_accelerations(P[0]))
+    return Series.of(partials.acceleration_partials(P[0]))

@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from jounce.core.scalars import Array, element
+from jounce.core.scalars import Array, convert_element
 from jounce.dynamics import drive_terms, loops
 from jounce.dynamics.recursion.forces import Sweep
 from jounce.dynamics.state import Law
@@ -21,17 +21,17 @@ from jounce.spatial.series import Series, rate_name
 Axis = int | str
 
 
-def dense(nb: int) -> int:
+def dense_width(nb: int) -> int:
     """The width of a method on system matrices."""
     return (6 * nb) ** 2
 
 
-def column(nb: int) -> int:
+def column_width(nb: int) -> int:
     """The width of a method on one column of vectors."""
     return 4 * nb
 
 
-def columns(nb: int) -> int:
+def columns_width(nb: int) -> int:
     """The width of a method on columns of screws, one for each joint."""
     return 6 * nb
 
@@ -41,7 +41,7 @@ class Method:
     """A law, the function that computes a quantity, and the number of its working scalars for a state of nb bodies."""
 
     law: Law
-    width: Callable[[int], int] = dense
+    width: Callable[[int], int] = dense_width
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,18 +135,22 @@ class Quantity:
         """Return the law of a method for a mechanism, with the drive terms that act."""
         if mechanism.closure and not self.follows_others:
             of_turning = self.turns_with.law(method, mechanism.tree) if self.turns_with else None
-            return loops.law(self.law(method, mechanism.tree), self.shape, of_turning)
+            return loops.close_law(self.law(method, mechanism.tree), self.shape, of_turning)
         rigid, added = self.methods[method].law, self.drive_law
         if added is None or mechanism.closure or not set(self.drive_terms) & set(mechanism.acting):
             return rigid  # where loops are closed, it has those of the tree
         if self.shape:
             axes = tuple(k - len(self.shape) for k, axis in enumerate(self.shape) if axis == "nv")
-            return lambda m, x: rigid(m, x) + drive_terms.behind_base(m, added(m, x), axes)
-        return lambda m, x: (rigid(m, x) + added(m, x)).map(_array)
+            return lambda m, x: rigid(m, x) + drive_terms.pad_base(m, added(m, x), axes)
+        return lambda m, x: (rigid(m, x) + added(m, x)).map(_as_array)
 
 
 def quantity(
-    *, width: Callable[[int], int] = columns, closed_form: Law | None = None, paper: Law | None = None, **fields: Any
+    *,
+    width: Callable[[int], int] = columns_width,
+    closed_form: Law | None = None,
+    paper: Law | None = None,
+    **fields: Any,
 ) -> Callable[[Any], Quantity]:
     """Declare a quantity by the function that computes it by recursion, with laws of other methods and its row.
 
@@ -181,6 +185,6 @@ def scalar(column: Series) -> Series:
     return column.map(lambda T: T[..., 0, 0])
 
 
-def _array(total: Any) -> Array:
+def _as_array(total: Any) -> Array:
     """A sum of arrays without axes as an array again: NumPy makes a scalar of it."""
-    return np.asarray(total) if isinstance(total, np.ndarray | np.generic) else element(total, "a sum")
+    return np.asarray(total) if isinstance(total, np.ndarray | np.generic) else convert_element(total, "a sum")

@@ -1,7 +1,7 @@
 """Wrenches that the ground and the bodies exert on each other."""
 
 from jounce.dynamics import closed_form
-from jounce.dynamics.quantities.row import column, quantity, row_vector
+from jounce.dynamics.quantities.row import column_width, quantity, row_vector
 from jounce.dynamics.recursion import forces
 from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism
@@ -10,21 +10,21 @@ from jounce.spatial.series import Series, diagonal
 TREE_ONLY = "depend on what its cut joints transmit, loop_wrenches; Robot(robot.mechanism.tree) has open loops"
 
 
-def _of_joints(m: Mechanism, x: State) -> Series:
+def _dense_joint_wrenches(m: Mechanism, x: State) -> Series:
     """A^T (M (V' + U G) - b^T M V + W): what the bodies require, added up from the ends of the tree."""
-    dense = closed_form.at(m, x)
+    dense = closed_form.evaluate_state(m, x)
     M = diagonal(m.M)  # (Msys)
     own = M @ (dense.V.dot + dense.UG) - dense.b.mT @ (M @ dense.V)
     own = own if x.W is None else own + x.W
-    return closed_form.by_body(dense.A.mT @ own).map(lambda F: F[..., 0])
+    return closed_form.split_bodies(dense.A.mT @ own).map(lambda F: F[..., 0])
 
 
 @quantity(
     symbol="F",
     rates=3,
     shape=(6,),
-    width=column,
-    closed_form=lambda m, x: row_vector(closed_form.at(m, x).F),
+    width=column_width,
+    closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).F),
     unit="N m and N",
     caption="wrench of the ground on the robot",
     meaning="F: the wrench (moment; force) of the ground on the robot, in the inertial frame about its origin.",
@@ -51,8 +51,8 @@ def base_wrench(m: Mechanism, x: State) -> Series:
     symbol="Fj",
     rates=3,
     shape=("bodies", 6),
-    width=column,
-    closed_form=_of_joints,
+    width=column_width,
+    closed_form=_dense_joint_wrenches,
     obstacle=lambda m: TREE_ONLY if m.closure else None,
     unit="N m and N",
     caption="wrenches that the joints transmit",

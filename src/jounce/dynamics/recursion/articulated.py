@@ -20,12 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate, is_zero
-from jounce.dynamics.recursion.joints import Joint
+from jounce.dynamics.recursion.joints import MovingJoint
 from jounce.dynamics.recursion.tree import KinematicTree, kinematic_tree
-from jounce.model.coordinates import velocities_of
-from jounce.model.equivalent import minimal
+from jounce.model.coordinates import velocity_rows
+from jounce.model.equivalent_mechanisms import minimal_mechanism
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.linear import Factors, mirrored
+from jounce.spatial.linear import Factors, mirror_triangle
 from jounce.spatial.series import Series
 
 MIN_DEPTH = 6  # joints on the way to a body, on average, from which articulated bodies take fewer operations
@@ -52,17 +52,17 @@ def has_deep_branches(m: Mechanism) -> bool:
 class ArticulatedBodies:
     """The articulated bodies of a mechanism without joints that follow others, at coordinates q."""
 
-    tree: KinematicTree[Joint]
+    tree: KinematicTree[MovingJoint]
     D: Sequence[Factors]  # of (..., k, k)
     shares: Sequence[Array]  # U_i D_i^-1, (..., 6, k)
 
     @classmethod
     def of(cls, m: Mechanism, q: Array) -> "ArticulatedBodies":
         """The articulated bodies at coordinates (..., n, 1)."""
-        chain = minimal(m)
+        chain = minimal_mechanism(m)
         tree = kinematic_tree(chain, Series.of([q]))
         armature = m.drives.armature * int("armature" in m.acting)
-        inertias = list(mirrored(chain.M))
+        inertias = list(mirror_triangle(chain.M))
         shares, factors = list[Array](), list[Factors]()
         for i, joint in reversed(list(enumerate(tree.joints))):
             own = armature[list(chain.columns[i])]
@@ -74,8 +74,8 @@ class ArticulatedBodies:
                 continue
             free = _free_axis(joint, own)
             shares.insert(0, factors[0].solve(U.mT).mT * (1 - free) + free)
-            left = mirrored(inertias[i] - shares[0] @ U.mT) * (1 - free) * (1 - free.mT)
-            inertias[joint.parent] = inertias[joint.parent] + joint.inertias(_now(left))[0]
+            left = mirror_triangle(inertias[i] - shares[0] @ U.mT) * (1 - free) * (1 - free.mT)
+            inertias[joint.parent] = inertias[joint.parent] + joint.inertias(_omit_rates(left))[0]
         return cls(tree, factors, shares)
 
     def solve(self, b: Array) -> Array:
@@ -84,27 +84,27 @@ class ArticulatedBodies:
         F = [0 * (joint.X[:, :1] @ b[..., :1, :]) for joint in joints]
         u: list[Array] = []
         for i, joint in reversed(list(enumerate(joints))):
-            u.insert(0, b[..., velocities_of(chain, i), :] - joint.X.T @ F[i])
+            u.insert(0, b[..., velocity_rows(chain, i), :] - joint.X.T @ F[i])
             if (p := joint.parent) >= 0:
-                F[p] = F[p] + joint.wrenches(_now(F[i] + self.shares[i] @ u[0]))[0]
+                F[p] = F[p] + joint.wrenches(_omit_rates(F[i] + self.shares[i] @ u[0]))[0]
         A, x = list[Array](), list[Array]()
         for joint, u_i, share, D in zip(joints, u, self.shares, self.D, strict=True):
             if joint.parent < 0:
                 x.append(D.solve(u_i))
                 A.append(joint.X @ x[-1])
                 continue
-            A_p = joint.twists(_now(A[joint.parent]))[0]
+            A_p = joint.twists(_omit_rates(A[joint.parent]))[0]
             x.append(D.solve(u_i) - share.mT @ A_p)
             A.append(A_p + joint.X @ x[-1])
         return concatenate(x, axis=-2)
 
 
-def _now(value: Array) -> Series:
+def _omit_rates(value: Array) -> Series:
     """A quantity whose rates are not asked for."""
     return Series.of([value])
 
 
-def _free_axis(joint: Joint, armature: Array) -> Array:
+def _free_axis(joint: MovingJoint, armature: Array) -> Array:
     """The axis of the frame along which a joint moves freely, (6, 1); zero if it moves otherwise, or has armature.
 
     Along it U / D is 1 and nothing is left of the inertia: both are exact, and zeros cost nothing.

@@ -28,11 +28,19 @@ import numpy as np
 
 from jounce.core.scalars import Array, concatenate
 from jounce.dynamics.joint_motion import JointMotion
-from jounce.dynamics.recursion.forces import wrenches
-from jounce.dynamics.recursion.joints import FreeJoint, Joint, batch_zeros
-from jounce.dynamics.recursion.sweeps import above, collect, composites, evaluate_in_order, project, spread, velocities
+from jounce.dynamics.recursion.forces import shift_wrenches
+from jounce.dynamics.recursion.joints import FreeJoint, MovingJoint, batch_zeros
+from jounce.dynamics.recursion.sweeps import (
+    collect,
+    composites,
+    evaluate_in_order,
+    mask_above,
+    project,
+    spread_columns,
+    velocities,
+)
 from jounce.dynamics.recursion.tree import KinematicTree, kinematic_tree
-from jounce.model.equivalent import minimal
+from jounce.model.equivalent_mechanisms import minimal_mechanism
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.inertia import moment_matrix
 from jounce.spatial.lie import ad, cowedge, wedge
@@ -42,7 +50,7 @@ Partials = tuple[Series, Series, Series]  # K, D, M: by q, qd and q2d
 
 
 @dataclass(frozen=True)
-class _Wrenches:
+class _ScrewWrenches:
     """What the screws S of a joint require of the bodies that it carries, a column each, in its body frame."""
 
     S: Series
@@ -55,9 +63,15 @@ class _Wrenches:
     turned: Series  # S x F; zero where no joint precedes this one
 
 
-def _of_joint(
-    joint: Joint, V: Series, carrier: tuple[Series | None, Series], Pi: Series, Pi_rate: Series, p: Series, F: Series
-) -> _Wrenches:
+def _joint_wrenches(
+    joint: MovingJoint,
+    V: Series,
+    carrier: tuple[Series | None, Series],
+    Pi: Series,
+    Pi_rate: Series,
+    p: Series,
+    F: Series,
+) -> _ScrewWrenches:
     """The wrenches of a joint from moments of mass (..., 4, 4), rates in space, momentum and force of its bodies."""
     V_carrier, a = carrier
     A = joint.screw_rate(a)
@@ -69,35 +83,35 @@ def _of_joint(
         A = A + V_carrier.map(_ad) @ moving
         change = _momenta([(A, Pi), (moving, Pi_rate)]) + _cross(moving, p) + turned
     reaction = joint.momentum(Pi_rate) - joint.cross(p)
-    return _Wrenches(
+    return _ScrewWrenches(
         Series.constant(joint.X), joint.screw_rate(V), moving, A, joint.momentum(Pi), reaction, change, turned
     )
 
 
 def partials(m: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None) -> Partials:
     """K, D, M of the generalized forces, (..., nv, nv) each, with wrenches W on the bodies, (..., 6nb, 1)."""
-    chain = minimal(m)
+    chain = minimal_mechanism(m)
     tree = kinematic_tree(chain, q, base)
     joints = tree.joints
     V, field = velocities(joints), _gravity(joints, chain.gravity)
-    Pi = composites(joints, [Series.constant(Pi_i) for Pi_i in moment_matrix(tree.M)], Joint.moments)
-    p = composites(joints, [M_i @ V_i for M_i, V_i in zip(tree.M, V, strict=True)], Joint.wrenches)
+    Pi = composites(joints, [Series.constant(Pi_i) for Pi_i in moment_matrix(tree.M)], MovingJoint.moments)
+    p = composites(joints, [M_i @ V_i for M_i, V_i in zip(tree.M, V, strict=True)], MovingJoint.wrenches)
     loads = None
     if W is not None:
-        on_bodies = wrenches(m, chain, W)
+        on_bodies = shift_wrenches(m, chain, W)
         on_ground = [0 * on_bodies[0]] * (len(joints) - len(on_bodies))
-        loads = composites(joints, on_ground + on_bodies, Joint.wrenches)
+        loads = composites(joints, on_ground + on_bodies, MovingJoint.wrenches)
     screws = []
     for i, joint in enumerate(joints):
         flow = V[i].map(_wedge) @ Pi[i]
         F = p[i].dot + _cross(V[i], p[i]) - _wrench(field[i].map(_wedge) @ Pi[i])
         F = F if loads is None else F + loads[i]
         carrier = _carrier(joint, V, V[i], field[i])
-        screws.append(_of_joint(joint, V[i], carrier, Pi[i], Pi[i].dot + flow + flow.mT, p[i], F))
-    return _projected(tree, q, screws, [*V, *field, *Pi[::-1], *p[::-1]])
+        screws.append(_joint_wrenches(joint, V[i], carrier, Pi[i], Pi[i].dot + flow + flow.mT, p[i], F))
+    return _project_partials(tree, q, screws, [*V, *field, *Pi[::-1], *p[::-1]])
 
 
-def _carrier(joint: Joint, V: Sequence[Series], own: Series, field: Series) -> tuple[Series | None, Series]:
+def _carrier(joint: MovingJoint, V: Sequence[Series], own: Series, field: Series) -> tuple[Series | None, Series]:
     """The motion of a joint's screws as they are displaced: their twist, and their acceleration relative to free fall.
 
     It is that of the body or, of several screws, of the parent; None for the twist of a parent at rest.
@@ -110,8 +124,8 @@ def _carrier(joint: Joint, V: Sequence[Series], own: Series, field: Series) -> t
     return carried, carried.dot + (joint.X @ joint.rate).map(_ad) @ carried - field
 
 
-def _projected(
-    tree: KinematicTree[Joint], q: Series, screws: Sequence[_Wrenches], before: Sequence[Series]
+def _project_partials(
+    tree: KinematicTree[MovingJoint], q: Series, screws: Sequence[_ScrewWrenches], before: Sequence[Series]
 ) -> Partials:
     """Transport the wrenches of the joints inward, and project them onto the screws."""
     joints = tree.joints
@@ -121,32 +135,32 @@ def _projected(
     S, S_rate, moving, A = ([getattr(x, part) for x in screws] for part in ("S", "S_rate", "moving", "A"))
     M, along, reacting = project(S, momenta), project(S_rate, momenta), project(S, reactions)
     by_place = project(A, momenta) + project(moving, reactions)
-    K = project(S, changes) + above(by_place, joints).mT
+    K = project(S, changes) + mask_above(by_place, joints).mT
     by_rate = along * 2 + reacting
-    D = M.dot * 2 - by_rate + above(by_rate, joints).mT
+    D = M.dot * 2 - by_rate + mask_above(by_rate, joints).mT
     for E, joint, x, carried in zip(_places(joints), joints, screws, momenta, strict=True):
         if isinstance(joint, FreeJoint):
             counted_twice = (x.S_rate - x.moving).mT @ carried.values
-            D = D - (E @ spread(counted_twice, carried.screws, len(E))).mT
+            D = D - (E @ spread_columns(counted_twice, carried.screws, len(E))).mT
         if isinstance(joint, FreeJoint) and joint.parent >= 0:
             alpha = joint.X.T @ (joint.X @ joint.rate).map(_ad) @ joint.X
-            D = D - above(M @ E @ alpha @ E.T, joints)
+            D = D - mask_above(M @ E @ alpha @ E.T, joints)
             K = K - E @ (joint.X.T @ x.turned) @ E.T
     steps = [*before, *(column.values for sweep in (momenta, reactions, changes) for column in reversed(sweep))]
 
     def of_coordinates(matrix: Series) -> Series:
         return evaluate_in_order(tree.generalized_matrix(matrix + batch_zeros(q)), steps)
 
-    return of_coordinates(K), of_coordinates(D), of_coordinates(M + above(M, joints).mT)
+    return of_coordinates(K), of_coordinates(D), of_coordinates(M + mask_above(M, joints).mT)
 
 
-def _places(tree: Sequence[Joint]) -> list[Array]:
+def _places(tree: Sequence[MovingJoint]) -> list[Array]:
     """Of each joint, the columns of the unit matrix that belong to its screws."""
     sizes = [joint.X.shape[-1] for joint in tree]
     return np.split(np.eye(sum(sizes), dtype=int), np.cumsum(sizes)[:-1], axis=1)
 
 
-def _gravity(tree: Sequence[Joint], gravity: Array) -> list[Series]:
+def _gravity(tree: Sequence[MovingJoint], gravity: Array) -> list[Series]:
     """The field of gravity as a twist of each body, which moves as a twist that is constant in space."""
     ground = Series.constant(concatenate([0 * gravity, gravity], axis=-1)[:, None])
     field: list[Series] = []

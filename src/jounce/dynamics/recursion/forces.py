@@ -14,15 +14,15 @@ import numpy as np
 from jounce.core.scalars import Array
 from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.recursion import steps
-from jounce.dynamics.recursion.joints import batch_zeros, rows
-from jounce.dynamics.recursion.steps import AnyJoint, BodyMotion, Force, Moments
+from jounce.dynamics.recursion.joints import batch_zeros, take_rows
+from jounce.dynamics.recursion.steps import AnyJoint, BodyForce, BodyMotion, Moments
 from jounce.dynamics.recursion.sweeps import evaluate_in_order
 from jounce.dynamics.recursion.tree import KinematicTree, aligned_tree
-from jounce.model.equivalent import frame_shifts, minimal, on_axes
+from jounce.model.equivalent_mechanisms import align_to_axes, frame_shifts, minimal_mechanism
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 from jounce.spatial.lie import Ad, inverse
-from jounce.spatial.series import Series, joined
+from jounce.spatial.series import Series, join_series
 
 _ZERO_VECTOR = Series.constant(np.zeros((3, 1), dtype=int))
 _ZERO_MATRIX = Series.constant(np.zeros((3, 3), dtype=int))
@@ -37,11 +37,11 @@ class Sweep:
 
     parts: Mapping[str, int]
     outward: Callable[[AnyJoint, BodyMotion], BodyMotion]
-    force: Callable[[Moments, BodyMotion], Force] = steps.inertia_force
+    force: Callable[[Moments, BodyMotion], BodyForce] = steps.inertia_force
 
 
-MOVING = Sweep({"w": 1, "a": 0, "K": 0}, steps.outward)
-AT_REST = Sweep({"a": 0}, steps.outward_at_rest)  # under gravity alone
+MOVING_SWEEP = Sweep({"w": 1, "a": 0, "K": 0}, steps.propagate_motion)
+RESTING_SWEEP = Sweep({"a": 0}, steps.propagate_acceleration)  # under gravity alone
 
 
 class Tree(Protocol):
@@ -83,7 +83,7 @@ def ground(gravity: Array) -> BodyMotion:
 
 def rnea(kind: Sweep, m: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None) -> Series:
     """The generalized forces (EOM1), (..., nv, 1), by RNEA, with wrenches W on the bodies, (..., 6nb, 1)."""
-    return _swept(kind, m, minimal(m), q, W, base).forces()
+    return _run_sweep(kind, m, minimal_mechanism(m), q, W, base).forces()
 
 
 def base_wrench(m: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None) -> Series:
@@ -91,7 +91,7 @@ def base_wrench(m: Mechanism, q: Series, W: Series | None = None, base: JointMot
 
     It is what the bodies pass to the ground. It depends on all of the inertia, drive forces on base parameters only.
     """
-    return _swept(MOVING, m, on_axes(m), q, W, base).wrench(-1)
+    return _run_sweep(MOVING_SWEEP, m, align_to_axes(m), q, W, base).wrench(-1)
 
 
 def joint_wrenches(m: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None) -> Series:
@@ -99,25 +99,27 @@ def joint_wrenches(m: Mechanism, q: Series, W: Series | None = None, base: Joint
 
     They are the forces on the bodies and on what these carry, before they are projected on the joints.
     """
-    chain = on_axes(m)
-    swept = _swept(MOVING, m, chain, q, W, base)
+    chain = align_to_axes(m)
+    swept = _run_sweep(MOVING_SWEEP, m, chain, q, W, base)
     to_given = Ad(inverse(frame_shifts(m, chain))).mT
-    return joined([(E @ swept.wrench(i)).mT for i, E in zip(swept.tree.own, to_given, strict=True)], axis=-2)
+    return join_series([(E @ swept.wrench(i)).mT for i, E in zip(swept.tree.own, to_given, strict=True)], axis=-2)
 
 
-def _swept(
+def _run_sweep(
     kind: Sweep, given: Mechanism, chain: Mechanism, q: Series, W: Series | None, base: JointMotion | None
-) -> "_Series":
+) -> "_SeriesTree":
     """The tree of a mechanism, with forces in the frames of `chain` and wrenches on those of `given`."""
     tree = aligned_tree(chain, q, base)
-    on_bodies = [] if W is None else wrenches(given, chain, W)
-    swept = _Series(kind, tree, q, dict(zip(tree.own, on_bodies, strict=False)), {-1: ground(chain.gravity)}, {}, {})
+    on_bodies = [] if W is None else shift_wrenches(given, chain, W)
+    swept = _SeriesTree(
+        kind, tree, q, dict(zip(tree.own, on_bodies, strict=False)), {-1: ground(chain.gravity)}, {}, {}
+    )
     sweep(swept)
     return swept
 
 
 @dataclass(frozen=True)
-class _Series:
+class _SeriesTree:
     """The tree in time series: motions, forces on the bodies, forces of the joints."""
 
     kind: Sweep
@@ -125,7 +127,7 @@ class _Series:
     q: Series
     wrenches: Mapping[int, Series]
     motions: dict[int, BodyMotion]
-    on: dict[int, Force]
+    on: dict[int, BodyForce]
     Q: dict[int, Series]
 
     def outward(self) -> Iterator[int]:
@@ -142,7 +144,7 @@ class _Series:
     def add_wrench(self, i: int) -> None:
         if i in self.wrenches:
             W = self.wrenches[i]
-            self.on[i] = self.on[i] + Force(f=rows(W, 3, 6), n=rows(W, 0, 3))
+            self.on[i] = self.on[i] + BodyForce(f=take_rows(W, 3, 6), n=take_rows(W, 0, 3))
 
     def hand_on(self, i: int) -> None:
         joint = self.tree.joints[i]
@@ -155,11 +157,11 @@ class _Series:
 
     def forces(self) -> Series:
         """G^T Q of the joints."""
-        return self._in_order(self.tree.generalized_forces(joined([self.Q[i] for i in self.outward()], axis=-2)))
+        return self._in_order(self.tree.generalized_forces(join_series([self.Q[i] for i in self.outward()], axis=-2)))
 
     def wrench(self, i: int) -> Series:
         """The moment and the force on a body and what it carries, or on the ground, (..., 6, 1)."""
-        return self._in_order(joined([self.on[i].n, self.on[i].f], axis=-2) + batch_zeros(self.q))
+        return self._in_order(join_series([self.on[i].n, self.on[i].f], axis=-2) + batch_zeros(self.q))
 
     def _in_order(self, result: Series) -> Series:
         """A result, computed body by body."""
@@ -172,6 +174,6 @@ def _moments(chain: Mechanism) -> list[Moments]:
     return [inertia.moments(M) for M in chain.M]
 
 
-def wrenches(old: Mechanism, chain: Mechanism, W: Series) -> list[Series]:
+def shift_wrenches(old: Mechanism, chain: Mechanism, W: Series) -> list[Series]:
     """The wrenches (..., 6, 1) on the frames of `chain`, one per body, from those on the frames of `old`."""
-    return [carry @ rows(W, 6 * i, 6 * i + 6) for i, carry in enumerate(Ad(frame_shifts(old, chain)).mT)]
+    return [carry @ take_rows(W, 6 * i, 6 * i + 6) for i, carry in enumerate(Ad(frame_shifts(old, chain)).mT)]

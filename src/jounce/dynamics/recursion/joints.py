@@ -12,13 +12,24 @@ from functools import lru_cache
 
 import numpy as np
 
-from jounce.core.scalars import Array, exact_integers, is_symbolic
+from jounce.core.scalars import Array, is_symbolic, restore_integers
 from jounce.dynamics.joint_motion import JointMotion, motion_of_joint
-from jounce.model.coordinates import joint_variables, screws_of
-from jounce.model.equivalent import split_turn
+from jounce.model.coordinates import body_screws, joint_variables
+from jounce.model.equivalent_mechanisms import split_turn
 from jounce.model.mechanism import Mechanism, single_variables
-from jounce.spatial.lie import Ad, ad, cowedge, exp_of, inverse, pose, position, rotation, turn_and_slide, wedge
-from jounce.spatial.linear import mirrored
+from jounce.spatial.lie import (
+    Ad,
+    ad,
+    cowedge,
+    exp_turn_and_slide,
+    inverse,
+    pose,
+    position,
+    rotation,
+    turn_and_slide,
+    wedge,
+)
+from jounce.spatial.linear import mirror_triangle
 from jounce.spatial.series import Series, from_rate, from_rates
 
 _I = np.eye(3, dtype=int)
@@ -26,7 +37,7 @@ _I = np.eye(3, dtype=int)
 
 def congruence(E: Array, x: Array) -> Array:
     """E x E^T of symmetric x."""
-    return mirrored(E @ x @ E.mT)
+    return mirror_triangle(E @ x @ E.mT)
 
 
 @dataclass(frozen=True)
@@ -45,7 +56,7 @@ class Placement:
 
 
 @dataclass(frozen=True)
-class Joint(Placement):
+class MovingJoint(Placement):
     """One joint of one screw at an instant."""
 
     rate: Series  # (..., k, 1) its velocities
@@ -111,7 +122,7 @@ class Joint(Placement):
         return from_rates(lambda k: transported(x[k]), drift)
 
 
-class FreeJoint(Joint):
+class FreeJoint(MovingJoint):
     """One joint of several screws at an instant: they span a subalgebra, and T is any motion of its group."""
 
     @property
@@ -140,10 +151,10 @@ class FreeJoint(Joint):
         return L_nu @ y + y @ L_nu.mT
 
     def _inward(self, x: Series, transported: Callable[[Array], Array], drift: Callable[[Series], Series]) -> Series:
-        return moved(x, transported, drift)
+        return transport_inward(x, transported, drift)
 
 
-def moved(x: Series, transported: Callable[[Array], Array], drift: Callable[[Series], Series]) -> Series:
+def transport_inward(x: Series, transported: Callable[[Array], Array], drift: Callable[[Series], Series]) -> Series:
     """y = E x, of which ``y' = E (x' + drift(x))``."""
     seen = [x]  # the rates as the outer frame sees them, in the axes of the inner one
 
@@ -156,7 +167,7 @@ def moved(x: Series, transported: Callable[[Array], Array], drift: Callable[[Ser
 
 
 @lru_cache(maxsize=64)
-def placed(m: Mechanism) -> tuple[Array, Array]:
+def split_placements(m: Mechanism) -> tuple[Array, Array]:
     """B = S Z of every joint: where its body hangs on the parent, and how far it has turned at theta = 0."""
     alone = single_variables(m)
     both = [split_turn(B, m.X[alone[i]]) if i in alone else (B, np.eye(4, dtype=int)) for i, B in enumerate(m.B)]
@@ -166,7 +177,7 @@ def placed(m: Mechanism) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=64)
 def _placements(m: Mechanism) -> list[Placement]:
-    B, X = placed(m)[0], [screws_of(m, i) for i in range(m.nb)]
+    B, X = split_placements(m)[0], [body_screws(m, i) for i in range(m.nb)]
     offset, turn = pose(_I, position(B)), pose(rotation(B), np.zeros((3, 1), dtype=int))
     constants = B, offset, turn, Ad(inverse(offset)), Ad(inverse(turn)), X
     hats = [ad(X_i.mT) for X_i in X], [wedge(X_i.mT) for X_i in X]
@@ -179,41 +190,43 @@ def _turns_and_slides(m: Mechanism) -> tuple[Array, Array]:
     return np.stack(turns), np.stack(slides)
 
 
-def motions(m: Mechanism, theta: Array, bodies: Sequence[int]) -> tuple[dict[int, int], Array]:
+def joint_transforms(m: Mechanism, theta: Array, bodies: Sequence[int]) -> tuple[dict[int, int], Array]:
     """Z exp(X theta) of those joints of some bodies that have one screw, (..., joints, 4, 4), and where each is."""
     variables = single_variables(m)
     alone = [i for i in bodies if i in variables]
     turns, slides = _turns_and_slides(m)
     chosen = np.array([variables[i] for i in alone], dtype=int)
-    T = placed(m)[1][alone] @ exp_of(turns[chosen], slides[chosen], theta[..., chosen, :, None])
-    T = exact_integers(T) if is_symbolic(T) else T
+    T = split_placements(m)[1][alone] @ exp_turn_and_slide(turns[chosen], slides[chosen], theta[..., chosen, :, None])
+    T = restore_integers(T) if is_symbolic(T) else T
     return {i: k for k, i in enumerate(alone)}, T
 
 
 def joints(
     m: Mechanism, q: Series, base: JointMotion | None = None, bodies: Sequence[int] | None = None
-) -> list[Joint]:
+) -> list[MovingJoint]:
     """The joints of some bodies, or of all, for coordinates q and the motion of a base that floats."""
     bodies = range(m.nb) if bodies is None else bodies
     theta, placements = joint_variables(m, q), _placements(m)
-    places, T = motions(m, theta[0], bodies)
+    places, T = joint_transforms(m, theta[0], bodies)
     A = Ad(inverse(T))
 
-    def joint(i: int) -> Joint:
+    def joint(i: int) -> MovingJoint:
         if i not in places:
             own = motion_of_joint(m, i, q, base)
             return FreeJoint(**vars(placements[i]), rate=own.V, T=own.pose, A=Ad(inverse(own.pose)))
         k, [j] = places[i], m.columns[i]
-        return Joint(**vars(placements[i]), rate=rows(theta, j, j + 1).dot, T=T[..., k, :, :], A=A[..., k, :, :])
+        return MovingJoint(
+            **vars(placements[i]), rate=take_rows(theta, j, j + 1).dot, T=T[..., k, :, :], A=A[..., k, :, :]
+        )
 
     return [joint(i) for i in bodies]
 
 
-def rows(columns: Series, first: int, last: int) -> Series:
+def take_rows(columns: Series, first: int, last: int) -> Series:
     """Some rows of columns."""
     return columns.map(lambda x: x[..., first:last, :])
 
 
 def batch_zeros(q: Series) -> Series:
     """Return zeros (..., 1, 1) with the batch shape of q, to be added to what does not depend on q."""
-    return 0 * rows(q, 0, 1)
+    return 0 * take_rows(q, 0, 1)

@@ -24,11 +24,19 @@ from operator import add
 import numpy as np
 
 from jounce.dynamics.joint_motion import JointMotion
-from jounce.dynamics.recursion.joints import Joint, batch_zeros
-from jounce.dynamics.recursion.momenta import about_centre, centre_of
-from jounce.dynamics.recursion.sweeps import Columns, above, collect, composites, evaluate_in_order, project, velocities
+from jounce.dynamics.recursion.joints import MovingJoint, batch_zeros
+from jounce.dynamics.recursion.momenta import find_centre, shift_to_centre
+from jounce.dynamics.recursion.sweeps import (
+    ScrewColumns,
+    collect,
+    composites,
+    evaluate_in_order,
+    mask_above,
+    project,
+    velocities,
+)
 from jounce.dynamics.recursion.tree import KinematicTree, kinematic_tree
-from jounce.model.equivalent import on_axes
+from jounce.model.equivalent_mechanisms import align_to_axes
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.inertia import moment_matrix
 from jounce.spatial.lie import ad, wedge
@@ -39,16 +47,18 @@ from jounce.spatial.series import Series
 class _Composites:
     """The composite inertias of a mechanism, and the momenta that unit joint velocities give them."""
 
-    tree: KinematicTree[Joint]
+    tree: KinematicTree[MovingJoint]
     Pi: list[Series]  # (..., 4, 4) moments of mass of the bodies that each joint carries
-    momenta: list[Columns]  # I_j S_j
+    momenta: list[ScrewColumns]  # I_j S_j
 
 
 def mass_matrix(m: Mechanism, q: Series) -> Series:
     """gM, the generalized mass matrix (MC): (..., nv, nv)."""
     bodies = _composites(m, q, None)
     M = project(_screws(bodies), bodies.momenta)  # its upper triangle
-    return _to_coordinates(bodies, q, M + _below(bodies, M), [*bodies.Pi[::-1], *_sweep(bodies.momenta)])
+    return _project_to_coordinates(
+        bodies, q, M + _mirror_below(bodies, M), [*bodies.Pi[::-1], *_inward_values(bodies.momenta)]
+    )
 
 
 def coriolis_matrix(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
@@ -59,8 +69,8 @@ def coriolis_matrix(m: Mechanism, q: Series, base: JointMotion | None = None) ->
     rates = [Pi.dot + flow + flow.mT for Pi, flow in zip(bodies.Pi, flows, strict=True)]  # in space
     changes = collect(bodies.tree.joints, _momenta(bodies.tree, rates))  # I_j' S_j
     M, Phi, Psi = _projections(bodies, V, changes)
-    C = M.dot - Phi + _below(bodies, Phi + Psi)
-    return _to_coordinates(bodies, q, C, [*_dynamic(bodies, V), *_sweep(changes)])
+    C = M.dot - Phi + _mirror_below(bodies, Phi + Psi)
+    return _project_to_coordinates(bodies, q, C, [*_coriolis_steps(bodies, V), *_inward_values(changes)])
 
 
 def skew_coriolis_matrix(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
@@ -69,11 +79,11 @@ def skew_coriolis_matrix(m: Mechanism, q: Series, base: JointMotion | None = Non
     tree = bodies.tree.joints
     V = velocities(tree)
     b = [V_i.map(lambda v: ad(v[..., 0])) for V_i in V]  # (b)
-    Y = composites(tree, [-(b_i.mT @ M_i) for b_i, M_i in zip(b, bodies.tree.M, strict=True)], Joint.forms)
+    Y = composites(tree, [-(b_i.mT @ M_i) for b_i, M_i in zip(b, bodies.tree.M, strict=True)], MovingJoint.forms)
     wrenches = collect(tree, [Y_j.mT @ joint.X for Y_j, joint in zip(Y, tree, strict=True)])
     M, Phi, Chi = _projections(bodies, V, wrenches)
-    Cbar = M.dot - (Phi + Chi) + _below(bodies, Phi + Chi)
-    return _to_coordinates(bodies, q, Cbar, [*_dynamic(bodies, V), *Y[::-1], *_sweep(wrenches)])
+    Cbar = M.dot - (Phi + Chi) + _mirror_below(bodies, Phi + Chi)
+    return _project_to_coordinates(bodies, q, Cbar, [*_coriolis_steps(bodies, V), *Y[::-1], *_inward_values(wrenches)])
 
 
 def centroidal_momentum_matrix(m: Mechanism, q: Series, base: JointMotion | None = None) -> Series:
@@ -82,17 +92,17 @@ def centroidal_momentum_matrix(m: Mechanism, q: Series, base: JointMotion | None
     unit, columns = np.eye(len(bodies.tree.G), dtype=int), zip(bodies.tree.joints, bodies.momenta, strict=True)
     roots = [joint.wrenches(p.values) @ unit[p.screws] for joint, p in columns if joint.parent < 0]
     A = (reduce(add, roots) + batch_zeros(q)) @ bodies.tree.G
-    A = evaluate_in_order(A, [*bodies.Pi[::-1], *_sweep(bodies.momenta)])
-    return about_centre(A, centre_of(m, bodies.tree, q))
+    A = evaluate_in_order(A, [*bodies.Pi[::-1], *_inward_values(bodies.momenta)])
+    return shift_to_centre(A, find_centre(m, bodies.tree, q))
 
 
 def _composites(m: Mechanism, q: Series, base: JointMotion | None) -> _Composites:
-    tree = kinematic_tree(on_axes(m), q, base)
-    Pi = composites(tree.joints, [Series.constant(Pi_i) for Pi_i in moment_matrix(tree.M)], Joint.moments)
+    tree = kinematic_tree(align_to_axes(m), q, base)
+    Pi = composites(tree.joints, [Series.constant(Pi_i) for Pi_i in moment_matrix(tree.M)], MovingJoint.moments)
     return _Composites(tree, Pi, collect(tree.joints, _momenta(tree, Pi)))
 
 
-def _momenta(tree: KinematicTree[Joint], Pi: Sequence[Series]) -> list[Series]:
+def _momenta(tree: KinematicTree[MovingJoint], Pi: Sequence[Series]) -> list[Series]:
     """I_j S_j from the moments of mass, or from their rates."""
     return [joint.momentum(Pi_j) for joint, Pi_j in zip(tree.joints, Pi, strict=True)]
 
@@ -101,24 +111,24 @@ def _screws(bodies: _Composites) -> list[Series]:
     return [Series.constant(joint.X) for joint in bodies.tree.joints]
 
 
-def _projections(bodies: _Composites, V: Sequence[Series], wrenches: Sequence[Columns]) -> tuple[Series, ...]:
+def _projections(bodies: _Composites, V: Sequence[Series], wrenches: Sequence[ScrewColumns]) -> tuple[Series, ...]:
     """M and Phi, and the wrenches on the screws: Psi or Chi."""
     rates = [joint.screw_rate(V_i) for joint, V_i in zip(bodies.tree.joints, V, strict=True)]
     return project(_screws(bodies), bodies.momenta), project(rates, bodies.momenta), project(_screws(bodies), wrenches)
 
 
-def _below(bodies: _Composites, triangle: Series) -> Series:
-    return above(triangle, bodies.tree.joints).unkept.mT.unkept
+def _mirror_below(bodies: _Composites, triangle: Series) -> Series:
+    return mask_above(triangle, bodies.tree.joints).unkept.mT.unkept
 
 
-def _to_coordinates(bodies: _Composites, q: Series, matrix: Series, steps: Sequence[Series]) -> Series:
+def _project_to_coordinates(bodies: _Composites, q: Series, matrix: Series, steps: Sequence[Series]) -> Series:
     return evaluate_in_order(bodies.tree.generalized_matrix((matrix.unkept + batch_zeros(q)).unkept).unkept, steps)
 
 
-def _sweep(columns: Sequence[Columns]) -> list[Series]:
+def _inward_values(columns: Sequence[ScrewColumns]) -> list[Series]:
     return [c.values for c in reversed(columns)]
 
 
-def _dynamic(bodies: _Composites, V: Sequence[Series]) -> list[Series]:
+def _coriolis_steps(bodies: _Composites, V: Sequence[Series]) -> list[Series]:
     """The steps to C, which needs one more rate of moments and momenta than C itself has."""
-    return [*V, *(Pi.dot for Pi in reversed(bodies.Pi)), *(p.dot for p in _sweep(bodies.momenta))]
+    return [*V, *(Pi.dot for Pi in reversed(bodies.Pi)), *(p.dot for p in _inward_values(bodies.momenta))]

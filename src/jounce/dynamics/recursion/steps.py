@@ -18,8 +18,8 @@ import numpy as np
 
 from jounce.core.scalars import Array, is_zero
 from jounce.dynamics.joint_motion import JointMotion, motion_of_joint
-from jounce.dynamics.recursion.joints import motions, moved, placed, rows
-from jounce.model.coordinates import joint_variables, screws_of
+from jounce.dynamics.recursion.joints import joint_transforms, split_placements, take_rows, transport_inward
+from jounce.model.coordinates import body_screws, joint_variables
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import axial, hat, position, rotation
 from jounce.spatial.series import Series, from_rate, from_rates
@@ -40,14 +40,14 @@ class BodyMotion:
 
 
 @dataclass(frozen=True)
-class Force:
+class BodyForce:
     """The force that acts on a body, and its moment about the frame's origin."""
 
     f: Series
     n: Series
 
-    def __add__(self, other: "Force") -> "Force":
-        return Force(self.f + other.f, self.n + other.n)
+    def __add__(self, other: "BodyForce") -> "BodyForce":
+        return BodyForce(self.f + other.f, self.n + other.n)
 
 
 @dataclass(frozen=True)
@@ -90,17 +90,17 @@ class AlignedJoint:
         """The same of velocities."""
         return v if self.d is None else v + (hat_w @ _Z_COLUMN) * self.d + _Z_COLUMN * self.d.dot
 
-    def force(self, force: Force) -> Series:
+    def force(self, force: BodyForce) -> Series:
         """Project the force on a body onto its joint: the generalized force (..., 1, 1) that balances it."""
-        parts = [rows(force.n, 2, 3)] if self.turns else []
-        parts += [rows(force.f, 2, 3) * self.pitch] if self.d is not None else []
+        parts = [take_rows(force.n, 2, 3)] if self.turns else []
+        parts += [take_rows(force.f, 2, 3) * self.pitch] if self.d is not None else []
         return reduce(add, parts)
 
-    def inward(self, force: Force) -> Force:
+    def inward(self, force: BodyForce) -> BodyForce:
         """Transport the force on a body to its parent."""
         n = force.n if self.d is None else force.n + (_Z_HAT @ force.f) * self.d
         f = self.to_parent(force.f)
-        return Force(f, self.to_parent(n) + _hat(self.r) @ f)
+        return BodyForce(f, self.to_parent(n) + _hat(self.r) @ f)
 
     def lowered(self, field: Series, work: Series) -> tuple[Series, Series]:
         """g and g . r of a body from those of its parent."""
@@ -128,7 +128,7 @@ class FreeAlignedJoint:
 
     def to_parent(self, x: Series) -> Series:
         """Parent's coordinates of vectors given in the body's."""
-        return self.R @ _turned_back(self.turn, self.w, x)
+        return self.R @ _turn_back(self.turn, self.w, x)
 
     def turned(self, w: Series) -> Series:
         """The angular velocity of the body from that of the parent, in body coordinates."""
@@ -142,14 +142,14 @@ class FreeAlignedJoint:
         """The same of velocities."""
         return v + self.v
 
-    def force(self, force: Force) -> Series:
+    def force(self, force: BodyForce) -> Series:
         """Project the force on a body onto the screws of its joint: the generalized forces (..., k, 1)."""
         return self.X[:3].T @ force.n + self.X[3:].T @ force.f
 
-    def inward(self, force: Force) -> Force:
+    def inward(self, force: BodyForce) -> BodyForce:
         """Transport the force on a body to its parent."""
         f = self.to_parent(force.f)
-        return Force(f, self.to_parent(force.n) + self.r.map(_hat) @ f)
+        return BodyForce(f, self.to_parent(force.n) + self.r.map(_hat) @ f)
 
     def lowered(self, field: Series, work: Series) -> tuple[Series, Series]:
         """g and g . r of a body from those of its parent."""
@@ -159,7 +159,7 @@ class FreeAlignedJoint:
 AnyJoint: TypeAlias = AlignedJoint | FreeAlignedJoint
 
 
-def outward(joint: AnyJoint, parent: BodyMotion) -> BodyMotion:
+def propagate_motion(joint: AnyJoint, parent: BodyMotion) -> BodyMotion:
     """Return the motion of a body from that of its parent."""
     carried = joint.to_body(parent.w)
     w = joint.turned(carried)
@@ -169,12 +169,12 @@ def outward(joint: AnyJoint, parent: BodyMotion) -> BodyMotion:
     return BodyMotion(w, a, K)
 
 
-def outward_at_rest(joint: AnyJoint, parent: BodyMotion) -> BodyMotion:
+def propagate_acceleration(joint: AnyJoint, parent: BodyMotion) -> BodyMotion:
     """Return the same for a robot at rest, whose ground accelerates."""
     return BodyMotion(parent.w, point_acceleration(joint, parent.a, parent.K), parent.K)
 
 
-def outward_velocity(joint: AnyJoint, parent: BodyMotion) -> BodyMotion:
+def propagate_velocity(joint: AnyJoint, parent: BodyMotion) -> BodyMotion:
     """Return the velocity field of a body, v + hat(w) r, from that of its parent: v in the place of a, hat(w) of K."""
     w = joint.turned(joint.to_body(parent.w))
     hat_w = w.map(_hat)
@@ -186,41 +186,41 @@ def point_acceleration(joint: AnyJoint, a: Series, K: Series) -> Series:
     return joint.to_body(a + K @ joint.r)
 
 
-def inertia_force(moments: Moments, motion: BodyMotion) -> Force:
+def inertia_force(moments: Moments, motion: BodyMotion) -> BodyForce:
     """Return the force that the acceleration a + K r of a body requires."""
     (m, h, P), a, K = moments, motion.a, motion.K
-    return Force(a * m + K @ h, _hat(h) @ a + (K @ P).map(lambda T: axial(T)[..., None]))
+    return BodyForce(a * m + K @ h, _hat(h) @ a + (K @ P).map(lambda T: axial(T)[..., None]))
 
 
 def aligned_joints(chain: Mechanism, q: Series, base: JointMotion | None = None) -> list[AnyJoint]:
     """The joints of a mechanism in frames on their axes, for coordinates q and the motion of a base that floats."""
     theta = joint_variables(chain, q)
-    places, T = motions(chain, theta[0], range(chain.nb))
+    places, T = joint_transforms(chain, theta[0], range(chain.nb))
     found: list[AnyJoint] = []
-    for i, (B, p) in enumerate(zip(placed(chain)[0], chain.parent, strict=True)):
+    for i, (B, p) in enumerate(zip(split_placements(chain)[0], chain.parent, strict=True)):
         if i in places:
             [j] = chain.columns[i]
-            X, theta_i = chain.X[j], rows(theta, j, j + 1)
+            X, theta_i = chain.X[j], take_rows(theta, j, j + 1)
             d = None if is_zero(X[5]) else theta_i * X[5:]
             place = (p, rotation(B), position(B), rotation(T[..., places[i], :, :]))
             found.append(AlignedJoint(*place, theta_i, not is_zero(X[2]), d, pitch=X[5:]))
         else:
             own = motion_of_joint(chain, i, q, base)
-            found.append(free_joint(p, B, screws_of(chain, i), own.pose, own.V))
+            found.append(free_joint(p, B, body_screws(chain, i), own.pose, own.V))
     return found
 
 
 def free_joint(parent: int, B: Array, X: Array, T: Array, nu: Series) -> FreeAlignedJoint:
     """A joint of several screws X, (6, k), at T, from which it moves with nu."""
     w, v = X[:3] @ nu, X[3:] @ nu
-    way = from_rate(position(T), lambda _: _turned_back(rotation(T), w, v))
+    way = from_rate(position(T), lambda _: _turn_back(rotation(T), w, v))
     return FreeAlignedJoint(parent, rotation(B), rotation(B) @ way + position(B), rotation(T), X, w, v)
 
 
-def _turned_back(turn: Array, w: Series, x: Series) -> Series:
+def _turn_back(turn: Array, w: Series, x: Series) -> Series:
     """Vectors in the frame that a joint turns from, given in the one that it turns with w."""
     hat_w = w.map(_hat)
-    return moved(x, lambda x: turn @ x, lambda x: hat_w @ x)
+    return transport_inward(x, lambda x: turn @ x, lambda x: hat_w @ x)
 
 
 def _hat(column: Array) -> Array:

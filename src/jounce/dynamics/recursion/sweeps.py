@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate, zeros_like
-from jounce.dynamics.recursion.joints import Joint
-from jounce.spatial.series import Series, joined
+from jounce.dynamics.recursion.joints import MovingJoint
+from jounce.spatial.series import Series, join_series
 
 
-def velocities(tree: Sequence[Joint]) -> list[Series]:
+def velocities(tree: Sequence[MovingJoint]) -> list[Series]:
     """V_i, the twists of the bodies in their frames, (..., 6, 1)."""
     V: list[Series] = []
     for joint in tree:
@@ -19,7 +19,9 @@ def velocities(tree: Sequence[Joint]) -> list[Series]:
     return V
 
 
-def composites(tree: Sequence[Joint], own: Sequence[Series], carry: Callable[[Joint, Series], Series]) -> list[Series]:
+def composites(
+    tree: Sequence[MovingJoint], own: Sequence[Series], carry: Callable[[MovingJoint, Series], Series]
+) -> list[Series]:
     """Composite quantity of the subtree of each joint, such as its inertia, in the joint's body frame."""
     total = list(own)
     for i, joint in reversed(list(enumerate(tree))):
@@ -29,35 +31,35 @@ def composites(tree: Sequence[Joint], own: Sequence[Series], carry: Callable[[Jo
 
 
 @dataclass(frozen=True)
-class Columns:
+class ScrewColumns:
     """Wrenches or momenta in the body frame of one joint, columns for each joint that it carries."""
 
     screws: list[int]  # the numbers of the screws that the columns belong to
     values: Series  # (..., 6, len(screws))
 
 
-def collect(tree: Sequence[Joint], own: Sequence[Series]) -> list[Columns]:
+def collect(tree: Sequence[MovingJoint], own: Sequence[Series]) -> list[ScrewColumns]:
     """Transport the wrenches of each joint inward: for each joint, those of the joints that it carries."""
     owners = _owners(tree)
     at = [(np.flatnonzero(owners == j).tolist(), [own_j]) for j, own_j in enumerate(own)]
-    columns: list[Columns] = []
+    columns: list[ScrewColumns] = []
     for i in reversed(range(len(tree))):
         screws, parts = at[i]
-        columns.append(Columns(screws, joined(parts, axis=-1).unkept))
+        columns.append(ScrewColumns(screws, join_series(parts, axis=-1).unkept))
         if (p := tree[i].parent) >= 0:
             at[p][0].extend(screws)
             at[p][1].append(tree[i].wrenches(columns[-1].values).unkept)
     return columns[::-1]
 
 
-def project(screws: Sequence[Series], columns: Sequence[Columns]) -> Series:
+def project(screws: Sequence[Series], columns: Sequence[ScrewColumns]) -> Series:
     """Project wrenches onto screws: the upper triangle, in blocks of joints, of all products S_i . W_j."""
     size = 1 + max(max(c.screws) for c in columns)
-    rows = [spread((S.mT @ c.values).unkept, c.screws, size) for S, c in zip(screws, columns, strict=True)]
-    return joined([row.unkept for row in rows], axis=-2)
+    rows = [spread_columns((S.mT @ c.values).unkept, c.screws, size) for S, c in zip(screws, columns, strict=True)]
+    return join_series([row.unkept for row in rows], axis=-2)
 
 
-def spread(columns: Series, numbers: Sequence[int], size: int) -> Series:
+def spread_columns(columns: Series, numbers: Sequence[int], size: int) -> Series:
     """Numbered columns among all, zeros in the place of the others."""
 
     def placed(x: Array) -> Array:
@@ -68,14 +70,14 @@ def spread(columns: Series, numbers: Sequence[int], size: int) -> Series:
     return columns.map(placed)
 
 
-def above(triangle: Series, tree: Sequence[Joint]) -> Series:
+def mask_above(triangle: Series, tree: Sequence[MovingJoint]) -> Series:
     """The entries above the diagonal, in blocks of joints."""
     owners = _owners(tree)
     kept = (owners[:, None] < owners).astype(np.int8)
     return triangle.map(lambda entries: entries * kept)
 
 
-def _owners(tree: Sequence[Joint]) -> np.ndarray:
+def _owners(tree: Sequence[MovingJoint]) -> np.ndarray:
     """The joint of each screw."""
     return np.repeat(np.arange(len(tree)), [joint.X.shape[-1] for joint in tree])
 

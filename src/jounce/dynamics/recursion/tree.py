@@ -10,14 +10,14 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate
-from jounce.dynamics.joint_motion import JointMotion, on_moving_ground
-from jounce.dynamics.recursion.joints import Joint, joints
+from jounce.dynamics.joint_motion import JointMotion, add_moving_ground
+from jounce.dynamics.recursion.joints import MovingJoint, joints
 from jounce.dynamics.recursion.steps import AnyJoint, aligned_joints
 from jounce.model.coordinates import velocity_map
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
-J = TypeVar("J", Joint, AnyJoint)
+J = TypeVar("J", MovingJoint, AnyJoint)
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class KinematicTree(Generic[J]):
         return M.map(lambda M: self.G.T @ M @ self.G)
 
 
-def kinematic_tree(m: Mechanism, q: Series, base: JointMotion | None = None) -> KinematicTree[Joint]:
+def kinematic_tree(m: Mechanism, q: Series, base: JointMotion | None = None) -> KinematicTree[MovingJoint]:
     """The tree of a mechanism at coordinates q, whose base moves; no base: that of a fixed robot is at rest."""
     return _tree(m, q, base, joints)
 
@@ -62,5 +62,5 @@ def _tree(
     if m.floats or base is None:
         return KinematicTree(m, joints_of(m, q, base), velocity_map(m), range(m.nb))
     G = concatenate([np.zeros((6, m.nv), dtype=int), m.G], axis=-2)
-    moving = on_moving_ground(m)
+    moving = add_moving_ground(m)
     return KinematicTree(moving, joints_of(moving, q, base), G, range(1, moving.nb))

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from jounce.core.errors import JounceError
 from jounce.io.entries import Entry
-from jounce.model.stated import Stated, limit_error
+from jounce.model.stated_limits import StatedLimit, limit_error
 
 OUTER_KEYS = ("/**", "ros__parameters", "robot_description_planning")  # keys that may stand above the limits
 MOVEIT_KINDS = ("velocity", "acceleration", "jerk", "effort")
@@ -16,17 +16,17 @@ KNOWN_KEYS = (
 )
 
 
-def limits(document: Entry) -> Mapping[str, Mapping[str, Stated]] | None:
+def read_limits(document: Entry) -> Mapping[str, Mapping[str, StatedLimit]] | None:
     """What a file states of each joint, less what ``has_..: false`` denies; None if it is no file of MoveIt."""
     for key in OUTER_KEYS:
         if isinstance(document.value, Mapping) and key in document.value:
             document = document.get(key)
     if not isinstance(document.value, Mapping) or "joint_limits" not in document.value:
         return None
-    return {name: _joint(entry) for name, entry in document.get("joint_limits").members().items()}
+    return {name: _joint_limits(entry) for name, entry in document.get("joint_limits").members().items()}
 
 
-def _joint(entry: Entry) -> Mapping[str, Stated]:
+def _joint_limits(entry: Entry) -> Mapping[str, StatedLimit]:
     stated = {}
     for theirs, key in LIMIT_KEYS.items():
         flag = entry.get(f"has_{theirs.partition('_')[2]}_limits", True)

@@ -4,30 +4,38 @@ import os
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from jounce.core.errors import JounceError, at, listed, no_such, one_of, quoted, warn
+from jounce.core.errors import (
+    JounceError,
+    check_choice,
+    join_names,
+    locate_errors,
+    quote_value,
+    unknown_name_error,
+    warn,
+)
 from jounce.io import entries
-from jounce.io.denavit_hartenberg import ANGLE_UNITS, in_rad
+from jounce.io.denavit_hartenberg import ANGLE_UNITS, convert_to_rad
 from jounce.io.entries import DOCUMENT_SUFFIXES, Entry
-from jounce.io.files import path_of
+from jounce.io.files import expand_path
 from jounce.io.limits import moveit
-from jounce.io.native import parts
+from jounce.io.native import body_entries
 from jounce.model.coordinates import joint_places, limit_place
-from jounce.model.kinds import FORCES
+from jounce.model.limit_kinds import BOUNDED_FORCES
 from jounce.model.limits import Limits
 from jounce.model.mechanism import Mechanism
-from jounce.model.stated import Stated, limits_with
+from jounce.model.stated_limits import StatedLimit, change_limits
 
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
 
 OPTIONAL = ("angles", "limits_of", "names", "sources")  # keys of a file
 
-ByJoint = Mapping[str, Mapping[str, Stated]]
+ByJoint = Mapping[str, Mapping[str, StatedLimit]]
 
 
 def table_names() -> list[str]:
     """The arms whose limits come with jounce."""
-    return sorted(file.name.removesuffix(".yaml") for file in _tables().iterdir())
+    return sorted(file.name.removesuffix(".yaml") for file in _table_folder().iterdir())
 
 
 def limits_from(mechanism: Mechanism, source: object) -> Limits:
@@ -38,14 +46,16 @@ def limits_from(mechanism: Mechanism, source: object) -> Limits:
             raise JounceError(f"the limits are of {came} joint variables; this robot has {len(mechanism.joints)}")
         return source
     if not isinstance(source, str | os.PathLike):
-        came = f"{type(source).__name__}; arms with limits: {listed(table_names())}"
+        came = f"{type(source).__name__}; arms with limits: {join_names(table_names())}"
         raise JounceError(f"with_limits() expects a file, the name of an arm or jounce.Limits, got {came}")
-    path = path_of(source)
+    path = expand_path(source)
     if path.suffix.lower() in DOCUMENT_SUFFIXES:
         return _from_file(mechanism, entries.read(path, "the limits"))
     name = os.fspath(source)
     if name not in table_names():
-        raise JounceError(f"{no_such('limits', name, table_names())}, or a file of type {', '.join(DOCUMENT_SUFFIXES)}")
+        raise JounceError(
+            f"{unknown_name_error('limits', name, table_names())}, or a file of type {', '.join(DOCUMENT_SUFFIXES)}"
+        )
     return _from_table(mechanism, name)
 
 
@@ -53,11 +63,11 @@ def read_table(name: str) -> Entry:
     """The table of an arm."""
     from importlib.resources import as_file
 
-    with as_file(_tables() / f"{name}.yaml") as path:
+    with as_file(_table_folder() / f"{name}.yaml") as path:
         return entries.read(path, f"the limits of {name}")
 
 
-def _tables() -> "Traversable":
+def _table_folder() -> "Traversable":
     from importlib.resources import files
 
     return files("jounce.io.limits") / "tables"
@@ -65,19 +75,19 @@ def _tables() -> "Traversable":
 
 def _from_file(mechanism: Mechanism, document: Entry) -> Limits:
     places = joint_places(mechanism)
-    stated = moveit.limits(document)
+    stated = moveit.read_limits(document)
     if stated is None:
-        joints = _joints(document, mechanism)
+        joints = _read_joints(document, mechanism)
         for name, entry in document.get("joints").members().items():
-            with at(entry.place):
-                one_of("joint", name, places)
-        return _changed(mechanism, document, joints)
+            with locate_errors(entry.place):
+                check_choice("joint", name, places)
+        return _change_limits(mechanism, document, joints)
     others = [name for name in stated if name not in places]
     if len(others) == len(stated):
-        raise JounceError(f"{document.place}: {no_such('joint', others[0] if others else '', places)}")
+        raise JounceError(f"{document.place}: {unknown_name_error('joint', others[0] if others else '', places)}")
     if others:
-        warn(f"{document.path}: limits of {listed(others)} are left out; this robot has no such joint")
-    return _changed(mechanism, document, {name: joint for name, joint in stated.items() if name in places})
+        warn(f"{document.path}: limits of {join_names(others)} are left out; this robot has no such joint")
+    return _change_limits(mechanism, document, {name: joint for name, joint in stated.items() if name in places})
 
 
 def _from_table(mechanism: Mechanism, name: str) -> Limits:
@@ -94,36 +104,36 @@ def _from_table(mechanism: Mechanism, name: str) -> Limits:
             if joint.endswith(own[0]) and not prefix[-1:].isalnum() and all(other in places for other in whole):
                 found |= dict(zip(whole, keys, strict=True))
     if not found:
-        expected = listed(pattern.format(keys[0]) for pattern in patterns)
+        expected = join_names(pattern.format(keys[0]) for pattern in patterns)
         raise JounceError(
             f"limits of {name} are of {len(keys)} joints called {expected}, ..., behind a common prefix;"
-            f" the joints of this robot are: {listed(places)}"
+            f" the joints of this robot are: {join_names(places)}"
         )
-    return _changed(mechanism, table, _joints(table, mechanism, found))
+    return _change_limits(mechanism, table, _read_joints(table, mechanism, found))
 
 
-def _joints(document: Entry, mechanism: Mechanism, keys: Mapping[str, str] | None = None) -> ByJoint:
+def _read_joints(document: Entry, mechanism: Mechanism, keys: Mapping[str, str] | None = None) -> ByJoint:
     """What a file states of each joint; `keys` are those that it has for the joints of a robot."""
     document.keys(("units", "joints"), OPTIONAL)
-    parts.check_units(document)
-    unit = ANGLE_UNITS[one_of("unit of angles", document.get("angles", "rad").text(), ANGLE_UNITS)]
+    body_entries.check_units(document)
+    unit = ANGLE_UNITS[check_choice("unit of angles", document.get("angles", "rad").text(), ANGLE_UNITS)]
     members, places = document.get("joints").members(), joint_places(mechanism)
     named = {key: key for key in members} if keys is None else keys
-    found: dict[str, dict[str, Stated]] = {}
+    found: dict[str, dict[str, StatedLimit]] = {}
     for joint, key in named.items():
-        entry = members[key].named(f"joint {quoted(joint)}")
-        stated = parts.limits(entry, entry)
+        entry = members[key].named(f"joint {quote_value(joint)}")
+        stated = body_entries.limits(entry, entry)
         turns = joint in places and mechanism.X[places[joint]][:3].any()
-        found[joint] = in_rad(stated, stated, unit) if turns else stated
+        found[joint] = convert_to_rad(stated, stated, unit) if turns else stated
     return found
 
 
-def _changed(mechanism: Mechanism, document: Entry, stated: ByJoint) -> Limits:
+def _change_limits(mechanism: Mechanism, document: Entry, stated: ByJoint) -> Limits:
     """The limits of a mechanism with those that are stated of some joints in their place."""
-    changes: dict[int, dict[str, Stated]] = {}
-    inertial = parts.without_gravity(document) if "limits_of" in document.value else ()
-    with at(document.path):
+    changes: dict[int, dict[str, StatedLimit]] = {}
+    inertial = body_entries.limits_without_gravity(document) if "limits_of" in document.value else ()
+    with locate_errors(document.path):
         for name, joint in stated.items():
             for key, value in joint.items():
                 changes.setdefault(limit_place(mechanism, name, key), {})[key] = value
-        return limits_with(mechanism, changes, dict.fromkeys(inertial, FORCES[1]))
+        return change_limits(mechanism, changes, dict.fromkeys(inertial, BOUNDED_FORCES[1]))

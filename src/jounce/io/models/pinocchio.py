@@ -43,12 +43,12 @@ def mechanism(model: Any, gravity: object = None, base: str | None = None, root:
         links += [tree.Link(joint.child, ZERO_INERTIA, what) for joint in chain[:-1]]
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
             links += [tree.Link(bodies[i], inertia_matrix(Y.mass, Y.lever, Y.inertia), what)]
-    for name, frame in _frames(model, bodies).items():
+    for name, frame in _other_frames(model, bodies).items():
         links.append(tree.Link(name, ZERO_INERTIA, what))
         joints.append(_fixed_joint(f"frame {name}", bodies[frame.parentJoint], name, frame.placement.homogeneous, what))
     given = model.gravity.linear if gravity is None else gravity
-    built = tree.mechanism(links, joints, given, called, what, base=base, root=root, world=bodies[0])
-    free = [joint.idx_v + x.v for i, joint in enumerate(model.joints) if i for x in parts_of(joint, "") if x.kind]
+    built = tree.build_mechanism(links, joints, given, called, what, base=base, root=root, world=bodies[0])
+    free = [joint.idx_v + x.v for i, joint in enumerate(model.joints) if i for x in split_joint(joint, "") if x.kind]
     if base != "fixed" and any(model.armature[v].any() for v in free):
         of = "the free-flyer" if built.floats else "joints of several screws"
         warn(f"{what}: ignored, since not part of a tree of rigid bodies: armature of {of}")
@@ -73,7 +73,7 @@ def moved_bodies(model: Any) -> list[str]:
     return names
 
 
-def _frames(model: Any, bodies: list[str]) -> dict[str, Any]:
+def _other_frames(model: Any, bodies: list[str]) -> dict[str, Any]:
     """The other frames by name, the first of each."""
     found: dict[str, Any] = {}
     for kind in NAMED_FRAME_TYPES:
@@ -87,17 +87,17 @@ def _chain(model: Any, i: int, bodies: list[str], what: str) -> list[tree.Joint]
     """A joint of the model as a chain of joints of one screw each, some of several, or as one that stands still."""
     joint, parent, child = model.joints[i], bodies[model.parents[i]], bodies[i]
     placement = model.jointPlacements[i].homogeneous
-    T, X = _at(model, joint, 0.0)
+    T, X = _evaluate_joint(model, joint, 0.0)
     mimic = None
     if joint.shortname() == "JointModelMimic" and X.any():
         follows = joint.extract()
         T, X = np.eye(4), X / follows.scaling
-        mimic = tree.Mimic(_leader(model, joint.idx_v), follows.scaling, follows.offset)
+        mimic = tree.Mimic(_find_leader(model, joint.idx_v), follows.scaling, follows.offset)
     elif not X.any():
         return [_fixed_joint(model.names[i], parent, child, placement @ T, what)]
     elif not _is_chain(model, joint, T, X):
         raise JounceError(f"{what}: joint {model.names[i]!r} is a {joint.shortname()}, whose screws are not constant")
-    parts = parts_of(joint, model.names[i]) or [Part(model.names[i], None, 0, 0)]  # a mimic's are its leader's
+    parts = split_joint(joint, model.names[i]) or [JointPart(model.names[i], None, 0, 0)]  # a mimic's are its leader's
     links = [parent, *(part.name for part in parts[:-1]), child]
     return [
         tree.Joint(
@@ -121,7 +121,7 @@ def _fixed_joint(name: str, parent: str, child: str, B: np.ndarray, what: str) -
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class JointPart:
     """What one joint here is of a joint of Pinocchio: alone, or one of those that it is composed of."""
 
     name: str
@@ -131,29 +131,29 @@ class Part:
     turns: bool = False  # whether its q is a cosine and a sine
 
 
-def parts_of(joint: Any, name: str) -> list[Part]:
+def split_joint(joint: Any, name: str) -> list[JointPart]:
     """The parts of a joint: its own name, numbered by the first coordinate where there are several."""
-    found: list[Part] = []
+    found: list[JointPart] = []
     q = v = 0
     for part in list(joint.extract().joints) if joint.shortname() == "JointModelComposite" else [joint]:
         if (kind := part.shortname()) in FREE_JOINT_MODELS:
             free, at_zero, order = FREE_JOINT_MODELS[kind]
-            found.append(Part(f"{name}_{v + 1}", free, q + np.arange(len(at_zero)), v + np.array(order)))
+            found.append(JointPart(f"{name}_{v + 1}", free, q + np.arange(len(at_zero)), v + np.array(order)))
         elif part.nq == part.nv:
-            found += [Part(f"{name}_{v + k + 1}", None, q + k, v + k) for k in range(part.nv)]
+            found += [JointPart(f"{name}_{v + k + 1}", None, q + k, v + k) for k in range(part.nv)]
         elif (part.nq, part.nv) == (2, 1):
-            found.append(Part(f"{name}_{v + 1}", None, q, v, turns=True))
+            found.append(JointPart(f"{name}_{v + 1}", None, q, v, turns=True))
         q, v = q + part.nq, v + part.nv
     return [replace(found[0], name=name)] if len(found) == 1 else found
 
 
-def _leader(model: Any, v: int) -> str:
+def _find_leader(model: Any, v: int) -> str:
     """The name of the joint whose coordinate is at a place in v."""
-    parts = [(joint.idx_v, x) for i, joint in enumerate(model.joints) if i for x in parts_of(joint, model.names[i])]
+    parts = [(joint.idx_v, x) for i, joint in enumerate(model.joints) if i for x in split_joint(joint, model.names[i])]
     return next(part.name for start, part in parts if v in start + np.atleast_1d(part.v))
 
 
-def _at(model: Any, joint: Any, theta: float) -> tuple[np.ndarray, np.ndarray]:
+def _evaluate_joint(model: Any, joint: Any, theta: float) -> tuple[np.ndarray, np.ndarray]:
     """The pose of a joint where all joint variables are theta, and its screws, (k, 6), in the moved frame."""
     q = np.concatenate([_configuration(each, np.full(each.nv, theta)) for each in list(model.joints)[1:] if each.nq])
     data = joint.createData()
@@ -175,12 +175,12 @@ def _configuration(joint: Any, theta: np.ndarray) -> np.ndarray:
 
 def _is_chain(model: Any, joint: Any, T: np.ndarray, X: np.ndarray) -> bool:
     """Whether the screws at zero make the pose elsewhere too; joints of several are at zero in both."""
-    single = [X[part.v] for part in parts_of(joint, "") if not part.kind]
+    single = [X[part.v] for part in split_joint(joint, "") if not part.kind]
     product = reduce(np.matmul, [lie.exp(x, np.ones((1, 1))) for x in single], T)
-    return np.allclose(_at(model, joint, 1.0)[0], product, rtol=0, atol=1e-9)
+    return np.allclose(_evaluate_joint(model, joint, 1.0)[0], product, rtol=0, atol=1e-9)
 
 
-def _limits(model: Any, joint: Any, part: Part) -> dict[str, float]:
+def _limits(model: Any, joint: Any, part: JointPart) -> dict[str, float]:
     """The limits that are stated of a joint's coordinate; a cosine and a sine have none."""
     q, v = joint.idx_q + part.q, joint.idx_v + part.v
     found = {"velocity": model.velocityLimit[v], "effort": model.effortLimit[v]}

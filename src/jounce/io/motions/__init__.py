@@ -3,15 +3,15 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jounce.core.errors import JounceError, at, no_such, option
+from jounce.core.errors import JounceError, locate_errors, option_name, unknown_name_error
 from jounce.io.entries import DOCUMENT_SUFFIXES
 from jounce.model.mechanism import Mechanism
 
 if TYPE_CHECKING:  # what reads them takes a while to import, and robots need it not
     from jounce.motion import Motion
-    from jounce.motion.columns import Options
-    from jounce.motion.description import Description
+    from jounce.motion.description import MotionDescription
     from jounce.motion.spline import Smoothing, Spline
+    from jounce.motion.table_columns import ColumnOptions
 
 BUNDLED_MOTIONS = {"paper": "paper.yaml", "paper-wrench": "paper-wrench.yaml"}  # names of bundled motions
 
@@ -21,34 +21,34 @@ def read(
     mechanism: Mechanism,
     highest: int,
     way: "Smoothing | Spline | None" = None,
-    options: "Options | None" = None,
+    options: "ColumnOptions | None" = None,
     topic: str | None = None,
 ) -> "Motion":
     """The motion of a file, or of a bundled name, for a mechanism: rates up to the one of order `highest`."""
     from jounce.io import entries, tables
     from jounce.io.motions import bags, tabular, terms
-    from jounce.motion.description import motion_of
-    from jounce.motion.spline import refuse_way
-    from jounce.motion.table import AS_NAMED, SMOOTHED
+    from jounce.motion.description import build_motion
+    from jounce.motion.spline import refuse_smoothing
+    from jounce.motion.table import DEFAULT_COLUMN_OPTIONS, DEFAULT_SMOOTHING
 
     if is_analytic(source):
         reason = "its terms or trajectory points are exact"
-        refuse_way(way or SMOOTHED, str(source), reason)
-        (options or AS_NAMED).refuse(str(source), reason)
+        refuse_smoothing(way or DEFAULT_SMOOTHING, str(source), reason)
+        (options or DEFAULT_COLUMN_OPTIONS).refuse(str(source), reason)
     if topic is not None and not bags.is_bag(source):
-        raise JounceError(f"{source}: {option('topic')} is for bags of ROS, which it is not: leave it out")
+        raise JounceError(f"{source}: {option_name('topic')} is for bags of ROS, which it is not: leave it out")
     if str(source) in BUNDLED_MOTIONS:
-        with at(source):
-            return motion_of(bundled(str(source)), mechanism)
+        with locate_errors(source):
+            return build_motion(read_bundled(str(source)), mechanism)
     if source.suffix.lower() in DOCUMENT_SUFFIXES:
         return terms.read(entries.read(source, "the motion"), mechanism)
     if source.suffix.lower() in tables.TABLE_READERS:
-        return tabular.read(source, mechanism, highest, way or SMOOTHED, options or AS_NAMED)
+        return tabular.read(source, mechanism, highest, way or DEFAULT_SMOOTHING, options or DEFAULT_COLUMN_OPTIONS)
     if bags.is_bag(source):
-        return bags.read(source, mechanism, highest, way or SMOOTHED, options or AS_NAMED, topic)
+        return bags.read(source, mechanism, highest, way or DEFAULT_SMOOTHING, options or DEFAULT_COLUMN_OPTIONS, topic)
     known = ", ".join([*tables.TABLE_READERS, *DOCUMENT_SUFFIXES, *bags.BAG_SUFFIXES])
     if not source.suffix:
-        raise JounceError(f"{no_such('motion', str(source), BUNDLED_MOTIONS)}, or a file of type {known}")
+        raise JounceError(f"{unknown_name_error('motion', str(source), BUNDLED_MOTIONS)}, or a file of type {known}")
     known = f"{known}, {', '.join(BUNDLED_MOTIONS)}"
     raise JounceError(f"{source}: unknown type of motion {source.suffix!r}; available: {known}")
 
@@ -58,7 +58,7 @@ def is_analytic(source: Path) -> bool:
     return str(source) in BUNDLED_MOTIONS or source.suffix.lower() in DOCUMENT_SUFFIXES
 
 
-def bundled(name: str) -> "Description":
+def read_bundled(name: str) -> "MotionDescription":
     """Return the analytic terms of a bundled motion."""
     from importlib.resources import as_file, files
 
@@ -66,4 +66,4 @@ def bundled(name: str) -> "Description":
     from jounce.io.motions import terms
 
     with as_file(files(__name__) / BUNDLED_MOTIONS[name]) as path:
-        return terms.terms_in(entries.read(path, "the motion"))
+        return terms.read_terms(entries.read(path, "the motion"))

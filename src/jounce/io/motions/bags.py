@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, at, listed, no_such, one_line, quoted
+from jounce.core.errors import JounceError, join_names, locate_errors, one_line, quote_value, unknown_name_error
 from jounce.io.files import check_readable
 from jounce.io.motions import tabular
 from jounce.model.mechanism import Mechanism
-from jounce.motion.columns import Options
-from jounce.motion.matching import matched
+from jounce.motion.joint_matching import match_joints
 from jounce.motion.motion import Motion
-from jounce.motion.spline import Smoothing, Spline, refuse_way
+from jounce.motion.spline import Smoothing, Spline, refuse_smoothing
+from jounce.motion.table_columns import ColumnOptions
 
 BAG_SUFFIXES = (".mcap", ".bag", ".db3")
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -31,7 +31,7 @@ def is_bag(source: Path) -> bool:
 
 
 def read(
-    source: Path, mechanism: Mechanism, highest: int, way: Smoothing | Spline, options: Options, topic: str | None
+    source: Path, mechanism: Mechanism, highest: int, way: Smoothing | Spline, options: ColumnOptions, topic: str | None
 ) -> Motion:
     """The motion in a bag: of the given topic, or of the only topic with a motion."""
     if not source.is_dir():
@@ -39,34 +39,34 @@ def read(
     with _open_bag(source) as bag:
         topics = {c.topic: c.msgtype for c in bag.connections if c.msgtype in (JOINT_STATE, *TRAJECTORIES)}
         if topic is not None and topic not in topics:
-            raise JounceError(f"{source}: --topic: {no_such('topic', topic, topics)}")
+            raise JounceError(f"{source}: --topic: {unknown_name_error('topic', topic, topics)}")
         if topic is None and len(topics) != 1:
-            kinds = f"JointTrajectory or JointState in it: {listed(topics) or 'none'}"
+            kinds = f"JointTrajectory or JointState in it: {join_names(topics) or 'none'}"
             raise JounceError(f"{source}: topics of type {kinds}; select one with --topic NAME")
         chosen = topic if topic is not None else next(iter(topics))
         connections = [c for c in bag.connections if c.topic == chosen]
         messages = [bag.deserialize(raw, c.msgtype) for c, _, raw in bag.messages(connections)]
     place = f"{source}: {chosen}"
     if topics[chosen] == JOINT_STATE:
-        return tabular.of_arrays(_columns(messages, place), mechanism, highest, way, options, place)
+        return tabular.read_arrays(_message_columns(messages, place), mechanism, highest, way, options, place)
     reason = "its trajectory points are exact"
-    refuse_way(way, place, reason)
+    refuse_smoothing(way, place, reason)
     options.refuse(place, reason)
     if len(messages) != 1:
         raise JounceError(f"{place} has {len(messages)} trajectories; expected one")
-    with at(place):
-        return matched(Motion.from_joint_trajectory(messages[0]), mechanism)
+    with locate_errors(place):
+        return match_joints(Motion.from_joint_trajectory(messages[0]), mechanism)
 
 
-def _columns(messages: list[Any], place: str) -> dict[str, np.ndarray]:
+def _message_columns(messages: list[Any], place: str) -> dict[str, np.ndarray]:
     """t from the stamps, since the first; positions under the names of the joints, efforts as measured torques."""
     if not messages:
         raise JounceError(f"{place} has no messages")
     names = list(messages[0].name)
     for number, message in enumerate(messages):
         if list(message.name) != names or len(message.position) != len(names):
-            came = f"message {number} is of {listed(message.name)}, with {len(message.position)} positions"
-            raise JounceError(f"{place}: {came}; expected all messages of the joints {listed(names)}")
+            came = f"message {number} is of {join_names(message.name)}, with {len(message.position)} positions"
+            raise JounceError(f"{place}: {came}; expected all messages of the joints {join_names(names)}")
     stamps = [int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec) for message in messages]
     columns = {"t": np.array([1e-9 * (stamp - stamps[0]) for stamp in stamps])}
     columns |= dict(zip(names, np.array([message.position for message in messages]).T, strict=True))
@@ -89,4 +89,6 @@ def _open_bag(source: Path) -> Iterator[Any]:
     except JounceError:
         raise
     except Exception as error:  # damaged bags make their reader raise errors of any type
-        raise JounceError(f"{source}: not a bag of ROS: {one_line(error) or quoted(type(error).__name__)}") from None
+        raise JounceError(
+            f"{source}: not a bag of ROS: {one_line(error) or quote_value(type(error).__name__)}"
+        ) from None

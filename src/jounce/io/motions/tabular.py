@@ -7,76 +7,83 @@ from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, at, quoted
+from jounce.core.errors import JounceError, locate_errors, quote_value
 from jounce.core.scalars import asarray
 from jounce.io import tables
-from jounce.io.columns import CellError, checked, select_columns
-from jounce.io.remainders import remainder_of, split_names
+from jounce.io.columns import CellError, check_columns, select_columns
+from jounce.io.remainders import remainder_name, split_names
 from jounce.model.mechanism import Mechanism
-from jounce.motion.columns import TIME, Match, Options, match
 from jounce.motion.motion import Motion
-from jounce.motion.origin import origin_of
 from jounce.motion.spline import Smoothing, Spline
-from jounce.motion.table import from_columns
+from jounce.motion.table import motion_from_columns
+from jounce.motion.table_columns import TIME, ColumnMatch, ColumnOptions, match_columns
+from jounce.motion.time_origin import find_origin
 
 
-class Matching:
+class ColumnMatching:
     """Selects the columns of a motion once the column names of a table are known, and remembers the selection."""
 
-    def __init__(self, mechanism: Mechanism, options: Options, highest: int, place: str) -> None:
+    def __init__(self, mechanism: Mechanism, options: ColumnOptions, highest: int, place: str) -> None:
         self.given = mechanism, options, highest
         self.place = place
-        self.found: Match | None = None
+        self.found: ColumnMatch | None = None
 
     def __call__(self, header: Sequence[str]) -> list[str]:
         """The columns of the motion, and what doubles leave of the times."""
-        with at(self.place):
-            self.found = match(header, *self.given)
-        return [*self.found.names, remainder_of(self.found.sources[TIME])]
+        with locate_errors(self.place):
+            self.found = match_columns(header, *self.given)
+        return [*self.found.names, remainder_name(self.found.sources[TIME])]
 
 
-def read(path: Path, mechanism: Mechanism, highest: int, way: Smoothing | Spline, options: Options) -> Motion:
+def read(path: Path, mechanism: Mechanism, highest: int, way: Smoothing | Spline, options: ColumnOptions) -> Motion:
     """The motion of a table in a file."""
-    matching = Matching(mechanism, options, highest, str(path))
-    with _cures():
+    matching = ColumnMatching(mechanism, options, highest, str(path))
+    with _cell_cure():
         columns = tables.read(path, matching)
-    return _motion(columns, matching, highest, way)
+    return _build_motion(columns, matching, highest, way)
 
 
-def of_arrays(
-    given: Mapping[str, Any], mechanism: Mechanism, highest: int, way: Smoothing | Spline, options: Options, place: str
+def read_arrays(
+    given: Mapping[str, Any],
+    mechanism: Mechanism,
+    highest: int,
+    way: Smoothing | Spline,
+    options: ColumnOptions,
+    place: str,
 ) -> Motion:
     """Return the motion of named arrays; other entries may be anything."""
-    matching = Matching(mechanism, options, highest, place)
+    matching = ColumnMatching(mechanism, options, highest, place)
     arrays, refused = {}, {}
     for name, values in given.items():
         try:
-            found = np.asarray(asarray(values, f"column {quoted(name)}"))
+            found = np.asarray(asarray(values, f"column {quote_value(name)}"))
             arrays[name] = integers if (integers := np.asarray(values)).dtype.kind in "iu" else found
         except JounceError as error:
             arrays[name], refused[name] = np.empty(0), error
-    with _cures():
+    with _cell_cure():
         columns = select_columns(arrays, matching) if arrays else {}
         for name in split_names(columns)[0]:
             if name in refused:
                 raise CellError(f"{place}: {refused[name]}")
-        columns = checked(place, columns)
-    return _motion(columns, matching, highest, way)
+        columns = check_columns(place, columns)
+    return _build_motion(columns, matching, highest, way)
 
 
-def _motion(columns: Mapping[str, np.ndarray], matching: Matching, highest: int, way: Smoothing | Spline) -> Motion:
+def _build_motion(
+    columns: Mapping[str, np.ndarray], matching: ColumnMatching, highest: int, way: Smoothing | Spline
+) -> Motion:
     found = matching.found
     assert found is not None  # every reader selects
     time = found.sources[TIME]
-    left = remainder_of(time)
-    origin = origin_of(float(columns[time][0]), float(columns[left][0]), found.factors[TIME])
+    left = remainder_name(time)
+    origin = find_origin(float(columns[time][0]), float(columns[left][0]), found.factors[TIME])
     if origin:
         columns = {**columns, time: origin.since(columns[time], columns[left])}
-    return from_columns(columns, found, matching.given[0], highest, matching.place, way, origin)
+    return motion_from_columns(columns, found, matching.given[0], highest, matching.place, way, origin)
 
 
 @contextmanager
-def _cures() -> Iterator[None]:
+def _cell_cure() -> Iterator[None]:
     """Within this context, the error for a cell that is not a number says how to fix it."""
     try:
         yield

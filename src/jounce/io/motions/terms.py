@@ -6,63 +6,63 @@ from pathlib import Path
 
 import numpy as np
 
-from jounce.core.errors import JounceError, at, quoted
+from jounce.core.errors import JounceError, locate_errors, quote_value
 from jounce.io import files
 from jounce.io.entries import Entry
 from jounce.io.native import writing
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
-from jounce.motion.analytic import Analytic, Cosine, Terms
+from jounce.motion.analytic import AnalyticCurve, Cosine, Terms
 from jounce.motion.base import POSE_COLUMNS
 from jounce.motion.curves import COMPONENTS
-from jounce.motion.description import Description, motion_of
-from jounce.motion.matching import matched
-from jounce.motion.ros import trajectories_in
+from jounce.motion.description import MotionDescription, build_motion
+from jounce.motion.joint_matching import match_joints
+from jounce.motion.ros import find_trajectories
 
 MAX_MOTION_STATES = 100_000_000  # 800 MB per column: more is a typing error
 
 
 def read(entry: Entry, mechanism: Mechanism) -> Motion:
     """The motion of a file for a mechanism; a JointTrajectory may be alone or in a plan."""
-    if next(trajectories_in(entry.value), None) is not None:
-        with at(entry.place):
-            return matched(Motion.from_joint_trajectory(entry.value), mechanism)
-    description = terms_in(entry)
-    with at(entry.path):
-        return motion_of(description, mechanism)
+    if next(find_trajectories(entry.value), None) is not None:
+        with locate_errors(entry.place):
+            return match_joints(Motion.from_joint_trajectory(entry.value), mechanism)
+    description = read_terms(entry)
+    with locate_errors(entry.path):
+        return build_motion(description, mechanism)
 
 
-def terms_in(entry: Entry) -> Description:
+def read_terms(entry: Entry) -> MotionDescription:
     """``time: {start, stop, count}``, ``joints: {NAME: {offset, cosines, polynomial}}`` and, where bodies or merged
     links exert wrenches, ``wrenches: {NAME: {mx: {offset, cosines, polynomial}, ..., fz: {...}}}``; where the base
     moves ``base: {x: {offset, ...}, ..., qz: {...}}``."""
     motion = entry.keys(("time", "joints"), ("name", "wrenches", "base"))
     joints = motion.get("joints").named("joints").members()
     bodies = motion.get("wrenches", {}).named("wrenches").members()
-    wrenches = {body: terms.named(f"the wrench of {quoted(body)}") for body, terms in bodies.items()}
-    return Description(
-        {name: _curve(terms.named(f"joint {quoted(name)}")) for name, terms in joints.items()},
-        {body: _components(terms, COMPONENTS) for body, terms in wrenches.items()},
-        _times(motion.get("time").named("time")),
-        _components(motion.get("base").named("base"), POSE_COLUMNS) if "base" in motion.members() else None,
+    wrenches = {body: terms.named(f"the wrench of {quote_value(body)}") for body, terms in bodies.items()}
+    return MotionDescription(
+        {name: _read_curve(terms.named(f"joint {quote_value(name)}")) for name, terms in joints.items()},
+        {body: _read_components(terms, COMPONENTS) for body, terms in wrenches.items()},
+        _read_times(motion.get("time").named("time")),
+        _read_components(motion.get("base").named("base"), POSE_COLUMNS) if "base" in motion.members() else None,
     )
 
 
-def _times(time: Entry) -> np.ndarray:
+def _read_times(time: Entry) -> np.ndarray:
     time.keys(("stop", "count"), ("start",))
     start, stop, count = time.get("start", 0).number(), time.get("stop").number(), time.get("count").value
     counts = isinstance(count, int) and not isinstance(count, bool) and 2 <= count <= MAX_MOTION_STATES
     if not counts or not start < stop or math.isinf(stop - start):
-        came = f"time runs from {start:g} to {stop:g} in {quoted(count)} states"
+        came = f"time runs from {start:g} to {stop:g} in {quote_value(count)} states"
         raise JounceError(f"{time.place}: {came}; expected stop > start, count 2 to {MAX_MOTION_STATES}")
     return np.linspace(start, stop, count)
 
 
-def _components(terms: Entry, names: Sequence[str]) -> dict[str, Terms]:
-    return {name: _curve(component) for name, component in terms.keys((), names).members().items()}
+def _read_components(terms: Entry, names: Sequence[str]) -> dict[str, Terms]:
+    return {name: _read_curve(component) for name, component in terms.keys((), names).members().items()}
 
 
-def _curve(terms: Entry) -> Terms:
+def _read_curve(terms: Entry) -> Terms:
     terms.keys((), ("offset", "cosines", "polynomial"))
     powers = [power.number() for power in terms.get("polynomial", [0]).items(least=1)]
     powers[0] += terms.get("offset", 0).number()
@@ -75,7 +75,7 @@ def _curve(terms: Entry) -> Terms:
 
 def write(path: Path, motion: Motion, joints: Sequence[str]) -> None:
     """Write a motion of joints in closed form, which is read again with the same bits; it exerts no wrenches."""
-    if not isinstance(motion.curve, Analytic):
+    if not isinstance(motion.curve, AnalyticCurve):
         raise JounceError(f"{path}: the motion has no analytic terms; expected a table, .csv or .npz")
     time = {"start": motion.start, "stop": motion.stop, "count": len(motion.times)}
     terms = [
@@ -83,6 +83,6 @@ def write(path: Path, motion: Motion, joints: Sequence[str]) -> None:
         for term in motion.curve.terms
     ]
     data = {"time": time, "joints": dict(zip(joints, terms, strict=True))}
-    text = writing.json_of(data) if path.suffix.lower() == ".json" else writing.yaml_of(data)
-    with files.written_whole(path) as part:
+    text = writing.dump_json(data) if path.suffix.lower() == ".json" else writing.dump_yaml(data)
+    with files.write_whole(path) as part:
         part.write_text(text, encoding="utf-8", newline="\n")

@@ -6,43 +6,45 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from jounce.core.version import __version__
-from jounce.io.columns import About, Columns
+from jounce.io.columns import Columns, TableMetadata
 from jounce.model.coordinates import BASE_FORCES, coordinate_units
 from jounce.model.elasticity import motor_names
-from jounce.model.kinds import unit_of
+from jounce.model.limit_kinds import derivative_unit
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
 from jounce.motion.base import BASE_COLUMNS
-from jounce.motion.columns import TIME
-from jounce.spatial.series import SUFFIX, rate_name
+from jounce.motion.table_columns import TIME
+from jounce.spatial.series import RATE_SUFFIX, rate_name
 
 ROWS_PER_MOTION_PIECE = 1000  # about 1 MB for a robot of 30 joints with three rates
 DEVIATION, SAMPLE, MEASURED = "_sd", "_sample", "_measured"  # what follows the name of a quantity in a column's
-WRITTEN_QUANTITY = re.compile("(q|Q|theta|tau|i|u)" + SUFFIX)  # of the names of quantities that are written
+WRITTEN_QUANTITY = re.compile("(q|Q|theta|tau|i|u)" + RATE_SUFFIX)  # of the names of quantities that are written
 BREAK_COLUMN = "break"  # the column of breaks: the order of the derivative that jumps since the row before, else -1
 
 
-def pieces(motion: Motion, joints: Sequence[str], order: int) -> Iterator[Columns]:
+def motion_pieces(motion: Motion, joints: Sequence[str], order: int) -> Iterator[Columns]:
     """A motion at its times as ``NAME.q, NAME.qd, ...``, piece by piece, a table that is read as a motion again."""
     breaks = [(found.t, found.order) for found in motion.breaks_to(order) if found.symbol != "W"]
     for start in range(0, len(motion.times), ROWS_PER_MOTION_PIECE):
         part = slice(start, start + ROWS_PER_MOTION_PIECE)
         t = motion.times[part]
         columns: Columns = {"t": t}
-        columns |= of_joints(motion, joints, t, order) | of_base(motion, t, order)
+        columns |= joint_columns(motion, joints, t, order) | base_columns(motion, t, order)
         if motion.samples is not None and len(motion.samples[0]) == len(motion.times):
-            columns |= {f"{x}{SAMPLE}": motion.samples[1][part, j] for j, x in enumerate(stems_of(motion, joints))}
-        yield columns | measured(motion, joints, t) | break_marks(motion, breaks, t)
+            columns |= {f"{x}{SAMPLE}": motion.samples[1][part, j] for j, x in enumerate(column_stems(motion, joints))}
+        yield columns | measured_columns(motion, joints, t) | break_marks(motion, breaks, t)
 
 
-def named(
+def named_columns(
     symbol: str, joints: Sequence[str], rates: Sequence[np.ndarray], deviations: Sequence[np.ndarray] | None
 ) -> Columns:
     """The columns ``NAME.Q, NAME.Qd, ...`` of rates (N, n), and ``NAME.Q_sd, ...`` of their standard deviations."""
-    return _of_stems([f"{name}.{symbol}" for name in joints], rates, deviations)
+    return _stem_columns([f"{name}.{symbol}" for name in joints], rates, deviations)
 
 
-def _of_stems(stems: Sequence[str], rates: Sequence[np.ndarray], deviations: Sequence[np.ndarray] | None) -> Columns:
+def _stem_columns(
+    stems: Sequence[str], rates: Sequence[np.ndarray], deviations: Sequence[np.ndarray] | None
+) -> Columns:
     found: Columns = {}
     for j, stem in enumerate(stems):
         for ending, arrays in (("", rates), (DEVIATION, deviations or ())):
@@ -50,27 +52,27 @@ def _of_stems(stems: Sequence[str], rates: Sequence[np.ndarray], deviations: Seq
     return found
 
 
-def stems_of(motion: Motion, joints: Sequence[str]) -> list[str]:
+def column_stems(motion: Motion, joints: Sequence[str]) -> list[str]:
     """What the columns of its numbers begin with, ``joint1.q`` or, of a ball, ``ankle.qx``."""
     several = {name for joint in motion.several for name in joint.names}
     return [name if name in several else f"{name}.q" for name in (motion.joint_names if several else None) or joints]
 
 
-def of_joints(motion: Motion, joints: Sequence[str], t: np.ndarray, order: int) -> Columns:
+def joint_columns(motion: Motion, joints: Sequence[str], t: np.ndarray, order: int) -> Columns:
     """The columns ``NAME.q, NAME.qd, ...`` or ``NAME.qx, NAME.qxd, ...`` of the joints, as they are read again."""
     motion(t, order)  # refuses what is not known
-    return _of_stems(stems_of(motion, joints), motion.curve.rates(t, order), motion.curve.deviations(t, order))
+    return _stem_columns(column_stems(motion, joints), motion.curve.rates(t, order), motion.curve.deviations(t, order))
 
 
-def of_base(motion: Motion, t: np.ndarray, order: int) -> Columns:
+def base_columns(motion: Motion, t: np.ndarray, order: int) -> Columns:
     """The columns ``base.x, base.xd, ..., base.qz, ...`` of the base of a motion, as they are read again."""
     if motion.base_curve is None:
         return {}
     motion.base(t, order)  # refuses what is not known
-    return _of_stems(BASE_COLUMNS, motion.base_curve.rates(t, order), motion.base_curve.deviations(t, order))
+    return _stem_columns(BASE_COLUMNS, motion.base_curve.rates(t, order), motion.base_curve.deviations(t, order))
 
 
-def about(mechanism: Mechanism, order: int) -> About:
+def table_metadata(mechanism: Mechanism, order: int) -> TableMetadata:
     """What a table of results is of: the robot, its joints, the order, and the units of columns."""
     joints = mechanism.coordinates
     data = {"version": __version__, "robot": mechanism.name, "joints": list(joints), "order": order}
@@ -79,20 +81,20 @@ def about(mechanism: Mechanism, order: int) -> About:
     if (e := mechanism.elasticity) is not None:
         of_motors = [owners[joints[j]] for j in e.joints_of_motors]
         owners |= dict(zip(motor_names(e, joints), of_motors, strict=True))
-    return About(lambda name: "s" if name == TIME else _unit(owners, name), data)
+    return TableMetadata(lambda name: "s" if name == TIME else _column_unit(owners, name), data)
 
 
-def _unit(owners: Mapping[str, str], name: str) -> str:
+def _column_unit(owners: Mapping[str, str], name: str) -> str:
     """The unit of a column ``NAME.Qd``; none where it is no quantity of a joint or motor."""
     owner, _, symbol = name.removesuffix(DEVIATION).removesuffix(SAMPLE).removesuffix(MEASURED).rpartition(".")
     rate = WRITTEN_QUANTITY.fullmatch(symbol)
     if owner not in owners or rate is None:
         return ""
     k = int(rate[2][:-1] or 1) if rate[2] else 0
-    return unit_of(rate[1], k, owners[owner])
+    return derivative_unit(rate[1], k, owners[owner])
 
 
-def measured(motion: Motion, joints: Sequence[str], t: np.ndarray) -> Columns:
+def measured_columns(motion: Motion, joints: Sequence[str], t: np.ndarray) -> Columns:
     """Measured torques at times, linear between the rows of the log: the columns ``NAME.Q_measured``."""
     if motion.torques is None:
         return {}

@@ -17,18 +17,22 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments.elasticity import ElasticParameters, with_elasticity
-from jounce.core.errors import JounceError, at, no_such, quoted
+from jounce.core.errors import JounceError, locate_errors, quote_value, unknown_name_error
 from jounce.io.entries import Entry
 from jounce.model.antagonists import AntagonisticSprings
-from jounce.model.drives import EPS
-from jounce.model.elasticity import Elasticity, Law
+from jounce.model.drives import DEFAULT_SMOOTHING_VELOCITY
+from jounce.model.elasticity import Elasticity, ElasticLaw
 from jounce.model.mechanism import Mechanism
 from jounce.model.motors import Motor
 from jounce.model.spring_table import SpringTable
 from jounce.model.springs import CubicSpring, DampedSpring, Spring
 
 ELASTIC_SECTION = "elastic"
-FRICTION_DEFAULTS = {"viscous": 0.0, "friction": 0.0, "eps": EPS}  # keys of a motor's friction, and their defaults
+FRICTION_DEFAULTS = {
+    "viscous": 0.0,
+    "friction": 0.0,
+    "eps": DEFAULT_SMOOTHING_VELOCITY,
+}  # keys of a motor's friction, and their defaults
 DEFAULT_DAMPING_TERMS = ElasticParameters().damping_terms
 SPRING_KEYS: tuple[tuple[type[CubicSpring | SpringTable], tuple[str, ...]], ...] = (
     (CubicSpring, ("k", "k3")),
@@ -44,11 +48,13 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
     found: dict[str, dict[str, Any]] = {key: {} for key in ENTRY_READERS}
     for name, entry in section.get("joints").members().items():
         if name not in mechanism.coordinates:
-            raise JounceError(f"{entry.place}: {no_such('coordinate', name, mechanism.coordinates, section.what)}")
+            raise JounceError(
+                f"{entry.place}: {unknown_name_error('coordinate', name, mechanism.coordinates, section.what)}"
+            )
         for key, value in entry.keys((), tuple(ENTRY_READERS)).members().items():
             found[key][name] = ENTRY_READERS[key](value)
     stated = {key: found[key] or None for key in ("stiffness", "rotor", "damping", "spring")}
-    with at(section.place):
+    with locate_errors(section.place):
         elastic = with_elasticity(
             mechanism,
             ElasticParameters(
@@ -67,61 +73,61 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
     return replace(elastic, elasticity=replace(e, **own))
 
 
-def _not_negative(entry: Entry) -> float:
+def _read_nonnegative(entry: Entry) -> float:
     if (number := entry.number()) < 0:
         raise entry.error("0 or more")
     return number
 
 
-def _eps(entry: Entry) -> float:
+def _read_eps(entry: Entry) -> float:
     if (number := entry.number()) <= 0:
         raise entry.error("a smoothing velocity of friction above 0")
     return number
 
 
-def _springs(entry: Entry) -> Spring | AntagonisticSprings:
+def _read_springs(entry: Entry) -> Spring | AntagonisticSprings:
     """A spring, or a list of two with a motor each."""
     if not isinstance(entry.value, list):
-        return _spring(entry)
+        return _read_spring(entry)
     if len(items := entry.items()) != 2:
         raise entry.error("a spring, or two with a motor each")
-    return AntagonisticSprings(*map(_spring, items))
+    return AntagonisticSprings(*map(_read_spring, items))
 
 
-def _spring(entry: Entry) -> Spring:
+def _read_spring(entry: Entry) -> Spring:
     """A spring by its coefficients or its table."""
     members = entry.keys((), tuple(key for _, keys in SPRING_KEYS for key in keys)).members()
     if "k" in members or "k3" in members:
         numbers = {key: x.number() for key, x in entry.keys(("k",), ("k3",)).members().items()}
-        with at(entry.place):
+        with locate_errors(entry.place):
             return CubicSpring(**numbers)
     entry.keys(("deflections", "forces"))
     columns = [[x.number() for x in members[key].items()] for key in ("deflections", "forces")]
-    with at(entry.place):
+    with locate_errors(entry.place):
         return SpringTable(*columns)
 
 
-def _motor(entry: Entry) -> Motor:
+def _read_motor(entry: Entry) -> Motor:
     given = entry.keys((), tuple(field.name for field in fields(Motor))).members()
     read: dict[str, Callable[[Entry], Any]] = {"body": Entry.text, "axis": lambda x: tuple(x.numbers((3,)).tolist())}
     numbers = {key: read.get(key, Entry.number)(x) for key, x in given.items()}
-    with at(entry.place):
+    with locate_errors(entry.place):
         return Motor(**numbers)
 
 
 ENTRY_READERS: dict[str, Callable[[Entry], Any]] = {
     "stiffness": Entry.number,
-    "spring": _springs,
-    "damping": _not_negative,
+    "spring": _read_springs,
+    "damping": _read_nonnegative,
     "rotor": Entry.number,
-    "viscous": _not_negative,
-    "friction": _not_negative,
-    "eps": _eps,
-    "motor": _motor,
+    "viscous": _read_nonnegative,
+    "friction": _read_nonnegative,
+    "eps": _read_eps,
+    "motor": _read_motor,
 }
 
 
-def section(mechanism: Mechanism) -> dict[str, Any]:
+def write_section(mechanism: Mechanism) -> dict[str, Any]:
     """Return the section of a mechanism, as plain data; empty if its joints are rigid."""
     e = mechanism.elasticity
     if e is None:
@@ -129,14 +135,14 @@ def section(mechanism: Mechanism) -> dict[str, Any]:
     terms = max((law.terms for law in e.springs if isinstance(law, DampedSpring)), default=DEFAULT_DAMPING_TERMS)
     head: dict[str, Any] = {} if e.level is None else {"coupling": e.level}
     head |= {} if terms == DEFAULT_DAMPING_TERMS else {"damping_terms": terms}
-    joints = {name: _joint(e, j, name) for j, name in enumerate(mechanism.coordinates)}
+    joints = {name: _joint_data(e, j, name) for j, name in enumerate(mechanism.coordinates)}
     return {ELASTIC_SECTION: head | {"joints": {name: said for name, said in joints.items() if said}}}
 
 
-def _joint(e: Elasticity, j: int, name: str) -> dict[str, Any]:
+def _joint_data(e: Elasticity, j: int, name: str) -> dict[str, Any]:
     """What the section says of a coordinate; nothing of a rigid joint without a rotor."""
     motor = e.motors[j] if e.motors else None
-    said = _law(e.springs[j] if e.springs else None, float(e.stiffness[j]), name)
+    said = _law_data(e.springs[j] if e.springs else None, float(e.stiffness[j]), name)
     if e.rotor[j] and (motor is None or motor.inertia is None):
         said["rotor"] = float(e.rotor[j])
     known = dict(FRICTION_DEFAULTS)
@@ -149,22 +155,22 @@ def _joint(e: Elasticity, j: int, name: str) -> dict[str, Any]:
     return said
 
 
-def _law(law: Law | None, stiffness: float, name: str) -> dict[str, Any]:
+def _law_data(law: ElasticLaw | None, stiffness: float, name: str) -> dict[str, Any]:
     """The spring and the damper of a joint."""
     if law is None:
         return {} if np.isinf(stiffness) else {"stiffness": stiffness}
     if isinstance(law, DampedSpring):
         plain = isinstance(law.spring, CubicSpring) and law.spring.k3 == 0
-        return _law(None if plain else law.spring, stiffness, name) | {"damping": law.damping}
+        return _law_data(None if plain else law.spring, stiffness, name) | {"damping": law.damping}
     if isinstance(law, AntagonisticSprings):
-        return {"spring": [_numbers(spring, name) for spring in (law.first, law.second)]}
-    return {"spring": _numbers(law, name)}
+        return {"spring": [_spring_data(spring, name) for spring in (law.first, law.second)]}
+    return {"spring": _spring_data(law, name)}
 
 
-def _numbers(spring: Spring, name: str) -> dict[str, Any]:
+def _spring_data(spring: Spring, name: str) -> dict[str, Any]:
     for kind, keys in SPRING_KEYS:
         if isinstance(spring, kind):
             found = {key: getattr(spring, key) for key in keys}
             return {key: list(x) if isinstance(x, tuple) else x for key, x in found.items()}
     cure = "save a jounce.SpringTable of it"
-    raise JounceError(f"the spring of joint {quoted(name)} is a function, which a file cannot hold; {cure}")
+    raise JounceError(f"the spring of joint {quote_value(name)} is a function, which a file cannot hold; {cure}")

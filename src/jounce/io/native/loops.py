@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from jounce.arguments.loops import loop_between, with_loops
-from jounce.core.errors import at
+from jounce.arguments.loops import build_loop, with_loops
+from jounce.core.errors import locate_errors
 from jounce.io.entries import Entry
-from jounce.model.loops import Z
+from jounce.model.loops import DEFAULT_LOOP_AXIS
 from jounce.model.mechanism import Mechanism
 
 LOOPS_SECTION, LOOP_KEYS = "loops", ("actuated", "independent", "weights", "start")
@@ -36,9 +36,12 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
         frames = [frame.text() for frame in given.get("frames").items()]
         if len(frames) != 2:
             raise given.get("frames").error("two names of frames")
-        with at(given.place):
-            joint, axis = given.get("joint", "spherical").text(), given.get("axis", list(Z)).numbers((3,))
-            loops.append(loop_between(mechanism, frames[0], frames[1], joint, axis))
+        with locate_errors(given.place):
+            joint, axis = (
+                given.get("joint", "spherical").text(),
+                given.get("axis", list(DEFAULT_LOOP_AXIS)).numbers((3,)),
+            )
+            loops.append(build_loop(mechanism, frames[0], frames[1], joint, axis))
     mechanism = replace(mechanism, loops=tuple(loops))
     if "actuated" not in robot.value:
         return mechanism
@@ -49,15 +52,15 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
             stated[key] = [name.text() for name in given.items(least=1)]
         else:
             stated[key] = {name: value.number() for name, value in given.members().items()}
-    with at(robot.get(LOOPS_SECTION).place):
+    with locate_errors(robot.get(LOOPS_SECTION).place):
         return with_loops(mechanism, coordinates=stated.pop("independent", None), **stated)
 
 
-def section(mechanism: Mechanism) -> dict[str, Any]:
+def write_section(mechanism: Mechanism) -> dict[str, Any]:
     """What a file states of the loops of a mechanism."""
     if not mechanism.loops:
         return {}
-    stated: dict[str, Any] = {LOOPS_SECTION: [_stated(loop) for loop in mechanism.loops]}
+    stated: dict[str, Any] = {LOOPS_SECTION: [_loop_data(loop) for loop in mechanism.loops]}
     c = mechanism.closure
     if c is None:
         return stated
@@ -70,7 +73,7 @@ def section(mechanism: Mechanism) -> dict[str, Any]:
     return stated | {"start": dict(zip(c.coordinates, c.start.tolist(), strict=True))}
 
 
-def _stated(loop: Any) -> dict[str, Any]:
+def _loop_data(loop: Any) -> dict[str, Any]:
     joint = {} if loop.joint == "spherical" else {"joint": loop.joint}
     axis = {} if loop.joint in ("spherical", "fixed") else {"axis": loop.axis.tolist()}
     return {"frames": [loop.a.name, loop.b.name], **joint, **axis}

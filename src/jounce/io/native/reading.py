@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce.core.errors import JounceError, at, no_such, quoted
+from jounce.core.errors import JounceError, locate_errors, quote_value, unknown_name_error
 from jounce.io.entries import Entry
-from jounce.io.native import BASE_KEY, GROUND_NAME, elastic, loops, parts
+from jounce.io.native import BASE_KEY, GROUND_NAME, body_entries, elastic, loops
 from jounce.model.drives import UNDRIVEN
 from jounce.model.frame import Frame
 from jounce.model.mechanism import GRAVITY, Mechanism
 from jounce.model.screws import from_screws
-from jounce.model.stated import limits_of_joints
+from jounce.model.stated_limits import limits_of_joints
 
 Index = Mapping[str, int]  # names and their places in a row
 Variable = tuple[str, np.ndarray, Entry]  # of a joint: its name, its screw, and what states its limits and drive
@@ -22,7 +22,7 @@ def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mecha
     """The mechanism of a file's content, under its own gravity unless another is given; ``base="fixed"`` welds it."""
     optional = ("name", "gravity", BASE_KEY, "coordinates", "frames", "limits_of", elastic.ELASTIC_SECTION)
     robot.keys(("units", "bodies"), (*optional, loops.LOOPS_SECTION, *loops.LOOP_KEYS))
-    parts.check_units(robot)
+    body_entries.check_units(robot)
     own = robot.get("gravity", list(GRAVITY)).numbers((3,))
     listed = robot.get("bodies").items(least=1)
     bodies = [_named_entry("body", body.keys(("name", "parent", "joint"), ("pose", "inertia"))) for body in listed]
@@ -30,24 +30,28 @@ def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mecha
     frames = [
         _named_entry("frame", frame.keys(("name", "body"), ("pose",))) for frame in robot.get("frames", []).items()
     ]
-    stated = _base(robot, base)
+    stated = _read_base(robot, base)
     names = _distinct_names(bodies)
     _distinct_names(joints)
-    variables = [parts.variables(joint) for joint in joints]
+    variables = [body_entries.variables(joint) for joint in joints]
     _distinct_names([*stated, *bodies, *frames])
     if GROUND_NAME in names:
         raise bodies[names[GROUND_NAME]].get("name").error("another name: it denotes the ground")
     places = {stated[0].get("name").value if stated else GROUND_NAME: -1, **names}
     floats = bool(stated) and base != "fixed"
-    built = _build(robot, stated, floats, bodies, joints, variables, places, own if gravity is None else gravity)
-    placed = [Frame(f.get("name").value, _carrier(f.get("body"), places) + floats, parts.pose(f)) for f in frames]
+    built = _build_mechanism(
+        robot, stated, floats, bodies, joints, variables, places, own if gravity is None else gravity
+    )
+    placed = [
+        Frame(f.get("name").value, _carrier_index(f.get("body"), places) + floats, body_entries.pose(f)) for f in frames
+    ]
     if stated and not floats:
         placed = [Frame(next(iter(places)), -1, np.eye(4)), *placed]
     tree = replace(built, joints=tuple(name for own in variables for name, *_ in own), frames=tuple(placed))
     return elastic.read(robot, loops.read(robot, tree))
 
 
-def _base(robot: Entry, base: str | None) -> list[Entry]:
+def _read_base(robot: Entry, base: str | None) -> list[Entry]:
     """The base that a file states, if it does; raise if it is to float and the file states none."""
     if BASE_KEY not in robot.value:
         if base == "floating":
@@ -60,7 +64,7 @@ def _base(robot: Entry, base: str | None) -> list[Entry]:
     return [stated]
 
 
-def _build(
+def _build_mechanism(
     robot: Entry,
     base: Sequence[Entry],
     floats: bool,
@@ -71,18 +75,21 @@ def _build(
     gravity: object,
 ) -> Mechanism:
     """The mechanism of bodies on joints, but for the names of joints and for frames."""
-    parent = [_carrier(body.get("parent"), places, i) for i, body in enumerate(bodies)]
+    parent = [_carrier_index(body.get("parent"), places, i) for i, body in enumerate(bodies)]
     each = [(joint, *variable) for joint, own in zip(joints, variables, strict=True) for variable in own]
     coordinates = _coordinates(robot, each)
     G, g = _coupling(each, coordinates)
     for coordinate, column in zip(coordinates, G.T, strict=True):
         if not column.any():
-            raise robot.get("coordinates").error(f"a joint that moves with {quoted(coordinate)}")
-    limits, drives = [parts.limits(stated) for *_, stated in each], [parts.drive(stated) for *_, stated in each]
-    name, M = robot.get("name", robot.path.stem).text(), [parts.inertia(body) for body in bodies]
-    B = [parts.pose(body) for body in bodies]
-    with at(robot.path):
-        M_base = parts.inertia(base[0]) if base else None
+            raise robot.get("coordinates").error(f"a joint that moves with {quote_value(coordinate)}")
+    limits, drives = (
+        [body_entries.limits(stated) for *_, stated in each],
+        [body_entries.drive(stated) for *_, stated in each],
+    )
+    name, M = robot.get("name", robot.path.stem).text(), [body_entries.inertia(body) for body in bodies]
+    B = [body_entries.pose(body) for body in bodies]
+    with locate_errors(robot.path):
+        M_base = body_entries.inertia(base[0]) if base else None
         return from_screws(
             np.stack(B),
             np.stack([x for _, _, x, _ in each]),
@@ -94,7 +101,7 @@ def _build(
             owners=[i for i, own in enumerate(variables) for _ in own],
             G=G,
             g=g,
-            limits=limits_of_joints(limits, parts.without_gravity(robot)),
+            limits=limits_of_joints(limits, body_entries.limits_without_gravity(robot)),
             drives={key: [one[key] for one in drives] for key in UNDRIVEN},
             base=M_base if floats else None,
             base_name=next(iter(places)),
@@ -104,7 +111,7 @@ def _build(
 
 def _named_entry(kind: str, entry: Entry) -> Entry:
     """An entry, called in messages by the name it has."""
-    return entry.named(f"{kind} {quoted(entry.need('name').text())}")
+    return entry.named(f"{kind} {quote_value(entry.need('name').text())}")
 
 
 def _distinct_names(named: Sequence[Entry]) -> Index:
@@ -118,12 +125,12 @@ def _distinct_names(named: Sequence[Entry]) -> Index:
     return {name: i for i, name in enumerate(places)}
 
 
-def _carrier(entry: Entry, places: Index, before: int | None = None) -> int:
+def _carrier_index(entry: Entry, places: Index, before: int | None = None) -> int:
     """The index of the body that an entry names, which must be one of the first `before`; -1 is the ground or base."""
     name = entry.text()
     if name not in places:
         floats = "" if GROUND_NAME in places else "the robot floats: "
-        raise JounceError(f"{entry.place}: {entry.what}: {floats}{no_such('body', name, places)}")
+        raise JounceError(f"{entry.place}: {entry.what}: {floats}{unknown_name_error('body', name, places)}")
     if before is not None and places[name] >= before:
         raise entry.error(f"{'the ground' if GROUND_NAME in places else 'the base'} or a body above")
     return places[name]
@@ -157,7 +164,9 @@ def _coupling(variables: Sequence[tuple[Entry, *Variable]], coordinates: Index) 
         follows = joint.get("follows").keys(("coordinates",), ("offset",))
         for name, factor in follows.get("coordinates").members().items():
             if name not in coordinates:
-                raise JounceError(f"{factor.place}: {joint.what}: {no_such('coordinate', name, coordinates)}")
+                raise JounceError(
+                    f"{factor.place}: {joint.what}: {unknown_name_error('coordinate', name, coordinates)}"
+                )
             G[i, coordinates[name]] = factor.number()
         g[i] = follows.get("offset", 0).number()
     return G, g

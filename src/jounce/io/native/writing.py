@@ -8,23 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed, quoted
+from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.scalars import is_symbolic
-from jounce.io.native import BASE_KEY, FILE_UNITS, GROUND_NAME, elastic, loops, parts
+from jounce.io.native import BASE_KEY, FILE_UNITS, GROUND_NAME, body_entries, elastic, loops
 from jounce.model.drives import UNDRIVEN
-from jounce.model.kinds import FORCES
+from jounce.model.limit_kinds import BOUNDED_FORCES
 from jounce.model.mechanism import Mechanism, body_name
-from jounce.model.positions import Position, positions
-from jounce.spatial.inertia import inertia_matrix, moments, symmetric
+from jounce.model.positions import Position, multiscrew_joints
+from jounce.spatial.inertia import inertia_matrix, moments, symmetric_matrix
 from jounce.spatial.lie import hat, portable_product
 
 
-def yaml(mechanism: Mechanism) -> str:
+def yaml_text(mechanism: Mechanism) -> str:
     """The YAML text of a mechanism."""
-    return yaml_of(document(mechanism))
+    return dump_yaml(document(mechanism))
 
 
-def yaml_of(data: dict[str, Any], flow: bool | None = None) -> str:
+def dump_yaml(data: dict[str, Any], flow: bool | None = None) -> str:
     """The YAML text of plain data: vectors, rows and short mappings on one line each, or, with `flow` False, none."""
     from ruamel.yaml import YAML
 
@@ -38,47 +38,47 @@ def yaml_of(data: dict[str, Any], flow: bool | None = None) -> str:
     return text.getvalue()
 
 
-def as_json(mechanism: Mechanism) -> str:
+def json_text(mechanism: Mechanism) -> str:
     """The JSON text of a mechanism."""
-    return json_of(document(mechanism))
+    return dump_json(document(mechanism))
 
 
-def json_of(data: dict[str, Any]) -> str:
+def dump_json(data: dict[str, Any]) -> str:
     """The JSON text of plain data."""
     return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def document(mechanism: Mechanism) -> dict[str, Any]:
     """Return the content of the file of a mechanism of numbers, as plain data."""
-    _check(mechanism)
-    stated = loops.section(mechanism) | elastic.section(mechanism)
+    _check_writable(mechanism)
+    stated = loops.write_section(mechanism) | elastic.write_section(mechanism)
     mechanism = mechanism.tree
-    joints = {i: _joint(mechanism, i) for i in range(mechanism.floats, mechanism.nb)}
+    joints = {i: _joint_data(mechanism, i) for i in range(mechanism.floats, mechanism.nb)}
     free = [mechanism.joints[j] for i, joint in joints.items() if "follows" not in joint for j in mechanism.columns[i]]
     frames = [
-        {"name": f.name, "body": body_name(mechanism, f.body, GROUND_NAME), **_pose(f.T)} for f in mechanism.frames
+        {"name": f.name, "body": body_name(mechanism, f.body, GROUND_NAME), **_pose_data(f.T)} for f in mechanism.frames
     ]
     bodies = [
         {
             "name": mechanism.bodies[i],
             "parent": body_name(mechanism, mechanism.parent[i], GROUND_NAME),
-            **_pose(mechanism.B[i]),
+            **_pose_data(mechanism.B[i]),
             "joint": joints[i],
-            **_inertia(mechanism.M[i]),
+            **_inertia_data(mechanism.M[i]),
         }
         for i in joints
     ]
     coordinates = {} if free == list(mechanism.coordinates) else {"coordinates": list(mechanism.coordinates)}
-    head: dict[str, Any] = {"name": mechanism.name, "units": FILE_UNITS, "gravity": _plain(mechanism.gravity)}
-    head |= {BASE_KEY: {"name": mechanism.bodies[0], **_inertia(mechanism.M[0])}} if mechanism.floats else {}
+    head: dict[str, Any] = {"name": mechanism.name, "units": FILE_UNITS, "gravity": _plain_numbers(mechanism.gravity)}
+    head |= {BASE_KEY: {"name": mechanism.bodies[0], **_inertia_data(mechanism.M[0])}} if mechanism.floats else {}
     head |= {"bodies": bodies}
-    of = {"limits_of": dict.fromkeys(mechanism.limits.without_gravity, FORCES[1])}
+    of = {"limits_of": dict.fromkeys(mechanism.limits.without_gravity, BOUNDED_FORCES[1])}
     end = {"frames": frames} if frames else {}
     return head | coordinates | end | (of if of["limits_of"] else {}) | stated
 
 
-def _check(mechanism: Mechanism) -> None:
-    robot = f"robot {quoted(mechanism.name)}"
+def _check_writable(mechanism: Mechanism) -> None:
+    robot = f"robot {quote_value(mechanism.name)}"
     symbolic = [name for name, array in mechanism.arrays.items() if is_symbolic(array)]
     if symbolic:
         raise JounceError(f"{robot} contains symbols in {', '.join(symbolic)}; a robot file needs numbers")
@@ -89,47 +89,47 @@ def _check(mechanism: Mechanism) -> None:
         raise JounceError(f"a body is named {GROUND_NAME!r}, which denotes the ground in a file; rename the body")
 
 
-def _plain(x: Any) -> Any:
+def _plain_numbers(x: Any) -> Any:
     """The numbers of an array in lists, whole ones as integers."""
     if x is None:
         return None
     if np.ndim(x):
-        return [_plain(row) for row in x]
+        return [_plain_numbers(row) for row in x]
     return int(x) if float(x).is_integer() and abs(x) < 1e15 else float(x)
 
 
-def _pose(T: np.ndarray) -> dict[str, Any]:
-    said = {"position": _plain(T[:3, 3])} if T[:3, 3].any() else {}
+def _pose_data(T: np.ndarray) -> dict[str, Any]:
+    said = {"position": _plain_numbers(T[:3, 3])} if T[:3, 3].any() else {}
     if np.any(T[:3, :3] != np.eye(3)):
-        said["rotation"] = _plain(T[:3, :3])
+        said["rotation"] = _plain_numbers(T[:3, :3])
     return {"pose": said} if said else {}
 
 
-def _joint(mechanism: Mechanism, i: int) -> dict[str, Any]:
+def _joint_data(mechanism: Mechanism, i: int) -> dict[str, Any]:
     """The joint of a body."""
-    if i in (several := positions(mechanism)):
-        return _several(mechanism, i, several[i])
+    if i in (several := multiscrew_joints(mechanism)):
+        return _free_joint_data(mechanism, i, several[i])
     [j] = mechanism.columns[i]
-    said = {"name": mechanism.joints[j], **_screw(mechanism.X[j]), **_limits_and_drive(mechanism, j)}
+    said = {"name": mechanism.joints[j], **_screw_data(mechanism.X[j]), **_limits_and_drive(mechanism, j)}
     row, offset, names = mechanism.G[j], mechanism.g[j], mechanism.coordinates
     if offset or [(names[k], row[k]) for k in np.flatnonzero(row)] != [(mechanism.joints[j], 1)]:
-        said["follows"] = {"coordinates": {names[k]: _plain(row[k]) for k in np.flatnonzero(row)}}
-        said["follows"] |= {"offset": _plain(offset)} if offset else {}
+        said["follows"] = {"coordinates": {names[k]: _plain_numbers(row[k]) for k in np.flatnonzero(row)}}
+        said["follows"] |= {"offset": _plain_numbers(offset)} if offset else {}
     return said
 
 
-def _several(mechanism: Mechanism, i: int, joint: Position) -> dict[str, Any]:
+def _free_joint_data(mechanism: Mechanism, i: int, joint: Position) -> dict[str, Any]:
     """A joint of several screws, by the point that its axes pass through, or by its screws."""
     own, X, point = list(mechanism.columns[i]), mechanism.X[list(mechanism.columns[i])], np.asarray(joint.T)[:3, 3]
     names = [f"{joint.name}.{velocity}" for velocity in joint.group.velocities]
     if names != (stated := [mechanism.joints[j] for j in own]):
-        came = f"the variables of a {joint.group.name} joint are {listed(stated)}"
-        raise JounceError(f"{came}; a file has {listed(names)}")
+        came = f"the variables of a {joint.group.name} joint are {join_names(stated)}"
+        raise JounceError(f"{came}; a file has {join_names(names)}")
     said: dict[str, Any] = {"name": joint.name, "type": joint.group.name}
-    if not np.array_equal(parts.placed(joint.group, point), X):
-        said["screws"] = _plain(X)
+    if not np.array_equal(body_entries.place_screws(joint.group, point), X):
+        said["screws"] = _plain_numbers(X)
     elif point.any():
-        said["point"] = _plain(point)
+        said["point"] = _plain_numbers(point)
     of = {v: _limits_and_drive(mechanism, j) for v, j in zip(joint.group.velocities, own, strict=True)}
     of = {v: stated for v, stated in of.items() if stated}
     return said | ({"velocities": of} if of else {})
@@ -139,41 +139,48 @@ def _limits_and_drive(mechanism: Mechanism, j: int) -> dict[str, Any]:
     said: dict[str, Any] = {}
     drives = {key: array[j] for key, array in vars(mechanism.drives).items() if array[j] != UNDRIVEN[key]}
     for what, stated in (("limits", mechanism.limits.stated(j)), ("drive", drives)):
-        said |= {what: {key: _plain(x) for key, x in stated.items()}} if stated else {}
+        said |= {what: {key: _plain_numbers(x) for key, x in stated.items()}} if stated else {}
     return said
 
 
-def _screw(X: np.ndarray) -> dict[str, Any]:
+def _screw_data(X: np.ndarray) -> dict[str, Any]:
     """A screw by its axis, the point of the axis nearest the origin and the pitch, or by its numbers."""
     xi, eta = X[:3], X[3:]
     if not xi.any():
-        return {"type": "prismatic", "axis": _plain(eta)}
+        return {"type": "prismatic", "axis": _plain_numbers(eta)}
     point, pitch = np.cross(xi, eta), xi @ eta
     for kind, h in (("revolute", 0.0), ("helical", pitch)):
-        if np.array_equal(parts.along(kind, xi, point, h), X):
-            foot = {"point": _plain(point)} if point.any() else {}
-            return {"type": kind, "axis": _plain(xi), **foot, **({"pitch": _plain(h)} if kind == "helical" else {})}
-    return {"screw": _plain(X)}
+        if np.array_equal(body_entries.axis_screw(kind, xi, point, h), X):
+            foot = {"point": _plain_numbers(point)} if point.any() else {}
+            return {
+                "type": kind,
+                "axis": _plain_numbers(xi),
+                **foot,
+                **({"pitch": _plain_numbers(h)} if kind == "helical" else {}),
+            }
+    return {"screw": _plain_numbers(X)}
 
 
 @np.errstate(all="ignore")  # numbers too large to divide or square are written as the matrix
-def _inertia(M: np.ndarray) -> dict[str, Any]:
+def _inertia_data(M: np.ndarray) -> dict[str, Any]:
     """An inertia about the COM in as few digits as give the same matrix, or the matrix."""
     if not M.any():
         return {}
     m, h, _ = moments(M)
     mass, h = m[0, 0], h[:, 0]
-    com = _shortest(h / mass if mass else h, lambda c: np.array_equal(c * mass, h))
+    com = _round_to_fit(h / mass if mass else h, lambda c: np.array_equal(c * mass, h))
     if com is not None:
         theta = M[:3, :3] + mass * portable_product(hat(com), hat(com))
         six = theta[np.triu_indices(3)]
-        about = _shortest(six, lambda x: np.array_equal(inertia_matrix(mass, com, symmetric(x)), M))
+        about = _round_to_fit(six, lambda x: np.array_equal(inertia_matrix(mass, com, symmetric_matrix(x)), M))
         if about is not None:
-            return {"inertia": {"mass": _plain(mass), "com": _plain(com), "inertia": _plain(about)}}
-    return {"inertia": {"matrix": _plain(M)}}
+            return {
+                "inertia": {"mass": _plain_numbers(mass), "com": _plain_numbers(com), "inertia": _plain_numbers(about)}
+            }
+    return {"inertia": {"matrix": _plain_numbers(M)}}
 
 
-def _shortest(numbers: np.ndarray, fit: Callable[[np.ndarray], bool]) -> np.ndarray | None:
+def _round_to_fit(numbers: np.ndarray, fit: Callable[[np.ndarray], bool]) -> np.ndarray | None:
     """The numbers to as few decimals as fit, or with all their digits, or None where even these do not."""
     if not np.isfinite(numbers).all():
         return None

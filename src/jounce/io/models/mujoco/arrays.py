@@ -34,7 +34,7 @@ NEWER_ARRAYS = (  # arrays that MuJoCo 3.3 does not have: nothing where they are
 
 
 @dataclass(frozen=True, eq=False)
-class Arrays:
+class ModelArrays:
     """The arrays of a model by MuJoCo's names, and the names of its parts."""
 
     values: Mapping[str, np.ndarray]
@@ -59,7 +59,7 @@ class Arrays:
         return lie.pose(lie.from_quaternion(self[quaternion][i]), self[position][i][:, None])
 
 
-def arrays(model: Any, file: Path | None, what: str = "from_mujoco()") -> Arrays:
+def read_arrays(model: Any, file: Path | None, what: str = "from_mujoco()") -> ModelArrays:
     """Return the arrays of a model; raise `JounceError`, naming `file`, if it is not a model or not finite."""
     try:
         values = {name: np.asarray(getattr(model, name)) for name in REQUIRED_ARRAYS}
@@ -68,10 +68,12 @@ def arrays(model: Any, file: Path | None, what: str = "from_mujoco()") -> Arrays
         came = f"{type(model).__name__}, which has no {error.name!r}"
         raise JounceError(f"{what} expects a mujoco.MjModel, got {came}") from None
     values |= {name: np.asarray(getattr(model, name, 0.0)) for name in NEWER_ARRAYS}
-    name = _text(texts, 0)
+    name = _read_text(texts, 0)
     name = file.stem if file and name == UNNAMED else name
-    bodies, joints, sites = ([_text(texts, at) for at in values[f"name_{kind}adr"]] for kind in ("body", "jnt", "site"))
-    found = Arrays(
+    bodies, joints, sites = (
+        [_read_text(texts, at) for at in values[f"name_{kind}adr"]] for kind in ("body", "jnt", "site")
+    )
+    found = ModelArrays(
         values=values,
         name=name,
         place=f"model {name!r}" if file is None else str(file),
@@ -82,25 +84,25 @@ def arrays(model: Any, file: Path | None, what: str = "from_mujoco()") -> Arrays
         fluid=bool(option.density or option.viscosity),
         off=_disabled_flags(int(option.disableflags)),
     )
-    _check(found)
+    _check_finite(found)
     return found
 
 
-def distinct(name: str, taken: set[str]) -> str:
+def make_distinct(name: str, taken: set[str]) -> str:
     """The name, with a number behind it where it is taken; from then on it is."""
     free = name if name not in taken else next(x for i in count(2) if (x := f"{name}_{i}") not in taken)
     taken.add(free)
     return free
 
 
-def _text(texts: bytes, at: int) -> str:
+def _read_text(texts: bytes, at: int) -> str:
     return texts[at : texts.index(b"\0", at)].decode(errors="replace")
 
 
 def _fill_names(given: list[str], stem: str, first: int) -> tuple[str, ...]:
     """The names, those that are missing made of a stem and a number."""
     taken = set(given)
-    return tuple(name or distinct(f"{stem}{i}", taken) for i, name in enumerate(given, first))
+    return tuple(name or make_distinct(f"{stem}{i}", taken) for i, name in enumerate(given, first))
 
 
 def _disabled_flags(flags: int) -> frozenset[str]:
@@ -112,7 +114,7 @@ def _disabled_flags(flags: int) -> frozenset[str]:
     return frozenset(name.removeprefix("mjDSBL_") for name, bit in said if flags & int(bit))
 
 
-def _check(found: Arrays) -> None:
+def _check_finite(found: ModelArrays) -> None:
     called = {"body": found.bodies, "joint": found.joints, "site": found.sites}
     for kind, names in FINITE_ARRAYS.items():
         for name in names:

@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce.arguments.loops import loop_between, with_loops
+from jounce.arguments.loops import build_loop, with_loops
 from jounce.core.errors import JounceError, warn
-from jounce.io.models.mujoco.arrays import Arrays, distinct
+from jounce.io.models.mujoco.arrays import ModelArrays, make_distinct
 from jounce.io.models.mujoco.joints import JOINT_TRANSMISSION_TYPES, moves_along_one_screw
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import check_single, positions
+from jounce.model.positions import check_single_screws, multiscrew_joints
 from jounce.model.tree import Mimic
 from jounce.spatial import lie
 
@@ -26,7 +26,7 @@ CUT_JOINTS = {0: "spherical", 1: "fixed"}  # by mujoco.mjtEq: connect and weld
 SITE_OBJECT_TYPE = 6  # mujoco.mjtObj
 
 
-class End(NamedTuple):
+class LoopEnd(NamedTuple):
     """One end of a loop: the name of its frame, the body that carries it, and its pose there."""
 
     frame: str
@@ -34,19 +34,19 @@ class End(NamedTuple):
     T: np.ndarray
 
 
-class Tie(NamedTuple):
+class LoopTie(NamedTuple):
     """Two ends that a constraint ties, and the joint between them."""
 
-    a: End
-    b: End
+    a: LoopEnd
+    b: LoopEnd
     joint: str
 
 
-def mimics(m: Arrays) -> dict[int, Mimic]:
+def find_mimics(m: ModelArrays) -> dict[int, Mimic]:
     """Map joints to those that they follow, by index; those that form a cycle or tie a joint twice are ignored."""
     leaders: dict[int, int] = {}
     found: dict[int, Mimic] = {}
-    for k in active(m):
+    for k in active_constraints(m):
         i, leader, law = m["eq_obj1id"][k], m["eq_obj2id"][k], m["eq_data"][k]
         if m["eq_type"][k] != JOINT_EQUALITY_TYPE or leader < 0 or law[2:5].any() or i in leaders:
             continue
@@ -58,7 +58,7 @@ def mimics(m: Arrays) -> dict[int, Mimic]:
     return found
 
 
-def active(m: Arrays) -> list[int]:
+def active_constraints(m: ModelArrays) -> list[int]:
     """Return the active equality constraints."""
     return [int(k) for k in np.flatnonzero(m["eq_active0"])] if m.acts("EQUALITY", "CONSTRAINT") else []
 
@@ -70,9 +70,9 @@ def _leads_to(joint: int, end: int, leaders: dict[int, int]) -> bool:
     return joint == end
 
 
-def ties(m: Arrays, active: Sequence[int], taken: set[str]) -> list[Tie]:
+def find_ties(m: ModelArrays, active: Sequence[int], taken: set[str]) -> list[LoopTie]:
     """The loops among the active equality constraints; their frames take names that are free."""
-    found: list[Tie] = []
+    found: list[LoopTie] = []
     for k in active:
         joint = CUT_JOINTS.get(int(m["eq_type"][k]))
         if joint is None:
@@ -82,12 +82,12 @@ def ties(m: Arrays, active: Sequence[int], taken: set[str]) -> list[Tie]:
             placed = [(m.bodies[m["site_bodyid"][i]], m.pose("site_pos", "site_quat", i)) for i in places]
         else:
             placed = list(zip([m.bodies[i] for i in places], _anchors(m, k, joint), strict=True))
-        a, b = (End(distinct(f"loop{len(found)}:{body}", taken), body, T) for body, T in placed)
-        found.append(Tie(a, b, joint))
+        a, b = (LoopEnd(make_distinct(f"loop{len(found)}:{body}", taken), body, T) for body, T in placed)
+        found.append(LoopTie(a, b, joint))
     return found
 
 
-def _anchors(m: Arrays, k: int, joint: str) -> list[np.ndarray]:
+def _anchors(m: ModelArrays, k: int, joint: str) -> list[np.ndarray]:
     """The frames on two bodies: the anchors of a connection, or that of a weld and where it is to be."""
     data = m["eq_data"][k]
     at = [lie.pose(np.eye(3), data[3 * i : 3 * i + 3, None]) for i in range(2)]
@@ -97,20 +97,20 @@ def _anchors(m: Arrays, k: int, joint: str) -> list[np.ndarray]:
     return at
 
 
-def close(m: Arrays, mechanism: Mechanism, tied: Sequence[Tie]) -> Mechanism:
+def close_ties(m: ModelArrays, mechanism: Mechanism, tied: Sequence[LoopTie]) -> Mechanism:
     """The mechanism with its loops closed; they stay open if the joints with actuators do not determine the motion."""
     loops = []
     for tie in tied:
         if {tie.a.frame, tie.b.frame} <= set(mechanism.frame_names):
             with suppress(JounceError):  # between bodies that are welded to each other
-                loops.append(loop_between(mechanism, tie.a.frame, tie.b.frame, tie.joint))
+                loops.append(build_loop(mechanism, tie.a.frame, tie.b.frame, tie.joint))
     if not loops:
         return mechanism
     mechanism = replace(mechanism, loops=tuple(loops))
     driven = m["actuator_trnid"][np.isin(m["actuator_trntype"], JOINT_TRANSMISSION_TYPES), 0]
     motors = [name for name in mechanism.coordinates if name in {m.joints[j] for j in driven}]
     try:
-        check_single(mechanism, "closed loops")
+        check_single_screws(mechanism, "closed loops")
         start: Mapping[str, float] = {
             name: float(m["qpos0"][m["jnt_qposadr"][m.joints.index(name)]]) for name in mechanism.coordinates
         }
@@ -118,6 +118,6 @@ def close(m: Arrays, mechanism: Mechanism, tied: Sequence[Tie]) -> Mechanism:
             raise JounceError("no joint has an actuator")
         return with_loops(mechanism, actuated=motors, start=start)
     except JounceError as error:
-        cure = "" if positions(mechanism) else ", robot.closed(actuated=[...]) closes them"
+        cure = "" if multiscrew_joints(mechanism) else ", robot.closed(actuated=[...]) closes them"
         warn(f"{m.place}: its loops stay open{cure}: {error}")
         return mechanism

@@ -5,14 +5,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from jounce.core.errors import JounceError, listed, no_such, quoted
+from jounce.core.errors import JounceError, join_names, quote_value, unknown_name_error
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import several_positions, whole_position_count
+from jounce.model.positions import list_multiscrew_joints, whole_position_count
 from jounce.spatial.groups import Group
 
 
 @dataclass(frozen=True)
-class Place:
+class JointPlace:
     """The index of a joint's coordinate in q and v; a joint that turns freely has a cosine and a sine in q."""
 
     q: int
@@ -21,7 +21,7 @@ class Place:
 
 
 @dataclass(frozen=True, eq=False)
-class FreeJoint:
+class FreeJointPlace:
     """A joint of several screws: where jounce's numbers of it stand in q, and its velocities in v.
 
     Of one that may carry a base also where it stands on the ground, and the frames that it moves; T is the base's.
@@ -46,21 +46,21 @@ class ModelLayout:
     nq: int
     nv: int
     rest: np.ndarray  # q of joints that a robot does not have
-    places: Mapping[str, Place]
-    free: Mapping[str, FreeJoint]
+    places: Mapping[str, JointPlace]
+    free: Mapping[str, FreeJointPlace]
     carries: Mapping[str, frozenset[str]]  # bodies, frames and joints beyond each joint, of all kinds
 
 
 @dataclass(frozen=True, eq=False)
-class Match:
+class LayoutMatch:
     """The joints of a robot in a model: indices with their places, and those of several screws, that of a base first.
 
     Their numbers stand in a whole q of nq numbers, their velocities among nv.
     """
 
     nq: int
-    joints: Mapping[int, Place]
-    several: Sequence[tuple[FreeJoint, slice, slice]]
+    joints: Mapping[int, JointPlace]
+    several: Sequence[tuple[FreeJointPlace, slice, slice]]
 
     @property
     def in_world(self) -> bool:
@@ -68,47 +68,47 @@ class Match:
         return any(joint.in_world for joint, *_ in self.several)
 
 
-def match(mechanism: Mechanism, layout: ModelLayout) -> Match:
+def match_joints(mechanism: Mechanism, layout: ModelLayout) -> LayoutMatch:
     """Return the joints of a robot in a model; raise unless all that move its bodies are joints of both."""
     if mechanism.closure:
         raise JounceError(
-            f"{quoted(mechanism.name)} has closed loops, {layout.what} has the joints of its tree; convert states of"
-            " jounce.Robot(robot.mechanism.tree), whose q the closed robot takes as it is"
+            f"{quote_value(mechanism.name)} has closed loops, {layout.what} has the joints of its tree; convert states"
+            " of jounce.Robot(robot.mechanism.tree), whose q the closed robot takes as it is"
         )
     joints = {i: layout.places[name] for i, name in enumerate(mechanism.joints) if name in layout.places}
-    own = several_positions(mechanism)
+    own = list_multiscrew_joints(mechanism)
     of_several = [name for x in own for name in mechanism.coordinates[x.coordinates]]
     for name in mechanism.coordinates:
         if name not in of_several and (name not in mechanism.joints or name not in layout.places):
-            raise no_such("joint", name, layout.places, layout.what)
+            raise unknown_name_error("joint", name, layout.places, layout.what)
     for x in own:
         if layout.free.get(x.name) is None or layout.free[x.name].group is not x.group:
             kind = {name: None for name, joint in layout.free.items() if joint.group is x.group}
-            raise no_such(f"{x.group.name} joint", x.name, kind, layout.what)
+            raise unknown_name_error(f"{x.group.name} joint", x.name, kind, layout.what)
     base = _carrier_of_base(mechanism, layout) if mechanism.floats else None
     names = {*mechanism.joints, *(x.name for x in own)}
     known = {*mechanism.frame_names, *names}
     for name, carried in layout.carries.items():
         ours = name in names or (base is not None and layout.free.get(name) is base)
         if not ours and (moved := sorted(carried & known)):
-            held = f"joint {quoted(name)} moves {listed(moved, most=3)}, which this robot holds"
+            held = f"joint {quote_value(name)} moves {join_names(moved, most=3)}, which this robot holds"
             floats = "; load it with base='floating'" if name in layout.free and not mechanism.floats else ""
             raise JounceError(f"{layout.what}: {held}{floats or '; expected a model of the same joints'}")
     at, first = 7 * mechanism.floats, 6 * mechanism.floats
     carrier = [] if base is None else [(replace(base, T=base.moved[mechanism.bodies[0]]), slice(0, 7), slice(0, 6))]
-    several = [(layout.free[x.name], _behind(x.numbers, at), _behind(x.coordinates, first)) for x in own]
-    return Match(whole_position_count(mechanism), joints, carrier + several)
+    several = [(layout.free[x.name], _shift_slice(x.numbers, at), _shift_slice(x.coordinates, first)) for x in own]
+    return LayoutMatch(whole_position_count(mechanism), joints, carrier + several)
 
 
-def _behind(own: slice, count: int) -> slice:
+def _shift_slice(own: slice, count: int) -> slice:
     return slice(own.start + count, own.stop + count)
 
 
-def _carrier_of_base(mechanism: Mechanism, layout: ModelLayout) -> FreeJoint:
+def _carrier_of_base(mechanism: Mechanism, layout: ModelLayout) -> FreeJointPlace:
     base = mechanism.bodies[0]
     for joint in layout.free.values():
         if base in joint.moved:
             return joint
-    some = listed(name for joint in layout.free.values() for name in joint.moved) or "none"
-    came = f"no floating joint moves {quoted(base)}, the base of {quoted(mechanism.name)}"
+    some = join_names(name for joint in layout.free.values() for name in joint.moved) or "none"
+    came = f"no floating joint moves {quote_value(base)}, the base of {quote_value(mechanism.name)}"
     raise JounceError(f"{layout.what}: {came}; links on floating joints: {some}")

@@ -1,0 +1,225 @@
+"""What a report is about: a robot along a motion, with all that its panels draw and list, computed once.
+
+Its joints are the coordinates of the robot, and where loops are closed those that follow them too.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from jounce._report.meshes import Meshes, meshes_of
+from jounce.actuators.along import motors_along
+from jounce.core.errors import JounceError
+from jounce.dynamics.joint_springs import elasticity_of
+from jounce.engine.along import Q_RATE_ORDER, Along, forces_along
+from jounce.engine.closed_path import continue_positions, name_errors_by_time, with_tree_positions
+from jounce.engine.dispatch import compute
+from jounce.engine.engine import Engine
+from jounce.engine.generic_methods import as_tuple
+from jounce.limits.check import Check, check
+from jounce.limits.joints import (
+    drives_coordinates,
+    effort_quantity,
+    joint_limits,
+    joint_names,
+    joint_rates,
+    joint_units,
+)
+from jounce.limits.limited_motion import known_kinds
+from jounce.limits.samples import limited_values
+from jounce.limits.slowdown import Slowdown, slowdown
+from jounce.model.limit_kinds import BOUNDED_FORCES, EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS
+from jounce.model.limits import Limits
+from jounce.model.mechanism import Mechanism
+from jounce.motion.motion import Motion
+from jounce.spatial.series import rate_name
+
+MAX_REPORT_ORDER = 2  # rate of Q that is drawn
+# Times at which the cursor can stand, without those of worst values and breaks: a slider has no more pixels.
+MAX_REPORT_FRAMES, MIN_REPORT_FRAMES = 1000, 200
+MAX_CURSOR_VALUES = 60_000  # of all frames together: they are stored exactly, and are most of the page
+MAX_SLOWDOWN_STATES = 10_000  # that longer motions are thinned to for the slow-down factor, which looks between them
+BREAK_SIDE_SHARE = 1e-9  # of the duration: how long before a break its left side is drawn; no screen shows it
+
+
+@dataclass(frozen=True, eq=False)
+class ReportQuantity:
+    """A quantity along the motion: its symbol, the kind of limit that it is named after, and whether limits bound it.
+
+    `values` are (N, joints), NaN for joints that have none, such as forces of those without a motor; `bounds`
+    (2, joints) are infinite where none is stated; `deviations` (K, joints) are those of the frames, NaN where they are
+    not known, or None. `units` are of each joint.
+    """
+
+    symbol: str
+    kind: str
+    units: tuple[str, ...]
+    values: np.ndarray
+    bounds: np.ndarray
+    deviations: np.ndarray | None = None
+
+    @property
+    def bounded(self) -> bool:
+        """Whether any limit bounds it."""
+        return bool(np.isfinite(self.bounds).any())
+
+    @property
+    def joints(self) -> list[int]:
+        """The joints that have it."""
+        return [j for j, has in enumerate(~np.isnan(self.values[0])) if has]
+
+
+@dataclass(frozen=True, eq=False)
+class ReportData:
+    """A robot along a motion; `frames` are the indices (K,) of those of the times `t` at which the cursor can stand.
+
+    `check` is None where the robot states no limits; `slowdown` is then None too, or the reason why no factor exists.
+    `loop_wrenches` (N, loops, 6) are those of cut joints, None where no loop is closed.
+    """
+
+    robot: Engine
+    motion: Motion
+    along: Along
+    limits: Limits
+    quantities: tuple[ReportQuantity, ...]
+    frames: np.ndarray
+    check: Check | None
+    slowdown: Slowdown | str | None
+    meshes: Meshes
+    loop_wrenches: np.ndarray | None
+    positions: np.ndarray  # (K, numbers) of all joints at the frames
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The names of the joints."""
+        return joint_names(self.robot.mechanism)
+
+    @property
+    def own(self) -> list[int]:
+        """The joints that are the coordinates of the robot."""
+        return own_joints(self.robot.mechanism)
+
+    @property
+    def t(self) -> np.ndarray:
+        """The times, those of the worst values and both sides of breaks among them."""
+        return self.along.t
+
+    def frame(self, t: float) -> int:
+        """The frame that is nearest to a time."""
+        return int(np.abs(self.t[self.frames] - t).argmin())
+
+
+def make_report_data(
+    robot: Engine, motion: Motion, order: int, visuals: Path | None = None, folders: Sequence[Path] = ()
+) -> ReportData:
+    """Check the motion, and compute it and the forces up to an order at its times and at those that stand out.
+
+    The URDF `visuals` shows the links.
+    """
+    m = robot.mechanism
+    limits = joint_limits(m)
+    checked = check(robot, motion) if known_kinds(robot, limits) else None
+    rows = checked.table if checked else ()
+    worst = np.array([row.t for row in rows])
+    ends = np.array([end for row in rows for span in row.violations for end in span])
+    breaks = np.array([found.t for found in motion.breaks])
+    before = (breaks - BREAK_SIDE_SHARE * motion.duration).clip(motion.start)
+    t = np.unique(np.concatenate([motion.times, worst, ends, breaks, before]))
+    along = forces_along(robot, motion, t, order, None, None, effort_quantity(m))
+    shown = (order + 1) * 2 + Q_RATE_ORDER + len(limits.without_gravity) + 1 + len(MOTOR_KINDS)  # quantities, at most
+    count = int(np.clip(MAX_CURSOR_VALUES // (shown * m.tree.n), MIN_REPORT_FRAMES, MAX_REPORT_FRAMES))
+    even = np.linspace(0, len(along.t) - 1, min(count, len(along.t))).astype(int)
+    frames = np.union1d(even, np.searchsorted(along.t, [*worst, *breaks[:count]]))
+    with name_errors_by_time(along.t):
+        near = continue_positions(robot, motion, along.t)
+        quantities = _quantities(robot, motion, along, limits, frames, near)
+        wrenches = _loop_wrenches(robot, motion, along)
+    factor = _slowdown(robot, motion, worst) if checked else None
+    meshes = Meshes() if visuals is None else meshes_of(m, visuals, folders)
+    where = quantities[0].values if near is not None else along.rates[0]
+    return ReportData(
+        robot, motion, along, limits, quantities, frames, checked, factor, meshes, wrenches, where[frames]
+    )
+
+
+def _slowdown(robot: Engine, motion: Motion, worst: np.ndarray) -> Slowdown | str:
+    """The slow-down factor, or why it does not exist; of long motions by even steps and the times of worst values."""
+    states = motion
+    if len(motion.times) > MAX_SLOWDOWN_STATES:
+        states = replace(motion, grid=np.union1d(np.linspace(motion.start, motion.stop, MAX_SLOWDOWN_STATES), worst))
+    try:
+        return slowdown(robot, states)
+    except JounceError as error:
+        return str(error)
+
+
+def _quantities(
+    robot: Engine, motion: Motion, along: Along, limits: Limits, frames: np.ndarray, near: np.ndarray | None
+) -> tuple[ReportQuantity, ...]:
+    """The rates, the forces, and what else limits bound: forces without gravity, the power, forces at stall."""
+    m, count = robot.mechanism, len(along.forces)
+    rates, forces = joint_rates(robot, along.rates, near), [_spread_drives(m, x) for x in along.forces]
+    spread = [_spread_columns(m, own_joints(m), x) for x in motion.deviations(along.t[frames], len(rates) - 1) or ()]
+    values = dict(zip(MOTION_KINDS, rates, strict=False)) | dict(zip(EFFORT_KINDS, forces, strict=False))
+    deviations = dict(zip(MOTION_KINDS, spread, strict=False))
+    off = [_spread_drives(m, rate)[frames] for rate in along.deviations or ()]
+    deviations |= dict(zip(EFFORT_KINDS, off, strict=False))
+    units = joint_units(m)
+
+    def quantity(kind: str, values: np.ndarray, symbol: str = "", bounded: bool = True) -> ReportQuantity:
+        bounds = limits.bounds(kind) if bounded else np.full((2, len(units)), [[-np.inf], [np.inf]])
+        of_kind = tuple(map(LIMIT_KINDS[kind].unit, units))
+        return ReportQuantity(symbol or LIMIT_KINDS[kind].symbol, kind, of_kind, values, bounds, deviations.get(kind))
+
+    found = [quantity(kind, x, bounded=kind not in limits.without_gravity) for kind, x in values.items()]
+    inertial = [kind for kind in limits.without_gravity if kind in limits.kinds and kind in values]
+    gravity = (
+        as_tuple(compute(robot, "gravity_forces", with_tree_positions(along.rates[:count], near))) if inertial else ()
+    )
+    bounded = limited_values(limits, rates, forces, [_spread_drives(m, x) for x in gravity])
+    for kind in inertial:
+        symbol = " - ".join(rate_name(name, LIMIT_KINDS[kind].rate) for name in BOUNDED_FORCES[1].split(" - "))
+        found.append(quantity(kind, bounded[kind], symbol))
+    if m.elasticity is not None and count > MAX_REPORT_ORDER:
+        found += [quantity(kind, _spread_drives(m, x)) for kind, x in _motors(robot, motion, along.t).items()]
+    found += [quantity(kind, bounded[kind]) for kind in ("power", "stall_effort") if kind in limits.kinds]
+    return tuple(found)
+
+
+def _loop_wrenches(robot: Engine, motion: Motion, along: Along) -> np.ndarray | None:
+    if robot.mechanism.closure is None:
+        return None
+    W, near = motion.wrench(along.t, 0), continue_positions(robot, motion, along.t)
+    return np.asarray(
+        compute(robot, "loop_wrenches", with_tree_positions(along.rates[: Q_RATE_ORDER + 1], near), wrench=W)
+    )
+
+
+def own_joints(m: Mechanism) -> list[int]:
+    """The joints, coordinates of the tree, that are the coordinates of a robot."""
+    return list(m.closure.independent) if m.closure else list(range(m.n))
+
+
+def _spread_drives(m: Mechanism, x: np.ndarray) -> np.ndarray:
+    """Columns of all joints from those of the drives: of the coordinates, or of actuated joints where these differ."""
+    return _spread_columns(m, own_joints(m) if drives_coordinates(m) or not m.closure else list(m.closure.actuated), x)
+
+
+def _spread_columns(m: Mechanism, joints: list[int], x: np.ndarray) -> np.ndarray:
+    whole = np.full((len(x), m.tree.n), np.nan)
+    whole[:, joints] = x
+    return whole
+
+
+def _motors(robot: Engine, motion: Motion, t: np.ndarray) -> dict[str, np.ndarray]:
+    """What the motors of elastic joints do, by the kind of its limits; what is not known of all motors is left out.
+
+    Joints with two motors need a stiffness over time, which a report is not given.
+    """
+    if elasticity_of(robot.mechanism).pairs:
+        return {}
+    found = motors_along(robot, motion, t)
+    series = (*found.positions[:2], found.torques[0], *(x[0] for x in (found.currents, found.voltages) if x))
+    return {kind: x for kind, x in zip(MOTOR_KINDS, series, strict=False) if np.isfinite(x).all()}

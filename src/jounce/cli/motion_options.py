@@ -1,0 +1,225 @@
+"""A motion and how its table is read: one group of options of the help, which a file keeps for --read too."""
+
+import math
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial, wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from jounce.cli.output import progress
+from jounce.cli.robot_options import MOTION_NAME, PATH, Decorator, deprecate_flag
+from jounce.core.errors import JounceError, join_names, locate_errors
+
+if TYPE_CHECKING:
+    from jounce.io.entries import Entry
+    from jounce.motion import Motion
+    from jounce.robot import Robot
+
+
+class _TableReadingOption(click.Option):
+    """An option of how a table is read."""
+
+
+class MotionCommand(click.Command):
+    """A command on a motion, whose help has the options of how a table is read in a group of their own."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options of the command alone, then the group."""
+        for title, is_of_table in (("Options", False), ("How a table is read", True)):
+            options = [option for option in self.get_params(ctx) if isinstance(option, click.Option)]
+            group = [option for option in options if isinstance(option, _TableReadingOption) is is_of_table]
+            with formatter.section(title):
+                formatter.write_dl([record for option in group if (record := option.get_help_record(ctx))])
+
+
+def _read_defaults(ctx: click.Context, _: click.Parameter, path: Path | None) -> Path | None:
+    """Make the options of a file defaults of the command, so that its command line wins."""
+    if path is not None:
+        ctx.default_map = {**read_options(path, ctx.command), **(ctx.default_map or {})}
+    return path
+
+
+OPTION_FILES = (".yaml", ".yml")
+_option = partial(click.option, cls=_TableReadingOption)
+TABLE_OPTIONS: tuple[Decorator, ...] = (
+    _option(
+        "--read", metavar="FILE", type=PATH, is_eager=True, callback=_read_defaults,
+        help="YAML file with options of this group, 'bandwidth: 20'; those of the command line win.",
+    ),
+    _option(
+        "--bandwidth", type=float, metavar="HZ",
+        help="Bandwidth of the smoothing of samples in HZ; default: as far as the motion exceeds the noise.",
+    ),
+    _option("--allow-noise", is_flag=True, help="Accept samples even if noise dominates the highest rate."),
+    deprecate_flag("--force", "--allow-noise"),
+    _option("--degree", type=int, metavar="K", help="Interpolate samples by a spline of degree 5 or 7 instead."),
+    _option("--intervals", type=int, metavar="N", help="Least-squares fit of such a spline with N intervals."),
+    _option("--time", metavar="COLUMN", help="Name of the time column; default: t, time or timestamp."),
+    _option(
+        "--columns", metavar="PATTERN",
+        help="Pattern of the joints' column names, such as 'q_{joint}' or 'q{number}'."
+    ),
+    _option(
+        "--torques", metavar="PATTERN",
+        help="Names of the columns of measured torques, such as 'tau{number}'; default: tau_JOINT, JOINT.tau, ..."
+    ),
+    _option("--angles", type=click.Choice(["rad", "deg"]), help="Unit of angles and their rates in the table."),
+    _option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of times in the table."),
+    _option("--topic", metavar="NAME", help="Topic to read from a ROS bag that has several."),
+    _option(
+        "--blend", type=float, metavar="S", help="Replace breaks of planned motions by C^4 blends of S seconds."
+    ),
+    _option(
+        "--step", type=float, metavar="S", help="Time between rows in s; default: the motion's own rows, or 1 ms."
+    ),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class MotionRequest:
+    """A motion by its path or name, with the options of `jounce.load_motion`; a command loads it for its robot.
+
+    `read` is the file of --read, if there is one.
+    """
+
+    path: Path
+    options: dict[str, Any]
+    blend: float | None
+    step: float | None
+    read: Path | None
+
+    def load(self, robot: "Robot", order: int) -> "Motion":
+        """Load the motion, with the rates that forces up to an order need."""
+        from jounce.robot.motions import load_motion
+
+        try:
+            found = load_motion(self.path, robot, order, **self.options)
+        except JounceError:
+            if _is_options_file(self.path):
+                why = "options of how a table is read, not a motion"
+                raise JounceError(f"{self.path}: {why}; give the table as MOTION, and this file by --read") from None
+            raise
+        found = found if self.blend is None else found.blended(self.blend, max(4, order + 2))
+        return found if self.step is None else found.with_step(self.step)
+
+
+def write_motion(output: Path, motion: "Motion", joints: Sequence[str], order: int | None = None) -> None:
+    """Write a motion as a table with its rates up to an order, by default q4d or the last that is known, with a bar."""
+    from jounce.io import tables
+    from jounce.io.motions.writing import motion_pieces
+
+    known = 4 if motion.highest is None else motion.highest
+    with progress("rates") as show:
+
+        def shown() -> Iterator[Any]:
+            done = 0
+            for piece in motion_pieces(motion, joints, min(4, known) if order is None else order):
+                yield piece
+                done += len(piece["t"])
+                show(done, len(motion.times))
+
+        tables.write_pieces(output, shown())
+
+
+def add_motion_options(verb: Callable[..., None]) -> Callable[..., None]:
+    """Add the argument MOTION and its options to a `MotionCommand`, which gets them as one `AskedMotion`."""
+    return click.argument("motion", type=MOTION_NAME)(_add_options(verb))
+
+
+def add_optional_motion_options(verb: Callable[..., None]) -> Callable[..., None]:
+    """`of_motion` of a command that does without a motion too: it gets None then."""
+    return click.argument("motion", type=MOTION_NAME, required=False)(_add_options(verb))
+
+
+def _add_options(verb: Callable[..., None]) -> Callable[..., None]:
+    @wraps(verb)
+    @click.pass_context
+    def asked(ctx: click.Context, /, motion: Path | None, read: Path | None, **others: Any) -> None:
+        options = {option.name: others.pop(option.name) for option in _options_by_key(ctx.command).values()}
+        if motion is not None:
+            blend, step = options.pop("blend"), options.pop("step")
+            verb(motion=MotionRequest(motion, options, blend, step, read), **others)
+        elif given := [name for name, value in {"read": read, **options}.items() if value]:
+            raise JounceError(f"--{given[0].replace('_', '-')} needs a MOTION")
+        else:
+            verb(motion=None, **others)
+
+    command: Callable[..., None] = asked
+    for option in reversed(TABLE_OPTIONS):
+        command = option(command)
+    return command
+
+
+def _options_by_key(command: click.Command) -> dict[str, click.Option]:
+    """The options that a file of --read may have, by their names without dashes."""
+    options = [option for option in command.params if isinstance(option, _TableReadingOption) and option.name != "read"]
+    return {option.opts[0][2:]: option for option in options}
+
+
+def read_options(path: Path, command: click.Command) -> dict[str, Any]:
+    """The values of the options in a file, by parameter of the command; every key, type and value is checked."""
+    from jounce.io import entries
+    from jounce.motion.spline import Spline, select_smoothing
+
+    options = _options_by_key(command)
+    entry = entries.read(path, "the file of --read")
+    if isinstance(entry.value, dict) and {"joints", "joint_names"} & {*entry.value}:
+        raise JounceError(f"{path}: a motion, not options of how a table is read; give it as MOTION, without --read")
+    given = entry.keys((), list(options)).members()
+    values = {str(options[key].name): _check_value(value, options[key]) for key, value in given.items()}
+    with locate_errors(path):
+        degree, intervals, bandwidth = map(values.get, ("degree", "intervals", "bandwidth"))
+        way = select_smoothing(degree, intervals, bandwidth, values.get("allow_noise", False))
+        if isinstance(way, Spline):
+            way.check(sys.maxsize, "--read")  # its degree; how many samples there are is not known yet
+    return values
+
+
+def _is_options_file(path: Path) -> bool:
+    """Whether what came as a motion is a file of --read."""
+    try:
+        return path.suffix.lower() in OPTION_FILES and bool(read_options(path, click.get_current_context().command))
+    except JounceError:
+        return False
+
+
+_OPTION_VALUES: dict[str, tuple[str, Callable[[Any], bool]]] = {
+    "text": ("a text", lambda x: isinstance(x, str)),
+    "boolean": ("true or false", lambda x: isinstance(x, bool)),
+    "integer": ("an integer > 0", lambda x: type(x) is int and x > 0),
+    "float": ("a finite number > 0", lambda x: type(x) in (int, float) and 0 < x < math.inf),
+}
+
+
+def _check_value(entry: "Entry", option: click.Option) -> Any:
+    if isinstance(option.type, click.Choice):
+        expected, is_valid = join_names(option.type.choices), option.type.choices.__contains__
+    else:
+        expected, is_valid = _OPTION_VALUES[option.type.name]
+    if not is_valid(entry.value):
+        raise entry.error(expected)
+    return entry.value
+
+
+def check_options_writable(path: Path) -> None:
+    """Raise `JounceError` if options could not be written to a file, before any work is done."""
+    from jounce.io import files
+
+    if path.suffix.lower() not in OPTION_FILES:
+        raise JounceError(f"{path}: unknown type of file {path.suffix!r} for --save-read; available: .yaml, .yml")
+    files.check_writable(path)
+
+
+def write_options(path: Path, motion: MotionRequest) -> None:
+    """Write the options of a motion that differ from their defaults to a file that --read takes."""
+    from jounce.io import files
+    from jounce.io.native import writing
+
+    options = motion.options | {"blend": motion.blend, "step": motion.step}
+    data = {name.replace("_", "-"): value for name, value in options.items() if value not in (None, False)}
+    with files.write_whole(path) as part:
+        part.write_text(writing.dump_yaml(data, flow=False), encoding="utf-8", newline="\n")

@@ -1,0 +1,231 @@
+"""Commands over a motion or many, that fit into memory or not: their options, and the one summary that they print."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from jounce.cli.motion_options import MotionRequest
+from jounce.cli.output import align_columns, check_distinct, progress
+from jounce.cli.robot_options import PATH
+from jounce.core.errors import JounceError, collect_warnings, join_names, quote_value, shorten, warn
+
+if TYPE_CHECKING:
+    from jounce.motion import Motion
+    from jounce.stream.job import Job, Reading
+    from jounce.stream.whole_run import Summary
+
+MAX_NOTES_SHOWN = 4  # notes, warnings and sources: more would hide the results; --json has all
+MAX_BREAKS_SHOWN = 4  # as of notes
+SUMMARY_SCHEMA = 1  # of the JSON of `run`, `motors` and `check`: raised where a key goes or changes its meaning
+
+OUTPUT = click.option("-o", "--output", required=True, type=PATH, help="Output: .csv, .npz, .parquet, or a folder.")
+ON_ERROR = click.option(
+    "--on-error",
+    type=click.Choice(["stop", "skip"]),
+    default="stop",
+    help="Bad rows of large tables: stop at the first, or skip them and write them to OUT.skipped.csv.",
+)
+REDUCE = click.option(
+    "--reduce", metavar="KINDS", help="Write aggregates per motion and joint instead of rows: peak, rms, or peak,rms."
+)
+
+
+CLUSTER = click.option(
+    "--cluster",
+    metavar="ADDRESS",
+    help="Compute the parts on Dask: local for all cores of this machine, or the scheduler's tcp://HOST:PORT.",
+)
+
+
+@dataclass(frozen=True)
+class StreamRequest:
+    """How a command treats tables that it reads by parts, and where it computes them: here, or on a cluster."""
+
+    reduce: tuple[str, ...]
+    skip: bool
+    cluster: str | None
+
+    def reading(self, motion: MotionRequest) -> "Reading":
+        """How the table of a motion is read."""
+        from jounce.motion.spline import select_smoothing
+        from jounce.motion.table_columns import ColumnOptions
+        from jounce.stream.job import Reading
+
+        asked = dict(motion.options)
+        way = select_smoothing(*(asked[name] for name in ("degree", "intervals", "bandwidth", "allow_noise")))
+        options = ColumnOptions(asked["time"], asked["columns"], asked["angles"], asked["time_unit"], asked["torques"])
+        return Reading(options, way, motion.blend, motion.step, self.skip)
+
+
+def add_stream_options(verb: Callable[..., None]) -> Callable[..., None]:
+    """Add --reduce, --on-error and --cluster to a command, which gets them as one `stream`, an `AskedStream`."""
+    return REDUCE(add_stream_options_without_reduce(verb))
+
+
+def add_stream_options_without_reduce(verb: Callable[..., None]) -> Callable[..., None]:
+    """`on_stream` of a command without aggregates of its own."""
+
+    @wraps(verb)
+    def asked(on_error: str, cluster: str | None, reduce: str | None = None, **others: Any) -> None:
+        verb(stream=StreamRequest(_parse_kinds(reduce), on_error == "skip", cluster), **others)
+
+    return ON_ERROR(CLUSTER(asked))
+
+
+def _parse_kinds(given: str | None) -> tuple[str, ...]:
+    known = ("peak", "rms")
+    kinds = tuple(given.split(",")) if given is not None else ()
+    if wrong := [kind for kind in kinds if kind not in known]:
+        raise JounceError(f"--reduce {quote_value(wrong[0])}; expected {', '.join(known)}, or several with commas")
+    return tuple(dict.fromkeys(kinds))
+
+
+def is_by_parts(job: "Job", motion: MotionRequest, output: Path | None, stream: StreamRequest) -> bool:
+    """Whether a motion is read by parts: for its size, or as asked by a folder, `reduce`, `skip` or a cluster."""
+    from jounce.io.motions.bags import is_bag
+    from jounce.stream.input_parts import is_by_parts
+
+    of_folder = motion.path.is_dir() and not is_bag(motion.path)
+    into_folder = output is not None and not output.suffix
+    asked = of_folder or into_folder or stream.reduce or stream.skip or stream.cluster is not None
+    return bool(asked) or is_by_parts(job, motion.path)
+
+
+def compute(
+    job: "Job",
+    motion: MotionRequest,
+    output: Path | None,
+    stream: StreamRequest,
+    label: str,
+    load: "Callable[[], Motion]",
+) -> "tuple[Summary, dict[str, Any]]":
+    """Compute a motion that is loaded as a whole, or by parts, with a bar; returns what all commands report too."""
+    from jounce.io import tables
+    from jounce.stream.whole_run import skipped_path, stream_motion
+
+    if is_by_parts(job, motion, output, stream):
+        found = _compute_by_parts(job, motion, output, stream, label)
+    else:
+        if output is not None:
+            tables.check_writable(output)
+            check_distinct(output, motion.path)
+        with collect_warnings() as caught, progress(label) as show:
+            found = stream_motion(job, load(), motion.path.stem, output, show)
+        found = replace(found, warnings=(*dict.fromkeys(caught),))
+    for text in found.warnings[:MAX_NOTES_SHOWN]:
+        warn(text)
+    if (more := len(found.warnings) - MAX_NOTES_SHOWN) > 0:
+        warn(f"and {more} more warnings; --json lists them")
+    spans = [of["t"] for of in found.aggregates.values()]
+    table = str(skipped_path(output)) if output is not None and found.skipped else None
+    return found, {
+        "schema": SUMMARY_SCHEMA, "robot": job.robot.name, "motion": str(motion.path),
+        "output": None if output is None else str(output), "states": found.rows, "motions": len(found.aggregates),
+        "t": [min(start for start, _ in spans), max(stop for _, stop in spans)],
+        "parts": found.parts, "parts_computed": found.computed, "skipped": {"rows": found.skipped, "table": table},
+        "notes": list(found.notes), "warnings": list(found.warnings),
+    }  # fmt: skip
+
+
+def _compute_by_parts(
+    job: "Job", motion: MotionRequest, output: Path | None, stream: StreamRequest, label: str
+) -> "Summary":
+    from jounce.stream.runner import Runner, run_here
+    from jounce.stream.whole_run import stream as run
+
+    if motion.options["topic"] is not None:
+        raise JounceError("--topic is for bags of ROS, which are not read by parts: leave it out")
+    runner: Runner = run_here
+    if stream.cluster is not None:
+        from jounce.stream.cluster import cluster_runner
+
+        runner = cluster_runner(stream.cluster)
+    with progress(label) as show:
+        return run(job, motion.path, output, stream.reduce, runner, show)
+
+
+def compute_results(
+    job: "Job", motion: MotionRequest, output: Path, stream: StreamRequest, label: str, load: "Callable[[], Motion]"
+) -> "tuple[Summary, dict[str, Any]]":
+    """Compute and write rows, or aggregates of them; returns the summary with the largest values of all motions too."""
+    from jounce.io.motions.writing import table_metadata
+    from jounce.stream.aggregates import surest_peak
+
+    found, summary = compute(job, motion, output, stream, label, load)
+    unit, motions = table_metadata(job.robot.mechanism, job.order).unit, found.aggregates
+    values: dict[str, dict[str, list[list[float]]]] = {}
+    for of in motions.values():
+        for joint, named in of["values"].items():
+            for name, value in named.items():
+                values.setdefault(joint, {}).setdefault(name, []).append(value)
+    largest = {joint: {name: surest_peak(of) for name, of in named.items()} for joint, named in values.items()}
+    return found, summary | {
+        "source": "; ".join(list(dict.fromkeys(of["source"] for of in motions.values()))[:MAX_NOTES_SHOWN]),
+        "residual": max((of["residual"] for of in motions.values() if of["residual"] is not None), default=None),
+        "blend": motion.blend,
+        "breaks": [at | {"motion": name} for name, of in motions.items() for at in of["breaks"]],
+        "reduced": list(stream.reduce),
+        "peaks": {joint: {name: of[0] for name, of in named.items()} for joint, named in largest.items()},
+        "deviations": {joint: {name: of[1] for name, of in named.items()} for joint, named in largest.items()},
+        "units": {joint: {name: unit(f"{joint}.{name}") for name in named} for joint, named in largest.items()},
+    }
+
+
+def results_in_words(summary: dict[str, Any], names: Sequence[str], rows: list[tuple[str, ...]], *more: str) -> str:
+    """What is computed of rows, with a table of the largest values and further lines."""
+    robot, (first, last) = shorten(summary["robot"]), summary["t"]
+    many = f" in {summary['motions']} motions" if summary["motions"] > 1 else ""
+    kind = "at most {:.2g} from it" if summary["blend"] else "largest residual {:.2g}"
+    residual = "" if summary["residual"] is None else f", {kind.format(summary['residual'])}"
+    kinds = f"{', '.join(summary['reduced'])} of " if summary["reduced"] else ""
+    return "\n".join([
+        f"{robot} along {summary['motion']}: {summary['states']} states{many}, t = {first:g} .. {last:g} s",
+        summary["source"] + residual,
+        *notes_in_words(summary),
+        *breaks_in_words(summary["breaks"]),
+        *more,
+        f"{kinds}{', '.join(names)} written to {summary['output']}",
+        "",
+        *align_columns(rows),
+    ])  # fmt: skip
+
+
+def format_with_deviation(value: float, deviation: float) -> str:
+    """A value with its standard deviation, unless it is exact."""
+    return f"{value:.6g}" + (f" ± {float(f'{deviation:.2g}'):g}" if deviation else "")
+
+
+def breaks_in_words(breaks: Sequence[dict[str, Any]]) -> list[str]:
+    """Describe the first breaks, one per line, and the number of all."""
+    lines = []
+    for found in breaks[:MAX_BREAKS_SHOWN]:
+        joints: dict[str, list[str]] = {}
+        for joint, cause in found["causes"].items():
+            joints.setdefault(cause["rate"], []).append(joint)
+        causes = " and ".join(f"{rate} of {join_names(names)}" for rate, names in joints.items())
+        missing = found["missing"]
+        then = [f"{found['jumps']} jumps"] if found["jumps"] else []
+        then += [f"{', '.join(missing)} do{'es' * (len(missing) == 1)} not exist"] if missing else []
+        lines.append(f"break at t = {found['t']:.9g} s: {causes} jumps; {', '.join(then)}")
+    rest = len(breaks) - MAX_BREAKS_SHOWN
+    if rest > 0:
+        lines.append(f"and {rest} more break{'s' * (rest > 1)}; --json lists them, --blend replaces them")
+    return lines
+
+
+def notes_in_words(summary: dict[str, Any]) -> list[str]:
+    """The first notes, rows that are left out, and how much was computed before."""
+    notes, skipped, parts = summary["notes"], summary["skipped"], summary["parts"]
+    lines = notes[:MAX_NOTES_SHOWN]
+    if (more := len(notes) - MAX_NOTES_SHOWN) > 0:
+        lines.append(f"and {more} more notes; --json lists them")
+    if skipped["rows"]:
+        where = f", see {skipped['table']}" if skipped["table"] else ""
+        lines.append(f"{skipped['rows']} bad rows, motions or files left out{where}")
+    if before := parts - summary["parts_computed"]:
+        lines.append(f"{before} of {parts} parts were finished before")
+    return lines

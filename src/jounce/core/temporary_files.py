@@ -1,0 +1,61 @@
+"""Temporary files and folders next to their final place, and the removal of those that killed runs have left."""
+
+import os
+import re
+import shutil
+from contextlib import suppress
+from hashlib import sha256
+from pathlib import Path
+from time import time
+from uuid import uuid4
+
+PART_NAME = re.compile(r"\.jounce-(?:([0-9a-f]{8})-(\d+)-)?[0-9a-f]{12}\.part")
+MAX_WRITING_TIME = 86400  # s, a day: no single file takes longer, so that an older part is abandoned
+
+
+def temporary_path(folder: Path) -> Path:
+    """A path to write to in a folder until all is there, named by the process and the machine that write."""
+    return folder / f".jounce-{_machine_digest()}-{os.getpid()}-{uuid4().hex[:12]}.part"
+
+
+def remove_abandoned(folder: Path) -> None:
+    """Remove the parts whose writers are gone; those of runs that go on stay."""
+    with suppress(OSError):
+        named = [(path, found) for path in folder.iterdir() if (found := PART_NAME.fullmatch(path.name))]
+        for path in [path for path, found in named if _is_gone(found[1], found[2]) or _is_old(path)]:
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                with suppress(OSError):  # another run was faster, or it belongs to another user
+                    path.unlink()
+
+
+def _is_gone(machine: str | None, process: str) -> bool:
+    """Whether a process is known to be one of this machine that has ended."""
+    if machine != _machine_digest() or not hasattr(os, "uname"):  # on Windows signal 0 is Ctrl-C
+        return False
+    try:
+        os.kill(int(process), 0)
+    except ProcessLookupError:
+        return True
+    except (OSError, OverflowError):  # another user's, for one
+        return False
+    try:
+        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:  # of systems that have no such file
+        return False
+    return state in "ZX"  # it ended, and its parent has not collected its exit status
+
+
+def _is_old(path: Path) -> bool:
+    with suppress(OSError):
+        return time() - path.lstat().st_mtime > MAX_WRITING_TIME
+    return False
+
+
+def _machine_digest() -> str:
+    """The name of this machine and container in eight digits: process numbers of others mean nothing here."""
+    name = os.uname().nodename if hasattr(os, "uname") else ""
+    with suppress(OSError):  # of systems without containers
+        name += str(Path("/proc/self/ns/pid").readlink())
+    return sha256(name.encode()).hexdigest()[:8]

@@ -1,0 +1,171 @@
+"""The first position of a closed robot, and what its constraints determine there: on numbers, by singular values.
+
+Problem: the loops are to close near a start that may be far from closed, and constraints may be redundant or singular.
+
+Algorithm: Gauss-Newton steps of least length (Deuflhard, Newton Methods for Nonlinear Problems, 2011, 4.4), that is,
+with the pseudo-inverse, of numbers without units. The independent coordinates are held first; if the loops do not close
+nearby, all coordinates move, at first by shorter steps.
+
+Invariant: the best coordinates so far are kept; the iteration ends where a step does not make the gaps smaller.
+
+Failure: gaps stay above `CLOSED_GAP` where the start is too far away or the loops cannot close; `assemble` raises
+`JounceError` then, `least_gaps` returns what is left of them.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jounce.core.errors import JounceError
+from jounce.dynamics import loop_newton
+from jounce.dynamics.loop_branches import with_solved_loops
+from jounce.dynamics.loop_newton import CLOSED_GAP, MAX_DIRECT_CORRECTION, Scales, scales
+from jounce.dynamics.loops import closure_of
+from jounce.model.mechanism import Mechanism
+
+GAP_ROUNDING = 1e-16  # without unit: half an ulp of the robot's size, which no further step makes smaller
+CONSTRAINT_RANK_TOLERANCE = 1e-8  # of singular values, relative to the largest: sqrt(eps), well above their rounding
+# Smallest over largest singular value of constraints, below which positions are lost: their error is eps over it, which
+# at sqrt(eps) is no longer small against it.
+MIN_INVERSE_CONDITION = 1e-7
+MIN_SAMPLE_INVERSE_CONDITION = 1e-5  # the same of random samples that stand for all positions: well above the limit
+MAX_ASSEMBLY_STEPS = 20  # Gauss-Newton, quadratic near the end: more do not help
+HALF_TURN_GAP = 1e8  # 2 tan(phi / 2) where axes point in opposite directions, instead of infinity: a large turn is due
+
+
+def gaps(m: Mechanism, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far loops are from closed (k, c), and the constraints A (k, c, N), at coordinates (k, N) of the tree."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        gap, A = loop_newton.gaps(m, q)
+    known = np.isfinite(q).all(axis=-1)[:, None]
+    opposite = known & ~(np.abs(gap[..., 0]) < HALF_TURN_GAP)
+    return np.where(opposite, HALF_TURN_GAP, gap[..., 0]), A.astype(float)
+
+
+def inverse_conditions(m: Mechanism, q: np.ndarray) -> np.ndarray:
+    """1 / cond, (k,), of A_d at coordinates (k, N): zero where the dependent ones do not follow the others."""
+    finite, found = np.isfinite(q).all(axis=1), np.full(len(q), np.nan)
+    found[finite] = compute_inverse_conditions(solved_constraints(m, q[finite]))
+    return found
+
+
+def solved_constraints(m: Mechanism, q: np.ndarray) -> np.ndarray:
+    """A_d, (k, c, d), at coordinates (k, N), of numbers without units."""
+    solved, m = list(closure_of(m).solved), with_solved_loops(m)
+    return scaled_constraints(m, q)[..., solved] if solved else np.zeros((len(q), 0, 0))
+
+
+def compute_inverse_conditions(A: np.ndarray) -> np.ndarray:
+    """1 / cond, (k,), of constraints (k, c, d): zero where there are fewer rows than columns."""
+    if not A.shape[-1]:  # all others follow by constant ratios
+        return np.ones(len(A))
+    sizes = np.linalg.svd(A, compute_uv=False)
+    return np.asarray(sizes[:, -1] / sizes[:, 0] if A.shape[-2] >= A.shape[-1] else np.zeros(len(A)))
+
+
+def crosses_singularity(A: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """Whether a singular configuration lies between constraints (k, c, d): a determinant changes its sign."""
+    return np.asarray(np.linalg.slogdet(A.mT @ B)[0] <= 0)
+
+
+def scaled_constraints(m: Mechanism, q: np.ndarray) -> np.ndarray:
+    """The constraints (k, c, N) at coordinates (k, N), of numbers without units."""
+    s = scales(m)
+    return np.asarray(s.rows[:, None] * gaps(m, q)[1] * s.coordinates)
+
+
+def loose_coordinates(A: np.ndarray, dependent: Sequence[int]) -> np.ndarray:
+    """Which dependent coordinates can move while the others are held."""
+    _, sizes, ways = np.linalg.svd(A[:, list(dependent)])
+    rank = (sizes > CONSTRAINT_RANK_TOLERANCE * sizes.max(initial=0.0)).sum()
+    return np.asarray((np.abs(ways[rank:]) > 1e-6).any(axis=0))
+
+
+def tangent_map(A: np.ndarray, own: Sequence[int], dependent: Sequence[int]) -> np.ndarray:
+    """F (N, n) at constraints without units."""
+    F = np.zeros((A.shape[1], len(own)))
+    F[list(own)] = np.eye(len(own))
+    F[list(dependent)] = -np.linalg.pinv(A[:, list(dependent)]) @ A[:, list(own)]
+    return F
+
+
+def assemble(m: Mechanism, start: np.ndarray) -> np.ndarray:
+    """The configuration (N,) near a start in which the loops are closed.
+
+    The independent coordinates stay if they can; else all move, as little as possible.
+
+    Raises
+    ------
+    JounceError : if there is no such configuration nearby.
+    """
+    s, q = scales(m), np.array(start, dtype=float)[None]
+    found, off = minimize_gaps(m, s, q, list(closure_of(m).dependent))
+    if (
+        off[0] <= CLOSED_GAP and (np.abs((found - q) / s.coordinates) <= MAX_DIRECT_CORRECTION).all()
+    ):  # the independent ones can stay
+        return np.asarray(found[0])
+    everything = range(q.shape[1])
+    # far away all coordinates move by shorter steps, as Newton's do not lead there
+    for _ in range(10 * MAX_ASSEMBLY_STEPS):
+        gap, A = gaps(m, q)
+        if (np.abs(gap * s.rows) <= 0.1).all():
+            break
+        change = _least_motion(s, A, -gap, everything)
+        q = q + change * min(1.0, 0.3 / max(np.abs(change / s.coordinates).max(), 1e-300))
+    # near enough for Newton's steps
+    q, off = minimize_gaps(m, s, q, everything)
+    if off[0] > CLOSED_GAP:
+        raise JounceError(
+            f"{m.name!r}: {describe_worst_gap(m, s, q[0])}; the loops cannot be closed from this start; give start=,"
+            " joint positions near a configuration in which they are closed"
+        )
+    return np.asarray(q[0])
+
+
+def describe_worst_gap(m: Mechanism, s: Scales, q: np.ndarray) -> str:
+    """Which loop is open, and how far, in words."""
+    gap, ends = gaps(m, q[None])[0][0], np.cumsum([len(loop.rows) for loop in m.loops])[:-1]
+    worst = int(np.argmax([np.abs(part).max() for part in np.split(gap * s.rows, ends)]))
+    loop, own = m.loops[worst], np.split(gap, ends)[worst]
+    turns, slides = np.split(own, [len(loop.held[0])])
+    return f"loop {loop.name} is open by {np.linalg.norm(slides):.3g} m and {np.linalg.norm(turns):.3g} rad"
+
+
+def _least_motion(s: Scales, A: np.ndarray, gap: np.ndarray, free: Sequence[int]) -> np.ndarray:
+    """The least motion of some coordinates, (k, free), that makes a change (k, c)."""
+    scaled = s.rows[:, None] * A[..., free] * s.coordinates[free]
+    return (np.linalg.pinv(scaled, rcond=1e-12) @ (gap * s.rows)[..., None])[..., 0] * s.coordinates[free]
+
+
+def minimize_gaps(m: Mechanism, s: Scales, q: np.ndarray, free: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates (k, N) with loops closed by moving some of them, and the gaps that are left, relative."""
+    best, least = q, np.full(len(q), np.inf)
+    for _ in range(MAX_ASSEMBLY_STEPS):
+        # keep what is best, sample by sample
+        gap, A = gaps(m, q)
+        off = np.abs(gap * s.rows).max(axis=-1)
+        better = off < least
+        best, least = np.where(better[:, None], q, best), np.where(better, off, least)
+        if not (better & (off > GAP_ROUNDING)).any():
+            break
+        # step: the shortest motion that closes the linearized loops
+        q = q.copy()
+        q[:, free] += _least_motion(s, A, -gap, free)
+    return best, least
+
+
+def sample_positions(m: Mechanism, count: int) -> np.ndarray:
+    """Coordinates (count, N) of the tree at random places around the start, with loops closed; the start comes first.
+
+    They differ by about a radian, or the size of the robot, where the loops allow it.
+    """
+    c, s, rng = closure_of(m), scales(m), np.random.default_rng(0)
+    F = tangent_map(scaled_constraints(m, c.start[None])[0], c.independent, c.dependent)
+    found, size = c.start[None], 1.0
+    while len(found) < count:
+        moved = rng.uniform(-size, size, (count, m.n)) @ F.T * s.coordinates
+        q, off = minimize_gaps(m, s, c.start + moved, range(len(c.coordinates)))
+        near = np.abs((q - c.start) / s.coordinates).max(axis=1) < 3 * size
+        good = near & (off <= CLOSED_GAP) & (inverse_conditions(m, q) >= MIN_SAMPLE_INVERSE_CONDITION)
+        found, size = np.concatenate([found, q[good]]), size * 0.7
+    return found[:count]

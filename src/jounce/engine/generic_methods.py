@@ -1,0 +1,138 @@
+"""Evaluate methods on arrays of any scalar type: long batches in pieces, results written into `out`."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import combinations, starmap
+from typing import Any
+
+import numpy as np
+
+from jounce.core.errors import JounceError
+from jounce.core.scalars import Array, broadcast, common_batch_shape, is_jax, is_numeric
+from jounce.dynamics.computation import Computation, Port
+from jounce.dynamics.loops import closure_of
+from jounce.model.mechanism import Mechanism
+from jounce.model.spring_deflection import UnreachableError
+from jounce.spatial.series import Series
+
+Law = Callable[[Sequence[Array]], Series]  # from the arrays of the ports to a quantity
+
+MAX_WORKING_BYTES = 2**20  # of a working array of a piece: longer batches are cut, to stay near the cache
+
+
+def evaluate(law: Law, ports: Sequence[Port], arrays: Sequence[Array], count: int, width: int) -> tuple[Array, ...]:
+    """Return the first terms of a law for the whole batch; `width` is the number of working scalars per state."""
+    arrays = broadcast(arrays, *_axes(ports))
+    batch = arrays[0].shape[:-1]
+    size, piece = int(np.prod(batch)), max(1, MAX_WORKING_BYTES // (8 * width))
+    if size <= piece or not all(is_numeric(x) for x in arrays):
+        with _name_failed_state(batch, 0):
+            return law(arrays).upto(count - 1)
+    flat = [x.reshape((size, *x.shape[len(batch) :])) for x in arrays]
+    pieces = []
+    for i in range(0, size, piece):
+        with _name_failed_state(batch, i):
+            pieces.append(law([x[i : i + piece] for x in flat]).upto(count - 1))
+    joined = (np.concatenate(terms) for terms in zip(*pieces, strict=True))
+    return tuple(x.reshape((*batch, *x.shape[1:])) for x in joined)
+
+
+@contextmanager
+def _name_failed_state(batch: tuple[int, ...], first: int) -> Iterator[None]:
+    """Within this context, errors of one state of a batch end with its index; `first` is that of the piece."""
+    try:
+        yield
+    except UnreachableError as error:
+        state = first + error.state
+        index = ", ".join(str(k) for k in np.unravel_index(state, batch))
+        raise UnreachableError(f"{error}; state [{index}]" if batch else str(error), state) from None
+
+
+def compute_by_method(
+    computation: Computation, method: str, mechanism: Mechanism, arrays: Sequence[Array]
+) -> tuple[Array, ...]:
+    """Compute a quantity and its rates by a method, from arrays of the scalar type of the mechanism's data."""
+    ports = computation.signature(mechanism).inputs
+    width = computation.quantity.methods[method].width(mechanism.nb)
+
+    def law(x: Sequence[Array]) -> Series:
+        if mechanism.closure and is_jax(x[-1]):
+            x = [*x[:-1], _follow_dependent(mechanism, x[0], x[-1])]
+        return computation.series(method, mechanism, x)
+
+    return evaluate(law, ports, arrays, computation.count, width)
+
+
+def _follow_dependent(mechanism: Mechanism, q: Array, dependent: Array) -> Array:
+    """The dependent coordinates, arrays of JAX; its derivatives of them are those along motions of a closed robot."""
+    import jax
+
+    @jax.custom_jvp
+    def following(q: Array, dependent: Array) -> Array:
+        return dependent
+
+    @following.defjvp
+    def rates(state: tuple[Array, Array], directions: tuple[Array, Array]) -> tuple[Array, Array]:
+        value = following(*state)  # which follows in further derivatives too
+        found = Computation("coordinates", 1).series("recursion", mechanism, [state[0], directions[0], value])[1]
+        return value, found[..., list(closure_of(mechanism).dependent)]
+
+    return following(q, dependent)
+
+
+def batch_shape(ports: Sequence[Port], arrays: Sequence[Array]) -> tuple[int, ...]:
+    """Return the batch shape of arrays; raise, with the names of the ports, if they do not broadcast."""
+    return common_batch_shape(arrays, *_axes(ports))
+
+
+def _axes(ports: Sequence[Port]) -> tuple[list[int], list[str]]:
+    """Return the number of axes of each array that are not batch axes, and the names of the arrays."""
+    return [len(port.shape) for port in ports], [port.name for port in ports]
+
+
+def write_results(results: tuple[Array, ...], out: Any) -> Any:
+    """Return a single array for order 0, otherwise a tuple; copy into `out` if given."""
+    if out is not None:
+        arrays = check_out(out, [result.shape for result in results], np.asarray(results[0]).dtype)
+        for result, array in zip(results, arrays, strict=True):
+            np.copyto(array, result, casting="same_kind")
+        results = arrays
+    # scalars are scalars, as native code has them
+    results = tuple(x[()] if isinstance(x, np.ndarray) and x.ndim == 0 else x for x in results)
+    return results[0] if len(results) == 1 else results
+
+
+def as_tuple(results: Any) -> tuple[Any, ...]:
+    """Return the results of a call, a single one for order 0, as a tuple."""
+    return results if isinstance(results, tuple) else (results,)
+
+
+def check_out(out: Any, shapes: Sequence[tuple[int, ...]], dtype: np.dtype) -> tuple[np.ndarray, ...]:
+    """Check `out`, the arrays for results of these shapes."""
+    arrays = tuple(out) if isinstance(out, tuple | list) else (out,)
+    if len(arrays) != len(shapes):
+        raise JounceError(f"out has {len(arrays)} arrays; expected {len(shapes)}, one for each result")
+    for k, (array, shape) in enumerate(zip(arrays, shapes, strict=True)):
+        if not isinstance(array, np.ndarray) or array.shape != shape:
+            came = f"shape {array.shape}" if isinstance(array, np.ndarray) else f"type {type(array).__name__}"
+            raise JounceError(f"out[{k}] has {came}; expected a NumPy array of shape {shape}")
+        if isinstance(array, np.ma.MaskedArray):
+            raise JounceError(f"out[{k}] is masked; expected an array without a mask to write into")
+        if not array.flags.writeable:
+            raise JounceError(f"out[{k}] is read-only; expected an array to write into")
+        if not np.can_cast(dtype, array.dtype, "same_kind"):
+            raise JounceError(f"out[{k}] is of dtype {array.dtype}; expected {dtype}")
+    for j, k in combinations(range(len(arrays)), 2):
+        if np.shares_memory(arrays[j], arrays[k]):
+            raise JounceError(f"out[{j}] and out[{k}] share memory; expected arrays of their own")
+    return arrays
+
+
+def is_fit(out: Sequence[Any], batch: tuple[int, ...], shapes: Sequence[tuple[int, ...]]) -> bool:
+    """Return whether arrays can take results of shapes, as far as NumPy itself does not check it."""
+    if len(out) != len(shapes):
+        return False
+    for array, shape in zip(out, shapes, strict=True):
+        if type(array) is not np.ndarray or array.shape != batch + shape:
+            return False
+    return not any(starmap(np.shares_memory, combinations(out, 2)))

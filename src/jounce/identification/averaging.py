@@ -1,0 +1,124 @@
+"""Regressor and measured forces, averaged over short cells of time: what is faster than the motion averages out.
+
+Measured torques hold ripple of gears and noise far above the motion's band, and samples at a kilohertz repeat each
+other. Averages over cells are the same linear map of both sides of Q = Y theta, so that the parameters stay what they
+are, while the rows become few and nearly independent (the parallel decimation of M. Gautier, "Dynamic identification of
+robots with power model", IEEE ICRA 1997).
+
+Cells have one width, at most half the shortest period of the band: the frequency below which the forces of the model
+have 99 % of their power, by a discrete Fourier transform. Samples count by their weights; empty cells are left out.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce.core.typing import DriveColumn
+from jounce.engine.drives import regressor
+from jounce.engine.engine import Engine
+from jounce.identification.measurements import Measurements
+from jounce.motion.motion import Motion
+
+MAX_REGRESSOR_SAMPLES = 2000  # whose regressors are held at once: 8 MB of an arm of seven joints
+BAND_POWER_SHARE = 0.99  # of the power of the model's forces: the band of a motion ends where it holds this much
+MAX_SPECTRUM_SAMPLES = 1 << 16  # from which the band is found; a power of 2, of which FFTs are fast
+CELLS_PER_PERIOD = 2.0  # of the highest frequency of the band: the Nyquist rate
+MIN_RELATIVE_VARIATION = 1e-9  # of standard deviations to the largest: a column with less is constant but for rounding
+
+
+@dataclass(frozen=True, eq=False)
+class CellAverages:
+    """Averages over C cells of time, of nv forces and P parameters."""
+
+    Y: np.ndarray  # (C, nv, P) regressor
+    off: np.ndarray  # (C, nv) measured forces less those of the model as it is
+    model: np.ndarray  # (C, nv) forces of the model as it is
+    counts: np.ndarray  # (C, nv) sums of the weights of the samples; 0 where nothing is measured
+    spread: np.ndarray  # (C, nv) variances of the model's forces that follow from those of the positions
+
+
+def average_forces(
+    robot: Engine,
+    motion: Motion,
+    samples: Measurements,
+    model: np.ndarray,
+    deviations: np.ndarray | None,
+    terms: Sequence[DriveColumn],
+    width: float,
+) -> CellAverages:
+    """Average the regressor and the forces over cells of a width in s; those of the model with their deviations."""
+    spread = np.zeros_like(model) if deviations is None else deviations**2
+    with_model = (
+        (part, np.concatenate([Y, model[part, :, None]], axis=-1))
+        for part, Y in regressor_pieces(robot, motion, samples.t, terms)
+    )
+    return average_rows(with_model, samples.forces, samples.weights, spread, number_cells(samples.t, width))
+
+
+def average_rows(
+    rows: Iterable[tuple[slice, np.ndarray]],
+    right: np.ndarray,
+    weights: np.ndarray,
+    spread: np.ndarray,
+    place: np.ndarray,
+) -> CellAverages:
+    """Average equations over cells: rows by pieces of samples, the model as their last column, and right sides."""
+    total = np.zeros(())
+    for part, values in rows:
+        if not total.ndim:
+            total = np.zeros((place[-1] + 1, *values.shape[1:]))
+        _add_rows(total, values * weights[part, :, None], place[part])
+    measured, counts = weighted_means(right, weights, place)
+    total /= np.maximum(counts, np.finfo(float).tiny)[..., None]
+    model = total[..., -1]
+    return CellAverages(total[..., :-1], measured - model, model, counts, weighted_means(spread, weights, place)[0])
+
+
+def regressor_pieces(
+    robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]
+) -> Iterator[tuple[slice, np.ndarray]]:
+    """Yield the regressor along a motion in pieces of some times, with columns of drive terms."""
+    for start in range(0, len(t), MAX_REGRESSOR_SAMPLES):
+        part = slice(start, start + MAX_REGRESSOR_SAMPLES)
+        yield part, np.asarray(regressor(robot, "regressor", motion(t[part], 2), terms, base=motion.base(t[part], 2)))
+
+
+def number_cells(t: np.ndarray, width: float) -> np.ndarray:
+    """The number of the cell of a width in s in which each of some increasing times is; empty cells do not count."""
+    return np.asarray(np.unique(np.floor((t - t[0]) / width * (1 + 1e-12)), return_inverse=True)[1])
+
+
+def weighted_means(values: np.ndarray, weights: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted means of values (N, k) over cells, and the sums of the weights: (C, k) each."""
+    total, sums = np.zeros((2, place[-1] + 1, values.shape[1]))
+    _add_rows(total, values * weights, place)
+    _add_rows(sums, weights, place)
+    return total / np.maximum(sums, np.finfo(float).tiny), sums
+
+
+def _add_rows(total: np.ndarray, values: np.ndarray, place: np.ndarray) -> None:
+    """Add rows of values to those of a total at increasing places."""
+    starts = np.flatnonzero(np.diff(place, prepend=-1))
+    total[place[starts]] += np.add.reduceat(values, starts)
+
+
+def force_band(t: np.ndarray, forces: np.ndarray, velocities: np.ndarray, eps: np.ndarray) -> float:
+    """The frequency in Hz up to which forces (N, nv) of a model have nearly all their power, friction included.
+
+    Friction follows from the velocities (N, nc) of joints with smoothing velocities eps; times (N,) increase.
+    """
+    step = median_step(t)
+    even = t[0] + step * np.arange(min(MAX_SPECTRUM_SAMPLES, int((t[-1] - t[0]) / step) + 1))
+    given = np.concatenate([forces, np.tanh(velocities / eps)], axis=1)
+    columns = np.stack([np.interp(even, t, column) for column in given.T], axis=1)
+    columns = columns - columns.mean(axis=0)
+    sizes = columns.std(axis=0)
+    varying = sizes > MIN_RELATIVE_VARIATION * max(1.0, sizes.max())
+    power = np.cumsum((np.abs(np.fft.rfft(columns[:, varying] / sizes[varying], axis=0)) ** 2).sum(axis=1))
+    return float(np.searchsorted(power, BAND_POWER_SHARE * power[-1]) / (len(even) * step))
+
+
+def median_step(t: np.ndarray) -> float:
+    """The usual step between increasing times (N,), s."""
+    return float(np.median(np.diff(t))) if len(t) > 1 else 1.0

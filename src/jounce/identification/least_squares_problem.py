@@ -1,0 +1,130 @@
+"""The least-squares problem of an identification: a model, the motion, measured forces, and what is sought.
+
+Rows are the forces, averaged over cells of time; unknowns are corrections of the base parameters and of drive terms.
+The band is that of the forces that the model predicts, unless a caller states it; cells are as wide as the band allows,
+and narrower where there would be too few of them for the number of parameters.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jounce.core.errors import JounceError, quote_value
+from jounce.core.scalars import is_finite
+from jounce.core.typing import DriveColumn, Equations
+from jounce.dynamics.base_parameters import BaseParameters, base_parameters
+from jounce.engine.along import forces_along
+from jounce.engine.engine import Engine, R, with_mechanism
+from jounce.identification.averaging import (
+    CELLS_PER_PERIOD,
+    CellAverages,
+    average_forces,
+    force_band,
+    median_step,
+    regressor_pieces,
+)
+from jounce.identification.filtered_balances import FILTERED_METHODS
+from jounce.identification.measurements import Measurements
+from jounce.model.drives import AMOUNTS, OFFSET, with_eps
+from jounce.model.parameters import inertial_parameters
+from jounce.motion.motion import Motion
+
+CELLS_PER_PARAMETER = 4  # of all forces, at least: residuals of fewer say little of the variances
+
+
+@dataclass(frozen=True, eq=False)
+class IdentificationProblem:
+    """What is known, and what is sought."""
+
+    robot: Engine  # the model
+    motion: Motion  # of its joints, in its order
+    terms: tuple[DriveColumn, ...]  # drive terms that are sought
+    base: BaseParameters  # of the model
+    given: Measurements  # all measured forces
+    used: np.ndarray  # (N,) which of their samples are used
+    model: np.ndarray  # (N, nv) forces of the model
+    band: float  # highest frequency of the forces, Hz
+    width: float  # of the cells, s
+    cells: CellAverages  # averages of the samples that are used
+
+    @property
+    def columns(self) -> np.ndarray:
+        """The columns of the regressor that are sought: those of base parameters and of drive terms."""
+        return _sought_columns(self.robot, self.base, self.terms)
+
+    @property
+    def model_parameters(self) -> np.ndarray:
+        """The parameters with which the forces of the model are computed: drive terms that do not act are zero."""
+        m = self.robot.mechanism
+        drives = [
+            getattr(m.drives, AMOUNTS[term]) if term in m.acting else np.zeros(len(m.joints)) for term in self.terms
+        ]
+        return np.concatenate([self.base.values, *drives])
+
+    def predict(self, parameters: np.ndarray, drives: np.ndarray) -> np.ndarray:
+        """The forces (N, nv) of a robot with other inertial parameters (10 nb,) and drive terms."""
+        drives = drives - self.model_parameters[self.base.count :]
+        change = np.append(parameters - inertial_parameters(self.robot.mechanism), drives)
+        pieces = regressor_pieces(self.robot, self.motion, self.given.t, self.terms)
+        return np.asarray(self.model + np.concatenate([Y @ change for _, Y in pieces]))
+
+
+def pose_problem(
+    robot: Engine,
+    motion: Motion,
+    terms: tuple[DriveColumn, ...],
+    given: Measurements,
+    used: np.ndarray,
+    band: float | None,
+    method: Equations,
+) -> IdentificationProblem:
+    """Pose the problem; raise `JounceError` if forces are fewer than parameters, or samples cannot have the band."""
+    base, samples = base_parameters(robot.mechanism), given.part(used)
+    count = len(_sought_columns(robot, base, terms))
+    if (measured := np.count_nonzero(samples.weights)) < count:
+        came = f"{len(samples.t)} samples hold {measured} measured forces for {count} parameters"
+        raise JounceError(f"{came}; expected a longer motion or fewer drives=")
+    along = forces_along(robot, motion, given.t, 0)
+    model, deviations = along.forces[0], None if along.deviations is None else along.deviations[0][used]
+    step = median_step(samples.t)
+    lowest, highest = 1 / (len(samples.t) * step), 0.5 / step
+    if band is None:
+        theta = along.rates[1][used] @ robot.mechanism.G.T
+        band = force_band(samples.t, model[used], theta, robot.mechanism.drives.eps)
+    elif not is_finite(band) or not lowest <= band <= highest:
+        span = f"{lowest:.4g} Hz, one period of the samples, to {highest:.4g} Hz, half their rate"
+        raise JounceError(f"band is {quote_value(band)}; expected a frequency from {span}")
+    band = float(band)
+    width = _cell_width(samples, band, count)
+    if method in FILTERED_METHODS:
+        cells = FILTERED_METHODS[method](robot, motion, samples, terms, width, band)
+    else:
+        cells = average_forces(robot, motion, samples, model[used], deviations, terms, width)
+    return IdentificationProblem(robot, motion, terms, base, given, used, model, band, width, cells)
+
+
+def with_smoothing_velocity(robot: R, terms: Sequence[DriveColumn], eps: float | None) -> R:
+    """Return a robot with another smoothing velocity of friction; refuse an eps without use, and drives of motors."""
+    if robot.mechanism.elasticity is not None and set(terms) - {"spring", OFFSET}:
+        cure = "drives=False (--drives none) identifies links from the torques of the springs"
+        raise JounceError(f"{robot.name} has elastic joints: its drives act on motors, not on links; {cure}")
+    if eps is None:
+        return robot
+    if "friction" not in terms:
+        raise JounceError(
+            f"eps={quote_value(eps)} is of friction, which drives={quote_value(list(terms))} does not identify"
+        )
+    m = robot.mechanism
+    return with_mechanism(robot, replace(m, drives=with_eps(m.drives, eps)))
+
+
+def _sought_columns(robot: Engine, base: BaseParameters, terms: Sequence[DriveColumn]) -> np.ndarray:
+    return np.append(base.columns, len(base.parameters) + np.arange(len(terms) * len(robot.mechanism.joints)))
+
+
+def _cell_width(samples: Measurements, band: float, count: int) -> float:
+    """The width of cells that a band needs, so that there are enough for the number of parameters."""
+    duration, forces = float(samples.t[-1] - samples.t[0]), np.count_nonzero(samples.weights.any(axis=0))
+    longest = duration * forces / (CELLS_PER_PARAMETER * count)
+    return min(1 / (CELLS_PER_PERIOD * band) if band else np.inf, longest) or 1.0

@@ -1,0 +1,154 @@
+"""Physically consistent inertial parameters: those of bodies that can exist, nearest to what the data say.
+
+Moments of mass ``Pi = [[P, h], [h^T, m]]`` (4, 4) of a body, its pseudo-inertia, are those of a distribution of mass
+where they are positive definite (semidefinite: of a flat body, or of points). Data are given by their information
+matrix A about parameters z, the base parameters and those of drive terms, and by the estimate z* of least squares
+without conditions: elsewhere the squared residual is larger by ``(z - z*)^T A (z - z*)``. The parameters found minimise
+
+    (z - z*)^T A (z - z*) / 2 + weight (sum of D(Pi_b, Pi0_b) over the bodies b + sum of ((d - d0) / s)^2 / 2)
+
+over positive definite Pi_b and drive parameters d, which are not negative but for springs and offsets. Here
+``D(Pi, Pi0) = tr(Pi0^-1 Pi) - log det(Pi0^-1 Pi) - 4`` is the divergence from the robot's own pseudo-inertias, which
+neither frames nor units change, d0 are the robot's own drive parameters, and forces of s are as large as all. The
+function is convex: its only minimum is found from any start.
+
+A is in units of the variance of the measurements, so the weight has a meaning, whatever the robot: near Pi0, D is half
+the square of the relative change of second moments, so that 1 / sqrt(weight) is their relative standard deviation if
+the robot's own values are read as measurements. It is large by default: parameters that the data know to a factor of
+two or better follow the data, within a tenth of their deviations; where the data say less, the robot's own values
+decide, and where they say nothing these remain. Where the data ask for bodies that cannot exist, D keeps the bodies
+inside, and the squared residual is larger than the smallest of bodies that can exist by about 8 weight for each.
+
+P. M. Wensing, S. Kim and J.-J. E. Slotine, "Linear matrix inequalities for physically consistent inertial parameter
+identification", IEEE Robotics and Automation Letters 3, 2018; T. Lee, P. M. Wensing and F. C. Park, "Geometric robot
+dynamic identification: a convex programming approach", IEEE Transactions on Robotics 36, 2020.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce.core.errors import JounceError, shorten
+from jounce.core.scalars import Array
+from jounce.core.typing import DriveColumn, Floats
+from jounce.dynamics.base_parameters import BaseParameters, length_scale
+from jounce.identification.semidefinite_step import SemidefiniteProblem, minimise
+from jounce.model.drives import AMOUNTS, OFFSET
+from jounce.model.mechanism import Mechanism
+from jounce.spatial import inertia
+
+DEFAULT_DIVERGENCE_WEIGHT = 1e-2  # in units of half the squared residual over the variance: a prior of 10
+MIN_RELATIVE_MOMENT = 1e-6  # of second moments to the largest: a body with less is flat, or made of points
+RAISED_RELATIVE_MOMENT = 1e-3  # that such a body gets, to have an inside: one thirtieth as thick as wide
+POINT_MASS_TOLERANCE = 1e-9  # of the squared length of a robot: smaller second moments per mass are rounding
+SIGNED_TERMS = ("spring", OFFSET)  # drive terms whose parameters may be negative
+
+
+@dataclass(frozen=True, eq=False)
+class ConsistentParameters:
+    """Inertial parameters of bodies that can exist, with parameters of drive terms, fitted to data."""
+
+    parameters: Floats  # (10 nb,) as `Robot.inertial_parameters`
+    drives: Mapping[DriveColumn, Floats]  # (joints,) of each drive term
+    values: Floats  # (k,) the same as base parameters, followed by the parameters of the drive terms
+    massless: tuple[str, ...]  # bodies without mass, which stay so
+    thickened: tuple[str, ...]  # flat, point-like or impossible bodies, for which nearby ones stand
+
+
+def fit_consistent_parameters(
+    mechanism: Mechanism,
+    base: BaseParameters,
+    information: Floats,
+    estimate: Floats,
+    terms: Sequence[DriveColumn] = (),
+    *,
+    weight: float = DEFAULT_DIVERGENCE_WEIGHT,
+) -> ConsistentParameters:
+    """Fit physically consistent inertial parameters, and parameters of drive terms, to data.
+
+    `information` (k, k) is A = sum of Y^T W Y over the samples, W the inverse covariance of the forces, of the base
+    parameters followed by those of the drive terms, one of each joint for every term; it may be singular. `estimate`
+    (k,) is z*, which minimises the squared residual: A z* = sum of Y^T W Q; any such where A is singular.
+
+    Raises `JounceError` if a body has moments but no mass, or a negative mass; if none has mass; without a minimum.
+    """
+    Pi = inertia.moment_matrix(mechanism.M)
+    massive = _massive_bodies(mechanism, Pi)
+    start = _raise_moments(Pi[massive], length_scale(mechanism))
+    thickened = massive[(start != Pi[massive]).any(axis=(1, 2))]
+    T = np.asarray(np.linalg.cholesky(start))
+    d, R = _drive_values(mechanism, terms), _information_root(information)
+    size = np.linalg.norm(R, axis=0)[base.count :]  # of the forces of each drive parameter
+    everything = max(1.0, np.linalg.norm(R @ estimate), np.linalg.norm(R @ np.append(base.values, d)))
+    seen = size > 0  # the others stay as they are
+    scale = everything / size[seen]
+    by_body = (R[:, : base.count] @ base.matrix).reshape(len(R), len(Pi), len(inertia.INERTIAL_PARAMETERS))[:, massive]
+    problem = SemidefiniteProblem(
+        C=np.asarray(np.einsum("kbp,bijp->kbij", by_body, _entry_derivatives(T))),
+        R=R[:, base.count :][:, seen] * scale,
+        y=R @ estimate,
+        own=d[seen] / scale,
+        positive=np.repeat([term not in SIGNED_TERMS for term in terms], len(mechanism.joints)).astype(bool)[seen],
+        weight=weight,
+    )
+    V, d[seen] = minimise(problem)
+    d[seen] *= scale
+    Pi[massive] = (root := T @ V) @ root.mT
+    p = inertia.parameters(inertia.from_moment_matrix(Pi)).ravel()
+    names = np.array(mechanism.bodies)
+    return ConsistentParameters(
+        parameters=p,
+        drives=dict(zip(terms, d.reshape(-1, len(mechanism.joints)), strict=True)),
+        values=np.append(base.matrix @ p, d),
+        massless=tuple(np.delete(names, massive).tolist()),
+        thickened=tuple(names[thickened].tolist()),
+    )
+
+
+def _massive_bodies(mechanism: Mechanism, Pi: Floats) -> np.ndarray:
+    """The places of the bodies that have mass; those without must not have moments."""
+    start = "physically consistent parameters start from the robot's own: state"
+    for name, of_body in zip(mechanism.bodies, Pi, strict=True):
+        if of_body[3, 3] < 0 or (of_body[3, 3] == 0 and of_body.any()):
+            came = f"body {shorten(name)!r} has mass {of_body[3, 3]:g} kg and moments"
+            raise JounceError(f"{came}; {start} a mass, or no inertia")
+    massive = np.flatnonzero(Pi[:, 3, 3])
+    if not massive.size:
+        raise JounceError(f"{mechanism.name}: no body has mass; {start} a rough mass and inertia for each body")
+    return massive
+
+
+def _raise_moments(Pi: Floats, length: float) -> Floats:
+    """Pseudo-inertias, with second moments about the COM raised where they are singular or those of no body."""
+    m = Pi[:, 3:, 3:]
+    c = Pi[:, :3, 3:] / m
+    size, axes = np.linalg.eigh(Pi[:, :3, :3] - m * c @ c.mT)
+    whole = m[:, 0] * length**2
+    largest = np.where(size[:, 2:] > POINT_MASS_TOLERANCE * whole, size[:, 2:], whole)
+    raised = Pi.copy()
+    raised[:, :3, :3] = axes * np.maximum(size, RAISED_RELATIVE_MOMENT * largest)[:, None] @ axes.mT + m * c @ c.mT
+    return np.where((size[:, :1] < MIN_RELATIVE_MOMENT * largest)[..., None], raised, Pi)
+
+
+def _drive_values(mechanism: Mechanism, terms: Sequence[DriveColumn]) -> Floats:
+    """The robot's own parameters of drive terms; it states no offsets."""
+    stated = vars(mechanism.drives)
+    own = [np.zeros(len(mechanism.joints)) if term == OFFSET else stated[AMOUNTS[term]] for term in terms]
+    return np.concatenate([np.zeros(0), *own])
+
+
+def _information_root(information: Floats) -> Floats:
+    """R of ``A = R^T R``, without directions of which A holds no more than rounding: (rank, k)."""
+    size = np.sqrt(np.diag(information))
+    size = np.where(size > 0, size, 1.0)
+    w, V = np.linalg.eigh(information / size / size[:, None])
+    kept = w > len(w) * np.finfo(float).eps * w.max(initial=0.0)
+    return np.sqrt(w[kept, None]) * V.T[kept] * size
+
+
+def _entry_derivatives(T: Array) -> Array:
+    """The derivatives of inertial parameters by the entries of symmetric S in ``Pi = T S T^T``: (..., 4, 4, 10)."""
+    unit = np.eye(16).reshape(4, 4, 4, 4)
+    moments = T[..., None, None, :, :] @ (unit + unit.mT) @ T[..., None, None, :, :].mT / 2
+    return inertia.parameters(inertia.from_moment_matrix(moments))

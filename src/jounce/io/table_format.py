@@ -1,0 +1,139 @@
+"""Tables by rows: a format reads spans of a file, which follow each other without gaps, in chunks of some rows.
+
+Spans can be read in any order, and take a bounded amount of memory; a table that is read as a whole is one span.
+"""
+
+import sys
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from jounce.core.errors import JounceError, quote_value
+from jounce.io.columns import CellError, Columns, Select, TableMetadata
+from jounce.io.remainders import split_names
+
+CELLS_PER_CHUNK = 1 << 19  # 4 MB of numbers, which stay in the cache while they are computed
+Pieces = Iterable[Mapping[str, np.ndarray]]
+
+
+class Span(NamedTuple):
+    """From one place in a file to another: numbers of rows from 0, or of bytes of CSV tables."""
+
+    start: int
+    stop: int
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """Some rows of a table.
+
+    `columns` are the columns of numbers, NaN in place of other cells; `motions` are the cells of the column of texts;
+    `places` (N + 1,) are the places in the file where the rows begin, and where the last one ends. `texts` are cells
+    that are not numbers, by row and column, and `broken` are reasons by row why its cells are not those of the columns.
+    """
+
+    columns: Columns
+    motions: np.ndarray | None
+    places: np.ndarray
+    texts: Mapping[tuple[int, str], str] = field(default_factory=dict)
+    broken: Mapping[int, str] = field(default_factory=dict)
+
+    def problems(self, names: Iterable[str]) -> dict[int, tuple[str, str]]:
+        """The rows with invalid cells in columns of these names: of each the first such column, and what is wrong."""
+        found = {i: ("", reason) for i, reason in self.broken.items()}
+        for name in names:
+            column = self.columns[name]
+            for i in np.flatnonzero(~np.isfinite(column)).tolist():
+                came = self.texts.get((i, name))
+                text = str(column[i]) if came is None else quote_value(came)
+                found.setdefault(i, (name, f"holds {text}; expected a finite number"))
+        return found
+
+
+class TableFormat(ABC):
+    """How tables of a type are read by rows, and written; places are numbers of rows unless a format says otherwise."""
+
+    FIRST = 0, 0  # the place of the first row or line, and its number
+
+    @abstractmethod
+    def columns(self, path: Path) -> dict[str, str]:
+        """The columns by name, with the type of their cells where it is known and no number, else ""."""
+
+    def names(self, path: Path) -> list[str]:
+        """The names of the columns."""
+        return list(self.columns(path))
+
+    @abstractmethod
+    def size(self, path: Path) -> int:
+        """The bytes that the numbers take in memory, or the text in the file."""
+
+    def check_numbers(self, path: Path, names: Sequence[str]) -> None:
+        """Raise `JounceError` where a column does not hold numbers, as far as is known without reading it."""
+        types = self.columns(path)
+        for name in names:
+            if types[name]:
+                raise JounceError(f"{path}: column {quote_value(name)} holds {types[name]}; expected numbers")
+
+    @abstractmethod
+    def spans(self, path: Path, cells: int) -> list[Span]:
+        """The spans of a table, of about a number of cells each."""
+
+    @abstractmethod
+    def chunks(self, path: Path, names: Sequence[str], texts: str | None, span: Span) -> Iterator[Chunk]:
+        """Some columns of numbers, and one of texts, of the rows of a span."""
+
+    @abstractmethod
+    def write(self, path: Path, pieces: Pieces, about: TableMetadata | None = None) -> None:
+        """Write a table piece by piece, with units and plain data where the format has metadata."""
+
+    @abstractmethod
+    def join(self, path: Path, parts: Iterable[Path]) -> None:
+        """Write the tables of several files, whose columns are the same, as one."""
+
+    def row_before(self, path: Path, place: int) -> Span | None:
+        """The span of the row that ends at a place, if there is one."""
+        return Span(place - 1, place) if place else None
+
+    def next_row(self, path: Path, place: int) -> Span | None:
+        """The span of the row that begins at a place, if there is one."""
+        return Span(place, place + 1) if place < self.spans(path, sys.maxsize)[-1].stop else None
+
+    def number(self, path: Path, place: int, known: tuple[int, int]) -> int:
+        """The number of the row at a place; `known` are a place before it and the number of its row."""
+        return place
+
+    def row(self, path: Path, number: int) -> str:
+        """The row of a number, as messages name it."""
+        return f"{path}: row {number} from 0"
+
+    def place(self, path: Path, at: int) -> str:
+        """A place in a file, as messages name it."""
+        return self.row(path, self.number(path, at, self.FIRST))
+
+    def pieces(self, path: Path, select: Select | None = None) -> Iterator[Columns]:
+        """The whole table in pieces of some rows, each checked before it is yielded; it has at least one row."""
+        header = self.names(path)
+        wanted = header if select is None else list(select(header))
+        names, _ = split_names(wanted)
+        self.check_numbers(path, names)
+        found = False
+        for span in self.spans(path, sys.maxsize):
+            for chunk in self.chunks(path, wanted, None, span):
+                found = True
+                for i, (column, problem) in sorted(chunk.problems(names).items())[:1]:
+                    where = self.place(path, int(chunk.places[i]))
+                    if column:
+                        raise CellError(f"{where}: column {quote_value(column)} {problem}")
+                    raise JounceError(f"{where}: {problem}")
+                yield {name: x.copy() for name, x in chunk.columns.items()}  # by which each can be freed alone
+        if not found:
+            raise JounceError(f"{path}: no rows of numbers under the column names")
+
+
+def rows_per_chunk(columns: int) -> int:
+    """The rows of a chunk."""
+    return max(1, CELLS_PER_CHUNK // max(1, columns))

@@ -1,0 +1,253 @@
+"""The values that limits bound along a motion, with derivatives, at any times: q to q4d, Q to Q2d, power, motors."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from jounce.arguments.requests import count_more_rates
+from jounce.dynamics import electrical
+from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES, Quantity, find_row
+from jounce.engine.along import Q_RATE_ORDER
+from jounce.engine.closed_path import continue_positions, name_errors_by_time
+from jounce.engine.engine import Engine
+from jounce.engine.motion_states import MotionStates, Rates, Side
+from jounce.limits.joints import drop_base, effort_quantity, joint_limits, joint_names, joint_rates, scatter_columns
+from jounce.limits.ratios import Scale, build_scale
+from jounce.model.limit_kinds import LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS
+from jounce.model.limits import Limits
+from jounce.model.positions import extent_names
+from jounce.motion.hermite import limit_rounding_warnings
+from jounce.motion.motion import Motion
+from jounce.spatial import series
+
+HERMITE_DERIVATIVES = 2  # used where they are known: a quintic between samples takes two at each end
+
+Span = tuple[float, float]
+Series = Mapping[str, Sequence[np.ndarray]]  # by kind: a quantity and its derivatives, (N, n) each
+
+
+@dataclass(frozen=True, eq=False)
+class LimitedMotion:
+    """A robot along a motion, and the kinds of limits that bound any joint, which are `limits`.
+
+    `windows` are the times between which each kind is known well; kinds without one are along the whole motion.
+    """
+
+    robot: Engine
+    motion: Motion
+    limits: Limits
+    kinds: tuple[str, ...]
+    windows: Mapping[str, Span] = field(default_factory=dict)
+
+    @property
+    def whole(self) -> Span:
+        """The time from the start of the motion to its end."""
+        return self.motion.start, self.motion.stop
+
+    def window(self, kind: str) -> Span:
+        """The times between which a kind of limit is known well."""
+        return self.windows.get(kind, self.whole)
+
+    def select_kinds(self, kinds: Collection[str]) -> "LimitedMotion":
+        """The same motion and some of the kinds."""
+        return replace(self, kinds=tuple(kind for kind in self.kinds if kind in kinds))
+
+    def given_times(self, t: Any, factor: float) -> Any:
+        """The times in this motion of times, numbers or arrays, at a factor of its speed."""
+        return self.motion.start + (t - self.motion.start) * factor
+
+    def scaled(self, factor: float) -> "LimitedMotion":
+        """The motion `factor` times as long."""
+        at = self.given_times
+        windows = {kind: (at(start, factor), at(stop, factor)) for kind, (start, stop) in self.windows.items()}
+        return replace(self, motion=self.motion.scaled(factor), windows=windows)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The names of the joints, whose values are columns."""
+        return joint_names(self.robot.mechanism)
+
+    def name(self, kind: str, joint: int) -> str:
+        """The name of what a limit bounds: the joint, or the extent of a joint of several screws for its position."""
+        return (extent_names(self.robot.mechanism.tree) if kind == "position" else self.joints)[joint]
+
+    @cached_property
+    def scales(self) -> Mapping[str, Scale]:
+        """The scales of the ratios to the limits."""
+        return {kind: build_scale(self.limits.bounds(kind), kind) for kind in self.kinds}
+
+    @cached_property
+    def efforts(self) -> Quantity:
+        """The row of the forces that effort limits bound."""
+        return effort_quantity(self.robot.mechanism)
+
+    @cached_property
+    def follow(self) -> bool:
+        """Whether the motion of joints that follow others in closed loops is limited, or enters a power."""
+        m = self.robot.mechanism
+        others = list(m.closure.dependent) if m.closure else []
+        kinds = [kind for kind in self.kinds if kind in (*MOTION_KINDS, "power", "stall_effort")]
+        return any(np.isfinite(self.limits.bounds(kind)[:, others]).any() for kind in kinds)
+
+    @property
+    def forces(self) -> bool:
+        """Whether any limit bounds forces, power or motors."""
+        return any(LIMIT_KINDS[kind].of != "q" for kind in self.kinds)
+
+    @cached_property
+    def motion_order(self) -> int:
+        """The highest rate of q that limits take; higher ones only serve interpolation between times."""
+        return max(motion_order(self.robot, kind) for kind in self.kinds)
+
+    @cached_property
+    def force_rates(self) -> Mapping[str, int]:
+        """The highest rate of Q that each kind of limit of forces, power or motors takes."""
+        return {
+            kind: motion_order(self.robot, kind) - Q_RATE_ORDER for kind in self.kinds if LIMIT_KINDS[kind].of != "q"
+        }
+
+    @cached_property
+    def needed_orders(self) -> Mapping[str, int]:
+        """The quantities that limits take, and of each the highest rate."""
+        needed: dict[str, int] = {}
+        for kind in self.kinds:
+            for name, order in required_quantities(self.robot, kind).items():
+                needed[name] = max(needed.get(name, 0), order)
+        return needed
+
+    @cached_property
+    def orders(self) -> Mapping[str, int]:
+        """The same quantities, and of each the highest rate used: the second where the motion knows enough."""
+        known = self.motion.highest
+        return {
+            name: HERMITE_DERIVATIVES
+            if known is None
+            else max(least, min(HERMITE_DERIVATIVES, known - self.row(name).rates + 1))
+            for name, least in self.needed_orders.items()
+        }
+
+    def row(self, name: str) -> Quantity:
+        """The row of a quantity, for the springs and motors of the robot."""
+        return _find_row(self.robot, name)
+
+    @property
+    def force_order(self) -> int:
+        """The highest rate of Q that is used."""
+        return max(order + self.row(name).rates - DEFAULT_QUANTITY.rates for name, order in self.orders.items())
+
+    @property
+    def rate_order(self) -> int:
+        """The highest rate of q that is used."""
+        known = self.motion.highest
+        ways = [LIMIT_KINDS[kind].rate for kind in self.kinds if LIMIT_KINDS[kind].of == "q"]
+        smooth = max((k + HERMITE_DERIVATIVES for k in ways), default=0)
+        order = smooth if known is None else max([*ways, min(smooth, known)])
+        return max(order, self.force_order + Q_RATE_ORDER) if self.forces else order
+
+    def series(self, t: np.ndarray, side: Side = "right") -> Series:
+        """The quantities that are bounded, with derivatives, at times (N,)."""
+        with name_errors_by_time(t), limit_rounding_warnings(self.motion_order):
+            m, states = self.robot.mechanism, self.states(t, self.orders, self.rate_order, side)
+            joints = joint_rates(self.robot, states.rates, states.near, self.follow)
+            found: dict[str, Sequence[np.ndarray]] = {
+                kind: joints[k : k + HERMITE_DERIVATIVES + 1]
+                for k, kind in enumerate(MOTION_KINDS)
+                if kind in self.kinds
+            }
+            if "position" in found and extent_names(m) != m.coordinates:
+                found["position"] = joints[:1]  # swings, ... whose rates are not the velocities
+            if not self.forces:
+                return found
+            values = {name: compute_at_speed(self.robot, states, self.row(name), k) for name, k in self.orders.items()}
+            found |= {
+                kind: scatter_columns(m, self.motor_values(kind, values), DEFAULT_QUANTITY)
+                for kind in MOTOR_KINDS
+                if kind in self.kinds
+            }
+            if self.efforts.name not in values:
+                return found
+            forces = {
+                False: scatter_columns(m, values[self.efforts.name], self.efforts)
+            }  # by whether gravity is left out
+            order, kinds = len(forces[False]) - 1, [kind for kind in self.kinds if LIMIT_KINDS[kind].force]
+            if any(kind in self.limits.without_gravity for kind in kinds):
+                weight = scatter_columns(m, compute_gravity(self.robot, states, order), self.efforts)
+                forces[True] = [Q - g for Q, g in zip(forces[False], weight, strict=True)]
+            qd, slope = series.Series.of(joints[1:]), self.limits.effort_slope
+            for kind in kinds:
+                Q = series.Series.of(forces[kind in self.limits.without_gravity])
+                found[kind] = LIMIT_KINDS[kind].law(Q, qd, slope).upto(order)
+            return found
+
+    def rates(self, t: np.ndarray, order: int, side: Side = "right") -> Rates:
+        """The rates of the joints up to an order, (N, joints) each."""
+        near = continue_positions(self.robot, self.motion, t, side)
+        with name_errors_by_time(t):
+            return joint_rates(self.robot, self.motion(t, order, side), near, self.follow)
+
+    def states(self, t: np.ndarray, orders: Mapping[str, int], rates: int, side: Side = "right") -> MotionStates:
+        """What quantities take up to an order each, and at least some rates of q."""
+        rows = [(self.row(name), order) for name, order in orders.items()]
+        return MotionStates.sample(self.robot, self.motion, t, rows, side, rates)
+
+    def motor_values(self, kind: str, values: Mapping[str, list[np.ndarray]]) -> list[np.ndarray]:
+        """What a limit of motors bounds, with rates, of positions and torques; 0 for motors without data."""
+        e = self.robot.mechanism.elasticity
+        assert e is not None  # else `known_kinds` has no limits of motors
+        if LIMIT_KINDS[kind].data:
+            both = electrical.outputs(e, values.get("motor_positions", ()), values["motor_torques"])
+            return [np.nan_to_num(x) for x in both[LIMIT_KINDS[kind].of == "u"] or ()]
+        return values[next(iter(LIMIT_KINDS[kind].takes))]
+
+    def values(self, t: np.ndarray, side: Side = "right") -> dict[str, np.ndarray]:
+        """The quantities alone."""
+        return {kind: rates[LIMIT_KINDS[kind].derivative] for kind, rates in self.series(t, side).items()}
+
+
+def known_kinds(robot: Engine, limits: Limits) -> tuple[str, ...]:
+    """The kinds of limits that are checked along a motion: those of motors only where joints are elastic."""
+    return tuple(kind for kind in limits.kinds if not LIMIT_KINDS[kind].takes or robot.mechanism.elasticity is not None)
+
+
+def required_quantities(robot: Engine, kind: str) -> Mapping[str, int]:
+    """The quantities that a kind of limit takes, with the highest rate of each; none for limits of the motion."""
+    row, e = LIMIT_KINDS[kind], robot.mechanism.elasticity
+    if row.of == "q":
+        return {}
+    if row.force:
+        return {effort_quantity(robot.mechanism).name: row.rate}
+    return {**row.takes} | ({"motor_torques": 1} if kind == "motor_voltage" and e and e.is_inductive else {})
+
+
+def motion_order(robot: Engine, kind: str) -> int:
+    """The highest rate of q that enters what a kind of limit bounds."""
+    rows = required_quantities(robot, kind)
+    return max(
+        (_find_row(robot, name).rates - 1 + order for name, order in rows.items()), default=LIMIT_KINDS[kind].rate
+    )
+
+
+def _find_row(robot: Engine, name: str) -> Quantity:
+    return find_row(name, count_more_rates(robot.mechanism, name))
+
+
+def required_order(robot: Engine) -> int:
+    """The highest rate of Q that a motion must carry for the limits of a robot: q to q2d for 0, q to q4d for 2."""
+    kinds = known_kinds(robot, joint_limits(robot.mechanism))
+    return max([0, *(motion_order(robot, kind) - Q_RATE_ORDER for kind in kinds)])
+
+
+def compute_at_speed(
+    robot: Engine, states: MotionStates, row: Quantity, order: int, c: float = 1.0
+) -> list[np.ndarray]:
+    """A quantity of the joints and its rates up to an order at c times the speed."""
+    return drop_base(robot.mechanism, states.upto(row, order).scaled(c).compute(robot, row.name), row)
+
+
+def compute_gravity(robot: Engine, states: MotionStates, order: int) -> list[np.ndarray]:
+    """The gravity forces of the joints and their rates."""
+    row = QUANTITIES["gravity_forces"]
+    return drop_base(robot.mechanism, replace(states.upto(row, order), wrench=None).compute(robot, row.name), row)

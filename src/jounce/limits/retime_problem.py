@@ -1,0 +1,251 @@
+"""The retiming problem: the path of a motion and the limits of a robot along it, checked."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from jounce.core.errors import JounceError, join_names, quote_value
+from jounce.engine.along import Q_RATE_ORDER
+from jounce.engine.closed_path import continue_positions
+from jounce.engine.engine import Engine, with_mechanism
+from jounce.limits.friction import Friction, acting_friction
+from jounce.limits.joints import drives_coordinates, joint_limits, joint_names, joint_rates, joint_units
+from jounce.limits.limit_rows import LimitRows, build_rows
+from jounce.limits.limited_motion import known_kinds, motion_order
+from jounce.limits.path import Path, sample_path
+from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, derivative_unit
+from jounce.model.limits import Limits
+from jounce.model.positions import extent_names
+from jounce.motion import Motion
+from jounce.spatial.series import rate_name
+
+_REST_VELOCITY_SHARE = 1e-6  # of the largest velocity of the motion: slower than this, it rests
+_MIN_UNIFORM_SPEED, MAX_UNIFORM_SPEED = 1e-9, 1e9  # times the speed of the motion: beyond them no limit decides
+_PATH_ROUNDING = 1e-9  # of a position, or of the largest value of a rate that jumps: what computing them may leave
+
+
+@dataclass(frozen=True, eq=False)
+class RetimeProblem:
+    """A motion whose path is retimed, the limits of its coordinates, and the share of them that may be used.
+
+    `order` is that of the rates of Q that the limits take, `moving` whether the motion moves at its start and its end:
+    its velocity and acceleration remain there. `robot` has no Coulomb friction, which is `friction`.
+    """
+
+    robot: Engine
+    motion: Motion
+    limits: Limits
+    share: float
+    order: int
+    moving: tuple[bool, bool]
+    friction: Friction | None
+
+    @cached_property
+    def breaks(self) -> np.ndarray:
+        """Where a rate of q that the limits take jumps, or the next one: what they bound has a kink there."""
+        return np.unique([found.t for found in self.motion.breaks_to(self.order + 3)])
+
+    def points(self, count: int) -> tuple[np.ndarray, int]:
+        """`count` even points of the path and more where joints with friction turn round, then its breaks twice.
+
+        The number returned is that of the points without the breaks, which stand for before and after each.
+        """
+        even = np.linspace(self.motion.start, self.motion.stop, count)
+        if self.friction:
+            own = self.robot.mechanism.closure
+            columns = list(own.independent) if own else list(range(self.robot.n))
+            even = np.union1d(even, self.friction.turns(self.motion, columns, count))
+        return np.concatenate([even, self.breaks, self.breaks]), len(even)
+
+    def path(self, sigma: np.ndarray, count: int) -> Path:
+        """The path at `points`, of which the first `count` are no breaks."""
+        path = sample_path(self.robot, self.motion, sigma[:count], self.order)
+        for left in (True, False):
+            if self.breaks.size:
+                path = path.join_points(sample_path(self.robot, self.motion, self.breaks, self.order, left))
+        return path
+
+    def rows_at(self, sigma: np.ndarray, fastest: float) -> LimitRows:
+        """The limits at some points of the path, no breaks."""
+        return self.rows(sample_path(self.robot, self.motion, sigma, self.order), fastest)
+
+    def rows(self, path: Path, fastest: float) -> LimitRows:
+        """The limits along a path, x below the square of `fastest`."""
+        return build_rows(path, self.limits, self.share, fastest, self.friction)
+
+    def uniform_speed(self, path: Path) -> float:
+        """The speed of a uniform time law within all limits: of an interval of such speeds the fastest."""
+        rows = self.rows(path, MAX_UNIFORM_SPEED)
+
+        def feasible(speed: float) -> bool:
+            values = rows.uniform(speed)
+            return bool((values < rows.upper).all() and (values > rows.lower).all())
+
+        speed = 1.0
+        while not feasible(speed) and speed > _MIN_UNIFORM_SPEED:
+            speed /= 1.1
+        while feasible(1.1 * speed) and speed < MAX_UNIFORM_SPEED:
+            speed *= 1.1
+        if speed >= MAX_UNIFORM_SPEED or speed <= _MIN_UNIFORM_SPEED:
+            raise self.unbounded_error() if speed >= MAX_UNIFORM_SPEED else self._stuck_error(rows)
+        low, high = speed, 1.1 * speed
+        for _ in range(40):
+            middle = (low + high) / 2
+            low, high = (middle, high) if feasible(middle) else (low, middle)
+        return low
+
+    def unbounded_error(self) -> JounceError:
+        """The error where no limit keeps a path from being passed at any speed."""
+        velocity = self.limits.bounds("velocity")
+        free = [name for j, name in enumerate(joint_names(self.robot.mechanism)) if np.isinf(velocity[:, j]).all()]
+        joints = [quote_value(name) for name in free if name in self.robot.joint_names]
+        missing = f"; velocity limits are missing for {join_names(joints)}" if joints else ""
+        return JounceError(
+            f"no limit bounds the speed along part of the path{missing}: state one with robot.with_limits(velocity=...)"
+        )
+
+    def _stuck_error(self, rows: LimitRows) -> JounceError:
+        values = rows.uniform(0.0)
+        values = np.maximum(values - rows.upper, rows.lower - values)
+        point, row = np.unravel_index(values.argmax(), values.shape)
+        joint = joint_names(self.robot.mechanism)[rows.joints[point, row]]
+        return JounceError(
+            f"the {rows.kinds[row]} limit of joint {quote_value(joint)} leaves no room to move; raise it"
+        )
+
+
+def build_problem(robot: Engine, motion: Motion, share: float) -> RetimeProblem:
+    """The problem of a motion of a robot's joints, checked."""
+    if not motion.duration:
+        raise JounceError(
+            f"the motion is one state at t = {motion.start:g} s; expected a path, a motion that lasts some time"
+        )
+    limits = joint_limits(robot.mechanism)
+    kinds = [kind for kind in known_kinds(robot, limits) if kind != "position"]
+    if motors := [kind for kind in kinds if LIMIT_KINDS[kind].takes]:
+        raise JounceError(
+            f"retime does not support limits of motors ({join_names(motors)}); remove them,"
+            f" robot.with_limits({motors[0]}=float('inf')), and check the result with them: robot.slowdown keeps them"
+        )
+    forces = [kind for kind in kinds if LIMIT_KINDS[kind].force]
+    if forces and not drives_coordinates(robot.mechanism):
+        bounds, names = limits.bounds(forces[0]), joint_names(robot.mechanism)
+        bounded = [name for j, name in enumerate(names) if np.isfinite(bounds[:, j]).any()]
+        raise JounceError(
+            f"retime supports limits of {join_names(forces)} only where motors are at the coordinates,"
+            f" {join_names(robot.joint_names)}; remove them, robot.with_limits({forces[0]}=dict.fromkeys({bounded},"
+            " float('inf'))), and check the result with them: robot.slowdown keeps them"
+        )
+    _check_zero(robot, motion, limits, kinds)
+    if not kinds:
+        raise JounceError(
+            f"{quote_value(robot.name)} has no limit of velocity, acceleration, ... or effort;"
+            " state them with robot.with_limits(velocity=..., effort=..., ...) (--limits)"
+        )
+    needs = {kind: motion_order(robot, kind) for kind in kinds}
+    highest = max(kinds, key=needs.__getitem__)
+    _check_breaks(motion, robot.joint_names, needs[highest], highest)
+    friction, order = _supported_friction(robot), max(0, needs[highest] - Q_RATE_ORDER)
+    return RetimeProblem(without_friction(robot), motion, limits, share, order, _find_moving_ends(motion), friction)
+
+
+def check_path(problem: RetimeProblem, sigma: np.ndarray, path: Path) -> None:
+    """Raise `JounceError` where a path does not move, leaves position limits, or rests beyond an effort limit."""
+    if not any(np.any(rate) for rate in path.q[1:2]):
+        raise JounceError("the path does not move: every joint rests all the time; expected a motion of some joint")
+    names = extent_names(problem.robot.mechanism.tree)
+    units = joint_units(problem.robot.mechanism)
+    lower, upper = problem.limits.bounds("position")
+    slack = _PATH_ROUNDING * np.maximum(1, np.abs(path.q[0]).max(axis=0))
+    outside = np.argwhere((path.q[0] < lower - slack) | (path.q[0] > upper + slack))
+    if len(outside):
+        i, j = outside[0]
+        raise JounceError(
+            f"joint {quote_value(names[j])} leaves its position limits at t = {sigma[i]:g} s:"
+            f" {path.q[0][i, j]:g} {units[j]} is outside of {lower[j]:g} to {upper[j]:g};"
+            " no time law changes that, expected another path"
+        )
+    for kind in ("effort", "stall_effort"):
+        _check_static(problem, kind, sigma, path)
+
+
+def _check_static(problem: RetimeProblem, kind: str, sigma: np.ndarray, path: Path) -> None:
+    static = path.g[0] - path.gravity[0] * (kind in problem.limits.without_gravity)
+    lower, upper = problem.limits.bounds(kind) * problem.share
+    over = np.argwhere((static <= lower) | (static >= upper))
+    if not len(over):
+        return
+    i, j = over[0]
+    unit = derivative_unit("Q", 0, joint_units(problem.robot.mechanism)[j])
+    bound = problem.limits.bounds(kind)[int(static[i, j] > 0), j]
+    share = f" ({problem.share:.0%} of it are used: margin)" if abs(static[i, j]) < abs(bound) else ""
+    joint = quote_value(joint_names(problem.robot.mechanism)[j])
+    raise JounceError(
+        f"joint {joint} holds {static[i, j]:.6g} {unit} at rest at t = {sigma[i]:g} s;"
+        f" its {kind.replace('_', ' ')} limit is {bound:.6g} {unit}{share}, and a slower motion does not help"
+    )
+
+
+def _check_zero(robot: Engine, motion: Motion, limits: Limits, kinds: Sequence[str]) -> None:
+    """Raise `JounceError` where a joint that moves has a limit of 0."""
+    for kind in kinds:
+        zero = np.flatnonzero((limits.bounds(kind) == 0).all(axis=0)).tolist()
+        for j in zero:
+            t = np.linspace(motion.start, motion.stop, 101)
+            speed = np.abs(joint_rates(robot, motion(t, 1), continue_positions(robot, motion, t))[1]).max(axis=0)
+            if speed[j] > _REST_VELOCITY_SHARE * speed.max():
+                joint = quote_value(joint_names(robot.mechanism)[j])
+                raise JounceError(f"the {kind} limit of joint {joint} is 0, and the joint moves")
+
+
+def _find_moving_ends(motion: Motion) -> tuple[bool, bool]:
+    """Whether a motion moves at its start and at its end."""
+    sigma = np.linspace(motion.start, motion.stop, 101)
+    speed = np.abs(motion(sigma, 1)[1]).max(axis=1)
+    return bool(speed[0] > _REST_VELOCITY_SHARE * speed.max()), bool(speed[-1] > _REST_VELOCITY_SHARE * speed.max())
+
+
+def _check_breaks(motion: Motion, names: Sequence[str], rate: int, kind: str) -> None:
+    """Raise `JounceError` where a rate below that which a limit takes jumps: the limit cannot be met there."""
+    peaks = [np.abs(x).max() for x in motion(np.linspace(motion.start, motion.stop, 101), rate - 1)]
+    real = [
+        found
+        for found in motion.breaks_to(rate - 1)
+        if found.symbol != "q" or abs(found.jump) > _PATH_ROUNDING * peaks[found.order]
+    ]
+    if real:
+        first = real[0]
+        joint = quote_value(first.joint if isinstance(first.joint, str) else names[first.joint])
+        what = (
+            f"{rate_name('q', first.order)} of joint {joint}" if first.symbol == "q" else f"{joint}, or a rate of it,"
+        )
+        subject = LIMIT_KINDS[kind].symbol if kind in EFFORT_KINDS else f"the {kind}"
+        raise JounceError(
+            f"{what} jumps at t = {first.t:g} s, where {subject}"
+            f" of every time law is infinite; retime motion.blended(time, continuity={rate}) (--blend) to meet {kind}"
+            " limits"
+        )
+
+
+def without_friction(robot: Engine) -> Engine:
+    """The robot without Coulomb friction."""
+    m = robot.mechanism
+    return with_mechanism(robot, replace(m, acting=tuple(term for term in m.acting if term != "friction")))
+
+
+def _supported_friction(robot: Engine) -> Friction | None:
+    """The Coulomb friction that acts in a robot; that of joints that follow others in closed loops is refused."""
+    m = robot.mechanism
+    friction = acting_friction(m)
+    if friction is None or m.closure is None:
+        return friction
+    rubs = np.flatnonzero(friction.ratios.any(axis=0))
+    if passive := [joint_names(m)[j] for j in rubs if joint_names(m)[j] not in m.coordinates]:
+        raise JounceError(
+            "retime does not support Coulomb friction of joints that follow others in closed loops"
+            f" ({join_names(passive)}); omit it, robot.with_drives(['armature', 'damping', 'spring']), and check the result"
+            " with it"
+        )
+    return friction

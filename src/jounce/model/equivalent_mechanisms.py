@@ -1,0 +1,232 @@
+"""Equivalent mechanisms: passes from mechanism to mechanism that leave the generalized forces as they are.
+
+`align_frames` puts every body frame on its joint axis, z along it; `turn_frames` turns them about it, until x is normal
+to the next axis as in Denavit-Hartenberg frames; `slide_origins` slides the origins along the axes until offsets
+vanish; `base_parameters` reduces the bodies to their base inertial parameters. After all of them (`minimal`) the
+recursion needs the fewest operations. All but the last (`on_axes`) leave the Coriolis matrix as it is: C depends on the
+position of inertia, not only on its effect. Body order, coordinates, names, gravity and the frame of a floating base
+stay.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from jounce.core.errors import JounceError
+from jounce.core.scalars import Array, concatenate, is_symbolic, is_zero
+from jounce.model.frame import UNIT_ROUNDING
+from jounce.model.mechanism import Mechanism, reference_poses, single_variables
+from jounce.model.positions import multiscrew_joints
+from jounce.model.scalar_casting import with_exact_integers
+from jounce.spatial import inertia
+from jounce.spatial.lie import Ad, hat, inverse, pose, position, rotation
+
+_I = np.eye(3, dtype=int)
+_Z_AXIS = _I[:, 2:]
+
+
+def reframe(mechanism: Mechanism, T: Sequence[Array]) -> Mechanism:
+    """Return the mechanism with the frame of body i at the pose T_i in its old frame."""
+    back = [inverse(t) for t in T]
+    ads = [Ad(t) for t in T]
+    B = [b @ t if p < 0 else back[p] @ b @ t for b, t, p in zip(mechanism.B, T, mechanism.parent, strict=True)]
+    frames = (f if f.body < 0 else replace(f, T=back[f.body] @ f.T) for f in mechanism.frames)
+    return replace(
+        mechanism,
+        B=np.stack(B),
+        X=np.stack([Ad(back[i]) @ x for i, x in zip(mechanism.owners, mechanism.X, strict=True)]),
+        M=np.stack([a.mT @ m @ a for a, m in zip(ads, mechanism.M, strict=True)]),
+        frames=tuple(frames),
+    )
+
+
+@lru_cache(maxsize=64)
+def frame_shifts(old: Mechanism, new: Mechanism) -> Array:
+    """T, where the frame of each body in `new` lies in its frame in `old`."""
+    both = zip(reference_poses(old), reference_poses(new), strict=True)
+    return np.stack([_round_units(inverse(a) @ b) for a, b in both])
+
+
+def align_frames(mechanism: Mechanism) -> Mechanism:
+    """Put every body frame on its joint axis: X_i = (0, 0, 1, 0, 0, h) or, prismatic, (0, 0, 0, 0, 0, 1).
+
+    The screws of joints of several are those of their group.
+    """
+    T, X = [np.eye(4, dtype=int)] * mechanism.nb, list(mechanism.X)
+    for i, j in single_variables(mechanism).items():
+        T[i], X[j] = _frame_on_axis(X[j])
+    for i, joint in multiscrew_joints(mechanism).items():
+        T[i] = joint.T
+        for j, own in zip(mechanism.columns[i], joint.group.X.T, strict=True):
+            X[j] = own
+    return replace(_round_rotations(reframe(mechanism, T)), X=np.stack(X))
+
+
+def turn_frames(mechanism: Mechanism) -> Mechanism:
+    """Aligned frames turned about their axes, where that leaves the axes of their children fewer components."""
+    axes: list[list[np.ndarray]] = [[] for _ in mechanism.parent]
+    for B, p in zip(mechanism.B, mechanism.parent, strict=True):
+        if p >= 0 and (e := _to_floats(B[:3, 2])) is not None:
+            axes[p].append(e)
+    T = [np.eye(4, dtype=int)] * mechanism.nb
+    for i, j in single_variables(mechanism).items():
+        if not is_zero(mechanism.X[j, 2]):
+            T[i] = pose(_simplest_turn(axes[i]), 0 * _Z_AXIS)
+    return mechanism if all(t.dtype == int for t in T) else _round_rotations(reframe(mechanism, T))
+
+
+def _simplest_turn(axes: Sequence[np.ndarray]) -> Array:
+    """The turn about z after which unit vectors have the fewest components; of integers where none is better."""
+
+    def components(turn: Array) -> int:
+        return sum(int(np.count_nonzero(_round_units(turn.T @ e))) for e in axes)
+
+    turns = [np.array([[y, x, 0], [-x, y, 0], [0, 0, r]]) / r for x, y, _ in axes if x and y and (r := np.hypot(x, y))]
+    return min([_I, *turns], key=components)
+
+
+def split_turn(B: Array, X: Array) -> tuple[Array, Array]:
+    """B = S Z with a turn Z about the joint's axis, if that is z: S has fewer entries besides 0, 1 and -1, or Z is 1.
+
+    A joint turns by Z and its angle at once, so that only S is left to carry vectors through.
+    """
+    R, e = rotation(B), _to_floats(B[:3, 2])
+    if e is None or e.all() or is_zero(X[2]) or not all(map(is_zero, X[[0, 1, 3, 4]])):
+        return B, np.eye(4, dtype=int)
+    x = _I[:, np.flatnonzero(e == 0)[0]]
+    S = np.stack([x, np.cross(e, x), e], axis=-1)
+    if _count_odd_entries(S) >= _count_odd_entries(R):
+        return B, np.eye(4, dtype=int)
+    c, s = S[:, 0] @ R[:, 0], S[:, 1] @ R[:, 0]
+    return pose(_round_units(S), position(B)), pose(
+        _round_units(np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])), 0 * _Z_AXIS
+    )
+
+
+def _count_odd_entries(R: Array) -> int:
+    """How many entries are not -1, 0 or 1."""
+    return sum(not is_zero(x * x * x - x) for x in np.ravel(R))
+
+
+def slide_origins(mechanism: Mechanism) -> Mechanism:
+    """Slide the origins of aligned frames along their axes (of a prismatic joint anywhere), so that offsets vanish."""
+    T, B, alone = [np.eye(4, dtype=int)] * mechanism.nb, list(mechanism.B), single_variables(mechanism)
+    for i, (old, p) in enumerate(zip(mechanism.B, mechanism.parent, strict=True)):
+        offset = position(old) if p < 0 else position(old) - position(T[p])  # of this origin, in its parent's axes
+        left = offset
+        if i in alone:
+            slides = is_zero(mechanism.X[alone[i], 2])
+            left = 0 * offset if slides else _shorten_offset(offset, old[:3, 2:3])
+            way = rotation(old).mT @ (left - offset)
+            T[i] = pose(_I, way if slides else _Z_AXIS * way[2:])
+        B[i] = pose(rotation(old), left)
+    return replace(reframe(mechanism, T), B=np.stack(B))
+
+
+def _shorten_offset(offset: Array, axis: Array) -> Array:
+    """What is left of an offset, moved along an axis to where it is shortest, or to where it has fewer components."""
+    shortest = offset - axis * (axis.mT @ offset)
+    e = _to_floats(axis)
+    if e is None or not all(isinstance(x, int | float | np.number) for x in offset.flat):
+        return shortest
+    steep = np.flatnonzero(np.abs(e) >= 0.5)  # along others it is far to where a component vanishes
+    ways = [shortest, *(offset - axis * (offset[k] / axis[k]) for k in steep)]
+    rounding = 4 * np.finfo(float).eps * np.abs(offset).max()
+    return min((np.where(np.abs(left) <= rounding, 0, left) for left in ways), key=np.count_nonzero)
+
+
+def reduce_inertias(mechanism: Mechanism) -> Mechanism:
+    """Reduce the inertia of aligned bodies to base inertial parameters; their parents get the rest.
+
+    The force of a revolute joint does not depend on m, h_z and P_zz of its body alone, that of a helical joint on P_zz,
+    that of a prismatic one on P, those of a ball on m. Inertia that reaches the ground is dropped: drive forces stay
+    the same, bearing forces do not. A floating base keeps what reaches it: forces on it stay the same too.
+    """
+    M = list(mechanism.M)
+    for i in reversed(range(mechanism.nb)):
+        of_m, of_h, of_P = _untransmitted_moments(mechanism.X[list(mechanism.columns[i])])
+        if not (of_m or of_P.any()):
+            continue  # as a base that floats keeps all
+        m, h, P = inertia.moments(M[i])
+        M[i] = inertia.from_moments((1 - of_m) * m, (1 - of_h) * h, (1 - of_P) * P)
+        p = mechanism.parent[i]
+        rest = inertia.shift_inertia(inertia.from_moments(of_m * m, of_h * h, of_P * P), mechanism.B[i])
+        if p >= 0:
+            M[p] = M[p] + rest
+    return replace(mechanism, M=np.stack(M))
+
+
+def _untransmitted_moments(X: Array) -> tuple[int, Array, Array]:
+    """1 where a joint with screws X, (k, 6), does not transmit m, h and P of its body, else 0."""
+    turns, slides = (not all(map(is_zero, np.ravel(part))) for part in (X[:, :3], X[:, 3:]))
+    of_m = int(turns and not slides)
+    if len(X) != 1:
+        return of_m, 0 * _Z_AXIS, 0 * _I
+    return of_m, _Z_AXIS * of_m, _Z_AXIS @ _Z_AXIS.T if turns else np.ones((3, 3), dtype=int)
+
+
+@lru_cache(maxsize=64)
+def align_to_axes(mechanism: Mechanism) -> Mechanism:
+    """Return the same bodies in the frames with the most zeros: aligned, turned and slid."""
+    return _restore_integers(slide_origins(turn_frames(align_frames(mechanism))))
+
+
+@lru_cache(maxsize=64)
+def minimal_mechanism(mechanism: Mechanism) -> Mechanism:
+    """Return the equivalent mechanism with the fewest parameters: aligned, slid, reduced to base parameters."""
+    return _restore_integers(reduce_inertias(align_to_axes(mechanism)))
+
+
+def _restore_integers(mechanism: Mechanism) -> Mechanism:
+    return with_exact_integers(mechanism) if is_symbolic(mechanism.B) else mechanism
+
+
+def _frame_on_axis(X: Array) -> tuple[Array, Array]:
+    """The pose of a frame on the axis of a screw, z along it, and the screw seen from there."""
+    xi = _to_floats(X[:3])
+    prismatic = xi is not None and not xi.any()
+    e = _to_floats(X[3:]) if prismatic else xi
+    if e is None:
+        raise JounceError(f"joint direction {X.tolist()} is not made of numbers; use method='closed_form'")
+    R = _round_units(turn_to(e))
+    if prismatic:
+        return pose(R, 0 * _Z_AXIS), np.array([0, 0, 0, 0, 0, 1])
+    eta = X[3:, None]
+    pitch = _round_units(xi @ eta)
+    return _round_units(pose(R, hat(R[:, 2]) @ eta)), concatenate([_I[2], 0 * _I[0, :2], pitch], axis=-1)
+
+
+def turn_to(e: np.ndarray) -> np.ndarray:
+    """The rotation that turns the z axis to the unit vector e by the shortest way."""
+    if e[2] < -0.5:  # by way of -z, where the shortest way from +z is no longer well defined
+        return turn_to(-e) @ np.diag([1, -1, -1])
+    v = hat(np.cross(_I[2], e))
+    return _I + v + v @ v / (1 + e[2])
+
+
+def _round_rotations(mechanism: Mechanism) -> Mechanism:
+    return replace(mechanism, B=np.stack([pose(_round_units(rotation(B)), position(B)) for B in mechanism.B]))
+
+
+def _to_floats(x: Array) -> np.ndarray | None:
+    """`x` as floats; None where it holds symbols: those of CasADi become NaN, others raise."""
+    try:
+        numbers = np.array(x, dtype=float)
+    except (TypeError, ValueError, RuntimeError):
+        return None
+    return numbers if np.isfinite(numbers).all() else None
+
+
+def _round_units(a: Array) -> Array:
+    """Entries within rounding of an integer -1, 0, 1 set to it; an array of integers where all are."""
+    if is_symbolic(a):
+        return np.asarray(np.frompyfunc(_round_unit, 1, 1)(a), dtype=object)
+    near = np.rint(a)
+    a = np.where((np.abs(a - near) < UNIT_ROUNDING) & (np.abs(near) <= 1), near, a)
+    return a.astype(int) if np.all(a == np.rint(a)) else a
+
+
+def _round_unit(x: object) -> object:
+    return round(x) if isinstance(x, float) and abs(x) < 2 and abs(x - round(x)) < UNIT_ROUNDING else x

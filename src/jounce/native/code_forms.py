@@ -1,0 +1,98 @@
+"""The two forms of native code: operations in a straight line, or for larger robots the steps of a joint in a loop."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from math import inf, prod
+
+import numpy as np
+
+from jounce.dynamics.computation import Computation, Port, Signature, change
+from jounce.dynamics.loops import closure_of
+from jounce.model.mechanism import Mechanism
+from jounce.model.scalar_casting import with_exact_integers
+from jounce.native import calls, emit, loop
+from jounce.native.emit import BlockCode
+from jounce.native.jit import Target
+from jounce.native.loop_steps import Sweeps, joint_kinds
+from jounce.native.memory_layout import LongCompilationError, is_straight
+from jounce.program.differentiate import DisplacedInputs, Followers, jvp, vjp
+from jounce.program.passes import factor, fuse
+from jounce.program.program import Program, prune
+from jounce.program.trace import Tape, TapeFullError, interruptible
+
+PRODUCT_PROGRAMS = {"vjp": vjp, "jvp": jvp}  # programs from that of the values
+# What compiling takes, in seconds, as measured on one core of a Zen 4:
+SECONDS_PER_STEP = 55e-6  # of the trace of a straight line
+SECONDS_PER_DERIVATIVE_STEP = 80e-6  # of the trace of a product of derivatives
+SECONDS_PER_LOOP_BODY = 1.2e-3  # in the tables of the loop form
+SECONDS_PER_JOINT_KIND = 6e-3  # in the loop form, times the square of the number of rates
+
+
+@interruptible()
+def kernel_modules(mechanism: Mechanism, computation: Computation, target: Target, patience: float = inf) -> list[str]:
+    """The LLVM IR of a computation; `LongCompilationError` where to compile it is likely to take too many seconds."""
+    signature = computation.signature(mechanism)
+    return calls.write_modules(_make_block(mechanism, computation, signature, patience), signature, target)
+
+
+@interruptible()
+def trace_program(mechanism: Mechanism, computation: Computation, tape: Tape | None = None) -> Program:
+    """The operations of a computation, traced from the recursion, products with shared factors grouped.
+
+    Where the mechanism holds nodes of a tape, that tape is written on, and the inputs follow those on it.
+    """
+    tape = Tape() if tape is None else tape
+    parameters, values = tape.inputs, replace(computation, product=None)
+    inputs = values.signature(mechanism).inputs
+    arrays = [tape.variables(*port.shape) for port in inputs]
+    results = values.series("recursion", with_exact_integers(mechanism), arrays).upto(values.count - 1)
+    traced = factor(tape.program([x for result in results for x in np.ravel(result)]))
+    if computation.product is None:
+        return traced
+    displaced = [
+        DisplacedInputs(parameters + port.start, port.shape, prod(port.displacement), partial(change, mechanism, port))
+        for port in inputs
+        if port.displacement != port.shape
+    ]
+    followers = _trace_followers(mechanism, inputs, arrays, tape) if mechanism.closure else None
+    return PRODUCT_PROGRAMS[computation.product](traced, parameters, tape.most, displaced, followers)
+
+
+def _trace_followers(
+    mechanism: Mechanism, inputs: Sequence[Port], arrays: Sequence[np.ndarray], tape: Tape
+) -> Followers:
+    """The dependent coordinates, the last inputs that are traced on a tape, with the motion of the first ones."""
+    parameters = tape.inputs - sum(port.size for port in inputs)
+    state = [arrays[0], tape.variables(mechanism.n), arrays[-1]]
+    rate = Computation("coordinates", 1).series("recursion", with_exact_integers(mechanism), state)[1]
+    dependent = closure_of(mechanism).dependent
+    return Followers(parameters + inputs[-1].start, parameters, factor(tape.program([*rate[..., list(dependent)]])))
+
+
+def _make_block(mechanism: Mechanism, computation: Computation, signature: Signature, patience: float) -> BlockCode:
+    if not is_straight(computation, mechanism):
+        steps_of_joints = (len(set(joint_kinds(mechanism))) + computation.base) * (computation.order + 1) ** 2
+        if len(mechanism.joints) * SECONDS_PER_LOOP_BODY + steps_of_joints * SECONDS_PER_JOINT_KIND > patience:
+            raise LongCompilationError
+        acting = tuple(term for term in mechanism.acting if term in computation.quantity.drive_terms)
+        return loop.emit_loop(mechanism, Sweeps(computation, acting), signature)
+    if signature.outputs[-1].end * SECONDS_PER_STEP > patience:  # each is stored at least: no trace is needed to see it
+        raise LongCompilationError
+    try:
+        tape = Tape(patience / (SECONDS_PER_DERIVATIVE_STEP if computation.product else SECONDS_PER_STEP))
+        steps = fuse(trace_program(mechanism, computation, tape))
+    except TapeFullError:
+        raise LongCompilationError from None
+    if computation.product == "vjp":
+        steps = prune(steps.steps, steps.outputs, steps.inputs, _order_from_tip(signature))
+    return emit.straight_block(steps, signature)
+
+
+def _order_from_tip(signature: Signature) -> list[int]:
+    """The numbers of all gradients, those by the rates of the last coordinates first.
+
+    All gradients by rates of one joint take the same values, of which fewer then wait: this saves a sixth of the time.
+    """
+    places = [(port, j) for port in signature.outputs for j in range(port.size)]
+    return sorted(range(len(places)), key=lambda k: -places[k][1] / places[k][0].size)

@@ -1,0 +1,129 @@
+"""Newton's method for the positions of one closed robot as native code, from where its loops are nearly closed.
+
+Problem: of coordinates q, keep the independent ones and find the dependent ones with which the gaps of all loops are 0.
+Algorithm: the step of `dynamics.newton`, traced and compiled; its error is about the square of the one before [1].
+Invariants: independent coordinates do not change; results are those of a step from where gaps were within `max_gap`,
+hence closed to rounding. Failure: LookupError, without a result, where the loops are not closed after
+`MAX_CLOSING_STEPS`, where a state of the batch is too near to a singularity or has moved to another branch. The caller
+then closes the loops without assumptions, or refuses the state.
+
+[1] J. Nocedal, S. J. Wright, Numerical Optimization, 2nd ed., Springer 2006, chapter 11.
+"""
+
+import hashlib
+
+import numpy as np
+
+from jounce.dynamics.computation import DEPENDENT_INPUT, Computation, Port, Signature, number_scalars
+from jounce.dynamics.loop_branches import with_solved_loops
+from jounce.dynamics.loop_closure import FOLLOWER_PLACE_TOLERANCE, MAX_CONDITION_ESTIMATE, max_gap
+from jounce.dynamics.loop_newton import MAX_DIRECT_CORRECTION, STEP_MEASURES, newton_step, scales
+from jounce.dynamics.loops import closure_of
+from jounce.model.mechanism import Mechanism
+from jounce.model.scalar_casting import with_exact_integers
+from jounce.native import cache, calls, jit, memory_layout
+from jounce.native.jit import host
+from jounce.native.memory_layout import MAX_COMPILE_SECONDS
+from jounce.native.scratch_pool import Pool
+from jounce.program.trace import Tape, TapeFullError
+
+MAX_CLOSING_STEPS = 5  # from nearly closed loops, which converge quadratically
+
+
+class NativeStep:
+    """`newton.step` of a robot on arrays (..., N) and (..., n)."""
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        closure = closure_of(mechanism)
+        signature = _signature(mechanism)
+        self.own, self.others = np.array(closure.independent), np.array(closure.dependent)
+        self.still, self.count = np.zeros(mechanism.n), len(closure.coordinates)
+        sizes = scales(mechanism).coordinates
+        self.closed, self.near = max_gap(mechanism), MAX_DIRECT_CORRECTION * sizes[self.others]
+        self.following = np.searchsorted(closure.dependent, closure.ratios.places)
+        self.in_place = FOLLOWER_PLACE_TOLERANCE * sizes[list(closure.ratios.places)]
+        self._code = jit.load_object(_object_code(mechanism, signature), host())
+        size = memory_layout.call_size(signature, 0, host().lanes)
+        self._pool = Pool(size) if size > memory_layout.MAX_STACK_BYTES else None
+        address = self._pool.address if self._pool else 0
+        self.ufunc, self._alive = jit.make_ufunc(self._code.address("states"), signature, "closing", address)
+
+    def __call__(self, q: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The dependent coordinates (..., N - n) after the step, its measures, and A_d."""
+        with np.errstate(all="ignore"):  # constraints may be lost, or coordinates far away
+            return self.ufunc(q, change)
+
+    def close(self, q: np.ndarray, limit: float) -> tuple[np.ndarray, np.ndarray]:
+        """The independent coordinates (..., n) of q, (..., N), and the dependent ones, with loops closed.
+
+        Raises `LookupError` if they are not nearly closed, a condition number exceeds a limit, followers are not at
+        their places, or q has another shape.
+        """
+        if q.shape[-1] != self.count:
+            raise LookupError
+        # A single step both checks that the loops are closed and removes the rounding errors that they have.
+        found, measures, _ = self.ufunc(q, self.still)
+        most = self.closed, min(limit, MAX_CONDITION_ESTIMATE) ** 2
+        if not _is_within(measures, most):
+            # Newton's method for the whole batch, until the loops of every state were closed before the step.
+            x = q.copy()
+            for _ in range(MAX_CLOSING_STEPS):
+                x[..., self.others] = found
+                found, measures, _ = self.ufunc(x, self.still)
+                if _is_within(measures, most):
+                    break
+            else:
+                raise LookupError
+            # A long way leads to another branch.
+            if not (np.abs(found - q.take(self.others, -1)) <= self.near).all():
+                raise LookupError
+        if len(self.following):  # which may be on another branch: their loops are not looked at
+            off = (found - q.take(self.others, -1)).take(self.following, -1)
+            if not (np.abs(off) <= self.in_place).all():
+                raise LookupError
+        return q.take(self.own, -1), found
+
+
+def _is_within(measures: np.ndarray, most: tuple[float, float]) -> bool:
+    """Whether all loops were closed before a step, and far from singular."""
+    if measures.ndim > 1:
+        return bool((measures <= most).all())
+    gap, bound = measures.tolist()
+    return bool(gap <= most[0] and bound <= most[1])
+
+
+def _signature(m: Mechanism) -> Signature:
+    c, rows = closure_of(m), sum(len(loop.rows) for loop in with_solved_loops(m).loops)
+    inputs = [Port("q", (len(c.coordinates),), "state"), Port("change", (m.n,), "state")]
+    outputs = [Port(DEPENDENT_INPUT, (len(c.dependent),), "result"), Port("measures", (STEP_MEASURES,), "result")]
+    outputs.append(Port("constraints", (rows, len(c.solved)), "result"))
+    return Signature(number_scalars(inputs), number_scalars(outputs))
+
+
+def _object_code(m: Mechanism, signature: Signature) -> bytes:
+    """Object code, from the cache where it is there."""
+    target = host()
+
+    def make() -> bytes:
+        from jounce.native import emit  # imported here, as a warm cache needs none of it
+        from jounce.native.code_forms import SECONDS_PER_STEP
+        from jounce.program.passes import factor, fuse
+
+        tape = Tape(MAX_COMPILE_SECONDS / SECONDS_PER_STEP)
+        q, change = (tape.variables(*port.shape) for port in signature.inputs)
+        results = [x for result in newton_step(with_exact_integers(m), q, change) for x in result.ravel()]
+        steps = fuse(factor(tape.program(results)))
+        return jit.assemble(calls.write_modules(emit.straight_block(steps, signature), signature, target), target)
+
+    of_robot = cache.key(m, Computation("coordinates", 0), target)
+    return cache.read_or_make(hashlib.sha256(f"closing {of_robot}".encode()).hexdigest(), make)
+
+
+def native_step(mechanism: Mechanism) -> NativeStep | None:
+    """The step of a closed robot of numbers, unless it takes long to compile, or nothing is solved for."""
+    if not closure_of(mechanism).solved:
+        return None
+    try:
+        return NativeStep(mechanism)
+    except TapeFullError:
+        return None

@@ -1,0 +1,145 @@
+"""Plans of native code: the form (straight line or loop) of a computation, and the size of its scratch memory.
+
+Scratch memory holds a block of states: its inputs, its outputs and, in the loop form, its bodies. Every scalar takes
+one vector, with a lane for each state.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from heapq import heappop, heappush
+from itertools import accumulate
+
+from jounce.dynamics.computation import Computation, Signature
+from jounce.dynamics.recursion.forces import Sweep
+from jounce.model.mechanism import Mechanism
+from jounce.model.positions import multiscrew_joints
+
+MAX_STRAIGHT_SIZE = 400  # bodies times (order + 1)^2, as operations of forces grow: longer code leaves the caches
+HIGHEST_NATIVE_ORDER = 12  # at which the step of a joint takes 40 KiB of a thread's stack
+MAX_STACK_BYTES = 2**15  # of a call on the stack of its thread, whatever thread it is; what needs more has a `Pool`
+SCALARS_PER_PART = {"w": 3, "a": 3, "K": 9}  # of a motion: vectors, and a matrix of 3 by 3
+MAX_SCRATCH_BYTES = 2**26  # of a call: where more is needed, the recursion in NumPy computes
+HIGHEST_PRODUCT_ORDER = 9  # up to which products take no more than the 64 arrays of NumPy's functions
+HIGHEST_PRODUCT_ORDER_WITH_BASE = 7  # the same where the motion of the base belongs to them
+MAX_COMPILE_SECONDS = 3.0  # for native code that nobody asked for: longer would look like a hang
+
+
+class LongCompilationError(Exception):
+    """Compiling takes longer than a caller waits for it."""
+
+
+def is_straight(computation: Computation, mechanism: Mechanism) -> bool:
+    """Return whether the code is a straight line; a loop over the bodies is half as fast, but compiles at once."""
+    looped = computation.quantity.sweep is not None and not computation.product and not mechanism.closure
+    looped = looped and not multiscrew_joints(mechanism)
+    return not looped or len(mechanism.joints) * (computation.order + 1) ** 2 <= MAX_STRAIGHT_SIZE
+
+
+def highest_order(computation: Computation, mechanism: Mechanism) -> int:
+    """Return the highest order with native code: motor torques have the arrays of forces two orders higher.
+
+    The dependent coordinates of closed robots are one array more.
+    """
+    with_base = HIGHEST_PRODUCT_ORDER_WITH_BASE - bool(mechanism.closure)
+    of_product = with_base if computation.base else HIGHEST_PRODUCT_ORDER
+    highest = of_product if computation.product else HIGHEST_NATIVE_ORDER
+    return highest + 1 - computation.quantity.wrench_rates
+
+
+def obstacle(computation: Computation, mechanism: Mechanism) -> str | None:
+    """Return why a computation has no native code, as the end of a sentence about native code; None if it has."""
+    highest = highest_order(computation, mechanism)
+    return None if computation.order <= highest else f"supports orders up to {highest}, not {computation.order}"
+
+
+@dataclass(frozen=True)
+class VectorLayout:
+    """The vectors of one body: by part, how many rates of how many scalars."""
+
+    parts: tuple[tuple[str, int, int], ...]
+
+    def places(self, name: str) -> list[range]:
+        """Return the positions of the rates of a part."""
+        starts = accumulate((rates * scalars for _, rates, scalars in self.parts), initial=0)
+        for (part, rates, scalars), start in zip(self.parts, starts, strict=False):
+            if part == name:
+                return [range(start + k * scalars, start + (k + 1) * scalars) for k in range(rates)]
+        raise KeyError(name)
+
+    @property
+    def size(self) -> int:
+        """The number of vectors."""
+        return sum(rates * scalars for _, rates, scalars in self.parts)
+
+
+def motion_layout(computation: Computation) -> VectorLayout:
+    """The layout of the motion of a body, which is needed only until its children have theirs."""
+    parts = sweep_of(computation).parts.items()
+    return VectorLayout(tuple((name, computation.order + 1 + more, SCALARS_PER_PART[name]) for name, more in parts))
+
+
+def body_layout(computation: Computation) -> VectorLayout:
+    """The layout of the joint variable of a body, the force on the body, and the force of its joint."""
+    count = computation.order + 1
+    joint = (("theta", computation.rates, 1), ("sine", 1, 1), ("cosine", 1, 1))
+    acting = (("f", count, 3), ("n", count, 3), ("Q", count, 1))
+    return VectorLayout((*joint, *acting, ("W", count, 6)) if computation.wrench else (*joint, *acting))
+
+
+def base_layout(computation: Computation) -> VectorLayout:
+    """The layout of the motion of the base, as the inputs list it."""
+    return VectorLayout((("C", 1, 16), ("V", computation.rates - 1, 6)))
+
+
+def sweep_of(computation: Computation) -> Sweep:
+    """The sweep of a quantity that has one."""
+    sweep = computation.quantity.sweep
+    assert sweep is not None, computation
+    return sweep
+
+
+def carriers(mechanism: Mechanism) -> list[int]:
+    """The joint on which each joint hangs; -1 is the ground, or the base that moves in its place."""
+    return [mechanism.parent[i] - mechanism.floats if mechanism.parent[i] >= 0 else -1 for i in mechanism.owners]
+
+
+def motion_slots(parent: Sequence[int]) -> list[int]:
+    """Assign slots to motions, the ground's first; a slot is reused after the last child has its motion.
+
+    This is linear-scan register allocation without spilling: the lowest free slot, or a new one without any. As
+    intervals are taken in the order of their starts, no other assignment needs fewer slots.
+    """
+    last = list(range(-1, len(parent)))  # the last child of each, the ground's first; itself if it has none
+    for i, p in enumerate(parent):
+        last[p + 1] = i
+    ends = defaultdict(list, {last[0]: [0]})  # slots by the body after which they are free
+    slots, free, count = [0], list[int](), 1
+    for i in range(len(parent)):  # free what ended with the body before, then take a slot until the last child
+        for slot in ends.pop(i - 1, ()):
+            heappush(free, slot)
+        if not free:
+            free, count = [count], count + 1
+        slots.append(heappop(free))
+        ends[last[i + 1]].append(slots[-1])
+    return slots
+
+
+def vectors_of_bodies(computation: Computation, mechanism: Mechanism) -> int:
+    """The vectors that the loop form keeps of all bodies and of the ground; none in a straight line."""
+    if is_straight(computation, mechanism):
+        return 0
+    parent = carriers(mechanism)
+    motions = max(motion_slots(parent)) + 1
+    return (len(parent) + 1) * body_layout(computation).size + motions * motion_layout(computation).size
+
+
+def call_size(signature: Signature, of_bodies: int, lanes: int) -> int:
+    """The bytes of one call: rows are moved by whole vectors, hence a block more of inputs and of outputs."""
+    return 8 * lanes * (signature.inputs[-1].end + signature.outputs[-1].end + 2 * lanes + of_bodies)
+
+
+def scratch_size(computation: Computation, mechanism: Mechanism, lanes: int) -> int:
+    """The bytes of one call of a kernel."""
+    signature = computation.signature(mechanism)
+    return call_size(signature, vectors_of_bodies(computation, mechanism), lanes)

@@ -1,0 +1,153 @@
+"""Blocks of results of a part: of its rows as they are, or of whole motions, whose rates follow from samples."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from jounce.core.errors import JounceError, locate_errors, quote_value
+from jounce.dynamics.quantities import DEFAULT_QUANTITY
+from jounce.engine.closed_path import continue_rows
+from jounce.io.columns import Columns
+from jounce.io.tables import describe_place, select_format
+from jounce.motion import loads, poses
+from jounce.motion.base import evaluate_base
+from jounce.motion.motion import Motion
+from jounce.motion.spline import Smoothing
+from jounce.motion.table import ALL_RATES_SOURCE, motion_from_columns
+from jounce.motion.table_columns import TIME
+from jounce.motion.units import check_units
+from jounce.spatial.series import rate_name
+from jounce.stream.job import InputPart, Task
+from jounce.stream.outputs import Output, OutputBlock, Rates, Wrenches, add_common_columns, compute_motion, compute_rows
+from jounce.stream.records import Skipped
+from jounce.stream.row_reader import GoodRows, MotionRun, read_rows
+
+MAX_UNIT_CHECK_ROWS = 4096  # of a table, from its start: enough to recognise degrees and milliseconds
+# What is known of motions whose rows state all rates:
+STATED: Mapping[str, Any] = {"source": ALL_RATES_SOURCE, "residual": None, "notes": [], "breaks": []}
+
+
+def compute_blocks(
+    task: Task, part: InputPart, skipped: list[Skipped]
+) -> Iterator[tuple[list[MotionRun], OutputBlock]]:
+    """The results of a part: the motions that rows belong to, and the rows."""
+    if task.independent:
+        for number, rows in enumerate(read_rows(task, part, skipped)):
+            yield rows.runs, _compute_block(task, part, rows, check=number == 0)
+        return
+    for name, motion in read_motions(task, part, skipped):
+        for block in compute_motion(task.job, motion):
+            shown = add_common_columns(block, motion, task.job.robot.joint_names, list(task.match.torques))
+            yield [MotionRun(name, 0, len(block.t))], shown
+
+
+def _compute_block(task: Task, part: InputPart, rows: GoodRows, check: bool) -> OutputBlock:
+    """The results of rows that state all rates; with `check`, units of the first motion are looked at."""
+    job, match = task.job, task.match
+    si = {
+        name: rows.columns[source] if match.factors[name] == 1 else rows.columns[source] * match.factors[name]
+        for name, source in match.sources.items()
+    }
+    rates = [[si[f"{j}.{rate_name('q', k)}"] for j in job.robot.joint_names] for k in range(job.highest + 1)]
+    if check:
+        first = slice(0, min(rows.runs[0].stop, MAX_UNIT_CHECK_ROWS))
+        q, qd = (np.stack([x[first] for x in columns], axis=1) for columns in rates[:2])
+        stated = match.angles_stated, match.time_stated
+        check_units(si[TIME][first], q, qd, job.robot.mechanism, stated, str(part.path))
+    states = tuple(np.stack(columns, axis=1) for columns in rates)
+    positions = _closed_positions(task, part, si, rows.runs, states)
+    outputs = [
+        output._replace(rates=tuple(map(np.asfortranarray, output.rates)))  # by columns, as they are written
+        for output in compute_rows(
+            job, si[TIME], states, _row_wrenches(task, part, si), _base_rates(task, part, si), positions
+        )
+    ]
+    _check_finite(part, rows, outputs, missing=job.robot.mechanism.closure is not None)
+    of_base = poses.select_base_columns(list(si), job.robot.mechanism) if job.with_rates else ()
+    return OutputBlock(si[TIME], outputs, {name: si[name] for name in of_base}, {}, states, STATED)
+
+
+def _closed_positions(
+    task: Task, part: InputPart, si: Mapping[str, np.ndarray], runs: list[MotionRun], rates: Rates
+) -> np.ndarray | None:
+    """All coordinates of a closed robot, from the rows that state them, checked for jumps within each motion."""
+    m = task.job.robot.mechanism
+    if m.closure is None:
+        return None
+    found = np.stack([si[f"{name}.q"] for name in m.closure.coordinates], axis=1)
+    with locate_errors(str(part.path)):
+        for run in runs:
+            here = slice(run.start, run.stop)
+            found[here] = continue_rows(task.job.robot, si[TIME][here], [rate[here] for rate in rates[:3]], found[here])
+    return found
+
+
+def _row_wrenches(task: Task, part: InputPart, si: Mapping[str, np.ndarray]) -> Wrenches:
+    """W, Wd, ... by body, from columns that state all of them."""
+    columns = {name: si[name] for name in loads.select_wrench_columns(list(si), task.job.robot.mechanism)}
+    if not columns:
+        return None
+    rows = np.arange(len(si[TIME]), dtype=float)  # in place of times, which begin again with each motion
+    order = task.job.highest - (DEFAULT_QUANTITY.rates - 1)
+    curves, _ = loads.build_wrenches(rows, columns, task.job.robot.mechanism, order, Smoothing(), str(part.path))
+    of_bodies = {body: curve.rates(rows, order) for body, curve in curves.items()}
+    return tuple({body: rates[k] for body, rates in of_bodies.items()} for k in range(order + 1))
+
+
+def _base_rates(task: Task, part: InputPart, si: Mapping[str, np.ndarray]) -> Rates | None:
+    """C, V, Vd, ... of the base, from columns that state all of its rates."""
+    columns = {name: si[name] for name in poses.select_base_columns(list(si), task.job.robot.mechanism)}
+    rows = np.arange(len(si[TIME]), dtype=float)  # in place of times, which begin again with each motion
+    curve, _ = poses.curve_from_columns(rows, columns, Smoothing(), task.job.highest, str(part.path))
+    return None if curve is None else evaluate_base(curve, rows, task.job.highest)
+
+
+def _check_finite(part: InputPart, rows: GoodRows, outputs: list[Output], missing: bool) -> None:
+    """Raise `JounceError` where results are infinite, or NaN where none may be `missing`."""
+    for output in outputs:
+        for k, values in enumerate(output.rates):
+            bad = np.isinf(values) if missing else ~np.isfinite(values)
+            if bad.any():
+                i, j = np.argwhere(bad)[0]
+                came = f"{output.names[j]}.{rate_name(output.symbol, k)} is {values[i, j]}"
+                where = describe_place(part.path, int(rows.places[i]))
+                raise JounceError(f"{where}: {came}; expected a state whose results are finite numbers")
+
+
+def read_motions(task: Task, part: InputPart, skipped: list[Skipped]) -> Iterator[tuple[str, Motion]]:
+    """The motions of a part, each with its name, read as a whole."""
+    name, start, pieces = "", part.span.start, list[Columns]()
+    for rows in read_rows(task, part, skipped):
+        for run in rows.runs:
+            if pieces and run.motion != name:
+                yield from _fit_motion(task, part, name, start, pieces, skipped)
+                pieces = []
+            if not pieces:
+                name, start = run.motion, int(rows.places[run.start])
+            pieces.append({column: x[run.start : run.stop] for column, x in rows.columns.items()})
+    if pieces:
+        yield from _fit_motion(task, part, name, start, pieces, skipped)
+
+
+def _fit_motion(
+    task: Task, part: InputPart, name: str, start: int, pieces: list[Columns], skipped: list[Skipped]
+) -> Iterator[tuple[str, Motion]]:
+    """The motion of samples that begin at a place; one that cannot be had of them is refused, or left out."""
+    job, where = task.job, f"{part.path}: motion {quote_value(name)}" if name else str(part.path)
+    columns = {column: np.concatenate([piece[column] for piece in pieces]) for column in pieces[0]}
+    reading = job.reading
+    try:
+        way = reading.way or Smoothing()
+        found = motion_from_columns(columns, task.match, job.robot.mechanism, job.highest, where, way, part.origin)
+        with locate_errors(where):
+            found = found if reading.blend is None else found.blended(reading.blend, max(4, job.highest))
+            found = found if reading.step is None else found.with_step(reading.step)
+    except JounceError as error:
+        if not reading.skip:
+            raise
+        table = select_format(part.path)
+        row = table.number(part.path, start, table.FIRST)
+        skipped.append(Skipped(str(part.path), row, "", f"the motion that begins here: {error}"))
+        return
+    yield name, found
