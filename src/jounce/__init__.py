@@ -65,10 +65,10 @@ _NAMES = {  # of modules, imported when first asked for one of them, so that wha
     "motion": "Motion",
     "native.kernel": "Kernel",
     "robot": "Robot",
-    "robot.elastic": "ElasticRobot",
+    "robot.deprecated_elastic": "ElasticRobot",
     "robot.loading": "load",
     "robot.motions": "load_motion",
-    "robot.old": "casadi_function codegen excite identify report symbolic",
+    "robot.deprecated_methods": "casadi_function codegen excite identify report symbolic",
     "robot.saving": "save",
     "spatial.inertia": "inertia_matrix",
 }

@@ -47,7 +47,7 @@ def plan(tmp_path):
 
 @pytest.mark.parametrize("piece", [7, 1000])
 def test_a_motion_is_written_with_its_rates_and_samples(tmp_path, log, monkeypatch, piece):
-    monkeypatch.setattr(writing, "PIECE", piece)
+    monkeypatch.setattr(writing, "ROWS_PER_MOTION_PIECE", piece)
     out = tmp_path / "motion.csv"
     words = call("motion", "planar2r", log, "-o", out, "--intervals", 8)
     assert f"q to q4d written to {out}" in words

@@ -187,9 +187,9 @@ def test_measured_motions(budget):
 
 NO_PEAKS = Peaks(*(np.array([], dtype=kind) for kind in (str, int, int, float, float)))
 FAULTS = {
-    "peaks between rows": (worst_values, "peaks_of", lambda *_: NO_PEAKS, check_verdict, "samples", 0),
+    "peaks between rows": (worst_values, "find_peaks", lambda *_: NO_PEAKS, check_verdict, "samples", 0),
     "jumps": (worst_values.Worst, "take_jumps", lambda *_: None, check_verdict, "points", 1),
-    "refined factors": (slowdown, "times_beyond", lambda *_: np.empty(0), check_slowdown, "samples", 0),
+    "refined factors": (slowdown, "find_times_beyond", lambda *_: np.empty(0), check_slowdown, "samples", 0),
 }
 
 

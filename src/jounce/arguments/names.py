@@ -39,7 +39,7 @@ def _unreadable_error(given: Any, error: Exception) -> JounceError:  # of a fore
 
 
 def read_entries(given: Any) -> dict[Any, Any]:
-    """Map the names that `listed_in` finds to their entries."""
+    """Map the names that `entry_names` finds to their entries."""
     names = entry_names(given) or []
     repeated = [quote_value(name) for name in dict.fromkeys(names) if names.count(name) > 1]
     if repeated:

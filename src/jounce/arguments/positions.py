@@ -45,7 +45,7 @@ def split_rates(mechanism: Mechanism, given: Sequence[Any]) -> tuple[Sequence[An
 def dependent_coordinates(mechanism: Mechanism, u: Array, whole: Array | None, step: NewtonStep | None = None) -> Array:
     """The dependent coordinates (..., N - n), with loops closed: from those given, if any, else from the start.
 
-    Symbols are taken as they are. `step` is one of `closing.close_loops`.
+    Symbols are taken as they are. `step` is one of `loop_closure.close_loops`.
     """
     closure = closure_of(mechanism)
     others = list(closure.dependent)

@@ -126,7 +126,7 @@ def write_motion(output: Path, motion: "Motion", joints: Sequence[str], order: i
 
 
 def add_motion_options(verb: Callable[..., None]) -> Callable[..., None]:
-    """Add the argument MOTION and its options to a `MotionCommand`, which gets them as one `AskedMotion`."""
+    """Add the argument MOTION and its options to a `MotionCommand`, which gets them as one `MotionRequest`."""
     return click.argument("motion", type=MOTION_NAME)(_add_options(verb))
 
 

@@ -130,12 +130,12 @@ ROBOT_OPTIONS: tuple[Decorator, ...] = (
 
 
 def add_robot_options(verb: Callable[..., None]) -> Callable[..., None]:
-    """Add the argument ROBOT and its options to a command, which gets them as one `robot`, an `Asked`."""
+    """Add the argument ROBOT and its options to a command, which gets them as one `robot`, an `RobotRequest`."""
     return _add_options(verb, ROBOT_OPTIONS)
 
 
 def add_robot_options_without_drives(verb: Callable[..., None]) -> Callable[..., None]:
-    """`on_robot` of a verb on which drive trains have no effect."""
+    """`add_robot_options` of a verb on which drive trains have no effect."""
     return _add_options(verb, [option for option in ROBOT_OPTIONS if option is not DRIVES_OPTION])
 
 

@@ -62,12 +62,12 @@ class StreamRequest:
 
 
 def add_stream_options(verb: Callable[..., None]) -> Callable[..., None]:
-    """Add --reduce, --on-error and --cluster to a command, which gets them as one `stream`, an `AskedStream`."""
+    """Add --reduce, --on-error and --cluster to a command, which gets them as one `stream`, an `StreamRequest`."""
     return REDUCE(add_stream_options_without_reduce(verb))
 
 
 def add_stream_options_without_reduce(verb: Callable[..., None]) -> Callable[..., None]:
-    """`on_stream` of a command without aggregates of its own."""
+    """`add_stream_options` of a command without aggregates of its own."""
 
     @wraps(verb)
     def asked(on_error: str, cluster: str | None, reduce: str | None = None, **others: Any) -> None:

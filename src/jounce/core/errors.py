@@ -136,7 +136,7 @@ def check_bool(label: str, given: object, meaning: str) -> bool:
 
 
 def join_names(names: Iterable[str], most: int = 24) -> str:
-    """Join names with commas, each as `shortened` shows it; of many, only the first."""
+    """Join names with commas, each as `shorten` shows it; of many, only the first."""
     shown = [shorten(name) for name in names]
     rest = f", ... ({len(shown)} in all)" if len(shown) > most else ""
     return ", ".join(shown[:most]) + rest

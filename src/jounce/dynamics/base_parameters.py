@@ -5,7 +5,7 @@ composite inertia I of the bodies that it carries, v . I X_j, must vanish for th
 joint before it can give the body, and for gravity. As the joints behind move, I = I_j + sum of phi(theta) I_c varies; a
 linear function f of I vanishes at all positions if f(phi(theta) I_c) is constant for every child c, and f(I) is zero at
 one. It is constant if f phi(theta) D vanishes on I_c, D the change of moments of mass by the motion of the joint. The
-regrouping of `equivalent.base_parameters` is one case of this rule: what a joint does not move has D I = 0.
+regrouping of `equivalent_mechanisms.reduce_inertias` is one case of this rule: what a joint does not move has D I = 0.
 
 Algorithm: every body has a space of functions of ten parameters that must vanish, found from its parent's by closures
 of subspaces, without states; base parameters are bases of these spaces, of composite inertias at theta = 0. Joints that

@@ -9,7 +9,7 @@ nearby, all coordinates move, at first by shorter steps.
 Invariant: the best coordinates so far are kept; the iteration ends where a step does not make the gaps smaller.
 
 Failure: gaps stay above `CLOSED_GAP` where the start is too far away or the loops cannot close; `assemble` raises
-`JounceError` then, `least_gaps` returns what is left of them.
+`JounceError` then, `minimize_gaps` returns what is left of them.
 """
 
 from collections.abc import Sequence

@@ -2,7 +2,7 @@
 
 Problem: all coordinates q(t) that close the loops, given the independent ones over time, on the branch of the start.
 
-Algorithm: numerical continuation in time [1]. Newton's method (`dynamics.closing`) closes the loops at the next times
+Algorithm: numerical continuation in time [1]. Newton's method (`dynamics.loop_closure`) closes the loops at the next times
 from the last position. Neighbours belong together if velocities and accelerations of the dependent coordinates explain
 how far these move, by the trapezoidal rule with its end correction, and no singular configuration lies between: no
 determinant of the constraints changes its sign. If not, the interval is halved.

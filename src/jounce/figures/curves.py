@@ -64,7 +64,7 @@ def draw_curves(
 
 
 def overlay_runs(runs: Sequence[TableRun], width: float | None = None) -> "Figure":
-    """Axes for each joint and quantity, in which each of several runs is a curve; `width` as in `over_time`."""
+    """Axes for each joint and quantity, in which each of several runs is a curve; `width` as in `draw_curves`."""
     joints = joint_names([panel for run in runs for panel in run.panels])
     cells = [AxesCell(joint, [Trace(run, joint, i) for i, run in enumerate(runs)]) for joint in joints]
     return _figure(cells, [run.title for run in runs], min(len(cells), MAX_JOINT_COLUMNS), 1, width)

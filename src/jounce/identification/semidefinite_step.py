@@ -65,7 +65,7 @@ def minimise(problem: SemidefiniteProblem) -> tuple[Floats, Floats]:
         # mu: the more the last step was cut short, the closer to the mean of S X
         mu = max(problem.weight, max(MIN_MU_RATIO, 1 - t) * float(np.mean(s * s)))
         Z, d = _newton_step(problem, G, s, mu)
-        # the largest share of the steps of S (Z) and X (back) after which both are definite
+        # the largest share of the step Z of S, and of the step `back` of X, after which both are definite
         back = mu * np.linalg.inv(D) - D - Z
         nearest = min(np.linalg.eigvalsh(change / sizes).min() for change in (Z, back))
         t = 1.0 if nearest > -MAX_SHARE_TO_BOUNDARY else -MAX_SHARE_TO_BOUNDARY / nearest

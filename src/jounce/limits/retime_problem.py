@@ -245,7 +245,7 @@ def _supported_friction(robot: Engine) -> Friction | None:
     if passive := [joint_names(m)[j] for j in rubs if joint_names(m)[j] not in m.coordinates]:
         raise JounceError(
             "retime does not support Coulomb friction of joints that follow others in closed loops"
-            f" ({join_names(passive)}); omit it, robot.with_drives(['armature', 'damping', 'spring']), and check the result"
-            " with it"
+            f" ({join_names(passive)}); omit it, robot.with_drives(['armature', 'damping', 'spring']), and check the"
+            " result with it"
         )
     return friction

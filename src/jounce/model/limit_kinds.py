@@ -1,6 +1,6 @@
 """The kinds of limits, a row each: with_limits, files, checks, slow-downs, retiming and excitation follow from them.
 
-Index: `KINDS`.
+Index: `LIMIT_KINDS`.
 """
 
 from collections.abc import Callable, Mapping

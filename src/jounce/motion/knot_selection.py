@@ -4,12 +4,12 @@ Problem: the breaks of the spline whose squared error about the motion, summed o
 least. Breaks come from families with one number, their intervals, so that the search is one of whole numbers.
 
 1. Evenly spaced breaks by Schwarz' criterion (BIC, Annals of Statistics 6, 1978), which is hardest to mislead by noise
-   that is not white (`by_schwarz`).
+   that is not white (`select_by_bic`).
 2. Their number by Mallows' Cp (Technometrics 15, 1973), which estimates the squared error itself, near the first one.
 3. Where the motion is uneven: bisections from several starts determine how densely breaks lie, Cp their number. They
    replace even breaks only if their Cp is less, at the same variance of noise.
 
-The variance comes from denser breaks (`noise_variance`), and counts for more where rounding beats (`Beats.inflation`).
+The variance comes from denser breaks (`estimate_noise_variance`), and counts for more where rounding beats (`Beats.inflation`).
 Noise that is slower than an interval is taken for motion. `LinAlgError` where holes leave every number undetermined.
 """
 

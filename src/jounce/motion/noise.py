@@ -2,7 +2,7 @@
 
 Problem: the step of which all differences of samples are multiples. One that is written is found by decimals, that of
 an encoder by Euclid's algorithm on the differences of sorted samples. It multiplies their rounding and gives up after a
-few divisions: such samples count as white (`step_of` is 0).
+few divisions: such samples count as white (`find_step` is 0).
 
 Rounding to steps leaves the errors of a saw-tooth, whose m-th harmonic holds 6 / (pi m)^2 of their variance step^2 / 12
 (Widrow & Kollar, Quantization Noise, 2008). In samples they are as good as white as long as the motion passes several

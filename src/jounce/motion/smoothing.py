@@ -1,15 +1,15 @@
 """From measured samples to a spline: what is noise, which rows count, which stamps are wrong, how many breaks.
 
-Problem: a spline of degree 9 that follows the motion and not the noise, and the noise. One pass of `_smooth`:
+Problem: a spline of degree 9 that follows the motion and not the noise, and the noise. One pass of `_smooth_once`:
 
 1. weights of rows at rest, and where rounding to an encoder's steps is no white noise (`noise.Beats`)
-2. time stamps, corrected by the first fit where shifts of rows explain its residuals (`correction`)
+2. time stamps, corrected by the first fit where shifts of rows explain its residuals (`timestamps`)
 3. the breaks (`choice`), with wild rows weighed as Huber does (Robust Estimation of a Location Parameter, Annals of
    Mathematical Statistics 35, 1964), and once more without their effect
 4. the stamps again, by that better fit, and the same breaks for the samples at their final times
 5. residuals: where they are no noise, and vibrations among them
 
-`_with_vibrations` repeats it with breaks that follow those. What is fast and below the noise is not found; what is fast
+`_follow_vibrations` repeats it with breaks that follow those. What is fast and below the noise is not found; what is fast
 and above it, but no line, shows in residuals: deviations are larger there, and a note says where.
 """
 

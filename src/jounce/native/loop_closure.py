@@ -1,7 +1,7 @@
 """Newton's method for the positions of one closed robot as native code, from where its loops are nearly closed.
 
 Problem: of coordinates q, keep the independent ones and find the dependent ones with which the gaps of all loops are 0.
-Algorithm: the step of `dynamics.newton`, traced and compiled; its error is about the square of the one before [1].
+Algorithm: the step of `dynamics.loop_newton`, traced and compiled; its error is about the square of the one before [1].
 Invariants: independent coordinates do not change; results are those of a step from where gaps were within `max_gap`,
 hence closed to rounding. Failure: LookupError, without a result, where the loops are not closed after
 `MAX_CLOSING_STEPS`, where a state of the batch is too near to a singularity or has moved to another branch. The caller
@@ -31,7 +31,7 @@ MAX_CLOSING_STEPS = 5  # from nearly closed loops, which converge quadratically
 
 
 class NativeStep:
-    """`newton.step` of a robot on arrays (..., N) and (..., n)."""
+    """`loop_newton.newton_step` of a robot on arrays (..., N) and (..., n)."""
 
     def __init__(self, mechanism: Mechanism) -> None:
         closure = closure_of(mechanism)
