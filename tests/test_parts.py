@@ -74,10 +74,10 @@ import os, pathlib, signal, sys
 from jounce.io import files, folders
 killed = lambda: os.kill(os.getpid(), signal.SIGKILL)
 if sys.argv[1] == "file":
-    with files.written_whole(pathlib.Path("out.csv")) as part:
+    with files.write_whole(pathlib.Path("out.csv")) as part:
         part.write_text("half of")
         killed()
-folders.mode_of = lambda path: killed() if path.name == "a" else None
+folders.file_mode = lambda path: killed() if path.name == "a" else None
 folders.write_folder(pathlib.Path("out"), {"a": "half of"}, "mark", overwrite=False)
 """
     subprocess.run([sys.executable, "-c", code, kind], cwd=tmp_path, check=False, timeout=60)

@@ -109,12 +109,12 @@ def test_batches_split_along_any_axis_have_the_same_digits(threads, leads):
 
 FORKED = """
 import os, threading
-from jounce.native.threads import in_parts
-in_parts(lambda box: None, (2,), 2)
+from jounce.native.threads import compute_in_parts
+compute_in_parts(lambda box: None, (2,), 2)
 child = os.fork()
 if child == 0:
     both = threading.Barrier(2, timeout=20)
-    in_parts(lambda box: both.wait(), (2,), 2)  # breaks where the caller does it all
+    compute_in_parts(lambda box: both.wait(), (2,), 2)  # breaks where the caller does it all
     os._exit(0)
 raise SystemExit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 """

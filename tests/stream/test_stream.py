@@ -242,8 +242,8 @@ def test_a_part_can_be_sent_to_another_process(tmp_path, monkeypatch):
 KILLED = """
 import os, signal
 from jounce.cli import main
-from jounce.stream import parts, plan, publish
-plan.MAX_PART_CELLS = 200
+from jounce.stream import input_parts, parts, publish
+input_parts.MAX_PART_CELLS = 200
 
 def run(module, name, count):
     real = getattr(module, name)
@@ -256,7 +256,7 @@ def run(module, name, count):
     setattr(module, name, killed)
     main(["run", "planar2r", "states.parquet", "-o", "out"])
 
-for where in ((parts, "checksum", 1), (parts, "keep", 1), (publish, "line_of", 2)):
+for where in ((parts, "checksum", 1), (parts, "write_record", 1), (publish, "line_of", 2)):
     child = os.fork() or run(*where)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
     assert not os.path.exists("out")
@@ -552,9 +552,9 @@ def test_large_tables_of_rates_are_read_by_parts(tmp_path, small_parts, monkeypa
 HELD = """
 import sys
 from pathlib import Path
-from jounce.stream.lock import locked
+from jounce.stream.lock import hold_lock
 
-with locked(Path("out.csv.unfinished"), Path("out.csv")):
+with hold_lock(Path("out.csv.unfinished"), Path("out.csv")):
     print("held", flush=True)
     sys.stdin.read()
 """

@@ -46,8 +46,8 @@ def test_the_signature_of_a_method_is_a_line_of_names(row):
 @pytest.mark.parametrize("row", QUANTITIES.values(), ids=QUANTITIES)
 def test_the_source_of_a_method_is_its_row(row):
     source = inspect.getsource(getattr(jounce.Robot, row.name))
-    assert source.lstrip().startswith("@quantity(")
-    assert f"def {row.name}(m: Mechanism, x: State)" in source
+    assert re.match(r"\s*@(_\w+_)?quantity\(", source)
+    assert f"def {row.name}(m: Mechanism, x: State" in source
 
 
 @pytest.fixture(scope="module")

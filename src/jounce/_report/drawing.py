@@ -90,7 +90,7 @@ def robot_size(m: Mechanism, poses: np.ndarray) -> float:
 
 
 def parts_of(m: Mechanism, size: float, q: np.ndarray | None = None) -> list[Mesh]:
-    """The parts of a robot of a size, m; slides are as long as its limits and coordinates (K, n) `to_single_screws` need."""
+    """The parts of a robot of a size, m; slides are as long as its limits and coordinates (K, n) need."""
     centres = joint_points(m)
     radius = LINK_RADIUS * size
     parts, drawn = [], [j for j in range(len(m.joints)) if not _is_virtual(m, j)]

@@ -87,9 +87,9 @@ class Signature:
 class Computation:
     """A quantity with its rates up to an order, with wrenches on the bodies or without, of one body or of all.
 
-    `body` is None for all bodies, and for quantities that do not belong to bodies. `product` is one of `DERIVATIVE_PRODUCTS`,
-    to be computed instead, or None. `more_rates` are those that springs and motors of the robot take in addition.
-    `base` is whether the motion of the base is given.
+    `body` is None for all bodies, and for quantities that do not belong to bodies. `product` is one of
+    `DERIVATIVE_PRODUCTS`, to be computed instead, or None. `more_rates` are those that springs and motors of the robot
+    take in addition. `base` is whether the motion of the base is given.
     """
 
     name: str

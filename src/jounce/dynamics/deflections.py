@@ -3,11 +3,11 @@
 Problem: the deflection delta of a spring that carries Q, and its rates: phi(delta) = Q, or with a damper D parallel to
 the spring, ``phi(delta) + D delta' = Q``.
 
-Algorithm: without a damper, delta by `spring_deflection.spring_deflection` and ``delta' = Q' / phi'(delta)`` for its rates. With one,
-the deflection is a state with the time constant D / phi'. Where it is not integrated, at one instant, it is an
-asymptotic series: fixed-point iterations ``delta = phi^-1(Q - D delta')``, each of which takes one more rate of Q. Of a
-linear spring the terms are ``(-D / K)^k Q^(k) / K``. The first of them fall if the motion is slow compared with the
-time constant.
+Algorithm: without a damper, delta by `spring_deflection.spring_deflection` and ``delta' = Q' / phi'(delta)`` for its
+rates. With one, the deflection is a state with the time constant D / phi'. Where it is not integrated, at one instant,
+it is an asymptotic series: fixed-point iterations ``delta = phi^-1(Q - D delta')``, each of which takes one more rate
+of Q. Of a linear spring the terms are ``(-D / K)^k Q^(k) / K``. The first of them fall if the motion is slow compared
+with the time constant.
 
 Failure: `UnreachableError` beyond the ends of a spring, and for rates where a spring has no stiffness; `JounceError`
 where the last term of a series is no smaller than those before it.

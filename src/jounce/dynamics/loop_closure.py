@@ -50,8 +50,8 @@ def close_loops(
     """The coordinates (k, N) of the tree where the loops are closed, from the independent ones (k, n).
 
     They are continued along a straight line from a start, (k, N) or (N,), by default that of the closure; where it has
-    these independent coordinates already, its loops need be nearly closed only. `step` is `loop_newton.newton_step` of the robot,
-    by default in NumPy.
+    these independent coordinates already, its loops need be nearly closed only. `step` is `loop_newton.newton_step` of
+    the robot, by default in NumPy.
 
     Raises
     ------

@@ -2,10 +2,10 @@
 
 Problem: all coordinates q(t) that close the loops, given the independent ones over time, on the branch of the start.
 
-Algorithm: numerical continuation in time [1]. Newton's method (`dynamics.loop_closure`) closes the loops at the next times
-from the last position. Neighbours belong together if velocities and accelerations of the dependent coordinates explain
-how far these move, by the trapezoidal rule with its end correction, and no singular configuration lies between: no
-determinant of the constraints changes its sign. If not, the interval is halved.
+Algorithm: numerical continuation in time [1]. Newton's method (`dynamics.loop_closure`) closes the loops at the next
+times from the last position. Neighbours belong together if velocities and accelerations of the dependent coordinates
+explain how far these move, by the trapezoidal rule with its end correction, and no singular configuration lies between:
+no determinant of the constraints changes its sign. If not, the interval is halved.
 
 Invariant: states that are kept agree with their predecessors. Failure: a branch that jumps does so at any distance, so
 that an interval halved several times without agreement raises `JounceError`, with the time; so does one at whose end

@@ -5,10 +5,10 @@ generalized momentum changes by the forces b = Q, one equation per force; the en
 equation. A filter of both sides takes the derivative away. The rows are averaged over cells of time, as those of forces
 are. The power has twice the band of the forces, and a variance that grows with the velocities.
 
-Algorithm: the power model of M. Gautier (IEEE ICRA 1997) and its counterpart of momentum, through `design_low_pass`, which
-integrates d/dt by parts. Invariant: model and measurements pass the same filter, so that the parameters stay what they
-are. Gaps that a line cannot bridge leave samples out until the filter has forgotten them. The power fails where a force
-is not measured or a base moves.
+Algorithm: the power model of M. Gautier (IEEE ICRA 1997) and its counterpart of momentum, through `design_low_pass`,
+which integrates d/dt by parts. Invariant: model and measurements pass the same filter, so that the parameters stay what
+they are. Gaps that a line cannot bridge leave samples out until the filter has forgotten them. The power fails where a
+force is not measured or a base moves.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -2,10 +2,10 @@
 
 `align_frames` puts every body frame on its joint axis, z along it; `turn_frames` turns them about it, until x is normal
 to the next axis as in Denavit-Hartenberg frames; `slide_origins` slides the origins along the axes until offsets
-vanish; `base_parameters` reduces the bodies to their base inertial parameters. After all of them (`minimal_mechanism`) the
-recursion needs the fewest operations. All but the last (`align_to_axes`) leave the Coriolis matrix as it is: C depends on the
-position of inertia, not only on its effect. Body order, coordinates, names, gravity and the frame of a floating base
-stay.
+vanish; `reduce_inertias` reduces the bodies to their base inertial parameters. After all of them (`minimal_mechanism`)
+the recursion needs the fewest operations. All but the last (`align_to_axes`) leave the Coriolis matrix as it is: C
+depends on the position of inertia, not only on its effect. Body order, coordinates, names, gravity and the frame of a
+floating base stay.
 """
 
 from collections.abc import Sequence

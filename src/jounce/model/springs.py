@@ -23,7 +23,9 @@ from jounce.spatial.series import Series
 
 ENERGY_QUADRATURE_NODES = 40  # of Gauss and Legendre: exact for polynomials of degree 79
 END_SLACK = 1e-9  # of the range of a spring: rounding of a difference theta - q may go beyond its ends by this much
-MAX_CUBIC_RATIO = 1e100  # of sqrt(k3 / k) / k, 1/(N m): forces up to 1e50 N m keep y y below 1e300, see `spring_deflection`
+MAX_CUBIC_RATIO = (
+    1e100  # of sqrt(k3 / k) / k, 1/(N m): forces up to 1e50 N m keep y y below 1e300, see `spring_deflection`
+)
 SPRING_OPERATIONS = "+ - * / **, and the functions sin, cos, tanh, exp, sqrt, sinh, cosh of NumPy"
 
 

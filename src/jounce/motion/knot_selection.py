@@ -9,8 +9,9 @@ least. Breaks come from families with one number, their intervals, so that the s
 3. Where the motion is uneven: bisections from several starts determine how densely breaks lie, Cp their number. They
    replace even breaks only if their Cp is less, at the same variance of noise.
 
-The variance comes from denser breaks (`estimate_noise_variance`), and counts for more where rounding beats (`Beats.inflation`).
-Noise that is slower than an interval is taken for motion. `LinAlgError` where holes leave every number undetermined.
+The variance comes from denser breaks (`estimate_noise_variance`), and counts for more where rounding beats
+(`Beats.inflation`). Noise that is slower than an interval is taken for motion. `LinAlgError` where holes leave every
+number undetermined.
 """
 
 from collections.abc import Sequence

@@ -781,7 +781,8 @@ class Motion(HtmlDisplay):
         """
         if not is_finite(factor) or not factor > 0:
             raise JounceError(f"factor is {quote_value(factor)}; expected a finite number > 0, 2 for half the speed")
-        return self._retimed(float(factor), self.start, f"{self.source}, {factor:g} times as long")
+        number = float(factor)  # a fraction does not take a format
+        return self._retimed(number, self.start, f"{self.source}, {number:g} times as long")
 
     def shifted(self, seconds: float) -> "Motion":
         """The same motion, later by some seconds.

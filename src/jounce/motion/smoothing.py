@@ -9,8 +9,8 @@ Problem: a spline of degree 9 that follows the motion and not the noise, and the
 4. the stamps again, by that better fit, and the same breaks for the samples at their final times
 5. residuals: where they are no noise, and vibrations among them
 
-`_follow_vibrations` repeats it with breaks that follow those. What is fast and below the noise is not found; what is fast
-and above it, but no line, shows in residuals: deviations are larger there, and a note says where.
+`_follow_vibrations` repeats it with breaks that follow those. What is fast and below the noise is not found; what is
+fast and above it, but no line, shows in residuals: deviations are larger there, and a note says where.
 """
 
 from collections.abc import Sequence

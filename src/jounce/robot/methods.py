@@ -14,7 +14,7 @@ from jounce.arguments import requests
 from jounce.core.deprecated import deprecate_keywords
 from jounce.core.errors import check_choice
 from jounce.core.typing import ArrayLike, DriveTerms, Frame, LoadFrame, Named, Out, Product, Rates, Results
-from jounce.dynamics.quantities import QUANTITIES, Quantity
+from jounce.dynamics.quantities import QUANTITIES, Quantity, Rows
 from jounce.engine import drives as _drives
 from jounce.engine.backends import compile_ahead
 from jounce.engine.dispatch import compute
@@ -70,7 +70,7 @@ def make_method(row: Quantity) -> FunctionType:
     return method
 
 
-class Methods:
+class Methods(Rows):
     """What robots compute."""
 
     @deprecate_keywords(base="moving_base")

@@ -20,7 +20,7 @@ TIME_MARK_WIDTH = 1e-4  # of the duration: how wide the mark of the time is
 
 
 def joint_sliders(gui: Any, robot: Engine, along: Track | None) -> list[Any]:
-    """A slider for each joint: from limit to limit, and as far as the motion goes; of several screws `to_single_screws`."""
+    """A slider for each single screw: from limit to limit, and as far as the motion goes."""
     q = np.zeros((0, robot.n)) if along is None else to_single_screws(robot.mechanism, along.q)
     lowest, highest = slider_ranges(robot.mechanism, q)
     closure = robot.mechanism.closure

@@ -8,25 +8,27 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 
-from jounce.dynamics.quantities import (
-    bodies,
-    forces,
-    forward,
-    loops,
-    matrices,
-    momenta,
-    motors,
-    partials,
-    regressors,
-    wrenches,
-)  # fmt: skip
+from jounce.dynamics.quantities.bodies import Bodies
+from jounce.dynamics.quantities.forces import Forces
+from jounce.dynamics.quantities.forward import Forward
+from jounce.dynamics.quantities.loops import Loops
+from jounce.dynamics.quantities.matrices import Matrices
+from jounce.dynamics.quantities.momenta import Momenta
+from jounce.dynamics.quantities.motors import Motors
+from jounce.dynamics.quantities.partials import Partials
+from jounce.dynamics.quantities.regressors import Regressors
 from jounce.dynamics.quantities.row import Quantity
+from jounce.dynamics.quantities.wrenches import Wrenches
 
-__all__ = ["FORCES", "QUANTITIES", "Quantity", "row_of"]
+__all__ = ["DEFAULT_QUANTITY", "QUANTITIES", "Quantity", "Rows", "find_row"]
 
-_TOPICS = (forces, forward, partials, regressors, matrices, bodies, momenta, wrenches, motors, loops)
+
+class Rows(Forces, Forward, Partials, Regressors, Matrices, Bodies, Momenta, Wrenches, Motors, Loops):
+    """All rows."""
+
+
 QUANTITIES: Mapping[str, Quantity] = {
-    name: row for topic in _TOPICS for name, row in vars(topic).items() if isinstance(row, Quantity)
+    name: row for topic in Rows.__bases__ for name, row in vars(topic).items() if isinstance(row, Quantity)
 }
 DEFAULT_QUANTITY = QUANTITIES["inverse_dynamics"]  # the default where a quantity is chosen
 

@@ -10,69 +10,73 @@ from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
 
-@quantity(
-    symbol="Q",
-    rates=3,
-    shape=("nv",),
-    of_motors="motor_torques",
-    width=column_width,
-    closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).Q),
-    paper=lambda m, x: row_vector(equations.inverse_dynamics(m, x)),
-    sweep=forces.MOVING_SWEEP,
-    drive_terms=DRIVE_TERMS,
-    drive_law=lambda m, x: row_vector(drive_terms.forces(m, x.q, m.acting)),
-    unit="N m or, for coordinates in m, N",
-    caption="generalized forces",
-    meaning="Q = M(q) q2d + C(q, qd) qd + Qgrav(q): generalized forces.",
-    tex=r"Q = M(q)\,\ddot{q} + C(q, \dot{q})\,\dot{q} + Q_{\mathrm{grav}}(q)",
-    wrench_term="J^T W",
-    wrench_tex="J^T W",
-)
-def inverse_dynamics(m: Mechanism, x: State) -> Series:
-    """The generalized forces Q of a motion and their time derivatives Qd, Q2d, ... (RNEA with rates).
+class Forces:
+    """Rows of forces."""
 
-    ``Q = M(q) q2d + C(q, qd) qd + Qgrav(q) + Qext``, with the drive terms that act added.
+    @quantity(
+        symbol="Q",
+        rates=3,
+        shape=("nv",),
+        of_motors="motor_torques",
+        width=column_width,
+        closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).Q),
+        paper=lambda m, x: row_vector(equations.inverse_dynamics(m, x)),
+        sweep=forces.MOVING_SWEEP,
+        drive_terms=DRIVE_TERMS,
+        drive_law=lambda m, x: row_vector(drive_terms.forces(m, x.q, m.acting)),
+        unit="N m or, for coordinates in m, N",
+        caption="generalized forces",
+        meaning="Q = M(q) q2d + C(q, qd) qd + Qgrav(q): generalized forces.",
+        tex=r"Q = M(q)\,\ddot{q} + C(q, \dot{q})\,\dot{q} + Q_{\mathrm{grav}}(q)",
+        wrench_term="J^T W",
+        wrench_tex="J^T W",
+    )
+    @staticmethod
+    def inverse_dynamics(m: Mechanism, x: State) -> Series:
+        """The generalized forces Q of a motion and their time derivatives Qd, Q2d, ... (RNEA with rates).
 
-    References
-    ----------
-    Müller & Kumar, (EOM1), (EOM1stOrder), (EOM2ndOrder).
+        ``Q = M(q) q2d + C(q, qd) qd + Qgrav(q) + Qext``, with the drive terms that act added.
 
-    Examples
-    --------
-    >>> import jounce
-    >>> robot = jounce.load("planar2r")
-    >>> Q, Qd = robot.inverse_dynamics([0, 0], [1, 0], [0, 0], [0, 0])
-    >>> Q.round(4), Qd.round(4)
-    (array([29.43,  9.81]), array([0., 0.]))
-    """
-    return row_vector(forces.rnea(forces.MOVING_SWEEP, m, x.q, x.W, x.base))
+        References
+        ----------
+        Müller & Kumar, (EOM1), (EOM1stOrder), (EOM2ndOrder).
 
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("planar2r")
+        >>> Q, Qd = robot.inverse_dynamics([0, 0], [1, 0], [0, 0], [0, 0])
+        >>> Q.round(4), Qd.round(4)
+        (array([29.43,  9.81]), array([0., 0.]))
+        """
+        return row_vector(forces.rnea(forces.MOVING_SWEEP, m, x.q, x.W, x.base))
 
-@quantity(
-    symbol="Qgrav",
-    rates=1,
-    shape=("nv",),
-    width=column_width,
-    closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).Qgrav),
-    paper=lambda m, x: row_vector(equations.gravity_forces(m, x)),
-    sweep=forces.RESTING_SWEEP,
-    unit="N m or, for coordinates in m, N",
-    caption="gravity forces",
-    meaning="Qgrav = dU/dq: the forces that hold the robot up against gravity.",
-    tex=r"Q_{\mathrm{grav}} = \partial U / \partial q",
-    tex_symbol=r"Q_{\mathrm{grav}}",
-)
-def gravity_forces(m: Mechanism, x: State) -> Series:
-    """The generalized gravity forces Qgrav(q) = dU/dq, with U the potential energy of gravity, and their rates.
+    @quantity(
+        symbol="Qgrav",
+        rates=1,
+        shape=("nv",),
+        width=column_width,
+        closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).Qgrav),
+        paper=lambda m, x: row_vector(equations.gravity_forces(m, x)),
+        sweep=forces.RESTING_SWEEP,
+        unit="N m or, for coordinates in m, N",
+        caption="gravity forces",
+        meaning="Qgrav = dU/dq: the forces that hold the robot up against gravity.",
+        tex=r"Q_{\mathrm{grav}} = \partial U / \partial q",
+        tex_symbol=r"Q_{\mathrm{grav}}",
+    )
+    @staticmethod
+    def gravity_forces(m: Mechanism, x: State) -> Series:
+        """The generalized gravity forces Qgrav(q) = dU/dq, with U the potential energy of gravity, and their rates.
 
-    References
-    ----------
-    Müller & Kumar, (eq_U), (Qgravdot).
+        References
+        ----------
+        Müller & Kumar, (eq_U), (Qgravdot).
 
-    Examples
-    --------
-    >>> import jounce
-    >>> jounce.load("planar2r").gravity_forces([0, 0])
-    array([29.43,  9.81])
-    """
-    return row_vector(forces.rnea(forces.RESTING_SWEEP, m, x.q, None, x.base))
+        Examples
+        --------
+        >>> import jounce
+        >>> jounce.load("planar2r").gravity_forces([0, 0])
+        array([29.43,  9.81])
+        """
+        return row_vector(forces.rnea(forces.RESTING_SWEEP, m, x.q, None, x.base))

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from jounce.dynamics import loops
-from jounce.dynamics.quantities import forces
+from jounce.dynamics.quantities.forces import Forces
 from jounce.dynamics.quantities.row import quantity, row_vector
 from jounce.dynamics.state import State
 from jounce.model.drives import DRIVE_TERMS
@@ -13,99 +13,103 @@ from jounce.spatial.series import Series
 
 def tree_forces(method: str, m: Mechanism, x: State, motion: loops.ClosedMotion) -> Series:
     """The forces that move the tree of a closed robot, (..., nv, 1)."""
-    Q = forces.inverse_dynamics.law(method, m.tree)(m.tree, replace(x, q=motion.q, position=None))
+    Q = Forces.inverse_dynamics.law(method, m.tree)(m.tree, replace(x, q=motion.q, position=None))
     return Q.map(lambda Q: Q[..., None])
 
 
-@quantity(
-    symbol="qt",
-    rates=1,
-    shape=("tree",),
-    closed=True,
-    without_base=("body",),
-    unit="rad or, for coordinates in m, m",
-    caption="coordinates of the tree",
-    meaning="qt: the coordinates of all joints, with loops closed; qtd = F qd of the independent ones.",
-    tex=r"\dot{q}_t = F\,\dot{q}, \quad A\,F = 0",
-    tex_symbol="q_{t}",
-    returns="In the order of ``mechanism.tree.coordinates``. As q in later calls it saves closing the loops again.",
-)
-def coordinates(m: Mechanism, x: State) -> Series:
-    """The coordinates of all joints of a robot with closed loops, and their rates.
+class Loops:
+    """Rows of closed loops."""
 
-    ``qtd = F qd`` with the constraints ``A F = 0``. The motion of the base has no effect here.
+    @quantity(
+        symbol="qt",
+        rates=1,
+        shape=("tree",),
+        closed=True,
+        without_base=("body",),
+        unit="rad or, for coordinates in m, m",
+        caption="coordinates of the tree",
+        meaning="qt: the coordinates of all joints, with loops closed; qtd = F qd of the independent ones.",
+        tex=r"\dot{q}_t = F\,\dot{q}, \quad A\,F = 0",
+        tex_symbol="q_{t}",
+        returns="In the order of ``mechanism.tree.coordinates``. As q in later calls it saves closing the loops again.",
+    )
+    @staticmethod
+    def coordinates(m: Mechanism, x: State) -> Series:
+        """The coordinates of all joints of a robot with closed loops, and their rates.
 
-    Examples
-    --------
-    >>> import jounce
-    >>> robot = jounce.load("fivebar")
-    >>> qt, qtd = robot.coordinates([2.2, 0.9], [1.0, 0.0])
-    >>> qt.shape
-    (4,)
-    """
-    return row_vector(loops.closed_motion(m, x).q)
+        ``qtd = F qd`` with the constraints ``A F = 0``. The motion of the base has no effect here.
 
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("fivebar")
+        >>> qt, qtd = robot.coordinates([2.2, 0.9], [1.0, 0.0])
+        >>> qt.shape
+        (4,)
+        """
+        return row_vector(loops.closed_motion(m, x).q)
 
-@quantity(
-    symbol="u",
-    rates=3,
-    shape=("motors",),
-    closed=True,
-    drive_terms=DRIVE_TERMS,
-    unit="N m or, for coordinates in m, N",
-    caption="forces of the motors",
-    meaning="u: forces of the actuated joints, F_u^T u = Q, with the least weighted sum of squares.",
-    tex=r"F_u^T u = Q",
-    wrench_term="F_u^-T F^T J^T W",
-    wrench_tex=r"F_u^{-T} F^T J^T W",
-    returns="Of the motors, in the order of `actuated` in `closed`.",
-)
-def actuator_forces(m: Mechanism, x: State, method: str = "recursion") -> Series:
-    """The forces u of the actuated joints of a robot with closed loops, and their rates.
+    @quantity(
+        symbol="u",
+        rates=3,
+        shape=("motors",),
+        closed=True,
+        drive_terms=DRIVE_TERMS,
+        unit="N m or, for coordinates in m, N",
+        caption="forces of the motors",
+        meaning="u: forces of the actuated joints, F_u^T u = Q, with the least weighted sum of squares.",
+        tex=r"F_u^T u = Q",
+        wrench_term="F_u^-T F^T J^T W",
+        wrench_tex=r"F_u^{-T} F^T J^T W",
+        returns="Of the motors, in the order of `actuated` in `closed`.",
+    )
+    @staticmethod
+    def actuator_forces(m: Mechanism, x: State, method: str = "recursion") -> Series:
+        """The forces u of the actuated joints of a robot with closed loops, and their rates.
 
-    ``F_u^T u = Q``, F_u the velocities of the actuated joints from those of the independent coordinates. With more
-    motors than coordinates, the weighted sum of u^2 is least. If the coordinates are those of the motors, u = Q.
+        ``F_u^T u = Q``, F_u the velocities of the actuated joints from those of the independent coordinates. With more
+        motors than coordinates, the weighted sum of u^2 is least. If the coordinates are those of the motors, u = Q.
 
-    Examples
-    --------
-    >>> import jounce
-    >>> robot = jounce.load("fivebar")
-    >>> robot.actuator_forces([2.2, 0.9], [0, 0], [0, 0]).shape
-    (2,)
-    """
-    Q = forces.inverse_dynamics.law(method, m)(m, x).map(lambda Q: Q[..., -m.n :, None])
-    return row_vector(loops.actuator_forces(m, loops.closed_motion(m, x).F, Q))
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("fivebar")
+        >>> robot.actuator_forces([2.2, 0.9], [0, 0], [0, 0]).shape
+        (2,)
+        """
+        Q = Forces.inverse_dynamics.law(method, m)(m, x).map(lambda Q: Q[..., -m.n :, None])
+        return row_vector(loops.actuator_forces(m, loops.closed_motion(m, x).F, Q))
 
+    @quantity(
+        symbol="Wl",
+        rates=3,
+        shape=("loops", 6),
+        closed=True,
+        all_constraints=True,
+        drive_terms=DRIVE_TERMS,
+        unit="N m and N",
+        caption="wrenches at the cut joints",
+        meaning="Wl: the wrench (moment; force) of a cut joint on the body of its second frame, in the first.",
+        tex=r"W_l = R^T \lambda, \quad A_d^T \lambda = Q_d",
+        tex_symbol="W_{l}",
+        wrench_term="what they add",
+        wrench_tex=r"W_l(W)",
+        returns="Moment and force of each cut joint on the body of its second frame, in the axes of its first frame,"
+        " about the origin of that.",
+    )
+    @staticmethod
+    def loop_wrenches(m: Mechanism, x: State, method: str = "recursion") -> Series:
+        """The wrenches that the cut joints of a robot with closed loops transmit, and their rates.
 
-@quantity(
-    symbol="Wl",
-    rates=3,
-    shape=("loops", 6),
-    closed=True,
-    all_constraints=True,
-    drive_terms=DRIVE_TERMS,
-    unit="N m and N",
-    caption="wrenches at the cut joints",
-    meaning="Wl: the wrench (moment; force) of a cut joint on the body of its second frame, in the first.",
-    tex=r"W_l = R^T \lambda, \quad A_d^T \lambda = Q_d",
-    tex_symbol="W_{l}",
-    wrench_term="what they add",
-    wrench_tex=r"W_l(W)",
-    returns="Moment and force of each cut joint on the body of its second frame, in the axes of its first frame,"
-    " about the origin of that.",
-)
-def loop_wrenches(m: Mechanism, x: State, method: str = "recursion") -> Series:
-    """The wrenches that the cut joints of a robot with closed loops transmit, and their rates.
+        ``Wl = R^T y`` with ``A_d^T y = Q_d``: the dependent joints of the tree need no motors. Where constraints are
+        redundant, as those of planar loops, the shortest y is taken.
 
-    ``Wl = R^T y`` with ``A_d^T y = Q_d``: the dependent joints of the tree need no motors. Where constraints are
-    redundant, as those of planar loops, the shortest y is taken.
-
-    Examples
-    --------
-    >>> import jounce
-    >>> robot = jounce.load("fivebar")
-    >>> robot.loop_wrenches([2.2, 0.9], [0, 0], [0, 0]).shape
-    (1, 6)
-    """
-    motion = loops.closed_motion(m, x)
-    return loops.loop_wrenches(m, motion, tree_forces(method, m, x, motion))
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("fivebar")
+        >>> robot.loop_wrenches([2.2, 0.9], [0, 0], [0, 0]).shape
+        (1, 6)
+        """
+        motion = loops.closed_motion(m, x)
+        return loops.loop_wrenches(m, motion, tree_forces(method, m, x, motion))

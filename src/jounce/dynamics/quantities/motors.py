@@ -6,7 +6,9 @@ from functools import partial
 
 from jounce.dynamics import coupling, elastic, electrical
 from jounce.dynamics.joint_springs import NO_INPUTS, elasticity_of, with_stiffness
-from jounce.dynamics.quantities import forces, forward, matrices
+from jounce.dynamics.quantities.forces import Forces
+from jounce.dynamics.quantities.forward import Forward
+from jounce.dynamics.quantities.matrices import Matrices
 from jounce.dynamics.quantities.row import column_width, quantity, row_vector
 from jounce.dynamics.state import State
 from jounce.model.drives import DRIVE_TERMS
@@ -21,7 +23,7 @@ def _motor_motion(method: str, m: Mechanism, x: State) -> tuple[Series, Callable
 
     def link_forces(added: Series | None) -> Series:
         W = x.W if added is None else added if x.W is None else x.W + added
-        return forces.inverse_dynamics.law(method, m)(m, replace(x, W=W)).map(lambda Q: Q[..., -m.n :, None])
+        return Forces.inverse_dynamics.law(method, m)(m, replace(x, W=W)).map(lambda Q: Q[..., -m.n :, None])
 
     inputs = NO_INPUTS if x.stiffness is None else with_stiffness(m, x.stiffness)
     theta, phi = elastic.motor_positions(m, x.q, link_forces, inputs)
@@ -37,10 +39,10 @@ def _accelerations(method: str, m: Mechanism, x: State) -> Series:
         q, motors = (Series.of([*rates, 0 * rates[0]]) for rates in (x.q.upto(1), (theta, thetad)))
         W = coupling.reaction_wrenches(m, q, motors)
         still = replace(x, q=q, W=W if x.W is None else W + x.W)
-        M, bias = (row.law(method, m)(m, still)[0] for row in (matrices.mass_matrix, forces.inverse_dynamics))
+        M, bias = (row.law(method, m)(m, still)[0] for row in (Matrices.mass_matrix, Forces.inverse_dynamics))
         return row_vector(Series.of(coupling.accelerations(m, q, M, phi - bias[..., None], drive - phi)))
     plant = elastic.with_rigid_rotors(m)
-    q2d = forward.forward_dynamics.law(method, plant)(plant, replace(x, Q=Series.of([Q])))[0][..., None]
+    q2d = Forward.forward_dynamics.law(method, plant)(plant, replace(x, Q=Series.of([Q])))[0][..., None]
     return row_vector(Series.of([q2d, elastic.rotor_accelerations(m, q2d, drive - phi)]))
 
 
@@ -48,202 +50,206 @@ def _linearizing_torques(method: str, m: Mechanism, x: State) -> Series:
     """tau that makes q4d what is given; q2d and q3d follow from the forces of the springs."""
     theta, thetad, q4d = x.motors.upto(2)
     Q = elastic.spring_forces(m, x.q, Series.of([theta, thetad]))
-    found = forward.forward_dynamics.law(method, m)(m, replace(x, Q=Q))
+    found = Forward.forward_dynamics.law(method, m)(m, replace(x, Q=Q))
     q = Series.of([*x.q.upto(1), *(x[..., None] for x in found.upto(1)), q4d])
     return _motor_motion(method, m, replace(x, q=q))[1]()
 
 
-@_motor_quantity(
-    symbol="theta",
-    rates=3,
-    width=column_width,
-    unit="rad or, for coordinates in m, m",
-    caption="motor positions",
-    meaning="theta = q + K^-1 Q: positions of the motors behind elastic joints.",
-    tex=r"\theta = q + K^{-1} Q",
-    tex_symbol=r"\theta",
-    wrench_term="K^-1 J^T W",
-    wrench_tex=r"K^{-1} J^T W",
-)
-def motor_positions(m: Mechanism, x: State, method: str = "recursion") -> Series:
-    """The motor positions theta of a motion of the links behind elastic joints, and their rates.
+class Motors:
+    """Rows of motors."""
 
-    ``theta = q + Q / K``, seen from the links: rotor angles over gear ratios. See `elastic`.
+    @_motor_quantity(
+        symbol="theta",
+        rates=3,
+        width=column_width,
+        unit="rad or, for coordinates in m, m",
+        caption="motor positions",
+        meaning="theta = q + K^-1 Q: positions of the motors behind elastic joints.",
+        tex=r"\theta = q + K^{-1} Q",
+        tex_symbol=r"\theta",
+        wrench_term="K^-1 J^T W",
+        wrench_tex=r"K^{-1} J^T W",
+    )
+    @staticmethod
+    def motor_positions(m: Mechanism, x: State, method: str = "recursion") -> Series:
+        """The motor positions theta of a motion of the links behind elastic joints, and their rates.
 
-    Examples
-    --------
-    >>> import jounce
-    >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
-    >>> theta, thetad = arm.motor_positions([0, 0], [1, 0], [0, 0], [0, 0])
-    >>> theta.round(6), thetad.round(6)
-    (array([0.036788, 0.01635 ]), array([1., 0.]))
-    """
-    return _motor_motion(method, m, x)[0]
+        ``theta = q + Q / K``, seen from the links: rotor angles over gear ratios. See `elastic`.
 
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
+        >>> theta, thetad = arm.motor_positions([0, 0], [1, 0], [0, 0], [0, 0])
+        >>> theta.round(6), thetad.round(6)
+        (array([0.036788, 0.01635 ]), array([1., 0.]))
+        """
+        return _motor_motion(method, m, x)[0]
 
-@_motor_quantity(
-    symbol="tau",
-    rates=5,
-    width=column_width,
-    unit="N m or, for coordinates in m, N",
-    caption="motor torques",
-    meaning="tau = Q + B theta2d + F_m(thetad): torques of the motors behind elastic joints.",
-    tex=r"\tau = Q + B\,\ddot{\theta} + F_m(\dot{\theta})",
-    tex_symbol=r"\tau",
-    wrench_rates=3,
-    wrench_term="J^T W, and B K^-1 times its second derivative",
-    wrench_tex=r"J^T W + B K^{-1} \tfrac{d^2}{dt^2}(J^T W)",
-)
-def motor_torques(m: Mechanism, x: State, method: str = "recursion") -> Series:
-    """The motor torques tau of a motion of the links behind elastic joints, and their rates.
+    @_motor_quantity(
+        symbol="tau",
+        rates=5,
+        width=column_width,
+        unit="N m or, for coordinates in m, N",
+        caption="motor torques",
+        meaning="tau = Q + B theta2d + F_m(thetad): torques of the motors behind elastic joints.",
+        tex=r"\tau = Q + B\,\ddot{\theta} + F_m(\dot{\theta})",
+        tex_symbol=r"\tau",
+        wrench_rates=3,
+        wrench_term="J^T W, and B K^-1 times its second derivative",
+        wrench_tex=r"J^T W + B K^{-1} \tfrac{d^2}{dt^2}(J^T W)",
+    )
+    @staticmethod
+    def motor_torques(m: Mechanism, x: State, method: str = "recursion") -> Series:
+        """The motor torques tau of a motion of the links behind elastic joints, and their rates.
 
-    ``tau = Q + B theta2d + F_m(thetad)`` with ``theta = q + Q / K``, which takes Q2d and thus q4d.
+        ``tau = Q + B theta2d + F_m(thetad)`` with ``theta = q + Q / K``, which takes Q2d and thus q4d.
 
-    References
-    ----------
-    M. W. Spong, Modeling and control of elastic joint robots, J. Dyn. Sys. Meas. Control 109 (1987).
+        References
+        ----------
+        M. W. Spong, Modeling and control of elastic joint robots, J. Dyn. Sys. Meas. Control 109 (1987).
 
-    Examples
-    --------
-    >>> import jounce
-    >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
-    >>> tau, taud = arm.motor_torques([0, 0], [0, 0], [1, 1], [0, 0], [0, 0], [0, 0])
-    >>> tau.round(6), taud.round(6)
-    (array([36.53, 12.91]), array([0., 0.]))
-    """
-    return _motor_motion(method, m, x)[1]()
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
+        >>> tau, taud = arm.motor_torques([0, 0], [0, 0], [1, 1], [0, 0], [0, 0], [0, 0])
+        >>> tau.round(6), taud.round(6)
+        (array([36.53, 12.91]), array([0., 0.]))
+        """
+        return _motor_motion(method, m, x)[1]()
 
+    @_motor_quantity(
+        symbol="i",
+        rates=5,
+        obstacle=electrical.current_obstacle,
+        width=column_width,
+        unit="A",
+        caption="motor currents",
+        meaning="i = tau / (r k): currents of the motors, with gear ratios r and torque constants k.",
+        tex=r"i = \tau / (r k)",
+        wrench_rates=3,
+        wrench_term="what they add to tau, over r k",
+        wrench_tex=r"\tau(W) / (r k)",
+        returns="NaN for motors that state no torque constant.",
+        raises="no motor states its torque constant",
+    )
+    @staticmethod
+    def motor_currents(m: Mechanism, x: State, method: str = "recursion") -> Series:
+        """The currents i of the motors for a motion of the links behind elastic joints, and their rates.
 
-@_motor_quantity(
-    symbol="i",
-    rates=5,
-    obstacle=electrical.current_obstacle,
-    width=column_width,
-    unit="A",
-    caption="motor currents",
-    meaning="i = tau / (r k): currents of the motors, with gear ratios r and torque constants k.",
-    tex=r"i = \tau / (r k)",
-    wrench_rates=3,
-    wrench_term="what they add to tau, over r k",
-    wrench_tex=r"\tau(W) / (r k)",
-    returns="NaN for motors that state no torque constant.",
-    raises="no motor states its torque constant",
-)
-def motor_currents(m: Mechanism, x: State, method: str = "recursion") -> Series:
-    """The currents i of the motors for a motion of the links behind elastic joints, and their rates.
+        ``i = tau / (r k)`` with the gear ratio r and the torque constant k of each `Motor`.
 
-    ``i = tau / (r k)`` with the gear ratio r and the torque constant k of each `Motor`.
+        Examples
+        --------
+        >>> import jounce
+        >>> motor = jounce.Motor(gear=100, inertia=1e-5, constant=0.05, resistance=0.5)
+        >>> arm = jounce.load("planar2r").elastic(800, motors=motor)
+        >>> arm.motor_currents(*[[0, 0]] * 5)
+        array([5.886, 1.962])
+        """
+        return electrical.currents(elasticity_of(m), _motor_motion(method, m, x)[1]())
 
-    Examples
-    --------
-    >>> import jounce
-    >>> motor = jounce.Motor(gear=100, inertia=1e-5, constant=0.05, resistance=0.5)
-    >>> arm = jounce.load("planar2r").elastic(800, motors=motor)
-    >>> arm.motor_currents(*[[0, 0]] * 5)
-    array([5.886, 1.962])
-    """
-    return electrical.currents(elasticity_of(m), _motor_motion(method, m, x)[1]())
+    @_motor_quantity(
+        symbol="u",
+        rates=5,
+        inductive=True,
+        obstacle=electrical.voltage_obstacle,
+        width=column_width,
+        unit="V",
+        caption="motor voltages",
+        meaning="u = R i + L di/dt + k r thetad: voltages of the motors.",
+        tex=r"u = R\,i + L\,\dot{i} + k r\,\dot{\theta}",
+        wrench_rates=3,
+        wrench_term="what they add",
+        wrench_tex="u(W)",
+        returns="NaN for motors that state no torque constant or no resistance.",
+        raises="no motor states constant and resistance",
+    )
+    @staticmethod
+    def motor_voltages(m: Mechanism, x: State, method: str = "recursion") -> Series:
+        """The voltages u of the motors for a motion of the links behind elastic joints, and their rates.
 
+        ``u = R i + L di/dt + k r thetad`` takes the rate of tau and thus q5d, unless no motor has an inductance.
 
-@_motor_quantity(
-    symbol="u",
-    rates=5,
-    inductive=True,
-    obstacle=electrical.voltage_obstacle,
-    width=column_width,
-    unit="V",
-    caption="motor voltages",
-    meaning="u = R i + L di/dt + k r thetad: voltages of the motors.",
-    tex=r"u = R\,i + L\,\dot{i} + k r\,\dot{\theta}",
-    wrench_rates=3,
-    wrench_term="what they add",
-    wrench_tex="u(W)",
-    returns="NaN for motors that state no torque constant or no resistance.",
-    raises="no motor states constant and resistance",
-)
-def motor_voltages(m: Mechanism, x: State, method: str = "recursion") -> Series:
-    """The voltages u of the motors for a motion of the links behind elastic joints, and their rates.
+        Examples
+        --------
+        >>> import jounce
+        >>> motor = jounce.Motor(gear=100, inertia=1e-5, constant=0.05, resistance=0.5, inductance=1e-3)
+        >>> arm = jounce.load("planar2r").elastic(800, motors=motor)
+        >>> arm.motor_voltages(*[[0, 0]] * 6)
+        array([2.943, 0.981])
+        """
+        theta, torques = _motor_motion(method, m, x)
+        return electrical.voltages(elasticity_of(m), theta, torques())
 
-    ``u = R i + L di/dt + k r thetad`` takes the rate of tau and thus q5d, unless no motor has an inductance.
+    @_motor_quantity(
+        symbol="q",
+        results=("q2d", "theta2d"),
+        rates=5,
+        inputs=("q", "qd", "theta", "thetad", "tau"),
+        unit="rad/s^2 or, for coordinates in m, m/s^2",
+        caption="accelerations of links and motors",
+        meaning="q2d = M^-1 (K (theta - q) - C qd - Qgrav), theta2d = (tau - F_m - K (theta - q)) / B.",
+        tex=r"\ddot{q} = M^{-1} \left(K (\theta - q) - C\,\dot{q} - Q_{\mathrm{grav}}\right),\quad"
+        r" \ddot{\theta} = B^{-1} \left(\tau - F_m(\dot{\theta}) - K (\theta - q)\right)",
+        tex_symbol=r"(\ddot{q},\ \ddot{\theta})",
+        wrench_term="-M^-1 J^T W to q2d",
+        wrench_tex="-M^{-1} J^T W",
+    )
+    @staticmethod
+    def elastic_forward_dynamics(m: Mechanism, x: State, method: str = "recursion") -> Series:
+        """The accelerations q2d of the links and theta2d of the motors behind elastic joints that motor torques cause.
 
-    Examples
-    --------
-    >>> import jounce
-    >>> motor = jounce.Motor(gear=100, inertia=1e-5, constant=0.05, resistance=0.5, inductance=1e-3)
-    >>> arm = jounce.load("planar2r").elastic(800, motors=motor)
-    >>> arm.motor_voltages(*[[0, 0]] * 6)
-    array([2.943, 0.981])
-    """
-    theta, torques = _motor_motion(method, m, x)
-    return electrical.voltages(elasticity_of(m), theta, torques())
+        ``q2d = M^-1 (K (theta - q) - C qd - Qgrav - Qext)``, ``theta2d = (tau - F_m - K (theta - q)) / B``. At a rigid
+        joint B is in M, and theta2d = q2d.
 
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
+        >>> rest, theta = [0, 0], arm.motor_positions([0, 0], [0, 0], [0, 0])
+        >>> q2d, theta2d = arm.elastic_forward_dynamics(rest, rest, theta, rest, [29.43 + 0.1, 9.81])
+        >>> theta2d.round(9) + 0.0
+        array([1., 0.])
+        """
+        return _accelerations(method, m, x)
 
-@_motor_quantity(
-    symbol="q",
-    results=("q2d", "theta2d"),
-    rates=5,
-    inputs=("q", "qd", "theta", "thetad", "tau"),
-    unit="rad/s^2 or, for coordinates in m, m/s^2",
-    caption="accelerations of links and motors",
-    meaning="q2d = M^-1 (K (theta - q) - C qd - Qgrav), theta2d = (tau - F_m - K (theta - q)) / B.",
-    tex=r"\ddot{q} = M^{-1} \left(K (\theta - q) - C\,\dot{q} - Q_{\mathrm{grav}}\right),\quad"
-    r" \ddot{\theta} = B^{-1} \left(\tau - F_m(\dot{\theta}) - K (\theta - q)\right)",
-    tex_symbol=r"(\ddot{q},\ \ddot{\theta})",
-    wrench_term="-M^-1 J^T W to q2d",
-    wrench_tex="-M^{-1} J^T W",
-)
-def elastic_forward_dynamics(m: Mechanism, x: State, method: str = "recursion") -> Series:
-    """The accelerations q2d of the links and theta2d of the motors behind elastic joints that motor torques cause.
+    @_motor_quantity(
+        symbol="tau",
+        results=("tau",),
+        rates=5,
+        inputs=("q", "qd", "theta", "thetad", "q4d"),
+        obstacle=elastic.linearization_obstacle,
+        unit="N m or, for coordinates in m, N",
+        caption="motor torques for a wanted snap",
+        meaning="tau that makes q4d what is given in the state q, qd, theta, thetad.",
+        tex=r"\tau = \tau(q, \dot{q}, \ddot{q}, q^{(3)}, q^{(4)}),\quad M\,\ddot{q}"
+        r" = K (\theta - q) - C\,\dot{q} - Q_{\mathrm{grav}}",
+        tex_symbol=r"\tau",
+        wrench_rates=3,
+        wrench_term="what they add to tau",
+        wrench_tex=r"\tau(W)",
+        raises="a joint is rigid",
+    )
+    @staticmethod
+    def feedback_linearization(m: Mechanism, x: State, method: str = "recursion") -> Series:
+        """The motor torques tau that give the links a wanted snap q4d, from the measured state.
 
-    ``q2d = M^-1 (K (theta - q) - C qd - Qgrav - Qext)``, ``theta2d = (tau - F_m - K (theta - q)) / B``. At a rigid
-    joint B is in M, and theta2d = q2d.
+        q2d and q3d follow from the forces of the springs, ``Q = K (theta - q)`` and ``Qd = K (thetad - qd)``; tau is
+        that of `motor_torques`. With ``q4d = q4d_ref + k3 (q3d_ref - q3d) + ...`` the tracking error obeys a linear
+        equation of order four per coordinate.
 
-    Examples
-    --------
-    >>> import jounce
-    >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
-    >>> rest, theta = [0, 0], arm.motor_positions([0, 0], [0, 0], [0, 0])
-    >>> q2d, theta2d = arm.elastic_forward_dynamics(rest, rest, theta, rest, [29.43 + 0.1, 9.81])
-    >>> theta2d.round(9) + 0.0
-    array([1., 0.])
-    """
-    return _accelerations(method, m, x)
+        References
+        ----------
+        M. W. Spong, Modeling and control of elastic joint robots, J. Dyn. Sys. Meas. Control 109 (1987).
 
-
-@_motor_quantity(
-    symbol="tau",
-    results=("tau",),
-    rates=5,
-    inputs=("q", "qd", "theta", "thetad", "q4d"),
-    obstacle=elastic.linearization_obstacle,
-    unit="N m or, for coordinates in m, N",
-    caption="motor torques for a wanted snap",
-    meaning="tau that makes q4d what is given in the state q, qd, theta, thetad.",
-    tex=r"\tau = \tau(q, \dot{q}, \ddot{q}, q^{(3)}, q^{(4)}),\quad M\,\ddot{q}"
-    r" = K (\theta - q) - C\,\dot{q} - Q_{\mathrm{grav}}",
-    tex_symbol=r"\tau",
-    wrench_rates=3,
-    wrench_term="what they add to tau",
-    wrench_tex=r"\tau(W)",
-    raises="a joint is rigid",
-)
-def feedback_linearization(m: Mechanism, x: State, method: str = "recursion") -> Series:
-    """The motor torques tau that give the links a wanted snap q4d, from the measured state.
-
-    q2d and q3d follow from the forces of the springs, ``Q = K (theta - q)`` and ``Qd = K (thetad - qd)``; tau is
-    that of `motor_torques`. With ``q4d = q4d_ref + k3 (q3d_ref - q3d) + ...`` the tracking error obeys a linear
-    equation of order four per coordinate.
-
-    References
-    ----------
-    M. W. Spong, Modeling and control of elastic joint robots, J. Dyn. Sys. Meas. Control 109 (1987).
-
-    Examples
-    --------
-    >>> import jounce
-    >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
-    >>> rest, theta = [0, 0], arm.motor_positions([0, 0], [0, 0], [0, 0])
-    >>> arm.feedback_linearization(rest, rest, theta, rest, [0, 0]).round(9)
-    array([29.43,  9.81])
-    """
-    return _linearizing_torques(method, m, x)
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
+        >>> rest, theta = [0, 0], arm.motor_positions([0, 0], [0, 0], [0, 0])
+        >>> arm.feedback_linearization(rest, rest, theta, rest, [0, 0]).round(9)
+        array([29.43,  9.81])
+        """
+        return _linearizing_torques(method, m, x)

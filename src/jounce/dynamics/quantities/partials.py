@@ -4,7 +4,8 @@ from dataclasses import replace
 
 from jounce.dynamics import drive_terms, loop_partials, loops, partials
 from jounce.dynamics.joint_motion import velocity_drift
-from jounce.dynamics.quantities import forces, forward
+from jounce.dynamics.quantities.forces import Forces
+from jounce.dynamics.quantities.forward import Forward
 from jounce.dynamics.quantities.loops import tree_forces
 from jounce.dynamics.quantities.row import quantity
 from jounce.dynamics.recursion import force_partials
@@ -14,102 +15,106 @@ from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
 
-@quantity(
-    symbol="P",
-    rates=forces.inverse_dynamics.rates,
-    shape=("rates", "nv", "nv"),
-    drive_terms=DRIVE_TERMS,
-    drive_law=lambda m, x: partials.extend_to_rates(*drive_terms.partials(m, x.q, m.acting)),
-    unit="that of Q over that of q, qd, q2d",
-    caption="partial derivatives of the generalized forces",
-    meaning="P[j] = dQ/dq^(j): the partial derivatives of the generalized forces by q, qd and q2d.",
-    tex=r"P_j = \partial Q / \partial q^{(j)}",
-    wrench_term="d(J^T W)/dq, of wrenches W fixed in the bodies",
-    wrench_tex=r"\partial (J^T W) / \partial q^{(j)}",
-    returns="Row i, column k: the derivative of force i by coordinate k. Pd is (..., 4, nv, nv), P2d (..., 5, nv,"
-    " nv), and so on.",
-)
-def inverse_dynamics_partials(m: Mechanism, x: State, method: str = "recursion") -> Series:
-    """The partial derivatives P of the generalized forces by q, qd and q2d, and those of the forces' rates.
+class Partials:
+    """Rows of partial derivatives."""
 
-    ``P[j] = dQ/dq^(j)``, in the order q, qd, q2d; ``Pd[j] = dQd/dq^(j)``, j = 0 .. 3; ``P2d[j] = dQ2d/dq^(j)``,
-    j = 0 .. 4. P[2] is the mass matrix. Drive terms that act contribute.
+    @quantity(
+        symbol="P",
+        rates=Forces.inverse_dynamics.rates,
+        shape=("rates", "nv", "nv"),
+        drive_terms=DRIVE_TERMS,
+        drive_law=lambda m, x: partials.extend_to_rates(*drive_terms.partials(m, x.q, m.acting)),
+        unit="that of Q over that of q, qd, q2d",
+        caption="partial derivatives of the generalized forces",
+        meaning="P[j] = dQ/dq^(j): the partial derivatives of the generalized forces by q, qd and q2d.",
+        tex=r"P_j = \partial Q / \partial q^{(j)}",
+        wrench_term="d(J^T W)/dq, of wrenches W fixed in the bodies",
+        wrench_tex=r"\partial (J^T W) / \partial q^{(j)}",
+        returns="Row i, column k: the derivative of force i by coordinate k. Pd is (..., 4, nv, nv), P2d (..., 5, nv,"
+        " nv), and so on.",
+    )
+    @staticmethod
+    def inverse_dynamics_partials(m: Mechanism, x: State, method: str = "recursion") -> Series:
+        """The partial derivatives P of the generalized forces by q, qd and q2d, and those of the forces' rates.
 
-    Components of wrenches in the body frames are held constant: a wrench turns with its body as q changes. Of one
-    that keeps its direction in space, they depend on q, and the derivative has one more term.
+        ``P[j] = dQ/dq^(j)``, in the order q, qd, q2d; ``Pd[j] = dQd/dq^(j)``, j = 0 .. 3; ``P2d[j] = dQ2d/dq^(j)``,
+        j = 0 .. 4. P[2] is the mass matrix. Drive terms that act contribute.
 
-    If the robot floats, the first six rows are those of the wrench on the base, and the first six columns the
-    derivatives along a displacement of the base by a twist d in its own axes, C exp(wedge(d)) (j = 0), by its twist
-    V (j = 1), by Vd (j = 2) and so on, with the other components held. Derivatives by the motion of the ground of a
-    fixed robot are left out. Those of a closed robot are derivatives by its independent coordinates, which the
-    others follow.
+        Components of wrenches in the body frames are held constant: a wrench turns with its body as q changes. Of one
+        that keeps its direction in space, they depend on q, and the derivative has one more term.
 
-    References
-    ----------
-    Singh, Russell, Wensing, "Efficient Analytical Derivatives of Rigid-Body Dynamics Using Spatial Vector Algebra",
-    IEEE Robotics and Automation Letters 7(2), 2022, for P.
+        If the robot floats, the first six rows are those of the wrench on the base, and the first six columns the
+        derivatives along a displacement of the base by a twist d in its own axes, C exp(wedge(d)) (j = 0), by its twist
+        V (j = 1), by Vd (j = 2) and so on, with the other components held. Derivatives by the motion of the ground of a
+        fixed robot are left out. Those of a closed robot are derivatives by its independent coordinates, which the
+        others follow.
 
-    Examples
-    --------
-    >>> import jounce, numpy as np
-    >>> robot = jounce.load("planar2r")
-    >>> P, Pd = robot.inverse_dynamics_partials([0, 0], [1, 0], [0, 0], [0, 0])
-    >>> P.shape, Pd.shape
-    ((3, 2, 2), (4, 2, 2))
-    >>> bool(np.allclose(P[2], robot.mass_matrix([0, 0])))
-    True
-    """
-    of_forces = {"recursion": force_partials.partials, "closed_form": partials.compute_dense_partials}[method]
-    if not m.closure:
-        return partials.extend_to_rates(*of_forces(m, x.q, x.W, x.base), velocity_drift(m, x.q, x.base))
-    motion = loops.closed_motion(m, x)
-    rigid = of_forces(m.tree, motion.q, x.W, x.base)
-    of_drives = drive_terms.partials(m.tree, motion.q, m.acting)
-    K, D, M = (P + drive_terms.pad_base(m, own, (-2, -1)) for P, own in zip(rigid, of_drives, strict=True))
-    found = loop_partials.partials(motion, (K, D, M), tree_forces(method, m, x, motion))
-    return partials.extend_to_rates(*found, velocity_drift(m, x.q, x.base))
+        References
+        ----------
+        Singh, Russell, Wensing, "Efficient Analytical Derivatives of Rigid-Body Dynamics Using Spatial Vector Algebra",
+        IEEE Robotics and Automation Letters 7(2), 2022, for P.
 
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> robot = jounce.load("planar2r")
+        >>> P, Pd = robot.inverse_dynamics_partials([0, 0], [1, 0], [0, 0], [0, 0])
+        >>> P.shape, Pd.shape
+        ((3, 2, 2), (4, 2, 2))
+        >>> bool(np.allclose(P[2], robot.mass_matrix([0, 0])))
+        True
+        """
+        of_forces = {"recursion": force_partials.partials, "closed_form": partials.compute_dense_partials}[method]
+        if not m.closure:
+            return partials.extend_to_rates(*of_forces(m, x.q, x.W, x.base), velocity_drift(m, x.q, x.base))
+        motion = loops.closed_motion(m, x)
+        rigid = of_forces(m.tree, motion.q, x.W, x.base)
+        of_drives = drive_terms.partials(m.tree, motion.q, m.acting)
+        K, D, M = (P + drive_terms.pad_base(m, own, (-2, -1)) for P, own in zip(rigid, of_drives, strict=True))
+        found = loop_partials.partials(motion, (K, D, M), tree_forces(method, m, x, motion))
+        return partials.extend_to_rates(*found, velocity_drift(m, x.q, x.base))
 
-@quantity(
-    symbol="dq",
-    results=("dq", "dqd", "Minv"),
-    rates=3,
-    forces=True,
-    shape=("nv", "nv"),
-    drive_terms=DRIVE_TERMS,
-    unit="that of q2d over that of q, qd, Q",
-    caption="partial derivatives of the accelerations",
-    meaning="dq = dq2d/dq, dqd = dq2d/dqd, Minv = dq2d/dQ = M^-1: the partial derivatives of forward dynamics.",
-    tex=r"\partial \ddot{q} / \partial (q, \dot{q}, Q)",
-    wrench_term="-M^-1 d(J^T W)/dq, of wrenches W fixed in the bodies",
-    wrench_tex=r"\partial (-M^{-1} J^T W) / \partial q",
-    returns="dq2d/dq, dq2d/dqd and the inverse of the mass matrix. Row i, column k: the derivative of acceleration"
-    " i by coordinate, velocity or force k.",
-)
-def forward_dynamics_partials(m: Mechanism, x: State, method: str = "recursion") -> Series:
-    """The partial derivatives of the accelerations q2d by q, qd and Q, which linearise `forward_dynamics`.
+    @quantity(
+        symbol="dq",
+        results=("dq", "dqd", "Minv"),
+        rates=3,
+        forces=True,
+        shape=("nv", "nv"),
+        drive_terms=DRIVE_TERMS,
+        unit="that of q2d over that of q, qd, Q",
+        caption="partial derivatives of the accelerations",
+        meaning="dq = dq2d/dq, dqd = dq2d/dqd, Minv = dq2d/dQ = M^-1: the partial derivatives of forward dynamics.",
+        tex=r"\partial \ddot{q} / \partial (q, \dot{q}, Q)",
+        wrench_term="-M^-1 d(J^T W)/dq, of wrenches W fixed in the bodies",
+        wrench_tex=r"\partial (-M^{-1} J^T W) / \partial q",
+        returns="dq2d/dq, dq2d/dqd and the inverse of the mass matrix. Row i, column k: the derivative of acceleration"
+        " i by coordinate, velocity or force k.",
+    )
+    @staticmethod
+    def forward_dynamics_partials(m: Mechanism, x: State, method: str = "recursion") -> Series:
+        """The partial derivatives of the accelerations q2d by q, qd and Q, which linearise `forward_dynamics`.
 
-    ``dq2d/dq = -M^-1 dQ/dq``, ``dq2d/dqd = -M^-1 dQ/dqd``, with the derivatives of `inverse_dynamics_partials` at
-    the accelerations that Q causes, and ``dq2d/dQ = M^-1``. If the robot floats, those of (Vd; q2d): by a
-    displacement of the base by a twist in its own axes and q, by (V; qd), and by Q. Wrenches are held constant in
-    the body frames.
+        ``dq2d/dq = -M^-1 dQ/dq``, ``dq2d/dqd = -M^-1 dQ/dqd``, with the derivatives of `inverse_dynamics_partials` at
+        the accelerations that Q causes, and ``dq2d/dQ = M^-1``. If the robot floats, those of (Vd; q2d): by a
+        displacement of the base by a twist in its own axes and q, by (V; qd), and by Q. Wrenches are held constant in
+        the body frames.
 
-    References
-    ----------
-    Carpentier, Mansard, "Analytical Derivatives of Rigid Body Dynamics Algorithms", Robotics: Science and Systems
-    2018, for the relation of the two.
+        References
+        ----------
+        Carpentier, Mansard, "Analytical Derivatives of Rigid Body Dynamics Algorithms", Robotics: Science and Systems
+        2018, for the relation of the two.
 
-    Examples
-    --------
-    >>> import jounce, numpy as np
-    >>> robot = jounce.load("iiwa14")
-    >>> dq, dqd, Minv = robot.forward_dynamics_partials(np.ones(7), np.zeros(7), np.zeros(7))
-    >>> bool(np.allclose(Minv @ robot.mass_matrix(np.ones(7)), np.eye(7)))
-    True
-    """
-    found = forward.forward_dynamics.law(method, m)(m, x)[0][..., None]
-    moving = replace(x, q=Series.of([x.q[0], x.q[1], found[..., -m.n :, :]]))
-    if m.floats and x.base:
-        moving = replace(moving, base=replace(x.base, V=Series.of([x.base.V[0], found[..., :6, :]])))
-    P = inverse_dynamics_partials.law(method, m)(m, moving)
-    return Series.of(partials.acceleration_partials(P[0]))
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> robot = jounce.load("iiwa14")
+        >>> dq, dqd, Minv = robot.forward_dynamics_partials(np.ones(7), np.zeros(7), np.zeros(7))
+        >>> bool(np.allclose(Minv @ robot.mass_matrix(np.ones(7)), np.eye(7)))
+        True
+        """
+        found = Forward.forward_dynamics.law(method, m)(m, x)[0][..., None]
+        moving = replace(x, q=Series.of([x.q[0], x.q[1], found[..., -m.n :, :]]))
+        if m.floats and x.base:
+            moving = replace(moving, base=replace(x.base, V=Series.of([x.base.V[0], found[..., :6, :]])))
+        P = Partials.inverse_dynamics_partials.law(method, m)(m, moving)
+        return Series.of(partials.acceleration_partials(P[0]))

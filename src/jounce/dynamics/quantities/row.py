@@ -157,7 +157,8 @@ def quantity(
     A function that takes the name of a method as its last argument is the law of the closed form as well.
     """
 
-    def row(recursion: Any) -> Quantity:
+    def row(declared: Any) -> Quantity:
+        recursion = declared.__func__  # of a static method
         methods = {"recursion": Method(recursion, width)}
         if dense_law := closed_form or (partial(recursion, method="closed_form") if recursion.__defaults__ else None):
             methods["closed_form"] = Method(dense_law)

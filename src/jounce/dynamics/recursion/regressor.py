@@ -10,8 +10,8 @@ v + w x r. Columns of unit parameters are transported inward as one force is, an
 carries them. The parameters are those of the given body frames; constants take them to frames on the axes.
 
 What a joint does not move, such as a mass on its axis, requires the same forces as if it belonged to the parent: such
-columns begin there, as in `equivalent_mechanisms.reduce_inertias`. So that there are more of them, Ixx + Iyy takes the place of
-Iyy, from which it is a subtraction.
+columns begin there, as in `equivalent_mechanisms.reduce_inertias`. So that there are more of them, Ixx + Iyy takes the
+place of Iyy, from which it is a subtraction.
 
 Energies need no sums: a body whose origin has the velocity v and the place r has the energy
 
