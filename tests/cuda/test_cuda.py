@@ -162,7 +162,7 @@ def test_arrays_that_have_steps_are_read_and_written_in_place(cupy):
 
 def test_a_kernel_launches_one_thread_per_state():
     calls = []
-    kernel = object.__new__(jounce.cuda.CudaKernel)
+    kernel = object.__new__(jounce.cuda.Kernel)
     robot = jounce.load("planar2r")
     kernel.mechanism, kernel.computation = robot.mechanism, robot.compile("gravity_forces", order=0).computation
     kernel.signature, kernel.dtype = kernel.computation.signature(robot.mechanism), np.dtype(float)
