@@ -43,9 +43,14 @@ MOTION may be a folder of tables, or a table of many motions.
 @add_stream_options_without_reduce
 @click.option("--json", "as_json", is_flag=True, help="Print every limit as JSON.")
 def check(
-    robot: RobotRequest, motion: MotionRequest, limits: Path | None, picture: Path | None, table: Path | None,
-    stream: StreamRequest, as_json: bool,
-) -> None:  # fmt: skip
+    robot: RobotRequest,
+    motion: MotionRequest,
+    limits: Path | None,
+    picture: Path | None,
+    table: Path | None,
+    stream: StreamRequest,
+    as_json: bool,
+) -> None:
     """Check MOTION of ROBOT against its limits of position, speed, acceleration, torque, torque rate and others."""
     from jounce.limits.limited_motion import required_order
     from jounce.stream.job import Job

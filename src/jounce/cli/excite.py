@@ -54,9 +54,15 @@ the motion before it runs, or narrow the ranges of positions by --limits.
 @click.option("--picture", type=PATH, help="Ratios to all limits over time: .png, .svg or .pdf.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def excite(
-    robot: RobotRequest, limits: Path | None, output: Path, terms: str | None, step: float | None, picture: Path | None,
-    as_json: bool, **options: Any,
-) -> None:  # fmt: skip
+    robot: RobotRequest,
+    limits: Path | None,
+    output: Path,
+    terms: str | None,
+    step: float | None,
+    picture: Path | None,
+    as_json: bool,
+    **options: Any,
+) -> None:
     """Find the Fourier series of the joints of ROBOT that determines its parameters best, within all limits.
 
     It starts and ends at rest, so that it may be repeated. ROBOT needs limits: its own, or --limits.

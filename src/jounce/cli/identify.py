@@ -65,9 +65,15 @@ those of the data alone; parameters that they do not determine are listed.
 @click.option("--plot", type=PATH, help="Measured and predicted torques as a picture: .png, .svg or .pdf.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def identify(
-    robot: RobotRequest, motion: MotionRequest, output: Path, terms: str, table: Path | None, plot: Path | None,
-    as_json: bool, **options: Any,
-) -> None:  # fmt: skip
+    robot: RobotRequest,
+    motion: MotionRequest,
+    output: Path,
+    terms: str,
+    table: Path | None,
+    plot: Path | None,
+    as_json: bool,
+    **options: Any,
+) -> None:
     """Identify ROBOT from MOTION, a log with measured torques: its inertial parameters and friction."""
     from jounce.figures import canvas
     from jounce.io import files

@@ -63,9 +63,14 @@ Damping and friction that --drives selects act on the motors.
 @add_stream_options
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def motors(
-    robot: RobotRequest, motion: MotionRequest, stiffness: Sequence[str], rotor: Sequence[str], output: Path,
-    stream: StreamRequest, as_json: bool,
-) -> None:  # fmt: skip
+    robot: RobotRequest,
+    motion: MotionRequest,
+    stiffness: Sequence[str],
+    rotor: Sequence[str],
+    output: Path,
+    stream: StreamRequest,
+    as_json: bool,
+) -> None:
     """Compute positions, velocities and torques of the motors of ROBOT, whose joints are elastic, along MOTION."""
     from jounce.stream.job import Job
     from jounce.stream.whole_run import table_suffix

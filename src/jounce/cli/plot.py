@@ -43,10 +43,17 @@ Examples:
 )
 @click.option("--json", "as_json", is_flag=True, help="Print what was drawn as JSON.")
 def plot(
-    tables: Sequence[Path], output: Path, robot: Path | None, base: str | None, joints: Sequence[str],
-    quantities: Sequence[str], between: tuple[float, float] | None, side_by_side: bool, width: str | None,
+    tables: Sequence[Path],
+    output: Path,
+    robot: Path | None,
+    base: str | None,
+    joints: Sequence[str],
+    quantities: Sequence[str],
+    between: tuple[float, float] | None,
+    side_by_side: bool,
+    width: str | None,
     as_json: bool,
-) -> None:  # fmt: skip
+) -> None:
     """Draw the columns of each TABLE over time: forces that `run` wrote, or a motion that `motion` wrote.
 
     One row per quantity, one curve per joint. Curves too small to be seen next to the others have their own column; so

@@ -30,9 +30,14 @@ server for anything.
 @click.option("--json", "as_json", is_flag=True, help="Print a summary of the page as JSON.")
 @MESHES
 def report(
-    robot: RobotRequest, motion: MotionRequest, limits: Path | None, output: Path, order: int, as_json: bool,
+    robot: RobotRequest,
+    motion: MotionRequest,
+    limits: Path | None,
+    output: Path,
+    order: int,
+    as_json: bool,
     meshes: tuple[Path, ...],
-) -> None:  # fmt: skip
+) -> None:
     """Make a page about MOTION of ROBOT: the robot that moves, q to q4d, Q, Qd, Q2d, limits, slow-down factor.
 
     A URDF is shown by its meshes and shapes, other robots by capsules between their joints.

@@ -30,9 +30,14 @@ OUT holds t and NAME.q, NAME.qd, ... NAME.q4d, as `jounce motion` writes them.
 @click.option("--picture", type=PATH, help="Speed along the path with its limits: .png, .svg or .pdf.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def retime(
-    robot: RobotRequest, motion: MotionRequest, limits: Path | None, output: Path, margin: float, picture: Path | None,
+    robot: RobotRequest,
+    motion: MotionRequest,
+    limits: Path | None,
+    output: Path,
+    margin: float,
+    picture: Path | None,
     as_json: bool,
-) -> None:  # fmt: skip
+) -> None:
     """Write the fastest motion of ROBOT along the path of MOTION, from rest to rest, within all limits."""
     from jounce.figures import canvas
     from jounce.io import tables

@@ -69,9 +69,15 @@ same command continues a run that was stopped.
 @add_stream_options
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
-    robot: RobotRequest, motion: MotionRequest, output: Path, order: int, with_rates: bool, method: str | None,
-    stream: StreamRequest, as_json: bool,
-) -> None:  # fmt: skip
+    robot: RobotRequest,
+    motion: MotionRequest,
+    output: Path,
+    order: int,
+    with_rates: bool,
+    method: str | None,
+    stream: StreamRequest,
+    as_json: bool,
+) -> None:
     """Compute Q, Qd, Q2d along MOTION for ROBOT, a file or the name of a bundled robot."""
     from jounce.stream.job import Job
     from jounce.stream.whole_run import table_suffix

@@ -18,11 +18,20 @@ class Applications(Exports):
     """Methods of `Robot` that identify it, excite it and report on it."""
 
     def identify(
-        self, motion: "Motion", forces: ArrayLike | None = None, *, t: ArrayLike | None = None,
-        drives: DriveColumns = ("damping", "friction", "offset"), eps: float | None = None,
-        span: tuple[float, float] | None = None, band: float | None = None, weights: ArrayLike | None = None,
-        deviations: ArrayLike | None = None, prior: float = 0.3, method: Equations = "inverse_dynamics",
-    ) -> "Identification[Self]":  # fmt: skip
+        self,
+        motion: "Motion",
+        forces: ArrayLike | None = None,
+        *,
+        t: ArrayLike | None = None,
+        drives: DriveColumns = ("damping", "friction", "offset"),
+        eps: float | None = None,
+        span: tuple[float, float] | None = None,
+        band: float | None = None,
+        weights: ArrayLike | None = None,
+        deviations: ArrayLike | None = None,
+        prior: float = 0.3,
+        method: Equations = "inverse_dynamics",
+    ) -> "Identification[Self]":
         """Identify the inertial parameters and drive terms from a motion and the forces measured along it.
 
         The robot is the first guess, such as that of a CAD model. Q = Y p is linear in the inertial parameters p and in
@@ -99,10 +108,19 @@ class Applications(Exports):
         return identify(self, motion, forces, t, drives, eps, span, band, weights, deviations, prior, method)
 
     def excite(
-        self, *, period: float = 10.0, periods: int = 1, harmonics: int = 5, drives: DriveColumns = False,
-        weights: ArrayLike | None = None, reach: float = pi, margin: float = 0.01, starts: int = 5, seed: int = 0,
+        self,
+        *,
+        period: float = 10.0,
+        periods: int = 1,
+        harmonics: int = 5,
+        drives: DriveColumns = False,
+        weights: ArrayLike | None = None,
+        reach: float = pi,
+        margin: float = 0.01,
+        starts: int = 5,
+        seed: int = 0,
         progress: Callable[[int, int], object] | None = None,
-    ) -> "Excitation":  # fmt: skip
+    ) -> "Excitation":
         """Find a motion whose forces determine the base parameters best, within all limits of the robot.
 
         ``q(t) = c + sum_k a_k cos(k w t) + b_k sin(k w t)``, ``w = 2 pi / period``, for every coordinate, with all

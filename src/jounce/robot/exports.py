@@ -20,10 +20,19 @@ class Exports(Engine):
 
     @deprecate_keywords(base="moving_base", force="overwrite")
     def codegen(
-        self, lang: Language, order: int = 2, directory: str | PathLike[str] | None = None, *,
-        outputs: Sequence[str] = ("inverse_dynamics",), wrench: bool = False, parameters: Sequence[str] = (),
-        float32: bool = False, prefix: str | None = None, overwrite: bool = False, moving_base: bool = False,
-    ) -> "Generated":  # fmt: skip
+        self,
+        lang: Language,
+        order: int = 2,
+        directory: str | PathLike[str] | None = None,
+        *,
+        outputs: Sequence[str] = ("inverse_dynamics",),
+        wrench: bool = False,
+        parameters: Sequence[str] = (),
+        float32: bool = False,
+        prefix: str | None = None,
+        overwrite: bool = False,
+        moving_base: bool = False,
+    ) -> "Generated":
         """Write the robot's equations as source code that does not depend on jounce, with tests for your compiler.
 
         There is one function for each output, the recursion traced operation by operation for this robot, without
@@ -86,9 +95,16 @@ class Exports(Engine):
 
     @deprecate_keywords(base="moving_base")
     def casadi_function(
-        self, quantity: QuantityName = "inverse_dynamics", order: int = 2, wrench: bool = False, *,
-        body: str | None = None, frame: Frame = "body", parameters: Sequence[str] = (), moving_base: bool = False,
-    ) -> "casadi.Function":  # fmt: skip
+        self,
+        quantity: QuantityName = "inverse_dynamics",
+        order: int = 2,
+        wrench: bool = False,
+        *,
+        body: str | None = None,
+        frame: Frame = "body",
+        parameters: Sequence[str] = (),
+        moving_base: bool = False,
+    ) -> "casadi.Function":
         """A quantity and its rates up to an order as a `casadi.Function`, built on SX and callable with MX.
 
         Parameters

@@ -22,10 +22,17 @@ from jounce.robot import Robot
 
 
 def load(
-    source: str | os.PathLike[str], /, *, gravity: ArrayLike | None = None, base: Base | None = None,
-    root: str | None = None, lock: Mapping[str, Any] | None = None, drives: DriveTerms | None = False,
-    xacro_args: Mapping[str, object] | None = None, **parameters: Unpack[Planar2R],
-) -> Robot:  # fmt: skip
+    source: str | os.PathLike[str],
+    /,
+    *,
+    gravity: ArrayLike | None = None,
+    base: Base | None = None,
+    root: str | None = None,
+    lock: Mapping[str, Any] | None = None,
+    drives: DriveTerms | None = False,
+    xacro_args: Mapping[str, object] | None = None,
+    **parameters: Unpack[Planar2R],
+) -> Robot:
     """Load a robot from a URDF, MJCF, YAML or JSON file, or a bundled robot by its name.
 
     YAML and JSON files contain jounce's own format or a Denavit-Hartenberg table, identified by their keys.
@@ -119,9 +126,13 @@ def _reader(suffix: str) -> Callable[..., Mechanism]:
 
 
 def _read_xacro(
-    path: Path, /, gravity: object = None, base: str | None = None, root: str | None = None,
+    path: Path,
+    /,
+    gravity: object = None,
+    base: str | None = None,
+    root: str | None = None,
     xacro_args: Mapping[str, object] = MappingProxyType({}),
-) -> Mechanism:  # fmt: skip
+) -> Mechanism:
     from jounce.io import urdf, xacro
 
     content = xacro.expand(path, xacro_args)

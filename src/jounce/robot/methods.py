@@ -75,9 +75,16 @@ class Methods(Rows):
 
     @deprecate_keywords(base="moving_base")
     def compile(
-        self, quantity: QuantityName | None = None, order: int = 2, wrench: bool = False, *, body: str | None = None,
-        frame: Frame = "body", product: Product | None = None, moving_base: bool = False,
-    ) -> Kernel[Any]:  # fmt: skip
+        self,
+        quantity: QuantityName | None = None,
+        order: int = 2,
+        wrench: bool = False,
+        *,
+        body: str | None = None,
+        frame: Frame = "body",
+        product: Product | None = None,
+        moving_base: bool = False,
+    ) -> Kernel[Any]:
         """Compile a quantity to native code before its first call.
 
         Code that takes longer than three seconds to compile is compiled only here and with ``method="kernel"``; the
@@ -127,9 +134,16 @@ class Methods(Rows):
         return compile_ahead(self, asked)
 
     def drive_forces(
-        self, q: Named, qd: Named, q2d: Named, q3d: Named | None = None, q4d: Named | None = None, *higher: Named,
-        terms: DriveTerms = True, out: Out = None,
-    ) -> Results:  # fmt: skip
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named | None = None,
+        q4d: Named | None = None,
+        *higher: Named,
+        terms: DriveTerms = True,
+        out: Out = None,
+    ) -> Results:
         """The joint forces of the drive-train terms, and their rates, whether or not they act in Q.
 
         Parameters
@@ -163,10 +177,18 @@ class Methods(Rows):
         return _drives.drive_forces(self.mechanism, (q, qd, q2d, q3d, q4d, *higher), select_terms(terms), out)
 
     def wrench(
-        self, q: Named, qd: Named | None = None, q2d: Named | None = None, *higher: Named, body: str,
-        force: ArrayLike | None = None, torque: ArrayLike | None = None, frame: LoadFrame = "world",
-        point: ArrayLike | None = None, base: Rates | None = None,
-    ) -> Results:  # fmt: skip
+        self,
+        q: Named,
+        qd: Named | None = None,
+        q2d: Named | None = None,
+        *higher: Named,
+        body: str,
+        force: ArrayLike | None = None,
+        torque: ArrayLike | None = None,
+        frame: LoadFrame = "world",
+        point: ArrayLike | None = None,
+        base: Rates | None = None,
+    ) -> Results:
         """The wrenches W, and their rates, of a load that acts ON a body, for `wrench=` of `inverse_dynamics`.
 
         W is the wrench that the body exerts, which is minus the load, about the body's origin in body axes. A load that

@@ -26,11 +26,22 @@ PLACE = "the motion"  # where columns without a file stand, in messages
 
 @deprecate_keywords(force="allow_noise")
 def load_motion(
-    source: str | os.PathLike[str] | Shaped | Mapping[str, ArrayLike], /, robot: Engine, order: int = 2,
-    degree: int | None = None, intervals: int | None = None, *, bandwidth: float | None = None,
-    allow_noise: bool = False, time: str | None = None, columns: str | None = None, torques: str | None = None,
-    angles: Angles | None = None, time_unit: TimeUnit | None = None, topic: str | None = None,
-) -> "Motion":  # fmt: skip
+    source: str | os.PathLike[str] | Shaped | Mapping[str, ArrayLike],
+    /,
+    robot: Engine,
+    order: int = 2,
+    degree: int | None = None,
+    intervals: int | None = None,
+    *,
+    bandwidth: float | None = None,
+    allow_noise: bool = False,
+    time: str | None = None,
+    columns: str | None = None,
+    torques: str | None = None,
+    angles: Angles | None = None,
+    time_unit: TimeUnit | None = None,
+    topic: str | None = None,
+) -> "Motion":
     """Load a motion of a robot as a function of time: from a file, by name, or from named columns.
 
     Columns are matched by joint name in any order: ``t`` and either one column per joint (samples; the rates are those

@@ -146,12 +146,24 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
 
     @classmethod
     def from_screws(
-        cls, B: ArrayLike, X: ArrayLike, M: ArrayLike, parent: Sequence[int] | None = None,
-        names: Sequence[str] | None = None, gravity: ArrayLike = GRAVITY, *, joint_names: Sequence[str] | None = None,
-        owners: Sequence[int] | None = None, G: ArrayLike | None = None, g: ArrayLike | None = None,
-        limits: Limits | Mapping[str, ArrayLike] | None = None, drives: Drives | Mapping[str, ArrayLike] | None = None,
-        base: ArrayLike | None = None, base_name: str = "base", name: str = "robot",
-    ) -> Self:  # fmt: skip
+        cls,
+        B: ArrayLike,
+        X: ArrayLike,
+        M: ArrayLike,
+        parent: Sequence[int] | None = None,
+        names: Sequence[str] | None = None,
+        gravity: ArrayLike = GRAVITY,
+        *,
+        joint_names: Sequence[str] | None = None,
+        owners: Sequence[int] | None = None,
+        G: ArrayLike | None = None,
+        g: ArrayLike | None = None,
+        limits: Limits | Mapping[str, ArrayLike] | None = None,
+        drives: Drives | Mapping[str, ArrayLike] | None = None,
+        base: ArrayLike | None = None,
+        base_name: str = "base",
+        name: str = "robot",
+    ) -> Self:
         """A robot from body-fixed data.
 
         Body i moves relative to its parent p by ``C_i = C_p B_i exp(X_i theta_i)`` with joint variables
@@ -234,12 +246,23 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
 
     @classmethod
     def from_spatial_screws(
-        cls, A: ArrayLike, Y: ArrayLike, M: ArrayLike, parent: Sequence[int] | None = None,
-        names: Sequence[str] | None = None, gravity: ArrayLike = GRAVITY, *, joint_names: Sequence[str] | None = None,
-        G: ArrayLike | None = None, g: ArrayLike | None = None, limits: Limits | Mapping[str, ArrayLike] | None = None,
-        drives: Drives | Mapping[str, ArrayLike] | None = None, base: ArrayLike | None = None, base_name: str = "base",
+        cls,
+        A: ArrayLike,
+        Y: ArrayLike,
+        M: ArrayLike,
+        parent: Sequence[int] | None = None,
+        names: Sequence[str] | None = None,
+        gravity: ArrayLike = GRAVITY,
+        *,
+        joint_names: Sequence[str] | None = None,
+        G: ArrayLike | None = None,
+        g: ArrayLike | None = None,
+        limits: Limits | Mapping[str, ArrayLike] | None = None,
+        drives: Drives | Mapping[str, ArrayLike] | None = None,
+        base: ArrayLike | None = None,
+        base_name: str = "base",
         name: str = "robot",
-    ) -> Self:  # fmt: skip
+    ) -> Self:
         """A robot from spatial data, all in the inertial frame at theta = 0.
 
         ``B_i = A_p^-1 A_i``, ``X_i = Ad(A_i^-1) Y_i``.
@@ -279,13 +302,24 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
 
     @classmethod
     def from_dh(
-        cls, table: ArrayLike | Sequence[Mapping[str, object]], M: ArrayLike, convention: Convention, *,
-        types: Sequence[JointType] | None = None, degrees: bool = False, base: ArrayLike | None = None,
-        tool: ArrayLike | None = None, names: Sequence[str] | None = None, gravity: ArrayLike = GRAVITY,
-        joint_names: Sequence[str] | None = None, G: ArrayLike | None = None, g: ArrayLike | None = None,
-        limits: Limits | Mapping[str, ArrayLike] | None = None, drives: Drives | Mapping[str, ArrayLike] | None = None,
+        cls,
+        table: ArrayLike | Sequence[Mapping[str, object]],
+        M: ArrayLike,
+        convention: Convention,
+        *,
+        types: Sequence[JointType] | None = None,
+        degrees: bool = False,
+        base: ArrayLike | None = None,
+        tool: ArrayLike | None = None,
+        names: Sequence[str] | None = None,
+        gravity: ArrayLike = GRAVITY,
+        joint_names: Sequence[str] | None = None,
+        G: ArrayLike | None = None,
+        g: ArrayLike | None = None,
+        limits: Limits | Mapping[str, ArrayLike] | None = None,
+        drives: Drives | Mapping[str, ArrayLike] | None = None,
         name: str = "robot",
-    ) -> Self:  # fmt: skip
+    ) -> Self:
         """A serial robot from a Denavit-Hartenberg table.
 
         "standard": ``T_i = Rot_z(theta_i) Trans_z(d_i) Trans_x(a_i) Rot_x(alpha_i)``; frame i is at the end of link i,
@@ -438,9 +472,15 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         return cls(mujoco.mechanism(model, gravity, base, root))
 
     def state_from(
-        self, library: Library, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None, *,
-        forces: ArrayLike | None = None, model: Any,
-    ) -> "RobotState":  # fmt: skip
+        self,
+        library: Library,
+        q: ArrayLike,
+        v: ArrayLike | None = None,
+        a: ArrayLike | None = None,
+        *,
+        forces: ArrayLike | None = None,
+        model: Any,
+    ) -> "RobotState":
         """The state of the robot, and its forces, from vectors of Pinocchio or MuJoCo: joints by name.
 
         A base that floats has a pose C, a twist V and its rate Vd from its joint. Of the vectors of this joint,
@@ -492,9 +532,16 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         return states.state_from(self.mechanism, states.read_model_layout(library, model), (q, v, a), forces)
 
     def state_to(
-        self, library: Library, q: Named | None = None, qd: Named | None = None, q2d: Named | None = None, *,
-        Q: Named | None = None, base: Rates | None = None, model: Any,
-    ) -> Results:  # fmt: skip
+        self,
+        library: Library,
+        q: Named | None = None,
+        qd: Named | None = None,
+        q2d: Named | None = None,
+        *,
+        Q: Named | None = None,
+        base: Rates | None = None,
+        model: Any,
+    ) -> Results:
         """The vectors of Pinocchio or MuJoCo that state the robot, and its forces: the inverse of `state_from`.
 
         Parameters
@@ -585,14 +632,29 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         return type(self)(replace(self.mechanism, acting=select_terms(terms), drives=drives))
 
     def with_limits(
-        self, source: "str | PathLike[str] | Limits | None" = None, /, *, lower: LimitValues = None,
-        upper: LimitValues = None, velocity: LimitValues = None, acceleration: LimitValues = None,
-        jerk: LimitValues = None, snap: LimitValues = None, effort: LimitValues = None, effort_rate: LimitValues = None,
-        second_effort_rate: LimitValues = None, power: LimitValues = None, stall_effort: LimitValues = None,
-        no_load_velocity: LimitValues = None, motor_position: LimitValues = None, motor_velocity: LimitValues = None,
-        motor_torque: LimitValues = None, motor_current: LimitValues = None, motor_voltage: LimitValues = None,
+        self,
+        source: "str | PathLike[str] | Limits | None" = None,
+        /,
+        *,
+        lower: LimitValues = None,
+        upper: LimitValues = None,
+        velocity: LimitValues = None,
+        acceleration: LimitValues = None,
+        jerk: LimitValues = None,
+        snap: LimitValues = None,
+        effort: LimitValues = None,
+        effort_rate: LimitValues = None,
+        second_effort_rate: LimitValues = None,
+        power: LimitValues = None,
+        stall_effort: LimitValues = None,
+        no_load_velocity: LimitValues = None,
+        motor_position: LimitValues = None,
+        motor_velocity: LimitValues = None,
+        motor_torque: LimitValues = None,
+        motor_current: LimitValues = None,
+        motor_voltage: LimitValues = None,
         of: str | Mapping[str, str] | None = None,
-    ) -> Self:  # fmt: skip
+    ) -> Self:
         """The robot with some of its limits replaced: of q to q4d, of Q, Qd, Q2d, of the power qd Q, and of motors.
 
         They come from a file, from the published table of an arm, or as numbers, which win: one for all coordinates, an
@@ -790,9 +852,14 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         return audit(self.mechanism)
 
     def forces_along(
-        self, motion: "Motion", t: ArrayLike | None = None, order: int = 2, *, method: Method | None = None,
+        self,
+        motion: "Motion",
+        t: ArrayLike | None = None,
+        order: int = 2,
+        *,
+        method: Method | None = None,
         progress: Callable[[int, int], object] | None = None,
-    ) -> "Along":  # fmt: skip
+    ) -> "Along":
         """The generalized forces Q and their rates along a motion, with the wrenches and the base that it holds.
 
         They are those of `inverse_dynamics`, computed piece by piece to save memory.
@@ -1036,9 +1103,14 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         return type(self)(with_elasticity(self.mechanism, stated))
 
     def closed(
-        self, loops: "Sequence[Loop | Sequence[Any]] | None" = None, actuated: Sequence[str] | None = None, *,
-        coordinates: Sequence[str] | None = None, start: Named | None = None, weights: Named | None = None,
-    ) -> Self:  # fmt: skip
+        self,
+        loops: "Sequence[Loop | Sequence[Any]] | None" = None,
+        actuated: Sequence[str] | None = None,
+        *,
+        coordinates: Sequence[str] | None = None,
+        start: Named | None = None,
+        weights: Named | None = None,
+    ) -> Self:
         """The robot with its loops closed, moved by its actuated joints.
 
         Constraints ``A q' = 0`` hold the coordinates q of the tree, which is this robot: ``q' = F u'`` with the rates
@@ -1092,9 +1164,15 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         return type(self)(with_loops(self.mechanism, loops, actuated, coordinates, start, weights))
 
     def motors_along(
-        self, motion: "Motion", t: ArrayLike | None = None, order: int = 0, *, stiffness: Rates | None = None,
-        method: Method | None = None, progress: Callable[[int, int], object] | None = None,
-    ) -> "ElasticAlong":  # fmt: skip
+        self,
+        motion: "Motion",
+        t: ArrayLike | None = None,
+        order: int = 0,
+        *,
+        stiffness: Rates | None = None,
+        method: Method | None = None,
+        progress: Callable[[int, int], object] | None = None,
+    ) -> "ElasticAlong":
         """Positions and torques of the motors behind elastic joints along a motion, with the wrenches that it holds.
 
         Parameters
