@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.arguments import requests
-from jounce.core.errors import JounceError, join_names, warn
+from jounce.core.errors import JounceError, join_names, optional_import, warn
 from jounce.core.scalars import asarray
 from jounce.core.typing import Frame
 from jounce.dynamics.computation import Computation
@@ -31,10 +31,8 @@ def casadi_function(
     moving_base: bool,
 ) -> "casadi.Function":
     """A quantity and its rates as a `casadi.Function`, see `Robot.casadi_function`."""
-    try:
+    with optional_import("casadi_function() needs CasADi", "casadi"):
         import casadi
-    except ModuleNotFoundError:
-        raise JounceError("casadi_function() needs CasADi; install it by: pip install 'jounce[casadi]'") from None
     if not robot.mechanism.is_numeric:
         raise JounceError(
             "the robot contains symbols; expected numbers (parameters=['masses'] makes its masses inputs)"

@@ -13,7 +13,7 @@ from jounce._report.array_text import pack_array
 from jounce._report.curves import raise_powers
 from jounce._report.panels import PANELS
 from jounce._report.report_data import MAX_REPORT_ORDER, ReportData, make_report_data
-from jounce.core.errors import JounceError, escape_text, quote_value
+from jounce.core.errors import JounceError, escape_text, optional_import, quote_value
 from jounce.engine.along import Q_RATE_ORDER, check_motion
 from jounce.engine.engine import Engine
 from jounce.io import files
@@ -109,10 +109,8 @@ def report(
 
 def check_installed() -> None:
     """Raise `JounceError` where plotly is missing, which draws the page."""
-    try:
+    with optional_import("reports need plotly", "report"):
         import plotly.offline  # noqa: F401
-    except ModuleNotFoundError:
-        raise JounceError("reports need plotly; install it by: pip install 'jounce[report]'") from None
 
 
 def check_writable(path: Path) -> None:

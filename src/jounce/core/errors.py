@@ -88,6 +88,15 @@ def _is_inside(frame: FrameType) -> bool:
 
 
 @contextmanager
+def optional_import(need: str, extra: str) -> Iterator[None]:
+    """Say how to install an extra of jounce where an import inside fails: `need` says what needs which library."""
+    try:
+        yield
+    except ImportError:
+        raise JounceError(f"{need}; install it by: pip install 'jounce[{extra}]'") from None
+
+
+@contextmanager
 def locate_errors(place: object) -> Iterator[None]:
     """Within this context, errors begin with a place: a file, or a line of a file."""
     try:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments import names, requests
-from jounce.core.errors import JounceError, check_choice, locate_errors, one_line
+from jounce.core.errors import JounceError, check_choice, locate_errors, one_line, optional_import
 from jounce.core.typing import Frame, Method
 from jounce.dask.pickled import Pickled, pickle_object
 from jounce.dynamics.quantities import QUANTITIES, find_row
@@ -77,10 +77,8 @@ def apply(
     >>> Qd[:2].compute().shape
     (2, 7)
     """
-    try:
+    with optional_import("jounce.dask needs Dask", "cluster"):
         import dask.array  # noqa: F401
-    except ImportError:
-        raise JounceError("jounce.dask needs Dask; install it by: pip install 'jounce[cluster]'") from None
     if not isinstance(robot, Engine):
         raise JounceError(f"jounce.dask.apply() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     arrays = _Arrays()

@@ -7,7 +7,7 @@ from pathlib import Path
 from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
 
-from jounce.core.errors import JounceError, shorten, unknown_name_error
+from jounce.core.errors import JounceError, optional_import, shorten, unknown_name_error
 from jounce.io import files
 
 if TYPE_CHECKING:
@@ -65,10 +65,8 @@ DARK = b"@media (prefers-color-scheme: dark) {svg:has(> #figure_1) {" + INVERTED
 
 def check_installed() -> None:
     """Raise `JounceError` where matplotlib, half a second to import and only for pictures, is missing."""
-    try:
+    with optional_import("pictures need matplotlib", "figures"):
         import matplotlib.figure  # noqa: F401
-    except ModuleNotFoundError:
-        raise JounceError("pictures need matplotlib; install it by: pip install 'jounce[figures]'") from None
 
 
 def painted(paint: "Callable[[Figure], None]", width: float, height: float, look: Any = LOOK) -> "Figure":

@@ -8,7 +8,7 @@ from typing import Any
 
 from lxml import etree
 
-from jounce.core.errors import JounceError, one_line, shorten, warn
+from jounce.core.errors import JounceError, one_line, optional_import, shorten, warn
 from jounce.io import urdf
 from jounce.io.doctype import refuse_declarations
 from jounce.io.files import read_bytes
@@ -30,10 +30,8 @@ def read(path: Path, gravity: object = None, base: str | None = None, root: str 
 
 def compile_model(path: Path) -> Any:
     """Compile a file with MuJoCo, whose errors and warnings are passed on in one line each."""
-    try:
+    with optional_import(f"{path}: MJCF needs MuJoCo", "mujoco"):
         import mujoco
-    except ImportError:
-        raise JounceError(f"{path}: MJCF needs MuJoCo; install it by: pip install 'jounce[mujoco]'") from None
     with collect_mujoco_warnings(mujoco) as said, free_assets(mujoco):
         try:
             model = mujoco.MjModel.from_xml_path(str(path))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, one_line
+from jounce.core.errors import JounceError, one_line, optional_import
 from jounce.io.columns import TableMetadata, check_distinct
 from jounce.io.files import check_readable
 from jounce.io.remainders import split_names, with_remainders
@@ -87,11 +87,9 @@ class Parquet(TableFormat):
 
 def import_pyarrow(path: object) -> Any:
     """The modules pyarrow and pyarrow.parquet, or the error that says how to install them."""
-    try:
+    with optional_import(f"{path}: Parquet needs pyarrow", "tables"):
         import pyarrow
         import pyarrow.parquet
-    except ImportError:
-        raise JounceError(f"{path}: Parquet needs pyarrow; install it by: pip install 'jounce[tables]'") from None
     return pyarrow
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.core.errors import JounceError, one_line, quote_value
+from jounce.core.errors import JounceError, one_line, optional_import, quote_value
 from jounce.core.version import __version__
 from jounce.dask.pickled import Pickled, pickle_object
 from jounce.io.tables import describe_place
@@ -51,10 +51,8 @@ class Order:
 
 def cluster_runner(address: str) -> Runner:
     """Return the runner of a cluster: "local", or that of the scheduler at an address, which is checked."""
-    try:
+    with optional_import("clusters need Dask", "cluster"):
         from distributed.comm.addressing import get_address_host_port
-    except ImportError:
-        raise JounceError("clusters need Dask; install it by: pip install 'jounce[cluster]'") from None
     if address != LOCAL_CLUSTER:
         try:
             get_address_host_port(address, strict=True)

@@ -11,7 +11,7 @@ import numpy as np
 from jounce._codegen.symbolic.expressions import expressions
 from jounce.arguments import requests
 from jounce.arguments.rates import check_order
-from jounce.core.errors import JounceError, check_bool, quote_value, unknown_name_error
+from jounce.core.errors import JounceError, check_bool, optional_import, quote_value, unknown_name_error
 from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.engine.engine import Engine
 from jounce.model.positions import position_rate_map
@@ -112,10 +112,8 @@ def quotient(row: Quantity) -> str:
 
 def symbolic(robot: Engine, moving_base: bool) -> Symbolic:
     """The equations of motion of a robot as SymPy expressions, see `Robot.symbolic`."""
-    try:
+    with optional_import("symbolic() needs SymPy", "sympy"):
         import sympy  # noqa: F401
-    except ModuleNotFoundError:
-        raise JounceError("symbolic() needs SymPy; install it by: pip install 'jounce[sympy]'") from None
     check_bool("moving_base", moving_base, "whether the ground moves")
     m = robot.mechanism
     found = expressions(m, moving_base or m.floats)

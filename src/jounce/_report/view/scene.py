@@ -11,7 +11,7 @@ from jounce._report.drawing import GROUND_BODY, parts_of, robot_size
 from jounce._report.meshes import place_visuals
 from jounce._report.single_screws import to_single_screws
 from jounce._report.view.track import Track, start_of
-from jounce.core.errors import JounceError, join_names
+from jounce.core.errors import join_names, optional_import
 from jounce.engine.engine import Engine
 from jounce.figures.drawing import poses_on
 from jounce.io.visuals import robot_visuals
@@ -114,7 +114,5 @@ def _node(m: Mechanism, body: int) -> str:
 
 def check_installed() -> None:
     """Raise `JounceError` where viser, which serves the view, is missing."""
-    try:
+    with optional_import("the live view needs viser", "view"):
         import viser  # noqa: F401
-    except ModuleNotFoundError:
-        raise JounceError("the live view needs viser; install it by: pip install 'jounce[view]'") from None

@@ -7,7 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, join_names, locate_errors, one_line, quote_value, unknown_name_error
+from jounce.core.errors import (
+    JounceError,
+    join_names,
+    locate_errors,
+    one_line,
+    optional_import,
+    quote_value,
+    unknown_name_error,
+)
 from jounce.io.files import check_readable
 from jounce.io.motions import tabular
 from jounce.model.mechanism import Mechanism
@@ -78,11 +86,9 @@ def _message_columns(messages: list[Any], place: str) -> dict[str, np.ndarray]:
 
 @contextmanager
 def _open_bag(source: Path) -> Iterator[Any]:
-    try:
+    with optional_import(f"{source}: bags of ROS need rosbags", "ros"):
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
-    except ModuleNotFoundError:
-        raise JounceError(f"{source}: bags of ROS need rosbags; install it by: pip install 'jounce[ros]'") from None
     try:
         with AnyReader([source], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
             yield bag
