@@ -80,13 +80,14 @@ def check(
 def _verdicts(found: "Mapping[str, Aggregate]") -> dict[str, Any]:
     """The verdict on all motions, the worst motion for each limit, and the least share of time that is judged."""
     from jounce.limits.verdicts import combine_verdicts
+    from jounce.stream.limit_checks import infinite_if_none
 
     worst: dict[tuple[str, str], dict[str, Any]] = {}
     judged: dict[str, float] = {}
     for name, of in found.items():
         for row in of["limits"]:
             key = row["joint"], row["limit"]
-            if key not in worst or or_infinity(row["ratio"]) > or_infinity(worst[key]["ratio"]):
+            if key not in worst or infinite_if_none(row["ratio"]) > infinite_if_none(worst[key]["ratio"]):
                 worst[key] = row | {"motion": name}
         for kind, share in of["judged"].items():
             judged[kind] = min(share, judged.get(kind, 1.0))
@@ -98,13 +99,14 @@ def _verdicts(found: "Mapping[str, Aggregate]") -> dict[str, Any]:
 
 def _format_summary(summary: dict[str, Any]) -> str:
     from jounce.model.limit_kinds import describe_kind
+    from jounce.stream.limit_checks import infinite_if_none
 
-    rows = sorted(summary["limits"], key=lambda row: -or_infinity(row["ratio"]))
+    rows = sorted(summary["limits"], key=lambda row: -infinite_if_none(row["ratio"]))
     cells: list[tuple[str, ...]] = [
         ("limit", "joint", "|worst|", "bound", "unit", "at t", "ratio", "broken at t", "undecided at t", "motion")
     ]
     for row in rows[:MAX_LIMITS_SHOWN]:
-        value, bound, ratio = (f"{abs(or_infinity(row[key])):.6g}" for key in ("value", "bound", "ratio"))
+        value, bound, ratio = (f"{abs(infinite_if_none(row[key])):.6g}" for key in ("value", "bound", "ratio"))
         deviation = f" +- {row['deviation']:.2g}" if row["deviation"] else ""
         cells.append((
             describe_kind(row["limit"], row["of"]), row["joint"], value, bound, row["unit"], f"{row['t']:.4f}",
@@ -135,8 +137,3 @@ def _verdict_in_words(summary: dict[str, Any]) -> str:
     some, every = "limits are " + " and ".join(counts), "every limit is kept in"
     verdict = f"{some} of {summary['motions']} motions" if counts else f"{every} all {summary['motions']} motions"
     return "; ".join([verdict, *describe_judged(summary["judged"], "judged of each motion, at least")])
-
-
-def or_infinity(x: float | None) -> float:
-    """A number, or infinity for a missing one."""
-    return float("inf") if x is None else x

@@ -131,7 +131,7 @@ def add_motion_options(verb: Callable[..., None]) -> Callable[..., None]:
 
 
 def add_optional_motion_options(verb: Callable[..., None]) -> Callable[..., None]:
-    """`of_motion` of a command that does without a motion too: it gets None then."""
+    """`add_motion_options` of a command that does without a motion too: it gets None then."""
     return click.argument("motion", type=MOTION_NAME, required=False)(_add_options(verb))
 
 

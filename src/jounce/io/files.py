@@ -12,12 +12,12 @@ from jounce.core.temporary_files import remove_abandoned, temporary_path
 
 
 @contextmanager
-def system_errors(path: Path, what: str = "") -> Iterator[None]:
-    """Within this context, errors of the system become `JounceError`, and begin with the path and what failed."""
+def system_errors(path: Path, what: str = "", cure: str = "") -> Iterator[None]:
+    """Within this context, errors of the system become `JounceError`: the path, what failed and why, and the cure."""
     try:
         yield
     except OSError as error:
-        raise JounceError(f"{path}: {what}{error.strerror or one_line(error)}") from None
+        raise JounceError(f"{path}: {what}{error.strerror or one_line(error)}{cure}") from None
 
 
 def check_readable(path: Path) -> None:
@@ -69,9 +69,8 @@ def make_folder(path: Path) -> None:
 def write_errors(path: Path, cure: str = "") -> Iterator[None]:
     """Within this context, errors of writing a file or folder become `JounceError`; `cure` ends the sentence."""
     try:
-        yield
-    except OSError as error:
-        raise JounceError(f"{path}: cannot be written: {error.strerror or one_line(error)}{cure}") from None
+        with system_errors(path, "cannot be written: ", cure):
+            yield
     except UnicodeEncodeError as error:  # half a character in a name
         raise JounceError(f"{path}: cannot write a name: {one_line(error)}") from None
 

@@ -10,7 +10,7 @@ from threading import Lock
 from types import SimpleNamespace
 from typing import Any
 
-from jounce.core.errors import JounceError, one_line, quote_value, shorten, unknown_name_error, warn
+from jounce.core.errors import JounceError, one_line, optional_import, quote_value, shorten, unknown_name_error, warn
 from jounce.io.doctype import refuse_declarations
 from jounce.io.files import read_bytes
 
@@ -44,11 +44,8 @@ def expand(path: Path, arguments: Mapping[str, object]) -> bytes:
     refuse_declarations(read_bytes(path), path)
     if not isinstance(arguments, Mapping):
         raise JounceError(f"xacro_args is of type {type(arguments).__name__}; expected a mapping of names and values")
-    try:
+    with optional_import(f"{path}: xacro files need the package xacrodoc", "xacro"):
         from xacrodoc import packages  # first: it makes xacro look for packages by it
-    except ImportError:
-        cure = "install it by: pip install 'jounce[xacro]'"
-        raise JounceError(f"{path}: xacro files need the package xacrodoc; {cure}") from None
     import xacro
 
     said, given = StringIO(), _Arguments(arguments)

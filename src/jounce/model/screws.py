@@ -72,7 +72,7 @@ def from_screws(
         floats=base is not None,
         name=_check_text(name, "name"),
     )
-    multiscrew_joints(built)  # refuses joints of several screws that are none
+    multiscrew_joints(built)  # refuses screws that together form no joint
     return with_exact_integers(built) if any(map(is_symbolic, built.arrays.values())) else built
 
 

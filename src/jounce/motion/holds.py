@@ -77,7 +77,7 @@ def find_holds(samples: Samples, first: SplineSolution, cells: int) -> SampleHol
     catches_up = np.abs(samples.q[after] - samples.q[starts]) > size
     certain = np.asarray((np.abs(curve[starts[1:]] - curve[starts[:-1]]) > size).any(axis=1))
     usual = float(np.median(np.diff(starts)[certain])) if certain.any() else 1.0
-    # a longer run is a rest, at whose ends a fit that is not resolved swings; while a joint is fast it is none
+    # a longer run is a rest, at whose ends a fit that is not resolved swings; a fast joint has no rests
     passes = (np.abs(curve[ends] - curve[starts]) > size) & catches_up
     is_hold = passes.any(axis=1) & (ends - starts < MAX_HOLD_TO_USUAL * usual)
     fast = (np.abs(np.diff(curve, axis=0)) > MIN_STEPS_IN_HOLD * np.maximum(samples.steps, scatter)).any(axis=1)

@@ -927,7 +927,7 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         Raises
         ------
         JounceError
-            If the robot has no limits, the motion is not one of its joints, or a rate that a limit needs is not known.
+            If the robot has no limits, the motion is that of other joints, or a rate that a limit needs is not known.
 
         Examples
         --------

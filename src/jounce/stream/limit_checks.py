@@ -54,7 +54,7 @@ def add_limits(known: dict[str, Aggregate], name: str, more: Aggregate) -> None:
     joined["notes"] = list(dict.fromkeys([*joined["notes"], *more["notes"]]))
     for i, (row, other) in enumerate(zip(joined["limits"], more["limits"], strict=True)):
         spans = {name: [[*span] for span in join_spans(row[name] + other[name])] for name in SPAN_NAMES}
-        worse = other if _infinite_if_none(other["ratio"]) > _infinite_if_none(row["ratio"]) else row
+        worse = other if infinite_if_none(other["ratio"]) > infinite_if_none(row["ratio"]) else row
         joined["limits"][i] = worse | spans | {"verdict": combine_verdicts([row["verdict"], other["verdict"]])}
 
 
@@ -64,14 +64,15 @@ def table_of(found: Mapping[str, Aggregate]) -> Columns:
     texts: Columns = {name: np.array([row[name] or "" for row in rows], dtype=str) for name in TEXT_COLUMNS}
     numbers: Columns = {
         name: np.array(
-            [np.nan if name == "deviation" and row[name] is None else _infinite_if_none(row[name]) for row in rows]
+            [np.nan if name == "deviation" and row[name] is None else infinite_if_none(row[name]) for row in rows]
         )
         for name in NUMBER_COLUMNS
     }
     return texts | numbers
 
 
-def _infinite_if_none(x: float | None) -> float:
+def infinite_if_none(x: float | None) -> float:
+    """A number of a row of limits, in which None stands for infinity, as in JSON."""
     return inf if x is None else x
 
 
