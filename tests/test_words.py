@@ -14,7 +14,8 @@ SOURCES = sorted((ROOT / "src/jounce").rglob("*.py"))
 PAGES = [*ROOT.glob("*.md"), *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "src/jounce").rglob("*.jinja"))]
 UNITS = "joint|body|row|state|quantity|coordinate|line|file|block"
 FORBIDDEN = re.compile(
-    r"\b(tell|tells|telling|told)\b|\b(is|are) none\b|\bis not one\b(?! of)|\bso many\b|\bwhere asked\b|\bbeside\b|\banew\b|\bof yours\b|, say\b"
+    r"\b(tell|tells|telling|told)\b|"
+    r"\b(is|are) none\b|\bis not one\b(?! of)|\bso many\b|\bwhere asked\b|\bbeside\b|\banew\b|\bof yours\b|, say\b"
     rf"|\bthe house\b|\brooms\b|\bwitness\b|\b(rows?|columns?|curve|panel|entry|entries|numbers?|ns|one) a ({UNITS})\b"
 )
 
