@@ -27,8 +27,9 @@ its recursions. It computes no rates of them: rows with rates stand next to its 
 PRODUCTS = """Products of the derivatives of Q, Qd, Q2d by all inputs, of a batch of 1,000 states, next to the values of
 Q, Qd, Q2d themselves."""
 THREADS = """Q, Qd, Q2d into `out=`, the batch split among threads of one process that are kept between calls; cores:
-{cores}. The share is of the time of one thread: 1 over the number of threads would be perfect scaling. Large batches
-are bound by memory, which all cores share, small ones by the time in which a thread wakes up."""
+{cores}. The share is of the time of one thread: 1 over the number of threads would be perfect scaling. The first rows
+are what the cores can do: where multiply-adds in registers do not scale, cores are threads of one. Small batches are
+bound by the time in which a thread wakes up."""
 MADE = """Seconds from the robot's numbers to the equations, once, each in a process that is stopped after {limit:g} s,
 and the operations on scalars that they take, shared subexpressions found by SymPy's cse, or by jounce's own trace."""
 
@@ -198,12 +199,14 @@ def _beside_pinocchio(run: Run, robot: str, rows: Sequence[quantities.Row]) -> I
 def _threads(run: Run) -> Iterator[str]:
     yield from ["## Threads", ""]
     yield from paragraph(THREADS.format(cores=machine.cores()))
+    keys = {name: (name,) for name in (threads.REGISTERS, threads.MEMORY)} | {
+        f"{name}, {batch(count)}": (name, count) for name, batches in threads.ROBOTS.items() for count in batches
+    }
     rows = []
-    for name, batches in threads.ROBOTS.items():
-        for count in batches:
-            found = [run.ns("threads", name, count, each) for each in threads.counts()]
-            shares = [None if x is None or found[0] is None else x / found[0] for x in found]
-            rows.append((f"{name}, {batch(count)}", *map(figure, found), *map(figure, shares[1:])))
+    for label, key in keys.items():
+        found = [run.ns("threads", *key, each) for each in threads.counts()]
+        shares = [None if x is None or found[0] is None else x / found[0] for x in found]
+        rows.append((label, *map(figure, found), *map(figure, shares[1:])))
     several = threads.counts()[1:]
     head = ("ns per state, threads", *map(str, threads.counts()), *(f"share, {each}" for each in several))
     yield from table(head, rows)
