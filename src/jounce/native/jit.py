@@ -30,6 +30,7 @@ class Target:
     features: str
     lanes: int  # doubles in a vector
     fma: bool
+    triple: str = ""  # LLVM's name of the machine, if it is not this one
 
 
 @cache
@@ -49,12 +50,18 @@ def _make_code_generator(target: Target) -> Any:
 
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    triple = llvm.Target.from_default_triple()
+    triple = llvm.Target.from_triple(target.triple or llvm.get_default_triple())
     return triple.create_target_machine(cpu=target.cpu, features=target.features, opt=1, jit=True)  # 2 is no faster
 
 
 def assemble(texts: Sequence[str], target: Target) -> bytes:
     """The object code of modules linked together."""
+    code, module = link(texts, target)
+    return code.emit_object(module)
+
+
+def link(texts: Sequence[str], target: Target) -> tuple[Any, Any]:
+    """LLVM's code generator for a target, and for it modules linked together."""
     import llvmlite.binding as llvm
 
     code = _make_code_generator(target)
@@ -62,7 +69,7 @@ def assemble(texts: Sequence[str], target: Target) -> bytes:
     for other in others:
         module.link_in(other)
     module.triple, module.data_layout = code.triple, str(code.target_data)
-    return code.emit_object(module)
+    return code, module
 
 
 @dataclass(frozen=True)
