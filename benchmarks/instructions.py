@@ -16,9 +16,9 @@ from pathlib import Path
 import click
 import llvmlite.binding as llvm
 
-from benchmarks.robots import chain
+from benchmarks.robots import ARMS, load
 from benchmarks.tables import figure, paragraph, table
-from jounce import Robot, load
+from jounce import Robot
 from jounce.dynamics.computation import Computation
 from jounce.io.files import write_whole
 from jounce.native import code_forms, jit, vector_functions
@@ -119,11 +119,10 @@ def kinds(line: str) -> Iterator[str]:
 
 def page() -> str:
     """The page of results."""
-    arms = {"iiwa14": load("iiwa14"), "7 joints at no special angles": chain(7), "g1": load("g1")}
-    asked = [*((name, robot, FORCES) for name, robot in arms.items()), *(("panda", load("panda"), x) for x in MATRICES)]
+    asked = [*((name, FORCES) for name in (*ARMS, "g1")), *(("panda", matrix) for matrix in MATRICES)]
     lines = ["# Instructions", "", *paragraph(TEXT.format(version=version("llvmlite")))]
-    for name, robot, computation in asked:
-        rows = []
+    for name, computation in asked:
+        robot, rows = load(name), []
         for label, target in TARGETS.items():
             counts = compiled(robot, computation, target).counts()
             rows.append((label, *(f"{counts[kind]:,}" for kind in KINDS), figure(counts["bytes"] / 1024)))

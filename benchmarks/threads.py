@@ -10,11 +10,10 @@ import numpy as np
 
 from benchmarks import machine, peaks
 from benchmarks.measure import Case
-from benchmarks.robots import states
-from jounce import load
+from benchmarks.robots import ARMS, load, states
 from jounce.native.threads import Box, compute_in_parts
 
-ROBOTS = {"iiwa14": (1_000, 100_000), "g1": (1_000, 20_000)}  # robots, and how many states they compute
+ROBOTS = dict.fromkeys(ARMS, (1_000, 100_000)) | {"g1": (1_000, 20_000)}  # robots, and how many states they compute
 ORDER = 2
 REGISTERS, MEMORY = "ns for 1,000 multiply-adds in registers", "ns for 1,000 bytes copied"
 LOOPS = 64  # of multiply-adds, which the threads share

@@ -130,9 +130,9 @@ def test_quantities_are_compared_with_the_closed_form_first(row, monkeypatch):
 def test_pictures_tell_jounce_from_others_without_colour(monkeypatch):
     """Generated code is jounce's too; hatches and hollow marks are seen on a grey print."""
     monkeypatch.setattr(pictures, "floor", lambda *_: 1e-9)
-    monkeypatch.setattr(pictures, "programs", lambda _: (None, None))
+    monkeypatch.setattr(pictures, "programs", lambda *_: (None, None))
     names = [peer.name for peer in PEERS if 2 in peer.orders]
-    times = {("forces", name, k, 1_000): 1e-8 for name in names for k in range(5)}
+    times = {("iiwa14", name, k, 1_000): 1e-8 for name in names for k in range(5)}
     drawn = pictures.pictures(Run(times, Gathered(), (), ("", ""), 1))
     hatched = {bar.get_y() for bar in drawn["paths"].axes[0].patches if bar.get_width() and bar.get_hatch()}
     labels = [label.get_text() for label in drawn["paths"].axes[0].get_yticklabels()]
