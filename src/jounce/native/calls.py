@@ -39,12 +39,12 @@ def _write_module(block: BlockCode, signature: Signature, target: Target, name: 
     ir = Writer(target)
     for define in vector_functions.DEFINITIONS.values():
         define(ir)
-    lane_transfer.define_transposes(ir)
     lane_transfer.define_lanes(ir)
     block.define(ir)
     for k, places in enumerate(block.places):
-        ir.table(f"places.{k}", [*places, *[places[-1]] * ir.lanes])  # read by whole vectors
+        ir.table(f"places.{k}", [place * ir.lanes for place in places])
     if target.lanes > 1:
+        lane_transfer.define_transposes(ir, signature)
         _define_blocks(ir, signature)
     else:
         _define_state(ir, signature, block.places)
@@ -85,8 +85,6 @@ def _define_blocks(ir: Writer, signature: Signature) -> None:
     of states, which NumPy then does not copy.
     """
     ports, given = [*signature.inputs, *signature.outputs], len(signature.inputs)
-    widths = [port.size for port in ports]
-    behind = max((-((width - ir.lanes) // width) for width in widths if width < ir.lanes), default=0)
     with ir.function("internal void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr %in)"):
         out, bodies = _scratch_offsets(ir, signature)
         scratch = [ir.at("%in", port.start, ir.V) for port in signature.inputs] + [out] * len(signature.outputs)
@@ -94,16 +92,12 @@ def _define_blocks(ir: Writer, signature: Signature) -> None:
         dense = _is_dense(ir, arrays, ports)
         for array, port in zip(arrays, ports, strict=True):
             dense = ir.let(f"and i1 {dense}, {ir.let(f'icmp eq i64 {array.step}, {8 * port.size}')}")
-        for result, width in zip(arrays[given:], widths[given:], strict=True):
-            if width < ir.lanes:  # stored reaching into rows behind: not where these are states yet to be read
-                for array in arrays[:given]:
-                    dense = ir.let(f"and i1 {dense}, {ir.let(f'icmp ne ptr {result.pointer}, {array.pointer}')}")
         count = ir.let("load i64, ptr %dimensions")
         with ir.loop_over_blocks(count, ir.lanes) as block:
             first = ir.let(f"mul i64 {block}, {ir.lanes}")
             left = ir.let(f"sub i64 {count}, {first}")
             lanes = ir.call("llvm.smin.i64", "i64", left, str(ir.lanes))
-            enough = ir.let(f"icmp sge i64 {left}, {ir.lanes + behind}")
+            enough = ir.let(f"icmp sge i64 {left}, {ir.lanes}")
             quick = ir.let(f"and i1 {dense}, {enough}")
             places = [ir.at(x.pointer, ir.let(f"mul i64 {first}, {x.step}"), "i8") for x in arrays]
             tables = [""] * given + [f", ptr @places.{k}" for k in range(len(signature.outputs))]
@@ -114,7 +108,7 @@ def _define_blocks(ir: Writer, signature: Signature) -> None:
                 ir.do(f"br i1 {quick}, label %{way}.rows, label %{way}.lanes")
                 ir.label(f"{way}.rows")
                 for port, _, place, there, table in part:
-                    ir.do(f"call void @{way}_rows(ptr {place}, ptr {there}, i64 {port.size}{table})")
+                    ir.do(f"call void @{way}_rows.{port.size}(ptr {place}, ptr {there}{table})")
                 ir.do(f"br label %{way}.done")
                 ir.label(f"{way}.lanes")
                 for port, x, place, there, table in part:
@@ -150,9 +144,9 @@ def _define_state(ir: Writer, signature: Signature, places: Sequence[Sequence[in
 
 
 def _scratch_offsets(ir: Writer, signature: Signature) -> tuple[str, str]:
-    """Return the offsets of results and bodies in scratch memory; whole-vector moves reach beyond rows."""
-    out = ir.at("%in", signature.inputs[-1].end + ir.lanes, ir.V)
-    return out, ir.at(out, signature.outputs[-1].end + ir.lanes, ir.V)
+    """Return where results and bodies are in scratch memory."""
+    out = ir.at("%in", signature.inputs[-1].end, ir.V)
+    return out, ir.at(out, signature.outputs[-1].end, ir.V)
 
 
 def _lane_arguments(array: _Array, port: Port, count: str) -> str:
@@ -187,8 +181,8 @@ def _is_dense(ir: Writer, arrays: Sequence[_Array], ports: Sequence[Port]) -> st
     """Whether the numbers of a state lie one behind the other in all arrays."""
     dense = "true"
     for array, port in zip(arrays, ports, strict=True):
-        _, rows, columns = _pad_to_three_axes(port.shape)
-        for stride, expected in zip(array.within, (8 * rows * columns, 8 * columns, 8), strict=True):
-            if stride != "0":
+        _, rows, columns = extents = _pad_to_three_axes(port.shape)
+        for extent, stride, expected in zip(extents, array.within, (8 * rows * columns, 8 * columns, 8), strict=True):
+            if extent > 1:  # of one entry NumPy gives any stride
                 dense = ir.let(f"and i1 {dense}, {ir.let(f'icmp eq i64 {stride}, {expected}')}")
     return dense

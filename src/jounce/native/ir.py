@@ -82,6 +82,11 @@ class Writer:
         one = self.let(f"insertelement {self.V} poison, double {x}, i64 0")
         return self.let(f"shufflevector {self.V} {one}, {self.V} poison, <{self.lanes} x i32> zeroinitializer")
 
+    def shuffle(self, vectors: Sequence[str], order: Sequence[int], lanes: int | None = None) -> str:
+        """Lanes of one or two vectors of a size, numbered through, as a vector."""
+        kind, listed = f"<{lanes or self.lanes} x double>", ", ".join(f"i32 {j}" for j in order)
+        return self.let(f"shufflevector {kind} {vectors[0]}, {kind} {vectors[-1]}, <{len(order)} x i32> <{listed}>")
+
     def integers(self, x: int) -> str:
         """An integer constant in all lanes."""
         return f"<{', '.join([f'i64 {x}'] * self.lanes)}>"
@@ -102,13 +107,18 @@ class Writer:
                 values.append(self.let(f"{name} {self.V} {', '.join(operands)}"))
         return values[-1]
 
-    def load(self, address: str) -> str:
+    def load(self, address: str, lanes: int | None = None) -> str:
         """A vector from memory, wherever it lies."""
-        return self.let(f"load {self.V}, ptr {address}, align 8")
+        return self.let(f"load <{lanes or self.lanes} x double>, ptr {address}, align 8")
 
-    def store(self, value: str, address: str) -> None:
+    def store(self, value: str, address: str, lanes: int | None = None) -> None:
         """A vector into memory."""
-        self.do(f"store {self.V} {value}, ptr {address}, align 8")
+        self.do(f"store <{lanes or self.lanes} x double> {value}, ptr {address}, align 8")
+
+    def prefetch(self, address: str) -> None:
+        """Have a cache line at hand that is going to be written; the address may be any."""
+        self.declared["declare void @llvm.prefetch.p0(ptr, i32, i32, i32)"] = None
+        self.do(f"call void @llvm.prefetch.p0(ptr {address}, i32 1, i32 3, i32 1)")
 
     def at(self, base: str, index: str | int, kind: str = "double") -> str:
         """The address of an element."""

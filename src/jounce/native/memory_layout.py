@@ -135,8 +135,8 @@ def vectors_of_bodies(computation: Computation, mechanism: Mechanism) -> int:
 
 
 def call_size(signature: Signature, of_bodies: int, lanes: int) -> int:
-    """The bytes of one call: rows are moved by whole vectors, hence a block more of inputs and of outputs."""
-    return 8 * lanes * (signature.inputs[-1].end + signature.outputs[-1].end + 2 * lanes + of_bodies)
+    """The bytes of one call."""
+    return 8 * lanes * (signature.inputs[-1].end + signature.outputs[-1].end + of_bodies)
 
 
 def scratch_size(computation: Computation, mechanism: Mechanism, lanes: int) -> int:
