@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain, zip_longest
 
 from jounce.dynamics.computation import Port, Signature
 from jounce.native.ir import Writer
@@ -61,8 +62,9 @@ def _define_straight(
 def emit_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> Iterator[tuple[int, str]]:
     """Write the steps of a program in their order; each and the name of its value as soon as it is written."""
     steps, called = program.steps, _vector_calls(program)
-    pairs = sorted({(called[i].name, steps[i].operands[0]) for i in called if called[i].result is not None})
-    results = ir.let(f"alloca [{2 * max(1, len(pairs))} x {ir.V}], align 64")
+    pairs = _pairs_of_angles(program, called)
+    places = {i: j for j, i in enumerate(dict.fromkeys(chain.from_iterable(pairs)))}
+    results = ir.let(f"alloca [{2 * max(1, len(places))} x {ir.V}], align 64")
     values: dict[int, str] = {}
 
     def value(i: int) -> str:
@@ -77,17 +79,32 @@ def emit_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> Iter
             elif function.result is None:
                 values[i] = ir.let(f"call {ir.V} @{function.name}({ir.V} {value(step.operands[0])})")
             else:
-                j = 2 * pairs.index((function.name, step.operands[0])) + function.result
+                j = 2 * places[step.operands[0]] + function.result
                 values[i] = ir.load(ir.at(results, j, ir.V))
         return values[i]
 
-    for j, (name, operand) in enumerate(pairs):  # first, while no other value must be saved over the call
-        ir.do(f"call void @{name}({ir.V} {value(operand)}, ptr {ir.at(results, 2 * j, ir.V)})")
+    for pair in pairs:  # first, while no other value must be saved over the call
+        angles = ", ".join(f"{ir.V} {value(i)}" for i in pair)
+        there = ", ".join(f"ptr {ir.at(results, 2 * places[i], ir.V)}" for i in pair)
+        ir.do(f"call void @sincos({angles}, {there})")
     for i in called:
         if called[i].result is None:
             value(i)
     for i in range(len(steps)):
         yield i, value(i)
+
+
+def _pairs_of_angles(program: Program, called: Mapping[int, VectorFunction]) -> list[tuple[int, int]]:
+    """The steps of which sines or cosines are taken, in pairs of which none waits for the other; an odd one twice."""
+    depths: list[int] = []  # of steps, how many sines or cosines are taken one after the other before
+    angles = defaultdict[int, dict[int, None]](dict)  # by depth
+    for i, step in enumerate(program.steps):
+        depths.append(max((depths[j] for j in step.operands), default=0))
+        if i in called and called[i].result is not None:
+            angles[depths[i]][step.operands[0]] = None
+            depths[i] += 1
+    levels = map(list, angles.values())
+    return [pair for level in levels for pair in zip_longest(level[::2], level[1::2], fillvalue=level[-1])]
 
 
 def _vector_calls(program: Program) -> dict[int, VectorFunction]:

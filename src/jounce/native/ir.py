@@ -3,6 +3,8 @@
 import struct
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from copy import copy
+from typing import Self
 
 from jounce.native.jit import Target
 from jounce.program.operations import OPERATIONS
@@ -17,11 +19,21 @@ class Writer:
     """The text of a module, and shorthand for what is often written."""
 
     def __init__(self, target: Target) -> None:
-        self.lanes, self.fma = target.lanes, target.fma
-        self.V, self.I, self.B = (f"<{self.lanes} x {kind}>" for kind in ("double", "i64", "i1"))
+        self.fma = target.fma
+        self._set_lanes(target.lanes)
         self.lines: list[str] = []
         self.declared: dict[str, None] = {}
         self.names = 0
+
+    def _set_lanes(self, lanes: int) -> None:
+        self.lanes = lanes
+        self.V, self.I, self.B = (f"<{lanes} x {kind}>" for kind in ("double", "i64", "i1"))
+
+    def twice_as_wide(self) -> Self:
+        """A writer of functions of the same module, on vectors of twice as many lanes."""
+        wide = copy(self)
+        wide._set_lanes(2 * self.lanes)
+        return wide
 
     def text(self) -> str:
         """The module."""
