@@ -25,17 +25,23 @@ class _Array:
 
 def write_modules(block: BlockCode, signature: Signature, target: Target) -> list[str]:
     """The modules of a kernel, to be linked: ``@states``, and for short blocks ``@state``, which is given one alone."""
+    size = block.at_once * memory_layout.block_size(signature, block.of_bodies, target.lanes)
     if not block.short:
-        return [_write_module(block, signature, target, "states")]
+        return [_write_module(block, signature, target, size, "states")]
     scalars = replace(target, lanes=1)
     return [
-        _write_module(block, signature, target, "states", "state"),
-        _write_module(block, signature, scalars, "state"),
+        _write_module(block, signature, target, size, "states", "state"),
+        _write_module(block, signature, scalars, size, "state"),
     ]
 
 
-def _write_module(block: BlockCode, signature: Signature, target: Target, name: str, of_one: str | None = None) -> str:
-    """A module that defines a function of states, which leaves one state alone to the function of another module."""
+def _write_module(
+    block: BlockCode, signature: Signature, target: Target, size: int, name: str, of_one: str | None = None
+) -> str:
+    """A module that defines a function of states, which leaves one state alone to the function of another module.
+
+    Both take scratch memory of one size, as they give it back to one pool.
+    """
     ir = Writer(target)
     for define in vector_functions.DEFINITIONS.values():
         define(ir)
@@ -45,15 +51,15 @@ def _write_module(block: BlockCode, signature: Signature, target: Target, name: 
         ir.table(f"places.{k}", [place * ir.lanes for place in places])
     if target.lanes > 1:
         lane_transfer.define_transposes(ir, signature)
-        _define_blocks(ir, signature)
+        _define_blocks(ir, signature, block)
     else:
         _define_state(ir, signature, block.places)
-    size = memory_layout.call_size(signature, block.of_bodies, target.lanes)
     define_call = _define_on_stack if size <= memory_layout.MAX_STACK_BYTES else scratch_pool.define_on_heap
     define_call(ir, size, "@call" if of_one else f"@{name}")
     if of_one:
         _define_choice(ir, name, of_one)
     if name == "states":
+        ir.table("scratch", [size], "dso_local")
         _define_bound(ir)
     return ir.text()
 
@@ -78,8 +84,8 @@ def _define_bound(ir: Writer) -> None:
         ir.do(f"call void @states({', '.join(f'ptr {x}' for x in given)})")
 
 
-def _define_blocks(ir: Writer, signature: Signature) -> None:
-    """``@blocks(args, dimensions, steps, memory)``: the loop over blocks of states.
+def _define_blocks(ir: Writer, signature: Signature, code: BlockCode) -> None:
+    """``@blocks(args, dimensions, steps, memory)``: the loop over blocks of states, some at once.
 
     Rows that lie one behind the other go through registers, others lane by lane. A result may lie exactly over an array
     of states, which NumPy then does not copy.
@@ -93,28 +99,38 @@ def _define_blocks(ir: Writer, signature: Signature) -> None:
         for array, port in zip(arrays, ports, strict=True):
             dense = ir.let(f"and i1 {dense}, {ir.let(f'icmp eq i64 {array.step}, {8 * port.size}')}")
         count = ir.let("load i64, ptr %dimensions")
-        with ir.loop_over_blocks(count, ir.lanes) as block:
-            first = ir.let(f"mul i64 {block}, {ir.lanes}")
-            left = ir.let(f"sub i64 {count}, {first}")
-            lanes = ir.call("llvm.smin.i64", "i64", left, str(ir.lanes))
-            enough = ir.let(f"icmp sge i64 {left}, {ir.lanes}")
-            quick = ir.let(f"and i1 {dense}, {enough}")
-            places = [ir.at(x.pointer, ir.let(f"mul i64 {first}, {x.step}"), "i8") for x in arrays]
-            tables = [""] * given + [f", ptr @places.{k}" for k in range(len(signature.outputs))]
-            moved = list(zip(ports, arrays, places, scratch, tables, strict=True))
-            for way, part in (("load", moved[:given]), ("store", moved[given:])):
+        size = memory_layout.block_size(signature, code.of_bodies, ir.lanes)
+        tables = [""] * given + [f", ptr @places.{k}" for k in range(len(signature.outputs))]
+        with ir.loop_over_blocks(count, ir.lanes * code.at_once) as group:
+            first = ir.let(f"mul i64 {group}, {ir.lanes * code.at_once}")
+            states = ir.let(f"sub i64 {count}, {first}")
+            whole = ir.let(f"sdiv i64 {ir.let(f'add i64 {states}, {ir.lanes - 1}')}, {ir.lanes}")
+            blocks = ir.call("llvm.smin.i64", "i64", whole, str(code.at_once))
+            for way, part in (("load", slice(given)), ("store", slice(given, None))):
                 if way == "store":
-                    ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies})")
-                ir.do(f"br i1 {quick}, label %{way}.rows, label %{way}.lanes")
-                ir.label(f"{way}.rows")
-                for port, _, place, there, table in part:
-                    ir.do(f"call void @{way}_rows.{port.size}(ptr {place}, ptr {there}{table})")
-                ir.do(f"br label %{way}.done")
-                ir.label(f"{way}.lanes")
-                for port, x, place, there, table in part:
-                    ir.do(f"call void @{way}_lanes(ptr {place}, ptr {there}, {_lane_arguments(x, port, lanes)}{table})")
-                ir.do(f"br label %{way}.done")
-                ir.label(f"{way}.done")
+                    ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies}, i64 {blocks})")
+                with ir.loop(blocks) as block:
+                    before = ir.let(f"mul i64 {block}, {ir.lanes}")
+                    left = ir.let(f"sub i64 {states}, {before}")
+                    lanes = ir.call("llvm.smin.i64", "i64", left, str(ir.lanes))
+                    enough = ir.let(f"icmp sge i64 {left}, {ir.lanes}")
+                    state = ir.let(f"add i64 {first}, {before}")
+                    own = ir.let(f"mul i64 {block}, {size}")
+                    moved = [
+                        (port, x, ir.at(x.pointer, ir.let(f"mul i64 {state}, {x.step}"), "i8"), ir.at(y, own, "i8"), z)
+                        for port, x, y, z in list(zip(ports, arrays, scratch, tables, strict=True))[part]
+                    ]
+                    ir.do(f"br i1 {ir.let(f'and i1 {dense}, {enough}')}, label %{way}.rows, label %{way}.lanes")
+                    ir.label(f"{way}.rows")
+                    for port, _, place, there, table in moved:
+                        ir.do(f"call void @{way}_rows.{port.size}(ptr {place}, ptr {there}{table})")
+                    ir.do(f"br label %{way}.done")
+                    ir.label(f"{way}.lanes")
+                    for port, x, place, there, table in moved:
+                        listed = _lane_arguments(x, port, lanes)
+                        ir.do(f"call void @{way}_lanes(ptr {place}, ptr {there}, {listed}{table})")
+                    ir.do(f"br label %{way}.done")
+                    ir.label(f"{way}.done")
 
 
 def _define_state(ir: Writer, signature: Signature, places: Sequence[Sequence[int]]) -> None:
@@ -128,7 +144,7 @@ def _define_state(ir: Writer, signature: Signature, places: Sequence[Sequence[in
         for array, port in zip(arrays, signature.inputs, strict=False):
             for j in range(port.size):
                 ir.store(ir.load(ir.at(array.pointer, j)), ir.at("%in", port.start + j))
-        ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies})")
+        ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies}, i64 1)")
         for array, numbers in zip(arrays[given:], places, strict=True):
             for j, number in enumerate(numbers):
                 ir.store(ir.load(ir.at(out, number)), ir.at(array.pointer, j))
@@ -137,7 +153,7 @@ def _define_state(ir: Writer, signature: Signature, places: Sequence[Sequence[in
         for array, port in zip(arrays, signature.inputs, strict=False):
             there = ir.at("%in", port.start)
             ir.do(f"call void @load_lanes(ptr {array.pointer}, ptr {there}, {_lane_arguments(array, port, '1')})")
-        ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies})")
+        ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies}, i64 1)")
         for k, (array, port) in enumerate(zip(arrays[given:], signature.outputs, strict=True)):
             listed = _lane_arguments(array, port, "1")
             ir.do(f"call void @store_lanes(ptr {array.pointer}, ptr {out}, {listed}, ptr @places.{k})")

@@ -21,6 +21,7 @@ class Writer:
     def __init__(self, target: Target) -> None:
         self.fma = target.fma
         self._set_lanes(target.lanes)
+        self.aligned = f"alignstack({8 * self.lanes})"  # of functions that keep vectors on the stack: none is split
         self.lines: list[str] = []
         self.declared: dict[str, None] = {}
         self.names = 0
@@ -143,11 +144,16 @@ class Writer:
             value = self.op("fma", value, z, self.vector(c))
         return value
 
-    def table(self, name: str, numbers: Sequence[float] | Sequence[int]) -> None:
+    def table(self, name: str, numbers: Sequence[float] | Sequence[int], linkage: str = "internal") -> None:
         """Constants in memory: doubles, or integers if the first one is."""
         kind, write = ("double", self.number) if isinstance(numbers[0], float) else ("i64", str)
         listed = ", ".join(f"{kind} {write(x)}" for x in numbers)
-        self.lines.append(f"@{name} = internal constant [{len(numbers)} x {kind}] [{listed}]")
+        self.lines.append(f"@{name} = {linkage} constant [{len(numbers)} x {kind}] [{listed}]")
+
+    def table_of_vectors(self, name: str, numbers: Sequence[float]) -> None:
+        """Constants in memory, each in all lanes of a vector."""
+        listed = ", ".join(f"{self.V} {self.vector(x)}" for x in numbers)
+        self.lines.append(f"@{name} = internal constant [{len(numbers)} x {self.V}] [{listed}], align {8 * self.lanes}")
 
     @contextmanager
     def loop(self, count: str, start: str = "0") -> Iterator[str]:

@@ -40,7 +40,7 @@ def _define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, signature: S
     for name, numbers in loop_steps.tables(mechanism, [present.index(kind) for kind in of_joints]).items():
         ir.table(name, numbers)
     _define_sum(ir)
-    with ir.function("internal void @block(ptr %in, ptr %out, ptr %bodies)"):
+    with ir.function("internal void @block(ptr %in, ptr %out, ptr %bodies, i64 %count)"):
         ir.do(f"%motions = getelementptr {ir.V}, ptr %bodies, i64 {(len(reduced.joints) + 1) * sweeps.layout.size}")
         _set_results(ir, signature)
         if sweeps.computation.base:
@@ -240,7 +240,7 @@ def _pointers(*names: str) -> str:
 
 
 def _define_step(ir: Writer, name: str, step: JointStep) -> None:
-    with ir.function(f"internal void @{name}({_pointers(*(f'%{part}' for part in STEP_MEMORY))})"):
+    with ir.function(f"internal void @{name}({_pointers(*(f'%{part}' for part in STEP_MEMORY))}) {ir.aligned}"):
 
         def read(i: int) -> str:
             memory, place = step.reads[i]
@@ -248,7 +248,7 @@ def _define_step(ir: Writer, name: str, step: JointStep) -> None:
                 return ir.splat(ir.let(f"load double, ptr {ir.at('%constants', place)}"))
             return ir.load(ir.at(f"%{memory}", place, ir.V))
 
-        values = dict(emit_steps(ir, step.program, read))
+        values = emit_steps(ir, step.program, read)
         results = [values[i] for i in step.program.outputs]
         for (memory, place), result in zip(step.writes, results, strict=True):
             ir.store(result, ir.at(f"%{memory}", place, ir.V))
