@@ -11,7 +11,7 @@ from jounce.native.lane_transfer import MAX_UNROLLED_TILES
 from jounce.program.trace import Tape
 from support.natives import WAYS, native, signature, target
 
-WIDTHS = (1, 2, 3, 4, 5, 7, 8, 9, 15, 16, 17, 29)
+WIDTHS = (1, 2, 3, 4, 5, 7, 8, 9, 15, 16, 17, 29, 35)
 LARGEST_BLOCK = 8  # states
 UNTOUCHED = 7.5  # what results are written amid
 PAGE = mmap.PAGESIZE

@@ -13,6 +13,8 @@ from jounce.native.emit import BlockCode
 from jounce.native.ir import Writer
 from jounce.native.jit import Target
 
+MAX_UNROLLED_COPIES, COPIES_PER_TURN = 64, 8  # of results of one state: LLVM's time grows as the square of a block
+
 
 @dataclass(frozen=True)
 class _Array:
@@ -145,8 +147,16 @@ def _define_state(ir: Writer, signature: Signature, places: Sequence[Sequence[in
             for j in range(port.size):
                 ir.store(ir.load(ir.at(array.pointer, j)), ir.at("%in", port.start + j))
         ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies}, i64 1)")
-        for array, numbers in zip(arrays[given:], places, strict=True):
-            for j, number in enumerate(numbers):
+        for k, (array, numbers) in enumerate(zip(arrays[given:], places, strict=True)):
+            looped = len(numbers) // COPIES_PER_TURN * COPIES_PER_TURN if len(numbers) > MAX_UNROLLED_COPIES else 0
+            if looped:
+                with ir.loop(str(looped // COPIES_PER_TURN)) as turn:
+                    first = ir.let(f"mul i64 {turn}, {COPIES_PER_TURN}")
+                    table, target = ir.at(f"@places.{k}", first, "i64"), ir.at(array.pointer, first)
+                    for j in range(COPIES_PER_TURN):
+                        number = ir.let(f"load i64, ptr {ir.at(table, j, 'i64')}")
+                        ir.store(ir.load(ir.at(out, number)), ir.at(target, j))
+            for j, number in enumerate(numbers[looped:], looped):
                 ir.store(ir.load(ir.at(out, number)), ir.at(array.pointer, j))
         ir.do("ret void")
         ir.label("strided")
