@@ -191,6 +191,7 @@ def test_narrower_vectors_can_be_asked_for(monkeypatch):
         found = jit.host()
         assert found.lanes == lanes
         assert found == widest or (found.registers, found.fma) == (FEW, widest.fma and lanes > 2)
+        assert found.features.endswith(jit.NARROWER[str(lanes)] if found != widest else widest.features)
     for wrong in ("3", "16", "many", "-2"):
         monkeypatch.setenv("JOUNCE_LANES", wrong)
         with pytest.raises(JounceError, match=r"^JOUNCE_LANES is '.*'; this processor has vectors of 2"):
