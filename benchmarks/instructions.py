@@ -26,9 +26,9 @@ from jounce.native.jit import Target
 
 X86, ARM = "x86_64-unknown-linux-gnu", "aarch64-unknown-linux-gnu"
 TARGETS = {
-    "AVX2, znver3": Target("znver3", "", 4, fma=True, triple=X86),
-    "AVX-512, znver4": Target("znver4", "", 8, fma=True, triple=X86),
-    "NEON, neoverse-n1": Target("neoverse-n1", "", 2, fma=True, triple=ARM),
+    "AVX2, znver3": Target("znver3", "", 4, 16, fma=True, triple=X86),
+    "AVX-512, znver4": Target("znver4", "", 8, 32, fma=True, triple=X86),
+    "NEON, neoverse-n1": Target("neoverse-n1", "", 2, 32, fma=True, triple=ARM),
 }
 FORCES = Computation("inverse_dynamics", 2)
 MATRICES = Computation("mass_matrix", 0), Computation("coriolis_matrix", 0)
