@@ -23,7 +23,7 @@ from jounce.program.program import Program, topological_order
 
 MAX_WHOLE_STEPS = {16: 300, 32: 8000}  # by registers; with 32, cuts gain nothing but LLVM's time for long functions
 PIECE_STEPS = 150  # 150 to 250 were alike, 60 and 500 slower
-RELOAD_DISTANCE = 20  # operations; 12 to 30 were alike
+RELOAD_DISTANCE = 12  # operations; 12 to 30 were alike
 BLOCKS_AT_ONCE = 2  # in turn for each piece: the next block's operations fill the gaps that dependent ones leave
 
 

@@ -18,7 +18,6 @@ from jounce.program.program import Program
 MAX_STEPS_COMPILED_TWICE = 6000  # for vectors and for one state: each compiles in some tenths of a second
 PARTIAL_SUMS = 4  # of the check, as many as a sum takes cycles: none waits for another
 BROADCASTING_LANES = 8  # of AVX-512, which reads one number for all lanes within an instruction: no table is shorter
-PIECE_MEMORY = "ptr %in, ptr %out, ptr %bodies, ptr %constants"  # what a piece reads and writes
 
 
 def straight_block(
@@ -59,21 +58,26 @@ class _Straight:
         """Those of the pieces, and masks behind them."""
         return self.cut.vectors + len(self.signature.outputs)
 
+    @cached_property
+    def starts(self) -> Mapping[str, int]:
+        """Where the parts of a block's memory begin: its inputs, its results, and what waits there."""
+        inputs, outputs = self.signature.inputs[-1].end, self.signature.outputs[-1].end
+        return {"inputs": 0, "results": inputs, "homes": inputs + outputs, "masks": inputs + outputs + self.cut.vectors}
+
     def define(self, ir: Writer) -> None:
         """The pieces as functions, and ``@block``, which calls each for all blocks before the next."""
         listed = (step.value for step in self.cut.program.steps if step.kind == "constant")
         places = {x: k for k, x in enumerate(dict.fromkeys(listed))} if ir.lanes != BROADCASTING_LANES else {}
         ir.table_of_vectors("constants", list(places))
         for k in range(len(self.cut.pieces)):
-            with ir.function(f"internal void @piece{k}({PIECE_MEMORY}) {ir.aligned}"):
+            with ir.function(f"internal void @piece{k}(ptr %memory, ptr %constants) {ir.aligned}"):
                 _Piece(ir, self, places).write(k)
         size = memory_layout.block_size(self.signature, self.vectors, ir.lanes)
         with ir.function("internal void @block(ptr %in, ptr %out, ptr %bodies, i64 %count)"):
             for k in range(len(self.cut.pieces)):
                 with ir.loop("%count") as block:
-                    offset = ir.let(f"mul i64 {block}, {size}")
-                    own = ", ".join(f"ptr {ir.at(name, offset, 'i8')}" for name in ("%in", "%out", "%bodies"))
-                    ir.do(f"call void @piece{k}({own}, ptr @constants)")
+                    memory = ir.at("%in", ir.let(f"mul i64 {block}, {size}"), "i8")  # results and homes lie behind
+                    ir.do(f"call void @piece{k}(ptr {memory}, ptr @constants)")
 
 
 @dataclass(frozen=True)
@@ -109,7 +113,7 @@ class _Piece:
         for pair in chain(pairs, zip(waiting, waiting, strict=True)):
             angles = ", ".join(f"{self.ir.V} {self._operand(users[j], j)}" for j in pair)
             homes = (self.form.cut.homes[users[j]] - (self.form.called[users[j]].result or 0) for j in pair)
-            places = ", ".join(f"ptr {self.ir.at('%bodies', place, self.ir.V)}" for place in homes)
+            places = ", ".join(f"ptr {self._at('homes', place)}" for place in homes)
             self.ir.do(f"call void @sincos({angles}, {places})")
         for i in run:
             if i in self.form.results:
@@ -124,7 +128,7 @@ class _Piece:
             else:
                 self.names[i] = value = self.ir.op(step.kind, *operands)
             if i in self.form.cut.homes:
-                self.ir.store(value, self._home(i))
+                self.ir.store(value, self._at("homes", self.form.cut.homes[i]))
             self._store_results(i, value)
 
     def _operand(self, i: int, j: int) -> str:
@@ -136,36 +140,34 @@ class _Piece:
     def _load(self, i: int) -> str:
         step = self.form.cut.program.steps[i]
         if step.kind == "input":
-            return self.ir.load(self.ir.at("%in", int(step.value), self.ir.V))
+            return self.ir.load(self._at("inputs", int(step.value)))
         if step.kind != "constant":
-            return self.ir.load(self._home(i))
+            return self.ir.load(self._at("homes", self.form.cut.homes[i]))
         if step.value not in self.constants:
             return self.ir.vector(step.value)
         return self.ir.load(self.ir.at("%constants", self.constants[step.value], self.ir.V))
 
-    def _home(self, i: int) -> str:
-        return self.ir.at("%bodies", self.form.cut.homes[i], self.ir.V)
+    def _at(self, part: str, place: int) -> str:
+        """The address of a vector in memory."""
+        return self.ir.at("%memory", self.form.starts[part] + place, self.ir.V)
 
     def _check(self) -> None:
         """The masks, kept for later pieces."""
         self.masks.extend(nan_masks(self.ir, self.form.signature, self._add_zeros))
         if self.form.is_cut:
             for k, mask in enumerate(self.masks):
-                self.ir.store(mask, self._mask_place(k))
+                self.ir.store(mask, self._at("masks", k))
 
     def _add_zeros(self, total: str, port: Port) -> str:
         sums = [total] + [self.ir.vector(0.0)] * (PARTIAL_SUMS - 1)
         for j in range(port.start, port.end):
-            x, k = self.ir.load(self.ir.at("%in", j, self.ir.V)), j % PARTIAL_SUMS
+            x, k = self.ir.load(self._at("inputs", j)), j % PARTIAL_SUMS
             sums[k] = self.ir.op("fma", x, self.ir.vector(0.0), sums[k])
         first, second = (self.ir.op("add", *sums[k : k + 2]) for k in (0, 2))
         return self.ir.op("add", first, second)
 
-    def _mask_place(self, k: int) -> str:
-        return self.ir.at("%bodies", self.form.cut.vectors + k, self.ir.V)
-
     def _store_results(self, i: int, value: str) -> None:
         """What is a result into its vectors, at once, so that no register waits."""
         for number, k in self.form.results.get(i, ()):
-            mask = self.masks[k] if self.masks else self.ir.load(self._mask_place(k))
-            self.ir.store(self.ir.op("add", value, mask), self.ir.at("%out", number, self.ir.V))
+            mask = self.masks[k] if self.masks else self.ir.load(self._at("masks", k))
+            self.ir.store(self.ir.op("add", value, mask), self._at("results", number))
