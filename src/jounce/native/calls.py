@@ -148,16 +148,7 @@ def _define_state(ir: Writer, signature: Signature, places: Sequence[Sequence[in
                 ir.store(ir.load(ir.at(array.pointer, j)), ir.at("%in", port.start + j))
         ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies}, i64 1)")
         for k, (array, numbers) in enumerate(zip(arrays[given:], places, strict=True)):
-            looped = len(numbers) // COPIES_PER_TURN * COPIES_PER_TURN if len(numbers) > MAX_UNROLLED_COPIES else 0
-            if looped:
-                with ir.loop(str(looped // COPIES_PER_TURN)) as turn:
-                    first = ir.let(f"mul i64 {turn}, {COPIES_PER_TURN}")
-                    table, target = ir.at(f"@places.{k}", first, "i64"), ir.at(array.pointer, first)
-                    for j in range(COPIES_PER_TURN):
-                        number = ir.let(f"load i64, ptr {ir.at(table, j, 'i64')}")
-                        ir.store(ir.load(ir.at(out, number)), ir.at(target, j))
-            for j, number in enumerate(numbers[looped:], looped):
-                ir.store(ir.load(ir.at(out, number)), ir.at(array.pointer, j))
+            _copy_results(ir, numbers, f"@places.{k}", out, array.pointer)
         ir.do("ret void")
         ir.label("strided")
         for array, port in zip(arrays, signature.inputs, strict=False):
@@ -167,6 +158,20 @@ def _define_state(ir: Writer, signature: Signature, places: Sequence[Sequence[in
         for k, (array, port) in enumerate(zip(arrays[given:], signature.outputs, strict=True)):
             listed = _lane_arguments(array, port, "1")
             ir.do(f"call void @store_lanes(ptr {array.pointer}, ptr {out}, {listed}, ptr @places.{k})")
+
+
+def _copy_results(ir: Writer, numbers: Sequence[int], table: str, out: str, to: str) -> None:
+    """The results of one state into their array: many in a loop over the table of their places, a few one by one."""
+    looped = len(numbers) // COPIES_PER_TURN * COPIES_PER_TURN if len(numbers) > MAX_UNROLLED_COPIES else 0
+    if looped:
+        with ir.loop(str(looped // COPIES_PER_TURN)) as turn:
+            first = ir.let(f"mul i64 {turn}, {COPIES_PER_TURN}")
+            places, results = ir.at(table, first, "i64"), ir.at(to, first)
+            for j in range(COPIES_PER_TURN):
+                place = ir.let(f"load i64, ptr {ir.at(places, j, 'i64')}")
+                ir.store(ir.load(ir.at(out, place)), ir.at(results, j))
+    for j, number in enumerate(numbers[looped:], looped):
+        ir.store(ir.load(ir.at(out, number)), ir.at(to, j))
 
 
 def _scratch_offsets(ir: Writer, signature: Signature) -> tuple[str, str]:
