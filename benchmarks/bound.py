@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from jounce import load
+from jounce import Robot
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
 from jounce.model.scalar_casting import with_exact_integers
@@ -56,10 +56,9 @@ def of_circles(program: Program) -> Count:
     return Count(len(angles) * (kinds["fma"] + kinds["fmul"]), len(angles) * (kinds["fadd"] + kinds["fsub"]))
 
 
-def programs(order: int) -> tuple[Program, Program]:
-    """The program of the iiwa's forces as it is traced, and after its products are factored."""
-    m = load("iiwa14").mechanism
-    tape = Tape()
+def programs(robot: Robot, order: int) -> tuple[Program, Program]:
+    """The program of a robot's forces as it is traced, and after its products are factored."""
+    m, tape = robot.mechanism, Tape()
     forces = Computation(DEFAULT_QUANTITY.name, order)
     q = [tape.variables(m.n) for _ in range(forces.rates)]
     results = forces.series("recursion", with_exact_integers(m), q).upto(order)

@@ -1,4 +1,4 @@
-"""Q, Qd, ... of the iiwa and of smaller robots, by every peer, in batches of several sizes."""
+"""Q, Qd, ... of the iiwa by every peer, of a general arm by jounce, of smaller robots; batches of several sizes."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -7,8 +7,8 @@ import numpy as np
 
 from benchmarks.measure import LONGEST, Case, roughly
 from benchmarks.peers import Arrays, Call, Peer, casadi, folder, generated, jax, ours, pinocchio, skidy
-from benchmarks.robots import start_of_iiwa, states
-from jounce import JounceError, Robot, load
+from benchmarks.robots import ARMS, load, start_of_iiwa, states
+from jounce import JounceError, Robot
 from jounce.core.errors import one_line
 
 PEERS = (*ours.PEERS, *generated.PEERS, *casadi.PEERS, *folder.PEERS, *jax.PEERS, *pinocchio.PEERS)
@@ -29,10 +29,14 @@ class Gathered:
 
 
 def gathered() -> Gathered:
-    """Every peer on the iiwa, keyed ("forces", name, order, states), and some on its first joints, ("first 2", ...)."""
-    found, iiwa = Gathered(), load("iiwa14")
-    for peer in PEERS:
-        _gather(found, "forces", iiwa, peer, ORDERS, BATCHES)
+    """Every peer on the iiwa, ours on a general arm, some on the iiwa's first joints.
+
+    They are keyed (robot, name, order, states), the robot one of `ARMS`, or "first 2" and so on.
+    """
+    found = Gathered()
+    for arm, peers in zip(ARMS, (PEERS, ours.NATIVE), strict=True):
+        for peer in peers:
+            _gather(found, arm, load(arm), peer, ORDERS, BATCHES)
     for n in SMALL:
         for peer in SMALL_PEERS:
             _gather(found, f"first {n}", start_of_iiwa(n), peer, (2,), (1_000,))

@@ -24,11 +24,11 @@ COPIED = 2**26  # bytes, more than caches hold
 def cases() -> list[Case]:
     """The loops and the copy; their times are per vector instruction, and per byte read or written."""
     source, target = np.ones(COPIED // 8), np.zeros(COPIED // 8)
-    loops = [Case(("peak", name), _loop(kinds), TURNS * CHAINS * LENGTH) for name, kinds in MIXES.items()]
+    loops = [Case(("peak", name), loop(kinds), TURNS * CHAINS * LENGTH) for name, kinds in MIXES.items()]
     return [*loops, Case(("peak", "copy"), partial(np.copyto, target, source), 2 * COPIED)]
 
 
-def _loop(kinds: tuple[str, ...]) -> partial[None]:
+def loop(kinds: tuple[str, ...]) -> partial[None]:
     """A call of the loop, its chains of these kinds in turn."""
     machine = host()
     code = jit.load_object(jit.assemble([_text(kinds)], machine), machine)

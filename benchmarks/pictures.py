@@ -5,7 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 from benchmarks import chains, forces
 from benchmarks.bound import floor, programs
+from benchmarks.peers.ours import DEFAULT
 from benchmarks.results import BEST, Run
+from benchmarks.robots import GENERAL, load
 from jounce.figures.canvas import COLOURS, INK, legend_above, line_style, painted
 
 if TYPE_CHECKING:
@@ -34,9 +36,11 @@ def is_ours(name: object) -> bool:
 
 
 def _paths(run: Run) -> "Figure":
-    """Bars: Q, Qd, Q2d of the iiwa in a batch of 1,000, by path, the fastest on top."""
-    found = {key[1]: 1e9 * s for key, s in run.times.items() if key[0] == "forces" and key[2:] == (2, 1_000)}
-    least = 1e9 * floor(programs(2)[1], run.peaks)
+    """Bars: Q, Qd, Q2d of the iiwa, and of a general arm, in a batch of 1,000, by path, the fastest on top."""
+    found = {key[1]: 1e9 * s for key, s in run.times.items() if key[0] == "iiwa14" and key[2:] == (2, 1_000)}
+    if general := run.ns(GENERAL, DEFAULT.name, 2, 1_000):
+        found[f"{DEFAULT.name}, {GENERAL}"] = general
+    least = 1e9 * floor(programs(load("iiwa14"), 2)[1], run.peaks)
     rows = sorted(found.items(), key=lambda row: -row[1])
 
     def paint(figure: "Figure") -> None:
@@ -62,10 +66,13 @@ def _paths(run: Run) -> "Figure":
 
 def _orders(run: Run) -> "Figure":
     """Lines: time over the order, in batches of 1,000, and the bound."""
-    curves = {name: [(k, run.ns("forces", name, k, 1_000)) for k in forces.ORDERS] for name in run.paths}
+    curves = {name: [(k, run.ns("iiwa14", name, k, 1_000)) for k in forces.ORDERS] for name in run.paths("iiwa14")}
+    curves[f"{BEST}, {GENERAL}"] = [(k, run.ns(GENERAL, BEST, k, 1_000)) for k in forces.ORDERS]
     kept = {name: found for name, found in curves.items() if sum(t is not None for _, t in found) > 2}
-    kept = {name: found for name, found in kept.items() if name == BEST or not name.startswith("jounce: kernel")}
-    least = [1e9 * floor(programs(k)[1], run.peaks) for k in forces.ORDERS]
+    kept = {
+        name: found for name, found in kept.items() if name.startswith(BEST) or not name.startswith("jounce: kernel")
+    }
+    least = [1e9 * floor(programs(load("iiwa14"), k)[1], run.peaks) for k in forces.ORDERS]
     entries = {
         name: {"marker": MARKS[i % len(MARKS)], "ms": 4.5, "color": COLOURS[i % len(COLOURS)], **LINES[is_ours(name)]}
         for i, name in enumerate(kept)

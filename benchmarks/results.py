@@ -1,10 +1,11 @@
 """The figures of a run as a page: the machine, tables, and how the figures were formed."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from benchmarks import bound, chains, forces, machine, making, matrices, measure, quantities, start, threads
 from benchmarks.forces import Gathered
+from benchmarks.robots import ARMS, load
 from benchmarks.tables import batch, figure, paragraph, share, table
 from jounce.native.jit import host
 
@@ -19,6 +20,10 @@ cosines. The bound is the largest of: products over {fma}, sums over {add}, all 
 the loops above); divided by {lanes}. It leaves out integer instructions, loads, stores, and the check for what is not
 finite. Kernel: bound to its arrays, 1,000 states. Memory: the bytes of a state's arrays over the bandwidth of a copy,
 which batches beyond the caches need at least."""
+BOUND_HEAD = (
+    "operations traced", "factored", "products, fused or not", "lone sums", "bound ns", "kernel ns", "bound / kernel",
+    "memory ns",
+)  # fmt: skip
 QUANTITIES = """Through the methods of Robot, batches into `out=`; in Pinocchio, called from Python, one state of the
 same quantity, or of the one that takes the same: its Coriolis matrix stands beside both of ours, the rate of its
 centroidal momentum beside the base wrench. Kernels are compiled once into an empty cache, and once read from it."""
@@ -27,8 +32,9 @@ its recursions. It computes no rates of them: rows with rates stand next to its 
 PRODUCTS = """Products of the derivatives of Q, Qd, Q2d by all inputs, of a batch of 1,000 states, next to the values of
 Q, Qd, Q2d themselves."""
 THREADS = """Q, Qd, Q2d into `out=`, the batch split among threads of one process that are kept between calls; cores:
-{cores}. The share is of the time of one thread: 1 over the number of threads would be perfect scaling. Large batches
-are bound by memory, which all cores share, small ones by the time in which a thread wakes up."""
+{cores}. The share is of the time of one thread: 1 over the number of threads would be perfect scaling. The first rows
+are what the cores can do: where multiply-adds in registers do not scale, cores are threads of one. Small batches are
+bound by the time in which a thread wakes up."""
 MADE = """Seconds from the robot's numbers to the equations, once, each in a process that is stopped after {limit:g} s,
 and the operations on scalars that they take, shared subexpressions found by SymPy's cse, or by jounce's own trace."""
 
@@ -51,10 +57,9 @@ class Run:
         """Seconds per vector instruction, and per byte copied."""
         return {str(key[1]): seconds for key, seconds in self.times.items() if key[0] == "peak"}
 
-    @property
-    def paths(self) -> list[str]:
-        """The peers that were measured on the iiwa."""
-        return list(dict.fromkeys(str(key[1]) for key in self.times if key[0] == "forces"))
+    def paths(self, arm: str) -> list[str]:
+        """The peers that were measured on an arm."""
+        return list(dict.fromkeys(str(key[1]) for key in self.times if key[0] == arm))
 
     def ns(self, *key: object) -> float | None:
         """Nanoseconds per state of a case, where it was measured."""
@@ -105,36 +110,42 @@ def _peaks(run: Run) -> Iterator[str]:
 def _forces(run: Run) -> Iterator[str]:
     for count in forces.BATCHES:
         yield from [f"## The iiwa, {batch(count)}{' from Python' if count == 1 else ''}", ""]
-        found = {name: [run.ns("forces", name, k, count) for k in forces.ORDERS] for name in run.paths}
-        rows = [(name, *map(figure, row)) for name, row in found.items() if any(x is not None for x in row)]
+        found = _by_path(run, lambda *key, count=count: run.ns(*key, count))
+        rows = [(label, *map(figure, row)) for label, row in found if any(x is not None for x in row)]
         yield from table(("ns per state, order", *map(str, forces.ORDERS)), rows)
     yield from paragraph("Largest difference of the highest rate to the closed form, over the largest value:")
-    errors = [
-        (name, *(share(run.gathered.errors.get(("forces", name, k))) for k in forces.ORDERS)) for name in run.paths
-    ]
-    yield from table(("order", *map(str, forces.ORDERS)), errors)
+    errors = _by_path(run, lambda *key: run.gathered.errors.get(key))
+    yield from table(("order", *map(str, forces.ORDERS)), [(label, *map(share, row)) for label, row in errors])
     yield from ["![Time of Q, Qd, Q2d by path](paths.svg)", ""]
 
 
+def _by_path(run: Run, cell: Callable[[str, str, int], float | None]) -> Iterator[tuple[str, list[float | None]]]:
+    """Of each path on the iiwa, then of each on a general arm, what it is called and a cell for each order."""
+    for arm in ARMS:
+        for name in run.paths(arm):
+            yield name if arm == "iiwa14" else f"{name}, {arm}", [cell(arm, name, k) for k in forces.ORDERS]
+
+
 def _bound(run: Run) -> Iterator[str]:
-    yield from ["## Operations of the iiwa, and the bound", ""]
-    rows = []
-    for order in forces.ORDERS:
-        traced, program = bound.programs(order)
-        own, circles = bound.of_program(program), bound.of_circles(program)
-        least, found = 1e9 * bound.floor(program, run.peaks), run.ns("forces", BEST, order, 1_000)
-        moved = 8 * (program.inputs + len(program.outputs))
-        rows.append((
-            str(order), f"{traced.operations:,}", f"{program.operations:,}",
-            f"{own.products:,} + {circles.products}", f"{own.sums:,} + {circles.sums}", figure(least), figure(found),
-            "-" if found is None else f"{100 * least / found:.0f} %", figure(1e9 * moved * run.peaks["copy"]),
-        ))  # fmt: skip
-    head = ("order", "operations traced", "factored", "products, fused or not", "lone sums", "bound ns", "kernel ns",
-            "bound / kernel", "memory ns")  # fmt: skip
-    yield from table(head, rows)
+    yield from ["## Operations of the iiwa and of a general arm, and the bound", ""]
+    for arm in ARMS:
+        yield from table((f"{arm}, order", *BOUND_HEAD), list(_bounds(run, arm)))
     rates = {name: figure(1e-9 / run.peaks[name]) for name in ("fma", "add", "both")}
     yield from paragraph(BOUND.format(lanes=host().lanes, **rates))
     yield from ["![Time over the order, and the bound](orders.svg)", ""]
+
+
+def _bounds(run: Run, arm: str) -> Iterator[tuple[str, ...]]:
+    for order in forces.ORDERS:
+        traced, program = bound.programs(load(arm), order)
+        own, circles = bound.of_program(program), bound.of_circles(program)
+        least, found = 1e9 * bound.floor(program, run.peaks), run.ns(arm, BEST, order, 1_000)
+        moved = 8 * (program.inputs + len(program.outputs))
+        yield (
+            str(order), f"{traced.operations:,}", f"{program.operations:,}",
+            f"{own.products:,} + {circles.products}", f"{own.sums:,} + {circles.sums}", figure(least), figure(found),
+            "-" if found is None else f"{100 * least / found:.0f} %", figure(1e9 * moved * run.peaks["copy"]),
+        )  # fmt: skip
 
 
 def _chains(run: Run) -> Iterator[str]:
@@ -147,10 +158,11 @@ def _chains(run: Run) -> Iterator[str]:
 
 
 def _matrices(run: Run) -> Iterator[str]:
-    yield from ["## Matrices of the iiwa, default methods", ""]
+    yield from ["## Matrices of the iiwa and of a general arm, default methods", ""]
     names = [*(name for names in matrices.NAMES.values() for name in names), matrices.ALL]
-    rows = [(name, *(figure(run.ns("matrix", name, count)) for count in matrices.BATCHES)) for name in names]
-    yield from table(("ns per state", *map(batch, matrices.BATCHES)), rows)
+    columns = [(arm, count) for arm in ARMS for count in matrices.BATCHES]
+    rows = [(name, *(figure(run.ns("matrix", arm, name, count)) for arm, count in columns)) for name in names]
+    yield from table(("ns per state", *(f"{arm}, {batch(count)}" for arm, count in columns)), rows)
 
 
 def _quantities(run: Run) -> Iterator[str]:
@@ -198,12 +210,14 @@ def _beside_pinocchio(run: Run, robot: str, rows: Sequence[quantities.Row]) -> I
 def _threads(run: Run) -> Iterator[str]:
     yield from ["## Threads", ""]
     yield from paragraph(THREADS.format(cores=machine.cores()))
+    keys = {name: (name,) for name in (threads.REGISTERS, threads.MEMORY)} | {
+        f"{name}, {batch(count)}": (name, count) for name, batches in threads.ROBOTS.items() for count in batches
+    }
     rows = []
-    for name, batches in threads.ROBOTS.items():
-        for count in batches:
-            found = [run.ns("threads", name, count, each) for each in threads.counts()]
-            shares = [None if x is None or found[0] is None else x / found[0] for x in found]
-            rows.append((f"{name}, {batch(count)}", *map(figure, found), *map(figure, shares[1:])))
+    for label, key in keys.items():
+        found = [run.ns("threads", *key, each) for each in threads.counts()]
+        shares = [None if x is None or found[0] is None else x / found[0] for x in found]
+        rows.append((label, *map(figure, found), *map(figure, shares[1:])))
     several = threads.counts()[1:]
     head = ("ns per state, threads", *map(str, threads.counts()), *(f"share, {each}" for each in several))
     yield from table(head, rows)

@@ -8,6 +8,8 @@ import jounce
 from jounce.spatial.lie import pose
 
 Rates = tuple[np.ndarray, ...]  # q, qd, q2d, ..., each (states, n)
+GENERAL = "7 joints at no special angles"  # beside the iiwa, whose right angles save operations
+ARMS = ("iiwa14", GENERAL)
 
 
 @cache
@@ -15,6 +17,11 @@ def states(n: int, count: int, order: int) -> Rates:
     """So many states, with the rates that forces of an order take; the same arrays for all that ask."""
     rng = np.random.default_rng(n)
     return tuple(np.ascontiguousarray(rng.uniform(-1, 1, (count, n))) for _ in range(order + 3))
+
+
+def load(name: str) -> jounce.Robot:
+    """A bundled robot or one of a file, or the general arm."""
+    return chain(7) if name == GENERAL else jounce.load(name)
 
 
 def chain(n: int) -> jounce.Robot:

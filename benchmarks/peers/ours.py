@@ -29,11 +29,14 @@ def _threaded(robot: Robot, order: int) -> Prepared:
 
 
 DEFAULT = Peer("jounce: robot.inverse_dynamics", of_method(None))
-PEERS = (
+NATIVE = (
     DEFAULT,
     Peer("jounce: kernel(...)", _kernel),
     Peer("jounce: kernel bound to its arrays", _bound),
     Peer(f"jounce: kernel into out=, {cores()} threads", _threaded, batches=(100_000,)),
+)
+PEERS = (
+    *NATIVE,
     Peer("jounce: the recursion in NumPy", of_method("recursion")),
     Peer("jounce: the dense closed form in NumPy", of_method("closed_form")),
 )

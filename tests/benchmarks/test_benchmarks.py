@@ -71,7 +71,7 @@ def test_the_bound_is_the_largest_of_what_pipes_take(seconds, expected):
 
 @pytest.mark.parametrize("kinds", [("fma",), ("add",), ("fma", "add")])
 def test_the_loops_do_what_is_counted(kinds):
-    call = peaks._loop(kinds)
+    call = peaks.loop(kinds)
     room = call.alive[1]
     call()
     operations = peaks.TURNS * peaks.LENGTH
@@ -130,9 +130,9 @@ def test_quantities_are_compared_with_the_closed_form_first(row, monkeypatch):
 def test_pictures_tell_jounce_from_others_without_colour(monkeypatch):
     """Generated code is jounce's too; hatches and hollow marks are seen on a grey print."""
     monkeypatch.setattr(pictures, "floor", lambda *_: 1e-9)
-    monkeypatch.setattr(pictures, "programs", lambda _: (None, None))
+    monkeypatch.setattr(pictures, "programs", lambda *_: (None, None))
     names = [peer.name for peer in PEERS if 2 in peer.orders]
-    times = {("forces", name, k, 1_000): 1e-8 for name in names for k in range(5)}
+    times = {("iiwa14", name, k, 1_000): 1e-8 for name in names for k in range(5)}
     drawn = pictures.pictures(Run(times, Gathered(), (), ("", ""), 1))
     hatched = {bar.get_y() for bar in drawn["paths"].axes[0].patches if bar.get_width() and bar.get_hatch()}
     labels = [label.get_text() for label in drawn["paths"].axes[0].get_yticklabels()]
@@ -166,8 +166,10 @@ def test_what_a_kernel_takes_of_a_gpu_is_read():
 def test_scaling_is_measured_on_all_cores(monkeypatch, cores, expected):
     monkeypatch.setattr(machine, "cores", lambda: cores)
     assert threads.counts() == expected
-    sizes = [(name, count) for name, batches in threads.ROBOTS.items() for count in batches]
-    times = {("threads", *size, k): 8e-9 / k for size in sizes for k in expected}
-    rows = [line for line in results._threads(Run(times, Gathered(), (), ("", ""), 1)) if line.startswith("| iiwa14")]
-    found = [float(cell) for cell in rows[0].strip("| ").split(" | ")[1:]]
-    assert found == pytest.approx([*(8 / k for k in expected), *(1 / k for k in expected[1:])], rel=1e-2)
+    keys = [(name, count) for name, batches in threads.ROBOTS.items() for count in batches]
+    times = {("threads", *key, k): 8e-9 / k for key in [*keys, (threads.REGISTERS,)] for k in expected}
+    rows = list(results._threads(Run(times, Gathered(), (), ("", ""), 1)))
+    for label in ("iiwa14", threads.REGISTERS):
+        row = next(line for line in rows if line.startswith(f"| {label}"))
+        found = [float(cell) for cell in row.strip("| ").split(" | ")[1:]]
+        assert found == pytest.approx([*(8 / k for k in expected), *(1 / k for k in expected[1:])], rel=1e-2)

@@ -71,6 +71,31 @@ def test_angles_keep_their_digits_whatever_stands_in_the_other_lanes(sincos):
         np.testing.assert_array_equal(np.stack(sincos(angles[order]), axis=1), alone[order])
 
 
+@pytest.mark.parametrize("way", WAYS)
+def test_several_angles_of_a_state_do_not_disturb_each_other(way):
+    """An odd number, so that not all are taken in pairs; large ones and no numbers among them."""
+    tape, alone = Tape(), circle(way)
+    angles = tape.variables(3)
+    program = tape.program([f for x in angles for f in (x.sin(), x.cos())])
+    function = native(program, signature(((3,),), ((6,),), (1,)), way)  # 1: NaN does not spoil the other results
+    values = np.random.default_rng(2).choice([0.5, -2.0, 1e6, 3e300, np.nan], (40, 3))
+    with np.errstate(invalid="ignore"):
+        expected = [y for x in values.T for y in alone(x)]
+        np.testing.assert_array_equal(function(values), np.stack(expected, axis=1))
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_angles_may_depend_on_sines_of_other_angles(way):
+    tape, alone = Tape(), circle(way)
+    x, y, z = tape.variables(3)
+    program = tape.program([x.sin().sin(), (x.sin() + y.cos()).cos(), z.cos().sin().cos()])
+    function = native(program, signature(((3,),), ((3,),), (0,)), way)
+    values = np.random.default_rng(3).uniform(-3, 3, (20, 3))
+    sin_x, cos_y, cos_z = alone(values[:, 0])[0], alone(values[:, 1])[1], alone(values[:, 2])[1]
+    expected = [alone(sin_x)[0], alone(sin_x + cos_y)[1], alone(alone(cos_z)[0])[1]]
+    np.testing.assert_array_equal(function(values), np.stack(expected, axis=1))
+
+
 def test_no_number_has_no_sine(sincos):
     with np.errstate(invalid="ignore"):
         for found in sincos([np.nan, 1.0, np.inf, -np.inf, 2.0]):

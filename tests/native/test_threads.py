@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import jounce
-from jounce.native.threads import boxes, compute_in_parts
+from jounce.native.threads import MIN_STATES_IN_ROUNDS, _cuts, boxes, compute_in_parts
 
 BATCHES = st.lists(st.integers(0, 5), min_size=1, max_size=4).map(tuple)
 
@@ -71,6 +72,38 @@ def test_a_caller_computes_what_no_thread_has_begun():
         held.set()
         first.result()
     assert len(done) == 4
+
+
+LARGE = 8 * MIN_STATES_IN_ROUNDS
+
+
+def test_a_late_thread_keeps_a_quarter_of_a_batch_to_itself():
+    """The caller takes all parts but the one in which the other thread waits for the caller's last."""
+    begun, freed, taken = threading.Event(), threading.Event(), {True: 0, False: 0}
+    caller = threading.get_ident()
+
+    def work(box):
+        called = threading.get_ident() == caller
+        if called:
+            assert begun.wait(30)
+        taken[called] += box[0].stop - box[0].start
+        if sum(taken.values()) == LARGE:
+            freed.set()
+        if not called:
+            begun.set()
+            assert freed.wait(30)
+
+    compute_in_parts(work, (LARGE,), 2)
+    assert taken == {True: LARGE * 3 / 4, False: LARGE / 4}
+
+
+@pytest.mark.parametrize("threads", [2, 3, 8])
+@pytest.mark.parametrize(("states", "rounds"), [(LARGE // 8 - 1, 1), (LARGE // 8, 4)])
+def test_parts_of_large_batches_become_smaller(states, rounds, threads):
+    cuts = _cuts(states * threads, threads)
+    sizes = [(end - start) / states for start, end in pairwise(cuts)]
+    assert sizes == [x for x in ((1,) if rounds == 1 else (1 / 2, 1 / 4, 1 / 8, 1 / 8)) for _ in range(threads)]
+    assert cuts[0] == 0
 
 
 @pytest.mark.parametrize("wrong", [0, 3])

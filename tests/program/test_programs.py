@@ -11,7 +11,7 @@ import jounce
 from jounce.dynamics.computation import Computation
 from jounce.native import code_forms
 from jounce.program.passes import factor, fuse
-from jounce.program.program import FREE_KINDS, OPERATIONS, prune, topological_order
+from jounce.program.program import FREE_KINDS, OPERATIONS, topological_order
 from jounce.program.trace import Tape, TapeFullError, interruptible
 from jounce.spatial.series import Series, column_series
 from support.natives import WAYS, native, signature
@@ -123,17 +123,6 @@ def test_what_the_outputs_need_comes_once_and_operands_first():
     assert list(topological_order([3, 1, 3], operands.__getitem__)) == [0, 1, 2, 3]
     assert list(topological_order([5, 4], operands.__getitem__)) == [5, 0, 1, 2, 3, 4]
     assert list(topological_order([], operands.__getitem__)) == []
-
-
-def test_steps_of_the_outputs_that_are_to_come_first_come_first():
-    tape = Tape()
-    x, y, z = tape.variables(3)
-    program = tape.program([x.sin(), y.cos(), (x * y).tanh(), z.sin()])
-    assert [step.kind for step in program.steps if step.kind != "input"] == ["sin", "mul", "tanh", "cos", "sin"]
-    turned = prune(program.steps, program.outputs, program.inputs, [1, 2])
-    assert [step.kind for step in turned.steps if step.kind != "input"] == ["cos", "mul", "tanh", "sin", "sin"]
-    assert turned.run([0.1, 0.2, 0.3]) == program.run([0.1, 0.2, 0.3])
-    in_order(turned)
 
 
 def everything():

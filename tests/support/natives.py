@@ -5,17 +5,19 @@ from dataclasses import replace
 from jounce.dynamics.computation import Port, Signature, number_scalars
 from jounce.native import jit
 from jounce.native.calls import write_modules
-from jounce.native.emit import straight_block
 from jounce.native.jit import host, make_ufunc
+from jounce.native.straight import straight_block
 
-WAYS = ["host", "4 lanes", "2 lanes", "4 lanes, no fma", "2 lanes, no fma"]
+WAYS = ["host", "4 lanes", "2 lanes", "4 lanes, 16 registers", "4 lanes, no fma", "2 lanes, no fma"]
 
 
 def target(way):
     if way == "host":
         return host()
     lanes, fma = int(way[0]), "no fma" not in way and host().fma
-    return replace(host(), lanes=lanes, fma=fma, features=host().features + ("" if fma else ",-fma"))
+    features = host().features + ("" if fma else ",-fma") + (",-avx512f" if "16 registers" in way else "")
+    registers = 16 if "16 registers" in way else host().registers
+    return replace(host(), lanes=lanes, fma=fma, features=features, registers=registers)
 
 
 def signature(taken, given, first_orders):
@@ -31,7 +33,9 @@ def signature(taken, given, first_orders):
 
 def native(program, interface, way="host"):
     """A program as a function of arrays."""
-    return assembled(write_modules(straight_block(program, interface), interface, target(way)), interface, way)
+    return assembled(
+        write_modules(straight_block(program, interface, target(way)), interface, target(way)), interface, way
+    )
 
 
 def assembled(texts, interface, way="host"):

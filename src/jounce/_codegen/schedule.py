@@ -58,7 +58,7 @@ def schedule(program: Program) -> Schedule:
     """The statements of a program."""
     stated = _statements(program)
     functions = sorted((i for i in stated if program.steps[i].kind in FUNCTION_KINDS), key=lambda i: _angle(program, i))
-    order = topological_order([*functions, *stated], lambda i: program.steps[i].operands)
+    order = topological_order([*functions, *program.outputs[::-1]], lambda i: program.steps[i].operands)
     statements = [i for i in order if i in stated]
     size = STATEMENTS_PER_PART if len(statements) > MAX_UNDIVIDED_STATEMENTS else len(statements)
     cuts = range(0, len(statements), size) if statements else [0]

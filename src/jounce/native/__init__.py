@@ -1,6 +1,7 @@
 """Native code for one robot: the recursion traced once, its program compiled for this processor.
 
 A law is run on scalars that trace it, `jounce.program` is what that leaves, a list of operations, and has passes over
-it; `emit` writes them as LLVM IR over vectors of states, with the functions of `functions`; `jit` compiles that for the
-host.
+it; `pieces` cuts a long one, `straight` writes it as LLVM IR over vectors of states, with the functions of
+`vector_functions`; `loop` writes the steps of a joint for large robots instead; `calls` writes what moves states in and
+results out; `jit` compiles that for the host.
 """

@@ -13,6 +13,8 @@ from jounce.native.emit import BlockCode
 from jounce.native.ir import Writer
 from jounce.native.jit import Target
 
+MAX_UNROLLED_COPIES, COPIES_PER_TURN = 64, 8  # of results of one state: LLVM's time grows as the square of a block
+
 
 @dataclass(frozen=True)
 class _Array:
@@ -25,35 +27,41 @@ class _Array:
 
 def write_modules(block: BlockCode, signature: Signature, target: Target) -> list[str]:
     """The modules of a kernel, to be linked: ``@states``, and for short blocks ``@state``, which is given one alone."""
+    size = block.at_once * memory_layout.block_size(signature, block.of_bodies, target.lanes)
     if not block.short:
-        return [_write_module(block, signature, target, "states")]
+        return [_write_module(block, signature, target, size, "states")]
     scalars = replace(target, lanes=1)
     return [
-        _write_module(block, signature, target, "states", "state"),
-        _write_module(block, signature, scalars, "state"),
+        _write_module(block, signature, target, size, "states", "state"),
+        _write_module(block, signature, scalars, size, "state"),
     ]
 
 
-def _write_module(block: BlockCode, signature: Signature, target: Target, name: str, of_one: str | None = None) -> str:
-    """A module that defines a function of states, which leaves one state alone to the function of another module."""
+def _write_module(
+    block: BlockCode, signature: Signature, target: Target, size: int, name: str, of_one: str | None = None
+) -> str:
+    """A module that defines a function of states, which leaves one state alone to the function of another module.
+
+    Both take scratch memory of one size, as they give it back to one pool.
+    """
     ir = Writer(target)
     for define in vector_functions.DEFINITIONS.values():
         define(ir)
-    lane_transfer.define_transposes(ir)
     lane_transfer.define_lanes(ir)
     block.define(ir)
     for k, places in enumerate(block.places):
-        ir.table(f"places.{k}", [*places, *[places[-1]] * ir.lanes])  # read by whole vectors
+        ir.table(f"places.{k}", [place * ir.lanes for place in places])
     if target.lanes > 1:
-        _define_blocks(ir, signature)
+        lane_transfer.define_transposes(ir, signature)
+        _define_blocks(ir, signature, block)
     else:
         _define_state(ir, signature, block.places)
-    size = memory_layout.call_size(signature, block.of_bodies, target.lanes)
     define_call = _define_on_stack if size <= memory_layout.MAX_STACK_BYTES else scratch_pool.define_on_heap
     define_call(ir, size, "@call" if of_one else f"@{name}")
     if of_one:
         _define_choice(ir, name, of_one)
     if name == "states":
+        ir.table("scratch", [size], "dso_local")
         _define_bound(ir)
     return ir.text()
 
@@ -78,15 +86,13 @@ def _define_bound(ir: Writer) -> None:
         ir.do(f"call void @states({', '.join(f'ptr {x}' for x in given)})")
 
 
-def _define_blocks(ir: Writer, signature: Signature) -> None:
-    """``@blocks(args, dimensions, steps, memory)``: the loop over blocks of states.
+def _define_blocks(ir: Writer, signature: Signature, code: BlockCode) -> None:
+    """``@blocks(args, dimensions, steps, memory)``: the loop over blocks of states, some at once.
 
     Rows that lie one behind the other go through registers, others lane by lane. A result may lie exactly over an array
     of states, which NumPy then does not copy.
     """
     ports, given = [*signature.inputs, *signature.outputs], len(signature.inputs)
-    widths = [port.size for port in ports]
-    behind = max((-((width - ir.lanes) // width) for width in widths if width < ir.lanes), default=0)
     with ir.function("internal void @blocks(ptr %args, ptr %dimensions, ptr %steps, ptr %in)"):
         out, bodies = _scratch_offsets(ir, signature)
         scratch = [ir.at("%in", port.start, ir.V) for port in signature.inputs] + [out] * len(signature.outputs)
@@ -94,33 +100,39 @@ def _define_blocks(ir: Writer, signature: Signature) -> None:
         dense = _is_dense(ir, arrays, ports)
         for array, port in zip(arrays, ports, strict=True):
             dense = ir.let(f"and i1 {dense}, {ir.let(f'icmp eq i64 {array.step}, {8 * port.size}')}")
-        for result, width in zip(arrays[given:], widths[given:], strict=True):
-            if width < ir.lanes:  # stored reaching into rows behind: not where these are states yet to be read
-                for array in arrays[:given]:
-                    dense = ir.let(f"and i1 {dense}, {ir.let(f'icmp ne ptr {result.pointer}, {array.pointer}')}")
         count = ir.let("load i64, ptr %dimensions")
-        with ir.loop_over_blocks(count, ir.lanes) as block:
-            first = ir.let(f"mul i64 {block}, {ir.lanes}")
-            left = ir.let(f"sub i64 {count}, {first}")
-            lanes = ir.call("llvm.smin.i64", "i64", left, str(ir.lanes))
-            enough = ir.let(f"icmp sge i64 {left}, {ir.lanes + behind}")
-            quick = ir.let(f"and i1 {dense}, {enough}")
-            places = [ir.at(x.pointer, ir.let(f"mul i64 {first}, {x.step}"), "i8") for x in arrays]
-            tables = [""] * given + [f", ptr @places.{k}" for k in range(len(signature.outputs))]
-            moved = list(zip(ports, arrays, places, scratch, tables, strict=True))
-            for way, part in (("load", moved[:given]), ("store", moved[given:])):
+        size = memory_layout.block_size(signature, code.of_bodies, ir.lanes)
+        tables = [""] * given + [f", ptr @places.{k}" for k in range(len(signature.outputs))]
+        with ir.loop_over_blocks(count, ir.lanes * code.at_once) as group:
+            first = ir.let(f"mul i64 {group}, {ir.lanes * code.at_once}")
+            states = ir.let(f"sub i64 {count}, {first}")
+            whole = ir.let(f"sdiv i64 {ir.let(f'add i64 {states}, {ir.lanes - 1}')}, {ir.lanes}")
+            blocks = ir.call("llvm.smin.i64", "i64", whole, str(code.at_once))
+            for way, part in (("load", slice(given)), ("store", slice(given, None))):
                 if way == "store":
-                    ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies})")
-                ir.do(f"br i1 {quick}, label %{way}.rows, label %{way}.lanes")
-                ir.label(f"{way}.rows")
-                for port, _, place, there, table in part:
-                    ir.do(f"call void @{way}_rows(ptr {place}, ptr {there}, i64 {port.size}{table})")
-                ir.do(f"br label %{way}.done")
-                ir.label(f"{way}.lanes")
-                for port, x, place, there, table in part:
-                    ir.do(f"call void @{way}_lanes(ptr {place}, ptr {there}, {_lane_arguments(x, port, lanes)}{table})")
-                ir.do(f"br label %{way}.done")
-                ir.label(f"{way}.done")
+                    ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies}, i64 {blocks})")
+                with ir.loop(blocks) as block:
+                    before = ir.let(f"mul i64 {block}, {ir.lanes}")
+                    left = ir.let(f"sub i64 {states}, {before}")
+                    lanes = ir.call("llvm.smin.i64", "i64", left, str(ir.lanes))
+                    enough = ir.let(f"icmp sge i64 {left}, {ir.lanes}")
+                    state = ir.let(f"add i64 {first}, {before}")
+                    own = ir.let(f"mul i64 {block}, {size}")
+                    moved = [
+                        (port, x, ir.at(x.pointer, ir.let(f"mul i64 {state}, {x.step}"), "i8"), ir.at(y, own, "i8"), z)
+                        for port, x, y, z in list(zip(ports, arrays, scratch, tables, strict=True))[part]
+                    ]
+                    ir.do(f"br i1 {ir.let(f'and i1 {dense}, {enough}')}, label %{way}.rows, label %{way}.lanes")
+                    ir.label(f"{way}.rows")
+                    for port, _, place, there, table in moved:
+                        ir.do(f"call void @{way}_rows.{port.size}(ptr {place}, ptr {there}{table})")
+                    ir.do(f"br label %{way}.done")
+                    ir.label(f"{way}.lanes")
+                    for port, x, place, there, table in moved:
+                        listed = _lane_arguments(x, port, lanes)
+                        ir.do(f"call void @{way}_lanes(ptr {place}, ptr {there}, {listed}{table})")
+                    ir.do(f"br label %{way}.done")
+                    ir.label(f"{way}.done")
 
 
 def _define_state(ir: Writer, signature: Signature, places: Sequence[Sequence[int]]) -> None:
@@ -134,25 +146,33 @@ def _define_state(ir: Writer, signature: Signature, places: Sequence[Sequence[in
         for array, port in zip(arrays, signature.inputs, strict=False):
             for j in range(port.size):
                 ir.store(ir.load(ir.at(array.pointer, j)), ir.at("%in", port.start + j))
-        ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies})")
-        for array, numbers in zip(arrays[given:], places, strict=True):
-            for j, number in enumerate(numbers):
+        ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies}, i64 1)")
+        for k, (array, numbers) in enumerate(zip(arrays[given:], places, strict=True)):
+            looped = len(numbers) // COPIES_PER_TURN * COPIES_PER_TURN if len(numbers) > MAX_UNROLLED_COPIES else 0
+            if looped:
+                with ir.loop(str(looped // COPIES_PER_TURN)) as turn:
+                    first = ir.let(f"mul i64 {turn}, {COPIES_PER_TURN}")
+                    table, target = ir.at(f"@places.{k}", first, "i64"), ir.at(array.pointer, first)
+                    for j in range(COPIES_PER_TURN):
+                        number = ir.let(f"load i64, ptr {ir.at(table, j, 'i64')}")
+                        ir.store(ir.load(ir.at(out, number)), ir.at(target, j))
+            for j, number in enumerate(numbers[looped:], looped):
                 ir.store(ir.load(ir.at(out, number)), ir.at(array.pointer, j))
         ir.do("ret void")
         ir.label("strided")
         for array, port in zip(arrays, signature.inputs, strict=False):
             there = ir.at("%in", port.start)
             ir.do(f"call void @load_lanes(ptr {array.pointer}, ptr {there}, {_lane_arguments(array, port, '1')})")
-        ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies})")
+        ir.do(f"call void @block(ptr %in, ptr {out}, ptr {bodies}, i64 1)")
         for k, (array, port) in enumerate(zip(arrays[given:], signature.outputs, strict=True)):
             listed = _lane_arguments(array, port, "1")
             ir.do(f"call void @store_lanes(ptr {array.pointer}, ptr {out}, {listed}, ptr @places.{k})")
 
 
 def _scratch_offsets(ir: Writer, signature: Signature) -> tuple[str, str]:
-    """Return the offsets of results and bodies in scratch memory; whole-vector moves reach beyond rows."""
-    out = ir.at("%in", signature.inputs[-1].end + ir.lanes, ir.V)
-    return out, ir.at(out, signature.outputs[-1].end + ir.lanes, ir.V)
+    """Return where results and bodies are in scratch memory."""
+    out = ir.at("%in", signature.inputs[-1].end, ir.V)
+    return out, ir.at(out, signature.outputs[-1].end, ir.V)
 
 
 def _lane_arguments(array: _Array, port: Port, count: str) -> str:
@@ -187,8 +207,8 @@ def _is_dense(ir: Writer, arrays: Sequence[_Array], ports: Sequence[Port]) -> st
     """Whether the numbers of a state lie one behind the other in all arrays."""
     dense = "true"
     for array, port in zip(arrays, ports, strict=True):
-        _, rows, columns = _pad_to_three_axes(port.shape)
-        for stride, expected in zip(array.within, (8 * rows * columns, 8 * columns, 8), strict=True):
-            if stride != "0":
+        _, rows, columns = extents = _pad_to_three_axes(port.shape)
+        for extent, stride, expected in zip(extents, array.within, (8 * rows * columns, 8 * columns, 8), strict=True):
+            if extent > 1:  # of one entry NumPy gives any stride
                 dense = ir.let(f"and i1 {dense}, {ir.let(f'icmp eq i64 {stride}, {expected}')}")
     return dense

@@ -11,14 +11,15 @@ from jounce.dynamics.computation import Computation, Port, Signature, change
 from jounce.dynamics.loops import closure_of
 from jounce.model.mechanism import Mechanism
 from jounce.model.scalar_casting import with_exact_integers
-from jounce.native import calls, emit, loop
+from jounce.native import calls, loop
 from jounce.native.emit import BlockCode
 from jounce.native.jit import Target
 from jounce.native.loop_steps import Sweeps, joint_kinds
 from jounce.native.memory_layout import LongCompilationError, is_straight
+from jounce.native.straight import straight_block
 from jounce.program.differentiate import DisplacedInputs, Followers, jvp, vjp
 from jounce.program.passes import factor, fuse
-from jounce.program.program import Program, prune
+from jounce.program.program import Program
 from jounce.program.trace import Tape, TapeFullError, interruptible
 
 PRODUCT_PROGRAMS = {"vjp": vjp, "jvp": jvp}  # programs from that of the values
@@ -33,7 +34,7 @@ SECONDS_PER_JOINT_KIND = 6e-3  # in the loop form, times the square of the numbe
 def kernel_modules(mechanism: Mechanism, computation: Computation, target: Target, patience: float = inf) -> list[str]:
     """The LLVM IR of a computation; `LongCompilationError` where to compile it is likely to take too many seconds."""
     signature = computation.signature(mechanism)
-    return calls.write_modules(_make_block(mechanism, computation, signature, patience), signature, target)
+    return calls.write_modules(_make_block(mechanism, computation, target, patience), signature, target)
 
 
 @interruptible()
@@ -70,7 +71,8 @@ def _trace_followers(
     return Followers(parameters + inputs[-1].start, parameters, factor(tape.program([*rate[..., list(dependent)]])))
 
 
-def _make_block(mechanism: Mechanism, computation: Computation, signature: Signature, patience: float) -> BlockCode:
+def _make_block(mechanism: Mechanism, computation: Computation, target: Target, patience: float) -> BlockCode:
+    signature = computation.signature(mechanism)
     if not is_straight(computation, mechanism):
         steps_of_joints = (len(set(joint_kinds(mechanism))) + computation.base) * (computation.order + 1) ** 2
         if len(mechanism.joints) * SECONDS_PER_LOOP_BODY + steps_of_joints * SECONDS_PER_JOINT_KIND > patience:
@@ -84,9 +86,8 @@ def _make_block(mechanism: Mechanism, computation: Computation, signature: Signa
         steps = fuse(trace_program(mechanism, computation, tape))
     except TapeFullError:
         raise LongCompilationError from None
-    if computation.product == "vjp":
-        steps = prune(steps.steps, steps.outputs, steps.inputs, _order_from_tip(signature))
-    return emit.straight_block(steps, signature)
+    first = _order_from_tip(signature) if computation.product == "vjp" else None
+    return straight_block(steps, signature, target, first)
 
 
 def _order_from_tip(signature: Signature) -> list[int]:

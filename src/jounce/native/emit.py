@@ -1,12 +1,11 @@
-"""A program as LLVM IR: ``@block(in, out, bodies)``, which works on a block of states in scratch memory."""
+"""What all forms of native code share: the code of a block of states, steps as LLVM IR, the check of inputs."""
 
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from jounce.dynamics.computation import Port, Signature
 from jounce.native.ir import Writer
-from jounce.program.operations import LEAVES, OPERATIONS, VectorFunction
+from jounce.native.pieces import vector_calls
 from jounce.program.program import Program
 
 MAX_STEPS_COMPILED_TWICE = 6000  # for vectors and for one state: each compiles in some tenths of a second
@@ -15,85 +14,32 @@ STEPS_PER_BRANCH = 4000  # as the time that LLVM takes for code without a branch
 
 @dataclass(frozen=True)
 class BlockCode:
-    """The code for one block of states: the text of ``@block(in, out, bodies)``, and the positions of its results."""
+    """The code for blocks of states: the text of ``@block(in, out, bodies, count)``, and the positions of its results.
+
+    It computes `count` blocks, at most as many as are `at_once`, `memory_layout.block_size` behind each other.
+    """
 
     define: Callable[[Writer], None]
     places: Sequence[Sequence[int]]  # by result, the number of the vector of each scalar
     of_bodies: int = 0  # vectors that it works in besides
     short: bool = False  # whether a state alone has code of its own, which takes as long to compile again
+    at_once: int = 1  # blocks
 
 
-def straight_block(program: Program, signature: Signature) -> BlockCode:
-    """A program in a straight line. Results of a port that are equal, as many zeros of matrices, are stored once."""
-    numbers: dict[tuple[int, int], int] = {}  # numbers of vectors, by port and step of the program
-    places = [
-        [numbers.setdefault((k, program.outputs[j]), len(numbers)) for j in range(port.start, port.end)]
-        for k, port in enumerate(signature.outputs)
-    ]
-    short = len(program.steps) <= MAX_STEPS_COMPILED_TWICE
-    return BlockCode(lambda ir: _define_straight(ir, program, signature, numbers), places, short=short)
-
-
-def _define_straight(
-    ir: Writer, program: Program, signature: Signature, numbers: Mapping[tuple[int, int], int]
-) -> None:
-    def add_zeros(total: str, port: Port) -> str:
-        for j in range(port.start, port.end):
-            total = ir.op("fma", ir.load(ir.at("%in", j, ir.V)), ir.vector(0.0), total)
-        return total
-
-    with ir.function("internal void @block(ptr %in, ptr %out, ptr %bodies)"):
-        never = ir.let("icmp eq ptr %in, null")
-        masks = list(nan_masks(ir, signature, add_zeros))
-        results = defaultdict(list)  # by step, to which vectors and with which mask
-        for (k, i), number in numbers.items():
-            results[i].append((number, masks[k]))
-        for i, value in emit_steps(ir, program, lambda i: ir.load(ir.at("%in", i, ir.V))):
-            for number, mask in results[i]:  # at once, so that no register waits
-                ir.store(ir.op("add", value, mask), ir.at("%out", number, ir.V))
-            if i % STEPS_PER_BRANCH == STEPS_PER_BRANCH - 1:
-                ir.do(f"br i1 {never}, label %done, label %piece{i}")
-                ir.label(f"piece{i}")
-        ir.do("br label %done")
-        ir.label("done")
-
-
-def emit_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> Iterator[tuple[int, str]]:
-    """Write the steps of a program in their order; each and the name of its value as soon as it is written."""
-    steps, called = program.steps, _vector_calls(program)
-    pairs = sorted({(called[i].name, steps[i].operands[0]) for i in called if called[i].result is not None})
-    results = ir.let(f"alloca [{2 * max(1, len(pairs))} x {ir.V}], align 64")
-    values: dict[int, str] = {}
-
-    def value(i: int) -> str:
-        step = steps[i]
+def emit_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> list[str]:
+    """Write the steps of a program without sines, as those of the loop form are; the names of their values."""
+    called, names = vector_calls(program), list[str]()
+    for i, step in enumerate(program.steps):
+        operands = [names[j] for j in step.operands]
         if step.kind == "constant":
-            return ir.vector(step.value)
-        if i not in values:
-            if step.kind == "input":
-                values[i] = read(int(step.value))
-            elif (function := called.get(i)) is None:
-                values[i] = ir.op(step.kind, *(value(j) for j in step.operands))
-            elif function.result is None:
-                values[i] = ir.let(f"call {ir.V} @{function.name}({ir.V} {value(step.operands[0])})")
-            else:
-                j = 2 * pairs.index((function.name, step.operands[0])) + function.result
-                values[i] = ir.load(ir.at(results, j, ir.V))
-        return values[i]
-
-    for j, (name, operand) in enumerate(pairs):  # first, while no other value must be saved over the call
-        ir.do(f"call void @{name}({ir.V} {value(operand)}, ptr {ir.at(results, 2 * j, ir.V)})")
-    for i in called:
-        if called[i].result is None:
-            value(i)
-    for i in range(len(steps)):
-        yield i, value(i)
-
-
-def _vector_calls(program: Program) -> dict[int, VectorFunction]:
-    """The steps that call functions of vectors, and which."""
-    rows = ((i, OPERATIONS[step.kind]) for i, step in enumerate(program.steps) if step.kind not in LEAVES)
-    return {i: row.function for i, row in rows if row.function is not None}
+            names.append(ir.vector(step.value))
+        elif step.kind == "input":
+            names.append(read(int(step.value)))
+        elif function := called.get(i):
+            names.append(ir.let(f"call {ir.V} @{function.name}({ir.V} {operands[0]})"))
+        else:
+            names.append(ir.op(step.kind, *operands))
+    return names
 
 
 def nan_masks(ir: Writer, signature: Signature, add: Callable[[str, Port], str]) -> Iterator[str]:

@@ -3,6 +3,8 @@
 import struct
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from copy import copy
+from typing import Self
 
 from jounce.native.jit import Target
 from jounce.program.operations import OPERATIONS
@@ -17,11 +19,22 @@ class Writer:
     """The text of a module, and shorthand for what is often written."""
 
     def __init__(self, target: Target) -> None:
-        self.lanes, self.fma = target.lanes, target.fma
-        self.V, self.I, self.B = (f"<{self.lanes} x {kind}>" for kind in ("double", "i64", "i1"))
+        self.fma = target.fma
+        self._set_lanes(target.lanes)
+        self.aligned = f"alignstack({8 * self.lanes})"  # of functions that keep vectors on the stack: none is split
         self.lines: list[str] = []
         self.declared: dict[str, None] = {}
         self.names = 0
+
+    def _set_lanes(self, lanes: int) -> None:
+        self.lanes = lanes
+        self.V, self.I, self.B = (f"<{lanes} x {kind}>" for kind in ("double", "i64", "i1"))
+
+    def twice_as_wide(self) -> Self:
+        """A writer of functions of the same module, on vectors of twice as many lanes."""
+        wide = copy(self)
+        wide._set_lanes(2 * self.lanes)
+        return wide
 
     def text(self) -> str:
         """The module."""
@@ -82,6 +95,11 @@ class Writer:
         one = self.let(f"insertelement {self.V} poison, double {x}, i64 0")
         return self.let(f"shufflevector {self.V} {one}, {self.V} poison, <{self.lanes} x i32> zeroinitializer")
 
+    def shuffle(self, vectors: Sequence[str], order: Sequence[int], lanes: int | None = None) -> str:
+        """Lanes of one or two vectors of a size, numbered through, as a vector."""
+        kind, listed = f"<{lanes or self.lanes} x double>", ", ".join(f"i32 {j}" for j in order)
+        return self.let(f"shufflevector {kind} {vectors[0]}, {kind} {vectors[-1]}, <{len(order)} x i32> <{listed}>")
+
     def integers(self, x: int) -> str:
         """An integer constant in all lanes."""
         return f"<{', '.join([f'i64 {x}'] * self.lanes)}>"
@@ -102,13 +120,18 @@ class Writer:
                 values.append(self.let(f"{name} {self.V} {', '.join(operands)}"))
         return values[-1]
 
-    def load(self, address: str) -> str:
+    def load(self, address: str, lanes: int | None = None) -> str:
         """A vector from memory, wherever it lies."""
-        return self.let(f"load {self.V}, ptr {address}, align 8")
+        return self.let(f"load <{lanes or self.lanes} x double>, ptr {address}, align 8")
 
-    def store(self, value: str, address: str) -> None:
+    def store(self, value: str, address: str, lanes: int | None = None) -> None:
         """A vector into memory."""
-        self.do(f"store {self.V} {value}, ptr {address}, align 8")
+        self.do(f"store <{lanes or self.lanes} x double> {value}, ptr {address}, align 8")
+
+    def prefetch(self, address: str) -> None:
+        """Have a cache line at hand that is going to be written; the address may be any."""
+        self.declared["declare void @llvm.prefetch.p0(ptr, i32, i32, i32)"] = None
+        self.do(f"call void @llvm.prefetch.p0(ptr {address}, i32 1, i32 3, i32 1)")
 
     def at(self, base: str, index: str | int, kind: str = "double") -> str:
         """The address of an element."""
@@ -121,11 +144,16 @@ class Writer:
             value = self.op("fma", value, z, self.vector(c))
         return value
 
-    def table(self, name: str, numbers: Sequence[float] | Sequence[int]) -> None:
+    def table(self, name: str, numbers: Sequence[float] | Sequence[int], linkage: str = "internal") -> None:
         """Constants in memory: doubles, or integers if the first one is."""
         kind, write = ("double", self.number) if isinstance(numbers[0], float) else ("i64", str)
         listed = ", ".join(f"{kind} {write(x)}" for x in numbers)
-        self.lines.append(f"@{name} = internal constant [{len(numbers)} x {kind}] [{listed}]")
+        self.lines.append(f"@{name} = {linkage} constant [{len(numbers)} x {kind}] [{listed}]")
+
+    def table_of_vectors(self, name: str, numbers: Sequence[float]) -> None:
+        """Constants in memory, each in all lanes of a vector."""
+        listed = ", ".join(f"{self.V} {self.vector(x)}" for x in numbers)
+        self.lines.append(f"@{name} = internal constant [{len(numbers)} x {self.V}] [{listed}], align {8 * self.lanes}")
 
     @contextmanager
     def loop(self, count: str, start: str = "0") -> Iterator[str]:

@@ -4,6 +4,7 @@ NumPy then does the broadcasting, casting, strides and `out`, and releases the i
 """
 
 import ctypes
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -12,7 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from jounce.core.errors import warn
+from jounce.core.errors import JounceError, quote_value, warn
 from jounce.dynamics.computation import Signature
 
 Bound = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
@@ -22,6 +23,9 @@ Loop = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)  # the inner loop of a ufu
 UFUNC_TYPE_ENTRY, FROM_SIGNATURE_ENTRY, NO_IDENTITY = 0, 31, -1
 
 
+NARROWER = {"2": "-avx", "4": "-avx512f", "8": ""}  # by lanes, the features of LLVM without which they are the widest
+
+
 @dataclass(frozen=True)
 class Target:
     """The processor for which a program is compiled."""
@@ -29,18 +33,32 @@ class Target:
     cpu: str
     features: str
     lanes: int  # doubles in a vector
+    registers: int  # that hold vectors
     fma: bool
+    triple: str = ""  # LLVM's name of the machine, if it is not this one
+
+
+def host() -> Target:
+    """This machine's processor; ``$JOUNCE_LANES`` selects vectors of fewer doubles than it has."""
+    widest, given = _widest(), os.environ.get("JOUNCE_LANES")
+    if not given or given == str(widest.lanes):
+        return widest
+    if given not in NARROWER or int(given) > widest.lanes:
+        fitting = ", ".join(lanes for lanes in NARROWER if int(lanes) <= widest.lanes)
+        raise JounceError(f"JOUNCE_LANES is {quote_value(given)}; this processor has vectors of {fitting} doubles")
+    features = f"{widest.features},{NARROWER[given]}"
+    return Target(widest.cpu, features, int(given), 16, widest.fma and given != "2")
 
 
 @cache
-def host() -> Target:
-    """This machine's processor."""
+def _widest() -> Target:
     import llvmlite.binding as llvm
 
     features = llvm.get_host_cpu_features()
+    arm = features.get("neon") or features.get("fp-armv8") or False
     lanes = 8 if features.get("avx512f") else 4 if features.get("avx") else 2
-    fma = features.get("fma") or features.get("neon") or features.get("fp-armv8") or False
-    return Target(llvm.get_host_cpu_name(), features.flatten(), lanes, bool(fma))
+    registers = 32 if arm or features.get("avx512f") else 16
+    return Target(llvm.get_host_cpu_name(), features.flatten(), lanes, registers, bool(arm or features.get("fma")))
 
 
 def _make_code_generator(target: Target) -> Any:
@@ -49,12 +67,18 @@ def _make_code_generator(target: Target) -> Any:
 
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    triple = llvm.Target.from_default_triple()
+    triple = llvm.Target.from_triple(target.triple or llvm.get_default_triple())
     return triple.create_target_machine(cpu=target.cpu, features=target.features, opt=1, jit=True)  # 2 is no faster
 
 
 def assemble(texts: Sequence[str], target: Target) -> bytes:
     """The object code of modules linked together."""
+    code, module = link(texts, target)
+    return code.emit_object(module)
+
+
+def link(texts: Sequence[str], target: Target) -> tuple[Any, Any]:
+    """LLVM's code generator for a target, and for it modules linked together."""
     import llvmlite.binding as llvm
 
     code = _make_code_generator(target)
@@ -62,7 +86,7 @@ def assemble(texts: Sequence[str], target: Target) -> bytes:
     for other in others:
         module.link_in(other)
     module.triple, module.data_layout = code.triple, str(code.target_data)
-    return code.emit_object(module)
+    return code, module
 
 
 @dataclass(frozen=True)

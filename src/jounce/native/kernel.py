@@ -14,11 +14,11 @@ from jounce.core.errors import JounceError, one_line, quote_value, warn
 from jounce.core.typing import ArrayLike, Floats
 from jounce.dynamics.computation import Computation
 from jounce.model.mechanism import Mechanism
-from jounce.native import cache, jit, memory_layout
+from jounce.native import cache, jit
 from jounce.native.arguments import check_bound_arrays, refuse_names_and_masks, refuse_shapes
 from jounce.native.jit import host, make_ufunc
 from jounce.native.products import DerivativeProducts, Results
-from jounce.native.scratch_pool import Pool
+from jounce.native.scratch_pool import make_pool
 from jounce.native.threads import Box, compute_in_parts
 
 
@@ -44,8 +44,7 @@ class Kernel(DerivativeProducts[Results]):
         self.mechanism, self.computation = mechanism, computation
         self.signature = computation.signature(mechanism)
         self._code = jit.load_object(_object_code(mechanism, computation, patience), host())
-        size = memory_layout.scratch_size(computation, mechanism, host().lanes)
-        self._pool = Pool(size) if size > memory_layout.MAX_STACK_BYTES else None
+        self._pool = make_pool(self._code)
         self.addresses = self._code.address("states"), self._pool.address if self._pool else 0
         self.shapes = tuple([p.shape for p in ports] for ports in (self.signature.inputs, self.signature.outputs))
         self.ufunc, self._alive = make_ufunc(self.addresses[0], self.signature, computation.name, self.addresses[1])

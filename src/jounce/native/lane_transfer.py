@@ -6,63 +6,84 @@ In scratch memory a block of states is one vector for each scalar of a state.
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 
+from jounce.dynamics.computation import Signature
 from jounce.native.ir import Writer
 
+FETCHED_AHEAD = 8  # doubles: the cache line to be written next, which a processor on its own fetches too late
+MAX_UNROLLED_TILES = 2  # of short rows, those of arms: the loop itself takes a fifth of the time of so few
 
-def define_transposes(ir: Writer) -> None:
-    """``@load_rows(row, scratch, width)``, ``@store_rows(row, scratch, width, table)``: rows one behind the other.
 
-    What is stored in column j is the vector of number ``table[j]``. Rows shorter than a vector are moved as whole
-    vectors, which reach into the rows behind: these must exist, and are stored later.
+def define_transposes(ir: Writer, signature: Signature) -> None:
+    """``@load_rows.N(row, scratch)``, ``@store_rows.N(row, scratch, table)``: rows of N numbers, one behind the other.
+
+    What is stored in column j is the vector that lies ``table[j]`` doubles into scratch memory.
     """
-    for name, table in (("load_rows", ""), ("store_rows", ", ptr %table")):
-        with ir.function(f"internal void @{name}(ptr %row, ptr %scratch, i64 %width{table})"):
-            last = ir.let(f"sub i64 %width, {ir.lanes}")
-            more = ir.let(f"add i64 %width, {ir.lanes - 1}")
-            groups = ir.let(f"sdiv i64 {more}, {ir.lanes}")
-            with ir.loop(groups) as group:  # the last group of columns ends with the row
-                wanted = ir.let(f"mul i64 {group}, {ir.lanes}")
-                ends = ir.call("llvm.smin.i64", "i64", wanted, last)
-                column = ir.call("llvm.smax.i64", "i64", ends, "0")
-                starts = (ir.let(f"add i64 {ir.let(f'mul i64 %width, {lane}')}, {column}") for lane in range(ir.lanes))
-                rows, columns = [ir.at("%row", x) for x in starts], list(_columns(ir, column, bool(table)))
-                source, target = (columns, rows) if table else (rows, columns)
-                for vector, place in zip(transpose(ir, [ir.load(x) for x in source]), target, strict=True):
-                    ir.store(vector, place)
+    for width in sorted({port.size for port in signature.inputs}):
+        with ir.function(f"internal void @load_rows.{width}(ptr %row, ptr %scratch)"):
+            for column, size in _tiles(ir, width):
+                pieces = [ir.load(row, size) for row in _rows(ir, column, width)]
+                first = ir.at("%scratch", column, ir.V)
+                for j, vector in enumerate(_transpose(ir, [_join(ir, pieces[i::size], size) for i in range(size)])):
+                    ir.store(vector, ir.at(first, j, ir.V))
+    for width in sorted({port.size for port in signature.outputs}):
+        with ir.function(f"internal void @store_rows.{width}(ptr %row, ptr %scratch, ptr %table)"):
+            for column, size in _tiles(ir, width):
+                rows, first = _rows(ir, column, width), ir.at("%table", column, "i64")
+                offsets = [ir.let(f"load i64, ptr {ir.at(first, j, 'i64')}") for j in range(size)]
+                vectors = _transpose(ir, [ir.load(ir.at("%scratch", offset)) for offset in offsets])
+                for lane, row in enumerate(rows):
+                    start = lane - lane % size
+                    ir.store(ir.shuffle([vectors[lane % size]], range(start, start + size)), row, size)
+                for row in rows:
+                    ir.prefetch(ir.at(row, FETCHED_AHEAD))
 
 
-def _columns(ir: Writer, column: str, by_table: bool) -> Iterator[str]:
-    first = ir.at("%table", column, "i64") if by_table else ir.at("%scratch", column, ir.V)
-    for j in range(ir.lanes):
-        if by_table:
-            yield ir.at("%scratch", ir.let(f"load i64, ptr {ir.at(first, j, 'i64')}"), ir.V)
-        else:
-            yield ir.at(first, j, ir.V)
+def _tiles(ir: Writer, width: int) -> Iterator[tuple[str, int]]:
+    """The first column and the size of each tile of rows: as wide as a vector, or as short rows allow.
+
+    The last tile ends with the row, and may overlap the one before. Many tiles are written once, in a loop.
+    """
+    size = min(ir.lanes, 2 ** (width.bit_length() - 1))
+    starts = range(0, width, size)
+    if len(starts) <= MAX_UNROLLED_TILES:
+        for start in starts:
+            yield str(min(start, width - size)), size
+    else:
+        with ir.loop(str(len(starts))) as tile:
+            yield ir.call("llvm.smin.i64", "i64", ir.let(f"mul i64 {tile}, {size}"), str(width - size)), size
 
 
-def transpose(ir: Writer, rows: Sequence[str]) -> list[str]:
-    """Vectors of columns from vectors of rows: blocks off the diagonal exchanged, of ever smaller size.
+def _rows(ir: Writer, column: str, width: int) -> list[str]:
+    """Where the rows of a block have a column."""
+    first = ir.at("%row", column)
+    return [ir.at(first, lane * width) for lane in range(ir.lanes)]
 
-    For n lanes these are log2(n) rounds of n shuffles (J. O. Eklundh, A fast computer method for matrix transposing,
+
+def _transpose(ir: Writer, rows: Sequence[str]) -> list[str]:
+    """Transpose square blocks, as many lanes as there are vectors: off the diagonal, ever smaller ones change places.
+
+    For n vectors these are log2(n) rounds of n shuffles (J. O. Eklundh, A fast computer method for matrix transposing,
     IEEE Transactions on Computers C-21, 1972).
     """
-    size = ir.lanes
-    rows = list(rows)
+    size, rows = len(rows), list(rows)
     while size > 1:
         size //= 2
-        for i in range(ir.lanes):
+        for i in range(len(rows)):
             if i & size:
                 continue
-            low, high = rows[i], rows[i + size]
+            pair = rows[i], rows[i + size]
             first = [j if not j & size else ir.lanes + j - size for j in range(ir.lanes)]
             second = [j + size if not j & size else ir.lanes + j for j in range(ir.lanes)]
-            rows[i], rows[i + size] = (_shuffle(ir, low, high, order) for order in (first, second))
+            rows[i], rows[i + size] = (ir.shuffle(pair, order) for order in (first, second))
     return rows
 
 
-def _shuffle(ir: Writer, low: str, high: str, order: Sequence[int]) -> str:
-    mask = f"<{ir.lanes} x i32> <{', '.join(f'i32 {j}' for j in order)}>"
-    return ir.let(f"shufflevector {ir.V} {low}, {ir.V} {high}, {mask}")
+def _join(ir: Writer, pieces: Sequence[str], size: int) -> str:
+    """One vector of pieces of a size."""
+    while len(pieces) > 1:
+        pieces = [ir.shuffle(pair, range(2 * size), size) for pair in zip(pieces[::2], pieces[1::2], strict=True)]
+        size *= 2
+    return pieces[0]
 
 
 def define_lanes(ir: Writer) -> None:
@@ -70,7 +91,7 @@ def define_lanes(ir: Writer) -> None:
 
     ``(first, scratch, slabs, rows, columns, step, apart, down, across, count)``: a state is `slabs` matrices, one
     step from the state before it; matrices are ``apart``, rows ``down`` and columns ``across`` from each other, in
-    bytes. Lanes beyond the count are filled with the last state. A table of vectors comes last where rows are stored.
+    bytes. Lanes beyond the count are filled with the last state. A table as above comes last where rows are stored.
     """
     integers = ("slabs", "rows", "columns", "step", "apart", "down", "across", "count")
     arguments = f"ptr %first, ptr %scratch, {', '.join(f'i64 %{name}' for name in integers)}"
@@ -92,8 +113,8 @@ def define_lanes(ir: Writer) -> None:
         _loops(ir, "slabs", "rows", "columns") as entry,
         ir.loop("%count") as lane,
     ):
-        number = ir.let(f"load i64, ptr {ir.at('%table', _number(ir, *entry), 'i64')}")
-        value = ir.let(f"load double, ptr {ir.at(ir.at('%scratch', number, ir.V), lane)}, align 8")
+        offset = ir.let(f"load i64, ptr {ir.at('%table', _number(ir, *entry), 'i64')}")
+        value = ir.let(f"load double, ptr {ir.at(ir.at('%scratch', offset), lane)}, align 8")
         ir.do(f"store double {value}, ptr {_place(ir, lane, *entry)}, align 1")
 
 

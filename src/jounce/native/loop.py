@@ -40,13 +40,14 @@ def _define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, signature: S
     for name, numbers in loop_steps.tables(mechanism, [present.index(kind) for kind in of_joints]).items():
         ir.table(name, numbers)
     _define_sum(ir)
-    with ir.function("internal void @block(ptr %in, ptr %out, ptr %bodies)"):
+    with ir.function("internal void @block(ptr %in, ptr %out, ptr %bodies, i64 %count)"):
         ir.do(f"%motions = getelementptr {ir.V}, ptr %bodies, i64 {(len(reduced.joints) + 1) * sweeps.layout.size}")
         _set_results(ir, signature)
         if sweeps.computation.base:
             _move_ground(ir, reduced, sweeps, signature)
         else:
             _set_ground(ir, sweeps, ground(reduced.gravity.astype(float)))
+        _set_joint_variables(ir, reduced, sweeps.layout)
         sweep(_Memory(ir, reduced, sweeps, signature, present))
         if reduced.floats:
             _add_base_force(ir, sweeps, signature)
@@ -71,9 +72,7 @@ class _Memory:
             yield self.ir.let(f"sub i64 {len(self.chain.joints) - 1}, {down}")
 
     def move(self, i: str) -> None:
-        memory = _memory(self.ir, i, self.sweeps)
-        _joint_variable(self.ir, i, memory[0], self.sweeps.layout, self.chain.n)
-        _call(self.ir, "outward", self.kinds, i, memory)
+        _call(self.ir, "outward", self.kinds, i, _memory(self.ir, i, self.sweeps))
 
     def add_wrench(self, i: str) -> None:
         if self.sweeps.computation.wrench:
@@ -168,8 +167,22 @@ def _add_base_force(ir: Writer, sweeps: Sweeps, signature: Signature) -> None:
             ir.store(ir.op("add", ir.load(ir.at("%bodies", place, ir.V)), ir.load(Q)), Q)
 
 
-def _joint_variable(ir: Writer, i: str, body: str, layout: VectorLayout, n: int) -> None:
-    """theta = G q + g with its rates, sine and cosine, of joint i."""
+def _set_joint_variables(ir: Writer, chain: Mechanism, layout: VectorLayout) -> None:
+    """theta = G q + g with its rates, sine and cosine, of all joints, in pairs; of an odd number the last one twice."""
+    last = len(chain.joints) - 1
+    with ir.loop(str(last // 2 + 1)) as pair:
+        even = ir.let(f"mul i64 {pair}, 2")
+        joints = even, ir.call("llvm.smin.i64", "i64", ir.let(f"add i64 {even}, 1"), str(last))
+        bodies = [ir.at("%bodies", ir.let(f"mul i64 {ir.let(f'add i64 {i}, 1')}, {layout.size}"), ir.V) for i in joints]
+        for i, body in zip(joints, bodies, strict=True):
+            _set_joint_variable(ir, i, body, layout, chain.n)
+        theta, sine = layout.places("theta")[0][0], layout.places("sine")[0][0]  # and the cosine behind it
+        angles = ", ".join(f"{ir.V} {ir.load(ir.at(body, theta, ir.V))}" for body in bodies)
+        ir.do(f"call void @sincos({angles}, {_pointers(*(ir.at(body, sine, ir.V) for body in bodies))})")
+
+
+def _set_joint_variable(ir: Writer, i: str, body: str, layout: VectorLayout, n: int) -> None:
+    """theta = G q + g with its rates, of joint i."""
     offset = ir.splat(ir.let(f"load double, ptr {ir.at('@offsets', i)}"))
     for k, (place,) in enumerate(layout.places("theta")):
         ir.store(ir.vector(0.0) if k else offset, ir.at(body, place, ir.V))
@@ -177,8 +190,6 @@ def _joint_variable(ir: Writer, i: str, body: str, layout: VectorLayout, n: int)
         for k, (place,) in enumerate(layout.places("theta")):
             theta, rate = ir.at(body, place, ir.V), ir.let(f"add i64 {coordinate}, {k * n}")
             ir.store(ir.op("fma", factor, ir.load(ir.at("%in", rate, ir.V)), ir.load(theta)), theta)
-    angle, sine = (ir.at(body, layout.places(name)[0][0], ir.V) for name in ("theta", "sine"))
-    ir.do(f"call void @sincos({ir.V} {ir.load(angle)}, ptr {sine})")  # and the cosine behind it
 
 
 def _add_wrench(ir: Writer, i: str, memory: Sequence[str], layout: VectorLayout, signature: Signature) -> None:
@@ -229,7 +240,7 @@ def _pointers(*names: str) -> str:
 
 
 def _define_step(ir: Writer, name: str, step: JointStep) -> None:
-    with ir.function(f"internal void @{name}({_pointers(*(f'%{part}' for part in STEP_MEMORY))})"):
+    with ir.function(f"internal void @{name}({_pointers(*(f'%{part}' for part in STEP_MEMORY))}) {ir.aligned}"):
 
         def read(i: int) -> str:
             memory, place = step.reads[i]
@@ -237,7 +248,7 @@ def _define_step(ir: Writer, name: str, step: JointStep) -> None:
                 return ir.splat(ir.let(f"load double, ptr {ir.at('%constants', place)}"))
             return ir.load(ir.at(f"%{memory}", place, ir.V))
 
-        values = dict(emit_steps(ir, step.program, read))
+        values = emit_steps(ir, step.program, read)
         results = [values[i] for i in step.program.outputs]
         for (memory, place), result in zip(step.writes, results, strict=True):
             ir.store(result, ir.at(f"%{memory}", place, ir.V))

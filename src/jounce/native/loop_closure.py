@@ -21,10 +21,10 @@ from jounce.dynamics.loop_newton import MAX_DIRECT_CORRECTION, STEP_MEASURES, ne
 from jounce.dynamics.loops import closure_of
 from jounce.model.mechanism import Mechanism
 from jounce.model.scalar_casting import with_exact_integers
-from jounce.native import cache, calls, jit, memory_layout
+from jounce.native import cache, calls, jit
 from jounce.native.jit import host
 from jounce.native.memory_layout import MAX_COMPILE_SECONDS
-from jounce.native.scratch_pool import Pool
+from jounce.native.scratch_pool import make_pool
 from jounce.program.trace import Tape, TapeFullError
 
 MAX_CLOSING_STEPS = 5  # from nearly closed loops, which converge quadratically
@@ -43,8 +43,7 @@ class NativeStep:
         self.following = np.searchsorted(closure.dependent, closure.ratios.places)
         self.in_place = FOLLOWER_PLACE_TOLERANCE * sizes[list(closure.ratios.places)]
         self._code = jit.load_object(_object_code(mechanism, signature), host())
-        size = memory_layout.call_size(signature, 0, host().lanes)
-        self._pool = Pool(size) if size > memory_layout.MAX_STACK_BYTES else None
+        self._pool = make_pool(self._code)
         address = self._pool.address if self._pool else 0
         self.ufunc, self._alive = jit.make_ufunc(self._code.address("states"), signature, "closing", address)
 
@@ -105,7 +104,7 @@ def _object_code(m: Mechanism, signature: Signature) -> bytes:
     target = host()
 
     def make() -> bytes:
-        from jounce.native import emit  # imported here, as a warm cache needs none of it
+        from jounce.native import straight  # imported here, as a warm cache needs none of it
         from jounce.native.code_forms import SECONDS_PER_STEP
         from jounce.program.passes import factor, fuse
 
@@ -113,7 +112,9 @@ def _object_code(m: Mechanism, signature: Signature) -> bytes:
         q, change = (tape.variables(*port.shape) for port in signature.inputs)
         results = [x for result in newton_step(with_exact_integers(m), q, change) for x in result.ravel()]
         steps = fuse(factor(tape.program(results)))
-        return jit.assemble(calls.write_modules(emit.straight_block(steps, signature), signature, target), target)
+        return jit.assemble(
+            calls.write_modules(straight.straight_block(steps, signature, target), signature, target), target
+        )
 
     of_robot = cache.key(m, Computation("coordinates", 0), target)
     return cache.read_or_make(hashlib.sha256(f"closing {of_robot}".encode()).hexdigest(), make)

@@ -134,12 +134,12 @@ def vectors_of_bodies(computation: Computation, mechanism: Mechanism) -> int:
     return (len(parent) + 1) * body_layout(computation).size + motions * motion_layout(computation).size
 
 
-def call_size(signature: Signature, of_bodies: int, lanes: int) -> int:
-    """The bytes of one call: rows are moved by whole vectors, hence a block more of inputs and of outputs."""
-    return 8 * lanes * (signature.inputs[-1].end + signature.outputs[-1].end + 2 * lanes + of_bodies)
+def block_size(signature: Signature, of_bodies: int, lanes: int) -> int:
+    """The bytes of a block of states."""
+    return 8 * lanes * (signature.inputs[-1].end + signature.outputs[-1].end + of_bodies)
 
 
 def scratch_size(computation: Computation, mechanism: Mechanism, lanes: int) -> int:
-    """The bytes of one call of a kernel."""
+    """The bytes of one call of a kernel, without what the pieces of a straight line keep."""
     signature = computation.signature(mechanism)
-    return call_size(signature, vectors_of_bodies(computation, mechanism), lanes)
+    return block_size(signature, vectors_of_bodies(computation, mechanism), lanes)

@@ -33,11 +33,13 @@ def _function() -> tuple[Callable[..., Any], Any]:
 
 
 def _object_code(target: Target) -> bytes:
-    from jounce.native import calls, emit  # imported here, as a warm cache needs none of it
+    from jounce.native import calls, straight  # imported here, as a warm cache needs none of it
     from jounce.program.passes import factor, fuse
     from jounce.program.trace import Tape
 
     tape = Tape()
     total = sum(x * x for part in pose_residuals(tape.variables(4, 4)) for x in np.ravel(part))
     program = fuse(factor(tape.program([total])))
-    return jit.assemble(calls.write_modules(emit.straight_block(program, _SIGNATURE), _SIGNATURE, target), target)
+    return jit.assemble(
+        calls.write_modules(straight.straight_block(program, _SIGNATURE, target), _SIGNATURE, target), target
+    )

@@ -8,6 +8,8 @@ import ctypes
 
 from jounce.core.errors import JounceError
 from jounce.native.ir import Writer
+from jounce.native.jit import Code
+from jounce.native.memory_layout import MAX_STACK_BYTES
 
 MAX_KEPT_BUFFERS = 64  # more than the calls at once on most machines; each of further ones allocates its own
 BUFFER_ALIGNMENT = 64  # bytes: those of the widest vector, of AVX-512
@@ -33,6 +35,12 @@ class Pool:
     def address(self) -> int:
         """The address of the table."""
         return ctypes.addressof(self.table)
+
+
+def make_pool(code: Code) -> Pool | None:
+    """The pool of the code of a kernel; None where its scratch memory is on the stack."""
+    size = ctypes.c_int64.from_address(code.address("scratch")).value
+    return Pool(size) if size > MAX_STACK_BYTES else None
 
 
 def define_on_heap(ir: Writer, size: int, name: str) -> None:

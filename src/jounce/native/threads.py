@@ -1,42 +1,56 @@
-"""A batch in parts, one for each thread: threads are kept for later calls, and all batch axes are split.
+"""A batch in parts that threads take one after the other: threads are kept for later calls, all batch axes are split.
 
-A caller computes a part itself, and those that no thread has begun when it is done: no call waits for another one's
-parts, and a caller with the threads that are kept makes no more than there are processors, whatever it asks for.
+Parts of large batches become smaller towards the end: threads that begin late or run on slower processors take fewer
+of them, and all end at about the same time (S. F. Hummel, E. Schonberg and L. E. Flynn, Factoring: a method for
+scheduling parallel loops, Communications of the ACM 35, 1992). A caller takes parts itself: no call waits for another
+one's, and a caller with the threads that are kept makes no more than there are processors, whatever it asks for.
 """
 
 import os
+from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextvars import copy_context
 from functools import cache
+from itertools import accumulate, pairwise
 from math import prod
 
 Box = tuple[slice, ...]  # of a batch: a slice of each axis
+ROUND_WEIGHTS = 4, 2, 1, 1  # of rounds of one part for each thread: half of what is left, the last one all of it
+MIN_STATES_IN_ROUNDS = 2**13  # of a thread: the last parts, of 1,024 states, then take longer than to hand them out
 
 
-def compute_in_parts(work: Callable[[Box], object], batch: tuple[int, ...], parts: int) -> None:
-    """Call `work` on boxes that make up a batch, in as many threads as there are parts of equal size.
+def compute_in_parts(work: Callable[[Box], object], batch: tuple[int, ...], threads: int) -> None:
+    """Call `work` on boxes that make up a batch, in a number of threads, the caller's among them.
 
     Threads run in the caller's context, where `numpy.errstate` is kept. An error is raised once all have ended.
     """
-    count = prod(batch)
-    cuts = [count * i // parts for i in range(parts + 1)]
+    parts = deque(pairwise(_cuts(prod(batch), threads)))
 
-    def part(i: int) -> None:
-        for box in boxes(batch, cuts[i], cuts[i + 1]):
-            work(box)
+    def take_parts() -> None:
+        while parts:
+            try:
+                start, end = parts.popleft()
+            except IndexError:  # another thread took the last one
+                return
+            for box in boxes(batch, start, end):
+                work(box)
 
-    later = [_pool().submit(copy_context().run, part, i) for i in range(1, parts)]
+    others = [_pool().submit(copy_context().run, take_parts) for _ in range(threads - 1)]
     try:
-        part(0)
-        for i, one in enumerate(later, 1):
-            if one.cancel():
-                part(i)
+        take_parts()
     finally:  # whatever happens, no thread writes into the caller's arrays any more
-        begun = [one for one in later if not one.cancel()]
+        begun = [one for one in others if not one.cancel()]
         wait(begun)
     for one in begun:
         one.result()
+
+
+def _cuts(count: int, threads: int) -> list[int]:
+    """The numbers of states between which the parts lie, from 0 to all."""
+    rounds = ROUND_WEIGHTS if count >= threads * MIN_STATES_IN_ROUNDS else (1,)
+    weights = [weight for weight in rounds for _ in range(threads)]
+    return [count * x // sum(weights) for x in accumulate(weights, initial=0)]
 
 
 def boxes(batch: tuple[int, ...], start: int, end: int) -> Iterator[Box]:

@@ -44,13 +44,19 @@ EXPM1_COEFFICIENTS = [1 / factorial(k) for k in range(2, 15)]  # of (exp(r) - 1 
 
 
 def define_sincos(ir: Writer) -> None:
-    """``@sincos(x, place)``: the sines of x into the vector at `place`, the cosines into the next."""
+    """``@sincos(x, y, at_x, at_y)``: the sines of x into the vector at `at_x`, the cosines into the next, and of y.
+
+    Two angles take less than twice the time of one, whose operations wait for each other.
+    """
     _define_library_call(ir)
-    with ir.function(f"internal void @sincos({ir.V} %x, ptr %place)"):
-        x = ir.let(f"bitcast {ir.V} %x to {ir.I}")
+    V, lanes, ir = ir.V, ir.lanes, ir.twice_as_wide()
+    halves = [range(lanes), range(lanes, 2 * lanes)]
+    with ir.function(f"internal void @sincos({V} %x, {V} %y, ptr %at_x, ptr %at_y)"):
+        angles = ir.shuffle(("%x", "%y"), range(2 * lanes), lanes)
+        x = ir.let(f"bitcast {ir.V} {angles} to {ir.I}")
         size = ir.let(f"and {ir.I} {x}, {ir.integers(~SIGN_BIT)}")
         beyond = ir.let(f"icmp sgt {ir.I} {size}, {ir.integers(bits(MAX_REDUCED_ANGLE))}")  # or not a number
-        r = ir.let(f"select {ir.B} {beyond}, {ir.V} zeroinitializer, {ir.V} %x")
+        r = ir.let(f"select {ir.B} {beyond}, {ir.V} zeroinitializer, {ir.V} {angles}")
         # Reduction: r = x - k pi/2, |r| <= pi/4.
         scaled = ir.op("fma", r, ir.vector(0.6366197723675814), ir.vector(INTEGER_SHIFT))  # 2/pi
         k = ir.op("sub", scaled, ir.vector(INTEGER_SHIFT))
@@ -69,10 +75,14 @@ def define_sincos(ir: Writer) -> None:
             quarters = ir.let(f"add {ir.I} {quarter}, {ir.integers(turned)}")  # a cosine is a sine a quarter on
             sign = ir.let(f"and {ir.I} {ir.let(f'shl {ir.I} {quarters}, {ir.integers(62)}')}, {ir.integers(SIGN_BIT)}")
             signed = ir.let(f"xor {ir.I} {ir.let(f'bitcast {ir.V} {value} to {ir.I}')}, {sign}")
-            ir.store(ir.let(f"bitcast {ir.I} {signed} to {ir.V}"), ir.at("%place", j * ir.lanes))
+            result = ir.let(f"bitcast {ir.I} {signed} to {ir.V}")
+            for place, half in zip(("%at_x", "%at_y"), halves, strict=True):
+                ir.store(ir.shuffle([result], half), ir.at(place, j * lanes), lanes)
         mask = ir.let(f"bitcast {ir.B} {beyond} to i{ir.lanes}")
         with ir.only_if(ir.let(f"icmp ne i{ir.lanes} {mask}, 0"), "careful", "done"):
-            ir.do(f"call void @careful({ir.V} %x, i{ir.lanes} {mask}, ptr %place)")
+            for name, half in zip("xy", halves, strict=True):
+                own = ir.let(f"trunc i{ir.lanes} {ir.let(f'lshr i{ir.lanes} {mask}, {half[0]}')} to i{lanes}")
+                ir.do(f"call void @careful({V} %{name}, i{lanes} {own}, ptr %at_{name})")
 
 
 def _define_library_call(ir: Writer) -> None:

@@ -50,14 +50,9 @@ class Program:
         return Counter([*(i for step in self.steps for i in step.operands), *self.outputs])
 
 
-def prune(steps: Sequence[Any], outputs: Sequence[int], inputs: int, first: Sequence[int] | None = None) -> Program:
-    """The program of those steps, or nodes of a tape, that the outputs need.
-
-    It begins with the steps that some outputs need, of which `first` are the numbers. By default these are the last
-    outputs, those of the tip and the highest rate: this keeps fewer values.
-    """
-    roots = outputs[::-1] if first is None else [outputs[k] for k in (*first, *range(len(outputs)))]
-    order = list(topological_order(roots, lambda i: steps[i].operands))
+def prune(steps: Sequence[Any], outputs: Sequence[int], inputs: int) -> Program:
+    """The program of those steps, or nodes of a tape, that the outputs need, in their order."""
+    order = sorted(topological_order(outputs, lambda i: steps[i].operands))
     place = {old: new for new, old in enumerate(order)}
     kept = (Step(steps[i].kind, tuple([place[j] for j in steps[i].operands]), steps[i].value) for i in order)
     return Program(tuple(kept), tuple(place[i] for i in outputs), inputs)
