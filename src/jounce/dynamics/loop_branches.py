@@ -12,7 +12,7 @@ that only what the joint allows is left of it and ``E' = ad(V) E``: rates of E n
 Failure: none is noticed. E takes the loops as closed: where they are open, A is approximate and its rates mean nothing.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from operator import matmul
@@ -27,9 +27,10 @@ from jounce.model.frame import Frame
 from jounce.model.loops import NO_RATIOS, convert_loops
 from jounce.model.mechanism import Mechanism, path_to
 from jounce.spatial.lie import Ad, ad, inverse, pose, position, rotation
-from jounce.spatial.series import Series, from_rates, join_series
+from jounce.spatial.series import Series, from_rate, from_rates, join_series
 
 CONSTRAINT_ENTRY_ROUNDING = 1e-13  # relative to the largest entry: what sums along branches leave of zeros
+_ORIGIN = np.zeros((3, 1), dtype=int)
 _NO_TWIST = Series.constant(np.zeros((6, 1), dtype=int))
 
 
@@ -39,7 +40,13 @@ class Branch:
 
     root: int
     joints: tuple[int, ...]
+    columns: Array  # (k, N) the velocities of the joints from those of the coordinates
     T: Array  # (4, 4) pose of the frame on the last body
+
+    @cached_property
+    def Ad(self) -> Array:
+        """The matrix that takes twists from the last body to the frame, (6, 6)."""
+        return Ad(inverse(self.T))
 
     @property
     def key(self) -> tuple[int, int]:
@@ -65,7 +72,8 @@ def branches(m: Mechanism) -> list[tuple[Branch, Branch]]:
     def branch(frame: Frame, shared: Sequence[int]) -> Branch:
         own = [i for i in path_to(tree, frame.body) if i not in shared]
         T = shifts[frame.body] @ frame.T if frame.body >= 0 else frame.T
-        return Branch(shared[-1] if shared else -1, tuple(own), T)
+        columns = tree.G[[j for i in own for j in tree.columns[i]]]
+        return Branch(shared[-1] if shared else -1, tuple(own), columns, T)
 
     both = []
     for loop in m.loops:
@@ -85,18 +93,29 @@ class LoopEnds:
         )
 
     @cached_property
+    def _views(self) -> dict[tuple[int, int], tuple[Array, Series]]:
+        """What the last body of a branch sees: the pose of the first body, and the screws of the joints."""
+        distinct = {branch.key: branch for both in self.branches for branch in both}
+        return {key: self._view(branch) for key, branch in distinct.items()}
+
+    def _view(self, branch: Branch) -> tuple[Array, Series]:
+        E, r, V, S = np.eye(6, dtype=int), _ORIGIN, _NO_TWIST, [_NO_TWIST @ np.zeros((1, 0), dtype=int)]
+        for joint in (self.joints[i] for i in reversed(branch.joints)):
+            S.insert(0, from_rate(E @ joint.X, partial(_turn, V)))
+            V, E = V - S[0] @ joint.rate, E @ joint.A
+            r = r - rotation(E) @ (position(joint.T) + rotation(joint.B).mT @ position(joint.B))
+            E = E @ joint.Ad_turn @ joint.Ad_offset
+        return pose(rotation(E), r), join_series(S, axis=-1)
+
+    def screws(self, branch: Branch) -> Series:
+        """The screws of the joints of a branch as its last body sees them, (..., 6, k)."""
+        return self._views[branch.key][1]
+
+    @cached_property
     def poses(self) -> list[Array]:
         """C_ab, where the second frame of each loop is in the first, (..., 4, 4)."""
-        found: dict[tuple[int, int], Array] = {}
-
-        def end(branch: Branch) -> Array:
-            H = np.eye(4, dtype=int)
-            for i in branch.joints:
-                key = branch.root, i
-                H = found[key] = found[key] if key in found else H @ self.joints[i].B @ self.joints[i].T
-            return H @ branch.T
-
-        return [inverse(end(a)) @ end(b) for a, b in self.branches]
+        starts = [[inverse(branch.T) @ self._views[branch.key][0] for branch in both] for both in self.branches]
+        return [a @ inverse(b) for a, b in starts]
 
     @cached_property
     def _E(self) -> list[Array]:
@@ -128,7 +147,7 @@ class LoopEnds:
                     own = self.joints[i].X @ theta.map(lambda x, own=tree.columns[i]: x[..., list(own), :])
                     found[key] = own if V is _NO_TWIST else self.joints[i].twists(V) + own
                 V = found[key]
-            return Ad(inverse(branch.T)) @ V
+            return branch.Ad @ V
 
         def relative(k: int, a: Branch, b: Branch) -> Series:
             return from_rates(lambda j: self._E[k] @ end(b)[j], lambda y: self._drift(k) @ y) - end(a)
@@ -139,21 +158,41 @@ class LoopEnds:
         """A x, (..., c, k), at velocities x (..., N, k): what cut joints do not allow of the relative twists."""
         return join_series([loop.rows @ V for loop, V in zip(self.m.loops, self.twists(x), strict=True)], axis=-2)
 
+    @cached_property
+    def A(self) -> Series:
+        """A, (..., c, N), from the screws; for a few columns `held` takes fewer operations."""
+        return join_series([self._constraints(k) for k in range(len(self.branches))], axis=-2)
+
+    def _constraints(self, k: int) -> Series:
+        """The rows of one loop."""
+        rows, (a, b) = self.m.loops[k].rows, self.branches[k]
+        X_a, X_b = (branch.Ad @ self.screws(branch) for branch in (a, b))
+        seen = from_rates(lambda j: self._E[k] @ X_b[j], lambda y: self._drift(k) @ y)
+        return rows @ seen @ b.columns - rows @ X_a @ a.columns
+
+    def end_wrenches(self, y: Series) -> Iterator[tuple[Branch, Array, Series]]:
+        """The wrenches W on the bodies at both ends of each loop, of cut joints that exert y, (..., c, k).
+
+        With each go its branch and the projection onto the twists that the joint allows, as the body sees them.
+        """
+        start = 0
+        for k, (loop, (a, b)) in enumerate(zip(self.m.loops, self.branches, strict=True)):
+            end = start + len(loop.rows)
+            W, start = loop.rows.T @ take_rows(y, start, end), end
+            E_T, ads = self._E[k].mT, self._drift(k)
+            seen = transport_inward(W, partial(matmul, E_T), partial(matmul, ads.mT))
+            for branch, own in ((a, -W), (b, seen)):
+                yield branch, Ad(branch.T) @ loop.allowed @ branch.Ad, branch.Ad.mT @ own
+
     def forces(self, y: Series) -> Series:
         """A^T y, (..., N, k): the forces on the coordinates where cut joints exert y, (..., c, k)."""
-        tree, at, start = self.m.tree, dict[tuple[int, int], Series](), 0
+        tree, at = self.m.tree, dict[tuple[int, int], Series]()
 
         def add(key: tuple[int, int], W: Series) -> None:
             at[key] = at[key] + W if key in at else W
 
-        # the wrenches of the cut joints on the bodies at the ends, those on the second frames taken there
-        for k, (loop, (a, b)) in enumerate(zip(self.m.loops, self.branches, strict=True)):
-            end = start + len(loop.rows)
-            W, start = loop.rows.T @ take_rows(y, start, end), end
-            add(a.key, Ad(inverse(a.T)).mT @ -W)
-            E_T, ads = self._E[k].mT, self._drift(k)
-            seen = transport_inward(W, partial(matmul, E_T), partial(matmul, ads.mT))
-            add(b.key, Ad(inverse(b.T)).mT @ seen)
+        for branch, _, W in self.end_wrenches(y):
+            add(branch.key, W)
         # inward along the branches, each joint after those beyond it
         Q: dict[int, Series] = {}
         ways = {(branch.root, i) for both in self.branches for branch in both for i in branch.joints}
@@ -170,6 +209,11 @@ class LoopEnds:
         return tree.G.T @ join_series(parts, axis=-2)
 
 
+def _turn(V: Series, S: Series) -> Series:
+    """The rates of screws that move with the twist V."""
+    return V.map(lambda V: ad(V[..., 0])) @ S
+
+
 @lru_cache(maxsize=64)
 def constraint_pattern(m: Mechanism) -> np.ndarray:
     """Which entries of A, (c, N), are not zero wherever the coordinates are; of a robot of symbols all of them.
@@ -181,7 +225,7 @@ def constraint_pattern(m: Mechanism) -> np.ndarray:
     except (TypeError, ValueError, RuntimeError):  # as symbols of SymPy, of a tape, of CasADi say
         return np.ones((sum(len(loop.rows) for loop in m.loops), m.tree.n), dtype=bool)
     q = np.random.default_rng(0).uniform(-2, 2, (3, m.tree.n, 1))
-    A = np.abs(LoopEnds(kinematic, Series.of([q])).held(Series.constant(np.eye(m.tree.n)))[0])
+    A = np.abs(LoopEnds(kinematic, Series.of([q])).A[0])
     return np.asarray((CONSTRAINT_ENTRY_ROUNDING * A.max() < A).any(axis=0))
 
 

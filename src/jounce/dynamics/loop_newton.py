@@ -28,7 +28,7 @@ from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import axial, hat, position, rotation
 from jounce.spatial.linear import OrthogonalFactors
-from jounce.spatial.series import Series, column_series
+from jounce.spatial.series import column_series
 
 STEP_MEASURES = 2  # of a step: squares of the gap before it, and of an estimate of the condition number
 CLOSED_GAP = 1e-13  # without unit, see `Scales`: where loops are closed, rounding leaves less than 500 eps
@@ -60,7 +60,7 @@ def gaps(m: Mechanism, q: Array) -> tuple[Array, Array]:
     """How far loops are from closed (..., c, 1), and the constraints A (..., c, N), at coordinates (..., N)."""
     ends = LoopEnds(m, column_series([q]))
     found = [_gap(loop, C) for loop, C in zip(m.loops, ends.poses, strict=True)]
-    return concatenate(found, axis=-2), ends.held(Series.constant(np.eye(q.shape[-1], dtype=int)))[0]
+    return concatenate(found, axis=-2), ends.A[0]
 
 
 def _gap(loop: Loop, C: Array) -> Array:

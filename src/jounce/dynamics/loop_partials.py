@@ -3,79 +3,53 @@
 The coordinates of the tree are functions of the independent ones u, so that their rates depend on those of u by
 ``d theta^(k) / d u^(j) = binom(k, j) F^(k - j)``. Of forces F^T Q with K, D, M, the derivatives of Q on the tree,
 
-    K_c = F^T (K F + D F' + M F'') + H,    D_c = F^T (D F + 2 M F'),    M_c = F^T M F,
+    K_c = F^T ((K + H) F + D F' + M F''),    D_c = F^T (D F + 2 M F'),    M_c = F^T M F,
 
-where H is the derivative of F^T with Q as it is. It follows from A F = 0: where cut joints exert y, A_d^T y = Q_d,
-``H_jk = -y . (dA[F_k]) F_j``. Joints on the way around a loop turn the screws of those behind them, so that the twists
-``S_l F_lk`` of joints l contribute Lie brackets, with the wrench W = R^T y of the cut joint of a loop with rows R,
+where F^T H F is the derivative of F^T with Q as it is. It follows from A F = 0: where cut joints exert y, A_d^T y =
+Q_d, ``H_jk = -y . (dA[e_k])_j``. A branch of a loop adds to it what its screws S and the wrench W on its last body,
+which sees them, make of Lie brackets,
 
-    H_jk = -W . sum over l before i of [S_l F_lk, S_i F_ij].
+    H_jk = (W . [S_j, S_k] if k is beyond j) - W . [P S_k, S_j],
+
+with any constant projection P onto the twists that the cut joint allows. Relative twists V of the ends are among these:
+there ``ad(V)`` turns one end as the other sees it, and W . [V, S] is the same of both, as W does not move what the
+joint allows, nor do brackets leave it.
 """
 
-from collections.abc import Callable
+from collections import defaultdict
+from functools import reduce
+from operator import add
 
 import numpy as np
 
-from jounce.core.scalars import Array
-from jounce.dynamics.loops import ClosedMotion, closure_of
+from jounce.dynamics.drive_terms import pad_base
+from jounce.dynamics.loop_branches import Branch, LoopEnds
+from jounce.dynamics.loops import ClosedMotion
 from jounce.dynamics.system import system_wrench_rate
-from jounce.model.coordinates import joint_variables
-from jounce.model.loops import Loop
-from jounce.model.mechanism import Mechanism, path_to
-from jounce.spatial.lie import Ad, ad, exp, inverse
-from jounce.spatial.series import Series, from_rate, join_series
+from jounce.spatial.linear import mirror_triangle
+from jounce.spatial.series import Series
 
 
 def partials(motion: ClosedMotion, of_tree: tuple[Series, Series, Series], Q: Series) -> tuple[Series, Series, Series]:
     """K, D and M of a closed robot, (..., nv, nv) each, from those of its tree and the forces Q (..., nv, 1) there."""
     (K, D, M), F = of_tree, motion.F
-    first, second = F.dot, F.dot.dot
-    turned = F.mT @ (K @ F + D @ first + M @ second) + _tangent_partials(motion, Q)
-    return turned, F.mT @ (D @ F + (M @ first) * 2), F.mT @ (M @ F)
+    if motion.ends.m.loops:
+        K = K + pad_base(motion.m, curvature(motion.ends, motion.multipliers(Q)), (-2, -1))
+    by_position, by_velocity = K @ F + D @ F.dot + M @ F.dot.dot, D @ F + M @ F.dot * 2
+    return F.mT @ by_position, F.mT @ by_velocity, (F.mT @ (M @ F)).map(mirror_triangle)
 
 
-def _tangent_partials(motion: ClosedMotion, Q: Series) -> Series:
-    """H, (..., nv, nv)."""
-    m, theta = motion.ends.m, joint_variables(motion.m.tree, motion.q)
-    y = motion.multipliers(Q) if m.loops else Q
-    by_joint = closure_of(m).G @ motion.F.map(lambda F: F[..., m.nv - m.n :, :])
-    total, start = Series.constant(np.zeros((m.nv, m.nv), dtype=int)), 0
-    for loop in m.loops:
-        end, way = start + len(loop.rows), _loop_path(m, loop)
-        S = join_series(_screws(m, theta, way), axis=-1)
-        W = Ad(inverse(loop.a.T)).mT @ loop.rows.T @ y.map(_take_part(slice(start, end)))
-        later = (S.mT @ W.map(system_wrench_rate) @ S) * np.tri(len(way), k=-1, dtype=int)
-        moved = by_joint.map(_take_part([m.columns[i][0] for i, _ in way]))
-        total, start = total + moved.mT @ later @ moved, end
+def curvature(ends: LoopEnds, y: Series) -> Series:
+    """H, (..., N, N), where cut joints exert y, (..., c, 1)."""
+    pulls = defaultdict[tuple[int, int], list[tuple[Branch, Series, Series]]](list)
+    for branch, allowed, W in ends.end_wrenches(y):
+        turning = W.map(system_wrench_rate)
+        pulls[branch.key].append((branch, turning, turning @ allowed))
+    total = Series.constant(np.zeros((ends.m.tree.n, ends.m.tree.n), dtype=int))
+    for pull in pulls.values():
+        [branch, *_], *wrenches = zip(*pull, strict=True)
+        turning, turned = (reduce(add, parts) for parts in wrenches)
+        S, columns = ends.screws(branch), branch.columns
+        beyond = np.tri(len(columns), k=-1, dtype=int).T
+        total = total + columns.T @ (S.mT @ turned @ S - (S.mT @ turning @ S) * beyond) @ columns
     return total
-
-
-def _loop_path(m: Mechanism, loop: Loop) -> list[tuple[int, int]]:
-    """The joints on the way around a loop, from the first frame to the second, with -1 for inward, 1 for outward."""
-    inward, outward = path_to(m, loop.a.body), path_to(m, loop.b.body)
-    there = [(i, -1) for i in reversed(inward) if i not in outward]
-    return there + [(i, 1) for i in outward if i not in inward]
-
-
-def _screws(m: Mechanism, theta: Series, way: list[tuple[int, int]]) -> list[Series]:
-    """The screws of joints on a way, as the body where it begins sees them, reversed where the way leads inward."""
-    C, V, found = np.eye(4, dtype=int), Series.constant(np.zeros((6, 1), dtype=int)), list[Series]()
-    for i, sign in way:
-        j = m.columns[i][0]
-        angle = theta.map(_take_part(slice(j, j + 1)))
-        step = m.B[i] @ exp(m.X[j], angle[0])
-        outer = C if sign < 0 else C @ step  # the pose of body i
-        C = C @ inverse(step) if sign < 0 else outer
-        found.append(from_rate(sign * Ad(outer) @ m.X[j, :, None], _turn_screw(V)))
-        V = V + found[-1] @ angle.dot
-    return found
-
-
-def _turn_screw(V: Series) -> Callable[[Series], Series]:
-    """The rate of a screw that moves with the twist V."""
-    ads = V.map(lambda V: ad(V[..., 0]))
-    return lambda S: ads @ S
-
-
-def _take_part(rows: slice | list[int]) -> Callable[[Array], Array]:
-    return lambda x: x[..., rows, :]

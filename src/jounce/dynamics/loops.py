@@ -77,7 +77,7 @@ class ClosedMotion:
     @cached_property
     def F(self) -> Series:
         """The velocities of the tree from the independent ones."""
-        return self.velocities(Series.constant(np.eye(self.m.nv, dtype=int)))
+        return self._follow(Series.constant(np.eye(self.m.nv, dtype=int)), lambda x: self.ends.A @ x)
 
     @cached_property
     def ends(self) -> LoopEnds:
@@ -88,21 +88,24 @@ class ClosedMotion:
     def _factors(self) -> OrthogonalFactors:
         """Those of A_d."""
         solved = list(closure_of(self.m).solved)
-        A_d = self.ends.held(Series.constant(np.eye(self.m.tree.n, dtype=int)[:, solved]))[0]
-        return OrthogonalFactors.of(A_d, constraint_pattern(self.ends.m)[:, solved])
+        return OrthogonalFactors.of(self.ends.A[0][..., solved], constraint_pattern(self.ends.m)[:, solved])
 
     def velocities(self, own: Series) -> Series:
         """The velocities x of the tree, (..., k), from the independent ones: dependent ones d obey A_d d = -A_u x_u.
 
         Their rates follow one after the other, with d = 0 in ``A_d[0] d[k] = -(A x)[k]``: no rate of A is needed.
         """
+        return self._follow(own, lambda x: self.ends.held(x))
+
+    def _follow(self, own: Series, held: Callable[[Series], Series]) -> Series:
+        """The same, with held(x) = A x."""
         known: list[Array] = []
 
         def term(k: int) -> Array:
             found = self._whole(own[k], _zero_rows(len(self._places[2]), own[k]))
             if self._places[2]:
                 x = Series.of([*known, found]).map(self._of_joints)
-                found = self._whole(own[k], -self._factors.solve(self.ends.held(x)[k]))
+                found = self._whole(own[k], -self._factors.solve(held(x)[k]))
             known.append(found)
             return found
 

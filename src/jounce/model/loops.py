@@ -84,13 +84,13 @@ class Loop:
         """Its numbers."""
         return self.a.T, self.b.T, self.axis
 
-    @property
+    @cached_property
     def rows(self) -> np.ndarray:
         """(k + l, 6): what vanishes on the relative twist, seen from frame a."""
         turns, slides = self.held
         return np.concatenate([np.pad(turns, ((0, 0), (0, 3))), np.pad(slides, ((0, 0), (3, 0)))])
 
-    @property
+    @cached_property
     def allowed(self) -> np.ndarray:
         """(6, 6): what is left of a relative twist that the joint allows; the projection across the rows."""
         return _round_directions(np.eye(6, dtype=int) - self.rows.T @ self.rows)
