@@ -1,5 +1,6 @@
 """Programs: traced, factored and fused ones give the same outputs, by operations that are guarded in number."""
 
+import gc
 import signal
 
 import numpy as np
@@ -12,7 +13,7 @@ from jounce.dynamics.computation import Computation
 from jounce.native import code_forms
 from jounce.program.passes import factor, fuse
 from jounce.program.program import FREE_KINDS, OPERATIONS, topological_order
-from jounce.program.trace import Tape, TapeFullError, interruptible
+from jounce.program.trace import Tape, TapeFullError, interruptible, uncollected
 from jounce.spatial.series import Series, column_series
 from support.natives import WAYS, native, signature
 from support.programs import expressions
@@ -198,3 +199,20 @@ def test_series_compute_no_further_term_on_a_full_tape():
         Series(term).upto(9)
     assert asked == [0, 1]
     assert len(tape.nodes) == 8
+
+
+@pytest.mark.parametrize("was_enabled", [True, False])
+def test_garbage_is_collected_after_a_trace_as_before(was_enabled, monkeypatch):
+    monkeypatch.setattr(gc, "isenabled", lambda: was_enabled)
+    calls = []
+    for name in ("enable", "disable"):
+        monkeypatch.setattr(gc, name, lambda name=name: calls.append(name))
+
+    @uncollected()
+    def broken():
+        calls.append("traced")
+        raise ValueError("broken")
+
+    with pytest.raises(ValueError, match="broken"):
+        broken()
+    assert calls == ["disable", "traced", *["enable"] * was_enabled]

@@ -20,7 +20,7 @@ from jounce.native.straight import straight_block
 from jounce.program.differentiate import DisplacedInputs, Followers, jvp, vjp
 from jounce.program.passes import factor, fuse
 from jounce.program.program import Program
-from jounce.program.trace import Tape, TapeFullError, interruptible
+from jounce.program.trace import Tape, TapeFullError, interruptible, uncollected
 
 PRODUCT_PROGRAMS = {"vjp": vjp, "jvp": jvp}  # programs from that of the values
 # What compiling takes, in seconds, as measured on one core of a Zen 4:
@@ -31,6 +31,7 @@ SECONDS_PER_JOINT_KIND = 6e-3  # in the loop form, times the square of the numbe
 
 
 @interruptible()
+@uncollected()
 def kernel_modules(mechanism: Mechanism, computation: Computation, target: Target, patience: float = inf) -> list[str]:
     """The LLVM IR of a computation; `LongCompilationError` where to compile it is likely to take too many seconds."""
     signature = computation.signature(mechanism)
@@ -38,6 +39,7 @@ def kernel_modules(mechanism: Mechanism, computation: Computation, target: Targe
 
 
 @interruptible()
+@uncollected()
 def trace_program(mechanism: Mechanism, computation: Computation, tape: Tape | None = None) -> Program:
     """The operations of a computation, traced from the recursion, products with shared factors grouped.
 

@@ -12,28 +12,18 @@ the same wherever a state stands in a batch.
 """
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from functools import reduce
+from operator import itemgetter, mul
 
-from jounce.program.operations import OPERATIONS
+from jounce.program.operations import LEAVES
 from jounce.program.program import Program, Step, prune
 from jounce.program.trace import Node, Tape
 
 SUMS = ("add", "sub")
+TAKEN_APART = {"add": (*SUMS, "mul"), "sub": (*SUMS, "mul"), "mul": ("mul",)}  # sums in sums, and products in both
 
-
-@dataclass(frozen=True)
-class _Term:
-    """A signed product of nodes on the new tape."""
-
-    sign: int
-    factors: tuple[Node, ...]
-
-    def divide(self, factor: Node) -> "_Term":
-        """The product without one of its factors."""
-        rest = list(self.factors)
-        rest.remove(factor)
-        return _Term(self.sign, tuple(rest))
+_Term = tuple[int, list[Node]]  # a sign, and the factors of a product on the new tape
 
 
 def factor(program: Program) -> Program:
@@ -56,80 +46,76 @@ def fuse(program: Program) -> Program:
 
 
 class _Pass:
-    """The old program, how often its steps are used, and the new tape."""
+    """The old program, which of its steps are taken apart with the one that uses them, and the new tape."""
 
     def __init__(self, program: Program) -> None:
-        self.program, self.uses = program, program.uses()
+        self.program, self.steps = program, program.steps
+        uses = program.uses()
+        self.inner = {
+            j
+            for step in self.steps
+            if step.kind in TAKEN_APART
+            for j in step.operands
+            if uses[j] == 1 and self.steps[j].kind in TAKEN_APART[step.kind]
+        }
         self.tape = Tape()
         self.tape.variables(program.inputs)
         self.made: dict[int, Node] = {}
 
     def result(self) -> Program:
-        taken = {i for step in self.program.steps for i in self._inner(step)}
-        for i, step in enumerate(self.program.steps):
-            if i not in taken:
+        for i, step in enumerate(self.steps):
+            if i not in self.inner:
                 self.made[i] = self._rebuild(i, step)
         return self.tape.program([self.made[i] for i in self.program.outputs])
 
-    def _inner(self, step: Step) -> list[int]:
-        """The operands that are taken apart with a step: used here alone, sums in sums and products in both."""
-        apart = {"add": (*SUMS, "mul"), "sub": (*SUMS, "mul"), "mul": ("mul",)}.get(step.kind, ())
-        return [i for i in step.operands if self.uses[i] == 1 and self.program.steps[i].kind in apart]
-
     def _rebuild(self, i: int, step: Step) -> Node:
-        match step.kind:
-            case "input":
-                return self.tape.write("input", value=step.value)
-            case "constant":
-                return self.tape.node(step.value)
-            case kind if OPERATIONS[kind].arity == 1:
-                return self.tape.function(kind, self.made[step.operands[0]])
-        return self._sum(self._terms(i, 1))
+        if step.kind in TAKEN_APART:
+            return self._sum(self._terms(i, 1))
+        if step.kind in LEAVES:
+            return self.tape.write(step.kind, value=step.value)
+        return self.tape.function(step.kind, self.made[step.operands[0]])
 
     def _terms(self, i: int, sign: int) -> list[_Term]:
-        """The terms of a step taken apart."""
-        step = self.program.steps[i]
-        if i in self.made or step.kind not in (*SUMS, "mul"):
-            return [self._term(sign, [self.made[i]])]
-        if step.kind == "mul":
-            return [self._term(sign, self._factors(i))]
-        left, right = step.operands
-        inner = self._inner(step)
-        other = -sign if step.kind == "sub" else sign
-        return [
-            term
-            for j, s in ((left, sign), (right, other))
-            for term in (self._terms(j, s) if j in inner else [self._term(s, [self.made[j]])])
-        ]
-
-    def _factors(self, i: int) -> list[Node]:
-        step = self.program.steps[i]
-        inner = self._inner(step)
-        return [node for j in step.operands for node in (self._factors(j) if j in inner else [self.made[j]])]
-
-    def _term(self, sign: int, factors: Sequence[Node]) -> _Term:
-        """A term with its sign outside."""
-        plain = []
-        for node in factors:
+        """The terms of a step taken apart, their signs outside."""
+        step = self.steps[i]
+        if step.kind in SUMS and i not in self.made:
+            left, right = step.operands
+            return self._terms(left, sign) + self._terms(right, sign if step.kind == "add" else -sign)
+        factors = []
+        for node in self._factors(i):
             if node.kind == "neg" or (node.kind == "constant" and node.value < 0):
                 node, sign = -node, -sign
-            plain.append(node)
-        return _Term(sign, tuple(plain))
+            factors.append(node)
+        return [(sign, factors)]
+
+    def _factors(self, i: int) -> list[Node]:
+        if i in self.made:
+            return [self.made[i]]
+        left, right = self.steps[i].operands
+        return self._factors(left) + self._factors(right)
 
     def _sum(self, terms: Sequence[_Term]) -> Node:
         """The terms added up, those that share their most common factor first of all under it."""
-        shared = Counter(node for term in terms for node in set(term.factors))
-        often = max(shared.values(), default=0)
-        if often > 1:  # group the terms under the factor, then go on with the group as one of the terms
-            factor = next(node for term in terms for node in term.factors if shared[node] == often)
-            under = [term.divide(factor) for term in terms if factor in term.factors]
-            apart = [term for term in terms if factor not in term.factors]
-            grouped = factor * self._sum(under)
-            return self._sum([*apart, _Term(1, (grouped,))]) if apart else grouped
-        total = self.tape.node(0)
-        for term in sorted(terms, key=lambda term: -term.sign):  # what is added before what is subtracted
-            product = self.tape.node(1)
-            for node in term.factors:
-                product = product * node
-            total = total + product if term.sign > 0 else total - product
+        nodes = [node for _, factors in terms for node in set(factors)]
+        if len(set(nodes)) < len(nodes):
+            return self._group(terms, Counter(nodes))
+        total = self.tape.zero
+        for sign, factors in sorted(terms, key=itemgetter(0), reverse=True):  # what is subtracted comes last
+            product = reduce(mul, factors, self.tape.one)
+            total = total + product if sign > 0 else total - product
         return total
+
+    def _group(self, terms: Sequence[_Term], shared: Mapping[Node, int]) -> Node:
+        """The terms added up, first those under their most common factor, the group of which is one of the others."""
+        often = max(shared.values())
+        factor = next(node for _, factors in terms for node in factors if shared[node] == often)
+        under = [(sign, _divide(factors, factor)) for sign, factors in terms if factor in factors]
+        apart = [term for term in terms if factor not in term[1]]
+        grouped = factor * self._sum(under)
+        return self._sum([*apart, (1, [grouped])]) if apart else grouped
+
+
+def _divide(factors: list[Node], factor: Node) -> list[Node]:
+    """A product without one of its factors."""
+    i = factors.index(factor)
+    return factors[:i] + factors[i + 1 :]

@@ -1,7 +1,7 @@
 """Programs: scalar operations in an order in which they can be done, from inputs to outputs."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -52,23 +52,28 @@ class Program:
 
 def prune(steps: Sequence[Any], outputs: Sequence[int], inputs: int) -> Program:
     """The program of those steps, or nodes of a tape, that the outputs need, in their order."""
-    order = sorted(topological_order(outputs, lambda i: steps[i].operands))
+    needed = set(outputs)
+    for i in range(len(steps) - 1, -1, -1):  # operands come before the steps that take them
+        if i in needed:
+            needed.update(steps[i].operands)
+    order = sorted(needed)
     place = {old: new for new, old in enumerate(order)}
-    kept = (Step(steps[i].kind, tuple([place[j] for j in steps[i].operands]), steps[i].value) for i in order)
-    return Program(tuple(kept), tuple(place[i] for i in outputs), inputs)
+    taken = [steps[i] for i in order]
+    kept = [Step(step.kind, tuple([place[j] for j in step.operands]), step.value) for step in taken]
+    return Program(tuple(kept), tuple([place[i] for i in outputs]), inputs)
 
 
-def topological_order(roots: Sequence[int], operands: Callable[[int], Sequence[int]]) -> Iterator[int]:
+def topological_order(roots: Sequence[int], operands: Callable[[int], Sequence[int]]) -> list[int]:
     """Return all nodes that the roots need, operands first, each once: depth first, in the order of the roots."""
-    done: set[int] = set()
-    stack = list(reversed(roots))
+    order: list[int] = []
+    seen: set[int] = set()
+    stack = [*reversed(roots)]
     while stack:
-        node = stack[-1]
-        waiting = [i for i in reversed(operands(node)) if i not in done]
-        if node in done:
-            stack.pop()
-        elif waiting:
-            stack.extend(waiting)
-        else:
-            done.add(stack.pop())
-            yield node
+        i = stack.pop()
+        if i < 0:  # its operands are done
+            order.append(~i)
+        elif i not in seen:
+            seen.add(i)
+            stack.append(~i)
+            stack.extend(reversed(operands(i)))
+    return order

@@ -4,6 +4,7 @@ Equal expressions are one node (hash-consing), sums and products have a canonica
 operations that are trivial because of 0, 1 or -1 are not recorded.
 """
 
+import gc
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import reduce
@@ -19,27 +20,70 @@ from jounce.program.program import Program, prune
 
 
 class Node(Recorder):
-    """A scalar of a trace: a step on its tape, and its number there."""
+    """A scalar of a trace: a step on its tape, and its number there.
 
-    __slots__ = ("i", "kind", "operands", "tape", "value")
+    Most operations on dense matrices are trivial, times 0 and plus 0: these are tested first.
+    """
+
+    __slots__ = ("i", "kind", "operands", "opposite", "tape", "value")
 
     def __init__(self, tape: "Tape", i: int, kind: str, operands: tuple[int, ...], value: float) -> None:
         self.tape, self.i, self.kind, self.operands, self.value = tape, i, kind, operands, value
+        self.opposite: Node | None = None  # -x, once it was asked for
 
     def __add__(self, other: Any) -> "Node":
-        return self.tape.add(self, self.tape.node(other))
+        x, y, tape = self, other, self.tape
+        zero = tape.zero
+        if y is zero or not y:
+            return x
+        if y.__class__ is not Node:
+            y = tape.node(y)
+        if x is zero:
+            return y
+        if x.kind == y.kind == "constant":
+            return tape.node(x.value + y.value)
+        if x.kind == "neg":
+            x, y = y, x
+        if y.kind == "neg":
+            return -(-x + -y) if x.kind == "neg" else tape.subtract(x, -y)
+        return tape.write("add", x.i, y.i) if x.i < y.i else tape.write("add", y.i, x.i)
 
     def __sub__(self, other: Any) -> "Node":
-        return self.tape.add(self, -self.tape.node(other))
+        return self + -self.tape.node(other)
 
     def __rsub__(self, other: Any) -> "Node":
-        return self.tape.add(self.tape.node(other), -self)
+        return self.tape.node(other) + -self
 
     def __neg__(self) -> "Node":
-        return self.tape.function("neg", self)
+        if self.opposite is None:
+            self.opposite = self.tape.function("neg", self)
+        return self.opposite
 
     def __mul__(self, other: Any) -> "Node":
-        return self.tape.multiply(self, self.tape.node(other))
+        x, y, tape = self, other, self.tape
+        zero = tape.zero
+        if x is zero or y is zero or not y:
+            return zero
+        if y.__class__ is not Node:
+            y = tape.node(y)
+        one = tape.one
+        if x is one:
+            return y
+        if y is one:
+            return x
+        if y.kind == "constant":
+            if x.kind == "constant":
+                return tape.node(x.value * y.value)
+            x, y = y, x
+        if x.kind == "neg" or (x.kind == "constant" and x.value < 0):
+            return -(-x * y)
+        if y.kind == "neg":
+            return -(x * -y)
+        if x.kind == "constant" and y.kind == "mul":
+            for inner, rest in (y.operands, y.operands[::-1]):
+                if (factor := tape.nodes[inner]).kind == "constant":
+                    return tape.nodes[rest] * (x.value * factor.value)
+        return tape.write("mul", x.i, y.i) if x.i < y.i else tape.write("mul", y.i, x.i)
 
     __radd__, __rmul__ = __add__, __mul__
 
@@ -57,22 +101,24 @@ class Node(Recorder):
 
     def sinh(self) -> "Node":
         """tanh cosh, which keeps its digits near 0."""
-        return self.tanh() * self.cosh()
+        return self.tape.function("tanh", self) * self.cosh()
 
     def cosh(self) -> "Node":
         """The mean of exp x and exp -x."""
-        e = self.exp()
+        e = self.tape.function("exp", self)
         return (e + 1 / e) * 0.5
 
     def check_recording(self) -> None:
         """Raise TapeFullError if the tape is full."""
         self.tape.check()
 
-    def __getattr__(self, name: str) -> Callable[[], "Node"]:
-        """The functions of one operand as NumPy's object arrays ask for them: x.sin()."""
-        if name not in FUNCTION_KINDS:
-            raise AttributeError(f"a node of a tape has no {name}")
-        return lambda: self.tape.function(name, self)
+
+def _method(kind: str) -> Callable[[Node], Node]:
+    return lambda x: x.tape.function(kind, x)
+
+
+for kind in FUNCTION_KINDS:  # as NumPy's object arrays ask for them: x.sin()
+    setattr(Node, kind, _method(kind))
 
 
 class TapeFullError(Exception):
@@ -93,10 +139,20 @@ def interruptible() -> Iterator[None]:
         raise KeyboardInterrupt from None
 
 
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Inside, Python does not look for cycles of garbage: every node lives as long as its tape, and they are many."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
+
+
 class Tape:
     """The steps written so far, each distinct one once, up to a number of them.
-
-    Most operations on dense matrices are trivial, times 0 and plus 0: these are tested first.
 
     A full tape records no more: every new step is the number 0 from then on. TapeFullError is raised by `program`, and
     between the terms of series, but never by an operator: NumPy's products of object arrays with batch axes go on
@@ -109,7 +165,7 @@ class Tape:
         self.inputs = 0
         self._written: dict[tuple[Any, ...], Node] = {}
         self._numbers: dict[Any, Node] = {}
-        self._zero, self._one = self.node(0), self.node(1)
+        self.zero, self.one = self.node(0), self.node(1)
 
     def variables(self, *shape: int) -> np.ndarray:
         """An array of new inputs."""
@@ -126,7 +182,7 @@ class Tape:
         if node is None:
             if self.full or len(self.nodes) >= self.most:
                 self.full = True
-                return self._zero
+                return self.zero
             node = self._written[key] = Node(self, len(self.nodes), kind, operands, value)
             self.nodes.append(node)
         return node
@@ -140,26 +196,10 @@ class Tape:
             node = self._numbers[x] = self.write("constant", value=float(x) + 0.0)  # no -0.0
         return node
 
-    def add(self, x: Node, y: Node) -> Node:
-        """x + y."""
-        if x is self._zero:
-            return y
-        if y is self._zero:
-            return x
-        if x.kind == y.kind == "constant":
-            return self.node(x.value + y.value)
-        minus_x, minus_y = x.kind == "neg", y.kind == "neg"
-        if minus_x and minus_y:
-            return -self.add(-x, -y)
-        if minus_y:
-            return self._subtract(x, -y)
-        if minus_x:
-            return self._subtract(y, -x)
-        return self.write("add", *((x.i, y.i) if x.i < y.i else (y.i, x.i)))
-
-    def _subtract(self, x: Node, y: Node) -> Node:
+    def subtract(self, x: Node, y: Node) -> Node:
+        """x - y."""
         if x is y:
-            return self._zero
+            return self.zero
         turned = self._written.get(("sub", (y.i, x.i), 0.0))  # y - x is known: x - y is its negative
         return self.write("sub", x.i, y.i) if turned is None else -turned
 
@@ -172,28 +212,6 @@ class Tape:
         if kind == "inv" and x.kind == "neg":
             return -self.function(kind, -x)
         return self.write(kind, x.i)
-
-    def multiply(self, x: Node, y: Node) -> Node:
-        """x y."""
-        if x is self._zero or y is self._zero:
-            return self._zero
-        if x is self._one:
-            return y
-        if y is self._one:
-            return x
-        if y.kind == "constant":
-            if x.kind == "constant":
-                return self.node(x.value * y.value)
-            x, y = y, x
-        if x.kind == "neg" or (x.kind == "constant" and x.value < 0):
-            return -self.multiply(-x, y)
-        if y.kind == "neg":
-            return -self.multiply(x, -y)
-        if x.kind == "constant" and y.kind == "mul":
-            for inner, rest in (y.operands, y.operands[::-1]):
-                if (factor := self.nodes[inner]).kind == "constant":
-                    return self.nodes[rest] * (x.value * factor.value)
-        return self.write("mul", *((x.i, y.i) if x.i < y.i else (y.i, x.i)))
 
     def check(self) -> None:
         """Raise TapeFullError if the tape could not hold all steps."""

@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from jounce.core.scalars import Array, concatenate
+from jounce.core.scalars import Array, concatenate, is_symbolic
 from jounce.dynamics.joint_motion import JointMotion, add_moving_ground
 from jounce.dynamics.recursion.joints import MovingJoint, joints
 from jounce.dynamics.recursion.steps import AnyJoint, aligned_joints
@@ -40,7 +40,8 @@ class KinematicTree(Generic[J]):
 
     def generalized_matrix(self, M: Series) -> Series:
         """G^T M G of a matrix of all joints: (..., nv, nv)."""
-        return M.map(lambda M: self.G.T @ M @ self.G)
+        identity = np.array_equal(self.G, np.eye(*self.G.shape, dtype=int))
+        return M.map(lambda M: M if identity and is_symbolic(M) else self.G.T @ M @ self.G)
 
 
 def kinematic_tree(m: Mechanism, q: Series, base: JointMotion | None = None) -> KinematicTree[MovingJoint]:
