@@ -5,7 +5,13 @@ import pytest
 from scipy.linalg import expm
 
 import jounce
+from jounce.arguments.positions import dependent_coordinates
+from jounce.dynamics.loop_branches import LoopEnds
+from jounce.dynamics.loop_partials import curvature
+from jounce.dynamics.loops import ClosedMotion
+from jounce.model.loops import all_coordinates
 from jounce.spatial.lie import wedge
+from jounce.spatial.series import Series, column_series
 from support.bases import base_path
 from support.random_loops import LOOPED, looped
 from support.robots import Interpreted, differentiated_at_once, harmonic, relative_error
@@ -122,6 +128,34 @@ def test_partial_derivatives_are_those_of_differences(moving):
             assert relative_error(np.einsum("jab,jb->a", P, directions[: len(P)]), expected) < 1e-7
     M = moving.robot.mass_matrix(q[0])
     np.testing.assert_allclose(partials[0][2], M, atol=1e-12 * np.abs(M).max())
+
+
+@pytest.fixture
+def motion(moving):
+    """The motion of the tree now."""
+    q, _ = moving.now
+    position = all_coordinates(moving.m.closure, q[0], dependent_coordinates(moving.m, q[0], None))
+    return ClosedMotion(moving.m, column_series(q), position[:, None])
+
+
+def test_constraints_of_screws_are_those_of_sweeps(moving, motion):
+    """A and its rates by the screws that the ends see, and by twists and wrenches from joint to joint."""
+    ends = LoopEnds(moving.m, motion.q)
+    outward = ends.held(Series.constant(np.eye(moving.m.tree.n)))
+    inward = ends.forces(Series.constant(np.eye(len(ends.A[0])))).mT
+    for k in range(4):
+        assert relative_error(ends.A[k], outward[k]) < 1e-12
+        assert relative_error(ends.A[k], inward[k]) < 1e-12
+
+
+def test_curvature_along_closed_loops_is_symmetric(moving, motion):
+    """Whatever cut joints exert: second derivatives of the gaps are."""
+    ends = LoopEnds(moving.m, motion.q)
+    y = Series.constant(moving.rng.uniform(-1, 1, (len(ends.A[0]), 1)))
+    F = motion.F.map(lambda F: F[-moving.m.tree.n :])
+    along = F.mT @ curvature(ends, y) @ F
+    for k in range(3):
+        assert np.abs(along[k] - along[k].T).max() <= 1e-11 * np.abs(along[k]).max()
 
 
 def test_partials_of_forward_dynamics_agree_with_differences(moving):

@@ -160,7 +160,7 @@ class LoopEnds:
 
     @cached_property
     def A(self) -> Series:
-        """A, (..., c, N), from the screws; for a few columns `held` takes fewer operations."""
+        """A, (..., c, N), from the screws; of one column `held` takes fewer operations."""
         return join_series([self._constraints(k) for k in range(len(self.branches))], axis=-2)
 
     def _constraints(self, k: int) -> Series:
@@ -171,9 +171,9 @@ class LoopEnds:
         return rows @ seen @ b.columns - rows @ X_a @ a.columns
 
     def end_wrenches(self, y: Series) -> Iterator[tuple[Branch, Array, Series]]:
-        """The wrenches W on the bodies at both ends of each loop, of cut joints that exert y, (..., c, k).
+        """The wrenches on the last bodies of branches, (..., 6, k), where cut joints exert y, (..., c, k).
 
-        With each go its branch and the projection onto the twists that the joint allows, as the body sees them.
+        Each comes with its branch, and the projection onto the twists that the joint allows, as the body sees them.
         """
         start = 0
         for k, (loop, (a, b)) in enumerate(zip(self.m.loops, self.branches, strict=True)):

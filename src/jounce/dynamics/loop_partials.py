@@ -6,14 +6,14 @@ The coordinates of the tree are functions of the independent ones u, so that the
     K_c = F^T ((K + H) F + D F' + M F''),    D_c = F^T (D F + 2 M F'),    M_c = F^T M F,
 
 where F^T H F is the derivative of F^T with Q as it is. It follows from A F = 0: where cut joints exert y, A_d^T y =
-Q_d, ``H_jk = -y . (dA[e_k])_j``. A branch of a loop adds to it what its screws S and the wrench W on its last body,
-which sees them, make of Lie brackets,
+Q_d, it is ``-y . (dA) F``. What the last body of a branch sees, with the wrench W of the cut joint on it and the screws
+S of the joints, gives the branch's part,
 
-    H_jk = (W . [S_j, S_k] if k is beyond j) - W . [P S_k, S_j],
+    H_ik = (W . [S_k, S_i] if joint k is beyond joint i) - W . [P S_k, S_i],
 
-with any constant projection P onto the twists that the cut joint allows. Relative twists V of the ends are among these:
-there ``ad(V)`` turns one end as the other sees it, and W . [V, S] is the same of both, as W does not move what the
-joint allows, nor do brackets leave it.
+with any constant projection P onto the twists that the cut joint allows. The first term is of the screws, which turn
+with the joints beyond them; the second of W, which turns with the relative twist V = P V. Brackets of allowed twists
+are allowed, so that W . [V, X] is the same of the twists X of both ends: the branches separate.
 """
 
 from collections import defaultdict
