@@ -74,10 +74,12 @@ class _Straight:
                 _Piece(ir, self, places).write(k)
         size = memory_layout.block_size(self.signature, self.vectors, ir.lanes)
         with ir.function("internal void @block(ptr %in, ptr %out, ptr %bodies, i64 %count)"):
+            second, both = ir.at("%in", size, "i8"), ir.let("icmp sgt i64 %count, 1")
             for k in range(len(self.cut.pieces)):
-                with ir.loop("%count") as block:
-                    memory = ir.at("%in", ir.let(f"mul i64 {block}, {size}"), "i8")  # results and homes lie behind
-                    ir.do(f"call void @piece{k}(ptr {memory}, ptr @constants)")
+                ir.do(f"call void @piece{k}(ptr %in, ptr @constants)")
+                if self.is_cut:  # a loop over blocks for each piece would take LLVM the square of their number
+                    with ir.only_if(both, f"second.{k}", f"after.{k}"):
+                        ir.do(f"call void @piece{k}(ptr {second}, ptr @constants)")
 
 
 @dataclass(frozen=True)
