@@ -34,7 +34,16 @@ def write_modules(block: BlockCode, signature: Signature, target: Target) -> lis
     return [
         _write_module(block, signature, target, size, "states", "state"),
         _write_module(block, signature, scalars, size, "state"),
+        *_write_wide_module(block, target),
     ]
+
+
+def _write_wide_module(block: BlockCode, target: Target) -> Iterator[str]:
+    """The module of vectors that code for one state calls, if there is one."""
+    if block.define_wide is not None:
+        ir = Writer(target)
+        block.define_wide(ir)
+        yield ir.text()
 
 
 def _write_module(
@@ -49,13 +58,15 @@ def _write_module(
         define(ir)
     lane_transfer.define_lanes(ir)
     block.define(ir)
-    for k, places in enumerate(block.places):
+    first = signature.outputs[-1].end if block.results_in_bodies else 0
+    results = [[first + place for place in places] for places in block.places]
+    for k, places in enumerate(results):
         ir.table(f"places.{k}", [place * ir.lanes for place in places])
     if target.lanes > 1:
         lane_transfer.define_transposes(ir, signature)
         _define_blocks(ir, signature, block)
     else:
-        _define_state(ir, signature, block.places)
+        _define_state(ir, signature, results)
     define_call = _define_on_stack if size <= memory_layout.MAX_STACK_BYTES else scratch_pool.define_on_heap
     define_call(ir, size, "@call" if of_one else f"@{name}")
     if of_one:

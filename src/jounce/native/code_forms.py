@@ -11,7 +11,8 @@ from jounce.dynamics.computation import Computation, Port, Signature, change
 from jounce.dynamics.loops import closure_of
 from jounce.model.mechanism import Mechanism
 from jounce.model.scalar_casting import with_exact_integers
-from jounce.native import calls, loop
+from jounce.native import calls, columns, loop
+from jounce.native.column_layout import column_layout
 from jounce.native.emit import BlockCode
 from jounce.native.jit import Target
 from jounce.native.loop_steps import Sweeps, joint_kinds
@@ -75,6 +76,8 @@ def _trace_followers(
 
 def _make_block(mechanism: Mechanism, computation: Computation, target: Target, patience: float) -> BlockCode:
     signature = computation.signature(mechanism)
+    if (layout := column_layout(computation, mechanism)) is not None:
+        return columns.emit_columns(mechanism, layout, signature)
     if not is_straight(computation, mechanism):
         steps_of_joints = (len(set(joint_kinds(mechanism))) + computation.base) * (computation.order + 1) ** 2
         if len(mechanism.joints) * SECONDS_PER_LOOP_BODY + steps_of_joints * SECONDS_PER_JOINT_KIND > patience:

@@ -24,21 +24,28 @@ class BlockCode:
     of_bodies: int = 0  # vectors that it works in besides
     short: bool = False  # whether a state alone has code of its own, which takes as long to compile again
     at_once: int = 1  # blocks
+    define_wide: Callable[[Writer], None] | None = None  # what code for a state alone calls, in vectors all the same
+    results_in_bodies: bool = False  # where places are counted from
 
 
 def emit_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> list[str]:
-    """Write the steps of a program without sines, as those of the loop form are; the names of their values."""
-    called, names = vector_calls(program), list[str]()
+    """Write the steps of a program, as those of a joint are; the names of their values."""
+    called, names, circles = vector_calls(program), list[str](), dict[int, str]()
     for i, step in enumerate(program.steps):
         operands = [names[j] for j in step.operands]
         if step.kind == "constant":
             names.append(ir.vector(step.value))
         elif step.kind == "input":
             names.append(read(int(step.value)))
-        elif function := called.get(i):
-            names.append(ir.let(f"call {ir.V} @{function.name}({ir.V} {operands[0]})"))
-        else:
+        elif (function := called.get(i)) is None:
             names.append(ir.op(step.kind, *operands))
+        elif function.result is None:
+            names.append(ir.let(f"call {ir.V} @{function.name}({ir.V} {operands[0]})"))
+        else:  # a sine or a cosine, of an angle that is taken twice
+            if step.operands[0] not in circles:
+                place = circles[step.operands[0]] = ir.let(f"alloca [2 x {ir.V}], align {8 * ir.lanes}")
+                ir.do(f"call void @sincos({ir.V} {operands[0]}, {ir.V} {operands[0]}, ptr {place}, ptr {place})")
+            names.append(ir.load(ir.at(circles[step.operands[0]], function.result, ir.V)))
     return names
 
 

@@ -14,6 +14,7 @@ from jounce.dynamics.computation import Computation, Signature
 from jounce.dynamics.recursion.forces import Sweep
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import multiscrew_joints
+from jounce.native.column_layout import column_layout
 
 MAX_STRAIGHT_SIZE = 400  # bodies times (order + 1)^2, as operations of forces grow: longer code leaves the caches
 HIGHEST_NATIVE_ORDER = 12  # at which the step of a joint takes 40 KiB of a thread's stack
@@ -141,5 +142,6 @@ def block_size(signature: Signature, of_bodies: int, lanes: int) -> int:
 
 def scratch_size(computation: Computation, mechanism: Mechanism, lanes: int) -> int:
     """The bytes of one call of a kernel, without what the pieces of a straight line keep."""
-    signature = computation.signature(mechanism)
-    return block_size(signature, vectors_of_bodies(computation, mechanism), lanes)
+    signature, columns = computation.signature(mechanism), column_layout(computation, mechanism)
+    of_bodies = columns.areas.size if columns is not None else vectors_of_bodies(computation, mechanism)
+    return block_size(signature, of_bodies, lanes)

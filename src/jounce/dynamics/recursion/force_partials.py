@@ -23,6 +23,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
+from typing import Self
 
 import numpy as np
 
@@ -34,8 +35,8 @@ from jounce.dynamics.recursion.sweeps import (
     collect,
     composites,
     evaluate_in_order,
+    join_rows,
     mask_above,
-    project,
     spread_columns,
     velocities,
 )
@@ -50,42 +51,82 @@ Partials = tuple[Series, Series, Series]  # K, D, M: by q, qd and q2d
 
 
 @dataclass(frozen=True)
-class _ScrewWrenches:
-    """What the screws S of a joint require of the bodies that it carries, a column each, in its body frame."""
+class CarriedBodies:
+    """The bodies that a joint carries, as one, in its body frame."""
+
+    Pi: Series  # (..., 4, 4) moments of mass
+    p: Series  # (..., 6, 1) momentum
+    load: Series | None = None  # (..., 6, 1) wrenches on them
+
+    def force(self, V: Series, field: Series) -> Series:
+        """F, (..., 6, 1), that moves them with the twist V, besides gravity and the load."""
+        F = self.p.dot + _cross(V, self.p) - _wrench(field.map(_wedge) @ self.Pi)
+        return F if self.load is None else F + self.load
+
+
+@dataclass(frozen=True)
+class Screws:
+    """The screws S of a joint, (..., 6, k), and how they move, in its body frame."""
 
     S: Series
     S_rate: Series
     moving: Series  # S' where it moves with a displacement of the joint
     A: Series
+
+
+@dataclass(frozen=True)
+class ScrewWrenches:
+    """What the screws S of a joint require of the bodies that it carries, a column each, in its body frame."""
+
+    screws: Screws
     momentum: Series  # I S
     reaction: Series  # B^T S
     change: Series  # I A + B S' + S x F
     turned: Series  # S x F; zero where no joint precedes this one
 
+    @classmethod
+    def of(cls, joint: MovingJoint, V: Series, carried: Series | None, field: Series, on: CarriedBodies) -> Self:
+        """Those of a joint on whose body V and field are seen; `carried` is the twist of its parent, None at rest."""
+        flow, A = V.map(_wedge) @ on.Pi, joint.screw_rate(_carrier_acceleration(joint, V, carried, field))
+        Pi_rate, F = on.Pi.dot + flow + flow.mT, on.force(V, field)
+        V_carrier = carried if isinstance(joint, FreeJoint) else V
+        if V_carrier is None:
+            moving = turned = Series.constant(0 * joint.X)
+            change = _momenta([(A, on.Pi)])
+        else:
+            moving, turned = joint.screw_rate(V_carrier), joint.cross(F)
+            A = A + V_carrier.map(_ad) @ moving
+            change = _momenta([(A, on.Pi), (moving, Pi_rate)]) + _cross(moving, on.p) + turned
+        screws = Screws(Series.constant(joint.X), joint.screw_rate(V), moving, A)
+        return cls(screws, joint.momentum(on.Pi), joint.momentum(Pi_rate) - joint.cross(on.p), change, turned)
 
-def _joint_wrenches(
-    joint: MovingJoint,
-    V: Series,
-    carrier: tuple[Series | None, Series],
-    Pi: Series,
-    Pi_rate: Series,
-    p: Series,
-    F: Series,
-) -> _ScrewWrenches:
-    """The wrenches of a joint from moments of mass (..., 4, 4), rates in space, momentum and force of its bodies."""
-    V_carrier, a = carrier
-    A = joint.screw_rate(a)
-    if V_carrier is None:  # no joint precedes this one
-        moving = turned = Series.constant(0 * joint.X)
-        change = _momenta([(A, Pi)])
-    else:
-        moving, turned = joint.screw_rate(V_carrier), joint.cross(F)
-        A = A + V_carrier.map(_ad) @ moving
-        change = _momenta([(A, Pi), (moving, Pi_rate)]) + _cross(moving, p) + turned
-    reaction = joint.momentum(Pi_rate) - joint.cross(p)
-    return _ScrewWrenches(
-        Series.constant(joint.X), joint.screw_rate(V), moving, A, joint.momentum(Pi), reaction, change, turned
-    )
+
+@dataclass(frozen=True)
+class ScrewProducts:
+    """The products of a joint's screws with the wrenches of the joints that it carries, a column for each of these."""
+
+    M: Series
+    by_place: Series  # K_ji
+    change: Series  # K_ij
+    by_rate: Series  # D_ji of joints of one screw
+    counted_twice: Series  # what D_ji of others has less
+
+    @classmethod
+    def of(cls, x: Screws, momenta: Series, reactions: Series, changes: Series) -> Self:
+        """Those with the wrenches transported to the joint, (..., 6, columns) each."""
+        along = x.S_rate.mT @ momenta
+        return cls(
+            M=(x.S.mT @ momenta).unkept,
+            by_place=(x.A.mT @ momenta + x.moving.mT @ reactions).unkept,
+            change=(x.S.mT @ changes).unkept,
+            by_rate=(along * 2 + x.S.mT @ reactions).unkept,
+            counted_twice=(x.S_rate - x.moving).mT @ momenta,
+        )
+
+    @property
+    def D(self) -> Series:
+        """D_ij of joints that are carried."""
+        return self.M.dot * 2 - self.by_rate
 
 
 def partials(m: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None) -> Partials:
@@ -96,52 +137,50 @@ def partials(m: Mechanism, q: Series, W: Series | None = None, base: JointMotion
     V, field = velocities(joints), _gravity(joints, chain.gravity)
     Pi = composites(joints, [Series.constant(Pi_i) for Pi_i in moment_matrix(tree.M)], MovingJoint.moments)
     p = composites(joints, [M_i @ V_i for M_i, V_i in zip(tree.M, V, strict=True)], MovingJoint.wrenches)
-    loads = None
+    loads: Sequence[Series | None] = [None] * len(joints)
     if W is not None:
         on_bodies = shift_wrenches(m, chain, W)
         on_ground = [0 * on_bodies[0]] * (len(joints) - len(on_bodies))
         loads = composites(joints, on_ground + on_bodies, MovingJoint.wrenches)
     screws = []
     for i, joint in enumerate(joints):
-        flow = V[i].map(_wedge) @ Pi[i]
-        F = p[i].dot + _cross(V[i], p[i]) - _wrench(field[i].map(_wedge) @ Pi[i])
-        F = F if loads is None else F + loads[i]
-        carrier = _carrier(joint, V, V[i], field[i])
-        screws.append(_joint_wrenches(joint, V[i], carrier, Pi[i], Pi[i].dot + flow + flow.mT, p[i], F))
+        carried = joint.twists(V[joint.parent]) if isinstance(joint, FreeJoint) and joint.parent >= 0 else None
+        screws.append(ScrewWrenches.of(joint, V[i], carried, field[i], CarriedBodies(Pi[i], p[i], loads[i])))
     return _project_partials(tree, q, screws, [*V, *field, *Pi[::-1], *p[::-1]])
 
 
-def _carrier(joint: MovingJoint, V: Sequence[Series], own: Series, field: Series) -> tuple[Series | None, Series]:
-    """The motion of a joint's screws as they are displaced: their twist, and their acceleration relative to free fall.
+def _carrier_acceleration(joint: MovingJoint, own: Series, carried: Series | None, field: Series) -> Series:
+    """The acceleration, relative to free fall, of a joint's screws as they are displaced.
 
-    It is that of the body or, of several screws, of the parent; None for the twist of a parent at rest.
+    It is that of the body or, of several screws, of the parent.
     """
     if not isinstance(joint, FreeJoint):
-        return own, own.dot - field
-    if joint.parent < 0:
-        return None, -field
-    carried = joint.twists(V[joint.parent])
-    return carried, carried.dot + (joint.X @ joint.rate).map(_ad) @ carried - field
+        return own.dot - field
+    if carried is None:
+        return -field
+    return carried.dot + (joint.X @ joint.rate).map(_ad) @ carried - field
 
 
 def _project_partials(
-    tree: KinematicTree[MovingJoint], q: Series, screws: Sequence[_ScrewWrenches], before: Sequence[Series]
+    tree: KinematicTree[MovingJoint], q: Series, screws: Sequence[ScrewWrenches], before: Sequence[Series]
 ) -> Partials:
     """Transport the wrenches of the joints inward, and project them onto the screws."""
     joints = tree.joints
     momenta, reactions, changes = (
         collect(joints, [getattr(x, wrench) for x in screws]) for wrench in ("momentum", "reaction", "change")
     )
-    S, S_rate, moving, A = ([getattr(x, part) for x in screws] for part in ("S", "S_rate", "moving", "A"))
-    M, along, reacting = project(S, momenta), project(S_rate, momenta), project(S, reactions)
-    by_place = project(A, momenta) + project(moving, reactions)
-    K = project(S, changes) + mask_above(by_place, joints).mT
-    by_rate = along * 2 + reacting
-    D = M.dot * 2 - by_rate + mask_above(by_rate, joints).mT
-    for E, joint, x, carried in zip(_places(joints), joints, screws, momenta, strict=True):
+    rows = [
+        ScrewProducts.of(x.screws, *(wrenches.values for wrenches in columns))
+        for x, *columns in zip(screws, momenta, reactions, changes, strict=True)
+    ]
+    M, K, by_place, D, by_rate = (
+        join_rows([getattr(row, part) for row in rows], momenta) for part in ("M", "change", "by_place", "D", "by_rate")
+    )
+    K = K + mask_above(by_place, joints).mT
+    D = D + mask_above(by_rate, joints).mT
+    for E, joint, x, row, carried in zip(_places(joints), joints, screws, rows, momenta, strict=True):
         if isinstance(joint, FreeJoint):
-            counted_twice = (x.S_rate - x.moving).mT @ carried.values
-            D = D - (E @ spread_columns(counted_twice, carried.screws, len(E))).mT
+            D = D - (E @ spread_columns(row.counted_twice, carried.screws, len(E))).mT
         if isinstance(joint, FreeJoint) and joint.parent >= 0:
             alpha = joint.X.T @ (joint.X @ joint.rate).map(_ad) @ joint.X
             D = D - mask_above(M @ E @ alpha @ E.T, joints)

@@ -54,9 +54,14 @@ def collect(tree: Sequence[MovingJoint], own: Sequence[Series]) -> list[ScrewCol
 
 def project(screws: Sequence[Series], columns: Sequence[ScrewColumns]) -> Series:
     """Project wrenches onto screws: the upper triangle, in blocks of joints, of all products S_i . W_j."""
+    return join_rows([(S.mT @ c.values).unkept for S, c in zip(screws, columns, strict=True)], columns)
+
+
+def join_rows(rows: Sequence[Series], columns: Sequence[ScrewColumns]) -> Series:
+    """Rows of joints, an entry for each column of the joint, as a matrix: the upper triangle, in blocks of joints."""
     size = 1 + max(max(c.screws) for c in columns)
-    rows = [spread_columns((S.mT @ c.values).unkept, c.screws, size) for S, c in zip(screws, columns, strict=True)]
-    return join_series([row.unkept for row in rows], axis=-2)
+    spread = [spread_columns(row, c.screws, size) for row, c in zip(rows, columns, strict=True)]
+    return join_series([row.unkept for row in spread], axis=-2)
 
 
 def spread_columns(columns: Series, numbers: Sequence[int], size: int) -> Series:
