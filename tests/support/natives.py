@@ -6,6 +6,7 @@ from jounce.dynamics.computation import Port, Signature, number_scalars
 from jounce.native import jit
 from jounce.native.calls import write_modules
 from jounce.native.jit import host, make_ufunc
+from jounce.native.scratch_pool import make_pool
 from jounce.native.straight import straight_block
 
 WAYS = ["host", "4 lanes", "2 lanes", "4 lanes, 16 registers", "4 lanes, no fma", "2 lanes, no fma"]
@@ -41,5 +42,6 @@ def native(program, interface, way="host"):
 def assembled(texts, interface, way="host"):
     """Modules as a function of arrays; what it needs lives as long as it does."""
     code = jit.load_object(jit.assemble(texts, target(way)), target(way))
-    function, needed = make_ufunc(code.address("states"), interface, "native", None)
-    return lambda *arrays, kept=(code, needed), **options: function(*arrays, **options)
+    pool = make_pool(code)
+    function, needed = make_ufunc(code.address("states"), interface, "native", pool.address if pool else None)
+    return lambda *arrays, kept=(code, needed, pool), **options: function(*arrays, **options)

@@ -77,6 +77,8 @@ def _trace_followers(
 def _make_block(mechanism: Mechanism, computation: Computation, target: Target, patience: float) -> BlockCode:
     signature = computation.signature(mechanism)
     if (layout := column_layout(computation, mechanism)) is not None:
+        if layout.forward and layout.factor_operations * SECONDS_PER_STEP > patience:
+            raise LongCompilationError
         return columns.emit_columns(mechanism, layout, signature)
     if not is_straight(computation, mechanism):
         steps_of_joints = (len(set(joint_kinds(mechanism))) + computation.base) * (computation.order + 1) ** 2

@@ -103,6 +103,12 @@ class ColumnLayout:
                 moves[base:, base + j] |= moves[base:, base + carrier]
         return moves
 
+    @property
+    def factor_operations(self) -> int:
+        """About the number of products and sums of the factors of M, which are a straight line."""
+        above = self.carry.sum(axis=0)
+        return int((above * (above + 1)).sum())
+
     @cached_property
     def areas(self) -> Areas:
         """Everything, in vectors."""
