@@ -6,6 +6,7 @@ import pytest
 import jounce
 from jounce.dynamics.computation import Computation
 from jounce.native import code_forms, column_layout
+from jounce.native.memory_layout import LongCompilationError
 from support.natives import assembled, target
 from support.robots import floating, random_mechanism, random_pose, relative_error
 
@@ -110,9 +111,20 @@ def test_large_robots_of_joints_of_one_screw_take_this_form(quantity, monkeypatc
         assert (column_layout.column_layout(asked, m) is not None) == taken
     monkeypatch.setattr(column_layout, "MIN_VELOCITIES_IN_COLUMNS", 1)
     others = [(Computation(quantity, 0, wrench=True), m), (asked, jounce.load("delta").mechanism)]
-    others.append(
-        (asked, jounce.Robot(random_mechanism(np.random.default_rng(0), [-1, 0], KINDS[:2], [1, 1], True)).mechanism)
-    )
+    following = random_mechanism(np.random.default_rng(0), [-1, 0], KINDS[:2], [1, 1], mimic=True)
+    others.append((asked, following))
     others.append((Computation("mass_matrix", 0), m))
     for computation, mechanism in others:
         assert column_layout.column_layout(computation, mechanism) is None
+
+
+@pytest.mark.usefixtures("_always")
+def test_nobody_waits_for_the_factors_of_long_chains():
+    m = robot("chain").mechanism
+    operations = sum(k * (k + 1) for k in range(1, m.nv + 1))
+    seconds = operations * code_forms.SECONDS_PER_STEP
+    forward, inverse = (Computation(name, 0) for name in sorted(QUANTITIES))
+    code_forms.kernel_modules(m, forward, target("host"), 1.01 * seconds)
+    code_forms.kernel_modules(m, inverse, target("host"), 0.99 * seconds)
+    with pytest.raises(LongCompilationError):
+        code_forms.kernel_modules(m, forward, target("host"), 0.99 * seconds)

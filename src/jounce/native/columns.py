@@ -97,7 +97,7 @@ def _define_step(ir: Writer, name: str, step: JointStep) -> None:
 
 
 def _define_wide_step(ir: Writer, name: str, step: JointStep) -> None:
-    """A step on so many columns from one on, as many at once as there are lanes; those beyond the last are not kept."""
+    """A step on columns from one on, as many at once as there are lanes; those beyond the last are not kept."""
 
     def read(i: int) -> str:
         memory, place = step.reads[i]
@@ -238,7 +238,7 @@ class _Code:
         self.ir.do(f"call void @{name}({_pointers(self.steps[name], memory)})")
 
     def _call_columns(self, name: str, memory: Mapping[str, str], first: str, count: str) -> None:
-        """A step on so many columns: one after the other, or of one state by another module."""
+        """A step on a number of columns: one after the other, or of one state by another module."""
         ir, step = self.ir, self.steps[name]
         if ir.lanes == 1:
             ir.declared[f"declare void @wide_{name}({', '.join(['ptr'] * len(_memory(step)))}, i64, i64)"] = None
