@@ -85,7 +85,7 @@ def _make_block(mechanism: Mechanism, computation: Computation, target: Target, 
         if len(mechanism.joints) * SECONDS_PER_LOOP_BODY + steps_of_joints * SECONDS_PER_JOINT_KIND > patience:
             raise LongCompilationError
         acting = tuple(term for term in mechanism.acting if term in computation.quantity.drive_terms)
-        return loop.emit_loop(mechanism, Sweeps(computation, acting), signature)
+        return loop.emit_loop(mechanism, Sweeps(computation, computation.order, acting), signature)
     if signature.outputs[-1].end * SECONDS_PER_STEP > patience:  # each is stored at least: no trace is needed to see it
         raise LongCompilationError
     try:

@@ -3,8 +3,8 @@
 The mathematics is that of `dynamics.recursion.steps`; what distinguishes joints of a kind are numbers in a table.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import accumulate
 from typing import Any
 
@@ -28,7 +28,7 @@ from jounce.spatial.lie import Ad, pose, position, rotation
 from jounce.spatial.series import Series
 
 JOINT_KINDS = ("revolute", "prismatic", "helical")
-JOINT_SIZES = {"R": 9, "r": 3, "pitch": 1, "m": 1, "h": 3, "P": 6}  # of a joint and its body
+JOINT_SIZES = {"R": 9, "r": 3, "pitch": 1, "m": 1, "h": 3, "P": 6, "armature": 1}  # of a joint and its body
 DRIVE_SIZES = dict.fromkeys(drives.COEFFICIENTS, 1)  # of a joint's drive train
 BASE_SIZES = {"g": 3, "m": 1, "h": 3, "P": 6}  # gravity, and the moments of a base that floats
 CARRY_SIZES = {"R": 9, "r": 3}  # where the joint's frame lies in the body's own, in which wrenches are given
@@ -43,13 +43,13 @@ class JointStep:
     writes: tuple[tuple[str, int], ...]
 
 
-class _Sheet:
+class Sheet:
     """A tape whose inputs and outputs have places in memory: of a body or its parent, of the motion of either."""
 
-    def __init__(self, sweeps: "Sweeps", carrier: VectorLayout | None = None) -> None:
+    def __init__(self, sweeps: "Sweeps", **others: VectorLayout) -> None:
         self.tape = Tape()
         of_body, of_motion = sweeps.layout, sweeps.motion
-        self.layouts = {"body": of_body, "parent": of_body, "motion": of_motion, "carrier": carrier or of_motion}
+        self.layouts = {"body": of_body, "parent": of_body, "motion": of_motion, "carrier": of_motion} | others
         self.reads: list[tuple[str, int]] = []
         self.outputs: list[tuple[str, int, object]] = []
 
@@ -84,27 +84,40 @@ class _Sheet:
 
 @dataclass(frozen=True)
 class Sweeps:
-    """The steps of a quantity with its rates up to an order."""
+    """The steps to forces with their rates up to an order, that of a computation or a lower one."""
 
     computation: Computation
+    order: int
     acting: tuple[str, ...] = ()  # the terms of the drives in Q
+
+    def name(self, step: str) -> str:
+        """The name of a step of this order."""
+        return f"{step}{self.order}"
 
     @property
     def motion(self) -> VectorLayout:
         """The vectors of the motion of a body."""
-        return motion_layout(self.computation)
+        return self._known(motion_layout(self.computation))
 
     @property
     def layout(self) -> VectorLayout:
         """The other vectors of a body."""
-        return body_layout(self.computation)
+        return self._known(body_layout(self.computation))
+
+    @property
+    def base_motion(self) -> VectorLayout:
+        """The vectors of the motion of the base."""
+        return self._known(base_layout(self.computation))
+
+    def _known(self, layout: VectorLayout) -> VectorLayout:
+        return replace(layout, unknown=self.computation.order - self.order)
 
     def base(self, floating: bool) -> JointStep:
         """Trace the step from the base as it is given to the motion of the ground, with its inertia force if it floats.
 
         What carries the ground is the motion of the base, in the place of a parent's.
         """
-        sheet = _Sheet(self, base_layout(self.computation))
+        sheet = Sheet(self, carrier=self.base_motion)
         c = sheet.constants(BASE_SIZES)
         C, V = sheet.read("carrier", "C")[0].reshape(4, 4), sheet.read("carrier", "V")
         kind = sweep_of(self.computation)
@@ -113,24 +126,24 @@ class Sweeps:
         for name in kind.parts:
             sheet.write("motion", name, getattr(found, name))
         if floating:
-            sheet.write_force("body", kind.force(_moments(c), found))
+            sheet.write_force("body", kind.force(moments(c), found))
         return sheet.step()
 
     def outward(self, kind: str) -> JointStep:
         """Trace the step from the parent's motion to the body's, with the inertia force."""
-        sheet = _Sheet(self)
-        joint, moments = _joint(sheet, kind)
+        sheet = Sheet(self)
+        joint, of_body = aligned_joint(sheet, kind)
         sweep = sweep_of(self.computation)
         parent = {name: sheet.read("carrier", name) for name in sweep.parts}
         found = sweep.outward(joint, BodyMotion(**vars(ground(np.zeros(3, dtype=int))) | parent))
         for name in sweep.parts:
             sheet.write("motion", name, getattr(found, name))
-        sheet.write_force("body", sweep.force(moments, found))
+        sheet.write_force("body", sweep.force(of_body, found))
         return sheet.step()
 
     def add_wrench(self) -> JointStep:
         """Trace the step that adds the wrench of a body to the force on it."""
-        sheet = _Sheet(self)
+        sheet = Sheet(self)
         T = sheet.constants(CARRY_SIZES)
         W = Ad(pose(T["R"].reshape(3, 3), T["r"][:, None])).mT @ sheet.read("body", "W")
         sheet.write("body", "f", sheet.read("body", "f") + take_rows(W, 3, 6))
@@ -139,8 +152,8 @@ class Sweeps:
 
     def inward(self, kind: str) -> JointStep:
         """Trace the step from the force on a body to the joint force and the force on its parent."""
-        sheet = _Sheet(self)
-        joint, _ = _joint(sheet, kind)
+        sheet = Sheet(self)
+        joint, _ = aligned_joint(sheet, kind)
         on, parents = (BodyForce(sheet.read(memory, "f"), sheet.read(memory, "n")) for memory in ("body", "parent"))
         total = parents + joint.inward(on)
         sheet.write("body", "Q", joint.force(on))
@@ -149,32 +162,44 @@ class Sweeps:
 
     def drive(self) -> JointStep:
         """Trace the step that adds the drive terms to the joint force."""
-        sheet = _Sheet(self)
+        sheet = Sheet(self)
         added = drives.forces(sheet.constants(DRIVE_SIZES), self.acting, sheet.read("body", "theta"))
         sheet.write("body", "Q", sheet.read("body", "Q") + added)
         return sheet.step()
 
 
-def _joint(sheet: _Sheet, kind: str) -> tuple[AlignedJoint, Moments]:
+def aligned_joint(sheet: Sheet, kind: str) -> tuple[AlignedJoint, Moments]:
     """A joint of a kind with the moments of its body, all numbers yet unknown."""
     c = sheet.constants(JOINT_SIZES)
     theta = sheet.read("body", "theta")
-    s, co = (sheet.read("body", name)[0][0, 0] for name in ("sine", "cosine"))
-    pitch = np.array([1]) if kind == "prismatic" else c["pitch"]
+    pitch = screw_pitch(c, kind)
     joint = AlignedJoint(
         parent=0,
         R=c["R"].reshape(3, 3),
         r=c["r"][:, None],
-        turn=np.array([[co, -s, 0], [s, co, 0], [0, 0, 1]], dtype=object),
+        turn=turn_about_axis(sheet),
         theta=theta,
         turns=kind != "prismatic",
         d=None if kind == "revolute" else theta * pitch,
         pitch=pitch,
     )
-    return joint, _moments(c)
+    return joint, moments(c)
 
 
-def _moments(c: dict[str, np.ndarray]) -> Moments:
+def screw_pitch(c: Mapping[str, np.ndarray], kind: str) -> np.ndarray:
+    """How far a joint of a kind slides per unit of its variable, (1,)."""
+    known = {"revolute": 0, "prismatic": 1}
+    return np.array([known[kind]]) if kind in known else c["pitch"]
+
+
+def turn_about_axis(sheet: Sheet) -> np.ndarray:
+    """The rotation by the joint variable, (3, 3)."""
+    s, co = (sheet.read("body", name)[0][0, 0] for name in ("sine", "cosine"))
+    return np.array([[co, -s, 0], [s, co, 0], [0, 0, 1]], dtype=object)
+
+
+def moments(c: Mapping[str, np.ndarray]) -> Moments:
+    """The moments of a body in a table."""
     return c["m"][:, None], c["h"][:, None], inertia.symmetric_matrix(c["P"])
 
 
@@ -192,8 +217,8 @@ def tables(mechanism: Mechanism, of_joints: Sequence[int]) -> dict[str, Sequence
     chain, carriers = minimal_mechanism(mechanism), memory_layout.carriers(mechanism)
     owners = list(chain.owners)
     joints = [
-        np.concatenate([*map(np.ravel, (rotation(B), position(B), X[5:])), _moment_row(M)])
-        for B, X, M in zip(chain.B[owners], chain.X, chain.M[owners], strict=True)
+        np.concatenate([*map(np.ravel, (rotation(B), position(B), X[5:])), _moment_row(M), [armature]])
+        for B, X, M, armature in zip(chain.B[owners], chain.X, chain.M[owners], mechanism.drives.armature, strict=True)
     ]
     T, G = frame_shifts(mechanism, chain), mechanism.G.astype(float)
     followed = [np.flatnonzero(row).tolist() or [0] for row in G]  # coordinates by joint, at least one

@@ -10,16 +10,22 @@ from dataclasses import dataclass
 from heapq import heappop, heappush
 from itertools import accumulate
 
+import numpy as np
+
 from jounce.dynamics.computation import Computation, Signature
+from jounce.dynamics.recursion.articulated import moves_joints_alone
 from jounce.dynamics.recursion.forces import Sweep
+from jounce.model.equivalent_mechanisms import minimal_mechanism
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import multiscrew_joints
 from jounce.native.column_layout import column_layout
 
 MAX_STRAIGHT_SIZE = 400  # bodies times (order + 1)^2, as operations of forces grow: longer code leaves the caches
+MAX_STRAIGHT_NUMBERS = 1250  # of a robot, times order + 4/3 as operations of accelerations grow: more compile for 3 s
 HIGHEST_NATIVE_ORDER = 12  # at which the step of a joint takes 40 KiB of a thread's stack
 MAX_STACK_BYTES = 2**15  # of a call on the stack of its thread, whatever thread it is; what needs more has a `Pool`
 SCALARS_PER_PART = {"w": 3, "a": 3, "K": 9}  # of a motion: vectors, and a matrix of 3 by 3
+ARTICULATED_PARTS = (("I", 1, 21), ("share", 1, 6), ("inverse_D", 1, 1), ("u", 1, 1), ("F", 1, 6), ("A", 1, 6))
 MAX_SCRATCH_BYTES = 2**26  # of a call: where more is needed, the recursion in NumPy computes
 HIGHEST_PRODUCT_ORDER = 9  # up to which products take no more than the 64 arrays of NumPy's functions
 HIGHEST_PRODUCT_ORDER_WITH_BASE = 7  # the same where the motion of the base belongs to them
@@ -32,9 +38,21 @@ class LongCompilationError(Exception):
 
 def is_straight(computation: Computation, mechanism: Mechanism) -> bool:
     """Return whether the code is a straight line; a loop over the bodies is half as fast, but compiles at once."""
-    looped = computation.quantity.sweep is not None and not computation.product and not mechanism.closure
-    looped = looped and not multiscrew_joints(mechanism)
-    return not looped or len(mechanism.joints) * (computation.order + 1) ** 2 <= MAX_STRAIGHT_SIZE
+    quantity, bodies = computation.quantity, len(mechanism.joints)
+    if quantity.sweep is None or computation.product or mechanism.closure or multiscrew_joints(mechanism):
+        return True
+    if not quantity.forces:
+        return bodies * (computation.order + 1) ** 2 <= MAX_STRAIGHT_SIZE
+    if not moves_joints_alone(mechanism):
+        return True
+    return _count_numbers(mechanism) * (computation.order + 4 / 3) <= MAX_STRAIGHT_NUMBERS
+
+
+def _count_numbers(mechanism: Mechanism) -> int:
+    """Count the numbers of a robot that its steps multiply by: 0 and 1 cost nothing."""
+    chain = minimal_mechanism(mechanism)
+    numbers = [chain.B[:, :3], chain.X, chain.M[:, *np.triu_indices(6)]]
+    return sum(int(np.count_nonzero(~np.isin(x.astype(float), (-1, 0, 1)))) for x in numbers)
 
 
 def highest_order(computation: Computation, mechanism: Mechanism) -> int:
@@ -56,16 +74,18 @@ def obstacle(computation: Computation, mechanism: Mechanism) -> str | None:
 
 @dataclass(frozen=True)
 class VectorLayout:
-    """The vectors of one body: by part, how many rates of how many scalars."""
+    """The vectors of one body: by part, how many rates of how many scalars, and how many of the rates are unknown."""
 
     parts: tuple[tuple[str, int, int], ...]
+    unknown: int = 0
 
     def places(self, name: str) -> list[range]:
-        """Return the positions of the rates of a part."""
+        """Return the positions of the known rates of a part."""
         starts = accumulate((rates * scalars for _, rates, scalars in self.parts), initial=0)
         for (part, rates, scalars), start in zip(self.parts, starts, strict=False):
             if part == name:
-                return [range(start + k * scalars, start + (k + 1) * scalars) for k in range(rates)]
+                known = range(max(1, rates - self.unknown))
+                return [range(start + k * scalars, start + (k + 1) * scalars) for k in known]
         raise KeyError(name)
 
     @property
@@ -81,11 +101,15 @@ def motion_layout(computation: Computation) -> VectorLayout:
 
 
 def body_layout(computation: Computation) -> VectorLayout:
-    """The layout of the joint variable of a body, the force on the body, and the force of its joint."""
+    """The layout of the joint variable of a body, the force on the body, and the force of its joint.
+
+    Where accelerations are found, those of the articulated body follow.
+    """
     count = computation.order + 1
     joint = (("theta", computation.rates, 1), ("sine", 1, 1), ("cosine", 1, 1))
     acting = (("f", count, 3), ("n", count, 3), ("Q", count, 1))
-    return VectorLayout((*joint, *acting, ("W", count, 6)) if computation.wrench else (*joint, *acting))
+    loads = (("W", count, 6),) if computation.wrench else ()
+    return VectorLayout((*joint, *acting, *loads, *(ARTICULATED_PARTS if computation.quantity.forces else ())))
 
 
 def base_layout(computation: Computation) -> VectorLayout:
@@ -126,13 +150,18 @@ def motion_slots(parent: Sequence[int]) -> list[int]:
     return slots
 
 
-def vectors_of_bodies(computation: Computation, mechanism: Mechanism) -> int:
-    """The vectors that the loop form keeps of all bodies and of the ground; none in a straight line."""
-    if is_straight(computation, mechanism):
-        return 0
+def loop_sizes(computation: Computation, mechanism: Mechanism) -> tuple[int, int, int]:
+    """The vectors that the loop form keeps: of the ground and all bodies, of their motions, of that of the base."""
     parent = carriers(mechanism)
-    motions = max(motion_slots(parent)) + 1
-    return (len(parent) + 1) * body_layout(computation).size + motions * motion_layout(computation).size
+    bodies = (len(parent) + 1) * body_layout(computation).size
+    motions = (max(motion_slots(parent)) + 1) * motion_layout(computation).size
+    found = mechanism.floats and computation.quantity.forces  # else it is given
+    return bodies, motions, base_layout(computation).size if found else 0
+
+
+def vectors_of_bodies(computation: Computation, mechanism: Mechanism) -> int:
+    """The vectors that the loop form keeps in all; none in a straight line."""
+    return 0 if is_straight(computation, mechanism) else sum(loop_sizes(computation, mechanism))
 
 
 def block_size(signature: Signature, of_bodies: int, lanes: int) -> int:

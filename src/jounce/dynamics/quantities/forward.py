@@ -8,6 +8,7 @@ from jounce.dynamics.quantities.forces import Forces
 from jounce.dynamics.quantities.matrices import Matrices
 from jounce.dynamics.quantities.row import quantity, row_vector
 from jounce.dynamics.recursion import articulated
+from jounce.dynamics.recursion import forces as recursion_forces
 from jounce.dynamics.state import State
 from jounce.model.drives import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
@@ -25,6 +26,7 @@ class Forward:
         forces=True,
         shape=("nv",),
         of_motors="elastic_forward_dynamics",
+        sweep=recursion_forces.MOVING_SWEEP,
         drive_terms=DRIVE_TERMS,
         unit="rad/s^2 or, for coordinates in m, m/s^2",
         caption="accelerations of the coordinates",

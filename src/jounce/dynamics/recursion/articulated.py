@@ -21,7 +21,7 @@ import numpy as np
 
 from jounce.core.scalars import Array, concatenate, is_zero
 from jounce.dynamics.recursion.joints import MovingJoint
-from jounce.dynamics.recursion.tree import KinematicTree, kinematic_tree
+from jounce.dynamics.recursion.tree import kinematic_tree
 from jounce.model.coordinates import velocity_rows
 from jounce.model.equivalent_mechanisms import minimal_mechanism
 from jounce.model.mechanism import Mechanism
@@ -32,15 +32,19 @@ MIN_DEPTH = 6  # joints on the way to a body, on average, from which articulated
 MIN_DEPTH_ON_BASE = 3  # the same of a floating robot, where each way goes on to the six screws of the base
 
 
+def moves_joints_alone(m: Mechanism) -> bool:
+    """Return whether each coordinate moves one joint: those that follow others tie articulated bodies together."""
+    return m.n == len(m.joints) and all(map(is_zero, np.ravel(m.G - np.eye(m.n))))
+
+
 def has_deep_branches(m: Mechanism) -> bool:
     """Return whether articulated bodies take fewer operations than M and its factors, and can be used.
 
     M has an entry for each body and each joint on its way to the ground, articulated bodies one inertia for each body.
     Counted for fifty arms, humanoids, hands and chains, the two are even where that way has `MIN_DEPTH` joints on
-    average, as in a chain of eleven, or `MIN_DEPTH_ON_BASE` joints if the robot floats. Joints that follow others tie
-    branches together, which articulated bodies leave free.
+    average, as in a chain of eleven, or `MIN_DEPTH_ON_BASE` joints if the robot floats.
     """
-    if m.n != len(m.joints) or not all(map(is_zero, np.ravel(m.G - np.eye(m.n)))):
+    if not moves_joints_alone(m):
         return False
     depths: list[int] = []
     for columns, p in zip(m.columns, m.parent, strict=True):
@@ -49,12 +53,41 @@ def has_deep_branches(m: Mechanism) -> bool:
 
 
 @dataclass(frozen=True)
+class ArticulatedJoint:
+    """A joint with what it takes to move its articulated body, all in the frame of the body."""
+
+    joint: MovingJoint
+    D: Factors  # of (..., k, k)
+    share: Array  # U D^-1, (..., 6, k)
+
+    def balance(self, b: Array, F: Array) -> tuple[Array, Array]:
+        """Return u, what a force on the joint leaves for its acceleration, and the share of the parent in F."""
+        u = b - self.joint.X.T @ F
+        return u, self.joint.wrenches(_omit_rates(F + self.share @ u))[0]
+
+    def accelerate(self, u: Array, A: Array) -> tuple[Array, Array]:
+        """Return the accelerations of the joint and of its body, from A of the parent."""
+        A = self.joint.twists(_omit_rates(A))[0]
+        x = self.D.solve(u) - self.share.mT @ A
+        return x, A + self.joint.X @ x
+
+
+def articulate(joint: MovingJoint, inertia: Array, armature: Array) -> tuple[ArticulatedJoint, Array]:
+    """Return a joint with the articulated inertia of its body, and what its parent feels of it, (..., 6, 6)."""
+    U = inertia @ joint.X
+    D = joint.X.T @ U
+    factors, free = Factors.of(D + np.diag(armature) if len(armature) else D), _free_axis(joint, armature)
+    share = factors.solve(U.mT).mT * (1 - free) + free
+    left = mirror_triangle(inertia - share @ U.mT) * (1 - free) * (1 - free.mT)
+    return ArticulatedJoint(joint, factors, share), joint.inertias(_omit_rates(left))[0]
+
+
+@dataclass(frozen=True)
 class ArticulatedBodies:
     """The articulated bodies of a mechanism without joints that follow others, at coordinates q."""
 
-    tree: KinematicTree[MovingJoint]
-    D: Sequence[Factors]  # of (..., k, k)
-    shares: Sequence[Array]  # U_i D_i^-1, (..., 6, k)
+    mechanism: Mechanism
+    joints: Sequence[ArticulatedJoint]
 
     @classmethod
     def of(cls, m: Mechanism, q: Array) -> "ArticulatedBodies":
@@ -62,40 +95,27 @@ class ArticulatedBodies:
         chain = minimal_mechanism(m)
         tree = kinematic_tree(chain, Series.of([q]))
         armature = m.drives.armature * int("armature" in m.acting)
-        inertias = list(mirror_triangle(chain.M))
-        shares, factors = list[Array](), list[Factors]()
+        inertias, found = list(mirror_triangle(chain.M)), list[ArticulatedJoint]()
         for i, joint in reversed(list(enumerate(tree.joints))):
-            own = armature[list(chain.columns[i])]
-            U = inertias[i] @ joint.X
-            D = joint.X.T @ U
-            factors.insert(0, Factors.of(D + np.diag(own) if len(own) else D))
-            if joint.parent < 0:
-                shares.insert(0, 0 * U)
-                continue
-            free = _free_axis(joint, own)
-            shares.insert(0, factors[0].solve(U.mT).mT * (1 - free) + free)
-            left = mirror_triangle(inertias[i] - shares[0] @ U.mT) * (1 - free) * (1 - free.mT)
-            inertias[joint.parent] = inertias[joint.parent] + joint.inertias(_omit_rates(left))[0]
-        return cls(tree, factors, shares)
+            own, felt = articulate(joint, inertias[i], armature[list(chain.columns[i])])
+            found.insert(0, own)
+            if (p := joint.parent) >= 0:
+                inertias[p] = inertias[p] + felt
+        return cls(chain, found)
 
     def solve(self, b: Array) -> Array:
         """X of M X = b, both (..., nv, m)."""
-        chain, joints = self.tree.mechanism, self.tree.joints
-        F = [0 * (joint.X[:, :1] @ b[..., :1, :]) for joint in joints]
+        F = [0 * (own.joint.X[:, :1] @ b[..., :1, :]) for own in self.joints]
         u: list[Array] = []
-        for i, joint in reversed(list(enumerate(joints))):
-            u.insert(0, b[..., velocity_rows(chain, i), :] - joint.X.T @ F[i])
-            if (p := joint.parent) >= 0:
-                F[p] = F[p] + joint.wrenches(_omit_rates(F[i] + self.shares[i] @ u[0]))[0]
-        A, x = list[Array](), list[Array]()
-        for joint, u_i, share, D in zip(joints, u, self.shares, self.D, strict=True):
-            if joint.parent < 0:
-                x.append(D.solve(u_i))
-                A.append(joint.X @ x[-1])
-                continue
-            A_p = joint.twists(_omit_rates(A[joint.parent]))[0]
-            x.append(D.solve(u_i) - share.mT @ A_p)
-            A.append(A_p + joint.X @ x[-1])
+        for i, own in reversed(list(enumerate(self.joints))):
+            left, felt = own.balance(b[..., velocity_rows(self.mechanism, i), :], F[i])
+            u.insert(0, left)
+            if (p := own.joint.parent) >= 0:
+                F[p] = F[p] + felt
+        A, x = {-1: np.zeros((6, 1), dtype=int)}, list[Array]()
+        for i, (own, u_i) in enumerate(zip(self.joints, u, strict=True)):
+            x_i, A[i] = own.accelerate(u_i, A[own.joint.parent])
+            x.append(x_i)
         return concatenate(x, axis=-2)
 
 
