@@ -260,7 +260,7 @@ for where in ((parts, "checksum", 1), (parts, "write_record", 1), (publish, "lin
     child = os.fork() or run(*where)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
     assert not os.path.exists("out")
-    print(len([name for name in os.listdir("out.unfinished") if name.endswith(".json")]))
+    print(len([name for name in os.listdir("out.unfinished") if name.endswith(".json")]), flush=True)
 """
 
 
