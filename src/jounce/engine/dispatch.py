@@ -17,7 +17,7 @@ from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_newton import NewtonStep
 from jounce.dynamics.mobility import is_singular, may_be_singular
 from jounce.dynamics.quantities import find_row
-from jounce.engine import certain_digits
+from jounce.engine import certain_digits, direct_methods
 from jounce.engine.backends import BACKENDS, NATIVE, Call, closing_step, default_method, with_constraints
 from jounce.engine.engine import Engine, with_mechanism
 from jounce.engine.generic_methods import as_tuple, is_fit, write_results
@@ -55,23 +55,37 @@ def compute(
             arrays = _with_dependent(robot, arrays, limit)
         if moved and not are_poses(moved[0]):
             raise LookupError  # NaN, or what `check_pose` refuses
+        into = tuple(out) if type(out) in (tuple, list) else (out,)
+        found = kernel.attempt(*arrays) if out is None else kernel.attempt(*arrays, out=into)
+        if found is not None:
+            return found
+        if list in form:
+            raise LookupError  # NumPy would make numbers of texts and truths
         if out is None:
             return kernel.ufunc(*arrays)
-        into = tuple(out) if type(out) in (tuple, list) else (out,)
         if is_fit(into, arrays[0].shape[:-1], kernel.shapes[1]):
             return kernel.ufunc(*arrays, out=into)
     except (FloatingPointError, Warning):  # where np.errstate or a filter asks for it
         raise
     except Exception:  # all other calls take the long way, which reports what is wrong
         pass
-    plain = bool(form) and {type(x) for x in (*given, *terms, *moved)} <= {np.ndarray, NoneType}
+    plain = bool(form) and {type(x) for x in (*given, *terms, *moved)} <= _plain_types(robot.mechanism)
     plain = plain and type(threads) is int
     natively = isinstance(method, str | None) and method in (None, NATIVE)
     step = closing_step(robot) if robot.mechanism.closure and natively else None
     asked, given = check_arguments(robot.mechanism, name, given, wrench, base, body, frame, method, step, stiffness)
-    lasting = plain and threads == 1 and asked.base == bool(moved) and not _needs_inverse(robot, asked)
+    lasting = plain and threads == 1 and not _needs_inverse(robot, asked)
     lasting = lasting and not of_several_screws(robot.mechanism)  # quaternions of zeros are refused on the long way
-    return _run(Call(robot, asked, given, method, out, threads, form if lasting else None))
+    ready = form if lasting and asked.base == bool(moved) else None
+    results = _run(Call(robot, asked, given, method, out, threads, ready))
+    if lasting and natively and asked.base <= bool(moved):
+        direct_methods.serve(robot, asked, form, len(moved))
+    return results
+
+
+def _plain_types(mechanism: Mechanism) -> set[type]:
+    """The types of arguments that native code takes as they are: of lists, those of one state of an open robot."""
+    return {np.ndarray, NoneType} if mechanism.closure else {np.ndarray, NoneType, list}
 
 
 def _with_dependent(robot: Engine, arrays: Sequence[Any], limit: float) -> tuple[Any, ...]:

@@ -166,31 +166,32 @@ def loop_arguments(arrays: Sequence[np.ndarray], batched: bool) -> tuple[ctypes.
 @cache
 def has_known_table() -> bool:
     """Whether NumPy's table of functions begins with the type of ufuncs, as its ABI says; warn once if it does not."""
-    table = _table()
-    if table and _entry(table, UFUNC_TYPE_ENTRY) == id(np.ufunc) and _entry(table, FROM_SIGNATURE_ENTRY):
+    table = c_table("_UFUNC_API")
+    if table and entry(table, UFUNC_TYPE_ENTRY) == id(np.ufunc) and entry(table, FROM_SIGNATURE_ENTRY):
         return True
     warn(f"the table of C functions of NumPy {np.__version__} is not the known one: native code takes longer to call")
     return False
 
 
-def _table() -> int | None:
-    """The address of the table of NumPy's C interface to ufuncs."""
+def c_table(name: str) -> int | None:
+    """The address of a table of NumPy's C interface: of ufuncs, or of arrays."""
     get = ctypes.pythonapi.PyCapsule_GetPointer
     get.restype, get.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
     try:
-        return cast("int | None", get(np._core._multiarray_umath._UFUNC_API, None))  # type: ignore[attr-defined]
+        return cast("int | None", get(getattr(np._core._multiarray_umath, name), None))  # type: ignore[attr-defined]
     except (AttributeError, ValueError):  # another module, or no capsule
         return None
 
 
-def _entry(table: int, place: int) -> int | None:
+def entry(table: int, place: int) -> int | None:
+    """The address at a place of a table."""
     return ctypes.c_void_p.from_address(table + place * ctypes.sizeof(ctypes.c_void_p)).value
 
 
 def _ufunc_constructor() -> Any:
-    table = _table()
+    table = c_table("_UFUNC_API")
     assert table is not None
-    address = _entry(table, FROM_SIGNATURE_ENTRY)
+    address = entry(table, FROM_SIGNATURE_ENTRY)
     text, integer, pointer = ctypes.c_char_p, ctypes.c_int, ctypes.c_void_p
     kinds = [pointer, pointer, pointer, integer, integer, integer, integer, text, text, integer, text]
     return ctypes.PYFUNCTYPE(ctypes.py_object, *kinds)(address or 0)

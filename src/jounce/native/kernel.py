@@ -16,6 +16,7 @@ from jounce.dynamics.computation import Computation
 from jounce.model.mechanism import Mechanism
 from jounce.native import cache, jit
 from jounce.native.arguments import check_bound_arrays, refuse_names_and_masks, refuse_shapes
+from jounce.native.direct import DirectCalls, decline
 from jounce.native.jit import host, make_ufunc
 from jounce.native.products import DerivativeProducts, Results
 from jounce.native.scratch_pool import make_pool
@@ -50,6 +51,8 @@ class Kernel(DerivativeProducts[Results]):
         self.ufunc, self._alive = make_ufunc(self.addresses[0], self.signature, computation.name, self.addresses[1])
         self._count = len(self.signature.inputs)
         self._products = {}
+        self.direct = DirectCalls(self.addresses, self.signature, self._alive, self._code, self._pool)
+        self.attempt = self.direct.make(decline)  # the results for one state, into `out` if given; or None
 
     def __reduce__(self) -> tuple[Callable[..., "Kernel"], tuple[Mechanism, Computation]]:
         return compile_kernel, (self.mechanism, self.computation)
@@ -94,6 +97,9 @@ class Kernel(DerivativeProducts[Results]):
         >>> G.shape, Gd[0].round(12)
         ((3, 2), array([0., 0.]))
         """
+        direct = type(threads) is int and threads == 1 and not fixed
+        if direct and (found := self.attempt(*arrays) if out is None else self.attempt(*arrays, out=out)) is not None:
+            return found
         if fixed:
             raise self._fixed_at_compile_time(fixed)
         if len(arrays) != self._count:  # NumPy would write into what comes after

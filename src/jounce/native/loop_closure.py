@@ -35,7 +35,7 @@ class NativeStep:
 
     def __init__(self, mechanism: Mechanism) -> None:
         closure = closure_of(mechanism)
-        signature = _signature(mechanism)
+        self.signature = signature = _signature(mechanism)
         self.own, self.others = np.array(closure.independent), np.array(closure.dependent)
         self.still, self.count = np.zeros(mechanism.n), len(closure.coordinates)
         sizes = scales(mechanism).coordinates
@@ -44,13 +44,17 @@ class NativeStep:
         self.in_place = FOLLOWER_PLACE_TOLERANCE * sizes[list(closure.ratios.places)]
         self._code = jit.load_object(_object_code(mechanism, signature), host())
         self._pool = make_pool(self._code)
-        address = self._pool.address if self._pool else 0
-        self.ufunc, self._alive = jit.make_ufunc(self._code.address("states"), signature, "closing", address)
+        self.addresses = self._code.address("states"), self._pool.address if self._pool else 0
+        self.ufunc, self._alive = jit.make_ufunc(self.addresses[0], signature, "closing", self.addresses[1])
 
     def __call__(self, q: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The dependent coordinates (..., N - n) after the step, its measures, and A_d."""
         with np.errstate(all="ignore"):  # constraints may be lost, or coordinates far away
             return self.ufunc(q, change)
+
+    def max_measures(self, limit: float) -> tuple[float, float]:
+        """The measures of a step up to which loops were closed before it, and a condition number within a limit."""
+        return self.closed, min(limit, MAX_CONDITION_ESTIMATE) ** 2
 
     def close(self, q: np.ndarray, limit: float) -> tuple[np.ndarray, np.ndarray]:
         """The independent coordinates (..., n) of q, (..., N), and the dependent ones, with loops closed.
@@ -62,7 +66,7 @@ class NativeStep:
             raise LookupError
         # A single step both checks that the loops are closed and removes the rounding errors that they have.
         found, measures, _ = self.ufunc(q, self.still)
-        most = self.closed, min(limit, MAX_CONDITION_ESTIMATE) ** 2
+        most = self.max_measures(limit)
         if not _is_within(measures, most):
             # Newton's method for the whole batch, until the loops of every state were closed before the step.
             x = q.copy()

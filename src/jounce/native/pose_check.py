@@ -23,6 +23,12 @@ def are_poses(C: Any) -> bool:
     return bool((_function()[0](C) <= POSE_TOLERANCE**2).all())
 
 
+def code_address() -> tuple[int, np.ndarray]:
+    """The address of the code for the sum of squares, and the strides of the two arrays that it takes, for one pose."""
+    strides = [0, 0, *np.empty((4, 4)).strides]
+    return int(_function()[1][0].address("states")), np.array(strides, dtype=np.int64)
+
+
 @cache
 def _function() -> tuple[Callable[..., Any], Any]:
     """The ufunc of the sum of squares, and what must live as long as it does."""

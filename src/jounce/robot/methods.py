@@ -17,6 +17,7 @@ from jounce.core.typing import ArrayLike, DriveTerms, Frame, LoadFrame, Named, O
 from jounce.dynamics.quantities import QUANTITIES, Quantity, Rows
 from jounce.engine import drives as _drives
 from jounce.engine.backends import compile_ahead
+from jounce.engine.direct_methods import METHODS
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.loads import wrench_of_load
@@ -234,4 +235,5 @@ class Methods(Rows):
 
 
 for _row in QUANTITIES.values():
-    setattr(Methods, _row.name, make_method(_row))
+    METHODS[_row.name] = make_method(_row)
+    setattr(Methods, _row.name, METHODS[_row.name])

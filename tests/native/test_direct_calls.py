@@ -1,0 +1,357 @@
+"""Direct calls: the bits of the ufunc for what they accept, today's answers for all else, and nothing leaked."""
+
+import gc
+import inspect
+import pickle
+import sys
+import warnings
+import weakref
+from concurrent.futures import ThreadPoolExecutor
+from types import BuiltinFunctionType
+
+import numpy as np
+import pytest
+
+import jounce
+from jounce.dynamics.quantities import QUANTITIES
+from jounce.native import direct_interpreter, direct_layout
+from jounce.native.direct import DirectCalls, decline
+
+pytestmark = pytest.mark.skipif(not direct_interpreter.fits(), reason="direct calls are off on this interpreter")
+SERVED = BuiltinFunctionType
+
+
+@pytest.fixture
+def robot():
+    return jounce.load("iiwa14")
+
+
+@pytest.fixture(scope="module")
+def kernel():
+    return jounce.load("iiwa14").compile(order=2)
+
+
+@pytest.fixture
+def state():
+    return [x.copy() for x in np.random.default_rng(5).uniform(-1, 1, (5, 7))]
+
+
+def random_arrays(kernel, seed=0):
+    rng = np.random.default_rng(seed)
+    return [np.eye(4) if p.shape == (4, 4) else rng.uniform(-1, 1, p.shape) for p in kernel.signature.inputs]
+
+
+def as_list(results):
+    return list(results) if isinstance(results, tuple) else [results]
+
+
+def same_results(found, expected):
+    assert type(found) is type(expected)
+    for x, y in zip(as_list(found), as_list(expected), strict=True):
+        assert type(x) is type(y)
+        assert (x.shape, x.dtype) == (y.shape, y.dtype)
+        assert np.array_equal(x, y)
+        if isinstance(x, np.ndarray):
+            assert x.flags.owndata
+            assert x.flags.writeable
+
+
+@pytest.mark.parametrize("base", [None, "floating"])
+@pytest.mark.parametrize("name", list(QUANTITIES))
+def test_the_bits_of_the_ufunc(name, base):
+    robot = jounce.load("solo12", base=base)
+    try:
+        kernel = robot.compile(name, order=0)
+    except jounce.JounceError as error:
+        pytest.skip(str(error))
+    arrays = random_arrays(kernel)
+    found, expected = kernel.attempt(*arrays), kernel.ufunc(*arrays)
+    same_results(found, expected)
+    into = [np.full(p.shape, 7.0) for p in kernel.signature.outputs]
+    written = kernel.attempt(*arrays, out=into[0] if len(into) == 1 else into)
+    assert all(x is y for x, y in zip(as_list(written), into, strict=True))
+    assert all(map(np.array_equal, into, as_list(expected)))
+
+
+def test_lists_are_taken_as_arrays(kernel, state):
+    lists = [state[0].tolist(), [1, -1, 0, 2, 3, -4, 5], list(state[2]), state[3], [-1.0, *state[4].tolist()[1:]]]
+    same_results(kernel.attempt(*lists), kernel.ufunc(*map(np.array, lists)))
+
+
+class Subclass(np.ndarray):
+    pass
+
+
+class Numbers(list):
+    pass
+
+
+WRONG = {
+    "subclass": lambda x: x.view(Subclass),
+    "masked": np.ma.masked_array,
+    "single": lambda x: x.astype(np.float32),
+    "integers": lambda x: x.astype(int),
+    "swapped": lambda x: x.astype(x.dtype.newbyteorder()),
+    "strided": lambda x: np.repeat(x, 2)[::2],
+    "unaligned": lambda x: np.frombuffer(b"\0" + x.tobytes(), dtype=np.float64, offset=1),
+    "batch of one": lambda x: x[None],
+    "batch": lambda x: np.stack([x, x]),
+    "short": lambda x: x[:-1].copy(),
+    "0-d": lambda x: np.array(0.5),
+    "empty": lambda x: np.empty((0, 7)),
+    "objects": lambda x: x.astype(object),
+    "tuple": tuple,
+    "texts": lambda x: [str(y) for y in x],
+    "truths": lambda x: [True] * 7,
+    "nested list": lambda x: [x.tolist()],
+    "short list": lambda x: x.tolist()[:-1],
+    "empty list": lambda x: [],
+    "list subclass": lambda x: Numbers(x.tolist()),
+    "huge integers": lambda x: [10**400] * 7,
+    "none": lambda x: None,
+    "number": lambda x: 0.5,
+    "dict": lambda x: {"joint1": 0.1},
+}
+
+
+@pytest.mark.parametrize("place", [0, 4])
+@pytest.mark.parametrize("kind", WRONG)
+def test_what_is_not_accepted_goes_to_the_callable(kernel, state, kind, place):
+    state[place] = WRONG[kind](state[place])
+    seen = []
+    call = kernel.direct.make(lambda *given: seen.append(given) or "served")
+    assert call(*state) == "served"
+    assert all(x is y for x, y in zip(seen[0], state, strict=True))
+
+
+def test_wrong_numbers_of_arguments_and_keywords_go_to_the_callable(kernel, state):
+    call = kernel.direct.make(lambda *given, **named: (len(given), named))
+    assert call() == (0, {})
+    assert call(*state[:4]) == (4, {})
+    assert call(*state, state[0]) == (6, {})
+    assert call(*state, method=None) == (5, {"method": None})
+
+
+def into(state):
+    return [np.zeros(7) for _ in range(3)]
+
+
+REFUSED = {
+    "read-only": lambda out, state: out[1].setflags(write=False),
+    "one twice": lambda out, state: out.__setitem__(2, out[0]),
+    "overlap": lambda out, state: out.__setitem__(slice(0, 2), (lambda x: [x[:7], x[3:10]])(np.zeros(10))),
+    "an input": lambda out, state: out.__setitem__(1, state[4]),
+    "list": lambda out, state: out.__setitem__(1, [0.0] * 7),
+    "single": lambda out, state: out.__setitem__(1, np.zeros(7, np.float32)),
+    "shape": lambda out, state: out.__setitem__(2, np.zeros(8)),
+    "strided": lambda out, state: out.__setitem__(2, np.zeros(14)[::2]),
+}
+
+
+@pytest.mark.parametrize("kind", REFUSED)
+def test_nothing_is_written_into_what_is_not_accepted(kernel, state, kind):
+    out = into(state)
+    REFUSED[kind](out, state)
+    before = [np.copy(x) for x in (*out, *state)]
+    assert kernel.attempt(*state, out=out) is None
+    assert all(map(np.array_equal, before, (*out, *state)))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e200, 1e-200])
+@pytest.mark.parametrize("given", ["arrays", "lists"])
+def test_warnings_are_those_of_the_ufunc(robot, kernel, state, value, given):
+    robot.inverse_dynamics(*state)
+    assert type(robot.inverse_dynamics) is SERVED
+    state[1][3] = value
+    asked = [x.tolist() for x in state] if given == "lists" else state
+
+    def outcome(call, arrays):
+        with warnings.catch_warnings(record=True) as found:
+            warnings.simplefilter("always")
+            results = call(*arrays)
+        raised = ""
+        with np.errstate(all="raise"):
+            try:
+                call(*arrays)
+            except FloatingPointError as error:
+                raised = str(error)
+        return [str(x.message) for x in found], raised, [x.tobytes() for x in results]
+
+    assert outcome(robot.inverse_dynamics, asked) == outcome(kernel.ufunc, state)
+
+
+def test_flags_of_the_processor_from_before_do_not_matter(kernel, state):
+    with np.errstate(all="ignore"):
+        np.float64(1e300) * np.array([1e300]) / 0.0
+    assert kernel.attempt(*state) is not None
+
+
+@pytest.mark.parametrize("failing", range(6))
+def test_memory_that_is_short_leaves_nothing_behind(kernel, state, failing):
+    testing = pytest.importorskip("_testcapi")
+    kernel.attempt(*state)
+    before = [sys.getrefcount(x) for x in state]
+    try:
+        testing.set_nomemory(failing, failing + 1)
+        try:
+            found = kernel.attempt(*state)
+        finally:
+            testing.remove_mem_hooks()
+    except MemoryError:
+        found = None
+    del found
+    assert [sys.getrefcount(x) for x in state] == before
+
+
+def test_references_and_memory_stay_as_they_are(kernel, state):
+    lists, out = [x.tolist() for x in state], into(state)
+    declined = [*state[:4], np.zeros((2, 7))]
+    calls = [
+        lambda: kernel.attempt(*state),
+        lambda: kernel.attempt(*lists),
+        lambda: kernel.attempt(*state, out=out),
+        lambda: kernel.attempt(*declined),
+        lambda: kernel.attempt(*state, out=(*out[:2], out[0])),
+        lambda: kernel.attempt([10**400] * 7, *state[1:]),
+    ]
+    watched = [*state, *lists, *out, *declined, np.float64, np.ndarray, np.dtype(float), lists[0][0], kernel.direct]
+    for call in calls:
+        call()
+        before, blocks = [sys.getrefcount(x) for x in watched], sys.getallocatedblocks()
+        for _ in range(20_000):
+            call()
+        assert [sys.getrefcount(x) for x in watched] == before
+        assert sys.getallocatedblocks() < blocks + 500
+    results = kernel.attempt(*state)
+    assert sys.getrefcount(results) == 2
+    assert [sys.getrefcount(x) for x in results] == [3] * 3  # of the tuple, the name, the call
+
+
+class TestMethods:
+    def test_each_order_is_served_once_it_was_asked_for(self, robot, state):
+        for count in (5, 3, 4):
+            method = robot.inverse_dynamics if type(robot.inverse_dynamics) is not SERVED else None
+            expected = robot.inverse_dynamics(*state[:count], method="kernel")
+            same_results(robot.inverse_dynamics(*state[:count]), expected)
+            same_results(robot.inverse_dynamics(*state[:count]), expected)
+            if method is not None:
+                same_results(method(*state[:count]), expected)
+        assert type(robot.inverse_dynamics) is SERVED
+
+    def test_lists_are_served_from_the_first_call(self, robot, state):
+        expected = robot.mass_matrix(state[0], method="recursion")
+        assert np.allclose(robot.mass_matrix(state[0].tolist()), expected, rtol=0, atol=1e-12)
+        assert type(robot.mass_matrix) is SERVED
+        assert np.allclose(robot.mass_matrix(state[0].tolist()), expected, rtol=0, atol=1e-12)
+
+    @pytest.mark.parametrize("wrong", [["a"] * 7, [0.1] * 6, [[0.1] * 7, [0.2]], "text"])
+    def test_wrong_arguments_have_their_one_line(self, robot, wrong):
+        with pytest.raises(jounce.JounceError) as before:
+            robot.mass_matrix(wrong)
+        robot.mass_matrix(np.zeros(7))
+        assert type(robot.mass_matrix) is SERVED
+        with pytest.raises(jounce.JounceError) as after:
+            robot.mass_matrix(wrong)
+        assert str(after.value) == str(before.value)
+
+    def test_signature_and_docstring_are_those_of_the_method(self, robot, state):
+        signature, text = inspect.signature(robot.inverse_dynamics), robot.inverse_dynamics.__doc__
+        robot.inverse_dynamics(*state)
+        assert type(robot.inverse_dynamics) is SERVED
+        assert (inspect.signature(robot.inverse_dynamics), robot.inverse_dynamics.__doc__) == (signature, text)
+        assert robot.inverse_dynamics.__name__ == "inverse_dynamics"
+        with pytest.raises(TypeError, match=r"missing .* 'qd' and 'q2d'"):
+            robot.inverse_dynamics(state[0])
+
+    def test_it_is_pickled_as_a_method_of_the_robot(self, robot, state):
+        expected = robot.inverse_dynamics(*state)
+        method = pickle.loads(pickle.dumps(robot.inverse_dynamics))
+        same_results(method(*state), expected)
+        assert isinstance(pickle.loads(pickle.dumps(robot)), jounce.Robot)
+
+    def test_a_robot_is_freed_at_once_and_its_method_outlives_it(self, state):
+        robot = jounce.load("iiwa14")
+        expected, orders = robot.inverse_dynamics(*state), [robot.inverse_dynamics(*state[:3])]
+        method, left = robot.inverse_dynamics, weakref.ref(robot)
+        gc.disable()
+        try:
+            del robot
+            assert left() is None
+        finally:
+            gc.enable()
+        same_results(method(*state), expected)
+        same_results(method(*state[:3]), orders[0])
+        assert len(method(*state[:4])) == 2
+
+    def test_methods_of_subclasses_stay(self, state):
+        class Doubled(jounce.Robot):
+            def gravity_forces(self, *given, **options):
+                return 2 * super().gravity_forces(*given, **options)
+
+        robot = Doubled(jounce.load("iiwa14").mechanism)
+        once = jounce.load("iiwa14").gravity_forces(state[0])
+        for _ in range(3):
+            assert np.array_equal(robot.gravity_forces(state[0]), 2 * once)
+        robot.mass_matrix(state[0])
+        assert type(robot.mass_matrix) is SERVED
+
+    def test_links_of_elastic_joints_are_still_asked_for_by_name(self, robot, state):
+        arm = robot.elastic(1e4, rotor=0.1)
+        arm.inverse_dynamics(*state[:3], side="links")
+        with pytest.raises(jounce.JounceError, match="side='links'"):
+            arm.inverse_dynamics(*state[:3])
+
+    def test_further_rates_of_other_orders_are_not_written_into(self, robot, state):
+        robot.gravity_forces(state[0])
+        kept = state[1].copy()
+        robot.gravity_forces(state[0], state[1])
+        assert np.array_equal(state[1], kept)
+
+    def test_threads_share_them(self, robot, state):
+        expected = robot.inverse_dynamics(*state)
+
+        def run(_):
+            return all(np.array_equal(robot.inverse_dynamics(*state)[2], expected[2]) for _ in range(500))
+
+        with ThreadPoolExecutor(4) as pool:
+            assert all(pool.map(run, range(8)))
+
+
+def test_without_direct_calls_everything_is_served_as_before(monkeypatch, state):
+    expected = jounce.load("iiwa14").inverse_dynamics(*state)
+    direct_interpreter.code.cache_clear()
+    monkeypatch.setattr(direct_interpreter, "fits", lambda: False)
+    try:
+        robot = jounce.load("iiwa14")
+        kernel = robot.compile(order=2)
+        plain = DirectCalls(kernel.addresses, kernel.signature)
+        assert not plain.are_possible
+        assert plain.make(decline) is decline
+        monkeypatch.setattr(kernel, "direct", plain)
+        monkeypatch.setattr(kernel, "attempt", decline)
+        out = into(state)
+        for _ in range(3):
+            same_results(robot.inverse_dynamics(*state), expected)
+            robot.inverse_dynamics(*state, out=out)
+            assert all(map(np.array_equal, out, expected))
+        same_results(robot.inverse_dynamics(*[x.tolist() for x in state]), expected)
+        assert type(robot.inverse_dynamics) is not SERVED
+    finally:
+        direct_interpreter.code.cache_clear()
+
+
+@pytest.mark.parametrize(("name", "value"), [("LIST_LENGTH", 24), ("ARRAY_DTYPE", 64), ("TABLE_SLOT", 24)])
+def test_fields_in_other_places_are_noticed(monkeypatch, name, value):
+    monkeypatch.setattr(direct_layout, name, value)
+    assert not direct_interpreter.fits()
+
+
+@pytest.mark.parametrize("without", ["lock", "processor", "implementation"])
+def test_it_is_off_where_it_was_not_tested(monkeypatch, without):
+    if without == "lock":
+        monkeypatch.setattr(direct_interpreter.sysconfig, "get_config_var", lambda name: 1)
+    elif without == "processor":
+        monkeypatch.setattr(direct_interpreter.platform, "machine", lambda: "riscv64")
+    else:
+        monkeypatch.setattr(direct_interpreter.sys.implementation, "name", "pypy")
+    assert not direct_interpreter.fits()
