@@ -14,10 +14,13 @@ import numpy as np
 from benchmarks.c import library
 from benchmarks.peers import Arrays, Call, MissingError, Peer, Prepared
 from jounce import Robot
+from jounce.native.jit import host
 
 
-def _built(file: str, *flags: str) -> Callable[[Robot, int], Prepared]:
+def _built(file: str, *flags: str, lanes: int = 1) -> Callable[[Robot, int], Prepared]:
     def build(robot: Robot, order: int) -> Prepared:
+        if host().lanes < lanes:
+            raise MissingError(f"this processor has no vectors of {lanes} doubles")
         folder = os.environ.get("JOUNCE_PEERS")
         if not folder:
             raise MissingError("JOUNCE_PEERS names no folder")
@@ -47,7 +50,7 @@ PEERS = (
     Peer("Pinocchio through CasADi as scalar C, gcc -ffast-math", _built("pinocchio_casadi_iiwa.c"), orders=(2,)),
     Peer(
         "Pinocchio through CasADi as C on 8 lanes, libmvec",
-        _built("pinocchio_casadi_iiwa_lanes.c", "-DLANES", "-lmvec"),
+        _built("pinocchio_casadi_iiwa_lanes.c", "-DLANES", "-lmvec", lanes=8),
         orders=(2,),
         batches=(1_000, 100_000),  # whole vectors only
     ),

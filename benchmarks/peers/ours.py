@@ -4,13 +4,18 @@ from collections.abc import Callable
 from functools import partial
 
 from benchmarks.machine import cores
-from benchmarks.peers import Peer, Prepared, alone
+from benchmarks.peers import Arrays, Call, Peer, Prepared, alone
 from jounce import Robot
 
 
 def of_method(method: str | None) -> Callable[[Robot, int], Prepared]:
-    """`Robot.inverse_dynamics` by a method."""
-    return lambda robot, _: lambda rates, _: partial(robot.inverse_dynamics, *alone(rates), method=method)
+    """`Robot.inverse_dynamics` by a method; it is looked up in each call, as users do."""
+
+    def prepared(robot: Robot, rates: Arrays) -> Call:
+        given, options = alone(rates), {} if method is None else {"method": method}
+        return lambda: robot.inverse_dynamics(*given, **options)
+
+    return lambda robot, _: lambda rates, _: prepared(robot, rates)
 
 
 def _kernel(robot: Robot, order: int) -> Prepared:
