@@ -160,7 +160,8 @@ def test_nothing_is_written_into_what_is_not_accepted(kernel, state, kind):
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e200, 1e-200])
 @pytest.mark.parametrize("given", ["arrays", "lists"])
 def test_warnings_are_those_of_the_ufunc(robot, kernel, state, value, given):
-    robot.inverse_dynamics(*state)
+    for _ in range(2):
+        robot.inverse_dynamics(*state)
     assert type(robot.inverse_dynamics) is SERVED
     state[1][3] = value
     asked = [x.tolist() for x in state] if given == "lists" else state
@@ -232,23 +233,25 @@ class TestMethods:
         for count in (5, 3, 4):
             method = robot.inverse_dynamics if type(robot.inverse_dynamics) is not SERVED else None
             expected = robot.inverse_dynamics(*state[:count], method="kernel")
-            same_results(robot.inverse_dynamics(*state[:count]), expected)
-            same_results(robot.inverse_dynamics(*state[:count]), expected)
+            for _ in range(3):
+                same_results(robot.inverse_dynamics(*state[:count]), expected)
             if method is not None:
                 same_results(method(*state[:count]), expected)
         assert type(robot.inverse_dynamics) is SERVED
 
-    def test_lists_are_served_from_the_first_call(self, robot, state):
+    def test_lists_are_served_from_the_second_call_on(self, robot, state):
         expected = robot.mass_matrix(state[0], method="recursion")
-        assert np.allclose(robot.mass_matrix(state[0].tolist()), expected, rtol=0, atol=1e-12)
-        assert type(robot.mass_matrix) is SERVED
+        for served in (False, False, True):
+            assert (type(robot.mass_matrix) is SERVED) == served
+            assert np.allclose(robot.mass_matrix(state[0].tolist()), expected, rtol=0, atol=1e-12)
         assert np.allclose(robot.mass_matrix(state[0].tolist()), expected, rtol=0, atol=1e-12)
 
     @pytest.mark.parametrize("wrong", [["a"] * 7, [0.1] * 6, [[0.1] * 7, [0.2]], "text"])
     def test_wrong_arguments_have_their_one_line(self, robot, wrong):
         with pytest.raises(jounce.JounceError) as before:
             robot.mass_matrix(wrong)
-        robot.mass_matrix(np.zeros(7))
+        for _ in range(2):
+            robot.mass_matrix(np.zeros(7))
         assert type(robot.mass_matrix) is SERVED
         with pytest.raises(jounce.JounceError) as after:
             robot.mass_matrix(wrong)
@@ -256,7 +259,8 @@ class TestMethods:
 
     def test_signature_and_docstring_are_those_of_the_method(self, robot, state):
         signature, text = inspect.signature(robot.inverse_dynamics), robot.inverse_dynamics.__doc__
-        robot.inverse_dynamics(*state)
+        for _ in range(2):
+            robot.inverse_dynamics(*state)
         assert type(robot.inverse_dynamics) is SERVED
         assert (inspect.signature(robot.inverse_dynamics), robot.inverse_dynamics.__doc__) == (signature, text)
         assert robot.inverse_dynamics.__name__ == "inverse_dynamics"
@@ -264,7 +268,8 @@ class TestMethods:
             robot.inverse_dynamics(state[0])
 
     def test_it_is_pickled_as_a_method_of_the_robot(self, robot, state):
-        expected = robot.inverse_dynamics(*state)
+        expected = [robot.inverse_dynamics(*state) for _ in range(2)][-1]
+        assert type(robot.inverse_dynamics) is SERVED
         method = pickle.loads(pickle.dumps(robot.inverse_dynamics))
         same_results(method(*state), expected)
         assert isinstance(pickle.loads(pickle.dumps(robot)), jounce.Robot)
@@ -272,6 +277,8 @@ class TestMethods:
     def test_a_robot_is_freed_at_once_and_its_method_outlives_it(self, state):
         robot = jounce.load("iiwa14")
         expected, orders = robot.inverse_dynamics(*state), [robot.inverse_dynamics(*state[:3])]
+        robot.inverse_dynamics(*state), robot.inverse_dynamics(*state[:3])
+        assert type(robot.inverse_dynamics) is SERVED
         method, left = robot.inverse_dynamics, weakref.ref(robot)
         gc.disable()
         try:
@@ -292,23 +299,26 @@ class TestMethods:
         once = jounce.load("iiwa14").gravity_forces(state[0])
         for _ in range(3):
             assert np.array_equal(robot.gravity_forces(state[0]), 2 * once)
-        robot.mass_matrix(state[0])
+        for _ in range(2):
+            robot.mass_matrix(state[0])
         assert type(robot.mass_matrix) is SERVED
 
     def test_links_of_elastic_joints_are_still_asked_for_by_name(self, robot, state):
         arm = robot.elastic(1e4, rotor=0.1)
-        arm.inverse_dynamics(*state[:3], side="links")
+        for _ in range(3):
+            arm.inverse_dynamics(*state[:3], side="links")
         with pytest.raises(jounce.JounceError, match="side='links'"):
             arm.inverse_dynamics(*state[:3])
 
     def test_further_rates_of_other_orders_are_not_written_into(self, robot, state):
-        robot.gravity_forces(state[0])
+        for _ in range(2):
+            robot.gravity_forces(state[0])
         kept = state[1].copy()
         robot.gravity_forces(state[0], state[1])
         assert np.array_equal(state[1], kept)
 
     def test_threads_share_them(self, robot, state):
-        expected = robot.inverse_dynamics(*state)
+        expected = robot.inverse_dynamics(*state)  # the threads make the direct call
 
         def run(_):
             return all(np.array_equal(robot.inverse_dynamics(*state)[2], expected[2]) for _ in range(500))

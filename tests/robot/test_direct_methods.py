@@ -55,7 +55,7 @@ def test_keywords(natively, name, lists):
     quantity, count, options = CALLS[name]
     given = [x.tolist() if lists else x.copy() for x in STATE[:count]]
     method = getattr(jounce.load("iiwa14"), quantity)
-    expected = method(*given, **options)
+    expected = [method(*given, **options) for _ in range(2)][-1]
     robot = method.__self__
     check_equal(natively(getattr(robot, quantity), *given, **options), expected)
     out = tuple(np.zeros_like(x) for x in (expected if isinstance(expected, tuple) else (expected,)))
@@ -78,7 +78,8 @@ def test_other_keywords_have_the_answers_of_the_method(change):
             return f"{type(error).__name__}: {error}"
 
     served, other = jounce.load("iiwa14"), jounce.load("iiwa14")
-    served.inverse_dynamics(*STATE[:3], wrench=WRENCHES[0])
+    for _ in range(2):
+        served.inverse_dynamics(*STATE[:3], wrench=WRENCHES[0])
     found, expected = outcome(served), outcome(other)
     assert type(found) is type(expected)
     assert np.array_equal(found, expected)
@@ -86,7 +87,7 @@ def test_other_keywords_have_the_answers_of_the_method(change):
 
 def test_texts_that_are_equal_but_not_the_same_go_to_the_method():
     robot = jounce.load("iiwa14")
-    expected = robot.jacobian(STATE[0], body="link7")
+    expected = [robot.jacobian(STATE[0], body="link7") for _ in range(2)][-1]
     other = "".join(["li", "nk7"])
     assert other is not "link7"  # noqa: F632 - the identity is what the call compares
     check_equal(robot.jacobian(STATE[0], body=other), expected)
@@ -109,13 +110,14 @@ class TestBases:
     ])  # fmt: skip
     def test_they_are_served(self, natively, dog, given, quantity, rates, terms):
         rows, base = given[0][:rates], given[1][:terms]
-        expected = getattr(dog, quantity)(*rows, base=base)
+        expected = [getattr(dog, quantity)(*rows, base=base) for _ in range(2)][-1]
         check_equal(natively(getattr(dog, quantity), *rows, base=base), expected)
 
     def test_matrices_that_are_no_poses_are_refused(self, natively, dog, given):
         rows, base = given[0][:3], given[1][:3]
-        dog.inverse_dynamics(*rows, base=base)
-        dog.mass_matrix(rows[0], base=base[:1])
+        for _ in range(2):
+            dog.inverse_dynamics(*rows, base=base)
+            dog.mass_matrix(rows[0], base=base[:1])
         bad, verge = base[0].copy(), base[0].copy()
         bad[:3, :3] *= 1.001
         verge[0, 3] = np.nan
@@ -146,14 +148,16 @@ class TestLoops:
         rates = np.random.default_rng(1).uniform(-1, 1, (4, robot.n))
         near = whole + 1e-16
         for given in ((near,), (near, rates[0]), (near, *rates)):
-            expected = robot.inverse_dynamics(*given) if len(given) > 2 else robot.gravity_forces(*given)
+            for _ in range(2):
+                expected = robot.inverse_dynamics(*given) if len(given) > 2 else robot.gravity_forces(*given)
             method = robot.inverse_dynamics if len(given) > 2 else robot.gravity_forces
             check_equal(natively(method, *given), expected)
             check_equal(natively(method, *[x.tolist() for x in given]), expected)
 
     def test_open_loops_go_to_the_method(self, natively, closed):
         robot, q, whole = closed
-        robot.gravity_forces(whole)
+        for _ in range(2):
+            robot.gravity_forces(whole)
         off = whole.copy()
         off[robot.mechanism.closure.dependent[0]] += 1e-3
         with pytest.raises(PythonCalledError):
@@ -165,7 +169,8 @@ class TestLoops:
     def test_positions_near_a_singularity_go_to_the_method(self, natively, monkeypatch, closed):
         robot, _, whole = closed
         monkeypatch.setattr("jounce.engine.certain_digits.max_condition", lambda asked: 1.0)
-        robot.gravity_forces(whole)
+        for _ in range(2):
+            robot.gravity_forces(whole)
         with pytest.raises(PythonCalledError):
             natively(robot.gravity_forces, whole)
 
@@ -173,6 +178,6 @@ class TestLoops:
 def test_forms_are_served_up_to_a_number(monkeypatch):
     monkeypatch.setattr("jounce.engine.direct_methods.MAX_DIRECT_FORMS", 2)
     robot = jounce.load("iiwa14")
-    for body in robot.body_names:
+    for body in [*robot.body_names] * 2:
         check_equal(robot.jacobian(STATE[0], body=body), robot.jacobian(STATE[0], body=body, method="kernel"))
-    assert len(robot._kernels.direct) == 2
+    assert sum(robot._kernels.forms.values()) <= 2 == len(robot._kernels.forms)

@@ -1,9 +1,10 @@
 """Native code in the place of a robot's methods, for calls with one state of a form that came before.
 
-A form of call, its order and its keywords, is served once it has been checked and computed by the method itself. Then
-an attribute of the robot hides the method: a direct call, which hands all that it does not accept on to the one before,
-and that to the method. This is a method of another robot, behind this one, with the same kernels: no circle of
-references keeps a robot, and a method that was taken from it outlives it.
+A form of call, its order and its keywords, is served from the second time on: the method itself has then checked and
+computed one, and code is not loaded for a single result. An attribute of the robot hides the method then: a direct
+call, which hands all that it does not accept on to the one before, and that to the method. This is a method of another
+robot, behind this one, with the same kernels: no circle of references keeps a robot, and a method that was taken from
+it outlives it.
 """
 
 import inspect
@@ -24,12 +25,15 @@ FRONT, BEHIND = "_front", "_behind"  # attributes of two robots: the other one
 
 
 def serve(robot: Engine, asked: Computation, form: Form, base_terms: int) -> None:
-    """Let native code serve calls like one that was computed; `base_terms` is how many arrays of the base it gave."""
-    forms, front = robot._kernels.direct, vars(robot).get(FRONT, lambda: robot)()
+    """Let native code serve calls like one that came before; `base_terms` is how many arrays of the base it gave."""
+    forms, front = robot._kernels.forms, vars(robot).get(FRONT, lambda: robot)()
     kernel, _ = robot._kernels.known.get(asked, (None, None))
-    if front is None or kernel is None or form in forms or len(forms) >= MAX_DIRECT_FORMS:
+    if form not in forms and len(forms) < MAX_DIRECT_FORMS:
+        forms[form] = False
         return
-    forms.add(form)
+    if front is None or kernel is None or forms.get(form, True):
+        return
+    forms[form] = True
     name, method, closing = form[0], getattr(type(front), form[0], None), _closing_table(robot, asked)
     open_loops = robot.mechanism.closure is not None and closing is None
     elastic_links = robot.mechanism.elasticity is not None and asked.quantity.of_motors is not None

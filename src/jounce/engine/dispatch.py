@@ -55,6 +55,8 @@ def compute(
             arrays = _with_dependent(robot, arrays, limit)
         if moved and not are_poses(moved[0]):
             raise LookupError  # NaN, or what `check_pose` refuses
+        if not robot._kernels.forms.get(form, True):
+            direct_methods.serve(robot, kernel.computation, form, len(moved))
         into = tuple(out) if type(out) in (tuple, list) else (out,)
         found = kernel.attempt(*arrays) if out is None else kernel.attempt(*arrays, out=into)
         if found is not None:

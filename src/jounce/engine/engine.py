@@ -30,13 +30,13 @@ class Kernels:
     """The native code of one robot, dropped with it.
 
     `known` maps a computation to its kernel, or to the reason that it has none; `ready` maps the form of plain calls to
-    what serves them; `direct` holds the forms of calls that native code serves alone; `steps` the step that closes
-    loops.
+    what serves them; `forms` has those of calls that came before, and whether native code serves them alone by now;
+    `steps` holds the step that closes loops.
     """
 
     known: dict[Computation, tuple[Kernel | None, str | None]] = field(default_factory=dict)
     ready: dict[Form, Ready] = field(default_factory=dict)
-    direct: set[Form] = field(default_factory=set)
+    forms: dict[Form, bool] = field(default_factory=dict)
     steps: list[NativeStep | None] = field(default_factory=list)
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from jounce.dynamics.computation import Port, Signature
 from jounce.native import direct_interpreter, pose_check
-from jounce.native.direct_interpreter import Bound
+from jounce.native.direct_interpreter import DirectBinding
 from jounce.native.direct_layout import MAX_AXES, MAX_CLOSING_NUMBERS, MAX_PORTS, TABLE_WORDS
 from jounce.native.loop_closure import NativeStep
 
@@ -45,7 +45,7 @@ def decline(*arguments: Any, **options: Any) -> None:
 
 
 class Keyword(NamedTuple):
-    """A keyword that a direct call takes: arrays of some ports from `start` on, or if there are none, one value."""
+    """A keyword that a direct call takes: arrays of some ports from `start` on, or one value."""
 
     name: str
     start: int = 0
@@ -118,7 +118,9 @@ class DirectCalls:
         table = np.array([*map(words.__getitem__, TABLE_WORDS), *chain.from_iterable(described)], dtype=np.int64)
         definition = Definition(name.encode(), code.address("compute"), PROTOCOL, doc.encode())
         kept = definition, listed, strides, keywords, closing, self
-        return direct_interpreter.function_maker()(ctypes.byref(definition), Bound(table, others, owner, kept), None)
+        return direct_interpreter.function_maker()(
+            ctypes.byref(definition), DirectBinding(table, others, owner, kept), None
+        )
 
 
 def _strides(ports: Sequence[Port]) -> np.ndarray:

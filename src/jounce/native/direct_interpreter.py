@@ -24,7 +24,7 @@ FUNCTIONS = {
 }  # fmt: skip
 
 
-class Bound:
+class DirectBinding:
     """What a direct call is bound to: the table of its kernel, and what serves all other calls.
 
     An attribute of another name is one of `owner`, as which it is pickled: its method of the same name serves there.
@@ -77,7 +77,7 @@ def fits() -> bool:
     if ctypes.sizeof(ctypes.c_void_p) != 8 or not (table := _array_table()):
         return False
     array = np.zeros((2, 3))
-    listed, pair, bound, numbers = [0.5, 0.25], (0.5, array), Bound(array, max), (0.5, np.float64(3))
+    listed, pair, bound, numbers = [0.5, 0.25], (0.5, array), DirectBinding(array, max), (0.5, np.float64(3))
     lengths = _read(id(array), direct_layout.ARRAY_LENGTHS)
     return (
         jit.entry(table, ARRAY_TYPE_ENTRY) == id(np.ndarray)

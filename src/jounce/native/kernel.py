@@ -2,7 +2,7 @@
 
 import ctypes
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import cached_property, partial
 from math import inf, prod
 from threading import Lock
 from typing import Any, Never
@@ -51,8 +51,6 @@ class Kernel(DerivativeProducts[Results]):
         self.ufunc, self._alive = make_ufunc(self.addresses[0], self.signature, computation.name, self.addresses[1])
         self._count = len(self.signature.inputs)
         self._products = {}
-        self.direct = DirectCalls(self.addresses, self.signature, self._alive, self._code, self._pool)
-        self.attempt = self.direct.make(decline)  # the results for one state, into `out` if given; or None
 
     def __reduce__(self) -> tuple[Callable[..., "Kernel"], tuple[Mechanism, Computation]]:
         return compile_kernel, (self.mechanism, self.computation)
@@ -102,6 +100,20 @@ class Kernel(DerivativeProducts[Results]):
             return found
         if fixed:
             raise self._fixed_at_compile_time(fixed)
+        return self.broadcast(arrays, out, threads)
+
+    @cached_property
+    def direct(self) -> DirectCalls:
+        """Calls with one state; they are made once calls repeat, as their code takes some time to load."""
+        return DirectCalls(self.addresses, self.signature, self._alive, self._code, self._pool)
+
+    @cached_property
+    def attempt(self) -> Callable[..., Any]:
+        """A callable that returns the results for one state, into `out` if given, or None if it does not accept it."""
+        return self.direct.make(decline)
+
+    def broadcast(self, arrays: Sequence[ArrayLike], out: Floats | Sequence[Floats] | None, threads: int) -> Results:
+        """Compute the quantity for arrays of any kind and size."""
         if len(arrays) != self._count:  # NumPy would write into what comes after
             raise JounceError(f"{self!r} expects {self._count} arrays, got {len(arrays)}: {self._order_of_inputs()}")
         into = None if out is None else tuple(out) if isinstance(out, (tuple, list)) else (out,)
