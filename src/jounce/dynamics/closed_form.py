@@ -81,7 +81,7 @@ def _closed_form(m: Mechanism, C0: Array, qd: Series, W: Series | None, given: S
     gM = JT @ MJ  # (MC)
     gC = JT @ CJ  # (MC)
     gCbar = JT @ (CJ + M @ (b @ J))  # (Cbar)
-    Qgrav = JT @ (M @ UG)
+    Qgrav = JT @ (M @ UG)  # (25)
     Qext = 0 * Qgrav if W is None else JT @ W  # (Qext)
     forces = gC @ qd + Qgrav + Qext
     Q = gM @ qd.dot + forces  # (EOM1)
