@@ -75,13 +75,18 @@ def on_post_build(config: Any, **_: Any) -> None:
 def tag(sections: list[dict[str, Any]]) -> None:
     """Tag the sections that are entries of labels; a tag weighs more than all text.
 
-    Labels with an A, and numbers, are found by their headings alone: tags are found by their first letters too, and
-    every sentence with "a" or "2" in it would find them first.
+    Labels with an A are found by their headings alone: tags are found by their first letters too, and every sentence
+    with "a" in it would find them first. So are numbers of two digits; (5) without a tag comes after (50) to (58).
     """
     for section in sections:
         page, _, label = section["location"].rpartition("#")
-        if page.startswith("derivation/") and label in NUMBERS and label[0] not in "aA" and not label.isdigit():
+        if page.startswith("derivation/") and is_tagged(label):
             section["tags"] = [label]
+
+
+def is_tagged(label: str) -> bool:
+    """Whether the entry of a label has a tag."""
+    return label in NUMBERS and label[0] not in "aA" and not (label.isdigit() and len(label) > 1)
 
 
 def _printed(label: str) -> str:

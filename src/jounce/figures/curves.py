@@ -94,7 +94,7 @@ def _figure(
         leave_out_labels(grid, columns)
         figure.align_ylabels()
         entries = _entries(panels, names, any(run.breaks for run in runs), marks)
-        entries |= {run.title: entries[run.title] | run.panels[0].style for run in runs if run.title in names}
+        entries |= {run.title: {**entries[run.title], **run.panels[0].style} for run in runs if run.title in names}
         legend_above(figure, entries, title=title or None)
 
     return painted(paint, *size, LOOK if width is None else PRINT)

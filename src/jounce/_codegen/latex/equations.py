@@ -62,7 +62,13 @@ def document(robot: ParametricRobot, base: bool = False) -> Document:
         raise JounceError(
             f"two parameters would both be printed as {twice}; expected another name of the robot's symbol"
         )
-    return Document(symbols, symbolic(Engine(robot.mechanism(symbols)), base))
+    engine = Engine(robot.mechanism(symbols))
+    if engine.mechanism.closure is not None:
+        raise JounceError(
+            f"{engine.mechanism.name!r} has closed loops, and its equations are no sums of products; robot.symbolic()"
+            " has those in all coordinates, with the constraint"
+        )
+    return Document(symbols, symbolic(engine, base))
 
 
 def tex(text: str) -> str:
