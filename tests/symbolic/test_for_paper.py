@@ -1,5 +1,7 @@
 """Expressions as a paper prints them: sums are grouped, sines have short names, closed robots have their constraint."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import sympy
@@ -8,6 +10,7 @@ from sympy import cos, sin
 
 import jounce
 from jounce.core.errors import JounceError
+from jounce.model.frame import Frame
 from support.robots import relative_error
 
 L1, L2, m1, m2, g = sympy.symbols("L1 L2 m1 m2 g")
@@ -77,7 +80,7 @@ def test_short_names_stand_for_sines_and_cosines():
     }  # fmt: skip
     assert not short.atoms(sin, cos)
     assert short.subs(names) == S.Q
-    assert sympy.latex(sympy.Symbol("c_12")) == "c_{12}"
+    assert [sympy.latex(sympy.Symbol(name)) for name in ("c_12", "c_{1-2}")] == ["c_{12}", "c_{1-2}"]
 
 
 def test_short_names_of_differences_multiples_and_other_angles():
@@ -86,7 +89,7 @@ def test_short_names_of_differences_multiples_and_other_angles():
     alpha = sympy.Symbol("alpha")
     x = sin(q1 - q2) + cos(2 * q1 + q2) + sin(alpha + q1) + cos(q1 / 2)
     short, names = S.abbreviate(x)
-    assert {str(name) for name in names} == {"s_1-2", "c_112"}
+    assert {str(name) for name in names} == {"s_{1-2}", "c_112"}
     assert short.atoms(sin, cos) == {sin(alpha + q1), cos(q1 / 2)}
     assert short.subs(names) == x
 
@@ -150,3 +153,21 @@ def test_a_loop_in_space_has_all_its_rows():
     S = jounce.load("delta").symbolic()
     assert S.gap.shape[1] == 1
     assert S.gap.shape[0] >= 9
+
+
+def test_a_four_bar_of_symbols_has_its_constraint():
+    """A tree with loops that nobody closes: crank a, coupler b on it, rocker c at d, as any textbook writes them."""
+    a, b, c, d = sympy.symbols("a b c d", positive=True)
+
+    def at(x):
+        return np.array([[1, 0, 0, x], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], dtype=object)
+
+    rods = [jounce.inertia_matrix(m1, [l / 2, 0, 0], np.diag([0, 0, m1 * l**2 / 12])) for l in (a, b, c)]  # noqa: E741
+    tree = jounce.Robot.from_screws([at(0), at(a), at(d)], [[0, 0, 1, 0, 0, 0]] * 3, rods, parent=[-1, 0, -1])
+    pin = jounce.Loop(Frame("a", 1, at(b)), Frame("b", 2, at(c)), "revolute", np.array([0, 0, 1]))
+    S = jounce.Robot(replace(tree.mechanism, loops=(pin,))).symbolic()
+    q1, q2, q3 = S.q
+    x = a * cos(q1) + b * cos(q1 + q2) - d - c * cos(q3)
+    y = a * sin(q1) + b * sin(q1 + q2) - c * sin(q3)
+    turned = sympy.Matrix([[cos(q1 + q2), sin(q1 + q2)], [-sin(q1 + q2), cos(q1 + q2)]])  # to the axes of the coupler
+    assert sympy.simplify(S.gap + turned * sympy.Matrix([x, y])) == sympy.zeros(2, 1)

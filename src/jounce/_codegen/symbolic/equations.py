@@ -84,7 +84,7 @@ class Symbolic:
     def abbreviate(self, x: Any) -> tuple[Any, Mapping[Any, Any]]:
         """An expression or matrix with short names of sines and cosines, s_1, c_12, and what the names stand for.
 
-        ``c_12`` is cos(q1 + q2), ``s_1-2`` sin(q1 - q2), ``c_22`` cos(2 q2). Of more than nine coordinates, commas
+        ``c_12`` is cos(q1 + q2), ``s_{1-2}`` sin(q1 - q2), ``c_22`` cos(2 q2). Of more than nine coordinates, commas
         separate the numbers. Sines and cosines of other angles stay.
 
         Examples
@@ -145,7 +145,7 @@ def symbolic(robot: Engine, moving_base: bool) -> Symbolic:
     found = expressions(m, moving_base or m.floats)
     series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if not requests.missing_reason(m, row)}
     series |= {symbol: found.external(row, symbol) for symbol, row in OF_WRENCHES.items()}
-    if robot.mechanism.closure is not None:
+    if m.loops:
         series["gap"] = found.gap()
 
     @cache

@@ -23,7 +23,10 @@ def abbreviate(x: Any, coordinates: Sequence[Any]) -> tuple[Any, Mapping[Any, An
 
 
 def _name(f: Any, coordinates: Sequence[Any]) -> str | None:
-    """The name of a sine or cosine of a sum of coordinates, multiples listed as often: c_112 of cos(2 q1 + q2)."""
+    """The name of a sine or cosine of a sum of coordinates, multiples listed as often: c_112 of cos(2 q1 + q2).
+
+    Braces keep differences apart from what follows: c_{1-2}.
+    """
     multiples = f.args[0].as_coefficients_dict()
     if any(symbol not in coordinates or not count.is_Integer for symbol, count in multiples.items()):
         return None
@@ -31,4 +34,5 @@ def _name(f: Any, coordinates: Sequence[Any]) -> str | None:
         f"{'-' if multiples[q] < 0 else ''}{i + 1}"
         for i, q in enumerate(coordinates) if q in multiples for _ in range(abs(multiples[q]))
     ]  # fmt: skip
-    return f"{f.func.__name__[0]}_{(',' if len(coordinates) > MAX_DIGITS else '').join(numbers)}"
+    below = ("," if len(coordinates) > MAX_DIGITS else "").join(numbers)
+    return f"{f.func.__name__[0]}_{f'{{{below}}}' if '-' in below else below}"
