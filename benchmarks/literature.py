@@ -155,16 +155,21 @@ def row(form: str) -> list[str]:
     return [form, *(f"{count:,}" for count in counts), *(share(max(errors(form, arm))) for arm in ARMS)]
 
 
+def factored_counts() -> list[str]:
+    """The operations of the programs that native code runs: of the iiwa to each order, and of the general arm."""
+    asked = [*((ARMS[0], order) for order in range(ORDER + 1)), (GENERAL, ORDER)]
+    return [
+        f"{code_forms.trace_program(load(arm).mechanism, Computation('inverse_dynamics', order)).operations:,}"
+        for arm, order in asked
+    ]
+
+
 def factored() -> list[str]:
-    """The row of the programs that native code runs."""
-    counts = [
-        code_forms.trace_program(load(arm).mechanism, Computation("inverse_dynamics", order)).operations
-        for arm, orders in ((ARMS[0], range(ORDER + 1)), (GENERAL, [ORDER])) for order in orders
-    ]  # fmt: skip
+    """The row of these programs."""
     given = states(7, STATES, ORDER)
     found = [np.stack(load(arm).inverse_dynamics(*given, method="kernel"), axis=1) for arm in ARMS]
     kernels = [share(max(_shares(forces, arm))) for forces, arm in zip(found, ARMS, strict=True)]
-    return ["jounce, `kernel`: factored", "-", *(f"{count:,}" for count in counts), *kernels]
+    return ["jounce, `kernel`: factored", "-", *factored_counts(), *kernels]
 
 
 def page() -> str:

@@ -1,6 +1,8 @@
 """Section 2 of the paper, written once over time series; Sections 3 and 4, and any higher order, follow by Leibniz.
 
 The system matrices are dense, 6nb rows: the form to read and to prove with. `recursion` is the form to compute with.
+A is the spatial operator of A. Jain, Robot and Multibody Dynamics, 2011; Leibniz' rule for any order is in S. Kumar,
+A. Müller, ICRA 2021.
 """
 
 from dataclasses import dataclass, replace
