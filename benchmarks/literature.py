@@ -79,7 +79,7 @@ class Counted:
     __radd__, __rmul__ = __add__, __mul__
 
 
-def _of_method(method: Method) -> Form:
+def _form_by_method(method: Method) -> Form:
     def form(m: jounce.Mechanism, rates: Sequence[Any]) -> list[Any]:
         found = Computation("inverse_dynamics", len(rates) - 3).series(method, with_exact_integers(m), rates)
         return [Q.ravel() for Q in found.upto(len(rates) - 3)]
@@ -87,15 +87,15 @@ def _of_method(method: Method) -> Form:
     return form
 
 
-def _of_buondonno(m: jounce.Mechanism, rates: Sequence[Any]) -> list[Any]:
+def _buondonno(m: jounce.Mechanism, rates: Sequence[Any]) -> list[Any]:
     return buondonno.inverse_dynamics(buondonno.links(m), np.array(m.gravity), rates)
 
 
 FORMS: dict[str, Form] = {
-    "Buondonno and De Luca: recursion of vectors": _of_buondonno,
-    "Müller and Kumar: Sections 3 and 4, dense": _of_method("paper"),
-    "jounce, `closed_form`: Section 2 over series, dense": _of_method("closed_form"),
-    "jounce, `recursion`": _of_method("recursion"),
+    "Buondonno and De Luca: recursion of vectors": _buondonno,
+    "Müller and Kumar: Sections 3 and 4, dense": _form_by_method("paper"),
+    "jounce, `closed_form`: Section 2 over series, dense": _form_by_method("closed_form"),
+    "jounce, `recursion`": _form_by_method("recursion"),
 }
 
 

@@ -24,7 +24,7 @@ ROWS = {
 
 @pytest.mark.parametrize("order", [0, 1, 2, 3])
 @pytest.mark.parametrize("arm", ARMS)
-def test_the_recursion_of_buondonno_and_de_luca_has_the_forces_of_the_library(arm, order):
+def test_the_recursion_has_the_forces_of_the_library(arm, order):
     robot, rates = load(arm), states(7, 5, order)
     expected = robot.inverse_dynamics(*rates)
     bodies = buondonno.links(robot.mechanism)
@@ -33,7 +33,7 @@ def test_the_recursion_of_buondonno_and_de_luca_has_the_forces_of_the_library(ar
         assert relative_error(Q, exact) < 1e-12
 
 
-def test_the_recursion_of_buondonno_and_de_luca_takes_trees():
+def test_the_recursion_takes_trees():
     m = load(ARMS[1]).mechanism
     tree = jounce.Robot.from_screws(m.B, m.X, m.M, parent=[-1, 0, 1, 1, 3, 0, 5])
     rates = states(7, 1, 2)
@@ -42,7 +42,7 @@ def test_the_recursion_of_buondonno_and_de_luca_takes_trees():
         assert relative_error(Q, exact[0]) < 1e-12
 
 
-def test_the_recursion_of_buondonno_and_de_luca_refuses_other_joints():
+def test_the_recursion_refuses_other_joints():
     sliding = jounce.Robot.from_screws([np.eye(4)], [[0, 0, 0, 0, 0, 1]], [np.eye(6)])
     with pytest.raises(jounce.JounceError, match="revolute joints about axes through the origins"):
         buondonno.links(sliding.mechanism)

@@ -93,7 +93,7 @@ class Printer:
         for c, powers, angle, sine in terms:
             groups[angle, sine].append(factor.divide(c, powers))
         parts = [self._product(group, *trig) for trig, group in groups.items()]
-        return sympy.Mul(*self._in_front(factor), sympy.Add(*parts))
+        return sympy.Mul(*self._prefactors(factor), sympy.Add(*parts))
 
     def _product(self, terms: Sequence[Monomial], angle: int, sine: bool) -> Any:
         """A sum times a sine or cosine, or, of angle 0, the sum."""
@@ -115,7 +115,7 @@ class Printer:
             sympy.Mul(*self._sum(P), self._factored([(c, dict(powers)) for c, powers in R]))
             for R, P in products.items()
         )
-        return sympy.Mul(*self._in_front(factor), sympy.Add(*parts), trig)
+        return sympy.Mul(*self._prefactors(factor), sympy.Add(*parts), trig)
 
     def _is_rate(self, i: int) -> bool:
         return i >= self.parameters and self.variables.expressions[i] not in self.coordinates
@@ -134,9 +134,9 @@ class Printer:
 
         factor = self._factor(terms)
         rest = (factor.divide(*term) for term in terms)
-        return *self._in_front(factor), sympy.Add(*(self._number(c) * self._monomial(powers) for c, powers in rest))
+        return *self._prefactors(factor), sympy.Add(*(self._number(c) * self._monomial(powers) for c, powers in rest))
 
-    def _in_front(self, factor: Factor) -> tuple[Any, Any]:
+    def _prefactors(self, factor: Factor) -> tuple[Any, Any]:
         return self._number(factor.number), self._monomial(factor.powers)
 
     def _factor(self, terms: Sequence[Monomial]) -> Factor:

@@ -46,7 +46,7 @@ def _panels(found: Example) -> list[CurvePanel]:
     differentiated = (None, None, *found.differentiated)
     labels = (r"$q$ [rad]", *FORCE_LABELS)
     return [
-        CurvePanel(label, _by_joint(found, exact), None if rough is None else _by_joint(found, rough))
+        CurvePanel(label, _joint_curves(found, exact), None if rough is None else _joint_curves(found, rough))
         for label, exact, rough in zip(
             labels, (found.motion(found.t, 0)[0], *found.forces), differentiated, strict=True
         )
@@ -70,7 +70,7 @@ def errors_over_steps(of_Qd: StepErrors, of_Q2d: StepErrors) -> "Figure":
 def figure_of_the_paper(alone: Example, loaded: Example) -> "Figure":
     """Q of each joint: the authors' code, which meets the points of the figure, and the formulas."""
     t, Q = read_figure()
-    points = CurvePanel(FORCE_LABELS[0], _by_joint(alone, Q), style=RING_STYLE | {"color": INK})
+    points = CurvePanel(FORCE_LABELS[0], _joint_curves(alone, Q), style=RING_STYLE | {"color": INK})
     return overlay_runs([*_runs(alone, loaded, [0]), TableRun(t, [points], title="points of the paper's figure")])
 
 
@@ -89,12 +89,12 @@ def _runs(
         "formulas, without wrench": alone.forces,
     }
     return [
-        TableRun(alone.t, [CurvePanel(FORCE_LABELS[k], _by_joint(alone, Q[k], joints)) for k in orders], title=title)
+        TableRun(alone.t, [CurvePanel(FORCE_LABELS[k], _joint_curves(alone, Q[k], joints)) for k in orders], title=title)
         for title, Q in curves.items()
     ]
 
 
-def _by_joint(found: Example, values: np.ndarray, joints: Sequence[int] | None = None) -> dict[str, np.ndarray]:
+def _joint_curves(found: Example, values: np.ndarray, joints: Sequence[int] | None = None) -> dict[str, np.ndarray]:
     names = found.robot.joint_names
     return {names[i]: values[:, i] for i in (range(len(names)) if joints is None else joints)}
 
