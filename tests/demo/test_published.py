@@ -1,10 +1,14 @@
 """The paper's figure of Q: its points are met by the authors' code with the wrench, and by nothing else."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from jounce._report.demo.example import example, forces_of
 from jounce._report.demo.published import FIGURE, FORMULAS, STEINER, WRENCH, deviations, published, read_figure
+from jounce.engine.engine import Engine
+from jounce.io.bundled import iiwa14
 
 FIGURE_RESOLUTION = 4e-4  # N m, of the plot
 
@@ -27,6 +31,15 @@ def test_the_authors_code_with_the_wrench_meets_the_figure(examples):
     by_joint = np.abs(published(loaded, t)[0] - Q).max(0)
     assert np.all(by_joint < FIGURE_RESOLUTION)
     assert np.all(np.abs(published(alone, t)[0] - Q).max(0) > 1e4 * FIGURE_RESOLUTION)
+
+
+def test_the_figure_knows_its_gravity(examples):
+    """It is 9.80665 m/s^2: 9.81 is visible, in the second joint."""
+    _, loaded = examples
+    t, Q = read_figure()
+    other = replace(loaded, robot=Engine(iiwa14((0, 0, -9.81))))
+    assert np.abs(published(other, t)[0] - Q).max(0).argmax() == 1
+    assert 0.018 < np.abs(published(other, t)[0] - Q).max() < 0.020
 
 
 def test_in_the_wrist_the_figure_is_the_wrench(examples):

@@ -113,17 +113,18 @@ def _symbol(symbol: str, k: int, index: Sequence[int]) -> str:
 
 
 def _pieces(x: Any) -> Iterator[str]:
-    """The terms of an expression with their signs; a product with a long sum in it term by term, in parentheses."""
+    """The terms of an expression with their signs; a product with a sum in it that is too long term by term."""
     import sympy
 
     for term in x.as_ordered_terms() if x.is_Add else [x]:
         text = sympy.latex(term)
         sums = [factor for factor in sympy.Mul.make_args(term) if factor.is_Add]
-        if _width(text) <= MAX_LINE_GLYPHS or len(sums) != 1:
+        if _width(text) <= MAX_LINE_GLYPHS or not sums:
             yield _with_sign(text)
             continue
-        front = {1: "", -1: "-"}.get(term / sums[0], sympy.latex(term / sums[0]))
-        first, *others, last = _pieces(sums[0])
+        longest = max(sums, key=lambda factor: len(factor.args))
+        front = {1: "", -1: "-"}.get(term / longest, sympy.latex(term / longest))
+        first, *others, last = _pieces(longest)
         yield f"{_with_sign(front)} \\bigl({first.removeprefix('+ ')}"
         yield from others
         yield f"{last}\\bigr)"

@@ -89,7 +89,9 @@ def _runs(
         "formulas, without wrench": alone.forces,
     }
     return [
-        TableRun(alone.t, [CurvePanel(FORCE_LABELS[k], _joint_curves(alone, Q[k], joints)) for k in orders], title=title)
+        TableRun(
+            alone.t, [CurvePanel(FORCE_LABELS[k], _joint_curves(alone, Q[k], joints)) for k in orders], title=title
+        )
         for title, Q in curves.items()
     ]
 
