@@ -101,7 +101,8 @@ def _entries(matrix: Any, symbol: str, port: Port) -> Iterator[list[str]]:
         alike.setdefault(entry, []).append(_symbol(symbol, port.rate, index))
     for entry, names in alike.items():
         starts = [" = ".join(names[i : i + MAX_EQUAL_PER_LINE]) for i in range(0, len(names), MAX_EQUAL_PER_LINE)]
-        yield from (_break_lines(f"{start} ={{}} &", list(_pieces(entry))) for start in starts)
+        room = MAX_LINE_GLYPHS - max(map(_width, starts))
+        yield from (_break_lines(f"{start} ={{}} &", list(_pieces(entry, room))) for start in starts)
 
 
 def _symbol(symbol: str, k: int, index: Sequence[int]) -> str:
@@ -112,21 +113,23 @@ def _symbol(symbol: str, k: int, index: Sequence[int]) -> str:
     return (f"{RATE_DOTS[k]}{{{letter}}}" if k else letter) + (f"_{{{below}}}" if below else "")
 
 
-def _pieces(x: Any) -> Iterator[str]:
+def _pieces(x: Any, room: int) -> Iterator[str]:
     """The terms of an expression with their signs; a product with a sum in it that is too long term by term."""
     import sympy
 
     for term in x.as_ordered_terms() if x.is_Add else [x]:
         text = sympy.latex(term)
         sums = [factor for factor in sympy.Mul.make_args(term) if factor.is_Add]
-        if _width(text) <= MAX_LINE_GLYPHS or not sums:
+        if _width(text) <= room or not sums:
             yield _with_sign(text)
             continue
         longest = max(sums, key=lambda factor: len(factor.args))
-        front = {1: "", -1: "-"}.get(term / longest, sympy.latex(term / longest))
-        first, *others, last = _pieces(longest)
+        others = term / longest  # SymPy may multiply a number into a sum
+        front = {1: "", -1: "-"}.get(others, sympy.latex(others))
+        first, *more, last = _pieces(longest, room)
+        front = f"\\left({front}\\right)" if others.is_Add else front
         yield f"{_with_sign(front)} \\bigl({first.removeprefix('+ ')}"
-        yield from others
+        yield from more
         yield f"{last}\\bigr)"
 
 
