@@ -16,7 +16,7 @@ from typing import Any
 
 SOURCE = Path(__file__).parents[2] / "src" / "jounce"
 ASKED = re.compile(r"^@code \(?([\w.]+)\)?(?: in ([\w.]+))?$", re.MULTILINE)
-LABEL = re.compile(r"(?<!\w)\(([A-Za-z]\w*)\)")
+LABEL = re.compile(r"(?<!\w)\(([A-Za-z]\w*|\d+)\)")
 
 
 @dataclass(frozen=True)

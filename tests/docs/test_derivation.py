@@ -59,3 +59,15 @@ def test_what_is_not_there_stops_the_build(asked):
 def test_tests_that_the_errata_name_exist(named):
     file, test = named
     assert any(f"def {test}(" in path.read_text() for path in (ROOT / "tests").rglob(f"{file}.py"))
+
+
+def test_every_erratum_names_its_test_or_says_why_it_has_none():
+    errata = (ROOT / "docs" / "errata.md").read_text(encoding="utf-8")
+    sections = re.findall(r"^### (.+?)\n(.*?)(?=^##|\Z)", errata, re.MULTILINE | re.DOTALL)
+    assert len(sections) == 10
+    for name, text in sections[:-1]:
+        assert re.search(r"^\| test \| `test_", text, re.MULTILINE), name
+    tables = [text for text in errata.split("\n\n") if re.match(r"\|.*\| test \|\n", text)]
+    assert len(tables) == 2
+    for row in "\n".join(table.split("\n", 2)[2] for table in tables).splitlines():
+        assert re.search(r"`test_\w+\.py::\w+` \|$|\| none: .+ \|$", row), row

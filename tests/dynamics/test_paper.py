@@ -110,6 +110,52 @@ def test_erratum_m21_takes_q2d_in_its_first_term(matrices):
     assert relative_error(printed, right) > 1e-2
 
 
+def test_erratum_m21_has_no_bound_on_its_error():
+    """The printed form adds the rate of gM for qd - q2d, also where the second rate of gM vanishes, as it does here."""
+    q, v = np.array([0.3, 0.7]), np.array([0.5, 1.2])
+    a = np.array([0.4, -(v[1] ** 2) / np.tan(q[1])])
+    robot = jounce.load("planar2r")
+    M, _, M2d = robot.mass_matrix(q, v, a)
+    paper = Paper(robot.mechanism, column_series([q, v, a]))
+    J, given = paper.J, (paper.M, paper.A, paper.a(), paper.a(1))
+    error = J.mT @ (section3.M1(*given[:3]) - section3.M1(*given[:2], given[3])) @ J
+    same(error, robot.mass_matrix(q, v - a)[1])
+    assert np.abs(M2d).max() < 1e-15
+    assert np.abs(error).max() > 0.1 * np.abs(M).max()
+
+
+def test_erratum_bv_is_a_column(paper):
+    """After (Cbar) bV is written as a diagonal matrix; it is a column of the brackets of the twists with themselves."""
+    bV, V = paper.b() @ paper.V(), paper.V().reshape(-1, 6)
+    assert bV.shape == (6 * len(V), 1)
+    assert np.abs(bV).max() < 1e-12 > np.abs(lie.ad(V) @ V[..., None]).max()
+
+
+def test_erratum_twists_depend_on_q():
+    """(Csys) writes V(qd); with the same qd the twists differ from pose to pose."""
+    robot = jounce.load("planar2r")
+    V = [robot.twists([0.1, q2], [1, 1], body="body2") for q2 in (0.2, 0.9)]
+    assert np.abs(V[0] - V[1]).max() > 0.1
+
+
+def test_erratum_the_published_prismatic_screw_turns():
+    """(e; 0) of the published code turns the body about e; (0; e) slides it along e."""
+    e, zero, q = [0, 0, 1], [0, 0, 0], np.array([[0.5]])
+    published, true = (lie.exp(np.array([*X[0], *X[1]], dtype=float), q) for X in ((e, zero), (zero, e)))
+    assert np.abs(lie.rotation(published) - np.eye(3)).max() > 0.1
+    assert not lie.position(published).any()
+    np.testing.assert_array_equal(true, lie.pose(np.eye(3), np.array([[0], [0], [0.5]])))
+
+
+def test_erratum_c22_begins_with_a_minus(matrices):
+    """The published code has a commented-out form that begins with + M A a2d: another matrix."""
+    given = pick(matrices, "M A a da d2a b db d2b")
+    right = section4.C21(**given)
+    published = section4.C22(**given) + 2 * matrices["M"] @ matrices["A"] @ matrices["d2a"]
+    same(section4.C22(**given), right)
+    assert relative_error(published, right) > 1e-2
+
+
 def test_erratum_rate_of_ad_holds_for_neighbours_only(paper):
     """Before (Adot): printed for Ad(C_ij) of any j; true for the parent, which is all that Ddot = -aD uses."""
     mechanism, h = paper.mechanism, 1e-5

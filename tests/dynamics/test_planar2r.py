@@ -30,3 +30,16 @@ def test_point_masses_have_no_moment_about_their_own_axis():
     other = jounce.Robot.from_screws(robot.mechanism.B, robot.mechanism.X, printed_M, gravity=robot.gravity)
     state = np.random.default_rng(0).uniform(-2, 2, (5, 2))
     np.testing.assert_allclose(other.inverse_dynamics(*state), robot.inverse_dynamics(*state), rtol=1e-13)
+
+
+def test_gravity_upwards_reverses_all_its_terms():
+    """Erratum: the published script of this robot takes gravity along +y, against the printed expressions."""
+    state = np.random.default_rng(1).uniform(-2, 2, (5, 2))
+    data = {"L1": 1.5, "L2": 0.7, "m1": 2.0, "m2": 0.9}
+    expected, without, published = (printed(*data.values(), g, *state) for g in (9.81, 0, -9.81))
+    down, up = (jounce.load("planar2r", **data, g=g).inverse_dynamics(*state) for g in (9.81, -9.81))
+    for k in range(3):
+        np.testing.assert_allclose(down[k], expected[k], rtol=1e-12)
+        np.testing.assert_allclose(up[k], published[k], rtol=1e-12)
+        np.testing.assert_allclose(up[k] + down[k], 2 * np.array(without[k]), rtol=1e-12, atol=1e-12)
+        assert np.abs(up[k] - expected[k]).max() > 0.1

@@ -137,9 +137,7 @@ def test_what_is_shared_stands_in_front_as_the_paper_prints_it():
     q1, q2 = S.q
     v1, v2 = S.qd
     a1, a2 = S.q2d
-    assert str(S.Q[1]) == str(
-        L2 * m2 * (L1 * a1 * cos(q2) + L1 * v1**2 * sin(q2) + L2 * a1 + L2 * a2 + g * cos(q1 + q2))
-    )
+    assert str(S.Q[1]) == str(L2 * m2 * (L1 * a1 * cos(q2) + L1 * v1**2 * sin(q2) + L2 * (a1 + a2) + g * cos(q1 + q2)))
     assert S.Qd[1].func == sympy.Mul
     assert {L2, m2} < set(S.Qd[1].args)
     assert str(S.Md) == str(sympy.Matrix([[2, 1], [1, 0]]) * -L1 * L2 * m2 * v2 * sin(q2))

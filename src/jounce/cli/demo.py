@@ -1,6 +1,7 @@
 """`jounce demo`: the iiwa example of the paper, end to end, with its pictures."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,10 +39,12 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
     """Run the paper's example: the KUKA iiwa along a motion of cosines, with and without a wrench at its end.
 
     Writes the forces and their rates as tables, and pictures: q, Q, Qd and Q2d with numerical differentiation laid
-    over, the error of differentiation over its step, and the curves of the authors' published code.
+    over, the error of differentiation over its step, and the paper's figure of Q: its points, the authors' code, which
+    meets them, and the formulas with and without the wrench.
     """
     from jounce._report.demo import example
     from jounce._report.demo.gallery import gallery
+    from jounce._report.demo.published import deviations
     from jounce.figures import canvas
     from jounce.io import files, tables
     from jounce.io.motions.writing import named_columns
@@ -49,7 +52,7 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
     formats = list(dict.fromkeys(formats))
     canvas.check_installed()
     files.make_folder(output)
-    steps, total = count(1), 3 + len(example.methods()) + 4 * len(formats)
+    steps, total = count(1), 3 + len(example.methods()) + 5 * len(formats)
     with progress("the paper's example") as show:
 
         def advance() -> None:
@@ -62,7 +65,7 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
             tables.write(output / f"{name}.csv", {"t": found.t} | forces)
             advance()
         alone, loaded = examples.values()
-        errors, steiner = example.step_errors(alone.robot), example.without_steiner(alone)
+        errors, causes = example.step_errors(alone.robot), deviations(alone, loaded)
         advance()
         times = {}
         for method, *pair in example.time_methods(alone):
@@ -78,7 +81,7 @@ def demo(output: Path, states: int, formats: Sequence[str], as_json: bool) -> No
         "states": states,
         "peaks": {"without W": _peaks(alone), "with W": _peaks(loaded)},
         "differences": _differences(alone, errors),
-        "without_steiner": steiner,
+        "figure": {name: asdict(deviation) for name, deviation in causes.items()},
         "milliseconds": {method: [1e3 * x for x in pair] for method, pair in times.items()},
         "milliseconds_of_the_paper": example.PAPER_MS, "folder": str(output),
         "tables": [f"{name}.csv" for name in examples], "pictures": list(pictures), "formats": formats,
@@ -109,7 +112,11 @@ def _format_summary(summary: Mapping[str, Any]) -> str:
         for name, row in summary["differences"].items()
     ]
     times = [(name, *(f"{ms:.3g} ms" for ms in row)) for name, row in summary["milliseconds"].items()]
-    steiner = ", ".join(f"{100 * share:.1f}" for share in summary["without_steiner"])
+    causes = [
+        (name, *(f"{x:.3g} ({share:.1%})" for x, share in zip(row["largest"], row["shares"], strict=True)),
+         f"{row['from_figure']:.2g}")
+        for name, row in summary["figure"].items()
+    ]  # fmt: skip
     return "\n".join([
         f"The iiwa of Müller & Kumar, Section 6.2: {summary['states']} states over 5 s; W: its end exerts 10 sin(pi t)",
         "",
@@ -122,8 +129,9 @@ def _format_summary(summary: Mapping[str, Any]) -> str:
         *align_columns([("", "in a batch", "alone"), *times]),
         f"The paper reports {summary['milliseconds_of_the_paper']} ms, on an Intel Core i9-7960X.",
         "",
-        f"The authors' published code leaves out Steiner's theorem: its Q, Qd, Q2d differ by {steiner} %",
-        "of the largest value from those of the paper's formulas, and from these.",
+        "The paper's figure of Q has the wrench W, which the text does not mention, and inertias without",
+        "Steiner's theorem: largest difference from the formulas without W, and of Q from the figure",
+        *align_columns([("", "Q N m", "Qd N m/s", "Q2d N m/s^2", "figure N m"), *causes]),
         "",
         f"In {summary['folder']}: {', '.join(summary['tables'])}",
         f"and as {', '.join(summary['formats'])}: {', '.join(summary['pictures'])}",

@@ -1,6 +1,8 @@
 """Section 2 of the paper, written once over time series; Sections 3 and 4, and any higher order, follow by Leibniz.
 
 The system matrices are dense, 6nb rows: the form to read and to prove with. `recursion` is the form to compute with.
+A is the spatial operator of A. Jain, Robot and Multibody Dynamics, 2011; Leibniz' rule for any order is in S. Kumar,
+A. Müller, ICRA 2021.
 """
 
 from dataclasses import dataclass, replace
@@ -81,7 +83,7 @@ def _closed_form(m: Mechanism, C0: Array, qd: Series, W: Series | None, given: S
     gM = JT @ MJ  # (MC)
     gC = JT @ CJ  # (MC)
     gCbar = JT @ (CJ + M @ (b @ J))  # (Cbar)
-    Qgrav = JT @ (M @ UG)
+    Qgrav = JT @ (M @ UG)  # (25)
     Qext = 0 * Qgrav if W is None else JT @ W  # (Qext)
     forces = gC @ qd + Qgrav + Qext
     Q = gM @ qd.dot + forces  # (EOM1)

@@ -93,7 +93,9 @@ def _figure(
                     axes.set_title(printable_name(cell.title), parse_math=False)
         leave_out_labels(grid, columns)
         figure.align_ylabels()
-        legend_above(figure, _entries(panels, names, any(run.breaks for run in runs), marks), title=title or None)
+        entries = _entries(panels, names, any(run.breaks for run in runs), marks)
+        entries |= {run.title: {**entries[run.title], **run.panels[0].style} for run in runs if run.title in names}
+        legend_above(figure, entries, title=title or None)
 
     return painted(paint, *size, LOOK if width is None else PRINT)
 

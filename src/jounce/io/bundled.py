@@ -52,7 +52,8 @@ def iiwa14(gravity: Array = (0, 0, -9.80665)) -> Mechanism:
     B = [pose(np.array(R_i, dtype=float), r_i[:, None]) for R_i, r_i in zip(R, r, strict=True)]
     M = [inertia_matrix(row[0], row[1:4], symmetric_matrix(row[4:])) for row in IIWA14]
     names = [f"link{i}" for i in range(1, 8)]
-    return from_screws(B, [[0, 0, 1, 0, 0, 0]] * 7, M, names=names, gravity=gravity, name="iiwa14")
+    X = [[0, 0, 1, 0, 0, 0]] * 7  # (58)
+    return from_screws(B, X, M, names=names, gravity=gravity, name="iiwa14")
 
 
 def planar2r(L1: Array = 1, L2: Array = 1, m1: Array = 1, m2: Array = 1, g: Array = 9.81) -> Mechanism:

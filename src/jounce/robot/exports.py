@@ -167,9 +167,10 @@ class Exports(Engine):
     def symbolic(self, moving_base: bool = False) -> "Symbolic":
         """The equations of motion as SymPy expressions: every quantity, and its rates.
 
-        Expressions are multiplied out in sines and cosines of sums of angles, so that equal ones look equal; the common
-        factors of all terms stand in front. The robot may hold SymPy symbols, polynomials of them, sines and cosines;
-        its numbers are read as the decimals that they print as.
+        Expressions are multiplied out in sines and cosines of sums of angles, so that equal ones look equal; what
+        multiplies one of them is joined, ``(l + q2)*cos(q1)``, with common factors in front. Equations of robots with
+        closed loops are those in all coordinates, with the constraint ``S.gap = 0``. The robot may hold SymPy symbols,
+        polynomials of them, sines and cosines; its numbers are read as the decimals that they print as.
 
         Parameters
         ----------
@@ -200,7 +201,7 @@ class Exports(Engine):
         >>> S.M[0, 1]
         L2*m2*(L1*cos(q2) + L2)
         >>> S.Qgravd[1]
-        -L2*g*m2*(qdot1*sin(q1 + q2) + qdot2*sin(q1 + q2))
+        -L2*g*m2*(qdot1 + qdot2)*sin(q1 + q2)
         >>> S.twists("body2", frame="world")[3]
         -L1*qdot1*sin(q1)
         >>> print(sympy.latex(S.q4d.T))

@@ -72,7 +72,8 @@ class Methods:
 
         References
         ----------
-        Müller & Kumar, (EOM1), (EOM1stOrder), (EOM2ndOrder).
+        Müller & Kumar, (EOM1), (EOM1stOrder), (EOM2ndOrder); as a recursion to order 2, G. Buondonno, A. De Luca, IROS
+        2015; to any order, S. Kumar, A. Müller, ICRA 2021.
 
         Examples
         --------
@@ -166,7 +167,7 @@ class Methods:
 
         References
         ----------
-        Müller & Kumar, (eq_U), (Qgravdot).
+        Müller & Kumar, (25), (Qgravdot), (52).
 
         Examples
         --------
@@ -856,7 +857,8 @@ class Methods:
 
         References
         ----------
-        Müller & Kumar, (MC), (Mdot), (Mddot).
+        Müller & Kumar, (MC), (Mdot), (Mddot); K. W. Lilly, D. E. Orin, International Journal of Robotics Research
+        10(1), 1991, for composite bodies.
 
         Examples
         --------
@@ -945,7 +947,8 @@ class Methods:
 
         References
         ----------
-        Müller & Kumar, (MC), (Cdot), (C2temp), (Cbar).
+        Müller & Kumar, (MC), (Cdot), (45), (Cbar); S. Echeandia, P. M. Wensing, J. Comput. Nonlinear Dynam. 16(9),
+        2021, for composite bodies.
 
         Examples
         --------

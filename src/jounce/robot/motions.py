@@ -51,7 +51,8 @@ def load_motion(
     Parameters
     ----------
     source : str, path or columns
-        The path of a file, "paper", "paper-wrench", or columns (N,) in SI units: a dict, data frame, structured array.
+        The path of a file; "paper", the cosines of the paper's iiwa example, "paper-wrench", with the wrench of its
+        figure too; or columns (N,) in SI units: a dict, data frame, structured array.
     robot : Robot
         The robot that moves.
     order : int, optional

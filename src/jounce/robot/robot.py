@@ -1150,7 +1150,7 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
 
         References
         ----------
-        A. Müller, S. Kumar: Closed form time derivatives of the equations of motion of rigid body systems, Multibody
+        A. Müller, S. Kumar: Closed-form time derivatives of the equations of motion of rigid body systems, Multibody
         Syst. Dyn. 53 (2021), outlook. A. Müller, S. Kumar, T. Kordik, arXiv 2507.14274 (2025).
 
         Examples

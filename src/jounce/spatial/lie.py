@@ -109,14 +109,14 @@ def exp(X: Array, phi: Array) -> Array:
 
     ``|xi| = 1`` (revolute, helical of any pitch) or ``xi = 0`` (prismatic), as `from_screws` checks.
     """
-    return exp_turn_and_slide(*turn_and_slide(X), phi)
+    return exp_turn_and_slide(*turn_and_slide(X), phi)  # (6)
 
 
 def turn_and_slide(X: Array) -> tuple[Array, Array]:
     """The 4x4 matrices of the two screws that make up a screw: a pure turn about its axis, a pure slide along it."""
     e, eta = X[:3, None], X[3:, None]
     if all(map(is_zero, X[:3])):  # (Xi) with infinite pitch: prismatic
-        return wedge(0 * X), wedge(X)
+        return wedge(0 * X), wedge(X)  # (5)
     hat_e = hat(X[:3])
     across, along = -(hat_e @ (hat_e @ eta)), (e.mT @ eta) * e  # with |e| = 1 they add up to eta
     turn, slide = concatenate([e, across], axis=-2), concatenate([0 * e, along], axis=-2)

@@ -62,7 +62,13 @@ def document(robot: ParametricRobot, base: bool = False) -> Document:
         raise JounceError(
             f"two parameters would both be printed as {twice}; expected another name of the robot's symbol"
         )
-    return Document(symbols, symbolic(Engine(robot.mechanism(symbols)), base))
+    engine = Engine(robot.mechanism(symbols))
+    if engine.mechanism.closure is not None:
+        raise JounceError(
+            f"{engine.mechanism.name!r} has closed loops, and its equations are no sums of products; robot.symbolic()"
+            " has those in all coordinates, with the constraint"
+        )
+    return Document(symbols, symbolic(engine, base))
 
 
 def tex(text: str) -> str:
@@ -95,7 +101,8 @@ def _entries(matrix: Any, symbol: str, port: Port) -> Iterator[list[str]]:
         alike.setdefault(entry, []).append(_symbol(symbol, port.rate, index))
     for entry, names in alike.items():
         starts = [" = ".join(names[i : i + MAX_EQUAL_PER_LINE]) for i in range(0, len(names), MAX_EQUAL_PER_LINE)]
-        yield from (_break_lines(f"{start} ={{}} &", list(_pieces(entry))) for start in starts)
+        room = MAX_LINE_GLYPHS - max(map(_width, starts))
+        yield from (_break_lines(f"{start} ={{}} &", list(_pieces(entry, room))) for start in starts)
 
 
 def _symbol(symbol: str, k: int, index: Sequence[int]) -> str:
@@ -106,20 +113,23 @@ def _symbol(symbol: str, k: int, index: Sequence[int]) -> str:
     return (f"{RATE_DOTS[k]}{{{letter}}}" if k else letter) + (f"_{{{below}}}" if below else "")
 
 
-def _pieces(x: Any) -> Iterator[str]:
-    """The terms of an expression with their signs; a product with a long sum in it term by term, in parentheses."""
+def _pieces(x: Any, room: int) -> Iterator[str]:
+    """The terms of an expression with their signs; a product with a sum in it that is too long term by term."""
     import sympy
 
     for term in x.as_ordered_terms() if x.is_Add else [x]:
         text = sympy.latex(term)
         sums = [factor for factor in sympy.Mul.make_args(term) if factor.is_Add]
-        if _width(text) <= MAX_LINE_GLYPHS or len(sums) != 1:
+        if _width(text) <= room or not sums:
             yield _with_sign(text)
             continue
-        front = {1: "", -1: "-"}.get(term / sums[0], sympy.latex(term / sums[0]))
-        first, *others, last = _pieces(sums[0])
+        longest = max(sums, key=lambda factor: len(factor.args))
+        others = term / longest  # SymPy may multiply a number into a sum
+        front = {1: "", -1: "-"}.get(others, sympy.latex(others))
+        first, *more, last = _pieces(longest, room)
+        front = f"\\left({front}\\right)" if others.is_Add else front
         yield f"{_with_sign(front)} \\bigl({first.removeprefix('+ ')}"
-        yield from others
+        yield from more
         yield f"{last}\\bigr)"
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from jounce._codegen.symbolic.expressions import expressions
+from jounce._codegen.symbolic.short_names import abbreviate
 from jounce.arguments import requests
 from jounce.arguments.rates import check_order
 from jounce.core.errors import JounceError, check_bool, optional_import, quote_value, unknown_name_error
@@ -40,6 +41,9 @@ class Symbolic:
     * These are the quantities without wrenches; the part of wrenches has ``ext`` in its name: Q is ``S.Q + S.Qext``.
     * ``S.theta`` and ``S.tau`` are members only of robots with elastic joints, ``S.i`` and ``S.u`` where motors state
       their electrical data.
+    * Of robots with closed loops all coordinates of the tree are symbols, with the constraint ``S.gap = 0``: a column
+      of turns and slides that cut joints do not allow. With ``A = S.gap.jacobian(S.q)`` and multipliers y, the forces
+      of the motors are ``S.Q - A.T * y``.
     * Each quantity of bodies is a method: ``J, Jd = S.jacobian("tool0", frame="world", order=1)``.
     * A quantity that is too large for symbolic form raises `JounceError` on access.
     """
@@ -64,14 +68,36 @@ class Symbolic:
             raise AttributeError(quotient(QUANTITIES[name]))
         if found is None:
             raise AttributeError(
-                str(unknown_name_error("member", name, [*own.get("series", ()), *OF_BODIES, "dot"], "Symbolic"))
+                str(
+                    unknown_name_error(
+                        "member", name, [*own.get("series", ()), *OF_BODIES, "abbreviate", "dot"], "Symbolic"
+                    )
+                )
             )
         symbol, suffix = found.groups()
         return self.series[symbol][int((suffix or "0d")[:-1] or 1)]
 
     def __dir__(self) -> list[str]:
         rates = [rate_name(symbol, k) for symbol in self.series for k in range(5 if symbol == "q" else 3)]
-        return [*rates, *OF_BODIES, "dot", "name", "series"]
+        return [*rates, *OF_BODIES, "abbreviate", "dot", "name", "series"]
+
+    def abbreviate(self, x: Any) -> tuple[Any, Mapping[Any, Any]]:
+        """An expression or matrix with short names of sines and cosines, s_1, c_12, and what the names stand for.
+
+        ``c_12`` is cos(q1 + q2), ``s_{1-2}`` sin(q1 - q2), ``c_22`` cos(2 q2). Of more than nine coordinates, commas
+        separate the numbers. Sines and cosines of other angles stay.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> S = jounce.load("planar2r").symbolic()
+        >>> short, names = S.abbreviate(S.Qgrav)
+        >>> short[1], names
+        (9.81*c_12, {c_1: cos(q1), c_12: cos(q1 + q2)})
+        >>> short.subs(names) == S.Qgrav
+        True
+        """
+        return abbreviate(x, list(self.series["q"][0]))
 
     def dot(self, x: Any) -> Any:
         """The time derivative of an expression, or matrix of them, in the coordinates, the wrenches and their rates.
@@ -115,10 +141,12 @@ def symbolic(robot: Engine, moving_base: bool) -> Symbolic:
     with optional_import("symbolic() needs SymPy", "sympy"):
         import sympy  # noqa: F401
     check_bool("moving_base", moving_base, "whether the ground moves")
-    m = robot.mechanism
+    m = robot.mechanism.tree
     found = expressions(m, moving_base or m.floats)
     series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if not requests.missing_reason(m, row)}
     series |= {symbol: found.external(row, symbol) for symbol, row in OF_WRENCHES.items()}
+    if m.loops:
+        series["gap"] = found.gap()
 
     @cache
     def of_bodies(name: str, body: str | None, frame: str) -> Series:

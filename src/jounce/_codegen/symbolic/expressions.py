@@ -9,18 +9,20 @@ from typing import Any
 import numpy as np
 
 from jounce._codegen.symbolic.model import cast_mechanism, check_names, has_decimals, state_symbols
-from jounce._codegen.symbolic.terms import Printer
+from jounce._codegen.symbolic.terms import Printer, polynomial
 from jounce._codegen.symbolic.trig_polynomial import TrigPolynomial, Variables
 from jounce.arguments import requests
 from jounce.core.errors import JounceError, locate_errors
 from jounce.core.scalars import Array, zeros_like
 from jounce.dynamics.joint_motion import JointMotion
-from jounce.dynamics.quantities import Quantity
+from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.dynamics.state import Law, State
+from jounce.model.frame import Frame
+from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism
 from jounce.model.scalar_casting import with_exact_integers
-from jounce.spatial.lie import pose
-from jounce.spatial.series import Series, rate_name
+from jounce.spatial.lie import axial, hat, pose, position, rotation
+from jounce.spatial.series import Series, join_series, rate_name
 
 MAX_SYMBOLIC_OPERATIONS = 1_000_000  # on terms, for one matrix: some seconds, some ten thousand terms
 OPERATIONS_PER_PRINTED_TERM = 50  # which take as long as the conversion of one term to SymPy
@@ -51,6 +53,32 @@ class Expressions:
         massless = replace(self.model, acting=(), M=zeros_like(self.model.M))
         state = State(self._column("q"), self._column("W"), base=self._base())
         return self._printed(symbol, lambda: _law(row, massless)(massless, state))
+
+    def gap(self) -> Series:
+        """How far the loops are from closed: sines of the turns, and slides, that cut joints do not allow, a column.
+
+        Rows that are zero everywhere are left out, such as those of turns out of a plane.
+        """
+        law = cache(lambda: join_series([self._loop_gap(loop) for loop in self.mechanism.loops], axis=-2))
+
+        def rows() -> Series:
+            kept = [i for i, x in enumerate(law()[0][:, 0]) if x != 0]
+            return law().map(lambda x: x[kept])
+
+        return self._printed("gap", rows)
+
+    def _loop_gap(self, loop: Loop) -> Series:
+        H = _law(QUANTITIES["poses"], self.model)(self.model, State(self._column("q")))
+
+        def end(frame: Frame) -> Series:
+            T = np.vectorize(lambda x: polynomial(x, self.variables), otypes=[object])(frame.T)
+            return H.map(lambda H: H[frame.body] @ T) if frame.body >= 0 else Series.constant(T)
+
+        a, b, (turns, slides), e = end(loop.a), end(loop.b), loop.held, np.asarray(loop.axis)[:, None]
+        back = a.map(rotation).mT  # to the axes of frame a
+        R, r = back @ b.map(rotation), back @ (b - a).map(position)
+        sines = R.map(lambda R: axial(R)[:, None] if len(turns) == 3 else hat(e[:, 0]) @ (R @ e))
+        return join_series([sines.map(lambda x: turns @ x), r.map(lambda x: slides @ x)], axis=-2)
 
     def _column(self, name: str) -> Series:
         """The symbols of q or W as a column of variables."""
@@ -93,7 +121,8 @@ class Expressions:
             data += [m.drives.armature, m.drives.damping, m.drives.stiffness, m.drives.rest]
         if (e := m.elasticity) is not None:
             data += [e.stiffness[~e.is_rigid], e.rotor, e.viscous]
-        return Printer(self.variables, self.parameters, any(map(has_decimals, data)))
+        coordinates = frozenset(self.symbols["q"][0])
+        return Printer(self.variables, self.parameters, coordinates, any(map(has_decimals, data)))
 
     def _friction(self, law: Law) -> Series:
         """Return the part of Coulomb friction, in SymPy functions."""
@@ -105,15 +134,9 @@ class Expressions:
 def expressions(mechanism: Mechanism, base: bool) -> Expressions:
     """Return the sources of the expressions of a mechanism, with the motion of its base or without.
 
-    Raises `JounceError` if loops are closed, or the mechanism holds what is neither a number nor a real SymPy
-    expression, or a symbol that is named as a coordinate, wrench or motion of the base.
+    Raises `JounceError` if the mechanism holds what is neither a number nor a real SymPy expression, or a symbol that
+    is named as a coordinate, wrench or motion of the base.
     """
-    if mechanism.closure is not None:
-        raise JounceError(
-            f"{mechanism.name!r} has closed loops, and its equations are no sums of products; expected a tree, such as"
-            " jounce.Robot(robot.mechanism.tree); methods of the closed robot take SymPy symbols of all"
-            f" {mechanism.tree.n} coordinates"
-        )
     variables, symbols = Variables(MAX_SYMBOLIC_OPERATIONS), state_symbols(mechanism, base)
     model = cast_mechanism(mechanism, variables)
     variables.check()

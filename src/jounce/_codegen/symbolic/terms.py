@@ -13,7 +13,9 @@ from jounce._codegen.symbolic.trig_polynomial import TrigPolynomial, Variables, 
 from jounce.core.errors import JounceError
 
 MAX_EXPANDED_EXPONENT = 100  # powers from here on are variables of their own, so that exponents stay within a digit
+MAX_FACTORED_TERMS = 10  # of a sum that is factored: the square of a sum of four rates has so many
 Powers = Mapping[int, int]  # exponents by the place of the variable
+Monomial = tuple[Fraction, Powers]
 
 
 def polynomial(x: Any, variables: Variables) -> Any:
@@ -60,7 +62,7 @@ class Factor:
     number: Fraction
     powers: Powers
 
-    def divide(self, c: Fraction, powers: Powers) -> tuple[Fraction, Powers]:
+    def divide(self, c: Fraction, powers: Powers) -> Monomial:
         """The term divided by the factor."""
         return c / self.number, {i: k - self.powers.get(i, 0) for i, k in powers.items() if k != self.powers.get(i, 0)}
 
@@ -69,12 +71,14 @@ class Factor:
 class Printer:
     """The conversion of scalars to SymPy expressions.
 
-    Terms that differ only in parameters, the first variables, are grouped. With `decimals`, numbers are floats, except
-    for integers and their halves, quarters, ...
+    What multiplies the same sine or cosine is joined, with common factors in front. It is a sum of products P R: sums R
+    of products of rates that are equal but for a number stand once, with the sum P of their parameters, the first
+    variables, and coordinates. With `decimals`, numbers are floats, except for integers and their halves, quarters, ...
     """
 
     variables: Variables
     parameters: int  # the number of parameters
+    coordinates: frozenset[Any]
     decimals: bool
 
     def expression(self, x: Any) -> Any:
@@ -85,31 +89,66 @@ class Printer:
             return self._number(exact_fraction(x))
         terms = [(c, dict(digits(powers)), angle, sine) for (powers, angle, sine), c in x.terms.items()]
         factor = self._factor([(c, powers) for c, powers, _, _ in terms])
-        groups: dict[Any, list[tuple[Fraction, Powers]]] = defaultdict(list)
+        groups: dict[Any, list[Monomial]] = defaultdict(list)
         for c, powers, angle, sine in terms:
-            others = tuple((i, k) for i, k in powers.items() if i >= self.parameters)
-            groups[others, angle, sine].append(factor.divide(c, powers))
-        parts = (self._group(group) * self._trig(angle, sine) for (_, angle, sine), group in groups.items())
-        return self._number(factor.number) * self._monomial(factor.powers) * sympy.Add(*parts)
+            groups[angle, sine].append(factor.divide(c, powers))
+        parts = [self._product(group, *trig) for trig, group in groups.items()]
+        return sympy.Mul(*self._prefactors(factor), sympy.Add(*parts))
 
-    def _group(self, terms: Sequence[tuple[Fraction, Powers]]) -> Any:
+    def _product(self, terms: Sequence[Monomial], angle: int, sine: bool) -> Any:
+        """A sum times a sine or cosine, or, of angle 0, the sum."""
+        import sympy
+
+        sign, trig = self._trig(angle, sine).as_coeff_Mul()  # sin(q1 - q2) where the angle is q2 - q1
+        terms = [(c * int(sign), powers) for c, powers in terms]
+        factor = self._factor(terms) if angle else Factor(Fraction(1), {})
+        sums: dict[Any, list[tuple[Fraction, Any]]] = defaultdict(list)  # of rates, by parameters and coordinates
+        for c, powers in (factor.divide(*term) for term in terms):
+            own = tuple((i, k) for i, k in powers.items() if not self._is_rate(i))
+            sums[own].append((c, tuple((i, k) for i, k in powers.items() if self._is_rate(i))))
+        products: dict[Any, list[Monomial]] = defaultdict(list)  # of parameters and coordinates, by sums of rates
+        for own, found in sums.items():
+            found.sort(key=lambda term: term[1])
+            number = abs(self._content([c for c, _ in found])) * (1 if found[0][0] > 0 else -1)
+            products[tuple((c / number, others) for c, others in found)].append((number, dict(own)))
+        parts = (
+            sympy.Mul(*self._sum(P), self._factored([(c, dict(powers)) for c, powers in R]))
+            for R, P in products.items()
+        )
+        return sympy.Mul(*self._prefactors(factor), sympy.Add(*parts), trig)
+
+    def _is_rate(self, i: int) -> bool:
+        return i >= self.parameters and self.variables.expressions[i] not in self.coordinates
+
+    def _factored(self, terms: Sequence[Monomial]) -> Any:
+        """A sum with its common factors in front; a short one of products as the product of sums that it is."""
+        import sympy
+
+        found = sympy.Mul(*self._sum(terms))
+        squares = len(terms) > 2 and any(k > 1 for _, powers in terms for k in powers.values())
+        return sympy.factor(found) if squares and len(terms) <= MAX_FACTORED_TERMS and not self.decimals else found
+
+    def _sum(self, terms: Sequence[Monomial]) -> tuple[Any, ...]:
+        """The factors of a sum: a number apart, which SymPy would multiply into a sum that is alone."""
         import sympy
 
         factor = self._factor(terms)
         rest = (factor.divide(*term) for term in terms)
-        inner = sympy.Add(*(self._number(c) * self._monomial(powers) for c, powers in rest))
-        return self._number(factor.number) * self._monomial(factor.powers) * inner
+        return *self._prefactors(factor), sympy.Add(*(self._number(c) * self._monomial(powers) for c, powers in rest))
 
-    def _factor(self, terms: Sequence[tuple[Fraction, Powers]]) -> Factor:
+    def _prefactors(self, factor: Factor) -> tuple[Any, Any]:
+        return self._number(factor.number), self._monomial(factor.powers)
+
+    def _factor(self, terms: Sequence[Monomial]) -> Factor:
         everything = [powers for _, powers in terms]
         least = set.intersection(*map(set, everything)) if everything else set()
         shared = {i: min(powers[i] for powers in everything) for i in sorted(least)}
-        return Factor(self._content([c for c, _ in terms]) if shared else Fraction(1), shared)
+        return Factor(self._content([c for c, _ in terms]) if terms else Fraction(1), shared)
 
     def _content(self, coefficients: Sequence[Fraction]) -> Fraction:
         sign = -1 if all(c < 0 for c in coefficients) else 1
         if self.decimals:
-            return Fraction(sign)
+            return sign * (abs(coefficients[0]) if len(set(map(abs, coefficients))) == 1 else Fraction(1))
         return sign * Fraction(gcd(*(c.numerator for c in coefficients)), gcd(*(c.denominator for c in coefficients)))
 
     def _number(self, c: Fraction) -> Any:

@@ -4,7 +4,7 @@ All differences are the largest over the joints and the motion, as shares of the
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
@@ -19,8 +19,6 @@ from jounce.io import motions
 from jounce.io.bundled import iiwa14
 from jounce.motion import Motion
 from jounce.motion.description import build_motion
-from jounce.spatial.inertia import moments
-from jounce.spatial.lie import hat
 
 PAPER_MS = 1.6  # of the authors: an evaluation of order 2, on an Intel Core i9-7960X; Section 6.2
 EXAMPLE_METHODS: tuple[Method, ...] = ("closed_form", "paper", "recursion", "kernel")
@@ -96,23 +94,6 @@ def step_errors(robot: Engine) -> tuple[StepErrors, StepErrors]:
         return StepErrors(DEMO_DIFFERENCE_STEPS, of_scheme, relative_error(again[k] - exact[k], exact[k]))
 
     return errors(1), errors(2)
-
-
-def published(found: Example) -> Forces:
-    """Q, Qd, Q2d as the authors' published code computes them, without Steiner's theorem.
-
-    It puts the inertia about the centre of mass where the one about the origin of the frame belongs.
-    """
-    mechanism = found.robot.mechanism
-    m, h, _ = moments(mechanism.M)
-    M = mechanism.M.copy()
-    M[:, :3, :3] += hat(h[..., 0]) @ hat(h[..., 0]) / m  # Theta_c = Theta_b + m c~ c~
-    return forces_of(Engine(replace(mechanism, M=M)), found.motion, found.t)
-
-
-def without_steiner(found: Example) -> tuple[float, ...]:
-    """What leaving out Steiner's theorem does to Q, Qd, Q2d."""
-    return tuple(relative_error(a - b, b) for a, b in zip(published(found), found.forces, strict=True))
 
 
 def methods() -> list[Method]:

@@ -1,13 +1,14 @@
 """The pictures of the paper's example, by name."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jounce._report.demo.example import Example, Forces, StepErrors, published
-from jounce.figures.canvas import INK, axes_letter, legend_above, line_style, painted
-from jounce.figures.curves import draw_curves
+from jounce._report.demo.example import Example, StepErrors
+from jounce._report.demo.published import published, read_figure
+from jounce.figures.canvas import INK, legend_above, line_style, painted
+from jounce.figures.curves import RING_STYLE, draw_curves, overlay_runs
 from jounce.figures.panels import CurvePanel, TableRun, columns_of
 
 if TYPE_CHECKING:
@@ -27,7 +28,8 @@ def gallery(
         "forces": lambda: forces(alone, "", loaded),
         "forces-wrench": lambda: forces(loaded, wrench, alone),
         "step-size": lambda: errors_over_steps(*errors),
-        "published-code": lambda: overlay(alone, published(alone)),
+        "figure": lambda: figure_of_the_paper(alone, loaded),
+        "figure-rates": lambda: rates_of_the_figure(alone, loaded),
     }
 
 
@@ -43,12 +45,8 @@ def forces(found: Example, title: str, other: Example) -> "Figure":
 def _panels(found: Example) -> list[CurvePanel]:
     differentiated = (None, None, *found.differentiated)
     labels = (r"$q$ [rad]", *FORCE_LABELS)
-
-    def by_joint(values: np.ndarray) -> dict[str, np.ndarray]:
-        return dict(zip(found.robot.joint_names, values.T, strict=True))
-
     return [
-        CurvePanel(label, by_joint(exact), None if rough is None else by_joint(rough))
+        CurvePanel(label, _joint_curves(found, exact), None if rough is None else _joint_curves(found, rough))
         for label, exact, rough in zip(
             labels, (found.motion(found.t, 0)[0], *found.forces), differentiated, strict=True
         )
@@ -69,29 +67,38 @@ def errors_over_steps(of_Qd: StepErrors, of_Q2d: StepErrors) -> "Figure":
     return painted(paint, 9, 4.2)
 
 
-def overlay(found: Example, other: Forces) -> "Figure":
-    """Q, Qd and Q2d of the two joints in which the published code is farthest off, with its curves laid over."""
-    joints = np.sort(np.abs(other[-1] - found.forces[-1]).max(0).argsort()[-2:])
-    styles = {"formulas of the paper": line_style(0), "published code": line_style(1)}
+def figure_of_the_paper(alone: Example, loaded: Example) -> "Figure":
+    """Q of each joint: the authors' code, which meets the points of the figure, and the formulas."""
+    t, Q = read_figure()
+    points = CurvePanel(FORCE_LABELS[0], _joint_curves(alone, Q), style=RING_STYLE | {"color": INK})
+    return overlay_runs([*_runs(alone, loaded, [0]), TableRun(t, [points], title="points of the paper's figure")])
 
-    def paint(figure: "Figure") -> None:
-        grid = figure.subplots(len(FORCE_LABELS), len(joints), sharex=True)
-        for row, label, values in zip(grid, FORCE_LABELS, zip(found.forces, other, strict=True), strict=True):
-            for axes, joint in zip(row, joints, strict=True):
-                for curves, style in zip(values, styles.values(), strict=True):
-                    axes.plot(found.t, curves[:, joint], **style)
-                axes.margins(x=0.01)
-            row[0].set_ylabel(label)
-        for axes, joint in zip(grid[0], joints, strict=True):
-            axes.set_title(found.robot.joint_names[joint])
-        for axes in grid[-1]:
-            axes.set_xlabel("t [s]")
-        for i, axes in enumerate(grid.flat):
-            axes.set_title(f"({axes_letter(i)})", loc="left")
-        figure.align_ylabels(grid)
-        legend_above(figure, styles)
 
-    return painted(paint, 9, 6)
+def rates_of_the_figure(alone: Example, loaded: Example) -> "Figure":
+    """Qd and Q2d of the two joints in which the authors' Q2d is farthest from the formulas without a wrench."""
+    farthest = np.abs(published(loaded)[2] - alone.forces[2]).max(0).argsort()[-2:]
+    return overlay_runs(_runs(alone, loaded, [1, 2], sorted(farthest)))
+
+
+def _runs(
+    alone: Example, loaded: Example, orders: Sequence[int], joints: Sequence[int] | None = None
+) -> list[TableRun]:
+    curves = {
+        "authors' code: with wrench, without Steiner's theorem": published(loaded),
+        "formulas, with wrench": loaded.forces,
+        "formulas, without wrench": alone.forces,
+    }
+    return [
+        TableRun(
+            alone.t, [CurvePanel(FORCE_LABELS[k], _joint_curves(alone, Q[k], joints)) for k in orders], title=title
+        )
+        for title, Q in curves.items()
+    ]
+
+
+def _joint_curves(found: Example, values: np.ndarray, joints: Sequence[int] | None = None) -> dict[str, np.ndarray]:
+    names = found.robot.joint_names
+    return {names[i]: values[:, i] for i in (range(len(names)) if joints is None else joints)}
 
 
 def _style(i: int) -> dict[str, Any]:

@@ -87,12 +87,12 @@ class Paper:
         return _printed_series([
             lambda: self.J.mT @ C(M, A, a(), b()) @ self.J,  # (MC)
             lambda: self.J.mT @ C11(M, A, a(), a(1), b(), b(1)) @ self.J,  # (Cdot)
-            lambda: self.J.mT @ C21(M, A, a(), a(1), a(2), b(), b(1), b(2)) @ self.J,  # before (C2temp)
+            lambda: self.J.mT @ C21(M, A, a(), a(1), a(2), b(), b(1), b(2)) @ self.J,  # (45)
         ])  # fmt: skip
 
     @cached_property
     def Qgrav(self) -> Series:
-        return self._project(self.UG)  # after (eq_U), (Qgravdot) and its rate
+        return self._project(self.UG)  # (25), (Qgravdot), (52)
 
     @cached_property
     def Qext(self) -> Series:

@@ -5,19 +5,19 @@ from jounce.dynamics.paper.section3 import C11, M1, C
 
 
 def dM1_first(M: Array, A: Array, a: Array, da: Array) -> Array:
-    """The time derivative of M^(1), the line before (M21) but one."""
+    """The time derivative of M^(1)."""
     S = M @ (A @ a @ A - A @ a) @ a
-    return M1(M, A, da) + S + S.mT
+    return M1(M, A, da) + S + S.mT  # (41)
 
 
 def dM1_second(M: Array, A: Array, a: Array, da: Array) -> Array:
-    """The same, the line before (M21)."""
-    return M1(M, A, da) - M @ A @ a @ a + M @ A @ a @ A @ a - (M @ A @ a @ a).mT + (M @ A @ a @ A @ a).mT
+    """The same, expanded."""
+    return M1(M, A, da) - M @ A @ a @ a + M @ A @ a @ A @ a - (M @ A @ a @ a).mT + (M @ A @ a @ A @ a).mT  # (42)
 
 
 def M2(M: Array, A: Array, a: Array, da: Array) -> Array:
     """M^(2) by its definition after (Mddot), with gM'' = J^T M^(2) J."""
-    return dM1_first(M, A, a, da) - M1(M, A, a) @ A @ a - a.mT @ A.mT @ M1(M, A, a)
+    return dM1_first(M, A, a, da) - M1(M, A, a) @ A @ a - a.mT @ A.mT @ M1(M, A, a)  # (39)
 
 
 def M21(M: Array, A: Array, a: Array, da: Array) -> Array:
@@ -66,7 +66,7 @@ def d2C_first(M: Array, A: Array, a: Array, da: Array, d2a: Array, d2b: Array) -
 
 def d2C_second(M: Array, A: Array, a: Array, da: Array, d2a: Array, d2b: Array) -> Array:
     """The same, expanded."""
-    return -M @ A @ d2a - d2b.mT @ M + _tail(M, A, a, da)  # (CSys2dot)
+    return -M @ A @ d2a - d2b.mT @ M + _tail(M, A, a, da)  # (49)
 
 
 def C2(C1: Array, dC1: Array, A: Array, a: Array) -> Array:

@@ -39,7 +39,8 @@ class Forces:
 
         References
         ----------
-        Müller & Kumar, (EOM1), (EOM1stOrder), (EOM2ndOrder).
+        Müller & Kumar, (EOM1), (EOM1stOrder), (EOM2ndOrder); as a recursion to order 2, G. Buondonno, A. De Luca, IROS
+        2015; to any order, S. Kumar, A. Müller, ICRA 2021.
 
         Examples
         --------
@@ -71,7 +72,7 @@ class Forces:
 
         References
         ----------
-        Müller & Kumar, (eq_U), (Qgravdot).
+        Müller & Kumar, (25), (Qgravdot), (52).
 
         Examples
         --------

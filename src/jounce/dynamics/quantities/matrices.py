@@ -35,7 +35,8 @@ class Matrices:
 
         References
         ----------
-        Müller & Kumar, (MC), (Mdot), (Mddot).
+        Müller & Kumar, (MC), (Mdot), (Mddot); K. W. Lilly, D. E. Orin, International Journal of Robotics Research
+        10(1), 1991, for composite bodies.
 
         Examples
         --------
@@ -69,7 +70,8 @@ class Matrices:
 
         References
         ----------
-        Müller & Kumar, (MC), (Cdot), (C2temp), (Cbar).
+        Müller & Kumar, (MC), (Cdot), (45), (Cbar); S. Echeandia, P. M. Wensing, J. Comput. Nonlinear Dynam. 16(9),
+        2021, for composite bodies.
 
         Examples
         --------

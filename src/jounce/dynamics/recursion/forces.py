@@ -2,6 +2,9 @@
 
 The order of steps is written once, in `sweep`. A `Sweep` specifies what the bodies pass on; a `Tree` stores the numbers
 and performs the steps: here on time series, in native code in memory, by a loop over the bodies.
+
+RNEA: R. Featherstone, Rigid Body Dynamics Algorithms, 5.3. Its rates: C. Guarino Lo Bianco, IEEE Trans. Robotics 25(4),
+2009, the first; G. Buondonno, A. De Luca, IROS 2015, the second; S. Kumar, A. Müller, ICRA 2021, any.
 """
 
 from collections.abc import Callable, Iterator, Mapping

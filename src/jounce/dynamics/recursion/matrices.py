@@ -14,6 +14,9 @@ the screw of joint i:
 
 Composite inertias are 4x4 moments of mass, fewer numbers than 6x6 inertia matrices; all quantities are in frames on
 the joint axes, because of the zeros there.
+
+CRBA: R. Featherstone, Rigid Body Dynamics Algorithms, 6.2; K. W. Lilly, D. E. Orin, Int. J. Robotics Research 10(1),
+1991. Cbar by composite bodies: S. Echeandia, P. M. Wensing, J. Comput. Nonlinear Dynam. 16(9), 2021.
 """
 
 from collections.abc import Sequence
