@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterator
 from hashlib import sha256
 from pathlib import Path
+from pstats import Stats
 from shutil import rmtree
 from tempfile import TemporaryDirectory
 from time import perf_counter, process_time, sleep
@@ -32,6 +33,17 @@ OF_FILE = 1_000_000  # rows
 BLOCK = 1 << 16  # rows that are computed at a time
 ORDER = 2
 SEED = 20210
+
+STAGES = {  # of the main thread: files and functions
+    "waiting for rows": ("stream/row_reader.py", "_read_ahead"),
+    "checking rows": ("stream/row_reader.py", "_check_rows"),
+    "states, results and their columns": ("stream/result_blocks.py", "_compute_block"),
+    "of these the kernel, compiled meanwhile": ("engine/dispatch.py", "compute"),
+    "peaks and sums": ("stream/aggregates.py", "tally"),
+    "all of writing and what it takes rows from": ("io/parquet.py", "_write_groups"),
+    "checksums": ("stream/records.py", "checksum"),
+    "the plan": ("stream/input_parts.py", "make_plan"),
+}
 
 
 class Times(NamedTuple):
@@ -101,9 +113,24 @@ def measured(folder: Path, rows: int, kills: int) -> Iterator[str]:
         *run_to_pieces
     )
     yield f"* peak memory {memory / 2**20:.0f} MiB; {less / 2**20:.0f} MiB for the first file alone"
+    yield from profiled(small, folder / "profiled")
     for line in killed(source, folder / "killed", kills, whole.elapsed):
         yield f"* {line}"
     yield f"* its output is {'bit-identical' if sums(folder / 'killed') == sums(folder / 'whole') else 'NOT the same'}"
+
+
+def profiled(source: Path, output: Path) -> Iterator[str]:
+    """What the main thread of a run of one file spends its time on; reading and writing have threads of their own."""
+    kept = output.with_suffix(".profile")
+    command = [sys.executable, "-m", "cProfile", "-o", kept, "-m", "jounce", "run", "iiwa14", source, "-o", output]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    spent: dict[str, float] = {}
+    for (path, _, name), (_, _, _, seconds, _) in vars(Stats(str(kept)))["stats"].items():
+        for what, (file, function) in STAGES.items():
+            if path.endswith(file) and name == function:
+                spent[what] = spent.get(what, 0.0) + seconds
+    parts = ", ".join(f"{what} {1e9 * seconds / OF_FILE:.0f}" for what, seconds in spent.items())
+    yield f"* the main thread, ns per state of {OF_FILE:,} with a profiler: {parts}"
 
 
 def generate(folder: Path, rows: int) -> None:

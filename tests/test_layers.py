@@ -8,6 +8,7 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 
 import jounce
+from jounce.native.cache import CODE_LAYERS
 
 SOURCE = Path(jounce.__file__).parent
 LAYERS = (  # from the inside out
@@ -63,6 +64,10 @@ def test_imports_point_inwards():
         if LAYERS.index(layer) > LAYERS.index(name.split(".")[0])
     ]
     assert not outwards
+
+
+def test_the_key_of_a_kernel_covers_all_layers_that_make_it():
+    assert LAYERS[: LAYERS.index("native") + 1] == CODE_LAYERS
 
 
 def test_no_chain_of_layers_is_longer_than_fifteen():

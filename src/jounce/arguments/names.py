@@ -1,7 +1,6 @@
 """Match the entries of a state or load by name, and report all naming errors together."""
 
 from collections.abc import Collection, Mapping, Sequence
-from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
@@ -55,6 +54,8 @@ def check_names(given: Collection[Any], expected: Sequence[str], unfit: Mapping[
 
     `unfit` maps existing names that are not allowed here to the reason; `asked` describes the expected names.
     """
+    from difflib import get_close_matches  # imported here to keep start-up fast
+
     absent = [name for name in expected if name not in given]
     unknown = []
     for name in [name for name in given if name not in expected and name not in unfit]:

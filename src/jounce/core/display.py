@@ -1,7 +1,6 @@
 """Displays in notebooks: objects are shown by functions that are registered for their types, outside of them."""
 
 from functools import singledispatch
-from html import escape
 from importlib import import_module
 
 REGISTRY = "jounce.figures.displays"  # which registers the functions; it is imported when an object is first shown
@@ -10,6 +9,8 @@ REGISTRY = "jounce.figures.displays"  # which registers the functions; it is imp
 @singledispatch
 def render_html(shown: object) -> str:
     """An object in HTML."""
+    from html import escape  # imported here to keep start-up fast
+
     return escape(repr(shown))
 
 

@@ -5,7 +5,6 @@ import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from difflib import get_close_matches
 from pathlib import Path
 from reprlib import Repr
 from types import FrameType
@@ -107,6 +106,8 @@ def locate_errors(place: object) -> Iterator[None]:
 
 def unknown_name_error(kind: str, name: object, existing: Iterable[str], owner: str = "") -> JounceError:
     """Return the error for an unknown name: the nearest valid one first, then all that exist, those of `owner`."""
+    from difflib import get_close_matches  # imported here to keep start-up fast
+
     known = list(existing)
     near = get_close_matches(_cut_text(name, MAX_QUOTED_LENGTH), known, n=1) if isinstance(name, str) else []
     hint = f"; did you mean {quote_value(near[0])}?" if near else ";"

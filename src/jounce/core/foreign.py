@@ -32,7 +32,7 @@ def refuse_spatial(x: Any, what: str) -> None:
 
 def fill_masked(x: Any) -> Any:
     """`x` with NaN where it is masked, as are the arrays that lists hold."""
-    if isinstance(x, np.ma.MaskedArray) and x.dtype.kind in "biufO":
+    if _is_masked(x) and x.dtype.kind in "biufO":
         kind = x.dtype if x.dtype.kind == "O" else np.result_type(x.dtype, np.float64)
         return np.ma.filled(x.astype(kind), np.nan)
     return [fill_masked(part) for part in x] if type(x) in (list, tuple) and has_mask(x) else x
@@ -40,7 +40,12 @@ def fill_masked(x: Any) -> Any:
 
 def has_mask(x: Any) -> bool:
     """Whether an array has a mask, or one in a list or tuple of them."""
-    return isinstance(x, np.ma.MaskedArray) or (type(x) in (list, tuple) and any(map(has_mask, x)))
+    return _is_masked(x) or (type(x) in (list, tuple) and any(map(has_mask, x)))
+
+
+def _is_masked(x: Any) -> bool:
+    masked = sys.modules.get("numpy.ma")  # slow to import, and whoever made a masked array has imported it
+    return masked is not None and isinstance(x, masked.MaskedArray)
 
 
 def fill_missing(array: np.ndarray) -> np.ndarray:

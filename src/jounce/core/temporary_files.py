@@ -2,12 +2,10 @@
 
 import os
 import re
-import shutil
 from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
 from time import time
-from uuid import uuid4
 
 PART_NAME = re.compile(r"\.jounce-(?:([0-9a-f]{8})-(\d+)-)?[0-9a-f]{12}\.part")
 MAX_WRITING_TIME = 86400  # s, a day: no single file takes longer, so that an older part is abandoned
@@ -15,7 +13,7 @@ MAX_WRITING_TIME = 86400  # s, a day: no single file takes longer, so that an ol
 
 def temporary_path(folder: Path) -> Path:
     """A path to write to in a folder until all is there, named by the process and the machine that write."""
-    return folder / f".jounce-{_machine_digest()}-{os.getpid()}-{uuid4().hex[:12]}.part"
+    return folder / f".jounce-{_machine_digest()}-{os.getpid()}-{os.urandom(6).hex()}.part"
 
 
 def remove_abandoned(folder: Path) -> None:
@@ -24,6 +22,8 @@ def remove_abandoned(folder: Path) -> None:
         named = [(path, found) for path in folder.iterdir() if (found := PART_NAME.fullmatch(path.name))]
         for path in [path for path, found in named if _is_gone(found[1], found[2]) or _is_old(path)]:
             if path.is_dir() and not path.is_symlink():
+                import shutil  # imported here to keep start-up fast
+
                 shutil.rmtree(path, ignore_errors=True)
             else:
                 with suppress(OSError):  # another run was faster, or it belongs to another user

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from jounce.core.errors import JounceError
+from jounce.core.foreign import has_mask
 from jounce.core.scalars import Array, broadcast, common_batch_shape, is_jax, is_numeric
 from jounce.dynamics.computation import Computation, Port
 from jounce.dynamics.loops import closure_of
@@ -116,7 +117,7 @@ def check_out(out: Any, shapes: Sequence[tuple[int, ...]], dtype: np.dtype) -> t
         if not isinstance(array, np.ndarray) or array.shape != shape:
             came = f"shape {array.shape}" if isinstance(array, np.ndarray) else f"type {type(array).__name__}"
             raise JounceError(f"out[{k}] has {came}; expected a NumPy array of shape {shape}")
-        if isinstance(array, np.ma.MaskedArray):
+        if has_mask(array):
             raise JounceError(f"out[{k}] is masked; expected an array without a mask to write into")
         if not array.flags.writeable:
             raise JounceError(f"out[{k}] is read-only; expected an array to write into")

@@ -12,12 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.arguments.elasticity import ElasticParameters, with_elasticity
 from jounce.core.errors import JounceError, join_names
 from jounce.core.scalars import Array, convert_element
-from jounce.io import entries
-from jounce.io.native import reading
-from jounce.model.locking import lock_coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.model.screws import from_screws
 from jounce.spatial.inertia import inertia_matrix, symmetric_matrix
@@ -79,6 +75,9 @@ PANDA_STIFFNESS = (1000.0, 1000.0, 1000.0, 1000.0, 400.0, 400.0, 400.0)  # N m/r
 
 def panda_elastic(gravity: object = None) -> Mechanism:
     """The Panda with closed fingers and elastic joints."""
+    from jounce.arguments.elasticity import ElasticParameters, with_elasticity  # imported here to keep start-up fast
+    from jounce.model.locking import lock_coordinates
+
     arm = lock_coordinates(_read_bundled("panda", gravity), {"panda_finger_joint1": 0.0})
     stated = ElasticParameters(stiffness=PANDA_STIFFNESS, rotor=PANDA_ROTORS)
     return replace(with_elasticity(arm, stated), name="panda_elastic")
@@ -108,7 +107,10 @@ def _bundle_file(
 
 
 def _read_bundled(name: str, /, gravity: object = None, base: str = "fixed") -> Mechanism:
-    from importlib.resources import as_file
+    from importlib.resources import as_file  # imported here to keep start-up fast
+
+    from jounce.io import entries
+    from jounce.io.native import reading
 
     with as_file(_robot_folder(name) / "robot.yaml") as path:
         return reading.read(entries.read(path, "the robot"), gravity, base)

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from itertools import chain
 from os import fsencode
@@ -139,8 +140,9 @@ def _text_cells(path: Path, column: Any) -> np.ndarray:
 
 
 def _write_groups(arrow: Any, path: Path, tables: Iterable[Any]) -> None:
-    """Write tables one below the other, in groups of many rows."""
-    pending, rows = list[Any](), 0
+    """Write tables one below the other, in groups of many rows, each of which is written while the next is computed."""
+    pending, rows, writing = list[Any](), 0, Future[None]()
+    writing.set_result(None)
     following = iter(tables)
     first = next(following)
     texts = [field.name for field in first.schema if arrow.types.is_dictionary(field.type)]
@@ -148,12 +150,16 @@ def _write_groups(arrow: Any, path: Path, tables: Iterable[Any]) -> None:
     with (
         arrow.OSFile(fsencode(path), "wb") as file,  # which takes names of any bytes, and none for addresses
         arrow.parquet.ParquetWriter(file, first.schema, **options) as writer,
+        ThreadPoolExecutor(1) as thread,
     ):
         for table in chain([first], following):
             pending, rows = [*pending, table], rows + len(table)
             if rows >= ROWS_PER_GROUP:
-                writer.write_table(arrow.concat_tables(pending).unify_dictionaries(), ROWS_PER_GROUP)
+                writing.result()
+                group = arrow.concat_tables(pending).unify_dictionaries()
+                writing = thread.submit(writer.write_table, group, ROWS_PER_GROUP)
                 pending, rows = [], 0
+        writing.result()
         if pending:
             writer.write_table(arrow.concat_tables(pending).unify_dictionaries(), ROWS_PER_GROUP)
 

@@ -36,61 +36,65 @@ def find_encoder_errors(
         return []
     vibrating = {vibration.joint for vibration in vibrations if vibration.lasts}
     found: dict[int, int] = {}
+    rows = replace(samples, drift=None).rows(cells)
     for coarser in COARSENING_FACTORS:
         coarse = np.unique(np.append(breaks[::coarser], breaks[-1]))
-        found = dict(_find_waves(samples, coarse, cells, window)) | found
+        left = samples.q - fit_breaks(rows, coarse).spline(samples.t)
+        found = dict(_find_waves(samples, left, coarse, cells, window)) | found
     return [(joint, count) for joint, count in sorted(found.items()) if joint not in vibrating]
 
 
-def _find_waves(samples: Samples, coarse: np.ndarray, cells: int, window: np.ndarray) -> Iterator[tuple[int, int]]:
-    left = _fit_residual(samples, samples.q, coarse, cells)
-    powers = np.stack([_angular_spectrum(*columns, window) for columns in zip(samples.q.T, left.T, strict=True)])
-    counts = WAVE_COUNTS[powers.argmax(axis=1)]
-    waves = np.exp(1j * counts * samples.q)
-    real, imaginary = (_fit_residual(samples, part, coarse, cells) for part in (waves.real, waves.imag))
-    for joint, count in enumerate(counts):
-        wave = real[:, joint] + 1j * imaginary[:, joint]
-        if (
-            powers[joint].any()
-            and _compare_wave_power(samples.q[:, joint], left[:, joint], wave, window, count) > MIN_LINE_POWER
-        ):
-            yield joint, int(count)
-
-
-def _fit_residual(samples: Samples, columns: np.ndarray, breaks: np.ndarray, cells: int) -> np.ndarray:
-    """What a spline with these breaks leaves of columns (N, n)."""
-    return np.asarray(
-        columns - fit_breaks(replace(samples, q=columns, drift=None).rows(cells), breaks).spline(samples.t)
-    )
+def _find_waves(
+    samples: Samples, left: np.ndarray, coarse: np.ndarray, cells: int, window: np.ndarray
+) -> Iterator[tuple[int, int]]:
+    """Joints and counts of waves in what a coarse fit has `left`, (N, n), of samples."""
+    q, left = np.ascontiguousarray(samples.q.T), np.ascontiguousarray(left.T)  # by joint
+    weights = np.stack([_row_weights(row, window) for row in left])
+    powers = np.stack([_angular_spectrum(*rows) for rows in zip(q, weights * left, strict=True)])
+    seen = np.flatnonzero(powers.any(axis=1))
+    if not seen.size:
+        return
+    counts = WAVE_COUNTS[powers[seen].argmax(axis=1)]
+    angles = counts[:, None] * q[seen]
+    # what such a fit leaves of the waves themselves
+    columns = np.concatenate([np.cos(angles), np.sin(angles)]).T
+    fitted = fit_breaks(replace(samples, q=columns, drift=None).rows(cells), coarse).spline(samples.t)
+    for joint, count, *wave in zip(seen, counts, *np.split((columns - fitted).T, 2), strict=True):
+        power = _compare_wave_power(q[joint], left[joint], weights[joint], np.stack(wave, axis=1), window, count)
+        if power > MIN_LINE_POWER:
+            yield int(joint), int(count)
 
 
 def _row_weights(left: np.ndarray, window: np.ndarray) -> np.ndarray:
-    around = np.sqrt(np.convolve(left**2, np.full(SCATTER_ROWS, 1 / SCATTER_ROWS), "same"))
+    sums = np.pad(left**2, (SCATTER_ROWS // 2, SCATTER_ROWS // 2 - 1))
+    for k in range(SCATTER_ROWS.bit_length() - 1):  # of 2, 4, 8, ... rows
+        sums = sums[: -(2**k)] + sums[2**k :]
+    around = np.sqrt(sums / SCATTER_ROWS)
     return window / np.maximum(around, max(float(np.median(np.abs(left))), np.finfo(float).tiny))
 
 
-def _angular_spectrum(angle: np.ndarray, left: np.ndarray, window: np.ndarray) -> np.ndarray:
+def _angular_spectrum(angle: np.ndarray, weighted: np.ndarray) -> np.ndarray:
     """Powers of weighted samples over the angle by WAVE_COUNTS; 0 of those that cannot be seen."""
     place = np.round(angle / (2 * np.pi) * PLACES_PER_TURN).astype(int) % PLACES_PER_TURN
-    power = (
-        np.abs(np.fft.rfft(np.bincount(place, _row_weights(left, window) * left, PLACES_PER_TURN))[WAVE_COUNTS]) ** 2
-    )
+    power = np.abs(np.fft.rfft(np.bincount(place, weighted, PLACES_PER_TURN))[WAVE_COUNTS]) ** 2
     turned = np.quantile(np.abs(np.diff(angle)), 0.9)  # from row to row: faster waves are no longer sampled
     return np.where(
         (WAVE_COUNTS * turned < np.pi) & (WAVE_COUNTS * np.ptp(angle) > 2 * np.pi * MIN_WAVES_PASSED), power, 0
     )
 
 
-def _compare_wave_power(angle: np.ndarray, left: np.ndarray, wave: np.ndarray, window: np.ndarray, count: int) -> float:
-    """The power of a wave (N,) over the median of those around it, and of all, that are left without it."""
-    columns, without = np.stack([wave.real, wave.imag], axis=1), left
+def _compare_wave_power(
+    angle: np.ndarray, left: np.ndarray, weights: np.ndarray, wave: np.ndarray, window: np.ndarray, count: int
+) -> float:
+    """The power of a wave, cosine and sine (N, 2), over the median of those around it, and of all, left without it."""
+    without = left
     for _ in range(2):  # what is left without the wave weighs the rows
+        size = np.linalg.lstsq(weights[:, None] * wave, weights * left, rcond=None)[0]
+        without = left - wave @ size
         weights = _row_weights(without, window)
-        size = np.linalg.lstsq(weights[:, None] * columns, weights * left, rcond=None)[0]
-        without = left - columns @ size
-    power = np.abs((_row_weights(without, window) * left) @ wave.conj()) ** 2
-    weights = _row_weights(without, window) ** 2
-    others = _angular_spectrum(angle, without, window)
+    power = (((weights * left) @ wave) ** 2).sum()
+    squares = weights**2
+    others = _angular_spectrum(angle, weights * without)
     near = others[(count // 2 - 8 <= WAVE_COUNTS) & (2 * count + 16 > WAVE_COUNTS)]
     median = max(float(np.median(x[x > 0])) for x in (others, near))
-    return float(power / (weights @ np.abs(wave) ** 2 / weights.sum()) / median)
+    return float(power / (squares @ (wave**2).sum(axis=1) / squares.sum()) / median)

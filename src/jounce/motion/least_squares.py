@@ -13,7 +13,6 @@ Cholesky's method raises `LinAlgError` where the samples leave a coefficient und
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
 FIT_DEGREE = 9  # q4d has five continuous derivatives more, and Q2d no kinks
 BASIS_WIDTH = FIT_DEGREE + 1  # B-splines that overlap in an interval
 MIN_REFINED_SHARE = 1e-6  # of the samples: in smaller residuals the rounding of normal equations shows
+SAMPLES_AT_ONCE = 2**13  # whose polynomials stay in a processor's cache
 MIN_CELLS = 8192  # that a long log is compressed to, ten rows each; more where it needs more intervals
 
 
@@ -111,24 +111,37 @@ def _compress_cells(
     Sums over the samples of polynomials up to degree 19 are the same over these rows (Golub & Welsch, Mathematics of
     Computation 23, 1969), hence normal equations too; the right sides are those of the polynomial that fits best.
     """
-    # samples by cell; a cell of one sample less has the first one of the next with the weight 0
     cells = -(-len(t) // size)
     starts = np.arange(cells + 1) * len(t) // cells
+    edges = np.concatenate([span[:1], (t[starts[1:-1]] + t[starts[1:-1] - 1]) / 2, span[1:]])
+    some = max(1, SAMPLES_AT_ONCE // size)
+    parts = [
+        _reduce_cells(t, y, weight, starts[k : k + some + 1], edges[k : k + some + 1], size)
+        for k in range(0, cells, some)
+    ]
+    times, right, weights = (np.concatenate(column) for column in list(zip(*parts, strict=True))[:3])
+    lost = np.sum([part[3] for part in parts], axis=0)
+    return SplineRows(times, right, weights, edges, span, float((weight**2).sum()), lost)
+
+
+def _reduce_cells(
+    t: np.ndarray, y: np.ndarray, weight: np.ndarray, starts: np.ndarray, edges: np.ndarray, size: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Times, right sides and weights of the ten rows of each of some cells, and the squares (n,) that they leave."""
+    # samples by cell; a cell of one sample less has the first one of the next with the weight 0
     of_cell = starts[:-1, None] + np.arange(size)
     squares = np.where(of_cell < starts[1:, None], weight[of_cell.clip(max=len(t) - 1)], 0) ** 2
     of_cell = of_cell.clip(max=len(t) - 1)
-    edges = np.concatenate([span[:1], (t[starts[1:-1]] + t[starts[1:-1] - 1]) / 2, span[1:]])
-    x = (t[of_cell] - edges[:-1, None]) / np.diff(edges)[:, None] * 2 - 1
+    x, of_samples = (t[of_cell] - edges[:-1, None]) / np.diff(edges)[:, None] * 2 - 1, y[of_cell]
     # the best polynomial of degree 9 of each cell, and what it leaves
     polynomials, nodes, vectors = _gauss_nodes(x, squares)
-    right = (polynomials * squares[:, None]) @ y[of_cell]
-    rest = y[of_cell] - polynomials.mT @ right
+    right = (polynomials * squares[:, None]) @ of_samples
+    rest = of_samples - polynomials.mT @ right
     # its values at the nodes, whose weights are sqrt(sum of squares) times the first entries of eigenvectors
     total = np.sqrt(squares.sum(axis=1))[:, None]
     times = edges[:-1, None] + np.diff(edges)[:, None] * (nodes + 1) / 2
-    y, weights = (vectors.mT @ right).reshape(cells * BASIS_WIDTH, -1), (total * vectors[:, 0]).ravel()
-    lost = np.einsum("cs,csj->j", squares, rest**2)
-    return SplineRows(times.ravel(), y, weights, edges, span, float((weight**2).sum()), lost)
+    values, weights = (vectors.mT @ right).reshape(times.size, -1), (total * vectors[:, 0]).ravel()
+    return times.ravel(), values, weights, np.einsum("cs,csj->j", squares, rest**2)
 
 
 def _gauss_nodes(x: np.ndarray, squares: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -162,12 +175,9 @@ def basis(t: np.ndarray, breaks: np.ndarray, order: int = 0) -> tuple[np.ndarray
 
     A derivative's coefficients are divided differences, d (c_j - c_j-1) / (knot_j+d - knot_j) with the degree d.
     """
-    from scipy.interpolate import BSpline
-
     place = np.searchsorted(breaks, t, side="right").clip(1, len(breaks) - 1) - 1
     all_knots = pad_knots(breaks)
-    inner = all_knots[order : len(all_knots) - order]
-    values = BSpline.design_matrix(t, inner, FIT_DEGREE - order).data.reshape(-1, BASIS_WIDTH - order)
+    values = _evaluate_basis(t, place, all_knots[order : len(all_knots) - order], FIT_DEGREE - order)
     for degree in range(FIT_DEGREE - order + 1, BASIS_WIDTH):
         j = place[:, None] + np.arange(BASIS_WIDTH - degree, BASIS_WIDTH)
         scaled = values * degree / (all_knots[j + degree] - all_knots[j])
@@ -175,48 +185,55 @@ def basis(t: np.ndarray, breaks: np.ndarray, order: int = 0) -> tuple[np.ndarray
     return values, place
 
 
+def _evaluate_basis(t: np.ndarray, place: np.ndarray, knots: np.ndarray, degree: int) -> np.ndarray:
+    """B-splines (P, degree + 1) that differ from 0 at t, in intervals `place`, by the recursion of Cox and de Boor."""
+    values = np.empty((len(t), degree + 1))
+    for start in range(0, len(t), SAMPLES_AT_ONCE):
+        some = slice(start, start + SAMPLES_AT_ONCE)
+        around = knots[place[some] + np.arange(1, 2 * degree + 1)[:, None]]
+        ahead, lower = around - t[some], np.ones((1, around.shape[1]))
+        for k in range(1, degree + 1):
+            share = lower / (around[degree : degree + k] - around[degree - k : degree])
+            lower = np.zeros((k + 1, around.shape[1]))
+            lower[1:] -= ahead[degree - k : degree] * share
+            lower[:-1] += ahead[degree : degree + k] * share
+        values[some] = lower.T
+    return values
+
+
 def solve(rows: SplineRows, breaks: np.ndarray) -> SplineSolution:
     """The least-squares spline with these breaks; raises `LinAlgError` where the samples leave it undetermined."""
     from scipy.linalg import cho_solve_banded, cholesky_banded
+    from scipy.sparse import csr_array
 
-    # rows of B by interval, and the Cholesky factor of B^T B
+    # B, and the Cholesky factor of B^T B
     values, place = basis(rows.t, breaks)
     values *= rows.weight[:, None]
-    bounds = np.searchsorted(place, np.arange(len(breaks)))
-    parts = [slice(*pair) for pair in pairwise(bounds.tolist())]
-    factor = cholesky_banded(_normal_bands(values, parts), lower=True, check_finite=False)
-    coefficients = np.zeros((len(parts) + FIT_DEGREE, rows.y.shape[1]))
+    factor = cholesky_banded(_normal_bands(values, place, len(breaks) - 1), lower=True, check_finite=False)
+    columns = place[:, None] + np.arange(BASIS_WIDTH)
+    ends = np.arange(0, values.size + 1, BASIS_WIDTH)
+    B = csr_array((values.ravel(), columns.ravel(), ends), shape=(len(values), factor.shape[1]))
+    coefficients = np.zeros((factor.shape[1], rows.y.shape[1]))
     residual = rows.y
     while True:  # c += (B^T B)^-1 B^T (y - B c), once, or twice where the first residual is as small as its rounding
-        coefficients += cho_solve_banded((factor, True), _project(values, residual, parts), check_finite=False)
-        before, residual = residual, rows.y - _product(values, coefficients, parts)
+        coefficients += cho_solve_banded((factor, True), B.T @ residual, check_finite=False)
+        before, residual = residual, rows.y - B @ coefficients
         if before is not rows.y or ((residual**2).sum(axis=0) > MIN_REFINED_SHARE**2 * (rows.y**2).sum(axis=0)).all():
             break
     residual = rows.across(residual)
     return SplineSolution(breaks, coefficients, residual, factor, (residual**2).sum(axis=0) + rows.rest)
 
 
-def _normal_bands(values: np.ndarray, parts: list[slice]) -> np.ndarray:
-    """B^T B in lower bands, (10, m)."""
-    blocks = np.array([values[part].T @ values[part] for part in parts])
-    banded = np.zeros((BASIS_WIDTH, len(parts) + FIT_DEGREE))
+def _normal_bands(values: np.ndarray, place: np.ndarray, intervals: int) -> np.ndarray:
+    """B^T B in lower bands, (10, m): sums over the rows of each interval."""
+    starts = np.searchsorted(place, np.arange(intervals))
+    filled = np.flatnonzero(np.diff(starts, append=len(place)))
+    columns, starts = np.ascontiguousarray(values.T), starts[filled]
+    banded = np.zeros((BASIS_WIDTH, intervals + FIT_DEGREE))
     for a in range(BASIS_WIDTH):
         for b in range(a, BASIS_WIDTH):
-            banded[b - a, a : a + len(parts)] += blocks[:, a, b]
+            banded[b - a, a + filled] += np.add.reduceat(columns[a] * columns[b], starts)
     return banded
-
-
-def _project(values: np.ndarray, y: np.ndarray, parts: list[slice]) -> np.ndarray:
-    """B^T y."""
-    out = np.zeros((len(parts) + FIT_DEGREE, y.shape[1]))
-    for i, part in enumerate(parts):
-        out[i : i + BASIS_WIDTH] += values[part].T @ y[part]
-    return out
-
-
-def _product(values: np.ndarray, coefficients: np.ndarray, parts: list[slice]) -> np.ndarray:
-    """B c."""
-    return np.concatenate([values[part] @ coefficients[i : i + BASIS_WIDTH] for i, part in enumerate(parts)])
 
 
 def covariance_blocks(factor: np.ndarray) -> np.ndarray:

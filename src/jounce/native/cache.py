@@ -22,14 +22,17 @@ from jounce.model.mechanism import Mechanism
 from jounce.native.jit import Target
 
 KERNEL_SUFFIX = ".kernel"
+CODE_LAYERS = "core", "spatial", "program", "model", "dynamics", "arguments", "native"  # which alone make native code
 DEFAULT_CACHE_MIB = 256  # thousands of kernels, which take some 50 kB each
 
 
 def folder() -> Path:
     """Return the folder of compiled kernels: ``$JOUNCE_CACHE_DIR``, or the user's cache folder."""
+    if given := os.environ.get("JOUNCE_CACHE_DIR"):
+        return Path(given)
     from platformdirs import user_cache_path
 
-    return Path(os.environ.get("JOUNCE_CACHE_DIR") or user_cache_path("jounce"))
+    return user_cache_path("jounce")
 
 
 def size_limit() -> int:
@@ -71,15 +74,18 @@ def code_key(what: str, target: Target) -> str:
     """The name of code that depends on no robot."""
     import llvmlite
 
-    return hashlib.sha256(f"{what} {target} llvmlite {llvmlite.__version__} {source_digest()}".encode()).hexdigest()
+    text = f"{what} {target} llvmlite {llvmlite.__version__} {source_digest(*CODE_LAYERS)}"
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 @cache
-def source_digest() -> str:
-    """A hash of jounce itself: what the program is made of and by."""
-    digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parents[1].rglob("*.py")):
-        digest.update(path.read_bytes())
+def source_digest(*layers: str) -> str:
+    """A hash of the sources of some layers of jounce, or of all of it."""
+    digest, root = hashlib.sha256(), Path(__file__).parents[1]
+    for layer in layers or ("",):
+        for place, _, names in sorted(os.walk(root / layer)):
+            for name in sorted(name for name in names if name.endswith(".py")):
+                digest.update(Path(place, name).read_bytes())
     return digest.hexdigest()
 
 

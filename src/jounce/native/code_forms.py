@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from math import inf, prod
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,19 +12,19 @@ from jounce.dynamics.computation import Computation, Port, Signature, change
 from jounce.dynamics.loops import closure_of
 from jounce.model.mechanism import Mechanism
 from jounce.model.scalar_casting import with_exact_integers
-from jounce.native import calls, columns, loop
+from jounce.native import calls
 from jounce.native.column_layout import column_layout
 from jounce.native.emit import BlockCode
 from jounce.native.jit import Target
-from jounce.native.loop_steps import Sweeps, joint_kinds
 from jounce.native.memory_layout import LongCompilationError, is_straight
 from jounce.native.straight import straight_block
-from jounce.program.differentiate import DisplacedInputs, Followers, jvp, vjp
 from jounce.program.passes import factor, fuse
 from jounce.program.program import Program
 from jounce.program.trace import Tape, TapeFullError, interruptible, uncollected
 
-PRODUCT_PROGRAMS = {"vjp": vjp, "jvp": jvp}  # programs from that of the values
+if TYPE_CHECKING:
+    from jounce.program.differentiate import Followers
+
 # What compiling takes, in seconds, as measured on one core of a Zen 4:
 SECONDS_PER_STEP = 55e-6  # of the trace of a straight line
 SECONDS_PER_DERIVATIVE_STEP = 80e-6  # of the trace of a product of derivatives
@@ -54,19 +55,26 @@ def trace_program(mechanism: Mechanism, computation: Computation, tape: Tape | N
     traced = factor(tape.program([x for result in results for x in np.ravel(result)]))
     if computation.product is None:
         return traced
+    from jounce.program import differentiate  # imported here to keep start-up fast
+
     displaced = [
-        DisplacedInputs(parameters + port.start, port.shape, prod(port.displacement), partial(change, mechanism, port))
+        differentiate.DisplacedInputs(
+            parameters + port.start, port.shape, prod(port.displacement), partial(change, mechanism, port)
+        )
         for port in inputs
         if port.displacement != port.shape
     ]
     followers = _trace_followers(mechanism, inputs, arrays, tape) if mechanism.closure else None
-    return PRODUCT_PROGRAMS[computation.product](traced, parameters, tape.most, displaced, followers)
+    program = differentiate.vjp if computation.product == "vjp" else differentiate.jvp
+    return program(traced, parameters, tape.most, displaced, followers)
 
 
 def _trace_followers(
     mechanism: Mechanism, inputs: Sequence[Port], arrays: Sequence[np.ndarray], tape: Tape
-) -> Followers:
+) -> "Followers":
     """The dependent coordinates, the last inputs that are traced on a tape, with the motion of the first ones."""
+    from jounce.program.differentiate import Followers
+
     parameters = tape.inputs - sum(port.size for port in inputs)
     state = [arrays[0], tape.variables(mechanism.n), arrays[-1]]
     rate = Computation("coordinates", 1).series("recursion", with_exact_integers(mechanism), state)[1]
@@ -79,8 +87,13 @@ def _make_block(mechanism: Mechanism, computation: Computation, target: Target, 
     if (layout := column_layout(computation, mechanism)) is not None:
         if layout.forward and layout.factor_operations * SECONDS_PER_STEP > patience:
             raise LongCompilationError
+        from jounce.native import columns  # imported here to keep start-up fast
+
         return columns.emit_columns(mechanism, layout, signature)
     if not is_straight(computation, mechanism):
+        from jounce.native import loop  # imported here to keep start-up fast
+        from jounce.native.loop_steps import Sweeps, joint_kinds
+
         steps_of_joints = (len(set(joint_kinds(mechanism))) + computation.base) * (computation.order + 1) ** 2
         if len(mechanism.joints) * SECONDS_PER_LOOP_BODY + steps_of_joints * SECONDS_PER_JOINT_KIND > patience:
             raise LongCompilationError

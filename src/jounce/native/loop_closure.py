@@ -21,7 +21,7 @@ from jounce.dynamics.loop_newton import MAX_DIRECT_CORRECTION, STEP_MEASURES, ne
 from jounce.dynamics.loops import closure_of
 from jounce.model.mechanism import Mechanism
 from jounce.model.scalar_casting import with_exact_integers
-from jounce.native import cache, calls, jit
+from jounce.native import cache, jit
 from jounce.native.jit import host
 from jounce.native.memory_layout import MAX_COMPILE_SECONDS
 from jounce.native.scratch_pool import make_pool
@@ -108,7 +108,7 @@ def _object_code(m: Mechanism, signature: Signature) -> bytes:
     target = host()
 
     def make() -> bytes:
-        from jounce.native import straight  # imported here, as a warm cache needs none of it
+        from jounce.native import calls, straight  # imported here, as a warm cache needs none of it
         from jounce.native.code_forms import SECONDS_PER_STEP
         from jounce.program.passes import factor, fuse
 

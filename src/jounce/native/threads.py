@@ -9,11 +9,14 @@ one's, and a caller with the threads that are kept makes no more than there are 
 import os
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor, wait
 from contextvars import copy_context
 from functools import cache
 from itertools import accumulate, pairwise
 from math import prod
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from concurrent.futures import ThreadPoolExecutor
 
 Box = tuple[slice, ...]  # of a batch: a slice of each axis
 ROUND_WEIGHTS = 4, 2, 1, 1  # of rounds of one part for each thread: half of what is left, the last one all of it
@@ -25,6 +28,8 @@ def compute_in_parts(work: Callable[[Box], object], batch: tuple[int, ...], thre
 
     Threads run in the caller's context, where `numpy.errstate` is kept. An error is raised once all have ended.
     """
+    from concurrent.futures import wait  # imported here to keep start-up fast
+
     parts = deque(pairwise(_cuts(prod(batch), threads)))
 
     def take_parts() -> None:
@@ -81,8 +86,10 @@ def _boxes_in_row(batch: tuple[int, ...], row: int, start: int, end: int) -> Ite
 
 
 @cache
-def _pool() -> ThreadPoolExecutor:
+def _pool() -> "ThreadPoolExecutor":
     """The threads of this process besides callers; they are started when they are first needed."""
+    from concurrent.futures import ThreadPoolExecutor
+
     return ThreadPoolExecutor(max(1, (os.cpu_count() or 1) - 1), thread_name_prefix="jounce")
 
 

@@ -15,7 +15,6 @@ from jounce.core.scalars import is_numeric
 from jounce.core.typing import ArrayLike, Base, DriveTerms, Planar2R
 from jounce.io.bundled import BUNDLED, check_floating_base
 from jounce.io.files import expand_path
-from jounce.model import tree
 from jounce.model.drives import select_terms
 from jounce.model.mechanism import Mechanism
 from jounce.robot import Robot
@@ -92,8 +91,11 @@ def load(
     name = os.fspath(source)
     if drives is not None:
         select_terms(drives)
-    with locate_errors(name):
-        tree.check_base(base)
+    if base is not None:
+        from jounce.model.tree import check_base  # imported here to keep start-up fast
+
+        with locate_errors(name):
+            check_base(base)
     stated = {"gravity": gravity, "base": base, "root": root, "xacro_args": xacro_args}
     given = {key: value for key, value in stated.items() if value is not None} | parameters
     robot = Robot(_mechanism(name, path, given))
