@@ -152,15 +152,15 @@ def _gauss_nodes(x: np.ndarray, squares: np.ndarray) -> tuple[np.ndarray, np.nda
     """
     polynomials = np.empty((len(x), BASIS_WIDTH, x.shape[1]))
     jacobi = np.zeros((len(x), BASIS_WIDTH, BASIS_WIDTH))
-    p = np.ones(x.shape)
+    p, shares = np.ones(x.shape), np.zeros((len(x), 0, 1))
     for k in range(BASIS_WIDTH):
-        known = polynomials[:, :k]  # the last two would do, but for rounding
-        p = p - ((known @ (squares * p)[:, :, None]).mT @ known)[:, 0]
+        p = p - (shares.mT @ polynomials[:, :k])[:, 0]
         polynomials[:, k] = p = p / np.sqrt((squares * p**2).sum(axis=1))[:, None]
         p = x * p
-        jacobi[:, k, k] = (squares * p * polynomials[:, k]).sum(axis=1)
+        shares = polynomials[:, : k + 1] @ (squares * p)[:, :, None]  # the last two would do, but for rounding
+        jacobi[:, k, k] = shares[:, k, 0]
         if k:
-            jacobi[:, k, k - 1] = jacobi[:, k - 1, k] = (squares * p * polynomials[:, k - 1]).sum(axis=1)
+            jacobi[:, k, k - 1] = jacobi[:, k - 1, k] = shares[:, k - 1, 0]
     nodes, vectors = np.linalg.eigh(jacobi)
     return polynomials, nodes, vectors * np.sign(vectors[:, :1])
 
