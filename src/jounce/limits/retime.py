@@ -18,7 +18,7 @@ no time law, where speeds along the path are too uneven, and where friction turn
 
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -29,12 +29,17 @@ from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
 from jounce.limits.barrier import UNEVEN
 from jounce.limits.check import check
+from jounce.limits.fastest_law import find_fastest_law, find_obstacle
 from jounce.limits.joints import joint_names
+from jounce.limits.limit_rows import LimitRows
 from jounce.limits.retime_problem import RetimeProblem, build_problem
 from jounce.limits.transcription import GRID_POINTS_PER_INTERVAL, WARM_START_GAP, Grid
 from jounce.model.positions import number_rates
 from jounce.motion import Motion
 from jounce.motion.time_law import TimeLaw, TimeLawCurve
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 FIRST_INTERVALS = 30  # of the first spline: enough for a point-to-point motion, and cheap
 _MAX_FIRST_TIME_LAW_INTERVALS = 480  # of the first spline: a motion that needs more has very uneven speeds
@@ -90,7 +95,7 @@ class Retiming(HtmlDisplay):
         return f"<Retiming to {self.duration:.6g} s, {len(self.binding)} stretches>"
 
 
-def retime(robot: Engine, motion: object, margin: object = 0.01) -> Retiming:
+def retime(robot: Engine, motion: object, margin: object = 0.01, smooth: bool = True) -> Retiming:
     """The fastest motion along the path of a motion, whose limits are taken to a share 1 - margin of themselves."""
     given = check_motion(robot.mechanism, motion)
     if not is_finite(margin) or not 0 <= margin < 1:  # type: ignore[operator]
@@ -98,12 +103,23 @@ def retime(robot: Engine, motion: object, margin: object = 0.01) -> Retiming:
             f"margin is {quote_value(margin)}; expected a number from 0 to below 1, 0.01 for 99 % of a limit"
         )
     problem = build_problem(robot, given, 1 - float(margin))  # type: ignore[arg-type]
+    if not smooth:
+        return _retime_with_jumps(problem)
     intervals = _count_intervals(robot, given)
     for reach in SPEED_CAPS:
         grid, c = _refine_splines(Grid.build(problem, intervals, reach))
         if grid.is_bounded(c):
             return _verify_friction(robot, _build_result(grid, c), problem)
     raise problem.unbounded_error()
+
+
+def _retime_with_jumps(problem: RetimeProblem) -> Retiming:
+    """The fastest motion of all, whose accelerations and forces jump."""
+    if obstacle := find_obstacle(problem):
+        raise JounceError(f"retime with smooth=False supports {obstacle}")
+    found = find_fastest_law(problem)
+    motion, law = _follow_law(problem, found.spline)
+    return Retiming(motion, motion.duration, _find_stretches(problem, found.sigma, found.rows, found.jets, law), law)
 
 
 def _verify_friction(robot: Engine, found: Retiming, problem: RetimeProblem) -> Retiming:
@@ -158,10 +174,20 @@ def _refine_splines(grid: Grid) -> tuple[Grid, np.ndarray]:
 
 def _build_result(grid: Grid, c: np.ndarray) -> Retiming:
     """The motion with x of some coefficients."""
-    given, spline = grid.problem.motion, grid.basis.spline(c)
-    if spline(np.linspace(given.start, given.stop, _POSITIVITY_SAMPLES_PER_POINT * grid.count)).min() <= 0:
+    problem, spline = grid.problem, grid.basis.spline(c)
+    sigma = np.linspace(problem.motion.start, problem.motion.stop, _POSITIVITY_SAMPLES_PER_POINT * grid.count)
+    if spline(sigma).min() <= 0:
         raise JounceError(UNEVEN)
-    law = TimeLaw(spline, given.start, given.stop, given.start)
+    motion, law = _follow_law(problem, spline)
+    some = slice(grid.count)
+    stretches = _find_stretches(problem, grid.sigma[some], grid.rows.select(some), grid.at.jets(c)[:, some], law)
+    return Retiming(motion, motion.duration, stretches, law)
+
+
+def _follow_law(problem: RetimeProblem, x: "BSpline") -> tuple[Motion, TimeLaw]:
+    """The motion by the time law of a spline x, and this law."""
+    given = problem.motion
+    law = TimeLaw(x, given.start, given.stop, given.start)
     motion = replace(
         given,
         curve=TimeLawCurve(given.curve, law),
@@ -172,21 +198,22 @@ def _build_result(grid: Grid, c: np.ndarray) -> Retiming:
         grid=None,
         torques=None,
     )
-    return Retiming(motion, motion.duration, _find_stretches(grid, c, law), law)
+    return motion, law
 
 
-def _find_stretches(grid: Grid, c: np.ndarray, law: TimeLaw) -> tuple[Stretch, ...]:
-    """The stretches on which a limit decides."""
-    rows, jet = grid.rows, grid.at.jets(c)
-    near = rows.nearness(jet)[: grid.count]
+def _find_stretches(
+    problem: RetimeProblem, sigma: np.ndarray, rows: LimitRows, jet: np.ndarray, law: TimeLaw
+) -> tuple[Stretch, ...]:
+    """The stretches on which a limit decides, of rows and x with its derivatives at points of the path."""
+    near = rows.nearness(jet)
     row = near.argmax(axis=1)
-    at = np.arange(grid.count)
+    at = np.arange(len(sigma))
     joints = np.where(near[at, row] > _MIN_BINDING_RATIO, rows.joints[at, row], -1)
-    t = law.times(grid.sigma[: grid.count])
+    t = law.times(sigma)
     found = []
     for (kind, joint), group in groupby(at.tolist(), key=lambda i: (rows.kinds[row[i]], int(joints[i]))):
         which = list(group)
-        first, last = t[which[0]], t[min(which[-1] + 1, grid.count - 1)]
+        first, last = t[which[0]], t[min(which[-1] + 1, len(t) - 1)]
         if joint >= 0 and last - first > _MIN_STRETCH_SHARE * (t[-1] - t[0]):
-            found.append(Stretch(joint_names(grid.problem.robot.mechanism)[joint], kind, float(first), float(last)))
+            found.append(Stretch(joint_names(problem.robot.mechanism)[joint], kind, float(first), float(last)))
     return tuple(found)

@@ -1,0 +1,188 @@
+"""The fastest speed along a path under limits that are linear in x = sigma'^2 and u = sigma'': reachability analysis.
+
+Problem: x(sigma) >= 0 of least duration, the integral of x^(-1/2), with ``lower <= G u + H x + g <= upper`` along the
+path, where ``u = x'/2``.
+
+Algorithm: TOPP-RA [1]. The path is divided into N intervals, on each of which u is linear with a given slope w, so that
+the rows at its start, middle and end are half-planes of x and u at its start. Backwards, x is controllable up to
+K[i], from where some u leads to x <= K[i + 1]; forwards, the largest u that stays within K is taken. Both steps are the
+least of affine functions of x. The first round has w = 0, an error of the first order in the length of intervals; its
+solution yields the slopes w of the second, which leaves one of the second order. Slopes are limited as in schemes for
+shocks (minmod), hence 0 where u switches back and forth.
+
+Invariants: a robot at rest is strictly within all limits, so that x = 0 is controllable everywhere and K[i] > 0; the
+greedy x is the largest of all at every point of the path [1]. Where G passes zero, so that x alone is bounded (a
+zero-inertia point), rows at both ends of the interval bound u, and no division by G decides.
+
+Failure: the profile ends at less than the x asked for where no u leads there, and exceeds bounds between the points
+where these are too few: both are for callers to see (`Profile.excess`). `JounceError` where no x >= 0 is found.
+
+[1] H. Pham, Q.-C. Pham, A new approach to time-optimal path parameterization based on reachability analysis, IEEE
+    Transactions on Robotics 34 (2018).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce.core.errors import JounceError
+from jounce.limits.barrier import UNEVEN
+
+MAX_EXCESS_ON_INTERVALS = 1e-4  # of a limit: what rows may exceed it by between the three points of an interval
+_SHARES = np.array([0.0, 0.5, 1.0])[:, None]  # of an interval: where rows hold
+_FLAT_ROW = 1e-12  # of its bound: what u within its range adds to a row that bounds x alone
+_MAX_SPEED_STEPS = 60  # of Newton's method on concave functions of a few dozen pieces, which takes three to five
+_SPEED_ROUNDING = 1e-12  # of u: bounds of u that meet to rounding
+_PROFILE_ROUNDS = 3  # the first with w = 0; the third gains a few 1e-5 of the duration, and removes excesses
+
+
+@dataclass(frozen=True, eq=False)
+class PathRows:
+    """R rows at the start, middle and end of N intervals of a path: ``lower <= G u + H x + g <= upper``.
+
+    `G`, `H`, `g` are (3, N, R), the bounds (R,), `length` (N,) is that of the intervals.
+    """
+
+    length: np.ndarray
+    G: np.ndarray
+    H: np.ndarray
+    g: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+
+    def uniform(self) -> float:
+        """The largest x that, constant along the path, is within all rows."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            most = np.where(self.H > 0, self.upper - self.g, self.lower - self.g) / self.H
+        return float(np.where(self.H == 0, np.inf, most).min())
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """x (N + 1,) at the ends of intervals, u (N,) at their starts, and its slope (N,) on them."""
+
+    x: np.ndarray
+    u: np.ndarray
+    slope: np.ndarray
+
+    def at(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """x and u at distances d (..., N) from the starts of the intervals."""
+        return self.x[:-1] + d * (2 * self.u + d * self.slope), self.u + d * self.slope
+
+    def duration(self, length: np.ndarray) -> float:
+        """The integral of x^(-1/2) by the rule of Gauss and Legendre on each interval."""
+        nodes, weights = np.polynomial.legendre.leggauss(4)
+        x, _ = self.at(length / 2 * (1 + nodes[:, None]))
+        return float((weights @ x.clip(np.finfo(float).tiny) ** -0.5 * length / 2).sum())
+
+    def excess(self, rows: PathRows) -> np.ndarray:
+        """By how much rows leave their bounds on each interval (N, R), between its three points by parabolas."""
+        x, u = self.at(_SHARES * rows.length)
+        first, middle, last = rows.G * u[..., None] + rows.H * x[..., None] + rows.g
+        rise, bend = last - first, 2 * (first + last - 2 * middle)  # value: middle + rise s + bend s^2, |s| <= 1/2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            top = np.where(np.abs(rise) < np.abs(bend), middle - rise**2 / (4 * bend), middle)
+        values = np.stack([first, top, last])
+        return np.asarray(np.maximum(values - rows.upper, rows.lower - values).max(axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """The least of affine functions that each interval takes: of x at its end backwards, of x at its start forwards."""
+
+    most: np.ndarray  # x at the start for which any u is left
+    back: np.ndarray
+    back_offset: np.ndarray
+    ahead: np.ndarray
+    ahead_offset: np.ndarray
+
+
+def find_fastest(rows: PathRows, cap: float, first: float | None = None, last: float | None = None) -> Profile:
+    """The fastest x below a cap, from `first` to at most `last` where the ends have a speed."""
+    count = len(rows.length)
+    slope, taken = np.zeros(count), np.zeros((count, len(rows.upper)))
+    best, least = None, (np.inf, np.inf)
+    for _ in range(_PROFILE_ROUNDS):
+        steps = _build_steps(rows, slope, taken, cap)
+        x = _pass_forward(steps, _pass_backward(steps, cap if last is None else last), first)
+        found = Profile(x, (np.diff(x) / rows.length - rows.length * slope) / 2, slope)
+        if not found.at(_SHARES * rows.length)[0].min() >= 0:  # a slope beyond what a robot at rest may do
+            break
+        # The fastest round of those within the bounds between the points too, which are drawn in by what exceeds them.
+        excess = found.excess(rows)
+        size = (max(float(excess.max()), MAX_EXCESS_ON_INTERVALS), found.duration(rows.length))
+        best, least = (found, size) if size < least else (best, least)
+        taken = taken + excess.clip(0)
+        slope = _estimate_slopes(found.u + slope * rows.length / 2, rows.length)
+    if best is None:
+        raise JounceError(UNEVEN)
+    return best
+
+
+def _build_steps(rows: PathRows, slope: np.ndarray, taken: np.ndarray, cap: float) -> _Steps:
+    """The half-planes of x and u at the starts of intervals, and what a step does with them."""
+    # x and u at the three points are affine in those at the start, and so are the rows: A u + H x + rest.
+    d = _SHARES * rows.length
+    bent = d * slope
+    A = rows.G + 2 * d[..., None] * rows.H
+    rest = rows.g + bent[..., None] * rows.G + (bent * d)[..., None] * rows.H
+    upper, lower = rows.upper - taken - rest, rows.lower + taken - rest
+    flat = np.abs(A) * (cap / (2 * rows.length))[:, None] < _FLAT_ROW
+    A = np.where(flat, 1.0, A)
+    m = np.where(flat, 0.0, -rows.H / A)
+    high = np.where(flat, np.inf, np.where(A > 0, upper, lower) / A)
+    low = np.where(flat, -np.inf, np.where(A > 0, lower, upper) / A)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bound = np.where(rows.H > 0, upper, lower) / rows.H
+        most = np.minimum(cap, np.where(flat & (rows.H != 0), bound, np.inf).min(axis=(0, 2)))
+    m, high, low = (np.moveaxis(part, 1, 0).reshape(len(slope), -1) for part in (m, high, low))
+    # The next x is c x + 2 length n + length^2 w on a line u = m x + n.
+    twice, added = 2 * rows.length[:, None], (rows.length**2 * slope)[:, None]
+    c, ahead, behind = 1 + twice * m, twice * high + added, twice * low + added
+    with np.errstate(divide="ignore", invalid="ignore"):
+        most = np.minimum(most, np.where(c < 0, -ahead / c, np.inf).min(axis=1))  # from where the next x is >= 0
+        back = np.where(c > 0, 1 / c, 0.0)
+        back_offset = np.where((c > 0) & np.isfinite(behind), -behind / c, np.inf)
+    return _Steps(_highest_speeds(m, high, low, most), back, back_offset, c, ahead)
+
+
+def _highest_speeds(m: np.ndarray, high: np.ndarray, low: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """The largest x (N,) at which a u is left between lines (N, L): Newton's method on a concave function from above."""
+    row = np.arange(len(most))
+    for _ in range(_MAX_SPEED_STEPS):
+        above, below = m * most[:, None] + high, m * most[:, None] + low
+        i, j = above.argmin(axis=1), below.argmax(axis=1)
+        over = below[row, j] - above[row, i] > _SPEED_ROUNDING * np.abs(above[row, i])
+        if not over.any():
+            break
+        fall = np.where(over, m[row, j] - m[row, i], 1.0)
+        most = np.where(over, (high[row, i] - low[row, j]) / fall, most)
+    return most
+
+
+def _pass_backward(steps: _Steps, last: float) -> np.ndarray:
+    """The largest controllable x (N + 1,), from that at the end."""
+    least = np.minimum.reduce
+    K = np.empty(len(steps.most) + 1)
+    K[-1] = x = last
+    for i in range(len(steps.most) - 1, -1, -1):
+        K[i] = x = min(steps.most[i], least(steps.back[i] * x + steps.back_offset[i]))
+    return K
+
+
+def _pass_forward(steps: _Steps, K: np.ndarray, first: float | None) -> np.ndarray:
+    """The largest x (N + 1,) within the controllable ones, from that at the start."""
+    least = np.minimum.reduce
+    x = np.empty(len(K))
+    x[0] = now = K[0] if first is None else min(first, K[0])
+    for i in range(len(steps.most)):
+        x[i + 1] = now = min(K[i + 1], least(steps.ahead[i] * now + steps.ahead_offset[i]))
+    return x
+
+
+def _estimate_slopes(u: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """The slopes of u on intervals from its values in their middles: the smaller of both sides, or 0 where u turns."""
+    steep = 2 * np.diff(u) / (length[1:] + length[:-1])
+    before, after = np.concatenate([[0.0], steep]), np.concatenate([steep, [0.0]])
+    smaller = np.where(np.abs(before) < np.abs(after), before, after)
+    return np.where(before * after > 0, smaller, 0.0)
