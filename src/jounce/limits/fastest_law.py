@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 _HIGHEST_RATE = 2  # of q, in limits that are linear in x and x'
 _FIRST_COUNT, _MAX_COUNT = 400, 25_600  # intervals of even length; graded ones come in addition
 _INTERVALS_PER_LOG_SPEED = 2.5  # where the speed of the motion changes by a factor of e
-_LEAST_SPEED = 1e-7  # of the largest: from it on rests are divided, which at the cap takes no time
+_LEAST_SPEED = 1e-9  # of the largest: from it on rests are divided, which at the cap takes no time
 _END_SHARES = np.geomspace(1e-6, 0.1, 60)  # of the path, at which speeds near its ends are looked at
 _EVEN_SHARES = np.linspace(0.1, 0.9, 401)[1:-1]  # and between
 _CAPS = (400.0, 8e3, 1.6e5)  # times the fastest uniform speed: the highest speed, raised where it decides

@@ -22,6 +22,7 @@ where these are too few: both are for callers to see (`Profile.excess`). `Jounce
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -33,7 +34,13 @@ _SHARES = np.array([0.0, 0.5, 1.0])[:, None]  # of an interval: where rows hold
 _FLAT_ROW = 1e-12  # of its bound: what u within its range adds to a row that bounds x alone
 _MAX_SPEED_STEPS = 60  # of Newton's method on concave functions of a few dozen pieces, which takes three to five
 _SPEED_ROUNDING = 1e-12  # of u: bounds of u that meet to rounding
-_PROFILE_ROUNDS = 3  # the first with w = 0; the third gains a few 1e-5 of the duration, and removes excesses
+_NEAR_CAP, _RESERVE_NEAR_CAP = 0.02, 5e-3  # of a cap, of bounds: from there on x is passed in no time, and has a corner
+_MAX_PROFILE_ROUNDS = 4  # the first with w = 0; those after the second remove what exceeds a bound between points
+
+
+@cache
+def _gauss_legendre() -> tuple[np.ndarray, np.ndarray]:
+    return np.polynomial.legendre.leggauss(4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +78,7 @@ class Profile:
 
     def duration(self, length: np.ndarray) -> float:
         """The integral of x^(-1/2) by the rule of Gauss and Legendre on each interval."""
-        nodes, weights = np.polynomial.legendre.leggauss(4)
+        nodes, weights = _gauss_legendre()
         x, _ = self.at(length / 2 * (1 + nodes[:, None]))
         return float((weights @ x.clip(np.finfo(float).tiny) ** -0.5 * length / 2).sum())
 
@@ -102,7 +109,7 @@ def find_fastest(rows: PathRows, cap: float, first: float | None = None, last: f
     count = len(rows.length)
     slope, taken = np.zeros(count), np.zeros((count, len(rows.upper)))
     best, least = None, (np.inf, np.inf)
-    for _ in range(_PROFILE_ROUNDS):
+    for _ in range(_MAX_PROFILE_ROUNDS):
         steps = _build_steps(rows, slope, taken, cap)
         x = _pass_forward(steps, _pass_backward(steps, cap if last is None else last), first)
         found = Profile(x, (np.diff(x) / rows.length - rows.length * slope) / 2, slope)
@@ -112,7 +119,10 @@ def find_fastest(rows: PathRows, cap: float, first: float | None = None, last: f
         excess = found.excess(rows)
         size = (max(float(excess.max()), MAX_EXCESS_ON_INTERVALS), found.duration(rows.length))
         best, least = (found, size) if size < least else (best, least)
+        if slope.any() and size[0] <= MAX_EXCESS_ON_INTERVALS:
+            break
         taken = taken + excess.clip(0)
+        taken[np.maximum(found.x[1:], found.x[:-1]) > _NEAR_CAP * cap] = _RESERVE_NEAR_CAP
         slope = _estimate_slopes(found.u + slope * rows.length / 2, rows.length)
     if best is None:
         raise JounceError(UNEVEN)
@@ -160,24 +170,22 @@ def _highest_speeds(m: np.ndarray, high: np.ndarray, low: np.ndarray, most: np.n
     return most
 
 
-def _pass_backward(steps: _Steps, last: float) -> np.ndarray:
+def _pass_backward(steps: _Steps, last: float) -> list[float]:
     """The largest controllable x (N + 1,), from that at the end."""
-    least = np.minimum.reduce
-    K = np.empty(len(steps.most) + 1)
-    K[-1] = x = last
-    for i in range(len(steps.most) - 1, -1, -1):
-        K[i] = x = min(steps.most[i], least(steps.back[i] * x + steps.back_offset[i]))
-    return K
+    least, x = np.minimum.reduce, last
+    K = [last]
+    for most, factor, offset in zip(steps.most[::-1].tolist(), steps.back[::-1], steps.back_offset[::-1], strict=True):
+        K.append(x := min(most, float(least(factor * x + offset))))
+    return K[::-1]
 
 
-def _pass_forward(steps: _Steps, K: np.ndarray, first: float | None) -> np.ndarray:
+def _pass_forward(steps: _Steps, K: list[float], first: float | None) -> np.ndarray:
     """The largest x (N + 1,) within the controllable ones, from that at the start."""
-    least = np.minimum.reduce
-    x = np.empty(len(K))
-    x[0] = now = K[0] if first is None else min(first, K[0])
-    for i in range(len(steps.most)):
-        x[i + 1] = now = min(K[i + 1], least(steps.ahead[i] * now + steps.ahead_offset[i]))
-    return x
+    least, now = np.minimum.reduce, K[0] if first is None else min(first, K[0])
+    x = [now]
+    for most, factor, offset in zip(K[1:], steps.ahead, steps.ahead_offset, strict=True):
+        x.append(now := min(most, float(least(factor * now + offset))))
+    return np.array(x)
 
 
 def _estimate_slopes(u: np.ndarray, length: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ the integrand grows, and halving ends at `MAX_NODE_HALVINGS` with less than all 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from math import comb
 from typing import TYPE_CHECKING
 
@@ -25,6 +25,11 @@ TIME_QUADRATURE_POINTS = 16  # of Gauss and Legendre between two nodes
 MAX_NODE_HALVINGS = 40  # of an interval: they leave 1e-12 of it
 MAX_TIME_LAW_STEPS = 50  # a safeguard: Newton's method is quadratic, and kept within its interval
 TIME_LAW_TOLERANCE = 4 * np.finfo(float).eps  # of the length of the path or the time along it
+
+
+@cache
+def _gauss_legendre() -> tuple[np.ndarray, np.ndarray]:
+    return np.polynomial.legendre.leggauss(TIME_QUADRATURE_POINTS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +107,7 @@ class TimeLaw:
 
     def _lasting(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
         """The time from one value of sigma to another: the integral of 1 / sqrt(x)."""
-        u, w = np.polynomial.legendre.leggauss(TIME_QUADRATURE_POINTS)
+        u, w = _gauss_legendre()
         half = (right - left)[:, None] / 2
         return (half * w / np.sqrt(self.x((left + right)[:, None] / 2 + half * u))).sum(axis=1)
 
