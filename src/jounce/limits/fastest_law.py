@@ -52,6 +52,11 @@ class FastestLaw(NamedTuple):
     profile: Profile
 
     @property
+    def duration(self) -> float:
+        """How long the path takes, s."""
+        return self.profile.duration(np.diff(self.sigma))
+
+    @property
     def jets(self) -> np.ndarray:
         """x, x', x'', x''' at the starts of the intervals and at the end of the path, (4, N + 1)."""
         x, u, w = self.profile.x, self.profile.u, self.profile.slope
@@ -165,7 +170,7 @@ def _place_points(motion: Motion, count: int) -> np.ndarray:
     share = np.concatenate([[0.0], _END_SHARES, _EVEN_SHARES, 1 - _END_SHARES[::-1], [1.0]])
     sigma = motion.start + share * motion.duration
     speed = np.linalg.norm(motion(sigma, 1)[1], axis=1)
-    changes = np.abs(np.diff(np.log(speed / speed.max() + _LEAST_SPEED)))
+    changes = np.abs(np.diff(np.log(speed / (speed.max() or 1.0) + _LEAST_SPEED)))
     placed = np.concatenate([[0.0], np.cumsum(count * np.diff(share) + _INTERVALS_PER_LOG_SPEED * changes)])
     return np.interp(np.linspace(0, placed[-1], int(np.ceil(placed[-1])) + 1), placed, sigma)
 
