@@ -2,9 +2,9 @@
 
 Limits of velocities, accelerations and forces that are quadratic in speed are linear in x = sigma'^2 and u = sigma'',
 and `reachability` finds the largest x at points of the path. These lie closer together where the speed of the given
-motion changes by factors: sigma is its time, so that x grows without bound, as 1 / sigma^2, towards a rest from which
-the result starts with an acceleration that is not zero. x stays below a cap, `_CAPS`, far beyond what decides: the
-result leaves a rest as smoothly as the given motion, within a share of about 1e-4 of the duration.
+motion changes by factors: sigma is its time, so that x grows without bound, as 1 / q'', towards a rest from which the
+result starts with an acceleration that is not zero. x stays below a cap that costs `_COST_OF_CAP` of the duration: the
+result leaves a rest as smoothly as the given motion does, within about this share of its duration.
 
 Invariant: no row exceeds its bound by more than `MAX_EXCESS_ON_INTERVALS`, between the points too; more points are
 taken until that holds.
@@ -23,7 +23,7 @@ from jounce.limits.barrier import UNEVEN
 from jounce.limits.limit_rows import LimitRows
 from jounce.limits.limited_motion import known_kinds, motion_order
 from jounce.limits.path import Path, sample_path
-from jounce.limits.reachability import MAX_EXCESS_ON_INTERVALS, PathRows, Profile, find_fastest
+from jounce.limits.reachability import MAX_EXCESS_ON_INTERVALS, PathRows, Profile, find_first, refine_profile
 from jounce.limits.retime_problem import MAX_UNIFORM_SPEED, RetimeProblem, check_path
 from jounce.model.limit_kinds import LIMIT_KINDS
 from jounce.motion import Motion
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 
 _HIGHEST_RATE = 2  # of q, in limits that are linear in x and x'
 _FIRST_COUNT, _MAX_COUNT = 400, 25_600  # intervals of even length; graded ones come in addition
-_INTERVALS_PER_LOG_SPEED = 2.5  # where the speed of the motion changes by a factor of e
-_LEAST_SPEED = 1e-9  # of the largest: from it on rests are divided, which at the cap takes no time
-_END_SHARES = np.geomspace(1e-6, 0.1, 60)  # of the path, at which speeds near its ends are looked at
-_EVEN_SHARES = np.linspace(0.1, 0.9, 401)[1:-1]  # and between
-_CAPS = (400.0, 8e3, 1.6e5)  # times the fastest uniform speed: the highest speed, raised where it decides
+_CAPS = (1e3, 2e4, 4e5)  # times the fastest uniform speed: the highest speed, raised where it decides
+_COST_OF_CAP = 3e-5  # of the duration
+_LEAST_SPEED = 1.5e-5  # of the largest q'': x is as 1 / q'' near a rest, where the cap decides below this share
+_INTERVALS_PER_LOG_SPEED = 5  # where q'' changes by a factor of e
+_FIRST_TRIES, _MAX_TRY_HALVINGS = 301, 30  # of even points, at which speeds are looked at
 _MAX_CAPPED_WAY = 0.01  # of the path: where the cap decides on more, no limit bounds the speed
 _MAX_CHORD_ERROR = 0.01  # of the largest rate: what a rate of the path may be off its chord in the middle of intervals
 _LEAST_REACHED = 1 - 1e-9  # of the square of a speed that is to remain at an end: less is not reached
@@ -166,13 +166,31 @@ class _IntervalPath(NamedTuple):
 
 
 def _place_points(motion: Motion, count: int) -> np.ndarray:
-    """Points of the path: even ones, and more where the speed of the motion changes by factors."""
-    share = np.concatenate([[0.0], _END_SHARES, _EVEN_SHARES, 1 - _END_SHARES[::-1], [1.0]])
-    sigma = motion.start + share * motion.duration
-    speed = np.linalg.norm(motion(sigma, 1)[1], axis=1)
-    changes = np.abs(np.diff(np.log(speed / (speed.max() or 1.0) + _LEAST_SPEED)))
-    placed = np.concatenate([[0.0], np.cumsum(count * np.diff(share) + _INTERVALS_PER_LOG_SPEED * changes)])
+    """Points of the path: even ones, and more where x changes by factors, as towards rests."""
+    sigma = np.linspace(motion.start, motion.stop, _FIRST_TRIES)
+    scale = _find_scales(motion, sigma)
+    speed = _log_speed(motion, sigma, scale)
+    for _ in range(_MAX_TRY_HALVINGS):
+        steep = np.abs(np.diff(speed)) > 1
+        if not steep.any():
+            break
+        middle = (sigma[1:] + sigma[:-1])[steep] / 2
+        order = np.argsort(both := np.concatenate([sigma, middle]), kind="stable")
+        sigma, speed = both[order], np.concatenate([speed, _log_speed(motion, middle, scale)])[order]
+    graded = count * np.diff(sigma) / motion.duration + _INTERVALS_PER_LOG_SPEED * np.abs(np.diff(speed))
+    placed = np.concatenate([[0.0], np.cumsum(graded)])
     return np.interp(np.linspace(0, placed[-1], int(np.ceil(placed[-1])) + 1), placed, sigma)
+
+
+def _find_scales(motion: Motion, sigma: np.ndarray) -> list[float]:
+    """The largest rates q' and q'' of a motion."""
+    return [float(np.linalg.norm(rate, axis=1).max()) or 1.0 for rate in motion(sigma, 2)[1:]]
+
+
+def _log_speed(motion: Motion, sigma: np.ndarray, scale: list[float]) -> np.ndarray:
+    """The logarithm of what bounds x: q' and, near rests, q''; not below where the cap decides."""
+    shares = [np.linalg.norm(rate, axis=1) / size for rate, size in zip(motion(sigma, 2)[1:], scale, strict=True)]
+    return np.asarray(np.log(shares[0] + shares[1] + _LEAST_SPEED))
 
 
 def _find_profile(problem: RetimeProblem, path: _IntervalPath, rows: PathRows) -> Profile | None:
@@ -182,15 +200,17 @@ def _find_profile(problem: RetimeProblem, path: _IntervalPath, rows: PathRows) -
     way = np.abs(path.path.q[1][path.places[1]]).sum(axis=1) * rows.length
     for factor in _CAPS:
         cap = (factor * uniform) ** 2
-        found = find_fastest(rows, cap, first, last)
+        found = find_first(rows, cap, first, last)
         if way[found.at(rows.length / 2)[0] > cap / 4].sum() <= _MAX_CAPPED_WAY * way.sum():
             break
     else:
         raise problem.unbounded_error()
+    found = refine_profile(rows, found, found.cap(rows.length, _COST_OF_CAP, cap), first, last)
     for moves, x, end in zip(problem.moving, (found.x[0], found.x[-1]), ("start", "end"), strict=True):
         if moves and x < _LEAST_REACHED:
             raise JounceError(
                 f"the motion moves at its {end}, and no time law keeps the velocity there within the limits;"
                 " expected a motion from rest to rest, or a slower one: motion.scaled(2)"
             )
-    return found if found.excess(rows).max() <= MAX_EXCESS_ON_INTERVALS else None
+    valid = found.at(rows.length / 2)[0].min() > 0 and found.x.min() > 0
+    return found if valid and found.excess(rows).max() <= MAX_EXCESS_ON_INTERVALS else None

@@ -15,27 +15,27 @@ greedy x is the largest of all at every point of the path [1]. Where G passes ze
 zero-inertia point), rows at both ends of the interval bound u, and no division by G decides.
 
 Failure: the profile ends at less than the x asked for where no u leads there, and exceeds bounds between the points
-where these are too few: both are for callers to see (`Profile.excess`). `JounceError` where no x >= 0 is found.
+where these are too few: both are for callers to see (`Profile.excess`).
 
 [1] H. Pham, Q.-C. Pham, A new approach to time-optimal path parameterization based on reachability analysis, IEEE
     Transactions on Robotics 34 (2018).
 """
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 
-from jounce.core.errors import JounceError
-from jounce.limits.barrier import UNEVEN
-
 MAX_EXCESS_ON_INTERVALS = 1e-4  # of a limit: what rows may exceed it by between the three points of an interval
 _SHARES = np.array([0.0, 0.5, 1.0])[:, None]  # of an interval: where rows hold
+_QUARTERS = np.array([0.25, 0.75])[:, None]
 _FLAT_ROW = 1e-12  # of its bound: what u within its range adds to a row that bounds x alone
 _MAX_SPEED_STEPS = 60  # of Newton's method on concave functions of a few dozen pieces, which takes three to five
 _SPEED_ROUNDING = 1e-12  # of u: bounds of u that meet to rounding
-_NEAR_CAP, _RESERVE_NEAR_CAP = 0.02, 5e-3  # of a cap, of bounds: from there on x is passed in no time, and has a corner
-_MAX_PROFILE_ROUNDS = 4  # the first with w = 0; those after the second remove what exceeds a bound between points
+_CAPS_TRIED = 200  # in a geometric series: the cap needs no digits
+_NEAR_CAP, _SHARE_NEAR_CAP = 0.1, 1e-3  # of a cap, where x has a corner, and of the duration that is spent there
+_RESERVE_NEAR_CAP = 5e-3  # of bounds, where that takes no time: the corner lies between points
+_MAX_ROUNDS = 4  # one finds the profile, others remove what exceeds a bound between points
 
 
 @cache
@@ -56,6 +56,11 @@ class PathRows:
     g: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
+
+    @cached_property
+    def alone(self) -> np.ndarray:
+        """Which rows (R,) do not take u."""
+        return np.asarray(~self.G.any(axis=(0, 1)))
 
     def uniform(self) -> float:
         """The largest x that, constant along the path, is within all rows."""
@@ -82,6 +87,15 @@ class Profile:
         x, _ = self.at(length / 2 * (1 + nodes[:, None]))
         return float((weights @ x.clip(np.finfo(float).tiny) ** -0.5 * length / 2).sum())
 
+    def cap(self, length: np.ndarray, cost: float, highest: float) -> float:
+        """A cap of x that makes the duration longer by a share, but for where x is at the highest cap already."""
+        x, _ = self.at(length / 2)
+        x, length = (part[x < highest / 2] for part in (x, length))
+        caps = np.geomspace(x.max(), np.median(x), _CAPS_TRIED)
+        with np.errstate(divide="ignore"):
+            longer = (length * (caps[:, None] ** -0.5 - x**-0.5).clip(0)).sum(axis=1)
+        return float(caps[np.searchsorted(longer, cost * (length * x**-0.5).sum(), side="right") - 1])
+
     def excess(self, rows: PathRows) -> np.ndarray:
         """By how much rows leave their bounds on each interval (N, R), between its three points by parabolas."""
         x, u = self.at(_SHARES * rows.length)
@@ -89,7 +103,10 @@ class Profile:
         rise, bend = last - first, 2 * (first + last - 2 * middle)  # value: middle + rise s + bend s^2, |s| <= 1/2
         with np.errstate(divide="ignore", invalid="ignore"):
             top = np.where(np.abs(rise) < np.abs(bend), middle - rise**2 / (4 * bend), middle)
-        values = np.stack([first, top, last])
+        # Rows of x alone have kinks, where another joint decides: at quarters, from chords.
+        chords = [(part[:-1] + part[1:]) / 2 for part in (rows.H, rows.g)]
+        quarters = np.where(rows.alone, chords[0] * self.at(_QUARTERS * rows.length)[0][..., None] + chords[1], middle)
+        values = np.stack([first, top, last, *quarters])
         return np.asarray(np.maximum(values - rows.upper, rows.lower - values).max(axis=0))
 
 
@@ -104,29 +121,47 @@ class _Steps:
     ahead_offset: np.ndarray
 
 
-def find_fastest(rows: PathRows, cap: float, first: float | None = None, last: float | None = None) -> Profile:
-    """The fastest x below a cap, from `first` to at most `last` where the ends have a speed."""
-    count = len(rows.length)
-    slope, taken = np.zeros(count), np.zeros((count, len(rows.upper)))
-    best, least = None, (np.inf, np.inf)
-    for _ in range(_MAX_PROFILE_ROUNDS):
-        steps = _build_steps(rows, slope, taken, cap)
-        x = _pass_forward(steps, _pass_backward(steps, cap if last is None else last), first)
-        found = Profile(x, (np.diff(x) / rows.length - rows.length * slope) / 2, slope)
-        if not found.at(_SHARES * rows.length)[0].min() >= 0:  # a slope beyond what a robot at rest may do
-            break
-        # The fastest round of those within the bounds between the points too, which are drawn in by what exceeds them.
+def find_first(rows: PathRows, cap: float, first: float | None = None, last: float | None = None) -> Profile:
+    """The fastest x below a cap with u constant on intervals, from `first` to at most `last` where ends have a speed."""
+    none = np.zeros(len(rows.length))
+    return _find_round(rows, none, np.zeros((len(none), len(rows.upper))), cap, first, last)
+
+
+def refine_profile(
+    rows: PathRows, coarse: Profile, cap: float, first: float | None = None, last: float | None = None
+) -> Profile:
+    """The fastest x below a cap with u linear on intervals, of slopes that those of another profile are near to."""
+    best, least, found = coarse, np.inf, coarse
+    taken = np.zeros((len(rows.length), len(rows.upper)))
+    bent = np.ones(len(rows.length), dtype=bool)  # where u has a slope
+    for _ in range(_MAX_ROUNDS):
+        high = np.maximum(found.x[1:], found.x[:-1])
+        near = high > _NEAR_CAP * cap
+        if found.duration(rows.length * near) < _SHARE_NEAR_CAP * found.duration(rows.length):
+            taken[near] = taken[near].clip(_RESERVE_NEAR_CAP)
+        slope = _estimate_slopes(found.u + found.slope * rows.length / 2, rows.length) * (bent & (high <= cap))
+        following = _find_round(rows, slope, taken, cap, first, last)
+        if (below := ~(following.at(_SHARES * rows.length)[0].min(axis=0) > 0)).any():
+            bent &= ~(below | np.roll(below, 1) | np.roll(below, -1))  # slopes beyond what the limits leave at rest
+            continue
+        # Bounds are drawn in by what exceeds them between the three points of intervals.
+        found = following
         excess = found.excess(rows)
-        size = (max(float(excess.max()), MAX_EXCESS_ON_INTERVALS), found.duration(rows.length))
-        best, least = (found, size) if size < least else (best, least)
-        if slope.any() and size[0] <= MAX_EXCESS_ON_INTERVALS:
+        if (size := float(excess.max())) < least:
+            best, least = found, size
+        if size <= MAX_EXCESS_ON_INTERVALS:
             break
         taken = taken + excess.clip(0)
-        taken[np.maximum(found.x[1:], found.x[:-1]) > _NEAR_CAP * cap] = _RESERVE_NEAR_CAP
-        slope = _estimate_slopes(found.u + slope * rows.length / 2, rows.length)
-    if best is None:
-        raise JounceError(UNEVEN)
     return best
+
+
+def _find_round(
+    rows: PathRows, slope: np.ndarray, taken: np.ndarray, cap: float, first: float | None, last: float | None
+) -> Profile:
+    """The fastest x with given slopes of u, and bounds drawn in by what is `taken` (N, R)."""
+    steps = _build_steps(rows, slope, taken, cap)
+    x = _pass_forward(steps, _pass_backward(steps, cap if last is None else last), first)
+    return Profile(x, (np.diff(x) / rows.length - rows.length * slope) / 2, slope)
 
 
 def _build_steps(rows: PathRows, slope: np.ndarray, taken: np.ndarray, cap: float) -> _Steps:
@@ -137,6 +172,8 @@ def _build_steps(rows: PathRows, slope: np.ndarray, taken: np.ndarray, cap: floa
     A = rows.G + 2 * d[..., None] * rows.H
     rest = rows.g + bent[..., None] * rows.G + (bent * d)[..., None] * rows.H
     upper, lower = rows.upper - taken - rest, rows.lower + taken - rest
+    # Rows of x alone hold at the ends of intervals: with those in the middle x would swing from one to the other.
+    upper[1][:, rows.alone], lower[1][:, rows.alone] = np.inf, -np.inf
     flat = np.abs(A) * (cap / (2 * rows.length))[:, None] < _FLAT_ROW
     A = np.where(flat, 1.0, A)
     m = np.where(flat, 0.0, -rows.H / A)
