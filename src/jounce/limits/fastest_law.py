@@ -162,7 +162,8 @@ class _IntervalPath(NamedTuple):
         """Rows of x and u on the intervals, from those at the points."""
         used, none = rows.used.tolist(), np.zeros(rows.factors.shape[:2])
         g, H, G = (rows.factors[:, :, used.index(k)] if k in used else none for k in _QUADRATIC)
-        return PathRows(np.diff(self.sigma), *(part[self.places] for part in (G, H, g)), rows.lower, rows.upper)
+        G, H, g = (part[self.places] for part in (G, H, g))
+        return PathRows(np.diff(self.sigma), G, H, g, rows.lower, rows.upper)
 
 
 def _place_points(motion: Motion, count: int) -> np.ndarray:

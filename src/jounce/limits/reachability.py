@@ -11,7 +11,7 @@ solution yields the slopes w of the second, which leaves one of the second order
 shocks (minmod), hence 0 where u switches back and forth.
 
 Invariants: a robot at rest is strictly within all limits, so that x = 0 is controllable everywhere and K[i] > 0; the
-greedy x is the largest of all at every point of the path [1]. Where G passes zero, so that x alone is bounded (a
+greedy x is the largest of all at every point of the path, but for the length of intervals [1]. Where G passes zero, so that x alone is bounded (a
 zero-inertia point), rows at both ends of the interval bound u, and no division by G decides.
 
 Failure: the profile ends at less than the x asked for where no u leads there, and exceeds bounds between the points
@@ -122,7 +122,7 @@ class _Steps:
 
 
 def find_first(rows: PathRows, cap: float, first: float | None = None, last: float | None = None) -> Profile:
-    """The fastest x below a cap with u constant on intervals, from `first` to at most `last` where ends have a speed."""
+    """The fastest x below a cap with u constant on intervals, from `first` to at most `last` where these are given."""
     none = np.zeros(len(rows.length))
     return _find_round(rows, none, np.zeros((len(none), len(rows.upper))), cap, first, last)
 
@@ -194,7 +194,7 @@ def _build_steps(rows: PathRows, slope: np.ndarray, taken: np.ndarray, cap: floa
 
 
 def _highest_speeds(m: np.ndarray, high: np.ndarray, low: np.ndarray, most: np.ndarray) -> np.ndarray:
-    """The largest x (N,) at which a u is left between lines (N, L): Newton's method on a concave function from above."""
+    """The largest x (N,) at which a u is left between lines (N, L): Newton's method on a concave function."""
     row = np.arange(len(most))
     for _ in range(_MAX_SPEED_STEPS):
         above, below = m * most[:, None] + high, m * most[:, None] + low

@@ -129,7 +129,7 @@ class TimeLawCurve(DerivedCurve):
         return self.law.stop
 
     @property
-    def highest(self) -> int:
+    def highest(self) -> int | None:
         """The order of the last derivative that is known: sigma is C^k with a spline x of degree k, or has `jumps`."""
         if self.law.kinks.size:
             return self.base.highest
@@ -137,7 +137,9 @@ class TimeLawCurve(DerivedCurve):
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
         """The values and their derivatives up to `order`, by the chain rule."""
-        sigma = self.inner_at_jumps(t, order)
+        return self._rates_at(self.inner_at_jumps(t, order), order, left)
+
+    def _rates_at(self, sigma: np.ndarray, order: int, left: bool) -> list[np.ndarray]:
         factors = chain_rule(self.law.rates_at(sigma, order, left), order)
         return _apply_chain_rule(factors, self.base.rates(sigma, order, left))
 
@@ -156,10 +158,7 @@ class TimeLawCurve(DerivedCurve):
         sigma = self.inner_jumps(order)
         t = self.law.times(sigma)
         spans = np.diff(np.concatenate([[self.start], t, [self.stop]]))
-        before, after = (
-            _apply_chain_rule(chain_rule(self.law.rates_at(sigma, order, left), order), self.base.rates(sigma, order, left))
-            for left in (True, False)
-        )
+        before, after = (self._rates_at(sigma, order, left) for left in (True, False))
         return find_jumps(t, before, after, np.maximum(spans[1:], spans[:-1]), sample_rates(self, order))
 
     def inner_jumps(self, order: int) -> np.ndarray:
