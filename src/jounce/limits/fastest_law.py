@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 _HIGHEST_RATE = 2  # of q, in limits that are linear in x and x'
 _FIRST_COUNT, _MAX_COUNT = 400, 25_600  # intervals of even length; graded ones come in addition
 _CAPS = (1e3, 2e4, 4e5)  # times the fastest uniform speed: the highest speed, raised where it decides
+_MAX_BOUNDED_SHARE = 0.5  # of the speed that stands for infinity: uniform ones above it have no bound
 _COST_OF_CAP = 3e-5  # of the duration
 _LEAST_SPEED = 1.5e-5  # of the largest q'': x is as 1 / q'' near a rest, where the cap decides below this share
 _INTERVALS_PER_LOG_SPEED = 5  # where q'' changes by a factor of e
@@ -88,8 +89,8 @@ def find_obstacle(problem: RetimeProblem) -> str | None:
         cure = ", ".join(f"{kind}=float('inf')" for kind in many)
         return (
             "limits of velocity, acceleration and effort; this robot also has limits of"
-            f" {join_names([kind.replace('_', ' ') for kind in many])}; omit smooth=False (--no-smooth), or remove them,"
-            f" robot.with_limits({cure})"
+            f" {join_names([kind.replace('_', ' ') for kind in many])}; omit smooth=False (--no-smooth),"
+            f" or remove them, robot.with_limits({cure})"
         )
     acting = ["friction"] * (problem.friction is not None)
     if "damping" in m.acting and m.drives.damping.any():
@@ -97,7 +98,8 @@ def find_obstacle(problem: RetimeProblem) -> str | None:
     if acting and any(LIMIT_KINDS[kind].force for kind in kinds):
         return (
             f"effort limits without {join_names(acting)}, which is not linear in the square of the speed;"
-            " omit smooth=False (--no-smooth), or robot.with_drives(['armature', 'spring']), and check the result with it"
+            " omit smooth=False (--no-smooth), or take robot.with_drives(['armature', 'spring']), and check the result"
+            " with it"
         )
     return None
 
@@ -197,6 +199,8 @@ def _log_speed(motion: Motion, sigma: np.ndarray, scale: list[float]) -> np.ndar
 def _find_profile(problem: RetimeProblem, path: _IntervalPath, rows: PathRows) -> Profile | None:
     """The fastest profile; None where rows exceed their bounds between the points, which are too few."""
     uniform = 1.0 if any(problem.moving) else np.sqrt(rows.uniform())
+    if uniform > _MAX_BOUNDED_SHARE * MAX_UNIFORM_SPEED:
+        raise problem.unbounded_error()
     first, last = (1.0 if moves else None for moves in problem.moving)
     way = np.abs(path.path.q[1][path.places[1]]).sum(axis=1) * rows.length
     for factor in _CAPS:

@@ -11,8 +11,8 @@ solution yields the slopes w of the second, which leaves one of the second order
 shocks (minmod), hence 0 where u switches back and forth.
 
 Invariants: a robot at rest is strictly within all limits, so that x = 0 is controllable everywhere and K[i] > 0; the
-greedy x is the largest of all at every point of the path, but for the length of intervals [1]. Where G passes zero, so that x alone is bounded (a
-zero-inertia point), rows at both ends of the interval bound u, and no division by G decides.
+greedy x is the largest of all at every point of the path, but for the length of intervals [1]. Where G passes zero, so
+that x alone is bounded (a zero-inertia point), rows at both ends of the interval bound u, and no division by G decides.
 
 Failure: the profile ends at less than the x asked for where no u leads there, and exceeds bounds between the points
 where these are too few: both are for callers to see (`Profile.excess`).
