@@ -42,3 +42,19 @@ def test_the_fastest_motion_is_written_and_drawn(tmp_path):
     assert f"-> {found['duration']:.6g} s with a margin of 0.01" in call(*words).stdout
     refused = call("retime", "planar2r", out, "--limits", limits, "-o", out, code=2)
     assert "the output file is the input file" in refused.stderr
+
+
+def test_accelerations_that_jump_are_asked_for_and_said(tmp_path):
+    given, limits, out = (tmp_path / name for name in ("move.yaml", "limits.yaml", "fast.csv"))
+    given.write_text(json.dumps({"time": {"start": 0, "stop": 1, "count": 11}, "joints": {
+        joint: {"polynomial": c} for joint, c in JOINTS.items()
+    }}))  # fmt: skip
+    limits.write_text(LIMITS)
+    words = ("retime", "planar2r", given, "--limits", limits, "-o", out)
+    assert "also has limits of effort rate; omit" in call(*words, "--no-smooth", code=2).stderr
+    limits.write_text("".join(line for line in LIMITS.splitlines(True) if "effort_rate" not in line))
+    smooth, shortest = (json.loads(call(*words, way, "--json").stdout) for way in ("--smooth", "--no-smooth"))
+    assert shortest["duration"] < smooth["duration"] < 1.005 * shortest["duration"]
+    assert smooth["jumps"] == 0 < shortest["jumps"]
+    assert f"accelerations and efforts jump {shortest['jumps']} times\n" in call(*words, "--no-smooth").stdout
+    assert tables.read(out)["t"][-1] == shortest["duration"]

@@ -27,6 +27,12 @@ OUT holds t and NAME.q, NAME.qd, ... NAME.q4d, as `jounce motion` writes them.
 @LIMITS
 @click.option("-o", "--output", required=True, type=PATH, help="Table to write: .csv or .npz.")
 @click.option("--margin", default=0.01, help="Share of each limit that is left.")
+@click.option(
+    "--smooth/--no-smooth",
+    default=True,
+    help="Keep accelerations continuous; --no-smooth lets them jump, and is faster where all limits are of velocity,"
+    " acceleration and effort.",
+)
 @click.option("--picture", type=PATH, help="Speed along the path with its limits: .png, .svg or .pdf.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def retime(
@@ -35,6 +41,7 @@ def retime(
     limits: Path | None,
     output: Path,
     margin: float,
+    smooth: bool,
     picture: Path | None,
     as_json: bool,
 ) -> None:
@@ -47,7 +54,7 @@ def retime(
     if picture is not None:
         canvas.check_writable(picture)
     arm, given = load_with_motion(robot, motion, limits)
-    found = arm.retime(given, margin)
+    found = arm.retime(given, margin, smooth)
     fast = found.motion if motion.step is None else found.motion.with_step(motion.step)
     write_motion(output, fast, arm.joint_names)
     if picture is not None:
@@ -57,6 +64,7 @@ def retime(
     summary = {
         "robot": arm.name, "motion": str(motion.path), "source": given.source, "margin": margin,
         "given": given.duration, "duration": found.duration, "binding": [part._asdict() for part in found.binding],
+        "jumps": found.jumps,
         "output": str(output), "picture": None if picture is None else str(picture), "states": len(fast.times),
     }  # fmt: skip
     print_summary(summary, _format_summary, as_json)
@@ -69,9 +77,11 @@ def _format_summary(summary: dict[str, Any]) -> str:
         rows.append((stretch["joint"], limit, f"{stretch['start']:.4f}", f"{stretch['stop']:.4f}"))
     along = f"{shorten(summary['robot'])} along {summary['motion']}"
     pictured = f", drawn to {summary['picture']}" if summary["picture"] else ""
+    jumps = [f"accelerations and efforts jump {summary['jumps']} times"] if summary["jumps"] else []
     return "\n".join([
         f"{along}: {summary['given']:.6g} s -> {summary['duration']:.6g} s with a margin of {summary['margin']:.3g}",
         f"{summary['states']} rows written to {summary['output']}{pictured}",
+        *jumps,
         "",
         *align_columns(rows),
     ])  # fmt: skip

@@ -86,9 +86,16 @@ class Basis:
         """The coefficients of a spline of fewer intervals, each of which is several of these."""
         from scipy.interpolate import make_interp_spline
 
-        greville = np.array([self.knots[i + 1 : i + _TIME_LAW_DEGREE + 1].mean() for i in range(self.count)])
-        greville = greville.clip(self.first, self.last)  # means of equal knots are off by rounding
-        return make_interp_spline(greville, spline(greville), k=_TIME_LAW_DEGREE, t=self.knots).c
+        return make_interp_spline(self._greville, spline(self._greville), k=_TIME_LAW_DEGREE, t=self.knots).c
+
+    def approximate(self, x: "BSpline") -> np.ndarray:
+        """The coefficients of a spline near to another function, as smooth as this basis is: Schoenberg's."""
+        return np.asarray(x(self._greville))
+
+    @cached_property
+    def _greville(self) -> np.ndarray:
+        means = [self.knots[i + 1 : i + _TIME_LAW_DEGREE + 1].mean() for i in range(self.count)]
+        return np.array(means).clip(self.first, self.last)  # means of equal knots are off by rounding
 
     def evaluate(self, sigma: np.ndarray) -> LocalSplines:
         """The B-splines at points."""

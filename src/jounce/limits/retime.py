@@ -5,7 +5,8 @@ Problem: x(sigma) = sigma'(t)^2 > 0 along a given path q(sigma) that minimizes t
 Algorithm: direct transcription [1]. x is a spline, limits are rows at some points of each interval, and `barrier` finds
 the coefficients. Points between at which a row peaks beyond its bound are added, and the program is solved again from
 the last solution drawn towards one that is well within (an exchange method). Splines of twice as many intervals follow
-as long as the duration falls by enough.
+as long as the duration falls by enough. Under limits of first and second order alone `fastest_law` has the answer of
+least duration, whose accelerations jump: it is the result where these may, and else the program begins near it.
 
 Invariants: a finer spline contains the coarser one, so that refining starts from the last solution; what is still
 exceeded between points is drawn back within at the end.
@@ -18,7 +19,7 @@ no time law, where speeds along the path are too uneven, and where friction turn
 
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -29,12 +30,17 @@ from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
 from jounce.limits.barrier import UNEVEN
 from jounce.limits.check import check
+from jounce.limits.fastest_law import FastestLaw, find_fastest_law, find_obstacle
 from jounce.limits.joints import joint_names
+from jounce.limits.limit_rows import LimitRows
 from jounce.limits.retime_problem import RetimeProblem, build_problem
 from jounce.limits.transcription import GRID_POINTS_PER_INTERVAL, WARM_START_GAP, Grid
 from jounce.model.positions import number_rates
 from jounce.motion import Motion
 from jounce.motion.time_law import TimeLaw, TimeLawCurve
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 FIRST_INTERVALS = 30  # of the first spline: enough for a point-to-point motion, and cheap
 _MAX_FIRST_TIME_LAW_INTERVALS = 480  # of the first spline: a motion that needs more has very uneven speeds
@@ -42,6 +48,9 @@ _MAX_TIME_LAW_INTERVALS = 1920  # of the last spline, which bounds time and memo
 _MAX_SAMPLING_ERROR = 0.01  # of the largest velocity, or of the way: what interpolation between two points may miss
 _MIN_GAIN_OF_REFINEMENT = 5e-3  # of the duration, which twice as many intervals must save to be doubled again
 SPEED_CAPS = (20.0, 400.0, 8000.0)  # fastest uniform speeds: the highest speed along the path, raised where it decides
+_SPEED_CAP_NEAR_FASTEST = 60.0  # the first cap under limits that let accelerations begin at once: 20 costs 0.3 %
+_NEAR_FASTEST = 4e-3  # of the duration: a smooth law as near to the fastest is not refined
+_START_CAP_SHARE, _GAP_NEAR_FASTEST = 0.7, 0.01  # of the cap and of the duration: where it begins near the fastest
 _MIN_BINDING_RATIO = 0.97  # to a bound from which on it counts as deciding: the barrier keeps some distance
 _MAX_UNRESOLVED_EXCESS = 0.01  # of a limit: a check that finds more shows that friction turned between the points
 _POSITIVITY_SAMPLES_PER_POINT = 8  # of x, per point of the grid, before its root is taken
@@ -86,11 +95,17 @@ class Retiming(HtmlDisplay):
     binding: tuple[Stretch, ...]
     law: TimeLaw
 
+    @property
+    def jumps(self) -> int:
+        """How often accelerations, and forces with them, jump by the time law: never where it is smooth."""
+        return len(self.law.kinks)
+
     def __repr__(self) -> str:
-        return f"<Retiming to {self.duration:.6g} s, {len(self.binding)} stretches>"
+        jumps = f"; accelerations and forces jump {self.jumps} times" if self.jumps else ""
+        return f"<Retiming to {self.duration:.6g} s, {len(self.binding)} stretches{jumps}>"
 
 
-def retime(robot: Engine, motion: object, margin: object = 0.01) -> Retiming:
+def retime(robot: Engine, motion: object, margin: object = 0.01, smooth: bool = True) -> Retiming:
     """The fastest motion along the path of a motion, whose limits are taken to a share 1 - margin of themselves."""
     given = check_motion(robot.mechanism, motion)
     if not is_finite(margin) or not 0 <= margin < 1:  # type: ignore[operator]
@@ -98,12 +113,35 @@ def retime(robot: Engine, motion: object, margin: object = 0.01) -> Retiming:
             f"margin is {quote_value(margin)}; expected a number from 0 to below 1, 0.01 for 99 % of a limit"
         )
     problem = build_problem(robot, given, 1 - float(margin))  # type: ignore[arg-type]
+    if not smooth:
+        return _retime_with_jumps(problem)
     intervals = _count_intervals(robot, given)
-    for reach in SPEED_CAPS:
-        grid, c = _refine_splines(Grid.build(problem, intervals, reach))
+    fastest = _find_start(problem)
+    caps = SPEED_CAPS if fastest is None else (_SPEED_CAP_NEAR_FASTEST, *SPEED_CAPS[1:])
+    for reach in caps:
+        grid, c = _refine_splines(Grid.build(problem, intervals, reach), fastest)
         if grid.is_bounded(c):
             return _verify_friction(robot, _build_result(grid, c), problem)
     raise problem.unbounded_error()
+
+
+def _retime_with_jumps(problem: RetimeProblem) -> Retiming:
+    """The fastest motion of all, whose accelerations and forces jump."""
+    if obstacle := find_obstacle(problem):
+        raise JounceError(f"retime with smooth=False supports {obstacle}")
+    found = find_fastest_law(problem)
+    motion, law = _follow_law(problem, found.spline)
+    return Retiming(motion, motion.duration, _find_stretches(problem, found.sigma, found.rows, found.jets, law), law)
+
+
+def _find_start(problem: RetimeProblem) -> FastestLaw | None:
+    """The law of least duration; None where limits are of higher order or not linear, or no such law is found."""
+    if find_obstacle(problem):
+        return None
+    try:
+        return find_fastest_law(problem)
+    except JounceError:
+        return None
 
 
 def _verify_friction(robot: Engine, found: Retiming, problem: RetimeProblem) -> Retiming:
@@ -136,11 +174,16 @@ def _count_intervals(robot: Engine, motion: Motion) -> int:
     raise JounceError(UNEVEN)
 
 
-def _refine_splines(grid: Grid) -> tuple[Grid, np.ndarray]:
-    """The fastest spline, of as many intervals as pay."""
+def _refine_splines(grid: Grid, fastest: FastestLaw | None) -> tuple[Grid, np.ndarray]:
+    """The fastest spline, of as many intervals as pay; near the law of least duration, where that is known."""
+    enough = 0.0 if fastest is None else (1 + _NEAR_FASTEST) * fastest.duration
     inner = grid.inner(np.ones(grid.basis.count))
-    c = grid.solve(inner, inner, 1.0)
-    while grid.basis.intervals < _MAX_TIME_LAW_INTERVALS:
+    if fastest is None:
+        c = grid.solve(inner, inner, 1.0)
+    else:
+        near = grid.basis.approximate(fastest.spline).clip(max=(_START_CAP_SHARE * grid.reach * grid.uniform) ** 2)
+        c = grid.solve(np.where(grid.free, near, inner), inner, _GAP_NEAR_FASTEST)
+    while grid.basis.intervals < _MAX_TIME_LAW_INTERVALS and grid.basis.duration(c) > enough:
         # The same splines on twice as many intervals, from which the finer problem starts.
         finer = Grid.build(grid.problem, 2 * grid.basis.intervals, grid.reach, grid.uniform)
         inner, coarse = (finer.basis.refine(grid.basis.spline(x)) for x in (inner, c))
@@ -158,10 +201,20 @@ def _refine_splines(grid: Grid) -> tuple[Grid, np.ndarray]:
 
 def _build_result(grid: Grid, c: np.ndarray) -> Retiming:
     """The motion with x of some coefficients."""
-    given, spline = grid.problem.motion, grid.basis.spline(c)
-    if spline(np.linspace(given.start, given.stop, _POSITIVITY_SAMPLES_PER_POINT * grid.count)).min() <= 0:
+    problem, spline = grid.problem, grid.basis.spline(c)
+    sigma = np.linspace(problem.motion.start, problem.motion.stop, _POSITIVITY_SAMPLES_PER_POINT * grid.count)
+    if spline(sigma).min() <= 0:
         raise JounceError(UNEVEN)
-    law = TimeLaw(spline, given.start, given.stop, given.start)
+    motion, law = _follow_law(problem, spline)
+    some = slice(grid.count)
+    stretches = _find_stretches(problem, grid.sigma[some], grid.rows.select(some), grid.at.jets(c)[:, some], law)
+    return Retiming(motion, motion.duration, stretches, law)
+
+
+def _follow_law(problem: RetimeProblem, x: "BSpline") -> tuple[Motion, TimeLaw]:
+    """The motion by the time law of a spline x, and this law."""
+    given = problem.motion
+    law = TimeLaw(x, given.start, given.stop, given.start)
     motion = replace(
         given,
         curve=TimeLawCurve(given.curve, law),
@@ -172,21 +225,22 @@ def _build_result(grid: Grid, c: np.ndarray) -> Retiming:
         grid=None,
         torques=None,
     )
-    return Retiming(motion, motion.duration, _find_stretches(grid, c, law), law)
+    return motion, law
 
 
-def _find_stretches(grid: Grid, c: np.ndarray, law: TimeLaw) -> tuple[Stretch, ...]:
-    """The stretches on which a limit decides."""
-    rows, jet = grid.rows, grid.at.jets(c)
-    near = rows.nearness(jet)[: grid.count]
+def _find_stretches(
+    problem: RetimeProblem, sigma: np.ndarray, rows: LimitRows, jet: np.ndarray, law: TimeLaw
+) -> tuple[Stretch, ...]:
+    """The stretches on which a limit decides, of rows and x with its derivatives at points of the path."""
+    near = rows.nearness(jet)
     row = near.argmax(axis=1)
-    at = np.arange(grid.count)
+    at = np.arange(len(sigma))
     joints = np.where(near[at, row] > _MIN_BINDING_RATIO, rows.joints[at, row], -1)
-    t = law.times(grid.sigma[: grid.count])
+    t = law.times(sigma)
     found = []
     for (kind, joint), group in groupby(at.tolist(), key=lambda i: (rows.kinds[row[i]], int(joints[i]))):
         which = list(group)
-        first, last = t[which[0]], t[min(which[-1] + 1, grid.count - 1)]
+        first, last = t[which[0]], t[min(which[-1] + 1, len(t) - 1)]
         if joint >= 0 and last - first > _MIN_STRETCH_SHARE * (t[-1] - t[0]):
-            found.append(Stretch(joint_names(grid.problem.robot.mechanism)[joint], kind, float(first), float(last)))
+            found.append(Stretch(joint_names(problem.robot.mechanism)[joint], kind, float(first), float(last)))
     return tuple(found)

@@ -102,9 +102,13 @@ class DerivedCurve:
         """The times at which the curve is where `base` is at t."""
         return t
 
+    def inner_jumps(self, order: int) -> np.ndarray:
+        """The inner times at which a derivative up to `order` jumps."""
+        return np.unique([jump.t for jump in self.base.jumps(order)])
+
     def inner_at_jumps(self, t: np.ndarray, order: int) -> np.ndarray:
         """The inner times, those of jumps without rounding, which would lead to their other side."""
-        inner, jumps = self.inner(t), np.unique([jump.t for jump in self.base.jumps(order)])
+        inner, jumps = self.inner(t), self.inner_jumps(order)
         if not jumps.size:
             return inner
         outer = self.outer(jumps)

@@ -10,13 +10,13 @@ the integrand grows, and halving ends at `MAX_NODE_HALVINGS` with less than all 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from math import comb
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.motion.curves import DerivedCurve, Jump
+from jounce.motion.curves import DerivedCurve, Jump, find_jumps, sample_rates
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -27,17 +27,28 @@ MAX_TIME_LAW_STEPS = 50  # a safeguard: Newton's method is quadratic, and kept w
 TIME_LAW_TOLERANCE = 4 * np.finfo(float).eps  # of the length of the path or the time along it
 
 
+@cache
+def _gauss_legendre() -> tuple[np.ndarray, np.ndarray]:
+    return np.polynomial.legendre.leggauss(TIME_QUADRATURE_POINTS)
+
+
 @dataclass(frozen=True, eq=False)
 class TimeLaw:
     """sigma(t) with sigma'(t)^2 = x(sigma), from sigma = `first` at t = `start` to sigma = `last`.
 
-    x is a B-spline with values above 0; of degree k it makes sigma C^k.
+    x is a B-spline with values above 0; of degree k it makes sigma C^k, but for its `kinks`.
     """
 
     x: "BSpline"
     first: float
     last: float
     start: float
+
+    @cached_property
+    def kinks(self) -> np.ndarray:
+        """The sigma at which x' jumps: knots that are repeated as often as the degree."""
+        knots, counts = np.unique(self.x.t, return_counts=True)
+        return np.asarray(knots[(counts >= self.x.k) & (knots > self.first) & (knots < self.last)])
 
     @property
     def stop(self) -> float:
@@ -65,10 +76,14 @@ class TimeLaw:
         return found
 
     def rates(self, t: np.ndarray, order: int) -> list[np.ndarray]:
-        """sigma and its derivatives up to an order, (N,) each: sigma'' = x'(sigma) / 2 and its derivatives follow."""
-        sigma = self.sigma(t)
+        """sigma and its derivatives up to an order, (N,) each."""
+        return self.rates_at(self.sigma(t), order)
+
+    def rates_at(self, sigma: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
+        """The same at values of sigma: sigma'' = x'(sigma) / 2, at kinks from one side, and its derivatives follow."""
+        side = np.nextafter(sigma, self.first) if left and self.kinks.size else sigma
         rates = [sigma, np.sqrt(self.x(sigma))]
-        slopes = [self.x(sigma, nu=k) / 2 for k in range(1, order)]
+        slopes = [self.x(side, nu=k) / 2 for k in range(1, order)]
         for k in range(order - 1):
             row = chain_rule(rates, k)[k]
             rates.append(sum((f * b for f, b in zip(slopes, row, strict=False)), start=0 * sigma))
@@ -92,7 +107,7 @@ class TimeLaw:
 
     def _lasting(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
         """The time from one value of sigma to another: the integral of 1 / sqrt(x)."""
-        u, w = np.polynomial.legendre.leggauss(TIME_QUADRATURE_POINTS)
+        u, w = _gauss_legendre()
         half = (right - left)[:, None] / 2
         return (half * w / np.sqrt(self.x((left + right)[:, None] / 2 + half * u))).sum(axis=1)
 
@@ -114,22 +129,41 @@ class TimeLawCurve(DerivedCurve):
         return self.law.stop
 
     @property
-    def highest(self) -> int:
-        """The order of the last derivative that is known: sigma is C^k with a spline x of degree k."""
+    def highest(self) -> int | None:
+        """The order of the last derivative that is known: sigma is C^k with a spline x of degree k, or has `jumps`."""
+        if self.law.kinks.size:
+            return self.base.highest
         return min(self.base.highest, self.law.x.k) if self.base.highest is not None else int(self.law.x.k)
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
         """The values and their derivatives up to `order`, by the chain rule."""
-        factors = chain_rule(self.law.rates(t, order), order)
-        return _apply_chain_rule(factors, self.base.rates(self.inner_at_jumps(t, order), order, left))
+        return self._rates_at(self.inner_at_jumps(t, order), order, left)
+
+    def _rates_at(self, sigma: np.ndarray, order: int, left: bool) -> list[np.ndarray]:
+        factors = chain_rule(self.law.rates_at(sigma, order, left), order)
+        return _apply_chain_rule(factors, self.base.rates(sigma, order, left))
 
     def jumps(self, order: int) -> list[Jump]:
-        """Where a derivative up to `order` jumps: where those of `base` do."""
+        """Where a derivative up to `order` jumps: where those of `base` do, and at kinks of the time law."""
         found = self.base.jumps(order)
+        if self.law.kinks.size and order > 1:
+            return self._find_jumps(order)
         at = np.array([jump.t for jump in found])
         times, speeds = self.law.times(at).tolist(), np.sqrt(self.law.x(at)).tolist()
         # the time law is smooth: the lowest derivative decides
         return [j._replace(t=t, size=j.size * v**j.order) for j, t, v in zip(found, times, speeds, strict=True)]
+
+    def _find_jumps(self, order: int) -> list[Jump]:
+        """The jumps, as the derivatives from both sides show."""
+        sigma = self.inner_jumps(order)
+        t = self.law.times(sigma)
+        spans = np.diff(np.concatenate([[self.start], t, [self.stop]]))
+        before, after = (self._rates_at(sigma, order, left) for left in (True, False))
+        return find_jumps(t, before, after, np.maximum(spans[1:], spans[:-1]), sample_rates(self, order))
+
+    def inner_jumps(self, order: int) -> np.ndarray:
+        """The values of sigma at which a derivative up to `order` jumps, and the kinks of the time law."""
+        return np.union1d(self.law.kinks, super().inner_jumps(order))
 
     def inner(self, t: np.ndarray) -> np.ndarray:
         """The times at which `base` is where the curve is at t."""

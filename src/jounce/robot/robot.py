@@ -977,7 +977,7 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
 
         return slowdown(self, motion)
 
-    def retime(self, motion: "Motion", margin: float = 0.01) -> "Retiming":
+    def retime(self, motion: "Motion", margin: float = 0.01, smooth: bool = True) -> "Retiming":
         """The fastest motion along the path of a motion, within all limits of the robot.
 
         Every finite limit counts: velocity, acceleration, jerk and snap, Q, Qd and Q2d (or Q - Qgrav with its rates),
@@ -987,6 +987,9 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         An interior-point method finds the spline x(sigma), the square of the speed along the path, each of its
         iterates within the limits; rows are added where a limit is exceeded between the points of the path.
 
+        With `smooth=False` accelerations and forces may jump: reachability analysis finds the shortest duration of all
+        under limits of velocity, acceleration and effort, in a fraction of the time. The jumps are `motion.breaks`.
+
         Parameters
         ----------
         motion : Motion
@@ -994,6 +997,9 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
             that q2d must be continuous; `Motion.blended` makes it so.
         margin : float, optional
             Share of each limit that is left.
+        smooth : bool, optional
+            Whether accelerations and forces are continuous; False needs limits without jerk, snap, Qd, Q2d and power,
+            and forces without friction and damping.
 
         Returns
         -------
@@ -1005,12 +1011,14 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         JounceError
             If the path does not move, leaves the position limits, or its static torque exceeds an effort limit; if
             limits are missing, or a rate that one takes is not continuous; if Coulomb friction acts at joints that
-            follow others in closed loops, or turns over too fast to be resolved.
+            follow others in closed loops, or turns over too fast to be resolved; with `smooth=False`, if a limit is of
+            higher order or not linear.
 
         References
         ----------
         Bobrow, Dubowsky & Gibson (1985): Time-optimal control of robotic manipulators along specified paths. Verscheure
-        et al. (2009): Time-optimal path tracking for robots, a convex optimization approach.
+        et al. (2009): Time-optimal path tracking for robots, a convex optimization approach. Pham & Pham (2018): A new
+        approach to time-optimal path parameterization based on reachability analysis.
 
         Examples
         --------
@@ -1022,10 +1030,13 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         >>> faster = robot.retime(motion)
         >>> round(faster.duration, 2), faster.binding[0].limit
         (0.54, 'effort_rate')
+
+        >>> jounce.load("ur5").retime(motion, smooth=False).duration < faster.duration
+        True
         """
         from jounce.limits.retime import retime  # imported here to keep start-up fast
 
-        return retime(self, motion, margin)
+        return retime(self, motion, margin, smooth)
 
     def elastic(
         self, stiffness: Named | None = None, rotor: Named | None = None, damping: Named | None = None,
