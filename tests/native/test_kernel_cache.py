@@ -45,7 +45,7 @@ def works():
     """A kernel made anew, whatever this process holds already, gives what the recursion gives."""
     q = np.array([0.3, -0.4])
     np.testing.assert_allclose(
-        Kernel(ROBOT.mechanism, QUANTITY).broadcast([q], None, 1), ROBOT.gravity_forces(q, method="recursion")
+        Kernel(ROBOT.mechanism, QUANTITY)._broadcast([q], None, 1), ROBOT.gravity_forces(q, method="recursion")
     )
 
 

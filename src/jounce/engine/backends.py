@@ -101,10 +101,10 @@ def _run_native(call: Call, kernel: Kernel) -> Any:
     if call.out is not None:
         batch = batch_shape(signature.inputs, call.arrays)
         shapes = [(*batch, *port.shape) for port in signature.outputs]
-        results = kernel.broadcast(call.arrays, check_out(call.out, shapes, FLOAT), call.threads)
+        results = kernel._broadcast(call.arrays, check_out(call.out, shapes, FLOAT), call.threads)
         return call.out if isinstance(call.out, np.ndarray) else results
     try:
-        return kernel.broadcast(call.arrays, None, call.threads)
+        return kernel._broadcast(call.arrays, None, call.threads)
     except JounceError:
         batch_shape(signature.inputs, call.arrays)  # which says what does not fit
         raise

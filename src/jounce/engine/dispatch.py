@@ -55,10 +55,13 @@ def compute(
             arrays = _with_dependent(robot, arrays, limit)
         if moved and not are_poses(moved[0]):
             raise LookupError  # NaN, or what `check_pose` refuses
-        if not robot._kernels.forms.get(form, True):
+        alone = type(arrays[0]) is list or arrays[0].ndim == 1  # batches load no code for one state
+        if alone and not robot._kernels.forms.get(form, True):
             direct_methods.serve(robot, kernel.computation, form, len(moved))
         into = tuple(out) if type(out) in (tuple, list) else (out,)
-        found = kernel.attempt(*arrays) if out is None else kernel.attempt(*arrays, out=into)
+        found = None
+        if alone:
+            found = kernel.attempt(*arrays) if out is None else kernel.attempt(*arrays, out=into)
         if found is not None:
             return found
         if list in form:
@@ -80,7 +83,7 @@ def compute(
     lasting = lasting and not of_several_screws(robot.mechanism)  # quaternions of zeros are refused on the long way
     ready = form if lasting and asked.base == bool(moved) else None
     results = _run(Call(robot, asked, given, method, out, threads, ready))
-    if lasting and natively and asked.base <= bool(moved):
+    if lasting and natively and asked.base <= bool(moved) and given[0].ndim == 1:
         direct_methods.serve(robot, asked, form, len(moved))
     return results
 

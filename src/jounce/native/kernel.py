@@ -96,11 +96,12 @@ class Kernel(DerivativeProducts[Results]):
         ((3, 2), array([0., 0.]))
         """
         direct = type(threads) is int and threads == 1 and not fixed
+        direct = direct and len(arrays) == self._count and getattr(arrays[0], "ndim", 1) == 1
         if direct and (found := self.attempt(*arrays) if out is None else self.attempt(*arrays, out=out)) is not None:
             return found
         if fixed:
             raise self._fixed_at_compile_time(fixed)
-        return self.broadcast(arrays, out, threads)
+        return self._broadcast(arrays, out, threads)
 
     @cached_property
     def direct(self) -> DirectCalls:
@@ -112,7 +113,7 @@ class Kernel(DerivativeProducts[Results]):
         """A callable that returns the results for one state, into `out` if given, or None if it does not accept it."""
         return self.direct.make(decline)
 
-    def broadcast(self, arrays: Sequence[ArrayLike], out: Floats | Sequence[Floats] | None, threads: int) -> Results:
+    def _broadcast(self, arrays: Sequence[ArrayLike], out: Floats | Sequence[Floats] | None, threads: int) -> Results:
         """Compute the quantity for arrays of any kind and size."""
         if len(arrays) != self._count:  # NumPy would write into what comes after
             raise JounceError(f"{self!r} expects {self._count} arrays, got {len(arrays)}: {self._order_of_inputs()}")
