@@ -249,7 +249,9 @@ CASES: dict[str, Case] = {
     ),
     "check": (ROBOT.with_limits(effort=99).check, {"motion": SAMPLED}),
     "slowdown": (ROBOT.with_limits(effort=99).slowdown, {"motion": SAMPLED}),
-    "retime": (ROBOT.with_limits(velocity=99, acceleration=99).retime, {"motion": SAMPLED, "margin": 0.01, "smooth": True}),
+    "retime": (
+        ROBOT.with_limits(velocity=99, acceleration=99).retime, {"motion": SAMPLED, "margin": 0.01, "smooth": True}
+    ),
     "motors of check": (ARM.with_limits(motor_velocity=99).check, {"motion": SAMPLED}),
     "motors of slowdown": (ARM.with_limits(motor_velocity=99).slowdown, {"motion": SAMPLED}),
     "report": (ROBOT.report, {"motion": SAMPLED, "order": 0, "visuals": None, "mesh_folders": []}),

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from jounce.core.display import HtmlDisplay
-from jounce.core.errors import JounceError, quote_value
+from jounce.core.errors import JounceError, check_bool, quote_value
 from jounce.core.scalars import is_finite
 from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
@@ -113,7 +113,7 @@ def retime(robot: Engine, motion: object, margin: object = 0.01, smooth: bool = 
             f"margin is {quote_value(margin)}; expected a number from 0 to below 1, 0.01 for 99 % of a limit"
         )
     problem = build_problem(robot, given, 1 - float(margin))  # type: ignore[arg-type]
-    if not smooth:
+    if not check_bool("smooth", smooth, "whether accelerations of the result are continuous"):
         return _retime_with_jumps(problem)
     intervals = _count_intervals(robot, given)
     fastest = _find_start(problem)
