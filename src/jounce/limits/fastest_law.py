@@ -77,7 +77,7 @@ class FastestLaw(NamedTuple):
 
 
 def find_obstacle(problem: RetimeProblem) -> str | None:
-    """Which limits are of higher order or not linear, and what to do; None where there are none."""
+    """Which limits are of higher order or not linear, and what to do; None without any."""
     robot, m = problem.robot, problem.robot.mechanism
     kinds = [kind for kind in known_kinds(robot, problem.limits) if kind != "position"]
     many = [
