@@ -247,8 +247,8 @@ def main() -> None:
         ),
         *table(head, rows), "",
         *paragraph(
-            """Under limits of velocity and torque alone, with the same margin: `smooth=False`, whose accelerations jump,
-            toppra and copp with 1,001 points each, and the smooth answer against the first. Times are medians on one
+            """Under limits of velocity and torque alone, with the same margin: `smooth=False`, whose accelerations
+            jump, toppra and copp with 1,001 points each, and the smooth answer against the first. Times are medians on one
             processor, kernels warm; those of copp include a call of the inverse dynamics for each point."""
         ),
         *table(of_jumps, jumping),
