@@ -6,6 +6,7 @@ velocity and torque alone, with accelerations that jump and without.
 """
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from statistics import median
 from time import perf_counter, process_time
@@ -228,13 +229,13 @@ def main() -> None:
             f"{best:.4f}",
             f"{100 * (found.duration / best - 1):+.2f} %",
             f"{densest(robot, found):.4f}",
-            f"{1e3 * seconds(lambda: retime(robot, motion, MARGIN)):.0f}",
+            f"{1e3 * seconds(partial(retime, robot, motion, MARGIN)):.0f}",
         ))  # fmt: skip
         print(*rows[-1], "|", *jumping[-1][1:], sep="  ", flush=True)
     head = ("motion", "uniform, s", "retime, s", "IPOPT, s", "", "largest share", "CPU, ms")
     of_jumps = (
-        "motion", "smooth=False, s", "toppra, s", "copp, s", "to the shorter", "largest share", "smooth, s", "to the left",
-        "smooth=False, ms", "smooth, ms", "toppra, ms", "copp, ms",
+        "motion", "smooth=False, s", "toppra, s", "copp, s", "to the shorter", "largest share", "smooth, s",
+        "to the first", "smooth=False, ms", "smooth, ms", "toppra, ms", "copp, ms",
     )  # fmt: skip
     text = [
         "# Retiming", "",
@@ -248,8 +249,8 @@ def main() -> None:
         *table(head, rows), "",
         *paragraph(
             """Under limits of velocity and torque alone, with the same margin: `smooth=False`, whose accelerations
-            jump, toppra and copp with 1,001 points each, and the smooth answer against the first. Times are medians on one
-            processor, kernels warm; those of copp include a call of the inverse dynamics for each point."""
+            jump, toppra and copp with 1,001 points each, and the smooth answer against the first. Times are medians on
+            one processor, kernels warm; those of copp include a call of the inverse dynamics for each point."""
         ),
         *table(of_jumps, jumping),
         *[f"* {name}: {value}" for name, value in machine.described()],
