@@ -1,10 +1,12 @@
-"""``python -m benchmarks.retime``: `Robot.retime` on ten motions of three arms, against IPOPT and toppra.
+"""``python -m benchmarks.retime``: `Robot.retime` on ten motions of three arms, against IPOPT, toppra and copp.
 
 IPOPT, through CasADi, gets the same splines, limits and margin, with rows at twice as many points as the programs of
-`Robot.retime` begin with. toppra knows velocities and torques, so that both are compared under these alone.
+`Robot.retime` begin with. toppra and copp (``pip install copp-py``, where it is there) are compared under limits of
+velocity and torque alone, with accelerations that jump and without.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from statistics import median
 from time import perf_counter, process_time
@@ -160,54 +162,97 @@ def toppra(robot: Robot, c: np.ndarray, points: int = 601) -> tuple[float, float
     return float(solver.compute_trajectory(0, 0).duration), perf_counter() - start
 
 
-def seconds(robot: Robot, motion: Motion, rounds: int = 7) -> float:
-    """The median time of a retiming on its processor, which other programs may share."""
+def copp(robot: Robot, c: np.ndarray, points: int = 1001) -> tuple[float, float] | None:
+    """The same of copp, whose seconds include one call of the inverse dynamics per point; None where it is missing."""
+    try:
+        import copp_py as peer
+    except ImportError:
+        return None
+    u = np.linspace(0, 1, points)
+    derivatives = [np.polynomial.polynomial.polyder(c, k, axis=1) for k in range(3)]
+    q, q1, q2 = (np.polynomial.polynomial.polyval(u, d.T).T for d in derivatives)
+    velocity, effort = ((1 - MARGIN) * x for x in (robot.limits.velocity, robot.limits.effort))
+    start = process_time()
+    theirs = peer.robot.Robot(robot.n, capacity=points, inverse_dynamics=robot.inverse_dynamics)
+    theirs.append_s(u)
+    theirs.set_q(q, q1, q2, 0)
+    theirs.add_velocity_limits(velocity, -velocity, start_idx_s=0, length=points)
+    theirs.add_torque_limits(effort, -effort, start_idx_s=0, length=points)
+    problem = peer.solver.topp2_ra.Problem(theirs.constraints, (0, points - 1), (0.0, 0.0))
+    speed = np.sqrt(peer.solver.topp2_ra.solve(problem))
+    return float((2 * np.diff(u) / (speed[1:] + speed[:-1])).sum()), process_time() - start
+
+
+def seconds(call: Callable[[], object], rounds: int = 9) -> float:
+    """The median time of a call on its processor, which other programs may share."""
     found = []
     for _ in range(rounds):
         start = process_time()
-        retime(robot, motion, MARGIN)
+        call()
         found.append(process_time() - start)
     return median(found)
 
 
+def compare_jumps(name: str, robot: Robot, c: np.ndarray) -> tuple[str, ...]:
+    """Durations and milliseconds under limits of velocity and torque alone."""
+    motion = on_path(c)
+    shortest, smooth = (robot.retime(motion, MARGIN, smooth=kind) for kind in (False, True))
+    peers = [toppra(robot, c, 1001), copp(robot, c)]
+    best = min(peer[0] for peer in peers if peer)
+    took = [seconds(lambda kind=kind: robot.retime(motion, MARGIN, smooth=kind)) for kind in (False, True)]
+    took += [seconds(lambda: toppra(robot, c, 1001)), *([seconds(lambda: copp(robot, c))] if peers[1] else [np.nan])]
+    return (
+        name,
+        f"{shortest.duration:.4f}",
+        *(f"{peer[0]:.4f}" if peer else "-" for peer in peers),
+        f"{100 * (shortest.duration / best - 1):+.3f} %",
+        f"{robot.check(shortest.motion).worst.ratio:.4f}",
+        f"{smooth.duration:.4f}",
+        f"{100 * (smooth.duration / shortest.duration - 1):+.2f} %",
+        *(f"{1e3 * x:.0f}" if x == x else "-" for x in took),
+    )
+
+
 def main() -> None:
     """Compare, and write RETIMING.md."""
-    rows = []
+    rows, jumping = [], []
     for name, (robot, c) in cases().items():
         motion = on_path(c)
         found = retime(robot, motion, MARGIN)
         grid = last_grid(robot, motion, found)
         best = ipopt(grid)
-        plain = robot.with_limits(effort_rate=np.inf)
-        without = retime(plain, motion, MARGIN).duration
-        theirs, _ = toppra(robot, c)
+        jumping.append(compare_jumps(name, robot.with_limits(effort_rate=np.inf), c))
         rows.append((
             name,
             f"{motion.duration / grid.uniform:.4f}",
             f"{found.duration:.4f}",
             f"{best:.4f}",
             f"{100 * (found.duration / best - 1):+.2f} %",
-            f"{without:.4f}",
-            f"{theirs:.4f}",
-            f"{100 * (without / theirs - 1):+.2f} %",
             f"{densest(robot, found):.4f}",
-            f"{1e3 * seconds(robot, motion):.0f}",
+            f"{1e3 * seconds(partial(retime, robot, motion, MARGIN)):.0f}",
         ))  # fmt: skip
-        print(*rows[-1], sep="  ", flush=True)
-    head = (
-        "motion", "uniform, s", "retime, s", "IPOPT, s", "", "without rates, s", "toppra, s", "", "largest share",
-        "CPU, ms",
+        print(*rows[-1], "|", *jumping[-1][1:], sep="  ", flush=True)
+    head = ("motion", "uniform, s", "retime, s", "IPOPT, s", "", "largest share", "CPU, ms")
+    of_jumps = (
+        "motion", "smooth=False, s", "toppra, s", "copp, s", "to the shorter", "largest share", "smooth, s",
+        "to the first", "smooth=False, ms", "smooth, ms", "toppra, ms", "copp, ms",
     )  # fmt: skip
     text = [
         "# Retiming", "",
         *paragraph(
             f"""`Robot.retime` with limits of velocity, torque, torque rate and a margin of {MARGIN:.0%}: durations of
             the fastest uniform time law, of the fastest, and of what IPOPT finds from the same start for the same
-            spline and limits. Without the limit of torque rate it is compared with toppra. The largest share of a limit
+            spline and limits. The largest share of a limit
             is that on a grid {DENSER} times as dense as the program's; the last column is the processor time that
             `retime` takes, kernels warm. Splines begin with {FIRST_INTERVALS} intervals, refined where that pays."""
         ),
-        *table(head, rows),
+        *table(head, rows), "",
+        *paragraph(
+            """Under limits of velocity and torque alone, with the same margin: `smooth=False`, whose accelerations
+            jump, toppra and copp with 1,001 points each, and the smooth answer against the first. Times are medians on
+            one processor, kernels warm; those of copp include a call of the inverse dynamics for each point."""
+        ),
+        *table(of_jumps, jumping),
         *[f"* {name}: {value}" for name, value in machine.described()],
     ]  # fmt: skip
     with write_whole(Path(__file__).parent / "RETIMING.md") as part:

@@ -31,8 +31,11 @@ def test_the_base_goes_at_the_pace_that_limits_allow():
     fast = FLOATING.retime(MOTION, margin=0.02)
     assert fast.duration < slow.motion.duration * 1.001
     assert 0.97 < FLOATING.check(fast.motion).worst.ratio < 0.981
-    ends = [motion.base(motion.stop, 0)[0] for motion in (MOTION, slow.motion, fast.motion)]
-    np.testing.assert_allclose(ends[1:], [ends[0]] * 2, atol=1e-9)
+    jumping = FLOATING.retime(MOTION, margin=0.02, smooth=False)
+    assert jumping.duration < fast.duration < 1.005 * jumping.duration
+    assert 0.97 < FLOATING.check(jumping.motion).worst.ratio < 0.9805
+    ends = [motion.base(motion.stop, 0)[0] for motion in (MOTION, slow.motion, fast.motion, jumping.motion)]
+    np.testing.assert_allclose(ends[1:], [ends[0]] * 3, atol=1e-9)
 
 
 def test_a_jump_of_the_base_breaks_limits_of_forces():

@@ -231,3 +231,11 @@ def test_terms_that_are_not_linear_are_named():
         free.retime(along([0, 0], [1, 0]), smooth=False)
     with pytest.raises(JounceError, match=r"^the path does not move"):
         UR5.retime(along(np.zeros(6), np.zeros(6)), smooth=False)
+
+
+def test_closed_loops_go_the_same_way():
+    robot = jounce.load("fivebar").with_limits(velocity=5.0, effort=20.0)
+    motion = along([2.2, 0.94], [0.2, 0.1])
+    found = robot.retime(motion, smooth=False)
+    assert 0.9899 < robot.check(found.motion).worst.ratio < 0.99 * (1 + BETWEEN)
+    assert found.duration < robot.retime(motion).duration

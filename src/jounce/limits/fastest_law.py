@@ -32,12 +32,12 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 _HIGHEST_RATE = 2  # of q, in limits that are linear in x and x'
-_FIRST_COUNT, _MAX_COUNT = 400, 25_600  # intervals of even length; graded ones come in addition
+_FIRST_COUNT, _MAX_COUNT = 300, 19_200  # intervals of even length; graded ones come in addition
 _CAPS = (1e3, 2e4, 4e5)  # times the fastest uniform speed: the highest speed, raised where it decides
 _MAX_BOUNDED_SHARE = 0.5  # of the speed that stands for infinity: uniform ones above it have no bound
 _COST_OF_CAP = 3e-5  # of the duration
 _LEAST_SPEED = 1.5e-5  # of the largest q'': x is as 1 / q'' near a rest, where the cap decides below this share
-_INTERVALS_PER_LOG_SPEED = 5  # where q'' changes by a factor of e
+_INTERVALS_PER_LOG_SPEED = 4  # where q'' changes by a factor of e
 _FIRST_TRIES, _MAX_TRY_HALVINGS = 301, 30  # of even points, at which speeds are looked at
 _MAX_CAPPED_WAY = 0.01  # of the path: where the cap decides on more, no limit bounds the speed
 _MAX_CHORD_ERROR = 0.01  # of the largest rate: what a rate of the path may be off its chord in the middle of intervals

@@ -117,6 +117,8 @@ def retime(robot: Engine, motion: object, margin: object = 0.01, smooth: bool = 
         return _retime_with_jumps(problem)
     intervals = _count_intervals(robot, given)
     fastest = _find_start(problem)
+    if fastest:
+        intervals = intervals * 4 // 3  # enough for `_NEAR_FASTEST`, where the program begins near the fastest
     caps = SPEED_CAPS if fastest is None else (_SPEED_CAP_NEAR_FASTEST, *SPEED_CAPS[1:])
     for reach in caps:
         grid, c = _refine_splines(Grid.build(problem, intervals, reach), fastest)

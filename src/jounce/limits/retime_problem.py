@@ -230,8 +230,10 @@ def _check_breaks(motion: Motion, names: Sequence[str], rate: int, kind: str) ->
 
 
 def without_friction(robot: Engine) -> Engine:
-    """The robot without Coulomb friction."""
+    """The robot without Coulomb friction: the same one where none acts, with the kernels that it has."""
     m = robot.mechanism
+    if "friction" not in m.acting:
+        return robot
     return with_mechanism(robot, replace(m, acting=tuple(term for term in m.acting if term != "friction")))
 
 
