@@ -114,7 +114,8 @@ def installed_by(requirements):
 def test_an_extra_installs_what_its_code_imports(extra, code):
     """The tests' own packages would hide a missing one wherever the tests run."""
     stated = {*installed_by(PROJECT["project"]["dependencies"]), *installed_by([f"jounce[{extra}]"])}
-    packages = {"distributed": "dask", "pinocchio": "pin", "copp_py": "copp-py"}  # those of another name than their module
+    # packages of another name than their module
+    packages = {"distributed": "dask", "pinocchio": "pin", "copp_py": "copp-py"}
     modules = imported(code())
     assert {"pinocchio", "sympy"} <= modules
     assert {packages.get(module, module) for module in modules} <= stated
