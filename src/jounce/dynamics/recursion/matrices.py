@@ -15,8 +15,8 @@ the screw of joint i:
 Composite inertias are 4x4 moments of mass, fewer numbers than 6x6 inertia matrices; all quantities are in frames on
 the joint axes, because of the zeros there.
 
-CRBA: R. Featherstone, Rigid Body Dynamics Algorithms, 6.2; K. W. Lilly, D. E. Orin, Int. J. Robotics Research 10(1),
-1991. Cbar by composite bodies: S. Echeandia, P. M. Wensing, J. Comput. Nonlinear Dynam. 16(9), 2021.
+CRBA: R. Featherstone, Rigid Body Dynamics Algorithms, 6.2; M. W. Walker, D. E. Orin, J. Dyn. Sys. Meas. Control 104(3),
+1982. Cbar by composite bodies: S. Echeandia, P. M. Wensing, J. Comput. Nonlinear Dynam. 16(9), 2021.
 """
 
 from collections.abc import Sequence
