@@ -16,6 +16,12 @@ ALPHABETS = {"bold": "BOLD", "sans-serif": "SANS-SERIF", "bold-italic": "BOLD IT
 VARIANT = re.compile(rf'<(m[ino]) mathvariant="({"|".join(ALPHABETS)})">([^<]+)</')
 # accents as spacing characters, which sit where they belong over a letter in every browser
 ACCENTS = {"&#x020DB;": "&#x22EF;", "&#x020DC;": "&#x00A8;&#x00A8;"}
+FUNCTION = "<mi>(?:sin|cos|tan|cot|tanh|exp|log)</mi>"
+THIN_SPACE = '<mspace width="0.17em"></mspace>'
+SPACED = {  # what TeX spaces and the translator does not: a function from its argument, and from the factor before it
+    re.compile(rf"(?<!<msup>)({FUNCTION})(?!(?:<mrow>)*<mo|<mspace|</)"): rf"\1{THIN_SPACE}",
+    re.compile(rf"(</m(?:n|i|sub|sup|subsup)>)(?={FUNCTION}|<msup>{FUNCTION})"): rf"\1{THIN_SPACE}",
+}
 FONT = "STIXTwoMath-Regular.ttf"
 
 
@@ -34,6 +40,8 @@ def mathml(latex: str, display: bool) -> str:
         raise ValueError(f"no MathML for {latex!r}: {markup}")
     for combining, spacing in ACCENTS.items():
         markup = markup.replace(combining, spacing)
+    for pattern, spaced in SPACED.items():
+        markup = pattern.sub(spaced, markup)
     return VARIANT.sub(lambda found: f"<{found[1]}>{_lettered(unescape(found[3]), found[2])}</", markup)
 
 

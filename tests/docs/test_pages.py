@@ -134,3 +134,8 @@ def test_nothing_of_the_pages_escapes_the_test():
         run = [c for kind, text, _ in blocks(page) if kind == "console" for c in re.findall(r"^\$ jounce ", text, re.M)]
         assert len(run) == len(named), page
     assert sum(kind == "console" for page in PAGES for kind, _, _ in blocks(page)) >= 10
+
+
+def test_no_page_has_footnotes():
+    """The site has no extension for them: it would print the marks."""
+    assert not [page.name for page in PAGES if re.search(r"\w\[\^\w+\]", page.read_text(encoding="utf-8"))]
