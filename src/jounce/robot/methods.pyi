@@ -857,8 +857,8 @@ class Methods:
 
         References
         ----------
-        Müller & Kumar, (MC), (Mdot), (Mddot); K. W. Lilly, D. E. Orin, International Journal of Robotics Research
-        10(1), 1991, for composite bodies.
+        Müller & Kumar, (MC), (Mdot), (Mddot); M. W. Walker, D. E. Orin, J. Dyn. Sys. Meas. Control 104(3), 1982, for
+        composite bodies.
 
         Examples
         --------
