@@ -54,10 +54,11 @@ def _write_module(
     Both take scratch memory of one size, as they give it back to one pool.
     """
     ir = Writer(target)
-    for define in vector_functions.DEFINITIONS.values():
-        define(ir)
     lane_transfer.define_lanes(ir)
     block.define(ir)
+    for called, define in vector_functions.DEFINITIONS.items():
+        if any(f"@{called}(" in line for line in ir.lines):
+            define(ir)
     first = signature.outputs[-1].end if block.results_in_bodies else 0
     results = [[first + place for place in places] for places in block.places]
     for k, places in enumerate(results):

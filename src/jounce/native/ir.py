@@ -88,7 +88,7 @@ class Writer:
 
     def vector(self, x: float) -> str:
         """A constant in all lanes."""
-        return f"<{', '.join([f'double {self.number(x)}'] * self.lanes)}>"
+        return f"splat (double {self.number(x)})"
 
     def splat(self, x: str) -> str:
         """A number in all lanes."""
@@ -102,7 +102,7 @@ class Writer:
 
     def integers(self, x: int) -> str:
         """An integer constant in all lanes."""
-        return f"<{', '.join([f'i64 {x}'] * self.lanes)}>"
+        return f"splat (i64 {x})"
 
     def call(self, name: str, kind: str, *operands: str) -> str:
         """The value of an intrinsic whose arguments are of its own type."""
