@@ -281,6 +281,21 @@ def test_the_key_changes_with_the_program_itself(monkeypatch):
     assert cache.key(ROBOT.mechanism, QUANTITY, host()) != before
 
 
+@pytest.mark.parametrize("layer", cache.CODE_LAYERS)
+def test_the_key_changes_with_a_source_of_each_layer_that_makes_code(layer, monkeypatch, tmp_path):
+    root = tmp_path / "jounce"
+    for name in (*cache.CODE_LAYERS, "io"):
+        (root / name / "inner").mkdir(parents=True)
+        (root / name / "inner" / "module.py").write_text(f"{name} = 0.5\n")
+    monkeypatch.setattr(cache, "__file__", str(root / "native" / "cache.py"))
+    digest = cache.source_digest.__wrapped__
+    before = digest(*cache.CODE_LAYERS)
+    (root / "io" / "inner" / "module.py").write_text("io = 0.6\n")
+    assert digest(*cache.CODE_LAYERS) == before
+    (root / layer / "inner" / "module.py").write_text(f"{layer} = 0.6\n")
+    assert digest(*cache.CODE_LAYERS) != before
+
+
 def test_the_users_cache_folder_is_the_default(monkeypatch, tmp_path):
     monkeypatch.delenv("JOUNCE_CACHE_DIR")
     monkeypatch.setattr("platformdirs.user_cache_path", lambda name: tmp_path / name)
@@ -298,6 +313,8 @@ if sys.argv[1] == "warm":
     jit.assemble = assembled
 robot = jounce.load("planar2r")
 print(*(x.hex() for Q in robot.inverse_dynamics(*[[0.1, 0.2]] * 5) for x in Q.tolist()))
+writers = {f"jounce.native.{name}" for name in ("code_forms", "straight", "calls", "lane_transfer")}
+assert sys.modules.keys() & writers == (writers if sys.argv[1] == "cold" else set()), "traced in spite of the cache"
 """
 
 
