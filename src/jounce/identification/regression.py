@@ -40,6 +40,8 @@ MIN_RELATIVE_DEVIATION = 1e-6  # of forces to their size: no sensor is better
 MIN_NOISE_SHARE = 1e-4  # of the mean square of residuals that is noise of forces: the motion's errors are not all
 MAX_VARIANCE_FACTOR = 4.0  # of the accelerations' variances to stated ones: more spoils good logs, which then wander
 MIN_STUDENT_FREEDOM = 4.0  # degrees: of fewer the variance of Student's t says nothing
+WHITE_SHARES = (1.0, 0.9, 0.7, 0.5, 0.3, 0.1, 0.03, 0.0)  # of the variance of noise
+MIN_CORRELATION_TIMES = 4.0  # of the samples: noise that is slower is told by their halves
 MIN_HALF_SHARE = 0.01  # of the information in each half, for a direction in which they are compared
 
 
@@ -209,66 +211,87 @@ def _variance_ratios(rows: WhiteRows, rest: np.ndarray) -> np.ndarray:
 
 def _estimate(equations: Equations, fit: Fit) -> Regression:
     """The solution at a fit, with deviations by the spectra of the residuals and the halves of the samples."""
-    rows = _whiten(equations, fit)
+    rows, there = _whiten(equations, fit), equations.counts > 0
     information = _gram(rows.Z, rows.Z)
     X, values, blind = _informed_directions(information)
-    grown = np.ones(rows.rest.shape[1]) if equations.known else _spectral_ratios(rows, X)
-    scatter = _half_scatter(rows, X, grown)
-    ZX = (rows.Z @ X).reshape(-1, len(values)) * np.sqrt(np.tile(grown, len(rows.Z)) * scatter)[:, None]
-    directions = X @ np.linalg.inv(X.T @ _gram(rows.Z, rows.Y) @ X) @ np.linalg.qr(ZX, mode="r").T
-    covariance = directions @ directions.T
+    Z = rows.Z @ X
+    spectra = np.ones(rows.rest.shape) if equations.known else _noise_spectra(Z, rows.rest, equations.least / fit.noise)
+    size = _half_scatter(Z, rows.rest, spectra)
+    # the sandwich B^-1 F B^-T, with the noise's spectrum between the regressor's
+    lines = np.fft.fft(Z, axis=0, norm="ortho") * np.sqrt(size * spectra)[..., None]
+    inverse = np.linalg.inv(X.T @ _gram(rows.Z, rows.Y) @ X)
+    of_directions = inverse @ _gram(lines.conj(), lines).real @ inverse.T
+    covariance = X @ of_directions @ X.T
     covariance[blind, blind] = np.inf
-    there, counts = equations.counts > 0, equations.counts
-    average = np.where(equations.measured, counts.mean(axis=0), 1.0)
-    noise = np.where(equations.measured, fit.noise * grown * scatter, np.inf)
-    own = np.divide(fit.noise * grown, counts, out=np.full(counts.shape, np.inf), where=there)
-    score = float(np.log(np.diagonal(rows.L, axis1=1, axis2=2)).sum(axis=1).mean() - rows.log_mass)
-    weighed = rows.Z / np.sqrt(grown * scatter)[:, None]
+    dual = information @ X  # of which the products with X are 0 and 1
+    power = (Z**2).sum(axis=(0, 2))
+    in_band = (np.abs(lines) ** 2).sum(axis=(0, 2)) / np.where(power > 0, power, 1.0)
+    noise = fit.noise * np.where(power > 0, in_band, 1.0)
+    average = np.where(equations.measured, equations.counts.mean(axis=0), 0.0)
+    own = np.divide(noise, equations.counts, out=np.full(there.shape, np.inf), where=there)
+    density = np.log(np.diagonal(rows.L, axis1=1, axis2=2)).sum(axis=1) + (rows.rest**2).sum(axis=1) / 2
     return Regression(
         x=fit.x,
         covariance=covariance,
         rank=len(values),
         condition=float(np.sqrt(values.max() / values.min())) if len(values) else np.inf,
-        information=_gram(weighed, weighed),
-        deviations=np.sqrt(noise / average),
+        information=dual @ np.linalg.inv(of_directions) @ dual.T,
+        deviations=np.sqrt(np.divide(noise, average, out=np.full(len(noise), np.inf), where=average > 0)),
         weights=1 / (own + equations.spread + rows.made),
         motion_errors=np.sqrt(rows.made.mean(axis=0)),
-        score=score + float((rows.rest**2).sum(axis=1).mean()) / 2,
+        score=float(density.mean() - rows.log_mass),
     )
 
 
-def _spectral_ratios(rows: WhiteRows, X: np.ndarray) -> np.ndarray:
-    """How many times as large the variances (nv,) of whitened residuals are where the regressor has its power."""
-    orthonormal = rows.Z @ X
-    leverage = (np.abs(np.fft.fft(orthonormal, axis=0, norm="ortho")) ** 2).sum(axis=-1)
-    power = np.abs(np.fft.fft(rows.rest, axis=0, norm="ortho")) ** 2
-    share = leverage * (1 - leverage).clip(0)
+def _noise_spectra(Z: np.ndarray, rest: np.ndarray, least: np.ndarray) -> np.ndarray:
+    """Spectra (C, nv) of noise that leaves whitened residuals (C, nv) beside orthonormal columns Z, `least` or more."""
+    leverage = (np.abs(np.fft.fft(Z, axis=0, norm="ortho")) ** 2).sum(axis=-1)
+    free = (1 - leverage).clip(0)  # what the fit leaves of each frequency
+    power = np.abs(np.fft.fft(rest, axis=0, norm="ortho")) ** 2
+    shape = np.stack([_noise_shape(*of_force) for of_force in zip(power.T, free.T, strict=True)], axis=1)
+    # the level, where the regressor has its power
+    share = leverage * free * shape
     expected, found = share.sum(axis=0), (leverage * power).sum(axis=0)
-    ratios = np.divide(found, expected, out=np.ones_like(found), where=expected > 0)
+    level = np.divide(found, expected, out=np.ones_like(found), where=expected > 0)
     squares = (share**2).sum(axis=0)
     freedom = np.divide(expected**2, squares, out=np.full_like(found, np.inf), where=squares > 0)
-    freedom = np.maximum(freedom, MIN_STUDENT_FREEDOM)
-    return np.asarray(ratios * np.where(np.isinf(freedom), 1.0, freedom / (freedom - 2)))
+    level *= 1 + 2 / (np.maximum(freedom, MIN_STUDENT_FREEDOM) - 2)
+    return np.asarray(np.maximum(level * shape, least))
 
 
-def _half_scatter(rows: WhiteRows, X: np.ndarray, grown: np.ndarray) -> float:
-    """How many times as large variances are by the difference of the two halves of the samples; 1 at least.
+def _noise_shape(power: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """The most likely spectrum (C,) of white noise and noise whose correlation decays, but for a factor.
+
+    By Whittle's likelihood, of periodograms (C,) with a share of freedom each; over some correlation times and shares.
+    """
+    count, cosine = max(free.sum(), 1.0), np.cos(2 * np.pi * np.fft.fftfreq(len(power)))
+    best, least = np.ones_like(power), np.inf
+    for time in 2.0 ** np.arange(0, max(1.0, np.log2(len(power) / MIN_CORRELATION_TIMES))):
+        decay = np.exp(-1 / time)
+        slow = (1 - decay**2) / (1 + decay**2 - 2 * decay * cosine)
+        for white in WHITE_SHARES:
+            shape = white + (1 - white) * slow
+            level = max((power / shape).sum() / count, np.finfo(float).tiny)
+            if (likelihood := count * np.log(level) + (free * np.log(shape)).sum()) < least:
+                best, least = shape, likelihood
+    return best
+
+
+def _half_scatter(Z: np.ndarray, rest: np.ndarray, spectra: np.ndarray) -> float:
+    """How many times as large variances are by the difference of the two halves of the cells; 1 at least.
 
     In directions in which the halves have the information h and 1 - h, the first half's gradient g has the variance
     h (1 - h).
     """
-    half = slice(0, len(rows.Z) // 2)
-    weight = 1 / np.sqrt(grown)
-    Z, rest = rows.Z @ X * weight[:, None], rows.rest * weight
+    half, size = slice(0, len(Z) // 2), spectra.mean(axis=0)
+    Z, rest = Z / np.sqrt(size)[:, None], rest / np.sqrt(size)
     root = np.linalg.cholesky(_gram(Z, Z))
-    Z = np.linalg.solve(root, Z.mT).mT
-    shares, axes = np.linalg.eigh(_gram(Z[half], Z[half]))
-    spread = shares * (1 - shares)
-    kept = (np.minimum(shares, 1 - shares) > MIN_HALF_SHARE)
+    shares, axes = np.linalg.eigh(np.linalg.solve(root, np.linalg.solve(root, _gram(Z[half], Z[half])).T))
+    kept = np.minimum(shares, 1 - shares) > MIN_HALF_SHARE
     if not kept.any():
         return 1.0
-    gradient = axes.T @ _along(Z[half], rest[half])
-    return max(1.0, float(np.mean(gradient[kept] ** 2 / spread[kept])))
+    gradient = axes.T @ np.linalg.solve(root, _along(Z[half], rest[half]))
+    return max(1.0, float(np.mean(gradient[kept] ** 2 / (shares * (1 - shares))[kept])))
 
 
 def _gram(A: np.ndarray, B: np.ndarray) -> np.ndarray:
