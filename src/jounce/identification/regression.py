@@ -42,7 +42,7 @@ MAX_VARIANCE_FACTOR = 4.0  # of the accelerations' variances to stated ones: mor
 MIN_STUDENT_FREEDOM = 4.0  # degrees: of fewer the variance of Student's t says nothing
 WHITE_SHARES = (1.0, 0.9, 0.7, 0.5, 0.3, 0.1, 0.03, 0.0)  # of the variance of noise
 MIN_CORRELATION_TIMES = 4.0  # of the samples: noise that is slower is told by their halves
-MIN_HALF_SHARE = 0.01  # of the information in each half, for a direction in which they are compared
+MIN_HALF_SHARE = 0.01  # of the variance in which halves differ, for a direction: less are known from one half alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,15 +218,12 @@ def _estimate(equations: Equations, fit: Fit) -> Regression:
     spectra = np.ones(rows.rest.shape) if equations.known else _noise_spectra(Z, rows.rest, equations.least / fit.noise)
     size = _half_scatter(Z, rows.rest, spectra)
     # the sandwich B^-1 F B^-T, with the noise's spectrum between the regressor's
-    lines = np.fft.fft(Z, axis=0, norm="ortho") * np.sqrt(size * spectra)[..., None]
     inverse = np.linalg.inv(X.T @ _gram(rows.Z, rows.Y) @ X)
-    of_directions = inverse @ _gram(lines.conj(), lines).real @ inverse.T
+    of_directions = size * inverse @ _spectral_gram(Z, spectra) @ inverse.T
     covariance = X @ of_directions @ X.T
     covariance[blind, blind] = np.inf
     dual = information @ X  # of which the products with X are 0 and 1
-    power = (Z**2).sum(axis=(0, 2))
-    in_band = (np.abs(lines) ** 2).sum(axis=(0, 2)) / np.where(power > 0, power, 1.0)
-    noise = fit.noise * np.where(power > 0, in_band, 1.0)
+    noise = fit.noise * size * _band_means(Z, spectra)
     average = np.where(equations.measured, equations.counts.mean(axis=0), 0.0)
     own = np.divide(noise, equations.counts, out=np.full(there.shape, np.inf), where=there)
     density = np.log(np.diagonal(rows.L, axis1=1, axis2=2)).sum(axis=1) + (rows.rest**2).sum(axis=1) / 2
@@ -259,6 +256,13 @@ def _noise_spectra(Z: np.ndarray, rest: np.ndarray, least: np.ndarray) -> np.nda
     return np.asarray(np.maximum(level * shape, least))
 
 
+def _band_means(Z: np.ndarray, spectra: np.ndarray) -> np.ndarray:
+    """Means (nv,) of spectra (C, nv), where the columns Z have their power."""
+    leverage = (np.abs(np.fft.fft(Z, axis=0, norm="ortho")) ** 2).sum(axis=-1)
+    total = leverage.sum(axis=0)
+    return np.divide((leverage * spectra).sum(axis=0), total, out=spectra.mean(axis=0), where=total > 0)
+
+
 def _noise_shape(power: np.ndarray, free: np.ndarray) -> np.ndarray:
     """The most likely spectrum (C,) of white noise and noise whose correlation decays, but for a factor.
 
@@ -280,18 +284,24 @@ def _noise_shape(power: np.ndarray, free: np.ndarray) -> np.ndarray:
 def _half_scatter(Z: np.ndarray, rest: np.ndarray, spectra: np.ndarray) -> float:
     """How many times as large variances are by the difference of the two halves of the cells; 1 at least.
 
-    In directions in which the halves have the information h and 1 - h, the first half's gradient g has the variance
-    h (1 - h).
+    Z are orthonormal, and the rest is orthogonal to them, so that the gradients of the halves are opposite: the first
+    is T^T n of the noise n, with T = Z (1 - H) in that half and -Z H in the other, H the information of the first.
     """
-    half, size = slice(0, len(Z) // 2), spectra.mean(axis=0)
-    Z, rest = Z / np.sqrt(size)[:, None], rest / np.sqrt(size)
-    root = np.linalg.cholesky(_gram(Z, Z))
-    shares, axes = np.linalg.eigh(np.linalg.solve(root, np.linalg.solve(root, _gram(Z[half], Z[half])).T))
-    kept = np.minimum(shares, 1 - shares) > MIN_HALF_SHARE
-    if not kept.any():
-        return 1.0
-    gradient = axes.T @ np.linalg.solve(root, _along(Z[half], rest[half]))
-    return max(1.0, float(np.mean(gradient[kept] ** 2 / (shares * (1 - shares))[kept])))
+    half = len(Z) // 2
+    first = Z[:half]
+    H, one = _gram(first, first), np.eye(Z.shape[-1])
+    expected = _spectral_gram(np.concatenate([first @ (one - H), -Z[half:] @ H]), spectra)
+    root = np.linalg.cholesky(_spectral_gram(Z, spectra))
+    shares, axes = np.linalg.eigh(np.linalg.solve(root, np.linalg.solve(root, expected).T))
+    kept = shares > MIN_HALF_SHARE
+    gradient = axes[:, kept].T @ np.linalg.solve(root, _along(first, rest[:half]))
+    return max(1.0, float(np.mean(gradient**2 / shares[kept]))) if kept.any() else 1.0
+
+
+def _spectral_gram(rows: np.ndarray, spectra: np.ndarray) -> np.ndarray:
+    """The covariance (P, P) of rows^T n, of rows (C, nv, P) and noise n with spectra (C, nv)."""
+    lines = np.fft.fft(rows, axis=0, norm="ortho") * np.sqrt(spectra)[..., None]
+    return np.asarray(_gram(lines.conj(), lines).real)
 
 
 def _gram(A: np.ndarray, B: np.ndarray) -> np.ndarray:
