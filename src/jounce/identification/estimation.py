@@ -60,8 +60,8 @@ def identify(
     estimate, weight = posed.model_parameters + solution.x, float(prior) ** -2
     found = fit_consistent_parameters(model.mechanism, posed.base, solution.information, estimate, terms, weight=weight)
     predicted = posed.predict(found.parameters, found.values[posed.base.count :])
-    rows, times = force_residuals(posed, predicted), given.t[posed.used]
-    notes += (left := unexplained_warnings(rows))
+    rows, times = force_residuals(posed, predicted, solution.motion_errors), given.t[posed.used]
+    notes += (left := unexplained_warnings(posed, rows, estimate))
     for text in left:
         warn(text)
     return Identification(
