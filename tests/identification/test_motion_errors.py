@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from benchmarks.pendulum import DAMPING, double_pendulum, swing
 
 import jounce
 from jounce.identification.acceleration_errors import AccelerationErrors, find_acceleration_errors
 from jounce.identification.averaging import CellAverages
 from jounce.identification.regression import fit_forces
-from support.pendulum import DAMPING, double_pendulum, swing
 
 SEEDS = 3
 ROBOT = double_pendulum()

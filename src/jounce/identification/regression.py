@@ -10,13 +10,7 @@ estimate of the errors, k v M^T S^-1 r; the regressor Z at the accelerations wit
 likelihood. The start with the least score is kept, the negative log density of the accelerations: it holds -log |det M|
 and rejects p = 0, which explains a joint without torque exactly. It only chooses: minimised, it diverges.
 
-Deviations: rows are whitened by S. Residuals of a fit to a robot are serially correlated, and as a rule not white: at
-low frequencies, where the regressor has its power, they hold what the model leaves out. So the variance of each force
-is the mean of its residuals' periodogram, weighted with the leverage h(f) of the rows at each frequency, the share of
-the data that the fit takes for itself; what it leaves is E |r(f)|^2 = (1 - h(f)) S(f), and S(f) = sum h |r|^2 / sum h
-(1 - h). Such a mean of few frequencies is itself uncertain, which makes errors over deviations larger (Student's t).
-Slower noise than the motion shows in the two halves of the samples, which then differ by more than deviations allow:
-all grow by what they differ.
+Deviations follow from the spectra of the whitened residuals, see `noise_spectra`.
 
 Invariants: variances are at least those of the best sensor, and those of the smoothing at least as stated. Where the
 iteration has not settled in MAX_ROUNDS, its last weights serve. Directions without information get no correction, and
@@ -30,6 +24,7 @@ import numpy as np
 
 from jounce.identification.acceleration_errors import AccelerationErrors
 from jounce.identification.averaging import CellAverages
+from jounce.identification.noise_spectra import band_means, gradient, gram, half_scatter, noise_spectra, spectral_gram
 
 INFORMATION_RANK_TOLERANCE = 1e-12  # of eigenvalues of the scaled information to the largest: smaller ones are rounding
 NULL_SPACE_TOLERANCE = 1e-8  # squared share of directions without information in a parameter: below, it is rounding
@@ -39,10 +34,6 @@ STEP_TOLERANCE = 1e-2  # change of parameters, in their deviations, at which the
 MIN_RELATIVE_DEVIATION = 1e-6  # of forces to their size: no sensor is better
 MIN_NOISE_SHARE = 1e-4  # of the mean square of residuals that is noise of forces: the motion's errors are not all
 MAX_VARIANCE_FACTOR = 4.0  # of the accelerations' variances to stated ones: more spoils good logs, which then wander
-MIN_STUDENT_FREEDOM = 4.0  # degrees: of fewer the variance of Student's t says nothing
-WHITE_SHARES = (1.0, 0.9, 0.7, 0.5, 0.3, 0.1, 0.03, 0.0)  # of the variance of noise
-MIN_CORRELATION_TIMES = 4.0  # of the samples: noise that is slower is told by their halves
-MIN_HALF_SHARE = 0.01  # of the variance in which halves differ, for a direction: less are known from one half alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,13 +187,13 @@ def _whiten(equations: Equations, fit: Fit) -> WhiteRows:
 
 def _step(rows: WhiteRows) -> np.ndarray:
     """The corrections (P,) that leave nothing of the residuals along Z, of directions with information."""
-    X = _informed_directions(_gram(rows.Z, rows.Z))[0]
-    return np.asarray(X @ np.linalg.solve(X.T @ _gram(rows.Z, rows.Y) @ X, X.T @ _along(rows.Z, rows.rest)))
+    X = _informed_directions(gram(rows.Z, rows.Z))[0]
+    return np.asarray(X @ np.linalg.solve(X.T @ gram(rows.Z, rows.Y) @ X, X.T @ gradient(rows.Z, rows.rest)))
 
 
 def _variance_ratios(rows: WhiteRows, rest: np.ndarray) -> np.ndarray:
     """How many times as large the parts (nv + n,) of the covariances are as those that whiten, by the residuals."""
-    orthonormal = rows.Z @ _informed_directions(_gram(rows.Z, rows.Z))[0]
+    orthonormal = rows.Z @ _informed_directions(gram(rows.Z, rows.Z))[0]
     found = ((rows.parts.mT @ rest[..., None])[..., 0] ** 2).sum(axis=0)
     taken = ((orthonormal.mT @ rows.parts) ** 2).sum(axis=(0, 1))
     expected = (rows.parts**2).sum(axis=(0, 1)) - taken
@@ -212,18 +203,18 @@ def _variance_ratios(rows: WhiteRows, rest: np.ndarray) -> np.ndarray:
 def _estimate(equations: Equations, fit: Fit) -> Regression:
     """The solution at a fit, with deviations by the spectra of the residuals and the halves of the samples."""
     rows, there = _whiten(equations, fit), equations.counts > 0
-    information = _gram(rows.Z, rows.Z)
+    information = gram(rows.Z, rows.Z)
     X, values, blind = _informed_directions(information)
     Z = rows.Z @ X
-    spectra = np.ones(rows.rest.shape) if equations.known else _noise_spectra(Z, rows.rest, equations.least / fit.noise)
-    size = _half_scatter(Z, rows.rest, spectra)
+    spectra = np.ones(rows.rest.shape) if equations.known else noise_spectra(Z, rows.rest, equations.least / fit.noise)
+    size = half_scatter(Z, rows.rest, spectra)
     # the sandwich B^-1 F B^-T, with the noise's spectrum between the regressor's
-    inverse = np.linalg.inv(X.T @ _gram(rows.Z, rows.Y) @ X)
-    of_directions = size * inverse @ _spectral_gram(Z, spectra) @ inverse.T
+    inverse = np.linalg.inv(X.T @ gram(rows.Z, rows.Y) @ X)
+    of_directions = size * inverse @ spectral_gram(Z, spectra) @ inverse.T
     covariance = X @ of_directions @ X.T
     covariance[blind, blind] = np.inf
     dual = information @ X  # of which the products with X are 0 and 1
-    noise = fit.noise * size * _band_means(Z, spectra)
+    noise = fit.noise * size * band_means(Z, spectra)
     average = np.where(equations.measured, equations.counts.mean(axis=0), 0.0)
     own = np.divide(noise, equations.counts, out=np.full(there.shape, np.inf), where=there)
     density = np.log(np.diagonal(rows.L, axis1=1, axis2=2)).sum(axis=1) + (rows.rest**2).sum(axis=1) / 2
@@ -238,80 +229,6 @@ def _estimate(equations: Equations, fit: Fit) -> Regression:
         motion_errors=np.sqrt(rows.made.mean(axis=0)),
         score=float(density.mean() - rows.log_mass),
     )
-
-
-def _noise_spectra(Z: np.ndarray, rest: np.ndarray, least: np.ndarray) -> np.ndarray:
-    """Spectra (C, nv) of noise that leaves whitened residuals (C, nv) beside orthonormal columns Z, `least` or more."""
-    leverage = (np.abs(np.fft.fft(Z, axis=0, norm="ortho")) ** 2).sum(axis=-1)
-    free = (1 - leverage).clip(0)  # what the fit leaves of each frequency
-    power = np.abs(np.fft.fft(rest, axis=0, norm="ortho")) ** 2
-    shape = np.stack([_noise_shape(*of_force) for of_force in zip(power.T, free.T, strict=True)], axis=1)
-    # the level, where the regressor has its power
-    share = leverage * free * shape
-    expected, found = share.sum(axis=0), (leverage * power).sum(axis=0)
-    level = np.divide(found, expected, out=np.ones_like(found), where=expected > 0)
-    squares = (share**2).sum(axis=0)
-    freedom = np.divide(expected**2, squares, out=np.full_like(found, np.inf), where=squares > 0)
-    level *= 1 + 2 / (np.maximum(freedom, MIN_STUDENT_FREEDOM) - 2)
-    return np.asarray(np.maximum(level * shape, least))
-
-
-def _band_means(Z: np.ndarray, spectra: np.ndarray) -> np.ndarray:
-    """Means (nv,) of spectra (C, nv), where the columns Z have their power."""
-    leverage = (np.abs(np.fft.fft(Z, axis=0, norm="ortho")) ** 2).sum(axis=-1)
-    total = leverage.sum(axis=0)
-    return np.divide((leverage * spectra).sum(axis=0), total, out=spectra.mean(axis=0), where=total > 0)
-
-
-def _noise_shape(power: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """The most likely spectrum (C,) of white noise and noise whose correlation decays, but for a factor.
-
-    By Whittle's likelihood, of periodograms (C,) with a share of freedom each; over some correlation times and shares.
-    """
-    count, cosine = max(free.sum(), 1.0), np.cos(2 * np.pi * np.fft.fftfreq(len(power)))
-    best, least = np.ones_like(power), np.inf
-    for time in 2.0 ** np.arange(0, max(1.0, np.log2(len(power) / MIN_CORRELATION_TIMES))):
-        decay = np.exp(-1 / time)
-        slow = (1 - decay**2) / (1 + decay**2 - 2 * decay * cosine)
-        for white in WHITE_SHARES:
-            shape = white + (1 - white) * slow
-            level = max((power / shape).sum() / count, np.finfo(float).tiny)
-            if (likelihood := count * np.log(level) + (free * np.log(shape)).sum()) < least:
-                best, least = shape, likelihood
-    return best
-
-
-def _half_scatter(Z: np.ndarray, rest: np.ndarray, spectra: np.ndarray) -> float:
-    """How many times as large variances are by the difference of the two halves of the cells; 1 at least.
-
-    Z are orthonormal, and the rest is orthogonal to them, so that the gradients of the halves are opposite: the first
-    is T^T n of the noise n, with T = Z (1 - H) in that half and -Z H in the other, H the information of the first.
-    """
-    half = len(Z) // 2
-    first = Z[:half]
-    H, one = _gram(first, first), np.eye(Z.shape[-1])
-    expected = _spectral_gram(np.concatenate([first @ (one - H), -Z[half:] @ H]), spectra)
-    root = np.linalg.cholesky(_spectral_gram(Z, spectra))
-    shares, axes = np.linalg.eigh(np.linalg.solve(root, np.linalg.solve(root, expected).T))
-    kept = shares > MIN_HALF_SHARE
-    gradient = axes[:, kept].T @ np.linalg.solve(root, _along(first, rest[:half]))
-    return max(1.0, float(np.mean(gradient**2 / shares[kept]))) if kept.any() else 1.0
-
-
-def _spectral_gram(rows: np.ndarray, spectra: np.ndarray) -> np.ndarray:
-    """The covariance (P, P) of rows^T n, of rows (C, nv, P) and noise n with spectra (C, nv)."""
-    lines = np.fft.fft(rows, axis=0, norm="ortho") * np.sqrt(spectra)[..., None]
-    return np.asarray(_gram(lines.conj(), lines).real)
-
-
-def _gram(A: np.ndarray, B: np.ndarray) -> np.ndarray:
-    """A^T B of rows (C, nv, P)."""
-    return np.asarray(A.reshape(-1, A.shape[-1]).T @ B.reshape(-1, B.shape[-1]))
-
-
-def _along(A: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """A^T rest of rows (C, nv, P) and (C, nv)."""
-    return np.asarray(A.reshape(-1, A.shape[-1]).T @ rest.ravel())
 
 
 def _informed_directions(information: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
