@@ -16,7 +16,7 @@ from jounce.core.typing import DriveColumn, Equations
 from jounce.dynamics.base_parameters import BaseParameters, base_parameters
 from jounce.engine.along import forces_along
 from jounce.engine.engine import Engine, R, with_mechanism
-from jounce.identification.acceleration_errors import AccelerationErrors, find_acceleration_errors
+from jounce.identification.acceleration_errors import AccelerationErrors, error_band, find_acceleration_errors
 from jounce.identification.averaging import (
     CELLS_PER_PERIOD,
     CellAverages,
@@ -32,6 +32,7 @@ from jounce.model.drives import AMOUNTS, OFFSET, with_eps
 from jounce.model.parameters import inertial_parameters
 from jounce.motion.motion import Motion
 
+ERROR_BAND_FACTOR = 2.0  # of the band of the motion's errors: cells that are narrower hold the same errors
 CELLS_PER_PARAMETER = 4  # of all forces, at least: residuals of fewer say little of the variances
 
 
@@ -99,7 +100,7 @@ def pose_problem(
         span = f"{lowest:.4g} Hz, one period of the samples, to {highest:.4g} Hz, half their rate"
         raise JounceError(f"band is {quote_value(band)}; expected a frequency from {span}")
     band = float(band)
-    width = _cell_width(samples, band, count)
+    width = _cell_width(samples, min(band, ERROR_BAND_FACTOR * error_band(motion, samples.t)), count)
     if method in FILTERED_METHODS:
         errors, cells = None, FILTERED_METHODS[method](robot, motion, samples, terms, width, band)
     else:

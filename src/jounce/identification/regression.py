@@ -32,6 +32,7 @@ MAX_ROUNDS = 40  # good data take fewer than 20
 LOG_VARIANCE_TOLERANCE = 1e-3  # change of the logarithm at which variances stay: far less than they are known to
 STEP_TOLERANCE = 1e-2  # change of parameters, in their deviations, at which they stay
 MIN_RELATIVE_DEVIATION = 1e-6  # of forces to their size: no sensor is better
+MAX_COMPETING_CELLS = 500  # on which starts are compared: they differ by far
 MIN_NOISE_SHARE = 1e-4  # of the mean square of residuals that is noise of forces: the motion's errors are not all
 MAX_VARIANCE_FACTOR = 4.0  # of the accelerations' variances to stated ones: more spoils good logs, which then wander
 
@@ -48,7 +49,6 @@ class Regression:
     deviations: np.ndarray  # (nv,) standard deviations of averages of forces over cells; infinite if not measured
     weights: np.ndarray  # (C, nv) inverse variances of the forces of the cells, with what errors of the motion make
     motion_errors: np.ndarray  # (nv,) root mean squares of the forces that errors of the motion make
-    score: float  # mean negative log density of the accelerations
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +68,11 @@ class Equations:
     def measured(self) -> np.ndarray:
         """Which forces (nv,) are measured at all."""
         return np.asarray((self.counts > 0).any(axis=0))
+
+    def thin(self, step: int) -> "Equations":
+        """Those of each cell of so many."""
+        arrays = {name: getattr(self, name)[::step] for name in ("Y", "off", "model", "counts", "spread")}
+        return replace(self, **arrays, errors=self.errors and self.errors.thin(step))
 
     def mean_square(self, values: np.ndarray) -> np.ndarray:
         """Mean squares (nv,) of averages over cells, of one sample each."""
@@ -103,8 +108,11 @@ def fit_forces(cells: CellAverages, columns: np.ndarray, errors: AccelerationErr
     If the variances are `known`, the counts of the cells are their sums of inverse variances.
     """
     equations = _equations(cells, columns, errors, known)
-    fits = [_iterate(equations, start) for start in _starts(equations)]
-    return min((_estimate(equations, fit) for fit in fits), key=lambda found: found.score)
+    starts = list(_starts(equations))
+    if len(starts) > 1:
+        few = equations.thin(max(1, len(cells.off) // MAX_COMPETING_CELLS))
+        starts = [min((_iterate(few, start) for start in starts), key=lambda fit: _score(few, fit))]
+    return _estimate(equations, _iterate(equations, *starts))
 
 
 def _equations(cells: CellAverages, columns: np.ndarray, errors: AccelerationErrors | None, known: bool) -> Equations:
@@ -200,6 +208,13 @@ def _variance_ratios(rows: WhiteRows, rest: np.ndarray) -> np.ndarray:
     return np.divide(found, expected, out=np.ones_like(found), where=expected > 0)
 
 
+def _score(equations: Equations, fit: Fit) -> float:
+    """The mean negative log density of the accelerations at a fit."""
+    rows = _whiten(equations, fit)
+    density = np.log(np.diagonal(rows.L, axis1=1, axis2=2)).sum(axis=1) + (rows.rest**2).sum(axis=1) / 2
+    return float(density.mean() - rows.log_mass)
+
+
 def _estimate(equations: Equations, fit: Fit) -> Regression:
     """The solution at a fit, with deviations by the spectra of the residuals and the halves of the samples."""
     rows, there = _whiten(equations, fit), equations.counts > 0
@@ -217,7 +232,6 @@ def _estimate(equations: Equations, fit: Fit) -> Regression:
     noise = fit.noise * size * band_means(Z, spectra)
     average = np.where(equations.measured, equations.counts.mean(axis=0), 0.0)
     own = np.divide(noise, equations.counts, out=np.full(there.shape, np.inf), where=there)
-    density = np.log(np.diagonal(rows.L, axis1=1, axis2=2)).sum(axis=1) + (rows.rest**2).sum(axis=1) / 2
     return Regression(
         x=fit.x,
         covariance=covariance,
@@ -227,7 +241,6 @@ def _estimate(equations: Equations, fit: Fit) -> Regression:
         deviations=np.sqrt(np.divide(noise, average, out=np.full(len(noise), np.inf), where=average > 0)),
         weights=1 / (own + equations.spread + rows.made),
         motion_errors=np.sqrt(rows.made.mean(axis=0)),
-        score=float(density.mean() - rows.log_mass),
     )
 
 
