@@ -35,7 +35,7 @@ class CellAverages:
     off: np.ndarray  # (C, nv) measured forces less those of the model as it is
     model: np.ndarray  # (C, nv) forces of the model as it is
     counts: np.ndarray  # (C, nv) sums of the weights of the samples; 0 where nothing is measured
-    spread: np.ndarray  # (C, nv) variances of the model's forces that follow from those of the positions
+    spread: np.ndarray  # (C, nv) known variances, which follow from those of the positions
 
 
 def average_forces(
@@ -43,17 +43,15 @@ def average_forces(
     motion: Motion,
     samples: Measurements,
     model: np.ndarray,
-    deviations: np.ndarray | None,
     terms: Sequence[DriveColumn],
-    width: float,
+    place: np.ndarray,
 ) -> CellAverages:
-    """Average the regressor and the forces over cells of a width in s; those of the model with their deviations."""
-    spread = np.zeros_like(model) if deviations is None else deviations**2
+    """Average the regressor and the forces over cells of numbers (N,)."""
     with_model = (
         (part, np.concatenate([Y, model[part, :, None]], axis=-1))
         for part, Y in regressor_pieces(robot, motion, samples.t, terms)
     )
-    return average_rows(with_model, samples.forces, samples.weights, spread, number_cells(samples.t, width))
+    return average_rows(with_model, samples.forces, samples.weights, np.zeros_like(model), place)
 
 
 def average_rows(

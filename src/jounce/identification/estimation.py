@@ -15,7 +15,7 @@ from jounce.identification.force_warnings import force_warnings, unexplained_war
 from jounce.identification.least_squares_problem import pose_problem, with_smoothing_velocity
 from jounce.identification.measurements import check_measurements
 from jounce.identification.physical_consistency import ConsistentParameters, fit_consistent_parameters
-from jounce.identification.regression import solve_normal_equations, weigh_forces
+from jounce.identification.regression import fit_forces
 from jounce.identification.result import Identification
 from jounce.identification.result_tables import IdentifiedParameter, force_residuals, parameter_table
 from jounce.model.drives import AMOUNTS, DRIVE_TERMS, OFFSET, select_columns
@@ -52,18 +52,16 @@ def identify(
     path = check_motion(model.mechanism, motion)
     given = check_measurements(model.mechanism, path, forces, t, weights, deviations)
     posed = pose_problem(model, path, terms, given, _select_samples(span, given.t), band, method)
-    weighed = weigh_forces(posed.cells, posed.columns, known=deviations is not None)
-    information = weighed.information[np.ix_(posed.columns, posed.columns)]
-    solution = solve_normal_equations(information, weighed.right[posed.columns])
-    table = parameter_table(posed, solution, weighed.variances)
+    solution = fit_forces(posed.cells, posed.columns, posed.errors, known=deviations is not None)
+    table = parameter_table(posed, solution)
     notes = [*force_warnings(posed, method), *_undetermined_notes(table, solution.rank)]
     for text in notes:
         warn(text)
     estimate, weight = posed.model_parameters + solution.x, float(prior) ** -2
-    found = fit_consistent_parameters(model.mechanism, posed.base, information, estimate, terms, weight=weight)
+    found = fit_consistent_parameters(model.mechanism, posed.base, solution.information, estimate, terms, weight=weight)
     predicted = posed.predict(found.parameters, found.values[posed.base.count :])
-    rows, times = force_residuals(posed, predicted), given.t[posed.used]
-    notes += (left := unexplained_warnings(rows))
+    rows, times = force_residuals(posed, predicted, solution.motion_errors), given.t[posed.used]
+    notes += (left := unexplained_warnings(posed, rows, estimate))
     for text in left:
         warn(text)
     return Identification(
@@ -73,7 +71,7 @@ def identify(
         covariance=solution.covariance,
         rank=solution.rank,
         condition=solution.condition,
-        deviations=weighed.deviations,
+        deviations=solution.deviations,
         residuals=rows,
         span=(float(times[0]), float(times[-1])),
         band=posed.band,

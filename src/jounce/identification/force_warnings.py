@@ -23,6 +23,7 @@ MAX_OPPOSED_CORRELATION = -0.5  # of measured forces with those of the model: be
 MIN_SIMILAR_CORRELATION = 0.8  # of the same: above it their sizes are compared
 MAX_SIZE_RATIO = 10.0  # of these sizes, beyond which the unit is suspected: no parameters are that wrong
 MAX_UNEXPLAINED_SHARE = 0.5  # of a force: what remains beyond it is more than friction or noise
+MAX_PASSIVE_SHARE = 0.1  # of a force to the forces of single parameters, of which no motor makes them cancel
 MAX_DELAY = 0.2  # s, beyond which forces and positions hardly come from one log
 MAX_DELAY_SHARE = 0.1  # of the time that is used: the ends, which are left out, are twice as much
 DELAY_COUNT = 81  # of the delays that are tried, 5 ms apart; odd, so that one of them is 0
@@ -43,11 +44,26 @@ def force_warnings(posed: IdentificationProblem, method: Equations) -> list[str]
     ]
 
 
-def unexplained_warnings(rows: Sequence[ForceResidual]) -> list[str]:
-    """Return which of the forces that were used the identified robot explains less than half of."""
+def unexplained_warnings(
+    posed: IdentificationProblem, rows: Sequence[ForceResidual], parameters: np.ndarray
+) -> list[str]:
+    """Return which of the forces that were used the identified robot explains less than half of.
+
+    Errors of the motion explain a part. A force that is next to nothing, as of a joint without a motor, is held against
+    the forces of single parameters (P,), which nearly cancel.
+    """
     used = [row for row in rows if row.part == "used"]
     least = MIN_RELATIVE_DEVIATION * max((max(row.measured, row.model) for row in used), default=0.0)
-    left = [row for row in used if row.identified > max(MAX_UNEXPLAINED_SHARE * row.measured, least)]
+    names, sizes = force_names(posed.robot.mechanism), {row.force: row.measured for row in used}
+    if posed.errors is not None:
+        parts = np.sqrt(((posed.cells.Y[..., posed.columns] * parameters) ** 2).sum(axis=-1).mean(axis=0))
+        of_parts = dict(zip(names, parts, strict=True))
+        sizes |= {name: of_parts[name] for name, x in sizes.items() if x < MAX_PASSIVE_SHARE * of_parts[name]}
+    left = [
+        row
+        for row in used
+        if row.identified**2 - row.motion_errors**2 > max(MAX_UNEXPLAINED_SHARE * sizes[row.force], least) ** 2
+    ]
     if not left:
         return []
     worst = max(left, key=lambda row: row.identified)

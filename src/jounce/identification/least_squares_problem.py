@@ -16,12 +16,14 @@ from jounce.core.typing import DriveColumn, Equations
 from jounce.dynamics.base_parameters import BaseParameters, base_parameters
 from jounce.engine.along import forces_along
 from jounce.engine.engine import Engine, R, with_mechanism
+from jounce.identification.acceleration_errors import AccelerationErrors, error_band, find_acceleration_errors
 from jounce.identification.averaging import (
     CELLS_PER_PERIOD,
     CellAverages,
     average_forces,
     force_band,
     median_step,
+    number_cells,
     regressor_pieces,
 )
 from jounce.identification.filtered_balances import FILTERED_METHODS
@@ -30,6 +32,7 @@ from jounce.model.drives import AMOUNTS, OFFSET, with_eps
 from jounce.model.parameters import inertial_parameters
 from jounce.motion.motion import Motion
 
+ERROR_BAND_FACTOR = 2.0  # of the band of the motion's errors: cells that are narrower hold the same errors
 CELLS_PER_PARAMETER = 4  # of all forces, at least: residuals of fewer say little of the variances
 
 
@@ -47,6 +50,7 @@ class IdentificationProblem:
     band: float  # highest frequency of the forces, Hz
     width: float  # of the cells, s
     cells: CellAverages  # averages of the samples that are used
+    errors: AccelerationErrors | None  # of the motion in the cells; filtered equations need no accelerations
 
     @property
     def columns(self) -> np.ndarray:
@@ -86,7 +90,7 @@ def pose_problem(
         came = f"{len(samples.t)} samples hold {measured} measured forces for {count} parameters"
         raise JounceError(f"{came}; expected a longer motion or fewer drives=")
     along = forces_along(robot, motion, given.t, 0)
-    model, deviations = along.forces[0], None if along.deviations is None else along.deviations[0][used]
+    model = along.forces[0]
     step = median_step(samples.t)
     lowest, highest = 1 / (len(samples.t) * step), 0.5 / step
     if band is None:
@@ -96,12 +100,15 @@ def pose_problem(
         span = f"{lowest:.4g} Hz, one period of the samples, to {highest:.4g} Hz, half their rate"
         raise JounceError(f"band is {quote_value(band)}; expected a frequency from {span}")
     band = float(band)
-    width = _cell_width(samples, band, count)
+    width = _cell_width(samples, min(band, ERROR_BAND_FACTOR * error_band(motion, samples.t)), count)
     if method in FILTERED_METHODS:
-        cells = FILTERED_METHODS[method](robot, motion, samples, terms, width, band)
+        errors, cells = None, FILTERED_METHODS[method](robot, motion, samples, terms, width, band)
     else:
-        cells = average_forces(robot, motion, samples, model[used], deviations, terms, width)
-    return IdentificationProblem(robot, motion, terms, base, given, used, model, band, width, cells)
+        place = number_cells(samples.t, width)
+        columns = _sought_columns(robot, base, terms)
+        errors = find_acceleration_errors(robot, motion, samples.t, place, terms, columns)
+        cells = average_forces(robot, motion, samples, model[used], terms, place)
+    return IdentificationProblem(robot, motion, terms, base, given, used, model, band, width, cells, errors)
 
 
 def with_smoothing_velocity(robot: R, terms: Sequence[DriveColumn], eps: float | None) -> R:

@@ -1,111 +1,247 @@
-"""Weighted least squares of forces on a regressor, with one variance per force, estimated from the residuals.
+"""Weighted least squares of forces on a regressor that errors of the motion spoil, with variances from the residuals.
 
-Residuals of a fit to a robot are serially correlated, and as a rule they are not white: at low frequencies, where the
-regressor has its power, they hold what the model leaves out. Deviations of parameters follow from the power of the
-residuals at these frequencies. So the variance of a force is the mean of its residuals' periodogram, weighted with the
-leverage h(f) of the rows at each frequency, the share of the data that the fit takes for itself; what it leaves is
-E |r(f)|^2 = (1 - h(f)) S(f), and S(f) = sum h |r|^2 / sum h (1 - h). White residuals give the usual sum of squares.
+Problem: forces tau = Y(a) p + n of cells of time; the noise n of force j has the variance s_j^2 over the count of the
+cell, and the accelerations of the motion have errors e of variances k_j v_j, v those that the smoothing states. So the
+residuals have covariances S = diag(s^2) + M(p) diag(k v) M(p)^T, which move with p. Sought are p, s and k.
 
-Algorithm: iteratively reweighted least squares, a fixed-point iteration of the variances from those of the forces that
-the model leaves; each solution by the eigenvalues of the normal matrix in columns scaled to one. Invariant: variances
-are at least those of the best sensor. Where the iteration has not settled in MAX_REWEIGHTINGS, its last weights
-serve. Directions without information get no correction, and the parameters in them infinite variances.
+Algorithm: iteratively reweighted least squares with an instrument. From each of some starts, by turns: S at p; the best
+estimate of the errors, k v M^T S^-1 r; the regressor Z at the accelerations without them; p from Z^T S^-1 (tau - Y p)
+= 0, as Y alone would make p too small (errors in variables); s and k by the fixed point of restricted maximum
+likelihood. The start with the least score is kept, the negative log density of the accelerations: it holds -log |det M|
+and rejects p = 0, which explains a joint without torque exactly. It only chooses: minimised, it diverges.
+
+Deviations follow from the spectra of the whitened residuals, see `noise_spectra`.
+
+Invariants: variances are at least those of the best sensor, and those of the smoothing at least as stated. Where the
+iteration has not settled in MAX_ROUNDS, its last weights serve. Directions without information get no correction, and
+the parameters in them infinite variances.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jounce.identification.acceleration_errors import AccelerationErrors
 from jounce.identification.averaging import CellAverages
+from jounce.identification.noise_spectra import band_means, gradient, gram, half_scatter, noise_spectra, spectral_gram
 
 INFORMATION_RANK_TOLERANCE = 1e-12  # of eigenvalues of the scaled information to the largest: smaller ones are rounding
 NULL_SPACE_TOLERANCE = 1e-8  # squared share of directions without information in a parameter: below, it is rounding
-MAX_REWEIGHTINGS = 30  # good data take fewer than 20
+MAX_ROUNDS = 40  # good data take fewer than 20
 LOG_VARIANCE_TOLERANCE = 1e-3  # change of the logarithm at which variances stay: far less than they are known to
+STEP_TOLERANCE = 1e-2  # change of parameters, in their deviations, at which they stay
 MIN_RELATIVE_DEVIATION = 1e-6  # of forces to their size: no sensor is better
+MAX_COMPETING_CELLS = 500  # on which starts are compared: they differ by far
+MIN_NOISE_SHARE = 1e-4  # of the mean square of residuals that is noise of forces: the motion's errors are not all
+MAX_VARIANCE_FACTOR = 4.0  # of the accelerations' variances to stated ones: more spoils good logs, which then wander
 
 
 @dataclass(frozen=True, eq=False)
-class NormalEquations:
-    """The normal equations of corrections x of the parameters of a model, and the variances W^-1 that weigh them."""
+class Regression:
+    """Corrections x of P parameters of a model that forces ask for, as far as the data determine them."""
 
-    information: np.ndarray  # (P, P) sum of Y^T W Y of all columns
-    right: np.ndarray  # (P,) sum of Y^T W times the forces that the model leaves
-    variances: np.ndarray  # (nv,) of one sample of each force in the band of the motion; infinite if not measured
-    deviations: np.ndarray  # (nv,) standard deviations of averages over cells
-
-
-@dataclass(frozen=True, eq=False)
-class InformedSolution:
-    """The solution of a least-squares problem by its information, as far as the data determine it."""
-
-    x: np.ndarray  # (P,) the shortest solution, in the scales of the columns
+    x: np.ndarray  # (P,) the shortest, in the scales of the columns
     covariance: np.ndarray  # (P, P) of x; infinite on the diagonal where the data do not determine a parameter
     rank: int  # number of directions with information
     condition: float  # ratio of the singular values of the scaled problem, the largest to the smallest that counts
+    information: np.ndarray  # (P, P) sum of Z^T S^-1 Z
+    deviations: np.ndarray  # (nv,) standard deviations of averages of forces over cells; infinite if not measured
+    weights: np.ndarray  # (C, nv) inverse variances of the forces of the cells, with what errors of the motion make
+    motion_errors: np.ndarray  # (nv,) root mean squares of the forces that errors of the motion make
 
 
-def solve_normal_equations(information: np.ndarray, right: np.ndarray) -> InformedSolution:
-    """Solve information x = right in columns scaled to one."""
-    directions, values, blind = _informed_directions(information)
-    covariance = directions @ directions.T
-    covariance[blind, blind] = np.inf
-    condition = float(np.sqrt(values.max() / values.min())) if len(values) else np.inf
-    return InformedSolution(directions @ (directions.T @ right), covariance, len(values), condition)
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """The forces of C cells: what is fitted, and what their covariances are made of."""
+
+    Y: np.ndarray  # (C, nv, P) regressor
+    off: np.ndarray  # (C, nv) forces that the model leaves
+    model: np.ndarray  # (C, nv) forces of the model
+    counts: np.ndarray  # (C, nv) sums of the weights of the samples; 0 where nothing is measured
+    spread: np.ndarray  # (C, nv) known variances
+    errors: AccelerationErrors | None
+    known: bool  # whether the counts are sums of inverse variances
+    least: np.ndarray  # (nv,) variances of the best sensors
+
+    @property
+    def measured(self) -> np.ndarray:
+        """Which forces (nv,) are measured at all."""
+        return np.asarray((self.counts > 0).any(axis=0))
+
+    def thin(self, step: int) -> "Equations":
+        """Those of each cell of so many."""
+        arrays = {name: getattr(self, name)[::step] for name in ("Y", "off", "model", "counts", "spread")}
+        return replace(self, **arrays, errors=self.errors and self.errors.thin(step))
+
+    def mean_square(self, values: np.ndarray) -> np.ndarray:
+        """Mean squares (nv,) of averages over cells, of one sample each."""
+        there = np.maximum((self.counts > 0).sum(axis=0), 1)
+        return np.asarray((self.counts * values**2).sum(axis=0) / there)
 
 
-def weigh_forces(cells: CellAverages, chosen: np.ndarray, known: bool) -> NormalEquations:
-    """Weigh the cells by iterated variances; `chosen` (K,) are columns that span those of all.
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Corrections of the parameters, and the variances of forces and factors of those of accelerations."""
+
+    x: np.ndarray  # (P,)
+    noise: np.ndarray  # (nv,) s^2 of one sample
+    factors: np.ndarray  # (n,) k
+
+
+@dataclass(frozen=True, eq=False)
+class WhiteRows:
+    """Equations over the roots L of their covariances S = L L^T: rows of variance one, 0 where nothing is measured."""
+
+    Z: np.ndarray  # (C, nv, P) regressor at the accelerations without their estimated errors
+    Y: np.ndarray  # (C, nv, P) regressor
+    rest: np.ndarray  # (C, nv) residuals
+    parts: np.ndarray  # (C, nv, nv + n) roots of the parts of S that s_j^2 and k_j multiply
+    L: np.ndarray  # (C, nv, nv)
+    made: np.ndarray  # (C, nv) variances of the forces that errors of the motion make
+    log_mass: float  # mean of log |det M|
+
+
+def fit_forces(cells: CellAverages, columns: np.ndarray, errors: AccelerationErrors | None, known: bool) -> Regression:
+    """Fit corrections of the parameters of some columns (P,) to the forces of cells.
 
     If the variances are `known`, the counts of the cells are their sums of inverse variances.
     """
-    measured = (cells.counts > 0).any(axis=0)
-    # the start: deviations as large as what the model leaves, so that forces of all sizes count alike
-    largest = _mean_square(cells, cells.model + cells.off)
+    equations = _equations(cells, columns, errors, known)
+    starts = list(_starts(equations))
+    if len(starts) > 1:
+        few = equations.thin(max(1, len(cells.off) // MAX_COMPETING_CELLS))
+        starts = [min((_iterate(few, start) for start in starts), key=lambda fit: _score(few, fit))]
+    return _estimate(equations, _iterate(equations, *starts))
+
+
+def _equations(cells: CellAverages, columns: np.ndarray, errors: AccelerationErrors | None, known: bool) -> Equations:
+    posed = Equations(
+        cells.Y[..., columns], cells.off, cells.model, cells.counts, cells.spread, errors, known, np.zeros(())
+    )
+    largest = posed.mean_square(cells.model + cells.off)
     least = MIN_RELATIVE_DEVIATION**2 * np.where(largest > 0, largest, largest.max() or 1.0)
-    start = 1.0 if known else np.maximum(_mean_square(cells, cells.off), least)
-    variances = np.where(measured, start, np.inf)
-    for _ in range(0 if known else MAX_REWEIGHTINGS):
-        # the variances of residuals weighted by those before, until they reproduce themselves
-        before, variances = variances, np.maximum(variances * _variance_ratios(cells, chosen, variances), least)
-        if np.abs(np.log(variances[measured] / before[measured])).max() < LOG_VARIANCE_TOLERANCE:
+    return replace(posed, least=least)
+
+
+def _starts(equations: Equations) -> Iterator[Fit]:
+    """The model as it is; with errors of the motion, least squares without them too, with much noise and with little.
+
+    Variances as large as what the model leaves make forces of all sizes count alike.
+    """
+    n = 0 if equations.errors is None else equations.errors.variances.shape[1]
+    left = np.maximum(equations.mean_square(equations.off), equations.least)
+    model = Fit(np.zeros(equations.Y.shape[-1]), np.ones_like(left) if equations.known else left, np.ones(n))
+    yield model
+    if n:
+        plain = replace(equations, errors=None)
+        x = _step(_whiten(plain, replace(model, factors=np.zeros(0))))
+        yield replace(model, x=x)
+        if not equations.known:
+            yield replace(model, x=x, noise=np.maximum(MIN_NOISE_SHARE * left, equations.least))
+
+
+def _iterate(equations: Equations, fit: Fit) -> Fit:
+    """Parameters and variances by turns, until both stay."""
+    measured = equations.measured
+    for _ in range(MAX_ROUNDS):
+        # the parameters, at the errors of the motion that residuals tell
+        rows = _whiten(equations, fit)
+        step = _step(rows)
+        settled = np.linalg.norm(rows.Z @ step) < STEP_TOLERANCE
+        x = fit.x + step
+        # variances: those of the residuals over what is expected of them, until they reproduce themselves
+        ratios = _variance_ratios(rows, rows.rest - rows.Y @ step)
+        noise, factors = fit.noise, (fit.factors * ratios[len(measured) :]).clip(1.0, MAX_VARIANCE_FACTOR)
+        if not equations.known:
+            left = equations.mean_square(equations.off - equations.Y @ x)
+            floor = np.maximum(equations.least, MIN_NOISE_SHARE * left)
+            noise = np.maximum(fit.noise * ratios[: len(measured)], floor)
+        changes = np.append(np.log(noise / fit.noise)[measured], np.log(factors / fit.factors))
+        fit = Fit(x, noise, factors)
+        if settled and np.abs(changes).max(initial=0.0) < LOG_VARIANCE_TOLERANCE:
             break
-    Y, off = _weighted_rows(cells, variances)
-    deviations = np.sqrt(variances / np.where(measured, cells.counts.mean(axis=0), 1.0))
-    return NormalEquations(Y.T @ Y, Y.T @ off, variances, deviations)
+    return fit
 
 
-def row_weights(cells: CellAverages, variances: np.ndarray) -> np.ndarray:
-    """The inverse variances (C, nv) of the averages over cells."""
-    measured = cells.counts > 0
-    own = np.divide(variances, cells.counts, out=np.full(cells.counts.shape, np.inf), where=measured)
-    return np.asarray(1 / (own + cells.spread))
+def _whiten(equations: Equations, fit: Fit) -> WhiteRows:
+    """The equations over the roots of their covariances, at a fit."""
+    errors, there = equations.errors, equations.counts > 0
+    C, nv = there.shape
+    M, v = (np.zeros((C, nv, 0)), np.zeros((C, 0)))
+    if errors is not None:
+        M, v = errors.mass_matrix(fit.x), fit.factors * errors.variances
+    log_mass = float(np.linalg.slogdet(M.mT @ M)[1].mean()) / 2
+    M = M * there[..., None]
+    reach = M * np.sqrt(v)[:, None]
+    counts = np.where(there, equations.counts, 1.0)
+    own = np.where(there, fit.noise / counts + equations.spread, 1.0)
+    L = np.linalg.cholesky(own[..., None] * np.eye(nv) + reach @ reach.mT)
+    rest = (equations.off - equations.Y @ fit.x) * there
+    Y = equations.Y * there[..., None]
+    Z = Y
+    if errors is not None:
+        precise = np.linalg.solve(L.mT, np.linalg.solve(L, rest[..., None]))
+        Z = Y + errors.regressor(v * (M.mT @ precise)[..., 0]) * there[..., None]
+    alone = (there / np.sqrt(counts))[..., None] * np.eye(nv)
+    unscaled = reach / np.where(fit.factors > 0, np.sqrt(fit.factors), 1.0)
+    white = np.linalg.solve(L, np.concatenate([Z, Y, rest[..., None], alone, unscaled], axis=-1))
+    P = Y.shape[-1]
+    return WhiteRows(
+        white[..., :P], white[..., P : 2 * P], white[..., 2 * P], white[..., 2 * P + 1 :],
+        L, (reach**2).sum(axis=-1), log_mass,
+    )  # fmt: skip
 
 
-def _variance_ratios(cells: CellAverages, chosen: np.ndarray, variances: np.ndarray) -> np.ndarray:
-    """How many times as large the residuals' variances (nv,) are as those that weigh them, by their periodograms."""
-    Y, off = _weighted_rows(cells, variances)
-    Y = Y[:, chosen]
-    orthonormal = Y @ _informed_directions(Y.T @ Y)[0]
-    rest = (off - orthonormal @ (orthonormal.T @ off)).reshape(cells.off.shape)
-    orthonormal = orthonormal.reshape(*rest.shape, -1)
-    leverage = (np.abs(np.fft.fft(orthonormal, axis=0, norm="ortho")) ** 2).sum(axis=-1)
-    power = np.abs(np.fft.fft(rest, axis=0, norm="ortho")) ** 2
-    expected = (leverage * (1 - leverage).clip(0)).sum(axis=0)
-    found = (leverage * power).sum(axis=0)
+def _step(rows: WhiteRows) -> np.ndarray:
+    """The corrections (P,) that leave nothing of the residuals along Z, of directions with information."""
+    X = _informed_directions(gram(rows.Z, rows.Z))[0]
+    return np.asarray(X @ np.linalg.solve(X.T @ gram(rows.Z, rows.Y) @ X, X.T @ gradient(rows.Z, rows.rest)))
+
+
+def _variance_ratios(rows: WhiteRows, rest: np.ndarray) -> np.ndarray:
+    """How many times as large the parts (nv + n,) of the covariances are as those that whiten, by the residuals."""
+    orthonormal = rows.Z @ _informed_directions(gram(rows.Z, rows.Z))[0]
+    found = ((rows.parts.mT @ rest[..., None])[..., 0] ** 2).sum(axis=0)
+    taken = ((orthonormal.mT @ rows.parts) ** 2).sum(axis=(0, 1))
+    expected = (rows.parts**2).sum(axis=(0, 1)) - taken
     return np.divide(found, expected, out=np.ones_like(found), where=expected > 0)
 
 
-def _weighted_rows(cells: CellAverages, variances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Regressor (C nv, P) and forces that the model leaves (C nv,) over the deviations of the rows."""
-    roots = np.sqrt(row_weights(cells, variances))
-    return (cells.Y * roots[..., None]).reshape(-1, cells.Y.shape[-1]), (cells.off * roots).ravel()
+def _score(equations: Equations, fit: Fit) -> float:
+    """The mean negative log density of the accelerations at a fit."""
+    rows = _whiten(equations, fit)
+    density = np.log(np.diagonal(rows.L, axis1=1, axis2=2)).sum(axis=1) + (rows.rest**2).sum(axis=1) / 2
+    return float(density.mean() - rows.log_mass)
 
 
-def _mean_square(cells: CellAverages, values: np.ndarray) -> np.ndarray:
-    """Mean squares (nv,) of averages over cells, of one sample each."""
-    there = np.maximum((cells.counts > 0).sum(axis=0), 1)
-    return np.asarray((cells.counts * values**2).sum(axis=0) / there)
+def _estimate(equations: Equations, fit: Fit) -> Regression:
+    """The solution at a fit, with deviations by the spectra of the residuals and the halves of the samples."""
+    rows, there = _whiten(equations, fit), equations.counts > 0
+    information = gram(rows.Z, rows.Z)
+    X, values, blind = _informed_directions(information)
+    Z = rows.Z @ X
+    spectra = np.ones(rows.rest.shape) if equations.known else noise_spectra(Z, rows.rest, equations.least / fit.noise)
+    size = half_scatter(Z, rows.rest, spectra)
+    # the sandwich B^-1 F B^-T, with the noise's spectrum between the regressor's
+    inverse = np.linalg.inv(X.T @ gram(rows.Z, rows.Y) @ X)
+    of_directions = size * inverse @ spectral_gram(Z, spectra) @ inverse.T
+    covariance = X @ of_directions @ X.T
+    covariance[blind, blind] = np.inf
+    dual = information @ X  # of which the products with X are 0 and 1
+    noise = fit.noise * size * band_means(Z, spectra)
+    average = np.where(equations.measured, equations.counts.mean(axis=0), 0.0)
+    own = np.divide(noise, equations.counts, out=np.full(there.shape, np.inf), where=there)
+    return Regression(
+        x=fit.x,
+        covariance=covariance,
+        rank=len(values),
+        condition=float(np.sqrt(values.max() / values.min())) if len(values) else np.inf,
+        information=dual @ np.linalg.inv(of_directions) @ dual.T,
+        deviations=np.sqrt(np.divide(noise, average, out=np.full(len(noise), np.inf), where=average > 0)),
+        weights=1 / (own + equations.spread + rows.made),
+        motion_errors=np.sqrt(rows.made.mean(axis=0)),
+    )
 
 
 def _informed_directions(information: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

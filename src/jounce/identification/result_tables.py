@@ -9,7 +9,7 @@ from jounce.core.typing import DriveColumn
 from jounce.dynamics.base_parameters import LENGTH_POWERS, BaseParameters
 from jounce.identification.averaging import CellAverages, number_cells, weighted_means
 from jounce.identification.least_squares_problem import IdentificationProblem
-from jounce.identification.regression import InformedSolution, row_weights
+from jounce.identification.regression import Regression
 from jounce.model.coordinates import force_names, force_units
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
@@ -54,17 +54,17 @@ class IdentifiedParameter:
     seen: bool
 
 
-def parameter_table(
-    posed: IdentificationProblem, solution: InformedSolution, variances: np.ndarray
-) -> tuple[IdentifiedParameter, ...]:
-    """The table of a solution, which corrects the model, with the variances (nv,) of the forces."""
+def parameter_table(posed: IdentificationProblem, solution: Regression) -> tuple[IdentifiedParameter, ...]:
+    """The table of a solution, which corrects the model."""
     m, base, model = posed.robot.mechanism, posed.base, posed.model_parameters
     revolute = [bool(np.any(X[:3])) for X in m.X]
     names = [*base.names, *(f"{joint} {term}" for term in posed.terms for joint in m.joints)]
     units = [INERTIAL_UNITS[column % len(INERTIAL_UNITS)] for column in base.columns]
     units += [_unit(term, turns) for term in posed.terms for turns in revolute]
     values, spreads = model + solution.x, np.sqrt(np.diag(solution.covariance))
-    sizes = np.append(_inertial_sizes(m, base), _drive_sizes(posed.cells, variances, posed.columns[base.count :]))
+    sizes = np.append(
+        _inertial_sizes(m, base), _drive_sizes(posed.cells, solution.weights, posed.columns[base.count :])
+    )
     seen = spreads <= np.maximum(sizes, np.maximum(np.abs(values), np.abs(model)))
     return tuple(
         IdentifiedParameter(name, unit, float(values[k]), float(spreads[k]), float(model[k]), bool(seen[k]))
@@ -81,12 +81,11 @@ def _inertial_sizes(m: Mechanism, base: BaseParameters) -> np.ndarray:
     return (mass[:, None] * r[:, None] ** LENGTH_POWERS).ravel()[base.columns]
 
 
-def _drive_sizes(cells: CellAverages, variances: np.ndarray, columns: np.ndarray) -> np.ndarray:
+def _drive_sizes(cells: CellAverages, weights: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """The sizes of drive parameters: each alone makes forces as large as those that the model leaves where it acts.
 
     A hundredth of the measured forces counts too: of a model that leaves nothing it is seen that it leaves nothing.
     """
-    weights = row_weights(cells, variances)
     left = (weights * (cells.off**2 + (MIN_DRIVE_FORCE_SHARE * (cells.off + cells.model)) ** 2)).sum(axis=0)
     power = (weights[..., None] * cells.Y[..., columns] ** 2).sum(axis=0)
     total = power.sum(axis=0)
@@ -117,6 +116,8 @@ class ForceResidual:
         What the model as it was leaves, and what the identified robot leaves, in the band of the motion.
     model_samples, identified_samples : float
         The same of single samples, with all that is faster.
+    motion_errors : float
+        Forces that errors of the smoothed accelerations make, in the band of the motion: part of what is left.
 
     Examples
     --------
@@ -137,16 +138,22 @@ class ForceResidual:
     identified: float
     model_samples: float
     identified_samples: float
+    motion_errors: float
 
 
-def force_residuals(posed: IdentificationProblem, predicted: np.ndarray) -> tuple[ForceResidual, ...]:
+def force_residuals(
+    posed: IdentificationProblem, predicted: np.ndarray, motion_errors: np.ndarray
+) -> tuple[ForceResidual, ...]:
     """The residuals of the model and of predicted forces (N, nv): of the samples that are used, then of the rest."""
     parts = (("used", posed.used), ("rest", ~posed.used))
-    return tuple(row for part, which in parts if which.any() for row in _part_residuals(posed, predicted, part, which))
+    made = motion_errors if posed.errors is not None else np.zeros(predicted.shape[1])
+    return tuple(
+        row for part, which in parts if which.any() for row in _part_residuals(posed, predicted, made, part, which)
+    )
 
 
 def _part_residuals(
-    posed: IdentificationProblem, predicted: np.ndarray, part: str, which: np.ndarray
+    posed: IdentificationProblem, predicted: np.ndarray, motion_errors: np.ndarray, part: str, which: np.ndarray
 ) -> Iterator[ForceResidual]:
     """The residuals of a part of the samples, of the forces that are measured there."""
     m, samples = posed.robot.mechanism, posed.given.part(which)
@@ -157,7 +164,7 @@ def _part_residuals(
     rows = np.stack([*band, *(_rms(values, w) for values in off[1:])], axis=1)
     for j, (name, unit) in enumerate(zip(force_names(m), force_units(m), strict=True)):
         if counts[:, j].any():
-            yield ForceResidual(name, unit, part, *map(float, rows[j]))
+            yield ForceResidual(name, unit, part, *map(float, rows[j]), float(motion_errors[j]))
 
 
 def _rms(values: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -36,17 +36,18 @@ class Applications(Exports):
 
         The robot is the first guess, such as that of a CAD model. Q = Y p is linear in the inertial parameters p and in
         those of drive terms. Weighted least squares find the base parameters, the combinations that the forces depend
-        on, with standard deviations; each force has the variance of its residuals. Regressor and forces are averaged
-        over cells of half a period of the motion's highest frequency, and the variances are those of the residuals at
-        the frequencies of the motion, so that serially correlated noise does not make the deviations too small. The
-        identified robot has bodies that can exist, nearest to the data, and to the model's own values where data are
-        few.
+        on, with standard deviations. Regressor and forces are averaged over cells of half a period of the motion's
+        highest frequency. Each force has the variance of its residuals; errors e of the accelerations that the motion's
+        smoothing states make forces M(p) e too, and the regressor is taken without what the residuals tell of them, as
+        parameters would be too small otherwise. Deviations follow from the spectrum of the residuals, so that serially
+        correlated noise does not make them too small. The identified robot has bodies that can exist, nearest to the
+        data, and to the model's own values where data are few.
 
         Parameters
         ----------
         motion : Motion
             As for `Robot.forces_along`, with q, qd, q2d; of a log, `jounce.load_motion` smooths it. Wrenches that it
-            holds act, and if its positions have standard deviations, what follows from these weighs the forces.
+            holds act. If its accelerations have standard deviations, their errors are taken into account.
         forces : (N, nv), optional
             Measured forces at `t`, N m or N, NaN for those not measured; by default the torques of the motion's log.
         t : (N,), optional
