@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.motion.least_squares import SplineRows, SplineSolution, basis, covariance_blocks, solve
+from jounce.motion.bsplines import basis
+from jounce.motion.least_squares import SplineRows, SplineSolution, covariance_blocks, solve
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
