@@ -42,10 +42,10 @@ MIN_CELLS = 8192  # that a long log is compressed to, ten rows each; more where 
 class SplineRows:
     """Rows of a least-squares problem in time: the spline's values at `t`, times weights, are to equal `y`."""
 
-    t: np.ndarray  # (P,), increasing; ten in each cell if compressed
+    t: np.ndarray  # (P,), increasing; ten in each cell if in_cells
     y: np.ndarray  # (P, n), right sides times the weights
     weight: np.ndarray  # (P,), inverse standard deviations up to a factor
-    edges: np.ndarray | None  # (C + 1,) of cells if compressed: where knots may be
+    edges: np.ndarray | None  # (C + 1,) of cells if in_cells: where knots may be
     span: tuple[float, float]  # the first and the last time of the samples
     count: float  # of samples, each by its weight squared
     rest: np.ndarray  # (n,), squares that no polynomial in a cell reaches, left out of the rows
@@ -101,78 +101,105 @@ class SplineSolution:
         return BSpline(pad_knots(self.breaks), self.coefficients, FIT_DEGREE)
 
 
-def make_rows(t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float]) -> SplineRows:
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """B^T B of rows and of the splines with some breaks, for any right sides; B = T E.
+
+    T are weighted values at each row of ten functions per interval: Chebyshev polynomials if the rows have cells, where
+    2 T_i T_j = T_(i + j) + T_|i - j| saves most products; otherwise B-splines: where an interval has few samples, these
+    may be so small there that only sums of their own products are exact enough.
+    """
+
+    T: "csr_array"  # (P, 10 M)
+    E: np.ndarray  # (M, 10, 10), or the unit matrix (10, 10)
+    factor: np.ndarray  # (10, m), Cholesky factor of B^T B in lower bands
+
+    def fit(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The coefficients c, (m, n), of the least |B c - y|, and y - B c, (P, n), of right sides y."""
+        from scipy.linalg import cho_solve_banded
+
+        intervals = self.factor.shape[1] - FIT_DEGREE
+        coefficients, residual = np.zeros((self.factor.shape[1], y.shape[1])), y
+        while (
+            True
+        ):  # c += (B^T B)^-1 B^T (y - B c), once, or twice where the first residual is as small as its rounding
+            right = np.zeros(coefficients.shape)
+            shares = self.E.mT @ (self.T.T @ residual).reshape(intervals, BASIS_WIDTH, -1)
+            for a in range(BASIS_WIDTH):
+                right[a : a + intervals] += shares[:, a]
+            coefficients += cho_solve_banded((self.factor, True), right, check_finite=False)
+            own = np.lib.stride_tricks.sliding_window_view(coefficients, BASIS_WIDTH, axis=0)
+            before, residual = residual, self.T @ (self.E @ own.mT).reshape(intervals * BASIS_WIDTH, -1)
+            np.subtract(y, residual, out=residual)
+            if before is not y or (_squares(residual) > MIN_REFINED_SHARE**2 * _squares(y)).all():
+                return coefficients, residual
+
+
+def make_rows(
+    t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float], edges: np.ndarray | None = None
+) -> SplineRows:
     """The rows of samples y, (N, n), at times t in a span."""
-    return SplineRows(t, y * weight[:, None], weight, None, span, float((weight**2).sum()), np.zeros(y.shape[1]))
+    return SplineRows(t, y * weight[:, None], weight, edges, span, float((weight**2).sum()), np.zeros(y.shape[1]))
+
+
+def cut_cells(t: np.ndarray, span: tuple[float, float], cells: int) -> tuple[np.ndarray, np.ndarray | None]:
+    """The first samples and the ends, (C + 1,), of about that many cells; no ends where these hold too few samples."""
+    size = len(t) // cells
+    if size < 2 * BASIS_WIDTH:
+        return np.array([0, len(t)]), None
+    cells = -(-len(t) // size)
+    starts = np.arange(cells + 1) * len(t) // cells
+    return starts, np.concatenate([span[:1], (t[starts[1:-1]] + t[starts[1:-1] - 1]) / 2, span[1:]])
 
 
 def compress_rows(
     t: np.ndarray, y: np.ndarray, weight: np.ndarray, span: tuple[float, float], cells: int
 ) -> SplineRows:
     """The rows of samples, compressed to cells where that leaves half of them or less."""
-    size = len(t) // cells
-    if size < 2 * BASIS_WIDTH:
+    starts, edges = cut_cells(t, span, cells)
+    if edges is None:
         return make_rows(t, y, weight, span)
-    cells = -(-len(t) // size)
-    starts = np.arange(cells + 1) * len(t) // cells
-    edges = np.concatenate([span[:1], (t[starts[1:-1]] + t[starts[1:-1] - 1]) / 2, span[1:]])
     *rows, lost = compress_cells(t, y, weight, starts, edges)
     return SplineRows(*rows, edges, span, float((weight**2).sum()), lost)
 
 
 def solve(rows: SplineRows, breaks: np.ndarray) -> SplineSolution:
     """The least-squares spline with these breaks; raises `LinAlgError` where the samples leave it undetermined."""
-    from scipy.linalg import cho_solve_banded, cholesky_banded
-
-    T, E, banded = _normal_equations(rows, breaks)
-    factor = cholesky_banded(banded, lower=True, check_finite=False)
-    coefficients = np.zeros((factor.shape[1], rows.y.shape[1]))
-    residual, intervals = rows.y, len(breaks) - 1
-    while True:  # c += (B^T B)^-1 B^T (y - B c), once, or twice where the first residual is as small as its rounding
-        right, shares = np.zeros(coefficients.shape), E.mT @ (T.T @ residual).reshape(intervals, BASIS_WIDTH, -1)
-        for a in range(BASIS_WIDTH):
-            right[a : a + intervals] += shares[:, a]
-        coefficients += cho_solve_banded((factor, True), right, check_finite=False)
-        own = np.lib.stride_tricks.sliding_window_view(coefficients, BASIS_WIDTH, axis=0)
-        before, residual = residual, T @ (E @ own.mT).reshape(intervals * BASIS_WIDTH, -1)
-        np.subtract(rows.y, residual, out=residual)
-        if before is not rows.y or (_squares(residual) > MIN_REFINED_SHARE**2 * _squares(rows.y)).all():
-            break
+    equations = factorize(rows, breaks)
+    coefficients, residual = equations.fit(rows.y)
     residual = rows.across(residual)
-    return SplineSolution(breaks, coefficients, residual, factor, _squares(residual) + rows.rest)
+    return SplineSolution(breaks, coefficients, residual, equations.factor, _squares(residual) + rows.rest)
 
 
 def _squares(columns: np.ndarray) -> np.ndarray:
     return np.einsum("pj,pj->j", columns, columns)
 
 
-def _normal_equations(rows: SplineRows, breaks: np.ndarray) -> "tuple[csr_array, np.ndarray, np.ndarray]":
-    """T (P, 10 M) and E (M, 10, 10) or (10, 10), whose product B is, and B^T B in lower bands, (10, m).
-
-    T are weighted values at each row of ten functions per interval: Chebyshev polynomials in compressed rows, where
-    2 T_i T_j = T_(i + j) + T_|i - j| saves most products; otherwise B-splines: where an interval has few
-    samples, these may be so small there that only sums of their own products are exact enough.
-    """
+def factorize(rows: SplineRows, breaks: np.ndarray) -> NormalEquations:
+    """The normal equations of splines with these breaks; raises `LinAlgError` where they are singular."""
+    from scipy.linalg import cholesky_banded
     from scipy.sparse import csr_array
 
-    intervals, compressed, k = len(breaks) - 1, rows.edges is not None, np.arange(BASIS_WIDTH)
+    intervals, in_cells, k = len(breaks) - 1, rows.edges is not None, np.arange(BASIS_WIDTH)
     bounds = np.concatenate([[0], np.searchsorted(rows.t, breaks[1:-1]), [len(rows.t)]])
     place, scale = np.repeat(np.arange(intervals, dtype=np.int32), np.diff(bounds)), 2 / np.diff(breaks)
-    E = chebyshev_coefficients(breaks) if compressed else np.eye(BASIS_WIDTH)
-    values = np.empty((len(place), BASIS_WIDTH)) if compressed else basis(rows.t, breaks)[0] * rows.weight[:, None]
+    E = chebyshev_coefficients(breaks) if in_cells else np.eye(BASIS_WIDTH)
+    values = np.empty((len(place), BASIS_WIDTH)) if in_cells else basis(rows.t, breaks)[0] * rows.weight[:, None]
     banded = np.zeros((BASIS_WIDTH, intervals + FIT_DEGREE))
     step = 1 + min(INTERVALS_AT_ONCE, POINTS_AT_ONCE * intervals // len(place))
     for start in range(0, intervals, step):
         some, at = slice(start, start + step), bounds[start : start + step + 1]
         here, filled = slice(at[0], at[-1]), np.flatnonzero(np.diff(at))
         firsts = at[filled] - at[0]
-        if compressed:
-            T = evaluate_chebyshev((rows.t[here] - breaks[place[here]]) * scale[place[here]] - 1, 2 * FIT_DEGREE + 1)
-            T *= rows.weight[here]
-            values[here] = T[:BASIS_WIDTH].T
-            T *= rows.weight[here]
-            moments = np.zeros((len(at) - 1, len(T)))
-            moments[filled] = np.add.reduceat(T, firsts, axis=1).T
+        if in_cells:
+            local = evaluate_chebyshev(
+                (rows.t[here] - breaks[place[here]]) * scale[place[here]] - 1, 2 * FIT_DEGREE + 1
+            )
+            local *= rows.weight[here]
+            values[here] = local[:BASIS_WIDTH].T
+            local *= rows.weight[here]
+            moments = np.zeros((len(at) - 1, len(local)))
+            moments[filled] = np.add.reduceat(local, firsts, axis=1).T
             gram = (moments[:, k[:, None] + k] + moments[:, np.abs(k[:, None] - k)]) / 2
             gram = E[some].mT @ gram @ E[some]
         else:
@@ -182,8 +209,8 @@ def _normal_equations(rows: SplineRows, breaks: np.ndarray) -> "tuple[csr_array,
             banded[: BASIS_WIDTH - a, start + a : start + a + len(gram)] += gram[:, a, a:].T
     columns = place[:, None] * BASIS_WIDTH + k.astype(np.int32)
     ends = np.arange(0, values.size + 1, BASIS_WIDTH)
-    shape = len(place), intervals * BASIS_WIDTH
-    return csr_array((values.ravel(), columns.ravel(), ends), shape=shape), E, banded
+    T = csr_array((values.ravel(), columns.ravel(), ends), shape=(len(place), intervals * BASIS_WIDTH))
+    return NormalEquations(T, E, cholesky_banded(banded, lower=True, check_finite=False))
 
 
 def covariance_blocks(factor: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.core.errors import JounceError, quote_value
-from jounce.motion.least_squares import SplineRows, compress_rows
+from jounce.motion.least_squares import SplineRows, compress_rows, cut_cells, make_rows
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -54,6 +54,11 @@ class Samples:
             return rows
         spline, own = self.drift
         return replace(rows, along=(spline(rows.t, nu=1), own))
+
+    def all_rows(self, cells: int) -> SplineRows:
+        """The rows of all samples for splines with knots as in compressed ones: faster for few fits."""
+        _, edges = cut_cells(self.t, self.span, cells)
+        return make_rows(self.t, self.q, self.weight, self.span, edges)
 
 
 def check_samples(
