@@ -206,8 +206,9 @@ def _smooth_samples(
     if not moved.all():
         part = samples.joints(moving)
         first, cells = fit_even_breaks(part)
-    together = find_holds(part, first, cells)
-    apart = find_sensors(part, first, cells, together)
+    curve = first.spline(part.t)
+    together = find_holds(part, curve, first, cells)
+    apart = find_sensors(part, curve, first, cells, together)
     holds = apart or together
     if holds.held.any():
         part = apart.samples if apart else together.without(part)

@@ -21,6 +21,7 @@ import numpy as np
 from jounce.motion.bsplines import (
     BASIS_WIDTH,
     FIT_DEGREE,
+    INTERVALS_AT_ONCE,
     POINTS_AT_ONCE,
     basis,
     chebyshev_coefficients,
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 MIN_REFINED_SHARE = 1e-6  # of the samples: in smaller residuals the rounding of normal equations shows
-INTERVALS_AT_ONCE = 2**9  # whose matrices stay in a processor's cache
 MIN_CELLS = 8192  # that a long log is compressed to, ten rows each; more where it needs more intervals
 
 
@@ -182,7 +182,8 @@ def factorize(rows: SplineRows, breaks: np.ndarray) -> NormalEquations:
 
     intervals, in_cells, k = len(breaks) - 1, rows.edges is not None, np.arange(BASIS_WIDTH)
     bounds = np.concatenate([[0], np.searchsorted(rows.t, breaks[1:-1]), [len(rows.t)]])
-    place, scale = np.repeat(np.arange(intervals, dtype=np.int32), np.diff(bounds)), 2 / np.diff(breaks)
+    index = np.int32 if BASIS_WIDTH * len(rows.t) <= np.iinfo(np.int32).max else np.int64
+    place, scale = np.repeat(np.arange(intervals, dtype=index), np.diff(bounds)), 2 / np.diff(breaks)
     E = chebyshev_coefficients(breaks) if in_cells else np.eye(BASIS_WIDTH)
     values = np.empty((len(place), BASIS_WIDTH)) if in_cells else basis(rows.t, breaks)[0] * rows.weight[:, None]
     banded = np.zeros((BASIS_WIDTH, intervals + FIT_DEGREE))
@@ -207,8 +208,8 @@ def factorize(rows: SplineRows, breaks: np.ndarray) -> NormalEquations:
             gram[filled] = np.add.reduceat(values[here, :, None] * values[here, None], firsts)
         for a in range(BASIS_WIDTH):
             banded[: BASIS_WIDTH - a, start + a : start + a + len(gram)] += gram[:, a, a:].T
-    columns = place[:, None] * BASIS_WIDTH + k.astype(np.int32)
-    ends = np.arange(0, values.size + 1, BASIS_WIDTH)
+    columns = place[:, None] * BASIS_WIDTH + k.astype(index)
+    ends = np.arange(0, values.size + 1, BASIS_WIDTH, dtype=index)
     T = csr_array((values.ravel(), columns.ravel(), ends), shape=(len(place), intervals * BASIS_WIDTH))
     return NormalEquations(T, E, cholesky_banded(banded, lower=True, check_finite=False))
 
