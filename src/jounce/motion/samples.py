@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,7 +34,7 @@ class Samples:
     drift: "tuple[BSpline, np.ndarray] | None" = None
     unsure: np.ndarray | None = None  # (n,), by how much each sensor may be read earlier than the times say, s
 
-    @property
+    @cached_property
     def floor(self) -> np.ndarray:
         """The variance (n,) of rounding of doubles."""
         return np.maximum((4 * np.finfo(float).eps * np.abs(self.q).max(axis=0)) ** 2, np.finfo(float).tiny)

@@ -169,7 +169,7 @@ def _smooth_once(
     spread = SplineCovariances(solution, variance, chosen.coarser.spline, chosen.ratio, left, beyond, samples.unsure)
     sigma = np.sqrt((residual**2).mean(axis=0))
     notes += notes_of_residual(samples, residual, solution.breaks, excess)
-    lines = find_lines(samples, residual, solution.spline(samples.t, nu=1))
+    lines = find_lines(samples, residual, solution.spline)
     if not found:  # corrected stamps leave errors that come and go with the velocity
         lines += find_bursts(samples, solution.breaks, cells)
     return SmoothedSamples(samples, solution.spline, replace(spread, left_out=tuple(lines)), sigma, notes)
