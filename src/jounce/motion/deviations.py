@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.motion.bsplines import FIT_DEGREE, basis
-from jounce.motion.least_squares import SplineRows, SplineSolution, covariance_blocks, factorize
+from jounce.motion.least_squares import SplineRows, SplineSolution, covariance_blocks
+from jounce.motion.normal_equations import factorize
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -128,7 +129,7 @@ def timestamp_covariances(rows: SplineRows, raw: SplineSolution, sigma: float, o
     v = raw.spline(rows.t, nu=1)
     across = v / own / np.maximum((v**2 / own).sum(axis=1), np.finfo(float).tiny)[:, None]
     weight = rows.weight if rows.edges is None else np.ones(len(rows.t))  # a row of a cell has the noise of one sample
-    equations = factorize(rows, raw.breaks)
+    equations = factorize(rows.t, rows.weight, raw.breaks, in_cells=rows.edges is not None)
     times = _quarter_points(raw.breaks)
     total = np.zeros((len(times), v.shape[1], MAX_DEVIATION_ORDER + 1, MAX_DEVIATION_ORDER + 1))
     for _ in range(BOOTSTRAP_DRAWS // DRAWS_PER_FIT):

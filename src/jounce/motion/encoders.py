@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jounce.motion.knots import drop_sparse_breaks
-from jounce.motion.least_squares import NormalEquations, SplineRows, factorize
+from jounce.motion.least_squares import SplineRows
+from jounce.motion.normal_equations import NormalEquations, factorize
 from jounce.motion.samples import MAX_SCATTER_ROWS, Samples
 from jounce.motion.vibrations import MIN_LINE_POWER, MIN_SPECTRUM_ROWS, Line
 
@@ -40,7 +41,8 @@ def find_encoder_errors(
     rows, angles = replace(samples, drift=None).all_rows(cells), [_Angle.of(angle) for angle in samples.q.T]
     for coarser in COARSENING_FACTORS:
         coarse = np.unique(np.append(breaks[::coarser], breaks[-1]))
-        equations = factorize(rows, drop_sparse_breaks(rows, coarse))
+        coarse = drop_sparse_breaks(rows, coarse)
+        equations = factorize(rows.t, rows.weight, coarse, in_cells=rows.edges is not None)
         found = dict(_find_waves(angles, rows, equations, window)) | found
     return [(joint, count) for joint, count in sorted(found.items()) if joint not in vibrating]
 
@@ -71,21 +73,17 @@ def _find_waves(
 ) -> Iterator[tuple[int, int]]:
     """Joints and counts of waves in what a coarse fit leaves of the rows."""
     left = (equations.fit(rows.y)[1] / rows.weight[:, None]).T.copy()  # by joint
-    weights = [_row_weights(row, window) for row in left]
-    powers = np.stack([angle.spectrum(w * row) for angle, w, row in zip(angles, weights, left, strict=True)])
-    seen = np.flatnonzero(powers.any(axis=1))
-    if not seen.size:
-        return
-    counts = WAVE_COUNTS[powers[seen].argmax(axis=1)]
-    # what such a fit leaves of the waves themselves
-    columns = np.empty((len(window), 2 * len(seen)))
-    for k, (joint, count) in enumerate(zip(seen, counts, strict=True)):
-        turned = count * angles[joint].values
-        columns[:, 2 * k], columns[:, 2 * k + 1] = rows.weight * np.cos(turned), rows.weight * np.sin(turned)
-    waves = (equations.fit(columns)[1] / rows.weight[:, None]).T.reshape(len(seen), 2, -1)
-    for joint, count, wave in zip(seen, counts, waves, strict=True):
-        if _compare_wave_power(angles[joint], left[joint], weights[joint], wave, window, count) > MIN_LINE_POWER:
-            yield int(joint), int(count)
+    for joint, (angle, row) in enumerate(zip(angles, left, strict=True)):
+        weights = _row_weights(row, window)
+        power = angle.spectrum(weights * row)
+        if not power.any():
+            continue
+        count = int(WAVE_COUNTS[power.argmax()])
+        # what such a fit leaves of the wave itself
+        wave = rows.weight * np.stack([np.cos(count * angle.values), np.sin(count * angle.values)])
+        wave = (equations.fit(wave.T.copy())[1] / rows.weight[:, None]).T.copy()
+        if _compare_wave_power(angle, row, weights, wave, window, count) > MIN_LINE_POWER:
+            yield joint, count
 
 
 def _row_weights(left: np.ndarray, window: np.ndarray) -> np.ndarray:
@@ -101,7 +99,7 @@ def _compare_wave_power(
     angle: _Angle, left: np.ndarray, weights: np.ndarray, wave: np.ndarray, window: np.ndarray, count: int
 ) -> float:
     """The power of a wave, cosine and sine (2, N), over the median of those around it, and of all, left without it."""
-    wave, without = np.ascontiguousarray(wave), left
+    without = left
     for _ in range(2):  # what is left without the wave weighs the rows
         weighted = weights**2 * wave
         without = left - np.linalg.lstsq(weighted @ wave.T, weighted @ left, rcond=None)[0] @ wave
