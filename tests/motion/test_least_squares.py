@@ -5,6 +5,7 @@ import pytest
 from scipy.interpolate import BSpline, make_lsq_spline
 
 from jounce.motion import least_squares as ls
+from jounce.motion.bsplines import BASIS_WIDTH, basis
 
 
 @pytest.fixture
@@ -47,8 +48,8 @@ def test_the_covariance_is_the_inverse_of_the_normal_equations(problem):
 @pytest.mark.parametrize("order", range(7))
 def test_derivatives_of_the_basis(problem, order):
     t, _, _, breaks = problem
-    values, place = ls.basis(t, breaks, order)
-    expected = np.take_along_axis(dense(t, breaks, order), place[:, None] + np.arange(ls.BASIS_WIDTH), axis=1)
+    values, place = basis(t, breaks, order)
+    expected = np.take_along_axis(dense(t, breaks, order), place[:, None] + np.arange(BASIS_WIDTH), axis=1)
     assert np.allclose(values, expected, atol=1e-10 * np.abs(expected).max())
 
 

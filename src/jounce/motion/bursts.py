@@ -27,8 +27,9 @@ MIN_BURST_STEPS = 0.6  # of an encoder: a joint that stays between two steps has
 def find_bursts(samples: Samples, breaks: np.ndarray, cells: int) -> list[Line]:
     """The bursts of each joint that a spline with these breaks does not follow to the ends of their flanks."""
     usual = median_length(breaks)
-    even = fit_breaks(samples.rows(cells), np.linspace(*samples.span, round(np.ptp(samples.span) / usual) + 1)).spline
-    residual, lowest = samples.q - even(samples.t), MIN_FREQUENCY_TO_BAND / 2 / usual
+    rows, lowest = samples.all_rows(cells), MIN_FREQUENCY_TO_BAND / 2 / usual
+    even = fit_breaks(rows, np.linspace(*samples.span, round(np.ptp(samples.span) / usual) + 1))
+    residual = even.residual / rows.weight[:, None]
     found = (
         line for joint in range(samples.q.shape[1]) for line in _find_joint_bursts(samples, residual, joint, lowest)
     )
@@ -79,7 +80,7 @@ def _find_part_lines(even: np.ndarray, starts: np.ndarray, length: int, step: fl
     usual = np.maximum(np.median(power, axis=0), max(rounding, np.finfo(float).tiny))
     at = MIN_BURST_BIN + (power / usual)[:, MIN_BURST_BIN:].argmax(axis=1)
     size = power[np.arange(len(at)), at]
-    below = np.array([spectrum[1 : k // 2 + 1].max() for spectrum, k in zip(power, at, strict=True)])
+    below = np.maximum.accumulate(power[:, 1:], axis=1)[np.arange(len(at)), at // 2 - 1]
     enough = np.log(power.size / FALSE_ALARMS_PER_LOG) / np.log(2)
     out = size > np.maximum(enough * np.maximum(usual[at], np.median(power, axis=1)), MIN_POWER_TO_LOWER * below)
     return [(int(starts[k]), int(at[k]), float(2 * np.sqrt(size[k]) / window.sum())) for k in np.flatnonzero(out)]

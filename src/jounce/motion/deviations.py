@@ -12,13 +12,15 @@ of independent parts, each positive semidefinite:
 It says nothing of what neither spline resolves and the residuals do not show, as a burst below the noise.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.motion.least_squares import SplineRows, SplineSolution, basis, covariance_blocks, solve
+from jounce.motion.bsplines import FIT_DEGREE, basis
+from jounce.motion.least_squares import SplineRows, SplineSolution, covariance_blocks
+from jounce.motion.normal_equations import factorize
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -121,22 +123,24 @@ def timestamp_covariances(rows: SplineRows, raw: SplineSolution, sigma: float, o
     where e are splines fitted to v d with random d. The fit at corrected times takes v tau. Draws of d, from a fixed
     seed, give the covariances.
     """
+    from scipy.interpolate import BSpline
+
     random = np.random.default_rng(0)
     v = raw.spline(rows.t, nu=1)
     across = v / own / np.maximum((v**2 / own).sum(axis=1), np.finfo(float).tiny)[:, None]
     weight = rows.weight if rows.edges is None else np.ones(len(rows.t))  # a row of a cell has the noise of one sample
-    rows = replace(rows, along=None, rest=np.zeros(DRAWS_PER_FIT * v.shape[1]))
+    equations = factorize(rows.t, rows.weight, raw.breaks, in_cells=rows.edges is not None)
     times = _quarter_points(raw.breaks)
     total = np.zeros((len(times), v.shape[1], MAX_DEVIATION_ORDER + 1, MAX_DEVIATION_ORDER + 1))
     for _ in range(BOOTSTRAP_DRAWS // DRAWS_PER_FIT):
         # e: what the raw fit takes of random shifts
         d = sigma * random.normal(size=(len(v), 1, DRAWS_PER_FIT))
         noise = (weight[:, None, None] * v[:, :, None] * d).reshape(len(v), -1)
-        taken = solve(replace(rows, y=noise), raw.breaks).spline(rows.t).reshape(*v.shape, DRAWS_PER_FIT)
+        taken = ((noise - equations.fit(noise)[1]) / rows.weight[:, None]).reshape(*v.shape, DRAWS_PER_FIT)
         # tau: what correction makes of that, and the spline that follows it
         tau = (across[:, :, None] * taken).sum(axis=1, keepdims=True)
         left = rows.weight[:, None] * (v[:, :, None] * tau).reshape(len(v), -1)
-        curve = solve(replace(rows, y=left), raw.breaks).spline
+        curve = BSpline(raw.spline.t, equations.fit(left)[0], FIT_DEGREE)
         rates = [curve(times, nu=k).reshape(len(times), -1, DRAWS_PER_FIT) for k in range(MAX_DEVIATION_ORDER + 1)]
         e = np.stack(rates, axis=2)  # squares are averaged over draws
         total += e @ e.mT / BOOTSTRAP_DRAWS

@@ -6,12 +6,14 @@ them: bursts of vibration, and parts that the coarse fit does not follow, are no
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jounce.motion.knots import fit_breaks
-from jounce.motion.samples import Samples
+from jounce.motion.knots import drop_sparse_breaks
+from jounce.motion.least_squares import SplineRows
+from jounce.motion.normal_equations import NormalEquations, factorize
+from jounce.motion.samples import MAX_SCATTER_ROWS, Samples
 from jounce.motion.vibrations import MIN_LINE_POWER, MIN_SPECTRUM_ROWS, Line
 
 WAVE_COUNTS = np.arange(16, 1025)  # per turn: below 16 a motion itself is periodic, as harmonics are
@@ -36,33 +38,52 @@ def find_encoder_errors(
         return []
     vibrating = {vibration.joint for vibration in vibrations if vibration.lasts}
     found: dict[int, int] = {}
-    rows = replace(samples, drift=None).rows(cells)
+    rows, angles = replace(samples, drift=None).all_rows(cells), [_Angle.of(angle) for angle in samples.q.T]
     for coarser in COARSENING_FACTORS:
         coarse = np.unique(np.append(breaks[::coarser], breaks[-1]))
-        left = samples.q - fit_breaks(rows, coarse).spline(samples.t)
-        found = dict(_find_waves(samples, left, coarse, cells, window)) | found
+        coarse = drop_sparse_breaks(rows, coarse)
+        equations = factorize(rows.t, rows.weight, coarse, in_cells=rows.edges is not None)
+        found = dict(_find_waves(angles, rows, equations, window)) | found
     return [(joint, count) for joint, count in sorted(found.items()) if joint not in vibrating]
 
 
+@dataclass(frozen=True, eq=False)
+class _Angle:
+    """The angle of a joint at the samples, of which place it is of PLACES_PER_TURN, and which waves can be seen."""
+
+    values: np.ndarray  # (N,)
+    place: np.ndarray  # (N,)
+    seen: np.ndarray  # of WAVE_COUNTS
+
+    @staticmethod
+    def of(angle: np.ndarray) -> "_Angle":
+        place = np.round(angle * (PLACES_PER_TURN / (2 * np.pi))).astype(int) % PLACES_PER_TURN
+        turned = np.quantile(np.abs(np.diff(angle)), 0.9)  # from row to row: faster waves are no longer sampled
+        passed = WAVE_COUNTS * np.ptp(angle) > 2 * np.pi * MIN_WAVES_PASSED
+        return _Angle(np.ascontiguousarray(angle), place, (WAVE_COUNTS * turned < np.pi) & passed)
+
+    def spectrum(self, weighted: np.ndarray) -> np.ndarray:
+        """Powers of weighted samples over the angle by WAVE_COUNTS; 0 of those that cannot be seen."""
+        power = np.abs(np.fft.rfft(np.bincount(self.place, weighted, PLACES_PER_TURN))[WAVE_COUNTS]) ** 2
+        return np.where(self.seen, power, 0)
+
+
 def _find_waves(
-    samples: Samples, left: np.ndarray, coarse: np.ndarray, cells: int, window: np.ndarray
+    angles: Sequence[_Angle], rows: SplineRows, equations: NormalEquations, window: np.ndarray
 ) -> Iterator[tuple[int, int]]:
-    """Joints and counts of waves in what a coarse fit has `left`, (N, n), of samples."""
-    q, left = np.ascontiguousarray(samples.q.T), np.ascontiguousarray(left.T)  # by joint
-    weights = np.stack([_row_weights(row, window) for row in left])
-    powers = np.stack([_angular_spectrum(*rows) for rows in zip(q, weights * left, strict=True)])
-    seen = np.flatnonzero(powers.any(axis=1))
-    if not seen.size:
-        return
-    counts = WAVE_COUNTS[powers[seen].argmax(axis=1)]
-    angles = counts[:, None] * q[seen]
-    # what such a fit leaves of the waves themselves
-    columns = np.concatenate([np.cos(angles), np.sin(angles)]).T
-    fitted = fit_breaks(replace(samples, q=columns, drift=None).rows(cells), coarse).spline(samples.t)
-    for joint, count, *wave in zip(seen, counts, *np.split((columns - fitted).T, 2), strict=True):
-        power = _compare_wave_power(q[joint], left[joint], weights[joint], np.stack(wave, axis=1), window, count)
-        if power > MIN_LINE_POWER:
-            yield int(joint), int(count)
+    """Joints and counts of waves in what a coarse fit leaves of the rows."""
+    left = (equations.fit(rows.y)[1] / rows.weight[:, None]).T.copy()  # by joint
+    for joint, (angle, row) in enumerate(zip(angles, left, strict=True)):
+        weights = _row_weights(row, window)
+        power = angle.spectrum(weights * row)
+        if not power.any():
+            continue
+        count = int(WAVE_COUNTS[power.argmax()])
+        # what such a fit leaves of the wave itself
+        wave = rows.weight * np.stack([np.cos(count * angle.values), np.sin(count * angle.values)])
+        wave = (equations.fit(wave.T.copy())[1] / rows.weight[:, None]).T.copy()
+        if _compare_wave_power(angle, row, weights, wave, window, count) > MIN_LINE_POWER:
+            yield joint, count
 
 
 def _row_weights(left: np.ndarray, window: np.ndarray) -> np.ndarray:
@@ -70,31 +91,22 @@ def _row_weights(left: np.ndarray, window: np.ndarray) -> np.ndarray:
     for k in range(SCATTER_ROWS.bit_length() - 1):  # of 2, 4, 8, ... rows
         sums = sums[: -(2**k)] + sums[2**k :]
     around = np.sqrt(sums / SCATTER_ROWS)
-    return window / np.maximum(around, max(float(np.median(np.abs(left))), np.finfo(float).tiny))
-
-
-def _angular_spectrum(angle: np.ndarray, weighted: np.ndarray) -> np.ndarray:
-    """Powers of weighted samples over the angle by WAVE_COUNTS; 0 of those that cannot be seen."""
-    place = np.round(angle / (2 * np.pi) * PLACES_PER_TURN).astype(int) % PLACES_PER_TURN
-    power = np.abs(np.fft.rfft(np.bincount(place, weighted, PLACES_PER_TURN))[WAVE_COUNTS]) ** 2
-    turned = np.quantile(np.abs(np.diff(angle)), 0.9)  # from row to row: faster waves are no longer sampled
-    return np.where(
-        (WAVE_COUNTS * turned < np.pi) & (WAVE_COUNTS * np.ptp(angle) > 2 * np.pi * MIN_WAVES_PASSED), power, 0
-    )
+    usual = float(np.median(np.abs(left[:: len(left) // MAX_SCATTER_ROWS + 1])))
+    return window / np.maximum(around, max(usual, np.finfo(float).tiny))
 
 
 def _compare_wave_power(
-    angle: np.ndarray, left: np.ndarray, weights: np.ndarray, wave: np.ndarray, window: np.ndarray, count: int
+    angle: _Angle, left: np.ndarray, weights: np.ndarray, wave: np.ndarray, window: np.ndarray, count: int
 ) -> float:
-    """The power of a wave, cosine and sine (N, 2), over the median of those around it, and of all, left without it."""
+    """The power of a wave, cosine and sine (2, N), over the median of those around it, and of all, left without it."""
     without = left
     for _ in range(2):  # what is left without the wave weighs the rows
-        size = np.linalg.lstsq(weights[:, None] * wave, weights * left, rcond=None)[0]
-        without = left - wave @ size
+        weighted = weights**2 * wave
+        without = left - np.linalg.lstsq(weighted @ wave.T, weighted @ left, rcond=None)[0] @ wave
         weights = _row_weights(without, window)
-    power = (((weights * left) @ wave) ** 2).sum()
+    power = ((wave @ (weights * left)) ** 2).sum()
     squares = weights**2
-    others = _angular_spectrum(angle, weights * without)
+    others = angle.spectrum(weights * without)
     near = others[(count // 2 - 8 <= WAVE_COUNTS) & (2 * count + 16 > WAVE_COUNTS)]
     median = max(float(np.median(x[x > 0])) for x in (others, near))
-    return float(power / (squares @ (wave**2).sum(axis=1) / squares.sum()) / median)
+    return float(power / (np.vdot(wave, squares * wave) / squares.sum()) / median)

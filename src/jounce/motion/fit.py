@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.core.errors import JounceError, join_names, quote_value
+from jounce.motion.bsplines import FIT_DEGREE, pad_knots
 from jounce.motion.deviations import MAX_DEVIATION_ORDER, SplineCovariances
 from jounce.motion.holds import SampleHolds, find_holds
 from jounce.motion.knots import median_length
-from jounce.motion.least_squares import FIT_DEGREE, pad_knots
 from jounce.motion.noise import Noise, classify_noise, find_step
 from jounce.motion.reliability import peaks_and_shares, refuse_holes
 from jounce.motion.samples import Samples, check_samples, find_spikes
@@ -206,8 +206,9 @@ def _smooth_samples(
     if not moved.all():
         part = samples.joints(moving)
         first, cells = fit_even_breaks(part)
-    together = find_holds(part, first, cells)
-    apart = find_sensors(part, first, cells, together)
+    curve = first.spline(part.t)
+    together = find_holds(part, curve, first, cells)
+    apart = find_sensors(part, curve, first, cells, together)
     holds = apart or together
     if holds.held.any():
         part = apart.samples if apart else together.without(part)

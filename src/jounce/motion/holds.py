@@ -63,15 +63,15 @@ def describe_delay(unsure: np.ndarray | float, period: float) -> str:
     return f" or up to {late:.2g} s late, which the deviations hold" if late > MIN_NOTED_DELAY * period else ""
 
 
-def find_holds(samples: Samples, first: SplineSolution, cells: int) -> SampleHolds:
-    """The rows that hold older positions, by a first fit to all of them, which is late by half of a hold."""
+def find_holds(samples: Samples, curve: np.ndarray, first: SplineSolution, cells: int) -> SampleHolds:
+    """The rows that hold older positions, by a first fit to all, late by half of a hold, whose values are `curve`."""
     changed = np.append(True, (np.diff(samples.q, axis=0) != 0).any(axis=1))
     starts = np.flatnonzero(changed)
     ends = np.append(starts[1:], len(changed)) - 1
-    scatter = np.sqrt(first.energy / len(changed))
-    own = fit_breaks(samples.part(starts).rows(cells), first.breaks)  # others are off it for their delay
-    size = np.maximum(MIN_STEPS_IN_HOLD * np.maximum(samples.steps, np.sqrt(own.energy / len(starts))), scatter / 2)
-    curve = first.spline(samples.t)
+    scatter, own = np.sqrt(first.energy / len(changed)), np.sqrt(((samples.q - curve)[starts] ** 2).mean(axis=0))
+    if (own > samples.steps).any():  # a fit to these rows alone scatters less: others are off it for their delay
+        own = np.sqrt(fit_breaks(samples.part(starts).all_rows(cells), first.breaks).energy / len(starts))
+    size = np.maximum(MIN_STEPS_IN_HOLD * np.maximum(samples.steps, own), scatter / 2)
 
     after = (ends + 1).clip(max=len(changed) - 1)
     catches_up = np.abs(samples.q[after] - samples.q[starts]) > size

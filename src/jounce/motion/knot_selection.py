@@ -23,11 +23,11 @@ from jounce.motion import knots
 from jounce.motion.knots import (
     BreakFamily,
     bisection_gains,
-    drop_sparse_breaks,
     estimate_noise_variance,
     even_breaks,
     fit_breaks,
     gain_threshold,
+    gains_over_noise,
     max_intervals,
 )
 from jounce.motion.least_squares import SplineRows, SplineSolution, solve
@@ -122,24 +122,25 @@ def select_knots(rows: SplineRows, beats: Beats, intervals: int, floor: np.ndarr
 
 def select_by_bandwidth(rows: SplineRows, beats: Beats, intervals: int, floor: np.ndarray) -> KnotChoice:
     """Even intervals as a band wants them, bisected only where the samples leave that band much more than usual."""
-    breaks = drop_sparse_breaks(rows, even_breaks(rows)(intervals))
+    solution = fit_breaks(rows, even_breaks(rows)(intervals))
     variance = np.maximum(
         floor, estimate_noise_variance(rows, beats, even_breaks(rows)(min(2 * intervals, max_intervals(rows) // 2)))
     )
     usual = None
     for _ in range(knots.MAX_BISECTION_ROUNDS):
         # the gains over their median in the first round, or over noise: of what a band leaves everywhere, that is usual
-        gain = knots.joint_gains(rows, breaks, knots.halve_intervals(breaks)) / np.diff(breaks)[:, None]
+        explained = bisection_gains(rows, solution)
+        breaks, gain = solution.breaks, explained / np.diff(solution.breaks)[:, None]
         usual = np.maximum(np.median(gain, axis=0), variance / np.diff(breaks).mean()) if usual is None else usual
         # worth a bisection: transients, that are no noise and no steps of an encoder
         worth = (gain / usual).max(axis=1)
-        worth[bisection_gains(rows, beats, breaks, variance) < gain_threshold(len(variance))] = 0
+        worth[gains_over_noise(explained, beats, breaks, variance) < gain_threshold(len(variance))] = 0
         worth[beats.passes(breaks) < knots.MIN_STEPS_TO_BISECT] = 0
         finer = knots.bisect_largest_gains(rows, breaks, worth, MIN_TRANSIENT_GAIN)
         if len(finer) == len(breaks):
             break
-        breaks = finer
-    solution = solve(rows, breaks)
+        solution = solve(rows, finer)
+    breaks = solution.breaks
     coarse = np.unique(np.append(breaks[::2], breaks[-1]))
     variance = np.maximum(variance, solution.energy / max(1.0, rows.count - solution.unknowns))
     return KnotChoice(solution, solve(rows, coarse), variance, (breaks, coarse))
@@ -155,7 +156,7 @@ def _bisect_from_starts(
     rows: SplineRows, beats: Beats, starts: Sequence[int], variance: np.ndarray
 ) -> list[np.ndarray]:
     """Bisections from several starts, without those that ended with something unresolved."""
-    found = [solve(rows, knots.bisect_intervals(rows, beats, start, variance)) for start in starts]
+    found = [knots.bisect_intervals(rows, beats, start, variance) for start in starts]
     scores = [mallows_cp(s, beats, variance) for s in found]
     good = min(scores) + found[int(np.argmin(scores))].unknowns * len(variance)
     return [s.breaks for s, score in zip(found, scores, strict=True) if score <= good]
@@ -201,6 +202,11 @@ def _minimize_cp(
 def _is_uneven(rows: SplineRows, beats: Beats, solution: SplineSolution, variance: np.ndarray) -> bool:
     """Whether even intervals are too long for the motion in some of them, or a bit longer ones would do in many."""
     enough = gain_threshold(len(variance))
-    longer = drop_sparse_breaks(rows, even_breaks(rows)(max(1, int(solution.intervals / 1.4))))
-    too_long = bisection_gains(rows, beats, solution.breaks, variance).max() > 3 * enough
-    return bool(too_long or (bisection_gains(rows, beats, longer, variance) < enough).mean() > 0.3)
+
+    def gains(present: SplineSolution) -> np.ndarray:
+        return gains_over_noise(bisection_gains(rows, present), beats, present.breaks, variance)
+
+    if gains(solution).max() > 3 * enough:
+        return True
+    longer = fit_breaks(rows, even_breaks(rows)(max(1, int(solution.intervals / 1.4))))
+    return bool((gains(longer) < enough).mean() > 0.3)

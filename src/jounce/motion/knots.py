@@ -45,18 +45,18 @@ def average_density(trees: Sequence[np.ndarray]) -> tuple[BreakFamily, int]:
     return family, max(1, round(total[-1]))
 
 
-def bisect_intervals(rows: SplineRows, beats: Beats, start: int, variance: np.ndarray) -> np.ndarray:
-    """Breaks, from evenly spaced ones, with intervals bisected as long as that explains more than noise does."""
-    breaks = drop_sparse_breaks(rows, even_breaks(rows)(start))
+def bisect_intervals(rows: SplineRows, beats: Beats, start: int, variance: np.ndarray) -> SplineSolution:
+    """The spline with even intervals, bisected as long as that explains more than noise does."""
+    solution = fit_breaks(rows, even_breaks(rows)(start))
     for _ in range(MAX_BISECTION_ROUNDS):
         # what bisection of each interval explains; of one within steps of an encoder it would explain the steps
-        gain = bisection_gains(rows, beats, breaks, variance)
-        gain[beats.passes(breaks) < MIN_STEPS_TO_BISECT] = 0
-        finer = bisect_largest_gains(rows, breaks, gain, gain_threshold(len(variance)))
-        if len(finer) == len(breaks):
+        gain = gains_over_noise(bisection_gains(rows, solution), beats, solution.breaks, variance)
+        gain[beats.passes(solution.breaks) < MIN_STEPS_TO_BISECT] = 0
+        finer = bisect_largest_gains(rows, solution.breaks, gain, gain_threshold(len(variance)))
+        if len(finer) == len(solution.breaks):
             break
-        breaks = finer
-    return breaks
+        solution = solve(rows, finer)
+    return solution
 
 
 def bisect_largest_gains(rows: SplineRows, breaks: np.ndarray, gain: np.ndarray, threshold: float) -> np.ndarray:
@@ -73,17 +73,21 @@ def halve_intervals(breaks: np.ndarray, chosen: np.ndarray | slice = slice(None)
     return np.sort(np.append(breaks, ((breaks[1:] + breaks[:-1]) / 2)[chosen]))
 
 
-def bisection_gains(rows: SplineRows, beats: Beats, breaks: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """What bisection explains in each interval, (M,): squares over those expected of noise, summed over the joints."""
-    expected = variance * beats.inflation(breaks, cycles=2)
-    return (joint_gains(rows, breaks, halve_intervals(breaks)) / expected).sum(axis=1)
+def bisection_gains(rows: SplineRows, solution: SplineSolution) -> np.ndarray:
+    """Squares, (M, n), that bisection of each interval explains."""
+    return joint_gains(rows, solution, fit_breaks(rows, halve_intervals(solution.breaks)))
 
 
-def joint_gains(rows: SplineRows, breaks: np.ndarray, finer: np.ndarray) -> np.ndarray:
-    """Squares, (M, n), that finer breaks explain in each interval."""
-    lost = solve(rows, breaks).residual ** 2 - fit_breaks(rows, finer).residual ** 2
+def gains_over_noise(gain: np.ndarray, beats: Beats, breaks: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """What squares (M, n) that are explained are of those expected of noise, summed over the joints, (M,)."""
+    return np.asarray((gain / (variance * beats.inflation(breaks, cycles=2))).sum(axis=1))
+
+
+def joint_gains(rows: SplineRows, solution: SplineSolution, finer: SplineSolution) -> np.ndarray:
+    """Squares, (M, n), that a spline of finer breaks explains in each interval."""
+    lost = solution.residual**2 - finer.residual**2
     sums = np.concatenate([np.zeros((1, lost.shape[1])), np.cumsum(lost, axis=0)])
-    return np.diff(sums[np.searchsorted(rows.t, breaks[:-1])], axis=0, append=sums[-1:])
+    return np.diff(sums[np.searchsorted(rows.t, solution.breaks[:-1])], axis=0, append=sums[-1:])
 
 
 def median_length(breaks: np.ndarray) -> float:
@@ -109,7 +113,7 @@ def estimate_noise_variance(rows: SplineRows, beats: Beats, breaks: np.ndarray) 
     variance = np.maximum(fine.energy / max(1.0, rows.count - fine.unknowns), np.finfo(float).tiny)
     more = np.diff(np.searchsorted(finer, breaks))[:, None] - 1
     usual = (beats.inflation(breaks) < 2) & (more == 3)
-    gain = joint_gains(rows, breaks, finer) / variance
+    gain = joint_gains(rows, solve(rows, breaks), fine) / variance
     return variance * max(1.0, np.median(gain[usual]) / MEDIAN_OF_CHI2_3 if usual.any() else 1.0)
 
 

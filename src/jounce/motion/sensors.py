@@ -44,11 +44,13 @@ class SensorClocks:
         )
 
 
-def find_sensors(samples: Samples, first: SplineSolution, cells: int, together: SampleHolds) -> SensorClocks | None:
+def find_sensors(
+    samples: Samples, curve: np.ndarray, first: SplineSolution, cells: int, together: SampleHolds
+) -> SensorClocks | None:
     """The samples at common times, where joints hold values over rows of their own and not all of them `together`."""
     own = [
-        find_holds(samples.joints(np.array([k])), replace(first, coefficients=c[:, None], energy=e[None]), cells)
-        for k, (c, e) in enumerate(zip(first.coefficients.T, first.energy, strict=True))
+        find_holds(samples.joints(k), curve[:, k], replace(first, energy=first.energy[k]), cells)
+        for k in np.arange(samples.q.shape[1])[:, None]
     ]
     periods = np.array([holds.period or 0.0 for holds in own])
     known = periods[periods > 0]

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.core.errors import JounceError
+from jounce.motion.bsplines import FIT_DEGREE
 from jounce.motion.bursts import find_bursts, with_flanks
 from jounce.motion.curves import ROUNDING_OF_Q
 from jounce.motion.deviations import SplineCovariances, timestamp_covariances
@@ -34,7 +35,7 @@ from jounce.motion.knot_selection import (
     select_knots,
 )
 from jounce.motion.knots import fit_breaks, max_intervals
-from jounce.motion.least_squares import FIT_DEGREE, MIN_CELLS, SplineSolution, make_rows, solve
+from jounce.motion.least_squares import MIN_CELLS, SplineSolution, make_rows, solve
 from jounce.motion.noise import Beats, estimate_local_noise, find_beats, rest_weights, varies_slowly
 from jounce.motion.reliability import notes_of_residual, residual_excess
 from jounce.motion.samples import Samples, are_wild_rows
@@ -168,7 +169,7 @@ def _smooth_once(
     spread = SplineCovariances(solution, variance, chosen.coarser.spline, chosen.ratio, left, beyond, samples.unsure)
     sigma = np.sqrt((residual**2).mean(axis=0))
     notes += notes_of_residual(samples, residual, solution.breaks, excess)
-    lines = find_lines(samples, residual, solution.spline(samples.t, nu=1))
+    lines = find_lines(samples, residual, solution.spline)
     if not found:  # corrected stamps leave errors that come and go with the velocity
         lines += find_bursts(samples, solution.breaks, cells)
     return SmoothedSamples(samples, solution.spline, replace(spread, left_out=tuple(lines)), sigma, notes)

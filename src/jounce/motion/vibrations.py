@@ -6,10 +6,14 @@ it stands out of the frequencies around it too. What is left of a slow motion at
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jounce.motion.samples import Samples
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 MIN_LINE_POWER = 250.0  # times the median of the spectrum: 24 dB. A measured log of a Franka arm has up to 21 dB
 BAND_TO_LINE = 1.3  # times a line's frequency, up to which a fit follows it
@@ -36,8 +40,8 @@ class Line:
         return self.span if self.lasts else (2 * start - end, 2 * end - start)
 
 
-def find_lines(samples: Samples, residual: np.ndarray, velocity: np.ndarray) -> list[Line]:
-    """The largest line of each joint's residuals (N, n), where it stands out and is not that of rounding."""
+def find_lines(samples: Samples, residual: np.ndarray, spline: "BSpline") -> list[Line]:
+    """The largest line of what a spline leaves of each joint, (N, n), where it stands out and is not of rounding."""
     count = len(samples.t)
     if count < MIN_SPECTRUM_ROWS:
         return []
@@ -53,7 +57,8 @@ def find_lines(samples: Samples, residual: np.ndarray, velocity: np.ndarray) -> 
             continue
         around = power[max(0, at - LINE_BINS) : at + LINE_BINS + 1].sum()
         amplitude = float(2 * np.sqrt(around / ((window**2).sum() * count)))
-        if not is_steady_motion(velocity[:, joint], samples.steps[joint] or np.sqrt(12) * column.std(), count * row):
+        step = samples.steps[joint] or np.sqrt(12) * column.std()
+        if not is_steady_motion(spline(samples.t, nu=1)[:, joint], step, count * row):
             found.append(Line(joint, at / (count * row), amplitude, (float(t[0]), float(t[-1])), True))
     return found
 
