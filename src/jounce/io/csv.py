@@ -171,20 +171,20 @@ def read_layout(path: Path) -> CsvLayout:
         try:
             following = lines(file)
             written = (line for line in following if line.strip(BLANK))
-            above = list[tuple[str, int]]()  # comments, and where they end
+            above, end = list[str](), 0  # comments, and where they end
             while COMMENT.match(first := next(written, "")):
-                above.append((first, start))
+                above.append(first)
+                end = start
             # numpy.savetxt marks its header as a comment: it has the cells of the row of numbers below it
-            named = next((found for found in above if not first or _fits(found[0], first)), None)
-            header, end = named or (first, 0)
-            mark = _find_mark(header)
-            cells: list[str] = next(_csv_reader(itertools.chain([header], () if named else following), mark), [])
+            named = next((comment for comment in above if not first or _fits(comment, first)), None)
+            mark = _find_mark(named or first)
+            cells: list[str] = next(_csv_reader([named] if named else itertools.chain([first], following), mark), [])
         except (UnicodeDecodeError, csv.Error) as error:
             raise JounceError(f"{path}: not a CSV table: {one_line(error)}") from None
     if not cells:
         raise JounceError(f"{path}: the table is empty; expected a row of column names and rows of numbers")
     names = _check_header(path, [cell.strip() for cell in cells], mark)
-    return CsvLayout(names, mark, end or start, 0 if mark == " " else len(cells) - len(names))
+    return CsvLayout(names, mark, end if named else start, 0 if mark == " " else len(cells) - len(names))
 
 
 def _find_mark(header: str) -> str:
