@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jounce.core.errors import JounceError, locate_errors, warn
+from jounce.core.errors import locate_errors, warn
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import Position, list_multiscrew_joints, position_names
 from jounce.motion import loads, poses, smoothness
@@ -51,7 +51,6 @@ def motion_from_columns(
     known, by_twist = column_stems(mechanism), joints_with_velocities(found.sources, mechanism)
     si = {name: columns[source] * found.factors[name] for name, source in found.sources.items()}
     t = si[TIME]
-    _check_increasing(t, found.sources[TIME], place)
     rounding = origin.rounding(t) if origin else 0.0
     of_times = (*origin.notes, *rounding_notes(rounding, highest)) if origin else ()
     of_turns = list[str]()
@@ -86,17 +85,6 @@ def motion_from_columns(
     return Motion(*made, through, samples.residual, t, torques, notes, base, branch, several)
 
 
-def _check_increasing(t: np.ndarray, column: str, place: str) -> None:
-    steps = np.flatnonzero(np.diff(t) <= 0)
-    if steps.size:
-        i = int(steps[0])
-        follows = f"{t[i]:.17g} is followed by {t[i + 1]:.17g}, rows {i} and {i + 1} counted from 0"
-        raise JounceError(
-            f"{place}: {column} does not increase: {follows}; sort and repair the rows,"
-            " or name another column of times by --time COLUMN (time=)"
-        )
-
-
 def _rates_by_velocity(columns: Mapping[str, np.ndarray], joint: Position) -> dict[str, np.ndarray]:
     """The columns of rates of the numbers of a joint whose velocities are stated."""
     p = np.stack([columns[name] for name in joint.names], axis=1)
@@ -111,4 +99,5 @@ def _measured_torques(
     if not found.torques:
         return None
     missing = np.full(len(columns[found.sources[TIME]]), np.nan)
-    return np.stack([columns[found.torques[j]] if j in found.torques else missing for j in joints], axis=1)
+    torques = np.stack([columns[found.torques[j]] if j in found.torques else missing for j in joints], axis=1)
+    return np.where(np.isfinite(torques), torques, np.nan)
