@@ -75,7 +75,7 @@ TABLE_OPTIONS: tuple[Decorator, ...] = (
     ),
     _option(
         "--on-error", type=click.Choice(["stop", "skip"]),
-        help="Bad rows: stop at the first, the default, or skip them; `run`, `motors` and `check --table` write them to"
+        help="Bad rows: stop at the first, by default, or leave them out; `run` and others write them to"
         " OUT.skipped.csv."
     ),
     _option("--topic", metavar="NAME", help="Topic to read from a ROS bag that has several."),
@@ -120,7 +120,7 @@ class MotionRequest:
 def write_motion(output: Path, motion: "Motion", joints: Sequence[str], order: int | None = None) -> None:
     """Write a motion as a table with its rates up to an order, by default q4d or the last that is known, with a bar."""
     from jounce.io import tables
-    from jounce.io.motions.writing import motion_pieces
+    from jounce.io.motions.writing import MEASURED, motion_pieces
 
     known = 4 if motion.highest is None else motion.highest
     with progress("rates") as show:
@@ -132,7 +132,7 @@ def write_motion(output: Path, motion: "Motion", joints: Sequence[str], order: i
                 done += len(piece["t"])
                 show(done, len(motion.times))
 
-        tables.write_pieces(output, shown())
+        tables.write_pieces(output, shown(), missing=[MEASURED])
 
 
 def add_motion_options(verb: Callable[..., None]) -> Callable[..., None]:

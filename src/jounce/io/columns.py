@@ -62,13 +62,15 @@ def check_columns(place: object, columns: Mapping[str, np.ndarray]) -> Columns:
     return {name: array.astype(float) for name, array in columns.items()}
 
 
-def check_finite(place: object, columns: Mapping[str, np.ndarray], first: int = 0, missing: bool = False) -> None:
-    """Raise `JounceError` if a column contains a value that is not finite, nor `missing`, which is NaN.
+def check_finite(
+    place: object, columns: Mapping[str, np.ndarray], first: int = 0, missing: tuple[str, ...] = ()
+) -> None:
+    """Raise `JounceError` if a column contains a value that is not finite, nor NaN under an ending of `missing`.
 
     `first` is the number of the first row.
     """
     for name, array in columns.items():
-        bad = np.flatnonzero(np.isinf(array) if missing else ~np.isfinite(array))
+        bad = np.flatnonzero(np.isinf(array) if name.endswith(missing) else ~np.isfinite(array))
         if bad.size:
             came = f"{array[bad[0]]} in row {first + bad[0]} from 0"
             raise CellError(f"{place}: column {quote_value(name)} holds {came}; expected finite numbers")

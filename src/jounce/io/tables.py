@@ -101,17 +101,17 @@ def write(path: Path, columns: Mapping[str, np.ndarray], about: TableMetadata | 
     write_pieces(path, [columns], about)
 
 
-def write_pieces(path: Path, pieces: Pieces, about: TableMetadata | None = None, missing: bool = False) -> None:
+def write_pieces(path: Path, pieces: Pieces, about: TableMetadata | None = None, missing: Iterable[str] = ()) -> None:
     """Write a table from pieces of some rows, each checked first; a partial file is never seen.
 
-    Numbers may be `missing`, NaN, where results of closed robots have no certain digits.
+    In columns of the endings `missing`, numbers may be NaN: measured torques, results without certain digits.
     """
     writer = _select_by_suffix(path, TABLE_WRITERS)
     with files.write_whole(path) as part:
-        writer.write(part, _check_pieces(path, pieces, missing), about)
+        writer.write(part, _check_pieces(path, pieces, tuple(missing)), about)
 
 
-def _check_pieces(path: Path, pieces: Pieces, missing: bool) -> Iterator[Mapping[str, np.ndarray]]:
+def _check_pieces(path: Path, pieces: Pieces, missing: tuple[str, ...]) -> Iterator[Mapping[str, np.ndarray]]:
     rows = 0
     for columns in pieces:
         check_finite(path, columns, rows, missing)

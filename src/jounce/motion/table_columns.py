@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from os.path import commonprefix
 
 from jounce.arguments import names
 from jounce.core.errors import JounceError, join_names, one_line, option_name, quote_value, unknown_name_error
@@ -338,7 +339,9 @@ def _check_columns(
             f"; of {join_names([x.name for x in several])} rates of numbers, {number}d, or velocities, {velocity}, ..."
         )
     absent = [joint for joint in joints if joint in samples and not {joint, f"{joint}.q"}.isdisjoint(missing)]
+    renames = [f"--rename {guess} (rename=)" for guess in _guess_prefixes(absent, given)]
     cures = [CURES["t"]] * (TIME in missing) + [CURES["joint"].replace("{joint}=", f"{j}=") for j in absent[:1]]
+    cures += renames
     if missing and (forces := [f"{joint}.Q" for joint in joints if f"{joint}.Q" in given]):
         came = f"it holds forces, {quote_value(forces[0])}, ..., and not the motion"
         raise JounceError(f"{came}; expected t and {asked}: 'jounce run --rates' writes both")
@@ -347,6 +350,17 @@ def _check_columns(
     ]
     named = [name for name in given if name in {*expected, *unfit, *(others if missing else wrong)}]
     names.check_names(named, expected, unfit, "; ".join([f"t and {asked}", *cures]))
+
+
+def _guess_prefixes(absent: Sequence[str], given: Iterable[str]) -> Iterable[str]:
+    """What `rename` may be where names of all joints that are absent begin otherwise in the table: OLD=NEW."""
+    stems = {name.removesuffix(".q") for name in given}
+    for name in sorted(stems) if absent else ():
+        tail = commonprefix([name[::-1], absent[0][::-1]])[::-1]
+        old, new = name.removesuffix(tail), absent[0].removesuffix(tail)
+        if tail and {old + joint.removeprefix(new) for joint in absent if joint.startswith(new)} <= stems:
+            return [f"{old}={new}"]
+    return []
 
 
 def _column_unit(name: str, mechanism: Mechanism, of_base: Collection[str]) -> tuple[str, int]:

@@ -20,7 +20,7 @@ from jounce.motion.motion import Motion
 from jounce.motion.spline import Smoothing
 from jounce.motion.table import ALL_RATES_SOURCE, motion_from_columns
 from jounce.motion.table_columns import TIME
-from jounce.motion.units import check_units
+from jounce.motion.units import check_units, refuse_unit_changes
 from jounce.spatial.series import rate_name
 from jounce.stream.job import InputPart, Task
 from jounce.stream.outputs import Output, OutputBlock, Rates, Wrenches, add_common_columns, compute_motion, compute_rows
@@ -60,6 +60,8 @@ def _compute_block(task: Task, part: InputPart, rows: GoodRows, check: bool) -> 
         stated = match.angles_stated, match.time_stated
         check_units(si[TIME][first], q, qd, job.robot.mechanism, stated, str(part.path))
     states = tuple(np.stack(columns, axis=1) for columns in rates)
+    for here in (slice(run.start, run.stop) for run in rows.runs):
+        refuse_unit_changes(si[TIME][here], states[0][here], job.robot.mechanism, str(part.path))
     positions = _closed_positions(task, part, si, rows.runs, states)
     outputs = [
         output._replace(rates=tuple(map(np.asfortranarray, output.rates)))  # by columns, as they are written

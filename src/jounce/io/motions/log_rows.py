@@ -2,7 +2,7 @@
 
 ISO 8601 stamps are seconds, UTC where they state no zone. Rows that state nothing but a time, and rows that repeat the
 one before, stamp included, are left out. Stamps of samples scatter: rows that are out of order by less than the time
-between them are sorted. Measured torques may be missing. Other bad rows are refused, or left out where rows are skipped.
+between them are sorted. Measured torques may be missing. Other bad rows are refused, or left out on request.
 """
 
 import re
@@ -103,7 +103,7 @@ def order_rows(
     back, ahead = latest - at > reach, at - soonest > reach
     words, bound, off = ("follows", latest, back) if back.sum() <= ahead.sum() else ("is followed by", soonest, ahead)
     problems = {
-        int(order[i]): (time, f"does not increase: {at[i]:.17g} {words} {bound[i]:.17g}")
+        int(order[i]): (time, f"does not increase: {float(at[i])!r} {words} {float(bound[i])!r}")
         for i in np.flatnonzero(off).tolist()
     }
     late = (latest - at)[~off]
@@ -112,7 +112,9 @@ def order_rows(
         size = f"{late.max() * found.factors[TIME]:.2g} s"
         notes.append(f"{moved} of {len(t)} rows out of order by up to {size}, less than the time between rows; sorted")
     twice = np.append(False, np.diff(t[order]) == 0)
-    problems |= {i: (time, f"does not increase: {t[i]:.17g} follows {t[i]:.17g}") for i in order[twice].tolist()}
+    problems |= {
+        i: (time, f"does not increase: {float(t[i])!r} follows {float(t[i])!r}") for i in order[twice].tolist()
+    }
     return order[~twice], problems, tuple(notes)
 
 
