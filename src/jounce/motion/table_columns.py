@@ -4,7 +4,6 @@ import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from os.path import commonprefix
 
 from jounce.arguments import names
 from jounce.core.errors import JounceError, join_names, one_line, option_name, quote_value, unknown_name_error
@@ -114,7 +113,8 @@ def match_columns(header: Sequence[str], mechanism: Mechanism, options: ColumnOp
     elsewhere = {*of_wrenches, *of_base.values()}
     given = [name for name in sources if name not in elsewhere and sources[name] not in torques.values()]
     sampled = not any(_is_rate(name, mechanism) for name in given)
-    wanted = list(joints) if sampled else _rate_columns(given, mechanism, highest)
+    is_derived = highest == 3 and not of_base and not any(name.endswith(".q3d") for name in given)  # of differences
+    wanted = list(joints) if sampled else _rate_columns(given, mechanism, highest - is_derived)
     _check_columns(given, [TIME, *wanted], sampled, mechanism, highest)
     poses.check_base_columns(list(of_base.values()), mechanism, highest)
     passive = follower_columns(mechanism, list(sources), sampled).values()
@@ -342,6 +342,8 @@ def _check_columns(
     renames = [f"--rename {guess} (rename=)" for guess in _guess_prefixes(absent, given)]
     cures = [CURES["t"]] * (TIME in missing) + [CURES["joint"].replace("{joint}=", f"{j}=") for j in absent[:1]]
     cures += renames
+    if missing and {name.rpartition(".")[2] for name in missing} <= {"q3d", "q4d"}:
+        cures.append("--order 1 (order=1) takes q3d from differences of q2d")
     if missing and (forces := [f"{joint}.Q" for joint in joints if f"{joint}.Q" in given]):
         came = f"it holds forces, {quote_value(forces[0])}, ..., and not the motion"
         raise JounceError(f"{came}; expected t and {asked}: 'jounce run --rates' writes both")
@@ -356,7 +358,7 @@ def _guess_prefixes(absent: Sequence[str], given: Iterable[str]) -> Iterable[str
     """What `rename` may be where names of all joints that are absent begin otherwise in the table: OLD=NEW."""
     stems = {name.removesuffix(".q") for name in given}
     for name in sorted(stems) if absent else ():
-        tail = commonprefix([name[::-1], absent[0][::-1]])[::-1]
+        tail = next(absent[0][i:] for i in range(len(absent[0]) + 1) if name.endswith(absent[0][i:]))
         old, new = name.removesuffix(tail), absent[0].removesuffix(tail)
         if tail and {old + joint.removeprefix(new) for joint in absent if joint.startswith(new)} <= stems:
             return [f"{old}={new}"]

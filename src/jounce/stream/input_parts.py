@@ -143,7 +143,9 @@ def _is_independent(job: Job, found: ColumnMatch) -> bool:
     m = job.robot.mechanism  # loops are closed from the row before, unless every row states all joints
     continued = m.closure and len(follower_columns(m, sources, found.sampled)) < len(m.closure.dependent)
     several = multiscrew_joints(m)  # signs of quaternions follow those of the row before
-    whole = sampled or spread or reading.blend or reading.step or continued or several
+    highest = rate_name("q", job.highest)  # which may be a difference between rows
+    differ = any(f"{joint}.{highest}" not in sources for joint in m.coordinates)
+    whole = sampled or spread or differ or reading.blend or reading.step or continued or several
     return not whole and not (job.of_motors and _has_memory(job.robot))
 
 

@@ -1,0 +1,55 @@
+"""Defective logs: what can be decided is done and noted in one line, the rest is refused with the option that decides."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import jounce
+from jounce.cli import main
+from support.defective_logs import NOISE, ROWS, STEP, clean_columns, make_logs, truth, write_logs
+from support.files import refusal
+
+LOGS = make_logs()
+ROBOT = jounce.load("planar2r").with_limits(velocity=[2.0, 2.0], acceleration=[9.0, 9.0], effort=[200.0, 100.0])
+START = clean_columns()[1]  # s, of the first stamp, in the times of the truth
+COMMANDS = {
+    "motion": ("-o", "out.csv", "--order", "2"),
+    "run": ("-o", "out.csv", "--order", "0"),
+    "check": (),
+    "slowdown": (),
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("logs")
+    write_logs(path)
+    jounce.save(ROBOT, path / "robot.yaml")
+    return path
+
+
+@pytest.fixture(scope="module")
+def paths(folder):
+    return write_logs(folder)
+
+
+def words_of(options):
+    return [word for name, value in options.items() for word in (f"--{name.replace('_', '-')}", value)]
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_what_is_read_is_the_truth(paths, name):
+    log = LOGS[name]
+    if log.refused:
+        refusal(lambda: jounce.load_motion(paths[name], ROBOT, 0), str(paths[name]), *log.refused)
+    if log.cure is None:
+        refusal(lambda: jounce.load_motion(paths[name], ROBOT, 0, on_error="skip"), *log.refused)
+        return
+    motion = jounce.load_motion(paths[name], ROBOT, 0, **log.cure)
+    assert len(motion.times) == log.rows
+    assert [words for words in log.noted if not any(words in note for note in motion.notes)] == [], motion.notes
+    t = np.linspace(0.5, 3.5, 50)
+    for k, (rate, tolerance) in enumerate(zip(motion(t, 2), (NOISE, 30 * NOISE, 1000 * NOISE), strict=True)):
+        assert np.abs(rate - truth(t + START, k)).max() < tolerance, k
