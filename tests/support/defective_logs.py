@@ -39,10 +39,15 @@ def truth(t, order=0):
     return np.array([0.8, 0.5]) * w**order * np.sin(w * t + order * np.pi / 2) + (order == 0) * np.array([0.3, -0.4])
 
 
-def clean_columns():
-    """The log without a defect: stamps that scatter, positions with noise, torques."""
+def clean_columns(early: Mapping[int, float] = {}):
+    """The log without a defect: stamps that scatter, positions with noise, torques; some rows by so much `early`.
+
+    And the first stamp in the times of the truth, s.
+    """
     rng = np.random.default_rng(38)
     t = np.arange(ROWS) * STEP + rng.uniform(-0.2, 0.2, ROWS) * STEP
+    for row, seconds in early.items():
+        t[row] = t[row + 1] - seconds
     q = truth(t) + NOISE * rng.normal(size=(ROWS, 2))
     torques = 5 * np.cos(q) + 0.01 * rng.normal(size=(ROWS, 2))
     return {"t": t - t[0], **dict(zip(JOINTS, q.T)), **{f"tau_{j}": x for j, x in zip(JOINTS, torques.T)}}, float(t[0])
@@ -91,8 +96,6 @@ def make_logs() -> dict[str, DefectiveLog]:
     angles = {name: degrees * x if name in JOINTS else x for name, x in columns.items()}
     late = np.where(np.arange(ROWS) == 150, t - 2.5 * STEP, t)
     midway = {name: np.where(t < 2, x, degrees * x) if name in JOINTS else x for name, x in columns.items()}
-    close = t.copy()
-    close[200] = close[201] - 29e-6
     return {
         # decided, and noted
         "empty torque": DefectiveLog(edited(lines, {70: {4: ""}}), ("torques missing", "1 of 400 of joint2")),
@@ -100,7 +103,7 @@ def make_logs() -> dict[str, DefectiveLog]:
             edited(lines, {i: {3: "nan"} for i in range(50, 150)}), ("torques missing", "100 of 400 of joint1")
         ),
         "two rows out of order": DefectiveLog(
-            swapped(write_table(columns | {"t": close}), 200, 1),
+            swapped(write_table(clean_columns({200: 29e-6})[0]), 200, 1),
             ("1 of 400 rows out of order by up to 2.9e-05 s, less than the time between rows; sorted",),
         ),
         "ISO 8601 stamps": DefectiveLog(

@@ -339,7 +339,7 @@ def _check_columns(
             f"; of {join_names([x.name for x in several])} rates of numbers, {number}d, or velocities, {velocity}, ..."
         )
     absent = [joint for joint in joints if joint in samples and not {joint, f"{joint}.q"}.isdisjoint(missing)]
-    renames = [f"--rename {guess} (rename=)" for guess in _guess_prefixes(absent, given)]
+    renames = [f"or map their names by --rename {guess} (rename=)" for guess in _guess_prefixes(absent, given)]
     cures = [CURES["t"]] * (TIME in missing) + [CURES["joint"].replace("{joint}=", f"{j}=") for j in absent[:1]]
     cures += renames
     if missing and {name.rpartition(".")[2] for name in missing} <= {"q3d", "q4d"}:

@@ -106,8 +106,9 @@ def order_rows(
         int(order[i]): (time, f"does not increase: {float(at[i])!r} {words} {float(bound[i])!r}")
         for i in np.flatnonzero(off).tolist()
     }
-    late = (latest - at)[~off]
-    order = order[~off][np.argsort(at[~off], kind="stable")]
+    order, at = order[~off], at[~off]
+    late = np.maximum.accumulate(at) - at
+    order = order[np.argsort(at, kind="stable")]
     if (moved := np.count_nonzero(late)) and found.sampled:
         size = f"{late.max() * found.factors[TIME]:.2g} s"
         notes.append(f"{moved} of {len(t)} rows out of order by up to {size}, less than the time between rows; sorted")
