@@ -92,6 +92,7 @@ def check_units(
         warn(f"{place}: {came}, but {allowed}; check units, joint names and --lock")
 
 
+@np.errstate(over="ignore", invalid="ignore")  # absurd positions are refused later
 def refuse_unit_changes(t: np.ndarray, q: np.ndarray, mechanism: Mechanism, place: str) -> None:
     """Raise `JounceError` where all angles of q (N, n) become 57.3 times or 1/57.3 of what they were, and remain so."""
     turns = np.flatnonzero([unit == "rad" for unit in coordinate_units(mechanism)])

@@ -100,7 +100,7 @@ def order_rows(
         reach = MAX_DISORDER * float(np.median(np.diff(np.sort(at))))
     latest, soonest = np.maximum.accumulate(at), np.minimum.accumulate(at[::-1])[::-1]
     # rows that go back, or rows that run ahead of those that follow, whichever are fewer
-    back, ahead = latest - at > reach, at - soonest > reach
+    back, ahead = ((off > 0) & (off >= reach) for off in (latest - at, at - soonest))
     words, bound, off = ("follows", latest, back) if back.sum() <= ahead.sum() else ("is followed by", soonest, ahead)
     problems = {
         int(order[i]): (time, f"does not increase: {float(at[i])!r} {words} {float(bound[i])!r}")
