@@ -131,7 +131,10 @@ def test_json_lines(tmp_path, monkeypatch):
     motion = same(jounce.load_motion(path, PLANAR, columns="q[{index}]"))
     assert motion.notes == ("other columns, ignored: state.mode",)
     for text, words in (
-        ('{"t": 0, "joint1": 1, "joint2": null}', ["m.jsonl:1: column 'joint2' holds 'None'; expected a finite number"]),
+        (
+            '{"t": 0, "joint1": 1, "joint2": null}',
+            ["m.jsonl:1: column 'joint2' holds 'None'; expected a finite number"],
+        ),
         ('{"t": 0, "joint1": 1, "joint2": 2}\n{"t": 1}', ["m.jsonl:2: no 'joint1' in this row; it has: t"]),
         ("[1]", ["m.jsonl:1: not a line of JSON"]),
         ("", ["the table is empty"]),

@@ -51,8 +51,8 @@ class StreamRequest:
         asked = dict(motion.options)
         way = select_smoothing(*(asked[name] for name in ("degree", "intervals", "bandwidth", "allow_noise")))
         names = ("time", "columns", "angles", "time_unit", "torques", "rename")
-        options = ColumnOptions(*(asked[name] for name in names))
-        return Reading(options, way, motion.blend, motion.step, asked["on_error"] == "skip")
+        options = ColumnOptions(*(asked[name] for name in names), skip=asked["on_error"] == "skip")
+        return Reading(options, way, motion.blend, motion.step)
 
 
 def add_stream_options(verb: Callable[..., None]) -> Callable[..., None]:

@@ -38,12 +38,8 @@ def _read_piece(piece: list[tuple[int, dict[str, Any]]], names: list[str], bases
     for name in bases:
         columns[remainder_name(name)] = text_remainders(list(map(str, cells[name])), columns[name])
     texts = {(i, name): str(x) for name, of in cells.items() for i, x in enumerate(of) if not is_finite(x)}
-    lost = {i: [name for name in names if name not in row] for i, (_, row) in enumerate(piece)}
-    broken = {
-        i: f"no {quote_value(absent[0])} in this row; it has: {join_names(piece[i][1])}"
-        for i, absent in lost.items()
-        if absent
-    }
+    absent = {i: name for i, (_, row) in enumerate(piece) for name in reversed(names) if name not in row}
+    broken = {i: f"no {quote_value(x)} in this row; it has: {join_names(piece[i][1])}" for i, x in absent.items()}
     return Chunk(columns, None, np.array([number for number, _ in piece] + [piece[-1][0] + 1]), texts, broken)
 
 

@@ -153,18 +153,14 @@ class TableFormat(ABC):
 
 def join_chunks(chunks: Sequence[Chunk]) -> Chunk:
     """Chunks of a table, one below the other; texts are left out, and each column is freed once it is copied."""
-    starts = np.cumsum([0, *(len(chunk.places) - 1 for chunk in chunks)]).tolist()
-    columns = [dict(chunk.columns) for chunk in chunks]
+    starts = np.cumsum([0, *(len(chunk.places) - 1 for chunk in chunks[:-1])]).tolist()
+    columns, of = [dict(chunk.columns) for chunk in chunks], list(zip(starts, chunks, strict=True))
     return Chunk(
         {name: np.concatenate([part.pop(name) for part in columns]) for name in list(columns[0])},
         None,
         np.concatenate([*(chunk.places[:-1] for chunk in chunks), chunks[-1].places[-1:]]),
-        {
-            (start + i, name): x
-            for start, chunk in zip(starts, chunks, strict=False)
-            for (i, name), x in chunk.texts.items()
-        },
-        {start + i: x for start, chunk in zip(starts, chunks, strict=False) for i, x in chunk.broken.items()},
+        {(start + i, name): x for start, chunk in of for (i, name), x in chunk.texts.items()},
+        {start + i: x for start, chunk in of for i, x in chunk.broken.items()},
     )
 
 

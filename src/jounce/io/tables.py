@@ -8,15 +8,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, one_line, warn
 from jounce.io import files, jsonlines
-from jounce.io.columns import (
-    Columns,
-    Select,
-    TableMetadata,
-    check_columns,
-    check_finite,
-    flatten,
-    select_columns,
-)
+from jounce.io.columns import Columns, Select, TableMetadata, check_columns, check_finite, flatten, select_columns
 from jounce.io.csv import Csv
 from jounce.io.npz import Npz
 from jounce.io.parquet import Parquet, import_pyarrow

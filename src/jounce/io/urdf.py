@@ -6,16 +6,7 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
-from jounce.core.errors import (
-    JounceError,
-    join_names,
-    locate_errors,
-    one_line,
-    quote_value,
-    shorten,
-    unknown_name_error,
-    warn,
-)
+from jounce.core.errors import JounceError, locate_errors, one_line, quote_value, shorten, unknown_name_error, warn
 from jounce.core.foreign import parse_finite
 from jounce.io.doctype import refuse_declarations
 from jounce.io.files import read_bytes
@@ -56,8 +47,9 @@ def parse(content: bytes, file: str, name: str, gravity: object, base: str | Non
     given, world = GRAVITY if gravity is None else gravity, None
     if WORLD in {joint.parent for joint in joints} - {link.name for link in links}:
         world, links = WORLD, [tree.Link(WORLD, np.zeros((6, 6)), file), *links]
-    if braked := [element.get("name", "") for element in robot.iterchildren("joint") if _has_deceleration(element)]:
-        warn(f"{file}: limits of deceleration are left out, only acceleration= bounds q2d: {join_names(braked)}")
+    for limit in robot.iterfind("joint/limit[@deceleration]"):
+        if limit.get("deceleration") != limit.get("acceleration"):
+            warn(f"{_element_place(limit, file)}: deceleration= is left out; acceleration= alone bounds q2d")
     called = robot.get("name") or name
     built = tree.build_mechanism(links, joints, given, called, file, base=base, root=root, world=world)
     unsaid = [element for element in robot.iterchildren("joint") if element.find("axis") is None]
@@ -159,12 +151,6 @@ def _read_limits(element: etree._Element, kind: str, file: str) -> dict[str, flo
         return {}
     keys = [*(("lower", "upper") if kind != "continuous" else ()), *(LIMIT_ATTRIBUTES & set(limit.attrib))]
     return {key: float(read_numbers(limit, key, 1, file, default="0")[0]) for key in keys}
-
-
-def _has_deceleration(element: etree._Element) -> bool:
-    """Whether a joint states a limit of deceleration that differs from that of acceleration."""
-    limit = element.find("limit")
-    return limit is not None and limit.get("deceleration") not in (None, limit.get("acceleration"))
 
 
 def _read_drive(element: etree._Element, file: str) -> dict[str, float]:

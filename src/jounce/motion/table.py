@@ -93,8 +93,8 @@ def _add_jerk(
     if len(rows) != JERK_ORDER or highest != JERK_ORDER:
         return rows, ()
     between = np.diff(rows[2], axis=0) / np.diff(t)[:, None]
-    changes = np.abs(np.diff(between, axis=0)).max(axis=0, initial=0)
-    largest = f"{changes.max():.2g} of {joints[int(changes.argmax())]}"
+    most = np.abs(np.diff(between, axis=0)).max(axis=0, initial=0)
+    largest = f"{most.max():.2g} of {joints[int(most.argmax())]}"
     note = f"q3d is the difference of q2d to the next row, and changes by up to {largest} from row to row"
     return (*rows, np.concatenate([between, between[-1:]])), (note,)
 

@@ -26,8 +26,8 @@ MISSPELT_RATE = re.compile(r"q[a-z0-9]{0,4}|[fm][a-z]?\d*d*")
 DRAWING_COLUMNS = re.compile(rf"\.(q|{NUMBER_NAMES})_sample$|^break$")  # what `jounce motion` writes to be drawn
 CURES = {
     "t": "name another column of times by --time COLUMN (time=)",
-    "joint": "name the columns by --columns 'q_{joint}' (columns=), or hold a joint by --lock {joint}=VALUE"
-    " (lock= of jounce.load)",
+    "joint": "name the columns by --columns 'q_{joint}' (columns=), map their prefix by --rename OLD=NEW (rename=),"
+    " or hold a joint by --lock {joint}=VALUE (lock= of jounce.load)",
 }
 
 
@@ -44,6 +44,7 @@ class ColumnOptions:
     time_unit: str | None = None
     torques: str | None = None
     rename: str | None = None
+    skip: bool = field(default=False, repr=False)  # bad rows, whose treatment changes no result
 
     def __post_init__(self) -> None:
         for what, given, known in (("angles", self.angles, ANGLE_UNITS), ("time_unit", self.time_unit, TIME_UNITS)):
@@ -61,8 +62,7 @@ class ColumnOptions:
     def refuse(self, place: str, reason: str) -> None:
         """Raise `JounceError` if options for columns are given although the motion has no columns."""
         names = {"time": self.time, "columns": self.pattern, "angles": self.angles, "time_unit": self.time_unit}
-        names |= {"rename": self.rename}
-        given = [name for name, value in names.items() if value is not None]
+        given = [name for name, value in {**names, "rename": self.rename}.items() if value is not None]
         if given:
             raise JounceError(f"{place}: {reason}; {option_name(given[0])} is for the columns of a table: leave it out")
 
@@ -339,9 +339,7 @@ def _check_columns(
             f"; of {join_names([x.name for x in several])} rates of numbers, {number}d, or velocities, {velocity}, ..."
         )
     absent = [joint for joint in joints if joint in samples and not {joint, f"{joint}.q"}.isdisjoint(missing)]
-    renames = [f"or map their names by --rename {guess} (rename=)" for guess in _guess_prefixes(absent, given)]
     cures = [CURES["t"]] * (TIME in missing) + [CURES["joint"].replace("{joint}=", f"{j}=") for j in absent[:1]]
-    cures += renames
     if missing and {name.rpartition(".")[2] for name in missing} <= {"q3d", "q4d"}:
         cures.append("--order 1 (order=1) takes q3d from differences of q2d")
     if missing and (forces := [f"{joint}.Q" for joint in joints if f"{joint}.Q" in given]):
@@ -352,17 +350,6 @@ def _check_columns(
     ]
     named = [name for name in given if name in {*expected, *unfit, *(others if missing else wrong)}]
     names.check_names(named, expected, unfit, "; ".join([f"t and {asked}", *cures]))
-
-
-def _guess_prefixes(absent: Sequence[str], given: Iterable[str]) -> Iterable[str]:
-    """What `rename` may be where names of all joints that are absent begin otherwise in the table: OLD=NEW."""
-    stems = {name.removesuffix(".q") for name in given}
-    for name in sorted(stems) if absent else ():
-        tail = next(absent[0][i:] for i in range(len(absent[0]) + 1) if name.endswith(absent[0][i:]))
-        old, new = name.removesuffix(tail), absent[0].removesuffix(tail)
-        if tail and {old + joint.removeprefix(new) for joint in absent if joint.startswith(new)} <= stems:
-            return [f"{old}={new}"]
-    return []
 
 
 def _column_unit(name: str, mechanism: Mechanism, of_base: Collection[str]) -> tuple[str, int]:

@@ -106,11 +106,9 @@ def refuse_unit_changes(t: np.ndarray, q: np.ndarray, mechanism: Mechanism, plac
         alike = np.abs(after - factor * before).max(axis=1, initial=0) < MAX_UNIT_MISMATCH * step
         for i in np.flatnonzero(jumps & alike)[:1]:
             j = turns[np.abs(after[i] - before[i]).argmax()]
-            came = (
-                f"joint {quote_value(mechanism.coordinates[j])} goes from {q[i, j]:.4g} to {q[i + 1, j]:.4g} in one row"
-            )
-            where = f"at t = {t[i + 1]:.9g} s, row {i + 1} from 0, angles become {name}"
-            raise JounceError(f"{place}: {came}, and all by one factor: {where}; write all rows in one unit")
+            came = f"joint {quote_value(mechanism.coordinates[j])} goes from {q[i, j]:.4g} to {q[i + 1, j]:.4g}"
+            where = f"at t = {t[i + 1]:.9g} s, row {i + 1} from 0, all angles become {name}"
+            raise JounceError(f"{place}: {where}: {came}; write all rows in one unit")
 
 
 def warn_of_degrees(q: np.ndarray, qd: np.ndarray, mechanism: Mechanism, place: str) -> None:

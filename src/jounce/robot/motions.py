@@ -113,8 +113,8 @@ def load_motion(
 
     mechanism, highest = robot.mechanism, check_order(order) + 2
     way = select_smoothing(degree, intervals, bandwidth, allow_noise)
-    options = ColumnOptions(time, columns, angles, time_unit, torques, rename)
     skip = check_choice("on_error", on_error, get_args(OnError)) == "skip"
+    options = ColumnOptions(time, columns, angles, time_unit, torques, rename, skip)
     if topic is not None and not isinstance(topic, str):
         raise JounceError(f"topic is {quote_value(topic)}; expected a text")
     if names.entry_names(source) is not None:
@@ -123,13 +123,13 @@ def load_motion(
         if topic is not None:
             raise JounceError(f"{PLACE}: topic is for bags of ROS, not for columns: leave it out")
         return with_vibration_notes(
-            tabular.read_arrays(_arrays(source), mechanism, highest, way, options, PLACE, skip), robot
+            tabular.read_arrays(_arrays(source), mechanism, highest, way, options, PLACE), robot
         )
     if not isinstance(source, str | os.PathLike):
         known = f"a path, one of {', '.join(motions.BUNDLED_MOTIONS)}, or named columns"
         raise JounceError(f"load_motion() expects {known}, got {type(source).__name__}")
     path = expand_path(source)
-    return with_vibration_notes(motions.read(path, mechanism, highest, way, options, topic, skip), robot)
+    return with_vibration_notes(motions.read(path, mechanism, highest, way, options, topic), robot)
 
 
 def _arrays(source: Any) -> dict[str, Any]:

@@ -98,7 +98,7 @@ def _check_rows(
 ) -> GoodRows:
     """The rows of a chunk without the bad ones."""
     problems = chunk.problems(dict.fromkeys(task.match.sources.values()))  # measured torques may be missing
-    good, empty = np.ones(len(chunk.places) - 1, dtype=bool), find_empty_rows(chunk, task.match).tolist()
+    good, empty = np.ones(len(chunk.places) - 1, dtype=bool), find_empty_rows(chunk, task.match, problems)
     for note in describe_empty_rows(len(empty), len(good)):
         warn(f"{part.path}: {note}")
     good[[*problems, *empty]] = False

@@ -23,12 +23,8 @@ def read(
     way: "Smoothing | Spline | None" = None,
     options: "ColumnOptions | None" = None,
     topic: str | None = None,
-    skip: bool = False,
 ) -> "Motion":
-    """The motion of a file, or of a bundled name, for a mechanism: rates up to the one of order `highest`.
-
-    With `skip`, bad rows of a table are left out.
-    """
+    """The motion of a file, or of a bundled name, for a mechanism: rates up to the one of order `highest`."""
     from jounce.io import entries, tables
     from jounce.io.motions import bags, tabular, terms
     from jounce.motion.description import build_motion
@@ -46,11 +42,10 @@ def read(
             return build_motion(read_bundled(str(source)), mechanism)
     if source.suffix.lower() in DOCUMENT_SUFFIXES:
         return terms.read(entries.read(source, "the motion"), mechanism)
-    given = way or DEFAULT_SMOOTHING, options or DEFAULT_COLUMN_OPTIONS
     if source.suffix.lower() in tables.TABLE_READERS:
-        return tabular.read(source, mechanism, highest, *given, skip)
+        return tabular.read(source, mechanism, highest, way or DEFAULT_SMOOTHING, options or DEFAULT_COLUMN_OPTIONS)
     if bags.is_bag(source):
-        return bags.read(source, mechanism, highest, *given, topic, skip)
+        return bags.read(source, mechanism, highest, way or DEFAULT_SMOOTHING, options or DEFAULT_COLUMN_OPTIONS, topic)
     known = ", ".join([*tables.TABLE_READERS, *DOCUMENT_SUFFIXES, *bags.BAG_SUFFIXES])
     if not source.suffix:
         raise JounceError(f"{unknown_name_error('motion', str(source), BUNDLED_MOTIONS)}, or a file of type {known}")

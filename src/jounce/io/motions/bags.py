@@ -39,15 +39,9 @@ def is_bag(source: Path) -> bool:
 
 
 def read(
-    source: Path,
-    mechanism: Mechanism,
-    highest: int,
-    way: Smoothing | Spline,
-    options: ColumnOptions,
-    topic: str | None,
-    skip: bool = False,
+    source: Path, mechanism: Mechanism, highest: int, way: Smoothing | Spline, options: ColumnOptions, topic: str | None
 ) -> Motion:
-    """The motion in a bag: of the given topic, or of the only topic with a motion; with `skip`, without bad rows."""
+    """The motion in a bag: of the given topic, or of the only topic with a motion."""
     if not source.is_dir():
         check_readable(source)
     with _open_bag(source) as bag:
@@ -62,7 +56,7 @@ def read(
         messages = [bag.deserialize(raw, c.msgtype) for c, _, raw in bag.messages(connections)]
     place = f"{source}: {chosen}"
     if topics[chosen] == JOINT_STATE:
-        return tabular.read_arrays(_message_columns(messages, place), mechanism, highest, way, options, place, skip)
+        return tabular.read_arrays(_message_columns(messages, place), mechanism, highest, way, options, place)
     reason = "its trajectory points are exact"
     refuse_smoothing(way, place, reason)
     options.refuse(place, reason)

@@ -39,14 +39,12 @@ class ColumnMatching:
         return [*self.found.names, remainder_name(self.found.sources[TIME])]
 
 
-def read(
-    path: Path, mechanism: Mechanism, highest: int, way: Smoothing | Spline, options: ColumnOptions, skip: bool = False
-) -> Motion:
-    """The motion of a table in a file; with `skip`, bad rows are left out."""
+def read(path: Path, mechanism: Mechanism, highest: int, way: Smoothing | Spline, options: ColumnOptions) -> Motion:
+    """The motion of a table in a file."""
     matching = ColumnMatching(mechanism, options, highest, str(path))
     with _cell_cure():
         rows = tables.read_rows(path, matching)
-        return _build_motion(rows, matching, highest, way, partial(tables.describe_place, path), skip)
+        return _build_motion(rows, matching, highest, way, partial(tables.describe_place, path))
 
 
 def read_arrays(
@@ -56,7 +54,6 @@ def read_arrays(
     way: Smoothing | Spline,
     options: ColumnOptions,
     place: str,
-    skip: bool = False,
 ) -> Motion:
     """Return the motion of named arrays; other entries may be anything."""
     matching = ColumnMatching(mechanism, options, highest, place)
@@ -73,19 +70,14 @@ def read_arrays(
             if name in refused:
                 raise CellError(f"{place}: {refused[name]}")
         rows = number_rows(check_columns(place, columns))
-        return _build_motion(rows, matching, highest, way, lambda at: f"{place}: row {at} from 0", skip)
+        return _build_motion(rows, matching, highest, way, lambda at: f"{place}: row {at} from 0")
 
 
 def _build_motion(
-    rows: Chunk,
-    matching: ColumnMatching,
-    highest: int,
-    way: Smoothing | Spline,
-    where: Callable[[int], str],
-    skip: bool,
+    rows: Chunk, matching: ColumnMatching, highest: int, way: Smoothing | Spline, where: Callable[[int], str]
 ) -> Motion:
     """The motion of rows, of which `where` names the place in messages."""
-    found = matching.found
+    found, skip = matching.found, matching.given[1].skip
     assert found is not None  # every reader selects
     with locate_errors(matching.place):
         rows = read_stamps(rows, found)
