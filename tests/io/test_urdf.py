@@ -231,11 +231,15 @@ def test_limits_of_urdf_1_2_are_read_and_written_back(load, tmp_path):
         assert limited(' deceleration="3"').limits == robot.limits
 
 
-def test_a_world_that_only_joints_name_is_the_ground(load):
+def test_a_world_that_only_joints_name_is_the_ground(load, tmp_path):
     items = link("arm", BODY), joint("turn", "world", "arm", axis="0 1 0")
     stated, unstated = load(link("world"), *items), load(*items)
-    assert unstated.mechanism == stated.mechanism
-    refusal(lambda: load(*items, base="floating"), "'world' is the ground, and no free joint stands on it")
-    loose = load(link("arm", BODY), joint("free", "world", "arm", kind="floating", axis=None), base="floating")
-    assert loose.mechanism.floats
+    assert unstated.mechanism.frame_names == stated.mechanism.frame_names
+    q = np.array([[0.3, 1.0, 2.0]]).T
+    assert np.array_equal(unstated.inverse_dynamics(q, q, q), stated.inverse_dynamics(q, q, q))
+    path = robot_file(tmp_path, *items)
+    refusal(lambda: jounce.load(path, base="floating"), "'world' is the ground, and no free joint stands on it")
+    path = robot_file(tmp_path, link("arm", BODY), joint("free", "world", "arm", kind="floating", axis=None))
+    loose = jounce.load(path, base="floating")
+    assert loose.nv == 6
     refusal(lambda: load(link("arm", BODY), joint("turn", "ground", "arm")), "unknown link 'ground'")

@@ -1,7 +1,7 @@
 """Commands over a motion or many, that fit into memory or not: their options, and the one summary that they print."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -50,8 +50,8 @@ class StreamRequest:
 
         asked = dict(motion.options)
         way = select_smoothing(*(asked[name] for name in ("degree", "intervals", "bandwidth", "allow_noise")))
-        names = ("time", "columns", "angles", "time_unit", "torques", "rename")
-        options = ColumnOptions(*(asked[name] for name in names), skip=asked["on_error"] == "skip")
+        asked["pattern"], asked["skip"] = asked["columns"], asked["on_error"] == "skip"
+        options = ColumnOptions(**{field.name: asked[field.name] for field in fields(ColumnOptions)})
         return Reading(options, way, motion.blend, motion.step)
 
 

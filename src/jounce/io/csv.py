@@ -196,7 +196,8 @@ def _find_mark(header: str) -> str:
 def _fits(comment: str, row: str) -> bool:
     """Whether a comment names the cells of a row, of which some are numbers."""
     mark = _find_mark(comment)
-    names, cells = (next(_csv_reader([line.rstrip(BLANK)], mark), []) for line in (COMMENT.sub("", comment), row))
+    names: list[str] = next(_csv_reader([COMMENT.sub("", comment, count=1).rstrip(BLANK)], mark), [])
+    cells: list[str] = next(_csv_reader([row.rstrip(BLANK)], mark), [])
     return len(names) == len(cells) and any(parse_finite(cell.strip().replace(",", ".")) is not None for cell in cells)
 
 

@@ -26,14 +26,14 @@ def read_rows(path: Path, select: Select | None = None) -> Chunk:
         if first is None:
             raise JounceError(f"{path}: the table is empty; expected one JSON object per line, a number for each name")
         names, bases = split_names(first[1] if select is None else select(list(first[1])))
-        rows, found = chain([first], rows), list[Chunk]()
-        while piece := list(islice(rows, ROWS_PER_JSON_PIECE)):
+        every, found = chain([first], rows), list[Chunk]()
+        while piece := list(islice(every, ROWS_PER_JSON_PIECE)):
             found.append(_read_piece(piece, names, bases))
     return join_chunks(found)
 
 
 def _read_piece(piece: list[tuple[int, dict[str, Any]]], names: list[str], bases: list[str]) -> Chunk:
-    cells = {name: [row.get(name) for _, row in piece] for name in names}
+    cells: dict[str, list[Any]] = {name: [row.get(name) for _, row in piece] for name in names}
     columns = {name: np.array([float(x) if is_finite(x) else np.nan for x in of]) for name, of in cells.items()}
     for name in bases:
         columns[remainder_name(name)] = text_remainders(list(map(str, cells[name])), columns[name])

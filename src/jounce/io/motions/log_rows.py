@@ -41,12 +41,13 @@ def read_stamps(rows: Chunk, found: ColumnMatch) -> Chunk:
 
 
 def _parse_stamp(text: str) -> Decimal | None:
-    stamp = ISO_STAMP.fullmatch(text)
+    if (stamp := ISO_STAMP.fullmatch(text)) is None:
+        return None
     try:
-        whole = stamp and datetime.fromisoformat(f"{stamp[1]}T{stamp[2]}{stamp[4] or 'Z'}").timestamp()
+        whole = datetime.fromisoformat(f"{stamp[1]}T{stamp[2]}{stamp[4] or 'Z'}").timestamp()
     except ValueError:  # no such day or hour
         return None
-    return stamp and Decimal(whole) + Decimal(f"0.{stamp[3] or 0}")
+    return Decimal(whole) + Decimal(f"0.{stamp[3] or 0}")
 
 
 def find_empty_rows(rows: Chunk, found: ColumnMatch, problems: Iterable[int]) -> list[int]:
