@@ -2,6 +2,7 @@
 
 import csv
 import json
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from click.testing import CliRunner
 import jounce
 from jounce.cli import main
 from jounce.io import tables
+from jounce.io.motions import log_rows
 from support.files import refusal
 
 ROBOT = jounce.load("planar2r")
@@ -53,6 +55,19 @@ def test_rows_out_of_order_by_more_are_refused_or_left_out(rows):
     assert "1 of 300 rows left out: the motion: row 150 from 0" in motion.notes[0]
 
 
+def test_neighbours_that_changed_places_are_sorted_however_far_apart():
+    t = np.concatenate([T[:150], T[150:] + 0.02])  # 0.03 s between rows 149 and 150
+    gap = PLAIN | {"t": t, "joint1": np.sin(2 * t), "joint2": 0.5 * np.cos(3 * t)}
+    order = np.r_[:149, 150, 149, 151:300]
+    columns = {name: x[order] for name, x in gap.items()}
+    motion = jounce.load_motion(columns, ROBOT, 0, degree=5)
+    assert motion.notes[0] == "1 of 300 rows out of order by up to 0.03 s; sorted by their stamps"
+    assert np.array_equal(motion.times, t)
+    beyond = np.r_[:148, 150, 148, 149, 151:300]  # two places
+    columns = {name: x[beyond] for name, x in gap.items()}
+    refusal(lambda: notes(columns), "does not increase: 1.52 comes before 1.48")
+
+
 def test_stamps_of_plans_do_not_scatter():
     t = T.copy()
     t[[150, 151]] = t[[151, 150]]
@@ -60,6 +75,13 @@ def test_stamps_of_plans_do_not_scatter():
         lambda: notes({"t": t} | exact(t)), "row 151 from 0: column 't' does not increase: 1.5 follows 1.51", "skip"
     )
     assert len(jounce.load_motion({"t": t} | exact(t), ROBOT, on_error="skip").times) == 299
+
+
+def test_faults_of_both_kinds_are_found_together():
+    columns = with_late_row(3)
+    columns["t"][20] = 1e4
+    motion = jounce.load_motion(columns, ROBOT, 0, on_error="skip")
+    assert np.array_equal(motion.times, np.delete(columns["t"], [20, 150]))
 
 
 def test_one_wild_stamp_costs_one_row_whichever_way_it_goes():
@@ -302,3 +324,14 @@ def test_rows_of_other_tables_are_left_out_too(tmp_path):
     assert motion.notes[0].startswith(f"2 of 300 rows left out, the first: {path}:8: no 'joint2'")
     result = run("run", "planar2r", path, "-o", tmp_path / "out.csv", "--order", 0, "--on-error", "skip")
     assert "2 of 300 rows left out" in result.output
+
+
+def test_as_few_rows_as_possible_are_wrong():
+    rng = np.random.default_rng(1)
+    for _ in range(100):
+        t = rng.permutation(rng.integers(2, 9)).astype(float)
+        kept = log_rows._find_increasing(t)
+        assert (np.diff(t[kept]) > 0).all()
+        assert (np.diff(kept) > 0).all()
+        larger = combinations(range(len(t)), len(kept) + 1)
+        assert not any((np.diff(t[list(rows)]) > 0).all() for rows in larger)

@@ -105,7 +105,7 @@ def make_logs() -> dict[str, DefectiveLog]:
         ),
         "two rows out of order": DefectiveLog(
             swapped(write_table(clean_columns({200: 29e-6})[0]), 200, 1),
-            ("1 of 400 rows out of order by up to 2.9e-05 s, less than the time between rows; sorted",),
+            ("1 of 400 rows out of order by up to 2.9e-05 s; sorted by their stamps",),
         ),
         "ISO 8601 stamps": DefectiveLog(
             "\n".join(write_table(columns | {"t": iso_stamps(t)})), ("2024-11-22 15:00:00 UTC",)

@@ -1,11 +1,12 @@
 """Rows of logs: what can be decided is done and noted in one line; what would be guessed is refused with its cure.
 
 ISO 8601 stamps are seconds, UTC where they state no zone. Rows without any position are left out. Stamps of samples
-scatter: rows that are out of order by less than the time between them are sorted. Measured torques may be missing.
-Other bad rows are refused, or left out on request.
+scatter: neighbours that changed places, and rows out of order by less than the time between rows, are sorted. Measured
+torques may be missing. Other bad rows are refused, or left out on request.
 """
 
 import re
+from bisect import bisect_left
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from datetime import datetime
@@ -19,7 +20,7 @@ from jounce.io.remainders import remainder_name
 from jounce.io.table_format import Chunk, leave_out_rows
 from jounce.motion.table_columns import TIME, ColumnMatch
 
-MAX_DISORDER = 1.0  # times between rows: stamps that scatter by less change places with their neighbours alone
+MAX_DISORDER = 1.0  # times between rows, by which stamps that scatter may go back
 ISO_STAMP = re.compile(r"\s*(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d+))?\s*(Z|[+-]\d\d:?\d\d)?\s*")
 
 
@@ -80,23 +81,43 @@ def order_rows(
 ) -> tuple[np.ndarray, dict[int, tuple[str, str]], tuple[str, ...]]:
     """The numbers (N,) of the good rows in the order of time, what is wrong with the stamps of others, and notes."""
     time = found.sources[TIME]
-    t, order = columns[time], np.arange(len(columns[time]))
+    t = columns[time]
     if (np.diff(t) > 0).all():
-        return order, {}, ()
-    reach = MAX_DISORDER * float(np.median(np.diff(np.sort(t)))) if found.sampled else 0.0
-    latest, soonest = np.maximum.accumulate(t), np.minimum.accumulate(t[::-1])[::-1]
-    # rows that go back, or rows that run ahead of those that follow, whichever are fewer
-    back, ahead = ((off > 0) & (off >= reach) for off in (latest - t, t - soonest))
-    words, other, off = ("follows", latest, back) if back.sum() <= ahead.sum() else ("comes before", soonest, ahead)
-    order = order[~off]
-    late = np.maximum.accumulate(t[order]) - t[order]
+        return np.arange(len(t)), {}, ()
+    kept = _find_increasing(t)
+    others = np.setdiff1d(np.arange(len(t)), kept)
+    before, passed = np.searchsorted(kept, others), np.searchsorted(t[kept], t[others])  # of those kept, how many
+    late = before > passed
+    beside = t[kept[np.where(late, before - 1, before).clip(max=len(kept) - 1)]]
+    away = np.abs(t[others] - beside)
+    near = (np.abs(before - passed) <= 1) | (away < MAX_DISORDER * float(np.median(np.diff(np.sort(t)))))
+    is_order = found.sampled and 2 * len(kept) >= len(t)  # half of the rows have changed places at most
+    moved = near & is_order & ~np.isin(t[others], t[kept])
+    order = np.append(kept, others[moved])
     order = order[np.argsort(t[order], kind="stable")]
     twice = np.append(False, np.diff(t[order]) == 0)
-    wrong = {i: f"{words} {float(other[i])!r}" for i in np.flatnonzero(off).tolist()}
-    wrong |= {i: f"follows {float(t[i])!r}" for i in order[twice].tolist()}
-    moved = f"{np.count_nonzero(late)} of {len(t)} rows out of order by up to {late.max() * found.factors[TIME]:.2g} s"
-    notes = (f"{moved}, less than the time between rows; sorted",) if late.any() else ()
-    return order[~twice], {i: (time, f"does not increase: {float(t[i])!r} {w}") for i, w in wrong.items()}, notes
+    wrong = {
+        i: f"{float(t[i])!r} {'follows' if is_late else 'comes before'} {x!r}"
+        for i, is_late, x in zip(others[~moved].tolist(), late[~moved], beside[~moved].tolist(), strict=True)
+    } | {i: f"{float(t[i])!r} follows {float(t[i])!r}" for i in order[twice].tolist()}
+    size = away[moved].max(initial=0) * found.factors[TIME]
+    notes = (f"{moved.sum()} of {len(t)} rows out of order by up to {size:.2g} s; sorted by their stamps",)
+    problems = {i: (time, f"does not increase: {words}") for i, words in wrong.items()}
+    return order[~twice], problems, notes if moved.any() else ()
+
+
+def _find_increasing(t: np.ndarray) -> np.ndarray:
+    """The rows (K,) of the longest part of t that increases, by patience sorting (Fredman, Discrete Math. 11, 1975)."""
+    ends, rows, previous = list[float](), list[int](), list[int]()
+    for i, x in enumerate(t.tolist()):
+        k = bisect_left(ends, x)
+        previous.append(rows[k - 1] if k else -1)
+        if ends[k : k + 1] != [x]:  # of equal ones the first
+            ends[k : k + 1], rows[k : k + 1] = [x], [i]
+    chain = [rows[-1]]
+    while previous[chain[-1]] >= 0:
+        chain.append(previous[chain[-1]])
+    return np.array(chain[::-1])
 
 
 def torque_notes(columns: Mapping[str, np.ndarray], found: ColumnMatch) -> tuple[str, ...]:
