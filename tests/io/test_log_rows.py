@@ -68,11 +68,21 @@ def test_neighbours_that_changed_places_are_sorted_however_far_apart():
     refusal(lambda: notes(columns), "does not increase: 1.52 comes before 1.48")
 
 
+def test_pairs_are_sorted_and_a_reversed_log_is_not():
+    pairs = np.arange(300).reshape(-1, 2)[:, ::-1].ravel()
+    motion = jounce.load_motion({name: x[pairs] for name, x in PLAIN.items()}, ROBOT, 0)
+    assert motion.notes[0] == "150 of 300 rows out of order by up to 0.01 s; sorted by their stamps"
+    assert np.array_equal(motion.times, T)
+    refusal(lambda: notes({name: x[::-1] for name, x in PLAIN.items()}), "column 't' does not increase: ")
+
+
 def test_stamps_of_plans_do_not_scatter():
     t = T.copy()
     t[[150, 151]] = t[[151, 150]]
     refusal(
-        lambda: notes({"t": t} | exact(t)), "row 151 from 0: column 't' does not increase: 1.5 follows 1.51", "skip"
+        lambda: notes({"t": t} | exact(t)),
+        "row 150 from 0: column 't' does not increase: 1.51 comes before 1.5",
+        "skip",
     )
     assert len(jounce.load_motion({"t": t} | exact(t), ROBOT, on_error="skip").times) == 299
 
