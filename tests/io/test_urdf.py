@@ -214,3 +214,32 @@ def test_warns_once_of_impossible_inertias(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         jounce.load(robot_file(tmp_path, link("base"), link("arm", BODY), joint("turn", "base", "arm")))
+
+
+def test_limits_of_urdf_1_2_are_read_and_written_back(load, tmp_path):
+    def limited(more=""):
+        limit = f'<limit lower="-1" upper="1" velocity="2" effort="3" acceleration="4" jerk="5"{more}/>'
+        return load(link("base"), link("arm", BODY), joint("turn", "base", "arm", inner=limit))
+
+    robot = limited()
+    assert (robot.limits.acceleration.tolist(), robot.limits.jerk.tolist()) == ([4.0], [5.0])
+    jounce.save(robot, tmp_path / "robot.yaml")
+    assert jounce.load(tmp_path / "robot.yaml").limits == robot.limits == limited(' deceleration="4"').limits
+    with pytest.warns(
+        jounce.JounceWarning, match=r"robot.urdf:4: deceleration= is left out; acceleration= alone bounds"
+    ):
+        assert limited(' deceleration="3"').limits == robot.limits
+
+
+def test_a_world_that_only_joints_name_is_the_ground(load, tmp_path):
+    items = link("arm", BODY), joint("turn", "world", "arm", axis="0 1 0")
+    stated, unstated = load(link("world"), *items), load(*items)
+    assert unstated.mechanism.frame_names == stated.mechanism.frame_names
+    q = np.array([[0.3, 1.0, 2.0]]).T
+    assert np.array_equal(unstated.inverse_dynamics(q, q, q), stated.inverse_dynamics(q, q, q))
+    path = robot_file(tmp_path, *items)
+    refusal(lambda: jounce.load(path, base="floating"), "'world' is the ground, and no free joint stands on it")
+    path = robot_file(tmp_path, link("arm", BODY), joint("free", "world", "arm", kind="floating", axis=None))
+    loose = jounce.load(path, base="floating")
+    assert loose.nv == 6
+    refusal(lambda: load(link("arm", BODY), joint("turn", "ground", "arm")), "unknown link 'ground'")

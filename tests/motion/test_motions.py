@@ -90,9 +90,6 @@ BAD_MOTIONS = {
         4,
         ["leave out 'joint1', both samples and"],
     ),
-    "t repeated": (at(0, 1, 2, 3, 4, 4, 5, 6), 4, ["t does not increase", "rows 4 and 5", "4 is followed by 4"]),
-    "t decreasing": (at(0, 1, 0.5, 3, 4, 5, 6, 7), 4, ["t does not increase", "rows 1 and 2", "1 is followed by 0.5"]),
-    "t repeated among rates": ({**full(4), "t": np.zeros(3)}, 4, ["t does not increase", "rows 0 and 1"]),
     "seven samples": (at(*range(7)), 4, ["7 samples", "at least 8"]),
     "beyond the spline": (SAMPLES, 8, ["q8d", "degree 7"]),
     "samples whose rates overflow": (

@@ -69,6 +69,15 @@ TABLE_OPTIONS: tuple[Decorator, ...] = (
     ),
     _option("--angles", type=click.Choice(["rad", "deg"]), help="Unit of angles and their rates in the table."),
     _option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of times in the table."),
+    _option(
+        "--rename", metavar="OLD=NEW",
+        help="What names begin with in the table and in the robot: fer_=panda_ makes panda_joint1 of fer_joint1."
+    ),
+    _option(
+        "--on-error", type=click.Choice(["stop", "skip"]),
+        help="Bad rows: stop at the first, by default, or leave them out; `run` and others write them to"
+        " OUT.skipped.csv."
+    ),
     _option("--topic", metavar="NAME", help="Topic to read from a ROS bag that has several."),
     _option(
         "--blend", type=float, metavar="S", help="Replace breaks of planned motions by C^4 blends of S seconds."
@@ -97,7 +106,8 @@ class MotionRequest:
         from jounce.robot.motions import load_motion
 
         try:
-            found = load_motion(self.path, robot, order, **self.options)
+            given = {name: value for name, value in self.options.items() if value is not None}
+            found = load_motion(self.path, robot, order, **given)
         except JounceError:
             if _is_options_file(self.path):
                 why = "options of how a table is read, not a motion"
@@ -110,7 +120,7 @@ class MotionRequest:
 def write_motion(output: Path, motion: "Motion", joints: Sequence[str], order: int | None = None) -> None:
     """Write a motion as a table with its rates up to an order, by default q4d or the last that is known, with a bar."""
     from jounce.io import tables
-    from jounce.io.motions.writing import motion_pieces
+    from jounce.io.motions.writing import MEASURED, motion_pieces
 
     known = 4 if motion.highest is None else motion.highest
     with progress("rates") as show:
@@ -122,7 +132,7 @@ def write_motion(output: Path, motion: "Motion", joints: Sequence[str], order: i
                 done += len(piece["t"])
                 show(done, len(motion.times))
 
-        tables.write_pieces(output, shown())
+        tables.write_pieces(output, shown(), missing=[MEASURED])
 
 
 def add_motion_options(verb: Callable[..., None]) -> Callable[..., None]:

@@ -41,6 +41,7 @@ Examples:
     metavar="column|page|MM",
     help="Exact width of the picture: a column (88.9 mm) or page (181.9 mm) of the IEEE's journals, or a number of mm.",
 )
+@click.option("--on-error", type=click.Choice(["stop", "skip"]), default="stop", help="Bad rows: stop, or skip them.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was drawn as JSON.")
 def plot(
     tables: Sequence[Path],
@@ -52,6 +53,7 @@ def plot(
     between: tuple[float, float] | None,
     side_by_side: bool,
     width: str | None,
+    on_error: str,
     as_json: bool,
 ) -> None:
     """Draw the columns of each TABLE over time: forces that `run` wrote, or a motion that `motion` wrote.
@@ -65,6 +67,7 @@ def plot(
     from jounce.figures.grid import parse_width
     from jounce.figures.table import make_run, select_rows
     from jounce.io.motions import is_analytic
+    from jounce.io.motions.writing import MEASURED
     from jounce.io.tables import read
 
     inches = None if width is None else parse_width(width)
@@ -75,8 +78,13 @@ def plot(
     for table in tables:
         if is_analytic(table):
             raise JounceError(f"{table} is no table; `jounce motion ROBOT {table} -o OUT` makes one to be drawn")
-    runs = [make_run(select_rows(read(table), str(table), between), str(table), joints, quantities, mechanism)
-            for table in tables]  # fmt: skip
+    runs = [
+        make_run(
+            select_rows(read(table, None, on_error == "skip", [MEASURED]), str(table), between),
+            *(str(table), joints, quantities, mechanism),
+        )
+        for table in tables
+    ]
     if len(runs) == 1:
         runs = [replace(runs[0], title="")]
     apart = side_by_side or len(runs) == 1

@@ -1,7 +1,7 @@
 """Commands over a motion or many, that fit into memory or not: their options, and the one summary that they print."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,17 +18,11 @@ if TYPE_CHECKING:
     from jounce.stream.job import Job, Reading
     from jounce.stream.whole_run import Summary
 
-MAX_NOTES_SHOWN = 4  # notes, warnings and sources: more would hide the results; --json has all
+MAX_NOTES_SHOWN = 8  # notes, warnings and sources: more would hide the results; --json has all
 MAX_BREAKS_SHOWN = 4  # as of notes
 SUMMARY_SCHEMA = 1  # of the JSON of `run`, `motors` and `check`: raised where a key goes or changes its meaning
 
 OUTPUT = click.option("-o", "--output", required=True, type=PATH, help="Output: .csv, .npz, .parquet, or a folder.")
-ON_ERROR = click.option(
-    "--on-error",
-    type=click.Choice(["stop", "skip"]),
-    default="stop",
-    help="Bad rows of large tables: stop at the first, or skip them and write them to OUT.skipped.csv.",
-)
 REDUCE = click.option(
     "--reduce", metavar="KINDS", help="Write aggregates per motion and joint instead of rows: peak, rms, or peak,rms."
 )
@@ -46,7 +40,6 @@ class StreamRequest:
     """How a command treats tables that it reads by parts, and where it computes them: here, or on a cluster."""
 
     reduce: tuple[str, ...]
-    skip: bool
     cluster: str | None
 
     def reading(self, motion: MotionRequest) -> "Reading":
@@ -57,12 +50,13 @@ class StreamRequest:
 
         asked = dict(motion.options)
         way = select_smoothing(*(asked[name] for name in ("degree", "intervals", "bandwidth", "allow_noise")))
-        options = ColumnOptions(asked["time"], asked["columns"], asked["angles"], asked["time_unit"], asked["torques"])
-        return Reading(options, way, motion.blend, motion.step, self.skip)
+        asked["pattern"], asked["skip"] = asked["columns"], asked["on_error"] == "skip"
+        options = ColumnOptions(**{field.name: asked[field.name] for field in fields(ColumnOptions)})
+        return Reading(options, way, motion.blend, motion.step)
 
 
 def add_stream_options(verb: Callable[..., None]) -> Callable[..., None]:
-    """Add --reduce, --on-error and --cluster to a command, which gets them as one `stream`, an `StreamRequest`."""
+    """Add --reduce and --cluster to a command, which gets them as one `stream`, an `StreamRequest`."""
     return REDUCE(add_stream_options_without_reduce(verb))
 
 
@@ -70,10 +64,10 @@ def add_stream_options_without_reduce(verb: Callable[..., None]) -> Callable[...
     """`add_stream_options` of a command without aggregates of its own."""
 
     @wraps(verb)
-    def asked(on_error: str, cluster: str | None, reduce: str | None = None, **others: Any) -> None:
-        verb(stream=StreamRequest(_parse_kinds(reduce), on_error == "skip", cluster), **others)
+    def asked(cluster: str | None, reduce: str | None = None, **others: Any) -> None:
+        verb(stream=StreamRequest(_parse_kinds(reduce), cluster), **others)
 
-    return ON_ERROR(CLUSTER(asked))
+    return CLUSTER(asked)
 
 
 def _parse_kinds(given: str | None) -> tuple[str, ...]:
@@ -85,13 +79,15 @@ def _parse_kinds(given: str | None) -> tuple[str, ...]:
 
 
 def is_by_parts(job: "Job", motion: MotionRequest, output: Path | None, stream: StreamRequest) -> bool:
-    """Whether a motion is read by parts: for its size, or as asked by a folder, `reduce`, `skip` or a cluster."""
+    """Whether a motion is read by parts: for its size, or as asked by a folder, `reduce`, skipping or a cluster."""
     from jounce.io.motions.bags import is_bag
+    from jounce.io.tables import ROW_FORMATS
     from jounce.stream.input_parts import is_by_parts
 
     of_folder = motion.path.is_dir() and not is_bag(motion.path)
     into_folder = output is not None and not output.suffix
-    asked = of_folder or into_folder or stream.reduce or stream.skip or stream.cluster is not None
+    skips = job.reading.skip and motion.path.suffix.lower() in ROW_FORMATS
+    asked = of_folder or into_folder or stream.reduce or skips or stream.cluster is not None
     return bool(asked) or is_by_parts(job, motion.path)
 
 

@@ -78,6 +78,7 @@ Method: TypeAlias = Literal["kernel", "recursion", "closed_form", "paper"]
 Side: TypeAlias = Literal["links"]
 Product: TypeAlias = Literal["vjp", "jvp"]
 TimeUnit: TypeAlias = Literal["s", "ms", "us", "ns"]
+OnError: TypeAlias = Literal["stop", "skip"]
 
 
 class Planar2R(TypedDict, total=False):

@@ -11,10 +11,14 @@ from jounce.dynamics import loop_closure
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities import Quantity
 from jounce.engine.backends import closing_step
+from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates, Rates
+from jounce.model.positions import multiscrew_joints
 from jounce.motion.base import compute_base_motion, compute_states, perturb_rates
 from jounce.motion.motion import Motion
+from jounce.motion.sample_curves import SmoothedCurve
+from jounce.motion.vibrations import describe_force_rates
 
 _MAX_PERTURBED_STATES = 200_000  # computed for deviations of forces, which change slowly: linear between fewer times
 
@@ -65,6 +69,21 @@ def interpolate_deviations(
         return tuple(np.stack([np.interp(times, t, column) for column in rate.T], axis=1) for rate in known)
 
     return interpolate
+
+
+def with_vibration_notes(motion: Motion, robot: Engine) -> Motion:
+    """The motion, with notes of what vibrations of its samples mean in Q2d, for robots of joints alone."""
+    mechanism, curve = robot.mechanism, motion.curve
+    if not isinstance(curve, SmoothedCurve) or mechanism.floats or mechanism.loops or multiscrew_joints(mechanism):
+        return motion
+
+    def mass_matrices(t: np.ndarray) -> np.ndarray:
+        return np.asarray(compute(robot, "mass_matrix", curve.rates(t, 0)))
+
+    notes = [
+        describe_force_rates(vibration, mass_matrices, mechanism.coordinates) for vibration in curve.fit.vibrations
+    ]
+    return replace(motion, notes=(*motion.notes, *notes))
 
 
 def _perturb_states(motion: Motion, t: np.ndarray, states: MotionStates) -> Iterator[MotionStates]:

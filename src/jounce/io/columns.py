@@ -49,7 +49,7 @@ class CellError(JounceError):
 
 
 def check_columns(place: object, columns: Mapping[str, np.ndarray]) -> Columns:
-    """Convert a caller's arrays to the columns of a table."""
+    """Convert a caller's arrays to the columns of a table, whose cells may be infinite or NaN."""
     if not columns or not max(array.size for array in columns.values()):
         raise JounceError(f"{place}: no columns or no rows; expected named columns of numbers")
     rows = next(iter(columns.values())).shape[:1]
@@ -59,17 +59,18 @@ def check_columns(place: object, columns: Mapping[str, np.ndarray]) -> Columns:
             raise CellError(
                 f"{place}: column {quote_value(name)} is {came}; expected numbers of shape {rows or '(N,)'}"
             )
-    check_finite(place, columns)
     return {name: array.astype(float) for name, array in columns.items()}
 
 
-def check_finite(place: object, columns: Mapping[str, np.ndarray], first: int = 0, missing: bool = False) -> None:
-    """Raise `JounceError` if a column contains a value that is not finite, nor `missing`, which is NaN.
+def check_finite(
+    place: object, columns: Mapping[str, np.ndarray], first: int = 0, missing: tuple[str, ...] = ()
+) -> None:
+    """Raise `JounceError` if a column contains a value that is not finite, nor NaN under an ending of `missing`.
 
     `first` is the number of the first row.
     """
     for name, array in columns.items():
-        bad = np.flatnonzero(np.isinf(array) if missing else ~np.isfinite(array))
+        bad = np.flatnonzero(np.isinf(array) if name.endswith(missing) else ~np.isfinite(array))
         if bad.size:
             came = f"{array[bad[0]]} in row {first + bad[0]} from 0"
             raise CellError(f"{place}: column {quote_value(name)} holds {came}; expected finite numbers")
@@ -79,4 +80,4 @@ def check_distinct(place: object, names: Iterable[str]) -> None:
     """Raise `JounceError` where columns have the same name."""
     for name, count in Counter(names).items():
         if count > 1:
-            raise JounceError(f"{place}: column {quote_value(name)} occurs {count} times; expected once")
+            raise JounceError(f"{place}: column {quote_value(name)} occurs {count} times; rename or remove all but one")

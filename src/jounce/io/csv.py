@@ -24,14 +24,16 @@ BYTES_PER_CELL = 16  # about, as doubles at full precision take them: only sizes
 MAX_LINE_BYTES = 1 << 20  # of the last row before a span, which is looked for in as many bytes
 SEPARATORS = (",", ";", "\t", " ")  # of cells, the first that stands between column names
 BLANK = " ,;\t\r\n"
+COMMENT = re.compile(r"\s*(#|%|//)[\s#]*")  # what lines above the header begin with, and the header of numpy.savetxt
 
 
 class CsvLayout(NamedTuple):
-    """The names of the columns, the separator of the cells, and the byte at which the rows begin."""
+    """The names of the columns, the separator of the cells, the byte of the first row, and how many have no name."""
 
     header: list[str]
     mark: str
     start: int
+    unnamed: int  # columns at the end
 
 
 class Csv(TableFormat):
@@ -131,7 +133,9 @@ class Csv(TableFormat):
             return None
         count, broken = len(form.header), dict[int, str]()
         for i, cells in enumerate(rows):
-            if len(cells) != count:
+            if len(cells) > count and (len(cells) <= count + form.unnamed or not any(map(str.strip, cells[count:]))):
+                rows[i] = cells[:count]
+            elif len(cells) != count:
                 broken[i] = f"{len(cells)} cells; expected {count}, one for each column"
                 rows[i] = [*cells, *[""] * count][:count]
         names, bases = split_names(names)
@@ -166,15 +170,35 @@ def read_layout(path: Path) -> CsvLayout:
     with open_file(path) as file:
         try:
             following = lines(file)
-            first = next((line for line in following if line.strip(BLANK)), "")
-            bare = re.sub(r'"[^"]*"', "", first).lstrip("# ").strip()
-            mark = next((mark for mark in SEPARATORS if mark in bare), ",")
-            cells: list[str] = next(_csv_reader(itertools.chain([first], following), mark), [])
+            written = (line for line in following if line.strip(BLANK))
+            above, end = list[str](), 0  # comments, and where they end
+            while COMMENT.match(first := next(written, "")):
+                above.append(first)
+                end = start
+            # numpy.savetxt marks its header as a comment: it has the cells of the row of numbers below it
+            named = next((comment for comment in above if not first or _fits(comment, first)), None)
+            mark = _find_mark(named or first)
+            cells: list[str] = next(_csv_reader([named] if named else itertools.chain([first], following), mark), [])
         except (UnicodeDecodeError, csv.Error) as error:
             raise JounceError(f"{path}: not a CSV table: {one_line(error)}") from None
     if not cells:
         raise JounceError(f"{path}: the table is empty; expected a row of column names and rows of numbers")
-    return CsvLayout(_check_header(path, [cell.strip() for cell in cells], mark), mark, start)
+    names = _check_header(path, [cell.strip() for cell in cells], mark)
+    return CsvLayout(names, mark, end if named else start, 0 if mark == " " else len(cells) - len(names))
+
+
+def _find_mark(header: str) -> str:
+    """The separator of cells."""
+    bare = COMMENT.sub("", re.sub(r'"[^"]*"', "", header), count=1).strip()
+    return next((mark for mark in SEPARATORS if mark in bare), ",")
+
+
+def _fits(comment: str, row: str) -> bool:
+    """Whether a comment names the cells of a row, of which some are numbers."""
+    mark = _find_mark(comment)
+    names: list[str] = next(_csv_reader([COMMENT.sub("", comment, count=1).rstrip(BLANK)], mark), [])
+    cells: list[str] = next(_csv_reader([row.rstrip(BLANK)], mark), [])
+    return len(names) == len(cells) and any(parse_finite(cell.strip().replace(",", ".")) is not None for cell in cells)
 
 
 def _csv_reader(lines: Iterable[str], mark: str) -> Any:
@@ -184,8 +208,10 @@ def _csv_reader(lines: Iterable[str], mark: str) -> Any:
 
 
 def _check_header(path: Path, cells: Sequence[str], mark: str) -> list[str]:
-    header = [cells[0].lstrip("# "), *cells[1:]]  # numpy.savetxt marks its header with #
+    header = [COMMENT.sub("", cells[0], count=1), *cells[1:]]
     header = header[1:] if mark == " " and not header[0] else header
+    while len(header) > 1 and not header[-1]:  # a separator at the end
+        header.pop()
     if all(parse_finite(name) is not None for name in header):
         raise JounceError(f"{path}: no row of column names above the numbers; expected one, such as 't,JOINT,...'")
     check_distinct(path, header)

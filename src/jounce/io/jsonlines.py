@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -10,29 +10,37 @@ import numpy as np
 
 from jounce.core.errors import JounceError, join_names, one_line, quote_value
 from jounce.core.scalars import is_finite
-from jounce.io.columns import CellError, Columns, Select
+from jounce.io.columns import Select
 from jounce.io.files import open_file
 from jounce.io.remainders import remainder_name, split_names, text_remainders
+from jounce.io.table_format import Chunk, join_chunks
 
 ROWS_PER_JSON_PIECE = 1 << 12  # few enough for parsed rows, which take some kB each, to fit in memory
 
 
-def read_pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
-    """Yield the table of a file in pieces of some rows; objects within a row are columns NAME.FIELD."""
+def read_rows(path: Path, select: Select | None = None) -> Chunk:
+    """All rows of a file, whose places are the numbers of lines; objects within a row are columns NAME.FIELD."""
     with open_file(path) as file:
         rows = ((number, _parse_row(path, number, line)) for number, line in enumerate(file, start=1) if line.strip())
         first = next(rows, None)
         if first is None:
             raise JounceError(f"{path}: the table is empty; expected one JSON object per line, a number for each name")
         names, bases = split_names(first[1] if select is None else select(list(first[1])))
-        piece = [first, *islice(rows, ROWS_PER_JSON_PIECE - 1)]
-        while piece:
-            columns = {name: np.array([_read_number(path, *numbered, name) for numbered in piece]) for name in names}
-            for name in bases:
-                cells = [str(row[name]) for _, row in piece]
-                columns[remainder_name(name)] = text_remainders(cells, columns[name])
-            yield columns
-            piece = list(islice(rows, ROWS_PER_JSON_PIECE))
+        every, found = chain([first], rows), list[Chunk]()
+        while piece := list(islice(every, ROWS_PER_JSON_PIECE)):
+            found.append(_read_piece(piece, names, bases))
+    return join_chunks(found)
+
+
+def _read_piece(piece: list[tuple[int, dict[str, Any]]], names: list[str], bases: list[str]) -> Chunk:
+    cells: dict[str, list[Any]] = {name: [row.get(name) for _, row in piece] for name in names}
+    columns = {name: np.array([float(x) if is_finite(x) else np.nan for x in of]) for name, of in cells.items()}
+    for name in bases:
+        columns[remainder_name(name)] = text_remainders(list(map(str, cells[name])), columns[name])
+    texts = {(i, name): str(x) for name, of in cells.items() for i, x in enumerate(of) if not is_finite(x)}
+    absent = {i: name for i, (_, row) in enumerate(piece) for name in reversed(names) if name not in row}
+    broken = {i: f"no {quote_value(x)} in this row; it has: {join_names(piece[i][1])}" for i, x in absent.items()}
+    return Chunk(columns, None, np.array([number for number, _ in piece] + [piece[-1][0] + 1]), texts, broken)
 
 
 class _WrittenNumber(float):
@@ -66,12 +74,3 @@ def _flatten_row(value: Any, name: str) -> Iterator[tuple[str, Any]]:
             yield from _flatten_row(inner, f"{name}[{i}]")
     else:
         yield name, value
-
-
-def _read_number(path: Path, line: int, row: dict[str, Any], name: str) -> float:
-    if name not in row:
-        raise JounceError(f"{path}:{line}: no {quote_value(name)} in this row; it has: {join_names(row)}")
-    if not is_finite(row[name]):
-        came = f"column {quote_value(name)} holds {quote_value(row[name])}"
-        raise CellError(f"{path}:{line}: {came}; expected a finite number")
-    return float(row[name])

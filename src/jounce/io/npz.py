@@ -10,10 +10,10 @@ import numpy as np
 
 from jounce.arguments.names import read_entries
 from jounce.core.errors import JounceError, one_line, quote_value
-from jounce.io.columns import Columns, Select, TableMetadata, check_columns, check_distinct, flatten, select_columns
+from jounce.io.columns import Select, TableMetadata, check_columns, check_distinct, flatten, select_columns
 from jounce.io.files import open_file
 from jounce.io.remainders import split_names, with_remainders
-from jounce.io.table_format import Chunk, Pieces, Span, TableFormat, rows_per_chunk
+from jounce.io.table_format import Chunk, Pieces, Span, TableFormat, number_rows, rows_per_chunk
 
 # of the fixed part of a ZIP member's header, which ends in two lengths: of its name, and of what follows that
 LOCAL_HEADER_BYTES = 30
@@ -51,9 +51,9 @@ class Npz(TableFormat):
                 np.arange(part.start, part.stop + 1),
             )
 
-    def pieces(self, path: Path, select: Select | None = None) -> Iterator[Columns]:
-        """The whole table in one piece: its columns follow each other, and may be compressed."""
-        yield check_columns(path, select_columns(_read_members(path, _read_member), select))
+    def whole(self, path: Path, select: Select | None = None) -> Chunk:
+        """All rows, which may be compressed."""
+        return number_rows(check_columns(path, select_columns(_read_members(path, _read_member), select)))
 
     def write(self, path: Path, pieces: Pieces, about: TableMetadata | None = None) -> None:
         """Write a table as numpy.savez does, column by column: all pieces are held until the last has come."""

@@ -5,7 +5,7 @@ Spans can be read in any order, and take a bounded amount of memory; a table tha
 
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
@@ -17,6 +17,7 @@ from jounce.core.errors import JounceError, quote_value
 from jounce.io.columns import CellError, Columns, Select, TableMetadata
 from jounce.io.remainders import split_names
 
+ROW_CURE = "repair or remove the row, or leave bad rows out by --on-error skip (on_error='skip')"
 CELLS_PER_CHUNK = 1 << 19  # 4 MB of numbers, which stay in the cache while they are computed
 Pieces = Iterable[Mapping[str, np.ndarray]]
 
@@ -55,6 +56,28 @@ class Chunk:
                 text = str(column[i]) if came is None else quote_value(came)
                 found.setdefault(i, (name, f"holds {text}; expected a finite number"))
         return found
+
+
+def leave_out_rows(
+    problems: Mapping[int, tuple[str, str]], count: int, where: Callable[[int], str], skip: bool
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Which rows (N,) are good, and a note of those that are left out: by row, their column and what is wrong with it.
+
+    Raises `JounceError` for the first of them unless they are to `skip`.
+    """
+    good = np.ones(count, dtype=bool)
+    if not problems:
+        return good, ()
+    good[list(problems)] = False
+    first = min(problems)
+    column, problem = problems[first]
+    came = f"{where(first)}: {f'column {quote_value(column)} ' if column else ''}{problem}"
+    if not skip:
+        raise (CellError if column else JounceError)(f"{came}; {ROW_CURE}")
+    if not good.any():
+        raise JounceError(f"{came}; no row is good")
+    which = ", the first:" if len(problems) > 1 else ":"
+    return good, (f"{len(problems)} of {count} rows left out{which} {came}",)
 
 
 class TableFormat(ABC):
@@ -117,24 +140,33 @@ class TableFormat(ABC):
         """A place in a file, as messages name it."""
         return self.row(path, self.number(path, at, self.FIRST))
 
-    def pieces(self, path: Path, select: Select | None = None) -> Iterator[Columns]:
-        """The whole table in pieces of some rows, each checked before it is yielded; it has at least one row."""
+    def whole(self, path: Path, select: Select | None = None) -> Chunk:
+        """All rows of the columns that are selected by name, at least one row; cells may be of any kind."""
         header = self.names(path)
         wanted = header if select is None else list(select(header))
-        names, _ = split_names(wanted)
-        self.check_numbers(path, names)
-        found = False
-        for span in self.spans(path, sys.maxsize):
-            for chunk in self.chunks(path, wanted, None, span):
-                found = True
-                for i, (column, problem) in sorted(chunk.problems(names).items())[:1]:
-                    where = self.place(path, int(chunk.places[i]))
-                    if column:
-                        raise CellError(f"{where}: column {quote_value(column)} {problem}")
-                    raise JounceError(f"{where}: {problem}")
-                yield {name: x.copy() for name, x in chunk.columns.items()}  # by which each can be freed alone
+        self.check_numbers(path, split_names(wanted)[0])
+        found = [chunk for span in self.spans(path, sys.maxsize) for chunk in self.chunks(path, wanted, None, span)]
         if not found:
             raise JounceError(f"{path}: no rows of numbers under the column names")
+        return join_chunks(found)
+
+
+def join_chunks(chunks: Sequence[Chunk]) -> Chunk:
+    """Chunks of a table, one below the other; texts are left out, and each column is freed once it is copied."""
+    starts = np.cumsum([0, *(len(chunk.places) - 1 for chunk in chunks[:-1])]).tolist()
+    columns, of = [dict(chunk.columns) for chunk in chunks], list(zip(starts, chunks, strict=True))
+    return Chunk(
+        {name: np.concatenate([part.pop(name) for part in columns]) for name in list(columns[0])},
+        None,
+        np.concatenate([*(chunk.places[:-1] for chunk in chunks), chunks[-1].places[-1:]]),
+        {(start + i, name): x for start, chunk in of for (i, name), x in chunk.texts.items()},
+        {start + i: x for start, chunk in of for i, x in chunk.broken.items()},
+    )
+
+
+def number_rows(columns: Columns) -> Chunk:
+    """The rows of columns, whose places are their numbers."""
+    return Chunk(columns, None, np.arange(len(next(iter(columns.values()))) + 1))
 
 
 def rows_per_chunk(columns: int) -> int:

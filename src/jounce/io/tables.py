@@ -1,24 +1,24 @@
 """Tables: named columns of numbers in files, every cell checked when read, written at full precision."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from jounce.core.errors import JounceError, one_line
+from jounce.core.errors import JounceError, one_line, warn
 from jounce.io import files, jsonlines
 from jounce.io.columns import Columns, Select, TableMetadata, check_columns, check_finite, flatten, select_columns
 from jounce.io.csv import Csv
 from jounce.io.npz import Npz
 from jounce.io.parquet import Parquet, import_pyarrow
-from jounce.io.table_format import Pieces, TableFormat
+from jounce.io.table_format import Chunk, Pieces, TableFormat, leave_out_rows, number_rows
 
 Known = TypeVar("Known")
 
 
-def _read_mat(path: Path, select: Select | None = None) -> Iterator[Columns]:
-    """The variables of a MATLAB file, in one piece: matrices are columns NAME[0], NAME[1], ..., fields STRUCT.FIELD."""
+def _read_mat(path: Path, select: Select | None = None) -> Chunk:
+    """The variables of a MATLAB file: matrices are columns NAME[0], NAME[1], ..., fields STRUCT.FIELD."""
     from scipy.io import loadmat  # half a second to import, and only for such files
 
     with files.open_file(path) as file:
@@ -29,7 +29,7 @@ def _read_mat(path: Path, select: Select | None = None) -> Iterator[Columns]:
         except Exception as error:  # damaged files make their reader raise errors of any type
             raise JounceError(f"{path}: not a MAT file: {one_line(error) or type(error).__name__}") from None
     arrays = flatten(dict(_mat_arrays({k: v for k, v in content.items() if not k.startswith("__")}, "")))
-    yield check_columns(path, select_columns(arrays, select))
+    return number_rows(check_columns(path, select_columns(arrays, select)))
 
 
 def _mat_arrays(content: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, np.ndarray]]:
@@ -42,9 +42,9 @@ def _mat_arrays(content: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, 
 
 CSV, NPZ, PARQUET = Csv(), Npz(), Parquet()
 ROW_FORMATS: Mapping[str, TableFormat] = {".parquet": PARQUET, ".csv": CSV, ".npz": NPZ, ".tsv": CSV, ".txt": CSV}
-TABLE_READERS: Mapping[str, Callable[[Path, Select | None], Iterator[Columns]]] = {
-    **{suffix: form.pieces for suffix, form in ROW_FORMATS.items()},
-    **{".mat": _read_mat, ".jsonl": jsonlines.read_pieces, ".ndjson": jsonlines.read_pieces},
+TABLE_READERS: Mapping[str, Callable[[Path, Select | None], Chunk]] = {
+    **{suffix: form.whole for suffix, form in ROW_FORMATS.items()},
+    **{".mat": _read_mat, ".jsonl": jsonlines.read_rows, ".ndjson": jsonlines.read_rows},
 }
 TABLE_WRITERS: dict[str, TableFormat] = {".csv": CSV, ".npz": NPZ, ".parquet": PARQUET}
 
@@ -56,17 +56,27 @@ def select_format(path: Path) -> TableFormat:
 
 def describe_place(path: Path, at: int) -> str:
     """A place in a file, as messages name it."""
-    return select_format(path).place(path, at)
+    suffix = path.suffix.lower()
+    if suffix in ROW_FORMATS:
+        return ROW_FORMATS[suffix].place(path, at)
+    return f"{path}: row {at} from 0" if suffix == ".mat" else f"{path}:{at}"
 
 
-def read(path: Path, select: Select | None = None) -> Columns:
-    """The columns of a table, all or those selected by name: finite numbers, all of one length, at least one row."""
-    parts = list(read_pieces(path, select))
-    return {name: np.concatenate([part.pop(name) for part in parts]) for name in list(parts[0])}
+def read(path: Path, select: Select | None = None, skip: bool = False, missing: Iterable[str] = ()) -> Columns:
+    """The columns of a table, all or those selected by name: finite numbers, all of one length, at least one row.
+
+    With `skip`, rows with other cells are left out, with a warning. Columns of the endings `missing` may hold NaN.
+    """
+    rows = read_rows(path, select)
+    bad = rows.problems(name for name in rows.columns if not name.endswith(tuple(missing)))
+    good, notes = leave_out_rows(bad, len(rows.places) - 1, lambda i: describe_place(path, int(rows.places[i])), skip)
+    for note in notes:
+        warn(note)
+    return {name: x[good] for name, x in rows.columns.items()} if bad else rows.columns
 
 
-def read_pieces(path: Path, select: Select | None = None) -> Iterator[Columns]:
-    """Yield a table in pieces of some rows, each checked before it is yielded."""
+def read_rows(path: Path, select: Select | None = None) -> Chunk:
+    """All rows of the columns of a table that are selected by name; cells may be of any kind."""
     return _select_by_suffix(path, TABLE_READERS)(path, select)
 
 
@@ -83,17 +93,17 @@ def write(path: Path, columns: Mapping[str, np.ndarray], about: TableMetadata | 
     write_pieces(path, [columns], about)
 
 
-def write_pieces(path: Path, pieces: Pieces, about: TableMetadata | None = None, missing: bool = False) -> None:
+def write_pieces(path: Path, pieces: Pieces, about: TableMetadata | None = None, missing: Iterable[str] = ()) -> None:
     """Write a table from pieces of some rows, each checked first; a partial file is never seen.
 
-    Numbers may be `missing`, NaN, where results of closed robots have no certain digits.
+    In columns of the endings `missing`, numbers may be NaN: measured torques, results without certain digits.
     """
     writer = _select_by_suffix(path, TABLE_WRITERS)
     with files.write_whole(path) as part:
-        writer.write(part, _check_pieces(path, pieces, missing), about)
+        writer.write(part, _check_pieces(path, pieces, tuple(missing)), about)
 
 
-def _check_pieces(path: Path, pieces: Pieces, missing: bool) -> Iterator[Mapping[str, np.ndarray]]:
+def _check_pieces(path: Path, pieces: Pieces, missing: tuple[str, ...]) -> Iterator[Mapping[str, np.ndarray]]:
     rows = 0
     for columns in pieces:
         check_finite(path, columns, rows, missing)

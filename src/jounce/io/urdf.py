@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
-from jounce.core.errors import JounceError, locate_errors, one_line, quote_value, shorten, unknown_name_error
+from jounce.core.errors import JounceError, locate_errors, one_line, quote_value, shorten, unknown_name_error, warn
 from jounce.core.foreign import parse_finite
 from jounce.io.doctype import refuse_declarations
 from jounce.io.files import read_bytes
@@ -26,6 +26,8 @@ AXIS_PLACES = {
 }  # by type of joint, where in the screw (angular; linear) the axis goes
 FREE_JOINT_TYPES = ("floating", "planar")
 DEFAULT_AXIS = "1 0 0"  # by the format, where a joint states none
+LIMIT_ATTRIBUTES = {"velocity", "effort", "acceleration", "jerk"}  # that bound nothing where they are not stated
+WORLD = "world"  # the ground, which a parent may name although no link does, as Drake has it
 ORIGIN_ATTRIBUTES = ("xyz", "rpy")  # of the pose that an <origin> states
 
 
@@ -42,8 +44,14 @@ def parse(content: bytes, file: str, name: str, gravity: object, base: str | Non
             check_size(sum(element.get("type") in AXIS_PLACES for element in robot.iterchildren("joint")))
     links = [_read_link(element, file) for element in robot.iterchildren("link")]
     joints = [_read_joint(element, file) for element in robot.iterchildren("joint")]
-    given = GRAVITY if gravity is None else gravity
-    built = tree.build_mechanism(links, joints, given, robot.get("name") or name, file, base=base, root=root)
+    given, world = GRAVITY if gravity is None else gravity, None
+    if WORLD in {joint.parent for joint in joints} - {link.name for link in links}:
+        world, links = WORLD, [tree.Link(WORLD, np.zeros((6, 6)), file), *links]
+    for limit in robot.iterfind("joint/limit[@deceleration]"):
+        if limit.get("deceleration") != limit.get("acceleration"):
+            warn(f"{_element_place(limit, file)}: deceleration= is left out; acceleration= alone bounds q2d")
+    called = robot.get("name") or name
+    built = tree.build_mechanism(links, joints, given, called, file, base=base, root=root, world=world)
     unsaid = [element for element in robot.iterchildren("joint") if element.find("axis") is None]
     without = {f"{joint.get('name')}{'.wz' * (joint.get('type') == 'planar')}" for joint in unsaid}
     return replace(built, default_axes=tuple(joint for joint in built.joints if joint in without))
@@ -141,7 +149,7 @@ def _read_limits(element: etree._Element, kind: str, file: str) -> dict[str, flo
     limit = element.find("limit")
     if limit is None:
         return {}
-    keys = [*(("lower", "upper") if kind != "continuous" else ()), *({"velocity", "effort"} & set(limit.attrib))]
+    keys = [*(("lower", "upper") if kind != "continuous" else ()), *(LIMIT_ATTRIBUTES & set(limit.attrib))]
     return {key: float(read_numbers(limit, key, 1, file, default="0")[0]) for key in keys}
 
 

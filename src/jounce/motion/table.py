@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jounce.core.errors import JounceError, locate_errors, warn
+from jounce.core.errors import locate_errors, warn
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import Position, list_multiscrew_joints, position_names
 from jounce.motion import loads, poses, smoothness
@@ -27,6 +27,7 @@ from jounce.motion.units import check_units
 from jounce.spatial.series import rate_name
 
 DEFAULT_SMOOTHING, DEFAULT_COLUMN_OPTIONS = Smoothing(), ColumnOptions()
+JERK_ORDER = 3  # of q3d
 ALL_RATES_SOURCE = "all rates from the table"  # the source of motions without samples
 
 
@@ -51,7 +52,6 @@ def motion_from_columns(
     known, by_twist = column_stems(mechanism), joints_with_velocities(found.sources, mechanism)
     si = {name: columns[source] * found.factors[name] for name, source in found.sources.items()}
     t = si[TIME]
-    _check_increasing(t, found.sources[TIME], place)
     rounding = origin.rounding(t) if origin else 0.0
     of_times = (*origin.notes, *rounding_notes(rounding, highest)) if origin else ()
     of_turns = list[str]()
@@ -61,7 +61,7 @@ def motion_from_columns(
         with locate_errors(place):
             si, notes_of_turns = align_quaternions(si, joint.names[len(joint.group.places) :], found.sampled)
         of_turns += notes_of_turns
-    rows = () if found.sampled else collect_rates(si, known)
+    rows, of_rates = ((), ()) if found.sampled else _add_jerk(t, collect_rates(si, known), highest, joints)
     q = np.stack([si[name] for name in joints], axis=1) if found.sampled else rows[0]
     check_units(t, q, rows[1] if rows[1:] else None, mechanism, (found.angles_stated, found.time_stated), place)
     of_wrenches = {name: si[name] for name in loads.select_wrench_columns(list(si), mechanism)}
@@ -81,20 +81,22 @@ def motion_from_columns(
         spreads = collect_rates(si, known, DEVIATION)[: len(rows)]
         curve = HermiteCurve(t, rows, spreads if len(spreads) == len(rows) else None, rounding, place, tuple(known))
         samples = SampleCurve(curve, ALL_RATES_SOURCE)
-    notes = (*of_times, *found.notes, *of_turns, *samples.notes, *of_poses, *of_loads)
+    notes = (*of_times, *found.notes, *of_rates, *of_turns, *samples.notes, *of_poses, *of_loads)
     made, through = (samples.curve, joints, samples.source, W), (t, q) if found.sampled else None
     return Motion(*made, through, samples.residual, t, torques, notes, base, branch, several)
 
 
-def _check_increasing(t: np.ndarray, column: str, place: str) -> None:
-    steps = np.flatnonzero(np.diff(t) <= 0)
-    if steps.size:
-        i = int(steps[0])
-        follows = f"{t[i]:.17g} is followed by {t[i + 1]:.17g}, rows {i} and {i + 1} counted from 0"
-        raise JounceError(
-            f"{place}: {column} does not increase: {follows}; sort and repair the rows,"
-            " or name another column of times by --time COLUMN (time=)"
-        )
+def _add_jerk(
+    t: np.ndarray, rows: tuple[np.ndarray, ...], highest: int, joints: Sequence[str]
+) -> tuple[tuple[np.ndarray, ...], tuple[str, ...]]:
+    """Rows of q, qd, q2d with q3d, where that is asked for: the difference of q2d to the next row; and a note of it."""
+    if len(rows) != JERK_ORDER or highest != JERK_ORDER:
+        return rows, ()
+    between = np.diff(rows[2], axis=0) / np.diff(t)[:, None]
+    most = np.abs(np.diff(between, axis=0)).max(axis=0, initial=0)
+    largest = f"{most.max():.2g} of {joints[int(most.argmax())]}"
+    note = f"q3d is the difference of q2d to the next row, and changes by up to {largest} from row to row"
+    return (*rows, np.concatenate([between, between[-1:]])), (note,)
 
 
 def _rates_by_velocity(columns: Mapping[str, np.ndarray], joint: Position) -> dict[str, np.ndarray]:
@@ -111,4 +113,5 @@ def _measured_torques(
     if not found.torques:
         return None
     missing = np.full(len(columns[found.sources[TIME]]), np.nan)
-    return np.stack([columns[found.torques[j]] if j in found.torques else missing for j in joints], axis=1)
+    torques = np.stack([columns[found.torques[j]] if j in found.torques else missing for j in joints], axis=1)
+    return np.where(np.isfinite(torques), torques, np.nan)

@@ -26,33 +26,43 @@ MISSPELT_RATE = re.compile(r"q[a-z0-9]{0,4}|[fm][a-z]?\d*d*")
 DRAWING_COLUMNS = re.compile(rf"\.(q|{NUMBER_NAMES})_sample$|^break$")  # what `jounce motion` writes to be drawn
 CURES = {
     "t": "name another column of times by --time COLUMN (time=)",
-    "joint": "name the columns by --columns 'q_{joint}' (columns=), or hold a joint by --lock {joint}=VALUE"
-    " (lock= of jounce.load)",
+    "joint": "name the columns by --columns 'q_{joint}' (columns=), map their prefix by --rename OLD=NEW (rename=),"
+    " or hold a joint by --lock {joint}=VALUE (lock= of jounce.load)",
 }
 
 
 @dataclass(frozen=True)
 class ColumnOptions:
-    """What a caller says of the columns: the one of times, how joints and their torques are called there, and units."""
+    """What a caller says of the columns: the one of times, how joints and their torques are called there, and units.
+
+    `rename`, "OLD=NEW", is what names begin with there, and what they begin with in the robot.
+    """
 
     time: str | None = None
     pattern: str | None = None
     angles: str | None = None
     time_unit: str | None = None
     torques: str | None = None
+    rename: str | None = None
+    skip: bool = field(default=False, repr=False)  # bad rows, whose treatment changes no result
 
     def __post_init__(self) -> None:
         for what, given, known in (("angles", self.angles, ANGLE_UNITS), ("time_unit", self.time_unit, TIME_UNITS)):
             if given is not None and (not isinstance(given, str) or given not in known):
                 raise unknown_name_error(f"unit of {what}", given, known)
-        for what, given in (("time", self.time), ("columns", self.pattern), ("torques", self.torques)):
+        texts = {"time": self.time, "columns": self.pattern, "torques": self.torques, "rename": self.rename}
+        for what, given in texts.items():
             if given is not None and not isinstance(given, str):
                 raise JounceError(f"{what} is {quote_value(given)}; expected a text")
+        if self.rename is not None and self.rename.count("=") != 1:
+            raise JounceError(
+                f"{option_name('rename')} {quote_value(self.rename)}; expected OLD=NEW, as in 'fer_=panda_'"
+            )
 
     def refuse(self, place: str, reason: str) -> None:
         """Raise `JounceError` if options for columns are given although the motion has no columns."""
         names = {"time": self.time, "columns": self.pattern, "angles": self.angles, "time_unit": self.time_unit}
-        given = [name for name, value in names.items() if value is not None]
+        given = [name for name, value in {**names, "rename": self.rename}.items() if value is not None]
         if given:
             raise JounceError(f"{place}: {reason}; {option_name(given[0])} is for the columns of a table: leave it out")
 
@@ -92,10 +102,10 @@ def match_columns(header: Sequence[str], mechanism: Mechanism, options: ColumnOp
         raise JounceError("a joint is named 't' like the column of times; rename the joint")
     split = {source: (source, None) if source in joints else split_unit(source) for source in header}
     units = {source: unit for source, (_, unit) in split.items()}
-    bare = sources = _rename_columns([(split[source][0], source) for source in header], lambda _: "have the same name")
+    bare = sources = _bare_names({source: name for source, (name, _) in split.items()}, mechanism, options)
     sources = _with_time(sources, header, options.time, joints)
     torques = _torque_columns(bare, units, options.torques, mechanism.coordinates)
-    sources = _with_pattern(sources, options.pattern, joints)
+    sources = _with_pattern(sources, units, options.pattern, joints)
     of_base = poses.select_base_columns(list(sources), mechanism)
     renamed = ((of_base.get(name, name), source) for name, source in sources.items())
     sources = _rename_columns(renamed, lambda name: f"both state {name!r} of the base")
@@ -103,7 +113,8 @@ def match_columns(header: Sequence[str], mechanism: Mechanism, options: ColumnOp
     elsewhere = {*of_wrenches, *of_base.values()}
     given = [name for name in sources if name not in elsewhere and sources[name] not in torques.values()]
     sampled = not any(_is_rate(name, mechanism) for name in given)
-    wanted = list(joints) if sampled else _rate_columns(given, mechanism, highest)
+    is_derived = highest == 3 and not of_base and not any(name.endswith(".q3d") for name in given)  # of differences
+    wanted = list(joints) if sampled else _rate_columns(given, mechanism, highest - is_derived)
     _check_columns(given, [TIME, *wanted], sampled, mechanism, highest)
     poses.check_base_columns(list(of_base.values()), mechanism, highest)
     passive = follower_columns(mechanism, list(sources), sampled).values()
@@ -172,6 +183,43 @@ def _rename_columns(names: Iterable[tuple[str, str]], state: Callable[[str], str
     return found
 
 
+def _bare_names(split: Mapping[str, str], mechanism: Mechanism, options: ColumnOptions) -> dict[str, str]:
+    """The columns by their names without units, which begin as those of the robot do; patterns select among equals."""
+    names, of_joints = dict(split), (position_names(mechanism), mechanism.coordinates)
+    if options.rename is not None:
+        names = _with_prefix(names, options.rename, mechanism)
+    given = zip(("--columns", "--torques"), (options.pattern, options.torques), of_joints, strict=True)
+    asked = {
+        name
+        for option, pattern, joints in given
+        if pattern is not None
+        for name in _name_joints(option, pattern, joints)
+    }
+    chosen = {name for source, name in names.items() if source in asked}
+    hidden = {source for source, name in names.items() if name in chosen and source not in asked}
+    cure = "select one by --columns PATTERN (columns=) with its unit, '{joint} [deg]'"
+    return _rename_columns(
+        ((f"{source} " if source in hidden else name, source) for source, name in names.items()),
+        lambda _: f"have the same name: {cure}",
+    )
+
+
+def _with_prefix(names: Mapping[str, str], rename: str, mechanism: Mechanism) -> dict[str, str]:
+    """Names of columns in which those of joints and bodies begin as the robot has them: ``tau_fer_joint1`` too."""
+    old, new = rename.split("=")
+    several = [joint.name for joint in list_multiscrew_joints(mechanism)]
+    known = [*position_names(mechanism), *several, *mechanism.tree.coordinates, *mechanism.frame_names]
+    theirs = {old + name.removeprefix(new): name for name in known if name.startswith(new)}
+    longest = sorted(theirs, key=len, reverse=True)
+    called = re.compile(rf"(?<![^\W_])({'|'.join(map(re.escape, longest))})(?![^\W_])")
+    found = {source: called.sub(lambda match: theirs[match[1]], name) for source, name in names.items()}
+    if not theirs or found == names:
+        came = f"no column of {join_names(theirs, 3)}" if theirs else f"no joint or body begins with {quote_value(new)}"
+        exist = names if theirs else mechanism.coordinates
+        raise JounceError(f"{option_name('rename')} {quote_value(rename)}: {came}; there are: {join_names(exist)}")
+    return found
+
+
 def _with_time(
     sources: Mapping[str, str], header: Sequence[str], time: str | None, joints: Sequence[str]
 ) -> dict[str, str]:
@@ -189,17 +237,19 @@ def _with_time(
     return {TIME if name == chosen else name: source for name, source in renamed.items()}
 
 
-def _with_pattern(sources: Mapping[str, str], pattern: str | None, joints: Sequence[str]) -> dict[str, str]:
+def _with_pattern(
+    sources: Mapping[str, str], units: Mapping[str, str | None], pattern: str | None, joints: Sequence[str]
+) -> dict[str, str]:
     """The columns with those of joints called as the joints are: ``q_{joint}``, ``q{number}``, ``q[{index}]``."""
     if pattern is None:
         return dict(sources)
-    places = _match_pattern("--columns", pattern, sources, joints)
+    places = _match_pattern("--columns", pattern, sources, units, joints)
     hidden = set(places.values()) - set(places)
     return {places.get(name, f"{name} " if name in hidden else name): source for name, source in sources.items()}
 
 
-def _match_pattern(option: str, pattern: str, header: Mapping[str, object], joints: Sequence[str]) -> dict[str, str]:
-    """The joint of each column that a pattern names."""
+def _name_joints(option: str, pattern: str, joints: Sequence[str]) -> list[str]:
+    """What a pattern calls the joints."""
     try:
         called = [pattern.format(joint=joint, number=j + 1, index=j) for j, joint in enumerate(joints)]
     except (LookupError, ValueError, AttributeError) as error:
@@ -208,6 +258,17 @@ def _match_pattern(option: str, pattern: str, header: Mapping[str, object], join
         raise JounceError(
             f"{option} {quote_value(pattern)} names {quote_value(called[0])} for every joint; {_EXPECTED}"
         )
+    return called
+
+
+def _match_pattern(
+    option: str, pattern: str, header: Mapping[str, str], units: Mapping[str, str | None], joints: Sequence[str]
+) -> dict[str, str]:
+    """The joint of each column that a pattern names, with its unit or without."""
+    called = _name_joints(option, pattern, joints)
+    for i, (name, unit) in enumerate(map(split_unit, called)):
+        if called[i] not in header and unit is not None and name in header and units[header[name]] == unit:
+            called[i] = name
     if not any(name in header for name in called):
         came = f"{option} {quote_value(pattern)}: no column {join_names(map(quote_value, called[:2]))}"
         raise JounceError(f"{came}, ...; there are: {join_names(header)}")
@@ -225,10 +286,13 @@ def _torque_columns(
         called = {known.format(joint): joint for known in TORQUE_PATTERNS for joint in joints}
         found = {name: called[name] for name in bare if name in called and name not in joints}
     else:
-        found = _match_pattern("--torques", pattern, bare, joints)
+        found = _match_pattern("--torques", pattern, bare, units, joints)
     for name in found:
         unit_factor(units[bare[name]], None, "load", 0, bare[name])
-    return {joint: bare[name] for name, joint in found.items()}
+    cure = "select one by --torques PATTERN (torques=)"
+    return _rename_columns(
+        ((joint, bare[name]) for name, joint in found.items()), lambda joint: f"both state torques of {joint!r}: {cure}"
+    )
 
 
 def _strip_rate(name: str) -> str:
@@ -276,6 +340,8 @@ def _check_columns(
         )
     absent = [joint for joint in joints if joint in samples and not {joint, f"{joint}.q"}.isdisjoint(missing)]
     cures = [CURES["t"]] * (TIME in missing) + [CURES["joint"].replace("{joint}=", f"{j}=") for j in absent[:1]]
+    if missing and {name.rpartition(".")[2] for name in missing} <= {"q3d", "q4d"}:
+        cures.append("--order 1 (order=1) takes q3d from differences of q2d")
     if missing and (forces := [f"{joint}.Q" for joint in joints if f"{joint}.Q" in given]):
         came = f"it holds forces, {quote_value(forces[0])}, ..., and not the motion"
         raise JounceError(f"{came}; expected t and {asked}: 'jounce run --rates' writes both")

@@ -8,7 +8,7 @@ from jounce.core.errors import JounceError, quote_value, unknown_name_error, war
 from jounce.model.coordinates import coordinate_units, leading_joints, likely_positions
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import single_joint_positions, single_positions
-from jounce.motion.smoothness import MIN_JUDGED_SAMPLES
+from jounce.motion.smoothness import MIN_JUDGED_SAMPLES, MIN_JUMP_TO_NEIGHBOURS
 
 ANGLE_UNITS = {"rad": 1.0, "deg": np.pi / 180}  # rad
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # s
@@ -28,6 +28,8 @@ MAX_SPEED_TO_LIMIT = 3.0  # times the limit of speed: how fast a joint may be
 MIN_SUSPECT_STEP = 0.5  # s between samples, from which on a unit shorter than the second is suspected
 MAX_SPEED_AT_REST = 0.02  # rad/s or m/s: nothing moves faster, though something moves
 MIN_MOTION = 1e-4  # rad or m: a joint that goes less far rests
+MIN_UNIT_JUMP = 0.1  # rad from row to row, by which a change of unit shows: smaller ones do no harm
+MAX_UNIT_MISMATCH = 0.05  # of such a jump: what joints move meanwhile
 MAX_RATE_MISMATCH = 1.5  # times by which changes of q and qd may differ: units differ by more
 IN_DEGREES = "the values would be within limits if they were degrees"
 
@@ -74,6 +76,7 @@ def check_units(
         raise JounceError(f"{place}: {_describe_pace(t, q)}: t looks like {unit}; {cure}")
     _check_rates(t, q, qd, place)
     q, qd = single_joint_positions(mechanism, q), None if qd is None else single_joint_positions(mechanism, qd)
+    refuse_unit_changes(t, q, mechanism, place)
     speeds = _usual_speeds(t, q) if qd is None or len(t) < MIN_JUDGED_SAMPLES else _high_quantile(np.abs(qd))
     here = _breaks_limits(q, speeds, mechanism)
     if not here.any():
@@ -87,6 +90,25 @@ def check_units(
         return
     if np.isfinite([*_stated_limits(mechanism, int(here.argmax()))]).any():
         warn(f"{place}: {came}, but {allowed}; check units, joint names and --lock")
+
+
+@np.errstate(over="ignore", invalid="ignore")  # absurd positions are refused later
+def refuse_unit_changes(t: np.ndarray, q: np.ndarray, mechanism: Mechanism, place: str) -> None:
+    """Raise `JounceError` where all angles of q (N, n) become 57.3 times or 1/57.3 of what they were, and remain so."""
+    turns = np.flatnonzero([unit == "rad" for unit in coordinate_units(mechanism)])
+    before, after = q[:-1, turns], q[1:, turns]
+    step = np.abs(after - before).max(axis=1, initial=0)
+    if not (step > MIN_UNIT_JUMP).any():
+        return
+    beside = np.pad(step, 1)
+    jumps = step > np.maximum(MIN_UNIT_JUMP, MIN_JUMP_TO_NEIGHBOURS * np.maximum(beside[:-2], beside[2:]))
+    for name, factor in (("degrees", 1 / ANGLE_UNITS["deg"]), ("radians", ANGLE_UNITS["deg"])):
+        alike = np.abs(after - factor * before).max(axis=1, initial=0) < MAX_UNIT_MISMATCH * step
+        for i in np.flatnonzero(jumps & alike)[:1]:
+            j = turns[np.abs(after[i] - before[i]).argmax()]
+            came = f"joint {quote_value(mechanism.coordinates[j])} goes from {q[i, j]:.4g} to {q[i + 1, j]:.4g}"
+            where = f"at t = {t[i + 1]:.9g} s, row {i + 1} from 0, all angles become {name}"
+            raise JounceError(f"{place}: {where}: {came}; write all rows in one unit")
 
 
 def warn_of_degrees(q: np.ndarray, qd: np.ndarray, mechanism: Mechanism, place: str) -> None:

@@ -2,21 +2,17 @@
 
 import os
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, get_args
 
 from jounce.arguments import names
 from jounce.arguments.rates import check_order
 from jounce.core.deprecated import deprecate_keywords
-from jounce.core.errors import JounceError, locate_errors, quote_value
-from jounce.core.typing import Angles, ArrayLike, Shaped, TimeUnit
-from jounce.engine.dispatch import compute
+from jounce.core.errors import JounceError, check_choice, locate_errors, quote_value
+from jounce.core.typing import Angles, ArrayLike, OnError, Shaped, TimeUnit
 from jounce.engine.engine import Engine
+from jounce.engine.force_deviations import with_vibration_notes
 from jounce.io import motions
 from jounce.io.files import expand_path
-from jounce.model.positions import multiscrew_joints
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
@@ -40,6 +36,8 @@ def load_motion(
     torques: str | None = None,
     angles: Angles | None = None,
     time_unit: TimeUnit | None = None,
+    rename: str | None = None,
+    on_error: OnError = "stop",
     topic: str | None = None,
 ) -> "Motion":
     """Load a motion of a robot as a function of time: from a file, by name, or from named columns.
@@ -76,6 +74,11 @@ def load_motion(
         The unit of angles and their rates; a column may state its own, ``joint1 [deg]``.
     time_unit : {"s", "ms", "us", "ns"}, optional
         The unit of times.
+    rename : str, optional
+        What names begin with in the table and in the robot, "fer_=panda_": the column ``fer_joint1`` is of
+        ``panda_joint1``, and ``tau_fer_joint1`` are its torques.
+    on_error : {"stop", "skip"}, optional
+        Whether bad rows of a table are refused, the first of them in the message, or left out with a note.
     topic : str, optional
         The topic of a ROS bag to read; by default its only one of type JointTrajectory or JointState.
 
@@ -110,7 +113,8 @@ def load_motion(
 
     mechanism, highest = robot.mechanism, check_order(order) + 2
     way = select_smoothing(degree, intervals, bandwidth, allow_noise)
-    options = ColumnOptions(time, columns, angles, time_unit, torques)
+    skip = check_choice("on_error", on_error, get_args(OnError)) == "skip"
+    options = ColumnOptions(time, columns, angles, time_unit, torques, rename, skip)
     if topic is not None and not isinstance(topic, str):
         raise JounceError(f"topic is {quote_value(topic)}; expected a text")
     if names.entry_names(source) is not None:
@@ -118,32 +122,14 @@ def load_motion(
 
         if topic is not None:
             raise JounceError(f"{PLACE}: topic is for bags of ROS, not for columns: leave it out")
-        return _add_vibration_notes(
+        return with_vibration_notes(
             tabular.read_arrays(_arrays(source), mechanism, highest, way, options, PLACE), robot
         )
     if not isinstance(source, str | os.PathLike):
         known = f"a path, one of {', '.join(motions.BUNDLED_MOTIONS)}, or named columns"
         raise JounceError(f"load_motion() expects {known}, got {type(source).__name__}")
     path = expand_path(source)
-    return _add_vibration_notes(motions.read(path, mechanism, highest, way, options, topic), robot)
-
-
-def _add_vibration_notes(motion: "Motion", robot: Engine) -> "Motion":
-    """The motion, with notes of what vibrations of its samples mean in Q2d, for robots of joints alone."""
-    from jounce.motion.sample_curves import SmoothedCurve
-    from jounce.motion.vibrations import describe_force_rates
-
-    mechanism, curve = robot.mechanism, motion.curve
-    if not isinstance(curve, SmoothedCurve) or mechanism.floats or mechanism.loops or multiscrew_joints(mechanism):
-        return motion
-
-    def mass_matrices(t: np.ndarray) -> np.ndarray:
-        return np.asarray(compute(robot, "mass_matrix", curve.rates(t, 0)))
-
-    notes = [
-        describe_force_rates(vibration, mass_matrices, mechanism.coordinates) for vibration in curve.fit.vibrations
-    ]
-    return replace(motion, notes=(*motion.notes, *notes))
+    return with_vibration_notes(motions.read(path, mechanism, highest, way, options, topic), robot)
 
 
 def _arrays(source: Any) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from jounce.actuators.along import voltage_order
 from jounce.core.errors import JounceError, join_names, locate_errors, quote_value
 from jounce.dynamics.joint_springs import elasticity_of
 from jounce.engine.engine import Engine
+from jounce.io.motions.log_rows import read_stamps
 from jounce.io.remainders import remainder_name
 from jounce.io.table_format import Span
 from jounce.io.tables import ROW_FORMATS, select_format
@@ -71,7 +72,7 @@ def _origin(path: Path, found: ColumnMatch, span: Span) -> TimeOrigin | None:
     try:
         row = table.next_row(path, span.start)
         for chunk in table.chunks(path, asked, None, row) if row else ():
-            high, low = (float(chunk.columns[name][0]) for name in asked)
+            high, low = (float(read_stamps(chunk, found).columns[name][0]) for name in asked)
             return find_origin(high, low, found.factors[TIME])
     except JounceError:  # rows that cannot be read are reported with their part
         pass
@@ -142,7 +143,9 @@ def _is_independent(job: Job, found: ColumnMatch) -> bool:
     m = job.robot.mechanism  # loops are closed from the row before, unless every row states all joints
     continued = m.closure and len(follower_columns(m, sources, found.sampled)) < len(m.closure.dependent)
     several = multiscrew_joints(m)  # signs of quaternions follow those of the row before
-    whole = sampled or spread or reading.blend or reading.step or continued or several
+    highest = rate_name("q", job.highest)  # which may be a difference between rows
+    differ = any(f"{joint}.{highest}" not in sources for joint in m.coordinates)
+    whole = sampled or spread or differ or reading.blend or reading.step or continued or several
     return not whole and not (job.of_motors and _has_memory(job.robot))
 
 

@@ -27,15 +27,18 @@ RECORD_VERSION = 3  # of the data in records of parts; with another one, parts a
 class Reading:
     """How the input is read: its columns, and how curves follow from samples.
 
-    `blend` and `step` are those of `Motion.blended` and `Motion.with_step`. With `skip`, bad rows are left out and
-    recorded instead of ending the run.
+    `blend` and `step` are those of `Motion.blended` and `Motion.with_step`.
     """
 
     options: ColumnOptions = DEFAULT_COLUMN_OPTIONS
     way: Smoothing | Spline | None = None
     blend: float | None = None
     step: float | None = None
-    skip: bool = False
+
+    @property
+    def skip(self) -> bool:
+        """Whether bad rows are left out and recorded instead of ending the run."""
+        return self.options.skip
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,7 @@
 """Blocks of results of a part: of its rows as they are, or of whole motions, whose rates follow from samples."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,10 @@ import numpy as np
 from jounce.core.errors import JounceError, locate_errors, quote_value
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
 from jounce.engine.closed_path import continue_rows
+from jounce.engine.force_deviations import with_vibration_notes
 from jounce.io.columns import Columns
+from jounce.io.motions.log_rows import order_rows, torque_notes
+from jounce.io.table_format import leave_out_rows
 from jounce.io.tables import describe_place, select_format
 from jounce.motion import loads, poses
 from jounce.motion.base import evaluate_base
@@ -16,7 +20,7 @@ from jounce.motion.motion import Motion
 from jounce.motion.spline import Smoothing
 from jounce.motion.table import ALL_RATES_SOURCE, motion_from_columns
 from jounce.motion.table_columns import TIME
-from jounce.motion.units import check_units
+from jounce.motion.units import check_units, refuse_unit_changes
 from jounce.spatial.series import rate_name
 from jounce.stream.job import InputPart, Task
 from jounce.stream.outputs import Output, OutputBlock, Rates, Wrenches, add_common_columns, compute_motion, compute_rows
@@ -56,6 +60,8 @@ def _compute_block(task: Task, part: InputPart, rows: GoodRows, check: bool) -> 
         stated = match.angles_stated, match.time_stated
         check_units(si[TIME][first], q, qd, job.robot.mechanism, stated, str(part.path))
     states = tuple(np.stack(columns, axis=1) for columns in rates)
+    for here in (slice(run.start, run.stop) for run in rows.runs):
+        refuse_unit_changes(si[TIME][here], states[0][here], job.robot.mechanism, str(part.path))
     positions = _closed_positions(task, part, si, rows.runs, states)
     outputs = [
         output._replace(rates=tuple(map(np.asfortranarray, output.rates)))  # by columns, as they are written
@@ -117,37 +123,44 @@ def _check_finite(part: InputPart, rows: GoodRows, outputs: list[Output], missin
 
 def read_motions(task: Task, part: InputPart, skipped: list[Skipped]) -> Iterator[tuple[str, Motion]]:
     """The motions of a part, each with its name, read as a whole."""
-    name, start, pieces = "", part.span.start, list[Columns]()
+    name, pieces = "", list[tuple[Columns, np.ndarray]]()
     for rows in read_rows(task, part, skipped):
         for run in rows.runs:
             if pieces and run.motion != name:
-                yield from _fit_motion(task, part, name, start, pieces, skipped)
+                yield from _fit_motion(task, part, name, pieces, skipped)
                 pieces = []
-            if not pieces:
-                name, start = run.motion, int(rows.places[run.start])
-            pieces.append({column: x[run.start : run.stop] for column, x in rows.columns.items()})
+            name, here = run.motion, slice(run.start, run.stop)
+            pieces.append(({column: x[here] for column, x in rows.columns.items()}, rows.places[here]))
     if pieces:
-        yield from _fit_motion(task, part, name, start, pieces, skipped)
+        yield from _fit_motion(task, part, name, pieces, skipped)
 
 
 def _fit_motion(
-    task: Task, part: InputPart, name: str, start: int, pieces: list[Columns], skipped: list[Skipped]
+    task: Task, part: InputPart, name: str, pieces: list[tuple[Columns, np.ndarray]], skipped: list[Skipped]
 ) -> Iterator[tuple[str, Motion]]:
-    """The motion of samples that begin at a place; one that cannot be had of them is refused, or left out."""
+    """The motion of samples with the places of their rows; one that cannot be had of them is refused, or left out."""
     job, where = task.job, f"{part.path}: motion {quote_value(name)}" if name else str(part.path)
-    columns = {column: np.concatenate([piece[column] for piece in pieces]) for column in pieces[0]}
-    reading = job.reading
+    columns = {column: np.concatenate([piece[column] for piece, _ in pieces]) for column in pieces[0][0]}
+    reading, table, places = job.reading, select_format(part.path), np.concatenate([at for _, at in pieces]).tolist()
     try:
+        order, problems, notes = order_rows(columns, task.match)
+        leave_out_rows(problems, len(places), lambda i: table.place(part.path, places[i]), reading.skip)
+        for i, (column, problem) in sorted(problems.items()):
+            cells = {source: repr(float(x[i])) for source, x in columns.items()}
+            number = table.number(part.path, places[i], table.FIRST)
+            skipped.append(Skipped(str(part.path), number, column, problem, cells))
+        columns = {column: x[order] for column, x in columns.items()}
         way = reading.way or Smoothing()
         found = motion_from_columns(columns, task.match, job.robot.mechanism, job.highest, where, way, part.origin)
+        found = replace(found, notes=(*notes, *torque_notes(columns, task.match), *found.notes))
+        found = with_vibration_notes(found, job.robot)
         with locate_errors(where):
             found = found if reading.blend is None else found.blended(reading.blend, max(4, job.highest))
             found = found if reading.step is None else found.with_step(reading.step)
     except JounceError as error:
         if not reading.skip:
             raise
-        table = select_format(part.path)
-        row = table.number(part.path, start, table.FIRST)
+        row = table.number(part.path, places[0], table.FIRST)
         skipped.append(Skipped(str(part.path), row, "", f"the motion that begins here: {error}"))
         return
     yield name, found

@@ -8,10 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce.core.errors import JounceError, quote_value
+from jounce.core.errors import JounceError, locate_errors, quote_value, warn
 from jounce.io.columns import Columns
+from jounce.io.motions.log_rows import describe_empty_rows, find_empty_rows, read_stamps
 from jounce.io.remainders import remainder_name
-from jounce.io.table_format import Chunk, Span
+from jounce.io.table_format import ROW_CURE, Chunk, Span
 from jounce.io.tables import select_format
 from jounce.motion.table_columns import TIME
 from jounce.stream.job import MOTION_COLUMN, InputPart, Task
@@ -60,6 +61,8 @@ def _chunks(task: Task, part: InputPart, names: list[str], texts: str | None, sp
     left = remainder_name(time)
     asked = [*names, *([left] if part.origin else [])]
     for chunk in select_format(part.path).chunks(part.path, asked, texts, span):
+        with locate_errors(part.path):
+            chunk = read_stamps(chunk, task.match)
         if part.origin:
             columns = {name: x for name, x in chunk.columns.items() if name != left}
             columns[time] = part.origin.since(columns[time], chunk.columns[left])
@@ -95,9 +98,13 @@ def _check_rows(
 ) -> GoodRows:
     """The rows of a chunk without the bad ones."""
     problems = chunk.problems(dict.fromkeys(task.match.sources.values()))  # measured torques may be missing
-    good = np.ones(len(chunk.places) - 1, dtype=bool)
-    good[list(problems)] = False
-    problems |= _find_late_rows(task, part, chunk, good, last)
+    good, empty = np.ones(len(chunk.places) - 1, dtype=bool), find_empty_rows(chunk, task.match, problems)
+    for note in describe_empty_rows(len(empty), len(good)):
+        warn(f"{part.path}: {note}")
+    good[[*problems, *empty]] = False
+    problems = {i: problem for i, problem in problems.items() if i not in {*empty}}
+    if not task.match.sampled:  # samples are sorted as a whole
+        problems |= _find_late_rows(task, part, chunk, good, last)
     table = select_format(part.path)
     known = table.FIRST
     for i in sorted(problems):
@@ -106,11 +113,10 @@ def _check_rows(
         known = place, table.number(part.path, place, known)
         if not task.job.reading.skip:
             came = f"column {quote_value(column)} {problem}" if column else problem
-            cure = "repair or remove the row, or leave bad rows out by --on-error skip"
-            raise JounceError(f"{table.row(part.path, known[1])}: {came}; {cure}")
+            raise JounceError(f"{table.row(part.path, known[1])}: {came}; {ROW_CURE}")
         cells = {name: chunk.texts.get((i, name), repr(float(x[i]))) for name, x in chunk.columns.items()}
         skipped.append(Skipped(str(part.path), known[1], column, problem, cells))
-    if not problems:
+    if not problems and not empty:
         return GoodRows(chunk.columns, _runs(part, chunk.motions, len(good)), chunk.places[:-1])
     good[list(problems)] = False
     motions = None if chunk.motions is None else chunk.motions[good]

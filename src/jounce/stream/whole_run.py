@@ -11,7 +11,7 @@ from jounce.core.errors import JounceError
 from jounce.engine.along import Progress, check_motion
 from jounce.io import files, tables
 from jounce.io.columns import Columns
-from jounce.io.motions.writing import table_metadata
+from jounce.io.motions.writing import MEASURED, table_metadata
 from jounce.motion import Motion
 from jounce.stream import publish
 from jounce.stream.aggregates import Aggregate, add, join_tallies, reduce_aggregates, reported_limits, tally
@@ -99,8 +99,8 @@ def stream_motion(job: Job, motion: Motion, name: str, output: Path | None, show
             yield block_columns(block)
 
     assert output is not None  # whoever asks for rows states where to
-    closed = job.robot.mechanism.closure is not None
-    tables.write_pieces(output, pieces(), table_metadata(job.robot.mechanism, job.order), missing=closed)
+    missing = MEASURED if job.robot.mechanism.closure is None else ""
+    tables.write_pieces(output, pieces(), table_metadata(job.robot.mechanism, job.order), [missing])
     return Summary(found, _notes(found))
 
 

@@ -95,14 +95,14 @@ def _column_unit(owners: Mapping[str, str], name: str) -> str:
 
 
 def measured_columns(motion: Motion, joints: Sequence[str], t: np.ndarray) -> Columns:
-    """Measured torques at times, linear between the rows of the log: the columns ``NAME.Q_measured``."""
+    """Measured torques at times, linear between rows of the log, NaN next to missing ones: ``NAME.Q_measured``."""
     if motion.torques is None:
         return {}
     at, torques = motion.torques
     return {
         f"{name}.Q{MEASURED}": np.interp(t, at, torques[:, j])
         for j, name in enumerate(joints)
-        if np.isfinite(torques[:, j]).all()
+        if np.isfinite(torques[:, j]).any()
     }
 
 

@@ -1,0 +1,105 @@
+"""Defective logs: what can be decided is done and noted in one line, the rest is refused with what decides."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import jounce
+from jounce.cli import main
+from support.defective_logs import NOISE, clean_columns, make_logs, truth, write_logs
+from support.files import refusal
+
+LOGS = make_logs()
+ROBOT = jounce.load("planar2r").with_limits(velocity=[2.0, 2.0], acceleration=[9.0, 9.0], effort=[200.0, 100.0])
+START = clean_columns()[1]  # s, of the first stamp, in the times of the truth
+COMMANDS = {
+    "motion": ("-o", "out.csv", "--order", "2"),
+    "run": ("-o", "out.csv", "--order", "0"),
+    "check": (),
+    "slowdown": (),
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("logs")
+    write_logs(path)
+    jounce.save(ROBOT, path / "robot.yaml")
+    return path
+
+
+@pytest.fixture(scope="module")
+def paths(folder):
+    return write_logs(folder)
+
+
+def words_of(options):
+    return [word for name, value in options.items() for word in (f"--{name.replace('_', '-')}", value)]
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_what_is_read_is_the_truth(paths, name):
+    log = LOGS[name]
+    if log.refused:
+        refusal(lambda: jounce.load_motion(paths[name], ROBOT, 0), str(paths[name]), *log.refused)
+    if log.cure is None:
+        refusal(lambda: jounce.load_motion(paths[name], ROBOT, 0, on_error="skip"), *log.refused)
+        return
+    motion = jounce.load_motion(paths[name], ROBOT, 0, **log.cure)
+    assert len(motion.times) == log.rows
+    assert [words for words in log.noted if not any(words in note for note in motion.notes)] == [], motion.notes
+    t = np.linspace(0.5, 3.5, 50)
+    for k, (rate, tolerance) in enumerate(zip(motion(t, 2), (NOISE, 30 * NOISE, 1000 * NOISE), strict=True)):
+        assert np.abs(rate - truth(t + START, k)).max() < tolerance, k
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("name", LOGS)
+def test_commands_read_what_can_be_read(paths, folder, monkeypatch, tmp_path, name, command):
+    monkeypatch.chdir(tmp_path)
+    log = LOGS[name]
+
+    def call(*more):
+        words = [command, str(folder / "robot.yaml"), str(paths[name]), *COMMANDS[command], *more]
+        return CliRunner().invoke(main, words)
+
+    if log.refused:
+        result = call()
+        assert result.exit_code == 2
+        assert [word for word in log.refused if word not in result.stderr] == []
+        assert result.stderr.count("\n") == 1
+    if log.cure is None:
+        return
+    result = call(*words_of(log.cure), "--json")
+    assert result.exit_code in (0, 1, 3), result.output
+    found = json.loads(result.stdout)
+    skipped = found.get("skipped", {"rows": 0})["rows"]
+    by_parts = log.cure == {"on_error": "skip"} and command in ("run", "check")
+    assert skipped == (int(log.noted[0].split()[0]) if by_parts else 0)
+    noted = log.noted[: 0 if skipped else None]
+    said = [*found["notes"], *found.get("warnings", ())]
+    assert [words for words in noted if not any(words in note for note in said)] == [], said
+
+
+OTHERS = {
+    "retime": ("--no-smooth", "-o", "out.csv"),
+    "identify": ("-o", "out.yaml", "--drives", "none"),
+    "report": ("-o", "out.html", "--order", "0"),
+    "motors": ("--stiffness", "1000", "--rotor", "0.1", "-o", "out.csv", "--allow-noise"),
+}
+
+
+@pytest.mark.parametrize("command", OTHERS)
+@pytest.mark.parametrize("name", ["torque sensor off", "texts among numbers", "names of another prefix"])
+def test_other_commands_read_them_too(paths, folder, monkeypatch, tmp_path, name, command):
+    pytest.importorskip("plotly")
+    monkeypatch.chdir(tmp_path)
+    words = [command, str(folder / "robot.yaml"), str(paths[name]), *OTHERS[command]]
+    if LOGS[name].refused:
+        result = CliRunner().invoke(main, words)
+        assert result.exit_code == 2
+        assert LOGS[name].refused[1] in result.stderr
+    result = CliRunner().invoke(main, [*words, *words_of(LOGS[name].cure)])
+    assert result.exit_code == 0, result.output
