@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce.limits import path_velocity
 from jounce.limits.friction import Friction, FrictionAlong
-from jounce.limits.motor_terms import Motors
+from jounce.limits.motor_terms import MotorTerms
 from jounce.limits.path import Path, Terms
 from jounce.limits.ratios import build_scale
 from jounce.model.limit_kinds import LIMIT_KINDS
@@ -99,7 +99,7 @@ def build_rows(
     share: float,
     fastest: float,
     friction: Friction | None = None,
-    motors: Motors | None = None,
+    motors: MotorTerms | None = None,
 ) -> LimitRows:
     """The rows of all finite limits of the coordinates, each taken to a share of itself, at the points of a path.
 
@@ -132,18 +132,17 @@ def build_rows(
 
 
 def _friction_along(
-    path: Path, kinds: Sequence[str], friction: Friction | None, motors: Motors | None
+    path: Path, kinds: Sequence[str], friction: Friction | None, motors: MotorTerms | None
 ) -> FrictionAlong | None:
     """The friction that enters limits of some kinds: that of the motors, where these are limited."""
-    if motors:
-        rates, rubbed = [motors.position(path, 1)], [k for k in kinds if "motor_torques" in LIMIT_KINDS[k].takes]
-    else:
-        rates = [path.rate(k) for k in range(1, min(4, len(path.q)))]
-        rubbed = [kind for kind in kinds if LIMIT_KINDS[kind].force]
-    return friction.along(rates, tuple(rubbed)) if friction and rubbed else None
+    rubbed = [k for k in kinds if ("motor_torques" in LIMIT_KINDS[k].takes if motors else LIMIT_KINDS[k].force)]
+    if not friction or not rubbed:
+        return None
+    rates = [motors.position(path, 1)] if motors else [path.rate(k) for k in range(1, min(4, len(path.q)))]
+    return friction.along(rates, tuple(rubbed))
 
 
-def limit_terms(path: Path, kind: str, limits: Limits, motors: Motors | None) -> Terms:
+def limit_terms(path: Path, kind: str, limits: Limits, motors: MotorTerms | None) -> Terms:
     """The terms of what limits of a kind bound, without friction."""
     row = LIMIT_KINDS[kind]
     if row.takes and motors:

@@ -25,7 +25,7 @@ from jounce.spatial.series import Series
 
 
 @dataclass(frozen=True, eq=False)
-class Motors:
+class MotorTerms:
     """The motors of a robot, whose limits bound a motion."""
 
     mechanism: Mechanism

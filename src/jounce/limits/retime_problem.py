@@ -15,7 +15,7 @@ from jounce.limits.friction import Friction, acting_friction
 from jounce.limits.joints import drives_coordinates, joint_limits, joint_names, joint_rates, joint_units
 from jounce.limits.limit_rows import LimitRows, build_rows, limit_terms
 from jounce.limits.limited_motion import known_kinds, motion_order
-from jounce.limits.motor_terms import Motors, find_motor_obstacle
+from jounce.limits.motor_terms import MotorTerms, find_motor_obstacle
 from jounce.limits.path import Path, sample_path
 from jounce.limits.validation import check_motor_data
 from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS
@@ -45,7 +45,7 @@ class RetimeProblem:
     order: int
     moving: tuple[bool, bool]
     friction: Friction | None
-    motors: Motors | None = None
+    motors: MotorTerms | None = None
 
     @cached_property
     def breaks(self) -> np.ndarray:
@@ -153,7 +153,7 @@ def build_problem(robot: Engine, motion: Motion, share: float) -> RetimeProblem:
     return RetimeProblem(without_friction(robot), motion, limits, share, order, moving, friction, motors)
 
 
-def _limited_motors(robot: Engine, kinds: Sequence[str]) -> Motors | None:
+def _limited_motors(robot: Engine, kinds: Sequence[str]) -> MotorTerms | None:
     """The motors of a robot, where one of the kinds of limits bounds them; springs that are not linear are refused."""
     limited, e = [kind for kind in kinds if LIMIT_KINDS[kind].takes], robot.mechanism.elasticity
     if not limited or e is None:
@@ -165,7 +165,7 @@ def _limited_motors(robot: Engine, kinds: Sequence[str]) -> Motors | None:
             f"retime does not support limits of motors ({join_names(limited)}) with {obstacle}; remove them,"
             f" robot.with_limits({cure}), and check the result with them: robot.slowdown keeps them"
         )
-    return Motors(robot.mechanism, e)
+    return MotorTerms(robot.mechanism, e)
 
 
 def check_path(problem: RetimeProblem, sigma: np.ndarray, path: Path) -> None:
