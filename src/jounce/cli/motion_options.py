@@ -69,6 +69,10 @@ TABLE_OPTIONS: tuple[Decorator, ...] = (
     ),
     _option("--angles", type=click.Choice(["rad", "deg"]), help="Unit of angles and their rates in the table."),
     _option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of times in the table."),
+    _option(
+        "--measured", type=click.Choice(["links", "motors"]),
+        help="Whose positions the table has: of links (default), or of motors behind elastic joints.",
+    ),
     _option("--topic", metavar="NAME", help="Topic to read from a ROS bag that has several."),
     _option(
         "--blend", type=float, metavar="S", help="Replace breaks of planned motions by C^4 blends of S seconds."

@@ -3,14 +3,14 @@
 import os
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from jounce.arguments import names
 from jounce.arguments.rates import check_order
 from jounce.core.deprecated import deprecate_keywords
-from jounce.core.errors import JounceError, locate_errors, quote_value
+from jounce.core.errors import JounceError, check_choice, locate_errors, quote_value
 from jounce.core.typing import Angles, ArrayLike, Shaped, TimeUnit
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
@@ -41,6 +41,7 @@ def load_motion(
     angles: Angles | None = None,
     time_unit: TimeUnit | None = None,
     topic: str | None = None,
+    measured: Literal["links", "motors"] | None = None,
 ) -> "Motion":
     """Load a motion of a robot as a function of time: from a file, by name, or from named columns.
 
@@ -78,6 +79,9 @@ def load_motion(
         The unit of times.
     topic : str, optional
         The topic of a ROS bag to read; by default its only one of type JointTrajectory or JointState.
+    measured : {"links", "motors"}, optional
+        Whose positions are given: those of the links, by default, or of the motors behind elastic joints, from which
+        those of the links follow as long as they move slower than these swing on their springs.
 
     Returns
     -------
@@ -113,19 +117,25 @@ def load_motion(
     options = ColumnOptions(time, columns, angles, time_unit, torques)
     if topic is not None and not isinstance(topic, str):
         raise JounceError(f"topic is {quote_value(topic)}; expected a text")
+    if measured is not None:
+        check_choice("measured", measured, ("links", "motors"))
     if names.entry_names(source) is not None:
         from jounce.io.motions import tabular
 
         if topic is not None:
             raise JounceError(f"{PLACE}: topic is for bags of ROS, not for columns: leave it out")
-        return _add_vibration_notes(
-            tabular.read_arrays(_arrays(source), mechanism, highest, way, options, PLACE), robot
-        )
-    if not isinstance(source, str | os.PathLike):
+        found = tabular.read_arrays(_arrays(source), mechanism, highest, way, options, PLACE)
+    elif isinstance(source, str | os.PathLike):
+        found = motions.read(expand_path(source), mechanism, highest, way, options, topic)
+    else:
         known = f"a path, one of {', '.join(motions.BUNDLED_MOTIONS)}, or named columns"
         raise JounceError(f"load_motion() expects {known}, got {type(source).__name__}")
-    path = expand_path(source)
-    return _add_vibration_notes(motions.read(path, mechanism, highest, way, options, topic), robot)
+    found = _add_vibration_notes(found, robot)
+    if measured == "motors":
+        from jounce.actuators.link_motion import recover_links
+
+        return recover_links(robot, found)
+    return found
 
 
 def _add_vibration_notes(motion: "Motion", robot: Engine) -> "Motion":
