@@ -82,7 +82,7 @@ def _payloads(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Frame]:
     payloads: dict[str, Frame] = {}
     for name in names:
         kind, colon, body = name.partition(":")
-        known = [*MODEL_PARAMETERS, "payload:BODY", *ELASTIC_PARAMETERS]
+        known = [*MODEL_PARAMETERS, *ELASTIC_PARAMETERS, "payload:BODY"]
         if kind not in known or (colon and kind != "payload"):
             raise unknown_name_error("parameter", name, known)
         if kind == "payload":
