@@ -143,7 +143,14 @@ def test_motors_that_links_do_not_follow_are_refused():
     spring = jounce.CubicSpring(300.0, 2e4)
     pair = jounce.load("planar2r").elastic(spring=jounce.AntagonisticSprings(spring, spring), rotor=0.1)
     both = {"t": rigid["t"], "joint1": rigid["t"] ** 3, "joint2": rigid["t"] ** 3}
-    refusal(lambda: jounce.load_motion(both, pair, measured="motors"), "needs one motor per joint")
+    refusal(lambda: jounce.load_motion(both, pair, measured="motors"), "needs one motor per joint", "has two at joint1")
+
+
+def test_deviations_end_where_those_of_the_motors_do():
+    columns = table(STIFF, waves(0.6), 1e-6)
+    links, motors = (jounce.load_motion(columns, STIFF, measured=side) for side in ("motors", "links"))
+    assert (links.deviations(2.0, 7), motors.deviations(2.0, 7)) == (None, None)
+    assert len(links.deviations(2.0, 6)) == 7
 
 
 def test_commands_take_it(tmp_path):

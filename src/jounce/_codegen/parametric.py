@@ -70,9 +70,9 @@ def _without_replaced_data(mechanism: Mechanism, replaced: Container[str]) -> Me
         mechanism = replace(mechanism, gravity=np.zeros(3))
     if "lengths" in replaced:
         mechanism = replace(mechanism, B=pose(rotation(mechanism.B), np.zeros((mechanism.nb, 3, 1))))
-    if springs := {name: np.zeros(mechanism.n) for name in ELASTIC_PARAMETERS if name in replaced}:
-        assert mechanism.elasticity is not None  # else they are refused
-        mechanism = replace(mechanism, elasticity=replace(mechanism.elasticity, **springs))
+    if e := mechanism.elasticity:
+        nothing: dict[str, Any] = {name: np.zeros(mechanism.n) for name in ELASTIC_PARAMETERS if name in replaced}
+        mechanism = replace(mechanism, elasticity=replace(e, **nothing))
     return mechanism
 
 

@@ -15,14 +15,13 @@ than the links found let them: theta then has components near the resonance or a
 [1] C. de Boor, B. Swartz, Collocation at Gaussian points, SIAM Journal on Numerical Analysis 10 (1973).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jounce.arguments.requests import check_existence, count_more_rates
-from jounce.core.errors import JounceError, join_names, quote_value
+from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import reciprocal
 from jounce.dynamics.joint_springs import elasticity_of
 from jounce.dynamics.quantities import QUANTITIES, find_row
@@ -62,22 +61,24 @@ class LinkCurve(SplineCurve):
 
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
         """Standard deviations of the values and derivatives, as if all components were at the end of the band."""
-        exact = [np.zeros((len(t), self.columns))] * (order + 1)
+        found = self.theta.deviations(t, order)
+        if found is None and self.theta.deviations(t, 0) is not None:
+            return None  # they end at a lower derivative
         gains = self.gains[np.searchsorted(self.times, t).clip(max=len(self.times) - 1)]
-        spread = [
-            np.hypot(rate, self.missed * (2 * np.pi * self.frequency) ** k)
-            for k, rate in enumerate(self.theta.deviations(t, order) or exact)
-        ]
+        missed = [self.missed * (2 * np.pi * self.frequency) ** k for k in range(order + 1)]
+        spread = [np.hypot(*both) for both in zip(found or [np.zeros((len(t), 1))] * len(missed), missed, strict=True)]
         return [np.sqrt(np.matmul(gains**2, rate[..., None] ** 2)[..., 0]) for rate in spread]
 
 
 def recover_links(robot: Engine, theta: Motion) -> Motion:
     """The motion of the links whose motors move by theta."""
-    moves = theta.base_curve is not None or robot.mechanism.floats
-    check_existence(robot.mechanism, "motor_positions", moves, "measured='motors'")
+    check_existence(robot.mechanism, "motor_positions", theta.base_curve is not None, "measured='motors'")
     e = elasticity_of(robot.mechanism)
-    if e.pairs:
-        raise JounceError(f"measured='motors' needs one motor per joint; {join_names(robot.joint_names)} have two")
+    if e.pairs or robot.mechanism.floats:
+        came = "floats" if robot.mechanism.floats else f"has two at {robot.joint_names[e.pairs[0]]}"
+        raise JounceError(
+            f"measured='motors' needs one motor per joint, and no base that floats; {robot.name!r} {came}"
+        )
     t, compliance = np.linspace(theta.start, theta.stop, _POSTURES), reciprocal(e.stiffness)
     inertia = MotionStates.sample(robot, theta, t, [(_MASS, 0)]).compute(robot, _MASS.name)[0]
     root = np.sqrt(compliance)
@@ -87,18 +88,15 @@ def recover_links(robot: Engine, theta: Motion) -> Motion:
     band = 0.5 / np.diff(breaks).min()
     gains = np.linalg.inv(np.eye(robot.n) - (2 * np.pi * band) ** 2 * compliance[:, None] * inertia)
 
-    def moved(spline: "BSpline", missed: np.ndarray) -> Motion:
-        curve = LinkCurve(spline, theta.start, theta.stop, theta.curve, t, gains, 2 * band, missed)
-        return replace(theta, curve=curve, samples=None, residual=None, grid=theta.times)
-
-    spline = _collocate(robot, theta, lambda spline: moved(spline, np.zeros(robot.n)), breaks, compliance)
-    missed = _check_between(robot, theta, moved(spline, np.zeros(robot.n)), breaks, resonance)
-    found = moved(spline, missed)
+    spline = _collocate(robot, theta, breaks, compliance)
+    missed = _find_missed(robot, theta, _with_spline(theta, spline), breaks, resonance)
+    curve = LinkCurve(spline, theta.start, theta.stop, theta.curve, t, gains, 2 * band, missed)
     note = (
         f"links from motors behind springs, up to {band:.3g} Hz; how they swing by themselves, from {resonance:.3g} Hz"
         " on, motors do not show"
     )
-    return replace(found, source=f"motors: {theta.source}", notes=(*theta.notes, note))
+    known = {"samples": None, "residual": None, "grid": theta.times, "notes": (*theta.notes, note)}
+    return replace(theta, curve=curve, source=f"motors: {theta.source}", **known)
 
 
 def _choose_breaks(theta: Motion, highest: float) -> np.ndarray:
@@ -111,13 +109,11 @@ def _choose_breaks(theta: Motion, highest: float) -> np.ndarray:
     return np.linspace(theta.start, theta.stop, max(1, int(count)) + 1)
 
 
-def _collocate(
-    robot: Engine,
-    theta: Motion,
-    moved: Callable[["BSpline"], Motion],
-    breaks: np.ndarray,
-    compliance: np.ndarray,
-) -> "BSpline":
+def _with_spline(theta: Motion, spline: "BSpline") -> Motion:
+    return replace(theta, curve=SplineCurve(spline, theta.start, theta.stop))
+
+
+def _collocate(robot: Engine, theta: Motion, breaks: np.ndarray, compliance: np.ndarray) -> "BSpline":
     """The spline q whose motor positions are theta at as many points as it has coefficients."""
     from scipy.interpolate import BSpline
     from scipy.sparse import csc_matrix
@@ -127,25 +123,19 @@ def _collocate(
     greville = np.lib.stride_tricks.sliding_window_view(knots[1:-1], FIT_DEGREE).mean(axis=1)
     t = greville.clip(theta.start, theta.stop)
     bases = [basis(t, breaks, k) for k in range(3)]
-    places = (bases[0][1][:, None, None] + np.arange(BASIS_WIDTH)[:, None]) * n + np.arange(n)  # (P, 10, n)
-    rows = np.arange(len(t) * n).reshape(-1, n)[:, :, None, None]
-    shape = len(t), n, BASIS_WIDTH, n
-
-    def solve(factors: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        """Coefficients (P, n) whose q, qd, q2d, times factors (3, P, n, n), are as wanted."""
-        entries = sum(A[:, :, None] * B[:, None, :, None] for A, (B, _) in zip(factors, bases, strict=True))
-        at = [np.broadcast_to(index, shape).ravel() for index in (rows, places[:, None])]
-        return spsolve(csc_matrix((entries.ravel(), at), shape=(rows.size,) * 2), wanted.ravel()).reshape(-1, n)
-
-    goal, one = theta(t, 0)[0], np.eye(n)
-    c = solve(np.stack([np.tile(one * (k == 0), (len(t), 1, 1)) for k in range(3)]), goal)
+    # Entries (P, n, 10, n) of the matrix: by point, joint, B-spline and its joint.
+    columns = (bases[0][1][:, None, None] + np.arange(BASIS_WIDTH)[:, None]) * n + np.arange(n)
+    rows, shape = np.arange(len(t) * n).reshape(-1, n)[:, :, None, None], (len(t), n, BASIS_WIDTH, n)
+    at = [np.broadcast_to(index, shape).ravel() for index in (rows, columns[:, None])]
+    c = goal = theta(t, 0)[0]
     for _ in range(_MAX_LINK_STEPS):
-        motion = moved(BSpline(knots, c, FIT_DEGREE))
+        motion = _with_spline(theta, BSpline(knots, c, FIT_DEGREE))
         states = MotionStates.sample(robot, motion, t, [(_PARTIALS, 0)])
-        partials = states.compute(robot, _PARTIALS.name)[0]
-        factors = compliance[:, None] * np.moveaxis(partials, 1, 0)
-        factors[0] += one
-        step = solve(factors, goal - _motor_positions(robot, motion, t))
+        factors = compliance[:, None] * np.moveaxis(states.compute(robot, _PARTIALS.name)[0], 1, 0)
+        factors[0] += np.eye(n)
+        entries = sum(A[:, :, None] * B[:, None, :, None] for A, (B, _) in zip(factors, bases, strict=True))
+        matrix = csc_matrix((entries.ravel(), at), shape=(rows.size, rows.size))
+        step = spsolve(matrix, (goal - _motor_positions(robot, motion, t)).ravel()).reshape(-1, n)
         c = c + step
         if not np.abs(step).max() > _LINK_TOLERANCE * max(1.0, np.abs(c).max()):
             return BSpline(knots, c, FIT_DEGREE)
@@ -160,7 +150,7 @@ def _motor_positions(robot: Engine, motion: Motion, t: np.ndarray) -> np.ndarray
     return np.asarray(MotionStates.sample(robot, motion, t, [(row, 0)]).compute(robot, row.name)[0])
 
 
-def _check_between(robot: Engine, theta: Motion, found: Motion, breaks: np.ndarray, resonance: float) -> np.ndarray:
+def _find_missed(robot: Engine, theta: Motion, found: Motion, breaks: np.ndarray, resonance: float) -> np.ndarray:
     """By how much (n,) motors move otherwise, beyond noise; `JounceError` where that is more than Q can bear."""
     t = (breaks[1:] + breaks[:-1]) / 2
     motors, links = theta(t, 0)[0], found(t, 0)[0]

@@ -77,8 +77,8 @@ def _payloads(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Frame]:
     """Check `names`, and map the stem of each payload's symbols to the frame of the payload."""
     texts = isinstance(names, Sequence) and not isinstance(names, str) and all(isinstance(x, str) for x in names)
     if not texts or len(set(names)) != len(names):
-        known = ", ".join(MODEL_PARAMETERS + ELASTIC_PARAMETERS)
-        raise JounceError(f"parameters are {quote_value(names)}; expected a list of different names of {known}")
+        every = ", ".join(MODEL_PARAMETERS + ELASTIC_PARAMETERS)
+        raise JounceError(f"parameters are {quote_value(names)}; expected a list of different names of {every}")
     payloads: dict[str, Frame] = {}
     for name in names:
         kind, colon, body = name.partition(":")
