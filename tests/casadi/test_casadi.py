@@ -168,9 +168,8 @@ def test_springs_and_rotors_are_inputs():
     F = arm.casadi_function("motor_torques", 0, parameters=["stiffness", "rotor"])
     q, (stiffness, rotor) = rng.uniform(-1, 1, (5, 2)), rng.uniform(0.5, 2, (2, 2)) * [[1e4], [0.4]]
     expected = rigid.elastic(stiffness, rotor=rotor).motor_torques(*q)
-    np.testing.assert_allclose(
-        F(*q, stiffness, rotor).full()[:, 0], expected, rtol=0, atol=1e-11 * np.abs(expected).max()
-    )
+    found = F(*q, stiffness, rotor).full()[:, 0]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
 
 
 def test_parameters_without_effect_are_warned_of():

@@ -76,9 +76,7 @@ def recover_links(robot: Engine, theta: Motion) -> Motion:
     e = elasticity_of(robot.mechanism)
     if e.pairs or robot.mechanism.floats:
         came = "floats" if robot.mechanism.floats else f"has two at {robot.joint_names[e.pairs[0]]}"
-        raise JounceError(
-            f"measured='motors' needs one motor per joint, and no base that floats; {robot.name!r} {came}"
-        )
+        raise JounceError(f"measured='motors' needs one motor per joint and a fixed base; {robot.name!r} {came}")
     t, compliance = np.linspace(theta.start, theta.stop, _POSTURES), reciprocal(e.stiffness)
     inertia = MotionStates.sample(robot, theta, t, [(_MASS, 0)]).compute(robot, _MASS.name)[0]
     root = np.sqrt(compliance)
@@ -95,8 +93,8 @@ def recover_links(robot: Engine, theta: Motion) -> Motion:
         f"links from motors behind springs, up to {band:.3g} Hz; how they swing by themselves, from {resonance:.3g} Hz"
         " on, motors do not show"
     )
-    known = {"samples": None, "residual": None, "grid": theta.times, "notes": (*theta.notes, note)}
-    return replace(theta, curve=curve, source=f"motors: {theta.source}", **known)
+    source, notes = f"motors: {theta.source}", (*theta.notes, note)
+    return replace(theta, curve=curve, source=source, notes=notes, samples=None, residual=None, grid=theta.times)
 
 
 def _choose_breaks(theta: Motion, highest: float) -> np.ndarray:
