@@ -85,7 +85,6 @@ def recover_links(robot: Engine, theta: Motion) -> Motion:
     breaks = _choose_breaks(theta, MAX_BAND_TO_RESONANCE * resonance)
     band = 0.5 / np.diff(breaks).min()
     gains = np.linalg.inv(np.eye(robot.n) - (2 * np.pi * band) ** 2 * compliance[:, None] * inertia)
-
     spline = _collocate(robot, theta, breaks, compliance)
     missed = _find_missed(robot, theta, _with_spline(theta, spline), breaks, resonance)
     curve = LinkCurve(spline, theta.start, theta.stop, theta.curve, t, gains, 2 * band, missed)
@@ -93,7 +92,8 @@ def recover_links(robot: Engine, theta: Motion) -> Motion:
         f"links from motors behind springs, up to {band:.3g} Hz; how they swing by themselves, from {resonance:.3g} Hz"
         " on, motors do not show"
     )
-    source, notes = f"motors: {theta.source}", (*theta.notes, note)
+    of_torques = ["measured torques count as those of the links, Q"] * (theta.torques is not None)
+    source, notes = f"motors: {theta.source}", (*theta.notes, note, *of_torques)
     return replace(theta, curve=curve, source=source, notes=notes, samples=None, residual=None, grid=theta.times)
 
 

@@ -71,7 +71,7 @@ TABLE_OPTIONS: tuple[Decorator, ...] = (
     _option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of times in the table."),
     _option(
         "--measured", type=click.Choice(["links", "motors"]),
-        help="Whose positions the table has: of links (default), or of motors behind elastic joints.",
+        help="Whose positions they are: of links (default), or of motors behind elastic joints, over gear ratios.",
     ),
     _option("--topic", metavar="NAME", help="Topic to read from a ROS bag that has several."),
     _option(
