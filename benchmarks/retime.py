@@ -105,7 +105,7 @@ def ipopt(grid: Grid, points: slice | np.ndarray | None = None) -> float:
         x1 * x2 / 4 + x * x3 / 2,
     )  # fmt: skip
     if rows.friction:
-        products += rubbing(rows.friction, x, x1, x2)
+        products += rubbing(rows.friction, products)
     g = [
         sum(ca.DM(rows.factors[:, r, i]) * products[k] for i, k in enumerate(rows.used)) for r in range(len(rows.kinds))
     ]
@@ -121,25 +121,24 @@ def ipopt(grid: Grid, points: slice | np.ndarray | None = None) -> float:
     return float(found["f"])
 
 
-def rubbing(along: FrictionAlong, x: Any, x1: Any, x2: Any) -> tuple[Any, ...]:
+def rubbing(along: FrictionAlong, products: tuple[Any, ...]) -> tuple[Any, ...]:
     """Coulomb friction and its rates in the order of its products, which CasADi differentiates by time."""
     import casadi as ca
 
-    s, s2 = ca.sqrt(x), x1 / 2
     v, v1, v2 = ca.SX.sym("v"), ca.SX.sym("v1"), ca.SX.sym("v2")
     w = ca.SX.sym("w")
     F = ca.tanh(w * v)
     Fd = ca.jacobian(F, v) * v1
     F2d = ca.jacobian(Fd, v) * v1 + ca.jacobian(Fd, v1) * v2
-    of = {"effort": F, "stall_effort": F, "effort_rate": Fd, "second_effort_rate": F2d, "power": F}
+    rates = {"effort_rate": Fd, "second_effort_rate": F2d}
     found = []
     for kind in along.kinds:
-        rate = ca.Function(kind, [w, v, v1, v2], [of[kind]])
+        rate = ca.Function(kind, [w, v, v1, v2], [rates.get(kind, F)])
         for i, slope in enumerate(along.friction.slope[:, 0]):
-            q1, q2, q3 = [*(ca.DM(q[i]) for q in along.rates), ca.DM(0)][:3]
-            states = ca.horzcat(q1 * s, q1 * s2 + q2 * x, q1 * s * x2 / 2 + 3 * q2 * s * s2 + q3 * x * s)
-            value = rate.map(len(along.rates[0][i]))(slope, *ca.vertsplit(states.T)).T
-            found.append(value * s if kind == "power" else value)
+            states = [sum(ca.DM(term[i]) * products[k] for k, term in terms.items()) for terms in along.rates]
+            states += [0 * states[0]] * (3 - len(states))
+            value = rate.map(states[0].shape[0])(slope, *(state.T for state in states)).T
+            found.append(value * products[1] if kind == "power" else value)
     return tuple(found)
 
 

@@ -349,16 +349,31 @@ def test_old_names_of_elastic_robots_warn_with_the_new_ones():
 
 def test_what_only_elastic_joints_have_refuses_rigid_ones():
     motion, q = jounce.Motion.fourier([0, 0], [[0.1, 0.2]], [[0, 0]], 2.0, 3.0), [SPOILT] * 5
-    rows = "motor_positions motor_torques motor_currents motor_voltages elastic_forward_dynamics feedback_linearization"
-    given = dict.fromkeys(rows.split(), q) | {"motors_along": [motion], "elastic_energy": q[:4], "damping_error": q}
+    rows = "motor_positions motor_torques motor_commands motor_currents motor_voltages"
+    given = dict.fromkeys(f"{rows} elastic_forward_dynamics feedback_linearization".split(), q) | {
+        "motors_along": [motion],
+        "elastic_energy": q[:4],
+        "damping_error": q,
+    }
     for name, arguments in given.items():
         why = f"{name} of {DRIVEN.name!r}: its joints are rigid; robot.elastic(stiffness) makes them elastic"
         refusal(lambda name=name, arguments=arguments: getattr(DRIVEN, name)(*arguments), why)
     assert DRIVEN.elasticity is None
 
 
+@pytest.mark.parametrize("loaded", [False, True])
+def test_one_call_gives_what_two_calls_do(loaded):
+    arm, rng = jounce.load("iiwa14").elastic(1e4, rotor=0.4), np.random.default_rng(9)
+    q, W = rng.uniform(-1, 1, (5, 4, 7)), tuple(rng.uniform(-9, 9, (3, 4, 7, 6)))
+    theta, thetad, tau = arm.motor_commands(*q, wrench=W if loaded else None)
+    found = arm.motor_positions(*q[:4], wrench=W[:2] if loaded else None)
+    for x, expected in zip((theta, thetad), found, strict=True):
+        close(x, expected)
+    close(tau / 1e3, arm.motor_torques(*q, wrench=W if loaded else None) / 1e3)
+
+
 @pytest.mark.parametrize(
-    "name", ["elastic_forward_dynamics", "feedback_linearization", "motor_currents", "motor_voltages"]
+    "name", ["elastic_forward_dynamics", "feedback_linearization", "motor_commands", "motor_currents", "motor_voltages"]
 )
 def test_rows_of_motors_are_computed_by_every_way(name):
     """Methods, a kernel, a CasADi function; voltages with an inductance take q5d."""

@@ -162,6 +162,16 @@ def test_the_jacobian_with_respect_to_the_state_and_the_hessian():
     assert relative_error(H[:, 3], differentiated(gradient)) < 1e-8
 
 
+def test_springs_and_rotors_are_inputs():
+    rigid, rng = jounce.load("planar2r"), np.random.default_rng(4)
+    arm = rigid.elastic(1e4, rotor=0.4)
+    F = arm.casadi_function("motor_torques", 0, parameters=["stiffness", "rotor"])
+    q, (stiffness, rotor) = rng.uniform(-1, 1, (5, 2)), rng.uniform(0.5, 2, (2, 2)) * [[1e4], [0.4]]
+    expected = rigid.elastic(stiffness, rotor=rotor).motor_torques(*q)
+    found = F(*q, stiffness, rotor).full()[:, 0]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
+
+
 def test_parameters_without_effect_are_warned_of():
     with pytest.warns(jounce.JounceWarning, match="^parameters without effect on mass_matrix: gravity$"):
         ROBOT.casadi_function("mass_matrix", 0, parameters=["gravity", "masses"])

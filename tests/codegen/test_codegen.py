@@ -1,5 +1,6 @@
 """Generated code is right by its own tests and by the recursion, in every language; bad requests are refused."""
 
+import ctypes
 import json
 import re
 import subprocess
@@ -129,6 +130,10 @@ CASES = {  # the robot, what is asked for, how many states, and in which languag
     ),
     "elastic, all of motors": (
         "wound", {"order": 0, "wrench": True, "outputs": OF_MOTORS}, 20, "c javascript python rust",
+    ),
+    "elastic, springs and rotors at run time": (
+        "wound", {"order": 0, "wrench": True, "outputs": OF_MOTORS, "parameters": ("rotor", "stiffness")}, 20,
+        "c cuda javascript matlab python rust",
     ),
     "elastic, all of motors, single": ("wound", {"order": 0, "float32": True, "outputs": OF_MOTORS}, 20, "c"),
     "stiffening springs": (
@@ -806,6 +811,46 @@ def test_the_verb_writes_what_the_function_does(tmp_path):
     assert tuple(summary["files"]) == made.files == ("Makefile", "README.md", "arm.c", "arm.h", "test_arm.c")
     for name in made.files:
         assert (tmp_path / "verb" / name).read_text() == (made.directory / name).read_text()
+
+
+@needs("gcc")
+def test_springs_and_rotors_at_run_time_are_those_of_another_arm(tmp_path):
+    """C code of one arm, called with the numbers of another one, against this one in NumPy."""
+    outputs = ["motor_commands", "motor_torques", "feedback_linearization", "elastic_forward_dynamics"]
+    arm = jounce.load("panda_elastic")
+    arm.codegen("c", 0, tmp_path, outputs=outputs, parameters=["stiffness", "rotor"], prefix="arm", overwrite=True)
+    library = tmp_path / "arm.so"
+    subprocess.run(["gcc", "-std=c99", "-O1", "-shared", "-fPIC", "-o", library, tmp_path / "arm.c", "-lm"], check=True)
+    code, rng = ctypes.CDLL(str(library)), np.random.default_rng(3)
+    stiffness, rotor = arm.elasticity.stiffness * rng.uniform(0.3, 3, 7), arm.elasticity.rotor * rng.uniform(0.3, 3, 7)
+    other, state = arm.elastic(stiffness, rotor=rotor), rng.uniform(-1, 1, (5, 7))
+    numbers = np.concatenate([stiffness, rotor])
+    for name in outputs:
+        expected = getattr(other, name)(*state)
+        expected = expected if isinstance(expected, tuple) else (expected,)
+        found = [np.empty(7) for _ in expected]
+        getattr(code, f"arm_{name}")(*(ctypes.c_void_p(x.ctypes.data) for x in (*state, numbers, *found)))
+        for x, right in zip(found, expected, strict=True):
+            np.testing.assert_allclose(x, right, rtol=0, atol=1e-11 * np.abs(right).max())
+        own = getattr(arm, name)(*state)
+        assert not np.allclose(found[-1], own[-1] if isinstance(own, tuple) else own, rtol=1e-3)
+
+
+def test_springs_and_rotors_are_parameters_of_elastic_joints_alone():
+    def parameters(robot, *names):
+        return lambda: make_parametric(robot.mechanism, names)
+
+    robot = jounce.load("planar2r")
+    refusal(parameters(robot, "rotor"), "parameter 'rotor': the joints of 'planar2r' are rigid; robot.elastic(")
+    for arm in (robot.elastic({"joint1": 5.0}, rotor=1.0), stiffening((9.0, 0.0), (9.0, 1.0))):
+        refusal(parameters(arm, "stiffness"), "parameter 'stiffness': joint '", "has no linear spring")
+        assert list(make_parametric(arm.mechanism, ["rotor"]).shapes) == ["rotor"]
+    half = robot.elastic({"joint1": 5.0}, rotor=[1.0, 2.0])
+    [function] = generate.trace_functions(
+        check_options(half, "c", 0, ["elastic_forward_dynamics"], False, ["rotor"], False, None)
+    )
+    assert function.parameters[0].size == 2
+    assert header.elastic_joints(half.mechanism, [function])
 
 
 def test_parameters_without_effect_are_warned_of(tmp_path):

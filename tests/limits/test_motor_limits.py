@@ -81,7 +81,6 @@ def test_what_no_slow_down_cures_is_refused():
     elastic = arm(motor_torque=1e6)
     assert np.isinf(elastic.check(jerky).worst.ratio)
     refusal(lambda: elastic.slowdown(jerky), "break at", "motor torque", "infinite")
-    refusal(lambda: elastic.retime(MOTION), "retime does not support limits of motors (motor_torque)")
 
 
 def test_rigid_joints_have_no_limits_of_motors():

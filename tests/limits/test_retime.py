@@ -12,7 +12,7 @@ from jounce.limits import friction, path_velocity
 from jounce.limits.barrier import BarrierProgram, minimize_duration
 from jounce.limits.basis import Basis
 from jounce.limits.friction import acting_friction
-from jounce.limits.path import sample_path
+from jounce.limits.path import Path, sample_path
 from jounce.limits.retime_problem import build_problem, without_friction
 from jounce.limits.transcription import DUALITY_GAP, GRID_POINTS_PER_POINT, WARM_START_GAP, Grid
 from jounce.model.limit_kinds import EFFORT_KINDS
@@ -103,9 +103,9 @@ def test_path_algebra_gives_the_forces_of_composed_motions(robot):
     gravity = robot.gravity_forces(*along.rates[:3])
     coulomb, products, added = acting_friction(robot.mechanism), path_velocity.products(jet), {}
     if coulomb:
-        rubs = coulomb.along(path.q[1:], (*EFFORT_KINDS, "power"))
+        rubs = coulomb.along([path.rate(k) for k in (1, 2, 3)], (*EFFORT_KINDS, "power"))
         products = np.concatenate([products, rubs.products(jet)])
-        added = {kind: rubs.terms(kind, path.q[1]) for kind in rubs.kinds}
+        added = {kind: rubs.terms(kind, path.q[1] if kind == "power" else np.ones(robot.n)) for kind in rubs.kinds}
 
     def agrees(terms, expected, kind=None):
         found = sum(products[k][:, None] * term for k, term in (terms | added.get(kind, {})).items())
@@ -123,7 +123,10 @@ def test_products_have_the_derivatives_that_differences_give():
     rng = np.random.default_rng(0)
     jet, h = rng.uniform(0.5, 2, (4, 9)), 1e-6
     coulomb = acting_friction(rubbing(UR5, np.ones(6), 0.7).mechanism)
-    for functions in (path_velocity, coulomb.along(tuple(rng.uniform(-1, 1, (3, 9, 6))), (*EFFORT_KINDS, "power"))):
+    path = Path((np.empty(0), *rng.uniform(-1, 1, (3, 9, 6))), *[[]] * 5)
+    motors = {k: rng.uniform(-1, 1, (9, 6)) for k in (path_velocity.S3, path_velocity.S1_S2, path_velocity.S1)}
+    links = coulomb.along([path.rate(k) for k in (1, 2, 3)], (*EFFORT_KINDS, "power"))
+    for functions in (path_velocity, links, coulomb.along([motors], ("motor_torque",))):
         first, second = functions.derivatives(jet)
         for i, step in enumerate(h * np.eye(4)[:, :, None]):
             ahead, back = jet + step, jet - step

@@ -127,7 +127,7 @@ CASES: dict[str, Case] = {
         {"source": {"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, "robot": ROBOT}
         | {"order": 1, "degree": 7, "intervals": None, "time": "t", "columns": "{joint}", "angles": "rad"}
         | {"bandwidth": None, "allow_noise": False}
-        | {"time_unit": "s", "topic": None, "torques": None},
+        | {"time_unit": "s", "topic": None, "torques": None, "measured": None},
     ),
     "Motion": (MOTION, {"t": [0.1, 0.2], "order": 2, "side": "left"}),
     "Motion.wrench": (MOTION.wrench, {"t": [0.1, 0.2], "order": 2, "side": "left"}),

@@ -174,7 +174,8 @@ def elastic_joints(robot: Mechanism, functions: Sequence[Function]) -> list[str]
         return of_links
     numbers = ((what, robot.elasticity.arrays[name]) for name, what in OF_MOTORS.items())
     stated = [f"{what} {' '.join(f'{x:g}' for x in array)}" for what, array in numbers if np.any(array != 0)]
-    found = [*of_links, f"Motors are seen from the links, behind the gears. By coordinate: {'; '.join(stated)}."]
+    numbers_of_motors = f" By coordinate: {'; '.join(stated)}." if stated else ""
+    found = [*of_links, f"Motors are seen from the links, behind the gears.{numbers_of_motors}"]
     others = [name for name, law in zip(robot.coordinates, robot.elasticity.springs, strict=False) if law is not None]
     if others:
         named = ", ".join(map(printable, others))
@@ -239,6 +240,8 @@ MEANINGS = {
     "gravity": "gravitational acceleration in the inertial frame, m/s^2",
     "masses": "of the bodies, kg; the COM stays, inertia grows in proportion",
     "lengths": "positions of the body frames in their parents' at rest, x, y, z a body, m",
+    "stiffness": "of the springs between motors and links, K by coordinate, N m/rad or N/m",
+    "rotor": "inertia of the rotors seen from the links, B by coordinate, kg m^2 or kg",
 }
 OF_PAYLOAD = {
     "mass": "on {body}, kg",

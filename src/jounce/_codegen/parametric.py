@@ -13,7 +13,7 @@ from jounce.core.errors import JounceError
 from jounce.core.scalars import Array, is_symbolic
 from jounce.dynamics.computation import Shape
 from jounce.model.mechanism import Mechanism
-from jounce.model.parameters import own_values, parametrise
+from jounce.model.parameters import ELASTIC_PARAMETERS, own_values, parametrise
 from jounce.model.scalar_casting import with_arrays
 from jounce.spatial.lie import pose, rotation
 
@@ -70,6 +70,9 @@ def _without_replaced_data(mechanism: Mechanism, replaced: Container[str]) -> Me
         mechanism = replace(mechanism, gravity=np.zeros(3))
     if "lengths" in replaced:
         mechanism = replace(mechanism, B=pose(rotation(mechanism.B), np.zeros((mechanism.nb, 3, 1))))
+    if e := mechanism.elasticity:
+        nothing: dict[str, Any] = {name: np.zeros(mechanism.n) for name in ELASTIC_PARAMETERS if name in replaced}
+        mechanism = replace(mechanism, elasticity=replace(e, **nothing))
     return mechanism
 
 

@@ -39,10 +39,9 @@ def magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequence[
     """
     if computation.quantity.inputs:
         return _motor_magnitudes(mechanism, computation, arrays)
-    if computation.quantity.results:
-        return _forward_partial_magnitudes(mechanism, computation, arrays)
     if computation.quantity.forces:
-        return _acceleration_magnitudes(mechanism, computation, arrays)
+        of_forces = _forward_partial_magnitudes if computation.quantity.results else _acceleration_magnitudes
+        return of_forces(mechanism, computation, arrays)
     by_method = [
         compute_by_method(computation, method, mechanism, [_Sized(np.asarray(x, dtype=float)) for x in arrays])
         for method in _COMPARED_METHODS

@@ -26,7 +26,7 @@ derivatives by all inputs with weights or a direction.
 
 \b
 Run-time parameters of the functions: gravity, masses, lengths, payload,
-  payload:BODY.
+  payload:BODY and, of elastic joints, stiffness, rotor.
 """
 
 

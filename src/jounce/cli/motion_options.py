@@ -78,6 +78,10 @@ TABLE_OPTIONS: tuple[Decorator, ...] = (
         help="Bad rows: stop at the first, by default, or leave them out; `run` and others write them to"
         " OUT.skipped.csv."
     ),
+    _option(
+        "--measured", type=click.Choice(["links", "motors"]),
+        help="Whose positions they are: of links (default), or of motors behind elastic joints, over gear ratios.",
+    ),
     _option("--topic", metavar="NAME", help="Topic to read from a ROS bag that has several."),
     _option(
         "--blend", type=float, metavar="S", help="Replace breaks of planned motions by C^4 blends of S seconds."

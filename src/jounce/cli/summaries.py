@@ -135,6 +135,11 @@ def _compute_by_parts(
 
     if motion.options["topic"] is not None:
         raise JounceError("--topic is for bags of ROS, which are not read by parts: leave it out")
+    if motion.options["measured"] == "motors":
+        raise JounceError(
+            "--measured motors needs the whole motion, and this one is read by parts;"
+            " jounce motion ROBOT MOTION --measured motors -o links.csv writes that of the links"
+        )
     runner: Runner = run_here
     if stream.cluster is not None:
         from jounce.stream.cluster import cluster_runner

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from jounce.core.errors import JounceError, join_names, quote_value
-from jounce.core.scalars import Array, reciprocal
+from jounce.core.scalars import Array, is_zero, reciprocal
 from jounce.dynamics import coupling
 from jounce.dynamics.joint_springs import (
     NO_INPUTS,
@@ -61,7 +61,7 @@ def with_rigid_rotors(m: Mechanism) -> Mechanism:
     """The mechanism whose mass matrix holds the rotors of rigid joints: as armature that acts, there is no other."""
     e = elasticity_of(m)
     armature = np.zeros(len(m.joints), dtype=np.result_type(e.rotor, m.G))
-    for j in np.flatnonzero(e.is_rigid & (e.rotor > 0)):
+    for j in [j for j in np.flatnonzero(e.is_rigid) if not is_zero(e.rotor[j])]:
         alone = np.flatnonzero((m.G[:, j] != 0) & (np.count_nonzero(m.G, axis=1) == 1))
         if not alone.size:
             raise JounceError(

@@ -33,10 +33,10 @@ def is_polynomial(b: LimitedMotion) -> bool:
     if b.forces and acting_friction(mechanism):
         return False
     motors = mechanism.elasticity if any(LIMIT_KINDS[kind].takes for kind in b.kinds) else None
-    return motors is None or not (motors.friction.any() or any(map(_is_nonlinear, motors.springs)))
+    return motors is None or not (motors.friction.any() or any(map(is_nonlinear, motors.springs)))
 
 
-def _is_nonlinear(law: ElasticLaw | None) -> bool:
+def is_nonlinear(law: ElasticLaw | None) -> bool:
     """Whether the force of a spring is not proportional to its deflection."""
     spring = law.spring if isinstance(law, DampedSpring) else law
     return spring is not None and not (isinstance(spring, CubicSpring) and spring.k3 == 0)

@@ -83,7 +83,7 @@ def find_obstacle(problem: RetimeProblem) -> str | None:
     many = [
         kind
         for kind in kinds
-        if motion_order(robot, kind) > _HIGHEST_RATE or LIMIT_KINDS[kind].of == "P" or LIMIT_KINDS[kind].line
+        if motion_order(robot, kind) > _HIGHEST_RATE or LIMIT_KINDS[kind].of not in ("q", "Q") or LIMIT_KINDS[kind].line
     ]
     if many:
         cure = ", ".join(f"{kind}=float('inf')" for kind in many)

@@ -6,14 +6,15 @@ With ' for d/dsigma, theta a joint variable, w = 1 / eps and u = w theta' s1, on
     Fd   = w tanh'(u) A,                           A = theta' s2 + theta'' s1^2
     F2d  = w^2 tanh''(u) A^2 + w tanh'(u) B,       B = theta' s3 + 3 theta'' s1 s2 + theta''' s1^3
 
-and F s1 is that of the power where theta' is 1. All are functions of x, x', x'' and of the path.
+and F s1 is that of the power where theta' is 1. All are functions of x, x', x'' and of the path. The velocity of a
+motor behind a spring has more terms than theta' s1; its friction enters torques, and not their rates.
 
 Friction changes fastest where a joint turns round: these times are zeros of its velocity between neighbours of given
 times, and `turns` and `reversals` return times around each at distances in a geometric series. A joint that turns round
 twice between two of the given times is not noticed.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
@@ -21,6 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jounce.core.scalars import Array
 from jounce.limits import path_velocity
 from jounce.limits.path import Terms
 from jounce.limits.root_finding import find_roots
@@ -85,41 +87,47 @@ class Friction:
         v = np.abs(velocity(near.ravel())[np.arange(near.size), np.repeat(joint, near.shape[1])]).reshape(near.shape)
         return np.concatenate([turns, near[(v >= _TANH_RANGE[0]) & (v <= _TANH_RANGE[1])]])
 
-    def along(self, rates: tuple[np.ndarray, ...], kinds: tuple[str, ...]) -> "FrictionAlong":
-        """The friction along a path with q', q'', ... (N, n), as limits of some kinds take it."""
-        return FrictionAlong(self, tuple(self.ratios @ rate.T for rate in rates), kinds)
+    def along(self, rates: Sequence[Terms], kinds: tuple[str, ...]) -> "FrictionAlong":
+        """The friction along a path with the terms of what rubs, velocities first, as limits of some kinds take it."""
+        own = [{k: self.ratios @ term.T for k, term in terms.items()} for terms in rates]
+        return FrictionAlong(self, tuple(own), kinds)
 
 
 @dataclass(frozen=True, eq=False)
 class FrictionAlong:
-    """Coulomb friction along a path with theta', theta'', ... (m, N) as `rates`: a product for each kind and joint."""
+    """Coulomb friction along a path, with terms (m, N) of velocities and their rates: a product per kind and joint."""
 
     friction: Friction
-    rates: tuple[np.ndarray, ...]
+    rates: tuple[Terms, ...]
     kinds: tuple[str, ...]
 
     def select(self, points: np.ndarray | slice) -> "FrictionAlong":
         """The friction at some of the points."""
-        return replace(self, rates=tuple(rate[:, points] for rate in self.rates))
+        rates = [{k: term[:, points] for k, term in terms.items()} for terms in self.rates]
+        return replace(self, rates=tuple(rates))
 
     @property
     def highest_jet(self) -> tuple[int, ...]:
         """Of each product, the derivative of x that it takes."""
-        return tuple(np.repeat([LIMIT_KINDS[kind].rate for kind in self.kinds], len(self.friction.slope)).tolist())
+        least = max(path_velocity.PRODUCT_JET_ORDERS[k] for k in self.rates[0])
+        each = [max(least, LIMIT_KINDS[kind].rate) for kind in self.kinds]
+        return tuple(np.repeat(each, len(self.friction.slope)).tolist())
 
-    def terms(self, kind: str, rate: np.ndarray) -> Terms:
-        """The factors (N, n) of the products in what limits of a kind bound, along a path with q' = `rate`."""
+    def terms(self, kind: str, share: Array) -> Terms:
+        """The factors of the products in what limits of a kind bound: shares (N, n) or (n,) of what friction adds."""
         if kind not in self.kinds:
             return {}
         first = len(path_velocity.PRODUCT_POWERS) + self.kinds.index(kind) * len(self.friction.onto)
-        each = rate if kind == "power" else np.ones_like(rate)
-        return {first + i: onto * each for i, onto in enumerate(self.friction.onto)}
+        return {first + i: onto * share for i, onto in enumerate(self.friction.onto)}
 
     def products(self, jet: np.ndarray) -> np.ndarray:
         """The products (M, N) at jets (4, N)."""
         known = path_velocity.products(jet)
-        bent = self._tanh_derivatives(known[path_velocity.S1])
-        return np.concatenate(self._evaluate(bent, lambda terms: sum(c * known[k] for k, c in terms.items())))
+
+        def combined(terms: Terms) -> Any:
+            return sum(c * known[k] for k, c in terms.items())
+
+        return np.concatenate(self._evaluate(self._tanh_derivatives(combined(self.rates[0])), combined))
 
     def derivatives(self, jet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gradients (M, 4, N) and Hessians (M, 4, 4, N) of the products."""
@@ -131,9 +139,9 @@ class FrictionAlong:
             ]
             return reduce(add, parts)
 
-        velocity = combined({path_velocity.S1: self.rates[0]})
+        velocity = combined(self.rates[0])
         outer = velocity.first[:, :, None] * velocity.first[:, None]
-        bent = [x[:, None] for x in self._tanh_derivatives(values[path_velocity.S1])]
+        bent = [x[:, None] for x in self._tanh_derivatives(velocity.value)]
         smooth = [
             Smooth(x[:, 0], slope * velocity.first, curvature[:, None] * outer + slope[:, None] * velocity.second)
             for x, slope, curvature in zip(bent, bent[1:], bent[2:], strict=False)
@@ -141,27 +149,26 @@ class FrictionAlong:
         found = self._evaluate(smooth, combined)
         return np.concatenate([x.first for x in found]), np.concatenate([x.second for x in found])
 
-    def _tanh_derivatives(self, speed: np.ndarray) -> list[np.ndarray]:
-        """tanh(w theta' s1) and its first four derivatives by theta' s1."""
+    def _tanh_derivatives(self, velocity: np.ndarray) -> list[np.ndarray]:
+        """tanh(w v) of velocities v (m, N), and its first four derivatives by them."""
         w = self.friction.slope
-        y = np.tanh(w * self.rates[0] * speed)
+        y = np.tanh(w * velocity)
         slope = 1 - y * y
         bent = [y, slope, -2 * y * slope, slope * (6 * y * y - 2), slope * y * (16 - 24 * y * y)]
         return [w**k * x for k, x in enumerate(bent)]
 
     def _evaluate(self, bent: list[Any], combined: Callable[[Terms], Any]) -> list[Any]:
         """The products by kind, as arrays or `Smooth`, of derivatives of tanh and of what sums of products are."""
-        q, found = self.rates, []
+        found = []
         for kind in self.kinds:
             if kind == "power":
-                found.append(bent[0] * combined({path_velocity.S1: np.ones_like(q[0])}))
+                found.append(bent[0] * combined({path_velocity.S1: np.ones_like(self.rates[0][path_velocity.S1])}))
             elif not LIMIT_KINDS[kind].rate:
                 found.append(bent[0])
             else:
-                rate = bent[1] * (A := combined({path_velocity.S2: q[0], path_velocity.S1_2: q[1]}))
+                rate = bent[1] * (A := combined(self.rates[1]))
                 if LIMIT_KINDS[kind].rate == 2:
-                    B = combined({path_velocity.S3: q[0], path_velocity.S1_S2: 3 * q[1], path_velocity.S1_3: q[2]})
-                    rate = bent[2] * A * A + bent[1] * B
+                    rate = bent[2] * A * A + bent[1] * combined(self.rates[2])
                 found.append(rate)
         return found
 

@@ -1,19 +1,19 @@
 """Limits along a path as rows: sums of products of sigma's rates, each between two bounds at every point."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from jounce.limits import path_velocity
 from jounce.limits.friction import Friction, FrictionAlong
+from jounce.limits.motor_terms import MotorTerms
 from jounce.limits.path import Path, Terms
 from jounce.limits.ratios import build_scale
 from jounce.model.limit_kinds import LIMIT_KINDS
 from jounce.model.limits import Limits
 
 _MAX_BOUND_RATIO = 1e6  # of a bound that is infinite to the stated one: finite for the barrier, and never binding
-# Of each product, the highest derivative of x that it takes.
-_PRODUCT_JET_ORDERS = (0, 0, 0, 1, 0, 1, 2, 0, 1, 1, 2, 3)
 
 RowBlock = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]  # factors, bounds, joints, kinds
 
@@ -49,7 +49,7 @@ class LimitRows:
     @property
     def jet(self) -> int:
         """How many of x, x', x'', x''' the rows take."""
-        highest = _PRODUCT_JET_ORDERS + (self.friction.highest_jet if self.friction else ())
+        highest = path_velocity.PRODUCT_JET_ORDERS + (self.friction.highest_jet if self.friction else ())
         return 1 + max((highest[k] for k in self.used), default=0)
 
     def values(self, jet: np.ndarray) -> np.ndarray:
@@ -93,21 +93,35 @@ class LimitRows:
         return build_scale(np.stack([self.lower, self.upper])).largest(self.values(jet))
 
 
-def build_rows(path: Path, limits: Limits, share: float, fastest: float, friction: Friction | None = None) -> LimitRows:
+def build_rows(
+    path: Path,
+    limits: Limits,
+    share: float,
+    fastest: float,
+    friction: Friction | None = None,
+    motors: MotorTerms | None = None,
+) -> LimitRows:
     """The rows of all finite limits of the coordinates, each taken to a share of itself, at the points of a path.
 
-    `friction` acts in addition to the forces of the path.
+    `friction` acts in addition to the forces of the path, or to those of `motors`, whose limits count where there are
+    any.
 
     The velocity limits are one row, (q' / v)^2 x of the joint that is nearest to its own; x itself stays below the
     square of `fastest`, so that a rest of the motion does not make it infinite: that is of the joint -1.
     """
-    kinds = [kind for kind in limits.kinds if kind not in ("position", "velocity") and not LIMIT_KINDS[kind].takes]
-    forces = tuple(kind for kind in kinds if LIMIT_KINDS[kind].force)
-    rubbing = friction.along(path.q[1:], forces) if friction and forces else None
+    kinds = [
+        kind
+        for kind in limits.kinds
+        if kind not in ("position", "velocity") and (motors or not LIMIT_KINDS[kind].takes)
+    ]
+    rubbing = _friction_along(path, kinds, friction, motors)
     size = len(path_velocity.PRODUCT_POWERS) + (len(rubbing.highest_jet) if rubbing else 0)
     found: list[RowBlock] = [_velocity_row(path, limits.bounds("velocity") * share, fastest, size)]
     for kind in kinds:
-        terms = _terms(path, kind, limits) | (rubbing.terms(kind, path.q[1]) if rubbing else {})
+        terms = limit_terms(path, kind, limits, motors)
+        if rubbing:
+            shares = motors.shares(kind)[0] if motors and LIMIT_KINDS[kind].takes else np.ones(path.q[1].shape[1])
+            terms |= rubbing.terms(kind, path.q[1] if kind == "power" else shares)
         found.append(_scale_rows(kind, terms, limits.bounds(kind) * share, size))
     factors = np.concatenate([rows[0] for rows in found], axis=1)
     used = np.flatnonzero(np.any(factors, axis=(0, 1)))
@@ -117,8 +131,22 @@ def build_rows(path: Path, limits: Limits, share: float, fastest: float, frictio
     return LimitRows(np.ascontiguousarray(factors[:, :, used]), used, lower, upper, of, joints, rubbing)
 
 
-def _terms(path: Path, kind: str, limits: Limits) -> Terms:
+def _friction_along(
+    path: Path, kinds: Sequence[str], friction: Friction | None, motors: MotorTerms | None
+) -> FrictionAlong | None:
+    """The friction that enters limits of some kinds: that of the motors, where these are limited."""
+    rubbed = [k for k in kinds if ("motor_torques" in LIMIT_KINDS[k].takes if motors else LIMIT_KINDS[k].force)]
+    if not friction or not rubbed:
+        return None
+    rates = [motors.position(path, 1)] if motors else [path.rate(k) for k in range(1, min(4, len(path.q)))]
+    return friction.along(rates, tuple(rubbed))
+
+
+def limit_terms(path: Path, kind: str, limits: Limits, motors: MotorTerms | None) -> Terms:
+    """The terms of what limits of a kind bound, without friction."""
     row = LIMIT_KINDS[kind]
+    if row.takes and motors:
+        return motors.terms(path, kind)
     if row.of == "q":
         return path.rate(row.rate)
     if kind == "power":

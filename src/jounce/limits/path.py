@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jounce.core.scalars import Array
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES
 from jounce.engine.along import SIDES
 from jounce.engine.closed_path import name_errors_by_time
@@ -59,8 +60,10 @@ class Path:
         return Path(tuple(q), *others)
 
     def rate(self, order: int) -> Terms:
-        """The terms of the time derivative of q of an order from 1 to 4."""
+        """The terms of q, or of its time derivative of an order from 1 to 4."""
         q = self.q
+        if order == 0:
+            return {path_velocity.ONE: q[0]}
         if order == 1:
             return {path_velocity.S1: q[1]}
         if order == 2:
@@ -106,6 +109,14 @@ class Path:
     def power(self) -> Terms:
         """The terms of the drive power, Q times qd for each coordinate."""
         return {TIMES_S1[k]: self.q[1] * term for k, term in self.force(0).items()}
+
+
+def add_terms(*parts: tuple[Array, Terms]) -> Terms:
+    """The sum of terms, each times a factor (n,)."""
+    return {
+        k: sum(factor * terms[k] for factor, terms in parts if k in terms)
+        for k in dict.fromkeys(k for _, terms in parts for k in terms)
+    }
 
 
 def sample_path(robot: Engine, motion: "Motion", sigma: np.ndarray, order: int, left: bool = False) -> Path:

@@ -10,12 +10,15 @@ from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.engine.along import Q_RATE_ORDER
 from jounce.engine.closed_path import continue_positions
 from jounce.engine.engine import Engine, with_mechanism
+from jounce.limits import path_velocity
 from jounce.limits.friction import Friction, acting_friction
 from jounce.limits.joints import drives_coordinates, joint_limits, joint_names, joint_rates, joint_units
-from jounce.limits.limit_rows import LimitRows, build_rows
+from jounce.limits.limit_rows import LimitRows, build_rows, limit_terms
 from jounce.limits.limited_motion import known_kinds, motion_order
+from jounce.limits.motor_terms import MotorTerms, find_motor_obstacle
 from jounce.limits.path import Path, sample_path
-from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, derivative_unit
+from jounce.limits.validation import check_motor_data
+from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS
 from jounce.model.limits import Limits
 from jounce.model.positions import extent_names
 from jounce.motion import Motion
@@ -31,7 +34,8 @@ class RetimeProblem:
     """A motion whose path is retimed, the limits of its coordinates, and the share of them that may be used.
 
     `order` is that of the rates of Q that the limits take, `moving` whether the motion moves at its start and its end:
-    its velocity and acceleration remain there. `robot` has no Coulomb friction, which is `friction`.
+    its velocity and acceleration remain there. `robot` has no Coulomb friction, which is `friction`: that of `motors`
+    where these are limited.
     """
 
     robot: Engine
@@ -41,6 +45,7 @@ class RetimeProblem:
     order: int
     moving: tuple[bool, bool]
     friction: Friction | None
+    motors: MotorTerms | None = None
 
     @cached_property
     def breaks(self) -> np.ndarray:
@@ -73,7 +78,7 @@ class RetimeProblem:
 
     def rows(self, path: Path, fastest: float) -> LimitRows:
         """The limits along a path, x below the square of `fastest`."""
-        return build_rows(path, self.limits, self.share, fastest, self.friction)
+        return build_rows(path, self.limits, self.share, fastest, self.friction, self.motors)
 
     def uniform_speed(self, path: Path) -> float:
         """The speed of a uniform time law within all limits: of an interval of such speeds the fastest."""
@@ -124,11 +129,7 @@ def build_problem(robot: Engine, motion: Motion, share: float) -> RetimeProblem:
         )
     limits = joint_limits(robot.mechanism)
     kinds = [kind for kind in known_kinds(robot, limits) if kind != "position"]
-    if motors := [kind for kind in kinds if LIMIT_KINDS[kind].takes]:
-        raise JounceError(
-            f"retime does not support limits of motors ({join_names(motors)}); remove them,"
-            f" robot.with_limits({motors[0]}=float('inf')), and check the result with them: robot.slowdown keeps them"
-        )
+    motors = _limited_motors(robot, kinds)
     forces = [kind for kind in kinds if LIMIT_KINDS[kind].force]
     if forces and not drives_coordinates(robot.mechanism):
         bounds, names = limits.bounds(forces[0]), joint_names(robot.mechanism)
@@ -148,7 +149,23 @@ def build_problem(robot: Engine, motion: Motion, share: float) -> RetimeProblem:
     highest = max(kinds, key=needs.__getitem__)
     _check_breaks(motion, robot.joint_names, needs[highest], highest)
     friction, order = _supported_friction(robot), max(0, needs[highest] - Q_RATE_ORDER)
-    return RetimeProblem(without_friction(robot), motion, limits, share, order, _find_moving_ends(motion), friction)
+    friction, moving = motors.friction() if motors else friction, _find_moving_ends(motion)
+    return RetimeProblem(without_friction(robot), motion, limits, share, order, moving, friction, motors)
+
+
+def _limited_motors(robot: Engine, kinds: Sequence[str]) -> MotorTerms | None:
+    """The motors of a robot, where one of the kinds of limits bounds them; springs that are not linear are refused."""
+    limited, e = [kind for kind in kinds if LIMIT_KINDS[kind].takes], robot.mechanism.elasticity
+    if not limited or e is None:
+        return None
+    check_motor_data(robot, limited)
+    if obstacle := find_motor_obstacle(e, limited):
+        cure = ", ".join(f"{kind}=float('inf')" for kind in limited)
+        raise JounceError(
+            f"retime does not support limits of motors ({join_names(limited)}) with {obstacle}; remove them,"
+            f" robot.with_limits({cure}), and check the result with them: robot.slowdown keeps them"
+        )
+    return MotorTerms(robot.mechanism, e)
 
 
 def check_path(problem: RetimeProblem, sigma: np.ndarray, path: Path) -> None:
@@ -167,18 +184,21 @@ def check_path(problem: RetimeProblem, sigma: np.ndarray, path: Path) -> None:
             f" {path.q[0][i, j]:g} {units[j]} is outside of {lower[j]:g} to {upper[j]:g};"
             " no time law changes that, expected another path"
         )
-    for kind in ("effort", "stall_effort"):
-        _check_static(problem, kind, sigma, path)
+    for kind in known_kinds(problem.robot, problem.limits):
+        if LIMIT_KINDS[kind].of != "q":
+            _check_static(problem, kind, sigma, path)
 
 
 def _check_static(problem: RetimeProblem, kind: str, sigma: np.ndarray, path: Path) -> None:
-    static = path.g[0] - path.gravity[0] * (kind in problem.limits.without_gravity)
+    static = limit_terms(path, kind, problem.limits, problem.motors).get(path_velocity.ONE)
+    if static is None:
+        return
     lower, upper = problem.limits.bounds(kind) * problem.share
     over = np.argwhere((static <= lower) | (static >= upper))
     if not len(over):
         return
     i, j = over[0]
-    unit = derivative_unit("Q", 0, joint_units(problem.robot.mechanism)[j])
+    unit = LIMIT_KINDS[kind].unit(joint_units(problem.robot.mechanism)[j])
     bound = problem.limits.bounds(kind)[int(static[i, j] > 0), j]
     share = f" ({problem.share:.0%} of it are used: margin)" if abs(static[i, j]) < abs(bound) else ""
     joint = quote_value(joint_names(problem.robot.mechanism)[j])

@@ -23,6 +23,7 @@ _MAX_EXCESS_BETWEEN_POINTS = 1e-3  # of a limit: what is left is drawn back with
 _MAX_CAPPED_SHARE = 0.01  # of the path: where the cap decides on more, no limit bounds the speed
 START_SPEED_SHARE = 0.95  # of the fastest uniform speed, where the program begins: strictly within
 _FIRST_SHRINK, _SHRINK_BISECTIONS = 1e-4, 6  # of the way to coefficients within the limits, doubled, then refined
+_SLOWEST_SHARE = 0.01  # of the square of the speed: slower is no use
 _RECHECKED_DISTANCE = 0.05  # of a bound: rows further from it are not looked at again while coefficients are drawn in
 
 
@@ -75,7 +76,7 @@ class Grid:
         chosen[: self.count : GRID_POINTS_PER_POINT] = chosen[self.count - 1 :] = True
         for _ in range(_MAX_ADDED_ROUNDS):
             program = BarrierProgram(self.basis, self.at.select(chosen), self.rows.select(chosen), self.free)
-            c = minimize_duration(program, draw_inside(c, inner, program.feasible), DUALITY_GAP, first)
+            c = minimize_duration(program, self._draw_inside(c, inner, program.feasible), DUALITY_GAP, first)
             # Exchange: the rows that peak beyond their bounds between the points join the program.
             peaks = _find_peak_points(self.rows.excess(self.at.jets(c))[: self.count], _MAX_EXCESS_BETWEEN_POINTS)
             if not peaks.size:
@@ -88,12 +89,25 @@ class Grid:
         near = self.rows.excess(self.at.jets(c)).max(axis=1) > -_RECHECKED_DISTANCE
         looked = [(self.rows.select(near), self.at.select(near))]
         for _ in range(_MAX_ADDED_ROUNDS):
-            c = draw_inside(c, inner, lambda c: all(bool((rows.excess(at.jets(c)) <= 0).all()) for rows, at in looked))
+            c = self._draw_inside(
+                c, inner, lambda c: all(bool((rows.excess(at.jets(c)) <= 0).all()) for rows, at in looked)
+            )
             sigma = self._find_tops(c)
             if not sigma.size:
                 break
             looked.append((self.problem.rows_at(sigma, self.reach * self.uniform), self.basis.evaluate(sigma)))
         return c
+
+    def _draw_inside(self, c: np.ndarray, inner: np.ndarray, fits: Callable[[np.ndarray], bool]) -> np.ndarray:
+        """Coefficients that fit, drawn from some towards others that do or, where these lie behind a bend, slowed down.
+
+        Limits of high rates are not convex: what lies between two sets of coefficients within them may be beyond.
+        """
+        drawn = draw_inside(c, inner, fits)
+        if drawn is c or not self.free.all():
+            return drawn
+        slowed = draw_inside(c, _SLOWEST_SHARE * c, fits)
+        return slowed if fits(slowed) and self.basis.duration(slowed) < self.basis.duration(drawn) else drawn
 
     def _find_tops(self, c: np.ndarray) -> np.ndarray:
         """Where rows peak above their limits between the points, by parabolas through three of these each."""

@@ -26,16 +26,16 @@ def validate_limits(robot: Engine, motion: object) -> LimitedMotion:
             raise JounceError(f"{came}; robot.elastic(stiffness) makes its joints elastic")
         ways = "robot.with_limits(effort=..., velocity=...) or robot.with_limits('panda') states some"
         raise JounceError(f"robot {robot.name!r} states no limits; {ways} (--limits)")
-    _check_data(robot, limits, kinds)
+    check_motor_data(robot, kinds)
     _check_stiffness(robot, kinds)
     check_gravity(robot.mechanism, limits, kinds)
     b = LimitedMotion(robot, path, limits, kinds)
     return replace(b, windows=find_windows(b))
 
 
-def _check_data(robot: Engine, limits: Limits, kinds: Sequence[str]) -> None:
+def check_motor_data(robot: Engine, kinds: Sequence[str]) -> None:
     """Raise `JounceError` where currents or voltages of a motor are limited that states no data for them."""
-    e, closure = robot.mechanism.elasticity, robot.mechanism.closure
+    limits, e, closure = joint_limits(robot.mechanism), robot.mechanism.elasticity, robot.mechanism.closure
     places = closure.independent if closure else range(robot.n)
     for kind in kinds:
         limited = np.isfinite(limits.bounds(kind)[:, list(places)]).any(axis=0)

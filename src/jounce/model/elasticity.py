@@ -79,7 +79,7 @@ class Elasticity:
     @property
     def is_rigid(self) -> Array:
         """Whether the joint of each coordinate is rigid, (n,)."""
-        return self.stiffness == np.inf
+        return np.array([isinstance(k, int | float | np.number) and bool(k == np.inf) for k in self.stiffness])
 
     @cached_property
     def joints_of_motors(self) -> list[int]:

@@ -1,7 +1,8 @@
 """Parameters of a mechanism: parts of its data that become arguments, and the inertial parameters of all its bodies.
 
-Code that is generated once, or a function that is differentiated, takes gravity, masses, lengths and a payload at run
-time, as what a caller says: CasADi's symbols or a tape's. Generalized forces are linear in inertial parameters.
+Code that is generated once, or a function that is differentiated, takes gravity, masses, lengths, a payload, and
+springs and rotors of elastic joints at run time, as what a caller says: CasADi's symbols or a tape's. Generalized
+forces are linear in inertial parameters.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,6 +19,7 @@ from jounce.spatial import inertia
 from jounce.spatial.lie import pose, rotation
 
 MODEL_PARAMETERS = ("gravity", "masses", "lengths", "payload")
+ELASTIC_PARAMETERS = ("stiffness", "rotor")  # of robots with elastic joints, by the names of `Elasticity`
 PAYLOAD_SIZES = {"mass": 1, "com": 3, "inertia": 6}  # what a payload consists of
 _UNIT_POINT_MASS = np.diag([0, 0, 0, 1, 1, 1])  # the inertia matrix of 1 kg at the frame's origin
 
@@ -37,6 +39,7 @@ def parametrise(
     "payload", "payload:X"   payload_mass (1,), payload_com (3,), payload_inertia (6,), added to body or link X, the
                              end of the robot if none is named: in the axes of X, the inertia about the COM as xx xy
                              xz yy yz zz; the symbols of a second payload are payload2_mass, ...
+    "stiffness", "rotor"     stiffness (n,), rotor (n,): of linear springs and motors behind elastic joints
     ======================== =====================================================================================
 
     `symbol` makes an object array of new symbols by name and shape. Raises `JounceError` where a name is unknown or
@@ -55,7 +58,9 @@ def parametrise(
         added = inertia.shift_inertia(load, restore_integers(frame.T))
         M = M + np.eye(len(M), dtype=int)[frame.body][:, None, None] * added
     gravity = symbols.get("gravity", mechanism.gravity)
-    return with_exact_integers(replace(mechanism, B=B, M=M, gravity=np.array(gravity))), symbols
+    springs = {name: symbols[name] for name in ELASTIC_PARAMETERS if name in symbols}
+    e = mechanism.elasticity and replace(mechanism.elasticity, **springs)
+    return with_exact_integers(replace(mechanism, B=B, M=M, gravity=np.array(gravity), elasticity=e)), symbols
 
 
 def own_values(mechanism: Mechanism, names: Sequence[str]) -> dict[str, np.ndarray]:
@@ -63,6 +68,7 @@ def own_values(mechanism: Mechanism, names: Sequence[str]) -> dict[str, np.ndarr
     lengths = mechanism.B[int(mechanism.floats) :, :3, 3]
     own = {"gravity": mechanism.gravity, "masses": mechanism.M[:, 3, 3], "lengths": lengths}
     stems = _payloads(mechanism, names)
+    own |= {name: _elastic_values(mechanism, name) for name in names if name in ELASTIC_PARAMETERS}
     nothing = {f"{stem}_{part}": np.zeros(size) for stem in stems for part, size in PAYLOAD_SIZES.items()}
     return {name: own[name] for name in names if name in own} | nothing
 
@@ -71,19 +77,32 @@ def _payloads(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Frame]:
     """Check `names`, and map the stem of each payload's symbols to the frame of the payload."""
     texts = isinstance(names, Sequence) and not isinstance(names, str) and all(isinstance(x, str) for x in names)
     if not texts or len(set(names)) != len(names):
-        known = ", ".join(MODEL_PARAMETERS)
-        raise JounceError(f"parameters are {quote_value(names)}; expected a list of different names of {known}")
+        every = ", ".join(MODEL_PARAMETERS + ELASTIC_PARAMETERS)
+        raise JounceError(f"parameters are {quote_value(names)}; expected a list of different names of {every}")
     payloads: dict[str, Frame] = {}
     for name in names:
         kind, colon, body = name.partition(":")
-        if kind not in MODEL_PARAMETERS or (colon and kind != "payload"):
-            raise unknown_name_error("parameter", name, [*MODEL_PARAMETERS, "payload:BODY"])
+        known = [*MODEL_PARAMETERS, *ELASTIC_PARAMETERS, "payload:BODY"]
+        if kind not in known or (colon and kind != "payload"):
+            raise unknown_name_error("parameter", name, known)
         if kind == "payload":
             frame = mechanism.frame(body if colon else _tip(mechanism))
             if frame.body < 0:
                 raise JounceError(f"a payload on {frame.name!r} has no effect: it is fixed to the ground")
             payloads[f"payload{len(payloads) + 1 if payloads else ''}"] = frame
     return payloads
+
+
+def _elastic_values(mechanism: Mechanism, name: str) -> np.ndarray:
+    """The stiffnesses or the rotors; stiffnesses where all springs are linear."""
+    e = mechanism.elasticity
+    if e is None:
+        raise JounceError(f"parameter {name!r}: the joints of {mechanism.name!r} are rigid; robot.elastic(stiffness)")
+    rigid = e.is_rigid | np.array([*map(bool, e.springs or [False] * mechanism.n)])
+    if name == "stiffness" and rigid.any():
+        joint = quote_value(mechanism.coordinates[int(rigid.argmax())])
+        raise JounceError(f"parameter 'stiffness': joint {joint} has no linear spring; expected one at each joint")
+    return np.asarray(e.arrays[name])
 
 
 def _tip(mechanism: Mechanism) -> str:

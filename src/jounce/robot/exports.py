@@ -57,7 +57,8 @@ class Exports(Engine):
         wrench : bool
             Whether the functions take wrenches W, Wd, ..., (nb, 6), if their quantity depends on them.
         parameters : sequence of str
-            Data that become run-time parameters: "gravity", "masses", "lengths", "payload", "payload:BODY".
+            Data that become run-time parameters: "gravity", "masses", "lengths", "payload", "payload:BODY", and
+            of elastic joints "stiffness", "rotor".
         float32 : bool
             Whether to generate single precision.
         prefix : str
@@ -127,6 +128,7 @@ class Exports(Engine):
             * "payload", or "payload:X" for a body or merged link X: payload_mass, payload_com (3) and payload_inertia
               (6) about the COM, xx xy xz yy yz zz, in the axes of X, the end of the robot if none is named; those of a
               second payload are payload2_mass, ...
+            * "stiffness", "rotor" (n): of linear springs, and of the rotors of motors, behind elastic joints.
         moving_base : bool, optional
             Whether the motion of the ground is an input, as that of a floating base is: base_pose (4, 4), body to
             inertial frame, base_twist (6, angular; linear) in the axes of the base, and the rates of it.

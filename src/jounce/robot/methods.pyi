@@ -2366,6 +2366,60 @@ class Methods:
     ) -> tuple[Array, ...]: ...
 
     # its row: jounce/dynamics/quantities/motors.py
+    def motor_commands(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        *,
+        wrench: Rates | None = None,
+        stiffness: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> tuple[Array, Array, Array]:
+        """The motor positions theta, velocities thetad and torques tau of a motion of the links, in one call.
+
+        They are those of `motor_positions` and `motor_torques`, as the controller of a drive takes them.
+
+        Parameters
+        ----------
+        q, qd, q2d, q3d, q4d : (..., n)
+            Coordinates and their rates: rad or m, ...
+        wrench : (..., nb, 6) or dict, or a tuple of them, optional
+            What the bodies EXERT ON their environment, Qext = +J^T W, (moment; force) in body-frame components about
+            the origin of the body frame. A *tuple* (W, Wd, ...) is W with as many rates as the result has, and 2 more:
+            (W, Wd, W2d) for it; anything else, nested lists included, is W alone. Each is an array (..., nb, 6) or a
+            dict {body or merged link: (..., 6)}. Wd is the derivative of those components.
+        stiffness : (..., k) or mapping, or a tuple of them, optional
+            The stiffness S of the k joints with two motors, in their order or by name, with as many rates as `wrench`.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        theta, thetad, tau : (..., n)
+            Unit: rad, rad/s and N m or, for coordinates in m, m, m/s and N.
+
+        Raises
+        ------
+        JounceError
+            If the joints of the robot are rigid, an array has a wrong shape, a rate is skipped, `wrench` has fewer
+            rates than it takes, or a name is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
+        >>> theta, thetad, tau = arm.motor_commands(*[[0, 0]] * 5)
+        >>> theta.round(6), tau.round(6)
+        (array([0.036788, 0.01635 ]), array([29.43,  9.81]))
+        """
+
+    # its row: jounce/dynamics/quantities/motors.py
     @overload
     def motor_currents(
         self,

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from jounce.arguments import names
 from jounce.arguments.rates import check_order
@@ -39,6 +39,7 @@ def load_motion(
     rename: str | None = None,
     on_error: OnError = "stop",
     topic: str | None = None,
+    measured: Literal["links", "motors"] | None = None,
 ) -> "Motion":
     """Load a motion of a robot as a function of time: from a file, by name, or from named columns.
 
@@ -81,6 +82,9 @@ def load_motion(
         Whether bad rows of a table are refused, the first of them in the message, or left out with a note.
     topic : str, optional
         The topic of a ROS bag to read; by default its only one of type JointTrajectory or JointState.
+    measured : {"links", "motors"}, optional
+        Whose positions are given: those of the links, by default, or of the motors behind elastic joints, from which
+        those of the links follow as long as they move slower than these swing on their springs.
 
     Returns
     -------
@@ -117,19 +121,25 @@ def load_motion(
     options = ColumnOptions(time, columns, angles, time_unit, torques, rename, skip)
     if topic is not None and not isinstance(topic, str):
         raise JounceError(f"topic is {quote_value(topic)}; expected a text")
+    if measured is not None:
+        check_choice("measured", measured, ("links", "motors"))
     if names.entry_names(source) is not None:
         from jounce.io.motions import tabular
 
         if topic is not None:
             raise JounceError(f"{PLACE}: topic is for bags of ROS, not for columns: leave it out")
-        return with_vibration_notes(
-            tabular.read_arrays(_arrays(source), mechanism, highest, way, options, PLACE), robot
-        )
-    if not isinstance(source, str | os.PathLike):
+        found = tabular.read_arrays(_arrays(source), mechanism, highest, way, options, PLACE)
+    elif isinstance(source, str | os.PathLike):
+        found = motions.read(expand_path(source), mechanism, highest, way, options, topic)
+    else:
         known = f"a path, one of {', '.join(motions.BUNDLED_MOTIONS)}, or named columns"
         raise JounceError(f"load_motion() expects {known}, got {type(source).__name__}")
-    path = expand_path(source)
-    return with_vibration_notes(motions.read(path, mechanism, highest, way, options, topic), robot)
+    found = with_vibration_notes(found, robot)
+    if measured == "motors":
+        from jounce.actuators.link_motion import recover_links
+
+        return recover_links(robot, found)
+    return found
 
 
 def _arrays(source: Any) -> dict[str, Any]:

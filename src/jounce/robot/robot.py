@@ -1011,8 +1011,8 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         JounceError
             If the path does not move, leaves the position limits, or its static torque exceeds an effort limit; if
             limits are missing, or a rate that one takes is not continuous; if Coulomb friction acts at joints that
-            follow others in closed loops, or turns over too fast to be resolved; with `smooth=False`, if a limit is of
-            higher order or not linear.
+            follow others in closed loops, or turns over too fast to be resolved; if motors are limited behind springs
+            that are not linear or have dampers; with `smooth=False`, if a limit is of higher order or not linear.
 
         References
         ----------
@@ -1077,7 +1077,8 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         -------
         Robot
             With the methods of any robot, which are those of the links, and `motor_positions`, `motor_torques`,
-            `motor_currents`, `motor_voltages`, `elastic_forward_dynamics`, `feedback_linearization`, `motors_along`.
+            `motor_commands`, `motor_currents`, `motor_voltages`, `elastic_forward_dynamics`, `feedback_linearization`,
+            `motors_along`.
 
         Raises
         ------

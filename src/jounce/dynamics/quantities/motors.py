@@ -120,6 +120,37 @@ class Motors:
         return _motor_motion(method, m, x)[1]()
 
     @_motor_quantity(
+        symbol="theta",
+        results=("theta", "thetad", "tau"),
+        rates=5,
+        width=column_width,
+        unit="rad, rad/s and N m or, for coordinates in m, m, m/s and N",
+        caption="motor positions, velocities and torques",
+        meaning="theta = q + K^-1 Q, thetad and tau = Q + B theta2d + F_m(thetad): what the motors do.",
+        tex=r"\theta = q + K^{-1} Q,\quad \dot{\theta},\quad \tau = Q + B\,\ddot{\theta} + F_m(\dot{\theta})",
+        tex_symbol=r"(\theta,\ \dot{\theta},\ \tau)",
+        wrench_rates=3,
+        wrench_term="K^-1 J^T W to theta, and what they add to thetad and tau",
+        wrench_tex=r"K^{-1} J^T W",
+    )
+    @staticmethod
+    def motor_commands(m: Mechanism, x: State, method: str = "recursion") -> Series:
+        """The motor positions theta, velocities thetad and torques tau of a motion of the links, in one call.
+
+        They are those of `motor_positions` and `motor_torques`, as the controller of a drive takes them.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
+        >>> theta, thetad, tau = arm.motor_commands(*[[0, 0]] * 5)
+        >>> theta.round(6), tau.round(6)
+        (array([0.036788, 0.01635 ]), array([29.43,  9.81]))
+        """
+        theta, torques = _motor_motion(method, m, x)
+        return Series.of([*theta.upto(1), torques()[0]])
+
+    @_motor_quantity(
         symbol="i",
         rates=5,
         obstacle=electrical.current_obstacle,

@@ -28,6 +28,7 @@ QuantityName: TypeAlias = Literal[
     "joint_wrenches",
     "motor_positions",
     "motor_torques",
+    "motor_commands",
     "motor_currents",
     "motor_voltages",
     "elastic_forward_dynamics",

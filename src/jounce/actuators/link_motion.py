@@ -1,0 +1,164 @@
+"""The motion of the links from that of their motors, as encoders on the motors measure it.
+
+Problem: q(t) of ``q + delta(Q(q, qd, q2d)) = theta(t)``, with the deflections delta of the springs, ``Q / K`` of linear
+ones. Links on springs swing by themselves too, at their locked-rotor resonances, the roots of ``det(K - w^2 M) = 0``;
+motors that stand still do not show that. Sought is the motion without it, which is one of a lower frequency.
+
+Algorithm: collocation [1]. q is a spline of degree 9 over the breaks of theta or, where these follow what is near the
+lowest resonance, over even ones that do not; Newton's method with the partial derivatives of Q solves the equation at
+as many points as there are coefficients, with a banded matrix. A component of frequency f of theta is multiplied by
+``1 / (1 - f^2 / f_r^2)``, and so are its deviations.
+
+Failure: `JounceError` where Newton's method does not converge, and where between the points the motors move otherwise
+than the links found let them: theta then has components near the resonance or above.
+
+[1] C. de Boor, B. Swartz, Collocation at Gaussian points, SIAM Journal on Numerical Analysis 10 (1973).
+"""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jounce.arguments.requests import check_existence, count_more_rates
+from jounce.core.errors import JounceError, quote_value
+from jounce.core.scalars import reciprocal
+from jounce.dynamics.joint_springs import elasticity_of
+from jounce.dynamics.quantities import QUANTITIES, find_row
+from jounce.engine.engine import Engine
+from jounce.engine.motion_states import MotionStates
+from jounce.motion.curves import Curve
+from jounce.motion.least_squares import BASIS_WIDTH, FIT_DEGREE, basis, pad_knots
+from jounce.motion.motion import Motion
+from jounce.motion.sample_curves import SmoothedCurve
+from jounce.motion.spline import SplineCurve
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
+MAX_BAND_TO_RESONANCE = 0.8  # of the links' motion: at its end errors of theta are multiplied by 1 / (1 - 0.8^2) = 2.8
+_POSTURES = 500  # along the motion, by which the lowest resonance is judged
+_MAX_LINK_STEPS = 30  # of Newton's method, which takes four to six where springs are linear
+_LINK_TOLERANCE = 1e-11  # of the positions, rad or m per size: the last step of Newton's method
+MAX_MISSED_SHARE = 0.05  # of the largest deflection of a spring, by which motors may move otherwise: so is Q then
+_MISSED_DEVIATIONS = 3.0  # standard deviations of theta, below which that is noise
+_MASS, _PARTIALS = QUANTITIES["mass_matrix"], QUANTITIES["inverse_dynamics_partials"]
+
+
+@dataclass(frozen=True, eq=False)
+class LinkCurve(SplineCurve):
+    """The spline of the links, and what its deviations come from.
+
+    These are those of `theta`, and what the links found miss of it, `missed` (n,), which changes with `frequency`,
+    times `gains` (T, n, n), as they are at `times` (T,).
+    """
+
+    theta: Curve
+    times: np.ndarray
+    gains: np.ndarray
+    frequency: float
+    missed: np.ndarray
+
+    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
+        """Standard deviations of the values and derivatives, as if all components were at the end of the band."""
+        found = self.theta.deviations(t, order)
+        if found is None and self.theta.deviations(t, 0) is not None:
+            return None  # they end at a lower derivative
+        gains = self.gains[np.searchsorted(self.times, t).clip(max=len(self.times) - 1)]
+        missed = [self.missed * (2 * np.pi * self.frequency) ** k for k in range(order + 1)]
+        spread = [np.hypot(*both) for both in zip(found or [np.zeros((len(t), 1))] * len(missed), missed, strict=True)]
+        return [np.sqrt(np.matmul(gains**2, rate[..., None] ** 2)[..., 0]) for rate in spread]
+
+
+def recover_links(robot: Engine, theta: Motion) -> Motion:
+    """The motion of the links whose motors move by theta."""
+    check_existence(robot.mechanism, "motor_positions", theta.base_curve is not None, "measured='motors'")
+    e = elasticity_of(robot.mechanism)
+    if e.pairs or robot.mechanism.floats:
+        came = "floats" if robot.mechanism.floats else f"has two at {robot.joint_names[e.pairs[0]]}"
+        raise JounceError(f"measured='motors' needs one motor per joint and a fixed base; {robot.name!r} {came}")
+    t, compliance = np.linspace(theta.start, theta.stop, _POSTURES), reciprocal(e.stiffness)
+    inertia = MotionStates.sample(robot, theta, t, [(_MASS, 0)]).compute(robot, _MASS.name)[0]
+    root = np.sqrt(compliance)
+    with np.errstate(divide="ignore"):  # all joints may be rigid
+        resonance = float(1 / np.sqrt(np.linalg.eigvalsh(root[:, None] * inertia * root)[:, -1].max())) / (2 * np.pi)
+    breaks = _choose_breaks(theta, MAX_BAND_TO_RESONANCE * resonance)
+    band = 0.5 / np.diff(breaks).min()
+    gains = np.linalg.inv(np.eye(robot.n) - (2 * np.pi * band) ** 2 * compliance[:, None] * inertia)
+    spline = _collocate(robot, theta, breaks, compliance)
+    missed = _find_missed(robot, theta, _with_spline(theta, spline), breaks, resonance)
+    curve = LinkCurve(spline, theta.start, theta.stop, theta.curve, t, gains, 2 * band, missed)
+    note = (
+        f"links from motors behind springs, up to {band:.3g} Hz; how they swing by themselves, from {resonance:.3g} Hz"
+        " on, motors do not show"
+    )
+    of_torques = ["measured torques count as those of the links, Q"] * (theta.torques is not None)
+    source, notes = f"motors: {theta.source}", (*theta.notes, note, *of_torques)
+    return replace(theta, curve=curve, source=source, notes=notes, samples=None, residual=None, grid=theta.times)
+
+
+def _choose_breaks(theta: Motion, highest: float) -> np.ndarray:
+    """Breaks of a spline without components above a frequency: those of theta, or even ones."""
+    if isinstance(theta.curve, SmoothedCurve):
+        own = np.unique(theta.curve.spline.t)
+        if 0.5 / np.diff(own).min() <= highest:
+            return own
+    count = min(2 * theta.duration * highest, len(theta.times) - BASIS_WIDTH)
+    return np.linspace(theta.start, theta.stop, max(1, int(count)) + 1)
+
+
+def _with_spline(theta: Motion, spline: "BSpline") -> Motion:
+    return replace(theta, curve=SplineCurve(spline, theta.start, theta.stop))
+
+
+def _collocate(robot: Engine, theta: Motion, breaks: np.ndarray, compliance: np.ndarray) -> "BSpline":
+    """The spline q whose motor positions are theta at as many points as it has coefficients."""
+    from scipy.interpolate import BSpline
+    from scipy.sparse import csc_matrix
+    from scipy.sparse.linalg import spsolve
+
+    knots, n = pad_knots(breaks), robot.n
+    greville = np.lib.stride_tricks.sliding_window_view(knots[1:-1], FIT_DEGREE).mean(axis=1)
+    t = greville.clip(theta.start, theta.stop)
+    bases = [basis(t, breaks, k) for k in range(3)]
+    # Entries (P, n, 10, n) of the matrix: by point, joint, B-spline and its joint.
+    columns = (bases[0][1][:, None, None] + np.arange(BASIS_WIDTH)[:, None]) * n + np.arange(n)
+    rows, shape = np.arange(len(t) * n).reshape(-1, n)[:, :, None, None], (len(t), n, BASIS_WIDTH, n)
+    at = [np.broadcast_to(index, shape).ravel() for index in (rows, columns[:, None])]
+    c = goal = theta(t, 0)[0]
+    for _ in range(_MAX_LINK_STEPS):
+        motion = _with_spline(theta, BSpline(knots, c, FIT_DEGREE))
+        states = MotionStates.sample(robot, motion, t, [(_PARTIALS, 0)])
+        factors = compliance[:, None] * np.moveaxis(states.compute(robot, _PARTIALS.name)[0], 1, 0)
+        factors[0] += np.eye(n)
+        entries = sum(A[:, :, None] * B[:, None, :, None] for A, (B, _) in zip(factors, bases, strict=True))
+        matrix = csc_matrix((entries.ravel(), at), shape=(rows.size, rows.size))
+        step = spsolve(matrix, (goal - _motor_positions(robot, motion, t)).ravel()).reshape(-1, n)
+        c = c + step
+        if not np.abs(step).max() > _LINK_TOLERANCE * max(1.0, np.abs(c).max()):
+            return BSpline(knots, c, FIT_DEGREE)
+    raise JounceError(
+        "measured='motors': no motion of the links was found by Newton's method; expected motors that move slower than"
+        " the links swing on their springs; a lower --bandwidth (bandwidth=) smooths them more"
+    )
+
+
+def _motor_positions(robot: Engine, motion: Motion, t: np.ndarray) -> np.ndarray:
+    row = find_row("motor_positions", count_more_rates(robot.mechanism, "motor_positions"))
+    return np.asarray(MotionStates.sample(robot, motion, t, [(row, 0)]).compute(robot, row.name)[0])
+
+
+def _find_missed(robot: Engine, theta: Motion, found: Motion, breaks: np.ndarray, resonance: float) -> np.ndarray:
+    """By how much (n,) motors move otherwise, beyond noise; `JounceError` where that is more than Q can bear."""
+    t = (breaks[1:] + breaks[:-1]) / 2
+    motors, links = theta(t, 0)[0], found(t, 0)[0]
+    missed = np.abs(motors - _motor_positions(robot, found, t))
+    missed *= missed > _MISSED_DEVIATIONS * (theta.deviations(t, 0) or (np.zeros_like(missed),))[0]
+    if missed.max() > MAX_MISSED_SHARE * np.abs(motors - links).max():
+        i, j = np.unravel_index(missed.argmax(), missed.shape)
+        raise JounceError(
+            f"measured='motors': the motor of joint {quote_value(robot.joint_names[j])} moves too fast for the links to"
+            f" follow, by {missed[i, j]:.2g} at t = {t[i]:.6g} s: links swing on their springs from {resonance:.3g} Hz"
+            " on; expected slower motors, stiffer springs, or a lower --bandwidth (bandwidth=)"
+        )
+    return np.asarray(missed.max(axis=0))
