@@ -1,8 +1,10 @@
 """Commands over a motion or many, that fit into memory or not: their options, and the one summary that they print."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
+from itertools import chain
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 
 MAX_NOTES_SHOWN = 4  # notes, warnings and sources: more would hide the results; --json has all
 MAX_BREAKS_SHOWN = 4  # as of notes
+UNCERTAIN_MARK = "* towards an end of the samples, where standard deviations are more than ten times their median"
 SUMMARY_SCHEMA = 1  # of the JSON of `run`, `motors` and `check`: raised where a key goes or changes its meaning
 
 OUTPUT = click.option("-o", "--output", required=True, type=PATH, help="Output: .csv, .npz, .parquet, or a folder.")
@@ -128,6 +131,7 @@ def compute(
         "t": [min(start for start, _ in spans), max(stop for _, stop in spans)],
         "parts": found.parts, "parts_computed": found.computed, "skipped": {"rows": found.skipped, "table": table},
         "notes": list(found.notes), "warnings": list(found.warnings),
+        "hidden_vibrations": [one | {"motion": name} for name, of in found.aggregates.items() for one in of["hidden"]],
     }  # fmt: skip
 
 
@@ -153,30 +157,73 @@ def compute_results(
 ) -> "tuple[Summary, dict[str, Any]]":
     """Compute and write rows, or aggregates of them; returns the summary with the largest values of all motions too."""
     from jounce.io.motions.writing import table_metadata
-    from jounce.stream.aggregates import surest_peak
 
     found, summary = compute(job, motion, output, stream, label, load)
     unit, motions = table_metadata(job.robot.mechanism, job.order).unit, found.aggregates
-    values: dict[str, dict[str, list[list[float]]]] = {}
-    for of in motions.values():
-        for joint, named in of["values"].items():
-            for name, value in named.items():
-                values.setdefault(joint, {}).setdefault(name, []).append(value)
-    largest = {joint: {name: surest_peak(of) for name, of in named.items()} for joint, named in values.items()}
+    largest = find_largest({name: of["values"] for name, of in motions.items()})
     return found, summary | {
         "source": "; ".join(list(dict.fromkeys(of["source"] for of in motions.values()))[:MAX_NOTES_SHOWN]),
         "residual": max((of["residual"] for of in motions.values() if of["residual"] is not None), default=None),
         "blend": motion.blend,
         "breaks": [at | {"motion": name} for name, of in motions.items() for at in of["breaks"]],
         "reduced": list(stream.reduce),
-        "peaks": {joint: {name: of[0] for name, of in named.items()} for joint, named in largest.items()},
-        "deviations": {joint: {name: of[1] for name, of in named.items()} for joint, named in largest.items()},
+        "peaks": {joint: {name: of["value"] for name, of in named.items()} for joint, named in largest.items()},
+        "deviations": {
+            joint: {name: of["deviation"] for name, of in named.items()} for joint, named in largest.items()
+        },
+        "largest": largest,
         "units": {joint: {name: unit(f"{joint}.{name}") for name in named} for joint, named in largest.items()},
     }
 
 
-def results_in_words(summary: dict[str, Any], names: Sequence[str], rows: list[tuple[str, ...]], *more: str) -> str:
-    """What is computed of rows, with a table of the largest values and further lines."""
+def find_largest(values: Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]]) -> dict[str, dict[str, Any]]:
+    """By joint and quantity the largest value of all motions, when and in which, and the same of the certain ones."""
+    from jounce.stream.aggregates import CERTAIN, LARGEST, surest_peak
+
+    found: dict[str, dict[str, list[tuple[str, Sequence[float]]]]] = {}
+    for motion, joints in values.items():
+        for joint, named in joints.items():
+            for name, numbers in named.items():
+                found.setdefault(joint, {}).setdefault(name, []).append((motion, numbers))
+
+    def pick(of: list[tuple[str, Sequence[float]]], part: slice) -> dict[str, Any]:
+        peak = surest_peak([(*numbers[part], motion) for motion, numbers in of])
+        return dict(zip(("value", "deviation", "t", "motion"), peak, strict=True))
+
+    def describe(of: list[tuple[str, Sequence[float]]]) -> dict[str, Any]:
+        certain = pick(of, CERTAIN)
+        return pick(of, LARGEST) | {"certain": None if isnan(certain["value"]) else certain}
+
+    return {joint: {name: describe(of) for name, of in named.items()} for joint, named in found.items()}
+
+
+def tabulate_largest(summary: dict[str, Any]) -> list[str]:
+    """The largest values as a table with their times, and below uncertain ones the largest certain ones."""
+    largest, several = summary["largest"], summary.get("motions", 1) > 1
+    names = list(next(iter(largest.values()), ()))
+    per = ["", " /s", *(f" /s^{k}" for k in range(2, len(names)))]
+    heads = (cell for name, unit in zip(names, per, strict=False) for cell in (f"|{name}|{unit}", "at t"))
+    rows: list[tuple[str, ...]] = [("largest", "unit", *heads)]
+
+    def cells(found: dict[str, Any] | None, mark: str = "") -> tuple[str, str]:
+        if found is None:
+            return "none", ""
+        at = f"{found['t']:.6g}" + (f" of {found['motion']}" if several else "")
+        return format_with_deviation(found["value"], found["deviation"]) + mark, at
+
+    for joint, of in largest.items():
+        unsure = {name for name, x in of.items() if x["certain"] != {k: x[k] for k in x if k != "certain"}}
+        shown = (cells(of[name], " *" if name in unsure else "") for name in names)
+        rows.append((joint, summary["units"][joint][names[0]], *chain.from_iterable(shown)))
+        if unsure:
+            shown = (cells(of[name]["certain"]) if name in unsure else ("", "") for name in names)
+            rows.append(("  certain", "", *chain.from_iterable(shown)))
+    marked = any(row[0] == "  certain" for row in rows)
+    return [*(align_columns(rows) if names else []), *([UNCERTAIN_MARK] if marked else [])]
+
+
+def results_in_words(summary: dict[str, Any], names: Sequence[str], table: Sequence[str], *more: str) -> str:
+    """What is computed of rows, with further lines and a table of the largest values."""
     robot, (first, last) = shorten(summary["robot"]), summary["t"]
     many = f" in {summary['motions']} motions" if summary["motions"] > 1 else ""
     kind = "at most {:.2g} from it" if summary["blend"] else "largest residual {:.2g}"
@@ -190,8 +237,19 @@ def results_in_words(summary: dict[str, Any], names: Sequence[str], rows: list[t
         *more,
         f"{kinds}{', '.join(names)} written to {summary['output']}",
         "",
-        *align_columns(rows),
+        *table,
+        *hidden_in_words(summary),
     ])  # fmt: skip
+
+
+def hidden_in_words(summary: dict[str, Any]) -> list[str]:
+    """Per joint of smoothed samples one line: which vibration would not show; of many motions that which adds most."""
+    from jounce.engine.hidden_vibrations import describe_hidden_vibration
+
+    worst: dict[str, dict[str, Any]] = {}
+    for found in summary["hidden_vibrations"]:
+        worst[found["joint"]] = max(found, worst.get(found["joint"], found), key=lambda x: x["adds"])
+    return ["", *map(describe_hidden_vibration, worst.values())] if worst else []
 
 
 def format_with_deviation(value: float, deviation: float) -> str:

@@ -27,6 +27,8 @@ MAX_KNOWN_DEVIATION = 0.1  # of the peak of a derivative: noise alone is a third
 MAX_COMPARED_TIMES = 4000  # at which peaks and deviations are compared
 INTERVALS_AROUND_HOLE = 3  # on either side, which determine how fast the motion is
 MAX_HOLE_TO_INTERVAL = 1.0  # times the usual interval: a longer hole cannot be bridged
+MAX_DEVIATION_TO_MEDIAN = 10.0  # in a window: towards the ends of a fit deviations rise by powers of ten
+MAX_WINDOW_TIMES = 2000  # of a motion, for the median of deviations, which change slowly
 
 
 def refuse_holes(t: np.ndarray, breaks: np.ndarray) -> None:
@@ -96,8 +98,18 @@ def peaks_and_shares(
     return size.max(axis=1), usual / largest
 
 
-def find_surest_peaks(values: np.ndarray, deviations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The absolute values along the first axis that are largest less their bands, and their deviations; no NaN."""
+def find_surest_rows(values: np.ndarray, deviations: np.ndarray) -> np.ndarray:
+    """Where along the first axis absolute values are largest less their bands; NaN are not, unless all are."""
     sure = np.abs(values) - BAND_DEVIATIONS * deviations
-    at = np.argmax(np.where(np.isnan(sure), -np.inf, sure), axis=0)[None]
-    return np.abs(np.take_along_axis(values, at, 0)[0]), np.take_along_axis(deviations, at, 0)[0]
+    return np.asarray(np.argmax(np.where(np.isnan(sure), -np.inf, sure), axis=0))
+
+
+def find_window(t: np.ndarray, deviations: np.ndarray) -> tuple[float, float]:
+    """The first and the last of times (T,) at which no deviation (T, n) is above ten times its median over time.
+
+    Outside are the uncertain ends of a fit. Deviations that are not known, NaN, do not count.
+    """
+    off = deviations[:, ~np.isnan(deviations).any(axis=0)]
+    well = np.flatnonzero((off <= MAX_DEVIATION_TO_MEDIAN * np.median(off, axis=0)).all(axis=1))
+    first, last = (well[0], well[-1]) if well.size else (0, 0)
+    return float(t[first]), float(t[last])
