@@ -111,21 +111,9 @@ def _format_summary(summary: dict[str, Any]) -> str:
 
     rows = sorted(summary["limits"], key=lambda row: -infinite_if_none(row["ratio"]))
     cells: list[tuple[str, ...]] = [
-        (
-            "limit",
-            "joint",
-            "|worst|",
-            "bound",
-            "unit",
-            "at t",
-            "|certain|",
-            "at t",
-            "ratio",
-            "broken at t",
-            "undecided at t",
-            "motion",
-        )
-    ]
+        ("limit", "joint", "|worst|", "bound", "unit", "at t", "|certain|", "at t", "ratio", "broken at t",
+         "undecided at t", "motion")
+    ]  # fmt: skip
     for row in rows[:MAX_LIMITS_SHOWN]:
         value, bound, ratio = (f"{abs(infinite_if_none(row[key])):.6g}" for key in ("value", "bound", "ratio"))
         mark = " *" if row["certain"] else ""

@@ -58,20 +58,18 @@ def motion(
     write_motion(output, path, arm.joint_names, order)
     if save_read is not None:
         write_options(save_read, motion)
+    values, unit = {motion.path.stem: tally_motion(path, arm.joint_names, order)}, table_metadata(arm.mechanism, 0).unit
+    units = {x: {name: unit(f"{x}.{name}") for name in of} for x, of in values[motion.path.stem].items()}
     summary = {
         "robot": arm.name, "motion": str(motion.path), "source": path.source,
         "residual": None if path.residual is None else float(path.residual.max()),
         "notes": list(path.notes),
         "breaks": [found._asdict() for found in path.breaks_to(order)],
         "hidden_vibrations": find_hidden_vibrations(arm, path, order, "q"),
-        "largest": find_largest({motion.path.stem: tally_motion(path, arm.joint_names, order)}),
+        "largest": find_largest(values), "certain": find_largest(values, certain=True), "units": units,
         "output": str(output), "save_read": None if save_read is None else str(save_read),
         "states": len(path.times), "t": [float(path.times[0]), float(path.times[-1])], "order": order,
     }  # fmt: skip
-    unit = table_metadata(arm.mechanism, 0).unit
-    summary["units"] = {
-        joint: {name: unit(f"{joint}.{name}") for name in named} for joint, named in summary["largest"].items()
-    }
     print_summary(summary, _format_summary, as_json)
 
 

@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
 from itertools import chain
-from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from jounce.stream.job import Job, Reading
     from jounce.stream.whole_run import Summary
 
+Largest = dict[str, dict[str, dict[str, Any]]]  # by joint and quantity
 MAX_NOTES_SHOWN = 4  # notes, warnings and sources: more would hide the results; --json has all
 MAX_BREAKS_SHOWN = 4  # as of notes
 UNCERTAIN_MARK = "* towards an end of the samples, where standard deviations are more than ten times their median"
@@ -160,7 +160,7 @@ def compute_results(
 
     found, summary = compute(job, motion, output, stream, label, load)
     unit, motions = table_metadata(job.robot.mechanism, job.order).unit, found.aggregates
-    largest = find_largest({name: of["values"] for name, of in motions.items()})
+    largest, certain = (find_largest({x: of["values"] for x, of in motions.items()}, sure) for sure in (False, True))
     return found, summary | {
         "source": "; ".join(list(dict.fromkeys(of["source"] for of in motions.values()))[:MAX_NOTES_SHOWN]),
         "residual": max((of["residual"] for of in motions.values() if of["residual"] is not None), default=None),
@@ -168,58 +168,47 @@ def compute_results(
         "breaks": [at | {"motion": name} for name, of in motions.items() for at in of["breaks"]],
         "reduced": list(stream.reduce),
         "peaks": {joint: {name: of["value"] for name, of in named.items()} for joint, named in largest.items()},
-        "deviations": {
-            joint: {name: of["deviation"] for name, of in named.items()} for joint, named in largest.items()
-        },
+        "deviations": {joint: {x: of["deviation"] for x, of in named.items()} for joint, named in largest.items()},
         "largest": largest,
+        "certain": certain,
         "units": {joint: {name: unit(f"{joint}.{name}") for name in named} for joint, named in largest.items()},
     }
 
 
-def find_largest(values: Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]]) -> dict[str, dict[str, Any]]:
-    """By joint and quantity the largest value of all motions, when and in which, and the same of the certain ones."""
+def find_largest(motions: Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]], certain: bool = False) -> Largest:
+    """By joint and quantity the largest value of all motions, or certain one: its deviation, when and in which."""
     from jounce.stream.aggregates import CERTAIN, LARGEST, surest_peak
 
-    found: dict[str, dict[str, list[tuple[str, Sequence[float]]]]] = {}
-    for motion, joints in values.items():
-        for joint, named in joints.items():
-            for name, numbers in named.items():
-                found.setdefault(joint, {}).setdefault(name, []).append((motion, numbers))
-
-    def pick(of: list[tuple[str, Sequence[float]]], part: slice) -> dict[str, Any]:
-        peak = surest_peak([(*numbers[part], motion) for motion, numbers in of])
-        return dict(zip(("value", "deviation", "t", "motion"), peak, strict=True))
-
-    def describe(of: list[tuple[str, Sequence[float]]]) -> dict[str, Any]:
-        certain = pick(of, CERTAIN)
-        return pick(of, LARGEST) | {"certain": None if isnan(certain["value"]) else certain}
-
-    return {joint: {name: describe(of) for name, of in named.items()} for joint, named in found.items()}
+    found: dict[str, dict[str, list[Sequence[Any]]]] = {}
+    for motion, joint, named in ((motion, *of) for motion, joints in motions.items() for of in joints.items()):
+        for name, numbers in named.items():
+            rows = found.setdefault(joint, {}).setdefault(name, [])
+            rows.append((*numbers[CERTAIN if certain else LARGEST], motion))
+    keys = ("value", "deviation", "t", "motion")
+    return {
+        joint: {name: dict(zip(keys, surest_peak(rows), strict=True)) for name, rows in of.items()}
+        for joint, of in found.items()
+    }
 
 
 def tabulate_largest(summary: dict[str, Any]) -> list[str]:
     """The largest values as a table with their times, and below uncertain ones the largest certain ones."""
-    largest, several = summary["largest"], summary.get("motions", 1) > 1
-    names = list(next(iter(largest.values()), ()))
+    names = list(next(iter(summary["largest"].values())))
     per = ["", " /s", *(f" /s^{k}" for k in range(2, len(names)))]
     heads = (cell for name, unit in zip(names, per, strict=False) for cell in (f"|{name}|{unit}", "at t"))
     rows: list[tuple[str, ...]] = [("largest", "unit", *heads)]
 
-    def cells(found: dict[str, Any] | None, mark: str = "") -> tuple[str, str]:
-        if found is None:
-            return "none", ""
-        at = f"{found['t']:.6g}" + (f" of {found['motion']}" if several else "")
-        return format_with_deviation(found["value"], found["deviation"]) + mark, at
+    def cells(found: dict[str, Any], mark: str = "") -> tuple[str, str]:
+        within = f" of {found['motion']}" if summary.get("motions", 1) > 1 else ""
+        return format_with_deviation(found["value"], found["deviation"]) + mark, f"{found['t']:.6g}{within}"
 
-    for joint, of in largest.items():
-        unsure = {name for name, x in of.items() if x["certain"] != {k: x[k] for k in x if k != "certain"}}
-        shown = (cells(of[name], " *" if name in unsure else "") for name in names)
-        rows.append((joint, summary["units"][joint][names[0]], *chain.from_iterable(shown)))
-        if unsure:
-            shown = (cells(of[name]["certain"]) if name in unsure else ("", "") for name in names)
-            rows.append(("  certain", "", *chain.from_iterable(shown)))
-    marked = any(row[0] == "  certain" for row in rows)
-    return [*(align_columns(rows) if names else []), *([UNCERTAIN_MARK] if marked else [])]
+    for joint, of in summary["largest"].items():
+        certain = {name: x for name, x in summary["certain"][joint].items() if x != of[name]}
+        shown = (cells(of[name], " *" if name in certain else "") for name in names)
+        rows.append((joint, summary["units"][joint][names[0]], *chain(*shown)))
+        if certain:
+            rows.append(("  certain", "", *chain(*(cells(certain[x]) if x in certain else ("", "") for x in names))))
+    return [*align_columns(rows), *([UNCERTAIN_MARK] if any(row[0] == "  certain" for row in rows) else [])]
 
 
 def results_in_words(summary: dict[str, Any], names: Sequence[str], table: Sequence[str], *more: str) -> str:
