@@ -46,15 +46,23 @@ def robot(s: ReportData) -> ReportPanel:
 
 def values(s: ReportData) -> ReportPanel:
     """The values under the cursor, and which joints are drawn."""
-    charts = [{"symbol": x.symbol, "units": list(dict.fromkeys(map(raise_powers, x.units)))} for x in s.quantities]
+    charts = [
+        {"symbol": x.symbol, "units": list(dict.fromkeys(map(raise_powers, x.units))), "number": k}
+        for k, x in enumerate(s.quantities)
+    ]
+    forces, others = ([x for x in charts if (x["symbol"][0] == "Q") == side] for side in (True, False))
+    lines = [[x[k : k + 3] for k in range(0, len(x), 3)] for x in (forces, others[:5], others[5:]) if x]
     joints = [joint_style(j) | {"name": joint} for j, joint in enumerate(s.joints)]
-    return ReportPanel("values", "Values at the cursor", "side", {"quantities": charts, "joints": joints})
+    uncertain = any(x.window not in (None, (s.motion.start, s.motion.stop)) for x in s.quantities)
+    content = {"lines": lines, "joints": joints, "uncertain": uncertain}
+    return ReportPanel("values", "Values at the cursor", "side", content)
 
 
 def curves(s: ReportData) -> ReportPanel:
     """The curves over time."""
     shown = {
         "symbols": [x.symbol for x in s.quantities], "uncertain": any(x.deviations is not None for x in s.quantities),
+        "ends": any(x.window not in (None, (s.motion.start, s.motion.stop)) for x in s.quantities),
         "measured": s.motion.torques is not None, "breaks": bool(s.motion.breaks), "checked": s.check is not None,
     }  # fmt: skip
     return ReportPanel("curves", "Curves", "wide", shown, figure(s))
@@ -62,7 +70,7 @@ def curves(s: ReportData) -> ReportPanel:
 
 def sliders(s: ReportData) -> ReportPanel | None:
     """Joints that the reader moves, and an end that is pulled: what holds the robot at rest there."""
-    if s.robot.mechanism.nb > MAX_SLIDER_BODIES or multiscrew_joints(s.robot.mechanism):
+    if s.robot.mechanism.nb > MAX_SLIDER_BODIES or multiscrew_joints(s.robot.mechanism) or s.along.base is not None:
         return None
     data = sliders_data(s)
     joints = [joint_style(j) | {"name": s.joints[j]} for j in s.own]
@@ -169,4 +177,4 @@ def conventions(s: ReportData) -> ReportPanel:
     return ReportPanel("conventions", "Conventions and versions", "below", content)
 
 
-PANELS = (robot, values, curves, sliders, limits, motion, robot_data, conventions)
+PANELS = (values, robot, curves, sliders, limits, motion, robot_data, conventions)
