@@ -60,7 +60,7 @@ all("[data-frame]").forEach(button => button.addEventListener("click", () => { s
 
 const cells = all("#values table").flatMap(table => [...table.querySelectorAll("tbody tr")].flatMap((row, j) =>
   [...row.querySelectorAll("td")].map(cell => ({cell, j, k: +cell.dataset.value}))));
-const digits = x => x && Math.abs(x) < 1e-3 ? x.toExponential(2) : +x.toPrecision(5);
+const digits = x => x && Math.abs(x) < 0.01 ? x.toExponential(2) : +x.toPrecision(5); // short, to fit a phone
 document.addEventListener("cursor", ({detail: frame}) => cells.forEach(({cell, j, k}) => {
   const value = values[k][frame * n + j], [lower, upper] = frames.bounds[k].map(bound => bound[j]), t = times[frame];
   const [start, stop] = frames.windows[k] || [t, t];
@@ -68,6 +68,10 @@ document.addEventListener("cursor", ({detail: frame}) => cells.forEach(({cell, j
   cell.classList.toggle("beyond", lower !== null && value < lower || upper !== null && value > upper);
   cell.classList.toggle("uncertain", t < start || t > stop);
 }));
+
+// On phones each cell of other tables has its heading
+all(".scroll > table").forEach(table => [...table.tBodies[0].rows].forEach(row =>
+  [...row.cells].forEach((cell, k) => { cell.dataset.label = table.tHead.rows[0].cells[k].textContent; })));
 
 // The curves
 

@@ -12,9 +12,12 @@ from jounce._report.drawing import drawing
 from jounce._report.report_data import MAX_SLOWDOWN_STATES, ReportData
 from jounce._report.sliders import end_names, sliders_code, sliders_data
 from jounce.checks.description import joint_kind
+from jounce.core.errors import join_names
 from jounce.core.version import __version__
+from jounce.engine.hidden_vibrations import describe_hidden_vibration, find_hidden_vibrations
+from jounce.limits.verdicts import describe_judged
 from jounce.model.coordinates import leading_joints
-from jounce.model.limit_kinds import BOUNDED_FORCES
+from jounce.model.limit_kinds import BOUNDED_FORCES, EFFORT_KINDS, MOTION_KINDS
 from jounce.model.mechanism import Mechanism, body_name
 from jounce.model.positions import multiscrew_joints
 from jounce.spatial.series import rate_name
@@ -85,7 +88,21 @@ def limits(s: ReportData) -> ReportPanel:
     table = [{"row": row, "frame": s.frame(row.t)} for row in rows]
     slowed = {"states": MAX_SLOWDOWN_STATES} if len(s.motion.times) > MAX_SLOWDOWN_STATES else {}
     content = {"table": table, "check": s.check, "slowdown": s.slowdown, "duration": s.motion.duration, **slowed}
-    return ReportPanel("limits", "Limits", "below", content)
+    return ReportPanel(
+        "limits",
+        "Limits",
+        "below",
+        content | {"unjudged": _list_unjudged(s), "uncertain": any(row.certain for row in rows)},
+    )
+
+
+def _list_unjudged(s: ReportData) -> list[str]:
+    """What is checked against no limit: kinds that are not stated, some of the time, vibrations that would not show."""
+    missing = [kind.replace("_", " ") for kind in (*MOTION_KINDS, *EFFORT_KINDS) if kind not in s.limits.kinds]
+    found = [f"no limit is stated of {join_names(missing)}"] if missing else []
+    found += describe_judged(s.check.judged, "judged only") if s.check else []
+    hidden = find_hidden_vibrations(s.robot, s.motion, len(s.along.forces) - 1)
+    return [*found, *map(describe_hidden_vibration, hidden)]
 
 
 def motion(s: ReportData) -> ReportPanel:
