@@ -135,10 +135,11 @@ def _find_limit(s: ReportData, quantity: ReportQuantity, j: int) -> CheckedLimit
 def _range(s: ReportData, quantity: ReportQuantity, j: int) -> tuple[float, float]:
     """What a chart of a joint shows: its values where they are known, and limits that they come near to."""
     values = quantity.values[:, j]
-    if quantity.window and quantity.deviations is not None:
+    if quantity.window:
         start, stop = quantity.window
         known, certain = ((start <= t) & (t <= stop) for t in (s.t, s.t[s.frames]))
-        values = np.concatenate([values[known], *(edge[certain] for edge in _edges(s, quantity, j))])
+        edges = _edges(s, quantity, j) if quantity.deviations is not None else ()
+        values = np.concatenate([values[known], *(edge[certain] for edge in edges)])
         values = values[np.isfinite(values)]
     low, high = float(values.min()), float(values.max())
     lower_bound, upper_bound = quantity.bounds[:, j].tolist()

@@ -23,6 +23,7 @@ from jounce.model.positions import multiscrew_joints
 from jounce.spatial.series import rate_name
 
 MAX_BREAKS_LISTED = 30  # rows of the page; their number is given
+MAX_SIDE_JOINTS = 12  # whose values leave room for the robot below: a screen shows some 30 rows
 MAX_SLIDER_BODIES = 100  # of a robot whose sliders compute: code of some 200 kB
 
 
@@ -44,7 +45,8 @@ class ReportPanel:
 
 def robot(s: ReportData) -> ReportPanel:
     """The robot that moves."""
-    return ReportPanel("robot", "Robot", "side", {"meshes": bool(s.meshes.shapes)}, drawing(s))
+    place = "side" if len(s.joints) <= MAX_SIDE_JOINTS else "wide"
+    return ReportPanel("robot", "Robot", place, {"meshes": bool(s.meshes.shapes)}, drawing(s))
 
 
 def values(s: ReportData) -> ReportPanel:
@@ -148,7 +150,9 @@ def robot_data(s: ReportData) -> ReportPanel:
         for j, i in enumerate(m.owners)
     ]
     content = {"robot": s.robot, "joints": joints, "mass": masses.sum(), "gravity": np.asarray(m.gravity).tolist()}
-    content["notes"], content["loops"] = [*s.meshes.notes, *_several_screw_notes(m)], _cut_joints(s)
+    floats = "the base floats: jounce run gives the wrench on it, which the page leaves out"
+    content["notes"] = [*s.meshes.notes, *_several_screw_notes(m), *([floats] if m.floats else [])]
+    content["loops"] = _cut_joints(s)
     return ReportPanel("robot_data", "Robot data", "below", content)
 
 

@@ -182,7 +182,8 @@ def _quantities(
     found = [quantity(kind, x, bounded=kind not in limits.without_gravity) for kind, x in values.items()]
     if motion.torques is not None:
         apart = _measured(motion, along.t, own_joints(m), forces[0].shape) - forces[0]
-        found.append(quantity(EFFORT_KINDS[0], apart, MEASURED_LESS_COMPUTED, bounded=False))
+        of_torques = quantity(EFFORT_KINDS[0], apart, MEASURED_LESS_COMPUTED, bounded=False)
+        found.append(replace(of_torques, deviations=None))  # those of what is measured are not known
     inertial = [kind for kind in limits.without_gravity if kind in limits.kinds and kind in values]
     weight = with_tree_positions(along.rates[:count], near)
     gravity = compute(robot, "gravity_forces", weight, base=along.base and along.base[:count]) if inertial else ()
