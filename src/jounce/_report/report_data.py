@@ -176,7 +176,7 @@ def _quantities(
         bounds = limits.bounds(kind) if bounded else np.full((2, len(units)), [[-np.inf], [np.inf]])
         of_kind = tuple(map(LIMIT_KINDS[kind].unit, units))
         off = deviations.get(kind)
-        window = None if off is None else find_window(along.t[frames], off)
+        window = None if off is None else find_window(along.t[frames], off, values[frames])
         return ReportQuantity(symbol or LIMIT_KINDS[kind].symbol, kind, of_kind, values, bounds, off, window)
 
     found = [quantity(kind, x, bounded=kind not in limits.without_gravity) for kind, x in values.items()]

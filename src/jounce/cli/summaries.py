@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Largest = dict[str, dict[str, dict[str, Any]]]  # by joint and quantity
 MAX_NOTES_SHOWN = 4  # notes, warnings and sources: more would hide the results; --json has all
 MAX_BREAKS_SHOWN = 4  # as of notes
-UNCERTAIN_MARK = "* towards an end of the samples, where standard deviations are more than ten times their median"
+UNCERTAIN_MARK = "* uncertain, towards an end of the samples: its deviation is over 5 %, and over ten times the median"
 SUMMARY_SCHEMA = 1  # of the JSON of `run`, `motors` and `check`: raised where a key goes or changes its meaning
 
 OUTPUT = click.option("-o", "--output", required=True, type=PATH, help="Output: .csv, .npz, .parquet, or a folder.")

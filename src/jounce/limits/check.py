@@ -20,6 +20,7 @@ from jounce.limits.verdicts import Verdict, combine_verdicts, decide_verdict, de
 from jounce.limits.worst_values import Spans, Worst
 from jounce.model.coordinates import following_efforts
 from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, describe_kind
+from jounce.motion.reliability import MAX_CERTAIN_SHARE
 from jounce.spatial.series import rate_name
 
 
@@ -48,8 +49,8 @@ class CheckedLimit:
     violations : tuple of (start, stop)
         When the limit is broken, s.
     certain : (float, float) or None
-        The worst value outside of uncertain ends and its time, s, where `value` lies in such an end of measured
-        samples: deviations are more than ten times their median there. None where it does not.
+        Where `value` lies in an uncertain end of measured samples, the worst value outside of these and its time, s;
+        else None. There deviations are more than ten times their median, and that of the value more than 5 % of it.
     undecided : tuple of (start, stop)
         When measured samples do not decide, s: towards their ends, where rates are uncertain, the value lies less than
         two standard deviations from the limit, or its deviation is not known. Also where a value changes too fast
@@ -218,7 +219,7 @@ def _build_table(
             deviation=None if np.isnan(spread) or not reach else spread / reach,
             violations=join_spans(worst.spans[kind, 1][j] + worst.spans[kind, -1][j]),
             undecided=join_spans(undecided.get((kind, j), [])),
-            certain=None if start <= t <= stop else certain,
+            certain=None if start <= t <= stop or spread <= MAX_CERTAIN_SHARE * abs(value) else certain,
         ))  # fmt: skip
     return tuple(rows)
 

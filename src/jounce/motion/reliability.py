@@ -28,6 +28,7 @@ MAX_COMPARED_TIMES = 4000  # at which peaks and deviations are compared
 INTERVALS_AROUND_HOLE = 3  # on either side, which determine how fast the motion is
 MAX_HOLE_TO_INTERVAL = 1.0  # times the usual interval: a longer hole cannot be bridged
 MAX_DEVIATION_TO_MEDIAN = 10.0  # in a window: towards the ends of a fit deviations rise by powers of ten
+MAX_CERTAIN_SHARE = 0.05  # of a value, that its deviation is: its band of 95 % is a tenth of it
 MAX_WINDOW_TIMES = 2000  # of a motion, for the median of deviations, which change slowly
 
 
@@ -104,12 +105,17 @@ def find_surest_rows(values: np.ndarray, deviations: np.ndarray) -> np.ndarray:
     return np.asarray(np.argmax(np.where(np.isnan(sure), -np.inf, sure), axis=0))
 
 
-def find_window(t: np.ndarray, deviations: np.ndarray) -> tuple[float, float]:
-    """The first and the last of times (T,) at which no deviation (T, n) is above ten times its median over time.
+def find_window(t: np.ndarray, deviations: np.ndarray, values: np.ndarray | None = None) -> tuple[float, float]:
+    """The first and the last of times (T,) at which all deviations (T, n) are at most ten times their medians.
 
-    Outside are the uncertain ends of a fit. Deviations that are not known, NaN, do not count.
+    Values (T, n) whose band of 95 % is a tenth of them are known as well: a fast start is no uncertain end. Outside are
+    the uncertain ends of a fit. Deviations that are not known, NaN, do not count.
     """
-    off = deviations[:, ~np.isnan(deviations).any(axis=0)]
-    well = np.flatnonzero((off <= MAX_DEVIATION_TO_MEDIAN * np.median(off, axis=0)).all(axis=1))
-    first, last = (well[0], well[-1]) if well.size else (0, 0)
+    known = ~np.isnan(deviations).any(axis=0)
+    off = deviations[:, known]
+    well = off <= MAX_DEVIATION_TO_MEDIAN * np.median(off, axis=0)
+    if values is not None:
+        well |= off <= MAX_CERTAIN_SHARE * np.abs(values[:, known])
+    at = np.flatnonzero(well.all(axis=1))
+    first, last = (at[0], at[-1]) if at.size else (0, 0)
     return float(t[first]), float(t[last])

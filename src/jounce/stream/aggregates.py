@@ -17,7 +17,7 @@ from jounce.limits.samples import find_worst_broken
 from jounce.model.coordinates import coordinate_limits
 from jounce.model.limits import Limits
 from jounce.motion.motion import Motion
-from jounce.motion.reliability import BAND_DEVIATIONS, find_surest_rows
+from jounce.motion.reliability import BAND_DEVIATIONS, MAX_CERTAIN_SHARE, find_surest_rows
 from jounce.spatial.series import rate_name
 from jounce.stream.job import MOTION_COLUMN, InputPart, Job
 from jounce.stream.outputs import Output, OutputBlock, find_windows
@@ -43,7 +43,8 @@ def tally(block: OutputBlock, rows: slice, limits: Limits | None) -> Aggregate:
             largest = certain = _find_largest(t, x, off)
             if output.windows and off is not None:
                 start, stop = output.windows[k]
-                certain = _find_largest(t, np.where(((start <= t) & (t <= stop))[:, None], x, np.nan), off)
+                known = ((start <= t) & (t <= stop))[:, None] | (off <= MAX_CERTAIN_SHARE * np.abs(x))
+                certain = _find_largest(t, np.where(known, x, np.nan), off)
             found = np.array([*largest, *certain, np.einsum("ij,ij->j", x, x)]).T.tolist()
             for name, of in zip(output.names, found, strict=True):
                 values.setdefault(name, {})[rate_name(output.symbol, k)] = of

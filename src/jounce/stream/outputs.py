@@ -36,7 +36,6 @@ from jounce.motion.reliability import MAX_WINDOW_TIMES, find_window
 from jounce.spatial.series import rate_name
 from jounce.stream.job import Job
 
-MIN_UNCERTAIN_SHARE = 1e-6  # of the largest value: smaller deviations are of digits that no summary shows
 Rates = tuple[np.ndarray, ...]
 Wrenches = tuple[Mapping[str, np.ndarray], ...] | None
 Span = tuple[float, float]
@@ -140,7 +139,7 @@ def find_windows(motion: Motion, order: int) -> list[Span]:
         off = curve.deviations(t, order - first) if order >= first else None
         rates = curve.rates(t, order - first) if off else ()
         for of, x, deviations in zip(spans[first:], rates, off or (), strict=False):
-            of.append(find_window(t, np.maximum(deviations, MIN_UNCERTAIN_SHARE * np.abs(x).max(axis=0))))
+            of.append(find_window(t, deviations, x))
     return [(max(start for start, _ in of), min(stop for _, stop in of)) for of in spans]
 
 
