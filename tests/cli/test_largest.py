@@ -48,7 +48,7 @@ def summary(*words):
 
 
 @pytest.mark.parametrize(("verb", "symbol", "order"), [("run", "Q", 2), ("motion", "q", 4)])
-def test_largest_values_are_those_of_the_table_with_their_times(folder, verb, symbol, order):
+def test_largest_values_are_those_of_the_table(folder, verb, symbol, order):
     found = summary(folder, verb, "log.csv", "-o", folder / f"{verb}.csv")
     columns, marked = tables.read(folder / f"{verb}.csv"), []
     t = columns["t"]
@@ -69,7 +69,7 @@ def test_largest_values_are_those_of_the_table_with_their_times(folder, verb, sy
 
 
 @pytest.mark.parametrize(("verb", "rate"), [("run", "Q2d"), ("motion", "q4d")])
-def test_certain_values_are_true_where_the_largest_are_not(folder, verb, rate):
+def test_certain_values_are_true(folder, verb, rate):
     found = summary(folder, verb, "log.csv", "-o", folder / "out.csv")
     for j, name in enumerate(ROBOT.joint_names):
         largest, certain = found["largest"][name][rate], found["certain"][name][rate]
@@ -114,7 +114,7 @@ def test_of_many_motions_the_name_stands_beside_the_time(folder, tmp_path):
     assert " of slow" not in said
 
 
-def test_check_marks_values_in_uncertain_ends_and_gives_the_certain_ones(folder):
+def test_check_marks_values_in_uncertain_ends(folder):
     found = summary(folder, "check", "log.csv")
     rows = {(row["joint"], row["limit"]): row for row in found["limits"]}
     motion = jounce.load_motion(folder / "log.csv", ROBOT, 2)

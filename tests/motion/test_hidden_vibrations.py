@@ -25,7 +25,7 @@ def make_log(kind, seed, vibration=0.0, frequency=1.0, joint=0, rate=500, second
 
 @pytest.mark.parametrize("kind", LOGS)
 @pytest.mark.parametrize("frequency", [4.5, 23.0, 170.0])
-def test_a_vibration_above_the_bound_is_found_and_one_below_may_hide(kind, frequency):
+def test_vibrations_above_the_bound_are_found(kind, frequency):
     t, q, _ = make_log(kind, 1)
     still = fit(t, q)
     assert frequency > 2 * still.bandwidth
@@ -36,7 +36,7 @@ def test_a_vibration_above_the_bound_is_found_and_one_below_may_hide(kind, frequ
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("frequency", [7.0, 40.0])
-def test_the_forces_of_a_hidden_vibration_are_below_the_stated_bound(seed, frequency):
+def test_forces_of_hidden_vibrations_are_below_the_bound(seed, frequency):
     """The bound is that at the end of the band, and at most 2^4 times as much an octave above."""
     robot = jounce.load("iiwa14")
     t, q, truth = make_log("white noise", seed)
@@ -57,7 +57,7 @@ def test_the_forces_of_a_hidden_vibration_are_below_the_stated_bound(seed, frequ
         assert 0.02 * bound < differ / 0.4 < bound
 
 
-def test_the_bound_at_the_end_of_the_band_is_what_a_wave_there_adds_at_most():
+def test_the_bound_is_what_a_wave_adds_at_most():
     """To the first order, whatever its phase: lower rates count next to the mass matrix."""
     robot = jounce.load("iiwa14")
     t, q, _ = make_log("white noise", 0)
@@ -98,7 +98,7 @@ def test_corrected_stamps_may_take_a_part_of_a_vibration():
     assert remaining_share(v, TimestampScatter(1e-9, own)) == pytest.approx([1, 1])
 
 
-def test_joints_in_which_no_lines_are_looked_for_may_hide_all_their_scatter():
+def test_without_a_spectrum_all_scatter_may_be_hidden():
     t, rng = np.arange(0, 4, 1e-2), np.random.default_rng(2)
     noise = 1e-4 * rng.normal(size=(len(t), 3))
     q = np.stack([np.sin(3 * t), 0.5 * t, np.zeros(len(t))], axis=1) + noise  # moves, is steady, rests

@@ -35,7 +35,7 @@ def log(robot):
     return columns, lambda s, k: w**k * np.sin(w * s[:, None] + k * np.pi / 2)
 
 
-def test_axes_are_ruled_by_what_is_known_and_ends_are_marked(robot, log):
+def test_axes_are_ruled_by_what_is_known(robot, log):
     columns, truth = log
     motion = jounce.load_motion(columns, robot)
     s = make_report_data(robot, motion, 2)
@@ -78,7 +78,7 @@ def test_measured_less_computed_torques_are_drawn(robot, log):
     assert apart.deviations is None
 
 
-def test_the_page_names_its_file_and_lists_what_is_not_judged(robot, log, tmp_path):
+def test_a_page_names_its_file_and_what_is_not_judged(robot, log, tmp_path):
     jounce.save(robot, tmp_path / "arm.yaml")
     tables.write(tmp_path / "monday.csv", log[0])
     asked = ["report", tmp_path / "arm.yaml", tmp_path / "monday.csv", "-o", tmp_path / "r.html"]
@@ -105,7 +105,7 @@ def floating():
 
 
 @pytest.mark.parametrize("kind", ["floats", "is carried"])
-def test_robots_with_a_base_that_moves_are_drawn_where_they_are(kind, tmp_path):
+def test_bases_that_move_are_drawn_where_they_are(kind, tmp_path):
     robot, motion = floating()
     if kind == "is carried":
         robot = jounce.load("planar2r").with_limits(effort=90.0)
