@@ -150,3 +150,13 @@ def test_windows_end_where_deviations_are_ten_times_their_median():
     assert find_window(t, np.zeros((5, 1))) == (0.0, 4.0)
     assert find_window(t, off, np.full((5, 1), 203.0)) == (0.0, 4.0)  # known to 5 %
     assert find_window(t, off, np.full((5, 1), 201.0)) == (1.0, 4.0)
+
+
+def test_a_vibration_all_along_makes_no_uncertain_end():
+    """Deviations that hold it are over 5 % of the value everywhere, and nowhere ten times their median."""
+    t, random = np.arange(0, 6, 2e-3), np.random.default_rng(5)
+    q = np.stack([np.sin(t), np.cos(1.3 * t)], axis=1) + 1e-5 * random.normal(size=(len(t), 2))
+    motion = jounce.Motion.fit(t, q + 1e-4 * np.sin(2 * np.pi * 20 * t)[:, None], bandwidth=1.0, allow_noise=True)
+    found = jounce.load("planar2r").with_limits(snap=5e5).check(motion)
+    assert all(row.deviation * row.bound**2 > 0.06 * abs(row.value * row.bound) for row in found.table)
+    assert [row.certain for row in found.table] == [None, None]

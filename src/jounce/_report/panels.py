@@ -51,7 +51,7 @@ def robot(s: ReportData) -> ReportPanel:
 
 def values(s: ReportData) -> ReportPanel:
     """The values under the cursor, and which joints are drawn."""
-    charts = [
+    charts: list[dict[str, Any]] = [
         {"symbol": x.symbol, "units": list(dict.fromkeys(map(raise_powers, x.units))), "number": k}
         for k, x in enumerate(s.quantities)
     ]
