@@ -11,7 +11,7 @@ from benchmarks.results import Run
 from benchmarks.tables import figure, paragraph, share, table
 
 import jounce
-from benchmarks import bound, cuda, machine, measure, peaks, pictures, quantities, results, robots, threads
+from benchmarks import bound, coverage, cuda, machine, measure, peaks, pictures, quantities, results, robots, threads
 from jounce.program.program import Program, Step
 from support.robots import relative_error
 
@@ -173,3 +173,14 @@ def test_scaling_is_measured_on_all_cores(monkeypatch, cores, expected):
         row = next(line for line in rows if line.startswith(f"| {label}"))
         found = [float(cell) for cell in row.strip("| ").split(" | ")[1:]]
         assert found == pytest.approx([*(8 / k for k in expected), *(1 / k for k in expected[1:])], rel=1e-2)
+
+
+@pytest.mark.parametrize("kind", coverage.KINDS)
+def test_stated_deviations_cover_the_errors_of_simulated_logs(kind):
+    t, q, truth = coverage.simulate(kind, 1)
+    np.testing.assert_allclose(truth(t[:9] + 1e-5, 1) - truth(t[:9], 1), 1e-5 * truth(t[:9], 2), atol=1e-8)
+    assert np.abs(q - truth(t)).max() < 0.01
+    inside, outside = coverage.measure(kind, 1)
+    assert inside.shape == (coverage.ORDER + 1, coverage.TIMES, coverage.JOINTS)
+    assert (inside.mean(axis=(1, 2)) > 0.85).all()
+    assert (outside.mean(axis=(1, 2)) > 0.8).all()

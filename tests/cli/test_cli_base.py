@@ -114,7 +114,7 @@ def test_a_robot_that_floats_is_drawn_without_ground(robot):
     assert patches[0] == patches[1] + 1
 
 
-def test_reports_refuse_a_base_that_moves(folder):
+def test_reports_draw_a_base_that_moves(folder):
     for robot in ("planar2r", folder / "robot.yaml"):
-        said = jounce_("report", robot, folder / "sway.yaml", "-o", folder / "r.html", code=2)
-        assert "a report draws robots on a ground at rest only" in said
+        said = jounce_("report", robot, folder / "sway.yaml", "-o", folder / "r.html")
+        assert "sway.yaml, 21 states" in said

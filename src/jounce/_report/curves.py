@@ -8,7 +8,6 @@ import numpy as np
 from jounce._report.array_text import pack_array, pack_times
 from jounce._report.report_data import ReportData, ReportQuantity
 from jounce.figures.canvas import INK, line_style
-from jounce.figures.curves import MAX_BAND_SHARE
 from jounce.figures.limit_lines import MAX_ROOM_SHARE
 from jounce.figures.panels import thin_points
 from jounce.limits.check import CheckedLimit
@@ -136,10 +135,12 @@ def _find_limit(s: ReportData, quantity: ReportQuantity, j: int) -> CheckedLimit
 def _range(s: ReportData, quantity: ReportQuantity, j: int) -> tuple[float, float]:
     """What a chart of a joint shows: its values where they are known, and limits that they come near to."""
     values = quantity.values[:, j]
-    if quantity.deviations is not None:
-        lower, upper = _edges(s, quantity, j)
-        sure = upper - lower <= 2 * MAX_BAND_SHARE * np.abs(values).max()
-        values = np.concatenate([lower[sure], upper[sure]]) if sure.any() else values
+    if quantity.window:
+        start, stop = quantity.window
+        known, certain = ((start <= t) & (t <= stop) for t in (s.t, s.t[s.frames]))
+        edges = _edges(s, quantity, j) if quantity.deviations is not None else ()
+        values = np.concatenate([values[known], *(edge[certain] for edge in edges)])
+        values = values[np.isfinite(values)]
     low, high = float(values.min()), float(values.max())
     lower_bound, upper_bound = quantity.bounds[:, j].tolist()
     span = upper_bound - lower_bound
@@ -169,12 +170,22 @@ def _layout(s: ReportData, charts: list[Chart], axes: list[str]) -> dict[str, An
     }
     for i, (chart, axis) in enumerate(zip(charts, axes, strict=True)):
         top = 1 - i / count
+        layout["shapes"] += _uncertain_ends(s, chart.quantity, axis.replace("axis", ""))
         layout[axis] = grid | {"domain": [top - 0.88 / count, top - 0.13 / count]}
         layout["annotations"].append({
             "text": f"<b>{chart.quantity.symbol}</b> [{raise_powers(chart.unit)}]", "showarrow": False,
             "xref": "paper", "x": 0, "xanchor": "left", "yref": "paper", "y": top - 0.12 / count, "yanchor": "bottom",
         })  # fmt: skip
     return layout
+
+
+def _uncertain_ends(s: ReportData, quantity: ReportQuantity, axis: str) -> list[dict[str, Any]]:
+    """Grey areas where a quantity lies in uncertain ends of samples."""
+    start, stop = quantity.window or (s.motion.start, s.motion.stop)
+    ends = [span for span in ((s.motion.start, start), (stop, s.motion.stop)) if span[0] < span[1]]
+    look = {"type": "rect", "xref": "x", "yref": f"{axis} domain", "y0": 0, "y1": 1, "layer": "below"}
+    look |= {"fillcolor": "#888888", "opacity": 0.25, "line": {"width": 0}}
+    return [look | {"x0": first, "x1": last} for first, last in ends]
 
 
 def raise_powers(unit: str) -> str:

@@ -38,23 +38,22 @@ BOX_DIRECTIONS = np.array(list(product((-1, 0, 1), repeat=3))).T
 def drawing(s: ReportData) -> dict[str, Any]:
     """What the page draws a robot by: its triangles, the data of its poses, and the space that it sweeps."""
     m = s.robot.mechanism.tree
-    poses, steps = compute(Engine(m), "poses", [s.positions]), to_single_screws(m, s.positions)
+    base = None if s.along.base is None else s.along.base[0][s.frames]
+    poses, steps = compute(Engine(m), "poses", [s.positions], base=base), to_single_screws(m, s.positions)
     size = robot_size(m, poses[0])
     shown = {mesh.body for mesh in s.meshes.shapes}
     parts = [part for part in parts_of(m, size, steps) if part.body not in shown]
     parts += [mesh._replace(colour=_colour(m, mesh.body)) for mesh in s.meshes.shapes]
     colours = dict.fromkeys(part.colour for part in parts)
-    swept = [
-        extreme_points(part.vertices) if part.body == GROUND_BODY else
-        (extreme_points(part.vertices) @ poses[:, part.body, :3, :3].mT + poses[:, part.body, None, :3, 3])
-        .reshape(-1, 3)
-        for part in parts
-    ]  # fmt: skip
+    ground = np.eye(4)[None] if base is None or m.floats else base
+    moved = [(part, ground if part.body == GROUND_BODY else poses[:, part.body]) for part in parts]
+    swept = [(extreme_points(part.vertices) @ C[:, :3, :3].mT + C[:, None, :3, 3]).reshape(-1, 3) for part, C in moved]
     lowest, highest = (f([f(points, axis=0) for points in swept] + [np.zeros(3)], axis=0) for f in (np.min, np.max))
     return {
         "parent": list(m.parent), "owners": list(m.owners),
         "B": pack_array(m.B[:, :3]), "X": pack_array(m.X), "G": pack_array(m.G), "g": pack_array(m.g),
-        "q": pack_array(steps) if multiscrew_joints(m) else None,
+        "q": pack_array(steps) if multiscrew_joints(m) else None, "floats": m.floats,
+        "base": None if base is None else pack_array(base[:, :3]),
         "solids": [_solid([part for part in parts if part.colour == colour]) for colour in colours],
         "ends": [pack_array(poses[:, body, :3, 3] + poses[:, body, :3, :3] @ point, "f4") for body, point in tips(m)],
         "space": np.stack(_space(lowest - SWEEP_MARGIN * size, highest + SWEEP_MARGIN * size), axis=1).tolist(),

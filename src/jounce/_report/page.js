@@ -58,12 +58,20 @@ all("[data-frame]").forEach(button => button.addEventListener("click", () => { s
 
 // The values under the cursor
 
-const cells = all("#values tbody tr").map(row => [...row.querySelectorAll("td")]);
-document.addEventListener("cursor", ({detail: frame}) => cells.forEach((row, j) => row.forEach((cell, k) => {
-  const value = values[k][frame * n + j], [lower, upper] = frames.bounds[k].map(bound => bound[j]);
-  cell.textContent = Number.isNaN(value) ? "–" : +value.toPrecision(5);
+const cells = all("#values table").flatMap(table => [...table.querySelectorAll("tbody tr")].flatMap((row, j) =>
+  [...row.querySelectorAll("td")].map(cell => ({cell, j, k: +cell.dataset.value}))));
+const digits = x => x && Math.abs(x) < 0.01 ? x.toExponential(2) : +x.toPrecision(5); // short, to fit a phone
+document.addEventListener("cursor", ({detail: frame}) => cells.forEach(({cell, j, k}) => {
+  const value = values[k][frame * n + j], [lower, upper] = frames.bounds[k].map(bound => bound[j]), t = times[frame];
+  const [start, stop] = frames.windows[k] || [t, t];
+  cell.textContent = Number.isNaN(value) ? "–" : digits(value);
   cell.classList.toggle("beyond", lower !== null && value < lower || upper !== null && value > upper);
-})));
+  cell.classList.toggle("uncertain", t < start || t > stop);
+}));
+
+// On phones each cell of other tables has its heading
+all(".scroll > table").forEach(table => [...table.tBodies[0].rows].forEach(row =>
+  [...row.cells].forEach((cell, k) => { cell.dataset.label = table.tHead.rows[0].cells[k].textContent; })));
 
 // The curves
 
@@ -132,29 +140,34 @@ function exp([x, y, z, ...m], theta) {
 
 const jointsOf = robot.parent.map((_, i) => [...robot.owners.keys()].filter(k => robot.owners[k] === i));
 
-function pose(q) {
+const bases = robot.base && array(robot.base);
+
+function pose(q, base = IDENTITY) {
   const C = [];
   robot.parent.forEach((p, i) => {
     const Bi = B.subarray(12 * i, 12 * i + 12);
     C.push(jointsOf[i].reduce((T, k) => {
       const theta = q.reduce((sum, x, j) => sum + G[k * n + j] * x, g[k]);
       return product(T, exp([...X.slice(6 * k, 6 * k + 6)], theta));
-    }, p < 0 ? Bi : product(C[p], Bi)));
+    }, product(p < 0 ? base : C[p], Bi)));
   });
   return C;
 }
 
-function points(C, {bodies, vertices}) {
+function points(C, {bodies, vertices}, base) {
+  const ground = robot.floats ? IDENTITY : base;
   const found = [0, 1, 2].map(() => new Float32Array(bodies.length));
   bodies.forEach((body, v) => {
-    const T = body < 0 ? IDENTITY : C[body], x = vertices[3 * v], y = vertices[3 * v + 1], z = vertices[3 * v + 2];
+    const T = body < 0 ? ground : C[body], x = vertices[3 * v], y = vertices[3 * v + 1], z = vertices[3 * v + 2];
     found.forEach((axis, k) => { axis[v] = T[4 * k] * x + T[4 * k + 1] * y + T[4 * k + 2] * z + T[4 * k + 3]; });
   });
   return found;
 }
 
-function drawRobot(q) {
-  const C = pose(q), found = solids.map(solid => points(C, solid));
+const baseAt = frame => bases ? bases.subarray(12 * frame, 12 * frame + 12) : IDENTITY;
+
+function drawRobot(q, base = IDENTITY) {
+  const C = pose(q, base), found = solids.map(solid => points(C, solid, base));
   const [x, y, z] = [0, 1, 2].map(side => found.map(axes => axes[side]));
   Plotly.restyle(drawing, {x, y, z}, found.map((_, trace) => trace));
 }
@@ -166,10 +179,10 @@ HTMLCanvasElement.prototype.getContext = function (type, options) {
 };
 
 function robotFigure() {
-  const C = pose(stateAt(0).q), lighting = {ambient: 0.65, diffuse: 0.7, specular: 0.1, facenormalsepsilon: 0}; // small triangles have normals too
+  const C = pose(stateAt(0).q, baseAt(0)), lighting = {ambient: 0.65, diffuse: 0.7, specular: 0.1, facenormalsepsilon: 0}; // small triangles have normals too
   const shading = {flatshading: true, lighting, hoverinfo: "skip"};
   const surfaces = solids.map((solid, s) => {
-    const [x, y, z] = points(C, solid), {triangles} = solid, third = triangles.length / 3;
+    const [x, y, z] = points(C, solid, baseAt(0)), {triangles} = solid, third = triangles.length / 3;
     const [i, j, k] = [0, 1, 2].map(side => triangles.slice(side * third, side * third + third));
     return {type: "mesh3d", x, y, z, i, j, k, color: robot.solids[s].colour, ...shading};
   });
@@ -188,7 +201,7 @@ function robotFigure() {
   }];
 }
 Plotly.newPlot(drawing, ...robotFigure(), OPTIONS);
-document.addEventListener("cursor", ({detail: frame}) => drawRobot(stateAt(frame).q));
+document.addEventListener("cursor", ({detail: frame}) => drawRobot(stateAt(frame).q, baseAt(frame)));
 
 all("[data-turn], [data-closer]").forEach(button => button.addEventListener("click", () => {
   const {x, y, z} = drawing.layout.scene.camera.eye, factor = +(button.dataset.closer || 1);

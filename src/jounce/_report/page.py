@@ -94,17 +94,17 @@ def report(
     order: int | None,
     visuals: str | os.PathLike[str] | None,
     mesh_folders: Sequence[str | os.PathLike[str]],
+    file: str = "",
 ) -> Report:
-    """A page about a robot along a motion, see `Robot.report`."""
+    """A page about a robot along a motion, see `Robot.report`; title and verdict name its file, if it has one."""
     check_installed()
     if not isinstance(motion, Motion):
         raise JounceError(f"report() expects a jounce.Motion, got {type(motion).__name__}; try jounce.load_motion")
-    file = None if visuals is None else _visuals_file(visuals)
-    _check_still(robot, motion)
+    urdf = None if visuals is None else _visuals_file(visuals)
     path, folders = check_motion(robot.mechanism, motion), _mesh_folders(mesh_folders)
-    subject = make_report_data(robot, path, _order(motion, order), file, folders)
+    subject = make_report_data(robot, path, _order(motion, order), urdf, folders)
     slowdown = subject.slowdown if isinstance(subject.slowdown, Slowdown) else None
-    return Report(_page(subject), subject.check, slowdown)
+    return Report(_page(subject, file), subject.check, slowdown)
 
 
 def check_installed() -> None:
@@ -118,14 +118,6 @@ def check_writable(path: Path) -> None:
     if path.suffix.lower() not in PAGE_SUFFIXES:
         raise JounceError(f"{path}: unknown type of page {path.suffix!r}; available: {', '.join(PAGE_SUFFIXES)}")
     files.check_writable(path)
-
-
-def _check_still(robot: Engine, motion: Motion) -> None:
-    """Raise `JounceError` where the base moves, which the page does not draw."""
-    if robot.mechanism.floats or motion.base_curve:
-        what = f"{robot.name!r} floats" if robot.mechanism.floats else "the motion has a base"
-        others = "jounce view and robot.forces_along(motion) take a base that moves"
-        raise JounceError(f"{what}, and a report draws robots on a ground at rest only; {others}")
 
 
 def _order(motion: Motion, order: int | None) -> int:
@@ -152,7 +144,7 @@ def _visuals_file(given: str | os.PathLike[str]) -> Path:
     return path
 
 
-def _page(s: ReportData) -> str:
+def _page(s: ReportData, file: str) -> str:
     from markupsafe import Markup
     from plotly.offline import get_plotlyjs
 
@@ -160,7 +152,7 @@ def _page(s: ReportData) -> str:
     own = [(panel.code, HERE / "panels" / f"{panel.name}.js") for panel in panels]
     scripts = [_read("page.js"), *(code + path.read_text(encoding="utf-8") for code, path in own if path.exists())]
     return _environment().get_template("page.html.jinja").render(
-        robot=s.robot, subject=s, panels=panels, frames=_frames(s), style=Markup(_read("page.css")),
+        robot=s.robot, subject=s, file=file, panels=panels, frames=_frames(s), style=Markup(_read("page.css")),
         library=Markup(get_plotlyjs()), scripts=list(map(Markup, scripts)),
     )  # fmt: skip
 
@@ -170,12 +162,13 @@ def _read(name: str) -> str:
 
 
 def _frames(s: ReportData) -> dict[str, Any]:
-    """Where the cursor can stand: times, and all values there, with their bounds (2, n)."""
+    """Where the cursor can stand: times, all values there, their bounds (2, n), and when they are known well."""
     return {
         "n": len(s.joints),
         "t": pack_array(s.t[s.frames]),
         "values": [pack_array(x.values[s.frames]) for x in s.quantities],
         "bounds": [[[y if np.isfinite(y) else None for y in row] for row in x.bounds.tolist()] for x in s.quantities],
+        "windows": [x.window for x in s.quantities],
     }
 
 

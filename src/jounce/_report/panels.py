@@ -12,14 +12,18 @@ from jounce._report.drawing import drawing
 from jounce._report.report_data import MAX_SLOWDOWN_STATES, ReportData
 from jounce._report.sliders import end_names, sliders_code, sliders_data
 from jounce.checks.description import joint_kind
+from jounce.core.errors import join_names
 from jounce.core.version import __version__
+from jounce.engine.hidden_vibrations import describe_hidden_vibration, find_hidden_vibrations
+from jounce.limits.verdicts import describe_judged
 from jounce.model.coordinates import leading_joints
-from jounce.model.limit_kinds import BOUNDED_FORCES
+from jounce.model.limit_kinds import BOUNDED_FORCES, EFFORT_KINDS, MOTION_KINDS
 from jounce.model.mechanism import Mechanism, body_name
 from jounce.model.positions import multiscrew_joints
 from jounce.spatial.series import rate_name
 
 MAX_BREAKS_LISTED = 30  # rows of the page; their number is given
+MAX_SIDE_JOINTS = 12  # whose values leave room for the robot below: a screen shows some 30 rows
 MAX_SLIDER_BODIES = 100  # of a robot whose sliders compute: code of some 200 kB
 
 
@@ -41,20 +45,29 @@ class ReportPanel:
 
 def robot(s: ReportData) -> ReportPanel:
     """The robot that moves."""
-    return ReportPanel("robot", "Robot", "side", {"meshes": bool(s.meshes.shapes)}, drawing(s))
+    place = "side" if len(s.joints) <= MAX_SIDE_JOINTS else "wide"
+    return ReportPanel("robot", "Robot", place, {"meshes": bool(s.meshes.shapes)}, drawing(s))
 
 
 def values(s: ReportData) -> ReportPanel:
     """The values under the cursor, and which joints are drawn."""
-    charts = [{"symbol": x.symbol, "units": list(dict.fromkeys(map(raise_powers, x.units)))} for x in s.quantities]
+    charts: list[dict[str, Any]] = [
+        {"symbol": x.symbol, "units": list(dict.fromkeys(map(raise_powers, x.units))), "number": k}
+        for k, x in enumerate(s.quantities)
+    ]
+    forces, others = ([x for x in charts if (x["symbol"][0] == "Q") == side] for side in (True, False))
+    lines = [[x[k : k + 3] for k in range(0, len(x), 3)] for x in (forces, others[:5], others[5:]) if x]
     joints = [joint_style(j) | {"name": joint} for j, joint in enumerate(s.joints)]
-    return ReportPanel("values", "Values at the cursor", "side", {"quantities": charts, "joints": joints})
+    uncertain = any(x.window not in (None, (s.motion.start, s.motion.stop)) for x in s.quantities)
+    content = {"lines": lines, "joints": joints, "uncertain": uncertain}
+    return ReportPanel("values", "Values at the cursor", "side", content)
 
 
 def curves(s: ReportData) -> ReportPanel:
     """The curves over time."""
     shown = {
         "symbols": [x.symbol for x in s.quantities], "uncertain": any(x.deviations is not None for x in s.quantities),
+        "ends": any(x.window not in (None, (s.motion.start, s.motion.stop)) for x in s.quantities),
         "measured": s.motion.torques is not None, "breaks": bool(s.motion.breaks), "checked": s.check is not None,
     }  # fmt: skip
     return ReportPanel("curves", "Curves", "wide", shown, figure(s))
@@ -62,7 +75,7 @@ def curves(s: ReportData) -> ReportPanel:
 
 def sliders(s: ReportData) -> ReportPanel | None:
     """Joints that the reader moves, and an end that is pulled: what holds the robot at rest there."""
-    if s.robot.mechanism.nb > MAX_SLIDER_BODIES or multiscrew_joints(s.robot.mechanism):
+    if s.robot.mechanism.nb > MAX_SLIDER_BODIES or multiscrew_joints(s.robot.mechanism) or s.along.base is not None:
         return None
     data = sliders_data(s)
     joints = [joint_style(j) | {"name": s.joints[j]} for j in s.own]
@@ -77,7 +90,21 @@ def limits(s: ReportData) -> ReportPanel:
     table = [{"row": row, "frame": s.frame(row.t)} for row in rows]
     slowed = {"states": MAX_SLOWDOWN_STATES} if len(s.motion.times) > MAX_SLOWDOWN_STATES else {}
     content = {"table": table, "check": s.check, "slowdown": s.slowdown, "duration": s.motion.duration, **slowed}
-    return ReportPanel("limits", "Limits", "below", content)
+    return ReportPanel(
+        "limits",
+        "Limits",
+        "below",
+        content | {"unjudged": _list_unjudged(s), "uncertain": any(row.certain for row in rows)},
+    )
+
+
+def _list_unjudged(s: ReportData) -> list[str]:
+    """What is checked against no limit: kinds that are not stated, some of the time, vibrations that would not show."""
+    missing = [kind.replace("_", " ") for kind in (*MOTION_KINDS, *EFFORT_KINDS) if kind not in s.limits.kinds]
+    found = [f"no limit is stated of {join_names(missing)}"] if missing else []
+    found += describe_judged(s.check.judged, "judged only") if s.check else []
+    hidden = find_hidden_vibrations(s.robot, s.motion, len(s.along.forces) - 1)
+    return [*found, *map(describe_hidden_vibration, hidden)]
 
 
 def motion(s: ReportData) -> ReportPanel:
@@ -123,7 +150,9 @@ def robot_data(s: ReportData) -> ReportPanel:
         for j, i in enumerate(m.owners)
     ]
     content = {"robot": s.robot, "joints": joints, "mass": masses.sum(), "gravity": np.asarray(m.gravity).tolist()}
-    content["notes"], content["loops"] = [*s.meshes.notes, *_several_screw_notes(m)], _cut_joints(s)
+    floats = "the base floats: jounce run gives the wrench on it, which the page leaves out"
+    content["notes"] = [*s.meshes.notes, *_several_screw_notes(m), *([floats] if m.floats else [])]
+    content["loops"] = _cut_joints(s)
     return ReportPanel("robot_data", "Robot data", "below", content)
 
 
@@ -169,4 +198,4 @@ def conventions(s: ReportData) -> ReportPanel:
     return ReportPanel("conventions", "Conventions and versions", "below", content)
 
 
-PANELS = (robot, values, curves, sliders, limits, motion, robot_data, conventions)
+PANELS = (values, robot, curves, sliders, limits, motion, robot_data, conventions)

@@ -17,10 +17,10 @@ from jounce.engine.along import Q_RATE_ORDER, Along, forces_along
 from jounce.engine.closed_path import continue_positions, name_errors_by_time, with_tree_positions
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
-from jounce.engine.generic_methods import as_tuple
 from jounce.limits.check import Check, check
 from jounce.limits.joints import (
     drives_coordinates,
+    drop_base,
     effort_quantity,
     joint_limits,
     joint_names,
@@ -34,8 +34,10 @@ from jounce.model.limit_kinds import BOUNDED_FORCES, EFFORT_KINDS, LIMIT_KINDS, 
 from jounce.model.limits import Limits
 from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
+from jounce.motion.reliability import find_window
 from jounce.spatial.series import rate_name
 
+MEASURED_LESS_COMPUTED = "Q measured - Q"
 MAX_REPORT_ORDER = 2  # rate of Q that is drawn
 # Times at which the cursor can stand, without those of worst values and breaks: a slider has no more pixels.
 MAX_REPORT_FRAMES, MIN_REPORT_FRAMES = 1000, 200
@@ -50,7 +52,7 @@ class ReportQuantity:
 
     `values` are (N, joints), NaN for joints that have none, such as forces of those without a motor; `bounds`
     (2, joints) are infinite where none is stated; `deviations` (K, joints) are those of the frames, NaN where they are
-    not known, or None. `units` are of each joint.
+    not known, or None. `units` are of each joint. Outside of its `window`, s, it lies in an uncertain end of samples.
     """
 
     symbol: str
@@ -59,6 +61,7 @@ class ReportQuantity:
     values: np.ndarray
     bounds: np.ndarray
     deviations: np.ndarray | None = None
+    window: tuple[float, float] | None = None
 
     @property
     def bounded(self) -> bool:
@@ -68,7 +71,7 @@ class ReportQuantity:
     @property
     def joints(self) -> list[int]:
         """The joints that have it."""
-        return [j for j, has in enumerate(~np.isnan(self.values[0])) if has]
+        return [j for j, has in enumerate(~np.isnan(self.values).any(axis=0)) if has]
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,25 +163,32 @@ def _quantities(
 ) -> tuple[ReportQuantity, ...]:
     """The rates, the forces, and what else limits bound: forces without gravity, the power, forces at stall."""
     m, count = robot.mechanism, len(along.forces)
-    rates, forces = joint_rates(robot, along.rates, near), [_spread_drives(m, x) for x in along.forces]
+    forces = [_spread_drives(m, x) for x in drop_base(m, along.forces, effort_quantity(m))]
+    rates = joint_rates(robot, along.rates, near)
     spread = [_spread_columns(m, own_joints(m), x) for x in motion.deviations(along.t[frames], len(rates) - 1) or ()]
     values = dict(zip(MOTION_KINDS, rates, strict=False)) | dict(zip(EFFORT_KINDS, forces, strict=False))
     deviations = dict(zip(MOTION_KINDS, spread, strict=False))
-    off = [_spread_drives(m, rate)[frames] for rate in along.deviations or ()]
+    off = [_spread_drives(m, x)[frames] for x in drop_base(m, along.deviations or (), effort_quantity(m))]
     deviations |= dict(zip(EFFORT_KINDS, off, strict=False))
     units = joint_units(m)
 
     def quantity(kind: str, values: np.ndarray, symbol: str = "", bounded: bool = True) -> ReportQuantity:
         bounds = limits.bounds(kind) if bounded else np.full((2, len(units)), [[-np.inf], [np.inf]])
         of_kind = tuple(map(LIMIT_KINDS[kind].unit, units))
-        return ReportQuantity(symbol or LIMIT_KINDS[kind].symbol, kind, of_kind, values, bounds, deviations.get(kind))
+        off = deviations.get(kind)
+        window = None if off is None else find_window(along.t[frames], off, values[frames])
+        return ReportQuantity(symbol or LIMIT_KINDS[kind].symbol, kind, of_kind, values, bounds, off, window)
 
     found = [quantity(kind, x, bounded=kind not in limits.without_gravity) for kind, x in values.items()]
+    if motion.torques is not None:
+        apart = _measured(motion, along.t, own_joints(m), forces[0].shape) - forces[0]
+        of_torques = quantity(EFFORT_KINDS[0], apart, MEASURED_LESS_COMPUTED, bounded=False)
+        found.append(replace(of_torques, deviations=None))  # those of what is measured are not known
     inertial = [kind for kind in limits.without_gravity if kind in limits.kinds and kind in values]
-    gravity = (
-        as_tuple(compute(robot, "gravity_forces", with_tree_positions(along.rates[:count], near))) if inertial else ()
-    )
-    bounded = limited_values(limits, rates, forces, [_spread_drives(m, x) for x in gravity])
+    weight = with_tree_positions(along.rates[:count], near)
+    gravity = compute(robot, "gravity_forces", weight, base=along.base and along.base[:count]) if inertial else ()
+    gravity = [_spread_drives(m, x) for x in drop_base(m, gravity, effort_quantity(m))] if inertial else []
+    bounded = limited_values(limits, rates, forces, gravity)
     for kind in inertial:
         symbol = " - ".join(rate_name(name, LIMIT_KINDS[kind].rate) for name in BOUNDED_FORCES[1].split(" - "))
         found.append(quantity(kind, bounded[kind], symbol))
@@ -191,10 +201,21 @@ def _quantities(
 def _loop_wrenches(robot: Engine, motion: Motion, along: Along) -> np.ndarray | None:
     if robot.mechanism.closure is None:
         return None
+    base = along.base and along.base[: Q_RATE_ORDER + 1]
     W, near = motion.wrench(along.t, 0), continue_positions(robot, motion, along.t)
     return np.asarray(
-        compute(robot, "loop_wrenches", with_tree_positions(along.rates[: Q_RATE_ORDER + 1], near), wrench=W)
+        compute(robot, "loop_wrenches", with_tree_positions(along.rates[: Q_RATE_ORDER + 1], near), wrench=W, base=base)
     )
+
+
+def _measured(motion: Motion, t: np.ndarray, joints: list[int], shape: tuple[int, ...]) -> np.ndarray:
+    """The torques of a log at times, linear between its rows, as columns of all joints; NaN of those without."""
+    assert motion.torques is not None
+    whole = np.full(shape, np.nan)
+    for j, column in zip(joints, motion.torques[1].T, strict=True):
+        if (known := np.isfinite(column)).any():
+            whole[:, j] = np.interp(t, motion.torques[0][known], column[known])
+    return whole
 
 
 def own_joints(m: Mechanism) -> list[int]:

@@ -10,7 +10,15 @@ from jounce.cli.limits import LIMITS, draw_ratios, load_robot, spans_in_words
 from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
 from jounce.cli.output import align_columns, print_summary
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options
-from jounce.cli.summaries import StreamRequest, add_stream_options_without_reduce, compute, is_by_parts, notes_in_words
+from jounce.cli.summaries import (
+    UNCERTAIN_MARK,
+    StreamRequest,
+    add_stream_options_without_reduce,
+    compute,
+    hidden_in_words,
+    is_by_parts,
+    notes_in_words,
+)
 from jounce.core.errors import JounceError, shorten
 
 if TYPE_CHECKING:
@@ -103,17 +111,21 @@ def _format_summary(summary: dict[str, Any]) -> str:
 
     rows = sorted(summary["limits"], key=lambda row: -infinite_if_none(row["ratio"]))
     cells: list[tuple[str, ...]] = [
-        ("limit", "joint", "|worst|", "bound", "unit", "at t", "ratio", "broken at t", "undecided at t", "motion")
-    ]
+        ("limit", "joint", "|worst|", "bound", "unit", "at t", "|certain|", "at t", "ratio", "broken at t",
+         "undecided at t", "motion")
+    ]  # fmt: skip
     for row in rows[:MAX_LIMITS_SHOWN]:
         value, bound, ratio = (f"{abs(infinite_if_none(row[key])):.6g}" for key in ("value", "bound", "ratio"))
+        mark = " *" if row["certain"] else ""
+        certain = (f"{abs(row['certain'][0]):.6g}", f"{row['certain'][1]:.4f}") if mark else ("", "")
         deviation = f" +- {row['deviation']:.2g}" if row["deviation"] else ""
         cells.append((
-            describe_kind(row["limit"], row["of"]), row["joint"], value, bound, row["unit"], f"{row['t']:.4f}",
-            ratio + deviation, spans_in_words(row["violations"]) or "-", spans_in_words(row["undecided"]) or "-",
-            row["motion"] or "-",
+            describe_kind(row["limit"], row["of"]), row["joint"], value + mark, bound, row["unit"], f"{row['t']:.4f}",
+            *certain, ratio + deviation, spans_in_words(row["violations"]) or "-",
+            spans_in_words(row["undecided"]) or "-", row["motion"] or "-",
         ))  # fmt: skip
-    shown = [True] * 8 + [any(row["undecided"] for row in rows), summary["motions"] > 1]
+    marked = any(row["certain"] for row in rows[:MAX_LIMITS_SHOWN])
+    shown = [True] * 6 + [marked] * 2 + [True] * 2 + [any(row["undecided"] for row in rows), summary["motions"] > 1]
     cells = [tuple(compress(row, shown)) for row in cells]
     robot, (first, last) = shorten(summary["robot"]), summary["t"]
     more = [f"and {len(rows) - MAX_LIMITS_SHOWN} more; --json lists them"] if len(rows) > MAX_LIMITS_SHOWN else []
@@ -124,6 +136,8 @@ def _format_summary(summary: dict[str, Any]) -> str:
         "",
         *align_columns(cells),
         *more,
+        *([UNCERTAIN_MARK] if marked else []),
+        *hidden_in_words(summary),
         *([f"ratios drawn to {summary['picture']}"] if summary["picture"] else []),
     ])  # fmt: skip
 

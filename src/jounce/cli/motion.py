@@ -15,6 +15,7 @@ from jounce.cli.motion_options import (
 )
 from jounce.cli.output import check_distinct, print_summary
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options_without_drives
+from jounce.cli.summaries import find_largest, hidden_in_words, tabulate_largest
 from jounce.core.errors import shorten
 
 EPILOG = """\b
@@ -42,7 +43,10 @@ def motion(
     robot: RobotRequest, motion: MotionRequest, output: Path, order: int, save_read: Path | None, as_json: bool
 ) -> None:
     """Write MOTION of ROBOT with its rates as a table that `jounce run` reads and `jounce plot` draws."""
+    from jounce.engine.hidden_vibrations import find_hidden_vibrations
     from jounce.io import tables
+    from jounce.io.motions.writing import table_metadata
+    from jounce.stream.aggregates import tally_motion
 
     tables.check_writable(output)
     check_distinct(output, motion.path)
@@ -54,11 +58,15 @@ def motion(
     write_motion(output, path, arm.joint_names, order)
     if save_read is not None:
         write_options(save_read, motion)
+    values, unit = {motion.path.stem: tally_motion(path, arm.joint_names, order)}, table_metadata(arm.mechanism, 0).unit
+    units = {x: {name: unit(f"{x}.{name}") for name in of} for x, of in values[motion.path.stem].items()}
     summary = {
         "robot": arm.name, "motion": str(motion.path), "source": path.source,
         "residual": None if path.residual is None else float(path.residual.max()),
         "notes": list(path.notes),
         "breaks": [found._asdict() for found in path.breaks_to(order)],
+        "hidden_vibrations": find_hidden_vibrations(arm, path, order, "q"),
+        "largest": find_largest(values), "certain": find_largest(values, certain=True), "units": units,
         "output": str(output), "save_read": None if save_read is None else str(save_read),
         "states": len(path.times), "t": [float(path.times[0]), float(path.times[-1])], "order": order,
     }  # fmt: skip
@@ -78,4 +86,6 @@ def _format_summary(summary: dict[str, Any]) -> str:
         *([f"{count} break{'s' * (count > 1)}; --json lists them, --blend replaces them"] if count else []),
         f"q to {rate_name('q', summary['order'])} written to {summary['output']}",
         *([f"options written to {summary['save_read']}, for --read"] if summary["save_read"] else []),
+        *(["", *tabulate_largest(summary)] if summary["largest"] else []),
+        *hidden_in_words(summary),
     ])  # fmt: skip

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
-from jounce.cli.output import print_summary
+from jounce.cli.output import align_columns, print_summary
 from jounce.cli.robot_options import RobotRequest, add_robot_options
 from jounce.cli.summaries import (
     OUTPUT,
@@ -114,4 +114,4 @@ def _format_summary(summary: dict[str, Any]) -> str:
         units, off = summary["units"][name], summary["deviations"][name]
         cells = {symbol: f"{format_with_deviation(x, off[symbol])} {units[symbol]}" for symbol, x in peaks.items()}
         rows.append((name, *(cells.get(symbol, "-") for symbol in symbols)))
-    return results_in_words(summary, symbols, rows)
+    return results_in_words(summary, symbols, align_columns(rows))

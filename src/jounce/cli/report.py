@@ -51,7 +51,7 @@ def report(
     check_installed()
     arm, path = load_with_motion(robot, motion, limits, order)
     visuals = robot.path if robot.path.suffix.lower() == URDF_SUFFIX else None
-    page = _report.report(arm, path, order, visuals, meshes)
+    page = _report.report(arm, path, order, visuals, meshes, motion.path.name)
     page.save(output)
     worst = page.check and page.check.worst
     summary = {

@@ -14,8 +14,8 @@ from jounce.cli.summaries import (
     StreamRequest,
     add_stream_options,
     compute_results,
-    format_with_deviation,
     results_in_words,
+    tabulate_largest,
 )
 
 if TYPE_CHECKING:
@@ -115,9 +115,4 @@ def _limit_in_words(found: dict[str, Any] | None) -> list[str]:
 
 def _format_summary(summary: dict[str, Any]) -> str:
     names = list(next(iter(summary["peaks"].values())))
-    per = ["", " /s", *(f" /s^{k}" for k in range(2, len(names)))]
-    rows = [("largest", "unit", *(f"|{name}|{unit}" for name, unit in zip(names, per, strict=False)))]
-    for joint, peaks in summary["peaks"].items():
-        cells = (format_with_deviation(peaks[name], summary["deviations"][joint][name]) for name in names)
-        rows.append((joint, summary["units"][joint][names[0]], *cells))
-    return results_in_words(summary, names, rows, *_limit_in_words(summary["broken_limit"]))
+    return results_in_words(summary, names, tabulate_largest(summary), *_limit_in_words(summary["broken_limit"]))

@@ -1,8 +1,9 @@
 """Commands over a motion or many, that fit into memory or not: their options, and the one summary that they print."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import wraps
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +19,10 @@ if TYPE_CHECKING:
     from jounce.stream.job import Job, Reading
     from jounce.stream.whole_run import Summary
 
+Largest = dict[str, dict[str, dict[str, Any]]]  # by joint and quantity
 MAX_NOTES_SHOWN = 8  # notes, warnings and sources: more would hide the results; --json has all
 MAX_BREAKS_SHOWN = 4  # as of notes
+UNCERTAIN_MARK = "* uncertain, towards an end of the samples: its deviation is over 5 %, and over ten times the median"
 SUMMARY_SCHEMA = 1  # of the JSON of `run`, `motors` and `check`: raised where a key goes or changes its meaning
 
 OUTPUT = click.option("-o", "--output", required=True, type=PATH, help="Output: .csv, .npz, .parquet, or a folder.")
@@ -124,6 +127,7 @@ def compute(
         "t": [min(start for start, _ in spans), max(stop for _, stop in spans)],
         "parts": found.parts, "parts_computed": found.computed, "skipped": {"rows": found.skipped, "table": table},
         "notes": list(found.notes), "warnings": list(found.warnings),
+        "hidden_vibrations": [one | {"motion": name} for name, of in found.aggregates.items() for one in of["hidden"]],
     }  # fmt: skip
 
 
@@ -154,30 +158,62 @@ def compute_results(
 ) -> "tuple[Summary, dict[str, Any]]":
     """Compute and write rows, or aggregates of them; returns the summary with the largest values of all motions too."""
     from jounce.io.motions.writing import table_metadata
-    from jounce.stream.aggregates import surest_peak
 
     found, summary = compute(job, motion, output, stream, label, load)
     unit, motions = table_metadata(job.robot.mechanism, job.order).unit, found.aggregates
-    values: dict[str, dict[str, list[list[float]]]] = {}
-    for of in motions.values():
-        for joint, named in of["values"].items():
-            for name, value in named.items():
-                values.setdefault(joint, {}).setdefault(name, []).append(value)
-    largest = {joint: {name: surest_peak(of) for name, of in named.items()} for joint, named in values.items()}
+    largest, certain = (find_largest({x: of["values"] for x, of in motions.items()}, sure) for sure in (False, True))
     return found, summary | {
         "source": "; ".join(list(dict.fromkeys(of["source"] for of in motions.values()))[:MAX_NOTES_SHOWN]),
         "residual": max((of["residual"] for of in motions.values() if of["residual"] is not None), default=None),
         "blend": motion.blend,
         "breaks": [at | {"motion": name} for name, of in motions.items() for at in of["breaks"]],
         "reduced": list(stream.reduce),
-        "peaks": {joint: {name: of[0] for name, of in named.items()} for joint, named in largest.items()},
-        "deviations": {joint: {name: of[1] for name, of in named.items()} for joint, named in largest.items()},
+        "peaks": {joint: {name: of["value"] for name, of in named.items()} for joint, named in largest.items()},
+        "deviations": {joint: {x: of["deviation"] for x, of in named.items()} for joint, named in largest.items()},
+        "largest": largest,
+        "certain": certain,
         "units": {joint: {name: unit(f"{joint}.{name}") for name in named} for joint, named in largest.items()},
     }
 
 
-def results_in_words(summary: dict[str, Any], names: Sequence[str], rows: list[tuple[str, ...]], *more: str) -> str:
-    """What is computed of rows, with a table of the largest values and further lines."""
+def find_largest(motions: Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]], certain: bool = False) -> Largest:
+    """By joint and quantity the largest value of all motions, or certain one: its deviation, when and in which."""
+    from jounce.stream.aggregates import CERTAIN, LARGEST, surest_peak
+
+    found: dict[str, dict[str, list[Sequence[Any]]]] = {}
+    for motion, joint, named in ((motion, *of) for motion, joints in motions.items() for of in joints.items()):
+        for name, numbers in named.items():
+            rows = found.setdefault(joint, {}).setdefault(name, [])
+            rows.append((*numbers[CERTAIN if certain else LARGEST], motion))
+    keys = ("value", "deviation", "t", "motion")
+    return {
+        joint: {name: dict(zip(keys, surest_peak(rows), strict=True)) for name, rows in of.items()}
+        for joint, of in found.items()
+    }
+
+
+def tabulate_largest(summary: dict[str, Any]) -> list[str]:
+    """The largest values as a table with their times, and below uncertain ones the largest certain ones."""
+    names = list(next(iter(summary["largest"].values())))
+    per = ["", " /s", *(f" /s^{k}" for k in range(2, len(names)))]
+    heads = (cell for name, unit in zip(names, per, strict=False) for cell in (f"|{name}|{unit}", "at t"))
+    rows: list[tuple[str, ...]] = [("largest", "unit", *heads)]
+
+    def cells(found: dict[str, Any], mark: str = "") -> tuple[str, str]:
+        within = f" of {found['motion']}" if summary.get("motions", 1) > 1 else ""
+        return format_with_deviation(found["value"], found["deviation"]) + mark, f"{found['t']:.6g}{within}"
+
+    for joint, of in summary["largest"].items():
+        certain = {name: x for name, x in summary["certain"][joint].items() if x != of[name]}
+        shown = (cells(of[name], " *" if name in certain else "") for name in names)
+        rows.append((joint, summary["units"][joint][names[0]], *chain(*shown)))
+        if certain:
+            rows.append(("  certain", "", *chain(*(cells(certain[x]) if x in certain else ("", "") for x in names))))
+    return [*align_columns(rows), *([UNCERTAIN_MARK] if any(row[0] == "  certain" for row in rows) else [])]
+
+
+def results_in_words(summary: dict[str, Any], names: Sequence[str], table: Sequence[str], *more: str) -> str:
+    """What is computed of rows, with further lines and a table of the largest values."""
     robot, (first, last) = shorten(summary["robot"]), summary["t"]
     many = f" in {summary['motions']} motions" if summary["motions"] > 1 else ""
     kind = "at most {:.2g} from it" if summary["blend"] else "largest residual {:.2g}"
@@ -191,8 +227,19 @@ def results_in_words(summary: dict[str, Any], names: Sequence[str], rows: list[t
         *more,
         f"{kinds}{', '.join(names)} written to {summary['output']}",
         "",
-        *align_columns(rows),
+        *table,
+        *hidden_in_words(summary),
     ])  # fmt: skip
+
+
+def hidden_in_words(summary: dict[str, Any]) -> list[str]:
+    """Per joint of smoothed samples one line: which vibration would not show; of many motions that which adds most."""
+    from jounce.engine.hidden_vibrations import describe_hidden_vibration
+
+    worst: dict[str, dict[str, Any]] = {}
+    for found in summary["hidden_vibrations"]:
+        worst[found["joint"]] = max(found, worst.get(found["joint"], found), key=lambda x: x["adds"])
+    return ["", *map(describe_hidden_vibration, worst.values())] if worst else []
 
 
 def format_with_deviation(value: float, deviation: float) -> str:

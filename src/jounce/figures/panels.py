@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.motion.reliability import BAND_DEVIATIONS, find_surest_peaks
+from jounce.motion.reliability import BAND_DEVIATIONS, find_surest_rows
 
 MAX_POINTS_DRAWN = 2000  # of a curve, about: a page has no more pixels across
 MIN_VISIBLE_SHARE = 0.1  # of the largest value: a smaller curve looks flat in the same axes
@@ -38,7 +38,7 @@ class CurvePanel:
 
     def peak(self, name: str) -> float:
         """The largest absolute value of a curve, that of its wild ends left out."""
-        return float(find_surest_peaks(self.curves[name], self._deviations(name))[0])
+        return float(np.abs(self.curves[name][find_surest_rows(self.curves[name], self._deviations(name))]))
 
     def _deviations(self, name: str) -> np.ndarray:
         return self.deviations.get(name, np.zeros(len(self.curves[name])))

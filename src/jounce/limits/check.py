@@ -20,6 +20,7 @@ from jounce.limits.verdicts import Verdict, combine_verdicts, decide_verdict, de
 from jounce.limits.worst_values import Spans, Worst
 from jounce.model.coordinates import following_efforts
 from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, describe_kind
+from jounce.motion.reliability import MAX_CERTAIN_SHARE
 from jounce.spatial.series import rate_name
 
 
@@ -47,6 +48,9 @@ class CheckedLimit:
         Standard deviation of the ratio, for measured motions.
     violations : tuple of (start, stop)
         When the limit is broken, s.
+    certain : (float, float) or None
+        Where `value` lies in an uncertain end of measured samples, the worst value outside of these and its time, s;
+        else None. There deviations are more than ten times their median, and that of the value more than 5 % of it.
     undecided : tuple of (start, stop)
         When measured samples do not decide, s: towards their ends, where rates are uncertain, the value lies less than
         two standard deviations from the limit, or its deviation is not known. Also where a value changes too fast
@@ -72,6 +76,7 @@ class CheckedLimit:
     deviation: float | None
     violations: tuple[Span, ...]
     undecided: tuple[Span, ...] = ()
+    certain: tuple[float, float] | None = None
 
     @property
     def verdict(self) -> Verdict:
@@ -158,13 +163,14 @@ def check(robot: Engine, motion: object) -> Check:
     worst = Worst(b)
     for pieces in split_motion(b):
         worst.take(pieces)
+    certain = {side: (value.copy(), worst.t[side].copy()) for side, value in worst.value.items()}
     undecided = count_uncertain(b, worst)
     for of, spans in worst.unresolved.items():
         undecided[of] = undecided.get(of, []) + spans
     breaks = find_limited_breaks(b)
     worst.take_jumps(breaks)
     notes = (*describe_omissions(b, breaks), *describe_unresolved(worst))
-    return Check(_build_table(b, worst, undecided), breaks, notes, _judged_shares(b, undecided))
+    return Check(_build_table(b, worst, undecided, certain), breaks, notes, _judged_shares(b, undecided))
 
 
 def find_limited_breaks(b: LimitedMotion) -> tuple[ForceBreak, ...]:
@@ -181,7 +187,10 @@ def describe_unresolved(worst: Worst) -> tuple[str, ...]:
     )
 
 
-def _build_table(b: LimitedMotion, worst: Worst, undecided: Spans) -> tuple[CheckedLimit, ...]:
+def _build_table(
+    b: LimitedMotion, worst: Worst, undecided: Spans, known: Mapping[tuple[str, int], tuple[np.ndarray, np.ndarray]]
+) -> tuple[CheckedLimit, ...]:
+    """The rows of the table, with the worst values and times that are `known` within windows, by kind and sign."""
     ratios, units = worst.ratios, joint_units(b.robot.mechanism)
     limited = [
         (kind, max(SIGNS, key=lambda sign: ratios[kind, sign][j]), j)
@@ -194,6 +203,9 @@ def _build_table(b: LimitedMotion, worst: Worst, undecided: Spans) -> tuple[Chec
     for i, (kind, sign, j) in enumerate(limited):
         value, bound = (sign * float(x[j]) for x in (worst.value[kind, sign], b.scales[kind].bound(sign)))
         spread, reach = float(off[kind][i, j]) if kind in off else np.nan, float(abs(b.scales[kind].reach(sign)[j]))
+        t, (start, stop) = float(worst.t[kind, sign][j]), b.window(kind)
+        near = max(SIGNS, key=lambda s: b.scales[kind].ratio(s * known[kind, s][0], s)[j])
+        certain = near * float(known[kind, near][0][j]), float(known[kind, near][1][j])
         rows.append(CheckedLimit(
             joint=b.name(kind, j),
             limit=kind,
@@ -203,10 +215,11 @@ def _build_table(b: LimitedMotion, worst: Worst, undecided: Spans) -> tuple[Chec
             bound=bound,
             ratio=float(ratios[kind, sign][j]),
             margin=sign * (bound - value),
-            t=float(worst.t[kind, sign][j]),
+            t=t,
             deviation=None if np.isnan(spread) or not reach else spread / reach,
             violations=join_spans(worst.spans[kind, 1][j] + worst.spans[kind, -1][j]),
             undecided=join_spans(undecided.get((kind, j), [])),
+            certain=None if start <= t <= stop or spread <= MAX_CERTAIN_SHARE * abs(value) else certain,
         ))  # fmt: skip
     return tuple(rows)
 

@@ -8,9 +8,7 @@ from jounce.limits.joints import drop_base, scatter_columns
 from jounce.limits.limited_motion import LimitedMotion, Span, motion_order, required_quantities
 from jounce.model.limit_kinds import LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS
 from jounce.model.positions import multiscrew_joints as joints_of_several
-
-_MAX_DEVIATION_OVER_MEDIAN = 10.0  # within a window: towards the ends of a fit deviations rise by powers of ten
-_MAX_MEDIAN_TIMES = 2000  # of a motion, for the median of deviations, which change slowly
+from jounce.motion.reliability import MAX_WINDOW_TIMES, find_window
 
 Deviations = dict[str, np.ndarray]  # by kind, (N, joints); NaN where they are not known
 
@@ -82,12 +80,6 @@ def _sample_deviations(
 def find_windows(b: LimitedMotion) -> dict[str, Span]:
     """The times between which each kind is known well, of the kinds that are not known well along the whole motion."""
     times = b.motion.times
-    t = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), _MAX_MEDIAN_TIMES)).astype(int))]
-    found = {}
-    for kind, deviations in compute_deviations(b, t).items():
-        off = deviations[:, ~np.isnan(deviations).any(axis=0)]
-        well = np.flatnonzero((off <= _MAX_DEVIATION_OVER_MEDIAN * np.median(off, axis=0)).all(axis=1))
-        ends = (well[0], well[-1]) if well.size else (0, 0)
-        if ends != (0, len(t) - 1):
-            found[kind] = (float(t[ends[0]]), float(t[ends[1]]))
-    return found
+    t = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), MAX_WINDOW_TIMES)).astype(int))]
+    found = {kind: find_window(t, off) for kind, off in compute_deviations(b, t).items()}
+    return {kind: span for kind, span in found.items() if span != (t[0], t[-1])}

@@ -54,6 +54,8 @@ class Fit:
         those that repeat older positions.
     vibrations : tuple of Vibration
         What stands out of the noise.
+    hidden : (n,)
+        The largest amplitudes of lasting vibrations above the bandwidth that would not show, rad or m.
     """
 
     spline: "BSpline"
@@ -69,6 +71,7 @@ class Fit:
     _spread: SplineCovariances | None
     _moving: np.ndarray
     vibrations: tuple[Vibration, ...] = ()
+    hidden: np.ndarray | None = None
 
     def deviations(self, t: object, order: int = 4) -> tuple[np.ndarray, ...]:
         """Standard deviations of q, qd, ... at times t: order + 1 arrays (..., n).
@@ -180,13 +183,16 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
         notes.append(f"at rest but for noise, hence constant: {still}")
     followed = np.flatnonzero(~wild)[~holds.held]
     found = _assemble_fit(times, samples, moving, smoothed, joints, tuple(noise), tuple(notes), rows[followed])
+    hidden = np.sqrt(2) * np.array([column.std() for column in samples.T])  # of joints at rest
     if not smoothed:
-        return found
+        return replace(found, hidden=hidden)
+    hidden[movers] = smoothed.hidden_amplitudes()
     vibrations = []
     for line in smoothed.lines:
         number, is_followed = int(movers[line.joint]), line not in smoothed.spread.left_out
         vibrations.append(Vibration(line, joints[number], number, float(found.peaks[4, number]), is_followed))
-    return replace(found, vibrations=tuple(vibrations), notes=(*found.notes, *describe_vibrations(vibrations)))
+    notes = [*found.notes, *describe_vibrations(vibrations)]
+    return replace(found, vibrations=tuple(vibrations), notes=tuple(notes), hidden=hidden)
 
 
 def _smooth_samples(

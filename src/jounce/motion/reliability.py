@@ -27,6 +27,9 @@ MAX_KNOWN_DEVIATION = 0.1  # of the peak of a derivative: noise alone is a third
 MAX_COMPARED_TIMES = 4000  # at which peaks and deviations are compared
 INTERVALS_AROUND_HOLE = 3  # on either side, which determine how fast the motion is
 MAX_HOLE_TO_INTERVAL = 1.0  # times the usual interval: a longer hole cannot be bridged
+MAX_DEVIATION_TO_MEDIAN = 10.0  # in a window: towards the ends of a fit deviations rise by powers of ten
+MAX_CERTAIN_SHARE = 0.05  # of a value, that its deviation is: its band of 95 % is a tenth of it
+MAX_WINDOW_TIMES = 2000  # of a motion, for the median of deviations, which change slowly
 
 
 def refuse_holes(t: np.ndarray, breaks: np.ndarray) -> None:
@@ -96,8 +99,23 @@ def peaks_and_shares(
     return size.max(axis=1), usual / largest
 
 
-def find_surest_peaks(values: np.ndarray, deviations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The absolute values along the first axis that are largest less their bands, and their deviations; no NaN."""
+def find_surest_rows(values: np.ndarray, deviations: np.ndarray) -> np.ndarray:
+    """Where along the first axis absolute values are largest less their bands; NaN are not, unless all are."""
     sure = np.abs(values) - BAND_DEVIATIONS * deviations
-    at = np.argmax(np.where(np.isnan(sure), -np.inf, sure), axis=0)[None]
-    return np.abs(np.take_along_axis(values, at, 0)[0]), np.take_along_axis(deviations, at, 0)[0]
+    return np.asarray(np.argmax(np.where(np.isnan(sure), -np.inf, sure), axis=0))
+
+
+def find_window(t: np.ndarray, deviations: np.ndarray, values: np.ndarray | None = None) -> tuple[float, float]:
+    """The first and the last of times (T,) at which all deviations (T, n) are at most ten times their medians.
+
+    Values (T, n) whose band of 95 % is a tenth of them are known as well: a fast start is no uncertain end. Outside are
+    the uncertain ends of a fit. Deviations that are not known, NaN, do not count.
+    """
+    known = ~np.isnan(deviations).any(axis=0)
+    off = deviations[:, known]
+    well = off <= MAX_DEVIATION_TO_MEDIAN * np.median(off, axis=0)
+    if values is not None:
+        well |= off <= MAX_CERTAIN_SHARE * np.abs(values[:, known])
+    at = np.flatnonzero(well.all(axis=1))
+    first, last = (at[0], at[-1]) if at.size else (0, 0)
+    return float(t[first]), float(t[last])

@@ -34,13 +34,13 @@ from jounce.motion.knot_selection import (
     select_by_bic,
     select_knots,
 )
-from jounce.motion.knots import fit_breaks, max_intervals
-from jounce.motion.least_squares import MIN_CELLS, SplineSolution, make_rows, solve
+from jounce.motion.knots import fit_breaks, max_intervals, median_length
+from jounce.motion.least_squares import FIT_DEGREE, MIN_CELLS, SplineSolution, make_rows, solve
 from jounce.motion.noise import Beats, estimate_local_noise, find_beats, rest_weights, varies_slowly
 from jounce.motion.reliability import notes_of_residual, residual_excess
 from jounce.motion.samples import Samples, are_wild_rows
-from jounce.motion.timestamps import correct_timestamps, correlation_factor
-from jounce.motion.vibrations import BAND_TO_LINE, Line, find_lines
+from jounce.motion.timestamps import TimestampScatter, correct_timestamps, correlation_factor, remaining_share
+from jounce.motion.vibrations import BAND_TO_LINE, Line, find_hidden_amplitudes, find_lines
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -67,6 +67,16 @@ class SmoothedSamples:
     notes: tuple[str, ...]
     lines: tuple[Line, ...] = ()  # followed, or left out as the spread says
     errors_of_encoders: tuple[tuple[int, int], ...] = ()  # joints, and counts per turn
+    scatter: TimestampScatter | None = None  # of time stamps that are corrected
+
+    def hidden_amplitudes(self) -> np.ndarray:
+        """The largest amplitudes (n,) of vibrations above the band that would not show."""
+        samples, kept = self.samples, np.ones(self.samples.q.shape[1])
+        velocity = self.spline(samples.t, nu=1)
+        if self.scatter:
+            kept = remaining_share(velocity, self.scatter)
+        band = 0.5 / median_length(self.spread.solution.breaks)
+        return find_hidden_amplitudes(samples, samples.q - self.spline(samples.t), velocity, band, kept)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +182,8 @@ def _smooth_once(
     lines = find_lines(samples, residual, solution.spline)
     if not found:  # corrected stamps leave errors that come and go with the velocity
         lines += find_bursts(samples, solution.breaks, cells)
-    return SmoothedSamples(samples, solution.spline, replace(spread, left_out=tuple(lines)), sigma, notes)
+    left_out = replace(spread, left_out=tuple(lines))
+    return SmoothedSamples(samples, solution.spline, left_out, sigma, notes, scatter=times if found else None)
 
 
 def interpolate(samples: Samples) -> SmoothedSamples:

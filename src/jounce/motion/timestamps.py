@@ -103,6 +103,12 @@ def estimate_scatter(r: np.ndarray, v: np.ndarray) -> TimestampScatter | None:
     )
 
 
+def remaining_share(v: np.ndarray, found: TimestampScatter) -> np.ndarray:
+    """The mean share (n,) of a wave of one joint alone that shifts of rows, at velocities v (N, n), do not take."""
+    weights = v**2 / found.own
+    return np.asarray(1 - (weights / (1 / found.sigma**2 + weights.sum(axis=1, keepdims=True))).mean(axis=0))
+
+
 def _has_few_large_shifts(d: np.ndarray) -> bool:
     """Whether few of the shifts (N,) are most of their squares: a motion that a fit does not follow, and no clock."""
     squares = np.sort(d**2)

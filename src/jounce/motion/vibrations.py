@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 
 MIN_LINE_POWER = 250.0  # times the median of the spectrum: 24 dB. A measured log of a Franka arm has up to 21 dB
 BAND_TO_LINE = 1.3  # times a line's frequency, up to which a fit follows it
+LINE_LOSS = (
+    1.3  # of amplitude, that hides a line: 1.18 between two bins of Hann's window, 1.1 by two deviations of noise
+)
+MAX_MEDIAN_BINS = 4096  # of a spectrum, that determine a median
 MIN_SPECTRUM_ROWS = 256  # that distinguish a line from noise
 LINE_BINS = 2  # of the spectrum, on either side of a line, that belong to it
 MIN_ROUNDING_BINS = 100  # of the spectrum, over which a joint that is not steady spreads its rounding
@@ -49,8 +53,7 @@ def find_lines(samples: Samples, residual: np.ndarray, spline: "BSpline") -> lis
     row, window = t[1] - t[0], np.hanning(count)
     found = []
     for joint, column in enumerate(residual.T):
-        power = np.abs(np.fft.rfft(np.interp(t, samples.t, column) * window)) ** 2
-        power[: LINE_BINS + 1] = 0  # of a constant
+        power = compute_spectrum(samples.t, column, t)
         at = int(np.argmax(power))
         near = power[at // 2 : 2 * at + 2]
         if power[at] <= MIN_LINE_POWER * max(np.median(power), np.median(near)):
@@ -61,6 +64,41 @@ def find_lines(samples: Samples, residual: np.ndarray, spline: "BSpline") -> lis
         if not is_steady_motion(spline(samples.t, nu=1)[:, joint], step, count * row):
             found.append(Line(joint, at / (count * row), amplitude, (float(t[0]), float(t[-1])), True))
     return found
+
+
+def compute_spectrum(at: np.ndarray, column: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """The power of residuals (N,) at even times t under Hann's window, without that of a constant."""
+    power = np.abs(np.fft.rfft(np.interp(t, at, column) * np.hanning(len(t)))) ** 2
+    power[: LINE_BINS + 1] = 0
+    return np.asarray(power)
+
+
+def find_hidden_amplitudes(
+    samples: Samples, residual: np.ndarray, velocity: np.ndarray, band: float, kept: np.ndarray
+) -> np.ndarray:
+    """The largest amplitudes A (n,), rad or m, of lasting vibrations above a band in Hz that `find_lines` leaves out.
+
+    Under a window w a wave has a line of (A sum(w) / 2)^2, and one of `MIN_LINE_POWER` times the median P of the
+    spectrum, or of an octave on either side where that is more, is found:
+
+        A = LINE_LOSS 2 sqrt(MIN_LINE_POWER P) / sum(w) / kept,
+
+    about 42 sigma / sqrt(N) of N samples with white noise. `kept` (n,) is the share of a wave that corrected time
+    stamps do not take. No wave is larger than all residuals, A = sqrt(2) sigma / kept; so it is of few samples and of
+    joints at steady speed, in which no lines are looked for.
+    """
+    count, duration = len(samples.t), float(np.ptp(samples.t))
+    t = np.linspace(samples.t[0], samples.t[-1], count)
+    largest = np.sqrt(2 * (residual**2).mean(axis=0))
+    for joint, column in enumerate(residual.T if count >= MIN_SPECTRUM_ROWS else ()):
+        if is_steady_motion(velocity[:, joint], samples.steps[joint] or np.sqrt(12) * column.std(), duration):
+            continue
+        power = compute_spectrum(samples.t, column, t)
+        starts = np.geomspace(band * duration, len(power) - 1, 2 + int(2 * np.log2(len(power)))).astype(int)
+        parts = [power, *(power[at // 2 : 2 * at + 2] for at in starts if at > LINE_BINS)]
+        usual = max(np.median(part[:: len(part) // MAX_MEDIAN_BINS + 1]) for part in parts)
+        largest[joint] = min(largest[joint], LINE_LOSS * 4 * np.sqrt(MIN_LINE_POWER * usual) / count)
+    return np.asarray(largest / kept)
 
 
 def is_steady_motion(velocity: np.ndarray, step: float, duration: float) -> bool:

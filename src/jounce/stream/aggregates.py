@@ -4,6 +4,7 @@ Sums are added in the order of the input whatever computes the parts, so that th
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import chain
 from math import inf, isnan
 from typing import Any
 
@@ -15,27 +16,36 @@ from jounce.io.tables import describe_place
 from jounce.limits.samples import find_worst_broken
 from jounce.model.coordinates import coordinate_limits
 from jounce.model.limits import Limits
-from jounce.motion.reliability import BAND_DEVIATIONS, find_surest_peaks
+from jounce.motion.motion import Motion
+from jounce.motion.reliability import BAND_DEVIATIONS, MAX_CERTAIN_SHARE, find_surest_rows
 from jounce.spatial.series import rate_name
 from jounce.stream.job import MOTION_COLUMN, InputPart, Job
-from jounce.stream.outputs import OutputBlock
+from jounce.stream.outputs import Output, OutputBlock, find_windows
 
+LARGEST, CERTAIN = slice(0, 3), slice(3, 6)  # of the numbers of a quantity: peak, deviation and time
+MAX_TALLIED_ROWS = 10_000  # of a motion at a time: a few MB
 Aggregate = dict[str, Any]  # plain data of a motion: rows, t, and values by joint and quantity
 Add = Callable[[dict[str, Aggregate], str, Aggregate], None]  # joins that of further rows to that of a motion
 
 
 def tally(block: OutputBlock, rows: slice, limits: Limits | None) -> Aggregate:
-    """The aggregate of rows of one motion; of q and its rates none is wanted.
+    """The aggregate of rows of one motion; of q and its rates none is wanted next to other quantities.
 
-    Of each quantity of a joint or motor there are the largest absolute value, its deviation, and the sum of squares.
+    Of each quantity of a joint or motor there are the largest absolute value, its deviation and time, the same of the
+    largest one in its window, and the sum of squares.
     `broken` is the limit that is broken most at the rows, if one is and there are `limits`.
     """
     t, values = block.t[rows], dict[str, dict[str, list[float]]]()
-    outputs = [output for output in block.outputs if output.symbol != "q"]
+    outputs = [output for output in block.outputs if output.symbol != "q"] or block.outputs
     for output in outputs:
         for k, rate in enumerate(output.rates):
             x, off = np.asfortranarray(rate[rows]), None if output.deviations is None else output.deviations[k][rows]
-            found = np.array([*_peaks(x, off), np.einsum("ij,ij->j", x, x)]).T.tolist()
+            largest = certain = _find_largest(t, x, off)
+            if output.windows and off is not None:
+                start, stop = output.windows[k]
+                known = ((start <= t) & (t <= stop))[:, None] | (off <= MAX_CERTAIN_SHARE * np.abs(x))
+                certain = _find_largest(t, np.where(known, x, np.nan), off)
+            found = np.array([*largest, *certain, np.einsum("ij,ij->j", x, x)]).T.tolist()
             for name, of in zip(output.names, found, strict=True):
                 values.setdefault(name, {})[rate_name(output.symbol, k)] = of
     forces = tuple(rate[rows] for rate in outputs[0].rates)
@@ -44,17 +54,28 @@ def tally(block: OutputBlock, rows: slice, limits: Limits | None) -> Aggregate:
     return {**block.about, **known}
 
 
+def tally_motion(motion: Motion, joints: Sequence[str], order: int) -> dict[str, dict[str, list[float]]]:
+    """The same numbers of q and its rates along a motion, by joint and rate; none of joints of several numbers."""
+    found, windows = dict[str, Aggregate](), find_windows(motion, order)
+    for start in range(0, 0 if motion.several else len(motion.times), MAX_TALLIED_ROWS):
+        t = motion.times[start : start + MAX_TALLIED_ROWS]
+        q = Output("q", joints, motion(t, order), motion.deviations(t, order), windows)
+        add(found, "", tally(OutputBlock(t, [q], {}, {}, (), {}), slice(None), None))
+    return found[""]["values"] if found else {}
+
+
 def reported_limits(job: Job) -> Limits | None:
     """The limits that a run reports if they are broken: those of coordinates, of runs that compute forces."""
     return coordinate_limits(job.robot.mechanism) if job.subject == "forces" else None
 
 
-def _peaks(x: np.ndarray, deviations: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """The absolute values (N, n) that are largest less their bands, and their deviations; no NaN."""
-    largest = np.maximum(x.max(axis=0), -x.min(axis=0))
-    if deviations is None and not np.isnan(largest).any():
-        return largest, np.zeros_like(largest)
-    return find_surest_peaks(x, np.zeros_like(x) if deviations is None else deviations)
+def _find_largest(t: np.ndarray, x: np.ndarray, deviations: np.ndarray | None) -> tuple[np.ndarray, ...]:
+    """The absolute values (N, n) that are largest less their bands, their deviations and times; no NaN."""
+    columns, high, low = np.arange(x.shape[1]), x.argmax(axis=0), x.argmin(axis=0)
+    at = np.where(x[high, columns] >= -x[low, columns], high, low)
+    if deviations is not None or np.isnan(x[at, columns]).any():
+        at = find_surest_rows(x, np.zeros_like(x) if deviations is None else deviations)
+    return np.abs(x[at, columns]), np.zeros(len(at)) if deviations is None else deviations[at, columns], t[at]
 
 
 def add(tallies: dict[str, Aggregate], motion: str, more: Aggregate) -> None:
@@ -69,13 +90,14 @@ def add(tallies: dict[str, Aggregate], motion: str, more: Aggregate) -> None:
     known["t"] = [known["t"][0], more["t"][1]]
     known["broken"] = max(known["broken"], more["broken"])
     for joint, values in more["values"].items():
-        for name, (peak, off, squares) in values.items():
-            of = known["values"][joint][name]
-            known["values"][joint][name] = [*surest_peak([of[:2], [peak, off]]), of[2] + squares]
+        for name, new in values.items():
+            old = known["values"][joint][name]
+            both = (surest_peak([old[part], new[part]]) for part in (LARGEST, CERTAIN))
+            known["values"][joint][name] = [*chain(*both), old[-1] + new[-1]]
 
 
 def surest_peak(peaks: Iterable[Sequence[float]]) -> Sequence[float]:
-    """The first of the peaks with their deviations that are largest less their bands; NaN if all are."""
+    """The first of the peaks, with their deviations, that are largest less their bands; NaN if all are."""
     return max(peaks, key=lambda peak: -inf if isnan(peak[0]) else peak[0] - BAND_DEVIATIONS * peak[1])
 
 
@@ -114,8 +136,8 @@ def reduce_aggregates(tallies: Mapping[str, Aggregate], kinds: Sequence[str]) ->
     return columns
 
 
-NO_PEAK = (np.nan, 0.0, np.nan)
+NO_PEAK = (np.nan,)
 AGGREGATES: Mapping[str, Callable[[Sequence[float], int], float]] = {
     "peak": lambda found, rows: found[0],
-    "rms": lambda found, rows: float(np.sqrt(found[2] / rows)),
+    "rms": lambda found, rows: float(np.sqrt(found[-1] / rows)),
 }

@@ -20,7 +20,7 @@ from jounce.motion.time_origin import TimeOrigin
 
 Subject = Literal["forces", "motors", "limits"]
 MOTION_COLUMN = "motion"  # the column that names the motion of each row
-RECORD_VERSION = 3  # of the data in records of parts; with another one, parts are computed again
+RECORD_VERSION = 4  # of the data in records of parts; with another one, parts are computed again
 
 
 @dataclass(frozen=True)

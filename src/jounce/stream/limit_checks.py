@@ -8,9 +8,11 @@ import numpy as np
 
 from jounce.core.errors import JounceError
 from jounce.engine.engine import Engine
+from jounce.engine.hidden_vibrations import find_hidden_vibrations
 from jounce.io.columns import Columns
 from jounce.io.tables import select_format
 from jounce.limits.check import check
+from jounce.limits.limited_motion import required_order
 from jounce.limits.verdicts import combine_verdicts, join_spans
 from jounce.motion.motion import Motion
 from jounce.motion.spline import Smoothing
@@ -86,6 +88,7 @@ def check_motion_limits(robot: Engine, motion: Motion, rows: int) -> Aggregate:
         for row in found.table
     ]
     about = {"rows": rows, "t": [motion.start, motion.stop], "notes": [*motion.notes, *found.notes]}
+    about["hidden"] = find_hidden_vibrations(robot, motion, required_order(robot))
     return about | {"limits": limits, "judged": dict(found.judged)}
 
 

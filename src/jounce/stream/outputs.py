@@ -11,11 +11,12 @@ from jounce.dynamics import electrical
 from jounce.dynamics.joint_springs import elasticity_of
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, Quantity, find_row
 from jounce.engine import certain_digits
-from jounce.engine.along import ForceBreak, Progress, compute_pieces, find_force_breaks
+from jounce.engine.along import Q_RATE_ORDER, ForceBreak, Progress, compute_pieces, find_force_breaks
 from jounce.engine.closed_path import with_tree_positions
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import as_tuple
+from jounce.engine.hidden_vibrations import find_hidden_vibrations
 from jounce.io.columns import Columns
 from jounce.io.motions.writing import (
     BREAK_COLUMN,
@@ -31,20 +32,26 @@ from jounce.model.elasticity import motor_names
 from jounce.model.positions import position_extents
 from jounce.motion import Motion
 from jounce.motion.motion import Break
+from jounce.motion.reliability import MAX_WINDOW_TIMES, find_window
 from jounce.spatial.series import rate_name
 from jounce.stream.job import Job
 
 Rates = tuple[np.ndarray, ...]
 Wrenches = tuple[Mapping[str, np.ndarray], ...] | None
+Span = tuple[float, float]
 
 
 class Output(NamedTuple):
-    """A quantity with its rates (N, m) of joints or motors: the columns ``NAME.Q, NAME.Qd, ...``."""
+    """A quantity with its rates (N, m) of joints or motors: the columns ``NAME.Q, NAME.Qd, ...``.
+
+    `windows` are the times between which each rate is known well; none where all of them are along the whole motion.
+    """
 
     symbol: str
     names: Sequence[str]
     rates: Rates
     deviations: Rates | None = None
+    windows: Sequence[Span] = ()
 
 
 class OutputBlock(NamedTuple):
@@ -102,8 +109,11 @@ def compute_motion(job: Job, motion: Motion, show: Progress | None = None) -> It
         return
     forces, breaks = force_names(robot.mechanism), find_force_breaks(robot, motion, motion.times, order, job.method)
     about = _describe_motion(motion, breaks, forces, DEFAULT_QUANTITY.names(order))
+    about["hidden"] = find_hidden_vibrations(robot, motion, order)
+    windows = find_windows(motion, order + Q_RATE_ORDER)
     for piece in compute_pieces(robot, motion, motion.times, order, job.method, show):
-        outputs, base = [Output(DEFAULT_QUANTITY.symbol, forces, piece.forces, piece.deviations)], Columns()
+        Q = Output(DEFAULT_QUANTITY.symbol, forces, piece.forces, piece.deviations, windows[Q_RATE_ORDER:])
+        outputs, base = [Q], Columns()
         if job.with_rates:
             highest = len(piece.rates) - 1
             if motion.several:
@@ -113,6 +123,24 @@ def compute_motion(job: Job, motion: Motion, show: Progress | None = None) -> It
             base |= base_columns(motion, piece.t, highest)
         states = position_extents(robot.mechanism, piece.rates[0]), *piece.rates[1:]
         yield OutputBlock(piece.t, outputs, base, _further_columns(robot, motion, breaks, piece.t), states, about)
+
+
+def find_windows(motion: Motion, order: int) -> list[Span]:
+    """By rate of q up to an order, the times between which it is known well, and what loads and the base add to Q.
+
+    Q and its rates are known as well as the highest rates that they take, whose deviations are most of theirs.
+    """
+    times = motion.times
+    t = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), MAX_WINDOW_TIMES)).astype(int))]
+    curves = [(motion.curve, 0), *((load, Q_RATE_ORDER) for load in motion.loads.values())]
+    curves += [(motion.base_curve, 0)] if motion.base_curve else []
+    spans = [[(motion.start, motion.stop)] for _ in range(order + 1)]
+    for curve, first in curves:
+        off = curve.deviations(t, order - first) if order >= first else None
+        rates = curve.rates(t, order - first) if off else ()
+        for of, x, deviations in zip(spans[first:], rates, off or (), strict=False):
+            of.append(find_window(t, deviations, x))
+    return [(max(start for start, _ in of), min(stop for _, stop in of)) for of in spans]
 
 
 def add_common_columns(
@@ -169,6 +197,7 @@ def _describe_motion(
         "residual": None if motion.residual is None else float(motion.residual.max()),
         "notes": list(motion.notes),
         "breaks": [_break_data(found, rows, names) for found in breaks],
+        "hidden": [],
     }
 
 

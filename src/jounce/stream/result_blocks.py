@@ -29,7 +29,7 @@ from jounce.stream.row_reader import GoodRows, MotionRun, read_rows
 
 MAX_UNIT_CHECK_ROWS = 4096  # of a table, from its start: enough to recognise degrees and milliseconds
 # What is known of motions whose rows state all rates:
-STATED: Mapping[str, Any] = {"source": ALL_RATES_SOURCE, "residual": None, "notes": [], "breaks": []}
+STATED: Mapping[str, Any] = {"source": ALL_RATES_SOURCE, "residual": None, "notes": [], "breaks": [], "hidden": []}
 
 
 def compute_blocks(

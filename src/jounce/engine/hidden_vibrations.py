@@ -1,0 +1,60 @@
+"""What vibrations that samples would not show would add to forces: their band, amplitude, and the partials of Q."""
+
+from typing import Any
+
+import numpy as np
+
+from jounce.engine.dispatch import compute
+from jounce.engine.engine import Engine
+from jounce.model.coordinates import coordinate_units
+from jounce.model.limit_kinds import derivative_unit
+from jounce.model.positions import multiscrew_joints
+from jounce.motion.motion import Motion
+from jounce.motion.sample_curves import SmoothedCurve
+from jounce.spatial.series import rate_name
+
+MAX_PARTIAL_TIMES = 50  # of a motion, at which partials are taken
+
+
+def find_hidden_vibrations(robot: Engine, motion: Motion, order: int, symbol: str = "Q") -> list[dict[str, Any]]:
+    """By joint j of smoothed samples, how much a vibration that would not show adds to the k-th rate of Q, or of q.
+
+    A wave of the amplitude A of `Fit.hidden` at the end of the band f adds to Q_i^(k), to the first order in A, at most
+
+        max over t of sum_l abs(dQ_i^(k) / dq_j^(l)) A (2 pi f)^l,  l = 0 ... k + 2,
+
+    and to q_j^(k) A (2 pi f)^k; at twice the frequency at most 2^(k + 2) and 2^k times that. Of robots with loops or a
+    base that floats it is that of q, k two higher. Empty where a motion is exact, or joints have several numbers.
+    """
+    curve, m = motion.curve, robot.mechanism
+    if not isinstance(curve, SmoothedCurve) or curve.fit.hidden is None or multiscrew_joints(m):
+        return []
+    w, units = 2 * np.pi * curve.fit.bandwidth, coordinate_units(m)
+    if symbol == "Q" and (m.floats or m.loops):
+        order, symbol = order + 2, "q"
+    highest = order + 2 if symbol == "Q" else order
+    waves = curve.fit.hidden * w ** np.arange(highest + 1)[:, None]  # (l, j)
+    added = np.diag(waves[order])
+    if symbol == "Q":
+        rates = curve.rates(np.linspace(*curve.fit.ends, MAX_PARTIAL_TIMES), highest)
+        P = compute(robot, "inverse_dynamics_partials", rates, method="recursion")
+        partials = np.asarray(P[-1] if order else P)
+        added = np.einsum("tlij,lj->tij", np.abs(partials), waves).max(axis=0)
+    found = []
+    for j, (joint, amplitude) in enumerate(zip(curve.fit.joints, curve.fit.hidden.tolist(), strict=True)):
+        i = int(added[:, j].argmax())
+        found.append({
+            "joint": joint, "bandwidth": curve.fit.bandwidth, "amplitude": amplitude, "unit": units[j],
+            "adds": float(added[i, j]), "to": rate_name(symbol, order), "of": curve.fit.joints[i],
+            "added_unit": derivative_unit(symbol, order, units[i]), "per_octave": 2**highest,
+        })  # fmt: skip
+    return found
+
+
+def describe_hidden_vibration(found: dict[str, Any]) -> str:
+    """One line of a joint."""
+    return (
+        f"{found['joint']} holds up to {found['bandwidth']:.3g} Hz; a vibration above that of up to"
+        f" {found['amplitude']:.2g} {found['unit']} would not show and would add up to {found['adds']:.2g}"
+        f" {found['added_unit']} to {found['to']} of {found['of']}, {found['per_octave']} times at twice the frequency"
+    )
