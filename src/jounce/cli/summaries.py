@@ -56,7 +56,7 @@ class StreamRequest:
         from jounce.stream.job import Reading
 
         asked = dict(motion.options)
-        way = select_smoothing(*(asked[name] for name in ("degree", "intervals", "bandwidth", "allow_noise")))
+        way = select_smoothing(*(asked[name] for name in ("degree", "intervals", "bandwidth", "allow_noise", "as_")))
         options = ColumnOptions(asked["time"], asked["columns"], asked["angles"], asked["time_unit"], asked["torques"])
         return Reading(options, way, motion.blend, motion.step, self.skip)
 

@@ -11,7 +11,7 @@ from jounce.arguments import names
 from jounce.arguments.rates import check_order
 from jounce.core.deprecated import deprecate_keywords
 from jounce.core.errors import JounceError, locate_errors, quote_value
-from jounce.core.typing import Angles, ArrayLike, Shaped, TimeUnit
+from jounce.core.typing import Angles, ArrayLike, RowKind, Shaped, TimeUnit
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.io import motions
@@ -41,6 +41,7 @@ def load_motion(
     angles: Angles | None = None,
     time_unit: TimeUnit | None = None,
     topic: str | None = None,
+    as_: RowKind | None = None,
 ) -> "Motion":
     """Load a motion of a robot as a function of time: from a file, by name, or from named columns.
 
@@ -78,6 +79,9 @@ def load_motion(
         The unit of times.
     topic : str, optional
         The topic of a ROS bag to read; by default its only one of type JointTrajectory or JointState.
+    as_ : {"samples", "commands"}, optional
+        What the rows are: samples of a motion, or commands of a controller, one per period, which are neither smoothed
+        nor interpolated: `Robot.check` takes their differences, as those of `Motion.sampled`.
 
     Returns
     -------
@@ -109,7 +113,7 @@ def load_motion(
     from jounce.motion.table_columns import ColumnOptions
 
     mechanism, highest = robot.mechanism, check_order(order) + 2
-    way = select_smoothing(degree, intervals, bandwidth, allow_noise)
+    way = select_smoothing(degree, intervals, bandwidth, allow_noise, as_)
     options = ColumnOptions(time, columns, angles, time_unit, torques)
     if topic is not None and not isinstance(topic, str):
         raise JounceError(f"topic is {quote_value(topic)}; expected a text")

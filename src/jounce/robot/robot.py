@@ -903,8 +903,8 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
 
         return forces_along(self, motion, t, order, method, progress)
 
-    def check(self, motion: "Motion") -> "Check":
-        """Check a motion against every limit of the robot, between samples too.
+    def check(self, motion: "Motion", rate: float | None = None, differences: int = 3) -> "Check":
+        """Check a motion against every limit of the robot, between samples too, or as commands of a controller.
 
         Between samples quintic polynomials through q, qd, ... and Q, Qd, Q2d find the peaks, which are then evaluated
         exactly. At a break of the motion both sides are checked; where a lower rate jumps, the value is infinite.
@@ -912,10 +912,17 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         Of measured motions, each kind of limit counts as it is where its standard deviation is at most ten times its
         median; elsewhere, which is towards the ends, where a value lies two deviations or more from its limit.
 
+        At a `rate` limits bound backward differences of the positions at k / rate, the first from rest: v_k = (q_k -
+        q_k-1) rate, a_k = (v_k - v_k-1) rate, ..., and (Q_k - Q_k-1) rate with the forces Q_k at q_k, v_k, a_k.
+
         Parameters
         ----------
         motion : Motion
-            As for `forces_along`; with wrenches, these act.
+            As for `forces_along`; with wrenches, these act. Tables read with `as_="commands"` have a rate of their own.
+        rate : float, optional
+            Rate of the controller that takes the motion, Hz: see `Motion.sampled`.
+        differences : int, optional
+            Order of the last difference that it takes: 1 to 4, 3 for jerk, as libfranka does.
 
         Returns
         -------
@@ -938,9 +945,10 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         >>> found.ok, found.worst.joint, found.worst.limit, round(found.worst.ratio, 4)
         (False, 'joint2', 'effort', 1.7567)
         """
-        from jounce.limits.check import check  # imported here to keep start-up fast
+        from jounce.engine.along import check_motion  # imported here to keep start-up fast
+        from jounce.limits.check import check
 
-        return check(self, motion)
+        return check(self, motion if rate is None else check_motion(self.mechanism, motion).sampled(rate, differences))
 
     def slowdown(self, motion: "Motion") -> "Slowdown":
         """The largest factor of speed at which a motion keeps every limit, and so does every slower one.
