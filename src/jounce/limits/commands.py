@@ -66,8 +66,8 @@ def take_differences(b: LimitedMotion, start: np.ndarray | None = None) -> Comma
         return None
     if m.floats or b.motion.base_curve or multiscrew_joints(m.tree):
         raise JounceError(
-            f"{m.name!r} moves its base or joints of several screws; commands at a controller's rate are judged for joints"
-            " of one screw on a fixed base: leave out --rate (rate=) and --as (as_=)"
+            f"{m.name!r} moves its base or joints of several screws; a controller's rate is for joints of one screw on"
+            " a fixed base: leave out --rate (rate=) and --as (as_=)"
         )
     period, order = 1 / commands.rate, commands.differences
     first = commands.q[:1] if start is None else start[None]

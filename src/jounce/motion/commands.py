@@ -2,7 +2,8 @@
 
 The curve is the cubic B-spline whose control points are the commands. Its jerk is constant within each period, and is
 the third difference of the commands; it passes them at a distance of q2d / (6 rate^2). Its velocity, acceleration and
-jerk stay within those of the differences, where a spline through the commands overshoots them.
+jerk stay within those of the differences, where a spline through the commands overshoots them. It is at rest from one
+period before the first command, and from one after the last, which are its ends.
 """
 
 from collections.abc import Sequence
@@ -41,14 +42,14 @@ class CommandCurve(SplineCurve):
 
 
 def build_commands(t: np.ndarray, q: np.ndarray, rate: float, differences: int = JERK_DIFFERENCE) -> CommandCurve:
-    """The curve of commands; across commands that are skipped it goes straight on."""
+    """The curve of commands; across commands that are skipped it goes straight on. It begins and ends at rest, a period off."""
     from scipy.interpolate import BSpline  # a second to import
 
     places = np.cumsum(np.append(0, np.maximum(np.rint(np.diff(t) * rate), 1)))
     count, period = int(places[-1]), (t[-1] - t[0]) / places[-1]
-    points = np.stack([np.interp(np.arange(-1, count + 2), places, column) for column in q.T], axis=1)
-    spline = BSpline(t[0] + period * np.arange(-3, count + 4), points, JERK_DIFFERENCE)
-    return CommandCurve(spline, float(t[0]), float(t[-1]), t, q, rate, differences)
+    points = np.stack([np.interp(np.arange(-2, count + 3), places, column) for column in q.T], axis=1)
+    spline = BSpline(t[0] + period * np.arange(-4, count + 5), points, JERK_DIFFERENCE)
+    return CommandCurve(spline, float(t[0] - period), float(t[-1] + period), t, q, rate, differences)
 
 
 def find_commands(curve: Curve) -> CommandCurve | None:

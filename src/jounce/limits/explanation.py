@@ -1,0 +1,263 @@
+"""Why a controller stops a motion: what its commands break, when, for which cause, and what cures it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce.core.display import HtmlDisplay
+from jounce.core.errors import JounceError, check_choice, join_names, quote_value
+from jounce.core.scalars import asarray
+from jounce.engine.along import check_motion
+from jounce.engine.engine import Engine
+from jounce.limits.check import check
+from jounce.limits.commands import DIFFERENCE_NAMES, CommandDifferences, take_differences
+from jounce.limits.joints import joint_units
+from jounce.limits.limited_motion import motion_order
+from jounce.limits.ratios import SIGNS
+from jounce.limits.retime import retime
+from jounce.limits.slowdown import slowdown
+from jounce.limits.validation import validate_limits
+from jounce.limits.worst_values import find_runs
+from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, describe_kind
+from jounce.motion.commands import LATE_PERIODS, find_commands
+from jounce.motion.curves import ROUNDING_OF_Q
+from jounce.motion.motion import Motion
+from jounce.motion.smoothness import rounding_error
+
+MAX_DRIFT = 1.5  # times what the derivative on either side of a moment makes of it: a larger change is a jump
+MAX_SKIP_MISMATCH = 0.2  # of a velocity that is the sum of those next to it, where a command is missing
+SPEED_MARGINS = (1.0, 0.99, 0.97, 0.9)  # differences lag behind what `slowdown` keeps exactly within its limits
+PLAN_CAUSES = ("jump", "torque rate", "too fast")  # those that another time law can cure
+
+
+@dataclass(frozen=True)
+class Controller:
+    """What is public of a controller: its rate, Hz, arms with a table of limits, source, and what nobody predicts."""
+
+    rate: float
+    differences: int
+    arms: tuple[str, ...]
+    source: str
+    unpredicted: tuple[str, ...]
+
+
+CONTROLLERS: Mapping[str, Controller] = {
+    "franka": Controller(
+        1000.0, 3, ("panda", "fr3"),
+        "libfranka, include/franka/rate_limiting.h, of 0.9.2 (2022-08-31) for Panda and of 0.18.0 (2025) for FR3",
+        (
+            "libfranka's low-pass filter (from 0.5.0 on) and rate limiter (on by default from 0.4.0 to 0.9.2)",
+            "packets that will be lost, contacts, and an FR3's lower velocity near the ends of its joints",
+            "limits of torque and torque rate are conditions for torque commands, and advice for positions",
+        ),
+    )
+}  # fmt: skip
+
+
+def select_controller(name: str, joint_names: Sequence[str]) -> tuple[Controller, str]:
+    """A controller by its name, and the arm, of those that it drives, whose limits are used: its name is in joints'."""
+    found = CONTROLLERS[check_choice("controller", name, CONTROLLERS)]
+    return found, next((arm for arm in found.arms if any(arm in joint for joint in joint_names)), found.arms[0])
+
+
+@dataclass(frozen=True)
+class Trip:
+    """A moment at which commands break limits: the first limit of which joint, from when to when, s, and the cause.
+
+    `cause` is "late command", "repeated command", "rounding", "start", "end", "torque step", "jump", "torque rate",
+    "too fast" or "position", and `words` say it; `ratio` is the worst one while it lasts, of any joint and limit.
+    """
+
+    joint: str
+    limit: str
+    t: float
+    stop: float
+    value: float
+    bound: float
+    unit: str
+    ratio: float
+    cause: str
+    words: str
+
+
+@dataclass(frozen=True)
+class Cure:
+    """Whether `slowdown` or `retime` makes the commands keep every limit, with factor and duration, or why not."""
+
+    method: str
+    works: bool
+    words: str
+
+
+@dataclass(frozen=True, repr=False)
+class Explanation(HtmlDisplay):
+    """Why a controller stops a motion. `Robot.explain` makes one.
+
+    Attributes
+    ----------
+    trips : tuple of Trip
+        The moments at which limits are broken, in the order of time; none if every limit is kept.
+    cures : tuple of Cure
+        What `slowdown` and `retime` do about it; none where the plan is not the cause.
+    notes, unpredicted : tuple of str
+        How the motion was judged, and what is not predicted.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> robot = jounce.load("planar2r").with_limits(jerk=100)
+    >>> motion = jounce.Motion.trapezoidal([[0, 0], [1, 1]], 1.0, 5.0)
+    >>> found = robot.explain(motion, rate=1000)
+    >>> found.trips[0].t, found.trips[0].cause
+    (0.001, 'jump')
+    """
+
+    trips: tuple[Trip, ...]
+    cures: tuple[Cure, ...]
+    notes: tuple[str, ...]
+    unpredicted: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        first = f"; first {self.trips[0].words}" if self.trips else ""
+        return f"<Explanation: limits are broken at {len(self.trips)} moments{first}>"
+
+
+def explain(
+    robot: Engine, motion: Motion, rate: float, differences: int, start: object, unpredicted: Sequence[str] = ()
+) -> Explanation:
+    """Why a controller with the limits of a robot stops a motion; it begins at rest at `start` (n,), or where it is."""
+    b = validate_limits(robot, check_motion(robot.mechanism, motion).sampled(rate, differences))
+    begin = None if start is None else np.asarray(asarray(start, "start"), dtype=float)
+    if begin is not None and (begin.shape != (robot.n,) or not np.isfinite(begin).all()):
+        expected = f"{robot.n} positions: {join_names(robot.joint_names)}"
+        raise JounceError(f"start is {quote_value(start)}; expected {expected}")
+    d = take_differences(b, begin)
+    assert d is not None  # b.motion consists of commands
+    broken = {(kind, sign): d.beyond(kind, sign) for kind in d.b.kinds for sign in SIGNS}
+    ever = np.any([of.any(axis=1) for of in broken.values()], axis=0)
+    close = np.convolve(ever, np.ones(differences + 1))[: len(ever)] > 0  # moments that are a few periods apart are one
+    spans, end = find_runs(close), len(d.commands.t)
+    if spans and spans[-1][0] < end - 2 * differences and spans[-1][1] >= end:  # the end has a cause of its own
+        first, last = spans.pop()
+        spans += [(first, end - 1), (end, last)]
+    trips = tuple(_describe_trip(d, broken, first, last) for first, last in spans)
+    cures: tuple[Cure, ...] = ()
+    others = [trip.cause for trip in trips if trip.cause not in PLAN_CAUSES]
+    if trips and not others:
+        cures = tuple(_try_cure(robot, motion, method, rate, differences) for method in ("slowdown", "retime"))
+    more = list(unpredicted)
+    if start is None:
+        more.append("whether the robot rests where the first command is: --start (start=) states its position")
+    if b.motion.torques is None:
+        more.append("torques of feedback: --torques (torques=) reads those that a table of commands states")
+    notes = [*b.motion.notes, *d.notes]
+    if others:
+        notes.append(f"neither slowdown nor retime cures: {join_names(dict.fromkeys(others))}")
+    return Explanation(trips, cures, tuple(notes), tuple(more))
+
+
+def _describe_trip(d: CommandDifferences, broken: Mapping[tuple[str, int], np.ndarray], first: int, last: int) -> Trip:
+    """What is broken from one command to another: the first limit, and the cause of the first one of the motion."""
+    found = []
+    for (kind, sign), of in broken.items():
+        scale = d.b.scales[kind]
+        for i, j in np.argwhere(of[first : last + 1]).tolist():
+            ratio = float(scale.ratio(d.values[kind][first + i, j], sign, slice(j, j + 1))[0])
+            found.append((first + i, kind not in MOTION_KINDS, -ratio, kind, j, sign))
+    k, _, _, kind, j, sign = min(found)
+    decides = min((of for of in found if not of[1]), default=min(found))
+    cause, words = _find_cause(d, decides[0], *decides[3:5])
+    bounds, last = d.b.scales[kind], max(of[0] for of in found)
+    return Trip(
+        d.b.name(kind, j), describe_kind(kind, d.b.limits.of(kind) if kind in EFFORT_KINDS else None), float(d.t[k]),
+        float(d.t[last]), float(d.values[kind][k, j]), sign * float(bounds.bound(sign)[j]),
+        LIMIT_KINDS[kind].unit(joint_units(d.b.robot.mechanism)[j]), -min(of[2] for of in found), cause, words,
+    )  # fmt: skip
+
+
+def _find_cause(d: CommandDifferences, k: int, kind: str, j: int) -> tuple[str, str]:
+    """The cause for which command k breaks a limit of joint j, and the same in words."""
+    c, order = d.commands, motion_order(d.b.robot, kind)
+    name, row = d.b.joints[j], k + 1  # of differences, which begin with the rest before
+    if kind == "position":
+        return "position", f"the path of {name} leaves its range"
+    if stream := _find_stream_fault(d, k, max(order, 1)):
+        return stream
+    if kind in EFFORT_KINDS[1:] and d.b.motion.torques:
+        if k == 0:
+            return "start", f"the first torque of {name} is not that of the rest before it"
+        step = d.values[kind][k, j] / c.rate
+        return "torque step", f"the commanded torque of {name} changes by {step:.3g} N m or N in one period"
+    if kind in MOTION_KINDS:
+        value = float(d.values[kind][k, j])
+        off = rounding_error(d.rates[0][1:, j]) * (2 * c.rate) ** order
+        if off > abs(value) - d.b.scales[kind].reach(int(np.sign(value)))[j]:
+            return "rounding", f"{name} is rounded: differences are up to {off:.3g} off; write 17 digits"
+        if jump := _find_jump(d, row, j, order):
+            return jump
+        return "too fast", f"the {DIFFERENCE_NAMES[order]} of {name} is itself beyond its limit"
+    if kind in EFFORT_KINDS[1:]:
+        return (
+            "torque rate",
+            f"that of {name}, while velocity, acceleration and jerk keep their limits: none prevents it",
+        )
+    return "too fast", f"the planned {describe_kind(kind, None)} of {name} is itself beyond its limit"
+
+
+def _find_stream_fault(d: CommandDifferences, k: int, order: int) -> tuple[str, str] | None:
+    """A command that is late, missing or repeated, among those whose difference the one of command k is."""
+    t, q, rate = d.commands.t, d.commands.q, d.commands.rate
+    for i in range(max(k - order + 1, 2), min(k + 1, len(t) - 1)):
+        v, gap = np.diff(q[i - 2 : i + 2], axis=0), (t[i] - t[i - 1]) * rate
+        if gap > LATE_PERIODS:
+            return "late command", f"the command of t = {t[i]:.6g} s comes {gap:.3g} periods after the one before"
+        if not v[1].any() and v[0].any() and v[2].any():
+            return "repeated command", f"the command of t = {t[i]:.6g} s repeats the one before, while the robot moves"
+        most = int(np.abs(v[1]).argmax())
+        before, here, after = v[:, most]
+        if max(abs(here - before - after), abs(before - after)) < MAX_SKIP_MISMATCH * abs(here):
+            return "late command", f"before t = {t[i]:.6g} s a command is missing: the step is twice those next to it"
+    return None
+
+
+def _find_jump(d: CommandDifferences, row: int, j: int, order: int) -> tuple[str, str] | None:
+    """The lowest derivative of joint j that jumps within the periods whose difference is of that order."""
+    left, right = max(row - order, 0), min(row + order, len(d.rates[0]) - 1)
+    last, name = len(d.commands.t), d.b.joints[j]
+    for k in range(order + 1):
+        before, after = d.rates[k][[left, right], j]
+        drift = MAX_DRIFT * np.abs(d.rates[k + 1][[left, right], j]).max() * (right - left) / d.commands.rate
+        if abs(after - before) <= drift + ROUNDING_OF_Q * np.abs(d.rates[0][:, j]).max() * (2 * d.commands.rate) ** k:
+            continue
+        size = f"by {after - before:.4g} {LIMIT_KINDS[MOTION_KINDS[k]].unit(joint_units(d.b.robot.mechanism)[j])}"
+        if left == 0 and k < 2:
+            return "start", f"{name} begins off the state before: its {DIFFERENCE_NAMES[k]} jumps {size}"
+        if row > last and k < 2:
+            return "end", f"{name} ends in motion: its {DIFFERENCE_NAMES[k]} jumps {size}"
+        if k == order and order < MOTION_KINDS.index("jerk"):
+            return None
+        return "jump", f"the {DIFFERENCE_NAMES[k]} of {name} jumps {size}"
+    return None
+
+
+def _try_cure(robot: Engine, motion: Motion, method: str, rate: float, differences: int) -> Cure:
+    """Whether another time law keeps every limit as commands too."""
+    try:
+        if method == "retime":
+            ways = [(retime(robot, motion).motion, "")]
+        else:
+            slow = slowdown(robot, motion)
+            factors = [slow.factor * share for share in SPEED_MARGINS]
+            ways = [(motion.scaled(1 / factor), f"{factor:.4g} times the speed, ") for factor in factors]
+    except JounceError as error:
+        if find_commands(motion.curve):
+            return Cure(method, False, str(error))
+        of_commands = _try_cure(robot, motion.sampled(rate, differences), method, rate, differences)
+        return of_commands if of_commands.works else Cure(method, False, str(error))
+    for found, words in ways:
+        checked = check(robot, found.sampled(rate, differences))
+        if checked.ok:
+            what = f", of motion.sampled({rate:g})" * (find_commands(motion.curve) is not None)
+            return Cure(method, True, f"{words}{found.duration:.4g} s instead of {motion.duration:.4g} s{what}")
+    return Cure(method, False, f"{words}{found.duration:.4g} s still break a limit: {checked.worst}")
