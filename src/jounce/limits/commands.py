@@ -28,7 +28,7 @@ from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS
 from jounce.model.positions import multiscrew_joints
 from jounce.motion.commands import CommandCurve, find_commands
 
-DIFFERENCE_NAMES = ("positions", "velocity", "acceleration", "jerk", "snap")
+DIFFERENCE_NAMES = ("position", "velocity", "acceleration", "jerk", "snap")
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,6 +26,8 @@ from jounce.motion.motion import Motion
 from jounce.motion.smoothness import rounding_error
 
 MAX_DRIFT = 1.5  # times what the derivative on either side of a moment makes of it: a larger change is a jump
+MIN_STEPS_TO_SEE = 8  # times the rounding of positions: of smaller steps none is seen to be missing
+MAX_ROUNDING_SHARE_OF_DIFFERENCES = 0.1  # of the largest one: more of it enters torque rates
 MAX_SKIP_MISMATCH = 0.2  # of a velocity that is the sum of those next to it, where a command is missing
 SPEED_MARGINS = (1.0, 0.99, 0.97, 0.9)  # differences lag behind what `slowdown` keeps exactly within its limits
 PLAN_CAUSES = ("jump", "torque rate", "too fast")  # those that another time law can cure
@@ -158,7 +160,7 @@ def explain(
 
 
 def _describe_trip(d: CommandDifferences, broken: Mapping[tuple[str, int], np.ndarray], first: int, last: int) -> Trip:
-    """What is broken from one command to another: the first limit, and the cause of the first one of the motion."""
+    """What is broken from one command to another: the first limit, and the cause, of a limit of the motion if near."""
     found = []
     for (kind, sign), of in broken.items():
         scale = d.b.scales[kind]
@@ -166,7 +168,8 @@ def _describe_trip(d: CommandDifferences, broken: Mapping[tuple[str, int], np.nd
             ratio = float(scale.ratio(d.values[kind][first + i, j], sign, slice(j, j + 1))[0])
             found.append((first + i, kind not in MOTION_KINDS, -ratio, kind, j, sign))
     k, _, _, kind, j, sign = min(found)
-    decides = min((of for of in found if not of[1]), default=min(found))
+    near = [of for of in found if not of[1] and of[0] <= k + d.commands.differences]
+    decides = min(near, default=min(found))
     cause, words = _find_cause(d, decides[0], *decides[3:5])
     bounds, last = d.b.scales[kind], max(of[0] for of in found)
     return Trip(
@@ -178,8 +181,8 @@ def _describe_trip(d: CommandDifferences, broken: Mapping[tuple[str, int], np.nd
 
 def _find_cause(d: CommandDifferences, k: int, kind: str, j: int) -> tuple[str, str]:
     """The cause for which command k breaks a limit of joint j, and the same in words."""
-    c, order = d.commands, motion_order(d.b.robot, kind)
-    name, row = d.b.joints[j], k + 1  # of differences, which begin with the rest before
+    rate, order, name = d.commands.rate, motion_order(d.b.robot, kind), d.b.joints[j]
+    row = k + 1  # of the differences, which begin with the rest before
     if kind == "position":
         return "position", f"the path of {name} leaves its range"
     if stream := _find_stream_fault(d, k, max(order, 1)):
@@ -187,36 +190,39 @@ def _find_cause(d: CommandDifferences, k: int, kind: str, j: int) -> tuple[str, 
     if kind in EFFORT_KINDS[1:] and d.b.motion.torques:
         if k == 0:
             return "start", f"the first torque of {name} is not that of the rest before it"
-        step = d.values[kind][k, j] / c.rate
+        step = d.values[kind][k, j] / rate
         return "torque step", f"the commanded torque of {name} changes by {step:.3g} N m or N in one period"
+    errors = [rounding_error(column) for column in d.rates[0][1:].T]
     if kind in MOTION_KINDS:
-        value = float(d.values[kind][k, j])
-        off = rounding_error(d.rates[0][1:, j]) * (2 * c.rate) ** order
+        value, off = float(d.values[kind][k, j]), errors[j] * (2 * rate) ** order
         if off > abs(value) - d.b.scales[kind].reach(int(np.sign(value)))[j]:
-            return "rounding", f"{name} is rounded: differences are up to {off:.3g} off; write 17 digits"
-        if jump := _find_jump(d, row, j, order):
-            return jump
-        return "too fast", f"the {DIFFERENCE_NAMES[order]} of {name} is itself beyond its limit"
-    if kind in EFFORT_KINDS[1:]:
-        return (
-            "torque rate",
-            f"that of {name}, while velocity, acceleration and jerk keep their limits: none prevents it",
-        )
-    return "too fast", f"the planned {describe_kind(kind, None)} of {name} is itself beyond its limit"
+            return "rounding", f"{name} is rounded: its differences are up to {off:.3g} off; write 17 digits"
+        return _find_jump(d, row, j, order) or ("too fast", f"the {kind} of {name} is itself beyond its limit")
+    if max(errors) * (2 * rate) ** (len(d.rates) - 2) > MAX_ROUNDING_SHARE_OF_DIFFERENCES * np.abs(d.rates[-2]).max():
+        return "rounding", "positions are rounded, by more than a tenth of their highest difference; write 17 digits"
+    jumps = [jump for i in range(len(d.b.joints)) if (jump := _find_jump(d, row, i, min(order + 1, len(d.rates) - 2)))]
+    if at_ends := [jump for jump in jumps if jump[0] != "jump" or "jerk" not in d.b.kinds]:
+        return min(at_ends, key=lambda jump: jump[0] == "jump")
+    if kind not in EFFORT_KINDS[1:]:
+        return "too fast", f"the planned {describe_kind(kind, None)} of {name} is itself beyond its limit"
+    kept = [kind for kind in MOTION_KINDS[1:] if kind in d.b.kinds]
+    why = f"limits of {join_names(kept)} are kept there, and do not prevent it" if kept else "nothing else is limited"
+    return "torque rate", f"that of {name}; {why}"
 
 
 def _find_stream_fault(d: CommandDifferences, k: int, order: int) -> tuple[str, str] | None:
     """A command that is late, missing or repeated, among those whose difference the one of command k is."""
     t, q, rate = d.commands.t, d.commands.q, d.commands.rate
+    least = MIN_STEPS_TO_SEE * np.array([rounding_error(column) for column in q.T])
     for i in range(max(k - order + 1, 2), min(k + 1, len(t) - 1)):
-        v, gap = np.diff(q[i - 2 : i + 2], axis=0), (t[i] - t[i - 1]) * rate
-        if gap > LATE_PERIODS:
+        before, here, after = np.diff(q[i - 2 : i + 2], axis=0)
+        if (gap := (t[i] - t[i - 1]) * rate) > LATE_PERIODS:
             return "late command", f"the command of t = {t[i]:.6g} s comes {gap:.3g} periods after the one before"
-        if not v[1].any() and v[0].any() and v[2].any():
+        moves = (np.abs(before) > least) & (np.abs(after) > least)
+        if moves.any() and not here.any():
             return "repeated command", f"the command of t = {t[i]:.6g} s repeats the one before, while the robot moves"
-        most = int(np.abs(v[1]).argmax())
-        before, here, after = v[:, most]
-        if max(abs(here - before - after), abs(before - after)) < MAX_SKIP_MISMATCH * abs(here):
+        off = np.maximum(np.abs(here - before - after), np.abs(before - after))[moves]
+        if moves.any() and (off < MAX_SKIP_MISMATCH * np.abs(here[moves])).all():
             return "late command", f"before t = {t[i]:.6g} s a command is missing: the step is twice those next to it"
     return None
 

@@ -42,7 +42,7 @@ class CommandCurve(SplineCurve):
 
 
 def build_commands(t: np.ndarray, q: np.ndarray, rate: float, differences: int = JERK_DIFFERENCE) -> CommandCurve:
-    """The curve of commands; across commands that are skipped it goes straight on. It begins and ends at rest, a period off."""
+    """The curve of commands; across commands that are skipped it goes straight on."""
     from scipy.interpolate import BSpline  # a second to import
 
     places = np.cumsum(np.append(0, np.maximum(np.rint(np.diff(t) * rate), 1)))
