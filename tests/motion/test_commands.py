@@ -66,12 +66,11 @@ def test_a_curve_of_commands_does_not_overshoot_their_differences():
         assert (np.abs(rate).max(axis=0) <= most * (1 + 1e-9) + 1e-6).all()
 
 
-@pytest.mark.parametrize("early", [0.0, 0.0003, 0.0009])
+@pytest.mark.parametrize("early", [0.0002, 0.0006, 0.0009])
 def test_a_table_that_ends_before_the_stop_is_completed(early):
     """The last row is up to a period early; five rows lie within the last phase, whose jerk is theirs."""
     motion = three_phases()
-    t = np.arange(0.0004 - early if early else 0.0002, motion.stop - early / 2, 1e-3)
-    t = t[t < motion.stop - 1e-9]
+    t = np.arange((motion.stop - early) % 1e-3, motion.stop, 1e-3)
     found = table(t, motion(t, 0)[0])
     assert len(found.samples[0]) == len(t)  # rows as they are
     _, q = found.sampled(1000).samples
@@ -106,8 +105,6 @@ def test_late_and_early_commands_are_noted():
     found = table(np.delete(t, 100), np.delete(q, 100, axis=0))
     assert found.notes[0] == "1 of 401 commands are late: the first at t = 0.101 s, 2 periods after the one before"
     assert found.source == "401 commands at 1000 Hz"
-    t[200] -= 0.0006
-    assert "1 of 402 commands come within half a period of the one before" in table(t, q).notes
 
 
 @pytest.mark.parametrize(

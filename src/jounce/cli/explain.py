@@ -58,7 +58,9 @@ def _format_summary(summary: dict[str, Any]) -> str:
     if trips:
         one = trips[0]
         head = f"the {one['limit']} of {one['joint']} is broken at {1e3 * one['t']:.6g} ms: {one['words']}"
-        rows = [("at t", "until", "joint", "limit", "value", "bound", "unit", "worst ratio", "cause")]
+        rows: list[tuple[str, ...]] = [
+            ("at t", "until", "joint", "limit", "value", "bound", "unit", "worst ratio", "cause")
+        ]
         for of in trips[:MAX_TRIPS_SHOWN]:
             *numbers, ratio = (f"{of[key]:.6g}" for key in ("t", "stop", "value", "bound", "ratio"))
             cells = numbers[:2], (of["joint"], of["limit"]), numbers[2:], (of["unit"], ratio)

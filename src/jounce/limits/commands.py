@@ -24,7 +24,7 @@ from jounce.limits.limited_motion import LimitedMotion, compute_at_speed, comput
 from jounce.limits.ratios import SIGNS
 from jounce.limits.samples import limited_values
 from jounce.limits.worst_values import Worst
-from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS
+from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS
 from jounce.model.positions import multiscrew_joints
 from jounce.motion.commands import CommandCurve, find_commands
 
@@ -84,6 +84,12 @@ def take_differences(b: LimitedMotion, start: np.ndarray | None = None) -> Comma
     notes = [f"differences of commands at {commands.rate:.6g} Hz: {join_names(DIFFERENCE_NAMES[1 : order + 1])}"]
     joints = joint_rates(b.robot, rates, near, b.follow)
     values = limited_values(b.limits, joints[: order + 1], forces, gravity)
+    for k, kind in enumerate(
+        kind for kind in MOTION_KINDS if kind in values
+    ):  # what rounding adds to a bound is no excess
+        kept = values[kind].clip(*b.limits.bounds(kind))
+        off = np.finfo(float).eps * np.abs(joints[0]).max(axis=0) * (2 * commands.rate) ** k
+        values[kind] = np.where(np.abs(values[kind] - kept) <= off, kept, values[kind])
     if forces and b.motion.torques:
         rest = forces[0][0] - gravity[0][0] * ("effort_rate" in b.limits.without_gravity)
         values |= _stated_torque_rates(b, values, rest, period)

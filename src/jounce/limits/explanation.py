@@ -1,26 +1,27 @@
 """Why a controller stops a motion: what its commands break, when, for which cause, and what cures it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from jounce.core.display import HtmlDisplay
-from jounce.core.errors import JounceError, check_choice, join_names, quote_value
+from jounce.core.errors import JounceError, join_names, quote_value, unknown_name_error
 from jounce.core.scalars import asarray
 from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
 from jounce.limits.check import check
 from jounce.limits.commands import DIFFERENCE_NAMES, CommandDifferences, take_differences
 from jounce.limits.joints import joint_units
-from jounce.limits.limited_motion import motion_order
+from jounce.limits.limited_motion import LimitedMotion, motion_order
 from jounce.limits.ratios import SIGNS
 from jounce.limits.retime import retime
 from jounce.limits.slowdown import slowdown
 from jounce.limits.validation import validate_limits
 from jounce.limits.worst_values import find_runs
 from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, describe_kind
-from jounce.motion.commands import LATE_PERIODS, find_commands
+from jounce.motion.commands import LATE_PERIODS
 from jounce.motion.curves import ROUNDING_OF_Q
 from jounce.motion.motion import Motion
 from jounce.motion.smoothness import rounding_error
@@ -59,8 +60,14 @@ CONTROLLERS: Mapping[str, Controller] = {
 
 def select_controller(name: str, joint_names: Sequence[str]) -> tuple[Controller, str]:
     """A controller by its name, and the arm, of those that it drives, whose limits are used: its name is in joints'."""
-    found = CONTROLLERS[check_choice("controller", name, CONTROLLERS)]
-    return found, next((arm for arm in found.arms if any(arm in joint for joint in joint_names)), found.arms[0])
+    if name not in [*CONTROLLERS]:
+        known = unknown_name_error("controller", name, CONTROLLERS)
+        raise JounceError(
+            f"{known}; of others no rules are public: rate=1000 (--rate) judges by the robot's own limits"
+        )
+    found = CONTROLLERS[name]
+    arm = next((arm for arm in found.arms if any(arm in joint for joint in joint_names)), found.arms[0])
+    return replace(found, arms=(arm,)), arm
 
 
 @dataclass(frozen=True)
@@ -85,7 +92,7 @@ class Trip:
 
 @dataclass(frozen=True)
 class Cure:
-    """Whether `slowdown` or `retime` makes the commands keep every limit, with factor and duration, or why not."""
+    """Whether `slowdown` or `retime` of the commands keeps every limit, with factor and duration, or why not."""
 
     method: str
     works: bool
@@ -109,10 +116,8 @@ class Explanation(HtmlDisplay):
     --------
     >>> import jounce
     >>> robot = jounce.load("planar2r").with_limits(jerk=100)
-    >>> motion = jounce.Motion.trapezoidal([[0, 0], [1, 1]], 1.0, 5.0)
-    >>> found = robot.explain(motion, rate=1000)
-    >>> found.trips[0].t, found.trips[0].cause
-    (0.001, 'jump')
+    >>> robot.explain(jounce.Motion.trapezoidal([[0, 0], [1, 1]], 1.0, 5.0), rate=1000)
+    <Explanation: limits are broken at 4 moments, first at t = 0.001 s: the acceleration of joint1 jumps by 5 rad/s^2>
     """
 
     trips: tuple[Trip, ...]
@@ -121,12 +126,16 @@ class Explanation(HtmlDisplay):
     unpredicted: tuple[str, ...]
 
     def __repr__(self) -> str:
-        first = f"; first {self.trips[0].words}" if self.trips else ""
-        return f"<Explanation: limits are broken at {len(self.trips)} moments{first}>"
+        if not self.trips:
+            return "<Explanation: every limit is kept>"
+        first = self.trips[0]
+        return (
+            f"<Explanation: limits are broken at {len(self.trips)} moments, first at t = {first.t:g} s: {first.words}>"
+        )
 
 
 def explain(
-    robot: Engine, motion: Motion, rate: float, differences: int, start: object, unpredicted: Sequence[str] = ()
+    robot: Engine, motion: Motion, rate: float, differences: int, start: object, known: Controller | None = None
 ) -> Explanation:
     """Why a controller with the limits of a robot stops a motion; it begins at rest at `start` (n,), or where it is."""
     b = validate_limits(robot, check_motion(robot.mechanism, motion).sampled(rate, differences))
@@ -136,46 +145,46 @@ def explain(
         raise JounceError(f"start is {quote_value(start)}; expected {expected}")
     d = take_differences(b, begin)
     assert d is not None  # b.motion consists of commands
-    broken = {(kind, sign): d.beyond(kind, sign) for kind in d.b.kinds for sign in SIGNS}
-    ever = np.any([of.any(axis=1) for of in broken.values()], axis=0)
-    close = np.convolve(ever, np.ones(differences + 1))[: len(ever)] > 0  # moments that are a few periods apart are one
-    spans, end = find_runs(close), len(d.commands.t)
-    if spans and spans[-1][0] < end - 2 * differences and spans[-1][1] >= end:  # the end has a cause of its own
-        first, last = spans.pop()
-        spans += [(first, end - 1), (end, last)]
-    trips = tuple(_describe_trip(d, broken, first, last) for first, last in spans)
-    cures: tuple[Cure, ...] = ()
-    others = [trip.cause for trip in trips if trip.cause not in PLAN_CAUSES]
-    if trips and not others:
-        cures = tuple(_try_cure(robot, motion, method, rate, differences) for method in ("slowdown", "retime"))
-    more = list(unpredicted)
-    if start is None:
-        more.append("whether the robot rests where the first command is: --start (start=) states its position")
+    trips = tuple(_describe_trip(d, *span) for span in _find_moments(d))
+    notes, unpredicted = [*b.motion.notes, *d.notes], [*known.unpredicted] if known else []
+    if known:
+        notes.append(f"limits of {join_names(known.arms)}, of {known.source}")
+    if others := dict.fromkeys(trip.cause for trip in trips if trip.cause not in PLAN_CAUSES):
+        notes.append(f"neither slowdown nor retime cures: {join_names(others)}")
+    if begin is None:
+        unpredicted.append("whether the robot rests where the first command is: --start (start=) states its position")
     if b.motion.torques is None:
-        more.append("torques of feedback: --torques (torques=) reads those that a table of commands states")
-    notes = [*b.motion.notes, *d.notes]
-    if others:
-        notes.append(f"neither slowdown nor retime cures: {join_names(dict.fromkeys(others))}")
-    return Explanation(trips, cures, tuple(notes), tuple(more))
+        unpredicted.append("torques of feedback: --torques (torques=) reads those that a table of commands states")
+    cures = [_try_cure(b, method, rate, differences) for method in ("slowdown", "retime") if trips and not others]
+    return Explanation(trips, tuple(cures), tuple(notes), tuple(unpredicted))
 
 
-def _describe_trip(d: CommandDifferences, broken: Mapping[tuple[str, int], np.ndarray], first: int, last: int) -> Trip:
+def _find_moments(d: CommandDifferences) -> list[tuple[int, int]]:
+    """The first and the last command of each moment at which limits are broken: few periods apart they are one."""
+    ever = np.any([d.beyond(kind, sign).any(axis=1) for kind in d.b.kinds for sign in SIGNS], axis=0)
+    reach, end = d.commands.differences, len(d.commands.t)
+    found = find_runs(np.convolve(ever, np.ones(reach + 1))[: len(ever)] > 0)
+    if found and found[-1][0] < end - 2 * reach and found[-1][1] >= end:  # the end has a cause of its own
+        first, last = found.pop()
+        found += [(first, end - 1), (end, last)]
+    return found
+
+
+def _describe_trip(d: CommandDifferences, first: int, last: int) -> Trip:
     """What is broken from one command to another: the first limit, and the cause, of a limit of the motion if near."""
     found = []
-    for (kind, sign), of in broken.items():
-        scale = d.b.scales[kind]
-        for i, j in np.argwhere(of[first : last + 1]).tolist():
-            ratio = float(scale.ratio(d.values[kind][first + i, j], sign, slice(j, j + 1))[0])
+    for kind, sign in product(d.b.kinds, SIGNS):
+        for i, j in np.argwhere(d.beyond(kind, sign)[first : last + 1]).tolist():
+            ratio = d.b.scales[kind].ratio(d.values[kind][first + i, [j]], sign, slice(j, j + 1)).item()
             found.append((first + i, kind not in MOTION_KINDS, -ratio, kind, j, sign))
     k, _, _, kind, j, sign = min(found)
     near = [of for of in found if not of[1] and of[0] <= k + d.commands.differences]
     decides = min(near, default=min(found))
-    cause, words = _find_cause(d, decides[0], *decides[3:5])
-    bounds, last = d.b.scales[kind], max(of[0] for of in found)
     return Trip(
         d.b.name(kind, j), describe_kind(kind, d.b.limits.of(kind) if kind in EFFORT_KINDS else None), float(d.t[k]),
-        float(d.t[last]), float(d.values[kind][k, j]), sign * float(bounds.bound(sign)[j]),
-        LIMIT_KINDS[kind].unit(joint_units(d.b.robot.mechanism)[j]), -min(of[2] for of in found), cause, words,
+        float(d.t[max(of[0] for of in found)]), float(d.values[kind][k, j]),
+        sign * float(d.b.scales[kind].bound(sign)[j]), LIMIT_KINDS[kind].unit(joint_units(d.b.robot.mechanism)[j]),
+        -min(of[2] for of in found), *_find_cause(d, decides[0], *decides[3:5]),
     )  # fmt: skip
 
 
@@ -247,23 +256,19 @@ def _find_jump(d: CommandDifferences, row: int, j: int, order: int) -> tuple[str
     return None
 
 
-def _try_cure(robot: Engine, motion: Motion, method: str, rate: float, differences: int) -> Cure:
-    """Whether another time law keeps every limit as commands too."""
+def _try_cure(b: LimitedMotion, method: str, rate: float, differences: int) -> Cure:
+    """Whether another time law of the commands keeps every limit, as commands too."""
     try:
         if method == "retime":
-            ways = [(retime(robot, motion).motion, "")]
+            ways = [(retime(b.robot, b.motion).motion, "")]
         else:
-            slow = slowdown(robot, motion)
-            factors = [slow.factor * share for share in SPEED_MARGINS]
-            ways = [(motion.scaled(1 / factor), f"{factor:.4g} times the speed, ") for factor in factors]
+            factors = slowdown(b.robot, b.motion).factor * np.array(SPEED_MARGINS)
+            ways = [(b.motion.scaled(1 / factor), f"{factor:.4g} times the speed, ") for factor in factors]
     except JounceError as error:
-        if find_commands(motion.curve):
-            return Cure(method, False, str(error))
-        of_commands = _try_cure(robot, motion.sampled(rate, differences), method, rate, differences)
-        return of_commands if of_commands.works else Cure(method, False, str(error))
+        return Cure(method, False, str(error))
     for found, words in ways:
-        checked = check(robot, found.sampled(rate, differences))
+        checked = check(b.robot, found.sampled(rate, differences))
+        words += f"{found.duration:.4g} s instead of {b.motion.duration:.4g} s"
         if checked.ok:
-            what = f", of motion.sampled({rate:g})" * (find_commands(motion.curve) is not None)
-            return Cure(method, True, f"{words}{found.duration:.4g} s instead of {motion.duration:.4g} s{what}")
-    return Cure(method, False, f"{words}{found.duration:.4g} s still break a limit: {checked.worst}")
+            return Cure(method, True, f"{words}, of motion.sampled({rate:g})")
+    return Cure(method, False, f"{words} still break a limit: {checked.worst}")

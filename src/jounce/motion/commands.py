@@ -25,7 +25,7 @@ MIN_COMMANDS = 5  # in which a jerk is seen to be constant
 MAX_COMMANDS = 10_000_000  # 560 MB of seven joints
 MAX_RATE_ERROR = 0.02  # of a table's own rate against a controller's: more is another rate, or time was scaled
 MAX_RATE_ROUNDING = 5e-4  # of a table's own rate to a whole number: clocks differ by less, 333 from 1000 / 3 Hz by more
-LATE_PERIODS, EARLY_PERIODS = 1.5, 0.5  # from the command before: nearer to a period is jitter
+LATE_PERIODS = 1.5  # from the command before: less is jitter
 REST_TOLERANCE = 1e-3  # of a jerk or a velocity, to which the last rows fit a stop: by chance they fit none as well
 TICK_TOLERANCE_PERIODS = 1e-6  # by which a duration is a whole number of periods
 MAX_STEP_AT_REST = 1e-12  # rad or m per period: rounding
@@ -73,8 +73,6 @@ def read_commands(t: np.ndarray, q: np.ndarray, place: str) -> tuple[CommandCurv
     if (late := np.flatnonzero(gaps > LATE_PERIODS)).size:
         first = f"the first at t = {t[late[0]]:.6g} s, {gaps[late[0]]:.3g} periods after the one before"
         notes.append(f"{late.size} of {len(t)} commands are late: {first}")
-    if early := int((gaps < EARLY_PERIODS).sum()):
-        notes.append(f"{early} of {len(t)} commands come within half a period of the one before")
     rounding = np.array([2 * rounding_error(column) for column in q.T])
     steps, rates = np.abs(q[-1] - q[-2]), _last_rates(q, rate)
     moves = steps > np.maximum(rounding, MAX_STEP_AT_REST)
@@ -88,14 +86,12 @@ def sample_curve(curve: Curve, rate: float, differences: int) -> tuple[CommandCu
     if not is_finite(rate) or not rate > 0:
         raise JounceError(f"rate is {quote_value(rate)}; expected that of a controller in Hz, 1000 for 1 ms")
     if isinstance(differences, bool) or not isinstance(differences, int) or not 1 <= differences <= MAX_DIFFERENCES:
-        known = f"1 to {MAX_DIFFERENCES}: 1 for velocity, 2 for acceleration too, 3 for jerk, 4 for snap"
-        raise JounceError(f"differences is {quote_value(differences)}; expected {known}")
+        orders = f"1 to {MAX_DIFFERENCES}: 1 for velocity, 2 for acceleration too, 3 for jerk, 4 for snap"
+        raise JounceError(f"differences is {quote_value(differences)}; expected {orders}")
     rate, duration = float(rate), curve.stop - curve.start
     if duration * rate < MIN_COMMANDS - 1 or duration * rate > MAX_COMMANDS:
-        count = f"makes {duration * rate + 1:.3g} commands in {duration:g} s"
-        raise JounceError(
-            f"a rate of {rate:g} Hz {count}; expected {MIN_COMMANDS} to {MAX_COMMANDS}: it is in Hz, 1000 for 1 ms"
-        )
+        came = f"a rate of {rate:g} Hz makes {duration * rate + 1:.3g} commands in {duration:g} s"
+        raise JounceError(f"{came}; expected {MIN_COMMANDS} to {MAX_COMMANDS}: it is in Hz, 1000 for 1 ms")
     if rate < MIN_USUAL_RATE:
         warn(f"a rate of {rate:g} Hz is unusually low; for a period of {rate:g} ms give {1000 / rate:g}")
     if given := find_commands(curve):
@@ -103,11 +99,11 @@ def sample_curve(curve: Curve, rate: float, differences: int) -> tuple[CommandCu
             came = f"the table has commands at {given.rate:.6g} Hz, and rate is {rate:g} Hz"
             raise JounceError(f"{came}; give the rate of the table, or load it without --as commands (as_=)")
         return build_commands(given.t, given.q, rate, differences), ()
-    known = curve.highest is None or curve.highest >= JERK_DIFFERENCE
-    rates = [x[0] for x in curve.rates(np.array([curve.stop]), JERK_DIFFERENCE if known else 1, True)]
+    order = JERK_DIFFERENCE if curve.highest is None else min(curve.highest, JERK_DIFFERENCE)
+    rates = [x[0] for x in curve.rates(np.array([curve.stop]), order, True)]
     steps = np.abs(rates[1]) / rate
     moves = steps > MAX_STEP_AT_REST
-    rest = find_rest(rates, moves, 1 / rate) if known else 0.0
+    rest = find_rest(rates, moves, 1 / rate) if order == JERK_DIFFERENCE else 0.0
     count = int(np.ceil((duration + rest) * rate - TICK_TOLERANCE_PERIODS))
     t = curve.start + np.arange(count + 1) / rate
     q = curve.rates(t.clip(max=curve.stop), 0)[0]

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from jounce.engine.along import Along
     from jounce.io.models.states import RobotState
     from jounce.limits.check import Check
+    from jounce.limits.explanation import Explanation
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
     from jounce.model.elasticity import Elasticity, SpringLaw
@@ -949,6 +950,67 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         from jounce.limits.check import check
 
         return check(self, motion if rate is None else check_motion(self.mechanism, motion).sampled(rate, differences))
+
+    def explain(
+        self,
+        motion: "Motion",
+        controller: str | None = None,
+        *,
+        rate: float | None = None,
+        differences: int = 3,
+        start: ArrayLike | None = None,
+    ) -> "Explanation":
+        """Why a controller stops a motion: which limit of which joint its commands break, when, and for which cause.
+
+        The differences of the commands are judged as by `check` with a rate. Causes are recognised by the commands
+        around each moment: late or repeated ones, rounding, a start that is not at rest where the robot is, a jump of a
+        derivative, a torque rate that no kinematic limit prevents, a motion that is too fast.
+
+        Parameters
+        ----------
+        motion : Motion
+            A plan, or a table that is read with `as_="commands"`, whose torques, if it has any, are commands too.
+        controller : {"franka"}, optional
+            Its rate and differences are used, and the public limits of its arm, Panda or FR3 by the names of joints.
+        rate, differences : float, int, optional
+            In place of a controller, for the limits of this robot: see `check`.
+        start : (n,), optional
+            The measured positions at which the robot rests before the first command, rad or m.
+
+        Returns
+        -------
+        Explanation
+            The `trips`, each with joint, limit, time and cause; `cures` by `slowdown` and `retime`, with their results;
+            `unpredicted` is what such differences do not show.
+
+        Raises
+        ------
+        JounceError
+            If the controller is unknown, or neither or both of controller and rate are given; and as `check` does.
+
+        References
+        ----------
+        libfranka, include/franka/rate_limiting.h and src/rate_limiting.cpp. Franka Control Interface documentation,
+        "Robot and interface specifications".
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("panda", lock={"panda_finger_joint1": 0.0})
+        >>> rest_to_rest = [[q, 0, 0, 10 * d, -15 * d, 6 * d] for q, d in zip([0, 0, 0, -2, 0, 2, 0], [1.5] * 7)]
+        >>> motion = jounce.Motion.polynomial(rest_to_rest, 1.0)
+        >>> trip = robot.explain(motion, "franka").trips[0]
+        >>> trip.joint, trip.limit, trip.cause
+        ('panda_joint2', 'acceleration', 'too fast')
+        """
+        from jounce.limits.explanation import explain, select_controller
+
+        if controller is not None and rate is None:
+            known, arm = select_controller(controller, self.joint_names)
+            return explain(self.with_limits(arm), motion, known.rate, known.differences, start, known)
+        if controller is not None or rate is None:
+            raise JounceError("explain() takes either controller='franka' (--controller) or rate=1000 (--rate)")
+        return explain(self, motion, rate, differences, start)
 
     def slowdown(self, motion: "Motion") -> "Slowdown":
         """The largest factor of speed at which a motion keeps every limit, and so does every slower one.
