@@ -97,7 +97,7 @@ def test_values_are_the_differences_of_libfranka(plan):
             assert abs(row.value) == pytest.approx(expected, rel=1e-6), row
 
 
-def test_a_plan_that_keeps_its_kinematic_limits_keeps_them_as_commands(plan):
+def test_kinematic_limits_that_a_plan_keeps_its_commands_keep(plan):
     """A difference is a mean of the derivative, weighted by a B-spline: at any rate it is no larger."""
     for rate in (100, 250, 1000, 4000):
         found = PANDA.check(plan, rate=rate)
@@ -181,7 +181,18 @@ def test_options_of_a_file_say_that_rows_are_commands(files, tmp_path):
     log = tmp_path / "log.yaml"
     lock = ("--lock", "panda_finger_joint1=0")
     moved = run(
-        "motion", "panda", files / "plan.csv", *lock, "--as", "commands", "--save-read", log, "-o", tmp_path / "q.csv"
+        "motion",
+        "panda",
+        files / "plan.csv",
+        *lock,
+        "--as",
+        "commands",
+        "--order",
+        3,
+        "--save-read",
+        log,
+        "-o",
+        tmp_path / "q.csv",
     )
     assert moved.exit_code == 0, moved.output
     assert log.read_text() == "as: commands\n"

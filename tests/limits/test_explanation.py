@@ -75,7 +75,7 @@ def test_velocities_that_jump_between_segments_trip_at_the_waypoints():
     assert found.trips[0].words == "the velocity of panda_joint2 jumps by 0.2 rad/s"
 
 
-def test_trapezoids_trip_by_their_torque_rates_alone_where_jerk_limits_allow_them():
+def test_trapezoids_trip_by_torque_rates_alone_at_high_jerk_limits():
     found, trip = first(jounce.Motion.trapezoidal([HOME, HOME + 0.3], 0.5, 2.0))
     assert [(of.cause, of.limit, of.t) for of in found.trips[:2]] == [
         ("torque rate", "effort rate of Q - Qgrav", 0.001), ("torque rate", "effort rate of Q - Qgrav", 0.251)
@@ -84,7 +84,7 @@ def test_trapezoids_trip_by_their_torque_rates_alone_where_jerk_limits_allow_the
     assert all("of motion.sampled(1000)" in cure.words for cure in found.cures if cure.works)
 
 
-def test_an_acceleration_that_jumps_is_named_where_the_jerk_is_limited():
+def test_an_acceleration_that_jumps_breaks_a_lower_jerk_limit():
     arm = PANDA.with_limits(jerk=500.0, effort=np.inf)
     found, trip = first(jounce.Motion.trapezoidal([HOME, HOME + 0.3], 0.5, 2.0), arm, rate=1000)
     assert [(of.t, of.cause) for of in found.trips] == [(t, "jump") for t in (0.001, 0.251, 0.601, 0.851)]
@@ -150,7 +150,7 @@ def test_a_saturated_torque_trips_where_a_cycle_is_late():
     assert trip.value == pytest.approx(1800)
 
 
-def test_a_torque_rate_that_no_kinematic_limit_prevents_is_cured_by_retiming():
+def test_a_torque_rate_within_kinematic_limits_is_cured():
     """A plan of Ruckig within all kinematic limits: its torque rate is many times the limit."""
     import ruckig
 

@@ -47,7 +47,7 @@ def test_commands_are_the_positions_at_k_over_the_rate_and_the_end():
     assert sampled.sampled(1000).samples[1] is q
 
 
-def test_the_jerk_of_the_curve_is_the_third_difference_of_the_commands():
+def test_the_jerk_of_the_curve_is_the_third_difference():
     sampled = three_phases().sampled(1000)
     t, q = sampled.samples
     third = np.diff(q, 3, axis=0) * 1000.0**3

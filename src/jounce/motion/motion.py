@@ -869,9 +869,9 @@ class Motion(HtmlDisplay):
         Examples
         --------
         >>> import jounce
-        >>> motion = jounce.Motion.trapezoidal([[0.0], [1.0]], velocity=1.0, acceleration=2.0).sampled(rate=4)
-        >>> motion.samples[1][:, 0].tolist()
-        [0.0, 0.0625, 0.25, 0.5, 0.75, 0.9375, 1.0]
+        >>> motion = jounce.Motion.trapezoidal([[0.0], [1.0]], velocity=1.0, acceleration=2.0).sampled(rate=20)
+        >>> motion.samples[1][:4, 0].round(4).tolist()
+        [0.0, 0.0025, 0.01, 0.0225]
         """
         from jounce.motion.commands import find_commands, sample_curve
 
