@@ -17,12 +17,12 @@ MAX_TRIPS_SHOWN = 12  # the first stops the robot; --json has all
 
 EPILOG = """\b
 Example:
-  jounce explain iiwa14 paper --limits iiwa14 --rate 1000
-  jounce explain panda plan.csv --lock panda_finger_joint1=0 --as commands
-         --controller franka
+  jounce excite ur5 --starts 1 -o excite.csv
+  jounce explain ur5 excite.csv --rate 500
 
 \b
-The exit code is 1 where a limit is broken.
+Give --controller franka for a Panda or FR3, and --as commands for tables of
+commands. The exit code is 1 where a limit is broken.
 """
 
 
