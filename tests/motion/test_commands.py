@@ -79,6 +79,15 @@ def test_a_table_that_ends_before_the_stop_is_completed(early):
     assert "by the jerk there: the command of t = " in found.notes[-1]
 
 
+@pytest.mark.parametrize("phase", [0.1, PHASE])
+def test_a_table_that_ends_at_rest_has_nothing_to_note(phase):
+    """On the grid, and with its end appended off the grid."""
+    motion = three_phases(phase=phase)
+    t = np.append(np.arange(0, motion.stop - 1e-9, 1e-3), motion.stop)
+    assert table(t, motion(t, 0)[0]).notes == ()
+    assert len(table(t, motion(t, 0)[0]).sampled(1000).samples[0]) == len(t)
+
+
 def test_a_table_that_ends_in_motion_is_not_completed():
     motion = three_phases()
     for cut in (2, 120):  # more than a period from the stop

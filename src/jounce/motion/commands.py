@@ -29,6 +29,8 @@ LATE_PERIODS = 1.5  # from the command before: less is jitter
 REST_TOLERANCE = 1e-3  # of a jerk or a velocity, to which the last rows fit a stop: by chance they fit none as well
 TICK_TOLERANCE_PERIODS = 1e-6  # by which a duration is a whole number of periods
 MAX_STEP_AT_REST = 1e-12  # rad or m per period: rounding
+MAX_SHARE_AT_REST = 0.1  # of the last step: velocity that a cubic through four rows leaves where they come to rest
+MIN_LAST_PERIOD = 0.9  # of the last row: one that is nearer to the row before is off the grid, where motions may stop
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,11 +75,12 @@ def read_commands(t: np.ndarray, q: np.ndarray, place: str) -> tuple[CommandCurv
     if (late := np.flatnonzero(gaps > LATE_PERIODS)).size:
         first = f"the first at t = {t[late[0]]:.6g} s, {gaps[late[0]]:.3g} periods after the one before"
         notes.append(f"{late.size} of {len(t)} commands are late: {first}")
-    rounding = np.array([2 * rounding_error(column) for column in q.T])
-    steps, rates = np.abs(q[-1] - q[-2]), _last_rates(q, rate)
-    moves = steps > np.maximum(rounding, MAX_STEP_AT_REST)
+    rounding, rates = np.array([2 * rounding_error(column) for column in q.T]), _last_rates(q, rate)
+    steps, last = np.abs(rates[1]) / rate, MAX_SHARE_AT_REST * np.abs(q[-1] - q[-2])
+    moves = (steps > np.maximum(rounding, MAX_STEP_AT_REST)) & (gaps[-1] > MIN_LAST_PERIOD)
     if rest := find_rest(rates, moves, 1 / rate):
         t, q = np.append(t, t[-1] + 1 / rate), np.vstack([q, extrapolate(rates, rest)])
+    moves &= steps > last
     return build_commands(t, q, rate), source, (*notes, *_describe_end(steps * moves, rest, t[-1]))
 
 
@@ -111,6 +114,8 @@ def sample_curve(curve: Curve, rate: float, differences: int) -> tuple[CommandCu
     if rest:
         q[behind] = extrapolate(rates, np.minimum(t[behind, None] - curve.stop, rest))
     notes = _describe_end(steps * moves, rest, t[-1])
+    if curve.deviations(t[:1], 0) is not None:
+        notes = ("the rows are smoothed before: --as commands (as_=) takes them as they are", *notes)
     if behind[-1] and t[-1] - curve.stop > TICK_TOLERANCE_PERIODS / rate and not rest:
         came = f"{rate:g} Hz does not divide {duration:.9g} s"
         notes = (f"{came}: the last command, of t = {t[-1]:.9g} s, is the end of the motion", *notes)
@@ -139,8 +144,8 @@ def extrapolate(rates: Sequence[np.ndarray], s: np.ndarray | float) -> np.ndarra
 def _last_rates(q: np.ndarray, rate: float) -> list[np.ndarray]:
     """q, qd, q2d, q3d at the last of the rows (N, n), on the cubic through four; q3d is 0 where a fifth is off it."""
     first, second, third, fourth = (np.diff(q[-MIN_COMMANDS:], k, axis=0)[-1] for k in range(1, MIN_COMMANDS))
-    third = np.where(np.abs(fourth) < REST_TOLERANCE * np.abs(third), third, 0.0)
-    return [q[-1], (first + second / 2 + third / 3) * rate, (second + third) * rate**2, third * rate**3]
+    jerk = np.where(np.abs(fourth) < REST_TOLERANCE * np.abs(third), third, 0.0) * rate**3
+    return [q[-1], (first + second / 2 + third / 3) * rate, (second + third) * rate**2, jerk]
 
 
 def _describe_end(steps: np.ndarray, rest: float, end: float) -> tuple[str, ...]:
