@@ -131,6 +131,15 @@ def test_torques_of_a_table_of_commands_are_judged_as_they_are():
     assert (row.value, row.t) == (pytest.approx(1500), 0)
 
 
+def test_joints_without_a_column_of_torques_have_those_of_the_model(plan):
+    t, q = plan.sampled(1000).samples
+    columns = {"t": t, **dict(zip(PANDA.joint_names, q.T, strict=True)), "panda_joint2.tau": np.zeros(t.size)}
+    found = PANDA.check(jounce.load_motion(columns, PANDA, 1, as_="commands"))
+    without = broken(PANDA.check(plan, rate=1000))
+    assert without.pop(("panda_joint2", "effort_rate")) > 7
+    assert broken(found) == without
+
+
 def test_closed_loops_are_judged_at_their_commands():
     """At a high rate differences are the derivatives, of joints that follow too."""
     arm = jounce.load("fivebar").with_limits(velocity=5.0, effort=20.0, effort_rate=500.0)

@@ -166,6 +166,18 @@ def test_a_torque_rate_within_kinematic_limits_is_cured():
     assert cured(found) == {"slowdown": True, "retime": True}
 
 
+def test_the_cause_is_that_of_a_limit_of_the_motion_that_is_broken_next():
+    """The torque rate is broken two periods before the jerk, whose jump is the cause of both."""
+    arm = PANDA.with_limits(jerk=20.0, effort_rate=0.5, effort=np.inf)
+    _, trip = first(quintic(WAY, 1.0), arm, rate=1000)
+    assert (trip.limit, trip.t, trip.cause) == ("effort rate", 0.001, "jump")
+
+
+def test_steps_of_rounding_are_no_repeated_commands():
+    found, _ = first(table(quintic(0.5 * np.eye(7)[0], 2.0)(T, 0)[0].round(5)))
+    assert {trip.cause for trip in found.trips} == {"rounding"}
+
+
 def test_rounded_commands_are_named():
     q = quintic(WAY, 2.0)(T, 0)[0]
     found, _ = first(table(q.round(6)))

@@ -109,9 +109,23 @@ def test_a_motion_whose_jerk_stops_it_within_a_period_is_completed():
     assert jounce.Motion.piecewise(x, c).sampled(1000).notes[-1].startswith("it ends in motion")
 
 
-def test_late_and_early_commands_are_noted():
+def test_a_jerk_that_ends_the_acceleration_alone_stops_nothing():
+    """q2d vanishes after half a period, and the velocity of 1 rad/s remains."""
+    moving = jounce.Motion.polynomial([[0.0, 1.0, -0.005 - 2.5, 5 / 3], [0.0, 0.0, 0.0, 0.0]], 0.5)
+    assert moving(0.5, 3)[3][0] == pytest.approx(10)
+    assert moving.sampled(1000).notes[-1].startswith("it ends in motion, by up to ")
+
+
+def test_a_table_of_a_quintic_ends_at_rest():
+    """Its last step is not zero, nor is its jerk constant; the cubic through four rows leaves no velocity."""
+    t = np.arange(1001) / 1000
+    assert table(t, (10 * t**3 - 15 * t**4 + 6 * t**5)[:, None] * [1.0, -0.5]).notes == ()
+
+
+def test_late_commands_are_noted_and_the_curve_goes_on_across_them():
     t, q = rows(three_phases())
     found = table(np.delete(t, 100), np.delete(q, 100, axis=0))
+    np.testing.assert_allclose(found(t[99:300:50], 0)[0], q[99:300:50], atol=1e-5)
     assert found.notes[0] == "1 of 401 commands are late: the first at t = 0.101 s, 2 periods after the one before"
     assert found.source == "401 commands at 1000 Hz"
 
