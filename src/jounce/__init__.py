@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from jounce.identification import Excitation, ForceResidual, Identification, IdentifiedParameter
     from jounce.io.models.states import RobotState
     from jounce.limits.check import Check, CheckedLimit
+    from jounce.limits.explanation import Explanation
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
     from jounce.model.antagonists import AntagonisticSprings
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Along", "AntagonisticSprings", "BaseParameters", "Check", "CheckedLimit", "Closure", "CubicSpring", "Drives",
-    "ElasticAlong", "Elasticity", "Excitation", "ForceResidual", "Identification",
+    "ElasticAlong", "Elasticity", "Excitation", "Explanation", "ForceResidual", "Identification",
     "IdentifiedParameter", "JounceError", "JounceWarning", "Kernel", "Limits", "Loop", "Mechanism", "Motion",
     "Motor", "Report", "Retiming", "Robot", "RobotState", "Slowdown", "SpringFunction", "SpringTable",
     "UncertainError", "__version__", "inertia_matrix", "load", "load_motion", "save",
@@ -51,6 +52,7 @@ _NAMES = {  # of modules, imported when first asked for one of them, so that wha
     "identification": "Excitation ForceResidual Identification IdentifiedParameter",
     "io.models.states": "RobotState",
     "limits.check": "Check CheckedLimit",
+    "limits.explanation": "Explanation",
     "limits.retime": "Retiming",
     "limits.slowdown": "Slowdown",
     "model.antagonists": "AntagonisticSprings",

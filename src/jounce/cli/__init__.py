@@ -15,6 +15,7 @@ from jounce.cli.compare import compare
 from jounce.cli.convert import convert
 from jounce.cli.demo import demo
 from jounce.cli.excite import excite
+from jounce.cli.explain import explain
 from jounce.cli.identify import identify
 from jounce.cli.info import info
 from jounce.cli.motion import motion
@@ -100,8 +101,8 @@ def main() -> None:
 
 
 VERBS = (
-    run, motion, motors, check, slowdown, retime, excite, identify, plot, report, view, info, robots, compare, convert,
-    codegen, demo, cache,
+    run, motion, motors, check, explain, slowdown, retime, excite, identify, plot, report, view, info, robots, compare,
+    convert, codegen, demo, cache,
 )  # fmt: skip
 for verb in VERBS:
     main.add_command(verb)

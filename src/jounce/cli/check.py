@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.limits import LIMITS, draw_ratios, load_robot, spans_in_words
+from jounce.cli.limits import DIFFERENCES, LIMITS, RATE, draw_ratios, load_robot, spans_in_words
 from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
 from jounce.cli.output import align_columns, print_summary
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options
@@ -48,6 +48,8 @@ MOTION may be a folder of tables, or a table of many motions.
 @LIMITS
 @click.option("-o", "--picture", type=PATH, help="Ratios over time as a picture: .png, .svg or .pdf.")
 @click.option("--table", type=PATH, help="Write the limits of every motion as a table: .csv, .npz or .parquet.")
+@RATE
+@DIFFERENCES
 @add_stream_options_without_reduce
 @click.option("--json", "as_json", is_flag=True, help="Print every limit as JSON.")
 def check(
@@ -56,6 +58,8 @@ def check(
     limits: Path | None,
     picture: Path | None,
     table: Path | None,
+    rate: float | None,
+    differences: int,
     stream: StreamRequest,
     as_json: bool,
 ) -> None:
@@ -71,10 +75,13 @@ def check(
     job = Job("limits", arm, required_order(arm), stream.reading(motion), None)
     if picture is not None and is_by_parts(job, motion, table, stream):
         raise JounceError("-o draws one motion that is read as a whole; --table writes the limits of many")
+    if rate is not None and (picture is not None or is_by_parts(job, motion, table, stream)):
+        raise JounceError("--rate judges one motion that is read as a whole, without -o; --as commands judges many")
     loaded: list[Motion] = []
 
     def load() -> "Motion":
-        loaded.append(motion.load(arm, job.order))
+        found = motion.load(arm, job.order)
+        loaded.append(found if rate is None else found.sampled(rate, differences))
         return loaded[0]
 
     found, summary = compute(job, motion, table, stream, "limits", load)

@@ -28,6 +28,12 @@ LIMITS = click.option(
     help="Limits from a YAML or JSON file, MoveIt's too, or published ones of an arm (panda, fr3, ur5e, iiwa14, ...).",
 )
 
+RATE = click.option("--rate", type=float, metavar="HZ", help="Judge commands at the rate of a controller.")
+DIFFERENCES = click.option(
+    "--differences", type=click.IntRange(1, 4), default=3, metavar="N",
+    help="Order of the last difference with --rate: 1 velocity, 2 acceleration, 3 jerk (libfranka), 4 snap.",
+)  # fmt: skip
+
 
 def load_with_motion(
     robot: RobotRequest, motion: MotionRequest, limits: Path | None, order: int = 0

@@ -58,6 +58,10 @@ TABLE_OPTIONS: tuple[Decorator, ...] = (
     deprecate_flag("--force", "--allow-noise"),
     _option("--degree", type=int, metavar="K", help="Interpolate samples by a spline of degree 5 or 7 instead."),
     _option("--intervals", type=int, metavar="N", help="Least-squares fit of such a spline with N intervals."),
+    _option(
+        "--as", "as_", type=click.Choice(["samples", "commands"]),
+        help="Read rows as commands of a controller, one per period, which are taken as they are; default: samples."
+    ),
     _option("--time", metavar="COLUMN", help="Name of the time column; default: t, time or timestamp."),
     _option(
         "--columns", metavar="PATTERN",
@@ -186,8 +190,8 @@ def read_options(path: Path, command: click.Command) -> dict[str, Any]:
     given = entry.keys((), list(options)).members()
     values = {str(options[key].name): _check_value(value, options[key]) for key, value in given.items()}
     with locate_errors(path):
-        degree, intervals, bandwidth = map(values.get, ("degree", "intervals", "bandwidth"))
-        way = select_smoothing(degree, intervals, bandwidth, values.get("allow_noise", False))
+        degree, intervals, bandwidth, as_ = map(values.get, ("degree", "intervals", "bandwidth", "as_"))
+        way = select_smoothing(degree, intervals, bandwidth, values.get("allow_noise", False), as_)
         if isinstance(way, Spline):
             way.check(sys.maxsize, "--read")  # its degree; how many samples there are is not known yet
     return values
@@ -234,6 +238,6 @@ def write_options(path: Path, motion: MotionRequest) -> None:
     from jounce.io.native import writing
 
     options = motion.options | {"blend": motion.blend, "step": motion.step}
-    data = {name.replace("_", "-"): value for name, value in options.items() if value not in (None, False)}
+    data = {name.rstrip("_").replace("_", "-"): value for name, value in options.items() if value not in (None, False)}
     with files.write_whole(path) as part:
         part.write_text(writing.dump_yaml(data, flow=False), encoding="utf-8", newline="\n")

@@ -52,7 +52,7 @@ class StreamRequest:
         from jounce.stream.job import Reading
 
         asked = dict(motion.options)
-        way = select_smoothing(*(asked[name] for name in ("degree", "intervals", "bandwidth", "allow_noise")))
+        way = select_smoothing(*(asked[name] for name in ("degree", "intervals", "bandwidth", "allow_noise", "as_")))
         asked["pattern"], asked["skip"] = asked["columns"], asked["on_error"] == "skip"
         options = ColumnOptions(**{field.name: asked[field.name] for field in fields(ColumnOptions)})
         return Reading(options, way, motion.blend, motion.step)

@@ -125,7 +125,7 @@ def check_choice(kind: str, given: object, existing: Iterable[str], owner: str =
 
 def option_name(keyword: str) -> str:
     """An option of a command, and the keyword of the library: messages name both, for either reader."""
-    return f"--{keyword.replace('_', '-')} ({keyword}=)"
+    return f"--{keyword.rstrip('_').replace('_', '-')} ({keyword}=)"
 
 
 def as_list(given: object) -> list[Any]:

@@ -77,6 +77,7 @@ Language: TypeAlias = Literal["c", "cpp", "cuda", "javascript", "julia", "latex"
 Method: TypeAlias = Literal["kernel", "recursion", "closed_form", "paper"]
 Side: TypeAlias = Literal["links"]
 Product: TypeAlias = Literal["vjp", "jvp"]
+RowKind: TypeAlias = Literal["samples", "commands"]
 TimeUnit: TypeAlias = Literal["s", "ms", "us", "ns"]
 OnError: TypeAlias = Literal["stop", "skip"]
 

@@ -9,6 +9,7 @@ from jounce.core.display import HtmlDisplay
 from jounce.core.errors import join_names, quote_value
 from jounce.engine.along import ForceBreak, find_force_breaks
 from jounce.engine.engine import Engine
+from jounce.limits.commands import take_differences
 from jounce.limits.deviations import compute_deviations
 from jounce.limits.joints import joint_units
 from jounce.limits.limited_motion import LimitedMotion, Span
@@ -158,8 +159,12 @@ class Check(HtmlDisplay):
 
 
 def check(robot: Engine, motion: object) -> Check:
-    """Every limit of a robot along a motion."""
+    """Every limit of a robot along a motion, or at the commands of one."""
     b = validate_limits(robot, motion)
+    if differences := take_differences(b):
+        table = _build_table(differences.b, differences.worst(), {})
+        notes = (*differences.notes, *describe_omissions(b, ()))
+        return Check(table, (), notes, dict.fromkeys(differences.b.kinds, 1.0))
     worst = Worst(b)
     for pieces in split_motion(b):
         worst.take(pieces)

@@ -841,6 +841,46 @@ class Motion(HtmlDisplay):
             raise JounceError(f"{came}; expected a longer one")
         return replace(self, grid=self._grid(float(step)))
 
+    def sampled(self, rate: float, differences: int = 3) -> "Motion":
+        """The motion as a controller takes it: the commands of its positions at k / rate, and their differences.
+
+        `Robot.check` compares the differences of its commands with limits. Between them the motion is the B-spline
+        whose control points they are, with the jerk of their third differences.
+
+        Parameters
+        ----------
+        rate : float
+            That of the controller, Hz. The last command is the end of the motion, at the first k / rate from there on;
+            if the motion ends with a jerk that stops it within a period, where it stops.
+        differences : int, optional
+            Order of the last difference that the controller takes: 1 for velocity, 2 for acceleration, 3 for jerk, as
+            libfranka does, or 4 for snap.
+
+        Returns
+        -------
+        Motion
+            With the commands as `samples`.
+
+        Raises
+        ------
+        JounceError
+            If a number is out of range, or the motion consists of commands at another rate.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> motion = jounce.Motion.trapezoidal([[0.0], [1.0]], velocity=1.0, acceleration=2.0).sampled(rate=20)
+        >>> motion.samples[1][:4, 0].round(4).tolist()
+        [0.0, 0.0025, 0.01, 0.0225]
+        """
+        from jounce.motion.commands import find_commands, sample_curve
+
+        curve, notes = sample_curve(self.curve, rate, differences)
+        found = replace(self, curve=curve, samples=(curve.t, curve.q), grid=curve.t, notes=(*self.notes, *notes))
+        if find_commands(self.curve):
+            return found
+        return replace(found, source=f"{self.source}, as commands at {rate:g} Hz", residual=None, torques=None)
+
     def blended(self, time: float, continuity: int = 4) -> "Motion":
         """Replace the breaks of the motion by polynomials, so that derivatives up to an order are continuous.
 

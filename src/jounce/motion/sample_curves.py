@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jounce.core.errors import JounceError, warn
+from jounce.motion.commands import read_commands
 from jounce.motion.curves import ROUNDING_OF_Q, Curve
 from jounce.motion.deviations import MAX_DEVIATION_ORDER
 from jounce.motion.fit import Fit, fit
 from jounce.motion.noise import estimate_local_noise
 from jounce.motion.samples import MIN_FIT_SAMPLES
 from jounce.motion.smoothness import MAX_NOISE_DEVIATIONS, describe_sample_jumps
-from jounce.motion.spline import SampledColumns, Smoothing, Spline, SplineCurve, fit_spline
+from jounce.motion.spline import CommandRows, SampledColumns, Smoothing, Spline, SplineCurve, fit_spline
 from jounce.spatial.series import rate_name
 
 INTERPOLATION_OPTION = "--degree 7 (degree=7)"
@@ -49,6 +50,8 @@ def fit_curve(given: SampledColumns, way: Smoothing | Spline) -> SampleCurve:
     JounceError : where no curve follows from the samples, or they cannot carry the derivative and are not forced to.
     """
     t, q, place, symbol = given.t, given.q, given.place, given.symbol
+    if isinstance(way, CommandRows):
+        return SampleCurve(*read_commands(t, q, place)) if symbol == "q" else _fit_spline_curve(given, Spline())
     if isinstance(way, Spline):
         return _fit_spline_curve(given, way)
     if len(t) < MIN_FIT_SAMPLES:

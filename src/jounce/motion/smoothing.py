@@ -35,7 +35,7 @@ from jounce.motion.knot_selection import (
     select_knots,
 )
 from jounce.motion.knots import fit_breaks, max_intervals, median_length
-from jounce.motion.least_squares import FIT_DEGREE, MIN_CELLS, SplineSolution, make_rows, solve
+from jounce.motion.least_squares import MIN_CELLS, SplineSolution, make_rows, solve
 from jounce.motion.noise import Beats, estimate_local_noise, find_beats, rest_weights, varies_slowly
 from jounce.motion.reliability import notes_of_residual, residual_excess
 from jounce.motion.samples import Samples, are_wild_rows

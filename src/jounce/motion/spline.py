@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.core.errors import JounceError, check_bool, one_line, option_name, quote_value, warn
+from jounce.core.errors import JounceError, check_bool, check_choice, one_line, option_name, quote_value, warn
 from jounce.motion.curves import SmoothCurve
 from jounce.motion.smoothness import MAX_ROUNDING_SHARE, rate_sizes, rounding_error
 from jounce.spatial.series import rate_name
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 SPLINE_DEGREES = (5, 7)  # q is C^4 or C^6
+ROW_KINDS = ("samples", "commands")  # what the rows of a table are: of a motion, or for a controller
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,13 @@ class Spline:
             raise JounceError(
                 f"{place}: {quote_value(self.intervals)} intervals for {samples} samples; expected 1 to {most}"
             )
+
+
+class CommandRows(Spline):
+    """The way from rows that are commands of a controller, one per period, to a curve: see `motion.commands`."""
+
+    def __str__(self) -> str:
+        return "commands"
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,9 +135,9 @@ def fit_spline(given: SampledColumns, spline: Spline) -> SplineCurve:
 
 
 def select_smoothing(
-    degree: int | None, intervals: int | None, bandwidth: float | None, allow_noise: bool
+    degree: int | None, intervals: int | None, bandwidth: float | None, allow_noise: bool, as_: str | None = None
 ) -> Smoothing | Spline:
-    """Return the way from samples to a curve that a caller selects."""
+    """Return the way from samples to a curve that a caller selects; `as_` is what they are, one of `ROW_KINDS`."""
     check_bool("allow_noise", allow_noise, "whether to accept samples whose noise dominates the highest rate")
     check_bandwidth(bandwidth)
     manual, smoothing = {"degree": degree, "intervals": intervals}, {"bandwidth": bandwidth, "allow_noise": allow_noise}
@@ -138,12 +146,18 @@ def select_smoothing(
     if by_hand and smooth:
         came = f"{smooth[0]} is for samples that are smoothed, and {by_hand[0]} is for ones that are not"
         raise JounceError(f"{came}; leave one of them out")
+    if as_ is not None and check_choice("kind of rows", as_, ROW_KINDS) == ROW_KINDS[1]:
+        if by_hand or smooth:
+            raise JounceError(f"commands are taken as they are; leave out {(by_hand + smooth)[0]}")
+        return CommandRows()
     return Spline(7 if degree is None else degree, intervals) if by_hand else Smoothing(bandwidth, allow_noise)
 
 
 def refuse_smoothing(way: Smoothing | Spline, place: str, reason: str) -> None:
     """Raise `JounceError` where a caller says how samples become a curve, and there are no samples for a reason."""
-    if isinstance(way, Spline):
+    if isinstance(way, CommandRows):
+        given = ["as_"]
+    elif isinstance(way, Spline):
         given = ["degree" if way.intervals is None else "intervals"]
     else:
         given = [name for name, value in vars(way).items() if value]

@@ -8,7 +8,7 @@ from jounce.arguments import names
 from jounce.arguments.rates import check_order
 from jounce.core.deprecated import deprecate_keywords
 from jounce.core.errors import JounceError, check_choice, locate_errors, quote_value
-from jounce.core.typing import Angles, ArrayLike, OnError, Shaped, TimeUnit
+from jounce.core.typing import Angles, ArrayLike, OnError, RowKind, Shaped, TimeUnit
 from jounce.engine.engine import Engine
 from jounce.engine.force_deviations import with_vibration_notes
 from jounce.io import motions
@@ -40,6 +40,7 @@ def load_motion(
     on_error: OnError = "stop",
     topic: str | None = None,
     measured: Literal["links", "motors"] | None = None,
+    as_: RowKind | None = None,
 ) -> "Motion":
     """Load a motion of a robot as a function of time: from a file, by name, or from named columns.
 
@@ -85,6 +86,9 @@ def load_motion(
     measured : {"links", "motors"}, optional
         Whose positions are given: those of the links, by default, or of the motors behind elastic joints, from which
         those of the links follow as long as they move slower than these swing on their springs.
+    as_ : {"samples", "commands"}, optional
+        What the rows are: samples of a motion, or commands of a controller, one per period, which are neither smoothed
+        nor interpolated: `Robot.check` takes their differences, as those of `Motion.sampled`.
 
     Returns
     -------
@@ -116,7 +120,7 @@ def load_motion(
     from jounce.motion.table_columns import ColumnOptions
 
     mechanism, highest = robot.mechanism, check_order(order) + 2
-    way = select_smoothing(degree, intervals, bandwidth, allow_noise)
+    way = select_smoothing(degree, intervals, bandwidth, allow_noise, as_)
     skip = check_choice("on_error", on_error, get_args(OnError)) == "skip"
     options = ColumnOptions(time, columns, angles, time_unit, torques, rename, skip)
     if topic is not None and not isinstance(topic, str):

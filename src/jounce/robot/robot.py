@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from jounce.engine.along import Along
     from jounce.io.models.states import RobotState
     from jounce.limits.check import Check
+    from jounce.limits.explanation import Explanation
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
     from jounce.model.elasticity import Elasticity, SpringLaw
@@ -903,8 +904,8 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
 
         return forces_along(self, motion, t, order, method, progress)
 
-    def check(self, motion: "Motion") -> "Check":
-        """Check a motion against every limit of the robot, between samples too.
+    def check(self, motion: "Motion", rate: float | None = None, differences: int = 3) -> "Check":
+        """Check a motion against every limit of the robot, between samples too, or as commands of a controller.
 
         Between samples quintic polynomials through q, qd, ... and Q, Qd, Q2d find the peaks, which are then evaluated
         exactly. At a break of the motion both sides are checked; where a lower rate jumps, the value is infinite.
@@ -912,10 +913,17 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         Of measured motions, each kind of limit counts as it is where its standard deviation is at most ten times its
         median; elsewhere, which is towards the ends, where a value lies two deviations or more from its limit.
 
+        At a `rate` limits bound backward differences of the positions at k / rate, the first from rest: v_k = (q_k -
+        q_k-1) rate, a_k = (v_k - v_k-1) rate, ..., and (Q_k - Q_k-1) rate with the forces Q_k at q_k, v_k, a_k.
+
         Parameters
         ----------
         motion : Motion
-            As for `forces_along`; with wrenches, these act.
+            As for `forces_along`; with wrenches, these act. Tables read with `as_="commands"` have a rate of their own.
+        rate : float, optional
+            Rate of the controller that takes the motion, Hz: see `Motion.sampled`.
+        differences : int, optional
+            Order of the last difference that it takes: 1 to 4, 3 for jerk, as libfranka does.
 
         Returns
         -------
@@ -938,9 +946,71 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         >>> found.ok, found.worst.joint, found.worst.limit, round(found.worst.ratio, 4)
         (False, 'joint2', 'effort', 1.7567)
         """
-        from jounce.limits.check import check  # imported here to keep start-up fast
+        from jounce.engine.along import check_motion  # imported here to keep start-up fast
+        from jounce.limits.check import check
 
-        return check(self, motion)
+        return check(self, motion if rate is None else check_motion(self.mechanism, motion).sampled(rate, differences))
+
+    def explain(
+        self,
+        motion: "Motion",
+        controller: str | None = None,
+        *,
+        rate: float | None = None,
+        differences: int = 3,
+        start: ArrayLike | None = None,
+    ) -> "Explanation":
+        """Why a controller stops a motion: which limit of which joint its commands break, when, and for which cause.
+
+        The differences of the commands are judged as by `check` with a rate. Causes are recognised by the commands
+        around each moment: late or repeated ones, rounding, a start that is not at rest where the robot is, a jump of a
+        derivative, a torque rate that no kinematic limit prevents, a motion that is too fast.
+
+        Parameters
+        ----------
+        motion : Motion
+            A plan, or a table that is read with `as_="commands"`, whose torques, if it has any, are commands too.
+        controller : {"franka"}, optional
+            Its rate and differences are used, and the public limits of its arm, Panda or FR3 by the names of joints.
+        rate, differences : float, int, optional
+            In place of a controller, for the limits of this robot: see `check`.
+        start : (n,), optional
+            The measured positions at which the robot rests before the first command, rad or m.
+
+        Returns
+        -------
+        Explanation
+            The `trips`, each with joint, limit, time and cause; `cures` by `slowdown` and `retime`, with their results;
+            `unpredicted` is what such differences do not show.
+
+        Raises
+        ------
+        JounceError
+            If the controller is unknown, or neither or both of controller and rate are given; and as `check` does.
+
+        References
+        ----------
+        libfranka, include/franka/rate_limiting.h and src/rate_limiting.cpp. Franka Control Interface documentation,
+        "Robot and interface specifications".
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("panda", lock={"panda_finger_joint1": 0.0})
+        >>> rest_to_rest = [[q, 0, 0, 10 * d, -15 * d, 6 * d] for q, d in zip([0, 0, 0, -2, 0, 2, 0], [1.5] * 7)]
+        >>> motion = jounce.Motion.polynomial(rest_to_rest, 1.0)
+        >>> trip = robot.explain(motion, "franka").trips[0]
+        >>> trip.joint, trip.limit, trip.cause
+        ('panda_joint2', 'acceleration', 'too fast')
+        """
+        from jounce.limits.explanation import explain, select_controller
+
+        if controller is not None and rate is None:
+            known, arm = select_controller(controller, self.joint_names)
+            return explain(self.with_limits(arm), motion, known.rate, known.differences, start, known)
+        if controller is not None or rate is None:
+            raise JounceError("explain() takes either controller='franka' (--controller) or rate=1000 (--rate)")
+        return explain(self, motion, rate, differences, start)
 
     def slowdown(self, motion: "Motion") -> "Slowdown":
         """The largest factor of speed at which a motion keeps every limit, and so does every slower one.

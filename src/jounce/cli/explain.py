@@ -1,0 +1,75 @@
+"""`jounce explain`: why a controller stops a motion."""
+
+from dataclasses import asdict
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import click
+
+from jounce.cli.limits import DIFFERENCES, LIMITS, RATE, load_with_motion
+from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
+from jounce.cli.output import align_columns, print_summary
+from jounce.cli.robot_options import RobotRequest, add_robot_options
+from jounce.core.errors import JounceError, shorten
+
+MAX_TRIPS_SHOWN = 12  # the first stops the robot; --json has all
+
+EPILOG = """\b
+Example:
+  jounce excite ur5 --starts 1 -o excite.csv
+  jounce explain ur5 excite.csv --rate 500
+
+\b
+Give --controller franka for a Panda or FR3, and --as commands for tables of
+commands. The exit code is 1 where a limit is broken.
+"""
+
+
+@click.command(cls=MotionCommand, epilog=EPILOG, short_help="Why a controller stops a motion, and what cures it.")
+@add_robot_options
+@add_motion_options
+@LIMITS
+@click.option("--controller", metavar="NAME", help="Controller whose public rules and limits are used: franka.")
+@RATE
+@DIFFERENCES
+@click.option("--start", metavar="Q1,Q2,...", help="Measured position, rad or m, at which the robot rests before.")
+@click.option("--json", "as_json", is_flag=True, help="Print the explanation as JSON.")
+def explain(
+    robot: RobotRequest, motion: MotionRequest, limits: Path | None, controller: str | None, rate: float | None,
+    differences: int, start: str | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Explain which limits of ROBOT the commands of MOTION break, when and for which cause, and what cures it."""
+    if controller is not None and limits is not None:
+        raise JounceError("--controller has limits of its own; leave out --limits, or give --rate in its place")
+    arm, path = load_with_motion(robot, motion, limits, 1)
+    try:
+        begin = None if start is None else [float(x) for x in start.split(",")]
+    except ValueError:
+        raise JounceError(f"--start is {start!r}; expected numbers with commas between them") from None
+    found = arm.explain(path, controller, rate=rate, differences=differences, start=begin)
+    summary = {"robot": arm.name, "motion": str(motion.path), "controller": controller, "ok": not found.trips}
+    print_summary(summary | asdict(found), _format_summary, as_json)
+    raise SystemExit(1 if found.trips else 0)
+
+
+def _format_summary(summary: dict[str, Any]) -> str:
+    trips, (head, first) = summary["trips"], ("every limit is kept", [])
+    if trips:
+        one = trips[0]
+        head = f"the {one['limit']} of {one['joint']} is broken at {1e3 * one['t']:.6g} ms: {one['words']}"
+        rows: list[tuple[str, ...]] = [
+            ("at t", "until", "joint", "limit", "value", "bound", "unit", "worst ratio", "cause")
+        ]
+        for of in trips[:MAX_TRIPS_SHOWN]:
+            *numbers, ratio = (f"{of[key]:.6g}" for key in ("t", "stop", "value", "bound", "ratio"))
+            cells = numbers[:2], (of["joint"], of["limit"]), numbers[2:], (of["unit"], ratio)
+            rows.append((*chain(*cells), f"{of['cause']}: {of['words']}"))
+        more = len(trips) - MAX_TRIPS_SHOWN
+        first = ["", *align_columns(rows), *([f"and {more} more moments; --json lists them"] if more > 0 else []), ""]
+    effects = {True: "cures it", False: "does not cure it"}
+    cures = [f"{of['method']} {effects[of['works']]}: {of['words']}" for of in summary["cures"]]
+    return "\n".join([
+        f"{shorten(summary['robot'])} along {summary['motion']}: {head}",
+        *summary["notes"], *first, *cures, *(f"not predicted: {what}" for what in summary["unpredicted"]),
+    ])  # fmt: skip

@@ -1,0 +1,123 @@
+"""Commands as a controller judges them: backward differences at its own rate, in place of derivatives.
+
+libfranka's rate limiting takes v_k = (q_k - q_k-1) / T, a_k = (v_k - v_k-1) / T, j_k = (a_k - a_k-1) / T and, of torque
+commands, (tau_k - tau_k-1) / T, each with the period T = 1 ms, whenever a command arrives [1]. The robot is at rest
+before the first command, and it holds the last one.
+
+A difference of order m is the mean of the m-th derivative, weighted by a B-spline of m periods: a motion that keeps its
+limits of velocity, acceleration and jerk keeps them as commands too; one that breaks a limit for less than m periods
+may keep it as commands.
+
+[1] libfranka, src/rate_limiting.cpp (commit 16d7d166, 2023) and include/franka/rate_limiting.h.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from jounce.core.errors import JounceError, join_names
+from jounce.engine.closed_path import continue_positions
+from jounce.engine.motion_states import MotionStates
+from jounce.limits.joints import joint_rates, scatter_columns
+from jounce.limits.limited_motion import LimitedMotion, compute_at_speed, compute_gravity, motion_order
+from jounce.limits.ratios import SIGNS
+from jounce.limits.samples import limited_values
+from jounce.limits.worst_values import Worst
+from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS
+from jounce.model.positions import multiscrew_joints
+from jounce.motion.commands import CommandCurve, find_commands
+
+DIFFERENCE_NAMES = ("position", "velocity", "acceleration", "jerk", "snap")
+
+
+@dataclass(frozen=True, eq=False)
+class CommandDifferences:
+    """What limits bound of commands, and of the last one while it is held, at the times t (N,) at which they arrive.
+
+    `rates` are q and its differences (N + 1, joints), from the state before the first command on; `values` (N, joints)
+    what is compared with limits, by kind. `b` has the kinds that are judged.
+    """
+
+    b: LimitedMotion
+    commands: CommandCurve
+    t: np.ndarray
+    rates: tuple[np.ndarray, ...]
+    values: Mapping[str, np.ndarray]
+    notes: tuple[str, ...]
+
+    def worst(self) -> Worst:
+        """The worst values, and the times between which they are beyond their bounds."""
+        found = Worst(self.b)
+        for kind, values in self.values.items():
+            for sign in SIGNS:
+                found.take_values(kind, sign, self.t, sign * values, self.beyond(kind, sign))
+        return found
+
+    def beyond(self, kind: str, sign: int) -> np.ndarray:
+        """Which values (N, joints) are beyond the bound of a sign."""
+        return np.asarray(sign * self.values[kind] > self.b.scales[kind].tolerant(sign))
+
+
+def take_differences(b: LimitedMotion, start: np.ndarray | None = None) -> CommandDifferences | None:
+    """The differences of a motion that consists of commands; None for another. The robot begins at rest at `start`."""
+    commands, m = find_commands(b.motion.curve), b.robot.mechanism
+    if commands is None:
+        return None
+    if m.floats or b.motion.base_curve or multiscrew_joints(m.tree):
+        raise JounceError(
+            f"{m.name!r} moves its base or joints of several screws; a controller's rate is for joints of one screw on"
+            " a fixed base: leave out --rate (rate=) and --as (as_=)"
+        )
+    period, order = 1 / commands.rate, commands.differences
+    first = commands.q[:1] if start is None else start[None]
+    rates = [np.concatenate([first, commands.q, np.repeat(commands.q[-1:], order, axis=0)])]
+    for _ in range(order + 1):
+        rates.append(np.diff(rates[-1], axis=0, prepend=rates[-1][:1]) / period)
+    t = np.append(commands.t, commands.t[-1] + period * np.arange(1, order + 1))
+    within = np.append(t[0], t).clip(b.motion.start, b.motion.stop)  # as the world is then that the robot meets
+    near, forces, gravity = continue_positions(b.robot, b.motion, within), [], []
+    if any(LIMIT_KINDS[kind].force for kind in b.kinds):
+        states = MotionStates(tuple(rates[:3]), b.motion.wrench(within, 0), None, near)
+        Q, G = compute_at_speed(b.robot, states, b.efforts, 0), compute_gravity(b.robot, states, 0)
+        forces, gravity = (_take_force_rates(scatter_columns(m, x, b.efforts)[0], period) for x in (Q, G))
+    notes = [f"differences of commands at {commands.rate:.6g} Hz: {join_names(DIFFERENCE_NAMES[1 : order + 1])}"]
+    joints = joint_rates(b.robot, rates, near, b.follow)
+    values = limited_values(b.limits, joints[: order + 1], forces, gravity)
+    for k, kind in enumerate(
+        kind for kind in MOTION_KINDS if kind in values
+    ):  # what rounding adds to a bound is no excess
+        kept = values[kind].clip(*b.limits.bounds(kind))
+        off = np.finfo(float).eps * np.abs(joints[0]).max(axis=0) * (2 * commands.rate) ** k
+        values[kind] = np.where(np.abs(values[kind] - kept) <= off, kept, values[kind])
+    if forces and b.motion.torques:
+        rest = forces[0][0] - gravity[0][0] * ("effort_rate" in b.limits.without_gravity)
+        values |= _stated_torque_rates(b, values, rest, period)
+        notes.append(f"torque rates are differences of the table's torques, taken as {b.limits.of('effort_rate')}")
+    judged = b.select_kinds([kind for kind in b.kinds if kind in values and motion_order(b.robot, kind) <= order])
+    if left := [kind.replace("_", " ") for kind in b.kinds if kind not in judged.kinds]:
+        notes.append(f"limits of {join_names(left)} are not judged by differences up to order {order}")
+    values = {kind: values[kind][1:] for kind in judged.kinds}
+    return CommandDifferences(judged, commands, t, joints, values, tuple(notes))
+
+
+def _take_force_rates(Q: np.ndarray, period: float) -> list[np.ndarray]:
+    """Q and its differences, which begin at the rest before the first command."""
+    found = [Q]
+    for _ in EFFORT_KINDS[1:]:
+        found.append(np.diff(found[-1], axis=0, prepend=found[-1][:1]) / period)
+    return found
+
+
+def _stated_torque_rates(
+    b: LimitedMotion, values: Mapping[str, np.ndarray], rest: np.ndarray, period: float
+) -> dict[str, np.ndarray]:
+    """The rates of the torques that a table of commands states, from `rest` (joints,) on; the model's without any."""
+    assert b.motion.torques is not None
+    stated = b.motion.torques[1]
+    more = len(next(iter(values.values()))) - 1 - len(stated)
+    whole = np.concatenate([rest[None], stated, np.repeat(stated[-1:], more, axis=0)])
+    rates = dict(zip(EFFORT_KINDS, _take_force_rates(whole, period), strict=True))
+    return {
+        kind: np.where(np.isnan(rates[kind]), values[kind], rates[kind]) for kind in EFFORT_KINDS[1:] if kind in values
+    }
