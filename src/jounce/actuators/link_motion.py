@@ -27,8 +27,8 @@ from jounce.dynamics.joint_springs import elasticity_of
 from jounce.dynamics.quantities import QUANTITIES, find_row
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates
+from jounce.motion.bsplines import BASIS_WIDTH, FIT_DEGREE, basis, pad_knots
 from jounce.motion.curves import Curve
-from jounce.motion.least_squares import BASIS_WIDTH, FIT_DEGREE, basis, pad_knots
 from jounce.motion.motion import Motion
 from jounce.motion.sample_curves import SmoothedCurve
 from jounce.motion.spline import SplineCurve

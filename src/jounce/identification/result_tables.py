@@ -161,10 +161,11 @@ def _part_residuals(
     off = [samples.forces, samples.forces - posed.model[which], samples.forces - predicted[which]]
     counts = weighted_means(np.ones_like(w), w, place)[1]
     band = [_rms(weighted_means(values, w, place)[0], counts) for values in off]
-    rows = np.stack([*band, *(_rms(values, w) for values in off[1:])], axis=1)
+    columns = [*band, *(_rms(values, w) for values in off[1:]), motion_errors]
+    rows = np.stack(columns, axis=1).tolist()
     for j, (name, unit) in enumerate(zip(force_names(m), force_units(m), strict=True)):
         if counts[:, j].any():
-            yield ForceResidual(name, unit, part, *map(float, rows[j]), float(motion_errors[j]))
+            yield ForceResidual(name, unit, part, *rows[j])
 
 
 def _rms(values: np.ndarray, weights: np.ndarray) -> np.ndarray:

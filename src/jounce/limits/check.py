@@ -162,13 +162,14 @@ def check(robot: Engine, motion: object) -> Check:
     """Every limit of a robot along a motion, or at the commands of one."""
     b = validate_limits(robot, motion)
     if differences := take_differences(b):
-        table = _build_table(differences.b, differences.worst(), {})
+        worst = differences.worst()
+        table = _build_table(differences.b, worst, {}, _copy_worst(worst))
         notes = (*differences.notes, *describe_omissions(b, ()))
         return Check(table, (), notes, dict.fromkeys(differences.b.kinds, 1.0))
     worst = Worst(b)
     for pieces in split_motion(b):
         worst.take(pieces)
-    certain = {side: (value.copy(), worst.t[side].copy()) for side, value in worst.value.items()}
+    certain = _copy_worst(worst)
     undecided = count_uncertain(b, worst)
     for of, spans in worst.unresolved.items():
         undecided[of] = undecided.get(of, []) + spans
@@ -190,6 +191,11 @@ def describe_unresolved(worst: Worst) -> tuple[str, ...]:
         f" samples from t = {min(spans)[0]:.9g} s on: it changes too fast there to be followed"
         for (kind, j), spans in worst.unresolved.items()
     )
+
+
+def _copy_worst(worst: Worst) -> dict[tuple[str, int], tuple[np.ndarray, np.ndarray]]:
+    """The worst values and their times by kind and sign, as they are now."""
+    return {side: (value.copy(), worst.t[side].copy()) for side, value in worst.value.items()}
 
 
 def _build_table(

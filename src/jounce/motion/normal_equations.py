@@ -58,7 +58,7 @@ class NormalEquations:
         """T^T y of rows (P, n), (M, 10, n)."""
         if self.sums is None:
             return (self.T.T @ y).reshape(-1, BASIS_WIDTH, y.shape[1])
-        by_cell = self.T.mT @ y.reshape(len(self.T), BASIS_WIDTH, -1)
+        by_cell = np.asarray(self.T).mT @ y.reshape(len(self.T), BASIS_WIDTH, -1)
         return (self.sums @ by_cell.reshape(len(by_cell), -1)).reshape(-1, *by_cell.shape[1:])
 
     def _evaluate(self, local: np.ndarray) -> np.ndarray:
