@@ -19,7 +19,7 @@ from typing import NamedTuple
 import click
 
 from benchmarks import machine
-from benchmarks.stream import ORDER, generate, sums
+from benchmarks.state_files import ORDER, generate, sums
 from jounce.io.files import write_whole
 
 

@@ -10,7 +10,6 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from hashlib import sha256
 from pathlib import Path
 from pstats import Stats
 from shutil import rmtree
@@ -21,18 +20,11 @@ from typing import NamedTuple
 import click
 import numpy as np
 
-import jounce
 from benchmarks import machine
-from jounce.io.columns import Columns
+from benchmarks.state_files import BLOCK, OF_FILE, ORDER, ROBOT, SEED, generate, states, sums
 from jounce.io.files import write_whole
 from jounce.io.tables import PARQUET
 from jounce.spatial.series import rate_name
-
-ROBOT = jounce.load("iiwa14")
-OF_FILE = 1_000_000  # rows
-BLOCK = 1 << 16  # rows that are computed at a time
-ORDER = 2
-SEED = 20210
 
 STAGES = {  # of the main thread: files and functions
     "waiting for rows": ("stream/row_reader.py", "_read_ahead"),
@@ -133,27 +125,6 @@ def profiled(source: Path, output: Path) -> Iterator[str]:
     yield f"* the main thread, ns per state of {OF_FILE:,} with a profiler: {parts}"
 
 
-def generate(folder: Path, rows: int) -> None:
-    """Write files of smooth motions of all joints, with all rates."""
-    folder.mkdir()
-    for number, first in enumerate(range(0, rows, OF_FILE)):
-        PARQUET.write(folder / f"motion{number:04d}.parquet", states(number, min(OF_FILE, rows - first)))
-
-
-def states(seed: int, rows: int) -> Iterator[Columns]:
-    """The columns of a motion, some rows at a time."""
-    random = np.random.default_rng([SEED, seed])
-    amplitude, frequency, phase = random.uniform((0.1, 0.5, 0.0), (0.5, 2.0, 6.0), (ROBOT.n, 3)).T
-    for first in range(0, rows, BLOCK):
-        t = np.arange(first, min(first + BLOCK, rows)) * 1e-3
-        columns = {"t": t}
-        for j, name in enumerate(ROBOT.joint_names):
-            for k in range(ORDER + 3):
-                wave = np.cos(frequency[j] * t + phase[j] + k * np.pi / 2)
-                columns[f"{name}.{rate_name('q', k)}"] = amplitude[j] * frequency[j] ** k * wave
-        yield columns
-
-
 def in_memory(count: int = 16) -> Times:
     """Times per state of the kernel on a block of states; the median of some."""
     columns = next(states(0, BLOCK))
@@ -240,11 +211,6 @@ def killed(source: Path, output: Path, kills: int, whole: float) -> Iterator[str
         yield f"killed after {after:.1f} s: {done} parts are finished"
     time, _ = run(source, output)
     yield f"the run that follows them takes {time.elapsed:.1f} s instead of {whole:.1f} s"
-
-
-def sums(folder: Path) -> dict[str, str]:
-    """The checksums of the tables in a folder."""
-    return {path.name: sha256(path.read_bytes()).hexdigest() for path in sorted(folder.glob("*.parquet"))}
 
 
 def timed(call: Callable[[], object]) -> Times:

@@ -12,7 +12,7 @@ import numpy as np
 
 from jounce.motion.knots import drop_sparse_breaks
 from jounce.motion.least_squares import SplineRows
-from jounce.motion.normal_equations import NormalEquations, factorize
+from jounce.motion.normal_equations import SplineEquations, factorize
 from jounce.motion.samples import MAX_SCATTER_ROWS, Samples
 from jounce.motion.vibrations import MIN_LINE_POWER, MIN_SPECTRUM_ROWS, Line
 
@@ -69,7 +69,7 @@ class _Angle:
 
 
 def _find_waves(
-    angles: Sequence[_Angle], rows: SplineRows, equations: NormalEquations, window: np.ndarray
+    angles: Sequence[_Angle], rows: SplineRows, equations: SplineEquations, window: np.ndarray
 ) -> Iterator[tuple[int, int]]:
     """Joints and counts of waves in what a coarse fit leaves of the rows."""
     left = (equations.fit(rows.y)[1] / rows.weight[:, None]).T.copy()  # by joint

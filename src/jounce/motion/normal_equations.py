@@ -23,7 +23,7 @@ MIN_REFINED_SHARE = 1e-6  # of the samples: in smaller residuals the rounding of
 
 
 @dataclass(frozen=True, eq=False)
-class NormalEquations:
+class SplineEquations:
     """B^T B of rows and of the splines with some breaks, for any right sides; B = T E.
 
     T are weighted values at each row of ten functions per interval: Chebyshev polynomials, where the rows determine
@@ -74,7 +74,7 @@ def sum_squares(columns: np.ndarray) -> np.ndarray:
     return np.einsum("pj,pj->j", columns, columns)
 
 
-def factorize(t: np.ndarray, weight: np.ndarray, breaks: np.ndarray, in_cells: bool) -> NormalEquations:
+def factorize(t: np.ndarray, weight: np.ndarray, breaks: np.ndarray, in_cells: bool) -> SplineEquations:
     """The equations of rows at t, (P,), of weights (P,), and of splines with these breaks.
 
     Rows `in_cells` are ten or more in each interval. Raises `LinAlgError` where the equations are singular.
@@ -113,8 +113,8 @@ def factorize(t: np.ndarray, weight: np.ndarray, breaks: np.ndarray, in_cells: b
     if not (bounds % BASIS_WIDTH).any():  # ten rows are in one interval, as compressed ones
         cells = np.arange(len(t) // BASIS_WIDTH)
         sums = csr_array((np.ones(len(cells)), cells, bounds // BASIS_WIDTH), shape=(intervals, len(cells)))
-        return NormalEquations(values.reshape(-1, BASIS_WIDTH, BASIS_WIDTH), E, sums, factor)
+        return SplineEquations(values.reshape(-1, BASIS_WIDTH, BASIS_WIDTH), E, sums, factor)
     columns = place[:, None] * BASIS_WIDTH + k.astype(index)
     ends = np.arange(0, values.size + 1, BASIS_WIDTH, dtype=index)
     T = csr_array((values.ravel(), columns.ravel(), ends), shape=(len(place), intervals * BASIS_WIDTH))
-    return NormalEquations(T, E, None, factor)
+    return SplineEquations(T, E, None, factor)
