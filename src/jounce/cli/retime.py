@@ -64,7 +64,7 @@ def retime(
     summary = {
         "robot": arm.name, "motion": str(motion.path), "source": given.source, "margin": margin,
         "given": given.duration, "duration": found.duration, "binding": [part._asdict() for part in found.binding],
-        "jumps": found.jumps,
+        "jumps": found.jumps, "notes": list(given.notes),
         "output": str(output), "picture": None if picture is None else str(picture), "states": len(fast.times),
     }  # fmt: skip
     print_summary(summary, _format_summary, as_json)
@@ -82,6 +82,7 @@ def _format_summary(summary: dict[str, Any]) -> str:
         f"{along}: {summary['given']:.6g} s -> {summary['duration']:.6g} s with a margin of {summary['margin']:.3g}",
         f"{summary['states']} rows written to {summary['output']}{pictured}",
         *jumps,
+        *summary["notes"],
         "",
         *align_columns(rows),
     ])  # fmt: skip

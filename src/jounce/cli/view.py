@@ -36,12 +36,13 @@ def view(robot: RobotRequest, motion: MotionRequest | None, port: int | None, me
 
     scene.check_installed()
     arm = robot.load()
-    along = None if motion is None else record_track(arm, motion.load(arm, 0))
+    moves = None if motion is None else motion.load(arm, 0)
+    along = None if moves is None else record_track(arm, moves)
     stopped = Event()
     before = signal.signal(signal.SIGINT, lambda *_: stopped.set())
     try:
         with viewer.serve_robot(arm, robot.path, along, port, meshes) as served:
-            for note in served.scene.notes:
+            for note in (*served.scene.notes, *(moves.notes if moves else ())):
                 click.echo(escape_text(note))
             click.echo(f"{escape_text(arm.name)} is shown at {served.address}; Ctrl-C ends it")
             viewer.run(served, stopped.wait)
