@@ -166,7 +166,7 @@ def test_a_torque_rate_within_kinematic_limits_is_cured():
     assert cured(found) == {"slowdown": True, "retime": True}
 
 
-def test_the_cause_is_that_of_a_limit_of_the_motion_that_is_broken_next():
+def test_the_cause_is_that_of_a_motion_limit_broken_next():
     """The torque rate is broken two periods before the jerk, whose jump is the cause of both."""
     arm = PANDA.with_limits(jerk=20.0, effort_rate=0.5, effort=np.inf)
     _, trip = first(quintic(WAY, 1.0), arm, rate=1000)

@@ -84,9 +84,7 @@ def take_differences(b: LimitedMotion, start: np.ndarray | None = None) -> Comma
     notes = [f"differences of commands at {commands.rate:.6g} Hz: {join_names(DIFFERENCE_NAMES[1 : order + 1])}"]
     joints = joint_rates(b.robot, rates, near, b.follow)
     values = limited_values(b.limits, joints[: order + 1], forces, gravity)
-    for k, kind in enumerate(
-        kind for kind in MOTION_KINDS if kind in values
-    ):  # what rounding adds to a bound is no excess
+    for k, kind in enumerate(MOTION_KINDS[: order + 1]):  # what rounding adds to a bound is no excess
         kept = values[kind].clip(*b.limits.bounds(kind))
         off = np.finfo(float).eps * np.abs(joints[0]).max(axis=0) * (2 * commands.rate) ** k
         values[kind] = np.where(np.abs(values[kind] - kept) <= off, kept, values[kind])

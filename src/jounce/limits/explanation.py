@@ -61,10 +61,8 @@ CONTROLLERS: Mapping[str, Controller] = {
 def select_controller(name: str, joint_names: Sequence[str]) -> tuple[Controller, str]:
     """A controller by its name, and the arm, of those that it drives, whose limits are used: its name is in joints'."""
     if name not in [*CONTROLLERS]:
-        known = unknown_name_error("controller", name, CONTROLLERS)
-        raise JounceError(
-            f"{known}; of others no rules are public: rate=1000 (--rate) judges by the robot's own limits"
-        )
+        came = unknown_name_error("controller", name, CONTROLLERS)
+        raise JounceError(f"{came}; no rules of others are public: rate=1000 (--rate) judges by the robot's own limits")
     found = CONTROLLERS[name]
     arm = next((arm for arm in found.arms if any(arm in joint for joint in joint_names)), found.arms[0])
     return replace(found, arms=(arm,)), arm
