@@ -299,6 +299,13 @@ def test_other_jumps_are_no_change_of_unit(by):
 
 
 @pytest.mark.filterwarnings("ignore::jounce.JounceWarning")
+def test_a_jump_to_zero_is_no_change_of_unit():
+    """Of a step, what is left there is a small share, and of the angles in degrees all."""
+    there = np.where(np.arange(300) < 100, 1.0, 0.0)
+    jounce.load_motion({"t": T, "joint1": there, "joint2": -there}, ROBOT, 0, angles="rad", degree=5)
+
+
+@pytest.mark.filterwarnings("ignore::jounce.JounceWarning")
 @pytest.mark.parametrize(("size", "refused"), [(1.5e-3, False), (1.6e-3, True)])
 def test_small_changes_of_unit_do_no_harm(size, refused):
     """The largest step is 57.3 - 1 times 1.15 of this size: below and above 0.1 rad."""

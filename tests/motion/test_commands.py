@@ -164,7 +164,7 @@ def test_bad_tables_of_commands_are_refused():
     refusal(lambda: table(t, q).sampled(1030), "give the rate of the table")
     refusal(lambda: table(t[:4], q[:4]), "4 rows; a table of commands has at least 5")
     t[7] = t[6]
-    refusal(lambda: table(t, q), "t does not increase", "rows 6 and 7")
+    refusal(lambda: table(t, q), "column 't' does not increase", "row 7")
     refusal(lambda: table(*rows(three_phases()), degree=7), "commands are taken as they are", "--degree (degree=)")
     refusal(lambda: jounce.load_motion("paper", jounce.load("iiwa14"), as_="commands"), "--as (as_=) is for samples")
     refusal(lambda: jounce.load_motion({}, ROBOT, as_="positions"), "positions", "samples", "commands")

@@ -29,7 +29,7 @@ class AccelerationErrors:
     variances: np.ndarray  # (C, n)
 
     def thin(self, step: int) -> "AccelerationErrors":
-        """Those in each cell of so many."""
+        """Those in every cell of number 0, step, 2 step, ..."""
         base = self.base and tuple(x[::step] for x in self.base)
         return replace(self, q=self.q[::step], base=base, variances=self.variances[::step])
 

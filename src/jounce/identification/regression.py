@@ -13,8 +13,8 @@ and rejects p = 0, which explains a joint without torque exactly. It only choose
 Deviations follow from the spectra of the whitened residuals, see `noise_spectra`.
 
 Invariants: variances are at least those of the best sensor, and those of the smoothing at least as stated. Where the
-iteration has not settled in MAX_ROUNDS, its last weights serve. Directions without information get no correction, and
-the parameters in them infinite variances.
+iteration has not settled in MAX_REWEIGHTINGS, its last weights serve. Directions without information get no correction,
+and the parameters in them infinite variances.
 """
 
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ from jounce.identification.noise_spectra import band_means, gradient, gram, half
 
 INFORMATION_RANK_TOLERANCE = 1e-12  # of eigenvalues of the scaled information to the largest: smaller ones are rounding
 NULL_SPACE_TOLERANCE = 1e-8  # squared share of directions without information in a parameter: below, it is rounding
-MAX_ROUNDS = 40  # good data take fewer than 20
+MAX_REWEIGHTINGS = 40  # good data take fewer than 20
 LOG_VARIANCE_TOLERANCE = 1e-3  # change of the logarithm at which variances stay: far less than they are known to
 STEP_TOLERANCE = 1e-2  # change of parameters, in their deviations, at which they stay
 MIN_RELATIVE_DEVIATION = 1e-6  # of forces to their size: no sensor is better
@@ -70,7 +70,7 @@ class Equations:
         return np.asarray((self.counts > 0).any(axis=0))
 
     def thin(self, step: int) -> "Equations":
-        """Those of each cell of so many."""
+        """Those of every cell of number 0, step, 2 step, ..."""
         arrays = {name: getattr(self, name)[::step] for name in ("Y", "off", "model", "counts", "spread")}
         return replace(self, **arrays, errors=self.errors and self.errors.thin(step))
 
@@ -81,7 +81,7 @@ class Equations:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class FittedCorrections:
     """Corrections of the parameters, and the variances of forces and factors of those of accelerations."""
 
     x: np.ndarray  # (P,)
@@ -103,7 +103,7 @@ class WhiteRows:
 
 
 def fit_forces(cells: CellAverages, columns: np.ndarray, errors: AccelerationErrors | None, known: bool) -> Regression:
-    """Fit corrections of the parameters of some columns (P,) to the forces of cells.
+    """FittedCorrections corrections of the parameters of some columns (P,) to the forces of cells.
 
     If the variances are `known`, the counts of the cells are their sums of inverse variances.
     """
@@ -124,14 +124,16 @@ def _equations(cells: CellAverages, columns: np.ndarray, errors: AccelerationErr
     return replace(posed, least=least)
 
 
-def _starts(equations: Equations) -> Iterator[Fit]:
+def _starts(equations: Equations) -> Iterator[FittedCorrections]:
     """The model as it is; with errors of the motion, least squares without them too, with much noise and with little.
 
     Variances as large as what the model leaves make forces of all sizes count alike.
     """
     n = 0 if equations.errors is None else equations.errors.variances.shape[1]
     left = np.maximum(equations.mean_square(equations.off), equations.least)
-    model = Fit(np.zeros(equations.Y.shape[-1]), np.ones_like(left) if equations.known else left, np.ones(n))
+    model = FittedCorrections(
+        np.zeros(equations.Y.shape[-1]), np.ones_like(left) if equations.known else left, np.ones(n)
+    )
     yield model
     if n:
         plain = replace(equations, errors=None)
@@ -141,10 +143,10 @@ def _starts(equations: Equations) -> Iterator[Fit]:
             yield replace(model, x=x, noise=np.maximum(MIN_NOISE_SHARE * left, equations.least))
 
 
-def _iterate(equations: Equations, fit: Fit) -> Fit:
+def _iterate(equations: Equations, fit: FittedCorrections) -> FittedCorrections:
     """Parameters and variances by turns, until both stay."""
     measured = equations.measured
-    for _ in range(MAX_ROUNDS):
+    for _ in range(MAX_REWEIGHTINGS):
         # the parameters, at the errors of the motion that residuals tell
         rows = _whiten(equations, fit)
         step = _step(rows)
@@ -158,13 +160,13 @@ def _iterate(equations: Equations, fit: Fit) -> Fit:
             floor = np.maximum(equations.least, MIN_NOISE_SHARE * left)
             noise = np.maximum(fit.noise * ratios[: len(measured)], floor)
         changes = np.append(np.log(noise / fit.noise)[measured], np.log(factors / fit.factors))
-        fit = Fit(x, noise, factors)
+        fit = FittedCorrections(x, noise, factors)
         if settled and np.abs(changes).max(initial=0.0) < LOG_VARIANCE_TOLERANCE:
             break
     return fit
 
 
-def _whiten(equations: Equations, fit: Fit) -> WhiteRows:
+def _whiten(equations: Equations, fit: FittedCorrections) -> WhiteRows:
     """The equations over the roots of their covariances, at a fit."""
     errors, there = equations.errors, equations.counts > 0
     C, nv = there.shape
@@ -208,14 +210,14 @@ def _variance_ratios(rows: WhiteRows, rest: np.ndarray) -> np.ndarray:
     return np.divide(found, expected, out=np.ones_like(found), where=expected > 0)
 
 
-def _score(equations: Equations, fit: Fit) -> float:
+def _score(equations: Equations, fit: FittedCorrections) -> float:
     """The mean negative log density of the accelerations at a fit."""
     rows = _whiten(equations, fit)
     density = np.log(np.diagonal(rows.L, axis1=1, axis2=2)).sum(axis=1) + (rows.rest**2).sum(axis=1) / 2
     return float(density.mean() - rows.log_mass)
 
 
-def _estimate(equations: Equations, fit: Fit) -> Regression:
+def _estimate(equations: Equations, fit: FittedCorrections) -> Regression:
     """The solution at a fit, with deviations by the spectra of the residuals and the halves of the samples."""
     rows, there = _whiten(equations, fit), equations.counts > 0
     information = gram(rows.Z, rows.Z)

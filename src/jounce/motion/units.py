@@ -29,7 +29,7 @@ MIN_SUSPECT_STEP = 0.5  # s between samples, from which on a unit shorter than t
 MAX_SPEED_AT_REST = 0.02  # rad/s or m/s: nothing moves faster, though something moves
 MIN_MOTION = 1e-4  # rad or m: a joint that goes less far rests
 MIN_UNIT_JUMP = 0.1  # rad from row to row, by which a change of unit shows: smaller ones do no harm
-MAX_UNIT_MISMATCH = 0.05  # of such a jump: what joints move meanwhile
+MAX_UNIT_MISMATCH = 0.05  # of the angles in the other unit: what joints move meanwhile
 MAX_RATE_MISMATCH = 1.5  # times by which changes of q and qd may differ: units differ by more
 IN_DEGREES = "the values would be within limits if they were degrees"
 
@@ -103,7 +103,8 @@ def refuse_unit_changes(t: np.ndarray, q: np.ndarray, mechanism: Mechanism, plac
     beside = np.pad(step, 1)
     jumps = step > np.maximum(MIN_UNIT_JUMP, MIN_JUMP_TO_NEIGHBOURS * np.maximum(beside[:-2], beside[2:]))
     for name, factor in (("degrees", 1 / ANGLE_UNITS["deg"]), ("radians", ANGLE_UNITS["deg"])):
-        alike = np.abs(after - factor * before).max(axis=1, initial=0) < MAX_UNIT_MISMATCH * step
+        other, off = (np.abs(x).max(axis=1, initial=0) for x in (factor * before, after - factor * before))
+        alike = off < MAX_UNIT_MISMATCH * other  # not of the step, of which any return to zero is a small share
         for i in np.flatnonzero(jumps & alike)[:1]:
             j = turns[np.abs(after[i] - before[i]).argmax()]
             came = f"joint {quote_value(mechanism.coordinates[j])} goes from {q[i, j]:.4g} to {q[i + 1, j]:.4g}"

@@ -38,7 +38,7 @@ class Applications(Exports):
         those of drive terms. Weighted least squares find the base parameters, the combinations that the forces depend
         on, with standard deviations. Regressor and forces are averaged over cells of half a period of the motion's
         highest frequency. Each force has the variance of its residuals; errors e of the accelerations that the motion's
-        smoothing states make forces M(p) e too, and the regressor is taken without what the residuals tell of them, as
+        smoothing states make forces M(p) e too, and the regressor is taken without their estimate by the residuals, as
         parameters would be too small otherwise. Deviations follow from the spectrum of the residuals, so that serially
         correlated noise does not make them too small. The identified robot has bodies that can exist, nearest to the
         data, and to the model's own values where data are few.
