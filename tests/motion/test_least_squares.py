@@ -5,7 +5,8 @@ import pytest
 from scipy.interpolate import BSpline, make_lsq_spline
 
 from jounce.motion import least_squares as ls
-from jounce.motion.bsplines import BASIS_WIDTH, basis
+from jounce.motion.bsplines import BASIS_WIDTH, basis, chebyshev_coefficients, evaluate_chebyshev
+from jounce.motion.normal_equations import factorize
 
 
 @pytest.fixture
@@ -63,3 +64,50 @@ def test_compressed_samples_give_the_same_spline(problem):
     assert np.allclose(solution.coefficients, expected.coefficients, atol=1e-9, rtol=0)
     assert np.allclose(solution.energy, expected.energy, rtol=1e-9)
     assert np.allclose(ls.covariance_blocks(solution.factor), ls.covariance_blocks(expected.factor), rtol=1e-7)
+
+
+def test_pieces_of_b_splines_are_sums_of_chebyshev_polynomials(problem):
+    t, _, _, breaks = problem
+    values, place = basis(t, breaks)
+    x = 2 * (t - breaks[place]) / np.diff(breaks)[place] - 1
+    chebyshev = np.polynomial.chebyshev.chebvander(x, ls.FIT_DEGREE)
+    assert np.allclose(evaluate_chebyshev(x, BASIS_WIDTH).T, chebyshev, atol=1e-13)
+    pieces = (chebyshev[:, None] @ chebyshev_coefficients(breaks)[place])[:, 0]
+    assert np.allclose(pieces, values, atol=1e-13)
+
+
+def uneven_rows(hole):
+    """Rows whose intervals have 20 to 60 of them each, from 0 to 10 s but for a hole; and the breaks."""
+    rng = np.random.default_rng(2)
+    t = np.sort(rng.uniform(0, 10, 2000))
+    t = t[(t < 4) | (t > 4 + hole)]
+    starts = np.cumsum(rng.integers(20, 60, 40))
+    starts = starts[starts < len(t) - 20]
+    y = np.sin(t[:, None] * [1, 2, 3]) + 1e-5 * rng.normal(size=(len(t), 3))
+    return t, y, rng.uniform(0.5, 2, len(t)), np.concatenate([[0], (t[starts] + t[starts - 1]) / 2, [10]])
+
+
+@pytest.mark.parametrize("hole", [0, 0.03, 0.3, 3])  # s: beside the last ones an interval is covered by less than 0.8
+def test_equations_by_sums_of_chebyshev_polynomials_are_those_of_b_splines(hole):
+    t, y, weight, breaks = uneven_rows(hole)
+    found = factorize(t, weight, breaks, in_cells=True)
+    expected = factorize(t, weight, breaks, in_cells=False)
+    assert (found.E.ndim == 3) == (hole < 0.1)
+    assert np.allclose(found.factor, expected.factor, rtol=1e-6, atol=1e-9 * np.abs(expected.factor).max())
+    (coefficients, left), (others, rest) = found.fit(weight[:, None] * y), expected.fit(weight[:, None] * y)
+    assert np.allclose(left, rest, atol=1e-9)
+    assert hole > 1 or np.allclose(coefficients, others, atol=1e-8)
+
+
+def test_tens_of_rows_in_one_interval_are_summed_alike():
+    t, y, weight, _ = uneven_rows(0)
+    t, y, weight = t[:1990], y[:1990], weight[:1990]
+    ends = np.arange(50, 1990, 50)
+    in_tens = np.concatenate([[0], (t[ends] + t[ends - 1]) / 2, [10]])
+    found, shifted = (factorize(t[k:], weight[k:], in_tens, in_cells=True) for k in (0, 1))
+    assert found.sums is not None
+    assert shifted.sums is None
+    expected = make_lsq_spline(t, y, ls.pad_knots(in_tens), ls.FIT_DEGREE, w=weight)
+    assert np.allclose(found.fit(weight[:, None] * y)[0], expected.c, atol=1e-9)
+    expected = make_lsq_spline(t[1:], y[1:], ls.pad_knots(in_tens), ls.FIT_DEGREE, w=weight[1:])
+    assert np.allclose(shifted.fit((weight[:, None] * y)[1:])[0], expected.c, atol=1e-9)
