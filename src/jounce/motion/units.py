@@ -95,11 +95,12 @@ def check_units(
 @np.errstate(over="ignore", invalid="ignore")  # absurd positions are refused later
 def refuse_unit_changes(t: np.ndarray, q: np.ndarray, mechanism: Mechanism, place: str) -> None:
     """Raise `JounceError` where all angles of q (N, n) become 57.3 times or 1/57.3 of what they were, and remain so."""
+    steps = q[1:] - q[:-1]
+    if max(steps.max(initial=0), -steps.min(initial=0)) <= MIN_UNIT_JUMP:  # as of nearly all tables
+        return
     turns = np.flatnonzero([unit == "rad" for unit in coordinate_units(mechanism)])
     before, after = q[:-1, turns], q[1:, turns]
     step = np.abs(after - before).max(axis=1, initial=0)
-    if not (step > MIN_UNIT_JUMP).any():
-        return
     beside = np.pad(step, 1)
     jumps = step > np.maximum(MIN_UNIT_JUMP, MIN_JUMP_TO_NEIGHBOURS * np.maximum(beside[:-2], beside[2:]))
     for name, factor in (("degrees", 1 / ANGLE_UNITS["deg"]), ("radians", ANGLE_UNITS["deg"])):
