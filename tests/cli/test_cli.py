@@ -120,7 +120,9 @@ def test_run_sums_up(tmp_path, panda_motion, order):
         assert word in words
     rows = {line.split()[0]: line.split() for line in words.splitlines() if line.startswith("panda_")}
     for name, peaks in largest.items():
-        assert rows[name][-2 * order - 2 :: 2] == [f"{peak:.6g}" for peak in peaks.values()]  # each with its time
+        times = (found["t"][np.argmax(np.abs(found[f"{name}.{Q}"]))] for Q in names)
+        shown = zip(peaks.values(), times, strict=True)
+        assert rows[name][-2 * order - 2 :] == [f"{x:.6g}" for pair in shown for x in pair]
 
 
 @pytest.mark.parametrize("source", ["iiwa14", "planar2r", PANDA])
