@@ -8,6 +8,7 @@ from click.testing import CliRunner
 
 import jounce
 from jounce import Motion
+from jounce.actuators import link_motion
 from jounce.actuators.link_motion import MAX_BAND_TO_RESONANCE
 from jounce.cli import main
 from support.files import refusal
@@ -144,6 +145,12 @@ def test_motors_that_links_do_not_follow_are_refused():
     pair = jounce.load("planar2r").elastic(spring=jounce.AntagonisticSprings(spring, spring), rotor=0.1)
     both = {"t": rigid["t"], "joint1": rigid["t"] ** 3, "joint2": rigid["t"] ** 3}
     refusal(lambda: jounce.load_motion(both, pair, measured="motors"), "needs one motor per joint", "has two at joint1")
+
+
+def test_newtons_method_that_does_not_end_is_refused(monkeypatch):
+    monkeypatch.setattr(link_motion, "_MAX_LINK_STEPS", 1)
+    columns = table(STIFF, waves(0.6, duration=1.0))
+    refusal(lambda: jounce.load_motion(columns, STIFF, measured="motors"), "no motion of the links was found", "lower")
 
 
 def test_deviations_end_where_those_of_the_motors_do():

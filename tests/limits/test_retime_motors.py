@@ -18,7 +18,7 @@ from jounce.limits.transcription import DUALITY_GAP, GRID_POINTS_PER_POINT, WARM
 from jounce.model.limit_kinds import MOTOR_KINDS
 from support.files import refusal
 
-MOTOR = jounce.Motor(gear=-50, inertia=1e-4, resistance=0.5, constant=0.05)
+MOTOR = jounce.Motor(gear=-50, inertia=1e-4, friction=0.1, resistance=0.5, constant=0.05)
 START, WAY = np.array([0.3, 0.2]), np.array([0.8, -0.7])
 MOVE = rest_to_rest(START, WAY)
 STIFF = UR5.elastic([8e3, 8e3, 6e3, np.inf, 3e3, 3e3], rotor=0.3)  # one joint is rigid
@@ -52,18 +52,17 @@ def test_terms_along_the_path_give_motors_of_composed_motions(robot):
     t = np.linspace(law.start, law.stop, 41)
     sigma = law.sigma(t)
     path, jet = sample_path(robot, motion, sigma, 2), np.stack([law.x(sigma, nu=k) for k in range(4)])
-    along, columns = (
-        robot.motors_along(by_law(motion, law), t),
-        [robot.mechanism.tree.coordinates.index(n) for n in robot.joint_names],
-    )
+    along = robot.motors_along(by_law(motion, law), t)
+    columns = [robot.mechanism.tree.coordinates.index(name) for name in robot.joint_names]
     exact = dict(zip(MOTOR_KINDS, (*along.positions[:2], along.torques[0]), strict=False))
     if along.currents and along.voltages:
         exact |= {"motor_current": along.currents[0], "motor_voltage": along.voltages[0]}
     products, added = path_velocity.products(jet), motors.friction()
-    rubs = added and added.along([motors.position(path, 1)], ("motor_torque",))
+    of_tau = tuple(kind for kind in exact if kind not in MOTOR_KINDS[:2])
+    rubs = added and added.along([motors.position(path, 1)], of_tau)
     for kind, expected in exact.items():
         terms, known = motors.terms(path, kind), products
-        if rubs and kind == "motor_torque":
+        if rubs and kind in of_tau:
             terms |= rubs.terms(kind, motors.shares(kind)[0])
             known = np.concatenate([products, rubs.products(jet)])
         found = sum(known[k][:, None] * term for k, term in terms.items())[:, columns]

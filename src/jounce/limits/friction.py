@@ -108,10 +108,8 @@ class FrictionAlong:
 
     @property
     def highest_jet(self) -> tuple[int, ...]:
-        """Of each product, the derivative of x that it takes."""
-        least = max(path_velocity.PRODUCT_JET_ORDERS[k] for k in self.rates[0])
-        each = [max(least, LIMIT_KINDS[kind].rate) for kind in self.kinds]
-        return tuple(np.repeat(each, len(self.friction.slope)).tolist())
+        """Of each product, the derivative of x that it takes; that of motors takes what their torques take anyway."""
+        return tuple(np.repeat([LIMIT_KINDS[kind].rate for kind in self.kinds], len(self.friction.slope)).tolist())
 
     def terms(self, kind: str, share: Array) -> Terms:
         """The factors of the products in what limits of a kind bound: shares (N, n) or (n,) of what friction adds."""

@@ -14,6 +14,8 @@ from jounce.model.limit_kinds import LIMIT_KINDS
 from jounce.model.limits import Limits
 
 _MAX_BOUND_RATIO = 1e6  # of a bound that is infinite to the stated one: finite for the barrier, and never binding
+# Of each product, the highest derivative of x that it takes.
+_PRODUCT_JET_ORDERS = (0, 0, 0, 1, 0, 1, 2, 0, 1, 1, 2, 3)
 
 RowBlock = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]  # factors, bounds, joints, kinds
 
@@ -49,7 +51,7 @@ class LimitRows:
     @property
     def jet(self) -> int:
         """How many of x, x', x'', x''' the rows take."""
-        highest = path_velocity.PRODUCT_JET_ORDERS + (self.friction.highest_jet if self.friction else ())
+        highest = _PRODUCT_JET_ORDERS + (self.friction.highest_jet if self.friction else ())
         return 1 + max((highest[k] for k in self.used), default=0)
 
     def values(self, jet: np.ndarray) -> np.ndarray:

@@ -15,8 +15,6 @@ PRODUCT_POWERS = (
     (0, 0, 0, 0), (1, 0, 0, 0), (2, 0, 0, 0), (0, 1, 0, 0), (3, 0, 0, 0), (1, 1, 0, 0),
     (0, 0, 1, 0), (4, 0, 0, 0), (2, 1, 0, 0), (0, 2, 0, 0), (1, 0, 1, 0), (0, 0, 0, 1),
 )  # fmt: skip
-# Of each product, the highest derivative of x that it takes.
-PRODUCT_JET_ORDERS = (0, 0, 0, 1, 0, 1, 2, 0, 1, 1, 2, 3)
 ONE, S1, S1_2, S2, S1_3, S1_S2, S3, S1_4, S1_2_S2, S2_2, S1_S3, S4 = range(len(PRODUCT_POWERS))
 
 
