@@ -6,6 +6,7 @@ with the mass matrix M of the parameters p. Only accelerations are taken: errors
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -28,20 +29,27 @@ class AccelerationErrors:
     base: tuple[np.ndarray, ...] | None  # pose of the base there, at rest
     variances: np.ndarray  # (C, n)
 
-    def regressor(self, a: np.ndarray) -> np.ndarray:
-        """The regressor (C, nv, P) of accelerations (C, n) alone, of a robot at rest without gravity."""
+    @cached_property
+    def unit_regressors(self) -> np.ndarray:
+        """The regressors (C, nv, P, n) of unit accelerations alone, of a robot at rest without gravity."""
         rest = np.zeros_like(self.q)
-        moving, still = (
-            regressor(self.robot, "regressor", (self.q, rest, x), self.terms, base=self.base) for x in (a, rest)
-        )
-        return np.asarray(moving - still)[..., self.columns]
+
+        def at(a: np.ndarray) -> np.ndarray:
+            found = regressor(self.robot, "regressor", (self.q, rest, a), self.terms, base=self.base)
+            return np.asarray(found)[..., self.columns]
+
+        still = at(rest)
+        return np.stack([at(rest + unit) - still for unit in np.eye(self.q.shape[1])], axis=-1)
+
+    def regressor(self, a: np.ndarray) -> np.ndarray:
+        """The regressor (C, nv, P) of accelerations (C, n) alone."""
+        return np.asarray((self.unit_regressors @ a[:, None, :, None])[..., 0])
 
     def mass_matrix(self, corrections: np.ndarray) -> np.ndarray:
         """The mass matrix (C, nv, n) of the model with corrections (P,) of its parameters."""
         model = np.asarray(compute(self.robot, "mass_matrix", (self.q,), base=self.base and self.base[:1]))
-        units = np.eye(self.q.shape[1])
-        added = [self.regressor(np.broadcast_to(unit, self.q.shape)) @ corrections for unit in units]
-        return np.asarray(model[..., -len(units) :] + np.stack(added, axis=-1))
+        added = np.einsum("cvpn,p->cvn", self.unit_regressors, corrections)
+        return np.asarray(model[..., -self.q.shape[1] :] + added)
 
 
 def find_acceleration_errors(
