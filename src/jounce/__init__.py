@@ -12,7 +12,12 @@ if TYPE_CHECKING:
     from jounce.dynamics.base_parameters import BaseParameters
     from jounce.engine.along import Along
     from jounce.identification import (
-        Excitation, ForceResidual, Identification, IdentifiedParameter, Payload, PayloadParameter,
+        Excitation,
+        ForceResidual,
+        Identification,
+        IdentifiedParameter,
+        Payload,
+        PayloadParameter,
     )  # fmt: skip
     from jounce.io.models.states import RobotState
     from jounce.limits.check import Check, CheckedLimit
@@ -41,8 +46,8 @@ __all__ = [
     "Along", "AntagonisticSprings", "BaseParameters", "Check", "CheckedLimit", "Closure", "CubicSpring", "Drives",
     "ElasticAlong", "Elasticity", "Excitation", "ForceResidual", "Identification",
     "IdentifiedParameter", "JounceError", "JounceWarning", "Kernel", "Limits", "Loop", "Mechanism", "Motion",
-    "Motor", "Payload", "PayloadParameter", "Report", "Retiming", "Robot", "RobotState", "Slowdown", "SpringFunction", "SpringTable",
-    "UncertainError", "__version__", "inertia_matrix", "load", "load_motion", "save",
+    "Motor", "Payload", "PayloadParameter", "Report", "Retiming", "Robot", "RobotState", "Slowdown", "SpringFunction",
+    "SpringTable", "UncertainError", "__version__", "inertia_matrix", "load", "load_motion", "save",
 ]  # fmt: skip
 _NAMES = {  # of modules, imported when first asked for one of them, so that whatever needs little of it starts at once
     "_report": "Report",

@@ -67,7 +67,7 @@ def central_parameters(x: np.ndarray) -> np.ndarray:
 
 
 def central_covariance(x: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """The covariance of `central_parameters` by the delta method; infinite variances stay so in what depends on them."""
+    """The covariance of `central_parameters` by the delta method; what depends on infinite variances has them."""
     J = np.stack([central_parameters(x + 1j * COMPLEX_STEP * unit).imag / COMPLEX_STEP for unit in np.eye(10)], axis=1)
     blind = np.isinf(np.diag(covariance))
     found = J @ np.where(blind | blind[:, None], 0.0, covariance) @ J.T

@@ -23,12 +23,14 @@ from jounce.identification.torque_calibration import calibrate_torques
 from jounce.model.drives import select_columns
 from jounce.model.frame import Frame
 from jounce.model.mechanism import Mechanism
-from jounce.model.parameters import find_tip, inertial_parameters, with_inertial_parameters
+from jounce.model.parameters import find_load_frame, inertial_parameters, with_inertial_parameters
 from jounce.model.positions import check_single_screws
 from jounce.motion.motion import Motion
 from jounce.spatial import inertia
 
-LOAD_DENSITY = 1000.0  # kg/m^3 of the ball that a load is like where logs say nothing: tools and parts are mostly hollow
+LOAD_DENSITY = (
+    1000.0  # kg/m^3 of the ball that a load is like where logs say nothing: tools and parts are mostly hollow
+)
 LOAD_PRIOR_WEIGHT = 1.0  # of that ball: second moments of other bodies are off by as much as their size
 MIN_LOAD_SHARE = 0.01  # of the robot's mass: a deviation below it determines the mass, even of no load
 MAX_MISMATCH = 4.0  # chi^2 per degree of freedom: beyond it more than a load has changed
@@ -54,9 +56,7 @@ def identify_payload(
     terms, m = select_columns(drives), robot.mechanism
     model = with_smoothing_velocity(robot, terms, None)
     check_single_screws(m, "payload()")
-    frame = m.frame(find_tip(m, "body= (--body)") if body is None else body)
-    if frame.body < 0:
-        raise JounceError(f"a payload on {shorten(frame.name)!r} has no effect: it is fixed to the ground")
+    frame = find_load_frame(m, body)
     if mass is not None and (not is_finite(mass) or not mass > 0 or without_load is None):
         raise JounceError(f"mass is {quote_value(mass)}; expected kg > 0 of a known load, and a log without it too")
     logs = [with_load] if without_load is None else [with_load, without_load]
@@ -82,7 +82,9 @@ def identify_payload(
     if mass is None and abs(x[0]) < NULL_DEVIATIONS * table[0].deviation:
         notes.append(f"no load is seen: its mass is {x[0]:.3g} +- {table[0].deviation:.2g} kg")
     if unseen := [row.name for row in table if not row.seen]:
-        cure = "a faster or longer motion of more joints determines them (excite(payload=True), jounce excite --payload)"
+        cure = (
+            "a faster or longer motion of more joints determines them (excite(payload=True), jounce excite --payload)"
+        )
         notes.append(f"the logs do not determine {join_names(unseen)}: deviations exceed sizes; {cure}")
     for text in notes:
         warn(text)
@@ -163,7 +165,9 @@ def _half_notes(halves: LoadFit) -> list[str]:
         len(seen) * MAX_DEVIATIONS**2
     ):
         return []
-    both = " and ".join(f"{m:.4g} +- {s:.2g} kg" for m, s in zip(halves.x[:, 0], np.sqrt(np.diag(C)[::10]), strict=True))
+    both = " and ".join(
+        f"{m:.4g} +- {s:.2g} kg" for m, s in zip(halves.x[:, 0], np.sqrt(np.diag(C)[::10]), strict=True)
+    )
     return [f"the load changes during the log: its halves have {both}; expected one load from start to end"]
 
 

@@ -130,7 +130,9 @@ class Payload(Generic[R]):
             rows.append((of.name, *numbers, of.unit, "" if of.seen else "not seen"))
         halves = ", ".join(f"{m:.4g} +- {s:.2g} kg" for m, s in self.halves)
         head = [f"load on {shorten(self.robot.name)}, in the frame of {shorten(self.frame)}", *self.notes]
-        checks = [f"mass of the halves of the log {halves}; chi^2 of the rest {self.mismatch:.3g} per degree of freedom"]
+        checks = [
+            f"mass of the halves of the log {halves}; chi^2 of the rest {self.mismatch:.3g} per degree of freedom"
+        ]
         lines = [*head, *checks, "", *align_columns(rows), ""]
         if self.factors is not None:
             table = [("factor of torques", "value", "deviation")]

@@ -20,7 +20,7 @@ from jounce.identification.regression import Regression, fit_forces, informed_di
 
 MAX_CALIBRATION_STEPS = 30  # of Gauss and Newton; fewer than 10 as a rule
 CALIBRATION_STEP_TOLERANCE = 1e-3  # of steps, in deviations
-EXACT_MASS_TOLERANCE = 1e-6  # relative deviation of a known mass
+EXACT_MASS_TOLERANCE = 1e-6  # relative deviation of a known mass for the body that can exist
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +72,9 @@ def calibrate_torques(
     spread[np.diag(A)[len(free) :] == 0] = np.inf
     whole = np.zeros((10, 10))
     whole[1:, 1:] = covariance[base : base + 9, base : base + 9]
-    whole[0, 0] = (EXACT_MASS_TOLERANCE * mass) ** 2
-    bounded = np.where(np.isinf(whole), 0.0, whole)
-    load = LoadFit(u[None, base:], whole, np.linalg.pinv(bounded, hermitian=True), mismatch)
+    information = np.linalg.pinv(np.where(np.isinf(whole), 0.0, whole), hermitian=True)
+    information[0, 0] = (EXACT_MASS_TOLERANCE * mass) ** -2
+    load = LoadFit(u[None, base:], whole, information, mismatch)
     return TorqueCalibration(1 / g, spread / g**2, load)
 
 

@@ -178,6 +178,7 @@ class Applications(Exports):
         weights: ArrayLike | None = None,
         reach: float = pi,
         margin: float = 0.01,
+        payload: bool | str = False,
         starts: int = 5,
         seed: int = 0,
         progress: Callable[[int, int], object] | None = None,
@@ -208,6 +209,8 @@ class Applications(Exports):
             Range of revolute joints without position limits to either side of 0, rad (twice as far from an only limit).
         margin : float, optional
             Share of each limit that is left.
+        payload : bool or str, optional
+            Determine the ten parameters of a load, on the last body or a named one, instead of those of the robot.
         starts, seed : int, optional
             Number of random series to start from, and the seed of their generator.
         progress : callable, optional
@@ -239,7 +242,7 @@ class Applications(Exports):
         """
         from jounce.identification.excitation import excite
 
-        return excite(self, period, periods, harmonics, drives, weights, reach, margin, starts, seed, progress)
+        return excite(self, period, periods, harmonics, drives, weights, reach, margin, payload, starts, seed, progress)
 
     def report(
         self,
