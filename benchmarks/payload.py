@@ -91,13 +91,13 @@ def main() -> None:
             standard deviation, and friction differs from log to log. Parameters are those in the frame of the flange;
             the last column is the root mean square of errors over stated deviations."""
         ),
-        *table(("parameter", "true", "rms error", "over deviations"), rows), "",
+        *table(("parameter", "true", "rms error", "over deviations"), rows),
         *paragraph(
             f"""Of two logs without a load the mass is within two deviations of 0 {np.sum(np.abs(nulls) < 2)} times of
             {SEEDS}; masses of the halves of a log differ by {np.sqrt(np.mean(np.square(halves))):.2f} deviations as a
             root mean square. chi^2 of what the load does not explain is {np.mean(mismatch):.2f} per degree of freedom
             on average, {np.max(mismatch):.2f} at most. One identification takes {np.median(seconds):.1f} s."""
-        ), "",
+        ),
         *[f"* {name}: {value}" for name, value in machine.described()],
     ]  # fmt: skip
     with write_whole(Path(__file__).parent / "PAYLOAD.md") as part:

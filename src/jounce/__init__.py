@@ -18,7 +18,7 @@ if TYPE_CHECKING:
         IdentifiedParameter,
         Payload,
         PayloadParameter,
-    )  # fmt: skip
+    )
     from jounce.io.models.states import RobotState
     from jounce.limits.check import Check, CheckedLimit
     from jounce.limits.retime import Retiming

@@ -102,21 +102,18 @@ class Payload(Generic[R]):
 
     @cached_property
     def settings(self) -> dict[str, str]:
-        """What controllers take, if the frame is their flange: lines for libfranka, URScript and KUKA's load data."""
-        m, c, theta = f"{self.mass:.4f}", [f"{x:.5f}" for x in self.com], self.inertia
-        nine = ", ".join(f"{x:.6f}" for x in theta.T.ravel())
-        six = ", ".join(f"{theta[i, j]:.6f}" for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
-        com = ", ".join(c)
+        """What controllers take, if the frame is their flange: lines for libfranka and URScript, KUKA's load data."""
+        theta, m, com = self.inertia, f"{self.mass:.4f}", _join(self.com, 5)
+        nine, six = _join(theta.T.ravel(), 6), _join(theta[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]], 6)
         moments, axes = np.linalg.eigh(theta)
         angles = kuka_angles(axes * np.sign(np.linalg.det(axes)))
-        place = " ".join(f"{name} {1000 * x:.2f}" for name, x in zip("XYZ", self.com, strict=True))
-        turn = " ".join(f"{name} {x:.3f}" for name, x in zip("ABC", angles, strict=True))
-        principal = " ".join(f"{name} {x:.6f}" for name, x in zip(("JX", "JY", "JZ"), moments, strict=True))
+        place, turn = _join(1000 * self.com, 2, "X Y Z"), _join(angles, 3, "A B C")
+        principal = _join(moments, 6, "JX JY JZ")
         return {
             "franka": f"robot.setLoad({m}, {{{{{com}}}}}, {{{{{nine}}}}});",
             "ur": f"set_target_payload({m}, [{com}], [{six}])",
             "ur before 5.10": f"set_payload({m}, [{com}])",
-            "kuka": f"M {m} kg, {place} mm, {turn} deg, {principal} kg m^2",
+            "iiwa": f"M {m} kg, {place} mm, {turn} deg, {principal} kg m^2",
         }
 
     def __repr__(self) -> str:
@@ -143,12 +140,17 @@ class Payload(Generic[R]):
         return "\n".join([*lines, *(f"{who}: {text}" for who, text in self.settings.items())])
 
 
-def kuka_angles(R: np.ndarray) -> tuple[float, float, float]:
+def _join(numbers: np.ndarray, digits: int, names: str = "") -> str:
+    """Numbers between commas, or behind their names, without negative zeros."""
+    texts = [f"{x:.{digits}f}" for x in np.round(numbers, digits) + 0.0]
+    return " ".join(map(" ".join, zip(names.split(), texts, strict=True))) if names else ", ".join(texts)
+
+
+def kuka_angles(R: np.ndarray) -> np.ndarray:
     """A, B, C in degrees of a rotation: about z, then the new y, then the new x."""
     cosine = float(np.hypot(R[0, 0], R[1, 0]))
     if cosine < KUKA_SINGULAR_ANGLE:
         angles = np.arctan2(-R[0, 1], R[1, 1]), np.arctan2(-R[2, 0], cosine), 0.0
     else:
         angles = np.arctan2(R[1, 0], R[0, 0]), np.arctan2(-R[2, 0], cosine), np.arctan2(R[2, 1], R[2, 2])
-    a, b, c = np.degrees(angles)
-    return float(a), float(b), float(c)
+    return np.asarray(np.degrees(angles))
