@@ -73,18 +73,17 @@ def identify_payload(
         for one, fit, which in zip(posed, fits, LOGS, strict=False)
         for text in [*force_warnings(one, "inverse_dynamics"), *_unexplained(one, fit)]
     ]
-    notes += [*_mismatch_notes(found, fits, K, known, frame.name), *_half_notes(halves)]
+    changes = _half_notes(halves)
+    notes += [*changes, *_mismatch_notes(found, fits, K, known, frame.name)]
     factors = None
     if mass is not None:
         calibrated = calibrate_torques(posed, fits, found, K, float(mass))
         factors, found = (calibrated.factors, calibrated.deviations), calibrated.load
     x, table, of_body = _describe(found, float(m.M[:, 3, 3].sum()))
-    if mass is None and abs(x[0]) < NULL_DEVIATIONS * table[0].deviation:
+    if mass is None and not changes and abs(x[0]) < NULL_DEVIATIONS * table[0].deviation:
         notes.append(f"no load is seen: its mass is {x[0]:.3g} +- {table[0].deviation:.2g} kg")
     if unseen := [row.name for row in table if not row.seen]:
-        cure = (
-            "a faster or longer motion of more joints determines them (excite(payload=True), jounce excite --payload)"
-        )
+        cure = "expected the motion of robot.excite(payload=True) (jounce excite --payload)"
         notes.append(f"the logs do not determine {join_names(unseen)}: deviations exceed sizes; {cure}")
     for text in notes:
         warn(text)
