@@ -112,7 +112,7 @@ def excite(
     load = None
     if payload:
         load = find_load_frame(robot.mechanism, None if payload is True else payload).body
-    search, notes = prepare_search(robot, series, select_columns(drives), weights, reach, margin, load, rng)
+    search, notes = prepare_search(robot, series, select_columns(drives), weights, reach, margin, rng, load)
     rest = search.find_rest(rng)
     x, motion, found = _shrink_into_limits(search, search.find_best(count, rng, progress), rest)
     rates, information = search.rates(x), search.information

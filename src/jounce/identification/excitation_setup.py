@@ -27,8 +27,8 @@ def prepare_search(
     weights: ArrayLike | None,
     reach: object,
     margin: object,
-    load: int | None,
     rng: np.random.Generator,
+    load: int | None = None,
 ) -> tuple[ExcitationSearch, tuple[str, ...]]:
     """The search for the arguments of a caller, checked, and notes on what is assumed."""
     if robot.mechanism.floats:

@@ -18,7 +18,7 @@ from jounce.identification.regression import Regression, informed_directions
 from jounce.spatial import inertia
 from jounce.spatial.lie import hat
 
-COMPLEX_STEP = 1e-30  # of complex-step differentiation, which has no rounding
+COMPLEX_STEP = 1e-100  # of complex-step differentiation, which has no rounding
 
 
 @dataclass(frozen=True, eq=False)

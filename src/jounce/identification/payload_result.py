@@ -29,6 +29,13 @@ class PayloadParameter:
         The value of the nearest body that can exist, which is in the robot.
     seen : bool
         Whether the deviation is smaller than the parameter, or than such parameters of a load of this mass are.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> row = jounce.PayloadParameter("mass", "kg", 2.013, 0.002, 2.013, True)
+    >>> f"{row.name}: {row.value:.3f} +- {row.deviation:.3f} {row.unit}"
+    'mass: 2.013 +- 0.002 kg'
     """
 
     name: str
@@ -66,7 +73,16 @@ class Payload(Generic[R]):
 
     Examples
     --------
-    See `Robot.payload`.
+    >>> import jounce
+    >>> from dataclasses import replace
+    >>> robot = jounce.load("iiwa14")
+    >>> motion = jounce.load_motion("paper", robot).with_step(0.01)
+    >>> p = robot.inertial_parameters
+    >>> p[-10] += 1.5  # a point mass at the origin of the last body
+    >>> Q = robot.with_inertial_parameters(p).forces_along(motion, order=0).forces[0]
+    >>> load = robot.payload(replace(motion, torques=(motion.times, Q)))
+    >>> load.settings["ur before 5.10"]
+    'set_payload(1.5000, [0.00000, 0.00000, 0.00000])'
     """
 
     robot: R
@@ -125,7 +141,7 @@ class Payload(Generic[R]):
         for of in self.table:
             numbers = (f"{of.value:.5g}", f"{of.deviation:.2g}", f"{of.body:.5g}")
             rows.append((of.name, *numbers, of.unit, "" if of.seen else "not seen"))
-        halves = ", ".join(f"{m:.4g} +- {s:.2g} kg" for m, s in self.halves)
+        halves = ", ".join(f"{m:.5g} +- {s:.2g} kg" for m, s in self.halves)
         head = [f"load on {shorten(self.robot.name)}, in the frame of {shorten(self.frame)}", *self.notes]
         checks = [
             f"mass of the halves of the log {halves}; chi^2 of the rest {self.mismatch:.3g} per degree of freedom"
