@@ -10,13 +10,8 @@ import click
 from jounce.cli.identify import DEFAULT
 from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
 from jounce.cli.output import check_distinct, print_summary
-from jounce.cli.robot_options import (
-    MOTION_NAME,
-    PATH,
-    RobotRequest,
-    add_robot_options_without_drives,
-    parse_drive_terms,
-)
+from jounce.cli.robot_options import MOTION_NAME, PATH, RobotRequest, parse_drive_terms
+from jounce.cli.robot_options import add_robot_options_without_drives as add_robot_options
 from jounce.core.errors import collect_warnings, warn
 
 if TYPE_CHECKING:
@@ -39,7 +34,7 @@ nearest body that can exist.
 
 
 @click.command(cls=MotionCommand, epilog=EPILOG, short_help="Identify the payload of a robot from logs.")
-@add_robot_options_without_drives
+@add_robot_options
 @add_motion_options
 @click.argument("without", type=MOTION_NAME, required=False)
 @click.option("-o", "--output", type=PATH, help="Robot file with the load to write: .yaml or .json.")
@@ -85,20 +80,17 @@ def payload(
 def _summary(found: "Payload", log: Path, without: Path | None, output: Path | None) -> dict[str, Any]:
     """The result as plain data; JSON has no infinity."""
 
-    def finite(x: float) -> float | None:
-        return float(x) if isfinite(x) else None
+    def pair(what: str, x: float, spread: float) -> dict[str, float | None]:
+        return {what: float(x), "deviation": float(spread) if isfinite(spread) else None}
 
-    names, (halves, mismatch) = found.robot.joint_names, (found.halves, found.mismatch)
-    factors = found.factors and {
-        name: {"value": finite(c), "deviation": finite(s)}
-        for name, c, s in zip(names, *(x[-len(names) :] for x in found.factors), strict=True)
-    }
+    names = found.robot.joint_names
+    of_joints = found.factors and zip(names, *(x[-len(names) :] for x in found.factors), strict=True)
     return {
         "robot": found.robot.name, "motion": str(log), "without": without and str(without),
         "output": output and str(output), "frame": found.frame, "mass": found.mass, "com": found.com.tolist(),
         "inertia": found.inertia.tolist(),
-        "parameters": [asdict(row) | {"deviation": finite(row.deviation)} for row in found.table],
-        "unseen": list(found.unseen), "mismatch": mismatch, "factors": factors,
-        "halves": [{"mass": m, "deviation": finite(s)} for m, s in halves],
-        "settings": found.settings, "notes": list(found.notes),
+        "parameters": [asdict(row) | pair("value", row.value, row.deviation) for row in found.table],
+        "unseen": list(found.unseen), "mismatch": found.mismatch,
+        "factors": of_joints and {name: pair("value", c, s) for name, c, s in of_joints},
+        "halves": [pair("mass", m, s) for m, s in found.halves], "settings": found.settings, "notes": list(found.notes),
     }  # fmt: skip

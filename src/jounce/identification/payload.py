@@ -21,8 +21,6 @@ from jounce.identification.regression import Regression, fit_forces
 from jounce.identification.result_tables import force_residuals
 from jounce.identification.torque_calibration import calibrate_torques
 from jounce.model.drives import select_columns
-from jounce.model.frame import Frame
-from jounce.model.mechanism import Mechanism
 from jounce.model.parameters import find_load_frame, inertial_parameters, with_inertial_parameters
 from jounce.model.positions import check_single_screws
 from jounce.motion.motion import Motion
@@ -63,8 +61,8 @@ def identify_payload(
     posed = [_pose(model, log, terms, which) for log, which in zip(logs, LOGS, strict=False)]
     fits = [fit_forces(one.cells, one.columns, one.errors, known=False) for one in posed]
     place = 10 * frame.body
-    K = posed[0].base.matrix[:, place : place + 10] @ transport_parameters(np.asarray(frame.T, dtype=float))
-    known = without_load is None
+    transport = transport_parameters(np.asarray(frame.T, dtype=float))
+    K, known = posed[0].base.matrix[:, place : place + 10] @ transport, without_load is None
     found = fit_loads(fits, (0, None)[: len(fits)], K, known)
     halves = fit_loads([*_fit_halves(posed[0]), *fits[1:]], (0, 1, None)[: 1 + len(fits)], K, known)
     _check_mass(found, known)
@@ -75,10 +73,9 @@ def identify_payload(
     ]
     changes = _half_notes(halves)
     notes += [*changes, *_mismatch_notes(found, fits, K, known, frame.name)]
-    factors = None
+    factors: list[np.ndarray] = []
     if mass is not None:
-        calibrated = calibrate_torques(posed, fits, found, K, float(mass))
-        factors, found = (calibrated.factors, calibrated.deviations), calibrated.load
+        *factors, found = calibrate_torques(posed, fits, found, K, float(mass))
     x, table, of_body = _describe(found, float(m.M[:, 3, 3].sum()))
     if mass is None and not changes and abs(x[0]) < NULL_DEVIATIONS * table[0].deviation:
         notes.append(f"no load is seen: its mass is {x[0]:.3g} +- {table[0].deviation:.2g} kg")
@@ -87,17 +84,18 @@ def identify_payload(
         notes.append(f"the logs do not determine {join_names(unseen)}: deviations exceed sizes; {cure}")
     for text in notes:
         warn(text)
-    spreads = np.sqrt(np.diag(halves.covariance)[::10])
+    p = np.array(inertial_parameters(m))
+    p[place : place + 10] += transport @ of_body
     return Payload(
-        robot=with_mechanism(robot, _with_load(robot, frame, of_body)),
+        robot=with_mechanism(robot, with_inertial_parameters(m, p)),
         frame=frame.name,
         parameters=x,
         covariance=found.covariance,
         body=of_body,
         table=table,
-        halves=((float(halves.x[0, 0]), float(spreads[0])), (float(halves.x[1, 0]), float(spreads[1]))),
+        halves=_half_masses(halves),
         mismatch=found.mismatch,
-        factors=factors,
+        factors=(factors[0], factors[1]) if factors else None,
         notes=tuple(notes),
     )
 
@@ -155,18 +153,21 @@ def _mismatch_notes(found: LoadFit, fits: list[Regression], K: np.ndarray, known
     return [f"the log without the load differs from the robot by a load of {m:.4g} +- {s:.2g} kg; expected none"]
 
 
+def _half_masses(halves: LoadFit) -> tuple[tuple[float, float], ...]:
+    """The mass of each half, and its deviation."""
+    spreads = np.sqrt(np.diag(halves.covariance)[::10])
+    return tuple((float(m), float(s)) for m, s in zip(halves.x[:, 0], spreads, strict=True))
+
+
 def _half_notes(halves: LoadFit) -> list[str]:
     """What is said of halves of the log whose loads differ, by their masses and first moments."""
     seen = np.flatnonzero(np.isfinite(np.diag(halves.covariance)[:4] + np.diag(halves.covariance)[10:14]))
     C, change = halves.covariance, (halves.x[1] - halves.x[0])[seen]
     pairs = [C[np.ix_(seen + a, seen + b)] for a, b in ((0, 0), (10, 10), (0, 10), (10, 0))]
-    if not len(seen) or change @ np.linalg.solve(pairs[0] + pairs[1] - pairs[2] - pairs[3], change) <= (
-        len(seen) * MAX_DEVIATIONS**2
-    ):
+    spread = pairs[0] + pairs[1] - pairs[2] - pairs[3]
+    if change @ np.linalg.solve(spread, change) <= len(seen) * MAX_DEVIATIONS**2:
         return []
-    both = " and ".join(
-        f"{m:.4g} +- {s:.2g} kg" for m, s in zip(halves.x[:, 0], np.sqrt(np.diag(C)[::10]), strict=True)
-    )
+    both = " and ".join(f"{m:.4g} +- {s:.2g} kg" for m, s in _half_masses(halves))
     return [f"the load changes during the log: its halves have {both}; expected one load from start to end"]
 
 
@@ -188,10 +189,3 @@ def _describe(found: LoadFit, robot_mass: float) -> tuple[np.ndarray, tuple[Payl
     rows = zip(TABLE, values, spreads, central_parameters(body), seen, strict=True)
     table = tuple(PayloadParameter(*name, float(v), float(s), float(b), bool(k)) for name, v, s, b, k in rows)
     return x, table, body
-
-
-def _with_load(robot: Engine, frame: Frame, load: np.ndarray) -> Mechanism:
-    """The mechanism with a load in a frame."""
-    p = np.array(inertial_parameters(robot.mechanism))
-    p[10 * frame.body : 10 * frame.body + 10] += transport_parameters(np.asarray(frame.T, dtype=float)) @ load
-    return with_inertial_parameters(robot.mechanism, p)

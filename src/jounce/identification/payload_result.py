@@ -91,7 +91,7 @@ class Payload(Generic[R]):
     covariance: np.ndarray
     body: np.ndarray
     table: tuple[PayloadParameter, ...]
-    halves: tuple[tuple[float, float], tuple[float, float]]
+    halves: tuple[tuple[float, float], ...]
     mismatch: float
     factors: tuple[np.ndarray, np.ndarray] | None
     notes: tuple[str, ...] = ()

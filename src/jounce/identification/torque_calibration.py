@@ -9,7 +9,7 @@ Algorithm: Gauss-Newton from the load that torques as they are give. Errors of t
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,26 +23,14 @@ CALIBRATION_STEP_TOLERANCE = 1e-3  # of steps, in deviations
 EXACT_MASS_TOLERANCE = 1e-6  # relative deviation of a known mass for the body that can exist
 
 
-@dataclass(frozen=True, eq=False)
-class TorqueCalibration:
-    """Factors of measured torques, and the load that torques with these factors give."""
-
-    factors: np.ndarray  # (nv,) by which measured torques become true ones
-    deviations: np.ndarray  # (nv,) infinite where they are not determined
-    load: LoadFit
-
-
 def calibrate_torques(
     posed: Sequence[IdentificationProblem], fits: Sequence[Regression], start: LoadFit, K: np.ndarray, mass: float
-) -> TorqueCalibration:
-    """Calibrate by logs with a load of known mass and without it."""
+) -> tuple[np.ndarray, np.ndarray, LoadFit]:
+    """Factors (nv,) of torques by logs with a load of known mass and without it, their deviations, and the load."""
     base = len(K)
     measured = np.flatnonzero([np.isfinite(x) for x in fits[0].deviations + fits[1].deviations])
-    rows = [
-        (j, log, *_fit_force(one, fit, int(j), base))
-        for j in measured
-        for log, (one, fit) in enumerate(zip(posed, fits, strict=True))
-    ]
+    pairs = [*enumerate(zip(posed, fits, strict=True))]
+    rows = [(j, log, *_fit_force(one, fit, int(j), base)) for j in measured for log, (one, fit) in pairs]
     maps = np.stack([np.hstack([np.eye(base), K]), np.hstack([np.eye(base), 0 * K])])
     free = np.delete(np.arange(base + 10), base)  # without the mass
     scale = float(start.x[0, 0]) / mass
@@ -75,7 +63,7 @@ def calibrate_torques(
     information = np.linalg.pinv(np.where(np.isinf(whole), 0.0, whole), hermitian=True)
     information[0, 0] = (EXACT_MASS_TOLERANCE * mass) ** -2
     load = LoadFit(u[None, base:], whole, information, mismatch)
-    return TorqueCalibration(1 / g, spread / g**2, load)
+    return 1 / g, spread / g**2, load
 
 
 def _fit_force(posed: IdentificationProblem, fit: Regression, j: int, base: int) -> tuple[np.ndarray, np.ndarray]:

@@ -118,10 +118,9 @@ class Applications(Exports):
     ) -> "Payload[Self]":
         """Identify a load on a body from a log with it and a log without it: mass, centre of mass, inertia.
 
-        Each log is fitted as by `identify`, with friction of its own. Their base parameters then differ by K x: x are
-        the ten inertial parameters of the load, K maps those of the body to base parameters. What a load does not
-        explain is stated as chi^2, and deviations grow with it. The robot itself needs to be known roughly only,
-        unless there is no log without the load: then it is taken as it is.
+        Each log is fitted as by `identify`, with friction of its own. Their base parameters then differ by K x, with
+        the ten inertial parameters x of the load; what that does not explain is stated as chi^2, and deviations grow
+        with it. Without a second log the robot is taken as it is; otherwise it needs to be known roughly only.
 
         Parameters
         ----------
