@@ -122,6 +122,9 @@ def test_what_the_logs_do_not_determine_is_named():
     assert found.unseen == ("com z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz")
     assert np.isinf(found.table[3].deviation)
     assert [row.body for row in found.table[:3]] == pytest.approx([1.0, 0.1, 0.05], abs=1e-3)
+    assert found.inertia[2, 2] == pytest.approx(0.01, rel=1e-3)
+    along_axis = np.diag(found.inertia) @ [0.5, 0.5, -0.5]  # the second moment that no torque shows
+    assert along_axis == pytest.approx((3 / (4 * np.pi * 1000.0)) ** (2 / 3) / 5, rel=0.05), "as of a ball of water"
 
 
 @QUIET
@@ -248,6 +251,22 @@ def test_the_nearest_body_exists():
 
 def test_controllers_get_the_body(arm, motion):
     found = arm.payload(log(loaded(arm), motion, 1, 0.0), log(arm, motion, 2, 0.0), body="tool0")
+    for text in ("setLoad(2.0000, {{0.02000, -0.03000, 0.05000}}", "set_payload(2.0000, [", "mass "):
+        assert text in str(found)
+    rng = np.random.default_rng(7)
+    for _ in range(8):  # among them axes of both handednesses
+        points = rng.normal(size=(20, 3))
+        second = 1e-3 * points.T @ points
+        other = replace(found, body=inertia.parameters(inertia.from_moments(*LOAD_MOMENTS, second + PARALLEL)))
+        check_settings(other)
+
+
+LOAD_MOMENTS = np.full((1, 1), 2.0), np.array([[0.04], [-0.06], [0.1]])
+PARALLEL = LOAD_MOMENTS[1] @ LOAD_MOMENTS[1].T / 2.0
+
+
+def check_settings(found):
+    """Each line holds the mass, the centre of mass and the inertia about it."""
     numbers = {name: [float(x) for x in re.findall(r"-?\d+\.\d+", text)] for name, text in found.settings.items()}
     theta = found.inertia
     six = [theta[0, 0], theta[1, 1], theta[2, 2], theta[0, 1], theta[0, 2], theta[1, 2]]
@@ -257,8 +276,6 @@ def test_controllers_get_the_body(arm, motion):
     assert [mass, x, y, z] == pytest.approx([2.0, 20, -30, 50], abs=0.01)
     turn = rotation("z", a) @ rotation("y", b) @ rotation("x", c)
     assert turn @ np.diag(moments) @ turn.T == pytest.approx(theta, abs=1e-5)
-    for text in ("setLoad(2.0000, {{0.02000, -0.03000, 0.05000}}", "set_payload(2.0000, [", "mass "):
-        assert text in str(found)
 
 
 @pytest.mark.parametrize("angles", [(20.0, -40.0, 110.0), (30.0, 90.0, 0.0), (-50.0, -90.0, 0.0)])

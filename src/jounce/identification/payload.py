@@ -26,9 +26,7 @@ from jounce.model.positions import check_single_screws
 from jounce.motion.motion import Motion
 from jounce.spatial import inertia
 
-LOAD_DENSITY = (
-    1000.0  # kg/m^3 of the ball that a load is like where logs say nothing: tools and parts are mostly hollow
-)
+LOAD_DENSITY = 1000.0  # kg/m^3 of the ball that stands where logs say nothing: tools and parts are mostly hollow
 LOAD_PRIOR_WEIGHT = 1.0  # of that ball: second moments of other bodies are off by as much as their size
 MIN_LOAD_SHARE = 0.01  # of the robot's mass: a deviation below it determines the mass, even of no load
 MAX_MISMATCH = 4.0  # chi^2 per degree of freedom: beyond it more than a load has changed
