@@ -151,6 +151,12 @@ def test_swapped_logs_are_refused(arm, motion):
     assert "expected ROBOT without the load" in message
 
 
+def test_a_negative_mass_by_torques_in_another_unit_is_no_swap(arm, motion):
+    message = refusal(lambda: arm.payload(log(loaded(arm), motion, 1, factors=100.0), log(arm, motion, 2)))
+    assert "; log with the load: forces of all joints seem to have the wrong unit" in message
+    assert "swapped" not in message
+
+
 @QUIET
 def test_a_load_that_changes_is_named(arm, motion):
     first, second = (log(robot, motion, 1).torques[1] for robot in (loaded(arm), arm))

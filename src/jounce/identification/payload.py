@@ -63,12 +63,12 @@ def identify_payload(
     K, known = posed[0].base.matrix[:, place : place + 10] @ transport, without_load is None
     found = fit_loads(fits, (0, None)[: len(fits)], K, known)
     halves = fit_loads([*_fit_halves(posed[0]), *fits[1:]], (0, 1, None)[: 1 + len(fits)], K, known)
-    _check_mass(found, known)
     notes = [
         f"log {which}: {text}"
         for one, fit, which in zip(posed, fits, LOGS, strict=False)
         for text in [*force_warnings(one, "inverse_dynamics"), *_unexplained(one, fit)]
     ]
+    _check_mass(found, known, notes)
     changes = _half_notes(halves)
     notes += [*changes, *_mismatch_notes(found, fits, K, known, frame.name)]
     factors: list[np.ndarray] = []
@@ -128,11 +128,14 @@ def _unexplained(posed: IdentificationProblem, fit: Regression) -> list[str]:
     return unexplained_warnings(posed, force_residuals(posed, predicted, fit.motion_errors), estimate)
 
 
-def _check_mass(found: LoadFit, known: bool) -> None:
+def _check_mass(found: LoadFit, known: bool, notes: list[str]) -> None:
+    """Raise `JounceError` of a negative mass, with what is suspicious about the torques, which may explain it."""
     m, s = found.x[0, 0], np.sqrt(found.covariance[0, 0])
     if m < -MAX_DEVIATIONS * s:
         cure = "ROBOT without the load" if known else "the log with the load first: they seem to be swapped"
-        raise JounceError(f"the mass of the load is negative, {m:.4g} +- {s:.2g} kg; expected {cure}")
+        raise JounceError(
+            f"the mass of the load is negative, {m:.4g} +- {s:.2g} kg; {'; '.join(notes) or f'expected {cure}'}"
+        )
 
 
 def _mismatch_notes(found: LoadFit, fits: list[Regression], K: np.ndarray, known: bool, frame: str) -> list[str]:
