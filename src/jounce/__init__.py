@@ -11,7 +11,14 @@ if TYPE_CHECKING:
     from jounce.core.errors import JounceError, JounceWarning, UncertainError
     from jounce.dynamics.base_parameters import BaseParameters
     from jounce.engine.along import Along
-    from jounce.identification import Excitation, ForceResidual, Identification, IdentifiedParameter
+    from jounce.identification import (
+        Excitation,
+        ForceResidual,
+        Identification,
+        IdentifiedParameter,
+        Payload,
+        PayloadParameter,
+    )
     from jounce.io.models.states import RobotState
     from jounce.limits.check import Check, CheckedLimit
     from jounce.limits.explanation import Explanation
@@ -40,8 +47,8 @@ __all__ = [
     "Along", "AntagonisticSprings", "BaseParameters", "Check", "CheckedLimit", "Closure", "CubicSpring", "Drives",
     "ElasticAlong", "Elasticity", "Excitation", "Explanation", "ForceResidual", "Identification",
     "IdentifiedParameter", "JounceError", "JounceWarning", "Kernel", "Limits", "Loop", "Mechanism", "Motion",
-    "Motor", "Report", "Retiming", "Robot", "RobotState", "Slowdown", "SpringFunction", "SpringTable",
-    "UncertainError", "__version__", "inertia_matrix", "load", "load_motion", "save",
+    "Motor", "Payload", "PayloadParameter", "Report", "Retiming", "Robot", "RobotState", "Slowdown", "SpringFunction",
+    "SpringTable", "UncertainError", "__version__", "inertia_matrix", "load", "load_motion", "save",
 ]  # fmt: skip
 _NAMES = {  # of modules, imported when first asked for one of them, so that whatever needs little of it starts at once
     "_report": "Report",
@@ -49,7 +56,7 @@ _NAMES = {  # of modules, imported when first asked for one of them, so that wha
     "core.errors": "JounceError JounceWarning UncertainError",
     "dynamics.base_parameters": "BaseParameters",
     "engine.along": "Along",
-    "identification": "Excitation ForceResidual Identification IdentifiedParameter",
+    "identification": "Excitation ForceResidual Identification IdentifiedParameter Payload PayloadParameter",
     "io.models.states": "RobotState",
     "limits.check": "Check CheckedLimit",
     "limits.explanation": "Explanation",

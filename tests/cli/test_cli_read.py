@@ -15,7 +15,7 @@ NOISE = np.random.default_rng(0).uniform(-1e-5, 1e-5, (2, T.size))
 LOG = {"stamp": 1e3 * T, "q1": np.degrees(np.cos(3 * T) + NOISE[0]), "q2": np.degrees(np.sin(2 * T) + NOISE[1])}
 LOG |= {"tau: #1": np.cos(T), "tau: #2": np.sin(T)}
 COLUMNS = ("--time", "stamp", "--time-unit", "ms", "--columns", "q{number}", "--angles", "deg")
-COMMANDS = ("run", "motion", "check", "slowdown", "retime", "report", "motors", "identify", "view")
+COMMANDS = ("run", "motion", "check", "slowdown", "retime", "report", "motors", "identify", "payload", "view")
 
 
 def call(*words, code=0):

@@ -177,3 +177,19 @@ def test_what_cannot_be_is_refused(robot, options, said):
         robot.excite(**{**ASKED, "starts": 1, **options})
     assert said in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_the_motion_for_a_load_determines_it_better():
+    """The information of its ten parameters against that along the motion for the robot."""
+    arm, common = jounce.load("ur5"), {"period": 5.0, "starts": 1, "weights": np.ones(6)}
+    log_dets = []
+    for payload in ("tool0", False):
+        found = arm.excite(payload=payload, **common)
+        Y = arm.regressor(*found.motion(np.linspace(0, 5, 400, endpoint=False), 2))[..., -10:].reshape(-1, 10)
+        log_dets.append(np.linalg.slogdet(Y.T @ Y / 400)[1])
+        assert (found.parameters[0] == "wrist_3_link m") == bool(payload)
+        assert found.check.ok
+        assert (len(found.parameters) == 10) == bool(payload)
+    assert log_dets[0] > log_dets[1] + 3
+    with pytest.raises(jounce.JounceError, match="unknown body 'hand'"):
+        arm.excite(payload="hand")

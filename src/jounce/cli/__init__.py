@@ -21,6 +21,7 @@ from jounce.cli.info import info
 from jounce.cli.motion import motion
 from jounce.cli.motors import motors
 from jounce.cli.output import style_text
+from jounce.cli.payload import payload
 from jounce.cli.plot import plot
 from jounce.cli.report import report
 from jounce.cli.retime import retime
@@ -101,7 +102,8 @@ def main() -> None:
 
 
 VERBS = (
-    run, motion, motors, check, explain, slowdown, retime, excite, identify, plot, report, view, info, robots, compare,
+    run, motion, motors, check, explain, slowdown, retime, excite, identify, payload, plot, report, view, info,
+    robots, compare,
     convert, codegen, demo, cache,
 )  # fmt: skip
 for verb in VERBS:

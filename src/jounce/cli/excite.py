@@ -10,7 +10,7 @@ from jounce.cli.limits import LIMITS, draw_ratios, load_robot
 from jounce.cli.motion_options import write_motion
 from jounce.cli.output import check_distinct, print_summary, progress
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options_without_drives, parse_drive_terms
-from jounce.core.errors import escape_text, shorten
+from jounce.core.errors import JounceError, escape_text, quote_value, shorten
 
 EPILOG = """\b
 Example:
@@ -48,6 +48,8 @@ the motion before it runs, or narrow the ranges of positions by --limits.
     help="Range to either side of 0 for revolute joints without position limits.",
 )
 @click.option("--margin", default=0.01, help="Share of each limit that is left.")
+@click.option("--payload", is_flag=True, help="Determine a load, for `jounce payload`, instead of the robot itself.")
+@click.option("--body", metavar="NAME", help="Body or link that carries the load of --payload; default: the last body.")
 @click.option("--starts", metavar="N", default=5, help="Number of random starts.")
 @click.option("--seed", default=0, help="Seed of the random starts.")
 @click.option("--step", type=float, metavar="S", help="Time between rows in s; default: 1 ms.")
@@ -58,6 +60,8 @@ def excite(
     limits: Path | None,
     output: Path,
     terms: str | None,
+    payload: bool,
+    body: str | None,
     step: float | None,
     picture: Path | None,
     as_json: bool,
@@ -72,6 +76,8 @@ def excite(
     from jounce.io.entries import DOCUMENT_SUFFIXES
     from jounce.io.motions import terms as analytic
 
+    if body is not None and not payload:
+        raise JounceError(f"--body {quote_value(body)} needs --payload: it names the body that carries the load")
     in_terms = output.suffix.lower() in DOCUMENT_SUFFIXES
     (files if in_terms else tables).check_writable(output)
     check_distinct(output, robot.path, limits)
@@ -80,7 +86,7 @@ def excite(
     arm = load_robot(robot, limits)
     columns = False if terms is None else parse_drive_terms(terms)
     with progress("starts") as show:
-        found = arm.excite(drives=columns, progress=show, **options)
+        found = arm.excite(drives=columns, payload=payload and (body or True), progress=show, **options)
     motion = found.motion if step is None else found.motion.with_step(step)
     if in_terms:
         analytic.write(output, motion, arm.joint_names)

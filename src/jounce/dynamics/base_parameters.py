@@ -162,7 +162,7 @@ def _regroup_tree(m: Mechanism) -> tuple[np.ndarray, np.ndarray]:
         composite = np.zeros((len(own), m.nb, size))
         for k in range(j, m.nb):
             if carries[k, j]:
-                composite[:, k] = own @ _transport(inverse(poses[j]) @ poses[k])
+                composite[:, k] = own @ transport_parameters(inverse(poses[j]) @ poses[k])
         named = _select_independent(own)
         new = np.linalg.solve(own[:, named], composite.reshape(len(own), -1))
         new = new - new[:, places] @ rows  # without what the bodies behind have named
@@ -175,14 +175,14 @@ def _spaces(parent: _Spaces, B: np.ndarray, X: np.ndarray) -> _Spaces:
     velocities = _span(np.concatenate([_close_space(parent.velocities @ Ad(inverse(B)).T, ad(X).mT), X]))
     momenta = np.concatenate([velocities @ (_UNIT_INERTIAS @ x).T for x in X])  # of the unit parameters, (6, 10) each
     flows = np.stack([_moments_to_parameters(wedge(x) @ _UNIT_MOMENTS + _UNIT_MOMENTS @ wedge(x).T).T for x in X])
-    handed_on = parent.constant @ _transport(B)  # constant at every position of the joint if f D vanishes
+    handed_on = parent.constant @ transport_parameters(B)  # constant at every position of the joint if f D vanishes
     constant = _close_space(handed_on, flows)
     vanishing = _span(np.concatenate([momenta, *(constant @ flow for flow in flows)]))
     return _Spaces(vanishing, _span(np.concatenate([vanishing, handed_on])), velocities)
 
 
-def _transport(T: np.ndarray) -> np.ndarray:
-    """The parameters in the outer frame from those in a frame at the pose T: (10, 10)."""
+def transport_parameters(T: np.ndarray) -> np.ndarray:
+    """The map of inertial parameters in a frame at the pose T to those in the outer frame: (10, 10)."""
     return _moments_to_parameters(T @ _UNIT_MOMENTS @ T.T).T
 
 

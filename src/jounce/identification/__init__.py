@@ -2,7 +2,11 @@
 
 from jounce.identification.estimation import identify
 from jounce.identification.excitation import Excitation, excite
+from jounce.identification.payload_result import Payload, PayloadParameter
 from jounce.identification.result import Identification
 from jounce.identification.result_tables import ForceResidual, IdentifiedParameter
 
-__all__ = ["Excitation", "ForceResidual", "Identification", "IdentifiedParameter", "excite", "identify"]
+__all__ = [
+    "Excitation", "ForceResidual", "Identification", "IdentifiedParameter", "Payload", "PayloadParameter", "excite",
+    "identify",
+]  # fmt: skip

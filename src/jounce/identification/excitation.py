@@ -12,6 +12,7 @@ from jounce.identification.excitation_setup import check_number, check_whole_num
 from jounce.identification.harmonics import MIN_HARMONICS, Harmonics
 from jounce.limits.check import Check, CheckedLimit, check
 from jounce.model.drives import select_columns
+from jounce.model.parameters import find_load_frame
 from jounce.motion import Motion
 
 MAX_HARMONICS = 50  # more are slips of the pen
@@ -96,6 +97,7 @@ def excite(
     weights: ArrayLike | None,
     reach: float,
     margin: float,
+    payload: bool | str,
     starts: int,
     seed: int,
     progress: Progress | None,
@@ -107,7 +109,10 @@ def excite(
     )
     times = check_number("period", period, "s"), check_whole_number("periods", periods, 1, MAX_REPETITIONS)
     series = Harmonics(*times, check_whole_number("harmonics", harmonics, MIN_HARMONICS, MAX_HARMONICS))
-    search, notes = prepare_search(robot, series, select_columns(drives), weights, reach, margin, rng)
+    load = None
+    if payload:
+        load = find_load_frame(robot.mechanism, None if payload is True else payload).body
+    search, notes = prepare_search(robot, series, select_columns(drives), weights, reach, margin, rng, load)
     rest = search.find_rest(rng)
     x, motion, found = _shrink_into_limits(search, search.find_best(count, rng, progress), rest)
     rates, information = search.rates(x), search.information

@@ -28,6 +28,7 @@ def prepare_search(
     reach: object,
     margin: object,
     rng: np.random.Generator,
+    load: int | None = None,
 ) -> tuple[ExcitationSearch, tuple[str, ...]]:
     """The search for the arguments of a caller, checked, and notes on what is assumed."""
     if robot.mechanism.floats:
@@ -48,7 +49,7 @@ def prepare_search(
         raise JounceError(f"the limits of {quote_value(robot.name)} let no joint move; expected room for one at least")
     middle = limits.bounds("position").mean(axis=0)
     inverse, equal = _weights(robot, limits, weights)
-    information = _information(robot, terms, inverse, middle, reaches, rng)
+    information = _information(robot, terms, inverse, middle, reaches, load, rng)
     return ExcitationSearch(series, information, room, middle, reaches, 1 - left), (*notes, *equal)
 
 
@@ -110,6 +111,7 @@ def _information(
     weights: np.ndarray,
     middle: np.ndarray,
     reaches: np.ndarray,
+    load: int | None,
     rng: np.random.Generator,
 ) -> Information:
     """The information of motions that go as far as the limits let them, from random states."""
@@ -117,7 +119,7 @@ def _information(
     count = TYPICAL_ROWS_PER_COLUMN * columns // robot.n + 1
     states = rng.uniform(-1, 1, (3, count, robot.n)) * reaches[:3, None]
     states[0] = middle + np.where(reaches[1] > 0, states[0], states[0, 0])  # a joint that stands still, anywhere
-    found = build_information(robot, terms, weights, tuple(states))
+    found = build_information(robot, terms, weights, tuple(states), load)
     if not found.names:
         raise JounceError(f"no parameter of {quote_value(robot.name)} enters the forces of joints that move")
     return found

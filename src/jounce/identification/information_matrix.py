@@ -87,14 +87,20 @@ class Information:
 
 
 def build_information(
-    robot: Engine, terms: tuple[DriveColumn, ...], weights: np.ndarray, typical: Rates
+    robot: Engine, terms: tuple[DriveColumn, ...], weights: np.ndarray, typical: Rates, load: int | None = None
 ) -> Information:
-    """The information of motions whose states are like typical ones: the parameters that forces there determine."""
+    """The information of motions whose states are like typical ones: the parameters that forces there determine.
+
+    Those of the robot, or of a load on a body with a number.
+    """
     m, base = robot.mechanism, base_parameters(robot.mechanism)
+    sought = base.columns if load is None else 10 * load + np.arange(10)
     Y = _weighted_regressor(robot, terms, np.sqrt(weights), typical)
     own = Y.shape[-1] - len(terms) * len(m.joints)
-    names = np.array([*base.names, *(f"{joint} {term}" for term in terms for joint in m.joints)])
-    places = np.concatenate([base.columns, np.arange(own, Y.shape[-1])])
+    names = np.array(
+        [*(base.parameters[k] for k in sought), *(f"{joint} {term}" for term in terms for joint in m.joints)]
+    )
+    places = np.concatenate([sought, np.arange(own, Y.shape[-1])])
     A = Y.reshape(-1, Y.shape[-1])[:, places]
     sizes = np.sqrt(np.mean(A**2, axis=0) * robot.n)
     R = np.linalg.qr(A / np.where(sizes > 0, sizes, 1) / np.sqrt(len(typical[0])), mode="r")

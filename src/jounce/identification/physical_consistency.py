@@ -106,6 +106,16 @@ def fit_consistent_parameters(
     )
 
 
+def fit_consistent_body(estimate: Floats, information: Floats, prior: Floats, weight: float) -> Floats:
+    """The inertial parameters (10,) of a body that can exist, near to an estimate and to moments of mass (4, 4)."""
+    T, R = np.linalg.cholesky(prior), _information_root(information)
+    C = np.einsum("kp,ijp->kij", R, _entry_derivatives(T))[:, None]
+    none = np.zeros(0)
+    problem = SemidefiniteProblem(C, np.zeros((len(R), 0)), R @ estimate, none, none.astype(bool), weight)
+    root = T @ minimise(problem)[0][0]
+    return np.asarray(inertia.parameters(inertia.from_moment_matrix(root @ root.T)))
+
+
 def _massive_bodies(mechanism: Mechanism, Pi: Floats) -> np.ndarray:
     """The places of the bodies that have mass; those without must not have moments."""
     start = "physically consistent parameters start from the robot's own: state"

@@ -86,9 +86,7 @@ def _payloads(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Frame]:
         if kind not in known or (colon and kind != "payload"):
             raise unknown_name_error("parameter", name, known)
         if kind == "payload":
-            frame = mechanism.frame(body if colon else _tip(mechanism))
-            if frame.body < 0:
-                raise JounceError(f"a payload on {frame.name!r} has no effect: it is fixed to the ground")
+            frame = find_load_frame(mechanism, body if colon else None, "payload:BODY")
             payloads[f"payload{len(payloads) + 1 if payloads else ''}"] = frame
     return payloads
 
@@ -105,12 +103,19 @@ def _elastic_values(mechanism: Mechanism, name: str) -> np.ndarray:
     return np.asarray(e.arrays[name])
 
 
-def _tip(mechanism: Mechanism) -> str:
-    """The body at the end, where there is one end only."""
+def find_load_frame(mechanism: Mechanism, body: str | None, option: str = "body= (--body)") -> Frame:
+    """Where a payload sits: on a body or link of the robot, by default on that at its end, if it has one end."""
+    frame = mechanism.frame(_tip(mechanism, option) if body is None else body)
+    if frame.body < 0:
+        raise JounceError(f"a payload on {frame.name!r} has no effect: it is fixed to the ground")
+    return frame
+
+
+def _tip(mechanism: Mechanism, option: str) -> str:
     tips = [name for i, name in enumerate(mechanism.bodies) if i not in mechanism.parent]
     if len(tips) > 1:
         ends = f"{mechanism.name} ends in {join_names(tips)}"
-        raise JounceError(f"payload: {ends}; expected payload:BODY, on one of them or any other body or link")
+        raise JounceError(f"payload: {ends}; expected {option}, on one of them or any other body or link")
     return tips[0]
 
 

@@ -10,7 +10,7 @@ from jounce.robot.exports import Exports
 
 if TYPE_CHECKING:
     from jounce._report import Report
-    from jounce.identification import Excitation, Identification
+    from jounce.identification import Excitation, Identification, Payload
     from jounce.motion import Motion
 
 
@@ -108,6 +108,66 @@ class Applications(Exports):
 
         return identify(self, motion, forces, t, drives, eps, span, band, weights, deviations, prior, method)
 
+    def payload(
+        self,
+        with_load: "Motion",
+        without_load: "Motion | None" = None,
+        *,
+        body: str | None = None,
+        drives: DriveColumns = ("damping", "friction", "offset"),
+        mass: float | None = None,
+    ) -> "Payload[Self]":
+        """Identify a load on a body from a log with it and a log without it: mass, centre of mass, inertia.
+
+        Each log is fitted as by `identify`, with friction of its own. Their base parameters then differ by K x, with
+        the ten inertial parameters x of the load; what that does not explain is stated as chi^2, and deviations grow
+        with it. Without a second log the robot is taken as it is; otherwise it needs to be known roughly only.
+
+        Parameters
+        ----------
+        with_load, without_load : Motion
+            Logs with measured torques, as `jounce.load_motion` reads them.
+        body : str, optional
+            The body or link that carries the load, which is described in its frame; by default the last body.
+        drives : bool, str or iterable of str, optional
+            Drive terms that each log has its own of: "armature", "damping", "friction", "spring", "offset".
+        mass : float, optional
+            The known mass of the load, kg: it calibrates the torques, with one factor per joint.
+
+        Returns
+        -------
+        Payload
+            The estimate with deviations, the nearest body that can exist, lines for controllers, the robot with it.
+
+        Raises
+        ------
+        JounceError
+            If a log has no torques, or all are 0; the body is unknown, or fixed to the ground; or the mass is negative.
+
+        Warns
+        -----
+        JounceWarning
+            If the load changes, the logs differ by more than a load, or they do not determine some parameters.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> from dataclasses import replace
+        >>> robot = jounce.load("iiwa14")
+        >>> motion = jounce.load_motion("paper", robot).with_step(0.01)
+        >>> p = robot.inertial_parameters
+        >>> p[-10] += 2.0  # a point mass at the origin of the last body
+        >>> loaded = robot.with_inertial_parameters(p)
+        >>> logs = [replace(motion, torques=(motion.times, arm.forces_along(motion, order=0).forces[0]))
+        ...         for arm in (loaded, robot)]
+        >>> load = robot.payload(*logs)
+        >>> round(load.mass, 4)
+        2.0
+        """
+        from jounce.identification.payload import identify_payload
+
+        return identify_payload(self, with_load, without_load, body, drives, mass)
+
     def excite(
         self,
         *,
@@ -118,6 +178,7 @@ class Applications(Exports):
         weights: ArrayLike | None = None,
         reach: float = pi,
         margin: float = 0.01,
+        payload: bool | str = False,
         starts: int = 5,
         seed: int = 0,
         progress: Callable[[int, int], object] | None = None,
@@ -148,6 +209,8 @@ class Applications(Exports):
             Range of revolute joints without position limits to either side of 0, rad (twice as far from an only limit).
         margin : float, optional
             Share of each limit that is left.
+        payload : bool or str, optional
+            Determine the ten parameters of a load, on the last body or a named one, instead of those of the robot.
         starts, seed : int, optional
             Number of random series to start from, and the seed of their generator.
         progress : callable, optional
@@ -179,7 +242,7 @@ class Applications(Exports):
         """
         from jounce.identification.excitation import excite
 
-        return excite(self, period, periods, harmonics, drives, weights, reach, margin, starts, seed, progress)
+        return excite(self, period, periods, harmonics, drives, weights, reach, margin, payload, starts, seed, progress)
 
     def report(
         self,

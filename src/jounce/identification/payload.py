@@ -1,0 +1,192 @@
+"""Identification of a payload from a log with it, and one without it or the robot as it was identified."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from jounce.core.errors import JounceError, join_names, quote_value, shorten, warn
+from jounce.core.scalars import is_finite
+from jounce.core.typing import DriveColumn, DriveColumns
+from jounce.dynamics.base_parameters import transport_parameters
+from jounce.engine.along import check_motion
+from jounce.engine.engine import Engine, R, with_mechanism
+from jounce.identification.averaging import CellAverages
+from jounce.identification.force_warnings import force_warnings, unexplained_warnings
+from jounce.identification.least_squares_problem import IdentificationProblem, pose_problem, with_smoothing_velocity
+from jounce.identification.load_parameters import LoadFit, central_covariance, central_parameters, fit_loads
+from jounce.identification.measurements import check_measurements
+from jounce.identification.payload_result import Payload, PayloadParameter
+from jounce.identification.physical_consistency import fit_consistent_body
+from jounce.identification.regression import Regression, fit_forces
+from jounce.identification.result_tables import force_residuals
+from jounce.identification.torque_calibration import calibrate_torques
+from jounce.model.drives import select_columns
+from jounce.model.parameters import find_load_frame, inertial_parameters, with_inertial_parameters
+from jounce.model.positions import check_single_screws
+from jounce.motion.motion import Motion
+from jounce.spatial import inertia
+
+LOAD_DENSITY = 1000.0  # kg/m^3 of the ball that stands where logs say nothing: tools and parts are mostly hollow
+LOAD_PRIOR_WEIGHT = 1.0  # of that ball: second moments of other bodies are off by as much as their size
+MIN_LOAD_SHARE = 0.01  # of the robot's mass: a deviation below it determines the mass, even of no load
+MAX_MISMATCH = 4.0  # chi^2 per degree of freedom: beyond it more than a load has changed
+MAX_DEVIATIONS = 4.0  # by which a mass is below 0, or halves differ, by chance
+NULL_DEVIATIONS = 2.0  # within which of 0 no load is seen
+TABLE = (
+    ("mass", "kg"), *((f"com {axis}", "m") for axis in "xyz"),
+    *((name, "kg m^2") for name in inertia.INERTIAL_PARAMETERS[4:]),
+)  # fmt: skip
+LENGTH_POWERS = np.repeat([0, 1, 2], [1, 3, 6])  # of the parameters
+LOGS = ("with the load", "without the load")
+
+
+def identify_payload(
+    robot: R,
+    with_load: Motion,
+    without_load: Motion | None,
+    body: str | None,
+    drives: DriveColumns,
+    mass: float | None,
+) -> Payload[R]:
+    """Identify a payload, see `Robot.payload`."""
+    terms, m = select_columns(drives), robot.mechanism
+    model = with_smoothing_velocity(robot, terms, None)
+    check_single_screws(m, "payload()")
+    frame = find_load_frame(m, body)
+    if mass is not None and (not is_finite(mass) or not mass > 0 or without_load is None):
+        raise JounceError(f"mass is {quote_value(mass)}; expected kg > 0 of a known load, and a log without it too")
+    logs = [with_load] if without_load is None else [with_load, without_load]
+    posed = [_pose(model, log, terms, which) for log, which in zip(logs, LOGS, strict=False)]
+    fits = [fit_forces(one.cells, one.columns, one.errors, known=False) for one in posed]
+    place = 10 * frame.body
+    transport = transport_parameters(np.asarray(frame.T, dtype=float))
+    K, known = posed[0].base.matrix[:, place : place + 10] @ transport, without_load is None
+    found = fit_loads(fits, (0, None)[: len(fits)], K, known)
+    halves = fit_loads([*_fit_halves(posed[0]), *fits[1:]], (0, 1, None)[: 1 + len(fits)], K, known)
+    notes = [
+        f"log {which}: {text}"
+        for one, fit, which in zip(posed, fits, LOGS, strict=False)
+        for text in [*force_warnings(one, "inverse_dynamics"), *_unexplained(one, fit)]
+    ]
+    _check_mass(found, known, notes)
+    changes = _half_notes(halves)
+    notes += [*changes, *_mismatch_notes(found, fits, K, known, frame.name)]
+    factors: list[np.ndarray] = []
+    if mass is not None:
+        *factors, found = calibrate_torques(posed, fits, found, K, float(mass))
+    x, table, of_body = _describe(found, float(m.M[:, 3, 3].sum()))
+    if mass is None and not changes and abs(x[0]) < NULL_DEVIATIONS * table[0].deviation:
+        notes.append(f"no load is seen: its mass is {x[0]:.3g} +- {table[0].deviation:.2g} kg")
+    if unseen := [row.name for row in table if not row.seen]:
+        cure = "expected the motion of robot.excite(payload=True) (jounce excite --payload)"
+        notes.append(f"the logs do not determine {join_names(unseen)}: deviations exceed sizes; {cure}")
+    for text in notes:
+        warn(text)
+    p = np.array(inertial_parameters(m))
+    p[place : place + 10] += transport @ of_body
+    return Payload(
+        robot=with_mechanism(robot, with_inertial_parameters(m, p)),
+        frame=frame.name,
+        parameters=x,
+        covariance=found.covariance,
+        body=of_body,
+        table=table,
+        halves=_half_masses(halves),
+        mismatch=found.mismatch,
+        factors=(factors[0], factors[1]) if factors else None,
+        notes=tuple(notes),
+    )
+
+
+def _pose(robot: Engine, log: Motion, terms: tuple[DriveColumn, ...], which: str) -> IdentificationProblem:
+    motion = check_motion(robot.mechanism, log)
+    given = check_measurements(robot.mechanism, motion, None, None, None, None)
+    if not given.forces.any():
+        raise JounceError(f"all torques of the log {which} are 0; expected measured ones, N m or N at the joints")
+    return pose_problem(robot, motion, terms, given, np.ones(len(given.t), dtype=bool), None, "inverse_dynamics")
+
+
+def _fit_halves(posed: IdentificationProblem) -> list[Regression]:
+    """The fits of both halves of the cells."""
+    half, fits = len(posed.cells.off) // 2, []
+    for part in (slice(half), slice(half, None)):
+        errors = posed.errors
+        if errors is not None:
+            base = errors.base and tuple(values[part] for values in errors.base)
+            errors = replace(errors, q=errors.q[part], base=base, variances=errors.variances[part])
+        cells = CellAverages(*(values[part] for values in vars(posed.cells).values()))
+        fits.append(fit_forces(cells, posed.columns, errors, known=False))
+    return fits
+
+
+def _unexplained(posed: IdentificationProblem, fit: Regression) -> list[str]:
+    """What is said of torques of a log that no parameters explain."""
+    base, parameters = posed.base, np.array(inertial_parameters(posed.robot.mechanism))
+    parameters[base.columns] += fit.x[: base.count]
+    estimate = posed.model_parameters + fit.x
+    predicted = posed.predict(parameters, estimate[base.count :])
+    return unexplained_warnings(posed, force_residuals(posed, predicted, fit.motion_errors), estimate)
+
+
+def _check_mass(found: LoadFit, known: bool, notes: list[str]) -> None:
+    """Raise `JounceError` of a negative mass, with what is suspicious about the torques, which may explain it."""
+    m, s = found.x[0, 0], np.sqrt(found.covariance[0, 0])
+    if m < -MAX_DEVIATIONS * s:
+        cure = "ROBOT without the load" if known else "the log with the load first: they seem to be swapped"
+        raise JounceError(
+            f"the mass of the load is negative, {m:.4g} +- {s:.2g} kg; {'; '.join(notes) or f'expected {cure}'}"
+        )
+
+
+def _mismatch_notes(found: LoadFit, fits: list[Regression], K: np.ndarray, known: bool, frame: str) -> list[str]:
+    """What is said of logs that differ by more than a load, and of a robot without it that differs from the model."""
+    if found.mismatch > MAX_MISMATCH:
+        pair = "the robot and the log differ" if known else "the logs differ"
+        cure = "a log without the load, or identify the robot first" if known else "logs of one robot, in one state"
+        why = f"chi^2 of the rest is {found.mismatch:.3g} per degree of freedom"
+        return [f"{pair} by more than a load on {shorten(frame)}: {why}; expected {cure}"]
+    if known:
+        return []
+    null = fit_loads(fits[1:], (0,), K, known=True)
+    m, s = null.x[0, 0], np.sqrt(null.covariance[0, 0])
+    if null.mismatch > MAX_MISMATCH or not abs(m) > MAX_DEVIATIONS * s:
+        return []
+    return [f"the log without the load differs from the robot by a load of {m:.4g} +- {s:.2g} kg; expected none"]
+
+
+def _half_masses(halves: LoadFit) -> tuple[tuple[float, float], ...]:
+    """The mass of each half, and its deviation."""
+    spreads = np.sqrt(np.diag(halves.covariance)[::10])
+    return tuple((float(m), float(s)) for m, s in zip(halves.x[:, 0], spreads, strict=True))
+
+
+def _half_notes(halves: LoadFit) -> list[str]:
+    """What is said of halves of the log whose loads differ, by their masses and first moments."""
+    seen = np.flatnonzero(np.isfinite(np.diag(halves.covariance)[:4] + np.diag(halves.covariance)[10:14]))
+    C, change = halves.covariance, (halves.x[1] - halves.x[0])[seen]
+    pairs = [C[np.ix_(seen + a, seen + b)] for a, b in ((0, 0), (10, 10), (0, 10), (10, 0))]
+    spread = pairs[0] + pairs[1] - pairs[2] - pairs[3]
+    if change @ np.linalg.solve(spread, change) <= len(seen) * MAX_DEVIATIONS**2:
+        return []
+    both = " and ".join(f"{m:.4g} +- {s:.2g} kg" for m, s in _half_masses(halves))
+    return [f"the load changes during the log: its halves have {both}; expected one load from start to end"]
+
+
+def _describe(found: LoadFit, robot_mass: float) -> tuple[np.ndarray, tuple[PayloadParameter, ...], np.ndarray]:
+    """The estimate of a load, its table, and the nearest body that can exist."""
+    x, least = found.x[0], MIN_LOAD_SHARE * robot_mass
+    spread = np.sqrt(found.covariance[0, 0])
+    m = max(float(x[0]), min(float(spread), least)) if spread < max(abs(x[0]), least) else least
+    radius = (3 * m / (4 * np.pi * LOAD_DENSITY)) ** (1 / 3)
+    given = x if x[0] else np.append(m, x[1:])
+    values = central_parameters(given)
+    spreads = np.sqrt(np.diag(central_covariance(given, found.covariance)))
+    sizes = m * np.append(0, np.ones(9)) * radius**LENGTH_POWERS
+    sizes[1:4] = radius
+    seen = spreads <= np.maximum(np.abs(values), np.where(LENGTH_POWERS == 0, least, sizes))
+    c = np.where(seen[1:4], values[1:4], 0.0)
+    moments = m * np.block([[radius**2 / 5 * np.eye(3) + np.outer(c, c), c[:, None]], [c, np.ones(1)]])
+    body = fit_consistent_body(x, found.information, moments, LOAD_PRIOR_WEIGHT)
+    rows = zip(TABLE, values, spreads, central_parameters(body), seen, strict=True)
+    table = tuple(PayloadParameter(*name, float(v), float(s), float(b), bool(k)) for name, v, s, b, k in rows)
+    return x, table, body
