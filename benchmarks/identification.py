@@ -16,11 +16,11 @@ import jounce
 from benchmarks import machine
 from benchmarks.tables import paragraph, table
 from jounce.checks.audit.inertias import check_inertias
-from jounce.core.typing import DriveColumn
+from jounce.core.typing import DriveTerm
 from jounce.io.files import write_whole
 from jounce.spatial import inertia
 
-TERMS: tuple[DriveColumn, ...] = ("damping", "friction", "offset")
+TERMS: tuple[DriveTerm, ...] = ("damping", "friction", "offset")
 NOISE = 0.02  # of the standard deviation of each force along the motion
 RATE = 1000  # Hz
 SEEDS = 20

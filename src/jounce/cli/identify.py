@@ -15,7 +15,7 @@ from jounce.core.errors import JounceError, collect_warnings, warn
 if TYPE_CHECKING:
     from jounce.identification import Identification
 
-DEFAULT = "damping,friction,offset"
+DEFAULT = "damping,friction,stribeck,offset"
 
 EPILOG = """\b
 Example, with the torques of a model as measured ones:

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce.core.errors import JounceError, join_names
-from jounce.core.typing import ArrayLike, DriveColumns
+from jounce.core.typing import ArrayLike, DriveTerms
 from jounce.engine.engine import Engine
 from jounce.identification.excitation_search import ExcitationSearch, Progress
 from jounce.identification.excitation_setup import check_number, check_whole_number, prepare_search
 from jounce.identification.harmonics import MIN_HARMONICS, Harmonics
 from jounce.limits.check import Check, CheckedLimit, check
-from jounce.model.drives import select_columns
+from jounce.model.drives import select_terms
 from jounce.motion import Motion
 
 MAX_HARMONICS = 50  # more are slips of the pen
@@ -92,7 +92,7 @@ def excite(
     period: float,
     periods: int,
     harmonics: int,
-    drives: DriveColumns,
+    drives: DriveTerms,
     weights: ArrayLike | None,
     reach: float,
     margin: float,
@@ -107,7 +107,7 @@ def excite(
     )
     times = check_number("period", period, "s"), check_whole_number("periods", periods, 1, MAX_REPETITIONS)
     series = Harmonics(*times, check_whole_number("harmonics", harmonics, MIN_HARMONICS, MAX_HARMONICS))
-    search, notes = prepare_search(robot, series, select_columns(drives), weights, reach, margin, rng)
+    search, notes = prepare_search(robot, series, select_terms(drives), weights, reach, margin, rng)
     rest = search.find_rest(rng)
     x, motion, found = _shrink_into_limits(search, search.find_best(count, rng, progress), rest)
     rates, information = search.rates(x), search.information

@@ -196,13 +196,13 @@ def _whiten(equations: Equations, fit: Fit) -> WhiteRows:
 
 def _step(rows: WhiteRows) -> np.ndarray:
     """The corrections (P,) that leave nothing of the residuals along Z, of directions with information."""
-    X = _informed_directions(_gram(rows.Z, rows.Z))[0]
+    X = informed_directions(_gram(rows.Z, rows.Z))[0]
     return np.asarray(X @ np.linalg.solve(X.T @ _gram(rows.Z, rows.Y) @ X, X.T @ _along(rows.Z, rows.rest)))
 
 
 def _variance_ratios(rows: WhiteRows, rest: np.ndarray) -> np.ndarray:
     """How many times as large the parts (nv + n,) of the covariances are as those that whiten, by the residuals."""
-    orthonormal = rows.Z @ _informed_directions(_gram(rows.Z, rows.Z))[0]
+    orthonormal = rows.Z @ informed_directions(_gram(rows.Z, rows.Z))[0]
     found = ((rows.parts.mT @ rest[..., None])[..., 0] ** 2).sum(axis=0)
     taken = ((orthonormal.mT @ rows.parts) ** 2).sum(axis=(0, 1))
     expected = (rows.parts**2).sum(axis=(0, 1)) - taken
@@ -213,7 +213,7 @@ def _estimate(equations: Equations, fit: Fit) -> Regression:
     """The solution at a fit, with deviations by the spectra of the residuals and the halves of the samples."""
     rows, there = _whiten(equations, fit), equations.counts > 0
     information = _gram(rows.Z, rows.Z)
-    X, values, blind = _informed_directions(information)
+    X, values, blind = informed_directions(information)
     Z = rows.Z @ X
     spectra = np.ones(rows.rest.shape) if equations.known else _noise_spectra(Z, rows.rest, equations.least / fit.noise)
     size = _half_scatter(Z, rows.rest, spectra)
@@ -314,7 +314,7 @@ def _along(A: np.ndarray, rest: np.ndarray) -> np.ndarray:
     return np.asarray(A.reshape(-1, A.shape[-1]).T @ rest.ravel())
 
 
-def _informed_directions(information: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def informed_directions(information: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Directions X (P, r) with X^T information X = 1, their eigenvalues in columns scaled to one, and a mask (P,).
 
     The mask is of parameters that the data do not determine, alone or in combination.

@@ -8,12 +8,9 @@ import numpy as np
 
 from jounce.core.errors import shorten
 from jounce.core.typing import ArrayLike
-from jounce.engine.along import check_motion, forces_along
+from jounce.engine.along import forces_along
 from jounce.engine.engine import R
-from jounce.identification.averaging import regressor_pieces
 from jounce.identification.result_tables import ForceResidual, IdentifiedParameter
-from jounce.model.coordinates import generalized_forces
-from jounce.model.drives import OFFSET
 from jounce.motion.motion import Motion
 
 PART_TITLES = {"used": "residual", "rest": "rest of the data"}  # of the samples, and their titles
@@ -27,8 +24,6 @@ class Identification(Generic[R]):
     ----------
     robot : Robot
         The robot with identified inertial parameters, of bodies that can exist, and drive terms, which act.
-    offsets : (joints,)
-        Constant forces on the joint variables, N m or N; robots do not state them.
     table : tuple of IdentifiedParameter
         Base parameters and drive parameters as the data alone determine them.
     covariance : (K, K)
@@ -65,7 +60,6 @@ class Identification(Generic[R]):
     """
 
     robot: R
-    offsets: np.ndarray
     table: tuple[IdentifiedParameter, ...]
     covariance: np.ndarray
     rank: int
@@ -84,6 +78,11 @@ class Identification(Generic[R]):
     notes: tuple[str, ...] = ()
 
     @property
+    def offsets(self) -> np.ndarray:
+        """Constant forces (joints,) on the joint variables, N m or N: those of the drives of the robot."""
+        return self.robot.drives.offset
+
+    @property
     def names(self) -> tuple[str, ...]:
         """The names of the parameters."""
         return tuple(row.name for row in self.table)
@@ -94,7 +93,7 @@ class Identification(Generic[R]):
         return tuple(row.name for row in self.table if not row.seen)
 
     def forces_along(self, motion: Motion, t: ArrayLike | None = None) -> np.ndarray:
-        """Predict the forces along a motion, offsets included.
+        """Predict the forces along a motion: those of the identified robot.
 
         Parameters
         ----------
@@ -122,13 +121,7 @@ class Identification(Generic[R]):
         >>> found.forces_along(motion, [0.0, 1.0]).shape
         (2, 2)
         """
-        m, along = self.robot.mechanism, forces_along(self.robot, motion, t, 0)
-        if m.closure:  # offsets of joints that others carry along act through the loops
-            pieces = regressor_pieces(self.robot, check_motion(m, motion), along.t, (OFFSET,))
-            constant = np.concatenate([Y[..., -len(m.joints) :] @ self.offsets for _, Y in pieces])
-        else:
-            constant = np.append(np.zeros(m.nv - m.n), generalized_forces(m, self.offsets[:, None])[:, 0])
-        return np.asarray(along.forces[0] + constant)
+        return np.asarray(forces_along(self.robot, motion, t, 0).forces[0])
 
     def __repr__(self) -> str:
         seen = sum(row.seen for row in self.table)

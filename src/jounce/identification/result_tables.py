@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.core.typing import DriveColumn
+from jounce.core.typing import DriveTerm
 from jounce.dynamics.base_parameters import LENGTH_POWERS, BaseParameters
 from jounce.identification.averaging import CellAverages, number_cells, weighted_means
 from jounce.identification.least_squares_problem import IdentificationProblem
@@ -56,11 +56,12 @@ class IdentifiedParameter:
 
 def parameter_table(posed: IdentificationProblem, solution: Regression) -> tuple[IdentifiedParameter, ...]:
     """The table of a solution, which corrects the model."""
-    m, base, model = posed.robot.mechanism, posed.base, posed.model_parameters
+    m, base, model = posed.robot.mechanism, posed.base, posed.model_parameters[posed.places]
     revolute = [bool(np.any(X[:3])) for X in m.X]
     names = [*base.names, *(f"{joint} {term}" for term in posed.terms for joint in m.joints)]
     units = [INERTIAL_UNITS[column % len(INERTIAL_UNITS)] for column in base.columns]
     units += [_unit(term, turns) for term in posed.terms for turns in revolute]
+    names, units = ([rows[k] for k in posed.places] for rows in (names, units))
     values, spreads = model + solution.x, np.sqrt(np.diag(solution.covariance))
     sizes = np.append(
         _inertial_sizes(m, base), _drive_sizes(posed.cells, solution.weights, posed.columns[base.count :])
@@ -92,7 +93,7 @@ def _drive_sizes(cells: CellAverages, weights: np.ndarray, columns: np.ndarray) 
     return np.sqrt(((power > 0) * left[:, None]).sum(axis=0) / np.where(total > 0, total, np.inf))
 
 
-def _unit(term: DriveColumn, turns: bool) -> str:
+def _unit(term: DriveTerm, turns: bool) -> str:
     """The unit of a drive parameter of a revolute joint, or of a prismatic one."""
     if term == "armature":
         return "kg m^2" if turns else "kg"

@@ -5,7 +5,7 @@ from math import pi
 from os import PathLike
 from typing import TYPE_CHECKING, Self
 
-from jounce.core.typing import ArrayLike, DriveColumns, Equations
+from jounce.core.typing import ArrayLike, DriveTerms, Equations
 from jounce.robot.exports import Exports
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ class Applications(Exports):
         forces: ArrayLike | None = None,
         *,
         t: ArrayLike | None = None,
-        drives: DriveColumns = ("damping", "friction", "offset"),
+        drives: DriveTerms = ("damping", "friction", "stribeck", "offset"),
         eps: float | None = None,
         span: tuple[float, float] | None = None,
         band: float | None = None,
@@ -113,7 +113,7 @@ class Applications(Exports):
         period: float = 10.0,
         periods: int = 1,
         harmonics: int = 5,
-        drives: DriveColumns = False,
+        drives: DriveTerms = False,
         weights: ArrayLike | None = None,
         reach: float = pi,
         margin: float = 0.01,
