@@ -77,7 +77,7 @@ def compared(robot: jounce.Robot, motion: jounce.Motion, far: float, prior: floa
             found = robot.identify(motion, Q, t=t, drives=TERMS, prior=prior, deviations=given)
         seconds.append(perf_counter() - start)
         true = _values(truth.robot, truth.offsets)
-        data, bodies = np.array([row.value for row in found.table]), _values(found.robot, found.offsets)
+        data, bodies = np.array([row.value for row in found.table]), _values(found.robot, found.robot.drives.offset)
         chi.append([(z - true) @ np.linalg.solve(found.covariance, z - true) for z in (data, bodies)])
         beyond.append(np.abs(data - true) > 2 * np.sqrt(np.diag(found.covariance)))
         model = _values(robot, np.zeros(robot.n))

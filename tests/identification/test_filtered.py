@@ -16,7 +16,7 @@ from jounce.identification.filtered_balances import (
 )
 from jounce.identification.low_pass import design_low_pass
 from jounce.identification.measurements import Measurements
-from jounce.model.drives import DRIVE_TERMS
+from jounce.model.drives import AMOUNTS, DRIVE_TERMS
 from support.files import refusal
 from support.quantities import branched
 from support.robots import Interpreted, floating, relative_error
@@ -33,9 +33,7 @@ def moving_robot(seed=3, on_base=False):
     if on_base:
         motion = motion.with_base(None, np.eye(4))
     d = m.drives
-    p = np.concatenate(
-        [jounce.Robot(m).inertial_parameters, d.armature, d.damping, d.friction, d.stiffness, 0 * d.rest]
-    )
+    p = np.concatenate([jounce.Robot(m).inertial_parameters, *(getattr(d, amount) for amount in AMOUNTS.values())])
     return Interpreted(jounce.Robot(m)), p, motion
 
 

@@ -101,7 +101,7 @@ def equal(S, robot, values=(), parameters=(), order=2, bodies=()):
 
 
 RULES = {"Add": sum, "Mul": math.prod, "Pow": lambda x: x[0] ** x[1]}
-FUNCTIONS = {name: getattr(math, name) for name in ("sin", "cos", "tanh", "cosh", "log")}
+FUNCTIONS = {name: getattr(math, name) for name in ("sin", "cos", "tanh", "cosh", "exp", "log")}
 
 
 def evaluated(x, known):

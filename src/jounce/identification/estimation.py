@@ -12,9 +12,9 @@ from jounce.core.typing import ArrayLike, DriveTerm, DriveTerms, Equations
 from jounce.engine.along import check_motion
 from jounce.engine.engine import R, with_mechanism
 from jounce.identification.force_warnings import force_warnings, unexplained_warnings
-from jounce.identification.friction_search import find_friction_laws
+from jounce.identification.friction_search import with_friction_laws
 from jounce.identification.least_squares_problem import pose_problem, with_smoothing_velocity
-from jounce.identification.measurements import Measurements, check_measurements
+from jounce.identification.measurements import check_measurements
 from jounce.identification.physical_consistency import ConsistentParameters, fit_consistent_parameters
 from jounce.identification.regression import fit_forces
 from jounce.identification.result import Identification
@@ -53,9 +53,10 @@ def identify(
     path = check_motion(model.mechanism, motion)
     given = check_measurements(model.mechanism, path, forces, t, weights, deviations)
     used = _select_samples(span, given.t)
-    model, sought, samples = _with_friction_laws(model, path, terms, given.part(used), eps is not None)
+    known = deviations is not None
+    model, terms, sought, samples = with_friction_laws(model, path, terms, given.part(used), eps is not None, known)
     posed = pose_problem(model, path, terms, sought, given, used, samples, band, method)
-    solution = fit_forces(posed.cells, posed.columns, posed.errors, known=deviations is not None)
+    solution = fit_forces(posed.cells, posed.columns, posed.errors, known)
     table = parameter_table(posed, solution)
     notes = [*force_warnings(posed, method), *_undetermined_notes(table, solution.rank)]
     for text in notes:
@@ -65,7 +66,7 @@ def identify(
     information[np.ix_(posed.places, posed.places)] = solution.information
     weight = float(prior) ** -2
     found = fit_consistent_parameters(model.mechanism, posed.base, information, estimate, terms, weight=weight)
-    predicted = posed.predict(found.parameters, found.values[posed.base.count :])
+    predicted = posed.predict(found.parameters, found.values[posed.base.count :], solution.x)
     rows, times = force_residuals(posed, predicted, solution.motion_errors), given.t[posed.used]
     notes += (left := unexplained_warnings(posed, rows, estimate[posed.places]))
     for text in left:
@@ -86,7 +87,7 @@ def identify(
         t=given.t,
         measured=np.where(given.weights > 0, given.forces, np.nan),
         model=posed.model,
-        predicted=predicted,
+        predicted=predicted[0],
         notes=(*notes, *_body_notes(found)),
     )
 
@@ -104,23 +105,6 @@ def _select_samples(span: tuple[float, float] | None, t: np.ndarray) -> np.ndarr
             f"span is {quote_value(span)}; expected times from {t[0]:.6g} to {t[-1]:.6g} s, which forces have"
         )
     return inside
-
-
-def _with_friction_laws(
-    robot: R, motion: Motion, terms: tuple[DriveTerm, ...], samples: Measurements, given_eps: bool
-) -> tuple[R, np.ndarray, Measurements]:
-    """The robot with the laws of friction that samples show, which parameters are sought, and samples with weights."""
-    m = robot.mechanism
-    sought = np.ones((len(terms), len(m.joints)), dtype=bool)
-    if "friction" not in terms:
-        return robot, sought.ravel(), samples
-    laws = find_friction_laws(robot, motion, terms, samples, given_eps)
-    drives = replace(m.drives, eps=laws.eps)
-    if "stribeck" in terms:
-        sought[terms.index("stribeck")] = laws.stribeck
-        drives = replace(drives, stribeck=m.drives.stribeck * laws.stribeck, stribeck_velocity=laws.stribeck_velocity)
-    weighted = replace(samples, weights=samples.weights * laws.factors)
-    return with_mechanism(robot, replace(m, drives=drives)), sought.ravel(), weighted
 
 
 def _build_robot(robot: R, terms: Sequence[DriveTerm], found: ConsistentParameters) -> R:

@@ -23,7 +23,7 @@ import numpy as np
 from jounce.core.typing import DriveTerm
 from jounce.dynamics.base_parameters import base_parameters
 from jounce.engine.along import compute_pieces
-from jounce.engine.engine import Engine, with_mechanism
+from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.averaging import average_forces, number_cells, weighted_means
 from jounce.identification.measurements import Measurements
 from jounce.identification.regression import MIN_RELATIVE_DEVIATION, informed_directions
@@ -38,16 +38,6 @@ MAX_CELLS = 4000  # of which the rows are held at once; of a longer log every se
 SWEEPS = 2  # over all joints: a third changes nothing
 WEIGHT_ROUNDS = 4  # by which weights have settled
 MIN_FAST_CELLS = 20  # from which the mean square of a fast joint's residuals is known to a third
-
-
-@dataclass(frozen=True, eq=False)
-class FrictionLaws:
-    """The speeds (joints,) of the laws, which joints have a Stribeck term, and factors (N, nv) of samples' weights."""
-
-    eps: np.ndarray
-    stribeck_velocity: np.ndarray
-    stribeck: np.ndarray
-    factors: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,32 +68,40 @@ class FrictionFit:
     taken: list[np.ndarray]  # (C, nv) by joint: what its damping, friction and offset explain
 
 
-def find_friction_laws(
-    robot: Engine, motion: Motion, terms: tuple[DriveTerm, ...], samples: Measurements, given_eps: bool
-) -> FrictionLaws:
-    """Find the laws of friction, which is one of the terms, from samples; a given eps is that of the model."""
-    d, count = robot.mechanism.drives, len(robot.mechanism.joints)
-    widths = np.tile((*SMOOTHING_VELOCITIES[: 0 if given_eps else None],), (count, 1))
-    eps = np.concatenate([d.eps[:, None], widths], axis=1)  # (joints, number)
+def with_friction_laws(
+    robot: R, motion: Motion, terms: tuple[DriveTerm, ...], samples: Measurements, given_eps: bool, known: bool
+) -> tuple[R, tuple[DriveTerm, ...], np.ndarray, Measurements]:
+    """The robot with the laws of friction that samples show, and what is sought then.
+
+    Returns the terms, which of their parameters (terms * joints,) are sought, and the samples with other weights.
+    Without friction among the terms, all is as it was. A given eps is that of the robot, and stays, as do weights that
+    are known inverse variances.
+    """
+    m, d, count = robot.mechanism, robot.mechanism.drives, len(robot.mechanism.joints)
+    if "friction" not in terms:
+        return robot, terms, np.ones(len(terms) * count, dtype=bool), samples
+    eps = np.tile([np.nan, *SMOOTHING_VELOCITIES[: 0 if given_eps else None]], (count, 1))  # (joints, number)
+    eps[:, 0] = d.eps
     fades = np.array([np.inf, *STRIBECK_VELOCITIES[: None if "stribeck" in terms else 0]])
     cells = _average_cells(robot, motion, terms, samples, eps, fades)
     chosen = [0] * count
     fit = _fit_laws(cells, chosen, np.ones_like(cells.off))
-    for _ in range(SWEEPS if eps.shape[1] * len(fades) > 1 else 0):
-        chosen = [_choose_law(cells, fit, j, law) for j, law in enumerate(chosen)]
+    for _ in range(SWEEPS if cells.shapes.shape[-1] > 1 else 0):
+        chosen = [_choose_law(cells, fit, j) for j in range(count)]
         fit = _fit_laws(cells, chosen, np.ones_like(cells.off))
-    factors = np.ones((cells.off.shape[1], len(SPEED_BINS) + 1))
-    forces = np.arange(len(factors))
-    for _ in range(WEIGHT_ROUNDS):
+    factors, forces = np.ones((cells.off.shape[1], len(SPEED_BINS) + 1)), np.arange(cells.off.shape[1])
+    for _ in range(0 if known else WEIGHT_ROUNDS):
         factors = _speed_factors(cells, fit.rest)
         fit = _fit_laws(cells, chosen, factors[forces, cells.bins])
+    weighed = replace(samples, weights=samples.weights * factors[forces, _speed_bins(motion, samples)])
     width, fade = np.divmod(chosen, len(fades))
-    return FrictionLaws(
-        eps=eps[np.arange(count), width],
-        stribeck_velocity=np.where(fade > 0, fades[fade], d.stribeck_velocity),
-        stribeck=fade > 0,
-        factors=factors[forces, _speed_bins(motion, samples)],
-    )
+    drives = replace(d, eps=eps[np.arange(count), width])
+    if "stribeck" in terms:
+        speeds = np.where(fade > 0, fades[fade], d.stribeck_velocity)
+        drives = replace(drives, stribeck=d.stribeck * (fade > 0), stribeck_velocity=speeds)
+        terms = tuple(term for term in terms if term != "stribeck" or fade.any())
+    sought = np.concatenate([(fade > 0) | (term != "stribeck") for term in terms])
+    return with_mechanism(robot, replace(m, drives=drives)), terms, sought, weighed
 
 
 def _average_cells(
@@ -172,7 +170,7 @@ def _mean_squares(cells: FrictionCells, rest: np.ndarray, factors: np.ndarray | 
     return np.maximum((weights * rest**2).sum(axis=0) / there, np.where(least > 0, least, least.max() or 1.0))
 
 
-def _choose_law(cells: FrictionCells, fit: FrictionFit, j: int, old: int) -> int:
+def _choose_law(cells: FrictionCells, fit: FrictionFit, j: int) -> int:
     """The law of a joint of the least Bayesian information criterion, at the other parameters of a fit."""
     acts = cells.onto[..., j].any(axis=0)
     roots = fit.roots[:, acts]
@@ -185,10 +183,11 @@ def _choose_law(cells: FrictionCells, fit: FrictionFit, j: int, old: int) -> int
         x = np.linalg.lstsq(A, left)[0]
         if law % cells.fades == 0 or x[-1] > 0:
             rests[law] = left - A @ x
-    squares = {law: rest @ rest + MIN_RELATIVE_DEVIATION**2 * (left @ left) for law, rest in rests.items()}
+    least = MIN_RELATIVE_DEVIATION**2 * (left @ left) or 1.0  # nothing is left of forces that are explained
+    squares = {law: rest @ rest + least for law, rest in rests.items()}
     best = rests[min(squares, key=squares.__getitem__)].reshape(roots.shape)
     correlation = (best[1:] * best[:-1]).sum() / max((best**2).sum(), np.finfo(float).tiny)
-    n = max(len(left) * (1 - correlation) / (1 + correlation), 2.0)
+    n = max(np.count_nonzero(roots) * (1 - correlation) / (1 + correlation), 2.0)
     sizes = {law: 2 * (law % cells.fades > 0) + (law >= cells.fades) for law in squares}
     return min(squares, key=lambda law: n * np.log(squares[law]) + sizes[law] * np.log(n))
 

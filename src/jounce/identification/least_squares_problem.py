@@ -72,12 +72,14 @@ class IdentificationProblem:
         ]
         return np.concatenate([self.base.values, *drives])
 
-    def predict(self, parameters: np.ndarray, drives: np.ndarray) -> np.ndarray:
-        """The forces (N, nv) of a robot with other inertial parameters (10 nb,) and drive terms."""
+    def predict(self, parameters: np.ndarray, drives: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Forces (2, N, nv): of a robot with other inertial parameters and drive terms, and of corrections x alone."""
         drives = drives - self.model_parameters[self.base.count :]
-        change = np.append(parameters - inertial_parameters(self.robot.mechanism), drives)
+        changes = np.zeros((len(parameters) + len(drives), 2))
+        changes[:, 0] = np.append(parameters - inertial_parameters(self.robot.mechanism), drives)
+        changes[self.columns, 1] = x
         pieces = regressor_pieces(self.robot, self.motion, self.given.t, self.terms)
-        return np.asarray(self.model + np.concatenate([Y @ change for _, Y in pieces]))
+        return np.moveaxis(np.concatenate([Y @ changes for _, Y in pieces]), -1, 0) + self.model
 
 
 def pose_problem(

@@ -115,6 +115,8 @@ class ForceResidual:
         The measured force itself, in the band of the motion.
     model, identified : float
         What the model as it was leaves, and what the identified robot leaves, in the band of the motion.
+    least_squares : float
+        What the estimate of the data alone leaves there: the prior, and bodies that can exist, make the difference.
     model_samples, identified_samples : float
         The same of single samples, with all that is faster.
     motion_errors : float
@@ -137,6 +139,7 @@ class ForceResidual:
     measured: float
     model: float
     identified: float
+    least_squares: float
     model_samples: float
     identified_samples: float
     motion_errors: float
@@ -145,9 +148,12 @@ class ForceResidual:
 def force_residuals(
     posed: IdentificationProblem, predicted: np.ndarray, motion_errors: np.ndarray
 ) -> tuple[ForceResidual, ...]:
-    """The residuals of the model and of predicted forces (N, nv): of the samples that are used, then of the rest."""
+    """The residuals of the model, of the robot and of least squares, of which forces (2, N, nv) are predicted.
+
+    Those of the samples that are used come first, then those of the rest.
+    """
     parts = (("used", posed.used), ("rest", ~posed.used))
-    made = motion_errors if posed.errors is not None else np.zeros(predicted.shape[1])
+    made = motion_errors if posed.errors is not None else np.zeros(predicted.shape[2])
     return tuple(
         row for part, which in parts if which.any() for row in _part_residuals(posed, predicted, made, part, which)
     )
@@ -159,10 +165,10 @@ def _part_residuals(
     """The residuals of a part of the samples, of the forces that are measured there."""
     m, samples = posed.robot.mechanism, posed.given.part(which)
     place, w = number_cells(samples.t, posed.width), samples.weights
-    off = [samples.forces, samples.forces - posed.model[which], samples.forces - predicted[which]]
+    off = [samples.forces, samples.forces - posed.model[which], *(samples.forces - predicted[:, which])]
     counts = weighted_means(np.ones_like(w), w, place)[1]
     band = [_rms(weighted_means(values, w, place)[0], counts) for values in off]
-    rows = np.stack([*band, *(_rms(values, w) for values in off[1:])], axis=1)
+    rows = np.stack([*band, *(_rms(values, w) for values in off[1:3])], axis=1)
     for j, (name, unit) in enumerate(zip(force_names(m), force_units(m), strict=True)):
         if counts[:, j].any():
             yield ForceResidual(name, unit, part, *map(float, rows[j]), float(motion_errors[j]))
