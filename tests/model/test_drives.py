@@ -329,6 +329,13 @@ def test_refuses_wrong_dynamics_of_a_urdf_by_file_and_line(tmp_path, stated):
     refusal(lambda: jounce.load(path), f"{path}:4")
 
 
+def test_stribeck_friction_is_refused_where_it_is_not_known():
+    robot = jounce.Robot.from_screws(**ONE, drives={"stribeck": [1.0]}).with_drives().with_limits(velocity=1, effort=9)
+    move = jounce.Motion.polynomial([[0, 0, 0, 1, -0.5]], 1.0)
+    refusal(lambda: robot.retime(move), "retime does not support Stribeck friction", "'offset']) (--drives)")
+    refusal(lambda: robot.elastic(100.0), "motors of elastic joints have no Stribeck friction")
+
+
 @given(st.integers(0, 3))
 def test_followers_push_on_their_leader_through_their_factor(k):
     """A joint that turns -2 times as far as its leader, with friction of its own alone."""
