@@ -53,7 +53,7 @@ def of_log(arm: jounce.Robot, noise: float, rng: np.random.Generator) -> Iterato
     for name, path in {"smoothed": jounce.Motion.fit(t, q), "spline through": jounce.Motion.through(t, q, 5)}.items():
         for method in METHODS:
             found = model.identify(path, Q, t=t, method=method, band=BAND)
-            off = found.forces_along(other, t) - true
+            off = found.robot.forces_along(other, t, order=0).forces[0] - true
             yield (name, method), float(np.sqrt((off**2).mean() / (true**2).mean()))
 
 

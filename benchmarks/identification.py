@@ -16,11 +16,11 @@ import jounce
 from benchmarks import machine
 from benchmarks.tables import paragraph, table
 from jounce.checks.audit.inertias import check_inertias
-from jounce.core.typing import DriveColumn
+from jounce.core.typing import DriveTerm
 from jounce.io.files import write_whole
 from jounce.spatial import inertia
 
-TERMS: tuple[DriveColumn, ...] = ("damping", "friction", "offset")
+TERMS: tuple[DriveTerm, ...] = ("damping", "friction", "offset")
 NOISE = 0.02  # of the standard deviation of each force along the motion
 RATE = 1000  # Hz
 SEEDS = 20
@@ -77,7 +77,7 @@ def compared(robot: jounce.Robot, motion: jounce.Motion, far: float, prior: floa
             found = robot.identify(motion, Q, t=t, drives=TERMS, prior=prior, deviations=given)
         seconds.append(perf_counter() - start)
         true = _values(truth.robot, truth.offsets)
-        data, bodies = np.array([row.value for row in found.table]), _values(found.robot, found.offsets)
+        data, bodies = np.array([row.value for row in found.table]), _values(found.robot, found.robot.drives.offset)
         chi.append([(z - true) @ np.linalg.solve(found.covariance, z - true) for z in (data, bodies)])
         beyond.append(np.abs(data - true) > 2 * np.sqrt(np.diag(found.covariance)))
         model = _values(robot, np.zeros(robot.n))

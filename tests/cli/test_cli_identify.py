@@ -57,7 +57,7 @@ def test_the_robot_the_table_and_the_picture_are_written(log, tmp_path):
     [
         (["-o", "out.urdf"], "unknown type of robot file"),
         (["-o", "out.yaml", "--table", "out.npz"], "available: .csv"),
-        (["-o", "out.yaml", "--drives", "stiction"], "unknown drive column 'stiction'"),
+        (["-o", "out.yaml", "--drives", "stiction"], "unknown drive term 'stiction'"),
         (["-o", "out.yaml", "--span", "7", "8"], "expected times from 0 to 6 s"),
         (["-o", "out.yaml", "--torques", "Q{number}"], "no column 'Q1'"),
     ],

@@ -12,7 +12,7 @@ from jounce.dynamics.computation import Computation
 from jounce.dynamics.deflections import deflect_spring
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.generic_methods import compute_by_method
-from jounce.model.drives import Drives
+from jounce.model.drives import UNDRIVEN, Drives
 from jounce.spatial.series import Series
 from support.quantities import REQUESTS, branched, served
 from support.robots import mechanisms, on_its_axis, springs
@@ -111,7 +111,7 @@ def test_where_nothing_is_added_up_errors_are_absolute():
 def test_drives_that_act_are_among_the_terms():
     m, q = on_its_axis().mechanism, [*np.full((4, 1, 1), 0.1)]
     numbers = {"armature": 1e3, "damping": 0.0, "friction": 1e4, "eps": 1.0, "stiffness": 1e4, "rest": 0.3}
-    driven = replace(m, drives=Drives(**{name: np.array([x]) for name, x in numbers.items()}))
+    driven = replace(m, drives=Drives(**{name: np.array([x]) for name, x in (UNDRIVEN | numbers).items()}))
     forces, mass, energy = (Computation(name, 0) for name in ("inverse_dynamics", "mass_matrix", "potential_energy"))
     spring = np.hypot(1e3, 3e3)  # 1e4 (theta - rest)
     for acting, terms in (

@@ -15,7 +15,7 @@ from jounce.checks.reference.pinocchio import build_model
 from jounce.dynamics.mobility import may_be_singular
 from jounce.dynamics.recursion import matrices
 from jounce.dynamics.recursion.articulated import ArticulatedBodies, has_deep_branches
-from jounce.model.drives import DRIVE_TERMS, Drives
+from jounce.model.drives import AMOUNTS, DRIVE_TERMS, Drives
 from jounce.model.scalar_casting import with_exact_integers
 from jounce.program.passes import factor
 from jounce.program.trace import Tape
@@ -32,9 +32,10 @@ with warnings.catch_warnings():
 
 def driven(mechanism, rng):
     """With drives, all terms of which act."""
-    names = ("armature", "damping", "friction", "stiffness", "rest")
+    names = (*AMOUNTS.values(), "rest")
     nc = len(mechanism.joints)
-    drives = Drives(eps=np.full(nc, 0.5), **{name: rng.uniform(0.1, 1, nc) for name in names})
+    speeds = dict.fromkeys(("eps", "stribeck_velocity"), np.full(nc, 0.5))
+    drives = Drives(**speeds, **{name: rng.uniform(0.1, 1, nc) for name in names})
     return Interpreted(jounce.Robot(replace(mechanism, drives=drives, acting=DRIVE_TERMS)))
 
 

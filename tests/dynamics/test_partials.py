@@ -13,7 +13,7 @@ import casadi
 import jounce
 from jounce.checks.reference.pinocchio import build_model
 from jounce.dynamics.computation import Computation
-from jounce.model.drives import DRIVE_TERMS, Drives
+from jounce.model.drives import AMOUNTS, DRIVE_TERMS, Drives
 from jounce.model.scalar_casting import with_exact_integers
 from jounce.native.code_forms import trace_program
 from jounce.program import differentiate
@@ -32,9 +32,10 @@ HASTY = {"xla_backend_optimization_level": 0}  # as each function runs once
 
 def driven(mechanism, rng):
     """With drives, all terms of which act."""
-    names = ("armature", "damping", "friction", "stiffness", "rest")
+    names = (*AMOUNTS.values(), "rest")
     nc = len(mechanism.joints)
-    drives = Drives(eps=np.full(nc, 0.5), **{name: rng.uniform(0.1, 1, nc) for name in names})
+    speeds = dict.fromkeys(("eps", "stribeck_velocity"), np.full(nc, 0.5))
+    drives = Drives(**speeds, **{name: rng.uniform(0.1, 1, nc) for name in names})
     return replace(mechanism, drives=drives, acting=DRIVE_TERMS)
 
 

@@ -107,17 +107,16 @@ def test_columns_of_drive_terms_give_the_forces_of_the_drives(on_base):
     m = floating(m, rng) if on_base else m
     robot, q, d = Interpreted(jounce.Robot(m)), rng.uniform(-1, 1, (5, 2, m.n)), m.drives
     base = random_base(rng, 5) if on_base else None
-    offsets = rng.normal(size=len(m.joints))
-    p = np.concatenate([robot.inertial_parameters, d.armature, d.damping, d.friction, d.stiffness, offsets])
-    forces = robot.inverse_dynamics(*q, base=base)
-    constant = np.concatenate([np.zeros(m.nv - m.n), m.G.T @ offsets])
-    for k, (Y, Q) in enumerate(zip(robot.regressor(*q, base=base, drives=True), forces, strict=True)):
-        assert relative_error(Y @ p, Q + constant * (k == 0)) < 1e-12
+    amounts = [d.armature, d.damping, d.friction, d.stribeck, d.stiffness, d.offset]
+    p = np.concatenate([robot.inertial_parameters, *amounts])
+    for Y, Q in zip(robot.regressor(*q, base=base, drives=True), robot.inverse_dynamics(*q, base=base), strict=True):
+        assert relative_error(Y @ p, Q) < 1e-12
+    nc = len(m.joints)
     Y = robot.regressor(
-        *q[:3], base=base and base[:3], drives=("offset", "damping"), out=(out := 0 * Y[..., : -3 * len(offsets)])
+        *q[:3], base=base and base[:3], drives=("offset", "damping"), out=(out := 0 * Y[..., : -4 * nc])
     )
     assert Y is out
-    of_damping = Y[..., -2 * len(offsets) :] @ np.append(d.damping, 0 * offsets)
+    of_damping = Y[..., -2 * nc :] @ np.append(d.damping, np.zeros(nc))
     assert relative_error(of_damping, robot_damping(robot, q)) < 1e-12
 
 
@@ -129,7 +128,7 @@ def test_drive_columns_give_momentum_and_energy_of_the_drives(on_base):
     robot, q, d = Interpreted(jounce.Robot(m)), rng.uniform(-1, 1, (4, 2, m.n)), m.drives
     base = random_base(rng, 4) if on_base else None
     ones = np.ones(len(m.joints))
-    p = np.concatenate([robot.inertial_parameters, d.armature, ones, ones, d.stiffness, ones])
+    p = np.concatenate([robot.inertial_parameters, d.armature, ones, ones, ones, d.stiffness, ones])
     momenta = robot.generalized_momentum(*q, base=base)
     for Yp, momentum in zip(robot.momentum_regressor(*q, base=base, drives=True), momenta, strict=True):
         assert relative_error(Yp @ p, momentum) < 1e-12
@@ -157,6 +156,6 @@ def test_bad_input_is_refused_in_one_line():
     p = np.where(np.arange(20) == 14, np.nan, 1.0)
     refusal(lambda: robot.with_inertial_parameters(p), "p: Ixx of 'body2' is nan; expected finite numbers")
     zeros = np.zeros((3, 2))
-    refusal(lambda: robot.regressor(*zeros, drives="offsets"), "unknown drive column 'offsets'")
+    refusal(lambda: robot.regressor(*zeros, drives="offsets"), "unknown drive term 'offsets'")
     refusal(lambda: robot.regressor(*zeros[:2], None), "q2d is None")
     refusal(lambda: robot.compile("regressor", wrench=True), "regressor takes no wrenches")

@@ -16,7 +16,7 @@ from jounce.identification.filtered_balances import (
 )
 from jounce.identification.low_pass import design_low_pass
 from jounce.identification.measurements import Measurements
-from jounce.model.drives import DRIVE_COLUMNS, DRIVE_TERMS
+from jounce.model.drives import AMOUNTS, DRIVE_TERMS
 from support.files import refusal
 from support.quantities import branched
 from support.robots import Interpreted, floating, relative_error
@@ -33,9 +33,7 @@ def moving_robot(seed=3, on_base=False):
     if on_base:
         motion = motion.with_base(None, np.eye(4))
     d = m.drives
-    p = np.concatenate(
-        [jounce.Robot(m).inertial_parameters, d.armature, d.damping, d.friction, d.stiffness, 0 * d.rest]
-    )
+    p = np.concatenate([jounce.Robot(m).inertial_parameters, *(getattr(d, amount) for amount in AMOUNTS.values())])
     return Interpreted(jounce.Robot(m)), p, motion
 
 
@@ -68,10 +66,10 @@ def test_the_balance_of_momentum_is_the_equation_of_motion(on_base):
     robot, p, motion = moving_robot(on_base=on_base)
     t = np.linspace(0.1, 1.9, 7)
     rates, base = motion(t, 2), motion.base(t, 2)
-    _, of_stored = robot.momentum_regressor(*rates, drives=DRIVE_COLUMNS, base=base)
+    _, of_stored = robot.momentum_regressor(*rates, drives=DRIVE_TERMS, base=base)
     _, pd = robot.generalized_momentum(*rates, base=base)
-    rest, stored = momentum_balance(robot, motion, t, DRIVE_COLUMNS)
-    assert relative_error(of_stored + rest[..., :-1], robot.regressor(*rates, drives=DRIVE_COLUMNS, base=base)) < 1e-12
+    rest, stored = momentum_balance(robot, motion, t, DRIVE_TERMS)
+    assert relative_error(of_stored + rest[..., :-1], robot.regressor(*rates, drives=DRIVE_TERMS, base=base)) < 1e-12
     assert relative_error((of_stored + rest[..., :-1]) @ p, robot.inverse_dynamics(*rates, base=base)) < 1e-12
     assert relative_error(stored[..., :-1] @ p, stored[..., -1]) < 1e-12
     wrench = motion.wrench(t, 0)
@@ -82,11 +80,11 @@ def test_the_balance_of_energy_is_the_power_of_the_forces():
     robot, p, motion = moving_robot()
     t = np.linspace(0.1, 1.9, 7)
     rates = motion(t, 2)
-    _, of_stored = robot.energy_regressor(*rates, drives=DRIVE_COLUMNS)
+    _, of_stored = robot.energy_regressor(*rates, drives=DRIVE_TERMS)
     power, loaded = (
         np.einsum("ti,ti->t", rates[1], robot.inverse_dynamics(*rates, wrench=W)) for W in (None, motion.wrench(t, 0))
     )
-    rest, stored = (x[:, 0] for x in energy_balance(robot, motion, t, DRIVE_COLUMNS))
+    rest, stored = (x[:, 0] for x in energy_balance(robot, motion, t, DRIVE_TERMS))
     assert relative_error((of_stored + rest[..., :-1]) @ p, power) < 1e-12
     assert relative_error(stored[..., :-1] @ p, stored[..., -1]) < 1e-12
     assert relative_error(of_stored @ p + rest[..., -1], loaded) < 1e-12
@@ -98,13 +96,13 @@ def test_filtered_rows_fit_filtered_forces_whatever_the_pieces(law, monkeypatch)
     t = uneven(np.random.default_rng(2), 250, 2.0)
     through = design_low_pass(t, 3.0)
     rates = motion(t, 2)
-    rows = np.concatenate([y for _, y in filter_rows(law, robot, motion, DRIVE_COLUMNS, through)])
+    rows = np.concatenate([y for _, y in filter_rows(law, robot, motion, DRIVE_TERMS, through)])
     for found, W in ((rows[..., :-1] @ p, None), (rows[..., -1], motion.wrench(t, 0))):
         Q = robot.inverse_dynamics(*rates, wrench=W)
         right = Q if law is momentum_balance else np.einsum("ti,ti->t", rates[1], Q)[:, None]
         assert relative_error(found, through.apply(right)) < 1e-4
     monkeypatch.setattr(filters, "MAX_REGRESSOR_SAMPLES", 37)
-    parts = list(filter_rows(law, robot, motion, DRIVE_COLUMNS, through))
+    parts = list(filter_rows(law, robot, motion, DRIVE_TERMS, through))
     assert [part.stop for part, _ in parts][-2:] == [223, 250]
     np.testing.assert_allclose(np.concatenate([y for _, y in parts]), rows, rtol=0, atol=1e-12 * np.abs(rows).max())
 

@@ -53,11 +53,11 @@ def test_exact_forces_give_the_true_parameters(arm, true, motion, Q):
     expected = [*true.base_parameters().values, *true.drives.damping, *true.drives.friction, *OFFSET]
     assert values(found) == pytest.approx(expected, abs=1e-6)
     assert (found.rank, found.unseen, found.notes) == (24, (), ())
-    assert found.offsets == pytest.approx(OFFSET, abs=1e-3)
+    assert found.robot.drives.offset == pytest.approx(OFFSET, abs=1e-3)
     assert found.robot.drives.friction == pytest.approx([3, 2, 1], rel=1e-3)
     assert found.predicted == pytest.approx(Q + OFFSET, abs=1e-2)
     again = found.robot.forces_along(motion, T, order=0).forces[0]
-    assert found.forces_along(motion, T) == pytest.approx(again + found.offsets)
+    assert again == pytest.approx(found.predicted, abs=1e-9), "the robot holds all that was fitted"
     assert not [finding for finding in found.robot.audit() if finding.severity == "error"]
 
 
@@ -200,7 +200,7 @@ def test_terms_that_act_and_loads_are_no_parameters(arm, motion):
     t = np.linspace(0, 4.9, 1000)
     found = held.identify(loaded, held.forces_along(loaded, t, order=0).forces[0], t=t)
     assert values(found) == pytest.approx([*arm.base_parameters().values, *np.zeros(9)], abs=1e-6)
-    assert found.robot.mechanism.acting == ("damping", "friction", "spring")
+    assert found.robot.mechanism.acting == ("damping", "friction", "spring", "offset")
 
 
 def test_forces_count_less_where_accelerations_are_uncertain(arm, true, motion, Q):
@@ -245,7 +245,7 @@ def test_a_robot_on_moving_ground_feels_more(arm, motion):
         ({"band": -1.0}, ("band is -1.0",)),
         ({"band": 1e6}, ("band is 1000000.0", "0.1666 Hz, one period", "to 125 Hz")),
         ({"band": 1e-6}, ("band is 1e-06",)),
-        ({"drives": "stiction"}, ("unknown drive column 'stiction'",)),
+        ({"drives": "stiction"}, ("unknown drive term 'stiction'",)),
         ({"drives": False, "eps": 0.1}, ("eps=0.1 is of friction",)),
     ],
 )  # fmt: skip

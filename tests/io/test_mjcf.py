@@ -13,6 +13,7 @@ from click.testing import CliRunner
 
 import jounce
 from jounce.cli import main
+from jounce.model.drives import DRIVE_TERMS, UNDRIVEN
 from jounce.model.positions import multiscrew_joints
 from support.files import GOOD, refusal, robot_file
 from support.robots import differentiated, harmonic, random_pose, relative_error
@@ -229,11 +230,10 @@ def test_gravity_limits_and_drives_are_those_of_the_model(odd):
     assert robot.limits.upper.tolist() == [0.7, inf, inf, inf]
     assert robot.limits.effort.tolist() == [40, inf, inf, inf]
     stated = {key: array.tolist() for key, array in vars(robot.drives).items()}
-    assert stated == {
+    assert stated == {key: [x] * 4 for key, x in UNDRIVEN.items()} | {
         "armature": [0, 0.02, 0, 0],
         "damping": [0, 0.3, 0, 0],
         "friction": [0, 0.5, 0, 0],
-        "eps": [0.05] * 4,
         "stiffness": [0, 0, 4, 0],
         "rest": [0, 0, 0.3, 0],
     }
@@ -389,7 +389,7 @@ def test_a_file_is_read_as_its_model_is(name):
     for what in ("B", "X", "M", "gravity"):
         assert np.array_equal(getattr(loaded, what), getattr(model, what))
     assert loaded.joints == model.joints
-    assert loaded.acting == ("armature", "damping", "friction", "spring")
+    assert loaded.acting == DRIVE_TERMS
 
 
 def test_a_urdf_may_end_in_xml(tmp_path):

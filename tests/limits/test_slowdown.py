@@ -123,8 +123,9 @@ def test_roots_of_polynomials():
             np.testing.assert_allclose(found[np.isfinite(found)], expected, rtol=1e-9)
 
 
-def test_coulomb_friction_is_bracketed():
-    robot = driven(friction=[8, 3]).with_limits(effort=[45, 16])
+@pytest.mark.parametrize("drives", [{"friction": [8, 3]}, {"stribeck": [8, 3], "stribeck_velocity": [2, 1.5]}])
+def test_friction_is_bracketed(drives):
+    robot = driven(**drives).with_limits(effort=[45, 16])
     motion = fourier(3, 2, size=0.1).with_step(0.05)
     slow = robot.slowdown(motion)
     assert slow.largest is None

@@ -254,13 +254,13 @@ def test_drives_of_joints_that_follow_are_felt(driven, states):
     )
     for found, Q in zip(driven.drive_forces(*u), expected, strict=True):
         assert relative_error(found, Q) < 1e-12
-    p = np.concatenate([driven.inertial_parameters, d.armature, d.damping, d.friction, d.stiffness])
-    terms = ("armature", "damping", "friction", "spring")
+    amounts = (d.armature, d.damping, d.friction, d.stribeck, d.stiffness, d.offset)
+    p = np.concatenate([driven.inertial_parameters, *amounts])
     for Y, Q in zip(
-        driven.regressor(*u, drives=terms, **RECURSION), driven.inverse_dynamics(*u, **RECURSION), strict=True
+        driven.regressor(*u, drives=True, **RECURSION), driven.inverse_dynamics(*u, **RECURSION), strict=True
     ):
         assert relative_error(Y @ p, Q) < 1e-12
     momentum = driven.generalized_momentum(*u[:2], **RECURSION)
-    assert relative_error(driven.momentum_regressor(*u[:2], drives=terms, **RECURSION) @ p, momentum) < 1e-12
+    assert relative_error(driven.momentum_regressor(*u[:2], drives=True, **RECURSION) @ p, momentum) < 1e-12
     energy = driven.kinetic_energy(*u[:2], **RECURSION) + driven.potential_energy(u[0], **RECURSION)
-    assert relative_error(driven.energy_regressor(*u[:2], drives=terms, **RECURSION) @ p, energy) < 1e-12
+    assert relative_error(driven.energy_regressor(*u[:2], drives=True, **RECURSION) @ p, energy) < 1e-12

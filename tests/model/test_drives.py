@@ -29,7 +29,7 @@ METHODS = ("recursion", "closed_form", "paper", "kernel")
 
 
 def stated(rng, nb):
-    names = ("armature", "damping", "friction", "eps", "stiffness", "rest")
+    names = ("armature", "damping", "friction", "eps", "stribeck", "stribeck_velocity", "stiffness", "rest", "offset")
     return {name: rng.uniform(0.2, 2, nb) for name in names}
 
 
@@ -57,7 +57,13 @@ def exact(term, drives, i, rates, order):
         "armature": lambda t: d["armature"] * theta(t, 2),
         "damping": lambda t: d["damping"] * theta(t, 1),
         "friction": lambda t: d["friction"] * mpmath.tanh(theta(t, 1) / d["eps"]),
+        "stribeck": lambda t: (
+            d["stribeck"]
+            * mpmath.tanh(theta(t, 1) / d["eps"])
+            * mpmath.exp(-((theta(t, 1) / d["stribeck_velocity"]) ** 2))
+        ),
         "spring": lambda t: d["stiffness"] * (theta(t, 0) - d["rest"]),
+        "offset": lambda t: d["offset"],
     }
     with mpmath.workdps(60):
         return [float(mpmath.diff(laws[term], 0, k)) for k in range(order + 1)]
@@ -294,6 +300,7 @@ def test_drives_are_copied_and_frozen():
         ({"damping": [0, 0]}, ["damping has shape (2,); expected numbers (1,)"]),
         ({"damping": [-1]}, ["joint 0", "damping is -1; expected 0 or more"]),
         ({"rest": [np.inf]}, ["rest is inf; expected a finite number"]),
+        ({"stribeck_velocity": [0]}, ["stribeck_velocity is 0; expected a speed above 0"]),
         ({"eps": [0]}, ["eps is 0; expected a smoothing velocity of friction above 0"]),
         ([1, 2], ["drives is of type list; expected a mapping of armature"]),
     ],
@@ -305,7 +312,9 @@ def test_refuses_wrong_drives(drives, words):
 @pytest.mark.parametrize("terms", ["frction", ["armature", 3], 5, None])
 def test_refuses_unknown_terms(terms):
     refusal(
-        lambda: jounce.load("iiwa14").with_drives(terms), "unknown drive term", "armature, damping, friction, spring"
+        lambda: jounce.load("iiwa14").with_drives(terms),
+        "unknown drive term",
+        "armature, damping, friction, stribeck, spring, offset",
     )
 
 
@@ -318,6 +327,13 @@ def test_refuses_a_speed_that_is_none(eps):
 def test_refuses_wrong_dynamics_of_a_urdf_by_file_and_line(tmp_path, stated):
     path = robot_file(tmp_path, *LINKS, joint("turn", "base", "arm", inner=f"<dynamics {stated}/>"))
     refusal(lambda: jounce.load(path), f"{path}:4")
+
+
+def test_stribeck_friction_is_refused_where_it_is_not_known():
+    robot = jounce.Robot.from_screws(**ONE, drives={"stribeck": [1.0]}).with_drives().with_limits(velocity=1, effort=9)
+    move = jounce.Motion.polynomial([[0, 0, 0, 1, -0.5]], 1.0)
+    refusal(lambda: robot.retime(move), "retime does not support Stribeck friction", "'offset']) (--drives)")
+    refusal(lambda: robot.elastic(100.0), "motors of elastic joints have no Stribeck friction")
 
 
 @given(st.integers(0, 3))

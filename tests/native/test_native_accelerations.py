@@ -7,7 +7,7 @@ import pytest
 
 import jounce
 from jounce.dynamics.computation import Computation
-from jounce.model.drives import DRIVE_TERMS, Drives
+from jounce.model.drives import AMOUNTS, DRIVE_TERMS, Drives
 from jounce.native import code_forms, memory_layout
 from support.natives import assembled, target
 from support.robots import floating, random_mechanism, random_pose, relative_error
@@ -29,8 +29,9 @@ def mechanism(tree, case):
     rng = np.random.default_rng(len(tree))
     m = random_mechanism(rng, TREES[tree], KINDS, [1.0, 2.0, 0.5, 3.0])
     if case == "driven":
-        terms = {name: rng.uniform(0.1, 1, m.nb) for name in ("armature", "damping", "friction", "stiffness", "rest")}
-        return replace(m, drives=Drives(eps=np.full(m.nb, 0.5), **terms), acting=DRIVE_TERMS)
+        terms = {name: rng.uniform(0.1, 1, m.nb) for name in (*AMOUNTS.values(), "rest")}
+        speeds = dict.fromkeys(("eps", "stribeck_velocity"), np.full(m.nb, 0.5))
+        return replace(m, drives=Drives(**speeds, **terms), acting=DRIVE_TERMS)
     return floating(m, rng) if case == "afloat" else m
 
 

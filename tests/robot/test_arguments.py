@@ -15,6 +15,7 @@ import pytest
 import jounce
 from jounce import JounceError
 from jounce.dynamics.quantities import QUANTITIES
+from jounce.model.drives import UNDRIVEN
 from jounce.model.limit_kinds import LIMIT_KEYS
 from jounce.robot.deprecated_methods import OldMethods
 from support.hostile import HOSTILE
@@ -175,7 +176,7 @@ CASES: dict[str, Case] = {
     "limits": (lambda **limits: screws(limits=limits), dict.fromkeys(LIMIT_KEYS, (1, 1))),
     "drives": (
         lambda **drives: screws(drives=drives),
-        dict.fromkeys(("armature", "damping", "friction", "eps", "stiffness", "rest"), (1, 1)),
+        dict.fromkeys(UNDRIVEN, (1, 1)),
     ),
     "parents": (lambda a, b: screws(parent=[a, b]), {"a": -1, "b": 0}),
     "names": (lambda a, b: screws(names=[a, b]), {"a": "a", "b": "b"}),

@@ -7,6 +7,7 @@ import numpy as np
 
 import jounce
 from jounce.dynamics.quantities import QUANTITIES
+from jounce.model.drives import AMOUNTS
 from jounce.model.frame import Frame
 from support.robots import random_mechanism, random_pose, springs
 
@@ -77,7 +78,7 @@ def branched(parent=(-1, 0, 1, 0, -1)):
     rng, nb = np.random.default_rng(5), len(parent)
     kinds = ["revolute", "helical", "prismatic", "revolute", "revolute"]
     m = random_mechanism(rng, list(parent), kinds[:nb], [1, 2, 3, 1, 0.5][:nb], mimic=True)
-    drives = {name: rng.uniform(0.1, 1, nb) for name in ("armature", "damping", "friction", "stiffness", "rest")}
+    drives = {name: rng.uniform(0.1, 1, nb) for name in (*AMOUNTS.values(), "rest")}
     data = {"gravity": m.gravity, "G": m.G, "g": m.g, "drives": drives}
     robot = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, **data)
     frames = (Frame("tool", nb - 2, random_pose(rng)), Frame("stand", -1, random_pose(rng)))

@@ -12,7 +12,7 @@ from jounce.dynamics.computation import DEPENDENT_INPUT
 from jounce.dynamics.kinematics import SCREW_FRAMES
 from jounce.dynamics.quantities import Quantity
 from jounce.model.coordinates import coordinate_units, position_units
-from jounce.model.drives import AMOUNTS, DRIVE_TERMS
+from jounce.model.drives import stated_terms
 from jounce.model.mechanism import Mechanism, body_name
 from jounce.model.positions import multiscrew_joints, position_names
 from jounce.program.operations import OPERATIONS
@@ -186,8 +186,7 @@ def elastic_joints(robot: Mechanism, functions: Sequence[Function]) -> list[str]
 def drive_trains(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
     """Return sentences on the drive terms that the functions include or omit."""
     rows = _quantities(functions)
-    entering = [term for term in DRIVE_TERMS if any(term in row.drive_terms for row in rows)]
-    stated = [term for term in entering if np.any(getattr(robot.drives, AMOUNTS[term]))]
+    stated = [term for term in stated_terms(robot.drives) if any(term in row.drive_terms for row in rows)]
     included = [(row.symbol, [x for x in stated if x in robot.acting and x in row.drive_terms]) for row in rows]
     e = robot.elasticity if all(row.elastic for row in rows) else None  # whose torques hold the terms of the motors
     on_motors = {} if e is None else {"armature": e.rotor, "damping": e.viscous, "friction": e.friction}
@@ -234,7 +233,9 @@ OF_DRIVES = {  # theta is the angle of a joint, or its path
     "armature": "armature (I theta2d)",
     "damping": "damping (d thetad)",
     "friction": "friction (f tanh(thetad / eps))",
+    "stribeck": "Stribeck friction (s tanh(thetad / eps) exp(-(thetad / vs)^2))",
     "spring": "spring (k (theta - rest))",
+    "offset": "offset",
 }
 MEANINGS = {
     "gravity": "gravitational acceleration in the inertial frame, m/s^2",

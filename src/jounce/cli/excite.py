@@ -38,7 +38,7 @@ the motion before it runs, or narrow the ranges of positions by --limits.
     "--drives",
     "terms",
     metavar="TERMS",
-    help="Drive terms to identify too: all, or a comma-separated list of armature, damping, friction, spring, offset.",
+    help="Drive terms to identify too: all, or a list of armature, damping, friction, stribeck, spring, offset.",
 )
 @click.option(
     "--reach",

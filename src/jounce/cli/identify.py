@@ -15,7 +15,7 @@ from jounce.core.errors import JounceError, collect_warnings, warn
 if TYPE_CHECKING:
     from jounce.identification import Identification
 
-DEFAULT = "damping,friction,offset"
+DEFAULT = "damping,friction,stribeck,offset"
 
 EPILOG = """\b
 Example, with the torques of a model as measured ones:
@@ -41,7 +41,7 @@ those of the data alone; parameters that they do not determine are listed.
     "terms",
     default=DEFAULT,
     metavar="TERMS",
-    help="Drive terms to identify: all, none, or a list of armature, damping, friction, spring, offset.",
+    help="Drive terms to identify: all, none, or a list of armature, damping, friction, stribeck, spring, offset.",
 )
 @click.option("--span", type=float, nargs=2, metavar="S S", help="Use samples between these times; others test it.")
 @click.option(
@@ -50,7 +50,12 @@ those of the data alone; parameters that they do not determine are listed.
     metavar="HZ",
     help="Highest frequency of the forces to use; default: nearly all the model's power is below.",
 )
-@click.option("--eps", type=float, metavar="SPEED", help="Smoothing velocity of Coulomb friction, rad/s or m/s.")
+@click.option(
+    "--eps",
+    type=float,
+    metavar="SPEED",
+    help="Smoothing velocity of friction, rad/s or m/s; default: per joint, by the data.",
+)
 @click.option(
     "--deviation", "deviations", type=float, metavar="N", help="Standard deviation of the torques; default: residuals."
 )
@@ -138,7 +143,7 @@ def _summary(
         "samples": found.samples, "span": list(found.span), "band": found.band, "cell": found.cell,
         "cells": found.cells, "rank": found.rank, "condition": found.condition, "unseen": list(found.unseen),
         "parameters": [row | {"deviation": None if isinf(row["deviation"]) else row["deviation"]} for row in rows],
-        "offsets": dict(zip(joints, found.offsets.tolist(), strict=True)),
+        "drives": {name: dict(zip(joints, x.tolist(), strict=True)) for name, x in vars(found.robot.drives).items()},
         "residuals": [asdict(row) for row in found.residuals],
         "notes": [*notes, *found.notes],
     }  # fmt: skip

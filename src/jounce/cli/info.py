@@ -58,7 +58,7 @@ def _format_summary(data: dict[str, Any]) -> str:
     driven = [_drive(x) for x in variables if any(x["drive"][key] for key in AMOUNTS.values())]
     if driven:
         acting = f"in Q: {', '.join(data['acting']) or 'none of these'}"
-        lines += ["", *align_columns([("drive", "armature", "damping", "friction", "spring"), *driven]), acting]
+        lines += ["", *align_columns([("drive", *AMOUNTS), *driven]), acting]
     lines += _elastic(data)
     follows = [f"{shorten(body['joint'])} = {body['follows']}" for body in data["bodies"] if body["follows"]]
     if follows:
@@ -118,7 +118,9 @@ def _drive(body: dict[str, Any]) -> tuple[str, ...]:
         (d["armature"], f"{d['armature']:.5g} {inertia}"),
         (d["damping"], f"{d['damping']:.5g} {force} s/{unit}"),
         (d["friction"], f"{d['friction']:.5g} {force} over {d['eps']:.5g} {unit}/s"),
+        (d["stribeck"], f"{d['stribeck']:.5g} {force} to {d['stribeck_velocity']:.5g} {unit}/s"),
         (d["stiffness"], f"{d['stiffness']:.5g} {force}/{unit} from {d['rest']:.5g} {unit}"),
+        (d["offset"], f"{d['offset']:.5g} {force}"),
     )
     return (body["joint"], *(text if stated else "-" for stated, text in cells))
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate
-from jounce.core.typing import DriveColumn
+from jounce.core.typing import DriveTerm
 from jounce.model import drives
 from jounce.model.coordinates import generalized_forces, generalized_matrix, joint_variables
 from jounce.model.mechanism import Mechanism
@@ -14,26 +14,27 @@ from jounce.spatial.series import Series, join_series
 
 def forces(m: Mechanism, q: Series, terms: Sequence[str]) -> Series:
     """Return the contribution of some drive terms to Q, (..., n, 1)."""
-    return generalized_forces(m, drives.forces(drives.coefficients(m.drives), terms, joint_variables(m, q)))
+    some = [term for term in drives.stated_terms(m.drives) if term in terms]
+    return generalized_forces(m, drives.forces(drives.coefficients(m.drives), some, joint_variables(m, q)))
 
 
-def regressor(m: Mechanism, q: Series, terms: Sequence[DriveColumn]) -> Series:
+def regressor(m: Mechanism, q: Series, terms: Sequence[DriveTerm]) -> Series:
     """Return the forces of unit parameters of some drive terms, (..., nv, nc) of each, side by side."""
-    return _project_columns(m, _unit_terms(drives.FORCE_LAWS, m, q, terms))
+    return _project_columns(m, _unit_terms(drives.DRIVE_LAWS, m, q, terms))
 
 
-def momentum_regressor(m: Mechanism, q: Series, terms: Sequence[DriveColumn]) -> Series:
+def momentum_regressor(m: Mechanism, q: Series, terms: Sequence[DriveTerm]) -> Series:
     """Return the generalized momenta of unit parameters, like `regressor`: zero where a term has none."""
     return _project_columns(m, _unit_terms(drives.MOMENTUM_LAWS, m, q, terms))
 
 
-def energy_regressor(m: Mechanism, q: Series, terms: Sequence[DriveColumn]) -> Series:
+def energy_regressor(m: Mechanism, q: Series, terms: Sequence[DriveTerm]) -> Series:
     """Return the energies of unit parameters, (..., nc) of each term, one after the other: zero where it has none."""
     return join_series(_unit_terms(drives.ENERGY_LAWS, m, q, terms), axis=-2).map(lambda E: E[..., 0])
 
 
 def _unit_terms(
-    laws: Mapping[DriveColumn, drives.DriveLaw], m: Mechanism, q: Series, terms: Sequence[DriveColumn]
+    laws: Mapping[DriveTerm, drives.DriveLaw], m: Mechanism, q: Series, terms: Sequence[DriveTerm]
 ) -> list[Series]:
     c, theta = drives.coefficients(m.drives), joint_variables(m, q)
     return [drives.unit_contribution(laws, c, term, theta) for term in terms]

@@ -6,7 +6,7 @@ from typing import Any
 from jounce.arguments import positions
 from jounce.arguments.rates import convert_rates
 from jounce.core.scalars import Array, broadcast, concatenate
-from jounce.core.typing import DriveColumn
+from jounce.core.typing import DriveTerm
 from jounce.dynamics import drive_terms
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loops import close_law as closed_law
@@ -53,7 +53,7 @@ def _compute_drive_part(
 
 
 def regressor(
-    robot: Engine, name: str, given: Sequence[Any], terms: Sequence[DriveColumn], out: Any = None, **options: Any
+    robot: Engine, name: str, given: Sequence[Any], terms: Sequence[DriveTerm], out: Any = None, **options: Any
 ) -> Any:
     """Compute a regressor for given rates of the coordinates, with columns of drive terms behind its own."""
     if not terms:

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from jounce.core.typing import DriveColumn
+from jounce.core.typing import DriveTerm
 from jounce.engine.dispatch import compute
 from jounce.engine.drives import regressor
 from jounce.engine.engine import Engine
@@ -22,7 +22,7 @@ class AccelerationErrors:
     """Variances of n accelerations in C cells of time, and the robot through which they reach nv forces."""
 
     robot: Engine
-    terms: tuple[DriveColumn, ...]
+    terms: tuple[DriveTerm, ...]
     columns: np.ndarray  # (P,) of the regressor, those of the parameters
     q: np.ndarray  # (C, n) in the middle of the cells
     base: tuple[np.ndarray, ...] | None  # pose of the base there, at rest
@@ -59,7 +59,7 @@ def find_acceleration_errors(
     motion: Motion,
     t: np.ndarray,
     place: np.ndarray,
-    terms: tuple[DriveColumn, ...],
+    terms: tuple[DriveTerm, ...],
     columns: np.ndarray,
 ) -> AccelerationErrors | None:
     """The errors of the accelerations at times (N,) in cells of numbers (N,); None of a motion that is exact."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.core.typing import DriveColumn
+from jounce.core.typing import DriveTerm
 from jounce.engine.drives import regressor
 from jounce.engine.engine import Engine
 from jounce.identification.measurements import Measurements
@@ -43,7 +43,7 @@ def average_forces(
     motion: Motion,
     samples: Measurements,
     model: np.ndarray,
-    terms: Sequence[DriveColumn],
+    terms: Sequence[DriveTerm],
     place: np.ndarray,
 ) -> CellAverages:
     """Average the regressor and the forces over cells of numbers (N,)."""
@@ -74,7 +74,7 @@ def average_rows(
 
 
 def regressor_pieces(
-    robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]
+    robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[DriveTerm]
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """Yield the regressor along a motion in pieces of some times, with columns of drive terms."""
     for start in range(0, len(t), MAX_REGRESSOR_SAMPLES):

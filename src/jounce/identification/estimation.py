@@ -8,17 +8,18 @@ import numpy as np
 
 from jounce.core.errors import JounceError, check_choice, join_names, quote_value, warn
 from jounce.core.scalars import asarray, is_finite
-from jounce.core.typing import ArrayLike, DriveColumn, DriveColumns, Equations
+from jounce.core.typing import ArrayLike, DriveTerm, DriveTerms, Equations
 from jounce.engine.along import check_motion
 from jounce.engine.engine import R, with_mechanism
 from jounce.identification.force_warnings import force_warnings, unexplained_warnings
+from jounce.identification.friction_search import with_friction_laws
 from jounce.identification.least_squares_problem import pose_problem, with_smoothing_velocity
 from jounce.identification.measurements import check_measurements
 from jounce.identification.physical_consistency import ConsistentParameters, fit_consistent_parameters
 from jounce.identification.regression import fit_forces
 from jounce.identification.result import Identification
 from jounce.identification.result_tables import IdentifiedParameter, force_residuals, parameter_table
-from jounce.model.drives import AMOUNTS, DRIVE_TERMS, OFFSET, select_columns
+from jounce.model.drives import AMOUNTS, DRIVE_TERMS, select_terms
 from jounce.model.parameters import with_inertial_parameters
 from jounce.model.positions import check_single_screws
 from jounce.motion.motion import Motion
@@ -31,7 +32,7 @@ def identify(
     motion: Motion,
     forces: ArrayLike | None,
     t: ArrayLike | None,
-    drives: DriveColumns,
+    drives: DriveTerms,
     eps: float | None,
     span: tuple[float, float] | None,
     band: float | None,
@@ -42,7 +43,7 @@ def identify(
 ) -> Identification[R]:
     """Identify a robot from a motion and measured forces, see `Robot.identify`."""
     check_choice("method", method, get_args(Equations))
-    terms = select_columns(drives)
+    terms = select_terms(drives)
     model = with_smoothing_velocity(robot, terms, eps)
     if not is_finite(prior) or not prior >= MIN_PRIOR:
         raise JounceError(
@@ -51,22 +52,27 @@ def identify(
     check_single_screws(model.mechanism, "identify()")
     path = check_motion(model.mechanism, motion)
     given = check_measurements(model.mechanism, path, forces, t, weights, deviations)
-    posed = pose_problem(model, path, terms, given, _select_samples(span, given.t), band, method)
-    solution = fit_forces(posed.cells, posed.columns, posed.errors, known=deviations is not None)
+    used = _select_samples(span, given.t)
+    known = deviations is not None
+    model, terms, sought, samples = with_friction_laws(model, path, terms, given.part(used), eps is not None, known)
+    posed = pose_problem(model, path, terms, sought, given, used, samples, band, method)
+    solution = fit_forces(posed.cells, posed.columns, posed.errors, known)
     table = parameter_table(posed, solution)
     notes = [*force_warnings(posed, method), *_undetermined_notes(table, solution.rank)]
     for text in notes:
         warn(text)
-    estimate, weight = posed.model_parameters + solution.x, float(prior) ** -2
-    found = fit_consistent_parameters(model.mechanism, posed.base, solution.information, estimate, terms, weight=weight)
-    predicted = posed.predict(found.parameters, found.values[posed.base.count :])
+    estimate, information = posed.model_parameters, np.zeros(2 * posed.model_parameters.shape)
+    estimate[posed.places] += solution.x
+    information[np.ix_(posed.places, posed.places)] = solution.information
+    weight = float(prior) ** -2
+    found = fit_consistent_parameters(model.mechanism, posed.base, information, estimate, terms, weight=weight)
+    predicted = posed.predict(found.parameters, found.values[posed.base.count :], solution.x)
     rows, times = force_residuals(posed, predicted, solution.motion_errors), given.t[posed.used]
-    notes += (left := unexplained_warnings(posed, rows, estimate))
+    notes += (left := unexplained_warnings(posed, rows, estimate[posed.places]))
     for text in left:
         warn(text)
     return Identification(
         robot=_build_robot(model, terms, found),
-        offsets=found.drives.get(OFFSET, np.zeros(len(model.mechanism.joints))),
         table=table,
         covariance=solution.covariance,
         rank=solution.rank,
@@ -81,7 +87,7 @@ def identify(
         t=given.t,
         measured=np.where(given.weights > 0, given.forces, np.nan),
         model=posed.model,
-        predicted=predicted,
+        predicted=predicted[0],
         notes=(*notes, *_body_notes(found)),
     )
 
@@ -101,10 +107,10 @@ def _select_samples(span: tuple[float, float] | None, t: np.ndarray) -> np.ndarr
     return inside
 
 
-def _build_robot(robot: R, terms: Sequence[DriveColumn], found: ConsistentParameters) -> R:
+def _build_robot(robot: R, terms: Sequence[DriveTerm], found: ConsistentParameters) -> R:
     """The robot with what was found; its drive terms act."""
     m = with_inertial_parameters(robot.mechanism, found.parameters)
-    values = {AMOUNTS[term]: x for term, x in found.drives.items() if term != OFFSET}
+    values = {AMOUNTS[term]: x for term, x in found.drives.items()}
     acting = tuple(term for term in DRIVE_TERMS if term in {*m.acting, *terms})
     return with_mechanism(robot, replace(m, drives=replace(m.drives, **values), acting=acting))
 

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce.core.errors import JounceError, join_names
-from jounce.core.typing import ArrayLike, DriveColumns
+from jounce.core.typing import ArrayLike, DriveTerms
 from jounce.engine.engine import Engine
 from jounce.identification.excitation_search import ExcitationSearch, Progress
 from jounce.identification.excitation_setup import check_number, check_whole_number, prepare_search
 from jounce.identification.harmonics import MIN_HARMONICS, Harmonics
 from jounce.limits.check import Check, CheckedLimit, check
-from jounce.model.drives import select_columns
+from jounce.model.drives import select_terms
 from jounce.model.parameters import find_load_frame
 from jounce.motion import Motion
 
@@ -93,7 +93,7 @@ def excite(
     period: float,
     periods: int,
     harmonics: int,
-    drives: DriveColumns,
+    drives: DriveTerms,
     weights: ArrayLike | None,
     reach: float,
     margin: float,
@@ -112,7 +112,7 @@ def excite(
     load = None
     if payload:
         load = find_load_frame(robot.mechanism, None if payload is True else payload).body
-    search, notes = prepare_search(robot, series, select_columns(drives), weights, reach, margin, rng, load)
+    search, notes = prepare_search(robot, series, select_terms(drives), weights, reach, margin, rng, load)
     rest = search.find_rest(rng)
     x, motion, found = _shrink_into_limits(search, search.find_best(count, rng, progress), rest)
     rates, information = search.rates(x), search.information

@@ -6,7 +6,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import asarray, is_finite
-from jounce.core.typing import ArrayLike, DriveColumn
+from jounce.core.typing import ArrayLike, DriveTerm
 from jounce.engine.engine import Engine
 from jounce.identification.barrier_terms import build_barrier
 from jounce.identification.excitation_search import ExcitationSearch, motion_reaches
@@ -23,7 +23,7 @@ TYPICAL_ROWS_PER_COLUMN = 4  # of the regressor of random states, so that only d
 def prepare_search(
     robot: Engine,
     series: Harmonics,
-    terms: tuple[DriveColumn, ...],
+    terms: tuple[DriveTerm, ...],
     weights: ArrayLike | None,
     reach: object,
     margin: object,
@@ -107,7 +107,7 @@ def _weights(robot: Engine, limits: Limits, given: ArrayLike | None) -> tuple[np
 
 def _information(
     robot: Engine,
-    terms: tuple[DriveColumn, ...],
+    terms: tuple[DriveTerm, ...],
     weights: np.ndarray,
     middle: np.ndarray,
     reaches: np.ndarray,

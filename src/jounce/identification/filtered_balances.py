@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from jounce.core.errors import JounceError, join_names
-from jounce.core.typing import DriveColumn
+from jounce.core.typing import DriveTerm
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, find_row
 from jounce.engine.along import forces_along
 from jounce.engine.dispatch import compute
@@ -36,10 +36,10 @@ MIN_POWER_VARIANCE_RATIO = 1e-3  # to its mean, added to the variance of the pow
 
 # R and A at some times, the columns of the parameters and behind them the model as it is: (N, rows, P + 1) each
 Balance = tuple[np.ndarray, np.ndarray]
-BalanceLaw = Callable[[Engine, Motion, np.ndarray, Sequence[DriveColumn]], Balance]
+BalanceLaw = Callable[[Engine, Motion, np.ndarray, Sequence[DriveTerm]], Balance]
 
 
-def momentum_balance(robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]) -> Balance:
+def momentum_balance(robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[DriveTerm]) -> Balance:
     """The balance of the generalized momentum: one row per velocity, of parameters and drive terms."""
     (q, qd), base = motion(t, 1), motion.base(t, 1)
     base = base and (*base, 0 * base[1])
@@ -51,7 +51,7 @@ def momentum_balance(robot: Engine, motion: Motion, t: np.ndarray, terms: Sequen
     return _append_model(Y - Ypd, Q - pd), _append_model(Yp, p)
 
 
-def energy_balance(robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[DriveColumn]) -> Balance:
+def energy_balance(robot: Engine, motion: Motion, t: np.ndarray, terms: Sequence[DriveTerm]) -> Balance:
     """The balance of the energy: one row, of parameters and drive terms."""
     q, qd = motion(t, 1)
     still, W = 0 * q, motion.wrench(t, 0)
@@ -69,14 +69,14 @@ def _append_model(columns: np.ndarray, model: np.ndarray) -> np.ndarray:
 
 
 def filter_rows(
-    law: BalanceLaw, robot: Engine, motion: Motion, terms: Sequence[DriveColumn], through: LowPass
+    law: BalanceLaw, robot: Engine, motion: Motion, terms: Sequence[DriveTerm], through: LowPass
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """The filtered rows of a balance by pieces of samples: (n, rows, P + 1) that belong to the filtered right sides."""
     return through(lambda part: law(robot, motion, through.t[part], terms))
 
 
 def average_momentum(
-    robot: Engine, motion: Motion, samples: Measurements, terms: Sequence[DriveColumn], width: float, band: float
+    robot: Engine, motion: Motion, samples: Measurements, terms: Sequence[DriveTerm], width: float, band: float
 ) -> CellAverages:
     """Average the filtered balance of momentum over cells of a width in s; the forces have a band in Hz."""
     through = design_low_pass(samples.t, band)
@@ -88,7 +88,7 @@ def average_momentum(
 
 
 def average_power(
-    robot: Engine, motion: Motion, samples: Measurements, terms: Sequence[DriveColumn], width: float, band: float
+    robot: Engine, motion: Motion, samples: Measurements, terms: Sequence[DriveTerm], width: float, band: float
 ) -> CellAverages:
     """Average the filtered balance of energy over cells of half a width in s; the forces have a band in Hz."""
     if robot.mechanism.floats or motion.base_curve is not None:

@@ -77,7 +77,7 @@ def unexplained_warnings(
 
 def _missing_forces(posed: IdentificationProblem, names: tuple[str, ...]) -> list[str]:
     """What is said of forces that are not measured, but for those on a base, and of sensors that stand still."""
-    samples, model = posed.given.part(posed.used), posed.model[posed.used]
+    samples, model = posed.samples, posed.model[posed.used]
     there, joints = samples.weights > 0, np.arange(len(names)) >= len(names) - posed.robot.n
     missing = joints & ~there.any(axis=0)
     first = np.take_along_axis(samples.forces, there.argmax(axis=0)[None], axis=0)
@@ -137,7 +137,7 @@ def find_delay(posed: IdentificationProblem) -> tuple[float, float] | None:
 
     None if no delay explains a fifth of what is left. Forces that are early have a negative delay.
     """
-    samples = posed.given.part(posed.used)
+    samples = posed.samples
     t, place = samples.t, number_cells(samples.t, posed.width)
     longest = min(MAX_DELAY, MAX_DELAY_SHARE * (t[-1] - t[0]))
     centres, there = weighted_means(t[:, None], np.ones((len(t), 1)), place)[0][:, 0], posed.cells.counts > 0

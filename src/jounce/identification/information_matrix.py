@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.core.typing import DriveColumn
+from jounce.core.typing import DriveTerm
 from jounce.dynamics.base_parameters import base_parameters
 from jounce.dynamics.computation import Computation
 from jounce.engine.backends import compile_ahead
@@ -32,7 +32,7 @@ class Information:
     """The parameters that forces of a robot determine, and the code of gradients of their regressor."""
 
     robot: Engine
-    terms: tuple[DriveColumn, ...]  # the drive terms among the parameters
+    terms: tuple[DriveTerm, ...]  # the drive terms among the parameters
     roots: np.ndarray  # (n,) square roots of the weights of the forces
     names: tuple[str, ...]  # of the parameters
     unseen: tuple[str, ...]  # base parameters and drive terms that no motion separates from them
@@ -87,7 +87,7 @@ class Information:
 
 
 def build_information(
-    robot: Engine, terms: tuple[DriveColumn, ...], weights: np.ndarray, typical: Rates, load: int | None = None
+    robot: Engine, terms: tuple[DriveTerm, ...], weights: np.ndarray, typical: Rates, load: int | None = None
 ) -> Information:
     """The information of motions whose states are like typical ones: the parameters that forces there determine.
 
@@ -116,7 +116,7 @@ def _mean_square(A: np.ndarray) -> np.ndarray:
     return np.asarray((A.mT @ A).sum(axis=0) / len(A))
 
 
-def _weighted_regressor(robot: Engine, terms: tuple[DriveColumn, ...], roots: np.ndarray, rates: Rates) -> np.ndarray:
+def _weighted_regressor(robot: Engine, terms: tuple[DriveTerm, ...], roots: np.ndarray, rates: Rates) -> np.ndarray:
     """The regressor (M, n, columns) with rows times the roots of the weights."""
     q, qd, q2d, *_ = rates
     return regressor(robot, "regressor", (q, qd, q2d), terms) * roots[:, None]

@@ -12,7 +12,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import is_finite
-from jounce.core.typing import DriveColumn, Equations
+from jounce.core.typing import DriveTerm, Equations
 from jounce.dynamics.base_parameters import BaseParameters, base_parameters
 from jounce.engine.along import forces_along
 from jounce.engine.engine import Engine, R, with_mechanism
@@ -28,7 +28,7 @@ from jounce.identification.averaging import (
 )
 from jounce.identification.filtered_balances import FILTERED_METHODS
 from jounce.identification.measurements import Measurements
-from jounce.model.drives import AMOUNTS, OFFSET, with_eps
+from jounce.model.drives import AMOUNTS, with_eps
 from jounce.model.parameters import inertial_parameters
 from jounce.motion.motion import Motion
 
@@ -42,10 +42,12 @@ class IdentificationProblem:
 
     robot: Engine  # the model
     motion: Motion  # of its joints, in its order
-    terms: tuple[DriveColumn, ...]  # drive terms that are sought
+    terms: tuple[DriveTerm, ...]  # drive terms that are sought
+    sought: np.ndarray  # (terms * joints,) which of their parameters are
     base: BaseParameters  # of the model
     given: Measurements  # all measured forces
     used: np.ndarray  # (N,) which of their samples are used
+    samples: Measurements  # these, with the weights of the fit
     model: np.ndarray  # (N, nv) forces of the model
     band: float  # highest frequency of the forces, Hz
     width: float  # of the cells, s
@@ -55,7 +57,12 @@ class IdentificationProblem:
     @property
     def columns(self) -> np.ndarray:
         """The columns of the regressor that are sought: those of base parameters and of drive terms."""
-        return _sought_columns(self.robot, self.base, self.terms)
+        return _sought_columns(self.base, self.sought)
+
+    @property
+    def places(self) -> np.ndarray:
+        """The places of those that are sought among all base parameters and all parameters of the drive terms."""
+        return np.append(np.arange(self.base.count), self.base.count + np.flatnonzero(self.sought))
 
     @property
     def model_parameters(self) -> np.ndarray:
@@ -66,26 +73,31 @@ class IdentificationProblem:
         ]
         return np.concatenate([self.base.values, *drives])
 
-    def predict(self, parameters: np.ndarray, drives: np.ndarray) -> np.ndarray:
-        """The forces (N, nv) of a robot with other inertial parameters (10 nb,) and drive terms."""
+    def predict(self, parameters: np.ndarray, drives: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Forces (2, N, nv): of a robot with other inertial parameters and drive terms, and of corrections x alone."""
         drives = drives - self.model_parameters[self.base.count :]
-        change = np.append(parameters - inertial_parameters(self.robot.mechanism), drives)
+        changes = np.zeros((len(parameters) + len(drives), 2))
+        changes[:, 0] = np.append(parameters - inertial_parameters(self.robot.mechanism), drives)
+        changes[self.columns, 1] = x
         pieces = regressor_pieces(self.robot, self.motion, self.given.t, self.terms)
-        return np.asarray(self.model + np.concatenate([Y @ change for _, Y in pieces]))
+        return np.moveaxis(np.concatenate([Y @ changes for _, Y in pieces]), -1, 0) + self.model
 
 
 def pose_problem(
     robot: Engine,
     motion: Motion,
-    terms: tuple[DriveColumn, ...],
+    terms: tuple[DriveTerm, ...],
+    sought: np.ndarray,
     given: Measurements,
     used: np.ndarray,
+    samples: Measurements,
     band: float | None,
     method: Equations,
 ) -> IdentificationProblem:
     """Pose the problem; raise `JounceError` if forces are fewer than parameters, or samples cannot have the band."""
-    base, samples = base_parameters(robot.mechanism), given.part(used)
-    count = len(_sought_columns(robot, base, terms))
+    base = base_parameters(robot.mechanism)
+    columns = _sought_columns(base, sought)
+    count = len(columns)
     if (measured := np.count_nonzero(samples.weights)) < count:
         came = f"{len(samples.t)} samples hold {measured} measured forces for {count} parameters"
         raise JounceError(f"{came}; expected a longer motion or fewer drives=")
@@ -105,15 +117,16 @@ def pose_problem(
         errors, cells = None, FILTERED_METHODS[method](robot, motion, samples, terms, width, band)
     else:
         place = number_cells(samples.t, width)
-        columns = _sought_columns(robot, base, terms)
         errors = find_acceleration_errors(robot, motion, samples.t, place, terms, columns)
         cells = average_forces(robot, motion, samples, model[used], terms, place)
-    return IdentificationProblem(robot, motion, terms, base, given, used, model, band, width, cells, errors)
+    return IdentificationProblem(
+        robot, motion, terms, sought, base, given, used, samples, model, band, width, cells, errors
+    )
 
 
-def with_smoothing_velocity(robot: R, terms: Sequence[DriveColumn], eps: float | None) -> R:
+def with_smoothing_velocity(robot: R, terms: Sequence[DriveTerm], eps: float | None) -> R:
     """Return a robot with another smoothing velocity of friction; refuse an eps without use, and drives of motors."""
-    if robot.mechanism.elasticity is not None and set(terms) - {"spring", OFFSET}:
+    if robot.mechanism.elasticity is not None and set(terms) - {"spring", "offset"}:
         cure = "drives=False (--drives none) identifies links from the torques of the springs"
         raise JounceError(f"{robot.name} has elastic joints: its drives act on motors, not on links; {cure}")
     if eps is None:
@@ -126,8 +139,8 @@ def with_smoothing_velocity(robot: R, terms: Sequence[DriveColumn], eps: float |
     return with_mechanism(robot, replace(m, drives=with_eps(m.drives, eps)))
 
 
-def _sought_columns(robot: Engine, base: BaseParameters, terms: Sequence[DriveColumn]) -> np.ndarray:
-    return np.append(base.columns, len(base.parameters) + np.arange(len(terms) * len(robot.mechanism.joints)))
+def _sought_columns(base: BaseParameters, sought: np.ndarray) -> np.ndarray:
+    return np.append(base.columns, len(base.parameters) + np.flatnonzero(sought))
 
 
 def _cell_width(samples: Measurements, band: float, count: int) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, join_names, quote_value, shorten, warn
 from jounce.core.scalars import is_finite
-from jounce.core.typing import DriveColumn, DriveColumns
+from jounce.core.typing import DriveTerm, DriveTerms
 from jounce.dynamics.base_parameters import transport_parameters
 from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine, R, with_mechanism
@@ -20,7 +20,7 @@ from jounce.identification.physical_consistency import fit_consistent_body
 from jounce.identification.regression import Regression, fit_forces
 from jounce.identification.result_tables import force_residuals
 from jounce.identification.torque_calibration import calibrate_torques
-from jounce.model.drives import select_columns
+from jounce.model.drives import select_terms
 from jounce.model.parameters import find_load_frame, inertial_parameters, with_inertial_parameters
 from jounce.model.positions import check_single_screws
 from jounce.motion.motion import Motion
@@ -45,11 +45,11 @@ def identify_payload(
     with_load: Motion,
     without_load: Motion | None,
     body: str | None,
-    drives: DriveColumns,
+    drives: DriveTerms,
     mass: float | None,
 ) -> Payload[R]:
     """Identify a payload, see `Robot.payload`."""
-    terms, m = select_columns(drives), robot.mechanism
+    terms, m = select_terms(drives), robot.mechanism
     model = with_smoothing_velocity(robot, terms, None)
     check_single_screws(m, "payload()")
     frame = find_load_frame(m, body)
@@ -98,12 +98,14 @@ def identify_payload(
     )
 
 
-def _pose(robot: Engine, log: Motion, terms: tuple[DriveColumn, ...], which: str) -> IdentificationProblem:
+def _pose(robot: Engine, log: Motion, terms: tuple[DriveTerm, ...], which: str) -> IdentificationProblem:
     motion = check_motion(robot.mechanism, log)
     given = check_measurements(robot.mechanism, motion, None, None, None, None)
     if not given.forces.any():
         raise JounceError(f"all torques of the log {which} are 0; expected measured ones, N m or N at the joints")
-    return pose_problem(robot, motion, terms, given, np.ones(len(given.t), dtype=bool), None, "inverse_dynamics")
+    all_terms = np.ones(len(terms) * len(robot.mechanism.joints), dtype=bool)
+    every = np.ones(len(given.t), dtype=bool)
+    return pose_problem(robot, motion, terms, all_terms, given, every, given, None, "inverse_dynamics")
 
 
 def _fit_halves(posed: IdentificationProblem) -> list[Regression]:
@@ -124,7 +126,7 @@ def _unexplained(posed: IdentificationProblem, fit: Regression) -> list[str]:
     base, parameters = posed.base, np.array(inertial_parameters(posed.robot.mechanism))
     parameters[base.columns] += fit.x[: base.count]
     estimate = posed.model_parameters + fit.x
-    predicted = posed.predict(parameters, estimate[base.count :])
+    predicted = posed.predict(parameters, estimate[base.count :], fit.x)
     return unexplained_warnings(posed, force_residuals(posed, predicted, fit.motion_errors), estimate)
 
 

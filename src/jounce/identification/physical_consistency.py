@@ -31,10 +31,10 @@ import numpy as np
 
 from jounce.core.errors import JounceError, shorten
 from jounce.core.scalars import Array
-from jounce.core.typing import DriveColumn, Floats
+from jounce.core.typing import DriveTerm, Floats
 from jounce.dynamics.base_parameters import BaseParameters, length_scale
 from jounce.identification.semidefinite_step import SemidefiniteProblem, minimise
-from jounce.model.drives import AMOUNTS, OFFSET
+from jounce.model.drives import AMOUNTS, SIGNED_PARAMETERS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 
@@ -42,7 +42,6 @@ DEFAULT_DIVERGENCE_WEIGHT = 1e-2  # in units of half the squared residual over t
 MIN_RELATIVE_MOMENT = 1e-6  # of second moments to the largest: a body with less is flat, or made of points
 RAISED_RELATIVE_MOMENT = 1e-3  # that such a body gets, to have an inside: one thirtieth as thick as wide
 POINT_MASS_TOLERANCE = 1e-9  # of the squared length of a robot: smaller second moments per mass are rounding
-SIGNED_TERMS = ("spring", OFFSET)  # drive terms whose parameters may be negative
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +49,7 @@ class ConsistentParameters:
     """Inertial parameters of bodies that can exist, with parameters of drive terms, fitted to data."""
 
     parameters: Floats  # (10 nb,) as `Robot.inertial_parameters`
-    drives: Mapping[DriveColumn, Floats]  # (joints,) of each drive term
+    drives: Mapping[DriveTerm, Floats]  # (joints,) of each drive term
     values: Floats  # (k,) the same as base parameters, followed by the parameters of the drive terms
     massless: tuple[str, ...]  # bodies without mass, which stay so
     thickened: tuple[str, ...]  # flat, point-like or impossible bodies, for which nearby ones stand
@@ -61,7 +60,7 @@ def fit_consistent_parameters(
     base: BaseParameters,
     information: Floats,
     estimate: Floats,
-    terms: Sequence[DriveColumn] = (),
+    terms: Sequence[DriveTerm] = (),
     *,
     weight: float = DEFAULT_DIVERGENCE_WEIGHT,
 ) -> ConsistentParameters:
@@ -81,7 +80,7 @@ def fit_consistent_parameters(
     d, R = _drive_values(mechanism, terms), _information_root(information)
     size = np.linalg.norm(R, axis=0)[base.count :]  # of the forces of each drive parameter
     everything = max(1.0, np.linalg.norm(R @ estimate), np.linalg.norm(R @ np.append(base.values, d)))
-    seen = size > 0  # the others stay as they are
+    seen = np.diag(information)[base.count :] > 0  # the others stay as they are
     scale = everything / size[seen]
     by_body = (R[:, : base.count] @ base.matrix).reshape(len(R), len(Pi), len(inertia.INERTIAL_PARAMETERS))[:, massive]
     problem = SemidefiniteProblem(
@@ -89,7 +88,9 @@ def fit_consistent_parameters(
         R=R[:, base.count :][:, seen] * scale,
         y=R @ estimate,
         own=d[seen] / scale,
-        positive=np.repeat([term not in SIGNED_TERMS for term in terms], len(mechanism.joints)).astype(bool)[seen],
+        positive=np.repeat([AMOUNTS[term] not in SIGNED_PARAMETERS for term in terms], len(mechanism.joints)).astype(
+            bool
+        )[seen],
         weight=weight,
     )
     V, d[seen] = minimise(problem)
@@ -141,11 +142,9 @@ def _raise_moments(Pi: Floats, length: float) -> Floats:
     return np.where((size[:, :1] < MIN_RELATIVE_MOMENT * largest)[..., None], raised, Pi)
 
 
-def _drive_values(mechanism: Mechanism, terms: Sequence[DriveColumn]) -> Floats:
-    """The robot's own parameters of drive terms; it states no offsets."""
-    stated = vars(mechanism.drives)
-    own = [np.zeros(len(mechanism.joints)) if term == OFFSET else stated[AMOUNTS[term]] for term in terms]
-    return np.concatenate([np.zeros(0), *own])
+def _drive_values(mechanism: Mechanism, terms: Sequence[DriveTerm]) -> Floats:
+    """The robot's own parameters of drive terms."""
+    return np.concatenate([np.zeros(0), *(getattr(mechanism.drives, AMOUNTS[term]) for term in terms)])
 
 
 def _information_root(information: Floats) -> Floats:

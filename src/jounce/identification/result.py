@@ -7,14 +7,8 @@ from typing import Generic
 import numpy as np
 
 from jounce.core.errors import shorten
-from jounce.core.typing import ArrayLike
-from jounce.engine.along import check_motion, forces_along
 from jounce.engine.engine import R
-from jounce.identification.averaging import regressor_pieces
 from jounce.identification.result_tables import ForceResidual, IdentifiedParameter
-from jounce.model.coordinates import generalized_forces
-from jounce.model.drives import OFFSET
-from jounce.motion.motion import Motion
 
 PART_TITLES = {"used": "residual", "rest": "rest of the data"}  # of the samples, and their titles
 
@@ -27,8 +21,6 @@ class Identification(Generic[R]):
     ----------
     robot : Robot
         The robot with identified inertial parameters, of bodies that can exist, and drive terms, which act.
-    offsets : (joints,)
-        Constant forces on the joint variables, N m or N; robots do not state them.
     table : tuple of IdentifiedParameter
         Base parameters and drive parameters as the data alone determine them.
     covariance : (K, K)
@@ -65,7 +57,6 @@ class Identification(Generic[R]):
     """
 
     robot: R
-    offsets: np.ndarray
     table: tuple[IdentifiedParameter, ...]
     covariance: np.ndarray
     rank: int
@@ -93,43 +84,6 @@ class Identification(Generic[R]):
         """The parameters whose deviation exceeds their size: the model or a prior decides on them, not the data."""
         return tuple(row.name for row in self.table if not row.seen)
 
-    def forces_along(self, motion: Motion, t: ArrayLike | None = None) -> np.ndarray:
-        """Predict the forces along a motion, offsets included.
-
-        Parameters
-        ----------
-        motion : Motion
-            As for `Robot.forces_along`.
-        t : (N,), optional
-            Times in s; by default ``motion.times``.
-
-        Returns
-        -------
-        (N, nv)
-            N m or N.
-
-        Raises
-        ------
-        JounceError
-            If the motion is not this robot's, or a time is outside of it.
-
-        Examples
-        --------
-        >>> import jounce
-        >>> robot = jounce.load("planar2r")
-        >>> motion = jounce.Motion.fourier([0, 0], [[0.5, 0.2], [0.1, 0.4]], [[0.1, 0.3], [0.5, 0.2]], 3.0, 4.0)
-        >>> found = robot.identify(motion, robot.forces_along(motion, order=0).forces[0])
-        >>> found.forces_along(motion, [0.0, 1.0]).shape
-        (2, 2)
-        """
-        m, along = self.robot.mechanism, forces_along(self.robot, motion, t, 0)
-        if m.closure:  # offsets of joints that others carry along act through the loops
-            pieces = regressor_pieces(self.robot, check_motion(m, motion), along.t, (OFFSET,))
-            constant = np.concatenate([Y[..., -len(m.joints) :] @ self.offsets for _, Y in pieces])
-        else:
-            constant = np.append(np.zeros(m.nv - m.n), generalized_forces(m, self.offsets[:, None])[:, 0])
-        return np.asarray(along.forces[0] + constant)
-
     def __repr__(self) -> str:
         seen = sum(row.seen for row in self.table)
         return f"<Identification of {shorten(self.robot.name)}: {seen} of {len(self.table)} parameters seen>"
@@ -140,6 +94,9 @@ class Identification(Generic[R]):
         counts = f"{self.samples} samples, t = {first:g} .. {last:g} s, {averages}"
         rank = f"rank {self.rank} of {len(self.table)}, condition {self.condition:.3g}"
         head = [f"{shorten(self.robot.name)}: {counts}, up to {self.band:.3g} Hz", rank, *self.notes, ""]
+        if "friction" in (m := self.robot.mechanism).acting:
+            speeds = (f"{joint} {eps:g}" for joint, eps in zip(m.joints, m.drives.eps, strict=True))
+            head.insert(2, f"friction turns over at eps, rad/s or m/s: {', '.join(speeds)}")
         rows: list[tuple[str, ...]] = [("parameter", "value", "deviation", "model", "unit", "")]
         for row in self.table:
             values = (f"{row.value:.6g}", f"{row.deviation:.2g}", f"{row.model:.6g}")
@@ -147,11 +104,12 @@ class Identification(Generic[R]):
         lines = align_columns(rows)
         for part, title in PART_TITLES.items():
             some = [of for of in self.residuals if of.part == part]
-            rows = [(title, "measured", "model", "identified", "unit", "all samples: model", "identified")]
+            titles = ("measured", "model", "identified", "without prior", "unit", "all samples: model", "identified")
+            rows = [(title, *titles)]
             for of in some:
-                numbers = (of.measured, of.model, of.identified, of.model_samples, of.identified_samples)
-                cells = [f"{x:.4g}" for x in numbers]
-                rows.append((of.force, *cells[:3], of.unit, *cells[3:]))
+                numbers = (of.measured, of.model, of.identified, of.least_squares)
+                samples = (f"{x:.4g}" for x in (of.model_samples, of.identified_samples))
+                rows.append((of.force, *(f"{x:.4g}" for x in numbers), of.unit, *samples))
             lines += ["", *align_columns(rows)] if some else []
         return "\n".join([*head, *lines])
 

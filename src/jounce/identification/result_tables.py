@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.core.typing import DriveColumn
+from jounce.core.typing import DriveTerm
 from jounce.dynamics.base_parameters import LENGTH_POWERS, BaseParameters
 from jounce.identification.averaging import CellAverages, number_cells, weighted_means
 from jounce.identification.least_squares_problem import IdentificationProblem
@@ -56,11 +56,12 @@ class IdentifiedParameter:
 
 def parameter_table(posed: IdentificationProblem, solution: Regression) -> tuple[IdentifiedParameter, ...]:
     """The table of a solution, which corrects the model."""
-    m, base, model = posed.robot.mechanism, posed.base, posed.model_parameters
+    m, base, model = posed.robot.mechanism, posed.base, posed.model_parameters[posed.places]
     revolute = [bool(np.any(X[:3])) for X in m.X]
     names = [*base.names, *(f"{joint} {term}" for term in posed.terms for joint in m.joints)]
     units = [INERTIAL_UNITS[column % len(INERTIAL_UNITS)] for column in base.columns]
     units += [_unit(term, turns) for term in posed.terms for turns in revolute]
+    names, units = ([rows[k] for k in posed.places] for rows in (names, units))
     values, spreads = model + solution.x, np.sqrt(np.diag(solution.covariance))
     sizes = np.append(
         _inertial_sizes(m, base), _drive_sizes(posed.cells, solution.weights, posed.columns[base.count :])
@@ -92,7 +93,7 @@ def _drive_sizes(cells: CellAverages, weights: np.ndarray, columns: np.ndarray) 
     return np.sqrt(((power > 0) * left[:, None]).sum(axis=0) / np.where(total > 0, total, np.inf))
 
 
-def _unit(term: DriveColumn, turns: bool) -> str:
+def _unit(term: DriveTerm, turns: bool) -> str:
     """The unit of a drive parameter of a revolute joint, or of a prismatic one."""
     if term == "armature":
         return "kg m^2" if turns else "kg"
@@ -114,6 +115,8 @@ class ForceResidual:
         The measured force itself, in the band of the motion.
     model, identified : float
         What the model as it was leaves, and what the identified robot leaves, in the band of the motion.
+    least_squares : float
+        What the estimate of the data alone leaves there: the prior, and bodies that can exist, make the difference.
     model_samples, identified_samples : float
         The same of single samples, with all that is faster.
     motion_errors : float
@@ -136,6 +139,7 @@ class ForceResidual:
     measured: float
     model: float
     identified: float
+    least_squares: float
     model_samples: float
     identified_samples: float
     motion_errors: float
@@ -144,9 +148,12 @@ class ForceResidual:
 def force_residuals(
     posed: IdentificationProblem, predicted: np.ndarray, motion_errors: np.ndarray
 ) -> tuple[ForceResidual, ...]:
-    """The residuals of the model and of predicted forces (N, nv): of the samples that are used, then of the rest."""
+    """The residuals of the model, of the robot and of least squares, of which forces (2, N, nv) are predicted.
+
+    Those of the samples that are used come first, then those of the rest.
+    """
     parts = (("used", posed.used), ("rest", ~posed.used))
-    made = motion_errors if posed.errors is not None else np.zeros(predicted.shape[1])
+    made = motion_errors if posed.errors is not None else np.zeros(predicted.shape[2])
     return tuple(
         row for part, which in parts if which.any() for row in _part_residuals(posed, predicted, made, part, which)
     )
@@ -158,10 +165,10 @@ def _part_residuals(
     """The residuals of a part of the samples, of the forces that are measured there."""
     m, samples = posed.robot.mechanism, posed.given.part(which)
     place, w = number_cells(samples.t, posed.width), samples.weights
-    off = [samples.forces, samples.forces - posed.model[which], samples.forces - predicted[which]]
+    off = [samples.forces, samples.forces - posed.model[which], *(samples.forces - predicted[:, which])]
     counts = weighted_means(np.ones_like(w), w, place)[1]
     band = [_rms(weighted_means(values, w, place)[0], counts) for values in off]
-    columns = [*band, *(_rms(values, w) for values in off[1:]), motion_errors]
+    columns = [*band, *(_rms(values, w) for values in off[1:3]), motion_errors]
     rows = np.stack(columns, axis=1).tolist()
     for j, (name, unit) in enumerate(zip(force_names(m), force_units(m), strict=True)):
         if counts[:, j].any():

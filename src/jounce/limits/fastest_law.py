@@ -98,8 +98,8 @@ def find_obstacle(problem: RetimeProblem) -> str | None:
     if acting and any(LIMIT_KINDS[kind].force for kind in kinds):
         return (
             f"effort limits without {join_names(acting)}, which is not linear in the square of the speed;"
-            " omit smooth=False (--no-smooth), or take robot.with_drives(['armature', 'spring']), and check the result"
-            " with it"
+            " omit smooth=False (--no-smooth), or take robot.with_drives(['armature', 'spring', 'offset']), and check"
+            " the result with it"
         )
     return None
 

@@ -33,6 +33,7 @@ from jounce.motion import Motion
 _TURN_OFFSETS = 0.5 ** np.arange(8, 20, 0.25)  # of the duration: how far from a turn points are added, 4e-3 to 1e-6
 _TURN_SHARES = 0.5 ** np.arange(1, 44)  # of the time from a turn to the next row, down to the rounding of times
 _TANH_RANGE = (1 / 16, 32.0)  # eps: velocities between which tanh changes; beyond, by less than rounding
+_STRIBECK_RANGE = 6.0  # its velocities: beyond, exp(-36) is left of Stribeck friction, less than rounding
 
 
 class Smooth(NamedTuple):
@@ -59,12 +60,14 @@ class Smooth(NamedTuple):
 class Friction:
     """Coulomb friction of m joint variables, theta' = ratios q': `onto` (m, n) is what a unit of it adds to Q.
 
-    `slope` (m, 1) is 1 / eps.
+    `slope` (m, 1) is 1 / eps. Speeds above `fastest` (m,) in eps change no friction, Stribeck's included.
     """
 
     ratios: np.ndarray
     onto: np.ndarray
     slope: np.ndarray
+    fastest: np.ndarray
+    stribeck: bool  # whether such friction acts too; products and rows do not hold it
 
     def turns(self, motion: Motion, columns: list[int], count: int) -> np.ndarray:
         """Times near which a joint with friction begins to move, stops or turns round, as `count` times show."""
@@ -85,12 +88,17 @@ class Friction:
         # Times at halves, quarters, ... of the way to both neighbours; those where tanh changes are kept.
         near = np.concatenate([turn - (turn - low) * _TURN_SHARES, turn + (high - turn) * _TURN_SHARES], axis=1)
         v = np.abs(velocity(near.ravel())[np.arange(near.size), np.repeat(joint, near.shape[1])]).reshape(near.shape)
-        return np.concatenate([turns, near[(v >= _TANH_RANGE[0]) & (v <= _TANH_RANGE[1])]])
+        return np.concatenate([turns, near[(v >= _TANH_RANGE[0]) & (v <= self.fastest[joint, None])]])
 
     def along(self, rates: Sequence[Terms], kinds: tuple[str, ...]) -> "FrictionAlong":
         """The friction along a path with the terms of what rubs, velocities first, as limits of some kinds take it."""
         own = [{k: self.ratios @ term.T for k, term in terms.items()} for terms in rates]
         return FrictionAlong(self, tuple(own), kinds)
+
+
+def coulomb_friction(ratios: np.ndarray, onto: np.ndarray, eps: np.ndarray) -> Friction:
+    """Coulomb friction alone, with smoothing velocities (m,)."""
+    return Friction(ratios, onto, 1 / eps[:, None], np.full(len(eps), _TANH_RANGE[1]), stribeck=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,9 +199,12 @@ def _find_zeros(
 
 
 def acting_friction(m: Mechanism) -> Friction | None:
-    """The Coulomb friction that acts in a robot, of the joint variables that have some; None without."""
-    which = np.flatnonzero(m.drives.friction)
-    if "friction" not in m.acting or not which.size:
+    """The friction that acts in a robot, Coulomb's or Stribeck's, of joint variables that have some; None without."""
+    d = m.drives
+    coulomb, stribeck = d.friction * ("friction" in m.acting), d.stribeck * ("stribeck" in m.acting)
+    which = np.flatnonzero(coulomb + stribeck)
+    if not which.size:
         return None
-    ratios = m.tree.G[which]
-    return Friction(ratios, ratios * m.drives.friction[which, None], 1 / m.drives.eps[which, None])
+    ratios, reach = m.tree.G[which], _STRIBECK_RANGE * (d.stribeck_velocity / d.eps * (stribeck > 0))[which]
+    fastest = np.maximum(_TANH_RANGE[1], reach)
+    return Friction(ratios, ratios * coulomb[which, None], 1 / d.eps[which, None], fastest, bool(stribeck.any()))

@@ -15,7 +15,7 @@ from jounce.core.scalars import Array, reciprocal
 from jounce.dynamics import electrical
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
 from jounce.limits.factor_search import is_nonlinear
-from jounce.limits.friction import Friction
+from jounce.limits.friction import Friction, coulomb_friction
 from jounce.limits.joints import scatter_columns
 from jounce.limits.path import Path, Terms, add_terms
 from jounce.model.elasticity import Elasticity
@@ -65,7 +65,7 @@ class MotorTerms:
         amounts, eps = self._columns(self.elasticity.friction, self.elasticity.eps)
         which = np.flatnonzero(amounts)
         ratios = np.eye(len(amounts))[which]
-        return Friction(ratios, ratios * amounts, 1 / eps[which, None]) if which.size else None
+        return coulomb_friction(ratios, ratios * amounts, eps[which]) if which.size else None
 
     def _columns(self, *arrays: Array) -> list[Array]:
         """Columns of all joints, 0 for those without a motor or without the data."""

@@ -261,13 +261,18 @@ def _supported_friction(robot: Engine) -> Friction | None:
     """The Coulomb friction that acts in a robot; that of joints that follow others in closed loops is refused."""
     m = robot.mechanism
     friction = acting_friction(m)
+    if friction is not None and friction.stribeck:
+        raise JounceError(
+            "retime does not support Stribeck friction; omit it, robot.with_drives(['armature', 'damping', 'friction',"
+            " 'spring', 'offset']) (--drives), and check the result with it"
+        )
     if friction is None or m.closure is None:
         return friction
     rubs = np.flatnonzero(friction.ratios.any(axis=0))
     if passive := [joint_names(m)[j] for j in rubs if joint_names(m)[j] not in m.coordinates]:
         raise JounceError(
             "retime does not support Coulomb friction of joints that follow others in closed loops"
-            f" ({join_names(passive)}); omit it, robot.with_drives(['armature', 'damping', 'spring']), and check the"
-            " result with it"
+            f" ({join_names(passive)}); omit it, robot.with_drives(['armature', 'damping', 'spring', 'offset']), and"
+            " check the result with it"
         )
     return friction

@@ -3,7 +3,9 @@
     armature   I theta''                   inertia of the rotor, seen through the gear: it adds to the mass matrix
     damping    d theta'                    viscous
     friction   f tanh(theta' / eps)        Coulomb's, smooth: it reaches 76 % of f at the speed eps, 99.99 % at 5 eps
+    stribeck   s tanh(theta' / eps) exp(-(theta' / vs)^2)    more friction near rest, which speed takes away
     spring     k (theta - rest)
+    offset     o                           constant, as of a torque sensor that is not at zero
 
 Robot files state the parameters; the terms enter ``Q = G^T Q_theta`` only if a user selects them. The rotors turn with
 their joints only: their effect on momentum and bearings as the links that carry them turn is neglected, as is usual.
@@ -13,21 +15,21 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
-from typing import Final, TypeVar
 
 import numpy as np
 
 from jounce.core.errors import JounceError, as_list, check_choice, join_names, quote_value, warn
 from jounce.core.scalars import Array, is_finite
-from jounce.core.typing import DriveColumn, DriveTerm, Floats
-from jounce.model.series_functions import hyperbolic_tangent
+from jounce.core.typing import DriveTerm, Floats
+from jounce.model.series_functions import exponential, hyperbolic_tangent
 from jounce.spatial.series import Series
 
-T = TypeVar("T", bound=str)
 Coefficients = Mapping[str, Array]  # columns, one entry per joint
 DriveLaw = Callable[[Coefficients, Series], Series]
 
 DEFAULT_SMOOTHING_VELOCITY = 0.05  # rad/s or m/s: below it friction turns over
+DEFAULT_STRIBECK_VELOCITY = 0.1  # rad/s or m/s: that of many gears, of 0.03 to 0.25
+SIGNED_PARAMETERS = ("stiffness", "rest", "offset")  # which may be negative
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -46,10 +48,16 @@ class Drives:
         Coulomb friction, N m or N.
     eps : (nb,)
         Smoothing velocity of Coulomb friction, rad/s or m/s.
+    stribeck : (nb,)
+        Friction near rest beyond Coulomb's, N m or N.
+    stribeck_velocity : (nb,)
+        The speed at which 37 % of it is left, rad/s or m/s.
     stiffness : (nb,)
         Stiffness of the joint spring, N m or N/m.
     rest : (nb,)
         Where the spring is slack, rad or m.
+    offset : (nb,)
+        Constant force, N m or N.
 
     Examples
     --------
@@ -62,8 +70,11 @@ class Drives:
     damping: Floats
     friction: Floats
     eps: Floats
+    stribeck: Floats
+    stribeck_velocity: Floats
     stiffness: Floats
     rest: Floats
+    offset: Floats
 
 
 UNDRIVEN = {
@@ -71,33 +82,37 @@ UNDRIVEN = {
     "damping": 0.0,
     "friction": 0.0,
     "eps": DEFAULT_SMOOTHING_VELOCITY,
+    "stribeck": 0.0,
+    "stribeck_velocity": DEFAULT_STRIBECK_VELOCITY,
     "stiffness": 0.0,
     "rest": 0.0,
+    "offset": 0.0,
 }
-COEFFICIENTS = ("armature", "damping", "friction", "slope", "stiffness", "rest")  # of the laws; slope is 1 / eps
+COEFFICIENTS = (  # of the laws; the slopes are 1 / eps and 1 / vs
+    "armature", "damping", "friction", "slope", "stribeck", "stribeck_slope", "stiffness", "rest", "offset",
+)  # fmt: skip
 DRIVE_LAWS: dict[DriveTerm, DriveLaw] = {
     "armature": lambda c, theta: c["armature"] * theta.dot.dot,
     "damping": lambda c, theta: c["damping"] * theta.dot,
     "friction": lambda c, theta: c["friction"] * hyperbolic_tangent(c["slope"] * theta.dot),
+    "stribeck": lambda c, theta: c["stribeck"] * (hyperbolic_tangent(c["slope"] * theta.dot) * _fading(c, theta.dot)),
     "spring": lambda c, theta: c["stiffness"] * (theta - c["rest"]),
+    "offset": lambda c, theta: theta * 0 + c["offset"],
 }
 PARTIALS: dict[DriveTerm, tuple[int, DriveLaw]] = {  # by which rate of theta, and it
     "armature": (2, lambda c, theta: Series.constant(c["armature"])),
     "damping": (1, lambda c, theta: Series.constant(c["damping"])),
     "friction": (1, lambda c, theta: c["friction"] * (c["slope"] * _square_sech(c["slope"] * theta.dot))),
+    "stribeck": (1, lambda c, theta: c["stribeck"] * _stribeck_slope(c, theta.dot)),
     "spring": (0, lambda c, theta: Series.constant(c["stiffness"])),
+    "offset": (0, lambda c, theta: theta * 0),
 }
 DRIVE_TERMS = tuple(DRIVE_LAWS)
-OFFSET: Final = "offset"  # a constant force, which regressors know and robots do not state
-DRIVE_COLUMNS: tuple[DriveColumn, ...] = (*DRIVE_TERMS, OFFSET)
 AMOUNTS: dict[str, str] = {term: term for term in DRIVE_TERMS} | {
     "spring": "stiffness"
 }  # zero of terms that are not stated
-FORCE_LAWS: dict[DriveColumn, DriveLaw] = dict(
-    zip(DRIVE_COLUMNS, [*DRIVE_LAWS.values(), lambda c, theta: theta * 0 + 1], strict=True)
-)
-MOMENTUM_LAWS: dict[DriveColumn, DriveLaw] = {"armature": lambda c, theta: c["armature"] * theta.dot}
-ENERGY_LAWS: dict[DriveColumn, DriveLaw] = {
+MOMENTUM_LAWS: dict[DriveTerm, DriveLaw] = {"armature": lambda c, theta: c["armature"] * theta.dot}
+ENERGY_LAWS: dict[DriveTerm, DriveLaw] = {
     "armature": lambda c, theta: c["armature"] * (theta.dot * theta.dot) * 0.5,
     "spring": lambda c, theta: c["stiffness"] * ((theta - c["rest"]) * (theta - c["rest"])) * 0.5,
 }
@@ -108,18 +123,17 @@ def drive_error(**stated: float) -> str | None:
     for name, x in stated.items():
         if not np.isfinite(x):
             return f"{name} is {x:g}; expected a finite number"
-        if x < 0 and name not in ("stiffness", "rest"):
+        if x < 0 and name not in SIGNED_PARAMETERS:
             return f"{name} is {x:g}; expected 0 or more"
-    return (
-        None
-        if stated.get("eps", DEFAULT_SMOOTHING_VELOCITY) > 0
-        else "eps is 0; expected a smoothing velocity of friction above 0"
-    )
+    for name, what in (("eps", "smoothing velocity of friction"), ("stribeck_velocity", "speed")):
+        if stated.get(name) == 0:
+            return f"{name} is 0; expected a {what} above 0"
+    return None
 
 
 def coefficients(drives: Drives) -> Coefficients:
     """Return the coefficients of the drive laws as columns (nb, 1)."""
-    numbers = vars(drives) | {"slope": 1 / drives.eps}
+    numbers = vars(drives) | {"slope": 1 / drives.eps, "stribeck_slope": 1 / drives.stribeck_velocity}
     return {name: numbers[name][:, None] for name in COEFFICIENTS}
 
 
@@ -128,12 +142,10 @@ def forces(c: Coefficients, terms: Sequence[str], theta: Series) -> Series:
     return reduce(add, [law(c, theta) for term, law in DRIVE_LAWS.items() if term in terms], theta * 0)
 
 
-def unit_contribution(
-    laws: Mapping[DriveColumn, DriveLaw], c: Coefficients, term: DriveColumn, theta: Series
-) -> Series:
+def unit_contribution(laws: Mapping[DriveTerm, DriveLaw], c: Coefficients, term: DriveTerm, theta: Series) -> Series:
     """Return what one unit of the parameter of a drive term contributes at each joint, (..., nb, 1)."""
-    law, amount = laws.get(term), AMOUNTS.get(term, term)
-    return theta * 0 if law is None else law({**c, amount: np.ones_like(c["armature"])}, theta)
+    law = laws.get(term)
+    return theta * 0 if law is None else law({**c, AMOUNTS[term]: np.ones_like(c["armature"])}, theta)
 
 
 def partials(c: Coefficients, terms: Sequence[str], theta: Series) -> tuple[Series, Series, Series]:
@@ -151,27 +163,35 @@ def _square_sech(x: Series) -> Series:
     return -(y * y) + 1
 
 
+def _fading(c: Coefficients, speed: Series) -> Series:
+    """exp(-(theta' / vs)^2), the share of Stribeck friction that is left at a speed."""
+    slow = c["stribeck_slope"] * speed
+    return exponential(-(slow * slow))
+
+
+def _stribeck_slope(c: Coefficients, speed: Series) -> Series:
+    """The derivative of tanh(theta' / eps) exp(-(theta' / vs)^2) by theta'."""
+    falls = hyperbolic_tangent(c["slope"] * speed) * (c["stribeck_slope"] * c["stribeck_slope"] * speed) * 2
+    return (c["slope"] * _square_sech(c["slope"] * speed) - falls) * _fading(c, speed)
+
+
 def select_terms(terms: object) -> tuple[DriveTerm, ...]:
     """Return the selected drive terms in their order: True selects all, False none, otherwise names."""
-    return _select("drive term", terms, DRIVE_TERMS)
-
-
-def select_columns(terms: object) -> tuple[DriveColumn, ...]:
-    """Return the selected drive terms of a regressor in their order, the offset last."""
-    return _select("drive column", terms, DRIVE_COLUMNS)
-
-
-def _select(kind: str, terms: object, known: tuple[T, ...]) -> tuple[T, ...]:
     if isinstance(terms, bool):
-        return known * terms
-    names = {check_choice(kind, name, known) for name in as_list(terms)}
-    return tuple(term for term in known if term in names)
+        return DRIVE_TERMS * terms
+    names = {check_choice("drive term", name, DRIVE_TERMS) for name in as_list(terms)}
+    return tuple(term for term in DRIVE_TERMS if term in names)
+
+
+def stated_terms(drives: Drives) -> tuple[DriveTerm, ...]:
+    """Return the drive terms that are not zero for all joints."""
+    return tuple(term for term in DRIVE_TERMS if np.any(getattr(drives, AMOUNTS[term])))
 
 
 def warn_of_idle(drives: Drives, terms: object, eps: float | None, name: str) -> None:
     """Warn where a user asks for terms that a robot does not state, or for an eps without friction."""
     asked = select_terms(terms)
-    stated = [term for term in DRIVE_TERMS if np.any(getattr(drives, AMOUNTS[term]))]
+    stated = stated_terms(drives)
     if asked and not set(asked) & set(stated):
         there = f"; it states {join_names(stated)}" if stated else ""
         warn(f"{name}: drives={quote_value(terms)} has no effect: the robot states no {' or '.join(asked)}{there}")

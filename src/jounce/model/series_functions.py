@@ -26,6 +26,11 @@ def hyperbolic_tangent(x: Series) -> Series:
     return from_rate(tanh(x[0]), lambda y: (-(y * y) + 1) * x.dot)
 
 
+def exponential(x: Series) -> Series:
+    """The exponential function."""
+    return from_rate(exp(x[0]), lambda y: y * x.dot)
+
+
 SERIES_RULES: Mapping[str, Callable[..., Series]] = {
     "mul": lambda x, y: x * y,
     "add": lambda x, y: x + y,
@@ -35,7 +40,7 @@ SERIES_RULES: Mapping[str, Callable[..., Series]] = {
     "sin": lambda x: sine_cosine(x)[0],
     "cos": lambda x: sine_cosine(x)[1],
     "tanh": hyperbolic_tangent,
-    "exp": lambda x: from_rate(exp(x[0]), lambda y: y * x.dot),
+    "exp": exponential,
     "sqrt": lambda x: from_rate(sqrt(x[0]), lambda y: inverse(y) * x.dot * 0.5),
 }
 

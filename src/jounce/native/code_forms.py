@@ -10,6 +10,7 @@ import numpy as np
 
 from jounce.dynamics.computation import Computation, Port, Signature, change
 from jounce.dynamics.loops import closure_of
+from jounce.model.drives import stated_terms
 from jounce.model.mechanism import Mechanism
 from jounce.model.scalar_casting import with_exact_integers
 from jounce.native import calls
@@ -97,7 +98,8 @@ def _make_block(mechanism: Mechanism, computation: Computation, target: Target, 
         steps_of_joints = (len(set(joint_kinds(mechanism))) + computation.base) * (computation.order + 1) ** 2
         if len(mechanism.joints) * SECONDS_PER_LOOP_BODY + steps_of_joints * SECONDS_PER_JOINT_KIND > patience:
             raise LongCompilationError
-        acting = tuple(term for term in mechanism.acting if term in computation.quantity.drive_terms)
+        asked = {*mechanism.acting}.intersection(computation.quantity.drive_terms)
+        acting = tuple(term for term in stated_terms(mechanism.drives) if term in asked)
         return loop.emit_loop(mechanism, Sweeps(computation, computation.order, acting), signature)
     if signature.outputs[-1].end * SECONDS_PER_STEP > patience:  # each is stored at least: no trace is needed to see it
         raise LongCompilationError

@@ -5,7 +5,7 @@ from math import pi
 from os import PathLike
 from typing import TYPE_CHECKING, Self
 
-from jounce.core.typing import ArrayLike, DriveColumns, Equations
+from jounce.core.typing import ArrayLike, DriveTerms, Equations
 from jounce.robot.exports import Exports
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ class Applications(Exports):
         forces: ArrayLike | None = None,
         *,
         t: ArrayLike | None = None,
-        drives: DriveColumns = ("damping", "friction", "offset"),
+        drives: DriveTerms = ("damping", "friction", "stribeck", "offset"),
         eps: float | None = None,
         span: tuple[float, float] | None = None,
         band: float | None = None,
@@ -114,7 +114,7 @@ class Applications(Exports):
         without_load: "Motion | None" = None,
         *,
         body: str | None = None,
-        drives: DriveColumns = ("damping", "friction", "offset"),
+        drives: DriveTerms = ("damping", "friction", "offset"),
         mass: float | None = None,
     ) -> "Payload[Self]":
         """Identify a load on a body from a log with it and a log without it: mass, centre of mass, inertia.
@@ -174,7 +174,7 @@ class Applications(Exports):
         period: float = 10.0,
         periods: int = 1,
         harmonics: int = 5,
-        drives: DriveColumns = False,
+        drives: DriveTerms = False,
         weights: ArrayLike | None = None,
         reach: float = pi,
         margin: float = 0.01,

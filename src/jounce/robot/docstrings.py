@@ -37,10 +37,10 @@ METHOD_OPTIONS = {
         "To be given for this release where joints are elastic: Q is the force of the links, see `{of_motors}`.",
     ),
     "drives": MethodOption(
-        "DriveColumns", "False", "bool, str or iterable of str, optional",
-        'Columns to append: nb, one per joint variable, for each of "armature", "damping", "friction", "spring" and'
-        ' "offset", a constant force, in this order; True appends all. Their parameters are those of `Robot.drives`, of'
-        " the spring its stiffness; eps of friction and the rest position of the spring are those of the robot.",
+        "DriveTerms", "False", "bool, str or iterable of str, optional",
+        'Columns to append: nb, one per joint variable, for each of "armature", "damping", "friction", "stribeck",'
+        ' "spring" and "offset", in this order; True appends all. Their parameters are those of `Robot.drives`, of'
+        " the spring its stiffness; speeds of friction and the rest position of the spring are those of the robot.",
     ),
     "form": MethodOption("Form", "'paper'", "str, optional", '"paper" or "skew".'),
     "body": MethodOption(

@@ -21,7 +21,7 @@ from jounce.engine.direct_methods import METHODS
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.loads import wrench_of_load
-from jounce.model.drives import select_columns, select_terms
+from jounce.model.drives import select_terms
 from jounce.robot.deprecated_elastic import check_side, compiled_name
 from jounce.robot.docstrings import METHOD_OPTIONS, docstring, list_options
 
@@ -44,7 +44,7 @@ def _check_links_side(robot: Engine, name: str, side: str | None) -> str:
 def _regressor_with_columns(
     robot: Engine, name: str, given: Sequence[Any], *, drives: Any, out: Any, **options: Any
 ) -> Any:
-    return _drives.regressor(robot, name, given, select_columns(drives), out, **options)
+    return _drives.regressor(robot, name, given, select_terms(drives), out, **options)
 
 
 def make_method(row: Quantity) -> FunctionType:
@@ -154,7 +154,8 @@ class Methods(Rows):
         q3d, q4d, *higher : (..., n), optional
             Further rates, each for one more time derivative.
         terms : bool, str or iterable of str, optional
-            Some of "armature", "damping", "friction", "spring", see `with_drives`; True selects all.
+            Some of "armature", "damping", "friction", "stribeck", "spring", "offset", see `with_drives`; True selects
+            all.
         out : optional
             See `Robot`.
 

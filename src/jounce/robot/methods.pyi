@@ -10,7 +10,6 @@ from jounce.native.kernel import Kernel
 Nothing: TypeAlias = _types.Nothing[Never]
 Out: TypeAlias = _types.Out | Nothing
 DriveTerms: TypeAlias = _types.DriveTerms | Nothing
-DriveColumns: TypeAlias = _types.DriveColumns | Nothing
 Form: TypeAlias = _types.Form | Nothing
 Frame: TypeAlias = _types.Frame | Nothing
 LoadFrame: TypeAlias = _types.LoadFrame | Nothing
@@ -519,7 +518,7 @@ class Methods:
         qd: Named,
         q2d: Named,
         *,
-        drives: DriveColumns = False,
+        drives: DriveTerms = False,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -538,9 +537,9 @@ class Methods:
         q3d, q4d, *higher : (..., n), optional
             Further rates, each for one more time derivative of Y.
         drives : bool, str or iterable of str, optional
-            Columns to append: nb, one per joint variable, for each of "armature", "damping", "friction", "spring" and
-            "offset", a constant force, in this order; True appends all. Their parameters are those of `Robot.drives`,
-            of the spring its stiffness; eps of friction and the rest position of the spring are those of the robot.
+            Columns to append: nb, one per joint variable, for each of "armature", "damping", "friction", "stribeck",
+            "spring" and "offset", in this order; True appends all. Their parameters are those of `Robot.drives`, of the
+            spring its stiffness; speeds of friction and the rest position of the spring are those of the robot.
         base, method, out, threads : optional
             See `Robot`.
 
@@ -579,7 +578,7 @@ class Methods:
         q2d: Named,
         q3d: Named,
         *,
-        drives: DriveColumns = False,
+        drives: DriveTerms = False,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -594,7 +593,7 @@ class Methods:
         q3d: Named,
         q4d: Named,
         *,
-        drives: DriveColumns = False,
+        drives: DriveTerms = False,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -611,7 +610,7 @@ class Methods:
         q5d: Named,
         /,
         *higher: Named,
-        drives: DriveColumns = False,
+        drives: DriveTerms = False,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -625,7 +624,7 @@ class Methods:
         q: Named,
         qd: Named,
         *,
-        drives: DriveColumns = False,
+        drives: DriveTerms = False,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -644,9 +643,9 @@ class Methods:
         q2d, q3d, *higher : (..., n), optional
             Further rates, each for one more time derivative of Yp.
         drives : bool, str or iterable of str, optional
-            Columns to append: nb, one per joint variable, for each of "armature", "damping", "friction", "spring" and
-            "offset", a constant force, in this order; True appends all. Their parameters are those of `Robot.drives`,
-            of the spring its stiffness; eps of friction and the rest position of the spring are those of the robot.
+            Columns to append: nb, one per joint variable, for each of "armature", "damping", "friction", "stribeck",
+            "spring" and "offset", in this order; True appends all. Their parameters are those of `Robot.drives`, of the
+            spring its stiffness; speeds of friction and the rest position of the spring are those of the robot.
         base, method, out, threads : optional
             See `Robot`.
 
@@ -684,7 +683,7 @@ class Methods:
         qd: Named,
         q2d: Named,
         *,
-        drives: DriveColumns = False,
+        drives: DriveTerms = False,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -698,7 +697,7 @@ class Methods:
         q2d: Named,
         q3d: Named,
         *,
-        drives: DriveColumns = False,
+        drives: DriveTerms = False,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -714,7 +713,7 @@ class Methods:
         q4d: Named,
         /,
         *higher: Named,
-        drives: DriveColumns = False,
+        drives: DriveTerms = False,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -728,7 +727,7 @@ class Methods:
         q: Named,
         qd: Named,
         *,
-        drives: DriveColumns = False,
+        drives: DriveTerms = False,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -747,9 +746,9 @@ class Methods:
         q2d, q3d, *higher : (..., n), optional
             Further rates, each for one more time derivative of YE.
         drives : bool, str or iterable of str, optional
-            Columns to append: nb, one per joint variable, for each of "armature", "damping", "friction", "spring" and
-            "offset", a constant force, in this order; True appends all. Their parameters are those of `Robot.drives`,
-            of the spring its stiffness; eps of friction and the rest position of the spring are those of the robot.
+            Columns to append: nb, one per joint variable, for each of "armature", "damping", "friction", "stribeck",
+            "spring" and "offset", in this order; True appends all. Their parameters are those of `Robot.drives`, of the
+            spring its stiffness; speeds of friction and the rest position of the spring are those of the robot.
         base, method, out, threads : optional
             See `Robot`.
 
@@ -784,7 +783,7 @@ class Methods:
         qd: Named,
         q2d: Named,
         *,
-        drives: DriveColumns = False,
+        drives: DriveTerms = False,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -798,7 +797,7 @@ class Methods:
         q2d: Named,
         q3d: Named,
         *,
-        drives: DriveColumns = False,
+        drives: DriveTerms = False,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -814,7 +813,7 @@ class Methods:
         q4d: Named,
         /,
         *higher: Named,
-        drives: DriveColumns = False,
+        drives: DriveTerms = False,
         base: Rates | None = None,
         method: Method | None = None,
         out: Out = None,
@@ -3152,7 +3151,8 @@ class Methods:
         q3d, q4d, *higher : (..., n), optional
             Further rates, each for one more time derivative.
         terms : bool, str or iterable of str, optional
-            Some of "armature", "damping", "friction", "spring", see `with_drives`; True selects all.
+            Some of "armature", "damping", "friction", "stribeck", "spring", "offset", see `with_drives`; True selects
+            all.
         out : optional
             See `Robot`.
 

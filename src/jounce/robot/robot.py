@@ -130,7 +130,7 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
 
     @property
     def drives(self) -> Drives:
-        """The drive trains as stated: `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest`, (nc,) each.
+        """The drive trains as stated, (nc,) each: `armature`, `damping`, `friction`, ..., see `Drives`.
 
         They are those of the nc joint variables, in SI units. They enter Q where `with_drives` or
         ``load(..., drives=True)`` selects them.
@@ -197,7 +197,8 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         limits : mapping, optional
             `lower`, `upper`, `velocity`, `effort`, ... of theta, (nc,), or (nc, 2) for two sides; infinite if left out.
         drives : mapping, optional
-            `armature`, `damping`, `friction`, `eps`, `stiffness`, `rest` of theta, (nc,) each; default 0 (eps 0.05).
+            Those of `Drives`, of theta, (nc,) each: `armature`, `damping`, `friction`, ...; default 0, eps 0.05 and
+            `stribeck_velocity` 0.1.
         base : (6, 6), optional
             Inertia matrix of the base in its own frame, if the robot floats; otherwise the robot stands on the ground.
         base_name : str, optional
@@ -588,15 +589,16 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         return vectors[0] if len(vectors) == 1 else vectors
 
     def with_drives(self, terms: DriveTerms = True, eps: float | None = None) -> Self:
-        """The robot whose inverse dynamics includes the selected drive terms: armature, damping, friction, spring.
+        """The robot whose inverse dynamics includes the selected drive terms, such as damping and friction.
 
-        ``Q_theta = armature theta'' + damping theta' + friction tanh(theta' / eps) + stiffness (theta - rest)`` of the
-        joint variables theta = G q + g; Q gains ``G^T Q_theta`` and M ``G^T diag(armature) G``, with exact rates.
+        ``Q_theta = armature theta'' + damping theta' + (friction + stribeck exp(-(theta' / stribeck_velocity)^2))
+        tanh(theta' / eps) + stiffness (theta - rest) + offset`` of the joint variables theta = G q + g; Q gains
+        ``G^T Q_theta`` and M ``G^T diag(armature) G``, with exact rates.
 
         Parameters
         ----------
         terms : bool, str or iterable of str, optional
-            "armature", "damping", "friction", "spring"; True selects all, False none.
+            "armature", "damping", "friction", "stribeck", "spring", "offset"; True selects all, False none.
         eps : float, optional
             Smoothing velocity of Coulomb friction, rad/s or m/s; by default that of each joint.
 
@@ -621,7 +623,7 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         >>> arm.mechanism.acting
         ('damping',)
         """
-        if self.mechanism.elasticity is not None and (moved := set(select_terms(terms)) - {"spring"}):
+        if self.mechanism.elasticity is not None and (moved := set(select_terms(terms)) - {"spring", "offset"}):
             raise JounceError(
                 f"{self.name} has elastic joints: {join_names(sorted(moved))} would act on the links, not on the"
                 " motors; select drive terms before elastic()"

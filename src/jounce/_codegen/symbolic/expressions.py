@@ -26,7 +26,7 @@ from jounce.spatial.series import Series, join_series, rate_name
 
 MAX_SYMBOLIC_OPERATIONS = 1_000_000  # on terms, for one matrix: some seconds, some ten thousand terms
 OPERATIONS_PER_PRINTED_TERM = 50  # which take as long as the conversion of one term to SymPy
-FRICTION_TERM = "friction"  # the term of the drives that is no trigonometric polynomial
+FRICTION_TERMS = {"friction", "stribeck"}  # terms of the drives that are no trigonometric polynomials
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Expressions:
         moving = self._base() if requests.takes_base(row.name, frame) else None
         state = State(self._column("q"), base=moving, body=body, frame=frame)
         series = self._printed(row.symbol, lambda: _law(row, self.model)(self.model, state), body)
-        if FRICTION_TERM in self.mechanism.acting and FRICTION_TERM in row.drive_terms and row.drive_law is not None:
+        if FRICTION_TERMS.intersection(self.mechanism.acting, row.drive_terms) and row.drive_law is not None:
             series = series + self._friction(row.drive_law)
         return series
 
@@ -118,15 +118,16 @@ class Expressions:
         m = self.mechanism
         data = [*m.arrays.values()] + [m.frame(body).T for body in [body] if body is not None]
         if m.acting:
-            data += [m.drives.armature, m.drives.damping, m.drives.stiffness, m.drives.rest]
+            data += [m.drives.armature, m.drives.damping, m.drives.stiffness, m.drives.rest, m.drives.offset]
         if (e := m.elasticity) is not None:
             data += [e.stiffness[~e.is_rigid], e.rotor, e.viscous]
         coordinates = frozenset(self.symbols["q"][0])
         return Printer(self.variables, self.parameters, coordinates, any(map(has_decimals, data)))
 
     def _friction(self, law: Law) -> Series:
-        """Return the part of Coulomb friction, in SymPy functions."""
-        mechanism = replace(with_exact_integers(self.mechanism), acting=(FRICTION_TERM,))
+        """Return the part of Coulomb and Stribeck friction, in SymPy functions."""
+        acting = tuple(term for term in self.mechanism.acting if term in FRICTION_TERMS)
+        mechanism = replace(with_exact_integers(self.mechanism), acting=acting)
         q = self.symbols["q"].map(lambda x: np.array(x.tolist(), dtype=object))
         return law(mechanism, State(q)).map(lambda x: _sympy(list(x.flat), x.shape))
 
@@ -141,7 +142,7 @@ def expressions(mechanism: Mechanism, base: bool) -> Expressions:
     model = cast_mechanism(mechanism, variables)
     variables.check()
     check_names(variables, symbols)
-    model = replace(model, acting=tuple(term for term in model.acting if term != FRICTION_TERM))
+    model = replace(model, acting=tuple(term for term in model.acting if term not in FRICTION_TERMS))
     return Expressions(mechanism, model, symbols, variables, len(variables.expressions))
 
 
