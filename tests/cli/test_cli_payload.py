@@ -66,7 +66,7 @@ def test_a_known_mass(logs):
     [
         (["-o", "out.urdf"], "unknown type of robot file"),
         (["--body", "hand"], "unknown body 'hand'; available: body1, body2"),
-        (["--drives", "stiction"], "unknown drive column 'stiction'"),
+        (["--drives", "stiction"], "unknown drive term 'stiction'"),
         (["--mass", "-1"], "expected kg > 0"),
     ],
 )

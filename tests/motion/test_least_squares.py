@@ -88,7 +88,7 @@ def uneven_rows(hole):
 
 
 @pytest.mark.parametrize("hole", [0, 0.03, 0.3, 3])  # s: beside the last ones an interval is covered by less than 0.8
-def test_equations_by_sums_of_chebyshev_polynomials_are_those_of_b_splines(hole):
+def test_chebyshev_sums_give_the_equations_of_b_splines(hole):
     t, y, weight, breaks = uneven_rows(hole)
     found = factorize(t, weight, breaks, in_cells=True)
     expected = factorize(t, weight, breaks, in_cells=False)
