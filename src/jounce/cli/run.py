@@ -44,8 +44,10 @@ or a YAML file with analytic terms for each joint, whose rates are exact:
 OUT holds t and NAME.Q, NAME.Qd, NAME.Q2d, with all their digits; with --base
 floating base.mx.Q .. base.fz.Q too, the wrench on the base; of smoothed
 samples NAME.Q_sd, ... too, their standard deviations. The largest values are
-printed with theirs (±); values that do not stand out of their band of 95 %,
-as at the ends of a fit, are no candidates. OUT has a column break, if Q or a
+printed with theirs (±) and their times; values that do not stand out of their
+band of 95 % are no candidates, and one in an uncertain end of a log has a *
+and the largest certain one below. A line per joint states the vibration that
+the samples would not show. OUT has a column break, if Q or a
 rate of it jumps: the order of what jumps since the row before, else -1.
 
 \b
