@@ -136,7 +136,9 @@ def _check_mass(found: LoadFit, known: bool, mass: float | None, notes: list[str
         why = "; ".join(notes) or f"expected {cure}"
         raise JounceError(f"the mass of the load is negative, {m:.4g} +- {s:.2g} kg; {why}")
     if mass is not None and not m > MAX_DEVIATIONS * s:
-        raise JounceError(f"mass is {mass:g}, and the torques show {m:.3g} +- {s:.2g} kg: too little to calibrate them")
+        raise JounceError(
+            f"mass is {float(mass):g}, and the torques show {m:.3g} +- {s:.2g} kg: too little to calibrate them"
+        )
 
 
 def _mismatch_notes(found: LoadFit, fits: list[Regression], K: np.ndarray, known: bool, frame: str) -> list[str]:
