@@ -143,6 +143,11 @@ def test_a_known_mass_calibrates_torques(arm, motion, frame):
     assert abs(arm.payload(*logs, body=frame).parameters[0] - 2.0) > 0.1, "without the mass they are off"
 
 
+def test_no_load_calibrates_nothing(arm, motion):
+    message = refusal(lambda: arm.payload(log(arm, motion, 1), log(arm, motion, 2), body="tool0", mass=2.0))
+    assert "too little to calibrate them" in message
+
+
 def test_swapped_logs_are_refused(arm, motion):
     message = refusal(lambda: arm.payload(log(arm, motion, 2), log(loaded(arm), motion, 1), body="tool0"))
     assert "mass of the load is negative, -2" in message

@@ -3,6 +3,7 @@
 import inspect
 import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,7 @@ CHAIN = {key: value for key, value in TREE.items() if key != "parent"}
 TREE |= {"base": np.eye(6), "base_name": "trunk"}
 SAMPLES = np.linspace(0, 1, 20)
 SAMPLED = jounce.load_motion({"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, ROBOT, 0, degree=7)
+LOGGED = replace(SAMPLED, torques=(SAMPLES, ROBOT.forces_along(SAMPLED, order=0).forces[0]))
 TWO = np.stack([SAMPLES**2, SAMPLES**3], axis=1)
 NAMED = {"joint_names": ["joint1", "joint2"]}
 POINTS = {
@@ -55,6 +57,17 @@ WINDING = ROBOT.elastic(80, motors=MOTOR)
 DAMPED = ROBOT.elastic(800, 0.1, damping=1.0, damping_terms=2)
 
 Case = tuple[Callable[..., Any], Mapping[str, Any]]  # a call that works, to spoil one argument at a time
+
+
+def quiet(method: Callable[..., Any]) -> Callable[..., Any]:
+    """A method without its warnings: of a load that is none."""
+
+    def call_quietly(*given: Any, **keywords: Any) -> Any:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", jounce.JounceWarning)
+            return method(*given, **keywords)
+
+    return call_quietly
 
 
 def along(method: Callable[..., Any], /, **keywords: Any) -> Case:
@@ -314,8 +327,12 @@ CASES: dict[str, Case] = {
         ROBOT.with_limits(velocity=2.0).excite,
         {
             "period": 2.0, "periods": 1, "harmonics": 3, "drives": False,
-            "weights": None, "reach": 1.0, "margin": 0.01, "starts": 1, "seed": 0,
+            "weights": None, "reach": 1.0, "margin": 0.01, "starts": 1, "seed": 0, "payload": False,
         },
+    ),
+    "payload": (
+        quiet(ROBOT.payload),
+        {"with_load": LOGGED, "without_load": LOGGED, "body": "body2", "drives": False, "mass": None},
     ),
     "identify": (
         ROBOT.identify,
@@ -415,6 +432,8 @@ def test_every_argument_of_every_public_function_is_attacked():
         "Loop",
         "Mechanism",
         "Motion",
+        "Payload",
+        "PayloadParameter",
         "Report",
         "RobotState",
         "Retiming",

@@ -110,7 +110,7 @@ def excite(
     times = check_number("period", period, "s"), check_whole_number("periods", periods, 1, MAX_REPETITIONS)
     series = Harmonics(*times, check_whole_number("harmonics", harmonics, MIN_HARMONICS, MAX_HARMONICS))
     load = None
-    if payload:
+    if payload is not False:
         load = find_load_frame(robot.mechanism, None if payload is True else payload).body
     search, notes = prepare_search(robot, series, select_terms(drives), weights, reach, margin, rng, load)
     rest = search.find_rest(rng)

@@ -68,7 +68,7 @@ def identify_payload(
         for one, fit, which in zip(posed, fits, LOGS, strict=False)
         for text in [*force_warnings(one, "inverse_dynamics"), *_unexplained(one, fit)]
     ]
-    _check_mass(found, known, notes)
+    _check_mass(found, known, mass, notes)
     changes = _half_notes(halves)
     notes += [*changes, *_mismatch_notes(found, fits, K, known, frame.name)]
     factors: list[np.ndarray] = []
@@ -130,13 +130,16 @@ def _unexplained(posed: IdentificationProblem, fit: Regression) -> list[str]:
     return unexplained_warnings(posed, force_residuals(posed, predicted, fit.motion_errors), estimate)
 
 
-def _check_mass(found: LoadFit, known: bool, notes: list[str]) -> None:
-    """Raise `JounceError` of a negative mass, with what is suspicious about the torques, which may explain it."""
+def _check_mass(found: LoadFit, known: bool, mass: float | None, notes: list[str]) -> None:
+    """Raise `JounceError` of a negative mass, with what is suspicious about the torques, or of none that calibrates."""
     m, s = found.x[0, 0], np.sqrt(found.covariance[0, 0])
     if m < -MAX_DEVIATIONS * s:
         cure = "ROBOT without the load" if known else "the log with the load first: they seem to be swapped"
+        why = "; ".join(notes) or f"expected {cure}"
+        raise JounceError(f"the mass of the load is negative, {m:.4g} +- {s:.2g} kg; {why}")
+    if mass is not None and not m > MAX_DEVIATIONS * s:
         raise JounceError(
-            f"the mass of the load is negative, {m:.4g} +- {s:.2g} kg; {'; '.join(notes) or f'expected {cure}'}"
+            f"mass is {float(mass):g}, and the torques show {m:.3g} +- {s:.2g} kg: too little to calibrate them"
         )
 
 
