@@ -115,8 +115,8 @@ def compress_rows(
     starts, edges = cut_cells(t, span, cells)
     if edges is None:
         return make_rows(t, y, weight, span)
-    *rows, lost = compress_cells(t, y, weight, starts, edges)
-    return SplineRows(*rows, edges, span, float((weight**2).sum()), lost)
+    times, right, weights, lost = compress_cells(t, y, weight, starts, edges)
+    return SplineRows(times, right, weights, edges, span, float((weight**2).sum()), lost)
 
 
 def solve(rows: SplineRows, breaks: np.ndarray) -> SplineSolution:
