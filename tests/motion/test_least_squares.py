@@ -66,7 +66,7 @@ def test_compressed_samples_give_the_same_spline(problem):
     assert np.allclose(ls.covariance_blocks(solution.factor), ls.covariance_blocks(expected.factor), rtol=1e-7)
 
 
-def test_pieces_of_b_splines_are_sums_of_chebyshev_polynomials(problem):
+def test_b_splines_are_sums_of_chebyshev_polynomials(problem):
     t, _, _, breaks = problem
     values, place = basis(t, breaks)
     x = 2 * (t - breaks[place]) / np.diff(breaks)[place] - 1
@@ -88,7 +88,7 @@ def uneven_rows(hole):
 
 
 @pytest.mark.parametrize("hole", [0, 0.03, 0.3, 3])  # s: beside the last ones an interval is covered by less than 0.8
-def test_chebyshev_sums_give_the_equations_of_b_splines(hole):
+def test_sums_of_chebyshev_polynomials_give_the_equations(hole):
     t, y, weight, breaks = uneven_rows(hole)
     found = factorize(t, weight, breaks, in_cells=True)
     expected = factorize(t, weight, breaks, in_cells=False)
@@ -99,7 +99,7 @@ def test_chebyshev_sums_give_the_equations_of_b_splines(hole):
     assert hole > 1 or np.allclose(coefficients, others, atol=1e-8)
 
 
-def test_tens_of_rows_in_one_interval_are_summed_alike():
+def test_tens_of_rows_are_summed_alike():
     t, y, weight, _ = uneven_rows(0)
     t, y, weight = t[:1990], y[:1990], weight[:1990]
     ends = np.arange(50, 1990, 50)

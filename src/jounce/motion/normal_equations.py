@@ -56,22 +56,22 @@ class SplineEquations:
 
     def _sum_by_interval(self, y: np.ndarray) -> np.ndarray:
         """T^T y of rows (P, n), (M, 10, n)."""
-        if self.sums is None:
-            return (self.T.T @ y).reshape(-1, BASIS_WIDTH, y.shape[1])
-        by_cell = np.asarray(self.T).mT @ y.reshape(len(self.T), BASIS_WIDTH, -1)
-        return (self.sums @ by_cell.reshape(len(by_cell), -1)).reshape(-1, *by_cell.shape[1:])
+        if not isinstance(self.T, np.ndarray):
+            return np.asarray(self.T.T @ y).reshape(-1, BASIS_WIDTH, y.shape[1])
+        by_ten = self.T.mT @ y.reshape(len(self.T), BASIS_WIDTH, -1)
+        return np.asarray(self.sums @ by_ten.reshape(len(by_ten), -1)).reshape(-1, *by_ten.shape[1:])
 
     def _evaluate(self, local: np.ndarray) -> np.ndarray:
         """T times coefficients (M, 10, n) by interval, (P, n)."""
-        if self.sums is not None:
+        if isinstance(self.T, np.ndarray) and self.sums is not None:
             local = self.T @ np.repeat(local, np.diff(self.sums.indptr), axis=0)
             return local.reshape(-1, local.shape[2])
-        return self.T @ local.reshape(-1, local.shape[2])
+        return np.asarray(self.T @ local.reshape(-1, local.shape[2]))
 
 
 def sum_squares(columns: np.ndarray) -> np.ndarray:
     """The sums (n,) of squares of columns (P, n)."""
-    return np.einsum("pj,pj->j", columns, columns)
+    return np.asarray(np.einsum("pj,pj->j", columns, columns))
 
 
 def factorize(t: np.ndarray, weight: np.ndarray, breaks: np.ndarray, in_cells: bool) -> SplineEquations:
