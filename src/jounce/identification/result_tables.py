@@ -171,7 +171,7 @@ def _part_residuals(
     rows = np.stack([*band, *(_rms(values, w) for values in off[1:3])], axis=1)
     for j, (name, unit) in enumerate(zip(force_names(m), force_units(m), strict=True)):
         if counts[:, j].any():
-            yield ForceResidual(name, unit, part, *map(float, rows[j]), float(motion_errors[j]))
+            yield ForceResidual(name, unit, part, *map(float, [*rows[j], motion_errors[j]]))
 
 
 def _rms(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
