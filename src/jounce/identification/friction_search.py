@@ -30,7 +30,8 @@ from jounce.identification.regression import MIN_RELATIVE_DEVIATION, informed_di
 from jounce.motion.motion import Motion
 
 SMOOTHING_VELOCITIES = (0.1, 0.05, 0.03, 0.02, 0.01, 0.005, 0.002, 0.001)  # rad/s or m/s, after the model's own
-STRIBECK_VELOCITIES = (0.03, 0.06, 0.12, 0.25)  # rad/s or m/s: those of greased gears
+STRIBECK_VELOCITIES = (0.03, 0.038, 0.048, 0.06, 0.076, 0.096, 0.12, 0.15, 0.2, 0.25)  # rad/s or m/s: of greased gears
+COARSE_STEP = 3  # of the first, fourth, ... of these, which are tried with each eps; the others with the best one
 SPEED_BINS = (0.01, 0.02, 0.04, 0.08, 0.15)  # rad/s or m/s, edges: friction above the last is the model's
 FRICTION_TERMS = ("friction", "stribeck")
 MAX_CELL_WIDTH = 0.02  # s: averages over wider cells hide how a joint turns round
@@ -123,10 +124,11 @@ def _average_cells(
     others = (*(term for term in terms if term not in (*FRICTION_TERMS, "offset")), "offset")
     cells = average_forces(bare, motion, samples, model, others, place)
     # laws at each joint
-    shapes = np.empty((len(cells.off), len(eps), eps.shape[1] * len(fades)))
+    laws = eps.shape[1] * len(fades)
+    shapes = np.empty((len(cells.off), len(eps), laws))
     for j, of_joint in enumerate(eps):
         by_eps, by_fade = np.tanh(v[:, j, None] / of_joint), np.exp(-((v[:, j, None] / fades) ** 2))
-        by_law = (by_eps[..., None] * by_fade[:, None]).reshape(len(v), shapes.shape[2])
+        by_law = (by_eps[..., None] * by_fade[:, None]).reshape(len(v), laws)
         shapes[:, j] = weighted_means(by_law, np.ones_like(by_law), place)[0]
     # columns of parameters: inertial ones, those of other drive terms, and the offsets if these are sought
     n, first = len(m.joints), len(base.parameters)
@@ -171,24 +173,36 @@ def _mean_squares(cells: FrictionCells, rest: np.ndarray, factors: np.ndarray | 
 
 def _choose_law(cells: FrictionCells, fit: FrictionFit, j: int) -> int:
     """The law of a joint of the least Bayesian information criterion, at the other parameters of a fit."""
-    acts = cells.onto[..., j].any(axis=0)
+    fades = np.arange(cells.shapes.shape[-1]) % cells.fades
+    rests = _try_laws(cells, fit, j, np.flatnonzero((fades == 0) | (fades % COARSE_STEP == 1)))
+    first = _find_least(cells.fades, rests) // cells.fades * cells.fades
+    rests |= _try_laws(cells, fit, j, np.arange(first, first + cells.fades))
+    return _find_least(cells.fades, rests)
+
+
+def _try_laws(cells: FrictionCells, fit: FrictionFit, j: int, laws: np.ndarray) -> dict[int, np.ndarray]:
+    """The residuals (C, k) that laws of a joint leave, over their deviations; Stribeck terms are not negative."""
+    acts, rests = cells.onto[..., j].any(axis=0), {}
     roots = fit.roots[:, acts]
-    left = ((fit.rest + fit.taken[j])[:, acts] * roots).ravel()
+    left = (fit.rest + fit.taken[j])[:, acts] * roots
     own = cells.Y[:, acts][..., [k + j for k in cells.own]]
-    rests = {}
-    for law in range(cells.shapes.shape[-1]):
+    for law in laws.tolist():
         A = np.concatenate([own, cells.columns(j, law)[:, acts]], axis=-1) * roots[..., None]
-        A = A.reshape(len(left), A.shape[-1])
-        x = np.linalg.lstsq(A, left)[0]
+        x = np.linalg.lstsq(A.reshape(-1, A.shape[-1]), left.ravel())[0]
         if law % cells.fades == 0 or x[-1] > 0:
             rests[law] = left - A @ x
-    least = MIN_RELATIVE_DEVIATION**2 * (left @ left) or 1.0  # nothing is left of forces that are explained
-    squares = {law: rest @ rest + least for law, rest in rests.items()}
-    best = rests[min(squares, key=squares.__getitem__)].reshape(roots.shape)
+    return rests
+
+
+def _find_least(fades: int, rests: dict[int, np.ndarray]) -> int:
+    """The law with the least criterion: of more parameters only where residuals are smaller than chance makes them."""
+    squares = {law: (rest**2).sum() for law, rest in rests.items()}
+    best = rests[min(squares, key=squares.__getitem__)]
     correlation = (best[1:] * best[:-1]).sum() / max((best**2).sum(), np.finfo(float).tiny)
-    n = max(np.count_nonzero(roots) * (1 - correlation) / (1 + correlation), 2.0)
-    sizes = {law: 2 * (law % cells.fades > 0) + (law >= cells.fades) for law in squares}
-    return min(squares, key=lambda law: n * np.log(squares[law]) + sizes[law] * np.log(n))
+    n = max(np.count_nonzero(best) * (1 - correlation) / (1 + correlation), 2.0)
+    least = MIN_RELATIVE_DEVIATION**2 * max(squares.values()) or 1.0  # rounding, where one law explains all
+    sizes = {law: 2 * (law % fades > 0) + (law >= fades) for law in squares}
+    return min(squares, key=lambda law: n * np.log(squares[law] + least) + sizes[law] * np.log(n))
 
 
 def _speed_factors(cells: FrictionCells, rest: np.ndarray) -> np.ndarray:
