@@ -22,10 +22,10 @@ def motion(robot, rates):
 
 @named
 def test_energy_changes_by_the_power_of_the_forces(robot):
-    """d/dt (T + U) = qd . (Q - damping - friction), and its rates."""
+    """d/dt (T + U) = qd . (Q - what is no force of a mass or a spring), and its rates."""
     q = motion(robot, 6)
     T, U = robot.kinetic_energy(*q[:5]), robot.potential_energy(*q[:4])
-    lost = robot.drive_forces(*q[:5], terms=["damping", "friction"])
+    lost = robot.drive_forces(*q[:5], terms=["damping", "friction", "stribeck", "offset"])
     if not robot.mechanism.acting:
         lost = [0 * x for x in lost]
     driving = [Q - Q_lost for Q, Q_lost in zip(robot.inverse_dynamics(*q[:5]), lost, strict=True)]

@@ -141,13 +141,15 @@ CASES: dict[str, Case] = {
         {"source": {"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, "robot": ROBOT}
         | {"order": 1, "degree": 7, "intervals": None, "time": "t", "columns": "{joint}", "angles": "rad"}
         | {"bandwidth": None, "allow_noise": False}
-        | {"time_unit": "s", "topic": None, "torques": None, "measured": None},
+        | {"time_unit": "s", "topic": None, "torques": None, "measured": None}
+        | {"rename": None, "on_error": "stop", "as_": None},
     ),
     "Motion": (MOTION, {"t": [0.1, 0.2], "order": 2, "side": "left"}),
     "Motion.wrench": (MOTION.wrench, {"t": [0.1, 0.2], "order": 2, "side": "left"}),
     "Motion.checked": (MOTION.checked, {"t": [0.1, 0.2]}),
     "Motion.wrench_deviations": (MOTION.wrench_deviations, {"t": [0.1, 0.2], "order": 2}),
     "Motion.deviations": (MOTION.deviations, {"t": [0.1, 0.2], "order": 2}),
+    "Motion.sampled": (MOTION.sampled, {"rate": 100.0, "differences": 3}),
     "Motion.scaled": (MOTION.scaled, {"factor": 2.0}),
     "Motion.shifted": (MOTION.shifted, {"seconds": 2.0}),
     "Motion.with_step": (MOTION.with_step, {"step": 0.1}),
@@ -261,7 +263,12 @@ CASES: dict[str, Case] = {
         lambda rates, wrench: DAMPED.damping_error(rates, *np.ones((3, 2)), wrench=wrench),
         {"rates": (0.1, 0.2), "wrench": None},
     ),
-    "check": (ROBOT.with_limits(effort=99).check, {"motion": SAMPLED}),
+    "check": (ROBOT.with_limits(effort=99).check, {"motion": SAMPLED, "rate": None, "differences": 3}),
+    "rate of check": (lambda rate: ROBOT.with_limits(velocity=99).check(SAMPLED, rate), {"rate": 100.0}),
+    "explain": (
+        ROBOT.with_limits(velocity=99).explain,
+        {"motion": SAMPLED, "controller": None, "rate": 100.0, "differences": 3, "start": None},
+    ),
     "slowdown": (ROBOT.with_limits(effort=99).slowdown, {"motion": SAMPLED}),
     "retime": (
         ROBOT.with_limits(velocity=99, acceleration=99).retime, {"motion": SAMPLED, "margin": 0.01, "smooth": True}
@@ -424,6 +431,7 @@ def test_every_argument_of_every_public_function_is_attacked():
         "ElasticAlong",
         "Elasticity",
         "Excitation",
+        "Explanation",
         "ForceResidual",
         "Identification",
         "IdentifiedParameter",

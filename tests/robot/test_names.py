@@ -274,7 +274,7 @@ BAD_MOTIONS = {
     "text": ({**SAMPLES, "joint1": ["a"] * 41}, {}, ["the motion: column 'joint1' holds text"]),
     "dates": ({**SAMPLES, "t": np.arange(41).astype("M8[s]")}, {}, ["the motion: column 't' holds dates"]),
     "symbols": ({**SAMPLES, "joint1": sympy.symbols("x:41")}, {}, ["column 'joint1' is object of shape (41,)"]),
-    "not finite": ({**SAMPLES, "joint1": np.where(T, T, np.nan)}, {}, ["column 'joint1' holds nan in row 0 from 0"]),
+    "not finite": ({**SAMPLES, "joint1": np.where(T, T, np.nan)}, {}, ["row 0 from 0: column 'joint1' holds nan"]),
     "repeated": (
         pd.DataFrame(np.zeros((9, 3)), columns=["t", "joint1", "joint1"]),
         {},

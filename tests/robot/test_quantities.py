@@ -186,6 +186,9 @@ class _Opaque:
     def tanh(self):
         return _Opaque(np.tanh(self.x))
 
+    def exp(self):
+        return _Opaque(np.exp(self.x))
+
     __radd__, __rmul__ = __add__, __mul__
 
 

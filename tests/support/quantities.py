@@ -79,6 +79,7 @@ def branched(parent=(-1, 0, 1, 0, -1)):
     kinds = ["revolute", "helical", "prismatic", "revolute", "revolute"]
     m = random_mechanism(rng, list(parent), kinds[:nb], [1, 2, 3, 1, 0.5][:nb], mimic=True)
     drives = {name: rng.uniform(0.1, 1, nb) for name in (*AMOUNTS.values(), "rest")}
+    drives["stribeck_velocity"] = np.ones(nb)
     data = {"gravity": m.gravity, "G": m.G, "g": m.g, "drives": drives}
     robot = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, **data)
     frames = (Frame("tool", nb - 2, random_pose(rng)), Frame("stand", -1, random_pose(rng)))

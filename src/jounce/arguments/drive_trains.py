@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from jounce.core.errors import JounceError, join_names, quote_value, warn
-from jounce.model.drives import DEFAULT_SMOOTHING_VELOCITY
+from jounce.model.drives import AMOUNTS, DEFAULT_SMOOTHING_VELOCITY
 from jounce.model.elasticity import Elasticity
 from jounce.model.mechanism import Mechanism
 
@@ -66,5 +66,6 @@ def with_moved_terms(mechanism: Mechanism) -> Mechanism:
             moved.append(term)
     if moved:
         warn(f"{mechanism.name}: {join_names(moved)} no longer acts in Q, but on the motors of the elastic joints")
-    acting = tuple(term for term in mechanism.acting if term not in ON_MOTORS or term in left)
+    there = {term for term in mechanism.acting if getattr(mechanism.drives, AMOUNTS[term]).any()}
+    acting = tuple(term for term in mechanism.acting if term in (left if term in ON_MOTORS else there))
     return replace(mechanism, drives=replace(mechanism.drives, **left), acting=acting)

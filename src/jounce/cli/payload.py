@@ -28,7 +28,7 @@ tables as `jounce identify` reads them; `jounce excite --payload` finds their
 motion. Without a second log ROBOT is taken as it is: the file that
 `jounce identify` wrote. The load is described in the frame of its body or
 link: name the flange by --body, and the last lines are what a Franka, a UR
-and an iiwa take. Deviations are those of the logs; the column "body" holds the
+and an iiwa take. Deviations are those of the logs; column "body" holds the
 nearest body that can exist.
 """
 
