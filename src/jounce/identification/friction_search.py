@@ -143,7 +143,7 @@ def _speed_bins(motion: Motion, samples: Measurements) -> np.ndarray:
     """The bin of the speed of each force (N, nv); forces on a base count as fast."""
     bins = np.full(samples.forces.shape, len(SPEED_BINS))
     v = motion(samples.t, 1)[1]
-    bins[:, bins.shape[1] - v.shape[1] :] = np.digitize(np.abs(v), SPEED_BINS)
+    bins[:, -v.shape[1] :] = np.digitize(np.abs(v), SPEED_BINS)
     return bins
 
 
@@ -165,7 +165,7 @@ def _fit_laws(cells: FrictionCells, chosen: Sequence[int], factors: np.ndarray) 
     return FrictionFit(rest, roots, taken)
 
 
-def _mean_squares(cells: FrictionCells, rest: np.ndarray, factors: np.ndarray | float = 1.0) -> np.ndarray:
+def _mean_squares(cells: FrictionCells, rest: np.ndarray, factors: np.ndarray) -> np.ndarray:
     """Mean squares (nv,) of residuals of one sample, not below what the best sensor has."""
     weights, there = cells.counts * factors, np.maximum((cells.counts > 0).sum(axis=0), 1)
     least = MIN_RELATIVE_DEVIATION**2 * (cells.counts * cells.off**2).sum(axis=0) / there
