@@ -164,7 +164,7 @@ def _fit_laws(cells: FrictionCells, chosen: Sequence[int], factors: np.ndarray) 
     return FrictionFit(rest, roots, taken)
 
 
-def _mean_squares(cells: FrictionCells, rest: np.ndarray, factors: np.ndarray | float = 1.0) -> np.ndarray:
+def _mean_squares(cells: FrictionCells, rest: np.ndarray, factors: np.ndarray) -> np.ndarray:
     """Mean squares (nv,) of residuals of one sample, not below what the best sensor has."""
     weights, there = cells.counts * factors, np.maximum((cells.counts > 0).sum(axis=0), 1)
     least = MIN_RELATIVE_DEVIATION**2 * (cells.counts * cells.off**2).sum(axis=0) / there

@@ -28,7 +28,7 @@ from jounce.identification.averaging import (
 )
 from jounce.identification.filtered_balances import FILTERED_METHODS
 from jounce.identification.measurements import Measurements
-from jounce.model.drives import AMOUNTS, with_eps
+from jounce.model.drives import AMOUNTS, DEFAULT_SMOOTHING_VELOCITY, with_eps
 from jounce.model.parameters import inertial_parameters
 from jounce.motion.motion import Motion
 
@@ -107,7 +107,8 @@ def pose_problem(
     lowest, highest = 1 / (len(samples.t) * step), 0.5 / step
     if band is None:
         theta = along.rates[1][used] @ robot.mechanism.G.T
-        band = force_band(samples.t, model[used], theta, robot.mechanism.drives.eps)
+        eps = np.maximum(robot.mechanism.drives.eps, DEFAULT_SMOOTHING_VELOCITY)  # friction that jumps has no band
+        band = force_band(samples.t, model[used], theta, eps)
     elif not is_finite(band) or not lowest <= band <= highest:
         span = f"{lowest:.4g} Hz, one period of the samples, to {highest:.4g} Hz, half their rate"
         raise JounceError(f"band is {quote_value(band)}; expected a frequency from {span}")
