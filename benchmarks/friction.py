@@ -31,7 +31,7 @@ LAWS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "sign": np.sign,
     "Stribeck": lambda v: np.sign(v) * (1 + 0.6 * np.exp(-((v / 0.08) ** 2))),
 }
-ROBOTS = {"Panda": ("panda", {"panda_finger_joint1": 0.0}), "UR5": ("ur5", {}), "planar 2R": ("planar2r", {})}
+ROBOTS = {"Panda": ("panda", {"panda_finger_joint1": 0.0}), "UR5": ("ur5", {})}
 WAYS = {  # of identification: what `identify` gets, and whether slow samples may count less
     "eps 0.05": ({"eps": DEFAULT_SMOOTHING_VELOCITY, "drives": ("damping", "friction", "offset")}, 0),
     "eps by data": ({"drives": ("damping", "friction", "offset")}, friction_search.WEIGHT_ROUNDS),

@@ -29,7 +29,7 @@ def forces(motion, law, seed=None):
 
 
 def stribeck(v):
-    return np.tanh(v / 0.02) * (1 + STRIBECK / FRICTION * np.array([1, 0]) * np.exp(-((v / 0.12) ** 2)))
+    return np.tanh(v / 0.02) * (1 + STRIBECK / FRICTION * np.array([1, 0]) * np.exp(-((v / 0.15) ** 2)))
 
 
 def error(found, law):
@@ -63,13 +63,23 @@ def test_a_stribeck_term_is_found_where_a_joint_has_one(tmp_path):
     assert row.unit == "N m"
     assert row.value == pytest.approx(STRIBECK[0], abs=4 * row.deviation)
     assert found.robot.drives.stribeck == pytest.approx([STRIBECK[0], 0], abs=0.05)
-    assert found.robot.drives.stribeck_velocity[0] == 0.12
+    assert found.robot.drives.stribeck_velocity[0] == 0.15
     without = ROBOT.identify(MOTION, Q, t=T, drives=("damping", "friction", "offset"), prior=10.0)
     assert error(found, stribeck) < 0.5 * error(without, stribeck)
     jounce.save(found.robot, tmp_path / "found.yaml")
     again = jounce.load(tmp_path / "found.yaml", drives=True)
     read = again.forces_along(MOTION, T, order=0).forces[0]
     np.testing.assert_allclose(read, found.predicted, rtol=0, atol=1e-9 * np.abs(Q).max())
+
+
+def test_stribeck_terms_are_not_negative():
+    """Friction that is less near rest: a negative term would explain it, which no robot has."""
+
+    def law(v):
+        return np.tanh(v / 0.02) * (1 - 0.5 * np.exp(-((v / 0.12) ** 2)))
+
+    found = ROBOT.identify(MOTION, forces(MOTION, law, 9), t=T)
+    assert [row.name for row in found.table if "stribeck" in row.name and row.value < 0] == []
 
 
 def test_what_samples_do_not_show_stays_as_the_model_has_it():

@@ -49,7 +49,7 @@ class FrictionCells:
     own: tuple[int, ...]  # where in P damping and offset of the joints begin, which are refitted with friction
     onto: np.ndarray  # (C, nv, joints) a force of each joint
     shapes: np.ndarray  # (C, joints, laws) forces of a unit of friction at each joint
-    fades: int  # number of laws of one eps: the first is Coulomb's, and others are terms of Stribeck beside it
+    fades: int  # number of laws of one eps: the first is Coulomb's, and others add a Stribeck term
     off: np.ndarray  # (C, nv) forces
     counts: np.ndarray  # (C, nv) sums of the weights of the samples
     bins: np.ndarray  # (C, nv) of the speed
