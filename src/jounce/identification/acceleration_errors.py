@@ -28,10 +28,10 @@ class AccelerationErrors:
     base: tuple[np.ndarray, ...] | None  # pose of the base there, at rest
     variances: np.ndarray  # (C, n)
 
-    def thin(self, step: int) -> "AccelerationErrors":
-        """Those in every cell of number 0, step, 2 step, ..."""
-        base = self.base and tuple(x[::step] for x in self.base)
-        return replace(self, q=self.q[::step], base=base, variances=self.variances[::step])
+    def part(self, cells: slice) -> "AccelerationErrors":
+        """Those in some of the cells."""
+        base = self.base and tuple(x[cells] for x in self.base)
+        return replace(self, q=self.q[cells], base=base, variances=self.variances[cells])
 
     def regressor(self, a: np.ndarray) -> np.ndarray:
         """The regressor (C, nv, P) of accelerations (C, n) alone, of a robot at rest without gravity."""
@@ -48,10 +48,14 @@ class AccelerationErrors:
 
     def mass_matrix(self, corrections: np.ndarray) -> np.ndarray:
         """The mass matrix (C, nv, n) of the model with corrections (P,) of its parameters."""
-        model = np.asarray(compute(self.robot, "mass_matrix", (self.q,), base=self.base and self.base[:1]))
         units = np.eye(self.q.shape[1])
         added = [self.regressor(np.broadcast_to(unit, self.q.shape)) @ corrections for unit in units]
-        return np.asarray(model[..., -len(units) :] + np.stack(added, axis=-1))
+        return np.asarray(self._model_mass_matrix + np.stack(added, axis=-1))
+
+    @cached_property
+    def _model_mass_matrix(self) -> np.ndarray:
+        M = compute(self.robot, "mass_matrix", (self.q,), base=self.base and self.base[:1])
+        return np.asarray(M)[..., -self.q.shape[1] :]
 
 
 def find_acceleration_errors(
@@ -61,9 +65,12 @@ def find_acceleration_errors(
     place: np.ndarray,
     terms: tuple[DriveTerm, ...],
     columns: np.ndarray,
+    deviations: tuple[np.ndarray, ...] | None,
 ) -> AccelerationErrors | None:
-    """The errors of the accelerations at times (N,) in cells of numbers (N,); None of a motion that is exact."""
-    deviations = motion.deviations(t, 2)
+    """The errors of the accelerations at times (N,) in cells of numbers (N,), by deviations of q, qd, q2d (N, n) each.
+
+    None of a motion that is exact.
+    """
     if deviations is None or not deviations[2].any():
         return None
     ones = np.ones_like(deviations[2])
@@ -74,12 +81,11 @@ def find_acceleration_errors(
     return AccelerationErrors(robot, terms, columns, motion(middles, 0)[0], still, variances)
 
 
-def error_band(motion: Motion, t: np.ndarray) -> float:
-    """The frequency in Hz that errors of a smoothed motion reach, by its deviations; infinite of an exact motion.
+def error_band(deviations: tuple[np.ndarray, ...] | None) -> float:
+    """The frequency in Hz that errors of a motion with deviations of q, qd, q2d reach; infinite of an exact motion.
 
     Of white noise up to f they are in the ratio of roots of the integrals of 1 and (2 pi f)^4: 1 to (2 pi f)^2 / 5^1/2.
     """
-    deviations = motion.deviations(t, 2)
     if deviations is None:
         return np.inf
     q, q2d = (np.median(deviations[k], axis=0) for k in (0, 2))

@@ -113,12 +113,13 @@ def pose_problem(
         span = f"{lowest:.4g} Hz, one period of the samples, to {highest:.4g} Hz, half their rate"
         raise JounceError(f"band is {quote_value(band)}; expected a frequency from {span}")
     band = float(band)
-    width = _cell_width(samples, min(band, ERROR_BAND_FACTOR * error_band(motion, samples.t)), count)
+    deviations = motion.deviations(samples.t, 2)
+    width = _cell_width(samples, min(band, ERROR_BAND_FACTOR * error_band(deviations)), count)
     if method in FILTERED_METHODS:
         errors, cells = None, FILTERED_METHODS[method](robot, motion, samples, terms, width, band)
     else:
         place = number_cells(samples.t, width)
-        errors = find_acceleration_errors(robot, motion, samples.t, place, terms, columns)
+        errors = find_acceleration_errors(robot, motion, samples.t, place, terms, columns, deviations)
         cells = average_forces(robot, motion, samples, model[used], terms, place)
     return IdentificationProblem(
         robot, motion, terms, sought, base, given, used, samples, model, band, width, cells, errors

@@ -21,9 +21,13 @@ MIN_CORRELATION_TIMES = 4.0  # in a log: noise that is slower shows in its halve
 MIN_HALF_SHARE = 0.01  # of the variance in which halves differ, for a direction: less are known from one half alone
 
 
-def noise_spectra(Z: np.ndarray, rest: np.ndarray, least: np.ndarray) -> np.ndarray:
-    """Spectra (C, nv), at least `least`, of noise that leaves residuals (C, nv) next to orthonormal columns Z."""
-    leverage = (np.abs(np.fft.fft(Z, axis=0, norm="ortho")) ** 2).sum(axis=-1)
+def leverages(Z: np.ndarray) -> np.ndarray:
+    """The share (C, nv) of each frequency of each force that a fit with orthonormal columns Z (C, nv, P) takes."""
+    return np.asarray((np.abs(np.fft.fft(Z, axis=0, norm="ortho")) ** 2).sum(axis=-1))
+
+
+def noise_spectra(leverage: np.ndarray, rest: np.ndarray, least: np.ndarray) -> np.ndarray:
+    """Spectra (C, nv), at least `least`, of noise of which a fit with leverages (C, nv) leaves residuals (C, nv)."""
     free = (1 - leverage).clip(0)  # what the fit leaves of each frequency
     power = np.abs(np.fft.fft(rest, axis=0, norm="ortho")) ** 2
     shape = np.stack([_noise_shape(*of_force) for of_force in zip(power.T, free.T, strict=True)], axis=1)
@@ -37,9 +41,8 @@ def noise_spectra(Z: np.ndarray, rest: np.ndarray, least: np.ndarray) -> np.ndar
     return np.asarray(np.maximum(level * shape, least))
 
 
-def band_means(Z: np.ndarray, spectra: np.ndarray) -> np.ndarray:
-    """Means (nv,) of spectra (C, nv), where the columns Z have their power."""
-    leverage = (np.abs(np.fft.fft(Z, axis=0, norm="ortho")) ** 2).sum(axis=-1)
+def band_means(leverage: np.ndarray, spectra: np.ndarray) -> np.ndarray:
+    """Means (nv,) of spectra (C, nv), where the columns of a fit have their power, by its leverages (C, nv)."""
     total = leverage.sum(axis=0)
     return np.divide((leverage * spectra).sum(axis=0), total, out=spectra.mean(axis=0), where=total > 0)
 

@@ -1,13 +1,11 @@
 """Identification of a payload from a log with it, and one without it or the robot as it was identified."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from jounce.core.errors import JounceError, join_names, quote_value, shorten, warn
 from jounce.core.scalars import is_finite
 from jounce.core.typing import DriveTerm, DriveTerms
-from jounce.dynamics.base_parameters import transport_parameters
+from jounce.dynamics.base_parameters import LENGTH_POWERS, transport_parameters
 from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.averaging import CellAverages
@@ -36,7 +34,6 @@ TABLE = (
     ("mass", "kg"), *((f"com {axis}", "m") for axis in "xyz"),
     *((name, "kg m^2") for name in inertia.INERTIAL_PARAMETERS[4:]),
 )  # fmt: skip
-LENGTH_POWERS = np.repeat([0, 1, 2], [1, 3, 6])  # of the parameters
 LOGS = ("with the load", "without the load")
 
 
@@ -112,10 +109,7 @@ def _fit_halves(posed: IdentificationProblem) -> list[Regression]:
     """The fits of both halves of the cells."""
     half, fits = len(posed.cells.off) // 2, []
     for part in (slice(half), slice(half, None)):
-        errors = posed.errors
-        if errors is not None:
-            base = errors.base and tuple(values[part] for values in errors.base)
-            errors = replace(errors, q=errors.q[part], base=base, variances=errors.variances[part])
+        errors = posed.errors and posed.errors.part(part)
         cells = CellAverages(*(values[part] for values in vars(posed.cells).values()))
         fits.append(fit_forces(cells, posed.columns, errors, known=False))
     return fits

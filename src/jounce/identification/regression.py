@@ -24,7 +24,15 @@ import numpy as np
 
 from jounce.identification.acceleration_errors import AccelerationErrors
 from jounce.identification.averaging import CellAverages
-from jounce.identification.noise_spectra import band_means, gradient, gram, half_scatter, noise_spectra, spectral_gram
+from jounce.identification.noise_spectra import (
+    band_means,
+    gradient,
+    gram,
+    half_scatter,
+    leverages,
+    noise_spectra,
+    spectral_gram,
+)
 
 INFORMATION_RANK_TOLERANCE = 1e-12  # of eigenvalues of the scaled information to the largest: smaller ones are rounding
 NULL_SPACE_TOLERANCE = 1e-8  # squared share of directions without information in a parameter: below, it is rounding
@@ -69,10 +77,10 @@ class Equations:
         """Which forces (nv,) are measured at all."""
         return np.asarray((self.counts > 0).any(axis=0))
 
-    def thin(self, step: int) -> "Equations":
-        """Those of every cell of number 0, step, 2 step, ..."""
-        arrays = {name: getattr(self, name)[::step] for name in ("Y", "off", "model", "counts", "spread")}
-        return replace(self, **arrays, errors=self.errors and self.errors.thin(step))
+    def part(self, cells: slice) -> "Equations":
+        """Those of some of the cells."""
+        arrays = {name: getattr(self, name)[cells] for name in ("Y", "off", "model", "counts", "spread")}
+        return replace(self, **arrays, errors=self.errors and self.errors.part(cells))
 
     def mean_square(self, values: np.ndarray) -> np.ndarray:
         """Mean squares (nv,) of averages over cells, of one sample each."""
@@ -103,14 +111,14 @@ class WhiteRows:
 
 
 def fit_forces(cells: CellAverages, columns: np.ndarray, errors: AccelerationErrors | None, known: bool) -> Regression:
-    """FittedCorrections corrections of the parameters of some columns (P,) to the forces of cells.
+    """Fit corrections of the parameters of some columns (P,) to the forces of cells.
 
     If the variances are `known`, the counts of the cells are their sums of inverse variances.
     """
     equations = _equations(cells, columns, errors, known)
     starts = list(_starts(equations))
     if len(starts) > 1:
-        few = equations.thin(max(1, len(cells.off) // MAX_COMPETING_CELLS))
+        few = equations.part(slice(None, None, max(1, len(cells.off) // MAX_COMPETING_CELLS)))
         starts = [min((_iterate(few, start) for start in starts), key=lambda fit: _score(few, fit))]
     return _estimate(equations, _iterate(equations, *starts))
 
@@ -137,7 +145,8 @@ def _starts(equations: Equations) -> Iterator[FittedCorrections]:
     yield model
     if n:
         plain = replace(equations, errors=None)
-        x = _step(_whiten(plain, replace(model, factors=np.zeros(0))))
+        rows = _whiten(plain, replace(model, factors=np.zeros(0)))
+        x = _step(rows, informed_directions(gram(rows.Z, rows.Z))[0])
         yield replace(model, x=x)
         if not equations.known:
             yield replace(model, x=x, noise=np.maximum(MIN_NOISE_SHARE * left, equations.least))
@@ -149,11 +158,12 @@ def _iterate(equations: Equations, fit: FittedCorrections) -> FittedCorrections:
     for _ in range(MAX_REWEIGHTINGS):
         # the parameters, at the errors of the motion that residuals tell
         rows = _whiten(equations, fit)
-        step = _step(rows)
+        X = informed_directions(gram(rows.Z, rows.Z))[0]
+        step = _step(rows, X)
         settled = np.linalg.norm(rows.Z @ step) < STEP_TOLERANCE
         x = fit.x + step
         # variances: those of the residuals over what is expected of them, until they reproduce themselves
-        ratios = _variance_ratios(rows, rows.rest - rows.Y @ step)
+        ratios = _variance_ratios(rows, X, rows.rest - rows.Y @ step)
         noise, factors = fit.noise, (fit.factors * ratios[len(measured) :]).clip(1.0, MAX_VARIANCE_FACTOR)
         if not equations.known:
             left = equations.mean_square(equations.off - equations.Y @ x)
@@ -195,15 +205,14 @@ def _whiten(equations: Equations, fit: FittedCorrections) -> WhiteRows:
     )  # fmt: skip
 
 
-def _step(rows: WhiteRows) -> np.ndarray:
-    """The corrections (P,) that leave nothing of the residuals along Z, of directions with information."""
-    X = informed_directions(gram(rows.Z, rows.Z))[0]
+def _step(rows: WhiteRows, X: np.ndarray) -> np.ndarray:
+    """The corrections (P,) that leave nothing of the residuals along Z, of directions X with information."""
     return np.asarray(X @ np.linalg.solve(X.T @ gram(rows.Z, rows.Y) @ X, X.T @ gradient(rows.Z, rows.rest)))
 
 
-def _variance_ratios(rows: WhiteRows, rest: np.ndarray) -> np.ndarray:
+def _variance_ratios(rows: WhiteRows, X: np.ndarray, rest: np.ndarray) -> np.ndarray:
     """How many times as large the parts (nv + n,) of the covariances are as those that whiten, by the residuals."""
-    orthonormal = rows.Z @ informed_directions(gram(rows.Z, rows.Z))[0]
+    orthonormal = rows.Z @ X
     found = ((rows.parts.mT @ rest[..., None])[..., 0] ** 2).sum(axis=0)
     taken = ((orthonormal.mT @ rows.parts) ** 2).sum(axis=(0, 1))
     expected = (rows.parts**2).sum(axis=(0, 1)) - taken
@@ -223,7 +232,8 @@ def _estimate(equations: Equations, fit: FittedCorrections) -> Regression:
     information = gram(rows.Z, rows.Z)
     X, values, blind = informed_directions(information)
     Z = rows.Z @ X
-    spectra = np.ones(rows.rest.shape) if equations.known else noise_spectra(Z, rows.rest, equations.least / fit.noise)
+    h, least = leverages(Z), equations.least / fit.noise
+    spectra = np.ones(rows.rest.shape) if equations.known else noise_spectra(h, rows.rest, least)
     size = half_scatter(Z, rows.rest, spectra)
     # the sandwich B^-1 F B^-T, with the noise's spectrum between the regressor's
     inverse = np.linalg.inv(X.T @ gram(rows.Z, rows.Y) @ X)
@@ -231,7 +241,7 @@ def _estimate(equations: Equations, fit: FittedCorrections) -> Regression:
     covariance = X @ of_directions @ X.T
     covariance[blind, blind] = np.inf
     dual = information @ X  # of which the products with X are 0 and 1
-    noise = fit.noise * size * band_means(Z, spectra)
+    noise = fit.noise * size * band_means(h, spectra)
     average = np.where(equations.measured, equations.counts.mean(axis=0), 0.0)
     own = np.divide(noise, equations.counts, out=np.full(there.shape, np.inf), where=there)
     return Regression(

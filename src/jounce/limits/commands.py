@@ -71,16 +71,17 @@ def take_differences(b: LimitedMotion, start: np.ndarray | None = None) -> Comma
         )
     period, order = 1 / commands.rate, commands.differences
     first = commands.q[:1] if start is None else start[None]
-    rates = [np.concatenate([first, commands.q, np.repeat(commands.q[-1:], order, axis=0)])]
-    for _ in range(order + 1):
-        rates.append(np.diff(rates[-1], axis=0, prepend=rates[-1][:1]) / period)
+    held = np.concatenate([first, commands.q, np.repeat(commands.q[-1:], order, axis=0)])
+    rates = _take_rates(held, period, order + 1)
     t = np.append(commands.t, commands.t[-1] + period * np.arange(1, order + 1))
     within = np.append(t[0], t).clip(b.motion.start, b.motion.stop)  # as the world is then that the robot meets
     near, forces, gravity = continue_positions(b.robot, b.motion, within), [], []
     if any(LIMIT_KINDS[kind].force for kind in b.kinds):
         states = MotionStates(tuple(rates[:3]), b.motion.wrench(within, 0), None, near)
         Q, G = compute_at_speed(b.robot, states, b.efforts, 0), compute_gravity(b.robot, states, 0)
-        forces, gravity = (_take_force_rates(scatter_columns(m, x, b.efforts)[0], period) for x in (Q, G))
+        forces, gravity = (
+            _take_rates(scatter_columns(m, x, b.efforts)[0], period, len(EFFORT_KINDS) - 1) for x in (Q, G)
+        )
     notes = [f"differences of commands at {commands.rate:.6g} Hz: {join_names(DIFFERENCE_NAMES[1 : order + 1])}"]
     joints = joint_rates(b.robot, rates, near, b.follow)
     values = limited_values(b.limits, joints[: order + 1], forces, gravity)
@@ -99,10 +100,10 @@ def take_differences(b: LimitedMotion, start: np.ndarray | None = None) -> Comma
     return CommandDifferences(judged, commands, t, joints, values, tuple(notes))
 
 
-def _take_force_rates(Q: np.ndarray, period: float) -> list[np.ndarray]:
-    """Q and its differences, which begin at the rest before the first command."""
-    found = [Q]
-    for _ in EFFORT_KINDS[1:]:
+def _take_rates(values: np.ndarray, period: float, count: int) -> list[np.ndarray]:
+    """Values (N, k) and `count` differences, which begin at the rest before the first command."""
+    found = [values]
+    for _ in range(count):
         found.append(np.diff(found[-1], axis=0, prepend=found[-1][:1]) / period)
     return found
 
@@ -115,7 +116,7 @@ def _stated_torque_rates(
     stated = b.motion.torques[1]
     more = len(next(iter(values.values()))) - 1 - len(stated)
     whole = np.concatenate([rest[None], stated, np.repeat(stated[-1:], more, axis=0)])
-    rates = dict(zip(EFFORT_KINDS, _take_force_rates(whole, period), strict=True))
+    rates = dict(zip(EFFORT_KINDS, _take_rates(whole, period, len(EFFORT_KINDS) - 1), strict=True))
     return {
         kind: np.where(np.isnan(rates[kind]), values[kind], rates[kind]) for kind in EFFORT_KINDS[1:] if kind in values
     }
