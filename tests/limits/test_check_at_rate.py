@@ -116,6 +116,16 @@ def test_differences_decide_which_limits_are_judged(plan):
     assert notes[1] == "limits of jerk, effort rate are not judged by differences up to order 2"
 
 
+def test_a_verdict_by_differences_says_which_limits_it_does_not_cover():
+    """Jerk needs a third difference: two decide nothing on it, however small its limit is."""
+    arm = jounce.load("planar2r").with_limits(velocity=3, jerk=0.01)
+    commands = jounce.Motion.polynomial([[0, 2], [0, 0.5]], duration=1.0).sampled(1000, 2)
+    found = arm.check(commands)
+    assert (found.judged, found.words) == ({"velocity": 1, "jerk": 0}, "every limit is kept; not judged: jerk")
+    assert repr(arm.explain(commands, rate=1000, differences=2)) == f"<Explanation: {found.words}>"
+    assert "not judged" not in arm.check(commands, rate=1000).words
+
+
 def test_torques_of_a_table_of_commands_are_judged_as_they_are():
     """Joints without a column have the torques of the model; the first torque follows the rest before it."""
     t = np.arange(100) / 1000

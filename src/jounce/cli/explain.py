@@ -54,7 +54,9 @@ def explain(
 
 
 def _format_summary(summary: dict[str, Any]) -> str:
-    trips, (head, first) = summary["trips"], ("every limit is kept", [])
+    from jounce.limits.verdicts import describe_verdict
+
+    trips, (head, first) = summary["trips"], (describe_verdict((), summary["judged"]), [])
     if trips:
         one = trips[0]
         head = f"the {one['limit']} of {one['joint']} is broken at {1e3 * one['t']:.6g} ms: {one['words']}"

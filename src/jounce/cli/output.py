@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from math import isfinite
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -29,16 +30,22 @@ def check_distinct(output: Path, *sources: Path | None) -> None:
 
 def print_summary(data: Any, in_words: Callable[[Any], str], as_json: bool) -> None:
     """Print plain data, as JSON or as text."""
-    click.echo(json.dumps(data, indent=2) if as_json else in_words(_escape_strings(data)))
+    if as_json:
+        click.echo(json.dumps(_map_leaves(_null_if_infinite, data), indent=2))
+    else:
+        click.echo(in_words(_map_leaves(lambda x: escape_text(x) if isinstance(x, str) else x, data)))
 
 
-def _escape_strings(data: Any) -> Any:
-    """Escape control characters in the strings of data, whatever their source."""
+def _map_leaves(change: Callable[[Any], Any], data: Any) -> Any:
+    """Change the names, strings and numbers of plain data, whatever their source."""
     if isinstance(data, dict):
-        return {_escape_strings(name): _escape_strings(value) for name, value in data.items()}
-    if isinstance(data, list | tuple):
-        return [_escape_strings(item) for item in data]
-    return escape_text(data) if isinstance(data, str) else data
+        return {change(name): _map_leaves(change, value) for name, value in data.items()}
+    return [_map_leaves(change, item) for item in data] if isinstance(data, list | tuple) else change(data)
+
+
+def _null_if_infinite(x: Any) -> Any:
+    """None for a number that JSON does not have: infinity, or none at all."""
+    return None if isinstance(x, float) and not isfinite(x) else x
 
 
 def align_columns(rows: list[tuple[str, ...]]) -> list[str]:

@@ -116,7 +116,8 @@ class Check(HtmlDisplay):
     judged : mapping of str to float
         By kind of limit, the share of time from 0 to 1 in which each joint is known to keep or break it: 1 for motions
         that are exact. Towards the ends of measured samples rates are uncertain; there a limit counts as kept or broken
-        where the value lies two standard deviations or more from it.
+        where the value lies two standard deviations or more from it. 0 for kinds that are stated and not judged, as of
+        motors where joints are rigid, or beyond the differences that a controller takes.
 
     Examples
     --------
@@ -144,7 +145,7 @@ class Check(HtmlDisplay):
 
     @property
     def ok(self) -> bool:
-        """Whether every limit is kept all the time; False where that is undecided."""
+        """Whether every limit of the table is kept all the time; False where that is undecided."""
         return self.verdict == "kept"
 
     @property
@@ -165,7 +166,7 @@ def check(robot: Engine, motion: object) -> Check:
         worst = differences.worst()
         table = _build_table(differences.b, worst, {}, _copy_worst(worst))
         notes = (*differences.notes, *describe_omissions(b, ()))
-        return Check(table, (), notes, dict.fromkeys(differences.b.kinds, 1.0))
+        return Check(table, (), notes, differences.judged)
     worst = Worst(b)
     for pieces in split_motion(b):
         worst.take(pieces)
@@ -236,8 +237,8 @@ def _build_table(
 
 
 def _judged_shares(b: LimitedMotion, undecided: Spans) -> dict[str, float]:
-    """The share of time in which each kind is decided for all joints."""
-    shares = {}
+    """The share of time in which each kind is decided for all joints, 0 for those that nothing is checked against."""
+    shares = dict.fromkeys(b.limits.kinds, 0.0)
     for kind in b.kinds:
         spans = join_spans([span for (of, _), found in undecided.items() if of == kind for span in found])
         shares[kind] = 1 - sum(stop - start for start, stop in spans) / (b.motion.duration or 1)

@@ -54,6 +54,11 @@ class CommandDifferences:
                 found.take_values(kind, sign, self.t, sign * values, self.beyond(kind, sign))
         return found
 
+    @property
+    def judged(self) -> dict[str, float]:
+        """1 for each kind of limit that differences judge, 0 for the others that the robot states."""
+        return {kind: float(kind in self.b.kinds) for kind in self.b.limits.kinds}
+
     def beyond(self, kind: str, sign: int) -> np.ndarray:
         """Which values (N, joints) are beyond the bound of a sign."""
         return np.asarray(sign * self.values[kind] > self.b.scales[kind].tolerant(sign))

@@ -19,6 +19,7 @@ from jounce.limits.ratios import SIGNS
 from jounce.limits.retime import retime
 from jounce.limits.slowdown import slowdown
 from jounce.limits.validation import validate_limits
+from jounce.limits.verdicts import describe_verdict
 from jounce.limits.worst_values import find_runs
 from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, describe_kind
 from jounce.motion.commands import LATE_PERIODS
@@ -109,6 +110,8 @@ class Explanation(HtmlDisplay):
         What `slowdown` and `retime` do about it; none where the plan is not the cause.
     notes, unpredicted : tuple of str
         How the motion was judged, and what is not predicted.
+    judged : mapping of str to float
+        By kind of limit that is stated, 1 where differences judge it, else 0, as of `Check`.
 
     Examples
     --------
@@ -122,10 +125,11 @@ class Explanation(HtmlDisplay):
     cures: tuple[Cure, ...]
     notes: tuple[str, ...]
     unpredicted: tuple[str, ...]
+    judged: Mapping[str, float]
 
     def __repr__(self) -> str:
         if not self.trips:
-            return "<Explanation: every limit is kept>"
+            return f"<Explanation: {describe_verdict((), self.judged)}>"
         first = self.trips[0]
         return (
             f"<Explanation: limits are broken at {len(self.trips)} moments, first at t = {first.t:g} s: {first.words}>"
@@ -154,7 +158,7 @@ def explain(
     if b.motion.torques is None:
         unpredicted.append("torques of feedback: --torques (torques=) reads those that a table of commands states")
     cures = [_try_cure(b, method, rate, differences) for method in ("slowdown", "retime") if trips and not others]
-    return Explanation(trips, tuple(cures), tuple(notes), tuple(unpredicted))
+    return Explanation(trips, tuple(cures), tuple(notes), tuple(unpredicted), d.judged)
 
 
 def _find_moments(d: CommandDifferences) -> list[tuple[int, int]]:

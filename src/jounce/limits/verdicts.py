@@ -30,13 +30,15 @@ def describe_verdict(verdicts: Sequence[Verdict], judged: Mapping[str, float]) -
 
 
 def describe_judged(judged: Mapping[str, float], subject: str = "judged") -> list[str]:
-    """The shares of time that are judged, by kind, where they are not all of it."""
+    """The shares of time that are judged, by kind, where they are not all of it, and the kinds that are not judged."""
     partly = [
         f"{floor(1e4 * share) / 1e4:.2%} of the time for {kind.replace('_', ' ')}"
         for kind, share in judged.items()
-        if share < 1
+        if 0 < share < 1
     ]
-    return [f"{subject}: {join_names(partly)}"] if partly else []
+    never = [kind.replace("_", " ") for kind, share in judged.items() if not share]
+    words = {subject: partly, "not judged": never}
+    return [f"{title}: {join_names(names)}" for title, names in words.items() if names]
 
 
 def join_spans(spans: Iterable[Sequence[float]]) -> tuple[Span, ...]:
