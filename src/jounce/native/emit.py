@@ -9,7 +9,6 @@ from jounce.native.pieces import vector_calls
 from jounce.program.program import Program
 
 MAX_STEPS_COMPILED_TWICE = 6000  # for vectors and for one state: each compiles in some tenths of a second
-STEPS_PER_BRANCH = 4000  # as the time that LLVM takes for code without a branch grows faster than its length
 
 
 @dataclass(frozen=True)
