@@ -1,7 +1,7 @@
 """Momenta and energies."""
 
 from jounce.dynamics import closed_form, drive_terms
-from jounce.dynamics.quantities.row import column_width, quantity, row_vector, scalar
+from jounce.dynamics.quantities.row import quantity, row_vector, scalar
 from jounce.dynamics.recursion import matrices, momenta
 from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism
@@ -15,7 +15,6 @@ class Momenta:
         symbol="h",
         rates=2,
         shape=(6,),
-        width=column_width,
         closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).h),
         unit="kg m^2/s and kg m/s",
         caption="spatial momentum",
@@ -40,7 +39,6 @@ class Momenta:
         symbol="hG",
         rates=2,
         shape=(6,),
-        width=column_width,
         closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).hG),
         unit="kg m^2/s and kg m/s",
         caption="centroidal momentum",
@@ -104,7 +102,6 @@ class Momenta:
         symbol="c",
         rates=1,
         shape=(3,),
-        width=column_width,
         closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).c),
         unit="m",
         caption="centre of mass",
@@ -131,7 +128,6 @@ class Momenta:
         symbol="p",
         rates=2,
         shape=("nv",),
-        width=column_width,
         closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).p),
         drive_terms=("armature",),
         drive_law=lambda m, x: row_vector(drive_terms.armature_matrix(m) @ x.q.dot),
@@ -156,7 +152,6 @@ class Momenta:
         symbol="T",
         rates=2,
         shape=(),
-        width=column_width,
         closed_form=lambda m, x: scalar(closed_form.evaluate_state(m, x).T),
         drive_terms=("armature",),
         drive_law=lambda m, x: scalar(x.q.dot.mT @ (drive_terms.armature_matrix(m) @ x.q.dot) * 0.5),
@@ -181,7 +176,6 @@ class Momenta:
         symbol="U",
         rates=1,
         shape=(),
-        width=column_width,
         closed_form=lambda m, x: scalar(closed_form.evaluate_state(m, x).U),
         drive_terms=("spring",),
         drive_law=lambda m, x: scalar(drive_terms.spring_energy(m, x.q)),

@@ -9,7 +9,7 @@ from jounce.dynamics.joint_springs import NO_INPUTS, elasticity_of, with_stiffne
 from jounce.dynamics.quantities.forces import Forces
 from jounce.dynamics.quantities.forward import Forward
 from jounce.dynamics.quantities.matrices import Matrices
-from jounce.dynamics.quantities.row import column_width, quantity, row_vector
+from jounce.dynamics.quantities.row import quantity, row_vector
 from jounce.dynamics.state import State
 from jounce.model.drives import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
@@ -61,7 +61,6 @@ class Motors:
     @_motor_quantity(
         symbol="theta",
         rates=3,
-        width=column_width,
         unit="rad or, for coordinates in m, m",
         caption="motor positions",
         meaning="theta = q + K^-1 Q: positions of the motors behind elastic joints.",
@@ -89,7 +88,6 @@ class Motors:
     @_motor_quantity(
         symbol="tau",
         rates=5,
-        width=column_width,
         unit="N m or, for coordinates in m, N",
         caption="motor torques",
         meaning="tau = Q + B theta2d + F_m(thetad): torques of the motors behind elastic joints.",
@@ -123,7 +121,6 @@ class Motors:
         symbol="theta",
         results=("theta", "thetad", "tau"),
         rates=5,
-        width=column_width,
         unit="rad, rad/s and N m or, for coordinates in m, m, m/s and N",
         caption="motor positions, velocities and torques",
         meaning="theta = q + K^-1 Q, thetad and tau = Q + B theta2d + F_m(thetad): what the motors do.",
@@ -154,7 +151,6 @@ class Motors:
         symbol="i",
         rates=5,
         obstacle=electrical.current_obstacle,
-        width=column_width,
         unit="A",
         caption="motor currents",
         meaning="i = tau / (r k): currents of the motors, with gear ratios r and torque constants k.",
@@ -186,7 +182,6 @@ class Motors:
         rates=5,
         inductive=True,
         obstacle=electrical.voltage_obstacle,
-        width=column_width,
         unit="V",
         caption="motor voltages",
         meaning="u = R i + L di/dt + k r thetad: voltages of the motors.",
