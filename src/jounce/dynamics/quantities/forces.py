@@ -59,7 +59,6 @@ class Forces:
         paper=lambda m, x: row_vector(equations.gravity_forces(m, x)),
         sweep=forces.RESTING_SWEEP,
         unit="N m or, for coordinates in m, N",
-        caption="gravity forces",
         meaning="Qgrav = dU/dq: the forces that hold the robot up against gravity.",
         tex=r"Q_{\mathrm{grav}} = \partial U / \partial q",
         tex_symbol=r"Q_{\mathrm{grav}}",

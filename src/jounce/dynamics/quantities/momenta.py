@@ -41,7 +41,6 @@ class Momenta:
         shape=(6,),
         closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).hG),
         unit="kg m^2/s and kg m/s",
-        caption="centroidal momentum",
         meaning="hG: the momentum (angular; linear) of the bodies about their centre of mass, in inertial axes.",
         tex=r"h_G = (k - c \times l;\ l), \quad h = (k; l)",
         tex_symbol="h_{G}",
@@ -72,7 +71,6 @@ class Momenta:
         shape=(6, "nv"),
         closed_form=lambda m, x: closed_form.evaluate_state(m, x).AG,
         unit="kg m^2, kg m or kg",
-        caption="centroidal momentum matrix",
         meaning="AG(q): the centroidal momentum matrix, hG = AG qd.",
         tex=r"A_G = \partial h_G / \partial \dot{q}",
         tex_symbol="A_{G}",
@@ -132,7 +130,6 @@ class Momenta:
         drive_terms=("armature",),
         drive_law=lambda m, x: row_vector(drive_terms.armature_matrix(m) @ x.q.dot),
         unit="N m s or, for coordinates in m, N s",
-        caption="generalized momentum",
         meaning="p = M qd: the generalized momentum.",
         tex=r"p = M\,\dot{q}",
     )
@@ -156,7 +153,6 @@ class Momenta:
         drive_terms=("armature",),
         drive_law=lambda m, x: scalar(x.q.dot.mT @ (drive_terms.armature_matrix(m) @ x.q.dot) * 0.5),
         unit="J",
-        caption="kinetic energy",
         meaning="T = 1/2 qd . M qd: the kinetic energy.",
         tex=r"T = \tfrac{1}{2}\,\dot{q}^T M\,\dot{q}",
     )
@@ -180,7 +176,6 @@ class Momenta:
         drive_terms=("spring",),
         drive_law=lambda m, x: scalar(drive_terms.spring_energy(m, x.q)),
         unit="J",
-        caption="potential energy",
         meaning="U(q): the potential energy, zero where all masses are at the height of the inertial origin.",
         tex=r"U = -\sum_i m_i\, g \cdot c_i",
     )

@@ -29,7 +29,7 @@ class Quantity:
     symbol: str  # names of results: Q, Qd, Q2d
     first_rate: int = 0  # of the symbol, which the quantity itself is: 2 of accelerations
     unit: str
-    caption: str  # a noun phrase
+    caption: str  # a noun phrase, by default its name in words
     meaning: str  # a sentence for the head of generated code
     tex: str
     tex_symbol: str = ""  # where it is not printed as it is named; one index at most, in braces
@@ -135,7 +135,9 @@ def quantity(*, closed_form: Law | None = None, paper: Law | None = None, **fiel
             methods["closed_form"] = dense_law
         if paper is not None:
             methods["paper"] = paper
-        return Quantity(name=recursion.__name__, text=cleandoc(recursion.__doc__), methods=methods, **fields)
+        name = recursion.__name__
+        fields.setdefault("caption", name.replace("_", " "))
+        return Quantity(name=name, text=cleandoc(recursion.__doc__), methods=methods, **fields)
 
     return row
 
