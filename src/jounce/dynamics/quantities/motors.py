@@ -15,7 +15,7 @@ from jounce.model.drives import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
-_motor_quantity = partial(quantity, elastic=True, shape=("n",), drive_terms=DRIVE_TERMS)
+_motor_quantity = partial(quantity, elastic=True, shape=("n",), rates=5, wrench_rates=3, drive_terms=DRIVE_TERMS)
 
 
 def _motor_motion(method: str, m: Mechanism, x: State) -> tuple[Series, Callable[[], Series]]:
@@ -30,37 +30,13 @@ def _motor_motion(method: str, m: Mechanism, x: State) -> tuple[Series, Callable
     return row_vector(theta), lambda: row_vector(elastic.motor_torques(m, x.q, theta, phi))
 
 
-def _accelerations(method: str, m: Mechanism, x: State) -> Series:
-    """q2d and theta2d of links and motors, which the forces of the springs couple, or the inertia of the whole too."""
-    theta, thetad, tau = x.motors.upto(2)
-    Q, phi, drive = elastic.plant_forces(m, x.q, Series.of([theta, thetad]), tau)
-    e = elasticity_of(m)
-    if e.level is not None and e.motors:
-        q, motors = (Series.of([*rates, 0 * rates[0]]) for rates in (x.q.upto(1), (theta, thetad)))
-        W = coupling.reaction_wrenches(m, q, motors)
-        still = replace(x, q=q, W=W if x.W is None else W + x.W)
-        M, bias = (row.law(method, m)(m, still)[0] for row in (Matrices.mass_matrix, Forces.inverse_dynamics))
-        return row_vector(Series.of(coupling.accelerations(m, q, M, phi - bias[..., None], drive - phi)))
-    plant = elastic.with_rigid_rotors(m)
-    q2d = Forward.forward_dynamics.law(method, plant)(plant, replace(x, Q=Series.of([Q])))[0][..., None]
-    return row_vector(Series.of([q2d, elastic.rotor_accelerations(m, q2d, drive - phi)]))
-
-
-def _linearizing_torques(method: str, m: Mechanism, x: State) -> Series:
-    """tau that makes q4d what is given; q2d and q3d follow from the forces of the springs."""
-    theta, thetad, q4d = x.motors.upto(2)
-    Q = elastic.spring_forces(m, x.q, Series.of([theta, thetad]))
-    found = Forward.forward_dynamics.law(method, m)(m, replace(x, Q=Q))
-    q = Series.of([*x.q.upto(1), *(x[..., None] for x in found.upto(1)), q4d])
-    return _motor_motion(method, m, replace(x, q=q))[1]()
-
-
 class Motors:
     """Rows of motors."""
 
     @_motor_quantity(
         symbol="theta",
         rates=3,
+        wrench_rates=1,
         unit="rad or, for coordinates in m, m",
         meaning="theta = q + K^-1 Q: positions of the motors behind elastic joints.",
         tex=r"\theta = q + K^{-1} Q",
@@ -86,12 +62,10 @@ class Motors:
 
     @_motor_quantity(
         symbol="tau",
-        rates=5,
         unit="N m or, for coordinates in m, N",
         meaning="tau = Q + B theta2d + F_m(thetad): torques of the motors behind elastic joints.",
         tex=r"\tau = Q + B\,\ddot{\theta} + F_m(\dot{\theta})",
         tex_symbol=r"\tau",
-        wrench_rates=3,
         wrench_term="J^T W, and B K^-1 times its second derivative",
         wrench_tex=r"J^T W + B K^{-1} \tfrac{d^2}{dt^2}(J^T W)",
     )
@@ -118,13 +92,11 @@ class Motors:
     @_motor_quantity(
         symbol="theta",
         results=("theta", "thetad", "tau"),
-        rates=5,
         unit="rad, rad/s and N m or, for coordinates in m, m, m/s and N",
         caption="motor positions, velocities and torques",
         meaning="theta = q + K^-1 Q, thetad and tau = Q + B theta2d + F_m(thetad): what the motors do.",
         tex=r"\theta = q + K^{-1} Q,\quad \dot{\theta},\quad \tau = Q + B\,\ddot{\theta} + F_m(\dot{\theta})",
         tex_symbol=r"(\theta,\ \dot{\theta},\ \tau)",
-        wrench_rates=3,
         wrench_term="K^-1 J^T W to theta, and what they add to thetad and tau",
         wrench_tex=r"K^{-1} J^T W",
     )
@@ -147,12 +119,10 @@ class Motors:
 
     @_motor_quantity(
         symbol="i",
-        rates=5,
         obstacle=electrical.current_obstacle,
         unit="A",
         meaning="i = tau / (r k): currents of the motors, with gear ratios r and torque constants k.",
         tex=r"i = \tau / (r k)",
-        wrench_rates=3,
         wrench_term="what they add to tau, over r k",
         wrench_tex=r"\tau(W) / (r k)",
         returns="NaN for motors that state no torque constant.",
@@ -176,13 +146,11 @@ class Motors:
 
     @_motor_quantity(
         symbol="u",
-        rates=5,
         inductive=True,
         obstacle=electrical.voltage_obstacle,
         unit="V",
         meaning="u = R i + L di/dt + k r thetad: voltages of the motors.",
         tex=r"u = R\,i + L\,\dot{i} + k r\,\dot{\theta}",
-        wrench_rates=3,
         wrench_term="what they add",
         wrench_tex="u(W)",
         returns="NaN for motors that state no torque constant or no resistance.",
@@ -208,7 +176,7 @@ class Motors:
     @_motor_quantity(
         symbol="q",
         results=("q2d", "theta2d"),
-        rates=5,
+        wrench_rates=1,
         inputs=("q", "qd", "theta", "thetad", "tau"),
         unit="rad/s^2 or, for coordinates in m, m/s^2",
         caption="accelerations of links and motors",
@@ -235,12 +203,22 @@ class Motors:
         >>> theta2d.round(9) + 0.0
         array([1., 0.])
         """
-        return _accelerations(method, m, x)
+        theta, thetad, tau = x.motors.upto(2)
+        Q, phi, drive = elastic.plant_forces(m, x.q, Series.of([theta, thetad]), tau)
+        e = elasticity_of(m)
+        if e.level is not None and e.motors:
+            q, motors = (Series.of([*rates, 0 * rates[0]]) for rates in (x.q.upto(1), (theta, thetad)))
+            W = coupling.reaction_wrenches(m, q, motors)
+            still = replace(x, q=q, W=W if x.W is None else W + x.W)
+            M, bias = (row.law(method, m)(m, still)[0] for row in (Matrices.mass_matrix, Forces.inverse_dynamics))
+            return row_vector(Series.of(coupling.accelerations(m, q, M, phi - bias[..., None], drive - phi)))
+        plant = elastic.with_rigid_rotors(m)
+        q2d = Forward.forward_dynamics.law(method, plant)(plant, replace(x, Q=Series.of([Q])))[0][..., None]
+        return row_vector(Series.of([q2d, elastic.rotor_accelerations(m, q2d, drive - phi)]))
 
     @_motor_quantity(
         symbol="tau",
         results=("tau",),
-        rates=5,
         inputs=("q", "qd", "theta", "thetad", "q4d"),
         obstacle=elastic.linearization_obstacle,
         unit="N m or, for coordinates in m, N",
@@ -249,7 +227,6 @@ class Motors:
         tex=r"\tau = \tau(q, \dot{q}, \ddot{q}, q^{(3)}, q^{(4)}),\quad M\,\ddot{q}"
         r" = K (\theta - q) - C\,\dot{q} - Q_{\mathrm{grav}}",
         tex_symbol=r"\tau",
-        wrench_rates=3,
         wrench_term="what they add to tau",
         wrench_tex=r"\tau(W)",
         raises="a joint is rigid",
@@ -274,4 +251,8 @@ class Motors:
         >>> arm.feedback_linearization(rest, rest, theta, rest, [0, 0]).round(9)
         array([29.43,  9.81])
         """
-        return _linearizing_torques(method, m, x)
+        theta, thetad, q4d = x.motors.upto(2)
+        Q = elastic.spring_forces(m, x.q, Series.of([theta, thetad]))
+        found = Forward.forward_dynamics.law(method, m)(m, replace(x, Q=Q))
+        q = Series.of([*x.q.upto(1), *(x[..., None] for x in found.upto(1)), q4d])
+        return _motor_motion(method, m, replace(x, q=q))[1]()
