@@ -5,7 +5,6 @@ the joints: all that a joint carries then is in a row of places, the last of whi
 places that nothing is in, which whole vectors reach into.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import accumulate
@@ -160,9 +159,5 @@ def column_layout(computation: Computation, mechanism: Mechanism) -> ColumnLayou
         return None
     if m.closure or multiscrew_joints(m) or m.acting or not np.array_equal(m.G, np.eye(len(m.joints))):
         return None
-    carriers = _carriers(m)
-    return ColumnLayout(tuple(carriers), m.floats, computation.quantity.forces)
-
-
-def _carriers(m: Mechanism) -> Sequence[int]:
-    return [m.parent[i] - m.floats if m.parent[i] >= 0 else -1 for i in m.owners]
+    carriers = tuple(m.parent[i] - m.floats if m.parent[i] >= 0 else -1 for i in m.owners)
+    return ColumnLayout(carriers, m.floats, computation.quantity.forces)

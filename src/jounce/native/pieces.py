@@ -45,11 +45,6 @@ class CutProgram:
         """The size of the memory."""
         return max(self.homes.values(), default=-1) + 1
 
-    @property
-    def traffic(self) -> int:
-        """The number of loads and stores."""
-        return len(self.loads) + len(self.homes)
-
 
 def cut_program(program: Program, registers: int, first: Sequence[int] | None = None) -> CutProgram:
     """The pieces of a program for a processor with this number of vector registers.
@@ -65,7 +60,8 @@ def cut_program(program: Program, registers: int, first: Sequence[int] | None = 
         return _cut_in_order(program, finishing, 1)
     number = round(len(finishing) / PIECE_STEPS)
     orders = [finishing] if registers > 16 else [finishing, _operations(program, range(len(program.steps)))]
-    return min((_cut_in_order(program, order, number) for order in orders), key=lambda found: found.traffic)
+    found = (_cut_in_order(program, order, number) for order in orders)
+    return min(found, key=lambda cut: len(cut.loads) + len(cut.homes))  # loads and stores
 
 
 def vector_calls(program: Program) -> dict[int, VectorFunction]:
