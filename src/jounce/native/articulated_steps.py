@@ -12,10 +12,10 @@ from jounce.core.scalars import Array
 from jounce.dynamics.recursion import articulated
 from jounce.dynamics.recursion.articulated import ArticulatedJoint
 from jounce.dynamics.recursion.joints import MovingJoint
+from jounce.native.emit import JointStep
 from jounce.native.loop_steps import (
     BASE_SIZES,
     JOINT_SIZES,
-    JointStep,
     Sheet,
     Sweeps,
     moments,

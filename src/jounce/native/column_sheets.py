@@ -7,7 +7,7 @@ import numpy as np
 from jounce.core.scalars import Array, concatenate
 from jounce.dynamics.recursion.force_partials import CarriedBodies
 from jounce.native.column_layout import BODY, WRENCH_NUMBERS
-from jounce.native.loop_steps import JointStep
+from jounce.native.emit import JointStep
 from jounce.program.passes import factor, fuse
 from jounce.program.trace import Tape
 from jounce.spatial.inertia import from_moment_matrix

@@ -19,9 +19,9 @@ from jounce.model import drives
 from jounce.model.equivalent_mechanisms import frame_shifts, minimal_mechanism
 from jounce.model.mechanism import Mechanism
 from jounce.native import memory_layout
+from jounce.native.emit import JointStep
 from jounce.native.memory_layout import VectorLayout, base_layout, body_layout, motion_layout, sweep_of
 from jounce.program.passes import factor, fuse
-from jounce.program.program import Program
 from jounce.program.trace import Tape
 from jounce.spatial import inertia
 from jounce.spatial.lie import Ad, pose, position, rotation
@@ -32,15 +32,6 @@ JOINT_SIZES = {"R": 9, "r": 3, "pitch": 1, "m": 1, "h": 3, "P": 6, "armature": 1
 DRIVE_SIZES = dict.fromkeys(drives.COEFFICIENTS, 1)  # of a joint's drive train
 BASE_SIZES = {"g": 3, "m": 1, "h": 3, "P": 6}  # gravity, and the moments of a base that floats
 CARRY_SIZES = {"R": 9, "r": 3}  # where the joint's frame lies in the body's own, in which wrenches are given
-
-
-@dataclass(frozen=True)
-class JointStep:
-    """A traced step, and where its inputs and outputs are: an offset in scalars in the memory of that name."""
-
-    program: Program
-    reads: tuple[tuple[str, int], ...]
-    writes: tuple[tuple[str, int], ...]
 
 
 class Sheet:
