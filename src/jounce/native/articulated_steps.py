@@ -22,7 +22,7 @@ from jounce.native.loop_steps import (
     screw_pitch,
     turn_about_axis,
 )
-from jounce.native.memory_layout import VectorLayout
+from jounce.native.vector_layout import VectorLayout
 from jounce.spatial import inertia
 from jounce.spatial.lie import Ad, ad, inverse, pose, wedge
 from jounce.spatial.linear import Factors
@@ -44,7 +44,7 @@ class ArticulatedSteps:
 
     def articulate(self, kind: str) -> JointStep:
         """Trace the step from the articulated inertia of a body to the share of its parent."""
-        sheet = Sheet(self.sweeps)
+        sheet = self.sweeps.sheet()
         joint, c = _moving_joint(sheet, kind)
         acting = int("armature" in self.sweeps.acting)
         own, felt = articulated.articulate(joint, _articulated_inertia(sheet, c), c["armature"] * acting)
@@ -55,7 +55,7 @@ class ArticulatedSteps:
 
     def balance(self, kind: str) -> JointStep:
         """Trace the step from the force on a joint, u, to what it leaves, and to the share of the parent in F."""
-        sheet = Sheet(self.sweeps)
+        sheet = self.sweeps.sheet()
         left, felt = _articulated_joint(sheet, kind).balance(_read(sheet, "u"), _read(sheet, "F"))
         _write(sheet, "u", left)
         sheet.write("parent", "F", sheet.read("parent", "F") + felt)
@@ -63,7 +63,7 @@ class ArticulatedSteps:
 
     def accelerate(self, kind: str) -> JointStep:
         """Trace the step from the parent's acceleration to that of the joint, in the place of u, and of the body."""
-        sheet = Sheet(self.sweeps)
+        sheet = self.sweeps.sheet()
         x, A = _articulated_joint(sheet, kind).accelerate(_read(sheet, "u"), sheet.read("parent", "A")[0])
         _write(sheet, "u", x)
         _write(sheet, "A", A)
@@ -74,7 +74,7 @@ class ArticulatedSteps:
 
         The force that is given is in the place of a parent's vectors.
         """
-        sheet = Sheet(self.sweeps, parent=FORCE_ON_BASE, carrier=self.sweeps.base_motion)
+        sheet = self.sweeps.sheet(parent=FORCE_ON_BASE, carrier=self.sweeps.base_motion)
         M = _articulated_inertia(sheet, sheet.constants(BASE_SIZES))
         n, f = (sheet.read("body", name)[self.sweeps.order] for name in ("n", "f"))
         left = sheet.read("parent", "Q")[0] - np.concatenate([n, f]) - _read(sheet, "F")

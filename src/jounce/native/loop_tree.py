@@ -18,7 +18,7 @@ from jounce.native import loop_steps
 from jounce.native.emit import pointers
 from jounce.native.ir import Writer
 from jounce.native.loop_steps import Sweeps
-from jounce.native.memory_layout import VectorLayout
+from jounce.native.vector_layout import VectorLayout
 
 GROUND_MEMORY = ("%bodies", "%bodies", "%motions")  # the body, parent and motion of the ground
 
