@@ -31,9 +31,6 @@ from jounce.spatial.series import Series
 FORCE_ON_BASE = VectorLayout((("Q", 1, 6),))  # as an input lists it
 _I = np.eye(3, dtype=int)
 _UPPER = np.triu_indices(6)  # the entries of a symmetric matrix that are kept
-_SYMMETRIC = np.zeros((6, 6), dtype=int)  # the number of each entry among these
-_SYMMETRIC[_UPPER] = range(len(_UPPER[0]))
-_SYMMETRIC.T[_UPPER] = range(len(_UPPER[0]))
 
 
 @dataclass(frozen=True)
@@ -94,7 +91,7 @@ def _articulated_joint(sheet: Sheet, kind: str) -> ArticulatedJoint:
 
 def _articulated_inertia(sheet: Sheet, c: Mapping[str, np.ndarray]) -> Array:
     """The inertia of a body and what it feels of those that it carries, (6, 6)."""
-    return inertia.from_moments(*moments(c)) + _read(sheet, "I")[_SYMMETRIC, 0]
+    return inertia.from_moments(*moments(c)) + inertia.symmetric_matrix(_read(sheet, "I")[:, 0])
 
 
 def _moving_joint(sheet: Sheet, kind: str) -> tuple[MovingJoint, Mapping[str, np.ndarray]]:

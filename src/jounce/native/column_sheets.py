@@ -9,7 +9,7 @@ from jounce.dynamics.recursion.force_partials import CarriedBodies
 from jounce.native.column_layout import BODY, WRENCH_NUMBERS
 from jounce.native.emit import JointStep
 from jounce.native.loop_steps import Sheet
-from jounce.spatial.inertia import from_moment_matrix
+from jounce.spatial.inertia import from_moment_matrix, symmetric_matrix
 from jounce.spatial.series import Series
 
 TRIANGLE = np.triu_indices(4)
@@ -76,10 +76,3 @@ class ColumnSheet(Sheet):
         [mask], zero = self.take("mask", 0, 1), self.tape.node(0)
         self.outputs = [(m, place, mask if self.tape.node(x) is zero else x) for m, place, x in self.outputs]
         return super().step()
-
-
-def symmetric_matrix(entries: np.ndarray) -> np.ndarray:
-    """A symmetric matrix from its ten entries on and above the diagonal."""
-    matrix = np.zeros((4, 4), dtype=object)
-    matrix[TRIANGLE] = matrix.T[TRIANGLE] = entries
-    return matrix

@@ -16,9 +16,9 @@ from jounce.dynamics.recursion.joints import FreeJoint, MovingJoint
 from jounce.model.equivalent_mechanisms import minimal_mechanism
 from jounce.model.mechanism import Mechanism
 from jounce.native.column_layout import BODY, PRODUCTS, ColumnLayout
-from jounce.native.column_sheets import TRIANGLE, ColumnSheet, symmetric_matrix
+from jounce.native.column_sheets import TRIANGLE, ColumnSheet
 from jounce.native.emit import JointStep
-from jounce.spatial.inertia import moment_matrix
+from jounce.spatial.inertia import moment_matrix, symmetric_matrix
 from jounce.spatial.lie import Ad, ad, inverse, pose, position, rotation, wedge
 from jounce.spatial.linear import Factors
 from jounce.spatial.series import Series

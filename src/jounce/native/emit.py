@@ -8,8 +8,6 @@ from jounce.native.ir import Writer
 from jounce.native.pieces import vector_calls
 from jounce.program.program import Program
 
-MAX_STEPS_COMPILED_TWICE = 6000  # for vectors and for one state: each compiles in some tenths of a second
-
 
 @dataclass(frozen=True)
 class BlockCode:
