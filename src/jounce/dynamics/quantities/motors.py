@@ -30,6 +30,31 @@ def _motor_motion(method: str, m: Mechanism, x: State) -> tuple[Series, Callable
     return row_vector(theta), lambda: row_vector(elastic.motor_torques(m, x.q, theta, phi))
 
 
+def _accelerations(method: str, m: Mechanism, x: State) -> Series:
+    """q2d and theta2d of links and motors, which the forces of the springs couple, or the inertia of the whole too."""
+    theta, thetad, tau = x.motors.upto(2)
+    Q, phi, drive = elastic.plant_forces(m, x.q, Series.of([theta, thetad]), tau)
+    e = elasticity_of(m)
+    if e.level is not None and e.motors:
+        q, motors = (Series.of([*rates, 0 * rates[0]]) for rates in (x.q.upto(1), (theta, thetad)))
+        W = coupling.reaction_wrenches(m, q, motors)
+        still = replace(x, q=q, W=W if x.W is None else W + x.W)
+        M, bias = (row.law(method, m)(m, still)[0] for row in (Matrices.mass_matrix, Forces.inverse_dynamics))
+        return row_vector(Series.of(coupling.accelerations(m, q, M, phi - bias[..., None], drive - phi)))
+    plant = elastic.with_rigid_rotors(m)
+    q2d = Forward.forward_dynamics.law(method, plant)(plant, replace(x, Q=Series.of([Q])))[0][..., None]
+    return row_vector(Series.of([q2d, elastic.rotor_accelerations(m, q2d, drive - phi)]))
+
+
+def _linearizing_torques(method: str, m: Mechanism, x: State) -> Series:
+    """tau that makes q4d what is given; q2d and q3d follow from the forces of the springs."""
+    theta, thetad, q4d = x.motors.upto(2)
+    Q = elastic.spring_forces(m, x.q, Series.of([theta, thetad]))
+    found = Forward.forward_dynamics.law(method, m)(m, replace(x, Q=Q))
+    q = Series.of([*x.q.upto(1), *(x[..., None] for x in found.upto(1)), q4d])
+    return _motor_motion(method, m, replace(x, q=q))[1]()
+
+
 class Motors:
     """Rows of motors."""
 
@@ -203,18 +228,7 @@ class Motors:
         >>> theta2d.round(9) + 0.0
         array([1., 0.])
         """
-        theta, thetad, tau = x.motors.upto(2)
-        Q, phi, drive = elastic.plant_forces(m, x.q, Series.of([theta, thetad]), tau)
-        e = elasticity_of(m)
-        if e.level is not None and e.motors:
-            q, motors = (Series.of([*rates, 0 * rates[0]]) for rates in (x.q.upto(1), (theta, thetad)))
-            W = coupling.reaction_wrenches(m, q, motors)
-            still = replace(x, q=q, W=W if x.W is None else W + x.W)
-            M, bias = (row.law(method, m)(m, still)[0] for row in (Matrices.mass_matrix, Forces.inverse_dynamics))
-            return row_vector(Series.of(coupling.accelerations(m, q, M, phi - bias[..., None], drive - phi)))
-        plant = elastic.with_rigid_rotors(m)
-        q2d = Forward.forward_dynamics.law(method, plant)(plant, replace(x, Q=Series.of([Q])))[0][..., None]
-        return row_vector(Series.of([q2d, elastic.rotor_accelerations(m, q2d, drive - phi)]))
+        return _accelerations(method, m, x)
 
     @_motor_quantity(
         symbol="tau",
@@ -251,8 +265,4 @@ class Motors:
         >>> arm.feedback_linearization(rest, rest, theta, rest, [0, 0]).round(9)
         array([29.43,  9.81])
         """
-        theta, thetad, q4d = x.motors.upto(2)
-        Q = elastic.spring_forces(m, x.q, Series.of([theta, thetad]))
-        found = Forward.forward_dynamics.law(method, m)(m, replace(x, Q=Q))
-        q = Series.of([*x.q.upto(1), *(x[..., None] for x in found.upto(1)), q4d])
-        return _motor_motion(method, m, replace(x, q=q))[1]()
+        return _linearizing_torques(method, m, x)
