@@ -6,7 +6,7 @@ from hypothesis import given
 
 import jounce
 from jounce.dynamics.closed_form import closed_form
-from jounce.dynamics.joint_motion import BASE_AT_REST
+from jounce.dynamics.state import BASE_AT_REST
 from jounce.model import equivalent_mechanisms
 from jounce.model.mechanism import path_to
 from jounce.model.screws import from_screws

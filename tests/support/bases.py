@@ -3,7 +3,7 @@
 import numpy as np
 from hypothesis import strategies as st
 
-from jounce.dynamics.joint_motion import JointMotion
+from jounce.dynamics.state import JointMotion
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import Ad, ad, exp
 from jounce.spatial.series import Series, column_series, from_rate

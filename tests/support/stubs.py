@@ -58,7 +58,7 @@ def _code(text):
 
 
 def _of_row(row):
-    path = Path(row.methods["recursion"].law.__code__.co_filename).relative_to(SOURCE.parent).as_posix()
+    path = Path(row.methods["recursion"].__code__.co_filename).relative_to(SOURCE.parent).as_posix()
     declared = [
         f"{name}: {METHOD_OPTIONS[name].annotation} = {METHOD_OPTIONS[name].default}" for name in list_options(row)
     ]

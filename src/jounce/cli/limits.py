@@ -54,9 +54,8 @@ def load_robot(robot: RobotRequest, limits: Path | None) -> "Robot":
 def draw_ratios(robot: "Robot", motion: "Motion", picture: Path) -> None:
     """Draw the ratios of a motion to all limits over time."""
     from jounce.figures import canvas, limit_ratios
-    from jounce.limits.ratio_curves import ratios_along
 
-    canvas.save(limit_ratios.draw_limit_ratios(*ratios_along(robot, motion), robot.joint_names), picture)
+    canvas.save(limit_ratios.draw_limit_ratios(robot, motion), picture)
 
 
 def spans_in_words(spans: "list[list[float]]", most: int = 2) -> str:

@@ -94,10 +94,6 @@ def _parse_locks(_: click.Context, __: click.Parameter, given: Sequence[str]) ->
     return numbers
 
 
-def _parse_xacro_arguments(_: click.Context, __: click.Parameter, given: Sequence[str]) -> dict[str, str]:
-    return _split_pairs("--xacro-arg", given)
-
-
 def _parse_drive_terms(_: click.Context, __: click.Parameter, given: str | None) -> Any:
     return given if given is None else parse_drive_terms(given)
 
@@ -123,7 +119,8 @@ ROBOT_OPTIONS: tuple[Decorator, ...] = (
     DRIVES_OPTION,
     click.option("--gravity", nargs=3, type=float, metavar="X Y Z", help="Gravity in m/s^2; default: the robot's own."),
     click.option(
-        "--xacro-arg", "xacro_args", multiple=True, metavar="NAME=VALUE", callback=_parse_xacro_arguments,
+        "--xacro-arg", "xacro_args", multiple=True, metavar="NAME=VALUE",
+        callback=lambda _, __, given: _split_pairs("--xacro-arg", given),
         help="Argument of a .xacro file; may be repeated.",
     ),
 )  # fmt: skip

@@ -25,9 +25,8 @@ import numpy as np
 
 from jounce.core.errors import JounceError
 from jounce.dynamics import loop_assembly
-from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.dynamics.state import State
+from jounce.dynamics.state import JointMotion, State
 from jounce.model.coordinates import body_screws, leading_joints
 from jounce.model.mechanism import Mechanism, ancestors, reference_poses
 from jounce.model.positions import multiscrew_joints, position_count

@@ -12,8 +12,7 @@ import numpy as np
 
 from jounce.core.scalars import Array, concatenate
 from jounce.dynamics import system
-from jounce.dynamics.joint_motion import BASE_AT_REST, JointMotion, add_moving_ground
-from jounce.dynamics.state import State
+from jounce.dynamics.state import BASE_AT_REST, JointMotion, State, add_moving_ground
 from jounce.model.mechanism import Mechanism, reciprocal_mass
 from jounce.spatial import inertia
 from jounce.spatial.lie import ad, wedge

@@ -9,10 +9,9 @@ from math import prod
 import numpy as np
 
 from jounce.core.scalars import Array
-from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.joint_springs import elasticity_of
 from jounce.dynamics.quantities import Quantity, find_row
-from jounce.dynamics.state import State
+from jounce.dynamics.state import JointMotion, State
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import multiscrew_joints, position_count, position_rate_map

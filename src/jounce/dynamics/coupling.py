@@ -16,10 +16,10 @@ from operator import add
 import numpy as np
 
 from jounce.core.scalars import Array, reciprocal
-from jounce.dynamics.joint_motion import BASE_AT_REST
 from jounce.dynamics.joint_springs import elasticity_of
 from jounce.dynamics.recursion import bodies
 from jounce.dynamics.recursion.joints import take_rows
+from jounce.dynamics.state import BASE_AT_REST
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import hat, rotation
 from jounce.spatial.linear import Factors

@@ -11,7 +11,7 @@ from typing import Protocol
 from jounce.core.scalars import Array, zeros_like
 from jounce.dynamics import drive_terms
 from jounce.dynamics.closed_form import closed_form
-from jounce.dynamics.joint_motion import JointMotion
+from jounce.dynamics.state import JointMotion
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import solve_series
 from jounce.spatial.series import Series

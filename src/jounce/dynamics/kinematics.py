@@ -11,9 +11,8 @@ from types import ModuleType
 import numpy as np
 
 from jounce.core.scalars import Array
-from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.recursion import bodies
-from jounce.dynamics.state import State
+from jounce.dynamics.state import JointMotion, State
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import lie
 from jounce.spatial.series import Series, join_series

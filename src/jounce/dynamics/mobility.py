@@ -17,9 +17,9 @@ from functools import lru_cache
 import numpy as np
 
 from jounce.dynamics import loops
-from jounce.dynamics.joint_motion import BASE_AT_REST
 from jounce.dynamics.recursion import bodies
 from jounce.dynamics.recursion.joints import joints
+from jounce.dynamics.state import BASE_AT_REST
 from jounce.model.coordinates import joint_columns
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import position_count

@@ -14,7 +14,7 @@ import numpy as np
 from jounce.core.scalars import Array, concatenate
 from jounce.dynamics import system
 from jounce.dynamics.closed_form import closed_form
-from jounce.dynamics.joint_motion import JointMotion, velocity_drift
+from jounce.dynamics.state import JointMotion, velocity_drift
 from jounce.model.coordinates import body_screws
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import Factors, mirror_triangle

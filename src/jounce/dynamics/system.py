@@ -12,7 +12,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate
-from jounce.dynamics.joint_motion import JointMotion, motion_of_joint
+from jounce.dynamics.state import JointMotion, motion_of_joint
 from jounce.model.coordinates import body_screws, joint_variables, velocity_map
 from jounce.model.mechanism import Mechanism, ancestors
 from jounce.spatial.inertia import moments

@@ -12,6 +12,7 @@ from jounce.core.foreign import has_mask
 from jounce.core.scalars import Array, broadcast, common_batch_shape, is_jax, is_numeric
 from jounce.dynamics.computation import Computation, Port
 from jounce.dynamics.loops import closure_of
+from jounce.dynamics.quantities import Quantity
 from jounce.model.mechanism import Mechanism
 from jounce.model.spring_deflection import UnreachableError
 from jounce.spatial.series import Series
@@ -54,7 +55,7 @@ def compute_by_method(
 ) -> tuple[Array, ...]:
     """Compute a quantity and its rates by a method, from arrays of the scalar type of the mechanism's data."""
     ports = computation.signature(mechanism).inputs
-    width = computation.quantity.methods[method].width(mechanism.nb)
+    width = _working_scalars(computation.quantity, method, mechanism.nb)
 
     def law(x: Sequence[Array]) -> Series:
         if mechanism.closure and is_jax(x[-1]):
@@ -62,6 +63,13 @@ def compute_by_method(
         return computation.series(method, mechanism, x)
 
     return evaluate(law, ports, arrays, computation.count, width)
+
+
+def _working_scalars(row: Quantity, method: str, nb: int) -> int:
+    """The size of the largest arrays for a state of nb bodies: system matrices, or columns of screws and parameters."""
+    if method != "recursion":
+        return (6 * nb) ** 2
+    return 10 * nb * (6 * nb if "nv" in row.shape else 1) if "parameters" in row.shape else 6 * nb
 
 
 def _follow_dependent(mechanism: Mechanism, q: Array, dependent: Array) -> Array:

@@ -1,28 +1,33 @@
 """Ratios to limits over time: one panel per kind of limit, one curve per joint, the limit a line at 1."""
 
-from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jounce.engine.engine import Engine
 from jounce.figures.canvas import legend_above, line_style, painted
 from jounce.figures.panels import thin_points
+from jounce.limits.motion_polynomials import evaluate_polynomials, split_motion
+from jounce.limits.validation import validate_limits
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from jounce.motion import Motion
 
 RATIO_LIMIT_STYLE = {"color": "#b00020", "linewidth": 0.9, "linestyle": "solid", "zorder": 0.8}
 MAX_RATIO_DRAWN = 50.0  # a larger ratio is cut there: the other curves would be flat
 
 
-def draw_limit_ratios(t: np.ndarray, ratios: Mapping[str, np.ndarray], joints: Sequence[str]) -> "Figure":
-    """Panels of ratios (N, n) by kind of limit, at times (N,); what is above the line breaks its limit."""
+def draw_limit_ratios(robot: Engine, motion: "Motion") -> "Figure":
+    """Panels of the ratios by kind of limit along a motion; what is above the line breaks its limit."""
+    t, ratios = _ratios_along(robot, motion)
 
     def paint(figure: "Figure") -> None:
         grid = figure.subplots(len(ratios), 1, sharex=True, squeeze=False)[:, 0]
         bounded: dict[str, dict[str, object]] = {}
         for axes, (kind, values) in zip(grid, ratios.items(), strict=True):
-            for j, joint in enumerate(joints):
+            for j, joint in enumerate(robot.joint_names):
                 column = values[:, j]
                 if np.isfinite(column).any():
                     known = np.flatnonzero(~np.isnan(column))
@@ -40,3 +45,23 @@ def draw_limit_ratios(t: np.ndarray, ratios: Mapping[str, np.ndarray], joints: S
         legend_above(figure, bounded | {"limit": RATIO_LIMIT_STYLE})
 
     return painted(paint, 7.2, 0.7 + 1.6 * len(ratios))
+
+
+def _ratios_along(robot: Engine, motion: "Motion") -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Times (N,), those of breaks twice, and the ratios (N, n) by kind, as far as each is known well, or else NaN.
+
+    They are -inf where a coordinate has no such limit.
+    """
+    b = validate_limits(robot, motion)
+    times: list[np.ndarray] = []
+    found: dict[str, list[np.ndarray]] = {kind: [] for kind in b.kinds}
+    for pieces in split_motion(b):
+        times.append(np.column_stack([pieces.start, (pieces.start + pieces.stop) / 2, pieces.stop]).ravel())
+        for kind in set(b.kinds) - set(pieces.kinds):
+            found[kind].append(np.full((3 * len(pieces.start), len(b.joints)), np.nan))
+        for kind in pieces.kinds:
+            left, right = pieces.left[kind], pieces.right[kind]
+            middle = evaluate_polynomials(pieces.polynomials[kind], np.array(0.5)) if pieces.width.all() else left
+            values = np.stack([left, middle, right], axis=1).reshape(-1, len(b.joints))
+            found[kind].append(b.scales[kind].largest(values))
+    return np.concatenate(times), {kind: np.concatenate(parts) for kind, parts in found.items()}

@@ -5,9 +5,8 @@ import math
 import numpy as np
 
 from jounce.core.errors import warn
+from jounce.model.coordinates import MIN_DEGREES_ANGLE
 from jounce.model.frame import UNIT_ROUNDING
-
-MIN_DEGREES_ANGLE = 6.3  # rad, just above a turn: only larger angles are taken for degrees
 
 
 def from_rpy(angles: np.ndarray, place: str) -> np.ndarray:

@@ -171,7 +171,7 @@ class _IntervalPath(NamedTuple):
 def _place_points(motion: Motion, count: int) -> np.ndarray:
     """Points of the path: even ones, and more where x changes by factors, as towards rests."""
     sigma = np.linspace(motion.start, motion.stop, _FIRST_TRIES)
-    scale = _find_scales(motion, sigma)
+    scale = [float(np.linalg.norm(rate, axis=1).max()) or 1.0 for rate in motion(sigma, 2)[1:]]  # of q' and q''
     speed = _log_speed(motion, sigma, scale)
     for _ in range(_MAX_TRY_HALVINGS):
         steep = np.abs(np.diff(speed)) > 1
@@ -183,11 +183,6 @@ def _place_points(motion: Motion, count: int) -> np.ndarray:
     graded = count * np.diff(sigma) / motion.duration + _INTERVALS_PER_LOG_SPEED * np.abs(np.diff(speed))
     placed = np.concatenate([[0.0], np.cumsum(graded)])
     return np.interp(np.linspace(0, placed[-1], int(np.ceil(placed[-1])) + 1), placed, sigma)
-
-
-def _find_scales(motion: Motion, sigma: np.ndarray) -> list[float]:
-    """The largest rates q' and q'' of a motion."""
-    return [float(np.linalg.norm(rate, axis=1).max()) or 1.0 for rate in motion(sigma, 2)[1:]]
 
 
 def _log_speed(motion: Motion, sigma: np.ndarray, scale: list[float]) -> np.ndarray:

@@ -46,17 +46,12 @@ class Feasible:
 
     def _add_states(self, states: Polynomials, t: np.ndarray) -> None:
         self.states.append(states)
-        highest = self.ceiling
+        highest = float(self.start[np.isinf(self.stop)].min(initial=np.inf))  # from it on, some state breaks a limit
         for kind, c in states.items():
             if kind == "position":
                 continue
             for sign in SIGNS:
                 self._add_roots(kind, sign, c, t, highest)
-
-    @property
-    def ceiling(self) -> float:
-        """The smallest factor from which on some state always breaks a limit."""
-        return float(self.start[np.isinf(self.stop)].min(initial=np.inf))
 
     @property
     def first(self) -> int:

@@ -12,17 +12,17 @@ from jounce.core.scalars import Array
 from jounce.dynamics.recursion import articulated
 from jounce.dynamics.recursion.articulated import ArticulatedJoint
 from jounce.dynamics.recursion.joints import MovingJoint
+from jounce.native.emit import JointStep
 from jounce.native.loop_steps import (
     BASE_SIZES,
     JOINT_SIZES,
-    JointStep,
     Sheet,
     Sweeps,
     moments,
     screw_pitch,
     turn_about_axis,
 )
-from jounce.native.memory_layout import VectorLayout
+from jounce.native.vector_layout import VectorLayout
 from jounce.spatial import inertia
 from jounce.spatial.lie import Ad, ad, inverse, pose, wedge
 from jounce.spatial.linear import Factors
@@ -31,9 +31,6 @@ from jounce.spatial.series import Series
 FORCE_ON_BASE = VectorLayout((("Q", 1, 6),))  # as an input lists it
 _I = np.eye(3, dtype=int)
 _UPPER = np.triu_indices(6)  # the entries of a symmetric matrix that are kept
-_SYMMETRIC = np.zeros((6, 6), dtype=int)  # the number of each entry among these
-_SYMMETRIC[_UPPER] = range(len(_UPPER[0]))
-_SYMMETRIC.T[_UPPER] = range(len(_UPPER[0]))
 
 
 @dataclass(frozen=True)
@@ -44,7 +41,7 @@ class ArticulatedSteps:
 
     def articulate(self, kind: str) -> JointStep:
         """Trace the step from the articulated inertia of a body to the share of its parent."""
-        sheet = Sheet(self.sweeps)
+        sheet = self.sweeps.sheet()
         joint, c = _moving_joint(sheet, kind)
         acting = int("armature" in self.sweeps.acting)
         own, felt = articulated.articulate(joint, _articulated_inertia(sheet, c), c["armature"] * acting)
@@ -55,7 +52,7 @@ class ArticulatedSteps:
 
     def balance(self, kind: str) -> JointStep:
         """Trace the step from the force on a joint, u, to what it leaves, and to the share of the parent in F."""
-        sheet = Sheet(self.sweeps)
+        sheet = self.sweeps.sheet()
         left, felt = _articulated_joint(sheet, kind).balance(_read(sheet, "u"), _read(sheet, "F"))
         _write(sheet, "u", left)
         sheet.write("parent", "F", sheet.read("parent", "F") + felt)
@@ -63,7 +60,7 @@ class ArticulatedSteps:
 
     def accelerate(self, kind: str) -> JointStep:
         """Trace the step from the parent's acceleration to that of the joint, in the place of u, and of the body."""
-        sheet = Sheet(self.sweeps)
+        sheet = self.sweeps.sheet()
         x, A = _articulated_joint(sheet, kind).accelerate(_read(sheet, "u"), sheet.read("parent", "A")[0])
         _write(sheet, "u", x)
         _write(sheet, "A", A)
@@ -74,7 +71,7 @@ class ArticulatedSteps:
 
         The force that is given is in the place of a parent's vectors.
         """
-        sheet = Sheet(self.sweeps, parent=FORCE_ON_BASE, carrier=self.sweeps.base_motion)
+        sheet = self.sweeps.sheet(parent=FORCE_ON_BASE, carrier=self.sweeps.base_motion)
         M = _articulated_inertia(sheet, sheet.constants(BASE_SIZES))
         n, f = (sheet.read("body", name)[self.sweeps.order] for name in ("n", "f"))
         left = sheet.read("parent", "Q")[0] - np.concatenate([n, f]) - _read(sheet, "F")
@@ -94,7 +91,7 @@ def _articulated_joint(sheet: Sheet, kind: str) -> ArticulatedJoint:
 
 def _articulated_inertia(sheet: Sheet, c: Mapping[str, np.ndarray]) -> Array:
     """The inertia of a body and what it feels of those that it carries, (6, 6)."""
-    return inertia.from_moments(*moments(c)) + _read(sheet, "I")[_SYMMETRIC, 0]
+    return inertia.from_moments(*moments(c)) + inertia.symmetric_matrix(_read(sheet, "I")[:, 0])
 
 
 def _moving_joint(sheet: Sheet, kind: str) -> tuple[MovingJoint, Mapping[str, np.ndarray]]:

@@ -7,7 +7,8 @@ floating base, that are not known yet are 0 in memory.
 """
 
 from jounce.dynamics.computation import Port
-from jounce.native.loop_tree import LoopTree, add_to, clear, pointers
+from jounce.native.emit import pointers
+from jounce.native.loop_tree import LoopTree, add_to, clear
 
 
 class ArticulatedTree(LoopTree):

@@ -5,16 +5,15 @@ the joints: all that a joint carries then is in a row of places, the last of whi
 places that nothing is in, which whole vectors reach into.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import accumulate
 
 import numpy as np
 
 from jounce.dynamics.computation import Computation
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import multiscrew_joints
+from jounce.native.vector_layout import VectorLayout, carriers
 
 COLUMN_QUANTITIES = ("inverse_dynamics_partials", "forward_dynamics_partials")
 MIN_VELOCITIES_IN_COLUMNS = 32  # a straight line of more takes seconds to compile, and longer for one state
@@ -23,28 +22,11 @@ WRENCH_NUMBERS = 24  # of a screw's momentum, its rate, its reaction and its cha
 PRODUCTS = ("M", "K", "D", "by_place", "by_rate")  # matrices of a joint's screws with what it carries
 BASE_BLOCKS = ("K", "D", "M")  # of the base's screws with themselves
 ZERO, MINUS_ONE = 0, 1  # the places of these numbers among the results
-
-
-@dataclass(frozen=True)
-class Areas:
-    """Parts of memory, one behind the other."""
-
-    sizes: tuple[tuple[str, int], ...]
-
-    def start(self, name: str) -> int:
-        """Where a part begins."""
-        starts = accumulate((size for _, size in self.sizes), initial=0)
-        return next(start for (part, _), start in zip(self.sizes, starts, strict=False) if part == name)
-
-    @property
-    def size(self) -> int:
-        """The size of all."""
-        return sum(size for _, size in self.sizes)
-
-
-BODY = Areas(
+BODY = VectorLayout(
     (
-        ("sine", 1), ("cosine", 1), ("V", 12), ("field", 3), ("Pi", 20), ("p", 12), ("S_rate", 6), ("A", 6))
+        ("sine", 1, 1), ("cosine", 1, 1), ("V", 2, 6), ("field", 1, 3), ("Pi", 2, 10), ("p", 2, 6), ("S_rate", 1, 6),
+        ("A", 1, 6),
+    )
 )  # fmt: skip
 
 
@@ -110,7 +92,7 @@ class ColumnLayout:
         return int((above * (above + 1)).sum())
 
     @cached_property
-    def areas(self) -> Areas:
+    def areas(self) -> VectorLayout:
         """Everything, in vectors."""
         sizes = [
             ("mask", 1),
@@ -121,13 +103,14 @@ class ColumnLayout:
         if self.forward:
             solved = self.nv * self.solved_width
             sizes += [("found", self.nv), ("factors", len(self.entries)), ("sides", solved), ("solved", solved)]
-        return Areas(tuple(sizes))
+        return VectorLayout(tuple((name, 1, size) for name, size in sizes))
 
     @cached_property
-    def results(self) -> Areas:
+    def results(self) -> VectorLayout:
         """The results: two constants, the blocks of the base, products."""
-        of_base = [(f"base {name}", 36) for name in BASE_BLOCKS]
-        return Areas((("constants", 2), *of_base, *((f"all {name}", self.nv * self.width) for name in PRODUCTS)))
+        of_base = [(f"base {name}", 1, 36) for name in BASE_BLOCKS]
+        products = [(f"all {name}", self.nv, self.width) for name in PRODUCTS]
+        return VectorLayout((("constants", 1, 2), *of_base, *products))
 
     def place(self, matrix: str, i: int, j: int) -> int:
         """Where among the results the entry i, j of K, D or M is."""
@@ -160,9 +143,4 @@ def column_layout(computation: Computation, mechanism: Mechanism) -> ColumnLayou
         return None
     if m.closure or multiscrew_joints(m) or m.acting or not np.array_equal(m.G, np.eye(len(m.joints))):
         return None
-    carriers = _carriers(m)
-    return ColumnLayout(tuple(carriers), m.floats, computation.quantity.forces)
-
-
-def _carriers(m: Mechanism) -> Sequence[int]:
-    return [m.parent[i] - m.floats if m.parent[i] >= 0 else -1 for i in m.owners]
+    return ColumnLayout(tuple(carriers(m)), m.floats, computation.quantity.forces)

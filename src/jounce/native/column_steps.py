@@ -16,9 +16,9 @@ from jounce.dynamics.recursion.joints import FreeJoint, MovingJoint
 from jounce.model.equivalent_mechanisms import minimal_mechanism
 from jounce.model.mechanism import Mechanism
 from jounce.native.column_layout import BODY, PRODUCTS, ColumnLayout
-from jounce.native.column_sheets import TRIANGLE, ColumnSheet, symmetric_matrix
-from jounce.native.loop_steps import JointStep
-from jounce.spatial.inertia import moment_matrix
+from jounce.native.column_sheets import TRIANGLE, ColumnSheet
+from jounce.native.emit import JointStep
+from jounce.spatial.inertia import moment_matrix, symmetric_matrix
 from jounce.spatial.lie import Ad, ad, inverse, pose, position, rotation, wedge
 from jounce.spatial.linear import Factors
 from jounce.spatial.series import Series
@@ -66,7 +66,7 @@ class ColumnSteps:
         if self.layout.floats:
             base = self._base(sheet)
             motion, seen = base.rate, base.twists(gravity)
-            Pi = moment_matrix(chain.M[0]) + sheet.read("mask", 0, 1)
+            Pi = moment_matrix(chain.M[0]) + sheet.take("mask", 0, 1)
         else:
             motion, seen, Pi = Series.of([np.zeros((6, 1), dtype=int)] * 2), gravity, 0 * _I4
         sheet.write_body(motion, seen, Pi)
@@ -76,13 +76,13 @@ class ColumnSteps:
         """Trace the motion of a body from that of its parent."""
         sheet = ColumnSheet(self.constants)
         theta = self._coordinate(sheet)
-        angle = sheet.constants["X"][2:3] * theta
-        sheet.write("body", BODY.start("sine"), sin(angle))
-        sheet.write("body", BODY.start("cosine"), cos(angle))
+        angle = sheet.numbers["X"][2:3] * theta
+        sheet.put("body", BODY.start("sine"), sin(angle))
+        sheet.put("body", BODY.start("cosine"), cos(angle))
         joint = self._joint(sheet, sin(angle), cos(angle))
         V, above = sheet.motion("parent")
         V = joint.twists(V) + joint.X @ joint.rate
-        Pi = symmetric_matrix(sheet.constants["Pi"] + sheet.read("mask", 0, 1))
+        Pi = symmetric_matrix(sheet.numbers["Pi"] + sheet.take("mask", 0, 1))
         sheet.write_body(V, joint.twists(above), Pi)
         return sheet.step()
 
@@ -93,20 +93,20 @@ class ColumnSteps:
         V, seen = sheet.motion("body")
         on, above = sheet.carried("body"), sheet.carried("parent")
         x = ScrewWrenches.of(joint, V, None, seen, on)
-        sheet.write("body", BODY.start("S_rate"), x.screws.S_rate[0])
-        sheet.write("body", BODY.start("A"), x.screws.A[0])
+        sheet.write("body", "S_rate", x.screws.S_rate)
+        sheet.write("body", "A", x.screws.A)
         sheet.write_column(self.layout.width, x.momentum, x.reaction, x.change)
         sheet.write_carried("parent", above.Pi + joint.moments(on.Pi), above.p + joint.wrenches(on.p))
         if self.layout.forward:
-            Q = sheet.read("in", self._third_input, 1)
-            sheet.write("side", 0, (joint.X.T @ on.force(V, seen)[0]).ravel() - Q)
+            Q = sheet.take("in", self._third_input, 1)
+            sheet.put("side", 0, (joint.X.T @ on.force(V, seen)[0]).ravel() - Q)
         return sheet.step()
 
     def column(self) -> JointStep:
         """Trace the products of a joint's screw with the wrenches of one it carries, and their way to its parent."""
         sheet = ColumnSheet(self.constants)
         joint = self._known_joint(sheet)
-        S_rate, A = (Series.of([sheet.read("body", BODY.start(name), 6)[:, None]]) for name in ("S_rate", "A"))
+        S_rate, A = (sheet.read("body", name) for name in ("S_rate", "A"))
         wrenches = sheet.wrenches(self.layout.width)
         self._write_products(sheet, ScrewProducts.of(Screws(Series.constant(joint.X), S_rate, S_rate, A), *wrenches))
         sheet.write_column(self.layout.width, *map(joint.wrenches, wrenches))
@@ -121,11 +121,11 @@ class ColumnSteps:
         x = ScrewWrenches.of(base, V, None, seen, on)
         own = ScrewProducts.of(x.screws, x.momentum, x.reaction, x.change)
         for name, matrix in (("K", own.change), ("D", own.D - own.counted_twice.mT), ("M", own.M)):
-            sheet.write("products", self.layout.results.start(f"base {name}"), matrix[0])
+            sheet.put("products", self.layout.results.start(f"base {name}"), matrix[0])
         if self.layout.forward:
-            Q = sheet.read("in", self.signature.inputs[2].start, 6)
+            Q = sheet.take("in", self.signature.inputs[2].start, 6)
             for i, x in enumerate(on.force(V, seen)[0].ravel() - Q):
-                sheet.write("side", i * self.layout.solved_width, [x])
+                sheet.put("side", i * self.layout.solved_width, [x])
         return sheet.step()
 
     def column_of_base(self) -> JointStep:
@@ -141,21 +141,21 @@ class ColumnSteps:
     def factors(self) -> JointStep:
         """Trace the factors of M."""
         sheet = ColumnSheet()
-        M = self._spread([sheet.read("products", self.layout.place("M", i, j), 1)[0] for i, j in self.layout.entries])
+        M = self._spread([sheet.take("products", self.layout.place("M", i, j), 1)[0] for i, j in self.layout.entries])
         of_M = Factors.of(M)
         rows = [np.append(row, d) for row, d in zip(of_M.L, of_M.inverse_D, strict=True)]
-        sheet.write("factors", 0, [rows[i][j] for i, j in self.layout.entries])
+        sheet.put("factors", 0, [rows[i][j] for i, j in self.layout.entries])
         return sheet.step()
 
     def solve(self) -> JointStep:
         """Trace the solution of M x = -b for one column b."""
         sheet = ColumnSheet()
-        L = self._spread(sheet.read("factors", 0, len(self.layout.entries)))
+        L = self._spread(sheet.take("factors", 0, len(self.layout.entries)))
         width, rows = self.layout.solved_width, range(self.layout.nv)
-        b = np.stack([sheet.read("columns", i * width, 1) for i in rows])
+        b = np.stack([sheet.take("columns", i * width, 1) for i in rows])
         x = Factors(tuple(L[i, :i] for i in rows), tuple(L[i, i : i + 1] for i in rows)).solve(-b)
         for i in rows:
-            sheet.write("products", i * width, x[i])
+            sheet.put("products", i * width, x[i])
         return sheet.step()
 
     @property
@@ -170,22 +170,22 @@ class ColumnSteps:
         return matrix
 
     def _coordinate(self, sheet: ColumnSheet) -> np.ndarray:
-        return sheet.read("in", 0, 1) + sheet.constants["offset"]
+        return sheet.take("in", 0, 1) + sheet.numbers["offset"]
 
     def _known_joint(self, sheet: ColumnSheet) -> MovingJoint:
-        return self._joint(sheet, *(sheet.read("body", BODY.start(name), 1) for name in ("sine", "cosine")))
+        return self._joint(sheet, *(sheet.take("body", BODY.start(name), 1) for name in ("sine", "cosine")))
 
     def _joint(self, sheet: ColumnSheet, s: np.ndarray, c: np.ndarray) -> MovingJoint:
         """A joint that has turned by an angle of this sine and cosine."""
-        R, r, X = sheet.constants["R"].reshape(3, 3), sheet.constants["r"][:, None], sheet.constants["X"]
+        R, r, X = sheet.numbers["R"].reshape(3, 3), sheet.numbers["r"][:, None], sheet.numbers["X"]
         turned = np.array([[c[0], -s[0], 0], [s[0], c[0], 0], [0, 0, 1]], dtype=object)
         slid = _I3[:, 2:] * X[5] * self._coordinate(sheet)
         T, offset, turn = pose(turned, slid), pose(_I3, r), pose(R, 0 * r)
-        rate = sheet.read("in", self.signature.inputs[1].start, 1)[:, None]
+        rate = sheet.take("in", self.signature.inputs[1].start, 1)[:, None]
         if self.layout.forward:
-            acceleration = sheet.read("found", 6 * self.layout.floats, 1)[:, None]
+            acceleration = sheet.take("found", 6 * self.layout.floats, 1)[:, None]
         else:
-            acceleration = sheet.read("in", self._third_input, 1)[:, None]
+            acceleration = sheet.take("in", self._third_input, 1)[:, None]
         return MovingJoint(
             0, pose(R, r), offset, turn, Ad(inverse(offset)), Ad(inverse(turn)), X[:, None], ad(X[None]),
             wedge(X[None]), Series.of([rate, acceleration]), T, Ad(inverse(T)),
@@ -193,9 +193,9 @@ class ColumnSteps:
 
     def _base(self, sheet: ColumnSheet) -> FreeJoint:
         C, *V = self.signature.of_role("base")
-        pose_of_base = sheet.read("in", C.start, 16).reshape(4, 4)
+        pose_of_base = sheet.take("in", C.start, 16).reshape(4, 4)
         places = [("in", port.start) for port in V] + [("found", 0)] * self.layout.forward
-        rates = [sheet.read(memory, place, 6)[:, None] for memory, place in places]
+        rates = [sheet.take(memory, place, 6)[:, None] for memory, place in places]
         screws = _I6, ad(_I6), wedge(_I6)
         turn = pose_of_base, Ad(inverse(pose_of_base))
         return FreeJoint(-1, _I4, _I4, _I4, _I6, _I6, *screws, Series.of(rates), *turn)
@@ -205,4 +205,4 @@ class ColumnSteps:
         by_name["by_rate"] = found.by_rate - found.counted_twice
         for name in PRODUCTS:
             for i, x in enumerate(np.ravel(by_name[name][0])):
-                sheet.write("products", self.layout.results.start(f"all {name}") + i * self.layout.width, [x])
+                sheet.put("products", self.layout.results.start(f"all {name}") + i * self.layout.width, [x])

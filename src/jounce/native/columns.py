@@ -13,9 +13,8 @@ from jounce.model.mechanism import Mechanism
 from jounce.native.column_layout import BODY, MINUS_ONE, MOST_LANES, WRENCH_NUMBERS, ZERO, ColumnLayout
 from jounce.native.column_sheets import JOINT_SIZE
 from jounce.native.column_steps import ColumnSteps
-from jounce.native.emit import BlockCode, emit_steps, nan_masks
+from jounce.native.emit import BlockCode, JointStep, define_step, emit_steps, nan_masks, pointers
 from jounce.native.ir import Writer
-from jounce.native.loop_steps import JointStep
 
 OF_COLUMNS = ("columns", "products")  # the memory of a step in which columns lie side by side
 
@@ -27,7 +26,7 @@ def emit_columns(mechanism: Mechanism, layout: ColumnLayout, signature: Signatur
 
     def define(ir: Writer) -> None:
         for name, step in of_joints.items() if ir.lanes == 1 else {**of_joints, **of_columns}.items():
-            _define_step(ir, name, step)
+            define_step(ir, name, step, step.memory)
         _define_tables(ir, steps)
         code = _Code(ir, layout, {**of_joints, **of_columns})
         code.define_sweep()
@@ -72,39 +71,16 @@ def _define_tables(ir: Writer, steps: ColumnSteps) -> None:
         ir.table("right_sides", [place for row in zip(sides, units, strict=True) for part in row for place in part])
 
 
-def _memory(step: JointStep) -> list[str]:
-    """The names of the memory that a step takes."""
-    return sorted({memory for memory, _ in (*step.reads, *step.writes)})
-
-
-def _arguments(step: JointStep) -> str:
-    return ", ".join(f"ptr %{memory}" for memory in _memory(step))
-
-
-def _define_step(ir: Writer, name: str, step: JointStep) -> None:
-    """A step as a function of the memory that it takes."""
-
-    def read(i: int) -> str:
-        memory, place = step.reads[i]
-        if memory == "constants":
-            return ir.splat(ir.let(f"load double, ptr {ir.at('%constants', place)}"))
-        return ir.load(ir.at(f"%{memory}", place, ir.V))
-
-    with ir.function(f"internal void @{name}({_arguments(step)}) {ir.aligned}"):
-        values = emit_steps(ir, step.program, read)
-        for (memory, place), i in zip(step.writes, step.program.outputs, strict=True):
-            ir.store(values[i], ir.at(f"%{memory}", place, ir.V))
-
-
 def _define_wide_step(ir: Writer, name: str, step: JointStep) -> None:
     """A step on columns from one on, as many at once as there are lanes; those beyond the last are not kept."""
+    given = pointers(*(f"%{memory}" for memory in step.memory))
 
     def read(i: int) -> str:
         memory, place = step.reads[i]
         address = ir.at(f"%{memory}", place)
         return ir.load(address) if memory in OF_COLUMNS else ir.splat(ir.let(f"load double, ptr {address}"))
 
-    with ir.function(f"internal void @{name}({_arguments(step)}, i64 %left) {ir.aligned}"):
+    with ir.function(f"internal void @{name}({given}, i64 %left) {ir.aligned}"):
         values = emit_steps(ir, step.program, read)
         first = ir.let(f"insertelement {ir.I} poison, i64 %left, i64 0")
         left = ir.let(f"shufflevector {ir.I} {first}, {ir.I} poison, <{ir.lanes} x i32> zeroinitializer")
@@ -115,17 +91,13 @@ def _define_wide_step(ir: Writer, name: str, step: JointStep) -> None:
         for (memory, place), i in zip(step.writes, step.program.outputs, strict=True):
             ir.do(f"call void {store}({ir.V} {values[i]}, ptr {ir.at(f'%{memory}', place)}, i32 8, {ir.B} {kept})")
     with (
-        ir.function(f"void @wide_{name}({_arguments(step)}, i64 %first, i64 %count)"),
+        ir.function(f"void @wide_{name}({given}, i64 %first, i64 %count)"),
         ir.loop(ir.let(f"sdiv i64 {ir.let(f'add i64 %count, {ir.lanes - 1}')}, {ir.lanes}")) as block,
     ):
         done = ir.let(f"mul i64 {block}, {ir.lanes}")
         j, left = ir.let(f"add i64 %first, {done}"), ir.let(f"sub i64 %count, {done}")
-        there = {x: ir.at(f"%{x}", j) if x in OF_COLUMNS else f"%{x}" for x in _memory(step)}
-        ir.do(f"call void @{name}({_pointers(step, there)}, i64 {left})")
-
-
-def _pointers(step: JointStep, memory: Mapping[str, str]) -> str:
-    return ", ".join(f"ptr {memory[name]}" for name in _memory(step))
+        there = {x: ir.at(f"%{x}", j) if x in OF_COLUMNS else f"%{x}" for x in step.memory}
+        ir.do(f"call void @{name}({pointers(*(there[x] for x in step.memory))}, i64 {left})")
 
 
 @dataclass(frozen=True)
@@ -235,14 +207,14 @@ class _Code:
         return memory
 
     def _call(self, name: str, memory: Mapping[str, str]) -> None:
-        self.ir.do(f"call void @{name}({_pointers(self.steps[name], memory)})")
+        self.ir.do(f"call void @{name}({pointers(*(memory[x] for x in self.steps[name].memory))})")
 
     def _call_columns(self, name: str, memory: Mapping[str, str], first: str, count: str) -> None:
         """A step on a number of columns: one after the other, or of one state by another module."""
         ir, step = self.ir, self.steps[name]
         if ir.lanes == 1:
-            ir.declared[f"declare void @wide_{name}({', '.join(['ptr'] * len(_memory(step)))}, i64, i64)"] = None
-            ir.do(f"call void @wide_{name}({_pointers(step, memory)}, i64 {first}, i64 {count})")
+            ir.declared[f"declare void @wide_{name}({', '.join(['ptr'] * len(step.memory))}, i64, i64)"] = None
+            ir.do(f"call void @wide_{name}({pointers(*(memory[x] for x in step.memory))}, i64 {first}, i64 {count})")
             return
         with ir.loop(count) as k:
             j = ir.let(f"add i64 {first}, {k}")

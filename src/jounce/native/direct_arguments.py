@@ -85,7 +85,7 @@ def _define_copy(ir: CallWriter) -> None:
 
 def _define_accept(ir: CallWriter) -> None:
     """``@accept``: store where the numbers of an argument are, in its array or copied from its list."""
-    with ir.function("internal i1 @accept(ptr %port, ptr %object, ptr %place, ptr %listed, ptr %used)"):
+    with ir.check("accept(ptr %port, ptr %object, ptr %place, ptr %listed, ptr %used)"):
         found = ir.let(f"call ptr @numbers(ptr %port, ptr %object, i32 {READABLE})")
         ir.do(f"store ptr {found}, ptr %place")
         with ir.only_if(ir.compare("ptr", found, "null"), "list", "accepted"):
@@ -95,9 +95,6 @@ def _define_accept(ir: CallWriter) -> None:
             ir.require(ir.let(f"call i1 @copy(ptr %port, ptr %object, ptr {copy})"))
             ir.do(f"store ptr {copy}, ptr %place")
             ir.do(f"store i64 {after}, ptr %used")
-        ir.do("ret i1 true")
-        ir.label("declined")
-        ir.do("ret i1 false")
 
 
 def _define_keywords(ir: CallWriter) -> None:
@@ -114,7 +111,6 @@ def _define_keywords(ir: CallWriter) -> None:
             with ir.each("0", "%count") as k:
                 ir.do(f"store ptr {ir.pointer(items, k)}, ptr {ir.at('%to', k, 'ptr')}")
             ir.do("ret i1 true")
-            ir.label("unreached")
         ir.do("store ptr %value, ptr %to")
         ir.do(f"ret i1 {ir.compare('i64', '%count', 1)}")
         ir.label("declined")
@@ -127,10 +123,8 @@ def _define_keywords(ir: CallWriter) -> None:
                 count = ir.word(row, 2)
                 with ir.only_if(ir.compare("i64", count, 0), "constant", "arrays"):
                     ir.do(f"ret i1 {ir.compare('ptr', ir.pointer(row, 3), '%value')}")
-                    ir.label("unreached.constant")
                 to = ir.at("%given", ir.word(row, 1), "ptr")
                 ir.do(f"ret i1 {ir.let(f'call i1 @spread(ptr {to}, i64 {count}, ptr %value, i1 false)')}")
-                ir.label("unreached.arrays")
         ir.do("ret i1 false")
 
 
@@ -157,7 +151,7 @@ def _define_closing(ir: CallWriter) -> None:
     def named(name: str, kind: str = "ptr") -> str:
         return ir.named(name, kind, CLOSING_WORDS)
 
-    with ir.function("internal i1 @close(ptr %table, ptr %q, ptr %dependent, ptr %memory)"):
+    with ir.check("close(ptr %table, ptr %q, ptr %dependent, ptr %memory)"):
         one, arrays = ir.let("alloca i64"), ir.let("alloca [5 x ptr]")
         ir.do(f"store i64 1, ptr {one}")
         q, others = ir.let("load ptr, ptr %q"), named("others")
@@ -181,6 +175,3 @@ def _define_closing(ir: CallWriter) -> None:
             ir.do(f"store double {ir.double(q, ir.word(own, k))}, ptr {ir.at(independent, k)}")
         ir.do(f"store ptr {independent}, ptr %q")
         ir.do("store ptr %memory, ptr %dependent")
-        ir.do("ret i1 true")
-        ir.label("declined")
-        ir.do("ret i1 false")

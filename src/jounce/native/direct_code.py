@@ -112,7 +112,6 @@ def _define_attempt(ir: CallWriter) -> None:
         with ir.only_if(ir.compare("i32", failed, 0, "ne"), "failed", "computed"):
             ir.do(f"call void @drop(ptr {objects}, i64 {inputs}, i64 {end})")
             ir.do("br label %declined")
-            ir.label("unreached.failed")
         ir.do(f"ret ptr {ir.let(f'call ptr @collect(ptr %table, ptr {objects}, i1 %into)')}")
         ir.label("declined")
         ir.do("ret ptr @needed")
@@ -122,20 +121,17 @@ def _define_attempt(ir: CallWriter) -> None:
 
 def _define_results(ir: CallWriter) -> None:
     """Functions on results: to hold those that are given, to allocate new ones, to drop them."""
-    with ir.function("internal i1 @lies_apart(ptr %ports, ptr %places, i64 %last)"):
+    with ir.check("lies_apart(ptr %ports, ptr %places, i64 %last)"):
         start, size = _span(ir, "%last")
         end = ir.at(start, size)
         with ir.each("0", "%last") as j:
             other, length = _span(ir, j)
             before, after = ir.compare("ptr", end, other, "ule"), ir.compare("ptr", ir.at(other, length), start, "ule")
             ir.require(ir.let(f"or i1 {before}, {after}"))
-        ir.do("ret i1 true")
-        ir.label("declined")
-        ir.do("ret i1 false")
     with ir.function("internal void @drop(ptr %objects, i64 %start, i64 %end)"), ir.each("%start", "%end") as k:
         ir.do(f"call void {ir.needed('decrease')}(ptr {ir.pointer('%objects', k)})")
     arguments = "ptr %ports, ptr %places, ptr %objects, i64 %start, i64 %end"
-    with ir.function(f"internal i1 @hold(ptr %given, {arguments})"):
+    with ir.check(f"hold(ptr %given, {arguments})"):
         with ir.each("%start", "%end") as k:
             target = ir.pointer("%given", k)
             found = ir.let(f"call ptr @numbers(ptr {ir.port('%ports', k)}, ptr {target}, i32 {WRITABLE})")
@@ -144,9 +140,6 @@ def _define_results(ir: CallWriter) -> None:
             ir.require(ir.let(f"call i1 @lies_apart(ptr %ports, ptr %places, i64 {k})"))
         with ir.each("%start", "%end") as k:  # only now: what is declined is not held
             ir.do(f"call void {ir.needed('increase')}(ptr {ir.pointer('%objects', k)})")
-        ir.do("ret i1 true")
-        ir.label("declined")
-        ir.do("ret i1 false")
     with ir.function(f"internal i1 @allocate({arguments})"):
         with ir.each("%start", "%end") as k:
             port = ir.port("%ports", k)
@@ -185,12 +178,10 @@ def _define_collect(ir: CallWriter) -> None:
                 ir.do(f"store ptr {scalar}, ptr {ir.at('%objects', k, 'ptr')}")
         with ir.only_if(ir.compare("i64", count, 1), "single", "several"):
             ir.do(f"ret ptr {ir.pointer('%objects', first)}")
-            ir.label("unreached")
         together = ir.let(f"call ptr {ir.needed('new_tuple')}(i64 {count})")
         with ir.only_if(ir.compare("ptr", together, "null"), "short", "filled"):
             ir.do(f"call void @drop(ptr %objects, i64 {first}, i64 {end})")
             ir.do("ret ptr null")
-            ir.label("unreached.short")
         with ir.each(first, end) as j:
             place = ir.let(f"sub i64 {j}, {first}")
             ir.let(f"call i32 {ir.needed('set_item')}(ptr {together}, i64 {place}, ptr {ir.pointer('%objects', j)})")

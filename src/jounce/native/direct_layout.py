@@ -83,6 +83,15 @@ class CallWriter(Writer):
         """Whether two integers or pointers are in a relation."""
         return self.let(f"icmp {relation} {kind} {x}, {y}")
 
+    @contextmanager
+    def check(self, head: str) -> Iterator[None]:
+        """A function that is true where nothing written inside declines."""
+        with self.function(f"internal i1 @{head}"):
+            yield
+            self.do("ret i1 true")
+            self.label("declined")
+            self.do("ret i1 false")
+
     def require(self, condition: str, failed: str = "declined") -> None:
         """Go on where a condition holds, to a label where it does not."""
         self.names += 1

@@ -8,9 +8,6 @@ from jounce.native.ir import Writer
 from jounce.native.pieces import vector_calls
 from jounce.program.program import Program
 
-MAX_STEPS_COMPILED_TWICE = 6000  # for vectors and for one state: each compiles in some tenths of a second
-STEPS_PER_BRANCH = 4000  # as the time that LLVM takes for code without a branch grows faster than its length
-
 
 @dataclass(frozen=True)
 class BlockCode:
@@ -26,6 +23,20 @@ class BlockCode:
     at_once: int = 1  # blocks
     define_wide: Callable[[Writer], None] | None = None  # what code for a state alone calls, in vectors all the same
     results_in_bodies: bool = False  # where places are counted from
+
+
+@dataclass(frozen=True)
+class JointStep:
+    """A traced step, and where its inputs and outputs are: an offset in scalars in the memory of that name."""
+
+    program: Program
+    reads: tuple[tuple[str, int], ...]
+    writes: tuple[tuple[str, int], ...]
+
+    @property
+    def memory(self) -> list[str]:
+        """The names of the memory that it takes."""
+        return sorted({memory for memory, _ in (*self.reads, *self.writes)})
 
 
 def emit_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> list[str]:
@@ -47,6 +58,26 @@ def emit_steps(ir: Writer, program: Program, read: Callable[[int], str]) -> list
                 ir.do(f"call void @sincos({ir.V} {operands[0]}, {ir.V} {operands[0]}, ptr {place}, ptr {place})")
             names.append(ir.load(ir.at(circles[step.operands[0]], function.result, ir.V)))
     return names
+
+
+def define_step(ir: Writer, name: str, step: JointStep, memory: Sequence[str]) -> None:
+    """A step as a function of parts of memory: vectors, and constants, which are single numbers."""
+
+    def read(i: int) -> str:
+        part, place = step.reads[i]
+        if part == "constants":
+            return ir.splat(ir.let(f"load double, ptr {ir.at('%constants', place)}"))
+        return ir.load(ir.at(f"%{part}", place, ir.V))
+
+    with ir.function(f"internal void @{name}({pointers(*(f'%{part}' for part in memory))}) {ir.aligned}"):
+        values = emit_steps(ir, step.program, read)
+        for (part, place), i in zip(step.writes, step.program.outputs, strict=True):
+            ir.store(values[i], ir.at(f"%{part}", place, ir.V))
+
+
+def pointers(*names: str) -> str:
+    """Arguments of a step."""
+    return ", ".join(f"ptr {name}" for name in names)
 
 
 def nan_masks(ir: Writer, signature: Signature, add: Callable[[str, Port], str]) -> Iterator[str]:

@@ -65,7 +65,8 @@ class Writer:
         self.do(f"br i1 {condition}, label %{inside}, label %{after}")
         self.label(inside)
         yield
-        self.do(f"br label %{after}")
+        if not self.lines[-1].startswith(("  ret", "  br")):
+            self.do(f"br label %{after}")
         self.label(after)
 
     def label(self, name: str) -> None:

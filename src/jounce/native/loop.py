@@ -14,10 +14,10 @@ from jounce.model.mechanism import Mechanism
 from jounce.native import loop_steps, memory_layout
 from jounce.native.articulated_steps import ArticulatedSteps
 from jounce.native.articulated_tree import ArticulatedTree
-from jounce.native.emit import BlockCode, emit_steps, nan_masks
+from jounce.native.emit import BlockCode, define_step, nan_masks
 from jounce.native.ir import Writer
-from jounce.native.loop_steps import JointStep, Sweeps
-from jounce.native.loop_tree import LoopTree, pointers
+from jounce.native.loop_steps import Sweeps
+from jounce.native.loop_tree import LoopTree
 
 STEP_MEMORY = ("constants", "body", "parent", "motion", "carrier")  # what a step reads and writes
 
@@ -55,24 +55,24 @@ def _define_block(ir: Writer, mechanism: Mechanism, sweeps: Sweeps, signature: S
 
 def _define_steps(ir: Writer, present: Sequence[str], sweeps: Sweeps, floating: bool) -> None:
     for kind in present:
-        _define_step(ir, f"{sweeps.name('outward')}_{kind}", sweeps.outward(kind))
-        _define_step(ir, f"{sweeps.name('inward')}_{kind}", sweeps.inward(kind))
+        define_step(ir, f"{sweeps.name('outward')}_{kind}", sweeps.outward(kind), STEP_MEMORY)
+        define_step(ir, f"{sweeps.name('inward')}_{kind}", sweeps.inward(kind), STEP_MEMORY)
     if sweeps.computation.wrench:
-        _define_step(ir, sweeps.name("add_wrench"), sweeps.add_wrench())
+        define_step(ir, sweeps.name("add_wrench"), sweeps.add_wrench(), STEP_MEMORY)
     if sweeps.acting:
-        _define_step(ir, sweeps.name("drive"), sweeps.drive())
+        define_step(ir, sweeps.name("drive"), sweeps.drive(), STEP_MEMORY)
     if sweeps.computation.base:
-        _define_step(ir, sweeps.name("move_base"), sweeps.base(floating))
+        define_step(ir, sweeps.name("move_base"), sweeps.base(floating), STEP_MEMORY)
 
 
 def _define_articulated_steps(ir: Writer, present: Sequence[str], orders: Sequence[Sweeps], floating: bool) -> None:
     steps = ArticulatedSteps(orders[0])
     for kind in present:
-        _define_step(ir, f"articulate_{kind}", steps.articulate(kind))
-        _define_step(ir, f"balance_{kind}", steps.balance(kind))
-        _define_step(ir, f"accelerate_{kind}", steps.accelerate(kind))
+        define_step(ir, f"articulate_{kind}", steps.articulate(kind), STEP_MEMORY)
+        define_step(ir, f"balance_{kind}", steps.balance(kind), STEP_MEMORY)
+        define_step(ir, f"accelerate_{kind}", steps.accelerate(kind), STEP_MEMORY)
     for sweeps in orders if floating else ():
-        _define_step(ir, sweeps.name("accelerate_base"), ArticulatedSteps(sweeps).accelerate_base())
+        define_step(ir, sweeps.name("accelerate_base"), ArticulatedSteps(sweeps).accelerate_base(), STEP_MEMORY)
 
 
 def _define_sum(ir: Writer) -> None:
@@ -100,18 +100,3 @@ def _set_results(ir: Writer, signature: Signature) -> None:
     for port, mask in zip(signature.outputs, nan_masks(ir, signature, add), strict=True):
         with ir.loop(str(port.end), str(port.start)) as j:
             ir.store(mask, ir.at("%out", j, ir.V))
-
-
-def _define_step(ir: Writer, name: str, step: JointStep) -> None:
-    with ir.function(f"internal void @{name}({pointers(*(f'%{part}' for part in STEP_MEMORY))}) {ir.aligned}"):
-
-        def read(i: int) -> str:
-            memory, place = step.reads[i]
-            if memory == "constants":
-                return ir.splat(ir.let(f"load double, ptr {ir.at('%constants', place)}"))
-            return ir.load(ir.at(f"%{memory}", place, ir.V))
-
-        values = emit_steps(ir, step.program, read)
-        results = [values[i] for i in step.program.outputs]
-        for (memory, place), result in zip(step.writes, results, strict=True):
-            ir.store(result, ir.at(f"%{memory}", place, ir.V))

@@ -19,9 +19,10 @@ from jounce.model import drives
 from jounce.model.equivalent_mechanisms import frame_shifts, minimal_mechanism
 from jounce.model.mechanism import Mechanism
 from jounce.native import memory_layout
-from jounce.native.memory_layout import VectorLayout, base_layout, body_layout, motion_layout, sweep_of
+from jounce.native.emit import JointStep
+from jounce.native.memory_layout import base_layout, body_layout, motion_layout, sweep_of
+from jounce.native.vector_layout import VectorLayout, carriers
 from jounce.program.passes import factor, fuse
-from jounce.program.program import Program
 from jounce.program.trace import Tape
 from jounce.spatial import inertia
 from jounce.spatial.lie import Ad, pose, position, rotation
@@ -34,22 +35,12 @@ BASE_SIZES = {"g": 3, "m": 1, "h": 3, "P": 6}  # gravity, and the moments of a b
 CARRY_SIZES = {"R": 9, "r": 3}  # where the joint's frame lies in the body's own, in which wrenches are given
 
 
-@dataclass(frozen=True)
-class JointStep:
-    """A traced step, and where its inputs and outputs are: an offset in scalars in the memory of that name."""
-
-    program: Program
-    reads: tuple[tuple[str, int], ...]
-    writes: tuple[tuple[str, int], ...]
-
-
 class Sheet:
-    """A tape whose inputs and outputs have places in memory: of a body or its parent, of the motion of either."""
+    """A tape whose inputs and outputs have places in memory, in parts of these layouts by its name."""
 
-    def __init__(self, sweeps: "Sweeps", **others: VectorLayout) -> None:
+    def __init__(self, **layouts: VectorLayout) -> None:
         self.tape = Tape()
-        of_body, of_motion = sweeps.layout, sweeps.motion
-        self.layouts = {"body": of_body, "parent": of_body, "motion": of_motion, "carrier": of_motion} | others
+        self.layouts = layouts
         self.reads: list[tuple[str, int]] = []
         self.outputs: list[tuple[str, int, object]] = []
 
@@ -90,6 +81,11 @@ class Sweeps:
     order: int
     acting: tuple[str, ...] = ()  # the terms of the drives in Q
 
+    def sheet(self, **others: VectorLayout) -> Sheet:
+        """A sheet for a step on a body or its parent, and the motion of either."""
+        of_bodies = dict.fromkeys(("body", "parent"), self.layout)
+        return Sheet(**of_bodies | dict.fromkeys(("motion", "carrier"), self.motion) | others)
+
     def name(self, step: str) -> str:
         """The name of a step of this order."""
         return f"{step}{self.order}"
@@ -117,7 +113,7 @@ class Sweeps:
 
         What carries the ground is the motion of the base, in the place of a parent's.
         """
-        sheet = Sheet(self, carrier=self.base_motion)
+        sheet = self.sheet(carrier=self.base_motion)
         c = sheet.constants(BASE_SIZES)
         C, V = sheet.read("carrier", "C")[0].reshape(4, 4), sheet.read("carrier", "V")
         kind = sweep_of(self.computation)
@@ -131,7 +127,7 @@ class Sweeps:
 
     def outward(self, kind: str) -> JointStep:
         """Trace the step from the parent's motion to the body's, with the inertia force."""
-        sheet = Sheet(self)
+        sheet = self.sheet()
         joint, of_body = aligned_joint(sheet, kind)
         sweep = sweep_of(self.computation)
         parent = {name: sheet.read("carrier", name) for name in sweep.parts}
@@ -143,7 +139,7 @@ class Sweeps:
 
     def add_wrench(self) -> JointStep:
         """Trace the step that adds the wrench of a body to the force on it."""
-        sheet = Sheet(self)
+        sheet = self.sheet()
         T = sheet.constants(CARRY_SIZES)
         W = Ad(pose(T["R"].reshape(3, 3), T["r"][:, None])).mT @ sheet.read("body", "W")
         sheet.write("body", "f", sheet.read("body", "f") + take_rows(W, 3, 6))
@@ -152,7 +148,7 @@ class Sweeps:
 
     def inward(self, kind: str) -> JointStep:
         """Trace the step from the force on a body to the joint force and the force on its parent."""
-        sheet = Sheet(self)
+        sheet = self.sheet()
         joint, _ = aligned_joint(sheet, kind)
         on, parents = (BodyForce(sheet.read(memory, "f"), sheet.read(memory, "n")) for memory in ("body", "parent"))
         total = parents + joint.inward(on)
@@ -162,7 +158,7 @@ class Sweeps:
 
     def drive(self) -> JointStep:
         """Trace the step that adds the drive terms to the joint force."""
-        sheet = Sheet(self)
+        sheet = self.sheet()
         added = drives.forces(sheet.constants(DRIVE_SIZES), self.acting, sheet.read("body", "theta"))
         sheet.write("body", "Q", sheet.read("body", "Q") + added)
         return sheet.step()
@@ -214,7 +210,7 @@ def tables(mechanism: Mechanism, of_joints: Sequence[int]) -> dict[str, Sequence
 
     "constants", "drives", "base" and "carry" hold what the sizes above list; the ground's inertia is not read.
     """
-    chain, carriers = minimal_mechanism(mechanism), memory_layout.carriers(mechanism)
+    chain, above = minimal_mechanism(mechanism), carriers(mechanism)
     owners = list(chain.owners)
     joints = [
         np.concatenate([*map(np.ravel, (rotation(B), position(B), X[5:])), _moment_row(M), [armature]])
@@ -224,8 +220,8 @@ def tables(mechanism: Mechanism, of_joints: Sequence[int]) -> dict[str, Sequence
     followed = [np.flatnonzero(row).tolist() or [0] for row in G]  # coordinates by joint, at least one
     return {
         "kinds": of_joints,
-        "parents": [p + 1 for p in carriers],
-        "slots": memory_layout.motion_slots(carriers),
+        "parents": [p + 1 for p in above],
+        "slots": memory_layout.motion_slots(above),
         "constants": _flatten(joints),
         "drives": _flatten(np.concatenate(list(drives.coefficients(mechanism.drives).values()), axis=1)),
         "carry": _flatten(np.concatenate([rotation(T).reshape(-1, 9), position(T).reshape(-1, 3)], axis=1)),

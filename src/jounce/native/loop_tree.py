@@ -15,9 +15,10 @@ from jounce.dynamics.recursion.forces import ground
 from jounce.dynamics.recursion.steps import BodyMotion
 from jounce.model.mechanism import Mechanism
 from jounce.native import loop_steps
+from jounce.native.emit import pointers
 from jounce.native.ir import Writer
 from jounce.native.loop_steps import Sweeps
-from jounce.native.memory_layout import VectorLayout
+from jounce.native.vector_layout import VectorLayout
 
 GROUND_MEMORY = ("%bodies", "%bodies", "%motions")  # the body, parent and motion of the ground
 
@@ -167,11 +168,6 @@ def clear(ir: Writer, body: str, layout: VectorLayout, names: Sequence[str]) -> 
 def add_to(ir: Writer, total: str, address: str) -> None:
     """Add a vector in memory to another."""
     ir.store(ir.op("add", ir.load(address), ir.load(total)), total)
-
-
-def pointers(*names: str) -> str:
-    """Arguments of a step."""
-    return ", ".join(f"ptr {name}" for name in names)
 
 
 def _set_ground(ir: Writer, sweeps: Sweeps, motion: BodyMotion) -> None:

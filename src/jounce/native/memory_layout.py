@@ -4,11 +4,7 @@ Scratch memory holds a block of states: its inputs, its outputs and, in the loop
 one vector, with a lane for each state.
 """
 
-from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
-from heapq import heappop, heappush
-from itertools import accumulate
 
 import numpy as np
 
@@ -19,6 +15,7 @@ from jounce.model.equivalent_mechanisms import minimal_mechanism
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import multiscrew_joints
 from jounce.native.column_layout import column_layout
+from jounce.native.vector_layout import VectorLayout, carriers, reuse_places
 
 MAX_STRAIGHT_SIZE = 400  # bodies times (order + 1)^2, as operations of forces grow: longer code leaves the caches
 MAX_STRAIGHT_NUMBERS = 1250  # of a robot, times order + 4/3 as operations of accelerations grow: more compile for 3 s
@@ -72,28 +69,6 @@ def obstacle(computation: Computation, mechanism: Mechanism) -> str | None:
     return None if computation.order <= highest else f"supports orders up to {highest}, not {computation.order}"
 
 
-@dataclass(frozen=True)
-class VectorLayout:
-    """The vectors of one body: by part, how many rates of how many scalars, and how many of the rates are unknown."""
-
-    parts: tuple[tuple[str, int, int], ...]
-    unknown: int = 0
-
-    def places(self, name: str) -> list[range]:
-        """Return the positions of the known rates of a part."""
-        starts = accumulate((rates * scalars for _, rates, scalars in self.parts), initial=0)
-        for (part, rates, scalars), start in zip(self.parts, starts, strict=False):
-            if part == name:
-                known = range(max(1, rates - self.unknown))
-                return [range(start + k * scalars, start + (k + 1) * scalars) for k in known]
-        raise KeyError(name)
-
-    @property
-    def size(self) -> int:
-        """The number of vectors."""
-        return sum(rates * scalars for _, rates, scalars in self.parts)
-
-
 def motion_layout(computation: Computation) -> VectorLayout:
     """The layout of the motion of a body, which is needed only until its children have theirs."""
     parts = sweep_of(computation).parts.items()
@@ -124,30 +99,12 @@ def sweep_of(computation: Computation) -> Sweep:
     return sweep
 
 
-def carriers(mechanism: Mechanism) -> list[int]:
-    """The joint on which each joint hangs; -1 is the ground, or the base that moves in its place."""
-    return [mechanism.parent[i] - mechanism.floats if mechanism.parent[i] >= 0 else -1 for i in mechanism.owners]
-
-
 def motion_slots(parent: Sequence[int]) -> list[int]:
-    """Assign slots to motions, the ground's first; a slot is reused after the last child has its motion.
-
-    This is linear-scan register allocation without spilling: the lowest free slot, or a new one without any. As
-    intervals are taken in the order of their starts, no other assignment needs fewer slots.
-    """
+    """Assign slots to motions, the ground's first; a slot is reused after the last child has its motion."""
     last = list(range(-1, len(parent)))  # the last child of each, the ground's first; itself if it has none
     for i, p in enumerate(parent):
         last[p + 1] = i
-    ends = defaultdict(list, {last[0]: [0]})  # slots by the body after which they are free
-    slots, free, count = [0], list[int](), 1
-    for i in range(len(parent)):  # free what ended with the body before, then take a slot until the last child
-        for slot in ends.pop(i - 1, ()):
-            heappush(free, slot)
-        if not free:
-            free, count = [count], count + 1
-        slots.append(heappop(free))
-        ends[last[i + 1]].append(slots[-1])
-    return slots
+    return reuse_places(enumerate(last, start=-1))
 
 
 def loop_sizes(computation: Computation, mechanism: Mechanism) -> tuple[int, int, int]:

@@ -12,12 +12,11 @@ There is no failure.
 [1] M. Poletto, V. Sarkar, Linear scan register allocation, ACM TOPLAS 21 (5), 1999.
 """
 
-from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from heapq import heappop, heappush
 from itertools import count, pairwise
 
+from jounce.native.vector_layout import reuse_places
 from jounce.program.operations import LEAVES, OPERATIONS, VectorFunction
 from jounce.program.program import Program, topological_order
 
@@ -45,11 +44,6 @@ class CutProgram:
         """The size of the memory."""
         return max(self.homes.values(), default=-1) + 1
 
-    @property
-    def traffic(self) -> int:
-        """The number of loads and stores."""
-        return len(self.loads) + len(self.homes)
-
 
 def cut_program(program: Program, registers: int, first: Sequence[int] | None = None) -> CutProgram:
     """The pieces of a program for a processor with this number of vector registers.
@@ -65,7 +59,8 @@ def cut_program(program: Program, registers: int, first: Sequence[int] | None = 
         return _cut_in_order(program, finishing, 1)
     number = round(len(finishing) / PIECE_STEPS)
     orders = [finishing] if registers > 16 else [finishing, _operations(program, range(len(program.steps)))]
-    return min((_cut_in_order(program, order, number) for order in orders), key=lambda found: found.traffic)
+    found = (_cut_in_order(program, order, number) for order in orders)
+    return min(found, key=lambda cut: len(cut.loads) + len(cut.homes))  # loads and stores
 
 
 def vector_calls(program: Program) -> dict[int, VectorFunction]:
@@ -107,15 +102,9 @@ def _homes(program: Program, pieces: Sequence[Sequence[int]], called: Mapping[in
                 next(unused)  # of its second result
         homes[i] = pairs[key] + (function.result or 0)
     last = {j: k for k, piece in enumerate(pieces) for i in piece for j in steps[i].operands}
-    left, ends = list[int](), defaultdict[int, list[int]](list)  # places to use again, and places by the last piece
-    for k, piece in enumerate(pieces):
-        for i in piece:
-            if i not in homes and last.get(i, k) > k:
-                homes[i] = heappop(left) if left else next(unused)
-                ends[last[i]].append(homes[i])
-        for place in ends.pop(k, ()):  # not earlier: a piece reads them while it writes others
-            heappush(left, place)
-    return homes
+    spans = {i: (k, last[i]) for k, piece in enumerate(pieces) for i in piece if i not in homes and last.get(i, k) > k}
+    first = next(unused)
+    return homes | {i: first + place for i, place in zip(spans, reuse_places(spans.values()), strict=True)}
 
 
 def _loads(program: Program, piece: Sequence[int], called: Mapping[int, VectorFunction]) -> Iterator[tuple[int, int]]:

@@ -60,7 +60,7 @@ def make_method(row: Quantity) -> FunctionType:
         unchecked = "side is None and self.mechanism.elasticity is None"
         asked = f"{asked} if {unchecked} else {_check_links_side.__name__}(self, {asked}, side)"
     keywords = ", ".join(f"{name}={name}" for name in options if name not in ("form", "side"))
-    place = next(iter(row.methods.values())).law.__code__
+    place = next(iter(row.methods.values())).__code__
     above = "\n" * (place.co_firstlineno - 1)
     call = f"{called}(self, {asked}, ({given}), {keywords})"
     source = f"{above}def {row.name}(self, {', '.join(taken)}): return {call}"

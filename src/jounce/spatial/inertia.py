@@ -5,6 +5,7 @@ the frame's origin (eqn_body_fixed_mass_inertia_matrix). The same ten numbers as
 moments P = integral of r r^T dm = tr(Theta)/2 I - Theta.
 """
 
+import math
 from typing import Any
 
 import numpy as np
@@ -41,7 +42,6 @@ _PARAMETER_PLACES = (
     [3, 2, 0, 1, 0, 0, 1, 0, 1, 2],
     [3, 4, 5, 3, 0, 1, 1, 2, 2, 2],
 )  # rows and columns of M that hold them
-_SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # where in xx, xy, xz, yy, yz, zz an entry stands
 
 
 def inertia_matrix(
@@ -119,9 +119,12 @@ def _unit(i: int, j: int) -> Array:
 _PARAMETER_BASIS = np.stack([_unit(i, j) for i, j in zip(*_PARAMETER_PLACES, strict=True)]).reshape(10, 36)
 
 
-def symmetric_matrix(six: Array) -> Array:
-    """The tensor of its entries xx, xy, xz, yy, yz, zz: (6) to (3, 3)."""
-    return six[_SYMMETRIC]
+def symmetric_matrix(entries: Array) -> Array:
+    """The matrix of its entries on and above the diagonal, xx, xy, xz, yy, yz, zz of a tensor: (6) to (3, 3)."""
+    upper = np.triu_indices((math.isqrt(8 * len(entries) + 1) - 1) // 2)
+    places = np.zeros((upper[0][-1] + 1,) * 2, dtype=int)
+    places[upper] = places.T[upper] = range(len(entries))
+    return entries[places]
 
 
 def parameters(M: Array) -> Array:

@@ -14,9 +14,8 @@ from jounce._codegen.symbolic.trig_polynomial import TrigPolynomial, Variables
 from jounce.arguments import requests
 from jounce.core.errors import JounceError, locate_errors
 from jounce.core.scalars import Array, zeros_like
-from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.quantities import QUANTITIES, Quantity
-from jounce.dynamics.state import Law, State
+from jounce.dynamics.state import JointMotion, Law, State
 from jounce.model.frame import Frame
 from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism

@@ -11,7 +11,7 @@ from jounce._codegen.symbolic.terms import polynomial
 from jounce._codegen.symbolic.trig_polynomial import Variables
 from jounce.core.errors import JounceError, locate_errors
 from jounce.core.scalars import Array
-from jounce.dynamics.joint_motion import JointMotion
+from jounce.dynamics.state import JointMotion
 from jounce.model.drives import Drives
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import position_count

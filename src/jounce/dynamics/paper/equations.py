@@ -1,7 +1,7 @@
 """The equations of motion and their two time derivatives, assembled from the matrices of Sections 3 and 4.
 
 They are printed for joints of one screw, of which a X = 0. They hold for all others in velocities nu_p = T nu of which
-``T' = T alpha`` and T = 1 at the instant, with alpha of `dynamics.joint_motion.turning`. The laws take them to the
+``T' = T alpha`` and T = 1 at the instant, with alpha of `dynamics.state.turning`. The laws take them to the
 velocities nu of the mechanism: Q = T^T Q_p, M = T^T M_p T, and, as nu_p' = T nu' + T' nu, C = T^T (C_p T + M_p T').
 """
 
@@ -13,10 +13,9 @@ import numpy as np
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array, concatenate
 from jounce.dynamics import system
-from jounce.dynamics.joint_motion import BASE_AT_REST, JointMotion, add_moving_ground, velocity_drift
 from jounce.dynamics.paper.section3 import C11, M1, C
 from jounce.dynamics.paper.section4 import C21, M21
-from jounce.dynamics.state import State
+from jounce.dynamics.state import BASE_AT_REST, JointMotion, State, add_moving_ground, velocity_drift
 from jounce.model.mechanism import Mechanism, ancestors
 from jounce.spatial.series import Series, from_rate, join_series
 

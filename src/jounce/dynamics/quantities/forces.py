@@ -2,7 +2,7 @@
 
 from jounce.dynamics import closed_form, drive_terms
 from jounce.dynamics.paper import equations
-from jounce.dynamics.quantities.row import column_width, quantity, row_vector
+from jounce.dynamics.quantities.row import quantity, row_vector
 from jounce.dynamics.recursion import forces
 from jounce.dynamics.state import State
 from jounce.model.drives import DRIVE_TERMS
@@ -18,7 +18,6 @@ class Forces:
         rates=3,
         shape=("nv",),
         of_motors="motor_torques",
-        width=column_width,
         closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).Q),
         paper=lambda m, x: row_vector(equations.inverse_dynamics(m, x)),
         sweep=forces.MOVING_SWEEP,
@@ -56,12 +55,10 @@ class Forces:
         symbol="Qgrav",
         rates=1,
         shape=("nv",),
-        width=column_width,
         closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).Qgrav),
         paper=lambda m, x: row_vector(equations.gravity_forces(m, x)),
         sweep=forces.RESTING_SWEEP,
         unit="N m or, for coordinates in m, N",
-        caption="gravity forces",
         meaning="Qgrav = dU/dq: the forces that hold the robot up against gravity.",
         tex=r"Q_{\mathrm{grav}} = \partial U / \partial q",
         tex_symbol=r"Q_{\mathrm{grav}}",

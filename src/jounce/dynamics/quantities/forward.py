@@ -3,13 +3,12 @@
 from dataclasses import replace
 
 from jounce.dynamics import forward
-from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.quantities.forces import Forces
 from jounce.dynamics.quantities.matrices import Matrices
 from jounce.dynamics.quantities.row import quantity, row_vector
 from jounce.dynamics.recursion import articulated
 from jounce.dynamics.recursion import forces as recursion_forces
-from jounce.dynamics.state import State
+from jounce.dynamics.state import JointMotion, State
 from jounce.model.drives import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import Factors

@@ -1,7 +1,7 @@
 """Momenta and energies."""
 
 from jounce.dynamics import closed_form, drive_terms
-from jounce.dynamics.quantities.row import column_width, quantity, row_vector, scalar
+from jounce.dynamics.quantities.row import quantity, row_vector, scalar
 from jounce.dynamics.recursion import matrices, momenta
 from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism
@@ -15,7 +15,6 @@ class Momenta:
         symbol="h",
         rates=2,
         shape=(6,),
-        width=column_width,
         closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).h),
         unit="kg m^2/s and kg m/s",
         caption="spatial momentum",
@@ -40,10 +39,8 @@ class Momenta:
         symbol="hG",
         rates=2,
         shape=(6,),
-        width=column_width,
         closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).hG),
         unit="kg m^2/s and kg m/s",
-        caption="centroidal momentum",
         meaning="hG: the momentum (angular; linear) of the bodies about their centre of mass, in inertial axes.",
         tex=r"h_G = (k - c \times l;\ l), \quad h = (k; l)",
         tex_symbol="h_{G}",
@@ -74,7 +71,6 @@ class Momenta:
         shape=(6, "nv"),
         closed_form=lambda m, x: closed_form.evaluate_state(m, x).AG,
         unit="kg m^2, kg m or kg",
-        caption="centroidal momentum matrix",
         meaning="AG(q): the centroidal momentum matrix, hG = AG qd.",
         tex=r"A_G = \partial h_G / \partial \dot{q}",
         tex_symbol="A_{G}",
@@ -104,7 +100,6 @@ class Momenta:
         symbol="c",
         rates=1,
         shape=(3,),
-        width=column_width,
         closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).c),
         unit="m",
         caption="centre of mass",
@@ -131,12 +126,10 @@ class Momenta:
         symbol="p",
         rates=2,
         shape=("nv",),
-        width=column_width,
         closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).p),
         drive_terms=("armature",),
         drive_law=lambda m, x: row_vector(drive_terms.armature_matrix(m) @ x.q.dot),
         unit="N m s or, for coordinates in m, N s",
-        caption="generalized momentum",
         meaning="p = M qd: the generalized momentum.",
         tex=r"p = M\,\dot{q}",
     )
@@ -156,12 +149,10 @@ class Momenta:
         symbol="T",
         rates=2,
         shape=(),
-        width=column_width,
         closed_form=lambda m, x: scalar(closed_form.evaluate_state(m, x).T),
         drive_terms=("armature",),
         drive_law=lambda m, x: scalar(x.q.dot.mT @ (drive_terms.armature_matrix(m) @ x.q.dot) * 0.5),
         unit="J",
-        caption="kinetic energy",
         meaning="T = 1/2 qd . M qd: the kinetic energy.",
         tex=r"T = \tfrac{1}{2}\,\dot{q}^T M\,\dot{q}",
     )
@@ -181,12 +172,10 @@ class Momenta:
         symbol="U",
         rates=1,
         shape=(),
-        width=column_width,
         closed_form=lambda m, x: scalar(closed_form.evaluate_state(m, x).U),
         drive_terms=("spring",),
         drive_law=lambda m, x: scalar(drive_terms.spring_energy(m, x.q)),
         unit="J",
-        caption="potential energy",
         meaning="U(q): the potential energy, zero where all masses are at the height of the inertial origin.",
         tex=r"U = -\sum_i m_i\, g \cdot c_i",
     )

@@ -9,13 +9,13 @@ from jounce.dynamics.joint_springs import NO_INPUTS, elasticity_of, with_stiffne
 from jounce.dynamics.quantities.forces import Forces
 from jounce.dynamics.quantities.forward import Forward
 from jounce.dynamics.quantities.matrices import Matrices
-from jounce.dynamics.quantities.row import column_width, quantity, row_vector
+from jounce.dynamics.quantities.row import quantity, row_vector
 from jounce.dynamics.state import State
 from jounce.model.drives import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
-_motor_quantity = partial(quantity, elastic=True, shape=("n",), drive_terms=DRIVE_TERMS)
+_motor_quantity = partial(quantity, elastic=True, shape=("n",), rates=5, wrench_rates=3, drive_terms=DRIVE_TERMS)
 
 
 def _motor_motion(method: str, m: Mechanism, x: State) -> tuple[Series, Callable[[], Series]]:
@@ -61,9 +61,8 @@ class Motors:
     @_motor_quantity(
         symbol="theta",
         rates=3,
-        width=column_width,
+        wrench_rates=1,
         unit="rad or, for coordinates in m, m",
-        caption="motor positions",
         meaning="theta = q + K^-1 Q: positions of the motors behind elastic joints.",
         tex=r"\theta = q + K^{-1} Q",
         tex_symbol=r"\theta",
@@ -88,14 +87,10 @@ class Motors:
 
     @_motor_quantity(
         symbol="tau",
-        rates=5,
-        width=column_width,
         unit="N m or, for coordinates in m, N",
-        caption="motor torques",
         meaning="tau = Q + B theta2d + F_m(thetad): torques of the motors behind elastic joints.",
         tex=r"\tau = Q + B\,\ddot{\theta} + F_m(\dot{\theta})",
         tex_symbol=r"\tau",
-        wrench_rates=3,
         wrench_term="J^T W, and B K^-1 times its second derivative",
         wrench_tex=r"J^T W + B K^{-1} \tfrac{d^2}{dt^2}(J^T W)",
     )
@@ -122,14 +117,11 @@ class Motors:
     @_motor_quantity(
         symbol="theta",
         results=("theta", "thetad", "tau"),
-        rates=5,
-        width=column_width,
         unit="rad, rad/s and N m or, for coordinates in m, m, m/s and N",
         caption="motor positions, velocities and torques",
         meaning="theta = q + K^-1 Q, thetad and tau = Q + B theta2d + F_m(thetad): what the motors do.",
         tex=r"\theta = q + K^{-1} Q,\quad \dot{\theta},\quad \tau = Q + B\,\ddot{\theta} + F_m(\dot{\theta})",
         tex_symbol=r"(\theta,\ \dot{\theta},\ \tau)",
-        wrench_rates=3,
         wrench_term="K^-1 J^T W to theta, and what they add to thetad and tau",
         wrench_tex=r"K^{-1} J^T W",
     )
@@ -152,14 +144,10 @@ class Motors:
 
     @_motor_quantity(
         symbol="i",
-        rates=5,
         obstacle=electrical.current_obstacle,
-        width=column_width,
         unit="A",
-        caption="motor currents",
         meaning="i = tau / (r k): currents of the motors, with gear ratios r and torque constants k.",
         tex=r"i = \tau / (r k)",
-        wrench_rates=3,
         wrench_term="what they add to tau, over r k",
         wrench_tex=r"\tau(W) / (r k)",
         returns="NaN for motors that state no torque constant.",
@@ -183,15 +171,11 @@ class Motors:
 
     @_motor_quantity(
         symbol="u",
-        rates=5,
         inductive=True,
         obstacle=electrical.voltage_obstacle,
-        width=column_width,
         unit="V",
-        caption="motor voltages",
         meaning="u = R i + L di/dt + k r thetad: voltages of the motors.",
         tex=r"u = R\,i + L\,\dot{i} + k r\,\dot{\theta}",
-        wrench_rates=3,
         wrench_term="what they add",
         wrench_tex="u(W)",
         returns="NaN for motors that state no torque constant or no resistance.",
@@ -217,7 +201,7 @@ class Motors:
     @_motor_quantity(
         symbol="q",
         results=("q2d", "theta2d"),
-        rates=5,
+        wrench_rates=1,
         inputs=("q", "qd", "theta", "thetad", "tau"),
         unit="rad/s^2 or, for coordinates in m, m/s^2",
         caption="accelerations of links and motors",
@@ -249,7 +233,6 @@ class Motors:
     @_motor_quantity(
         symbol="tau",
         results=("tau",),
-        rates=5,
         inputs=("q", "qd", "theta", "thetad", "q4d"),
         obstacle=elastic.linearization_obstacle,
         unit="N m or, for coordinates in m, N",
@@ -258,7 +241,6 @@ class Motors:
         tex=r"\tau = \tau(q, \dot{q}, \ddot{q}, q^{(3)}, q^{(4)}),\quad M\,\ddot{q}"
         r" = K (\theta - q) - C\,\dot{q} - Q_{\mathrm{grav}}",
         tex_symbol=r"\tau",
-        wrench_rates=3,
         wrench_term="what they add to tau",
         wrench_tex=r"\tau(W)",
         raises="a joint is rigid",

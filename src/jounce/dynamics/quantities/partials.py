@@ -3,13 +3,12 @@
 from dataclasses import replace
 
 from jounce.dynamics import drive_terms, loop_partials, loops, partials
-from jounce.dynamics.joint_motion import velocity_drift
 from jounce.dynamics.quantities.forces import Forces
 from jounce.dynamics.quantities.forward import Forward
 from jounce.dynamics.quantities.loops import tree_forces
 from jounce.dynamics.quantities.row import quantity
 from jounce.dynamics.recursion import force_partials
-from jounce.dynamics.state import State
+from jounce.dynamics.state import State, velocity_drift
 from jounce.model.drives import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series

@@ -21,29 +21,6 @@ from jounce.spatial.series import Series, rate_name
 Axis = int | str
 
 
-def dense_width(nb: int) -> int:
-    """The width of a method on system matrices."""
-    return (6 * nb) ** 2
-
-
-def column_width(nb: int) -> int:
-    """The width of a method on one column of vectors."""
-    return 4 * nb
-
-
-def columns_width(nb: int) -> int:
-    """The width of a method on columns of screws, one for each joint."""
-    return 6 * nb
-
-
-@dataclass(frozen=True)
-class Method:
-    """A law, the function that computes a quantity, and the number of its working scalars for a state of nb bodies."""
-
-    law: Law
-    width: Callable[[int], int] = dense_width
-
-
 @dataclass(frozen=True, kw_only=True)
 class Quantity:
     """One quantity: what it is called and printed as, what it takes, and its laws, the first the default; all agree."""
@@ -52,7 +29,7 @@ class Quantity:
     symbol: str  # names of results: Q, Qd, Q2d
     first_rate: int = 0  # of the symbol, which the quantity itself is: 2 of accelerations
     unit: str
-    caption: str  # a noun phrase
+    caption: str  # a noun phrase, by default its name in words
     meaning: str  # a sentence for the head of generated code
     tex: str
     tex_symbol: str = ""  # where it is not printed as it is named; one index at most, in braces
@@ -69,7 +46,7 @@ class Quantity:
     forces: bool = False  # whether the last of these, and what follows, are generalized forces Q, Qd, ...
     inputs: tuple[str, ...] = ()  # their names where motors have a state of their own: q, qd, theta, thetad, ...
     shape: tuple[Axis, ...]  # of one state; the axis "nb" is absent where one body is named
-    methods: Mapping[str, Method]
+    methods: Mapping[str, Law]
     wrench_rates: int = 1  # how many of W, Wd, ... the quantity itself takes, where they enter
     elastic: bool = False  # whether it is one of robots with elastic joints only
     closed: bool = False  # whether it is one of robots with closed loops only
@@ -136,7 +113,7 @@ class Quantity:
         if mechanism.closure and not self.follows_others:
             of_turning = self.turns_with.law(method, mechanism.tree) if self.turns_with else None
             return loops.close_law(self.law(method, mechanism.tree), self.shape, of_turning)
-        rigid, added = self.methods[method].law, self.drive_law
+        rigid, added = self.methods[method], self.drive_law
         if added is None or mechanism.closure or not set(self.drive_terms) & set(mechanism.acting):
             return rigid  # where loops are closed, it has those of the tree
         if self.shape:
@@ -145,13 +122,7 @@ class Quantity:
         return lambda m, x: (rigid(m, x) + added(m, x)).map(_as_array)
 
 
-def quantity(
-    *,
-    width: Callable[[int], int] = columns_width,
-    closed_form: Law | None = None,
-    paper: Law | None = None,
-    **fields: Any,
-) -> Callable[[Any], Quantity]:
+def quantity(*, closed_form: Law | None = None, paper: Law | None = None, **fields: Any) -> Callable[[Any], Quantity]:
     """Declare a quantity by the function that computes it by recursion, with laws of other methods and its row.
 
     A function that takes the name of a method as its last argument is the law of the closed form as well.
@@ -159,12 +130,14 @@ def quantity(
 
     def row(declared: Any) -> Quantity:
         recursion = declared.__func__  # of a static method
-        methods = {"recursion": Method(recursion, width)}
+        methods = {"recursion": recursion}
         if dense_law := closed_form or (partial(recursion, method="closed_form") if recursion.__defaults__ else None):
-            methods["closed_form"] = Method(dense_law)
+            methods["closed_form"] = dense_law
         if paper is not None:
-            methods["paper"] = Method(paper)
-        return Quantity(name=recursion.__name__, text=cleandoc(recursion.__doc__), methods=methods, **fields)
+            methods["paper"] = paper
+        name = recursion.__name__
+        fields.setdefault("caption", name.replace("_", " "))
+        return Quantity(name=name, text=cleandoc(recursion.__doc__), methods=methods, **fields)
 
     return row
 

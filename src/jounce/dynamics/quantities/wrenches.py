@@ -1,7 +1,7 @@
 """Wrenches that the ground and the bodies exert on each other."""
 
 from jounce.dynamics import closed_form
-from jounce.dynamics.quantities.row import column_width, quantity, row_vector
+from jounce.dynamics.quantities.row import quantity, row_vector
 from jounce.dynamics.recursion import forces
 from jounce.dynamics.state import State
 from jounce.model.mechanism import Mechanism
@@ -26,7 +26,6 @@ class Wrenches:
         symbol="F",
         rates=3,
         shape=(6,),
-        width=column_width,
         closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).F),
         unit="N m and N",
         caption="wrench of the ground on the robot",
@@ -54,7 +53,6 @@ class Wrenches:
         symbol="Fj",
         rates=3,
         shape=("bodies", 6),
-        width=column_width,
         closed_form=_dense_joint_wrenches,
         obstacle=lambda m: TREE_ONLY if m.closure else None,
         unit="N m and N",

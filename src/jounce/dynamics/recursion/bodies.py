@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from jounce.dynamics.joint_motion import BASE_AT_REST, JointMotion
 from jounce.dynamics.recursion.joints import MovingJoint, batch_zeros, joints
 from jounce.dynamics.recursion.sweeps import evaluate_in_order
+from jounce.dynamics.state import BASE_AT_REST, JointMotion
 from jounce.model.coordinates import velocity_map, velocity_rows
 from jounce.model.mechanism import Mechanism, path_to
 from jounce.spatial.series import Series, join_series

@@ -28,7 +28,6 @@ from typing import Self
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate
-from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.recursion.forces import shift_wrenches
 from jounce.dynamics.recursion.joints import FreeJoint, MovingJoint, batch_zeros
 from jounce.dynamics.recursion.sweeps import (
@@ -41,6 +40,7 @@ from jounce.dynamics.recursion.sweeps import (
     velocities,
 )
 from jounce.dynamics.recursion.tree import KinematicTree, kinematic_tree
+from jounce.dynamics.state import JointMotion
 from jounce.model.equivalent_mechanisms import minimal_mechanism
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.inertia import moment_matrix

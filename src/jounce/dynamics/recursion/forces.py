@@ -15,12 +15,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from jounce.core.scalars import Array
-from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.recursion import steps
 from jounce.dynamics.recursion.joints import batch_zeros, take_rows
 from jounce.dynamics.recursion.steps import AnyJoint, BodyForce, BodyMotion, Moments
 from jounce.dynamics.recursion.sweeps import evaluate_in_order
 from jounce.dynamics.recursion.tree import KinematicTree, aligned_tree
+from jounce.dynamics.state import JointMotion
 from jounce.model.equivalent_mechanisms import align_to_axes, frame_shifts, minimal_mechanism
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from jounce.core.scalars import Array, is_symbolic, restore_integers
-from jounce.dynamics.joint_motion import JointMotion, motion_of_joint
+from jounce.dynamics.state import JointMotion, motion_of_joint
 from jounce.model.coordinates import body_screws, joint_variables
 from jounce.model.equivalent_mechanisms import split_turn
 from jounce.model.mechanism import Mechanism, single_variables

@@ -26,7 +26,6 @@ from operator import add
 
 import numpy as np
 
-from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.recursion.joints import MovingJoint, batch_zeros
 from jounce.dynamics.recursion.momenta import find_centre, shift_to_centre
 from jounce.dynamics.recursion.sweeps import (
@@ -39,6 +38,7 @@ from jounce.dynamics.recursion.sweeps import (
     velocities,
 )
 from jounce.dynamics.recursion.tree import KinematicTree, kinematic_tree
+from jounce.dynamics.state import JointMotion
 from jounce.model.equivalent_mechanisms import align_to_axes
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.inertia import moment_matrix

@@ -5,10 +5,10 @@ from functools import reduce
 from operator import add
 
 from jounce.core.scalars import concatenate
-from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.recursion.joints import MovingJoint, batch_zeros, take_rows
 from jounce.dynamics.recursion.sweeps import composites, evaluate_in_order, velocities
 from jounce.dynamics.recursion.tree import KinematicTree, kinematic_tree
+from jounce.dynamics.state import JointMotion
 from jounce.model.equivalent_mechanisms import align_to_axes
 from jounce.model.mechanism import Mechanism, reciprocal_mass
 from jounce.spatial.inertia import moments

@@ -28,12 +28,12 @@ from functools import lru_cache
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate, is_zero
-from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.recursion.forces import ground
 from jounce.dynamics.recursion.joints import batch_zeros, take_rows
 from jounce.dynamics.recursion.steps import AnyJoint, BodyForce, BodyMotion, propagate_motion, propagate_velocity
 from jounce.dynamics.recursion.sweeps import evaluate_in_order, spread_columns
 from jounce.dynamics.recursion.tree import aligned_tree
+from jounce.dynamics.state import JointMotion
 from jounce.model.coordinates import body_screws
 from jounce.model.equivalent_mechanisms import align_to_axes, frame_shifts
 from jounce.model.mechanism import Mechanism

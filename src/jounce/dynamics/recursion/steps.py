@@ -17,8 +17,8 @@ from typing import TypeAlias
 import numpy as np
 
 from jounce.core.scalars import Array, is_zero
-from jounce.dynamics.joint_motion import JointMotion, motion_of_joint
 from jounce.dynamics.recursion.joints import joint_transforms, split_placements, take_rows, transport_inward
+from jounce.dynamics.state import JointMotion, motion_of_joint
 from jounce.model.coordinates import body_screws, joint_variables
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import axial, hat, position, rotation

@@ -10,9 +10,9 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate, is_symbolic
-from jounce.dynamics.joint_motion import JointMotion, add_moving_ground
 from jounce.dynamics.recursion.joints import MovingJoint, joints
 from jounce.dynamics.recursion.steps import AnyJoint, aligned_joints
+from jounce.dynamics.state import JointMotion, add_moving_ground
 from jounce.model.coordinates import velocity_map
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
