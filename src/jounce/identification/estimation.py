@@ -67,7 +67,7 @@ def identify(
     weight = float(prior) ** -2
     found = fit_consistent_parameters(model.mechanism, posed.base, information, estimate, terms, weight=weight)
     predicted = posed.predict(found.parameters, found.values[posed.base.count :], solution.x)
-    rows, times = force_residuals(posed, predicted, solution.motion_errors), given.t[posed.used]
+    rows, times = force_residuals(posed, predicted, solution.motion_errors[0]), given.t[posed.used]
     notes += (left := unexplained_warnings(posed, rows, estimate[posed.places]))
     for text in left:
         warn(text)
