@@ -4,6 +4,7 @@ The smoothed motion has accelerations a + e, and the forces are affine in them: 
 with the mass matrix M of the parameters p. Only accelerations are taken: errors of q and qd make far smaller forces.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -28,7 +29,7 @@ class AccelerationErrors:
     base: tuple[np.ndarray, ...] | None  # pose of the base there, at rest
     variances: np.ndarray  # (C, n)
 
-    def part(self, cells: slice) -> "AccelerationErrors":
+    def part(self, cells: slice | np.ndarray) -> "AccelerationErrors":
         """Those in some of the cells."""
         base = self.base and tuple(x[cells] for x in self.base)
         return replace(self, q=self.q[cells], base=base, variances=self.variances[cells])
@@ -36,6 +37,10 @@ class AccelerationErrors:
     def regressor(self, a: np.ndarray) -> np.ndarray:
         """The regressor (C, nv, P) of accelerations (C, n) alone, of a robot at rest without gravity."""
         return self._regressor(a) - self._still
+
+    def force_sizes(self, corrections: np.ndarray) -> np.ndarray:
+        """Root mean squares (nv,) of the forces that they make, of the model with corrections (P,)."""
+        return np.sqrt((self.mass_matrix(corrections) ** 2 @ self.variances[..., None])[..., 0].mean(axis=0))
 
     @cached_property
     def _still(self) -> np.ndarray:
@@ -79,6 +84,24 @@ def find_acceleration_errors(
     base = motion.base(middles, 0)
     still = base and (base[0], *np.zeros((2, len(middles), 6)))
     return AccelerationErrors(robot, terms, columns, motion(middles, 0)[0], still, variances)
+
+
+def join_errors(of_logs: Sequence[AccelerationErrors | None], counts: Sequence[int]) -> AccelerationErrors | None:
+    """The errors in the cells of all logs, of which there are some counts; None if all motions are exact.
+
+    Poses of another log stand for those of exact motions, whose variances are 0: no covariance depends on them.
+    """
+    some = next((errors for errors in of_logs if errors is not None), None)
+    if some is None:
+        return None
+    whole = []
+    for errors, count in zip(of_logs, counts, strict=True):
+        found = errors or some.part(np.arange(count) % len(some.q))
+        base = found.base or (np.tile(np.eye(4), (count, 1, 1)), *np.zeros((2, count, 6)))
+        whole.append((found.q, found.variances if errors else 0 * found.variances, *base))
+    q, variances, *base = map(np.concatenate, zip(*whole, strict=True))
+    moves = any(errors is not None and errors.base is not None for errors in of_logs)
+    return replace(some, q=q, variances=variances, base=tuple(base) if moves else None)
 
 
 def error_band(deviations: tuple[np.ndarray, ...] | None) -> float:

@@ -7,9 +7,9 @@ orthonormal columns have there, and leaves E |r(f)|^2 = (1 - h(f)) S(f) of noise
 Algorithm: the shape of S is the most likely one (Whittle's likelihood) of white noise and noise whose correlation
 decays; its level is where the regressor has its power, sum h |r|^2 / sum h (1 - h) S. A level of few frequencies is
 itself uncertain, which makes errors over deviations larger: Student's t. The covariance of the parameters is a
-sandwich with S between the columns. Each log has spectra of its own, and noise of one log says nothing of that of
-another; the level is that of all. Where logs, or the halves of the only one, then differ by more than this covariance
-lets them, all variances grow by that factor: noise that is slower than a log, a robot that changes.
+sandwich with S between the columns. Each log has a shape of its own, and all share a factor of the level. Where logs,
+or the halves of the only one, then differ by more than this covariance lets them, all variances grow by that factor:
+noise that is slower than a log, a robot that changes.
 
 P. Whittle, "Estimation and information in stationary time series", Arkiv för Matematik 2, 1953.
 """
@@ -59,7 +59,7 @@ def band_means(leverage: np.ndarray, spectra: np.ndarray) -> np.ndarray:
 
 
 def _noise_shape(power: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """The most likely spectrum (C,) of white noise and noise whose correlation decays, but for a factor.
+    """The most likely spectrum (C,) of white noise and noise whose correlation decays.
 
     By Whittle's likelihood, of periodograms (C,) with a share of freedom each; over some correlation times and shares.
     """
@@ -72,26 +72,26 @@ def _noise_shape(power: np.ndarray, free: np.ndarray) -> np.ndarray:
             shape = white + (1 - white) * slow
             level = max((power / shape).sum() / count, np.finfo(float).tiny)
             if (likelihood := count * np.log(level) + (free * np.log(shape)).sum()) < least:
-                best, least = shape, likelihood
+                best, least = level * shape, likelihood
     return best
 
 
-def log_scatter(Z: np.ndarray, rest: np.ndarray, spectra: np.ndarray, logs: Logs) -> float:
-    """How many times as large variances are by the differences of logs, or of the halves of the only one; 1 at least.
+def log_scatter(Z: np.ndarray, rest: np.ndarray, spectra: np.ndarray, logs: Logs) -> np.ndarray:
+    """How many times as large variances are by how each log, or the first half of the only one, differs from others.
 
     Z are orthonormal, and the rest is orthogonal to them, so that the gradients of the parts add up to 0: that of a
     part is T^T n of the noise n, with T = Z (1 - H) in that part and -Z H elsewhere, H the information of the part.
     """
     root = np.linalg.cholesky(spectral_gram(Z, spectra, logs))
-    squares = []
+    found = []
     for part in logs if len(logs) > 1 else (slice(len(Z) // 2),):
         T = -Z @ gram(Z[part], Z[part])
         T[part] += Z[part]
         shares, axes = np.linalg.eigh(np.linalg.solve(root, np.linalg.solve(root, spectral_gram(T, spectra, logs)).T))
         kept = shares > MIN_PART_SHARE
-        squares += [(axes[:, kept].T @ np.linalg.solve(root, gradient(Z[part], rest[part]))) ** 2 / shares[kept]]
-    found = np.concatenate(squares)
-    return max(1.0, float(found.mean())) if len(found) else 1.0
+        left = axes[:, kept].T @ np.linalg.solve(root, gradient(Z[part], rest[part]))
+        found.append(np.mean(left**2 / shares[kept]) if kept.any() else 1.0)
+    return np.array(found)
 
 
 def spectral_gram(rows: np.ndarray, spectra: np.ndarray, logs: Logs) -> np.ndarray:

@@ -1,8 +1,9 @@
 """Weighted least squares of forces on a regressor that errors of the motion spoil, with variances from the residuals.
 
 Problem: forces tau = Y(a) p + n of cells of time; the noise n of force j has the variance s_j^2 over the count of the
-cell, and the accelerations of the motion have errors e of variances k_j v_j, v those that the smoothing states; each
-log has s and k of its own. So the residuals have covariances S = diag(s^2) + M(p) diag(k v) M(p)^T, which move with p. Sought are p, s and k.
+cell, and the accelerations of the motion have errors e of variances k_j v_j, v those that the smoothing states. So the
+residuals have covariances S = diag(s^2) + M(p) diag(k v) M(p)^T, which move with p. Sought are p, s and k. All logs
+share s: with s of its own, a log that others contradict would be taken for noise, and one log alone would decide.
 
 Algorithm: iteratively reweighted least squares with an instrument. From each of some starts, by turns: S at p; the best
 estimate of the errors, k v M^T S^-1 r; the regressor Z at the accelerations without them; p from Z^T S^-1 (tau - Y p)
@@ -17,7 +18,7 @@ iteration has not settled in MAX_REWEIGHTINGS, its last weights serve. Direction
 and the parameters in them infinite variances.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -56,12 +57,13 @@ class Regression:
     information: np.ndarray  # (P, P) sum of Z^T S^-1 Z
     deviations: np.ndarray  # (nv,) standard deviations of averages of forces over cells; infinite if not measured
     weights: np.ndarray  # (C, nv) inverse variances of the forces of the cells, with what errors of the motion make
+    scatter: np.ndarray  # (L,) chi^2 of what each log differs by from all, per degree of freedom: 1 by chance
     motion_errors: np.ndarray  # (L, nv) root mean squares, by log, of the forces that errors of the motion make
 
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """The forces of C cells of L logs: what is fitted, and what their covariances are made of."""
+    """The forces of C cells: what is fitted, and what their covariances are made of."""
 
     Y: np.ndarray  # (C, nv, P) regressor
     off: np.ndarray  # (C, nv) forces that the model leaves
@@ -70,24 +72,22 @@ class Equations:
     spread: np.ndarray  # (C, nv) known variances
     errors: AccelerationErrors | None
     known: bool  # whether the counts are sums of inverse variances
-    log: np.ndarray  # (C,) number of the log
-    members: np.ndarray  # (L, C) 1 for the cells of each log, else 0
-    least: np.ndarray  # (L, nv) variances of the best sensors
+    least: np.ndarray  # (nv,) variances of the best sensors
 
     @property
     def measured(self) -> np.ndarray:
-        """Which forces (L, nv) are measured at all."""
-        return np.asarray(self.members @ (self.counts > 0) > 0)
+        """Which forces (nv,) are measured at all."""
+        return np.asarray((self.counts > 0).any(axis=0))
 
     def part(self, cells: slice) -> "Equations":
         """Those of some of the cells."""
-        arrays = {name: getattr(self, name)[cells] for name in ("Y", "off", "model", "counts", "spread", "log")}
-        return replace(self, **arrays, members=self.members[:, cells], errors=self.errors and self.errors.part(cells))
+        arrays = {name: getattr(self, name)[cells] for name in ("Y", "off", "model", "counts", "spread")}
+        return replace(self, **arrays, errors=self.errors and self.errors.part(cells))
 
     def mean_square(self, values: np.ndarray) -> np.ndarray:
-        """Mean squares (L, nv) of averages over cells, of one sample each."""
-        there = np.maximum(self.members @ (self.counts > 0), 1)
-        return np.asarray(self.members @ (self.counts * values**2) / there)
+        """Mean squares (nv,) of averages over cells, of one sample each."""
+        there = np.maximum((self.counts > 0).sum(axis=0), 1)
+        return np.asarray((self.counts * values**2).sum(axis=0) / there)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +95,8 @@ class FittedCorrections:
     """Corrections of the parameters, and the variances of forces and factors of those of accelerations."""
 
     x: np.ndarray  # (P,)
-    noise: np.ndarray  # (L, nv) s^2 of one sample
-    factors: np.ndarray  # (L, n) k
+    noise: np.ndarray  # (nv,) s^2 of one sample
+    factors: np.ndarray  # (n,) k
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,28 +117,24 @@ def fit_forces(
     columns: np.ndarray,
     errors: AccelerationErrors | None,
     known: bool,
-    log: np.ndarray | None = None,
+    logs: Sequence[slice] = (slice(None),),
 ) -> Regression:
-    """Fit corrections of the parameters of some columns (P,) to the forces of cells, of logs of rising numbers (C,).
+    """Fit corrections of the parameters of some columns (P,) to the forces of cells, each of one of the logs.
 
     If the variances are `known`, the counts of the cells are their sums of inverse variances.
     """
-    equations = _equations(cells, columns, errors, known, np.zeros(len(cells.off), dtype=int) if log is None else log)
+    equations = _equations(cells, columns, errors, known)
     starts = list(_starts(equations))
     if len(starts) > 1:
         few = equations.part(slice(None, None, max(1, len(cells.off) // MAX_COMPETING_CELLS)))
         starts = [min((_iterate(few, start) for start in starts), key=lambda fit: _score(few, fit))]
-    return _estimate(equations, _iterate(equations, *starts))
+    return _estimate(equations, _iterate(equations, *starts), logs)
 
 
-def _equations(
-    cells: CellAverages, columns: np.ndarray, errors: AccelerationErrors | None, known: bool, log: np.ndarray
-) -> Equations:
-    members = (log == np.arange(log[-1] + 1)[:, None]).astype(float)
+def _equations(cells: CellAverages, columns: np.ndarray, errors: AccelerationErrors | None, known: bool) -> Equations:
     posed = Equations(
-        cells.Y[..., columns], cells.off, cells.model, cells.counts, cells.spread, errors, known, log, members,
-        np.zeros(()),
-    )  # fmt: skip
+        cells.Y[..., columns], cells.off, cells.model, cells.counts, cells.spread, errors, known, np.zeros(())
+    )
     largest = posed.mean_square(cells.model + cells.off)
     least = MIN_RELATIVE_DEVIATION**2 * np.where(largest > 0, largest, largest.max() or 1.0)
     return replace(posed, least=least)
@@ -152,12 +148,12 @@ def _starts(equations: Equations) -> Iterator[FittedCorrections]:
     n = 0 if equations.errors is None else equations.errors.variances.shape[1]
     left = np.maximum(equations.mean_square(equations.off), equations.least)
     model = FittedCorrections(
-        np.zeros(equations.Y.shape[-1]), np.ones_like(left) if equations.known else left, np.ones((len(left), n))
+        np.zeros(equations.Y.shape[-1]), np.ones_like(left) if equations.known else left, np.ones(n)
     )
     yield model
     if n:
         plain = replace(equations, errors=None)
-        rows = _whiten(plain, replace(model, factors=np.zeros((len(left), 0))))
+        rows = _whiten(plain, replace(model, factors=np.zeros(0)))
         x = _step(rows, informed_directions(gram(rows.Z, rows.Z))[0])
         yield replace(model, x=x)
         if not equations.known:
@@ -175,14 +171,12 @@ def _iterate(equations: Equations, fit: FittedCorrections) -> FittedCorrections:
         settled = np.linalg.norm(rows.Z @ step) < STEP_TOLERANCE
         x = fit.x + step
         # variances: those of the residuals over what is expected of them, until they reproduce themselves
-        of_noise, of_factors = np.split(
-            _variance_ratios(equations, rows, X, rows.rest - rows.Y @ step), [measured.shape[1]], axis=1
-        )
-        noise, factors = fit.noise, (fit.factors * of_factors).clip(1.0, MAX_VARIANCE_FACTOR)
+        ratios = _variance_ratios(rows, X, rows.rest - rows.Y @ step)
+        noise, factors = fit.noise, (fit.factors * ratios[len(measured) :]).clip(1.0, MAX_VARIANCE_FACTOR)
         if not equations.known:
             left = equations.mean_square(equations.off - equations.Y @ x)
             floor = np.maximum(equations.least, MIN_NOISE_SHARE * left)
-            noise = np.maximum(fit.noise * of_noise, floor)
+            noise = np.maximum(fit.noise * ratios[: len(measured)], floor)
         changes = np.append(np.log(noise / fit.noise)[measured], np.log(factors / fit.factors))
         fit = FittedCorrections(x, noise, factors)
         if settled and np.abs(changes).max(initial=0.0) < LOG_VARIANCE_TOLERANCE:
@@ -196,12 +190,12 @@ def _whiten(equations: Equations, fit: FittedCorrections) -> WhiteRows:
     C, nv = there.shape
     M, v = (np.zeros((C, nv, 0)), np.zeros((C, 0)))
     if errors is not None:
-        M, v = errors.mass_matrix(fit.x), fit.factors[equations.log] * errors.variances
+        M, v = errors.mass_matrix(fit.x), fit.factors * errors.variances
     log_mass = float(np.linalg.slogdet(M.mT @ M)[1].mean()) / 2
     M = M * there[..., None]
     reach = M * np.sqrt(v)[:, None]
     counts = np.where(there, equations.counts, 1.0)
-    own = np.where(there, fit.noise[equations.log] / counts + equations.spread, 1.0)
+    own = np.where(there, fit.noise / counts + equations.spread, 1.0)
     L = np.linalg.cholesky(own[..., None] * np.eye(nv) + reach @ reach.mT)
     rest = (equations.off - equations.Y @ fit.x) * there
     Y = equations.Y * there[..., None]
@@ -210,7 +204,7 @@ def _whiten(equations: Equations, fit: FittedCorrections) -> WhiteRows:
         precise = np.linalg.solve(L.mT, np.linalg.solve(L, rest[..., None]))
         Z = Y + errors.regressor(v * (M.mT @ precise)[..., 0]) * there[..., None]
     alone = (there / np.sqrt(counts))[..., None] * np.eye(nv)
-    unscaled = reach / np.sqrt(fit.factors)[equations.log, None]
+    unscaled = reach / np.where(fit.factors > 0, np.sqrt(fit.factors), 1.0)
     white = np.linalg.solve(L, np.concatenate([Z, Y, rest[..., None], alone, unscaled], axis=-1))
     P = Y.shape[-1]
     return WhiteRows(
@@ -224,12 +218,12 @@ def _step(rows: WhiteRows, X: np.ndarray) -> np.ndarray:
     return np.asarray(X @ np.linalg.solve(X.T @ gram(rows.Z, rows.Y) @ X, X.T @ gradient(rows.Z, rows.rest)))
 
 
-def _variance_ratios(equations: Equations, rows: WhiteRows, X: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """How many times as large the parts (L, nv + n) of the covariances are as those that whiten, by the residuals."""
+def _variance_ratios(rows: WhiteRows, X: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """How many times as large the parts (nv + n,) of the covariances are as those that whiten, by the residuals."""
     orthonormal = rows.Z @ X
-    found = equations.members @ (rows.parts.mT @ rest[..., None])[..., 0] ** 2
-    taken = ((orthonormal.mT @ rows.parts) ** 2).sum(axis=1)
-    expected = equations.members @ ((rows.parts**2).sum(axis=1) - taken)
+    found = ((rows.parts.mT @ rest[..., None])[..., 0] ** 2).sum(axis=0)
+    taken = ((orthonormal.mT @ rows.parts) ** 2).sum(axis=(0, 1))
+    expected = (rows.parts**2).sum(axis=(0, 1)) - taken
     return np.divide(found, expected, out=np.ones_like(found), where=expected > 0)
 
 
@@ -240,35 +234,35 @@ def _score(equations: Equations, fit: FittedCorrections) -> float:
     return float(density.mean() - rows.log_mass)
 
 
-def _estimate(equations: Equations, fit: FittedCorrections) -> Regression:
+def _estimate(equations: Equations, fit: FittedCorrections, logs: Sequence[slice]) -> Regression:
     """The solution at a fit, with deviations by the spectra of the residuals and by what logs differ in."""
-    rows, there, log = _whiten(equations, fit), equations.counts > 0, equations.log
-    sizes = equations.members.sum(axis=1, keepdims=True)
-    logs = [slice(*np.searchsorted(log, [k, k + 1])) for k in range(len(sizes))]
+    rows, there = _whiten(equations, fit), equations.counts > 0
     information = gram(rows.Z, rows.Z)
     X, values, blind = informed_directions(information)
     Z = rows.Z @ X
-    h, least = leverages(Z, logs), (equations.least / fit.noise)[log]
+    h, least = leverages(Z, logs), equations.least / fit.noise
     spectra = np.ones(rows.rest.shape) if equations.known else noise_spectra(h, rows.rest, least, logs)
-    size = log_scatter(Z, rows.rest, spectra, logs)
+    scatter = log_scatter(Z, rows.rest, spectra, logs)
+    size = max(1.0, float(scatter.mean()))
     # the sandwich B^-1 F B^-T, with the noise's spectrum between the regressor's
     inverse = np.linalg.inv(X.T @ gram(rows.Z, rows.Y) @ X)
     of_directions = size * inverse @ spectral_gram(Z, spectra, logs) @ inverse.T
     covariance = X @ of_directions @ X.T
     covariance[blind, blind] = np.inf
     dual = information @ X  # of which the products with X are 0 and 1
-    noise = fit.noise * size * np.stack([band_means(h[cells], spectra[cells]) for cells in logs])
-    precision = (equations.members @ equations.counts / noise).sum(axis=0) / len(log)
-    own = np.divide(noise[log], equations.counts, out=np.full(there.shape, np.inf), where=there)
+    noise = fit.noise * size * band_means(h, spectra)
+    average = np.where(equations.measured, equations.counts.mean(axis=0), 0.0)
+    own = np.divide(noise, equations.counts, out=np.full(there.shape, np.inf), where=there)
     return Regression(
         x=fit.x,
         covariance=covariance,
         rank=len(values),
         condition=float(np.sqrt(values.max() / values.min())) if len(values) else np.inf,
         information=dual @ np.linalg.inv(of_directions) @ dual.T,
-        deviations=np.divide(1, np.sqrt(precision), out=np.full(len(precision), np.inf), where=precision > 0),
+        deviations=np.sqrt(np.divide(noise, average, out=np.full(len(noise), np.inf), where=average > 0)),
         weights=1 / (own + equations.spread + rows.made),
-        motion_errors=np.sqrt(equations.members @ rows.made / sizes),
+        scatter=scatter,
+        motion_errors=np.sqrt([rows.made[log].mean(axis=0) for log in logs]),
     )
 
 
