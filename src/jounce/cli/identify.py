@@ -77,6 +77,7 @@ those of the data alone; parameters that they do not determine are listed.
 )
 @click.option("--table", type=PATH, help="Write the parameters with deviations: .csv.")
 @click.option("--plot", type=PATH, help="Measured and predicted torques as a picture: .png, .svg or .pdf.")
+@click.option("--report", type=PATH, help="Page with torques, what is left of them, its spectra, parameters: .html.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def identify(
     robot: RobotRequest,
@@ -86,6 +87,7 @@ def identify(
     tests: tuple[Path, ...],
     table: Path | None,
     plot: Path | None,
+    report: Path | None,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -96,7 +98,7 @@ def identify(
 
     saving.check_writable(output)
     logs, tested, ignored = _find_logs(motion.path, tests)
-    for path in filter(None, (output, table, plot)):
+    for path in filter(None, (output, table, plot, report)):
         check_distinct(path, motion.path, robot.path, motion.read, *logs.values())
     if table is not None:
         if table.suffix.lower() != ".csv":
@@ -104,6 +106,11 @@ def identify(
         files.check_writable(table)
     if plot is not None:
         canvas.check_writable(plot)
+    if report is not None:
+        from jounce._report import page  # imported here to keep start-up fast
+
+        page.check_writable(report)
+        page.check_installed()
     arm = robot.load()
     with collect_warnings() as warnings:
         motions = {name: replace(motion, path=path).load(arm, 0) for name, path in logs.items()}
@@ -117,9 +124,11 @@ def identify(
         _write_table(found, table)
     if plot is not None:
         _draw(found, plot)
+    if report is not None:
+        page.report(found.robot, found, None, None, (), motion.path.name).save(report)
     notes = (*ignored, *(f"{name}: {note}" if name else note for name, log in motions.items() for note in log.notes))
     print_summary(
-        _summary(found, motion.path, notes, output, table, plot), lambda of: _format_summary(found, of), as_json
+        _summary(found, motion.path, notes, output, table, plot, report), lambda of: _format_summary(found, of), as_json
     )
 
 
@@ -162,14 +171,14 @@ def _draw(found: "Identification", picture: Path) -> None:
 
 
 def _summary(
-    found: "Identification", log: Path, notes: tuple[str, ...], output: Path, table: Path | None, plot: Path | None
+    found: "Identification", log: Path, notes: tuple[str, ...], output: Path, *paths: Path | None
 ) -> dict[str, Any]:
     """The result as plain data; JSON has no infinity."""
     joints = found.robot.mechanism.joints
     rows = [asdict(row) for row in found.table]
     return {
         "robot": found.robot.name, "motion": str(log), "output": str(output),
-        "table": None if table is None else str(table), "plot": None if plot is None else str(plot),
+        **{what: path and str(path) for what, path in zip(("table", "plot", "report"), paths, strict=True)},
         "samples": found.samples, "span": list(found.span), "band": found.band, "cell": found.cell,
         "cells": found.cells, "logs": [{k: x for k, x in asdict(of).items() if k != "rows"} for of in found.logs],
         "rank": found.rank, "condition": found.condition, "unseen": list(found.unseen),
@@ -186,4 +195,4 @@ def _format_summary(found: "Identification", summary: dict[str, Any]) -> str:
     return "\n".join([*notes, str(found), "", *written])
 
 
-WRITTEN = {"output": "robot", "table": "parameters", "plot": "torques"}
+WRITTEN = {"output": "robot", "table": "parameters", "plot": "torques", "report": "page"}

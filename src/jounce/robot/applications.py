@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from math import pi
 from os import PathLike
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from jounce.core.typing import ArrayLike, DriveTerms, Equations
 from jounce.robot.exports import Exports
@@ -253,19 +253,20 @@ class Applications(Exports):
 
     def report(
         self,
-        motion: "Motion",
+        motion: "Motion | Identification[Any]",
         order: int | None = None,
         visuals: str | PathLike[str] | None = None,
         mesh_folders: Sequence[str | PathLike[str]] = (),
     ) -> "Report":
         """A page about the robot along a motion: the moving robot, its curves, its limits, in one file.
 
-        Limits of the robot are checked. With elastic joints, order 2 shows motor positions, velocities, torques.
+        Limits of the robot are checked. With elastic joints, order 2 shows motor positions, velocities, torques. Of
+        what `identify` found, the page shows measured and computed forces, what is left with its spectrum, parameters.
 
         Parameters
         ----------
-        motion : Motion
-            A motion of its joints.
+        motion : Motion or Identification
+            A motion of its joints, or the result of `identify`, for which the other parameters are left out.
         order : int, optional
             The highest rate of Q on the page: 0, 1 or 2; by default 2, or as high as the rates of the motion are known.
         visuals : str or path, optional
