@@ -33,7 +33,7 @@ def page_content(found: Identification[Any]) -> dict[str, Any]:
     seen = np.flatnonzero(np.isfinite(found.measured).any(axis=0)).tolist()
     share = MAX_PAGE_POINTS // (5 * len(seen) * len(found.logs))
     most = int(np.clip(share, *CURVE_POINTS))
-    figures = [[_figures(found, log, j, raise_powers(units[j]), names[j], most) for j in seen] for log in found.logs]
+    figures = [[_figures(found, log, j, raise_powers(units[j]), most) for j in seen] for log in found.logs]
     rows = [[row for row in found.residuals if row.log == log.name] for log in found.logs]
     return {
         "found": found, "robot": found.robot, "forces": [names[j] for j in seen], "residuals": rows,
@@ -42,9 +42,7 @@ def page_content(found: Identification[Any]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _figures(
-    found: Identification[Any], log: IdentifiedLog, j: int, unit: str, name: str, most: int
-) -> list[dict[str, Any]]:
+def _figures(found: Identification[Any], log: IdentifiedLog, j: int, unit: str, most: int) -> list[dict[str, Any]]:
     """The curves of a force over the time of a log, and the spectra of what is left, as figures of plotly."""
     t, curves = found.t[log.rows], (found.measured, found.model, found.predicted)
     forces = {what: values[log.rows, j] for what, values in zip(LINES, curves, strict=True)}
@@ -60,8 +58,6 @@ def _figures(
         for what, values in {"measured": forces["measured"], **left}.items()
         for f, density in [_spectrum(t, values)]
     ]
-    rows = [of for of in found.residuals if (of.log, of.force) == (log.name, name)]
-    rms = "; not used: ".join(f"{of.model:.3g}, {of.identified:.3g}" for of in rows)
     unused = [(t[0], t[-1])] if log.span is None else [(t[0], log.span[0]), (log.span[1], t[-1])]
     shade = {"type": "rect", "yref": "paper", "y0": 0, "y1": 1, "layer": "below", "fillcolor": "#888888"}
     shade |= {"opacity": 0.25, "line": {"width": 0}}
@@ -71,17 +67,16 @@ def _figures(
         "font": {"color": INK, "family": "system-ui, sans-serif", "size": 12}, "dragmode": "zoom",
         "paper_bgcolor": "rgba(0,0,0,0)", "plot_bgcolor": "rgba(0,0,0,0)",
     }  # fmt: skip
-    left_title = f"measured less computed [{unit}], rms of model, identified: {rms}"
     times = look | {
         "xaxis": grid | {"title": {"text": "t [s]"}, "anchor": "y2", "range": [float(t[0]), float(t[-1])]},
         "yaxis": grid | {"domain": [0.42, 1]}, "yaxis2": grid | {"domain": [0, 0.33]},
-        "annotations": [_title(f"force [{unit}]", 1), _title(left_title, 0.33)],
+        "annotations": [_title(f"force [{unit}]", 1), _title(f"measured less computed [{unit}]", 0.33)],
         "shapes": [shade | {"x0": float(a), "x1": float(b)} for a, b in unused if b > a],
     }  # fmt: skip
     band = {"type": "line", "yref": "paper", "y0": 0, "y1": 1, "x0": log.band, "x1": log.band}
     frequencies = look | {
-        "xaxis": grid | {"type": "log", "title": {"text": "f [Hz]"}},
-        "yaxis": grid | {"type": "log", "exponentformat": "power"},
+        "xaxis": grid | {"type": "log", "dtick": 1, "title": {"text": "f [Hz]"}},
+        "yaxis": grid | {"type": "log", "dtick": 1, "exponentformat": "power"},
         "annotations": [_title(f"spectrum of the same [{unit}/√Hz]", 1)],
         "shapes": [band | {"line": {"color": "#777777", "width": 1, "dash": "dot"}}],
     }
