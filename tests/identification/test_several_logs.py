@@ -7,7 +7,6 @@ import pytest
 from scipy.signal import lfilter
 
 import jounce
-from jounce.identification.acceleration_errors import AccelerationErrors, join_errors
 from jounce.identification.averaging import CellAverages
 from jounce.identification.measured_logs import check_logs
 from jounce.identification.regression import fit_forces
@@ -118,13 +117,6 @@ def test_exact_motions_join_smoothed_ones():
     found = identify([make_log(0, smoothed=False), LOGS[1]])
     expected = [*TRUE.base_parameters().values, 0.3, 0.3]
     assert (np.abs(values(found) - expected) < 4 * np.sqrt(np.diag(found.covariance))).all()
-    q = np.arange(6.0).reshape(3, 2)
-    errors = AccelerationErrors(ROBOT, (), np.arange(6), q, None, 1 + q)
-    joined = join_errors([None, errors], [2, 3])
-    np.testing.assert_array_equal(joined.variances, [[0, 0], [0, 0], *(1 + q)])
-    assert joined.q.shape == (5, 2)
-    assert joined.base is None
-    assert join_errors([None, None], [2, 3]) is None
 
 
 def test_a_log_that_comes_twice_is_reported():

@@ -1,7 +1,6 @@
 """Identification of the inertial parameters and drive terms of a robot from a motion and measured forces."""
 
 from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 from typing import get_args
 
@@ -62,24 +61,22 @@ def identify(
     joined, cells = join_problems([one for one in posed if not one.tests])
     solution = fit_forces(joined.cells, joined.columns, joined.errors, known, cells)
     table = parameter_table(joined, solution)
-    warned = [f"{of.place}{text}" for of, one in zip(given, posed, strict=True) for text in force_warnings(one, method)]
+    warned = _name_logs(posed, [force_warnings(one, method) for one in posed])
     differ = _difference_notes([of.name for of in given if not of.tests], solution.scatter)
     notes = [*twin_notes(given), *warned, *differ, *_undetermined_notes(table, solution.rank)]
     for text in notes:
         warn(text)
     estimate, information = joined.model_parameters, np.zeros(2 * joined.model_parameters.shape)
     estimate[joined.places] += solution.x
+    x = estimate[joined.places]
     information[np.ix_(joined.places, joined.places)] = solution.information
     weight = float(prior) ** -2
     found = fit_consistent_parameters(model.mechanism, joined.base, information, estimate, joined.terms, weight=weight)
-    made, rows, predicted = iter(solution.motion_errors), [], []
-    for of, one in zip(given, posed, strict=True):
-        predicted.append(one.predict(found.parameters, found.values[one.base.count :], solution.x))
-        errors = one.stated_errors(solution.x) if one.tests else next(made)
-        rows.append(force_residuals(one, predicted[-1], errors))
-        for text in unexplained_warnings(one, rows[-1], estimate[one.places]):
-            notes.append(f"{of.place}{text}")
-            warn(notes[-1])
+    predicted = [one.predict(found.parameters, found.values[one.base.count :], solution.x) for one in posed]
+    rows = [force_residuals(one, Q, solution.motion_errors) for one, Q in zip(posed, predicted, strict=True)]
+    notes += (left := _name_logs(posed, [unexplained_warnings(*pair, x) for pair in zip(posed, rows, strict=True)]))
+    for text in left:
+        warn(text)
     described = describe_logs(posed)
     spans = [of.span for of in described if of.span]
     return Identification(
@@ -120,7 +117,7 @@ def _pose_logs(
     for of in logs:
         samples = of.samples if of.tests else next(others)
         share = np.count_nonzero(samples.weights) / total
-        with locate_errors(of.name) if of.name else nullcontext():
+        with locate_errors(of.name):
             one = pose_problem(robot, of.motion, terms, sought, of.given, of.used, samples, band, method, share)
         posed.append(replace(one, log=of.name, tests=of.tests))
     return robot, posed
@@ -140,6 +137,11 @@ def _undetermined_notes(table: Sequence[IdentifiedParameter], rank: int) -> list
     known = f"deviations exceed sizes (rank {rank} of {len(table)})"
     cure = "a faster or longer motion of more joints determines them"
     return [f"the data do not determine {join_names(unseen)}: {known}; {cure}"] if unseen else []
+
+
+def _name_logs(posed: Sequence[IdentificationProblem], notes: Sequence[Sequence[str]]) -> list[str]:
+    """The notes on each log, which name it if there are several."""
+    return [f"{one.log}: {text}" if one.log else text for one, of in zip(posed, notes, strict=True) for text in of]
 
 
 def _difference_notes(names: Sequence[str], scatter: np.ndarray) -> list[str]:

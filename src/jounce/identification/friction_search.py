@@ -138,7 +138,7 @@ def _average_cells(
     for j, of_joint in enumerate(eps):
         by_eps, by_fade = np.tanh(v[:, j, None] / of_joint), np.exp(-((v[:, j, None] / fades) ** 2))
         by_law = (by_eps[..., None] * by_fade[:, None]).reshape(len(v), laws)
-        shapes[:, j] = weighted_means(by_law, np.ones_like(by_law), place)[0]
+        shapes[:, j] = weighted_means(by_law, np.ones((len(v), 1)), place)[0]
     # columns of parameters: inertial ones, those of other drive terms, and the offsets if these are sought
     n, first = len(m.joints), len(base.parameters)
     places = np.append(base.columns, np.arange(first, first + n * len(others)))

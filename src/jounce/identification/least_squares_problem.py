@@ -80,10 +80,6 @@ class IdentificationProblem:
         ]
         return np.concatenate([self.base.values, *drives])
 
-    def stated_errors(self, x: np.ndarray) -> np.ndarray:
-        """Root mean squares (nv,) of the forces that errors of the motion make, as it states them."""
-        return np.zeros(self.model.shape[1]) if self.errors is None else self.errors.force_sizes(x)
-
     def predict(self, parameters: np.ndarray, drives: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Forces (2, N, nv): of a robot with other inertial parameters and drive terms, and of corrections x alone."""
         drives = drives - self.model_parameters[self.base.count :]
@@ -145,7 +141,7 @@ def join_problems(posed: Sequence[IdentificationProblem]) -> tuple[Identificatio
     """The problem with the cells of all logs, and which are those of each; all else is that of the first."""
     counts = [len(one.cells.off) for one in posed]
     cells = CellAverages(*map(np.concatenate, zip(*(vars(one.cells).values() for one in posed), strict=True)))
-    errors = join_errors([one.errors for one in posed], counts)
+    errors = join_errors([one.errors for one in posed])
     ends = np.cumsum([0, *counts]).tolist()
     return replace(posed[0], cells=cells, errors=errors), list(map(slice, ends, ends[1:]))
 

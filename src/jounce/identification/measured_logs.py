@@ -1,7 +1,6 @@
 """The logs of an identification: of each its name, its motion, its measured forces, and which samples are used."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -34,11 +33,6 @@ class MeasuredLog:
         """The samples that are used."""
         return self.given.part(self.used)
 
-    @property
-    def place(self) -> str:
-        """How messages about the log begin."""
-        return f"{self.name}: " if self.name else ""
-
 
 def check_logs(
     mechanism: Mechanism,
@@ -65,7 +59,7 @@ def check_logs(
     given = {label: [x] if alone else _spread(label, x, len(names)) for label, x in measured.items()}
     found = []
     for k, (key, name) in enumerate(names.items()):
-        with locate_errors(name) if name else nullcontext():
+        with locate_errors(name):
             path = check_motion(mechanism, motions[k])
             samples = check_measurements(mechanism, path, **{label: x[k] for label, x in given.items()})
             found.append(MeasuredLog(name, path, samples, _select_samples(span, samples.t), key in tests))

@@ -121,7 +121,7 @@ def _unexplained(posed: IdentificationProblem, fit: Regression) -> list[str]:
     parameters[base.columns] += fit.x[: base.count]
     estimate = posed.model_parameters + fit.x
     predicted = posed.predict(parameters, estimate[base.count :], fit.x)
-    return unexplained_warnings(posed, force_residuals(posed, predicted, fit.motion_errors[0]), estimate)
+    return unexplained_warnings(posed, force_residuals(posed, predicted, fit.motion_errors), estimate)
 
 
 def _check_mass(found: LoadFit, known: bool, mass: float | None, notes: list[str]) -> None:

@@ -58,7 +58,7 @@ class Regression:
     deviations: np.ndarray  # (nv,) standard deviations of averages of forces over cells; infinite if not measured
     weights: np.ndarray  # (C, nv) inverse variances of the forces of the cells, with what errors of the motion make
     scatter: np.ndarray  # (L,) chi^2 of what each log differs by from all, per degree of freedom: 1 by chance
-    motion_errors: np.ndarray  # (L, nv) root mean squares, by log, of the forces that errors of the motion make
+    motion_errors: np.ndarray  # (nv,) root mean squares of the forces that errors of the motion make
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +132,7 @@ def fit_forces(
 
 
 def _equations(cells: CellAverages, columns: np.ndarray, errors: AccelerationErrors | None, known: bool) -> Equations:
+    errors = errors if errors is not None and errors.variances.any() else None
     posed = Equations(
         cells.Y[..., columns], cells.off, cells.model, cells.counts, cells.spread, errors, known, np.zeros(())
     )
@@ -262,7 +263,7 @@ def _estimate(equations: Equations, fit: FittedCorrections, logs: Sequence[slice
         deviations=np.sqrt(np.divide(noise, average, out=np.full(len(noise), np.inf), where=average > 0)),
         weights=1 / (own + equations.spread + rows.made),
         scatter=scatter,
-        motion_errors=np.sqrt([rows.made[log].mean(axis=0) for log in logs]),
+        motion_errors=np.sqrt(rows.made.mean(axis=0)),
     )
 
 

@@ -167,7 +167,8 @@ class ForceResidual:
     model_samples, identified_samples : float
         The same of single samples, with all that is faster.
     motion_errors : float
-        Forces that errors of the smoothed accelerations make, in the band of the motion: part of what is left.
+        Forces that errors of the smoothed accelerations make, of all logs, in the band of the motion: part of what is
+        left.
     log : str
         The name of the log; "" if there is one.
 

@@ -70,7 +70,7 @@ def _fit_force(posed: IdentificationProblem, fit: Regression, j: int, base: int)
     """The base parameters that the rows of one force alone have, and their information without drive terms."""
     cells = posed.cells
     cells = CellAverages(*(values[:, [j]] for values in vars(cells).values()))
-    cells = replace(cells, spread=cells.spread + fit.motion_errors[0, j] ** 2)
+    cells = replace(cells, spread=cells.spread + fit.motion_errors[j] ** 2)
     found = fit_forces(cells, posed.columns, None, known=False)
     X = informed_directions(found.information[base:, base:])[0]
     part = X.T @ found.information[base:, :base]
