@@ -11,7 +11,7 @@ from jounce.figures.canvas import COLOURS, INK
 from jounce.figures.panels import thin_points
 from jounce.identification.averaging import median_step
 from jounce.identification.result import Identification
-from jounce.identification.result_tables import IdentifiedLog, IdentifiedParameter
+from jounce.identification.result_tables import IdentifiedLog, IdentifiedParameter, unused_spans
 from jounce.model.coordinates import force_names, force_units
 
 MAX_PAGE_POINTS = 150_000  # of all curves: 2 MB
@@ -58,7 +58,6 @@ def _figures(found: Identification[Any], log: IdentifiedLog, j: int, unit: str, 
         for what, values in {"measured": forces["measured"], **left}.items()
         for f, density in [_spectrum(t, values)]
     ]
-    unused = [(t[0], t[-1])] if log.span is None else [(t[0], log.span[0]), (log.span[1], t[-1])]
     shade = {"type": "rect", "yref": "paper", "y0": 0, "y1": 1, "layer": "below", "fillcolor": "#888888"}
     shade |= {"opacity": 0.25, "line": {"width": 0}}
     grid = {"gridcolor": "#e6e6e6", "zeroline": False, "linecolor": INK, "ticks": "outside"}
@@ -71,7 +70,7 @@ def _figures(found: Identification[Any], log: IdentifiedLog, j: int, unit: str, 
         "xaxis": grid | {"title": {"text": "t [s]"}, "anchor": "y2", "range": [float(t[0]), float(t[-1])]},
         "yaxis": grid | {"domain": [0.42, 1]}, "yaxis2": grid | {"domain": [0, 0.33]},
         "annotations": [_title(f"force [{unit}]", 1), _title(f"measured less computed [{unit}]", 0.33)],
-        "shapes": [shade | {"x0": float(a), "x1": float(b)} for a, b in unused if b > a],
+        "shapes": [shade | {"x0": start, "x1": stop} for start, stop in unused_spans(log, t)],
     }  # fmt: skip
     band = {"type": "line", "yref": "paper", "y0": 0, "y1": 1, "x0": log.band, "x1": log.band}
     frequencies = look | {

@@ -137,6 +137,12 @@ class IdentifiedLog:
     cells: int
 
 
+def unused_spans(log: IdentifiedLog, t: np.ndarray) -> list[tuple[float, float]]:
+    """The times between which samples of a log, at times t, were not used."""
+    start, stop = log.span or (float(t[-1]), float(t[-1]))
+    return [(a, b) for a, b in ((float(t[0]), start), (stop, float(t[-1]))) if b > a]
+
+
 def describe_logs(posed: Sequence[IdentificationProblem]) -> tuple[IdentifiedLog, ...]:
     """The logs, whose rows follow each other."""
     ends = np.cumsum([0, *(len(one.given.t) for one in posed)]).tolist()
