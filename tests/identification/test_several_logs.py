@@ -153,3 +153,21 @@ OTHER = jounce.Motion.fit(np.linspace(0, 1, 200), np.sin(np.linspace(0, 3, 200))
 )  # fmt: skip
 def test_refuses(logs, given, words):
     refusal(lambda: identify(logs, **given), *words)
+
+
+def cut(log, *pieces):
+    t, Q = log.torques
+    return [replace(log, torques=(t[piece], Q[piece])) for piece in pieces]
+
+
+def test_logs_too_short_alone_are_enough_together():
+    """Forces are counted over all logs, and so are the cells that parameters need."""
+    three, two = (make_log(0, smoothed=False), make_log(1, smoothed=False)), {"drives": False, "band": None}
+    few = [piece for log in three for piece in cut(log, slice(0, 400, 200))]
+    refusal(lambda: ROBOT.identify(few[0], **two), "4 measured forces for 6 parameters")
+    found = ROBOT.identify(few, **two)
+    assert (found.rank, found.samples) == (6, 4)
+    refusal(lambda: ROBOT.identify(few), "8 measured forces for 12 parameters")
+    whole = identify(LOGS[0], band=0.6)
+    thirds = identify(cut(LOGS[0], slice(500), slice(500, 1000), slice(1000, 1500)), band=0.6)
+    assert abs(thirds.cells - whole.cells) <= 3
