@@ -144,6 +144,8 @@ OTHER = jounce.Motion.fit(np.linspace(0, 1, 200), np.sin(np.linspace(0, 3, 200))
         ({"a": LOGS[0], "b": LOGS[1]}, {"test": ["c"]}, ("unknown log of test= 'c'", "a, b")),
         (LOGS[:2], {"test": (0, 1)}, ("names every log",)),
         (LOGS[0], {"test": 0}, ("names every log",)),
+        (LOGS[:2], {"test": True}, ("unknown log of test= True", "0, 1")),
+        (LOGS[:2], {"deviations": [0.1, None]}, ("deviations has None for a log",)),
         (LOGS[:2], {"forces": [None]}, ("forces has 1 entries", "expected 2")),
         ({"a": LOGS[0], "b": replace(LOGS[1], torques=None)}, {}, ("b: the motion has no measured forces",)),
         ({"a": LOGS[0], "b": OTHER}, {}, ("b: the motion", "elbow")),

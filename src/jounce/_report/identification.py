@@ -15,7 +15,7 @@ from jounce.identification.result_tables import IdentifiedLog, IdentifiedParamet
 from jounce.model.coordinates import force_names, force_units
 
 MAX_PAGE_POINTS = 150_000  # of all curves: 2 MB
-CURVE_POINTS = (300, 4000)  # of one curve, at least and at most: with the extremes of what is left out between them
+PAGE_CURVE_POINTS = (300, 4000)  # of one curve, at least and at most: with the extremes of what is left out between them
 SPECTRUM_BINS = 200  # of frequencies, evenly spread over their logarithm
 SPECTRUM_PIECES = 8  # of a log whose periodograms are averaged: of fewer a spectrum is noise
 BAR_WIDTH, BAR_MARGIN = 160, 8  # px
@@ -32,7 +32,7 @@ def page_content(found: Identification[Any]) -> dict[str, Any]:
     names, units = force_names(m), force_units(m)
     seen = np.flatnonzero(np.isfinite(found.measured).any(axis=0)).tolist()
     share = MAX_PAGE_POINTS // (5 * len(seen) * len(found.logs))
-    most = int(np.clip(share, *CURVE_POINTS))
+    most = int(np.clip(share, *PAGE_CURVE_POINTS))
     figures = [[_figures(found, log, j, raise_powers(units[j]), most) for j in seen] for log in found.logs]
     rows = [[row for row in found.residuals if row.log == log.name] for log in found.logs]
     return {

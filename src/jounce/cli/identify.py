@@ -114,8 +114,8 @@ def identify(
     arm = robot.load()
     with collect_warnings() as warnings:
         motions = {name: replace(motion, path=path).load(arm, 0) for name, path in logs.items()}
-        several = {} if logs == {"": motion.path} else {"test": tested}
-        found = arm.identify(motions if several else motions[""], drives=parse_drive_terms(terms), **several, **options)
+        given = motions.get("", motions)
+        found = arm.identify(given, drives=parse_drive_terms(terms), test=tested, **options)
     for text in warnings:
         if text not in found.notes:  # which are printed
             warn(text)
@@ -136,17 +136,16 @@ def _find_logs(motion: Path, tests: tuple[Path, ...]) -> tuple[dict[str, Path], 
     """The paths of the logs by name, "" of the only one; the names of those that only test, and notes."""
     from jounce.io.motions import bags, list_logs
 
-    if not motion.is_dir() or bags.is_bag(motion):
-        logs, ignored = {str(motion) if tests else "": motion}, ()
-    else:
-        found, ignored = list_logs(motion)
+    notes: tuple[str, ...] = ()
+    tested, logs = [], {str(motion) if tests else "": motion}
+    if motion.is_dir() and not bags.is_bag(motion):
+        found, notes = list_logs(motion)
         logs = {path.name: path for path in found}
-    tested = []
     for path in tests:
-        inside = str(path) in logs or path.resolve().parent == motion.resolve()
-        tested.append(path.name if inside and path.name in logs else str(path))
+        inside = str(path) in logs or path.resolve() in (log.resolve() for log in logs.values())
+        tested.append(path.name if inside else str(path))
         logs.setdefault(tested[-1], path)
-    return logs, tested, ignored
+    return logs, tested, notes
 
 
 def _write_table(found: "Identification", table: Path) -> None:

@@ -17,6 +17,7 @@ Cells of time are at most 20 ms wide, so that the turning of a joint shows.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -149,8 +150,9 @@ def _average_cells(
 
 
 def _join_cells(of_logs: Sequence[FrictionCells]) -> FrictionCells:
-    arrays = ("Y", "onto", "shapes", "off", "counts", "bins")
-    return replace(of_logs[0], **{name: np.concatenate([getattr(x, name) for x in of_logs]) for name in arrays})
+    names = ("Y", "onto", "shapes", "off", "counts", "bins")
+    joined: dict[str, Any] = {name: np.concatenate([getattr(x, name) for x in of_logs]) for name in names}
+    return replace(of_logs[0], **joined)
 
 
 def _speed_bins(motion: Motion, samples: Measurements) -> np.ndarray:

@@ -42,25 +42,24 @@ def check_logs(
     test: int | str | Sequence[int | str],
 ) -> list[MeasuredLog]:
     """The logs of a caller, checked, with what is `measured`: forces, t, weights, deviations; one or lists by log."""
-    if isinstance(logs, Mapping):
-        names, motions = {name: str(name) for name in logs}, list(logs.values())
-    else:
-        motions = list(logs) if isinstance(logs, list | tuple) else [logs]
-        names = {k: f"motion[{k}]" if motions != [logs] else "" for k in range(len(motions))}
+    alone = not isinstance(logs, Mapping | list | tuple)
+    motions: dict[Any, Any] = dict(logs) if isinstance(logs, Mapping) else dict(enumerate(as_list(logs)))
     if not motions:
         raise JounceError(f"motion is {quote_value(logs)}; expected a log, or several")
     tests = as_list(test)
     for name in tests:
-        if not isinstance(name, int | str) or name not in names:
-            raise unknown_name_error("log of test=", name, map(str, names))
-    if len(set(tests)) == len(names):
+        if isinstance(name, bool) or not isinstance(name, int | str | np.integer) or name not in motions:
+            raise unknown_name_error("log of test=", name, map(str, motions))
+    if len(set(tests)) == len(motions):
         raise JounceError(f"test={quote_value(test)} names every log; expected one or more to be used")
-    alone = isinstance(logs, Motion)
-    given = {label: [x] if alone else _spread(label, x, len(names)) for label, x in measured.items()}
+    given = {label: [x] if alone else _spread(label, x, len(motions)) for label, x in measured.items()}
+    if any(x is None for x in given["deviations"]) and measured["deviations"] is not None:
+        raise JounceError("deviations has None for a log; expected those of all logs, or deviations=None")
     found = []
-    for k, (key, name) in enumerate(names.items()):
+    for k, (key, motion) in enumerate(motions.items()):
+        name = "" if alone else key if isinstance(key, str) else f"motion[{key}]"
         with locate_errors(name):
-            path = check_motion(mechanism, motions[k])
+            path = check_motion(mechanism, motion)
             samples = check_measurements(mechanism, path, **{label: x[k] for label, x in given.items()})
             found.append(MeasuredLog(name, path, samples, _select_samples(span, samples.t), key in tests))
     return found if alone or measured["deviations"] is not None else _weigh_by_time(found)

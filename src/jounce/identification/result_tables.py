@@ -164,6 +164,8 @@ class ForceResidual:
         The coordinate that it acts on, or the component of the wrench on a base that floats.
     part : {"used", "rest"}
         The samples of its log that the result is fitted to, or the others.
+    log : str
+        The name of the log; "" if there is one.
     measured : float
         The measured force itself, in the band of the motion.
     model, identified : float
@@ -175,8 +177,6 @@ class ForceResidual:
     motion_errors : float
         Forces that errors of the smoothed accelerations make, of all logs, in the band of the motion: part of what is
         left.
-    log : str
-        The name of the log; "" if there is one.
 
     Examples
     --------
@@ -192,6 +192,7 @@ class ForceResidual:
     force: str
     unit: str
     part: str
+    log: str
     measured: float
     model: float
     identified: float
@@ -199,7 +200,6 @@ class ForceResidual:
     model_samples: float
     identified_samples: float
     motion_errors: float
-    log: str = ""
 
 
 def force_residuals(
@@ -230,7 +230,7 @@ def _part_residuals(
     rows = np.stack(columns, axis=1).tolist()
     for j, (name, unit) in enumerate(zip(force_names(m), force_units(m), strict=True)):
         if counts[:, j].any():
-            yield ForceResidual(name, unit, part, *rows[j], posed.log)
+            yield ForceResidual(name, unit, part, posed.log, *rows[j])
 
 
 def _rms(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
