@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         Excitation,
         ForceResidual,
         Identification,
+        IdentifiedLog,
         IdentifiedParameter,
         Payload,
         PayloadParameter,
@@ -46,9 +47,9 @@ if TYPE_CHECKING:
 __all__ = [
     "Along", "AntagonisticSprings", "BaseParameters", "Check", "CheckedLimit", "Closure", "CubicSpring", "Drives",
     "ElasticAlong", "Elasticity", "Excitation", "Explanation", "ForceResidual", "Identification",
-    "IdentifiedParameter", "JounceError", "JounceWarning", "Kernel", "Limits", "Loop", "Mechanism", "Motion",
-    "Motor", "Payload", "PayloadParameter", "Report", "Retiming", "Robot", "RobotState", "Slowdown", "SpringFunction",
-    "SpringTable", "UncertainError", "__version__", "inertia_matrix", "load", "load_motion", "save",
+    "IdentifiedLog", "IdentifiedParameter", "JounceError", "JounceWarning", "Kernel", "Limits", "Loop", "Mechanism",
+    "Motion", "Motor", "Payload", "PayloadParameter", "Report", "Retiming", "Robot", "RobotState", "Slowdown",
+    "SpringFunction", "SpringTable", "UncertainError", "__version__", "inertia_matrix", "load", "load_motion", "save",
 ]  # fmt: skip
 _NAMES = {  # of modules, imported when first asked for one of them, so that whatever needs little of it starts at once
     "_report": "Report",
@@ -56,7 +57,9 @@ _NAMES = {  # of modules, imported when first asked for one of them, so that wha
     "core.errors": "JounceError JounceWarning UncertainError",
     "dynamics.base_parameters": "BaseParameters",
     "engine.along": "Along",
-    "identification": "Excitation ForceResidual Identification IdentifiedParameter Payload PayloadParameter",
+    "identification": (
+        "Excitation ForceResidual Identification IdentifiedLog IdentifiedParameter Payload PayloadParameter"
+    ),
     "io.models.states": "RobotState",
     "limits.check": "Check CheckedLimit",
     "limits.explanation": "Explanation",

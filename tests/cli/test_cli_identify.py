@@ -52,6 +52,45 @@ def test_the_robot_the_table_and_the_picture_are_written(log, tmp_path):
         assert part in text
 
 
+def test_a_folder_of_logs_is_one_fit_with_a_page(log, tmp_path):
+    folder, out, page = tmp_path / "logs", tmp_path / "found.yaml", tmp_path / "found.html"
+    folder.mkdir()
+    lines = log.read_text().splitlines(keepends=True)
+    (folder / "b.csv").write_text("".join([lines[0], *lines[600:]]))
+    (folder / "a.csv").write_text("".join(lines[:600]))
+    (folder / "notes.md").write_text("not a log")
+    words = ("identify", "planar2r", folder, "-o", out)
+    said = json.loads(call(*words, "--test", "b.csv", "--report", page, "--json").stdout)
+    assert [(of["name"], of["samples"]) for of in said["logs"]] == [("a.csv", 599), ("b.csv", 0)]
+    assert said["notes"][0] == f"{folder}: other files, ignored: notes.md"
+    assert {(row["log"], row["part"]) for row in said["residuals"]} == {("a.csv", "used"), ("b.csv", "rest")}
+    assert said["report"] == str(page)
+    assert "planar2r identified from logs" in page.read_text()
+    picture = tmp_path / "found.svg"
+    text = call(*words, "--plot", picture).stdout
+    assert "2 of 2 logs" in text
+    assert picture.exists()
+    other = call("identify", "planar2r", folder / "a.csv", "-o", out, "--test", folder / "b.csv").stdout
+    assert f"{folder / 'b.csv'}: test" in other
+    assert json.loads(call(*words, "--test", folder / "b.csv", "--json").stdout)["parameters"] == said["parameters"]
+
+
+def test_a_folder_is_refused_with_the_name_of_what_is_wrong(log, tmp_path):
+    folder, words = tmp_path / "logs", ("identify", "planar2r", tmp_path / "logs", "-o", tmp_path / "found.yaml")
+    folder.mkdir()
+    assert f"{folder}: no log in this folder; logs are files of type" in call(*words, code=2).stderr
+    (folder / "a.csv").write_text(log.read_text())
+    (folder / "b.csv").write_text(log.read_text().replace("tau", "other"))
+    assert "b.csv: the motion has no measured forces" in call(*words, code=2).stderr
+    assert "missing 'joint2'" in call(*words, "--test", _write(folder / "c.csv", "t,joint1\n0,1\n"), code=2).stderr
+    assert "available: .html" in call(*words, "--report", "page.pdf", code=2).stderr
+
+
+def _write(path, text):
+    path.write_text(text)
+    return path
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

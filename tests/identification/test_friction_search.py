@@ -100,10 +100,10 @@ def test_slow_samples_whose_friction_no_model_has_count_less():
     Q = forces(MOTION, lambda v: np.tanh(v / 0.05), 7)
     terms = ("damping", "friction", "offset")
     one = np.ones_like(Q)
-    clean = with_friction_laws(ROBOT, MOTION, terms, Measurements(T, Q, one), True, False)[3].weights
+    clean = with_friction_laws(ROBOT, [(MOTION, Measurements(T, Q, one))], terms, True, False)[3][0].weights
     assert clean.mean() > 0.95
     pushed = Q + np.where(speed < SPEED_BINS[2], 0.5, 0.0) * [1, 0]
-    weights = with_friction_laws(ROBOT, MOTION, terms, Measurements(T, pushed, one), True, False)[3].weights
+    weights = with_friction_laws(ROBOT, [(MOTION, Measurements(T, pushed, one))], terms, True, False)[3][0].weights
     assert (weights[speed >= SPEED_BINS[-1]] == 1).all()
     assert weights[speed[:, 0] < SPEED_BINS[2], 0].max() < 0.01
     assert weights[:, 1].mean() > 0.95, "of a joint that is not pushed"

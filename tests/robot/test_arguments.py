@@ -39,6 +39,7 @@ TREE |= {"base": np.eye(6), "base_name": "trunk"}
 SAMPLES = np.linspace(0, 1, 20)
 SAMPLED = jounce.load_motion({"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, ROBOT, 0, degree=7)
 LOGGED = replace(SAMPLED, torques=(SAMPLES, ROBOT.forces_along(SAMPLED, order=0).forces[0]))
+OTHER = replace(LOGGED, torques=(SAMPLES, 2 * LOGGED.torques[1]))
 TWO = np.stack([SAMPLES**2, SAMPLES**3], axis=1)
 NAMED = {"joint_names": ["joint1", "joint2"]}
 POINTS = {
@@ -346,8 +347,12 @@ CASES: dict[str, Case] = {
         {
             "motion": SAMPLED, "forces": ROBOT.forces_along(SAMPLED, order=0).forces[0], "t": SAMPLES,
             "drives": False, "eps": None, "span": None, "band": 9.0, "weights": None, "deviations": 1e-4, "prior": 0.3,
-            "method": "inverse_dynamics",
+            "method": "inverse_dynamics", "test": (),
         },
+    ),
+    "identify several": (
+        lambda first, second, forces, test: ROBOT.identify([first, second], forces, drives=False, test=test),
+        {"first": LOGGED, "second": OTHER, "forces": [None, None], "test": [1]},
     ),
     "drive_forces": along(ROBOT.drive_forces, terms=True),
     "wrench": along(ROBOT.wrench, force=(0, 0, 1), torque=None, frame="body", point=None),
@@ -434,6 +439,7 @@ def test_every_argument_of_every_public_function_is_attacked():
         "Explanation",
         "ForceResidual",
         "Identification",
+        "IdentifiedLog",
         "IdentifiedParameter",
         "Kernel",
         "Limits",

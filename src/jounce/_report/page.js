@@ -2,11 +2,6 @@
 // The time cursor of the page, and what follows it: the curves, the values, the robot.
 // Whatever else shall follow listens to the event "cursor" of the document, whose detail is the number of the frame.
 
-const TYPES = {f8: Float64Array, f4: Float32Array, i4: Int32Array};
-const panelData = name => JSON.parse(document.getElementById(name + "-data").textContent);
-const array = packed => new TYPES[packed.dtype](Uint8Array.from(atob(packed.bdata), c => c.charCodeAt(0)).buffer);
-const all = selector => [...document.querySelectorAll(selector)];
-
 // The cursor
 
 const frames = panelData("frames"), n = frames.n, times = array(frames.t), values = frames.values.map(array);
@@ -68,10 +63,6 @@ document.addEventListener("cursor", ({detail: frame}) => cells.forEach(({cell, j
   cell.classList.toggle("beyond", lower !== null && value < lower || upper !== null && value > upper);
   cell.classList.toggle("uncertain", t < start || t > stop);
 }));
-
-// On phones each cell of other tables has its heading
-all(".scroll > table").forEach(table => [...table.tBodies[0].rows].forEach(row =>
-  [...row.cells].forEach((cell, k) => { cell.dataset.label = table.tHead.rows[0].cells[k].textContent; })));
 
 // The curves
 

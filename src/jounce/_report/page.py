@@ -11,11 +11,13 @@ import numpy as np
 
 from jounce._report.array_text import pack_array
 from jounce._report.curves import raise_powers
+from jounce._report.identification import page_content
 from jounce._report.panels import PANELS
 from jounce._report.report_data import MAX_REPORT_ORDER, ReportData, make_report_data
 from jounce.core.errors import JounceError, escape_text, optional_import, quote_value
 from jounce.engine.along import Q_RATE_ORDER, check_motion
 from jounce.engine.engine import Engine
+from jounce.identification import Identification
 from jounce.io import files
 from jounce.io.visuals import URDF_SUFFIX
 from jounce.limits.check import Check
@@ -39,7 +41,7 @@ class Report:
     html : str
         The page: one file without links to others, which any browser opens from disk.
     check : Check or None
-        Every limit along the motion; None where the robot states none.
+        Every limit along the motion; None where the robot states none, and of an identification.
     slowdown : Slowdown or None
         The largest factor of speed that keeps every limit; None where no factor does, and the page says why.
 
@@ -90,14 +92,18 @@ class Report:
 
 def report(
     robot: Engine,
-    motion: Motion,
+    motion: Motion | Identification[Any],
     order: int | None,
     visuals: str | os.PathLike[str] | None,
     mesh_folders: Sequence[str | os.PathLike[str]],
     file: str = "",
 ) -> Report:
-    """A page about a robot along a motion, see `Robot.report`; title and verdict name its file, if it has one."""
+    """A page about a robot along a motion, or identified, see `Robot.report`; it names the file, if there is one."""
     check_installed()
+    if isinstance(motion, Identification):
+        if (order, visuals, list(mesh_folders)) != (None, None, []):
+            raise JounceError("order, visuals and mesh_folders are for motions; leave them out for an Identification")
+        return Report(_identification_page(motion, file), None, None)
     if not isinstance(motion, Motion):
         raise JounceError(f"report() expects a jounce.Motion, got {type(motion).__name__}; try jounce.load_motion")
     urdf = None if visuals is None else _visuals_file(visuals)
@@ -150,10 +156,21 @@ def _page(s: ReportData, file: str) -> str:
 
     panels = [found for make in PANELS if (found := make(s)) is not None]
     own = [(panel.code, HERE / "panels" / f"{panel.name}.js") for panel in panels]
-    scripts = [_read("page.js"), *(code + path.read_text(encoding="utf-8") for code, path in own if path.exists())]
+    of_panels = (code + path.read_text(encoding="utf-8") for code, path in own if path.exists())
+    scripts = [_read("common.js"), _read("page.js"), *of_panels]
     return _environment().get_template("page.html.jinja").render(
         robot=s.robot, subject=s, file=file, panels=panels, frames=_frames(s), style=Markup(_read("page.css")),
         library=Markup(get_plotlyjs()), scripts=list(map(Markup, scripts)),
+    )  # fmt: skip
+
+
+def _identification_page(found: Identification[Any], file: str) -> str:
+    from markupsafe import Markup
+    from plotly.offline import get_plotlyjs
+
+    return _environment().get_template("identification.html.jinja").render(
+        **page_content(found), file=file, style=Markup(_read("page.css")), library=Markup(get_plotlyjs()),
+        scripts=[Markup(_read(name)) for name in ("common.js", "identification.js")],
     )  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 """`jounce identify`: inertial parameters and friction from measured torques, from a log to a robot file."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from math import isinf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,7 +24,8 @@ Example, with the torques of a model as measured ones:
 
 \b
 MOTION is a log: a table with a column t, one column of positions per joint
-and one of measured torques, tau_JOINT, JOINT.tau or named by --torques.
+and one of measured torques, tau_JOINT, JOINT.tau or named by --torques. If it
+is a folder, all tables and bags in it are logs of one fit.
 ROBOT is a first guess, such as the CAD model: what the log does not determine
 stays near to it. OUT is a robot file for `jounce run OUT ... --drives all`:
 its bodies can exist, and its drives have the friction found. Deviations are
@@ -44,6 +45,14 @@ those of the data alone; parameters that they do not determine are listed.
     help="Drive terms to identify: all, none, or a list of armature, damping, friction, stribeck, spring, offset.",
 )
 @click.option("--span", type=float, nargs=2, metavar="S S", help="Use samples between these times; others test it.")
+@click.option(
+    "--test",
+    "tests",
+    type=PATH,
+    multiple=True,
+    metavar="LOG",
+    help="Log that only tests the result: its name in the folder MOTION, or another path. Repeatable.",
+)
 @click.option(
     "--band",
     type=float,
@@ -68,35 +77,45 @@ those of the data alone; parameters that they do not determine are listed.
 )
 @click.option("--table", type=PATH, help="Write the parameters with deviations: .csv.")
 @click.option("--plot", type=PATH, help="Measured and predicted torques as a picture: .png, .svg or .pdf.")
+@click.option("--report", type=PATH, help="Page with torques, what is left of them, its spectra, parameters: .html.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def identify(
     robot: RobotRequest,
     motion: MotionRequest,
     output: Path,
     terms: str,
+    tests: tuple[Path, ...],
     table: Path | None,
     plot: Path | None,
+    report: Path | None,
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Identify ROBOT from MOTION, a log with measured torques: its inertial parameters and friction."""
+    """Identify ROBOT from MOTION, a log with measured torques or a folder of them: inertial parameters and friction."""
     from jounce.figures import canvas
     from jounce.io import files
     from jounce.robot import saving
 
     saving.check_writable(output)
-    for path in filter(None, (output, table, plot)):
-        check_distinct(path, motion.path, robot.path, motion.read)
+    logs, tested, ignored = _find_logs(motion.path, tests)
+    for path in filter(None, (output, table, plot, report)):
+        check_distinct(path, motion.path, robot.path, motion.read, *logs.values())
     if table is not None:
         if table.suffix.lower() != ".csv":
             raise JounceError(f"{table}: unknown type of table {table.suffix!r} for --table; available: .csv")
         files.check_writable(table)
     if plot is not None:
         canvas.check_writable(plot)
+    if report is not None:
+        from jounce._report import page  # imported here to keep start-up fast
+
+        page.check_writable(report)
+        page.check_installed()
     arm = robot.load()
-    log = motion.load(arm, 0)
     with collect_warnings() as warnings:
-        found = arm.identify(log, drives=parse_drive_terms(terms), **options)
+        motions = {name: replace(motion, path=path).load(arm, 0) for name, path in logs.items()}
+        given = motions.get("", motions)
+        found = arm.identify(given, drives=parse_drive_terms(terms), test=tested, **options)
     for text in warnings:
         if text not in found.notes:  # which are printed
             warn(text)
@@ -105,9 +124,28 @@ def identify(
         _write_table(found, table)
     if plot is not None:
         _draw(found, plot)
+    if report is not None:
+        page.report(found.robot, found, None, None, (), motion.path.name).save(report)
+    notes = (*ignored, *(f"{name}: {note}" if name else note for name, log in motions.items() for note in log.notes))
     print_summary(
-        _summary(found, motion.path, log.notes, output, table, plot), lambda of: _format_summary(found, of), as_json
+        _summary(found, motion.path, notes, output, table, plot, report), lambda of: _format_summary(found, of), as_json
     )
+
+
+def _find_logs(motion: Path, tests: tuple[Path, ...]) -> tuple[dict[str, Path], list[str], tuple[str, ...]]:
+    """The paths of the logs by name, "" of the only one; the names of those that only test, and notes."""
+    from jounce.io.motions import bags, list_logs
+
+    notes: tuple[str, ...] = ()
+    tested, logs = [], {str(motion) if tests else "": motion}
+    if motion.is_dir() and not bags.is_bag(motion):
+        found, notes = list_logs(motion)
+        logs = {path.name: path for path in found}
+    for path in tests:
+        inside = str(path) in logs or path.resolve() in (log.resolve() for log in logs.values())
+        tested.append(path.name if inside else str(path))
+        logs.setdefault(tested[-1], path)
+    return logs, tested, notes
 
 
 def _write_table(found: "Identification", table: Path) -> None:
@@ -132,16 +170,17 @@ def _draw(found: "Identification", picture: Path) -> None:
 
 
 def _summary(
-    found: "Identification", log: Path, notes: tuple[str, ...], output: Path, table: Path | None, plot: Path | None
+    found: "Identification", log: Path, notes: tuple[str, ...], output: Path, *paths: Path | None
 ) -> dict[str, Any]:
     """The result as plain data; JSON has no infinity."""
     joints = found.robot.mechanism.joints
     rows = [asdict(row) for row in found.table]
     return {
         "robot": found.robot.name, "motion": str(log), "output": str(output),
-        "table": None if table is None else str(table), "plot": None if plot is None else str(plot),
+        **{what: path and str(path) for what, path in zip(("table", "plot", "report"), paths, strict=True)},
         "samples": found.samples, "span": list(found.span), "band": found.band, "cell": found.cell,
-        "cells": found.cells, "rank": found.rank, "condition": found.condition, "unseen": list(found.unseen),
+        "cells": found.cells, "logs": [{k: x for k, x in asdict(of).items() if k != "rows"} for of in found.logs],
+        "rank": found.rank, "condition": found.condition, "unseen": list(found.unseen),
         "parameters": [row | {"deviation": None if isinf(row["deviation"]) else row["deviation"]} for row in rows],
         "drives": {name: dict(zip(joints, x.tolist(), strict=True)) for name, x in vars(found.robot.drives).items()},
         "residuals": [asdict(row) for row in found.residuals],
@@ -155,4 +194,4 @@ def _format_summary(found: "Identification", summary: dict[str, Any]) -> str:
     return "\n".join([*notes, str(found), "", *written])
 
 
-WRITTEN = {"output": "robot", "table": "parameters", "plot": "torques"}
+WRITTEN = {"output": "robot", "table": "parameters", "plot": "torques", "report": "page"}

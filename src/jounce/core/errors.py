@@ -97,11 +97,11 @@ def optional_import(need: str, extra: str) -> Iterator[None]:
 
 @contextmanager
 def locate_errors(place: object) -> Iterator[None]:
-    """Within this context, errors begin with a place: a file, or a line of a file."""
+    """Within this context, errors begin with a place: a file, or a line of a file; with none if it is ""."""
     try:
         yield
     except JounceError as error:
-        raise JounceError(f"{place}: {error}") from None
+        raise JounceError(f"{place}: {error}" if place != "" else error) from None
 
 
 def unknown_name_error(kind: str, name: object, existing: Iterable[str], owner: str = "") -> JounceError:

@@ -4,9 +4,9 @@ from jounce.identification.estimation import identify
 from jounce.identification.excitation import Excitation, excite
 from jounce.identification.payload_result import Payload, PayloadParameter
 from jounce.identification.result import Identification
-from jounce.identification.result_tables import ForceResidual, IdentifiedParameter
+from jounce.identification.result_tables import ForceResidual, IdentifiedLog, IdentifiedParameter
 
 __all__ = [
-    "Excitation", "ForceResidual", "Identification", "IdentifiedParameter", "Payload", "PayloadParameter", "excite",
-    "identify",
+    "Excitation", "ForceResidual", "Identification", "IdentifiedLog", "IdentifiedParameter", "Payload",
+    "PayloadParameter", "excite", "identify",
 ]  # fmt: skip

@@ -4,6 +4,7 @@ The smoothed motion has accelerations a + e, and the forces are affine in them: 
 with the mass matrix M of the parameters p. Only accelerations are taken: errors of q and qd make far smaller forces.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -25,13 +26,11 @@ class AccelerationErrors:
     terms: tuple[DriveTerm, ...]
     columns: np.ndarray  # (P,) of the regressor, those of the parameters
     q: np.ndarray  # (C, n) in the middle of the cells
-    base: tuple[np.ndarray, ...] | None  # pose of the base there, at rest
     variances: np.ndarray  # (C, n)
 
-    def part(self, cells: slice) -> "AccelerationErrors":
+    def part(self, cells: slice | np.ndarray) -> "AccelerationErrors":
         """Those in some of the cells."""
-        base = self.base and tuple(x[cells] for x in self.base)
-        return replace(self, q=self.q[cells], base=base, variances=self.variances[cells])
+        return replace(self, q=self.q[cells], variances=self.variances[cells])
 
     def regressor(self, a: np.ndarray) -> np.ndarray:
         """The regressor (C, nv, P) of accelerations (C, n) alone, of a robot at rest without gravity."""
@@ -44,7 +43,13 @@ class AccelerationErrors:
     def _regressor(self, a: np.ndarray) -> np.ndarray:
         """The regressor (C, nv, P) of a robot at rest with accelerations (C, n)."""
         states = (self.q, np.zeros_like(self.q), a)
-        return np.asarray(regressor(self.robot, "regressor", states, self.terms, base=self.base))[..., self.columns]
+        return np.asarray(regressor(self.robot, "regressor", states, self.terms, base=self._base))[..., self.columns]
+
+    @property
+    def _base(self) -> tuple[np.ndarray, ...] | None:
+        """A base that floats, at rest: what accelerations add to forces in its own axes does not depend on its pose."""
+        C = len(self.q)
+        return (np.tile(np.eye(4), (C, 1, 1)), *np.zeros((2, C, 6))) if self.robot.mechanism.floats else None
 
     def mass_matrix(self, corrections: np.ndarray) -> np.ndarray:
         """The mass matrix (C, nv, n) of the model with corrections (P,) of its parameters."""
@@ -54,7 +59,7 @@ class AccelerationErrors:
 
     @cached_property
     def _model_mass_matrix(self) -> np.ndarray:
-        M = compute(self.robot, "mass_matrix", (self.q,), base=self.base and self.base[:1])
+        M = compute(self.robot, "mass_matrix", (self.q,), base=self._base and self._base[:1])
         return np.asarray(M)[..., -self.q.shape[1] :]
 
 
@@ -66,19 +71,22 @@ def find_acceleration_errors(
     terms: tuple[DriveTerm, ...],
     columns: np.ndarray,
     deviations: tuple[np.ndarray, ...] | None,
-) -> AccelerationErrors | None:
+) -> AccelerationErrors:
     """The errors of the accelerations at times (N,) in cells of numbers (N,), by deviations of q, qd, q2d (N, n) each.
 
-    None of a motion that is exact.
+    Those of a motion that is exact have variances 0.
     """
-    if deviations is None or not deviations[2].any():
-        return None
-    ones = np.ones_like(deviations[2])
-    middles = weighted_means(t[:, None], ones[:, :1], place)[0][:, 0]
-    variances = weighted_means(deviations[2] ** 2, ones, place)[0]
-    base = motion.base(middles, 0)
-    still = base and (base[0], *np.zeros((2, len(middles), 6)))
-    return AccelerationErrors(robot, terms, columns, motion(middles, 0)[0], still, variances)
+    ones = np.ones((len(t), 1))
+    q = motion(weighted_means(t[:, None], ones, place)[0][:, 0], 0)[0]
+    variances = np.zeros_like(q) if deviations is None else weighted_means(deviations[2] ** 2, ones, place)[0]
+    return AccelerationErrors(robot, terms, columns, q, variances)
+
+
+def join_errors(of_logs: Sequence[AccelerationErrors | None]) -> AccelerationErrors | None:
+    """The errors in the cells of all logs; None of equations without accelerations."""
+    found = [errors for errors in of_logs if errors is not None]
+    q, variances = (np.concatenate([getattr(errors, name) for errors in found] or [()]) for name in ("q", "variances"))
+    return replace(found[0], q=q, variances=variances) if found else None
 
 
 def error_band(deviations: tuple[np.ndarray, ...] | None) -> float:

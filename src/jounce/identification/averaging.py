@@ -88,8 +88,8 @@ def number_cells(t: np.ndarray, width: float) -> np.ndarray:
 
 
 def weighted_means(values: np.ndarray, weights: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weighted means of values (N, k) over cells, and the sums of the weights: (C, k) each."""
-    total, sums = np.zeros((2, place[-1] + 1, values.shape[1]))
+    """Weighted means (C, k) of values (N, k) over cells, and the sums of the weights (N, k), or (N, 1) for all."""
+    total, sums = (np.zeros((place[-1] + 1, x.shape[1])) for x in (values, weights))
     _add_rows(total, values * weights, place)
     _add_rows(sums, weights, place)
     return total / np.maximum(sums, np.finfo(float).tiny), sums

@@ -6,42 +6,47 @@ from typing import get_args
 
 import numpy as np
 
-from jounce.core.errors import JounceError, check_choice, join_names, quote_value, warn
-from jounce.core.scalars import asarray, is_finite
+from jounce.core.errors import JounceError, check_choice, join_names, locate_errors, quote_value, warn
+from jounce.core.scalars import is_finite
 from jounce.core.typing import ArrayLike, DriveTerm, DriveTerms, Equations
-from jounce.engine.along import check_motion
 from jounce.engine.engine import R, with_mechanism
 from jounce.identification.force_warnings import force_warnings, unexplained_warnings
 from jounce.identification.friction_search import with_friction_laws
-from jounce.identification.least_squares_problem import pose_problem, with_smoothing_velocity
-from jounce.identification.measurements import check_measurements
+from jounce.identification.least_squares_problem import (
+    IdentificationProblem,
+    join_problems,
+    pose_problem,
+    with_smoothing_velocity,
+)
+from jounce.identification.measured_logs import Logs, MeasuredLog, check_logs, twin_notes
 from jounce.identification.physical_consistency import ConsistentParameters, fit_consistent_parameters
 from jounce.identification.regression import fit_forces
 from jounce.identification.result import Identification
-from jounce.identification.result_tables import IdentifiedParameter, force_residuals, parameter_table
+from jounce.identification.result_tables import IdentifiedParameter, describe_logs, force_residuals, parameter_table
 from jounce.model.drives import AMOUNTS, DRIVE_TERMS, select_terms
 from jounce.model.parameters import with_inertial_parameters
 from jounce.model.positions import check_single_screws
-from jounce.motion.motion import Motion
 
+MAX_SCATTER = 4.0  # chi^2 per degree of freedom: a log beyond it differs from others by two deviations or more
 MIN_PRIOR = 1e-9  # relative deviation: no model is better, and squares of smaller ones overflow
 
 
 def identify(
     robot: R,
-    motion: Motion,
-    forces: ArrayLike | None,
-    t: ArrayLike | None,
+    logs: Logs,
+    forces: ArrayLike | Sequence[ArrayLike | None] | None,
+    t: ArrayLike | Sequence[ArrayLike | None] | None,
     drives: DriveTerms,
     eps: float | None,
     span: tuple[float, float] | None,
     band: float | None,
-    weights: ArrayLike | None,
-    deviations: ArrayLike | None,
+    weights: ArrayLike | Sequence[ArrayLike | None] | None,
+    deviations: ArrayLike | Sequence[ArrayLike | None] | None,
     prior: float,
     method: Equations,
+    test: int | str | Sequence[int | str],
 ) -> Identification[R]:
-    """Identify a robot from a motion and measured forces, see `Robot.identify`."""
+    """Identify a robot from motions and measured forces, see `Robot.identify`."""
     check_choice("method", method, get_args(Equations))
     terms = select_terms(drives)
     model = with_smoothing_velocity(robot, terms, eps)
@@ -50,61 +55,72 @@ def identify(
             f"prior is {quote_value(prior)}; expected a relative standard deviation, {MIN_PRIOR:g} or more"
         )
     check_single_screws(model.mechanism, "identify()")
-    path = check_motion(model.mechanism, motion)
-    given = check_measurements(model.mechanism, path, forces, t, weights, deviations)
-    used = _select_samples(span, given.t)
-    known = deviations is not None
-    model, terms, sought, samples = with_friction_laws(model, path, terms, given.part(used), eps is not None, known)
-    posed = pose_problem(model, path, terms, sought, given, used, samples, band, method)
-    solution = fit_forces(posed.cells, posed.columns, posed.errors, known)
-    table = parameter_table(posed, solution)
-    notes = [*force_warnings(posed, method), *_undetermined_notes(table, solution.rank)]
+    measured = {"forces": forces, "t": t, "weights": weights, "deviations": deviations}
+    given, known = check_logs(model.mechanism, logs, measured, span, test), deviations is not None
+    model, posed = _pose_logs(model, given, terms, eps is not None, known, band, method)
+    joined, cells = join_problems([one for one in posed if not one.tests])
+    solution = fit_forces(joined.cells, joined.columns, joined.errors, known, cells)
+    table = parameter_table(joined, solution)
+    warned = _name_logs(posed, [force_warnings(one, method) for one in posed])
+    differ = _difference_notes([of.name for of in given if not of.tests], solution.scatter)
+    notes = [*twin_notes(given), *warned, *differ, *_undetermined_notes(table, solution.rank)]
     for text in notes:
         warn(text)
-    estimate, information = posed.model_parameters, np.zeros(2 * posed.model_parameters.shape)
-    estimate[posed.places] += solution.x
-    information[np.ix_(posed.places, posed.places)] = solution.information
+    estimate, information = joined.model_parameters, np.zeros(2 * joined.model_parameters.shape)
+    estimate[joined.places] += solution.x
+    x = estimate[joined.places]
+    information[np.ix_(joined.places, joined.places)] = solution.information
     weight = float(prior) ** -2
-    found = fit_consistent_parameters(model.mechanism, posed.base, information, estimate, terms, weight=weight)
-    predicted = posed.predict(found.parameters, found.values[posed.base.count :], solution.x)
-    rows, times = force_residuals(posed, predicted, solution.motion_errors), given.t[posed.used]
-    notes += (left := unexplained_warnings(posed, rows, estimate[posed.places]))
+    found = fit_consistent_parameters(model.mechanism, joined.base, information, estimate, joined.terms, weight=weight)
+    predicted = [one.predict(found.parameters, found.values[one.base.count :], solution.x) for one in posed]
+    rows = [force_residuals(one, Q, solution.motion_errors) for one, Q in zip(posed, predicted, strict=True)]
+    notes += (left := _name_logs(posed, [unexplained_warnings(*pair, x) for pair in zip(posed, rows, strict=True)]))
     for text in left:
         warn(text)
+    described = describe_logs(posed)
+    spans = [of.span for of in described if of.span]
     return Identification(
-        robot=_build_robot(model, terms, found),
+        robot=_build_robot(model, joined.terms, found),
         table=table,
         covariance=solution.covariance,
         rank=solution.rank,
         condition=solution.condition,
         deviations=solution.deviations,
-        residuals=rows,
-        span=(float(times[0]), float(times[-1])),
-        band=posed.band,
-        cell=posed.width,
-        samples=len(times),
-        cells=len(posed.cells.off),
-        t=given.t,
-        measured=np.where(given.weights > 0, given.forces, np.nan),
-        model=posed.model,
-        predicted=predicted[0],
+        residuals=tuple(row for of_log in rows for row in of_log),
+        span=(min(first for first, _ in spans), max(last for _, last in spans)),
+        band=max(of.band for of in described if of.span),
+        cell=min(of.cell for of in described if of.span),
+        samples=sum(of.samples for of in described),
+        cells=sum(of.cells for of in described),
+        t=np.concatenate([of.given.t for of in given]),
+        measured=np.concatenate([np.where(of.given.weights > 0, of.given.forces, np.nan) for of in given]),
+        model=np.concatenate([one.model for one in posed]),
+        predicted=np.concatenate([forces[0] for forces in predicted]),
         notes=(*notes, *_body_notes(found)),
+        logs=described,
     )
 
 
-def _select_samples(span: tuple[float, float] | None, t: np.ndarray) -> np.ndarray:
-    if span is None:
-        return np.ones(len(t), dtype=bool)
-    times = np.asarray(asarray(span, "span"))
-    if times.shape != (2,) or times.dtype.kind != "f":
-        raise JounceError(f"span is {quote_value(span)}; expected two times in s")
-    first, last = times
-    inside = (t >= first) & (t <= last)
-    if not inside.any():
-        raise JounceError(
-            f"span is {quote_value(span)}; expected times from {t[0]:.6g} to {t[-1]:.6g} s, which forces have"
-        )
-    return inside
+def _pose_logs(
+    robot: R,
+    logs: Sequence[MeasuredLog],
+    terms: tuple[DriveTerm, ...],
+    given_eps: bool,
+    known: bool,
+    band: float | None,
+    method: Equations,
+) -> tuple[R, list[IdentificationProblem]]:
+    """The robot with the friction laws that the logs show, and the problem of each log."""
+    fitted = [(of.motion, of.samples) for of in logs if not of.tests]
+    robot, terms, sought, weighed = with_friction_laws(robot, fitted, terms, given_eps, known)
+    total, others, posed = sum(np.count_nonzero(of.weights) for of in weighed), iter(weighed), []
+    for of in logs:
+        samples = of.samples if of.tests else next(others)
+        share = np.count_nonzero(samples.weights) / total
+        with locate_errors(of.name):
+            one = pose_problem(robot, of.motion, terms, sought, of.given, of.used, samples, band, method, share)
+        posed.append(replace(one, log=of.name, tests=of.tests))
+    return robot, posed
 
 
 def _build_robot(robot: R, terms: Sequence[DriveTerm], found: ConsistentParameters) -> R:
@@ -121,6 +137,20 @@ def _undetermined_notes(table: Sequence[IdentifiedParameter], rank: int) -> list
     known = f"deviations exceed sizes (rank {rank} of {len(table)})"
     cure = "a faster or longer motion of more joints determines them"
     return [f"the data do not determine {join_names(unseen)}: {known}; {cure}"] if unseen else []
+
+
+def _name_logs(posed: Sequence[IdentificationProblem], notes: Sequence[Sequence[str]]) -> list[str]:
+    """The notes on each log, which name it if there are several."""
+    return [f"{one.log}: {text}" if one.log else text for one, of in zip(posed, notes, strict=True) for text in of]
+
+
+def _difference_notes(names: Sequence[str], scatter: np.ndarray) -> list[str]:
+    """What is said of logs that differ from others by more than their noise explains."""
+    which = [f"{name} ({x:.2g})" for name, x in zip(names, scatter, strict=True) if x > MAX_SCATTER]
+    if len(names) < 2 or not which:
+        return []
+    why = f"chi^2 per degree of freedom of {join_names(which)}, and deviations grow with it"
+    return [f"logs differ by more than their noise: {why}; expected logs of one robot, in one state"]
 
 
 def _body_notes(found: ConsistentParameters) -> list[str]:

@@ -17,6 +17,7 @@ Cells of time are at most 20 ms wide, so that the turning of a joint shows.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -70,21 +71,25 @@ class FrictionFit:
 
 
 def with_friction_laws(
-    robot: R, motion: Motion, terms: tuple[DriveTerm, ...], samples: Measurements, given_eps: bool, known: bool
-) -> tuple[R, tuple[DriveTerm, ...], np.ndarray, Measurements]:
-    """The robot with the laws of friction that samples show, and what is sought then.
+    robot: R,
+    logs: Sequence[tuple[Motion, Measurements]],
+    terms: tuple[DriveTerm, ...],
+    given_eps: bool,
+    known: bool,
+) -> tuple[R, tuple[DriveTerm, ...], np.ndarray, list[Measurements]]:
+    """The robot with the laws of friction that the samples of all logs show, and what is sought then.
 
-    Returns the terms, which of their parameters (terms * joints,) are sought, and the samples with other weights.
+    Returns the terms, which of their parameters (terms * joints,) are sought, and by log samples with other weights.
     Without friction among the terms, all is as it was. A given eps is that of the robot, and stays, as do weights that
     are known inverse variances.
     """
     m, d, count = robot.mechanism, robot.mechanism.drives, len(robot.mechanism.joints)
     if "friction" not in terms:
-        return robot, terms, np.ones(len(terms) * count, dtype=bool), samples
+        return robot, terms, np.ones(len(terms) * count, dtype=bool), [samples for _, samples in logs]
     eps = np.tile([np.nan, *SMOOTHING_VELOCITIES[: 0 if given_eps else None]], (count, 1))  # (joints, number)
     eps[:, 0] = d.eps
     fades = np.array([np.inf, *STRIBECK_VELOCITIES[: None if "stribeck" in terms else 0]])
-    cells = _average_cells(robot, motion, terms, samples, eps, fades)
+    cells = _join_cells([_average_cells(robot, *log, terms, eps, fades, MAX_CELLS // len(logs)) for log in logs])
     chosen = [0] * count
     fit = _fit_laws(cells, chosen, np.ones_like(cells.off))
     for _ in range(SWEEPS if cells.shapes.shape[-1] > 1 else 0):
@@ -94,7 +99,10 @@ def with_friction_laws(
     for _ in range(0 if known else WEIGHT_ROUNDS):
         factors = _speed_factors(cells, fit.rest)
         fit = _fit_laws(cells, chosen, factors[forces, cells.bins])
-    weighed = replace(samples, weights=samples.weights * factors[forces, _speed_bins(motion, samples)])
+    weighed = [
+        replace(samples, weights=samples.weights * factors[forces, _speed_bins(motion, samples)])
+        for motion, samples in logs
+    ]
     width, fade = np.divmod(chosen, len(fades))
     drives = replace(d, eps=eps[np.arange(count), width])
     if "stribeck" in terms:
@@ -108,14 +116,16 @@ def with_friction_laws(
 def _average_cells(
     robot: Engine,
     motion: Motion,
-    terms: tuple[DriveTerm, ...],
     samples: Measurements,
+    terms: tuple[DriveTerm, ...],
     eps: np.ndarray,
     fades: np.ndarray,
+    most: int,
 ) -> FrictionCells:
+    """The cells of a log, of which at most some serve."""
     m, base = robot.mechanism, base_parameters(robot.mechanism)
     place = number_cells(samples.t, MAX_CELL_WIDTH)
-    every = place[-1] // MAX_CELLS + 1
+    every = place[-1] // max(most, 1) + 1
     samples, place = samples.part(place % every == 0), place[place % every == 0] // every
     bare = with_mechanism(robot, replace(m, acting=tuple(term for term in m.acting if term not in FRICTION_TERMS)))
     pieces = list(compute_pieces(bare, motion, samples.t, 0))
@@ -129,7 +139,7 @@ def _average_cells(
     for j, of_joint in enumerate(eps):
         by_eps, by_fade = np.tanh(v[:, j, None] / of_joint), np.exp(-((v[:, j, None] / fades) ** 2))
         by_law = (by_eps[..., None] * by_fade[:, None]).reshape(len(v), laws)
-        shapes[:, j] = weighted_means(by_law, np.ones_like(by_law), place)[0]
+        shapes[:, j] = weighted_means(by_law, np.ones((len(v), 1)), place)[0]
     # columns of parameters: inertial ones, those of other drive terms, and the offsets if these are sought
     n, first = len(m.joints), len(base.parameters)
     places = np.append(base.columns, np.arange(first, first + n * len(others)))
@@ -137,6 +147,12 @@ def _average_cells(
     own = [base.count + n * k for k, term in enumerate(others) if term in terms and term in ("damping", "offset")]
     means = weighted_means(_speed_bins(motion, samples), np.ones_like(model), place)[0]
     return FrictionCells(Y, tuple(own), onto, shapes, len(fades), cells.off, cells.counts, np.rint(means).astype(int))
+
+
+def _join_cells(of_logs: Sequence[FrictionCells]) -> FrictionCells:
+    names = ("Y", "onto", "shapes", "off", "counts", "bins")
+    joined: dict[str, Any] = {name: np.concatenate([getattr(x, name) for x in of_logs]) for name in names}
+    return replace(of_logs[0], **joined)
 
 
 def _speed_bins(motion: Motion, samples: Measurements) -> np.ndarray:

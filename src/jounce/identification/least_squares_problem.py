@@ -16,7 +16,12 @@ from jounce.core.typing import DriveTerm, Equations
 from jounce.dynamics.base_parameters import BaseParameters, base_parameters
 from jounce.engine.along import forces_along
 from jounce.engine.engine import Engine, R, with_mechanism
-from jounce.identification.acceleration_errors import AccelerationErrors, error_band, find_acceleration_errors
+from jounce.identification.acceleration_errors import (
+    AccelerationErrors,
+    error_band,
+    find_acceleration_errors,
+    join_errors,
+)
 from jounce.identification.averaging import (
     CELLS_PER_PERIOD,
     CellAverages,
@@ -53,6 +58,8 @@ class IdentificationProblem:
     width: float  # of the cells, s
     cells: CellAverages  # averages of the samples that are used
     errors: AccelerationErrors | None  # of the motion in the cells; filtered equations need no accelerations
+    log: str = ""  # name of the log, if there are several
+    tests: bool = False  # whether the log is not fitted
 
     @property
     def columns(self) -> np.ndarray:
@@ -93,13 +100,17 @@ def pose_problem(
     samples: Measurements,
     band: float | None,
     method: Equations,
+    share: float = 1.0,
 ) -> IdentificationProblem:
-    """Pose the problem; raise `JounceError` if forces are fewer than parameters, or samples cannot have the band."""
+    """Pose the problem of a log that has a share of all measured forces.
+
+    Raise `JounceError` if all forces are fewer than parameters, or samples cannot have the band.
+    """
     base = base_parameters(robot.mechanism)
     columns = _sought_columns(base, sought)
     count = len(columns)
-    if (measured := np.count_nonzero(samples.weights)) < count:
-        came = f"{len(samples.t)} samples hold {measured} measured forces for {count} parameters"
+    if (measured := np.count_nonzero(samples.weights)) < share * count:
+        came = f"the data hold {measured / share:.0f} measured forces for {count} parameters"
         raise JounceError(f"{came}; expected a longer motion or fewer drives=")
     along = forces_along(robot, motion, given.t, 0)
     model = along.forces[0]
@@ -114,7 +125,7 @@ def pose_problem(
         raise JounceError(f"band is {quote_value(band)}; expected a frequency from {span}")
     band = float(band)
     deviations = motion.deviations(samples.t, 2)
-    width = _cell_width(samples, min(band, ERROR_BAND_FACTOR * error_band(deviations)), count)
+    width = _cell_width(samples, min(band, ERROR_BAND_FACTOR * error_band(deviations)), share * count)
     if method in FILTERED_METHODS:
         errors, cells = None, FILTERED_METHODS[method](robot, motion, samples, terms, width, band)
     else:
@@ -124,6 +135,15 @@ def pose_problem(
     return IdentificationProblem(
         robot, motion, terms, sought, base, given, used, samples, model, band, width, cells, errors
     )
+
+
+def join_problems(posed: Sequence[IdentificationProblem]) -> tuple[IdentificationProblem, list[slice]]:
+    """The problem with the cells of all logs, and which are those of each; all else is that of the first."""
+    counts = [len(one.cells.off) for one in posed]
+    cells = CellAverages(*map(np.concatenate, zip(*(vars(one.cells).values() for one in posed), strict=True)))
+    errors = join_errors([one.errors for one in posed])
+    ends = np.cumsum([0, *counts]).tolist()
+    return replace(posed[0], cells=cells, errors=errors), list(map(slice, ends, ends[1:]))
 
 
 def with_smoothing_velocity(robot: R, terms: Sequence[DriveTerm], eps: float | None) -> R:
@@ -145,7 +165,7 @@ def _sought_columns(base: BaseParameters, sought: np.ndarray) -> np.ndarray:
     return np.append(base.columns, len(base.parameters) + np.flatnonzero(sought))
 
 
-def _cell_width(samples: Measurements, band: float, count: int) -> float:
+def _cell_width(samples: Measurements, band: float, count: float) -> float:
     """The width of cells that a band needs, so that there are enough for the number of parameters."""
     duration, forces = float(samples.t[-1] - samples.t[0]), np.count_nonzero(samples.weights.any(axis=0))
     longest = duration * forces / (CELLS_PER_PARAMETER * count)

@@ -2,7 +2,8 @@
 
 Problem: forces tau = Y(a) p + n of cells of time; the noise n of force j has the variance s_j^2 over the count of the
 cell, and the accelerations of the motion have errors e of variances k_j v_j, v those that the smoothing states. So the
-residuals have covariances S = diag(s^2) + M(p) diag(k v) M(p)^T, which move with p. Sought are p, s and k.
+residuals have covariances S = diag(s^2) + M(p) diag(k v) M(p)^T, which move with p. Sought are p, s and k. All logs
+share s: with s of its own, a log that others contradict would be taken for noise, and one log alone would decide.
 
 Algorithm: iteratively reweighted least squares with an instrument. From each of some starts, by turns: S at p; the best
 estimate of the errors, k v M^T S^-1 r; the regressor Z at the accelerations without them; p from Z^T S^-1 (tau - Y p)
@@ -17,7 +18,7 @@ iteration has not settled in MAX_REWEIGHTINGS, its last weights serve. Direction
 and the parameters in them infinite variances.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,8 +29,8 @@ from jounce.identification.noise_spectra import (
     band_means,
     gradient,
     gram,
-    half_scatter,
     leverages,
+    log_scatter,
     noise_spectra,
     spectral_gram,
 )
@@ -56,6 +57,7 @@ class Regression:
     information: np.ndarray  # (P, P) sum of Z^T S^-1 Z
     deviations: np.ndarray  # (nv,) standard deviations of averages of forces over cells; infinite if not measured
     weights: np.ndarray  # (C, nv) inverse variances of the forces of the cells, with what errors of the motion make
+    scatter: np.ndarray  # (L,) chi^2 of what each log differs by from all, per degree of freedom: 1 by chance
     motion_errors: np.ndarray  # (nv,) root mean squares of the forces that errors of the motion make
 
 
@@ -110,8 +112,14 @@ class WhiteRows:
     log_mass: float  # mean of log |det M|
 
 
-def fit_forces(cells: CellAverages, columns: np.ndarray, errors: AccelerationErrors | None, known: bool) -> Regression:
-    """Fit corrections of the parameters of some columns (P,) to the forces of cells.
+def fit_forces(
+    cells: CellAverages,
+    columns: np.ndarray,
+    errors: AccelerationErrors | None,
+    known: bool,
+    logs: Sequence[slice] = (slice(None),),
+) -> Regression:
+    """Fit corrections of the parameters of some columns (P,) to the forces of cells, each of one of the logs.
 
     If the variances are `known`, the counts of the cells are their sums of inverse variances.
     """
@@ -120,10 +128,11 @@ def fit_forces(cells: CellAverages, columns: np.ndarray, errors: AccelerationErr
     if len(starts) > 1:
         few = equations.part(slice(None, None, max(1, len(cells.off) // MAX_COMPETING_CELLS)))
         starts = [min((_iterate(few, start) for start in starts), key=lambda fit: _score(few, fit))]
-    return _estimate(equations, _iterate(equations, *starts))
+    return _estimate(equations, _iterate(equations, *starts), logs)
 
 
 def _equations(cells: CellAverages, columns: np.ndarray, errors: AccelerationErrors | None, known: bool) -> Equations:
+    errors = errors if errors is not None and errors.variances.any() else None
     posed = Equations(
         cells.Y[..., columns], cells.off, cells.model, cells.counts, cells.spread, errors, known, np.zeros(())
     )
@@ -226,18 +235,19 @@ def _score(equations: Equations, fit: FittedCorrections) -> float:
     return float(density.mean() - rows.log_mass)
 
 
-def _estimate(equations: Equations, fit: FittedCorrections) -> Regression:
-    """The solution at a fit, with deviations by the spectra of the residuals and the halves of the samples."""
+def _estimate(equations: Equations, fit: FittedCorrections, logs: Sequence[slice]) -> Regression:
+    """The solution at a fit, with deviations by the spectra of the residuals and by what logs differ in."""
     rows, there = _whiten(equations, fit), equations.counts > 0
     information = gram(rows.Z, rows.Z)
     X, values, blind = informed_directions(information)
     Z = rows.Z @ X
-    h, least = leverages(Z), equations.least / fit.noise
-    spectra = np.ones(rows.rest.shape) if equations.known else noise_spectra(h, rows.rest, least)
-    size = half_scatter(Z, rows.rest, spectra)
+    h, least = leverages(Z, logs), equations.least / fit.noise
+    spectra = np.ones(rows.rest.shape) if equations.known else noise_spectra(h, rows.rest, least, logs)
+    scatter = log_scatter(Z, rows.rest, spectra, logs)
+    size = max(1.0, float(scatter.mean()))
     # the sandwich B^-1 F B^-T, with the noise's spectrum between the regressor's
     inverse = np.linalg.inv(X.T @ gram(rows.Z, rows.Y) @ X)
-    of_directions = size * inverse @ spectral_gram(Z, spectra) @ inverse.T
+    of_directions = size * inverse @ spectral_gram(Z, spectra, logs) @ inverse.T
     covariance = X @ of_directions @ X.T
     covariance[blind, blind] = np.inf
     dual = information @ X  # of which the products with X are 0 and 1
@@ -252,6 +262,7 @@ def _estimate(equations: Equations, fit: FittedCorrections) -> Regression:
         information=dual @ np.linalg.inv(of_directions) @ dual.T,
         deviations=np.sqrt(np.divide(noise, average, out=np.full(len(noise), np.inf), where=average > 0)),
         weights=1 / (own + equations.spread + rows.made),
+        scatter=scatter,
         motion_errors=np.sqrt(rows.made.mean(axis=0)),
     )
 

@@ -8,9 +8,10 @@ import numpy as np
 
 from jounce.core.errors import shorten
 from jounce.engine.engine import R
-from jounce.identification.result_tables import ForceResidual, IdentifiedParameter
+from jounce.identification.result_tables import ForceResidual, IdentifiedLog, IdentifiedParameter
 
 PART_TITLES = {"used": "residual", "rest": "rest of the data"}  # of the samples, and their titles
+LOG_COLUMNS = ("log", "samples", "from, s", "to, s", "cells", "cell, s", "band, Hz")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -33,19 +34,22 @@ class Identification(Generic[R]):
         Standard deviations of the averages of each force over cells, in the band of the motion; infinite for those
         that are not measured.
     residuals : tuple of ForceResidual
-        Per force, of the samples that were used, then of the rest.
+        By log, and per force: of the samples that were used, then of the rest.
     span : (float, float)
-        The times between which samples were used, s.
+        The times between which samples were used, s; of several logs the earliest and the latest.
     band, cell : float
-        The highest frequency of the forces in Hz, and the width of the cells that are averaged over in s.
+        The highest frequency of the forces in Hz, and the width of the cells that are averaged over in s; of several
+        logs the highest and the least.
     samples, cells : int
-        The number of samples that were used, and of the cells.
+        The number of samples that were used, and of the cells, of all logs.
     t : (N,)
-        Times of all measured forces, s.
+        Times of all measured forces, s; those of several logs follow each other.
     measured, model, predicted : (N, nv)
         Measured forces, NaN for those not measured, those of the model as it was, and those of the identified robot.
     notes : tuple of str
         What is suspicious, and what the data do not determine.
+    logs : tuple of IdentifiedLog
+        What each log was used for, and where its rows are.
 
     Examples
     --------
@@ -73,6 +77,7 @@ class Identification(Generic[R]):
     model: np.ndarray
     predicted: np.ndarray
     notes: tuple[str, ...] = ()
+    logs: tuple[IdentifiedLog, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -89,29 +94,43 @@ class Identification(Generic[R]):
         return f"<Identification of {shorten(self.robot.name)}: {seen} of {len(self.table)} parameters seen>"
 
     def __str__(self) -> str:
-        first, last = self.span
+        several = len(self.logs) > 1
+        fitted = sum(of.span is not None for of in self.logs)
+        where = f"{fitted} of {len(self.logs)} logs" if several else f"t = {self.span[0]:g} .. {self.span[1]:g} s"
         averages = f"averaged to {self.cells} cells of {self.cell:.3g} s"
-        counts = f"{self.samples} samples, t = {first:g} .. {last:g} s, {averages}"
+        counts = f"{self.samples} samples, {where}, {averages}"
         rank = f"rank {self.rank} of {len(self.table)}, condition {self.condition:.3g}"
         head = [f"{shorten(self.robot.name)}: {counts}, up to {self.band:.3g} Hz", rank, *self.notes, ""]
         if "friction" in (m := self.robot.mechanism).acting:
             speeds = (f"{joint} {eps:g}" for joint, eps in zip(m.joints, m.drives.eps, strict=True))
             head.insert(2, f"friction turns over at eps, rad/s or m/s: {', '.join(speeds)}")
+        if several:
+            head += [*align_columns([LOG_COLUMNS, *map(_describe_log, self.logs)]), ""]
         rows: list[tuple[str, ...]] = [("parameter", "value", "deviation", "model", "unit", "")]
         for row in self.table:
             values = (f"{row.value:.6g}", f"{row.deviation:.2g}", f"{row.model:.6g}")
             rows.append((row.name, *values, row.unit, "" if row.seen else "not seen"))
         lines = align_columns(rows)
-        for part, title in PART_TITLES.items():
-            some = [of for of in self.residuals if of.part == part]
+        tests = {of.name for of in self.logs if of.span is None}
+        for log, part in dict.fromkeys((of.log, of.part) for of in self.residuals):
+            some = [of for of in self.residuals if (of.log, of.part) == (log, part)]
             titles = ("measured", "model", "identified", "without prior", "unit", "all samples: model", "identified")
-            rows = [(title, *titles)]
+            title = "test" if log in tests else PART_TITLES[part]
+            rows = [(f"{log}: {title}" if log else title, *titles)]
             for of in some:
                 numbers = (of.measured, of.model, of.identified, of.least_squares)
                 samples = (f"{x:.4g}" for x in (of.model_samples, of.identified_samples))
                 rows.append((of.force, *(f"{x:.4g}" for x in numbers), of.unit, *samples))
-            lines += ["", *align_columns(rows)] if some else []
+            lines += ["", *align_columns(rows)]
         return "\n".join([*head, *lines])
+
+
+def _describe_log(log: IdentifiedLog) -> tuple[str, ...]:
+    if log.span is None:
+        return (log.name, "tests", *[""] * (len(LOG_COLUMNS) - 2))
+    counts, times = (f"{log.samples}", f"{log.cells}"), (*log.span, log.cell, log.band)
+    first, last, cell, band = (f"{x:.4g}" for x in times)
+    return log.name, counts[0], first, last, counts[1], cell, band
 
 
 def align_columns(rows: Sequence[tuple[str, ...]]) -> list[str]:

@@ -1,6 +1,6 @@
 """The tables of an identification: parameters with deviations, and how far forces are from measured ones."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,6 +102,59 @@ def _unit(term: DriveTerm, turns: bool) -> str:
 
 
 @dataclass(frozen=True)
+class IdentifiedLog:
+    """A log of an identification.
+
+    Attributes
+    ----------
+    name : str
+        Its name; "" of the only one.
+    rows : slice
+        Its rows of the times and forces of the result.
+    span : (float, float), or None
+        The times between which its samples were used, s; None of a log that only tests.
+    band, cell : float
+        The highest frequency of its forces in Hz, and the width of the cells that are averaged over in s.
+    samples, cells : int
+        The number of its samples that were used, and of the cells.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> robot = jounce.load("planar2r")
+    >>> motion = jounce.Motion.fourier([0, 0], [[0.5, 0.2], [0.1, 0.4]], [[0.1, 0.3], [0.5, 0.2]], 3.0, 4.0)
+    >>> found = robot.identify(motion, robot.forces_along(motion, order=0).forces[0])
+    >>> found.logs[0].rows, found.logs[0].span
+    (slice(0, 4001, None), (0.0, 4.0))
+    """
+
+    name: str
+    rows: slice
+    span: tuple[float, float] | None
+    band: float
+    cell: float
+    samples: int
+    cells: int
+
+
+def unused_spans(log: IdentifiedLog, t: np.ndarray) -> list[tuple[float, float]]:
+    """The times between which samples of a log, at times t, were not used."""
+    start, stop = log.span or (float(t[-1]), float(t[-1]))
+    return [(a, b) for a, b in ((float(t[0]), start), (stop, float(t[-1]))) if b > a]
+
+
+def describe_logs(posed: Sequence[IdentificationProblem]) -> tuple[IdentifiedLog, ...]:
+    """The logs, whose rows follow each other."""
+    ends = np.cumsum([0, *(len(one.given.t) for one in posed)]).tolist()
+    found = []
+    for one, first, last in zip(posed, ends, ends[1:], strict=False):
+        used, cells = (0, 0) if one.tests else (len(one.samples.t), len(one.cells.off))
+        span = None if one.tests else (float(one.samples.t[0]), float(one.samples.t[-1]))
+        found.append(IdentifiedLog(one.log, slice(first, last), span, one.band, one.width, used, cells))
+    return tuple(found)
+
+
+@dataclass(frozen=True)
 class ForceResidual:
     """How far predicted forces are from measured ones, as root mean squares of one force.
 
@@ -110,7 +163,9 @@ class ForceResidual:
     force, unit : str
         The coordinate that it acts on, or the component of the wrench on a base that floats.
     part : {"used", "rest"}
-        The samples that the result is fitted to, or the others.
+        The samples of its log that the result is fitted to, or the others.
+    log : str
+        The name of the log; "" if there is one.
     measured : float
         The measured force itself, in the band of the motion.
     model, identified : float
@@ -120,7 +175,8 @@ class ForceResidual:
     model_samples, identified_samples : float
         The same of single samples, with all that is faster.
     motion_errors : float
-        Forces that errors of the smoothed accelerations make, in the band of the motion: part of what is left.
+        Forces that errors of the smoothed accelerations make, of all logs, in the band of the motion: part of what is
+        left.
 
     Examples
     --------
@@ -136,6 +192,7 @@ class ForceResidual:
     force: str
     unit: str
     part: str
+    log: str
     measured: float
     model: float
     identified: float
@@ -150,9 +207,10 @@ def force_residuals(
 ) -> tuple[ForceResidual, ...]:
     """The residuals of the model, of the robot and of least squares, of which forces (2, N, nv) are predicted.
 
-    Those of the samples that are used come first, then those of the rest.
+    Those of the samples that are fitted come first, then those of the rest.
     """
-    parts = (("used", posed.used), ("rest", ~posed.used))
+    fitted = posed.used & (not posed.tests)
+    parts = (("used", fitted), ("rest", ~fitted))
     made = motion_errors if posed.errors is not None else np.zeros(predicted.shape[2])
     return tuple(
         row for part, which in parts if which.any() for row in _part_residuals(posed, predicted, made, part, which)
@@ -172,7 +230,7 @@ def _part_residuals(
     rows = np.stack(columns, axis=1).tolist()
     for j, (name, unit) in enumerate(zip(force_names(m), force_units(m), strict=True)):
         if counts[:, j].any():
-            yield ForceResidual(name, unit, part, *rows[j])
+            yield ForceResidual(name, unit, part, posed.log, *rows[j])
 
 
 def _rms(values: np.ndarray, weights: np.ndarray) -> np.ndarray:

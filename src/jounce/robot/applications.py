@@ -1,9 +1,9 @@
 """What starts from one robot and lies above its quantities: each method imports what does it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import pi
 from os import PathLike
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from jounce.core.typing import ArrayLike, DriveTerms, Equations
 from jounce.robot.exports import Exports
@@ -19,20 +19,21 @@ class Applications(Exports):
 
     def identify(
         self,
-        motion: "Motion",
-        forces: ArrayLike | None = None,
+        motion: "Motion | Sequence[Motion] | Mapping[str, Motion]",
+        forces: ArrayLike | Sequence[ArrayLike | None] | None = None,
         *,
-        t: ArrayLike | None = None,
+        t: ArrayLike | Sequence[ArrayLike | None] | None = None,
         drives: DriveTerms = ("damping", "friction", "stribeck", "offset"),
         eps: float | None = None,
         span: tuple[float, float] | None = None,
         band: float | None = None,
-        weights: ArrayLike | None = None,
-        deviations: ArrayLike | None = None,
+        weights: ArrayLike | Sequence[ArrayLike | None] | None = None,
+        deviations: ArrayLike | Sequence[ArrayLike | None] | None = None,
         prior: float = 0.3,
         method: Equations = "inverse_dynamics",
+        test: int | str | Sequence[int | str] = (),
     ) -> "Identification[Self]":
-        """Identify the inertial parameters and drive terms from a motion and the forces measured along it.
+        """Identify the inertial parameters and drive terms from motions and the forces measured along them.
 
         The robot is the first guess, such as that of a CAD model. Q = Y p is linear in the inertial parameters p and in
         those of drive terms. Weighted least squares find the base parameters, the combinations that the forces depend
@@ -43,11 +44,15 @@ class Applications(Exports):
         correlated noise does not make them too small. The identified robot has bodies that can exist, nearest to the
         data, and to the model's own values where data are few.
 
+        Several logs make one fit. Each has its own smoothing, band, cells, variances and spectra; deviations grow where
+        logs differ by more than they state, as the halves of one log do.
+
         Parameters
         ----------
-        motion : Motion
+        motion : Motion, or several in a list or a dict by name
             As for `Robot.forces_along`, with q, qd, q2d; of a log, `jounce.load_motion` smooths it. Wrenches that it
-            holds act. If its accelerations have standard deviations, their errors are taken into account.
+            holds act. If its accelerations have standard deviations, their errors are taken into account. Of several,
+            `forces`, `t`, `weights` and `deviations` are lists of one entry per motion, or one array for all.
         forces : (N, nv), optional
             Measured forces at `t`, N m or N, NaN for those not measured; by default the torques of the motion's log.
         t : (N,), optional
@@ -69,6 +74,8 @@ class Applications(Exports):
         method : {"inverse_dynamics", "momentum", "power"}, optional
             The equations. Those of momentum and power need no q2d: the balance of the generalized momentum, one row per
             force, and that of the energy, one row for all forces, which must all be measured. Both sides are filtered.
+        test : int, str or sequence of them, optional
+            Motions that only test the result: places in the list, or names of the dict.
 
         Returns
         -------
@@ -106,7 +113,7 @@ class Applications(Exports):
         """
         from jounce.identification.estimation import identify
 
-        return identify(self, motion, forces, t, drives, eps, span, band, weights, deviations, prior, method)
+        return identify(self, motion, forces, t, drives, eps, span, band, weights, deviations, prior, method, test)
 
     def payload(
         self,
@@ -246,19 +253,20 @@ class Applications(Exports):
 
     def report(
         self,
-        motion: "Motion",
+        motion: "Motion | Identification[Any]",
         order: int | None = None,
         visuals: str | PathLike[str] | None = None,
         mesh_folders: Sequence[str | PathLike[str]] = (),
     ) -> "Report":
         """A page about the robot along a motion: the moving robot, its curves, its limits, in one file.
 
-        Limits of the robot are checked. With elastic joints, order 2 shows motor positions, velocities, torques.
+        Limits of the robot are checked. With elastic joints, order 2 shows motor positions, velocities, torques. Of
+        what `identify` found, the page shows measured and computed forces, what is left with its spectrum, parameters.
 
         Parameters
         ----------
-        motion : Motion
-            A motion of its joints.
+        motion : Motion or Identification
+            A motion of its joints, or the result of `identify`, for which the other parameters are left out.
         order : int, optional
             The highest rate of Q on the page: 0, 1 or 2; by default 2, or as high as the rates of the motion are known.
         visuals : str or path, optional

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jounce.core.errors import JounceError, locate_errors, option_name, unknown_name_error
+from jounce.core.errors import JounceError, join_names, locate_errors, option_name, unknown_name_error
 from jounce.io.entries import DOCUMENT_SUFFIXES
 from jounce.model.mechanism import Mechanism
 
@@ -51,6 +51,21 @@ def read(
         raise JounceError(f"{unknown_name_error('motion', str(source), BUNDLED_MOTIONS)}, or a file of type {known}")
     known = f"{known}, {', '.join(BUNDLED_MOTIONS)}"
     raise JounceError(f"{source}: unknown type of motion {source.suffix!r}; available: {known}")
+
+
+def list_logs(folder: Path) -> tuple[list[Path], tuple[str, ...]]:
+    """The tables and bags in a folder, sorted by name, and a note of what else is there."""
+    from jounce.io import files, tables
+    from jounce.io.motions import bags
+
+    with files.system_errors(folder):
+        there = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+    found = [path for path in there if path.suffix.lower() in tables.TABLE_READERS or bags.is_bag(path)]
+    if not found:
+        known = ", ".join([*tables.TABLE_READERS, *bags.BAG_SUFFIXES])
+        raise JounceError(f"{folder}: no log in this folder; logs are files of type {known}")
+    others = [path.name for path in there if path not in found]
+    return found, (f"{folder}: other files, ignored: {join_names(others)}",) if others else ()
 
 
 def is_analytic(source: Path) -> bool:
