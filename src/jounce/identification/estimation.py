@@ -19,6 +19,7 @@ from jounce.identification.physical_consistency import ConsistentParameters, fit
 from jounce.identification.regression import fit_forces
 from jounce.identification.result import Identification
 from jounce.identification.result_tables import IdentifiedParameter, force_residuals, parameter_table
+from jounce.identification.unmodelled_torques import unmodelled_warnings
 from jounce.model.drives import AMOUNTS, DRIVE_TERMS, select_terms
 from jounce.model.parameters import with_inertial_parameters
 from jounce.model.positions import check_single_screws
@@ -68,7 +69,7 @@ def identify(
     found = fit_consistent_parameters(model.mechanism, posed.base, information, estimate, terms, weight=weight)
     predicted = posed.predict(found.parameters, found.values[posed.base.count :], solution.x)
     rows, times = force_residuals(posed, predicted, solution.motion_errors), given.t[posed.used]
-    notes += (left := unexplained_warnings(posed, rows, estimate[posed.places]))
+    left = unexplained_warnings(posed, rows, estimate[posed.places]) or unmodelled_warnings(posed, solution, method)
     for text in left:
         warn(text)
     return Identification(
@@ -88,7 +89,7 @@ def identify(
         measured=np.where(given.weights > 0, given.forces, np.nan),
         model=posed.model,
         predicted=predicted[0],
-        notes=(*notes, *_body_notes(found)),
+        notes=(*notes, *left, *_body_notes(found)),
     )
 
 
