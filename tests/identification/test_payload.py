@@ -85,6 +85,20 @@ def test_encoders_of_17_bits(arm, motion):
     assert 0.5 < np.sqrt(np.mean(np.square(over))) < 1.5
 
 
+def test_friction_of_each_log_is_found(arm, motion):
+    """With friction that jumps, and more of it near rest; with eps of the model deviations are 0.006 to 0.009 kg."""
+    qd = motion(T, 1)[1]
+    added = np.sign(qd) * (1 + 0.6 * np.exp(-((qd / 0.08) ** 2))) - np.tanh(qd / 0.05)
+    logs = [
+        replace(motion, torques=(T, log(robot, motion, seed).torques[1] + size * added))
+        for robot, seed, size in ((loaded(arm), 300, [1.0, 2.0, 3.0]), (arm, 400, [3.0, 2.0, 1.0]))
+    ]
+    found = arm.payload(*logs, body="tool0")
+    row = found.table[0]
+    assert abs(row.value - 2.0) < 3 * row.deviation < 3 * 0.004
+    assert found.notes == ()
+
+
 @QUIET
 def test_no_load_is_no_load(arm, motion):
     found = arm.payload(log(arm, motion, 1), log(arm, motion, 2), body="tool0")
