@@ -148,7 +148,8 @@ def measure_acting(robot: jounce.Robot, act: Acting, seed: int) -> tuple[float, 
     found = robot.identify(trial.motion, trial.Q, t=trial.t)
     true = trial.truth.robot.base_parameters().values
     over = [(row.value - x) / row.deviation for row, x in zip(found.table, true, strict=False)]
-    named = any("look like torques" in note or "are unexplained" in note for note in found.notes)
+    said = ("look like torques", "are unexplained", "does not explain")
+    named = any(text in note for note in found.notes for text in said)
     return named, float(np.sqrt(np.mean(np.square(over)))), trial.error(found.robot)
 
 

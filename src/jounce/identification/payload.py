@@ -125,8 +125,8 @@ def _unexplained(posed: IdentificationProblem, fit: Regression) -> list[str]:
     estimate[posed.places] += fit.x
     predicted = posed.predict(parameters, estimate[base.count :], fit.x)
     rows = force_residuals(posed, predicted, fit.motion_errors)
-    left = unexplained_warnings(posed, rows, estimate[posed.places])
-    return left or unmodelled_warnings(posed, fit, "inverse_dynamics")
+    unmodelled = unmodelled_warnings(posed, fit, "inverse_dynamics")
+    return [*unmodelled, *unexplained_warnings(posed, rows, estimate[posed.places])]
 
 
 def _check_mass(found: LoadFit, known: bool, mass: float | None, notes: list[str]) -> None:
