@@ -140,7 +140,7 @@ def test_exact_forces_give_the_true_parameters_without_accelerations(arm, method
     assert error(found, true) < 1e-3
 
 
-@pytest.mark.filterwarnings("ignore:the motion. acceleration jumps", "ignore:the data do not determine")
+@pytest.mark.filterwarnings("ignore:the motion. acceleration jumps", "ignore:the data do not", "ignore:residuals look")
 def test_noise_that_accelerations_amplify_matters_less_to_momentum(arm):
     model, motion, true, Q = arm
     q = motion(T, 0)[0] + np.random.default_rng(1).normal(0, 1e-4, (len(T), 2))

@@ -16,20 +16,6 @@ OFFSET = np.array([5.0, 0.0, 0.0])
 
 
 @pytest.fixture(scope="module")
-def arm():
-    """Three joints of an arm, as its model states them."""
-    ur5 = jounce.load("ur5")
-    return ur5.locked(dict.fromkeys(ur5.joint_names[3:], 0.1))
-
-
-@pytest.fixture(scope="module")
-def motion():
-    """A motion that excites all parameters."""
-    rng = np.random.default_rng(0)
-    return jounce.Motion.fourier(np.full(3, 0.3), *rng.uniform(-0.5, 0.5, (2, 3, 3)), 2.0, SECONDS)
-
-
-@pytest.fixture(scope="module")
 def true(arm):
     """The same arm with other masses, and with friction."""
     p = arm.inertial_parameters.reshape(-1, 10) * np.array([0.8, 1.3, 1.1])[:, None]

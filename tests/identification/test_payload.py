@@ -22,19 +22,6 @@ NOISE = 0.05  # N m
 QUIET = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")  # what notes hold
 
 
-@pytest.fixture(scope="module")
-def arm():
-    """Three joints of an arm, whose forearm carries the tool."""
-    ur5 = jounce.load("ur5")
-    return ur5.locked(dict.fromkeys(ur5.joint_names[3:], 0.1))
-
-
-@pytest.fixture(scope="module")
-def motion():
-    rng = np.random.default_rng(0)
-    return jounce.Motion.fourier(np.full(3, 0.3), *rng.uniform(-0.5, 0.5, (2, 3, 3)), 2.0, SECONDS).with_step(T[1])
-
-
 def loaded(arm, load=LOAD, frame="tool0", share=1.0):
     """The arm with a load in a frame, in which a share of it stays."""
     at = arm.mechanism.frame(frame)
@@ -96,6 +83,20 @@ def test_encoders_of_17_bits(arm, motion):
         assert found.notes == ()
         over.append(over_deviations(found))
     assert 0.5 < np.sqrt(np.mean(np.square(over))) < 1.5
+
+
+def test_friction_of_each_log_is_found(arm, motion):
+    """With friction that jumps, and more of it near rest; with eps of the model deviations are 0.006 to 0.009 kg."""
+    qd = motion(T, 1)[1]
+    added = np.sign(qd) * (1 + 0.6 * np.exp(-((qd / 0.08) ** 2))) - np.tanh(qd / 0.05)
+    logs = [
+        replace(motion, torques=(T, log(robot, motion, seed).torques[1] + size * added))
+        for robot, seed, size in ((loaded(arm), 300, [1.0, 2.0, 3.0]), (arm, 400, [3.0, 2.0, 1.0]))
+    ]
+    found = arm.payload(*logs, body="tool0")
+    row = found.table[0]
+    assert abs(row.value - 2.0) < 3 * row.deviation < 3 * 0.004
+    assert found.notes == ()
 
 
 @QUIET
@@ -185,7 +186,8 @@ def test_logs_of_different_robots_are_named(arm, motion):
 @QUIET
 def test_a_reference_with_a_load_is_named(arm, motion):
     found = arm.payload(log(loaded(arm), motion, 1), log(loaded(arm, share=0.5), motion, 2), body="tool0")
-    assert re.match(r"the log without the load differs from the robot by a load of (1\.0|0\.9)", found.notes[0])
+    said = r"the log without the load differs from the robot by a load of (1|1\.0\d*|0\.99\d*) \+- 0\.00"
+    assert re.match(said, found.notes[0])
     assert found.parameters[0] == pytest.approx(1.0, abs=0.05)
 
 

@@ -23,6 +23,7 @@ from jounce.identification.physical_consistency import ConsistentParameters, fit
 from jounce.identification.regression import fit_forces
 from jounce.identification.result import Identification
 from jounce.identification.result_tables import IdentifiedParameter, describe_logs, force_residuals, parameter_table
+from jounce.identification.unmodelled_torques import unmodelled_warnings
 from jounce.model.drives import AMOUNTS, DRIVE_TERMS, select_terms
 from jounce.model.parameters import with_inertial_parameters
 from jounce.model.positions import check_single_screws
@@ -58,7 +59,8 @@ def identify(
     measured = {"forces": forces, "t": t, "weights": weights, "deviations": deviations}
     given, known = check_logs(model.mechanism, logs, measured, span, test), deviations is not None
     model, posed = _pose_logs(model, given, terms, eps is not None, known, band, method)
-    joined, cells = join_problems([one for one in posed if not one.tests])
+    fitted = [one for one in posed if not one.tests]
+    joined, cells = join_problems(fitted)
     solution = fit_forces(joined.cells, joined.columns, joined.errors, known, cells)
     table = parameter_table(joined, solution)
     warned = _name_logs(posed, [force_warnings(one, method) for one in posed])
@@ -74,7 +76,10 @@ def identify(
     found = fit_consistent_parameters(model.mechanism, joined.base, information, estimate, joined.terms, weight=weight)
     predicted = [one.predict(found.parameters, found.values[one.base.count :], solution.x) for one in posed]
     rows = [force_residuals(one, Q, solution.motion_errors) for one, Q in zip(posed, predicted, strict=True)]
-    notes += (left := _name_logs(posed, [unexplained_warnings(*pair, x) for pair in zip(posed, rows, strict=True)]))
+    parts = [replace(solution, weights=solution.weights[part]) for part in cells]
+    hidden = [unmodelled_warnings(one, part, method) for one, part in zip(fitted, parts, strict=True)]
+    unexplained = [unexplained_warnings(one, of_log, x) for one, of_log in zip(posed, rows, strict=True)]
+    notes += (left := [*_name_logs(fitted, hidden), *_name_logs(posed, unexplained)])
     for text in left:
         warn(text)
     described = describe_logs(posed)

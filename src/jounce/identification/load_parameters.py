@@ -34,13 +34,13 @@ class LoadFit:
 def fit_loads(logs: Sequence[Regression], loads: Sequence[int | None], K: np.ndarray, known: bool) -> LoadFit:
     """Fit the loads with the numbers that logs have, None without one; the robot's base parameters may be `known`."""
     base = len(K)
-    drives, count = len(logs[0].x) - base, 1 + max(load for load in loads if load is not None)
-    own = 0 if known else base
-    first = own + drives * len(logs)
-    maps = np.zeros((len(logs), base + drives, first + 10 * count))
-    for k, (L, load) in enumerate(zip(maps, loads, strict=True)):
+    count, own = 1 + max(load for load in loads if load is not None), 0 if known else base
+    ends = own + np.cumsum([0, *(len(log.x) - base for log in logs)])  # of the drive terms of each log
+    first = int(ends[-1])
+    maps = [np.zeros((len(log.x), first + 10 * count)) for log in logs]
+    for L, load, start, end in zip(maps, loads, ends, ends[1:], strict=False):
         L[:own, :own] = np.eye(own)
-        L[base:, own + drives * k : own + drives * (k + 1)] = np.eye(drives)
+        L[base:, start:end] = np.eye(end - start)
         if load is not None:
             L[:base, first + 10 * load : first + 10 * (load + 1)] = K
     A = np.sum([L.T @ log.information @ L for L, log in zip(maps, logs, strict=True)], axis=0)

@@ -10,6 +10,7 @@ from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.averaging import CellAverages
 from jounce.identification.force_warnings import force_warnings, unexplained_warnings
+from jounce.identification.friction_search import with_friction_laws
 from jounce.identification.least_squares_problem import IdentificationProblem, pose_problem, with_smoothing_velocity
 from jounce.identification.load_parameters import LoadFit, central_covariance, central_parameters, fit_loads
 from jounce.identification.measurements import check_measurements
@@ -18,6 +19,7 @@ from jounce.identification.physical_consistency import fit_consistent_body
 from jounce.identification.regression import Regression, fit_forces
 from jounce.identification.result_tables import force_residuals
 from jounce.identification.torque_calibration import calibrate_torques
+from jounce.identification.unmodelled_torques import unmodelled_warnings
 from jounce.model.drives import select_terms
 from jounce.model.parameters import find_load_frame, inertial_parameters, with_inertial_parameters
 from jounce.model.positions import check_single_screws
@@ -100,9 +102,9 @@ def _pose(robot: Engine, log: Motion, terms: tuple[DriveTerm, ...], which: str) 
     given = check_measurements(robot.mechanism, motion, None, None, None, None)
     if not given.forces.any():
         raise JounceError(f"all torques of the log {which} are 0; expected measured ones, N m or N at the joints")
-    all_terms = np.ones(len(terms) * len(robot.mechanism.joints), dtype=bool)
     every = np.ones(len(given.t), dtype=bool)
-    return pose_problem(robot, motion, terms, all_terms, given, every, given, None, "inverse_dynamics")
+    robot, terms, sought, [samples] = with_friction_laws(robot, [(motion, given)], terms, given_eps=False, known=False)
+    return pose_problem(robot, motion, terms, sought, given, every, samples, None, "inverse_dynamics")
 
 
 def _fit_halves(posed: IdentificationProblem) -> list[Regression]:
@@ -119,9 +121,12 @@ def _unexplained(posed: IdentificationProblem, fit: Regression) -> list[str]:
     """What is said of torques of a log that no parameters explain."""
     base, parameters = posed.base, np.array(inertial_parameters(posed.robot.mechanism))
     parameters[base.columns] += fit.x[: base.count]
-    estimate = posed.model_parameters + fit.x
+    estimate = posed.model_parameters
+    estimate[posed.places] += fit.x
     predicted = posed.predict(parameters, estimate[base.count :], fit.x)
-    return unexplained_warnings(posed, force_residuals(posed, predicted, fit.motion_errors), estimate)
+    rows = force_residuals(posed, predicted, fit.motion_errors)
+    unmodelled = unmodelled_warnings(posed, fit, "inverse_dynamics")
+    return [*unmodelled, *unexplained_warnings(posed, rows, estimate[posed.places])]
 
 
 def _check_mass(found: LoadFit, known: bool, mass: float | None, notes: list[str]) -> None:

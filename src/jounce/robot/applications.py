@@ -121,7 +121,7 @@ class Applications(Exports):
         without_load: "Motion | None" = None,
         *,
         body: str | None = None,
-        drives: DriveTerms = ("damping", "friction", "offset"),
+        drives: DriveTerms = ("damping", "friction", "stribeck", "offset"),
         mass: float | None = None,
     ) -> "Payload[Self]":
         """Identify a load on a body from a log with it and a log without it: mass, centre of mass, inertia.
@@ -137,7 +137,7 @@ class Applications(Exports):
         body : str, optional
             The body or link that carries the load, which is described in its frame; by default the last body.
         drives : bool, str or iterable of str, optional
-            Drive terms that each log has its own of: "armature", "damping", "friction", "spring", "offset".
+            Drive terms that each log has its own of, as of `identify`: eps and Stribeck terms of each joint too.
         mass : float, optional
             The known mass of the load, kg: it calibrates the torques, with one factor per joint.
 

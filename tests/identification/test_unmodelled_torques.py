@@ -1,0 +1,136 @@
+"""Torques that no parameter holds: named with their size where residuals show them, and not where there are none."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import jounce
+
+T = np.linspace(0, 6, 1501)
+FRICTION, NOISE = np.array([3.0, 2.0, 1.0]), 0.05
+LOOK = "residuals look like torques that no term of the model is: "
+QUIET = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")  # what notes hold
+
+
+@pytest.fixture(scope="module")
+def measure(arm, motion):
+    """Torques of the arm with other masses, friction, noise and what acts besides: of the rates and rigid torques."""
+    true = arm.with_inertial_parameters(1.2 * arm.inertial_parameters)
+
+    def torques(act, seed=0):
+        q, qd, q2d = motion(T, 2)
+        rigid = true.inverse_dynamics(q, qd, q2d)
+        noise = NOISE * np.random.default_rng(seed).normal(size=q.shape)
+        return rigid + FRICTION * np.tanh(qd / 0.05) + 0.5 * qd + act(q, qd, rigid) + noise
+
+    return torques
+
+
+def of_load(share, joint=1):
+    return lambda q, qd, rigid: share * np.abs(rigid) * np.tanh(qd / 0.05) * (np.arange(3) == joint)
+
+
+def spring(stiffness, joint=1):
+    return lambda q, qd, rigid: stiffness * q * (np.arange(3) == joint)
+
+
+def force(arm, f):
+    """What a force (3,) on the last body adds to the torques of the drives."""
+    return lambda q, qd, rigid: -(arm.jacobian(q, body=arm.body_names[-1], frame="world")[:, 3:].mT @ f)
+
+
+def push(size, seconds):
+    return lambda q, qd, rigid: size * (abs(T - 2 - seconds / 2) < seconds / 2)[:, None] * np.array([0, 1, 0])
+
+
+def nothing(q, qd, rigid):
+    return 0 * q
+
+
+@QUIET
+@pytest.mark.parametrize(
+    ("act", "amount", "what"),
+    [
+        (of_load(0.05), 0.05, "friction of shoulder_lift_joint that grows by {} of its load"),
+        (of_load(0.05, 2), 0.05, "friction of elbow_joint that grows by {} of its load"),
+        (spring(2.0), 2.0, "a spring of {} N m/rad at shoulder_lift_joint"),
+        ([5.0, 0, 0], 5.0, "a force of {} N along x on forearm_link"),
+        ([0, -5.0, 0], -5.0, "a force of {} N along y on forearm_link"),
+    ],
+)
+def test_what_acts_is_named_with_its_size(arm, motion, measure, act, amount, what):
+    found = arm.identify(motion, measure(act if callable(act) else force(arm, act)), t=T)
+    number = r"(-?\d[\d.e-]*)"
+    said = re.escape(LOOK + what).replace(r"\{\}", rf"{number} \+- {number}")
+    value, deviation = map(float, re.match(rf"{said}; parameters adapt", found.notes[-1]).groups())
+    assert abs(value - amount) < 4 * deviation < abs(amount)
+
+
+def test_several_at_once(arm, motion, measure):
+    both = [of_load(0.04, 1), of_load(0.06, 2)]
+    with pytest.warns(jounce.JounceWarning, match="that grows by"):
+        found = arm.identify(motion, measure(lambda *x: sum(act(*x) for act in both)), t=T)
+    assert found.notes[-1].count("friction of ") == 2
+    assert found.notes[-1].startswith(LOOK)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_nothing_is_named_where_nothing_acts(arm, motion, measure, seed):
+    """Of exact motions and of encoders."""
+    Q, step = measure(nothing, seed), 2 * np.pi / 2**17
+    assert arm.identify(motion, Q, t=T).notes == ()
+    read = jounce.Motion.fit(T, np.round(motion(T, 0)[0] / step) * step, joint_names=arm.joint_names)
+    assert arm.identify(read, Q, t=T).notes == ()
+
+
+def test_what_is_smaller_than_chance_is_not_named(arm, motion, measure):
+    """4e-5 N m per N m are about the deviation; see above for more of them."""
+    assert arm.identify(motion, measure(of_load(4e-5)), t=T).notes == ()
+
+
+@QUIET
+@pytest.mark.parametrize("act", [of_load(-0.05), spring(-2.0)])
+def test_friction_does_not_fall_with_the_load_and_springs_pull_back(arm, motion, measure, act):
+    notes = "".join(arm.identify(motion, measure(act), t=T).notes)
+    assert "of shoulder_lift_joint that grows by" not in notes
+    assert "N m/rad at shoulder_lift_joint" not in notes
+
+
+@QUIET
+def test_terms_that_are_sought_are_not_named(arm, motion, measure):
+    terms = ("damping", "friction", "offset", "spring")
+    found = arm.identify(motion, measure(spring(2.0)), t=T, drives=terms)
+    assert not any("a spring" in note for note in found.notes)
+    assert found.robot.drives.stiffness[1] == pytest.approx(2.0, abs=0.5)
+
+
+@pytest.mark.parametrize("size", [1.0, 10.0])
+def test_a_push_is_named_with_its_time(arm, motion, measure, size):
+    with pytest.warns(jounce.JounceWarning, match="forces of shoulder_lift_joint are unexplained from 2"):
+        found = arm.identify(motion, measure(push(size, 0.5)), t=T)
+    first, last, most = map(
+        float, re.search(r"from ([\d.]+) to ([\d.]+) s, by up to ([\d.]+) N m", found.notes[-1]).groups()
+    )
+    assert (first, last, most) == (
+        pytest.approx(2.0, abs=0.05),
+        pytest.approx(2.5, abs=0.05),
+        pytest.approx(size, rel=0.3),
+    )
+
+
+@QUIET
+def test_a_payload_names_the_log(arm, motion, measure):
+    logs = [replace(motion, torques=(T, measure(act, seed))) for seed, act in enumerate((push(10.0, 0.5), spring(2.0)))]
+    notes = arm.payload(*logs).notes
+    assert notes[0].startswith("log with the load: forces of shoulder_lift_joint are unexplained from 2")
+    assert notes[1].startswith(f"log without the load: {LOOK}a spring of ")
+
+
+def test_what_parameters_explain_shows_nothing(arm, motion, measure):
+    """A weight that hangs on the elbow is a mass, which the first moment of the upper arm takes up."""
+    hung, clean = (arm.identify(motion, measure(act), t=T) for act in (force(arm, [0, 0, -5.0]), nothing))
+    assert hung.notes == ()
+    row, other = (next(row for row in found.table if row.name == "upper_arm_link mcz") for found in (hung, clean))
+    assert row.value - other.value == pytest.approx(5.0 / 9.81 * 0.425, rel=0.02)
