@@ -1,9 +1,10 @@
 """`jounce identify`: inertial parameters and friction from measured torques, from a log to a robot file."""
 
+from collections.abc import Callable
 from dataclasses import asdict
-from math import isinf
+from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -13,8 +14,9 @@ from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options_witho
 from jounce.core.errors import JounceError, collect_warnings, warn
 
 if TYPE_CHECKING:
-    from jounce.identification import Identification
+    from jounce.identification import Identification, Payload
 
+T = TypeVar("T", bound="Identification | Payload")
 DEFAULT = "damping,friction,stribeck,offset"
 
 EPILOG = """\b
@@ -66,6 +68,9 @@ those of the data alone; parameters that they do not determine are listed.
     default="inverse_dynamics",
     help="Equations; those of momentum and power need no accelerations.",
 )
+@click.option(
+    "--delay", type=float, metavar="S", help="By how much torques come after positions; default: found, if certain."
+)
 @click.option("--table", type=PATH, help="Write the parameters with deviations: .csv.")
 @click.option("--plot", type=PATH, help="Measured and predicted torques as a picture: .png, .svg or .pdf.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
@@ -95,19 +100,37 @@ def identify(
         canvas.check_writable(plot)
     arm = robot.load()
     log = motion.load(arm, 0)
-    with collect_warnings() as warnings:
-        found = arm.identify(log, drives=parse_drive_terms(terms), **options)
-    for text in warnings:
-        if text not in found.notes:  # which are printed
-            warn(text)
+    found = collect_notes(lambda: arm.identify(log, drives=parse_drive_terms(terms), **options))
     saving.save(found.robot, output)
     if table is not None:
         _write_table(found, table)
     if plot is not None:
         _draw(found, plot)
-    print_summary(
-        _summary(found, motion.path, log.notes, output, table, plot), lambda of: _format_summary(found, of), as_json
-    )
+    print_identification(found, motion.path, log.notes, output, as_json, table, plot)
+
+
+def collect_notes(identify: Callable[[], T]) -> T:
+    """What an identification finds; warnings that are not among its notes, which are printed, are passed on."""
+    with collect_warnings() as warnings:
+        found = identify()
+    for text in warnings:
+        if text not in found.notes:
+            warn(text)
+    return found
+
+
+def print_identification(
+    found: "Identification",
+    log: Path,
+    notes: tuple[str, ...],
+    output: Path,
+    as_json: bool,
+    table: Path | None = None,
+    plot: Path | None = None,
+) -> None:
+    """Print what was identified from a log, and the files that were written."""
+    summary = _summary(found, log, notes, output, table, plot)
+    print_summary(summary, lambda of: _format_summary(found, of), as_json)
 
 
 def _write_table(found: "Identification", table: Path) -> None:
@@ -141,8 +164,9 @@ def _summary(
         "robot": found.robot.name, "motion": str(log), "output": str(output),
         "table": None if table is None else str(table), "plot": None if plot is None else str(plot),
         "samples": found.samples, "span": list(found.span), "band": found.band, "cell": found.cell,
-        "cells": found.cells, "rank": found.rank, "condition": found.condition, "unseen": list(found.unseen),
-        "parameters": [row | {"deviation": None if isinf(row["deviation"]) else row["deviation"]} for row in rows],
+        "cells": found.cells, "delay": found.delay, "rank": found.rank, "condition": found.condition,
+        "unseen": list(found.unseen),
+        "parameters": [{key: None if x in UNKNOWN or x != x else x for key, x in row.items()} for row in rows],
         "drives": {name: dict(zip(joints, x.tolist(), strict=True)) for name, x in vars(found.robot.drives).items()},
         "residuals": [asdict(row) for row in found.residuals],
         "notes": [*notes, *found.notes],
@@ -155,4 +179,5 @@ def _format_summary(found: "Identification", summary: dict[str, Any]) -> str:
     return "\n".join([*notes, str(found), "", *written])
 
 
+UNKNOWN = (inf, -inf)  # and NaN, which JSON does not have either
 WRITTEN = {"output": "robot", "table": "parameters", "plot": "torques"}

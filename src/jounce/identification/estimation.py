@@ -11,15 +11,22 @@ from jounce.core.scalars import asarray, is_finite
 from jounce.core.typing import ArrayLike, DriveTerm, DriveTerms, Equations
 from jounce.engine.along import check_motion
 from jounce.engine.engine import R, with_mechanism
+from jounce.identification.delays import pose_without_delay
+from jounce.identification.filtered_balances import FILTERED_METHODS
 from jounce.identification.force_warnings import force_warnings, unexplained_warnings
 from jounce.identification.friction_search import with_friction_laws
-from jounce.identification.least_squares_problem import pose_problem, with_smoothing_velocity
-from jounce.identification.measurements import check_measurements
+from jounce.identification.least_squares_problem import (
+    IdentificationProblem,
+    pose_problem,
+    with_smoothing_velocity,
+)
+from jounce.identification.measurements import Measurements, check_measurements
 from jounce.identification.physical_consistency import ConsistentParameters, fit_consistent_parameters
 from jounce.identification.regression import fit_forces
 from jounce.identification.result import Identification
 from jounce.identification.result_tables import IdentifiedParameter, force_residuals, parameter_table
 from jounce.model.drives import AMOUNTS, DRIVE_TERMS, select_terms
+from jounce.model.mechanism import Mechanism
 from jounce.model.parameters import with_inertial_parameters
 from jounce.model.positions import check_single_screws
 from jounce.motion.motion import Motion
@@ -40,6 +47,7 @@ def identify(
     deviations: ArrayLike | None,
     prior: float,
     method: Equations,
+    delay: float | None,
 ) -> Identification[R]:
     """Identify a robot from a motion and measured forces, see `Robot.identify`."""
     check_choice("method", method, get_args(Equations))
@@ -52,27 +60,33 @@ def identify(
     check_single_screws(model.mechanism, "identify()")
     path = check_motion(model.mechanism, motion)
     given = check_measurements(model.mechanism, path, forces, t, weights, deviations)
-    used = _select_samples(span, given.t)
     known = deviations is not None
-    model, terms, sought, samples = with_friction_laws(model, path, terms, given.part(used), eps is not None, known)
-    posed = pose_problem(model, path, terms, sought, given, used, samples, band, method)
+
+    def pose(given: Measurements) -> IdentificationProblem:
+        used = _select_samples(span, given.t)
+        laws = with_friction_laws(model, path, terms, given.part(used), eps is not None, known)
+        arm, kept, sought, samples = laws
+        return pose_problem(arm, path, kept, sought, given, used, samples, band, method)
+
+    posed, late, said = pose_without_delay(pose, path, given, delay, method not in FILTERED_METHODS)
     solution = fit_forces(posed.cells, posed.columns, posed.errors, known)
     table = parameter_table(posed, solution)
-    notes = [*force_warnings(posed, method), *_undetermined_notes(table, solution.rank)]
+    notes = [*force_warnings(posed), *said, *_undetermined_notes(table, solution.rank)]
     for text in notes:
         warn(text)
     estimate, information = posed.model_parameters, np.zeros(2 * posed.model_parameters.shape)
     estimate[posed.places] += solution.x
     information[np.ix_(posed.places, posed.places)] = solution.information
     weight = float(prior) ** -2
-    found = fit_consistent_parameters(model.mechanism, posed.base, information, estimate, terms, weight=weight)
+    m, kept = posed.robot.mechanism, posed.terms
+    found = fit_consistent_parameters(m, posed.base, information, estimate, kept, weight=weight)
     predicted = posed.predict(found.parameters, found.values[posed.base.count :], solution.x)
-    rows, times = force_residuals(posed, predicted, solution.motion_errors), given.t[posed.used]
+    rows, times = force_residuals(posed, predicted, solution.motion_errors), posed.given.t[posed.used]
     notes += (left := unexplained_warnings(posed, rows, estimate[posed.places]))
     for text in left:
         warn(text)
     return Identification(
-        robot=_build_robot(model, terms, found),
+        robot=with_mechanism(robot, _with_found(m, kept, found)),
         table=table,
         covariance=solution.covariance,
         rank=solution.rank,
@@ -84,10 +98,11 @@ def identify(
         cell=posed.width,
         samples=len(times),
         cells=len(posed.cells.off),
-        t=given.t,
-        measured=np.where(given.weights > 0, given.forces, np.nan),
+        t=posed.given.t,
+        measured=np.where(posed.given.weights > 0, posed.given.forces, np.nan),
         model=posed.model,
         predicted=predicted[0],
+        delay=late,
         notes=(*notes, *_body_notes(found)),
     )
 
@@ -107,12 +122,12 @@ def _select_samples(span: tuple[float, float] | None, t: np.ndarray) -> np.ndarr
     return inside
 
 
-def _build_robot(robot: R, terms: Sequence[DriveTerm], found: ConsistentParameters) -> R:
-    """The robot with what was found; its drive terms act."""
-    m = with_inertial_parameters(robot.mechanism, found.parameters)
+def _with_found(mechanism: Mechanism, terms: Sequence[DriveTerm], found: ConsistentParameters) -> Mechanism:
+    """The mechanism with what was found; its drive terms act."""
+    m = with_inertial_parameters(mechanism, found.parameters)
     values = {AMOUNTS[term]: x for term, x in found.drives.items()}
     acting = tuple(term for term in DRIVE_TERMS if term in {*m.acting, *terms})
-    return with_mechanism(robot, replace(m, drives=replace(m.drives, **values), acting=acting))
+    return replace(m, drives=replace(m.drives, **values), acting=acting)
 
 
 def _undetermined_notes(table: Sequence[IdentifiedParameter], rank: int) -> list[str]:

@@ -36,6 +36,11 @@ class Measurements:
         """Some of the samples."""
         return Measurements(self.t[rows], self.forces[rows], self.weights[rows])
 
+    def earlier(self, delay: float, motion: Motion) -> "Measurements":
+        """The samples at times that are earlier by a delay in s, as far as these are within the motion."""
+        moved = Measurements(self.t - delay, self.forces, self.weights)
+        return moved.part((moved.t >= motion.start) & (moved.t <= motion.stop))
+
 
 def check_measurements(
     mechanism: Mechanism,

@@ -40,8 +40,10 @@ class Identification(Generic[R]):
         The highest frequency of the forces in Hz, and the width of the cells that are averaged over in s.
     samples, cells : int
         The number of samples that were used, and of the cells.
+    delay : float
+        By how much measured forces come after the positions, s, which is taken out of their times.
     t : (N,)
-        Times of all measured forces, s.
+        Times of all measured forces without the delay, s.
     measured, model, predicted : (N, nv)
         Measured forces, NaN for those not measured, those of the model as it was, and those of the identified robot.
     notes : tuple of str
@@ -68,6 +70,7 @@ class Identification(Generic[R]):
     cell: float
     samples: int
     cells: int
+    delay: float
     t: np.ndarray
     measured: np.ndarray
     model: np.ndarray
