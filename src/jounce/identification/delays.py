@@ -36,6 +36,7 @@ DELAY_COUNT = 81  # of the delays that are tried, 5 ms apart; odd, so that one o
 MIN_DELAY_DEVIATIONS = 4.0  # of a delay that is taken out: chance makes one of 16,000 logs that late
 MIN_DELAY_STEPS = 0.1  # of samples: stamps are hardly better
 MAX_DELAY_ROUNDS = 3  # each leaves a tenth of a delay at most
+MAX_MATCH_SHARE = 0.5  # of mean squares left by the best delay to usual ones: forces that follow no motion have no best
 DELAY_RANK_TOLERANCE = 1e-9  # of singular values to the largest: directions with less hold no data
 
 
@@ -128,7 +129,8 @@ def find_delay(
     spectra = noise_spectra(leverages(np.concatenate([Z, z], axis=-1)), rest, np.zeros(rest.shape[1]))
     deviation = float(np.sqrt(half_scatter(z, rest, spectra) * spectral_gram(z, spectra)[0, 0])) / size
     delay = float(delays[best]) + step
-    if abs(delay) < max(certain * deviation, MIN_DELAY_STEPS * median_step(t)):
+    follows = total[best] < MAX_MATCH_SHARE * np.median(total)
+    if not follows or abs(delay) < max(certain * deviation, MIN_DELAY_STEPS * median_step(t)):
         return None
     return delay, deviation, float((rest**2).sum() / total[DELAY_COUNT // 2])
 
