@@ -39,6 +39,7 @@ TREE |= {"base": np.eye(6), "base_name": "trunk"}
 SAMPLES = np.linspace(0, 1, 20)
 SAMPLED = jounce.load_motion({"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, ROBOT, 0, degree=7)
 LOGGED = replace(SAMPLED, torques=(SAMPLES, ROBOT.forces_along(SAMPLED, order=0).forces[0]))
+TURNED = replace(SAMPLED, samples=(SAMPLES, SAMPLED(SAMPLES, 0)[0] + LOGGED.torques[1] / [800, 600]))
 TWO = np.stack([SAMPLES**2, SAMPLES**3], axis=1)
 NAMED = {"joint_names": ["joint1", "joint2"]}
 POINTS = {
@@ -340,6 +341,10 @@ CASES: dict[str, Case] = {
     "payload": (
         quiet(ROBOT.payload),
         {"with_load": LOGGED, "without_load": LOGGED, "body": "body2", "drives": False, "mass": None},
+    ),
+    "identify_stiffness": (
+        quiet(ARM.identify_stiffness),
+        {"links": LOGGED, "motors": TURNED, "gear": 1.0, "rotor": 0.1, "delay": None},
     ),
     "identify": (
         ROBOT.identify,

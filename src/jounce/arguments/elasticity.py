@@ -234,7 +234,7 @@ def _check_stiffness_and_rotors(mechanism: Mechanism, e: Elasticity, rotor: obje
         if B == 0 and rotor is None:
             raise JounceError(
                 f"{joint} has no armature to take as the inertia of its rotor; robot.elastic(stiffness, rotor=...)"
-                f" states it, in {'kg m^2' if rad else 'kg'} as seen from the link"
+                f" (--rotor) states it, in {'kg m^2' if rad else 'kg'} as seen from the link"
             )
         if not 0 < B < np.inf:
             expected = f"a positive number, {'kg m^2' if rad else 'kg'} as seen from the link"

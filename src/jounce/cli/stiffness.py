@@ -45,6 +45,9 @@ joints for `jounce motors`.
     metavar="[JOINT=]B",
     help="Inertia of the rotors seen from the links in kg m^2 or kg, if ROBOT states none; may be repeated.",
 )
+@click.option(
+    "--delay", type=float, metavar="S", help="By how much torques come after positions; default: found, if certain."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def stiffness(
     robot: RobotRequest,
@@ -53,6 +56,7 @@ def stiffness(
     pattern: str,
     gear: Sequence[str],
     rotor: Sequence[str],
+    delay: float | None,
     as_json: bool,
 ) -> None:
     """Identify the stiffness of the joints of ROBOT from MOTION, a log of positions of motors and links."""
@@ -63,7 +67,9 @@ def stiffness(
     arm = robot.load()
     gears, rotors = (values_by_joint(*given, arm.joint_names) for given in (("--gear", gear), ("--rotor", rotor)))
     links = motion.load(arm, 0)
-    motors = replace(motion, options=motion.options | {"columns": pattern}).load(arm, 0)
-    found = collect_notes(lambda: arm.identify_stiffness(links, motors, gear=gears or 1.0, rotor=rotors))
+    options = motion.options | {"columns": pattern} | ({"angles": motion.options["angles"] or "rad"} if gear else {})
+    motors = replace(motion, options=options).load(arm, 0)  # in front of gears they turn farther than any joint
+    found = collect_notes(lambda: arm.identify_stiffness(links, motors, gear=gears or 1.0, rotor=rotors, delay=delay))
     saving.save(found.robot, output)
-    print_identification(found, motion.path, links.notes, output, as_json)
+    notes = dict.fromkeys(note for note in (*links.notes, *motors.notes) if not note.startswith("other columns"))
+    print_identification(found, motion.path, tuple(notes), output, as_json)

@@ -20,7 +20,7 @@ from jounce.engine.along import check_motion, forces_along
 from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.averaging import CELLS_PER_PERIOD, CellAverages, force_band, number_cells, weighted_means
 from jounce.identification.delays import pose_without_delay
-from jounce.identification.force_warnings import MAX_UNEXPLAINED_SHARE, compare_forces
+from jounce.identification.force_warnings import compare_forces
 from jounce.identification.measurements import Measurements, check_measurements
 from jounce.identification.regression import Regression, fit_forces
 from jounce.identification.result import Identification
@@ -53,7 +53,7 @@ class SpringProblem:
     width: float  # of the cells, s
     cells: CellAverages  # of the reverse regression
     springs: CellAverages  # deflections by the columns of each joint
-    band: float  # of the torques, Hz
+    band: float  # of the torques of the model, Hz
     deflection: np.ndarray  # (N, n)
     rows: np.ndarray  # (N, n, 7) columns of each joint
     model: np.ndarray  # (N, n) torques of the model
@@ -85,11 +85,18 @@ def identify_stiffness(
     doubts = compare_forces(m.coordinates, posed.samples.weights, tau, posed.model)
     _check_signs(m, np.where(seen, c, 0.0), doubts)
     notes = [
-        *_name(m, ~posed.samples.weights.any(axis=0), "torques of {} are not measured: the model's serve, as they are"),
+        *_name(
+            m,
+            ~posed.samples.weights.any(axis=0),
+            "torques of {} are not measured: the model's serve, as wrong as its masses are",
+        ),
         *said,
         *doubts,
-        *_name(m, ~seen, "the log does not determine the stiffness of {}; expected torques that vary there"),
-        *_name(m, seen & (share > MAX_UNEXPLAINED_SHARE**2), "torques explain too little of the deflections of {}"),
+        *_name(
+            m,
+            ~seen,
+            "the log does not determine the stiffness of {}; expected torques that vary and explain deflections",
+        ),
     ]
     for k, text in enumerate(SUSPECTS, COLUMNS):
         more, left = _fit(springs, (*range(COLUMNS), k))
@@ -154,9 +161,10 @@ def _read_deflection(
         ratio = C[0, 1] / (C[0, 0] or 1.0)
         is_rigid = C[0, 1] ** 2 > MIN_GEAR_CORRELATION**2 * C[0, 0] * C[1, 1]
         if is_rigid and abs(ratio - 1) > MAX_GEAR_ERROR and np.std(motor - link) > MAX_DEFLECTION:
-            cures.append(f"--gear {name}={gear * ratio:.4g}")
+            cures.append(f"{gear * ratio:.3g} of {name}")
     if cures:
-        raise JounceError(f"motors are not where their links are; expected gear ratios, {' '.join(cures)} (gear=)")
+        missing = f"gear ratios (--gear [JOINT=]N, gear=), which are about {join_names(cures)}"
+        raise JounceError(f"motors do not move as their links do; expected {missing}")
     return path, (t, theta - q)
 
 
@@ -184,13 +192,12 @@ def _pose(
     noise = np.maximum((path.deviations(t, 1) or (0.0, 0.0))[1], np.finfo(float).tiny)
     known = qd / np.hypot(qd, noise), qd, np.ones_like(qd)  # no direction where noise decides on it
     rows = np.stack([tau, *known, q, q2d, (tau - tau.mean(axis=0)) ** 3], axis=-1)
-    band = force_band(t, tau, qd, e.eps)
+    band = force_band(t, model, qd, e.eps)
     width = min(1 / (CELLS_PER_PERIOD * band) if band else np.inf, (t[-1] - t[0]) / MIN_CELLS)
     place = number_cells(t, width)
     reverse = _average(np.stack([deflection, *known], axis=-1), tau, given.weights, place)
-    return SpringProblem(
-        given, width, reverse, _average(rows, deflection, weights, place), band, deflection, rows, model
-    )
+    springs, seen = _average(rows, deflection, weights, place), np.where(weights > 0, deflection, np.nan)
+    return SpringProblem(given, width, reverse, springs, band, seen, rows, model)
 
 
 def _average(rows: np.ndarray, right: np.ndarray, weights: np.ndarray, place: np.ndarray) -> CellAverages:
@@ -216,7 +223,7 @@ def _check_signs(m: Mechanism, c: np.ndarray, doubts: Sequence[str]) -> None:
     if negative := _name(m, c < 0, f"the stiffness of {{}} is negative; {'; '.join(doubts) or swapped}"):
         raise JounceError(negative[0])
     if not c.any():
-        cure = "expected torques that vary and deflections above the noise of encoders"
+        cure = "expected torques that vary, and deflections above the noise of encoders that follow them"
         raise JounceError(f"the log determines the stiffness of no joint; {cure}")
 
 
