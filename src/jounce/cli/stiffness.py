@@ -13,6 +13,8 @@ from jounce.cli.output import check_distinct
 from jounce.cli.robot_options import PATH, RobotRequest
 from jounce.cli.robot_options import add_robot_options_without_drives as add_robot_options
 
+IRRELEVANT_NOTES = ("other columns", "derivatives are trustworthy")  # each motion has columns of the other
+
 EPILOG = """\b
 Example, of a log with columns t, joint1, ..., theta_joint1, ..., tau_joint1:
   jounce stiffness arm.urdf log.csv --rotor 0.5 -o elastic.yaml
@@ -71,5 +73,5 @@ def stiffness(
     motors = replace(motion, options=options).load(arm, 0)  # in front of gears they turn farther than any joint
     found = collect_notes(lambda: arm.identify_stiffness(links, motors, gear=gears or 1.0, rotor=rotors, delay=delay))
     saving.save(found.robot, output)
-    notes = dict.fromkeys(note for note in (*links.notes, *motors.notes) if not note.startswith("other columns"))
+    notes = dict.fromkeys(note for note in (*links.notes, *motors.notes) if not note.startswith(IRRELEVANT_NOTES))
     print_identification(found, motion.path, tuple(notes), output, as_json)

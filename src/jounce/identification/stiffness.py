@@ -32,7 +32,7 @@ from jounce.model.positions import check_single_screws
 from jounce.motion.motion import Motion
 
 MIN_DEVIATIONS = 4.0  # of 1 / K: with fewer, K has no upper bound worth a number
-MIN_CELLS = 16  # four for each unknown of a joint
+CELLS_PER_LOG = 16  # at least, four for each unknown of a joint
 MAX_DEFLECTION = 0.05  # rad or m: a larger standard deviation is held against the motion of the link
 MIN_GEAR_CORRELATION = 0.98  # of motors and links, whose ratio is that of a gear then
 MAX_GEAR_ERROR = 0.5  # of this ratio: a spring that gives way as far hardly holds its link up
@@ -151,8 +151,8 @@ def _read_deflection(
     (t, q), (times, theta) = (x.samples or (x.times, x(x.times, 0)[0]) for x in (path, ahead))
     inside = (t >= times[0]) & (t <= times[-1])
     t, q = t[inside], q[inside]
-    if len(t) < MIN_CELLS:
-        raise JounceError(f"motors and links share {len(t)} times; expected {MIN_CELLS} or more, of one log")
+    if len(t) < CELLS_PER_LOG:
+        raise JounceError(f"motors and links share {len(t)} times; expected {CELLS_PER_LOG} or more, of one log")
     if not (np.isfinite(gears) & (gears != 0)).all():
         raise JounceError(f"gear is {gears.tolist()}; expected speeds of motors over those of joints, which are not 0")
     theta, cures = np.stack([np.interp(t, times, x) for x in theta.T], axis=1) / gears, []
@@ -169,7 +169,7 @@ def _read_deflection(
 
 
 def _read_torques(m: Mechanism, path: Motion, t: np.ndarray) -> Measurements:
-    """Measured torques within the log; all of weight 0 if there are none."""
+    """Measured torques within the log; all of weight 0 without any."""
     if path.torques is None:
         return Measurements(t, *np.zeros((2, len(t), m.n)))
     given = check_measurements(m, path, None, None, None, None)
@@ -193,7 +193,7 @@ def _pose(
     known = qd / np.hypot(qd, noise), qd, np.ones_like(qd)  # no direction where noise decides on it
     rows = np.stack([tau, *known, q, q2d, (tau - tau.mean(axis=0)) ** 3], axis=-1)
     band = force_band(t, model, qd, e.eps)
-    width = min(1 / (CELLS_PER_PERIOD * band) if band else np.inf, (t[-1] - t[0]) / MIN_CELLS)
+    width = min(1 / (CELLS_PER_PERIOD * band) if band else np.inf, (t[-1] - t[0]) / CELLS_PER_LOG)
     place = number_cells(t, width)
     reverse = _average(np.stack([deflection, *known], axis=-1), tau, given.weights, place)
     springs, seen = _average(rows, deflection, weights, place), np.where(weights > 0, deflection, np.nan)
