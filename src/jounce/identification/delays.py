@@ -12,7 +12,7 @@ it, since laws of friction were chosen with it, and the rest of the delay is sou
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -20,15 +20,12 @@ from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import is_finite
 from jounce.identification.averaging import CellAverages, median_step, number_cells, weighted_means
 from jounce.identification.measurements import Measurements
-from jounce.identification.noise_spectra import (
-    gradient,
-    gram,
-    half_scatter,
-    leverages,
-    noise_spectra,
-    spectral_gram,
-)
+from jounce.identification.noise_spectra import gradient, gram, half_scatter, leverages, noise_spectra, spectral_gram
 from jounce.motion.motion import Motion
+
+if TYPE_CHECKING:
+    from jounce.identification.least_squares_problem import IdentificationProblem
+    from jounce.identification.stiffness import SpringProblem
 
 MAX_DELAY = 0.2  # s, beyond which forces and positions hardly come from one log
 MAX_DELAY_SHARE = 0.1  # of the time that is used: the ends, which are left out, are twice as much
@@ -40,20 +37,7 @@ MAX_MATCH_SHARE = 0.5  # of mean squares left by the best delay to usual ones: f
 DELAY_RANK_TOLERANCE = 1e-9  # of singular values to the largest: directions with less hold no data
 
 
-class PosedEquations(Protocol):
-    """Equations of forces, averaged over cells."""
-
-    @property
-    def samples(self) -> Measurements: ...  # noqa: D102
-    @property
-    def cells(self) -> CellAverages: ...  # noqa: D102
-    @property
-    def columns(self) -> np.ndarray: ...  # noqa: D102  those that are fitted
-    @property
-    def width(self) -> float: ...  # noqa: D102  of the cells, s
-
-
-P = TypeVar("P", bound=PosedEquations)
+P = TypeVar("P", "IdentificationProblem", "SpringProblem")  # with cells, samples, columns that are fitted, a width
 
 
 def pose_without_delay(
@@ -74,26 +58,25 @@ def pose_without_delay(
     posed = pose(given.earlier(total, motion))
     for _ in range(MAX_DELAY_ROUNDS if sought else 0):
         fitted = replace(posed.cells, Y=posed.cells.Y[..., posed.columns])
-        found = find_delay(fitted, posed.samples, posed.width, 1.0 if notes else MIN_DELAY_DEVIATIONS)
+        found = _find_delay(fitted, posed.samples, posed.width, 1.0 if notes else MIN_DELAY_DEVIATIONS)
         if found is None:
             break
         late, deviation, left = found
         if stated is not None:
-            return posed, total, [f"measured forces come {describe_delay(late, deviation)}, besides delay={total:g}"]
+            return posed, total, [f"measured forces come {_describe(late, deviation)}, besides delay={total:g}"]
         total, share = total + late, share * left
         effect = f"{np.sqrt(share):.0%} of what is unexplained remains; delay=0 (--delay 0) leaves it in"
-        notes = [f"measured forces come {describe_delay(total, deviation)}, which is taken out: {effect}"]
+        notes = [f"measured forces come {_describe(total, deviation)}, which is taken out: {effect}"]
         posed = pose(given.earlier(total, motion))
     return posed, total, notes
 
 
-def describe_delay(late: float, deviation: float) -> str:
-    """A delay of forces and its deviation, in s, in words."""
+def _describe(late: float, deviation: float) -> str:
     return f"{1e3 * abs(late):.3g} +- {1e3 * deviation:.2g} ms {'after' if late > 0 else 'before'} the positions"
 
 
-def find_delay(
-    cells: CellAverages, samples: Measurements, width: float, certain: float = MIN_DELAY_DEVIATIONS
+def _find_delay(
+    cells: CellAverages, samples: Measurements, width: float, certain: float
 ) -> tuple[float, float, float] | None:
     """Return how late measured forces are in s, the deviation, and which share remains of the mean squares left.
 

@@ -84,25 +84,7 @@ def identify_stiffness(
     seen = np.abs(c) > MIN_DEVIATIONS * spread
     doubts = compare_forces(m.coordinates, posed.samples.weights, tau, posed.model)
     _check_signs(m, np.where(seen, c, 0.0), doubts)
-    notes = [
-        *_name(
-            m,
-            ~posed.samples.weights.any(axis=0),
-            "torques of {} are not measured: the model's serve, as wrong as its masses are",
-        ),
-        *said,
-        *doubts,
-        *_name(
-            m,
-            ~seen,
-            "the log does not determine the stiffness of {}; expected torques that vary and explain deflections",
-        ),
-    ]
-    for k, text in enumerate(SUSPECTS, COLUMNS):
-        more, left = _fit(springs, (*range(COLUMNS), k))
-        certain = np.abs(more.x) > MIN_DEVIATIONS * np.sqrt(np.diag(more.covariance))
-        suspect = seen & certain.reshape(n, -1)[:, -1] & (left < MAX_REMAINDER_RATIO * rest)
-        notes += _name(m, suspect, f"deflections of {{}} {text}")
+    notes = [*said, *doubts, *_describe(m, posed, seen, rest)]
     for text in notes:
         warn(text)
     own = e.stiffness if m.elasticity is not None else np.full(n, np.inf)
@@ -130,6 +112,19 @@ def identify_stiffness(
         predicted=np.einsum("tjk,jk->tj", posed.rows[..., :COLUMNS], x),
         notes=tuple(notes),
     )
+
+
+def _describe(m: Mechanism, posed: SpringProblem, seen: np.ndarray, rest: np.ndarray) -> list[str]:
+    """What is said of torques and springs; those of joints that are seen leave mean squares (n,) of deflections."""
+    missing, cure = ~posed.samples.weights.any(axis=0), "expected torques that vary and explain deflections"
+    notes = _name(m, missing, "torques of {} are not measured: the model's serve, as wrong as its masses are")
+    notes += _name(m, ~seen, f"the log does not determine the stiffness of {{}}; {cure}")
+    for k, text in enumerate(SUSPECTS, COLUMNS):
+        fit, left = _fit(posed.springs, (*range(COLUMNS), k))
+        certain = np.abs(fit.x) > MIN_DEVIATIONS * np.sqrt(np.diag(fit.covariance))
+        suspect = seen & certain.reshape(m.n, -1)[:, -1] & (left < MAX_REMAINDER_RATIO * rest)
+        notes += _name(m, suspect, f"deflections of {{}} {text}")
+    return notes
 
 
 def _soften(m: Mechanism, rotor: object) -> tuple[Mechanism, Elasticity]:
