@@ -1,5 +1,7 @@
 """Identification: parameters within their deviations, what data do not determine, refusals, loads, moving ground."""
 
+import re
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -133,20 +135,58 @@ def test_a_wrong_sign_or_unit_is_suspected(arm, motion, factor, words):
     assert words in found.notes[0]
 
 
+def quiet():
+    return warnings.catch_warnings(action="ignore", category=jounce.JounceWarning)
+
+
 def delayed(forces, delay):
-    return np.stack([np.interp(T - delay, T, column) for column in forces.T], axis=1)
+    return np.stack([np.interp(T - delay, T, column, np.nan, np.nan) for column in forces.T], axis=1)
 
 
 @pytest.mark.parametrize(
-    ("delay", "noise", "words"),
-    [(0.05, 0.1, "50 ms after"), (0.01, 0.1, "10 ms after"), (0.01, 6.0, "10 ms after"), (-0.03, 0.1, "30 ms before")],
+    ("delay", "noise", "most"),
+    [
+        (0.05, 0.1, 1e-4),
+        (0.013, 2.0, 1e-3),
+        (0.005, 2.0, 1e-3),
+        (0.002, 0.2, 2e-4),
+        (7e-4, 0.2, 2e-4),
+        (-0.03, 0.1, 1e-4),
+    ],
 )
-def test_forces_that_are_late_are_reported(arm, motion, Q, delay, noise, words):
-    """Parameters hide some of a delay, and cannot hide all of it; noise of 6 N m hides half of what it leaves."""
+def test_the_delay_of_forces_is_found_and_taken_out(arm, motion, Q, delay, noise, most):
+    """Samples are 4 ms apart."""
     noisy = delayed(Q, delay) + noise * np.random.default_rng(3).normal(size=Q.shape)
-    with pytest.warns(jounce.JounceWarning, match="seem to come|do not determine"):
+    with pytest.warns(jounce.JounceWarning, match="measured forces come"):
         found = arm.identify(motion, noisy, t=T)
-    assert found.notes[0].startswith(f"measured forces seem to come {words} the positions")
+    assert found.delay == pytest.approx(delay, abs=most)
+    late, deviation = map(float, re.match(r"measured forces come (\S+) \+- (\S+) ms", found.notes[0]).groups())
+    assert late == pytest.approx(1e3 * abs(found.delay), rel=5e-3)
+    assert abs(found.delay - delay) < 4e-3 * deviation
+    assert f"{'after' if delay > 0 else 'before'} the positions, which is taken out" in found.notes[0]
+    in_time = arm.identify(motion, Q + noisy - delayed(Q, delay), t=T)
+    spread = np.sqrt(np.diag(in_time.covariance))
+    assert (np.abs(values(found) - values(in_time)) < 3 * spread + 1e-3).all()
+
+
+@pytest.mark.parametrize("method", ["inverse_dynamics", "momentum"])
+def test_a_stated_delay_is_taken_as_it_is(arm, motion, Q, method):
+    late = delayed(Q, 0.02) + 0.1 * np.random.default_rng(3).normal(size=Q.shape)
+    found = arm.identify(motion, late, t=T, delay=0.02, method=method)
+    assert (found.delay, found.notes) == (0.02, ())
+    assert found.t[0] == pytest.approx(0.0)
+    assert found.measured == pytest.approx(late[5:], nan_ok=True)
+    with quiet():
+        wrong = arm.identify(motion, late, t=T, delay=0, method=method)
+    assert wrong.delay == 0
+    named = [note for note in wrong.notes if note.startswith("measured forces come 20 +- ")]
+    assert len(named) == (method == "inverse_dynamics"), "integrals have none sought"
+    assert all(note.endswith("after the positions, besides delay=0") for note in named)
+
+
+@pytest.mark.parametrize("delay", ["1", np.nan, 4.0])
+def test_refuses_delays(arm, motion, Q, delay):
+    assert "expected seconds by which forces come after" in refusal(lambda: arm.identify(motion, Q, t=T, delay=delay))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -154,7 +194,7 @@ def test_forces_in_time_raise_no_suspicion_of_a_delay(arm, motion, Q, seed):
     rng = np.random.default_rng(seed)
     ripple = 0.3 * np.sin(40 * motion(T, 0)[0] + rng.uniform(0, 6, Q.shape[1]))
     found = arm.identify(motion, Q + ripple + 0.2 * rng.normal(size=Q.shape), t=T)
-    assert not [note for note in found.notes if "seem to come" in note]
+    assert found.delay == 0
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-3])

@@ -40,6 +40,7 @@ SAMPLES = np.linspace(0, 1, 20)
 SAMPLED = jounce.load_motion({"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, ROBOT, 0, degree=7)
 LOGGED = replace(SAMPLED, torques=(SAMPLES, ROBOT.forces_along(SAMPLED, order=0).forces[0]))
 OTHER = replace(LOGGED, torques=(SAMPLES, 2 * LOGGED.torques[1]))
+TURNED = replace(SAMPLED, samples=(SAMPLES, SAMPLED(SAMPLES, 0)[0] + LOGGED.torques[1] / [800, 600]))
 TWO = np.stack([SAMPLES**2, SAMPLES**3], axis=1)
 NAMED = {"joint_names": ["joint1", "joint2"]}
 POINTS = {
@@ -342,12 +343,16 @@ CASES: dict[str, Case] = {
         quiet(ROBOT.payload),
         {"with_load": LOGGED, "without_load": LOGGED, "body": "body2", "drives": False, "mass": None},
     ),
+    "identify_stiffness": (
+        quiet(ARM.identify_stiffness),
+        {"links": LOGGED, "motors": TURNED, "gear": 1.0, "rotor": 0.1, "delay": None},
+    ),
     "identify": (
         ROBOT.identify,
         {
             "motion": SAMPLED, "forces": ROBOT.forces_along(SAMPLED, order=0).forces[0], "t": SAMPLES,
             "drives": False, "eps": None, "span": None, "band": 9.0, "weights": None, "deviations": 1e-4, "prior": 0.3,
-            "method": "inverse_dynamics", "test": (),
+            "method": "inverse_dynamics", "test": (), "delay": None,
         },
     ),
     "identify several": (

@@ -48,7 +48,7 @@ def with_elasticity(mechanism: Mechanism, stated: ElasticParameters) -> Mechanis
     e = replace(
         e,
         stiffness=e.stiffness if kept else _stiffness(mechanism, stated, springs),
-        rotor=e.rotor if stated.rotor is None else _number_per_coordinate(mechanism, "rotor", stated.rotor, e.rotor),
+        rotor=e.rotor if stated.rotor is None else number_per_coordinate(mechanism, "rotor", stated.rotor, e.rotor),
         springs=springs if any(springs) else (),
         motors=motors if any(motors) else (),
         level=_coupling_level(stated.coupling),
@@ -120,7 +120,7 @@ def _stiffness(mechanism: Mechanism, stated: ElasticParameters, springs: Sequenc
             f"{mechanism.name!r} states no stiffness of its joints; robot.elastic(stiffness) does (--stiffness), or"
             " spring=; infinity is a rigid joint"
         )
-    numbers = _number_per_coordinate(mechanism, "stiffness", given, np.full(mechanism.n, np.inf))
+    numbers = number_per_coordinate(mechanism, "stiffness", given, np.full(mechanism.n, np.inf))
     for j, (name, spring) in enumerate(zip(mechanism.coordinates, springs, strict=True)):
         if spring is None:
             continue
@@ -166,7 +166,7 @@ def _with_dampers(mechanism: Mechanism, e: Elasticity, stated: ElasticParameters
         raise JounceError(f"damping_terms is {quote_value(terms)}; expected a whole number, 1 or more")
     springs: list[ElasticLaw | None] = list(e.springs or (None,) * mechanism.n)
     present = np.array([law.damping if isinstance(law, DampedSpring) else 0.0 for law in springs])
-    damping = _number_per_coordinate(mechanism, "damping", stated.damping, present)
+    damping = number_per_coordinate(mechanism, "damping", stated.damping, present)
     for j, (name, D) in enumerate(zip(mechanism.coordinates, damping.tolist(), strict=True)):
         if not 0 <= D < np.inf:
             raise JounceError(f"damping of joint {quote_value(name)} is {D:g}; expected 0 or more, N m s/rad or N s/m")
@@ -204,7 +204,7 @@ def _check_carriers(mechanism: Mechanism, e: Elasticity) -> None:
         raise JounceError(f"coupling={e.level} is not available for joints with two motors; use coupling='spong'")
 
 
-def _number_per_coordinate(mechanism: Mechanism, what: str, given: object, others: np.ndarray) -> np.ndarray:
+def number_per_coordinate(mechanism: Mechanism, what: str, given: object, others: np.ndarray) -> np.ndarray:
     """One number for all coordinates, (n,), or {joint: number} with `others` for those left out: (n,)."""
     if isinstance(given, Mapping):
         numbers = others.copy()
@@ -234,7 +234,7 @@ def _check_stiffness_and_rotors(mechanism: Mechanism, e: Elasticity, rotor: obje
         if B == 0 and rotor is None:
             raise JounceError(
                 f"{joint} has no armature to take as the inertia of its rotor; robot.elastic(stiffness, rotor=...)"
-                f" states it, in {'kg m^2' if rad else 'kg'} as seen from the link"
+                f" (--rotor) states it, in {'kg m^2' if rad else 'kg'} as seen from the link"
             )
         if not 0 < B < np.inf:
             expected = f"a positive number, {'kg m^2' if rad else 'kg'} as seen from the link"

@@ -28,6 +28,7 @@ from jounce.cli.retime import retime
 from jounce.cli.robots import robots
 from jounce.cli.run import run
 from jounce.cli.slowdown import slowdown
+from jounce.cli.stiffness import stiffness
 from jounce.cli.view import view
 from jounce.core.errors import JounceError, escape_text, one_line
 from jounce.core.version import __version__
@@ -102,9 +103,8 @@ def main() -> None:
 
 
 VERBS = (
-    run, motion, motors, check, explain, slowdown, retime, excite, identify, payload, plot, report, view, info,
-    robots, compare,
-    convert, codegen, demo, cache,
+    run, motion, motors, check, explain, slowdown, retime, excite, identify, payload, stiffness, plot, report, view,
+    info, robots, compare, convert, codegen, demo, cache,
 )  # fmt: skip
 for verb in VERBS:
     main.add_command(verb)

@@ -1,9 +1,9 @@
 """`jounce identify`: inertial parameters and friction from measured torques, from a log to a robot file."""
 
+from collections.abc import Callable
 from dataclasses import asdict, replace
-from math import isinf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -13,8 +13,9 @@ from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options_witho
 from jounce.core.errors import JounceError, collect_warnings, warn
 
 if TYPE_CHECKING:
-    from jounce.identification import Identification
+    from jounce.identification import Identification, Payload
 
+T = TypeVar("T", bound="Identification | Payload")
 DEFAULT = "damping,friction,stribeck,offset"
 
 EPILOG = """\b
@@ -75,6 +76,9 @@ those of the data alone; parameters that they do not determine are listed.
     default="inverse_dynamics",
     help="Equations; those of momentum and power need no accelerations.",
 )
+@click.option(
+    "--delay", type=float, metavar="S", help="By how much torques come after positions; default: found, if certain."
+)
 @click.option("--table", type=PATH, help="Write the parameters with deviations: .csv.")
 @click.option("--plot", type=PATH, help="Measured and predicted torques as a picture: .png, .svg or .pdf.")
 @click.option("--report", type=PATH, help="Page with torques, what is left of them, its spectra, parameters: .html.")
@@ -112,13 +116,9 @@ def identify(
         page.check_writable(report)
         page.check_installed()
     arm = robot.load()
-    with collect_warnings() as warnings:
-        motions = {name: replace(motion, path=path).load(arm, 0) for name, path in logs.items()}
-        given = motions.get("", motions)
-        found = arm.identify(given, drives=parse_drive_terms(terms), test=tested, **options)
-    for text in warnings:
-        if text not in found.notes:  # which are printed
-            warn(text)
+    motions = {name: replace(motion, path=path).load(arm, 0) for name, path in logs.items()}
+    given = motions.get("", motions)
+    found = collect_notes(lambda: arm.identify(given, drives=parse_drive_terms(terms), test=tested, **options))
     saving.save(found.robot, output)
     if table is not None:
         _write_table(found, table)
@@ -127,9 +127,25 @@ def identify(
     if report is not None:
         page.report(found.robot, found, None, None, (), motion.path.name).save(report)
     notes = (*ignored, *(f"{name}: {note}" if name else note for name, log in motions.items() for note in log.notes))
-    print_summary(
-        _summary(found, motion.path, notes, output, table, plot, report), lambda of: _format_summary(found, of), as_json
-    )
+    print_identification(found, motion.path, notes, output, as_json, table=table, plot=plot, report=report)
+
+
+def collect_notes(identify: Callable[[], T]) -> T:
+    """What an identification finds; warnings that are not among its notes, which are printed, are passed on."""
+    with collect_warnings() as warnings:
+        found = identify()
+    for text in warnings:
+        if text not in found.notes:
+            warn(text)
+    return found
+
+
+def print_identification(
+    found: "Identification", log: Path, notes: tuple[str, ...], output: Path, as_json: bool, **written: Path | None
+) -> None:
+    """Print what was identified from a log, and the files that were written besides the robot."""
+    summary = _summary(found, log, notes, output, written)
+    print_summary(summary, lambda of: _format_summary(found, of), as_json)
 
 
 def _find_logs(motion: Path, tests: tuple[Path, ...]) -> tuple[dict[str, Path], list[str], tuple[str, ...]]:
@@ -170,18 +186,17 @@ def _draw(found: "Identification", picture: Path) -> None:
 
 
 def _summary(
-    found: "Identification", log: Path, notes: tuple[str, ...], output: Path, *paths: Path | None
+    found: "Identification", log: Path, notes: tuple[str, ...], output: Path, written: dict[str, Path | None]
 ) -> dict[str, Any]:
-    """The result as plain data; JSON has no infinity."""
+    """The result as plain data."""
     joints = found.robot.mechanism.joints
-    rows = [asdict(row) for row in found.table]
     return {
         "robot": found.robot.name, "motion": str(log), "output": str(output),
-        **{what: path and str(path) for what, path in zip(("table", "plot", "report"), paths, strict=True)},
+        **{what: path and str(path) for what, path in written.items()},
         "samples": found.samples, "span": list(found.span), "band": found.band, "cell": found.cell,
         "cells": found.cells, "logs": [{k: x for k, x in asdict(of).items() if k != "rows"} for of in found.logs],
-        "rank": found.rank, "condition": found.condition, "unseen": list(found.unseen),
-        "parameters": [row | {"deviation": None if isinf(row["deviation"]) else row["deviation"]} for row in rows],
+        "delay": found.delay, "rank": found.rank, "condition": found.condition, "unseen": list(found.unseen),
+        "parameters": [asdict(row) for row in found.table],
         "drives": {name: dict(zip(joints, x.tolist(), strict=True)) for name, x in vars(found.robot.drives).items()},
         "residuals": [asdict(row) for row in found.residuals],
         "notes": [*notes, *found.notes],
@@ -189,7 +204,7 @@ def _summary(
 
 
 def _format_summary(found: "Identification", summary: dict[str, Any]) -> str:
-    written = [f"{what} written to {summary[key]}" for key, what in WRITTEN.items() if summary[key]]
+    written = [f"{what} written to {summary[key]}" for key, what in WRITTEN.items() if summary.get(key)]
     notes = [note for note in summary["notes"] if note not in found.notes]
     return "\n".join([*notes, str(found), "", *written])
 

@@ -77,15 +77,15 @@ def motors(
 
     links = robot.load()
     arm = links.elastic(
-        _values_by_joint("--stiffness", stiffness, links.joint_names),
-        _values_by_joint("--rotor", rotor, links.joint_names),
+        values_by_joint("--stiffness", stiffness, links.joint_names),
+        values_by_joint("--rotor", rotor, links.joint_names),
     )
     job = Job("motors", arm, 0, stream.reading(motion), None if stream.reduce else table_suffix(output))
     _, summary = compute_results(job, motion, output, stream, "motors", lambda: motion.load(arm, MOTOR_FORCE_ORDER))
     print_summary(summary, _format_summary, as_json)
 
 
-def _values_by_joint(option: str, given: Sequence[str], joints: Sequence[str]) -> dict[str, float] | None:
+def values_by_joint(option: str, given: Sequence[str], joints: Sequence[str]) -> dict[str, float] | None:
     """The numbers of an option by joint: VALUE is of all joints, JOINT=VALUE of one; None without any."""
     from jounce.core.foreign import parse_finite
 

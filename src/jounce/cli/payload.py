@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.identify import DEFAULT
+from jounce.cli.identify import DEFAULT, collect_notes
 from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
 from jounce.cli.output import check_distinct, print_summary
 from jounce.cli.robot_options import MOTION_NAME, PATH, RobotRequest, parse_drive_terms
 from jounce.cli.robot_options import add_robot_options_without_drives as add_robot_options
-from jounce.core.errors import collect_warnings, warn
 
 if TYPE_CHECKING:
     from jounce.identification import Payload
@@ -65,12 +64,8 @@ def payload(
         saving.check_writable(output)
         check_distinct(output, motion.path, without, robot.path, motion.read)
     arm = robot.load()
-    with collect_warnings() as warnings:
-        logs = [log.load(arm, 0) for log in (motion, *([replace(motion, path=without)] if without else []))]
-        found = arm.payload(*logs, body=body, drives=parse_drive_terms(terms), mass=mass)
-    for text in warnings:
-        if text not in found.notes:  # which are printed
-            warn(text)
+    logs = [log.load(arm, 0) for log in (motion, *([replace(motion, path=without)] if without else []))]
+    found = collect_notes(lambda: arm.payload(*logs, body=body, drives=parse_drive_terms(terms), mass=mass))
     if output is not None:
         saving.save(found.robot, output)
     written = "" if output is None else f"\n\nrobot written to {output}"

@@ -9,7 +9,9 @@ import numpy as np
 from jounce.core.errors import JounceError, check_choice, join_names, locate_errors, quote_value, warn
 from jounce.core.scalars import is_finite
 from jounce.core.typing import ArrayLike, DriveTerm, DriveTerms, Equations
-from jounce.engine.engine import R, with_mechanism
+from jounce.engine.engine import Engine, R, with_mechanism
+from jounce.identification.delays import pose_without_delays
+from jounce.identification.filtered_balances import FILTERED_METHODS
 from jounce.identification.force_warnings import force_warnings, unexplained_warnings
 from jounce.identification.friction_search import with_friction_laws
 from jounce.identification.least_squares_problem import (
@@ -25,6 +27,7 @@ from jounce.identification.result import Identification
 from jounce.identification.result_tables import IdentifiedParameter, describe_logs, force_residuals, parameter_table
 from jounce.identification.unmodelled_torques import unmodelled_warnings
 from jounce.model.drives import AMOUNTS, DRIVE_TERMS, select_terms
+from jounce.model.mechanism import Mechanism
 from jounce.model.parameters import with_inertial_parameters
 from jounce.model.positions import check_single_screws
 
@@ -34,7 +37,7 @@ MIN_PRIOR = 1e-9  # relative deviation: no model is better, and squares of small
 
 def identify(
     robot: R,
-    logs: Logs,
+    motions: Logs,
     forces: ArrayLike | Sequence[ArrayLike | None] | None,
     t: ArrayLike | Sequence[ArrayLike | None] | None,
     drives: DriveTerms,
@@ -46,6 +49,7 @@ def identify(
     prior: float,
     method: Equations,
     test: int | str | Sequence[int | str],
+    delay: float | None,
 ) -> Identification[R]:
     """Identify a robot from motions and measured forces, see `Robot.identify`."""
     check_choice("method", method, get_args(Equations))
@@ -57,15 +61,19 @@ def identify(
         )
     check_single_screws(model.mechanism, "identify()")
     measured = {"forces": forces, "t": t, "weights": weights, "deviations": deviations}
-    given, known = check_logs(model.mechanism, logs, measured, span, test), deviations is not None
-    model, posed = _pose_logs(model, given, terms, eps is not None, known, band, method)
+    logs, known = check_logs(model.mechanism, motions, measured, span, test), deviations is not None
+
+    def pose(logs: Sequence[MeasuredLog]) -> list[IdentificationProblem]:
+        return pose_logs(model, logs, terms, eps is not None, known, band, method)
+
+    posed, late, delayed = pose_without_delays(pose, logs, delay, method not in FILTERED_METHODS)
     fitted = [one for one in posed if not one.tests]
     joined, cells = join_problems(fitted)
     solution = fit_forces(joined.cells, joined.columns, joined.errors, known, cells)
     table = parameter_table(joined, solution)
-    warned = _name_logs(posed, [force_warnings(one, method) for one in posed])
-    differ = _difference_notes([of.name for of in given if not of.tests], solution.scatter)
-    notes = [*twin_notes(given), *warned, *differ, *_undetermined_notes(table, solution.rank)]
+    warned = _name_logs(posed, [[*force_warnings(one), *said] for one, said in zip(posed, delayed, strict=True)])
+    differ = _difference_notes([one.log for one in fitted], solution.scatter)
+    notes = [*twin_notes(logs), *warned, *differ, *_undetermined_notes(table, solution.rank)]
     for text in notes:
         warn(text)
     estimate, information = joined.model_parameters, np.zeros(2 * joined.model_parameters.shape)
@@ -73,7 +81,8 @@ def identify(
     x = estimate[joined.places]
     information[np.ix_(joined.places, joined.places)] = solution.information
     weight = float(prior) ** -2
-    found = fit_consistent_parameters(model.mechanism, joined.base, information, estimate, joined.terms, weight=weight)
+    m = joined.robot.mechanism
+    found = fit_consistent_parameters(m, joined.base, information, estimate, joined.terms, weight=weight)
     predicted = [one.predict(found.parameters, found.values[one.base.count :], solution.x) for one in posed]
     rows = [force_residuals(one, Q, solution.motion_errors) for one, Q in zip(posed, predicted, strict=True)]
     parts = [replace(solution, weights=solution.weights[part]) for part in cells]
@@ -85,7 +94,7 @@ def identify(
     described = describe_logs(posed)
     spans = [of.span for of in described if of.span]
     return Identification(
-        robot=_build_robot(model, joined.terms, found),
+        robot=with_mechanism(robot, _with_found(m, joined.terms, found)),
         table=table,
         covariance=solution.covariance,
         rank=solution.rank,
@@ -97,8 +106,9 @@ def identify(
         cell=min(of.cell for of in described if of.span),
         samples=sum(of.samples for of in described),
         cells=sum(of.cells for of in described),
-        t=np.concatenate([of.given.t for of in given]),
-        measured=np.concatenate([np.where(of.given.weights > 0, of.given.forces, np.nan) for of in given]),
+        delay=max(late, key=abs),
+        t=np.concatenate([one.given.t for one in posed]),
+        measured=np.concatenate([np.where(one.given.weights > 0, one.given.forces, np.nan) for one in posed]),
         model=np.concatenate([one.model for one in posed]),
         predicted=np.concatenate([forces[0] for forces in predicted]),
         notes=(*notes, *_body_notes(found)),
@@ -106,16 +116,16 @@ def identify(
     )
 
 
-def _pose_logs(
-    robot: R,
+def pose_logs(
+    robot: Engine,
     logs: Sequence[MeasuredLog],
     terms: tuple[DriveTerm, ...],
     given_eps: bool,
     known: bool,
     band: float | None,
     method: Equations,
-) -> tuple[R, list[IdentificationProblem]]:
-    """The robot with the friction laws that the logs show, and the problem of each log."""
+) -> list[IdentificationProblem]:
+    """The problem of each log, of the robot with the friction laws that they show."""
     fitted = [(of.motion, of.samples) for of in logs if not of.tests]
     robot, terms, sought, weighed = with_friction_laws(robot, fitted, terms, given_eps, known)
     total, others, posed = sum(np.count_nonzero(of.weights) for of in weighed), iter(weighed), []
@@ -125,15 +135,15 @@ def _pose_logs(
         with locate_errors(of.name):
             one = pose_problem(robot, of.motion, terms, sought, of.given, of.used, samples, band, method, share)
         posed.append(replace(one, log=of.name, tests=of.tests))
-    return robot, posed
+    return posed
 
 
-def _build_robot(robot: R, terms: Sequence[DriveTerm], found: ConsistentParameters) -> R:
-    """The robot with what was found; its drive terms act."""
-    m = with_inertial_parameters(robot.mechanism, found.parameters)
+def _with_found(mechanism: Mechanism, terms: Sequence[DriveTerm], found: ConsistentParameters) -> Mechanism:
+    """The mechanism with what was found; its drive terms act."""
+    m = with_inertial_parameters(mechanism, found.parameters)
     values = {AMOUNTS[term]: x for term, x in found.drives.items()}
     acting = tuple(term for term in DRIVE_TERMS if term in {*m.acting, *terms})
-    return with_mechanism(robot, replace(m, drives=replace(m.drives, **values), acting=acting))
+    return replace(m, drives=replace(m.drives, **values), acting=acting)
 
 
 def _undetermined_notes(table: Sequence[IdentifiedParameter], rank: int) -> list[str]:

@@ -1,20 +1,11 @@
-"""Measured forces that are not what they should be: of another sign or unit, missing, constant, late, unexplained.
-
-Forces that pass another filter, another bus or another clock than positions are late. For each of some delays the
-forces are read at times as much later, the same equations are solved, and what they leave is compared. Parameters adapt
-to a delay, but cannot take the place of one.
-"""
+"""Measured forces that are not what they should be: of another sign or unit, missing, constant, unexplained."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from jounce.core.errors import join_names, shorten
-from jounce.core.typing import Equations
-from jounce.identification.averaging import number_cells, weighted_means
-from jounce.identification.filtered_balances import FILTERED_METHODS
 from jounce.identification.least_squares_problem import IdentificationProblem
-from jounce.identification.measurements import Measurements
 from jounce.identification.regression import MIN_RELATIVE_DEVIATION
 from jounce.identification.result_tables import ForceResidual
 from jounce.model.coordinates import force_names
@@ -24,24 +15,12 @@ MIN_SIMILAR_CORRELATION = 0.8  # of the same: above it their sizes are compared
 MAX_SIZE_RATIO = 10.0  # of these sizes, beyond which the unit is suspected: no parameters are that wrong
 MAX_UNEXPLAINED_SHARE = 0.5  # of a force: what remains beyond it is more than friction or noise
 MAX_PASSIVE_SHARE = 0.1  # of a force to the forces of single parameters, of which no motor makes them cancel
-MAX_DELAY = 0.2  # s, beyond which forces and positions hardly come from one log
-MAX_DELAY_SHARE = 0.1  # of the time that is used: the ends, which are left out, are twice as much
-DELAY_COUNT = 81  # of the delays that are tried, 5 ms apart; odd, so that one of them is 0
-MAX_REMAINDER_RATIO = 0.8  # of mean squares left with the best delay to those without one, for a delay to be reported
-DELAY_RANK_TOLERANCE = 1e-9  # of singular values to the largest: directions with less hold no data
 
 
-def force_warnings(posed: IdentificationProblem, method: Equations) -> list[str]:
-    """Return what is suspicious about measured forces next to the forces of the model.
-
-    Equations of momentum and power are integrals, in which no delay is looked for.
-    """
-    names = force_names(posed.robot.mechanism)
-    return [
-        *_missing_forces(posed, names),
-        *_sign_and_unit(posed, names),
-        *([] if method in FILTERED_METHODS else _delay_warning(posed)),
-    ]
+def force_warnings(posed: IdentificationProblem) -> list[str]:
+    """Return what is suspicious about measured forces next to the forces of the model."""
+    names, cells = force_names(posed.robot.mechanism), posed.cells
+    return [*_missing_forces(posed, names), *compare_forces(names, cells.counts, cells.off + cells.model, cells.model)]
 
 
 def unexplained_warnings(
@@ -92,24 +71,11 @@ def _missing_forces(posed: IdentificationProblem, names: tuple[str, ...]) -> lis
     return found
 
 
-def _delay_warning(posed: IdentificationProblem) -> list[str]:
-    if (found := find_delay(posed)) is None:
-        return []
-    delay, ratio = found
-    return [
-        f"measured forces seem to come {1e3 * abs(delay):.3g} ms {'after' if delay > 0 else 'before'} the positions:"
-        f" {np.sqrt(ratio):.0%} of what is unexplained would remain if they came together; expected one clock and one"
-        " filter: shift the times of the forces (t=), or filter positions and forces alike"
-    ]
-
-
-def _sign_and_unit(posed: IdentificationProblem, names: tuple[str, ...]) -> list[str]:
-    """What is said of their sign and unit, by the correlation of measured forces with those of the model."""
-    cells = posed.cells
-    measured = cells.off + cells.model
-    shared = (cells.counts * measured * cells.model).sum(axis=0)
-    of_model = (cells.counts * cells.model**2).sum(axis=0)
-    of_forces = (cells.counts * measured**2).sum(axis=0)
+def compare_forces(names: tuple[str, ...], weights: np.ndarray, measured: np.ndarray, model: np.ndarray) -> list[str]:
+    """What is said of their sign and unit, by the correlation of measured forces (N, nv) with those of the model."""
+    shared = (weights * measured * model).sum(axis=0)
+    of_model = (weights * model**2).sum(axis=0)
+    of_forces = (weights * measured**2).sum(axis=0)
     there = (of_model > 0) & (of_forces > 0)
     correlation = np.where(there, shared / np.sqrt(np.where(there, of_model * of_forces, 1.0)), 0.0)
     size = np.where(there, np.sqrt(of_forces / np.where(there, of_model, 1.0)), 1.0)
@@ -130,51 +96,3 @@ def _sign_and_unit(posed: IdentificationProblem, names: tuple[str, ...]) -> list
 def _forces_of(names: tuple[str, ...], which: np.ndarray) -> str:
     some = join_names(name for name, odd in zip(names, which, strict=True) if odd)
     return f"forces of {'all joints' if which.all() else some}"
-
-
-def find_delay(posed: IdentificationProblem) -> tuple[float, float] | None:
-    """Return how late measured forces are, s, and which share of what is left without a delay remains then.
-
-    None if no delay explains a fifth of what is left. Forces that are early have a negative delay.
-    """
-    samples = posed.samples
-    t, place = samples.t, number_cells(samples.t, posed.width)
-    longest = min(MAX_DELAY, MAX_DELAY_SHARE * (t[-1] - t[0]))
-    centres, there = weighted_means(t[:, None], np.ones((len(t), 1)), place)[0][:, 0], posed.cells.counts > 0
-    inner = (centres > t[0] + longest) & (centres < t[-1] - longest)
-    kept = there & inner[:, None]
-    columns = posed.cells.Y[..., posed.columns][kept]
-    if longest <= 0 or len(columns) <= 2 * columns.shape[1]:
-        return None
-    delays = np.linspace(-longest, longest, DELAY_COUNT)
-    late = np.stack([_delayed_averages(samples, place, delay) for delay in delays])
-    off = (late - posed.cells.model)[:, kept].T  # (rows, delays)
-    force = np.nonzero(kept)[1]
-    weights = np.sqrt(posed.cells.counts[kept])
-    for _ in range(2):  # forces of all sizes alike at first, then as exact as they are found to be
-        left = _remainders(columns * weights[:, None], off * weights[:, None])
-        here = left[:, DELAY_COUNT // 2] ** 2
-        means = np.bincount(force, here) / np.maximum(np.bincount(force), 1)
-        if not (means[force] > 0).all():
-            return None  # exactly explained
-        weights = weights / np.sqrt(means[force])
-    total = (left**2 / means[force][:, None]).sum(axis=0)
-    best = int(total.argmin())
-    ratio = float(total[best] / total[DELAY_COUNT // 2])
-    return None if ratio > MAX_REMAINDER_RATIO else (float(delays[best]), ratio)
-
-
-def _delayed_averages(samples: Measurements, place: np.ndarray, delay: float) -> np.ndarray:
-    """The averages over cells of forces (N, nv) at times that are later by a delay."""
-    read = np.zeros_like(samples.forces)
-    for j in np.flatnonzero((samples.weights > 0).any(axis=0)):
-        there = samples.weights[:, j] > 0
-        read[:, j] = np.interp(samples.t + delay, samples.t[there], samples.forces[there, j])
-    return weighted_means(read, samples.weights, place)[0]
-
-
-def _remainders(columns: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """What least squares leaves of right sides."""
-    U, sizes, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), full_matrices=False)
-    U = U[:, sizes > DELAY_RANK_TOLERANCE * sizes[0]]
-    return np.asarray(right - U @ (U.T @ right))

@@ -26,12 +26,18 @@ class MeasuredLog:
     motion: Motion  # of the joints of the robot, in its order
     given: Measurements
     used: np.ndarray  # (N,) which samples are fitted, or read of a log that only tests
-    tests: bool  # whether the log only tests
+    tests: bool = False  # whether the log only tests
 
     @property
     def samples(self) -> Measurements:
         """The samples that are used."""
         return self.given.part(self.used)
+
+    def earlier(self, delay: float) -> "MeasuredLog":
+        """The log with forces at times that are earlier by a delay in s, as far as these are within the motion."""
+        t = self.given.t - delay
+        inside = (t >= self.motion.start) & (t <= self.motion.stop)
+        return replace(self, given=replace(self.given, t=t).part(inside), used=self.used[inside])
 
 
 def check_logs(

@@ -24,9 +24,10 @@ MIN_CORRELATION_TIMES = 4.0  # in a log: noise that is slower shows in what logs
 MIN_PART_SHARE = 0.01  # of the variance in which a part differs, for a direction: less are known from others alone
 
 Logs = Sequence[slice]  # the cells of each log
+ONE_LOG: Logs = (slice(None),)
 
 
-def leverages(Z: np.ndarray, logs: Logs) -> np.ndarray:
+def leverages(Z: np.ndarray, logs: Logs = ONE_LOG) -> np.ndarray:
     """The share (C, nv) of each frequency of each force that a fit with orthonormal columns Z (C, nv, P) takes."""
     return np.asarray((np.abs(_lines(Z, logs)) ** 2).sum(axis=-1))
 
@@ -36,7 +37,7 @@ def _lines(rows: np.ndarray, logs: Logs) -> np.ndarray:
     return np.concatenate([np.fft.fft(rows[log], axis=0, norm="ortho") for log in logs])
 
 
-def noise_spectra(leverage: np.ndarray, rest: np.ndarray, least: np.ndarray, logs: Logs) -> np.ndarray:
+def noise_spectra(leverage: np.ndarray, rest: np.ndarray, least: np.ndarray, logs: Logs = ONE_LOG) -> np.ndarray:
     """Spectra (C, nv), at least `least`, of noise of which a fit with leverages (C, nv) leaves residuals (C, nv)."""
     free = (1 - leverage).clip(0)  # what the fit leaves of each frequency
     power = np.abs(_lines(rest, logs)) ** 2
@@ -76,7 +77,7 @@ def _noise_shape(power: np.ndarray, free: np.ndarray) -> np.ndarray:
     return best
 
 
-def log_scatter(Z: np.ndarray, rest: np.ndarray, spectra: np.ndarray, logs: Logs) -> np.ndarray:
+def log_scatter(Z: np.ndarray, rest: np.ndarray, spectra: np.ndarray, logs: Logs = ONE_LOG) -> np.ndarray:
     """How many times as large variances are by how each log, or the first half of the only one, differs from others.
 
     Z are orthonormal, and the rest is orthogonal to them, so that the gradients of the parts add up to 0: that of a
@@ -94,7 +95,7 @@ def log_scatter(Z: np.ndarray, rest: np.ndarray, spectra: np.ndarray, logs: Logs
     return np.array(found)
 
 
-def spectral_gram(rows: np.ndarray, spectra: np.ndarray, logs: Logs) -> np.ndarray:
+def spectral_gram(rows: np.ndarray, spectra: np.ndarray, logs: Logs = ONE_LOG) -> np.ndarray:
     """The covariance (P, P) of rows^T n, of rows (C, nv, P) and noise n with spectra (C, nv)."""
     lines = _lines(rows, logs) * np.sqrt(spectra)[..., None]
     return np.asarray(gram(lines.conj(), lines).real)

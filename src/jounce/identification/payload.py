@@ -1,5 +1,7 @@
 """Identification of a payload from a log with it, and one without it or the robot as it was identified."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from jounce.core.errors import JounceError, join_names, quote_value, shorten, warn
@@ -9,10 +11,12 @@ from jounce.dynamics.base_parameters import LENGTH_POWERS, transport_parameters
 from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.averaging import CellAverages
+from jounce.identification.delays import pose_without_delays
+from jounce.identification.estimation import pose_logs
 from jounce.identification.force_warnings import force_warnings, unexplained_warnings
-from jounce.identification.friction_search import with_friction_laws
-from jounce.identification.least_squares_problem import IdentificationProblem, pose_problem, with_smoothing_velocity
+from jounce.identification.least_squares_problem import IdentificationProblem, with_smoothing_velocity
 from jounce.identification.load_parameters import LoadFit, central_covariance, central_parameters, fit_loads
+from jounce.identification.measured_logs import MeasuredLog
 from jounce.identification.measurements import check_measurements
 from jounce.identification.payload_result import Payload, PayloadParameter
 from jounce.identification.physical_consistency import fit_consistent_body
@@ -55,7 +59,7 @@ def identify_payload(
     if mass is not None and (not is_finite(mass) or not mass > 0 or without_load is None):
         raise JounceError(f"mass is {quote_value(mass)}; expected kg > 0 of a known load, and a log without it too")
     logs = [with_load] if without_load is None else [with_load, without_load]
-    posed = [_pose(model, log, terms, which) for log, which in zip(logs, LOGS, strict=False)]
+    posed, late = zip(*(_pose(model, log, terms, which) for log, which in zip(logs, LOGS, strict=False)), strict=True)
     fits = [fit_forces(one.cells, one.columns, one.errors, known=False) for one in posed]
     place = 10 * frame.body
     transport = transport_parameters(np.asarray(frame.T, dtype=float))
@@ -64,8 +68,8 @@ def identify_payload(
     halves = fit_loads([*_fit_halves(posed[0]), *fits[1:]], (0, 1, None)[: 1 + len(fits)], K, known)
     notes = [
         f"log {which}: {text}"
-        for one, fit, which in zip(posed, fits, LOGS, strict=False)
-        for text in [*force_warnings(one, "inverse_dynamics"), *_unexplained(one, fit)]
+        for one, said, fit, which in zip(posed, late, fits, LOGS, strict=False)
+        for text in [*force_warnings(one), *said, *_unexplained(one, fit)]
     ]
     _check_mass(found, known, mass, notes)
     changes = _half_notes(halves)
@@ -97,14 +101,21 @@ def identify_payload(
     )
 
 
-def _pose(robot: Engine, log: Motion, terms: tuple[DriveTerm, ...], which: str) -> IdentificationProblem:
+def _pose(
+    robot: Engine, log: Motion, terms: tuple[DriveTerm, ...], which: str
+) -> tuple[IdentificationProblem, list[str]]:
+    """The problem of a log without the delay of its forces, and what is said of it."""
     motion = check_motion(robot.mechanism, log)
     given = check_measurements(robot.mechanism, motion, None, None, None, None)
     if not given.forces.any():
         raise JounceError(f"all torques of the log {which} are 0; expected measured ones, N m or N at the joints")
-    every = np.ones(len(given.t), dtype=bool)
-    robot, terms, sought, [samples] = with_friction_laws(robot, [(motion, given)], terms, given_eps=False, known=False)
-    return pose_problem(robot, motion, terms, sought, given, every, samples, None, "inverse_dynamics")
+    log = MeasuredLog("", motion, given, np.ones(len(given.t), dtype=bool))
+
+    def pose(logs: Sequence[MeasuredLog]) -> list[IdentificationProblem]:
+        return pose_logs(robot, logs, terms, given_eps=False, known=False, band=None, method="inverse_dynamics")
+
+    [posed], _, [said] = pose_without_delays(pose, [log])
+    return posed, said
 
 
 def _fit_halves(posed: IdentificationProblem) -> list[Regression]:

@@ -18,7 +18,7 @@ iteration has not settled in MAX_REWEIGHTINGS, its last weights serve. Direction
 and the parameters in them infinite variances.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +26,8 @@ import numpy as np
 from jounce.identification.acceleration_errors import AccelerationErrors
 from jounce.identification.averaging import CellAverages
 from jounce.identification.noise_spectra import (
+    ONE_LOG,
+    Logs,
     band_means,
     gradient,
     gram,
@@ -117,7 +119,7 @@ def fit_forces(
     columns: np.ndarray,
     errors: AccelerationErrors | None,
     known: bool,
-    logs: Sequence[slice] = (slice(None),),
+    logs: Logs = ONE_LOG,
 ) -> Regression:
     """Fit corrections of the parameters of some columns (P,) to the forces of cells, each of one of the logs.
 
@@ -235,7 +237,7 @@ def _score(equations: Equations, fit: FittedCorrections) -> float:
     return float(density.mean() - rows.log_mass)
 
 
-def _estimate(equations: Equations, fit: FittedCorrections, logs: Sequence[slice]) -> Regression:
+def _estimate(equations: Equations, fit: FittedCorrections, logs: Logs) -> Regression:
     """The solution at a fit, with deviations by the spectra of the residuals and by what logs differ in."""
     rows, there = _whiten(equations, fit), equations.counts > 0
     information = gram(rows.Z, rows.Z)

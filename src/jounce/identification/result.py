@@ -42,8 +42,11 @@ class Identification(Generic[R]):
         logs the highest and the least.
     samples, cells : int
         The number of samples that were used, and of the cells, of all logs.
+    delay : float
+        By how much measured forces come after the positions, s, which is taken out of their times; of several logs the
+        largest.
     t : (N,)
-        Times of all measured forces, s; those of several logs follow each other.
+        Times of all measured forces without the delay, s; those of several logs follow each other.
     measured, model, predicted : (N, nv)
         Measured forces, NaN for those not measured, those of the model as it was, and those of the identified robot.
     notes : tuple of str
@@ -72,6 +75,7 @@ class Identification(Generic[R]):
     cell: float
     samples: int
     cells: int
+    delay: float
     t: np.ndarray
     measured: np.ndarray
     model: np.ndarray

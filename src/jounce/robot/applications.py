@@ -32,6 +32,7 @@ class Applications(Exports):
         prior: float = 0.3,
         method: Equations = "inverse_dynamics",
         test: int | str | Sequence[int | str] = (),
+        delay: float | None = None,
     ) -> "Identification[Self]":
         """Identify the inertial parameters and drive terms from motions and the forces measured along them.
 
@@ -76,6 +77,8 @@ class Applications(Exports):
             force, and that of the energy, one row for all forces, which must all be measured. Both sides are filtered.
         test : int, str or sequence of them, optional
             Motions that only test the result: places in the list, or names of the dict.
+        delay : float, optional
+            By how much forces come after the positions, s. By default it is found, and taken out if it is certain.
 
         Returns
         -------
@@ -90,7 +93,7 @@ class Applications(Exports):
         Warns
         -----
         JounceWarning
-            If the data do not determine some parameters, or forces seem to have the wrong sign or unit.
+            If the data do not determine some parameters, or forces are late or seem to have the wrong sign or unit.
 
         References
         ----------
@@ -113,7 +116,9 @@ class Applications(Exports):
         """
         from jounce.identification.estimation import identify
 
-        return identify(self, motion, forces, t, drives, eps, span, band, weights, deviations, prior, method, test)
+        return identify(
+            self, motion, forces, t, drives, eps, span, band, weights, deviations, prior, method, test, delay
+        )
 
     def payload(
         self,
@@ -174,6 +179,66 @@ class Applications(Exports):
         from jounce.identification.payload import identify_payload
 
         return identify_payload(self, with_load, without_load, body, drives, mass)
+
+    def identify_stiffness(
+        self,
+        links: "Motion",
+        motors: "Motion",
+        *,
+        gear: ArrayLike | Mapping[str, float] = 1.0,
+        rotor: ArrayLike | Mapping[str, float] | None = None,
+        delay: float | None = None,
+    ) -> "Identification[Self]":
+        """Identify the stiffness of elastic joints from a log of the positions of motors and links, and of torques.
+
+        Deflections ``theta / gear - q = tau / K + c + h sign(qd) + e qd`` are regressed on torques of the springs,
+        with a hysteresis h K, and encoders that are not at zero and apart by a time e. A delay of the torques is found
+        and taken out. Deviations follow from the spectrum of the residuals; they do not hold errors of the torques.
+
+        Parameters
+        ----------
+        links, motors : Motion
+            The log by the columns of its links, with torques that springs carry, and by those of its motors, as
+            `jounce.load_motion` reads them. At joints without measured torques those of the model serve.
+        gear : number, array or mapping, optional
+            Motor speed over joint speed, if positions of motors are not over gear ratios: for all joints or by name.
+        rotor : number, array or mapping, optional
+            Inertias of the rotors seen from the links, kg m^2 or kg, as of `elastic`; by default those of the robot.
+        delay : float, optional
+            By how much torques come after positions, s, as of `identify`.
+
+        Returns
+        -------
+        Identification
+            The robot with elastic joints, which keeps the stiffness of joints of which the log does not determine it;
+            a table of stiffnesses, hysteresis and delays of encoders. What is measured are deflections, rad or m.
+
+        Raises
+        ------
+        JounceError
+            If stiffnesses are negative or none is determined, gear ratios seem to be missing, all torques are 0, joints
+            have no rotor inertia, or springs that are not linear.
+
+        Warns
+        -----
+        JounceWarning
+            If a stiffness is not determined, torques or encoders are late, or deflections follow more than torques.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> from dataclasses import replace
+        >>> arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
+        >>> links = jounce.Motion.fourier([0.3, 0.2], [[0.5, 0.2], [0.1, 0.4]], [[0.1, 0.3], [0.5, 0.2]], 3.0, 8.0)
+        >>> motors = jounce.Motion.through(links.times, arm.motors_along(links).positions[0])
+        >>> links = replace(links, torques=(links.times, arm.forces_along(links, order=0).forces[0]))
+        >>> found = arm.identify_stiffness(links, motors)
+        >>> found.robot.elasticity.stiffness.round(3)
+        array([800., 600.])
+        """
+        from jounce.identification.stiffness import identify_stiffness
+
+        return identify_stiffness(self, links, motors, gear, rotor, delay)
 
     def excite(
         self,

@@ -1,0 +1,151 @@
+"""Delays between measured forces and positions: found by what equations leave, and taken out of the times of forces.
+
+Forces that pass another filter, another bus or another clock than positions are late: tau(t + d) = Y(t) p + n. Sought
+is d. Parameters p adapt to a delay, but cannot take the place of one.
+
+Algorithm: variable projection. For each delay of a coarse grid the forces are read at times as much later, averaged
+over the same cells, and what no p explains is compared. From the least, one Gauss-Newton step along the derivative of
+the residuals by the delay. Its deviation follows from the spectra of the residuals and from the halves of the log, as
+those of parameters do (see `noise_spectra`). A delay of several deviations is taken out, the problem is posed without
+it, since laws of friction were chosen with it, and the rest of the delay is sought again.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from jounce.core.errors import JounceError, quote_value
+from jounce.core.scalars import is_finite
+from jounce.identification.averaging import CellAverages, median_step, number_cells, weighted_means
+from jounce.identification.measured_logs import MeasuredLog
+from jounce.identification.measurements import Measurements
+from jounce.identification.noise_spectra import gradient, gram, leverages, log_scatter, noise_spectra, spectral_gram
+
+MAX_DELAY = 0.2  # s, beyond which forces and positions hardly come from one log
+MAX_DELAY_SHARE = 0.1  # of the time that is used: the ends, which are left out, are twice as much
+DELAY_COUNT = 81  # of the delays that are tried, 5 ms apart; odd, so that one of them is 0
+MIN_DELAY_DEVIATIONS = 4.0  # of a delay that is taken out: chance makes one of 16,000 logs that late
+MIN_DELAY_STEPS = 0.1  # of samples: stamps are hardly better
+MAX_DELAY_ROUNDS = 3  # each leaves a tenth of a delay at most
+MAX_MATCH_SHARE = 0.5  # of mean squares left by the best delay to usual ones: forces that follow no motion have no best
+DELAY_RANK_TOLERANCE = 1e-9  # of singular values to the largest: directions with less hold no data
+
+
+class PosedEquations(Protocol):
+    """Equations of forces, averaged over cells."""
+
+    @property
+    def samples(self) -> Measurements: ...  # noqa: D102
+    @property
+    def cells(self) -> CellAverages: ...  # noqa: D102
+    @property
+    def columns(self) -> np.ndarray: ...  # noqa: D102  those that are fitted
+    @property
+    def width(self) -> float: ...  # noqa: D102  of the cells, s
+
+
+P = TypeVar("P", bound=PosedEquations)
+
+
+def pose_without_delays(
+    pose: Callable[[Sequence[MeasuredLog]], list[P]],
+    logs: Sequence[MeasuredLog],
+    stated: float | None = None,
+    sought: bool = True,
+) -> tuple[list[P], list[float], list[list[str]]]:
+    """Pose the problem of each log with forces at times without their delay.
+
+    Returns also the delays in s, and what is said of them, by log. A stated delay is taken as it is; one that is left
+    then is named.
+    """
+    shortest = min(of.motion.duration for of in logs)
+    if stated is not None and not (is_finite(stated) and abs(stated) < shortest / 2):
+        expected = f"seconds by which forces come after positions, less than half of the motion's {shortest:.3g}"
+        raise JounceError(f"delay is {quote_value(stated)}; expected {expected}")
+    total, share = np.full(len(logs), float(stated or 0.0)), np.ones(len(logs))
+    notes: list[list[str]] = [[] for _ in logs]
+    posed = pose([of.earlier(d) for of, d in zip(logs, total.tolist(), strict=True)])
+    for _ in range(MAX_DELAY_ROUNDS if sought else 0):
+        before = total.copy()
+        for k, one in enumerate(posed):
+            fitted = replace(one.cells, Y=one.cells.Y[..., one.columns])
+            found = _find_delay(fitted, one.samples, one.width, 1.0 if notes[k] else MIN_DELAY_DEVIATIONS)
+            if found is None:
+                continue
+            late, deviation, left = found
+            if stated is not None:
+                notes[k] = [f"measured forces come {_describe(late, deviation)}, besides delay={stated:g}"]
+                continue
+            total[k], share[k] = total[k] + late, share[k] * left
+            effect = f"{np.sqrt(share[k]):.0%} of what is unexplained remains; delay=0 (--delay 0) leaves it in"
+            notes[k] = [f"measured forces come {_describe(total[k], deviation)}, which is taken out: {effect}"]
+        if (total == before).all():
+            break
+        posed = pose([of.earlier(d) for of, d in zip(logs, total.tolist(), strict=True)])
+    return posed, total.tolist(), notes
+
+
+def _describe(late: float, deviation: float) -> str:
+    return f"{1e3 * abs(late):.3g} +- {1e3 * deviation:.2g} ms {'after' if late > 0 else 'before'} the positions"
+
+
+def _find_delay(
+    cells: CellAverages, samples: Measurements, width: float, certain: float
+) -> tuple[float, float, float] | None:
+    """Return how late measured forces are in s, the deviation, and which share remains of the mean squares left.
+
+    None if a delay has fewer deviations than are certain, or is too short to matter. Early forces have a negative one.
+    """
+    t, place = samples.t, number_cells(samples.t, width)
+    longest = min(MAX_DELAY, MAX_DELAY_SHARE * (t[-1] - t[0]))
+    centres = weighted_means(t[:, None], np.ones((len(t), 1)), place)[0]
+    kept = (cells.counts > 0) & (centres > t[0] + longest) & (centres < t[-1] - longest)
+    if longest <= 0 or np.count_nonzero(kept) <= 2 * cells.Y.shape[-1]:
+        return None
+    delays = np.linspace(-longest, longest, DELAY_COUNT)
+    late = np.stack([_delayed_averages(samples, place, delay) for delay in delays], axis=-1)
+    off = (late - cells.model[..., None]) * kept[..., None]
+    weights = np.sqrt(cells.counts) * kept
+    for _ in range(2):  # forces of all sizes alike at first, then as exact as they are found to be
+        Z = _orthonormal(cells.Y * weights[..., None])
+        left = off * weights[..., None]
+        left = left - Z @ gram(Z, left)
+        total = (left**2).sum(axis=(0, 1))
+        best = int(total[1:-1].argmin()) + 1
+        means = (left[..., best] ** 2).sum(axis=0) / np.maximum(kept.sum(axis=0), 1)
+        if not (means[kept.any(axis=0)] > 0).all():
+            return None  # exactly explained
+        weights = weights / np.sqrt(np.where(means > 0, means, 1.0))
+    # the Gauss-Newton step from the best of these delays, and its deviation
+    slope = (left[..., best + 1] - left[..., best - 1]) / (delays[2] - delays[0])
+    if not (size := float(np.linalg.norm(slope))) > 0:
+        return None  # constant forces
+    z = slope[..., None] / size
+    step = float(-gradient(z, left[..., best])[0] / size)
+    rest = left[..., best] + step * slope
+    spectra = noise_spectra(leverages(np.concatenate([Z, z], axis=-1)), rest, np.zeros(rest.shape[1]))
+    halves = max(1.0, float(log_scatter(z, rest, spectra)[0]))
+    deviation = float(np.sqrt(halves * spectral_gram(z, spectra)[0, 0])) / size
+    delay = float(delays[best]) + step
+    follows = total[best] < MAX_MATCH_SHARE * np.median(total)
+    if not follows or abs(delay) < max(certain * deviation, MIN_DELAY_STEPS * median_step(t)):
+        return None
+    return delay, deviation, float((rest**2).sum() / total[DELAY_COUNT // 2])
+
+
+def _delayed_averages(samples: Measurements, place: np.ndarray, delay: float) -> np.ndarray:
+    """The averages over cells of forces (N, nv) at times that are later by a delay."""
+    read = np.zeros_like(samples.forces)
+    for j in np.flatnonzero((samples.weights > 0).any(axis=0)):
+        there = samples.weights[:, j] > 0
+        read[:, j] = np.interp(samples.t + delay, samples.t[there], samples.forces[there, j])
+    return weighted_means(read, samples.weights, place)[0]
+
+
+def _orthonormal(rows: np.ndarray) -> np.ndarray:
+    """Orthonormal columns (C, nv, r) that span those of rows (C, nv, P)."""
+    A = rows.reshape(-1, rows.shape[-1])
+    U, sizes, _ = np.linalg.svd(A / np.maximum(np.linalg.norm(A, axis=0), 1e-300), full_matrices=False)
+    return np.asarray(U[:, sizes > DELAY_RANK_TOLERANCE * sizes[0]].reshape(*rows.shape[:2], -1))

@@ -1,0 +1,79 @@
+"""`jounce stiffness`: from a log of motors and links to a robot file with springs."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import jounce
+from jounce.cli import main
+
+NAMES = ("joint1", "joint2")
+
+
+def call(*words, code=0):
+    result = CliRunner().invoke(main, [str(word) for word in words])
+    assert result.exit_code == code, result.output
+    return result
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    """A log with rotor angles of the second joint in front of a gear, and a row without a position."""
+    arm = jounce.load("planar2r").elastic([800, 600], rotor=0.1)
+    motion = jounce.Motion.fourier([0.3, 0.2], [[0.5, 0.2], [0.1, 0.4]], [[0.1, 0.3], [0.5, 0.2]], 2.5, 6.0)
+    t, rng = np.arange(0, 6, 0.004), np.random.default_rng(0)
+    along = arm.forces_along(motion, t, order=0)
+    q, theta = (
+        x + 1e-5 * rng.normal(size=x.shape) for x in (along.rates[0], along.rates[0] + along.forces[0] / [800, 600])
+    )
+    path = tmp_path_factory.mktemp("log") / "log.csv"
+    theta[700, 0] = np.nan
+    columns = np.column_stack([t, q, theta * [1, 30], along.forces[0]])
+    header = ",".join(["t", *NAMES, *(f"theta_{name}" for name in NAMES), *(f"tau_{name}" for name in NAMES)])
+    np.savetxt(path, columns, delimiter=",", header=header, comments="")
+    return path
+
+
+def test_springs_and_the_robot_with_them(log, tmp_path):
+    out = tmp_path / "elastic.yaml"
+    words = ("planar2r", log, "--gear", "joint2=30", "--rotor", 0.2, "--on-error", "skip", "-o", out)
+    said = json.loads(call("stiffness", *words, "--json").stdout)
+    assert [row["value"] for row in said["parameters"][::3]] == pytest.approx([800, 600], rel=1e-3)
+    assert said["parameters"][0]["model"] is None, "rigid"
+    assert (said["delay"], said["robot"], said["output"]) == (0.0, "planar2r", str(out))
+    assert any("1 of 1500 rows left out" in note for note in said["notes"])
+    text = call("stiffness", *words).stdout
+    for part in ("joint1 stiffness", "N m/rad", "joint2 encoder delay", f"robot written to {out}"):
+        assert part in text
+    assert "other columns" not in text
+    robot = jounce.load(out)
+    assert robot.elasticity.stiffness == pytest.approx([800, 600], rel=1e-3)
+    assert robot.elasticity.rotor == pytest.approx([0.2, 0.2])
+    (tmp_path / "swing.yaml").write_text(
+        "time: {start: 0, stop: 1, count: 11}\njoints: {joint1: {offset: 0.1}, joint2: {offset: 0.2}}\n"
+    )
+    motors = json.loads(call("motors", out, tmp_path / "swing.yaml", "-o", tmp_path / "m.csv", "--json").stdout)
+    assert motors["states"] == 11
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--gear", "joint2=30", "--rotor", "0.1"), "column 'theta_joint1' holds 'nan'"),
+        (
+            ("--rotor", "0.1", "--angles", "rad", "--on-error", "skip"),
+            "gear ratios (--gear [JOINT=]N, gear=), which are",
+        ),
+        (("--gear", "joint2=30", "--on-error", "skip"), "(--rotor) states it, in kg m^2"),
+        (("--motors", "motor{number}", "--rotor", "0.1"), "--columns 'motor{number}': no column 'motor1'"),
+        (("--gear", "two"), "--gear 'two'; expected a number, or JOINT=NUMBER"),
+        (("-o", "x.urdf"), "unknown type of robot file"),
+    ],
+)
+def test_refuses(log, tmp_path, monkeypatch, words, message):
+    monkeypatch.chdir(tmp_path)
+    said = call("stiffness", "planar2r", log, "-o", "x.yaml", *words, code=2).stderr
+    assert message in said
+    assert said.count("\n") == 1

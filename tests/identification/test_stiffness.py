@@ -1,0 +1,175 @@
+"""Stiffness: springs within their deviations, delays, hysteresis, and logs that are not what they should be."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import jounce
+from support.files import refusal
+
+T = np.arange(0, 8, 0.004)
+K = np.array([800.0, 600.0])
+ARM = jounce.load("planar2r").elastic(K, rotor=0.1)
+RIGID = jounce.load("planar2r")
+MOTION = jounce.Motion.fourier([0.3, 0.2], [[0.5, 0.2], [0.1, 0.4]], [[0.1, 0.3], [0.5, 0.2]], 2.5, 8.0)
+(Q_LINK, QD, Q2D), (Q,) = (lambda along: (along.rates, along.forces))(ARM.forces_along(MOTION, T, order=0))
+DELTA = Q / K
+QUIET = pytest.mark.filterwarnings("ignore::jounce.JounceWarning")  # what notes hold
+OFF = np.array([0.3, -0.1])
+
+
+def log(deflection=DELTA, tau=Q, q=Q_LINK, gear=1.0, noise=0.0, seed=0):
+    """The motions of links and motors, by their samples; the rates of links are exact."""
+    rng = np.random.default_rng(seed)
+    measured, theta = q + noise * rng.normal(size=q.shape), gear * (q + deflection + noise * rng.normal(size=q.shape))
+    links = replace(MOTION, samples=(T, measured), torques=None if tau is None else (T, tau))
+    return links, replace(MOTION, samples=(T, theta), torques=None)
+
+
+def late(values, delay):
+    return np.stack([np.interp(T - delay, T, x, np.nan, np.nan) for x in values.T], axis=1)
+
+
+def numbers(found, kind):
+    return np.array([row.value for row in found.table if row.name.endswith(kind)])
+
+
+def test_exact_positions_give_the_stiffness():
+    """Whether the robot has springs already or not; offsets of encoders do not matter."""
+    for robot, own in ((ARM, K), (RIGID, np.inf)):
+        found = robot.identify_stiffness(*log(DELTA + OFF), rotor=0.2)
+        assert numbers(found, "stiffness") == pytest.approx(K)
+        assert found.robot.elasticity.stiffness == pytest.approx(K)
+        assert found.robot.elasticity.rotor == pytest.approx(0.2)
+        assert (found.delay, found.notes, found.rank) == (0.0, (), 6)
+        assert [row.model for row in found.table[::3]] == pytest.approx(np.broadcast_to(own, 2))
+        assert found.predicted == pytest.approx(DELTA + OFF)
+        motors = found.robot.motor_torques(*np.full((5, 2), 0.1))
+        assert motors == pytest.approx(RIGID.elastic(K, rotor=0.2).motor_torques(*np.full((5, 2), 0.1)))
+
+
+def test_errors_are_as_large_as_their_deviations():
+    over = []
+    for seed in range(16):
+        found = ARM.identify_stiffness(*log(noise=1e-4, seed=seed))
+        over += [(row.value - k) / row.deviation for row, k in zip(found.table[::3], K, strict=True)]
+        assert 1e-5 < found.table[0].deviation / K[0] < 1e-3
+        assert found.notes == ()
+    assert 0.75 < np.sqrt(np.mean(np.square(over))) < 1.25
+
+
+def test_noise_of_torques_is_in_the_deviation():
+    """It makes K too large by its share of their power, ripple that averages leave: 4 % here."""
+    ripple = 0.2 * Q.std(axis=0) * np.sqrt(2) * np.sin(12 * T)[:, None]
+    for row, k in zip(ARM.identify_stiffness(*log(tau=Q + ripple)).table[::3], K, strict=True):
+        assert 0.01 < row.value / k - 1 < 0.06
+        assert abs(row.value - k) < 2 * row.deviation < 0.3 * k
+
+
+def test_hysteresis_and_encoders_that_are_apart():
+    found = ARM.identify_stiffness(*log(DELTA + 3.0 / K * np.sign(QD) - 0.0015 * QD, noise=1e-5))
+    assert numbers(found, "stiffness") == pytest.approx(K, rel=2e-3)
+    assert numbers(found, "hysteresis") == pytest.approx([3.0, 3.0], rel=5e-3)
+    assert numbers(found, "encoder delay") == pytest.approx([0.0015, 0.0015], rel=0.02)
+
+
+@QUIET
+@pytest.mark.parametrize("delay", [0.0007, 0.005, 0.06, -0.013])
+def test_late_torques_are_put_in_time(delay):
+    found = ARM.identify_stiffness(*log(tau=late(Q, delay), noise=2e-5))
+    assert found.delay == pytest.approx(delay, abs=3e-4)
+    assert numbers(found, "stiffness") == pytest.approx(K, rel=1e-3)
+    assert re.match(r"measured forces come .* ms (after|before) the positions, which is taken out: ", found.notes[0])
+    kept = ARM.identify_stiffness(*log(tau=late(Q, delay), noise=2e-5), delay=delay)
+    assert (kept.delay, kept.notes) == (delay, ())
+
+
+def test_missing_samples_do_not_count():
+    """Torques that are NaN for a while, at which others would spoil the fit."""
+    tau = Q.copy()
+    tau[300:700, 0] = np.nan
+    found = ARM.identify_stiffness(*log(np.where(np.isnan(tau), 1.0, DELTA), tau))
+    assert numbers(found, "stiffness") == pytest.approx(K)
+    assert np.isnan(found.measured[500, 0])
+
+
+@QUIET
+def test_torques_of_the_model_serve_where_none_are_measured():
+    some = np.stack([Q[:, 0], np.full(len(T), np.nan)], axis=1)
+    for tau, names in ((None, "joint1, joint2"), (some, "joint2")):
+        found = ARM.identify_stiffness(*log(tau=tau, noise=1e-5))
+        assert numbers(found, "stiffness") == pytest.approx(K, rel=1e-3)
+        assert found.notes == (f"torques of {names} are not measured: the model's serve, as wrong as its masses are",)
+
+
+@QUIET
+@pytest.mark.parametrize("what", ["constant torque", "deflection of noise", "no deflection", "another motion"])
+def test_a_stiffness_that_the_log_does_not_determine_is_no_number(what):
+    deflection, tau = DELTA.copy(), Q.copy()
+    if what == "constant torque":
+        tau[:, 1] = 5.0
+    else:
+        deflection[:, 1] = 0.05 * np.sin(1.7 * T) * (what == "another motion")
+    found = RIGID.identify_stiffness(*log(deflection, tau, noise=1e-4 * (what != "no deflection")), rotor=0.1)
+    row = found.table[3]
+    assert (row.name, row.seen, row.deviation) == ("joint2 stiffness", False, np.inf)
+    assert np.isnan(row.value)
+    assert any("does not determine the stiffness of joint2; expected" in note for note in found.notes)
+    assert found.robot.elasticity.stiffness[1] == np.inf
+    assert ARM.identify_stiffness(*log(deflection, tau)).robot.elasticity.stiffness[1] == 600.0
+
+
+@pytest.mark.parametrize(
+    ("given", "options", "message"),
+    [
+        ({"deflection": -DELTA}, {}, "joint1, joint2 is negative; expected motors in the columns of motors"),
+        ({"tau": -Q}, {}, "is negative; forces of all joints seem to have the wrong sign"),
+        ({"tau": 0 * Q}, {}, "all torques of the log are 0; expected measured ones"),
+        ({"tau": np.ones_like(Q)}, {}, "the log determines the stiffness of no joint; expected torques that vary"),
+        ({"deflection": np.full_like(Q, 0.1)}, {}, "the log determines the stiffness of no joint"),
+        (
+            {"gear": 100.0},
+            {},
+            r"gear ratios \(--gear \[JOINT=\]N, gear=\), which are about 8\S+ of joint1, 9\S+ of joint2$",
+        ),
+        ({"gear": -50.0}, {}, r"about -4\S+ of joint1, -4"),
+        ({}, {"gear": 0.0}, "gear is [0.0, 0.0]; expected speeds of motors"),
+        ({}, {"gear": {"joint9": 2.0}}, "unknown joint 'joint9'"),
+        ({}, {"delay": "late"}, "delay is 'late'; expected seconds"),
+    ],
+)
+@QUIET
+def test_refuses(given, options, message):
+    said = refusal(lambda: ARM.identify_stiffness(*log(**given), **options))
+    assert message in said or re.search(message, said), said
+
+
+def test_refuses_robots_and_logs_that_do_not_fit():
+    short = [replace(motion, samples=(T[:10], motion.samples[1][:10])) for motion in log()]
+    assert "motors and links share 10 times; expected 16" in refusal(lambda: ARM.identify_stiffness(*short))
+    assert "has no armature" in refusal(lambda: RIGID.identify_stiffness(*log()))
+    damped = RIGID.elastic(K, rotor=0.1, damping=1.0)
+    assert "springs that are not linear, or have dampers" in refusal(lambda: damped.identify_stiffness(*log()))
+
+
+@QUIET
+def test_gears_stand_between_motors_and_links():
+    found = ARM.identify_stiffness(*log(gear=np.array([100.0, -50.0])), gear={"joint1": 100.0, "joint2": -50.0})
+    assert numbers(found, "stiffness") == pytest.approx(K)
+
+
+@QUIET
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"tau": Q / 100}, "forces of all joints seem to have the wrong unit: they are 0.01 times those of the model"),
+        ({"gear": 1.01}, "deflections of joint1, joint2 move with their links; expected exact gear ratios"),
+        ({"tau": Q + 0.6 * Q2D}, "deflections of joint1, joint2 follow accelerations; expected torques of the springs"),
+        ({"deflection": DELTA + 20 * DELTA**3}, "deflections of joint1, joint2 follow the cube of torques"),
+    ],
+)
+def test_what_is_suspicious_is_named(given, message):
+    found = ARM.identify_stiffness(*log(**given, noise=1e-5))
+    assert any(note.startswith(message) for note in found.notes), found.notes
