@@ -1,30 +1,28 @@
 """Second partial derivatives of the generalized forces, from the bodies that the outermost of three joints carries.
 
-Of three joints on one branch, let o be the outermost, and S_j, Y_j = S_j', Z_j, T_j = Y_j + S_j' the screws of a joint j
-on the way to it as `force_partials` has them: how they move with a displacement, their acceleration A, and what their
-velocity adds to the acceleration. All are seen from o. With the inertia I of the bodies that o carries and their
-momentum p, ``B x = I' x + x x p``, and
+Derivatives differ from 0 where the joints of the force and of both coordinates are on one branch. Let o be the
+outermost of them. Seen from o, let S be the screws of the joints on the way to it; Y and Z be S' and A of
+`force_partials`, how the screws move and accelerate as they are displaced; T be Y and the rate of S, 2 Y of joints of
+one screw. With the inertia M of the bodies that o carries, their momentum p and force F, and with [h] x = x x h,
 
-    P = S_o x I - I S_o x,    L = P + [I S_o],    R = S_o x B - B S_o x + (Y_o x I - I Y_o x + [I Y_o]),
+    B = M' + [p],   P = S_o x M - M S_o x,   L = P + [M S_o],   R = S_o x B - B S_o x + Y_o x M - M Y_o x + [M Y_o]:
 
-the changes of I and of B with the velocity of o and with its displacement, and ``[h] x = x x h``, the derivatives of
-the force of joint i by coordinates j and k, where j is k or carries it, are for k = o beyond i
+P is the change of M by a displacement of o, L and R are those of B by its velocity and by a displacement. Where k is o,
+beyond i, and j carries k or is k, turning everything beyond a joint gives
 
-    d2Q_i/dq_j dq_k   = S_i . (P Z_j + R Y_j + (S_j x (I Z_o + B Y_o + S_o x F) if j is beyond i)),
-    d2Q_i/dq_j dqd_k  = S_i . (L Y_j + (S_j x (I T_o + B S_o) if j is beyond i)),
+    d2Q_i/dq_j dq_k   = S_i . (P Z_j + R Y_j + (S_j x (M Z_o + B Y_o + S_o x F) where j is beyond i)),
+    d2Q_i/dq_j dqd_k  = S_i . (L Y_j + (S_j x (M T_o + B S_o) where j is beyond i)),
     d2Q_i/dqd_j dq_k  = S_i . (P T_j + R S_j),      d2Q_i/dqd_j dqd_k  = S_i . L S_j,
-    d2Q_i/dq_j dq2d_k = S_i . (S_j x I S_o if j is beyond i),    d2Q_i/dq2d_j dq_k = S_i . P S_j,
+    d2Q_i/dq2d_j dq_k = S_i . P S_j,                d2Q_i/dq_j dq2d_k = S_i . (S_j x M S_o where j is beyond i),
 
-and for i = o their likes by I S_o, B^T S_o. They are the derivatives of K and D by rotating everything beyond a joint.
-Displacements by screws of one joint do not commute, of which the first taken is the first index.
+and where i = o their likes of M S_o and B^T S_o. Displacements by screws of one joint do not commute: the derivative by
+the first index is taken first.
 
-[1] S. Singh, R. P. Russell, P. M. Wensing, On second-order derivatives of rigid-body dynamics: theory and
-implementation, arXiv:2302.06001, whose Psi', Psi'' are Y, Z.
+S. Singh, R. P. Russell, P. M. Wensing, "On Second-Order Derivatives of Rigid-Body Dynamics: Theory & Implementation",
+arXiv:2302.06001: Y and Z are its first and second rates of Psi.
 """
 
 from collections.abc import Sequence
-from functools import reduce
-from operator import add
 
 import numpy as np
 
@@ -83,12 +81,12 @@ def _blocks(
 
     The two other indices are rows and columns, which run over the screws in `columns`, of joints in `order`.
     """
-    (S, Y, Z, T), I = columns, from_moment_matrix(on.Pi[0])
+    (S, Y, Z, T), M = columns, from_moment_matrix(on.Pi[0])
     B = from_moment_matrix(x.Pi_rate[0]) + _bracket(on.p[0])
     S_o, Y_o, T_o, ad_S = *(a[..., -len(joint.ad_X) + s, None] for a in (S, Y, T)), joint.ad_X[s]
     p, r, z = (a[0][..., s, None] for a in (x.momentum, x.reaction, x.change))
-    P, p_x, r_x, y_x, z_x = _turn(ad_S, I), *map(_bracket, (p, r, I @ T_o + B @ S_o, z))
-    L, R = P + p_x, _turn(ad_S, B) + _turn(ad(Y_o[..., 0]), I) + _bracket(I @ Y_o)
+    P, p_x, r_x, y_x, z_x = _turn(ad_S, M), *map(_bracket, (p, r, M @ T_o + B @ S_o, z))
+    L, R = P + p_x, _turn(ad_S, B) + _turn(ad(Y_o[..., 0]), M) + _bracket(M @ Y_o)
     inner, same, before = order < order[-1], order[:, None] == order, order[:, None] < order
     rows, both = inner[:, None], inner[:, None] & inner
     # The outermost is the force: bilinear forms of what displaces or moves the two others.
@@ -99,15 +97,15 @@ def _blocks(
     force = [_choose(before, qq, qq.mT), qqd, qdqd, (SpS * before).mT]
     # The outermost is a coordinate: wrenches on what it carries, on the screws of the force.
     by_q = (S.mT @ (P @ Z + R @ Y) + (S.mT @ z_x @ S) * before) * rows
-    by_qd = (SLS + (S.mT @ I @ ad_S @ S) * ~inner) * rows
+    by_qd = (SLS + (S.mT @ M @ ad_S @ S) * ~inner) * rows
     first = [by_q, (S.mT @ (P @ T + R @ S)) * both, by_qd, SPS * both]
     second = [by_q * both, (S.mT @ L @ Y + (S.mT @ y_x @ S) * before) * rows, by_qd * both, SpS * before * rows]
     return [*force, *first, *second]
 
 
-def _turn(x: Array, I: Array) -> Array:
-    """x x I - I x x: the rate of a form I of twists that moves with a twist, of which x is the ad."""
-    return -(x.mT @ I + I @ x)
+def _turn(x: Array, M: Array) -> Array:
+    """x x M - M x x: the rate of a form M of twists that moves with a twist, of which x is the ad."""
+    return -(x.mT @ M + M @ x)
 
 
 def _bracket(h: Array) -> Array:
