@@ -73,18 +73,13 @@ def acceleration_partials(P: Array) -> tuple[Array, Array, Array]:
     return solution[..., :n], solution[..., n : 2 * n], mirror_triangle(solution[..., 2 * n :])
 
 
-def second_acceleration_partials(P: Array, second: Sequence[Array]) -> tuple[Array, ...]:
-    """The derivatives of q2d by (q, q), (q, qd), (qd, qd) and (q, Q), (..., nv, nv, nv) each, from those of forces.
-
-    The last of the latter is dM/dq, of which ``dM/dq da/dw`` is a product of the last axis.
-    """
-    dq, dqd, Minv = acceleration_partials(P)
-    qq, qqd, qdqd, by_q = second
+def second_acceleration_partials(first: Sequence[Array], of_forces: Sequence[Array]) -> tuple[Array, ...]:
+    """The derivatives of q2d by (q, q), (q, qd), (qd, qd), (q, Q), (..., nv, nv, nv) each, from its `first` ones."""
+    (dq, dqd, Minv), (qq, qqd, qdqd, by_q) = first, of_forces
 
     def along(da: Array) -> Array:  # dM/dq_j da/dw_k
         return by_q @ da[..., None, :, :]
 
     sums = qq + along(dq) + along(dq).mT, qqd + along(dqd), qdqd, along(Minv)
     n = Minv.shape[-1]
-    flat = ((-Minv @ x.reshape((*x.shape[:-3], n, n * n))).reshape(x.shape) for x in sums)
-    return tuple(flat)
+    return tuple((-Minv @ x.reshape((*x.shape[:-3], n, n * n))).reshape(x.shape) for x in sums)

@@ -212,7 +212,8 @@ class Partials:
         moving = accelerated(m, x, "recursion")
         of_forces = Partials.inverse_dynamics_second_partials.law("recursion", m)(m, moving)
         P = Partials.inverse_dynamics_partials.law("recursion", m)(m, moving)
-        return Series.of(partials.second_acceleration_partials(P[0], of_forces.upto(3)))
+        first = partials.acceleration_partials(P[0])
+        return Series.of(partials.second_acceleration_partials(first, of_forces.upto(3)))
 
 
 def accelerated(m: Mechanism, x: State, method: str) -> State:
