@@ -271,10 +271,11 @@ class DerivativeProducts(ABC, Generic[Results]):
         asked = replace(self.computation, product=name)
         if refusal := memory_layout.obstacle(asked, self.mechanism):
             raise JounceError(f"{name} of {self!r}: native code {refusal}; choose a lower order")
+        cure = ", or hvp computes its columns" if name == "hessian" else ""
         try:
             return self._compile(asked, memory_layout.MAX_COMPILE_SECONDS)
         except memory_layout.LongCompilationError:
             raise JounceError(
                 f"{name} of {self!r} takes longer than {memory_layout.MAX_COMPILE_SECONDS:g} s to compile;"
-                f" robot.compile({', '.join(asked.keywords())}) compiles it once"
+                f" robot.compile({', '.join(asked.keywords())}) compiles it once{cure}"
             ) from None
