@@ -2,15 +2,16 @@
 
 import re
 from collections.abc import Sequence
+from math import prod
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jounce.arguments import requests
-from jounce.core.errors import JounceError, join_names, optional_import, warn
+from jounce.core.errors import JounceError, check_bool, join_names, optional_import, quote_value, warn
 from jounce.core.scalars import asarray
 from jounce.core.typing import Frame
-from jounce.dynamics.computation import Computation
+from jounce.dynamics.computation import Computation, Shape
 from jounce.dynamics.quantities.names import QuantityName
 from jounce.engine.engine import Engine
 from jounce.model.mechanism import Mechanism
@@ -29,6 +30,8 @@ def casadi_function(
     frame: Frame,
     parameters: Sequence[str],
     moving_base: bool,
+    native: bool,
+    points: int,
 ) -> "casadi.Function":
     """A quantity and its rates as a `casadi.Function`, see `Robot.casadi_function`."""
     with optional_import("casadi_function() needs CasADi", "casadi"):
@@ -41,6 +44,14 @@ def casadi_function(
         robot.mechanism, quantity, order, wrench, body, frame, moving_base=moving_base
     )
     _check_axes(computation, robot.mechanism)
+    if isinstance(points, bool) or not isinstance(points, int | np.integer) or points < 1:
+        raise JounceError(f"points is {quote_value(points)}; expected how many states a call takes, 1 or more")
+    if check_bool("native", native, "whether native code computes the function"):
+        if parameters:
+            raise JounceError("native=True takes no parameters, which native code holds as numbers; native=False does")
+        from jounce._codegen.casadi.point_kernels import native_function
+
+        return native_function(robot.mechanism, computation, int(points))
     shapes = {name: value.shape for name, value in own_values(robot.mechanism, parameters).items()}
     signature = computation.signature(robot.mechanism, shapes)
     ports = sorted(signature.inputs, key=lambda port: port.role == "parameter")  # the state first, as in other calls
@@ -55,18 +66,24 @@ def casadi_function(
     idle = [name for name in shapes if not casadi.depends_on(all_results, inputs[name])]
     if idle:
         warn(f"parameters without effect on {quantity}: {join_names(idle)}")
-    return casadi.Function(_name(computation), list(inputs.values()), results, list(inputs), names)
+    function = casadi.Function(function_name(computation), list(inputs.values()), results, list(inputs), names)
+    return function if points == 1 else function.map(int(points))
+
+
+def matrix_shape(shape: Shape) -> Shape:
+    """The rows and columns of an array: one column of a vector, several matrices one below the other."""
+    return (prod(shape[:-1]), shape[-1]) if shape[2:] else (*shape, 1, 1)[:2]
 
 
 def _matrix(array: np.ndarray) -> "casadi.SX":
     """The CasADi matrix of an object array: a column of a vector, 1 x 1 of a scalar, several matrices in one column."""
     import casadi
 
-    rows = array.reshape((-1, array.shape[-1]) if array.ndim > 2 else (*array.shape, 1, 1)[:2])
+    rows = array.reshape(matrix_shape(array.shape))
     return casadi.SX(casadi.vertcat(*(casadi.horzcat(*row) for row in rows)))
 
 
-def _name(computation: Computation) -> str:
+def function_name(computation: Computation) -> str:
     """The quantity with its body and frame as CasADi takes a name: letters and digits, single underscores between."""
     place = [computation.body or "", computation.frame if computation.quantity.frames else ""]
     return "_".join(re.findall("[A-Za-z0-9]+", "_".join([computation.name, *place])))
