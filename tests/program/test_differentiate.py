@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import jounce
 from jounce.dynamics.computation import Computation
 from jounce.native import code_forms
-from jounce.program.differentiate import adjoints, evaluate, jvp, tangents, vjp
+from jounce.program.differentiate import FreeInputs, adjoints, evaluate, jvp, tangents, vjp
 from jounce.program.operations import OPERATIONS
 from jounce.program.passes import factor, fuse
 from jounce.program.program import Program, Step
@@ -72,8 +72,8 @@ def test_parameters_have_no_derivative():
     tape = Tape()
     x, y, z = tape.variables(3)
     program = tape.program([x * y * z, x])
-    assert vjp(program, 1).run([2, 3, 5, 1, 1]) == [10, 6]
-    assert jvp(program, 1).run([2, 3, 5, 1, 1]) == [16, 0]
+    assert vjp(program, FreeInputs(1)).run([2, 3, 5, 1, 1]) == [10, 6]
+    assert jvp(program, FreeInputs(1)).run([2, 3, 5, 1, 1]) == [16, 0]
 
 
 def test_zero_weights_and_directions_write_no_step():

@@ -17,15 +17,21 @@ from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import multiscrew_joints, position_count, position_rate_map
 from jounce.spatial.inertia import INERTIAL_PARAMETERS
-from jounce.spatial.lie import cowedge, pose, position, rotation, wedge
+from jounce.spatial.lie import ad, cowedge, pose, position, rotation, wedge
 from jounce.spatial.series import Series, column_series, rate_name, wrench_columns
 
 Shape = tuple[int, ...]
 DEPENDENT_INPUT = "q_dependent"  # the name of the dependent coordinates of a closed robot
-DERIVATIVE_PRODUCTS = {
+FIRST_PRODUCTS = {
     "vjp": "vector-Jacobian products",
     "jvp": "Jacobian-vector products",
 }  # of the derivatives by all inputs
+SECOND_PRODUCTS = {
+    "hvp": "derivatives of vector-Jacobian products along a direction",
+    "jjvp": "derivatives of Jacobian-vector products along a second direction",
+    "hessian": "Hessians of weighted sums of the results",
+}
+DERIVATIVE_PRODUCTS = FIRST_PRODUCTS | SECOND_PRODUCTS
 
 
 @dataclass(frozen=True)
@@ -255,20 +261,43 @@ def displacement(m: Mechanism, port: Port, x: Array, dx: Array) -> Array:
     return (N.mT @ dx[..., None])[..., 0] / (N * N).sum(axis=-2)
 
 
+def commutator(m: Mechanism, port: Port, d: Array) -> Array:
+    """A, (..., k, k): displacements of an input by d and by another one, e, do not commute, but for A e.
+
+    ``x(d + e) = x(d)(e) = x(e)(d + A e)`` up to higher orders: [d, e] of twists. Zero where displacements are sums.
+    """
+    if port.is_pose:
+        return ad(d)
+    total = d[..., None] * np.zeros(port.displacement, dtype=int)
+    for joint in multiscrew_joints(m).values() if port.directions else ():
+        own = np.eye(m.n, dtype=int)[:, joint.coordinates]
+        twist = (joint.group.X @ (own.T @ d[..., None]))[..., 0]
+        total = total + own @ (joint.group.X.T @ ad(twist) @ joint.group.X) @ own.T
+    return total
+
+
 def base_name(k: int) -> str:
     """The name of a term of the motion of the base: its pose, its twist and the rates of it."""
     return rate_name("base_twist", k - 1) if k else "base_pose"
 
 
 def _product_ports(product: str, inputs: list[Port], results: list[Port]) -> tuple[list[Port], list[Port]]:
-    """The ports of a product: weights wQ, ... of the results and gradients gq, ..., or tangents dq, ... and dQ, ..."""
+    """The ports of a product: weights wQ, ... and gradients gq, ..., directions dq, ... and tangents dQ, ..."""
     given = [replace(port, shape=port.displacement, directions=0) for port in inputs if port.is_free]
-    if product == "vjp":  # the gradient by any input contains all results
-        weights = [replace(port, name=f"w{port.name}", role="weight") for port in results]
-        gradients = [replace(port, name=f"g{port.name}", role="result") for port in given]
-        return [replace(port, first_order=0) for port in inputs] + weights, gradients
     directions = [replace(port, name=f"d{port.name}") for port in given]
-    return inputs + directions, [replace(port, name=f"d{port.name}") for port in results]
+    if product == "jvp":
+        return inputs + directions, [replace(port, name=f"d{port.name}") for port in results]
+    if product == "jjvp":
+        others = [replace(port, name=f"e{port.name}") for port in given]
+        return inputs + directions + others, [replace(port, name=f"de{port.name}") for port in results]
+    inputs = inputs + [replace(port, name=f"w{port.name}", role="weight") for port in results]
+    letter, size = "g" if product == "vjp" else "h", sum(port.size for port in given)
+    outputs = [replace(port, name=f"{letter}{port.name}", role="result") for port in given]
+    if product == "hvp":
+        inputs += directions
+    elif product == "hessian":
+        outputs = [Port("hessian", (size, size), "result")]
+    return [replace(port, first_order=0) for port in inputs], outputs  # by any input, they contain all results
 
 
 def number_scalars(ports: Sequence[Port]) -> tuple[Port, ...]:

@@ -1,6 +1,6 @@
 """Arguments of kernels: what does not fit is refused in words, and those of products are put in a row."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -73,14 +73,17 @@ def check_bound_arrays(
     return batch
 
 
-def collect_product_arrays(caller: str, values: Signature, product: Signature, arrays: Any, others: Any) -> list[Any]:
-    """Return the arrays of a state, then its weights or directions, checked, zeros in place of None."""
-    rest = product.inputs[len(values.inputs) :]
-    if len(rest) == 1 and type(others) not in (tuple, list):
-        others = (others,)
-    state = _check_tuple(caller, "arrays", values.inputs, arrays)
-    given = _check_tuple(caller, "weights" if rest[0].role == "weight" else "directions", rest, others)
-    return [*state, *(np.zeros(port.shape) if x is None else x for port, x in zip(rest, given, strict=True))]
+def collect_product_arrays(
+    caller: str, values: Signature, product: Signature, arrays: Any, others: Mapping[str, Any]
+) -> list[Any]:
+    """Return the arrays of a state, then its "weights", "directions" or both, checked, zeros in place of None."""
+    found, start = [*_check_tuple(caller, "arrays", values.inputs, arrays)], len(values.inputs)
+    for what, given in others.items():
+        of_role = [port for port in product.inputs[start:] if (port.role == "weight") == (what == "weights")]
+        single = len(of_role) == 1 and type(given) not in (tuple, list)
+        checked = _check_tuple(caller, what, of_role, (given,) if single else given)
+        found += [np.zeros(port.shape) if x is None else x for port, x in zip(of_role, checked, strict=True)]
+    return found
 
 
 def _check_tuple(caller: str, what: str, ports: Sequence[Port], given: Any) -> Sequence[Any]:

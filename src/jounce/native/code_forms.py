@@ -66,8 +66,8 @@ def trace_program(mechanism: Mechanism, computation: Computation, tape: Tape | N
         if port.displacement != port.shape
     ]
     followers = _trace_followers(mechanism, inputs, arrays, tape) if mechanism.closure else None
-    program = differentiate.vjp if computation.product == "vjp" else differentiate.jvp
-    return program(traced, parameters, tape.most, displaced, followers)
+    free = differentiate.FreeInputs(parameters, displaced, followers)
+    return differentiate.PRODUCTS[computation.product](traced, free, tape.most)
 
 
 def _trace_followers(

@@ -12,7 +12,7 @@ from itertools import accumulate
 
 import numpy as np
 
-from jounce.dynamics.computation import Computation, Signature
+from jounce.dynamics.computation import SECOND_PRODUCTS, Computation, Signature
 from jounce.dynamics.recursion.articulated import moves_joints_alone
 from jounce.dynamics.recursion.forces import Sweep
 from jounce.model.equivalent_mechanisms import minimal_mechanism
@@ -29,6 +29,7 @@ ARTICULATED_PARTS = (("I", 1, 21), ("share", 1, 6), ("inverse_D", 1, 1), ("u", 1
 MAX_SCRATCH_BYTES = 2**26  # of a call: where more is needed, the recursion in NumPy computes
 HIGHEST_PRODUCT_ORDER = 9  # up to which products take no more than the 64 arrays of NumPy's functions
 HIGHEST_PRODUCT_ORDER_WITH_BASE = 7  # the same where the motion of the base belongs to them
+HIGHEST_SECOND_ORDER, HIGHEST_SECOND_ORDER_WITH_BASE = 7, 4  # of second derivatives, which take directions too
 MAX_COMPILE_SECONDS = 3.0  # for native code that nobody asked for: longer would look like a hang
 
 
@@ -60,8 +61,11 @@ def highest_order(computation: Computation, mechanism: Mechanism) -> int:
 
     The dependent coordinates of closed robots are one array more.
     """
-    with_base = HIGHEST_PRODUCT_ORDER_WITH_BASE - bool(mechanism.closure)
-    of_product = with_base if computation.base else HIGHEST_PRODUCT_ORDER
+    if computation.product in SECOND_PRODUCTS:
+        of_product = HIGHEST_SECOND_ORDER_WITH_BASE if computation.base else HIGHEST_SECOND_ORDER
+    else:
+        with_base = HIGHEST_PRODUCT_ORDER_WITH_BASE - bool(mechanism.closure)
+        of_product = with_base if computation.base else HIGHEST_PRODUCT_ORDER
     highest = of_product if computation.product else HIGHEST_NATIVE_ORDER
     return highest + 1 - computation.quantity.wrench_rates
 

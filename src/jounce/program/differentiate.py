@@ -61,6 +61,61 @@ class DisplacedInputs:
 
 
 @dataclass(frozen=True, eq=False)
+class FreeInputs:
+    """What derivatives are by: all inputs but for the first ones, as many as are `parameters`, which are constants.
+
+    Derivatives by those that are `displaced` are by their displacements. There is no derivative by `followers`: what
+    follows through them is in that by their leaders.
+    """
+
+    parameters: int = 0
+    displaced: Sequence[DisplacedInputs] = ()
+    followers: Followers | None = None
+
+    def directions(self, inputs: int) -> int:
+        """How many there are, of a program with so many inputs."""
+        end = self.followers.start if self.followers else inputs
+        return end - self.parameters - sum(prod(x.shape) - x.directions for x in self.displaced)
+
+    def groups(self, count: int) -> list[int]:
+        """A number for each direction, equal where they are of the same displaced input: these do not commute."""
+        groups, fewer = list(range(count)), self.parameters
+        for x in sorted(self.displaced, key=lambda x: x.start):
+            first = x.start - fewer
+            groups[first : first + x.directions] = [first] * x.directions
+            fewer += prod(x.shape) - x.directions
+        return groups
+
+    def changes(self, tape: Tape, inputs: np.ndarray, directions: Sequence[Any]) -> list[Any]:
+        """The changes of all inputs along a direction."""
+        changes = [*[0] * self.parameters, *directions]
+        for x in sorted(self.displaced, key=lambda x: x.start):
+            own = slice(x.start, x.start + x.directions)
+            changes[own] = x.change_entries(inputs, changes[own])
+        if self.followers:
+            led = changes[self.followers.leader :][: self.followers.rates.inputs - len(inputs)]
+            changes += evaluate(self.followers.rates, tape, [*inputs, *led]).outputs
+        return changes
+
+    def gradient(self, tape: Tape, inputs: np.ndarray, by_inputs: Sequence[Node]) -> list[Node]:
+        """The derivatives along all directions, of what has derivatives by all inputs: the transpose of `changes`."""
+        gradient = [*by_inputs]
+        if x := self.followers:
+            count = x.rates.inputs - len(inputs)
+            rates = evaluate(x.rates, tape, [*inputs, *[0] * count])  # linear in the rates of their leaders
+            for j, more in enumerate(adjoints(rates, gradient[x.start :])[len(inputs) :], x.leader):
+                gradient[j] = gradient[j] + more
+            del gradient[x.start :]
+        for x in sorted(self.displaced, key=lambda x: x.start, reverse=True):
+            changes = [x.change_entries(inputs, unit) for unit in np.eye(x.directions, dtype=int)]
+            gradient[x.own] = np.array(changes, dtype=object) @ np.array(gradient[x.own], dtype=object)
+        return gradient[self.parameters :]
+
+
+ALL_INPUTS = FreeInputs()
+
+
+@dataclass(frozen=True, eq=False)
 class Evaluation:
     """A program written on a tape: the node of each of its steps."""
 
@@ -129,57 +184,60 @@ def tangents(evaluation: Evaluation, directions: Sequence[Any]) -> list[Node]:
     return [made[i] for i in evaluation.program.outputs]
 
 
-def vjp(
-    program: Program,
-    parameters: int = 0,
-    most: float = inf,
-    displaced: Sequence[DisplacedInputs] = (),
-    followers: Followers | None = None,
-) -> Program:
+def vjp(program: Program, free: FreeInputs = ALL_INPUTS, most: float = inf) -> Program:
     """The vector-Jacobian product: after the inputs it takes a weight for each output, and gives J^T weights.
 
-    The first inputs, as many as are `parameters`, are constants: there is no derivative by them. Derivatives by those
-    that are `displaced` are by their displacements. There is no derivative by `followers`: what follows through them is
-    in that by their leaders. The tape holds up to `most` steps.
+    Derivatives are by those inputs that are `free`. The tape holds up to `most` steps.
     """
     tape = Tape(most)
     inputs = tape.variables(program.inputs)
     gradient = adjoints(evaluate(program, tape, [*inputs]), [*tape.variables(len(program.outputs))])
-    if followers:
-        by_followers, count = gradient[followers.start :], followers.rates.inputs - program.inputs
-        rates = evaluate(followers.rates, tape, [*inputs, *[0] * count])  # linear in the rates of their leaders
-        for j, more in enumerate(adjoints(rates, by_followers)[program.inputs :], followers.leader):
-            gradient[j] = gradient[j] + more
-        del gradient[followers.start :]
-    for x in sorted(displaced, key=lambda x: x.start, reverse=True):
-        changes = [x.change_entries(inputs, unit) for unit in np.eye(x.directions, dtype=int)]
-        gradient[x.own] = np.array(changes, dtype=object) @ np.array(gradient[x.own], dtype=object)
-    return factor(tape.program(gradient[parameters:]))
+    return factor(tape.program(free.gradient(tape, inputs, gradient)))
 
 
-def jvp(
-    program: Program,
-    parameters: int = 0,
-    most: float = inf,
-    displaced: Sequence[DisplacedInputs] = (),
-    followers: Followers | None = None,
-) -> Program:
-    """The Jacobian-vector product: after the inputs it takes a direction for each, and gives J directions.
+def jvp(program: Program, free: FreeInputs = ALL_INPUTS, most: float = inf) -> Program:
+    """The Jacobian-vector product: after the inputs it takes a direction for each that is `free`; J directions."""
+    return _derive_along(program, program.inputs, free, most)
 
-    The first inputs, as many as are `parameters`, are constants and have no direction. The directions of those that are
-    `displaced` are displacements. `followers` have none: theirs follows from that of their leaders. The tape holds up
-    to `most` steps.
+
+def hvp(program: Program, free: FreeInputs = ALL_INPUTS, most: float = inf) -> Program:
+    """The derivatives of `vjp` along one direction, which follows the weights: forward over reverse accumulation."""
+    return _derive_along(vjp(program, free, most), program.inputs, free, most)
+
+
+def jjvp(program: Program, free: FreeInputs = ALL_INPUTS, most: float = inf) -> Program:
+    """The derivatives of `jvp` along a second direction, which follows the first: forward over forward accumulation."""
+    return _derive_along(jvp(program, free, most), program.inputs, free, most)
+
+
+def hessian(program: Program, free: FreeInputs = ALL_INPUTS, most: float = inf) -> Program:
+    """The derivatives of `vjp` along all directions, row by row: entry (i, j) is that of gradient i along j.
+
+    What all directions share is computed once. Directions commute but for those of one of the `displaced` inputs:
+    other entries right of the diagonal, which take twice the operations, are those on its other side.
     """
     tape = Tape(most)
-    inputs = tape.variables(program.inputs)
-    evaluation = evaluate(program, tape, [*inputs])
-    free = program.inputs if followers is None else followers.start
-    fewer = sum(prod(x.shape) - x.directions for x in displaced)
-    directions = [*[0] * parameters, *tape.variables(free - parameters - fewer)]
-    for x in sorted(displaced, key=lambda x: x.start):
-        own = slice(x.start, x.start + x.directions)
-        directions[own] = x.change_entries(inputs, directions[own])
-    if followers:
-        led = directions[followers.leader :][: followers.rates.inputs - program.inputs]
-        directions += evaluate(followers.rates, tape, [*inputs, *led]).outputs
-    return factor(tape.program(tangents(evaluation, directions)))
+    gradient, count = vjp(program, free, most), free.directions(program.inputs)
+    given = tape.variables(gradient.inputs)
+    evaluation, inputs = evaluate(gradient, tape, [*given]), given[: program.inputs]
+    constant = [0] * (gradient.inputs - program.inputs)
+    rows = [
+        tangents(evaluation, [*free.changes(tape, inputs, unit), *constant])
+        for unit in np.eye(count, dtype=int).tolist()
+    ]
+    group = free.groups(count)
+    order = [(i, j) if i >= j or group[i] == group[j] else (j, i) for i in range(count) for j in range(count)]
+    return factor(tape.program([rows[j][i] for i, j in order]))
+
+
+def _derive_along(program: Program, count: int, free: FreeInputs, most: float) -> Program:
+    """The derivatives of a program along a direction of its first `count` inputs, which follows all of its inputs."""
+    tape = Tape(most)
+    given = tape.variables(program.inputs)
+    inputs, constant = given[:count], [0] * (program.inputs - count)
+    evaluation = evaluate(program, tape, [*given])
+    changes = free.changes(tape, inputs, tape.variables(free.directions(count)))
+    return factor(tape.program(tangents(evaluation, [*changes, *constant])))
+
+
+PRODUCTS = {"vjp": vjp, "jvp": jvp, "hvp": hvp, "jjvp": jjvp, "hessian": hessian}
