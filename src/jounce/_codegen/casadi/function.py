@@ -49,7 +49,7 @@ def casadi_function(
     if check_bool("native", native, "whether native code computes the function"):
         if parameters:
             raise JounceError("native=True takes no parameters, which native code holds as numbers; native=False does")
-        from jounce._codegen.casadi.point_kernels import native_function
+        from jounce._codegen.casadi.native import native_function
 
         return native_function(robot.mechanism, computation, int(points))
     shapes = {name: value.shape for name, value in own_values(robot.mechanism, parameters).items()}
