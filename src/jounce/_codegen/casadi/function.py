@@ -20,6 +20,8 @@ from jounce.model.parameters import own_values, parametrise
 if TYPE_CHECKING:
     import casadi
 
+MAX_POINTS = 1_000_000  # of a call: the Jacobian of an arm's forces has 0.2 billion entries then
+
 
 def casadi_function(
     robot: Engine,
@@ -44,8 +46,10 @@ def casadi_function(
         robot.mechanism, quantity, order, wrench, body, frame, moving_base=moving_base
     )
     _check_axes(computation, robot.mechanism)
-    if isinstance(points, bool) or not isinstance(points, int | np.integer) or points < 1:
-        raise JounceError(f"points is {quote_value(points)}; expected how many states a call takes, 1 or more")
+    if isinstance(points, bool) or not isinstance(points, int | np.integer) or not 0 < points <= MAX_POINTS:
+        raise JounceError(
+            f"points is {quote_value(points)}; expected how many states a call takes, from 1 to {MAX_POINTS}"
+        )
     if check_bool("native", native, "whether native code computes the function"):
         if parameters:
             raise JounceError("native=True takes no parameters, which native code holds as numbers; native=False does")
