@@ -142,7 +142,7 @@ class Exports(Engine):
             robots with a fixed base and open loops whose joints have one column each; there are no third derivatives.
             The function and its code are kept until the process ends.
         points : int, optional
-            How many states a call takes and returns, one beside the other: of vectors (n, points). Of native functions
+            How many states a call takes and returns, in columns: of vectors (n, points). Of native functions
             those of a whole motion, as each evaluation takes some 20 us, plus about 1 us per state.
 
         Returns
@@ -174,7 +174,7 @@ class Exports(Engine):
         >>> robot.casadi_function("jacobian", order=1, body="link7", frame="world")
         Function(jacobian_link7_world:(q[7],qd[7])->(J[6x7],Jd[6x7]) SXFunction)
         >>> robot.casadi_function(order=0, native=True, points=30)
-        Function(inverse_dynamics:(q[7x30],qd[7x30],q2d[7x30])->(Q[7x30]) CallbackInternal)
+        Callback(inverse_dynamics:(q[7x30],qd[7x30],q2d[7x30])->(Q[7x30]) CallbackInternal)
         """
         from jounce._codegen.casadi.function import casadi_function
 

@@ -1,17 +1,16 @@
 """CasADi functions of a robot's quantities, to be differentiated and put into optimal control problems."""
 
-import re
 from collections.abc import Sequence
-from math import prod
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jounce._codegen.casadi import function_name, matrix_shape
 from jounce.arguments import requests
 from jounce.core.errors import JounceError, check_bool, join_names, optional_import, quote_value, warn
 from jounce.core.scalars import asarray
 from jounce.core.typing import Frame
-from jounce.dynamics.computation import Computation, Shape
+from jounce.dynamics.computation import Computation
 from jounce.dynamics.quantities.names import QuantityName
 from jounce.engine.engine import Engine
 from jounce.model.mechanism import Mechanism
@@ -74,23 +73,12 @@ def casadi_function(
     return function if points == 1 else function.map(int(points))
 
 
-def matrix_shape(shape: Shape) -> Shape:
-    """The rows and columns of an array: one column of a vector, several matrices one below the other."""
-    return (prod(shape[:-1]), shape[-1]) if shape[2:] else (*shape, 1, 1)[:2]
-
-
 def _matrix(array: np.ndarray) -> "casadi.SX":
     """The CasADi matrix of an object array: a column of a vector, 1 x 1 of a scalar, several matrices in one column."""
     import casadi
 
     rows = array.reshape(matrix_shape(array.shape))
     return casadi.SX(casadi.vertcat(*(casadi.horzcat(*row) for row in rows)))
-
-
-def function_name(computation: Computation) -> str:
-    """The quantity with its body and frame as CasADi takes a name: letters and digits, single underscores between."""
-    place = [computation.body or "", computation.frame if computation.quantity.frames else ""]
-    return "_".join(re.findall("[A-Za-z0-9]+", "_".join([computation.name, *place])))
 
 
 def _check_axes(computation: Computation, mechanism: Mechanism) -> None:

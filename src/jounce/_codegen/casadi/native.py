@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 import casadi
-from jounce._codegen.casadi.function import function_name, matrix_shape
+from jounce._codegen.casadi import function_name, matrix_shape
 from jounce._codegen.casadi.point_function import Blocks, Columns, PointFunction, PointLaw
 from jounce.core.errors import JounceError, join_names
 from jounce.core.scalars import Array
@@ -63,7 +63,7 @@ def native_function(mechanism: Mechanism, computation: Computation, points: int)
 
 
 def dense_columns(port: Port, points: int) -> casadi.Sparsity:
-    """The matrices of all points, one beside the other."""
+    """The matrices of all points, next to each other."""
     rows, columns = matrix_shape(port.shape)
     return casadi.Sparsity.dense(rows, columns * points)
 
