@@ -1,17 +1,17 @@
 """CasADi: functions of a robot's quantities, and C that CasADi loads."""
 
-import re
-from math import prod
+from jounce._codegen.c import RESERVED
+from jounce._codegen.casadi.external import external_functions
+from jounce._codegen.casadi.matrices import element_place
+from jounce._codegen.language import Language
 
-from jounce.dynamics.computation import Computation, Shape
-
-
-def matrix_shape(shape: Shape) -> Shape:
-    """The rows and columns of an array: one column of a vector, several matrices one below the other."""
-    return (prod(shape[:-1]), shape[-1]) if shape[2:] else (*shape, 1, 1)[:2]
-
-
-def function_name(computation: Computation) -> str:
-    """The quantity with its body and frame as CasADi takes a name: letters and digits, single underscores between."""
-    place = [computation.body or "", computation.frame if computation.quantity.frames else ""]
-    return "_".join(re.findall("[A-Za-z0-9]+", "_".join([computation.name, *place])))
+LANGUAGE = Language(
+    name="casadi",
+    title="C for CasADi",
+    reserved=f"{RESERVED} scratch",
+    taken="zeros main",
+    element=element_place,
+    single=False,
+    largest=2500,  # operations of the values: their Hessian takes some 25 times as many, compilers half a minute
+    helpers={"external_functions": external_functions},
+)

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 import casadi
-from jounce._codegen.casadi import function_name, matrix_shape
+from jounce._codegen.casadi.matrices import from_columns, function_name, matrix_shape, to_columns
 from jounce._codegen.casadi.point_function import Blocks, Columns, PointFunction, PointLaw
 from jounce.core.errors import JounceError, join_names
 from jounce.core.scalars import Array
@@ -66,15 +66,3 @@ def dense_columns(port: Port, points: int) -> casadi.Sparsity:
     """The matrices of all points, next to each other."""
     rows, columns = matrix_shape(port.shape)
     return casadi.Sparsity.dense(rows, columns * points)
-
-
-def from_columns(port: Port, entries: Array) -> Array:
-    """The arrays (..., *shape) of a port, of the entries (..., size) of their matrices, column after column."""
-    lead = entries.shape[:-1]
-    return entries.reshape(*lead, *matrix_shape(port.shape)[::-1]).mT.reshape(*lead, *port.shape)
-
-
-def to_columns(port: Port, arrays: Array) -> Array:
-    """The entries (..., size) of matrices, column after column, of the arrays (..., *shape) of a port."""
-    lead = arrays.shape[: arrays.ndim - len(port.shape)]
-    return arrays.reshape(*lead, *matrix_shape(port.shape)).mT.reshape(*lead, port.size)
