@@ -43,8 +43,9 @@ class Exports(Engine):
         Parameters
         ----------
         lang : str
-            The language: "c" (C99), "cpp" (C++11, and overloads for Eigen), "cuda", "javascript" (ES module), "julia",
-            "latex" (a document), "matlab" (and GNU Octave), "python" (NumPy), "rust" (no_std).
+            The language: "c" (C99), "casadi" (C with derivatives for `casadi.external`), "cpp" (C++11, and overloads
+            for Eigen), "cuda", "javascript" (ES module), "julia", "latex" (a document), "matlab" (and GNU Octave),
+            "python" (NumPy), "rust" (no_std).
         order : int
             The highest time derivative: 2 gives Q, Qd, Q2d.
         directory : str or path

@@ -8,7 +8,7 @@ from jounce._codegen.language import Language
 LANGUAGE = Language(
     name="casadi",
     title="C for CasADi",
-    reserved=f"{RESERVED} scratch",
+    reserved=RESERVED,
     taken="zeros main",
     element=element_place,
     single=False,

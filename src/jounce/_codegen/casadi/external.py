@@ -11,6 +11,7 @@ import numpy as np
 
 from jounce._codegen.casadi.matrices import matrix_shape
 from jounce._codegen.printer import PrintedFunction
+from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Port, Signature, number_scalars
 from jounce.program.differentiate import adjoints, evaluate, vjp
 from jounce.program.passes import factor
@@ -22,20 +23,28 @@ Pattern = tuple[int, ...]
 
 @dataclass(frozen=True, eq=False)
 class ExternalFunction:
-    """Printed C, what its name begins with, and the patterns of all that CasADi gives and takes, used or not."""
+    """Printed C, what its name begins with, and the patterns of all that CasADi gives and takes.
+
+    The code takes and gives some of them: those that are used, and not empty.
+    """
 
     before: str
     code: PrintedFunction
     inputs: dict[str, Pattern]
     outputs: dict[str, Pattern]
+    given: list[int]
+    found: list[int]
 
 
 def external_functions(f: PrintedFunction) -> list[ExternalFunction]:
     """A function and its derivatives by all inputs: the state, then parameters."""
-    inputs = [replace(x, role="state") for x in sorted(f.signature.inputs, key=lambda x: x.role == "parameter")]
+    inputs = sorted(f.signature.inputs, key=lambda x: x.role == "parameter")
     weights = [replace(y, name=f"adj_{y.name}", start=f.program.inputs + y.start) for y in f.outputs]
     seeded = [*inputs, *_unused(f.outputs), *weights]
     slopes = [replace(x, name=f"adj_{x.name}") for x in inputs]
+    names = [x.name for x in (*seeded, *slopes, *_unused(slopes), *f.outputs)]
+    if twice := next((x.name for x in inputs if names.count(x.name) > 1), None):
+        raise JounceError(f"CasADi takes no parameter with the name {twice!r} of another array; rename the symbol")
     gradient = vjp(f.program)
     of_values, of_gradient = _partials(f.program), _partials(gradient)
     lower = np.tril_indices(len(gradient.outputs), -1)
@@ -83,9 +92,12 @@ def _jacobian(
 def _external(
     f: PrintedFunction, before: str, program: Program, inputs: Sequence[Port], outputs: Sequence[Port]
 ) -> ExternalFunction:
-    used = tuple(x for x in inputs if x.role != "unused"), tuple(y for y in outputs if y.size)
-    code = replace(f, signature=Signature(*used), program=program)
-    return ExternalFunction(before, code, *({x.name: _pattern(x) for x in ports} for ports in (inputs, outputs)))
+    given, found = ([k for k, x in enumerate(ports) if x.role != "unused" and x.size] for ports in (inputs, outputs))
+    named = (replace(x, name=f"params_{x.name}", role="state") if x.role == "parameter" else x for x in inputs)
+    taken = [x for x in named if x.role != "unused"]
+    code = replace(f, signature=Signature(tuple(taken), tuple(outputs[k] for k in found)), program=program)
+    patterns = ({x.name: _pattern(x) for x in ports} for ports in (inputs, outputs))
+    return ExternalFunction(before, code, *patterns, given, found)
 
 
 def _pattern(port: Port) -> Pattern:
