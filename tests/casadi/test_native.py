@@ -95,7 +95,7 @@ Z = np.zeros((7, 4))
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: IIWA.casadi_function(points=0), "points is 0; expected how many states a call takes, from 1 to 1000000"),
+        (lambda: IIWA.casadi_function(points=0), "points is 0; expected how many .* from 1 to 1000000"),
         (lambda: IIWA.casadi_function(points=2.0), "points is 2.0; expected"),
         (lambda: IIWA.casadi_function(points=True), "points is True; expected"),
         (lambda: IIWA.casadi_function(native=1), "native is 1; expected True or False"),
