@@ -1,6 +1,7 @@
 """The primitive of JAX: the numbers of NumPy, one native call under every transformation, exact derivatives."""
 
 import gc
+import itertools
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -289,3 +290,51 @@ def test_joints_of_several_screws_have_gradients_by_positions():
     close(jax.vmap(gradient)(q), np.stack([gradient(x) for x in q]))
     differences = np.stack([(gradient(q[0] + h) - gradient(q[0] - h)) / 2e-6 for h in steps])
     close(jax.jit(jax.jacfwd(gradient))(q[0]), differences, 1e-8)
+
+
+def test_second_derivatives_are_products_of_the_kernel():
+    """Forward and reverse in any order, where displacements do not commute and where coordinates follow others."""
+    rng, loops = np.random.default_rng(0), jounce.load("fivebar")
+    robot = jounce.Robot(floating(random_mechanism(rng, [-1], ["revolute"], [1.0]), rng))
+    (q, qd, q2d), C, (V, Vd), w = rng.normal(size=(3, 1)), random_pose(rng), rng.normal(size=(2, 6)), rng.normal(size=7)
+
+    def of_base(d):
+        moved = C @ (np.eye(4) + lie.wedge(d) + lie.wedge(d) @ lie.wedge(d) / 2)
+        return robot.inverse_dynamics(q, qd, q2d, base=(moved, V, Vd)) @ w
+
+    whole, own = loops.coordinates(np.zeros(2), method="recursion"), list(loops.mechanism.closure.independent)
+    rates, dependent = rng.normal(size=(2, 2)), whole[list(loops.mechanism.closure.dependent)]
+
+    def of_loops(d):
+        return loops.inverse_dynamics(whole + np.eye(4)[:, own] @ d, *rates) @ w[:2]
+
+    floats = robot.compile(order=0).hessian((q, qd, q2d, C, V, Vd), w, symmetric=True)["base_pose", "base_pose"]
+    closed = loops.compile(order=0).hessian((whole[own], *rates, dependent), w[:2])["q", "q"]
+    for law, expected in ((of_base, floats), (of_loops, closed)):
+        for outer, inner in itertools.product((jax.jacfwd, jax.jacrev), repeat=2):
+            close(jax.jit(outer(inner(law)))(jnp.zeros(len(expected))), expected)
+    text = jax.jit(jax.hessian(of_base)).lower(jnp.zeros(6)).as_text()
+    assert CALL in text
+    assert "cosine" not in text
+
+
+def test_hessians_by_positions_of_several_screws_are_differences_of_gradients():
+    robot = amid({"foot": "ball"}, [-1])
+    q, qd, q2d = states_of(robot, 3)
+    gradient = jax.jit(jax.grad(lambda q: robot.inverse_dynamics(q, qd, q2d).sum()))
+    expected = [(gradient(q + h) - gradient(q - h)) / 2e-6 for h in 1e-6 * np.eye(robot.nq)]
+    for derive in (jax.jacfwd, jax.jacrev):
+        close(jax.jit(derive(gradient))(q), np.array(expected), 1e-7)
+
+
+def test_hessians_by_vmap_and_products_of_gradients_agree():
+    q = jnp.asarray(np.random.default_rng(5).normal(size=(3, 4, 2)))
+    cost = lambda x: jnp.sum(ROBOT.inverse_dynamics(*x)[1] ** 2)  # noqa: E731
+    H, along = jax.jit(jax.vmap(jax.hessian(cost)))(q), jnp.ones((4, 2))
+    product = jnp.tensordot(H[0], along, 2)
+    close(jax.jit(jax.hessian(cost))(q[0]), H[0])
+    close(jax.jit(lambda x: jax.jvp(jax.grad(cost), (x,), (along,))[1])(q[0]), product)
+    close(jax.jit(jax.grad(lambda x: jnp.vdot(jax.grad(cost)(x), along)))(q[0]), product)
+    text = jax.jit(jax.hessian(ROBOT.potential_energy)).trace(q[0, 0]).lower(lowering_platforms=("cuda",)).as_text()
+    assert CALL not in text
+    assert "cosine" in text

@@ -10,7 +10,7 @@ from jounce._codegen.parametric import ParametricRobot, make_parametric
 from jounce.arguments.rates import check_order
 from jounce.arguments.requests import parse_computation, takes_base
 from jounce.core.errors import JounceError, as_list, check_bool, join_names, quote_value
-from jounce.dynamics.computation import Computation
+from jounce.dynamics.computation import FIRST_PRODUCTS, Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.engine import Engine
 from jounce.model.mechanism import Mechanism
@@ -107,6 +107,11 @@ def _check_product(asked: Computation, target: Language) -> None:
     """Raise `JounceError` for products that are not generated."""
     if target.name == "latex":
         raise JounceError(f"{asked.spelling} is not written as equations; expected a quantity, or another language")
+    if asked.product not in FIRST_PRODUCTS:
+        raise JounceError(
+            f"code of {asked.spelling} is not generated; expected a product of {join_names(FIRST_PRODUCTS)}."
+            f" robot.compile({asked.name!r}, {asked.order}, product={asked.product!r}) compiles it"
+        )
     if len(asked.quantity.shape) != 1:
         vectors = join_names(row.name for row in QUANTITIES.values() if len(row.shape) == 1)
         raise JounceError(f"code of {asked.product} is generated for vectors: {vectors}; not for {asked.name}")

@@ -20,6 +20,7 @@ from jounce.core.scalars import Array
 from jounce.dynamics import elastic
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.deflections import deflect_spring, solve_deflection
+from jounce.dynamics.partials import second_acceleration_partials
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES
 from jounce.engine.generic_methods import compute_by_method
 from jounce.model.mechanism import Mechanism
@@ -40,8 +41,7 @@ def magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequence[
     if computation.quantity.inputs:
         return _motor_magnitudes(mechanism, computation, arrays)
     if computation.quantity.forces:
-        of_forces = _forward_partial_magnitudes if computation.quantity.results else _acceleration_magnitudes
-        return of_forces(mechanism, computation, arrays)
+        return _OF_FORCES[computation.name](mechanism, computation, arrays)
     by_method = [
         compute_by_method(computation, method, mechanism, [_Sized(np.asarray(x, dtype=float)) for x in arrays])
         for method in _COMPARED_METHODS
@@ -69,6 +69,24 @@ def _forward_partial_magnitudes(
     squares = _square_inverse(mechanism, arrays)[..., None, :, :]
     by = squares @ np.square(P)
     return tuple(np.sqrt(x) for x in (by[..., 0, :, :], by[..., 1, :, :], (by[..., 2:, :, :] @ squares)[..., 0, :, :]))
+
+
+def _second_forward_magnitudes(
+    mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]
+) -> tuple[np.ndarray, ...]:
+    q2d = compute_by_method(replace(computation, name="forward_dynamics"), "recursion", mechanism, arrays)
+    moving = _with_accelerations(mechanism, computation, arrays, q2d)
+    of_forces = magnitudes(mechanism, replace(computation, name="inverse_dynamics_second_partials"), moving)
+    first = _forward_partial_magnitudes(mechanism, replace(computation, name="forward_dynamics_partials"), arrays)
+    squares = ([np.square(x) for x in terms] for terms in (first, of_forces))
+    return tuple(np.sqrt(-x) for x in second_acceleration_partials(*squares))
+
+
+_OF_FORCES = {
+    "forward_dynamics": _acceleration_magnitudes,
+    "forward_dynamics_partials": _forward_partial_magnitudes,
+    "forward_dynamics_second_partials": _second_forward_magnitudes,
+}
 
 
 def _motor_magnitudes(

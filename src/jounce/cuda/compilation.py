@@ -10,6 +10,7 @@ from jounce.core.errors import JounceError, check_choice, quote_value
 from jounce.core.typing import Frame, Product
 from jounce.cuda.kernel import CudaKernel
 from jounce.dynamics import elastic
+from jounce.dynamics.computation import SECOND_PRODUCTS
 from jounce.dynamics.quantities.names import QuantityName
 from jounce.engine.engine import Engine
 
@@ -74,6 +75,8 @@ def compile(  # noqa: A001  # what Robot.compile is to processors
     if not isinstance(robot, Engine):
         raise JounceError(f"jounce.cuda.compile() expects a jounce.Robot, got {type(robot).__name__}; try jounce.load")
     asked = requests.build_computation(robot.mechanism, quantity, order, wrench, body, frame, product, moving_base)
+    if product in SECOND_PRODUCTS:
+        raise JounceError(f"CUDA code has no {product}; robot.compile(..., product={product!r}) runs on the CPU")
     if not robot.mechanism.is_numeric:
         raise JounceError("CUDA code needs a robot of numbers; this one contains symbols")
     if asked.quantity.elastic and (refusal := elastic.native_obstacle(robot.mechanism)):

@@ -53,6 +53,15 @@ def partials(m: Mechanism, q: Series, terms: Sequence[str]) -> tuple[Series, Ser
     return K, D, M
 
 
+def second_partials(m: Mechanism, q: Series, terms: Sequence[str]) -> Array:
+    """Return the contribution of some drive terms to d2Q/dqd dqd, (..., nv, nv, nv): that of friction."""
+    theta = joint_variables(m, q)
+    slopes = drives.partials(drives.coefficients(m.drives), terms, Series.of([theta[0], theta[1], 0 * theta[0] + 1]))[1]
+    by_joint = slopes.dot[0] * m.G  # the rate of a derivative by theta', as if theta'' were 1
+    tensor = (m.G.T[:, None, :] * m.G.T) @ by_joint[..., None, :, :]
+    return pad_base(m, tensor, (-3, -2, -1))
+
+
 def armature_matrix(m: Mechanism) -> Array:
     """Return the contribution of the armature to the mass matrix, which is constant: (n, n)."""
     return generalized_matrix(m, m.drives.armature[:, None] * np.eye(len(m.joints), dtype=int))

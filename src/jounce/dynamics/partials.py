@@ -9,6 +9,8 @@ A joint of several screws, as that of a base, is displaced by a twist d in its o
 velocities held, such a displacement changes, which adds a term to the derivatives of rates by d, see `turning`.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate
@@ -69,3 +71,15 @@ def acceleration_partials(P: Array) -> tuple[Array, Array, Array]:
     n = M.shape[-1]
     solution = Factors.of(M).solve(concatenate([-K, -D, np.eye(n, dtype=int)], axis=-1))
     return solution[..., :n], solution[..., n : 2 * n], mirror_triangle(solution[..., 2 * n :])
+
+
+def second_acceleration_partials(first: Sequence[Array], of_forces: Sequence[Array]) -> tuple[Array, ...]:
+    """The derivatives of q2d by (q, q), (q, qd), (qd, qd), (q, Q), (..., nv, nv, nv) each, from its `first` ones."""
+    (dq, dqd, Minv), (qq, qqd, qdqd, by_q) = first, of_forces
+
+    def along(da: Array) -> Array:  # dM/dq_j da/dw_k
+        return by_q @ da[..., None, :, :]
+
+    sums = qq + along(dq) + along(dq).mT, qqd + along(dqd), qdqd, along(Minv)
+    n = Minv.shape[-1]
+    return tuple((-Minv @ x.reshape((*x.shape[:-3], n, n * n))).reshape(x.shape) for x in sums)

@@ -2,8 +2,9 @@
 
 On the CPU a call is compiled to a custom call of native code, in double precision whatever the type of the arrays; a
 jaxlib that does not accept its handler calls Python back instead. On other platforms, and where there is no native
-code, XLA compiles the traced law. First derivatives are the native products of the derivatives, "jvp" and "vjp", each
-the transpose of the other; derivatives of these by the state are those of the traced law.
+code, XLA compiles the traced law. First and second derivatives are native products of the derivatives: "jvp" and "vjp",
+each the transpose of the other, and their derivatives by the state, "jjvp" and "hvp". Derivatives of these by the state
+are those of the traced law.
 
 Only backends imports this module, and only for arrays of JAX: it imports JAX itself.
 """
@@ -23,13 +24,15 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
 from jounce.core.scalars import Array, broadcast, is_jax, is_numeric
-from jounce.dynamics.computation import Computation, Port, Signature, change, displacement
+from jounce.dynamics.computation import Computation, Port, Signature, change, commutator, displacement
 from jounce.engine.generic_methods import as_tuple, batch_shape, compute_by_method
 from jounce.model.mechanism import Mechanism
 from jounce.native import memory_layout, xla
 from jounce.native.kernel import Kernel, compile_kernel
 
-TRANSPOSES = {"jvp": "vjp", "vjp": "jvp"}
+TRANSPOSES = {"jvp": "vjp", "vjp": "jvp", "hvp": "jjvp", "jjvp": "hvp"}  # in what follows the state first
+DERIVATIVES = {None: "jvp", "jvp": "jjvp", "vjp": "hvp"}  # along the state, in what comes last
+DERIVED = {derivative: product for product, derivative in DERIVATIVES.items() if product}
 
 quantity_p = Primitive("jounce_quantity")
 quantity_p.multiple_results = True
@@ -58,6 +61,12 @@ class Request:
     def product(self, name: str | None) -> "Request":
         """The request for a product of the derivatives of the same quantity, or for the quantity itself."""
         return replace(self, computation=replace(self.computation, product=name))
+
+    def split(self, others: Sequence[Any]) -> list[Sequence[Any]]:
+        """What follows the state, in the groups in each of which the product is linear."""
+        product = self.computation.product
+        first = len(self.product(DERIVED.get(product, product)).signature.inputs) - len(self.state)
+        return [group for group in (others[:first], others[first:]) if group]
 
     def kernel(self) -> Kernel | None:
         """Return its native code, or None if it has none, however long it takes to compile: XLA takes longer."""
@@ -128,15 +137,19 @@ def _differentiate(
     results = quantity_p.bind(*primals, request=request)
     count = len(request.state)
     state, others, along_state, along_others = primals[:count], primals[count:], tangents[:count], tangents[count:]
-    terms = []
-    if not others:
+    groups, terms = request.split(others), []
+    for group, along in zip(groups, request.split(along_others), strict=True):
+        if not all(type(x) is ad.Zero for x in along):
+            terms.append(_bind_linear(request, state, [x for y in groups for x in (along if y is group else y)]))
+    derivative = DERIVATIVES.get(request.computation.product)
+    if all(type(x) is ad.Zero for x in along_state):
+        pass
+    elif derivative:
         both = [x for x in zip(request.state, state, along_state, strict=True) if x[0].is_free]
         of_robot = partial(displacement, request.mechanism)
         directions = [dx if type(dx) is ad.Zero else of_robot(port, x, dx) for port, x, dx in both]
-        terms.append(_bind_linear(request.product("jvp"), state, directions))
-    elif not all(type(x) is ad.Zero for x in along_others):
-        terms.append(_bind_linear(request, state, along_others))
-    if others and not all(type(x) is ad.Zero for x in along_state):
+        terms.append(_bind_linear(request.product(derivative), state, [*others, *directions]))
+    else:
         along = tuple(map(ad.instantiate_zeros, along_state))
         terms.append(jax.jvp(lambda *x: _trace(*x, *others, request=request), tuple(state), along)[1])
     sums = [sum(parts[1:], parts[0]) for parts in zip(*terms, strict=True)]
@@ -145,11 +158,31 @@ def _differentiate(
 
 def _transpose(cotangents: Sequence[Any], *operands: Any, request: Request) -> list[Array | None]:
     """The rule of reverse accumulation: a product of the derivatives is linear in its weights or directions."""
-    count = len(request.state)
-    transposed = request.product(TRANSPOSES[str(request.computation.product)])
-    found = _bind_linear(transposed, operands[:count], cotangents)
-    both = zip(operands[count:], found, strict=True)
-    return [None] * count + [_fit(y, x.aval.shape) if ad.is_undefined_primal(x) else None for x, y in both]
+    count, product = len(request.state), str(request.computation.product)
+    state, (first, *second) = operands[:count], request.split(operands[count:])
+    if any(map(ad.is_undefined_primal, first)):
+        linear, others = first, [*cotangents, *(x for group in second for x in group)]
+        found = _bind_linear(request.product(TRANSPOSES[product]), state, others)
+    else:
+        (linear,), pair = second, (first, cotangents) if product == "hvp" else (cotangents, first)
+        found = _bind_transposed_hessian(request, state, *pair)
+    gradients = {id(x): _fit(y, x.aval.shape) for x, y in zip(linear, found, strict=True) if ad.is_undefined_primal(x)}
+    return [gradients.get(id(x)) for x in operands]
+
+
+def _bind_transposed_hessian(
+    request: Request, state: Sequence[Array], weights: Sequence[Any], along: Sequence[Any]
+) -> list[Array]:
+    """H^T d, which differs from H d, the product "hvp", where displacements do not commute."""
+    found = _bind_linear(request.product("hvp"), state, [*weights, *along])
+    free = [port for port in request.state if port.is_free]
+    displaced = [k for k, port in enumerate(free) if port.displacement != port.shape and type(along[k]) is not ad.Zero]
+    if displaced:
+        gradients = _bind_linear(request.product("vjp"), state, weights)
+        for k in displaced:
+            A = commutator(request.mechanism, free[k], along[k])
+            found[k] = found[k] - (A.mT @ gradients[k][..., None])[..., 0]
+    return found
 
 
 def _bind_linear(request: Request, state: Sequence[Array], others: Sequence[Any]) -> list[Array]:
@@ -180,6 +213,12 @@ def _trace(*given: Array, request: Request) -> tuple[Array, ...]:
         return law(*x)
 
     free = [port for port in request.state if port.is_free]
+    if product in DERIVED:
+        first, directions = request.split(more)
+        lower, both = request.product(DERIVED[product]), zip(free, x, directions, strict=False)
+        changes = [change(request.mechanism, port, a, d) for port, a, d in both]
+        changes += [jnp.zeros_like(a) for a in x[len(free) :]]
+        return jax.jvp(lambda *x: _trace(*x, *first, request=lower), tuple(x), tuple(changes))[1]
 
     def displaced(*d: Array) -> tuple[Array, ...]:
         both = zip(free, x, d, strict=False)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.dynamics.computation import Computation, Port, Signature, change
+from jounce.core.errors import JounceError
+from jounce.dynamics.computation import SECOND_PRODUCTS, Computation, Port, Signature, change
 from jounce.dynamics.loops import closure_of
 from jounce.model.drives import stated_terms
 from jounce.model.mechanism import Mechanism
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 # What compiling takes, in seconds, as measured on one core of a Zen 4:
 SECONDS_PER_STEP = 55e-6  # of the trace of a straight line
 SECONDS_PER_DERIVATIVE_STEP = 80e-6  # of the trace of a product of derivatives
+MAX_SECOND_STEPS = 1_000_000  # of the trace of second derivatives, which then compile for minutes
 SECONDS_PER_LOOP_BODY = 1.2e-3  # in the tables of the loop form
 SECONDS_PER_JOINT_KIND = 6e-3  # in the loop form, times the square of the number of rates
 
@@ -103,10 +105,17 @@ def _make_block(mechanism: Mechanism, computation: Computation, target: Target, 
         return loop.emit_loop(mechanism, Sweeps(computation, computation.order, acting), signature)
     if signature.outputs[-1].end * SECONDS_PER_STEP > patience:  # each is stored at least: no trace is needed to see it
         raise LongCompilationError
+    most = patience / (SECONDS_PER_DERIVATIVE_STEP if computation.product else SECONDS_PER_STEP)
     try:
-        tape = Tape(patience / (SECONDS_PER_DERIVATIVE_STEP if computation.product else SECONDS_PER_STEP))
+        tape = Tape(min(most, MAX_SECOND_STEPS) if computation.product in SECOND_PRODUCTS else most)
         steps = fuse(trace_program(mechanism, computation, tape))
     except TapeFullError:
+        if most > MAX_SECOND_STEPS:
+            size = "x".join(map(str, signature.outputs[0].shape))
+            raise JounceError(
+                f"{computation.describe(mechanism.name)}, {size}, takes over {MAX_SECOND_STEPS:,} operations; expected"
+                " fewer. hvp of a kernel computes its columns, one for each direction; or choose a lower order"
+            ) from None
         raise LongCompilationError from None
     first = _order_from_tip(signature) if computation.product == "vjp" else None
     return straight_block(steps, signature, target, first)

@@ -164,45 +164,33 @@ class DerivativeProducts(ABC, Generic[Results]):
     ) -> tuple[Floats, ...]:
         """Compute a Hessian-vector product: the derivatives of the gradients of `vjp` along a direction.
 
-        ``hx = sum_z (d2f/dx dz) dz`` with ``f = sum_y y . wy``, for every input x, such as q, qd, q2d; z are the same
-        inputs. It takes about 2.4 times the operations of `vjp`: solvers that ask for few products need no Hessian.
-        Native code of it is compiled at the first call and kept on disk.
+        ``hx = sum_z (d2f/dx dz) dz`` with ``f = sum_y y . wy``, for every input x; z are all inputs too. It takes about
+        2.4 times the operations of `vjp`. The weights are constant; what is not said here is as in `vjp` and `jvp`.
 
         Parameters
         ----------
-        arrays : tuple of arrays
-            What a call of the kernel takes: q, qd, ..., W, Wd, ..., C, V, Vd, ...
-        weights : array or tuple of arrays, each of the shape of a result
-            wQ, wQd, ..., as in `vjp`; they are constant.
-        directions : tuple of arrays, each of the shape of an input
-            dq, dqd, ..., as in `jvp`; None is zero.
+        arrays, weights, directions : tuple of arrays
+            q, qd, ..., then wQ, wQd, ..., then dq, dqd, ...; None is zero.
         symmetric : bool, optional
-            Displacements d of a pose C, by C exp(wedge(d)), and of joints of several columns do not commute: the
-            derivative along b of that along a is that along a of that along b, plus the derivative along [b, a]. If
-            true, the mean of both is the result: the Hessian of f at d = 0 as a function of d, as a step of Newton's
-            method takes it. If false, the result is the derivative of the gradient. Other inputs: no difference.
-        out : tuple of arrays, optional
-            Arrays to write the results into.
-        threads : int, optional
-            Number of threads to split the batch among.
+            Displacements of a pose C, by C exp(wedge(d)), and of one joint of several columns do not commute: with the
+            Hessian H and the gradient g, ``a . H b - b . H a = g . [b, a]``, of twists ``ad(b) a``. False: H b is the
+            derivative of the gradient along b. True: it is the mean of both orders, the Hessian of f as a function of d
+            at 0, which steps of solvers take. By other inputs, H is symmetric.
+        out, threads : optional
+            As in `vjp`.
 
         Returns
         -------
         tuple of arrays
             hq, hqd, ..., of the shapes that `vjp` returns.
 
-        Raises
-        ------
-        JounceError
-            As in `vjp`.
-
         Examples
         --------
         >>> import jounce, numpy as np
         >>> kernel = jounce.load("planar2r").compile(order=0)
-        >>> x, w, d = np.ones((3, 2)), np.array([1.0, 2.0]), np.array([1.0, 0.0])
-        >>> hq, hqd, hq2d = kernel.hvp(x.tolist(), w, (d, None, None))
-        >>> H = kernel.hessian(x.tolist(), w)
+        >>> (*x, w), d = np.ones((4, 2)), np.array([1.0, 0.0])
+        >>> hq, hqd, hq2d = kernel.hvp(x, w, (d, None, None))
+        >>> H = kernel.hessian(x, w)
         >>> bool(np.allclose(hqd, H["qd", "q"] @ d))
         True
         """
@@ -230,42 +218,31 @@ class DerivativeProducts(ABC, Generic[Results]):
     ) -> dict[tuple[str, str], Floats]:
         """Compute the Hessian of a weighted sum of all results, in blocks by two inputs.
 
-        ``H[x, z] = d2f/dx dz`` with ``f = sum_y y . wy``, for any two inputs x and z, such as "q" and "qd". One
-        program computes all of them, in the time of three to four calls of `hvp`. Native code of it is compiled at the
-        first call and kept on disk.
+        ``H[x, z] = d2f/dx dz`` with ``f = sum_y y . wy``. One program computes all blocks in the time of about four
+        calls of `hvp`. The weights are constant; what is not said here is as in `vjp`.
 
         Parameters
         ----------
-        arrays : tuple of arrays
-            What a call of the kernel takes: q, qd, ..., W, Wd, ..., C, V, Vd, ...
-        weights : array or tuple of arrays, each of the shape of a result
-            wQ, wQd, ..., as in `vjp`; they are constant.
+        arrays, weights : tuple of arrays
+            q, qd, ..., then wQ, wQd, ...
         symmetric : bool, optional
-            Whether blocks of a pose, and of joints of several columns, are made symmetric, see `hvp`: all others are.
+            Whether blocks by a pose, and by joints of several columns, are made symmetric, see `hvp`.
         out : array (..., N, N), optional
-            Array to write the whole matrix into, N entries of all inputs one after the other.
+            Array to write the whole matrix into, the N entries of all inputs one after the other.
         threads : int, optional
-            Number of threads to split the batch among.
+            As in `vjp`.
 
         Returns
         -------
         dict of arrays
-            Blocks by the names of two inputs, all pairs, of the shape of the first, then of the second: ``H["q",
-            "qd"]`` is (..., n, n), a wrench has two axes. All are views of one symmetric matrix, of which
-            ``robot.compile(..., product="hessian")`` returns the whole. Entry (i, j) is the derivative along j of
-            gradient i. There are no blocks of the dependent coordinates of a closed robot, which follow q.
-
-        Raises
-        ------
-        JounceError
-            As in `vjp`.
+            Blocks by the names of two inputs, for all pairs: ``H["q", "qd"]`` is (..., n, n); a wrench has two axes.
+            They are views of one matrix, which ``robot.compile(..., product="hessian")`` returns.
 
         Examples
         --------
         >>> import jounce, numpy as np
-        >>> robot = jounce.load("planar2r")
-        >>> kernel, q, w = robot.compile("potential_energy", order=0), np.ones(2), 1.0
-        >>> H = kernel.hessian((q,), w)
+        >>> robot, q = jounce.load("planar2r"), np.ones(2)
+        >>> H = robot.compile("potential_energy", order=0).hessian((q,), 1.0)
         >>> bool(np.allclose(H["q", "q"], robot.inverse_dynamics_partials(q, 0 * q, 0 * q)[0]))
         True
         """
@@ -294,10 +271,11 @@ class DerivativeProducts(ABC, Generic[Results]):
         asked = replace(self.computation, product=name)
         if refusal := memory_layout.obstacle(asked, self.mechanism):
             raise JounceError(f"{name} of {self!r}: native code {refusal}; choose a lower order")
+        cure = ", or hvp computes its columns" if name == "hessian" else ""
         try:
             return self._compile(asked, memory_layout.MAX_COMPILE_SECONDS)
         except memory_layout.LongCompilationError:
             raise JounceError(
                 f"{name} of {self!r} takes longer than {memory_layout.MAX_COMPILE_SECONDS:g} s to compile;"
-                f" robot.compile({', '.join(asked.keywords())}) compiles it once"
+                f" robot.compile({', '.join(asked.keywords())}) compiles it once{cure}"
             ) from None

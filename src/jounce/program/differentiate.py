@@ -73,7 +73,7 @@ class FreeInputs:
     followers: Followers | None = None
 
     def directions(self, inputs: int) -> int:
-        """How many there are, of a program with so many inputs."""
+        """How many there are, of a program with that number of inputs."""
         end = self.followers.start if self.followers else inputs
         return end - self.parameters - sum(prod(x.shape) - x.directions for x in self.displaced)
 

@@ -450,6 +450,67 @@ class Methods:
     ) -> tuple[Array, ...]: ...
 
     # its row: jounce/dynamics/quantities/partials.py
+    def inverse_dynamics_second_partials(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        *,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> tuple[Array, Array, Array, Array]:
+        """The second partial derivatives of the generalized forces: four tensors.
+
+        ``Qqq = d2Q/dq dq``, ``Qqqd = d2Q/dq dqd``, ``Qqdqd = d2Q/dqd dqd`` and ``Qqq2d = d2Q/dq dq2d``, which is that
+        of the mass matrix by q. Drive terms that act contribute. Where sums over the forces with given weights are
+        enough, as in steps of solvers, `Kernel.hessian` computes them at a fraction of the cost, with all rates.
+
+        As in `inverse_dynamics_partials`, wrenches are fixed in the bodies, and a base that floats is displaced by a
+        twist in its own axes. Displacements of one base, and of one joint of several columns, do not commute: there,
+        Qqq is not symmetric, and k is that of the second derivative taken.
+
+        Parameters
+        ----------
+        q, qd, q2d : (..., n)
+            Coordinates, velocities and accelerations: rad or m, per s, per s^2.
+        wrench : (..., nb, 6) or dict, or a tuple of them, optional
+            What the bodies EXERT ON their environment, Qext = +J^T W, (moment; force) in body-frame components about
+            the origin of the body frame. A *tuple* (W, Wd, ...) is W with as many rates as the result has; anything
+            else, nested lists included, is W alone. Each is an array (..., nb, 6) or a dict {body or merged link: (...,
+            6)}. Wd is the derivative of those components.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        Qqq, Qqqd, Qqdqd, Qqq2d : (..., nv, nv, nv)
+            Unit: that of Q over that of q, qd, q2d, twice. Entry (i, j, k): the derivative of force i by coordinate j,
+            then by coordinate, velocity or acceleration k. All others are zero.
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, `wrench` has fewer rates than it takes, or a name is
+            unknown.
+
+        References
+        ----------
+        S. Singh, R. P. Russell, P. M. Wensing, "On Second-Order Derivatives of Rigid-Body Dynamics: Theory &
+        Implementation", arXiv:2302.06001.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> robot = jounce.load("iiwa14")
+        >>> Qqq, Qqqd, Qqdqd, Qqq2d = robot.inverse_dynamics_second_partials(*np.ones((3, 7)))
+        >>> Qqq.shape, bool(np.allclose(Qqq, Qqq.swapaxes(1, 2)))
+        ((7, 7, 7), True)
+        """
+
+    # its row: jounce/dynamics/quantities/partials.py
     def forward_dynamics_partials(
         self,
         q: Named,
@@ -507,6 +568,66 @@ class Methods:
         >>> robot = jounce.load("iiwa14")
         >>> dq, dqd, Minv = robot.forward_dynamics_partials(np.ones(7), np.zeros(7), np.zeros(7))
         >>> bool(np.allclose(Minv @ robot.mass_matrix(np.ones(7)), np.eye(7)))
+        True
+        """
+
+    # its row: jounce/dynamics/quantities/partials.py
+    def forward_dynamics_second_partials(
+        self,
+        q: Named,
+        qd: Named,
+        Q: Named,
+        *,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> tuple[Array, Array, Array, Array]:
+        """The second partial derivatives of the accelerations q2d by q, qd and Q: four tensors.
+
+        With u and w among q, qd and Q, and a = q2d: ``d2a/du dw = -M^-1 (d2Q/du dw + dM/du da/dw + dM/dw da/du)``,
+        from `inverse_dynamics_second_partials` at the accelerations that Q causes and `forward_dynamics_partials`. What
+        is said there of wrenches and of bases holds here.
+
+        Parameters
+        ----------
+        q, qd : (..., n)
+            Coordinates and velocities: rad or m, per s.
+        Q : (..., nv)
+            Generalized forces: N m, or N for coordinates in m. If the robot floats, they begin with the wrench (moment;
+            force) that acts on the base, in its axes: zero in flight.
+        wrench : (..., nb, 6) or dict, or a tuple of them, optional
+            What the bodies EXERT ON their environment, Qext = +J^T W, (moment; force) in body-frame components about
+            the origin of the body frame. A *tuple* (W, Wd, ...) is W with as many rates as the result has; anything
+            else, nested lists included, is W alone. Each is an array (..., nb, 6) or a dict {body or merged link: (...,
+            6)}. Wd is the derivative of those components.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        dqdq, dqdqd, dqddqd, dqdQ : (..., nv, nv, nv)
+            Unit: that of q2d over that of q, qd, Q, twice. Entry (i, j, k): the derivative of acceleration i by
+            coordinate or velocity j, then by coordinate, velocity or force k. All others are zero.
+
+        Raises
+        ------
+        JounceError
+            If an array has a wrong shape, a rate is skipped, `wrench` has fewer rates than it takes, the mass matrix is
+            singular at all positions, or a name is unknown.
+
+        References
+        ----------
+        S. Singh, R. P. Russell, P. M. Wensing, "On Second-Order Derivatives of Rigid-Body Dynamics: Theory &
+        Implementation", arXiv:2302.06001, for the relation of the two.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> robot, q = jounce.load("iiwa14"), np.ones(7)
+        >>> dqdq, dqdqd, dqddqd, dqdQ = robot.forward_dynamics_second_partials(q, q, q)
+        >>> bool(np.allclose(dqddqd, dqddqd.swapaxes(1, 2)))
         True
         """
 

@@ -8,11 +8,18 @@ from jounce.dynamics.quantities.forces import Forces
 from jounce.dynamics.quantities.forward import Forward
 from jounce.dynamics.quantities.loops import tree_forces
 from jounce.dynamics.quantities.row import quantity
-from jounce.dynamics.recursion import force_partials
+from jounce.dynamics.recursion import force_partials, second_force_partials
 from jounce.dynamics.state import State
 from jounce.model.drives import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
+
+
+def no_closed_tensors(m: Mechanism) -> str | None:
+    """Why a robot has no tensors of second derivatives: what loops add to them is in products of kernels alone."""
+    if m.closure is None:
+        return None
+    return "is of robots without closed loops; kernel.hessian and kernel.hvp are of all robots, sums over the forces"
 
 
 class Partials:
@@ -75,6 +82,53 @@ class Partials:
         return partials.extend_to_rates(*found, velocity_drift(m, x.q, x.base))
 
     @quantity(
+        symbol="Qqq",
+        results=("Qqq", "Qqqd", "Qqdqd", "Qqq2d"),
+        rates=Forces.inverse_dynamics.rates,
+        shape=("nv", "nv", "nv"),
+        drive_terms=DRIVE_TERMS,
+        obstacle=no_closed_tensors,
+        unit="that of Q over that of q, qd, q2d, twice",
+        caption="second partial derivatives of the generalized forces",
+        meaning="Qqq = d2Q/dq dq, Qqqd = d2Q/dq dqd, Qqdqd = d2Q/dqd dqd, Qqq2d = d2Q/dq dq2d = dM/dq: the second"
+        " partial derivatives of the generalized forces.",
+        tex=r"\partial^2 Q / \partial (q, \dot{q}, \ddot{q})^2",
+        wrench_term="d2(J^T W)/dq2, of wrenches W fixed in the bodies",
+        wrench_tex=r"\partial^2 (J^T W) / \partial q^2",
+        returns="Entry (i, j, k): the derivative of force i by coordinate j, then by coordinate, velocity or"
+        " acceleration k. All others are zero.",
+    )
+    @staticmethod
+    def inverse_dynamics_second_partials(m: Mechanism, x: State) -> Series:
+        """The second partial derivatives of the generalized forces: four tensors.
+
+        ``Qqq = d2Q/dq dq``, ``Qqqd = d2Q/dq dqd``, ``Qqdqd = d2Q/dqd dqd`` and ``Qqq2d = d2Q/dq dq2d``, which is that
+        of the mass matrix by q. Drive terms that act contribute. Where sums over the forces with given weights are
+        enough, as in steps of solvers, `Kernel.hessian` computes them at a fraction of the cost, with all rates.
+
+        As in `inverse_dynamics_partials`, wrenches are fixed in the bodies, and a base that floats is displaced by a
+        twist in its own axes. Displacements of one base, and of one joint of several columns, do not commute: there,
+        Qqq is not symmetric, and k is that of the second derivative taken.
+
+        References
+        ----------
+        S. Singh, R. P. Russell, P. M. Wensing, "On Second-Order Derivatives of Rigid-Body Dynamics: Theory &
+        Implementation", arXiv:2302.06001.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> robot = jounce.load("iiwa14")
+        >>> Qqq, Qqqd, Qqdqd, Qqq2d = robot.inverse_dynamics_second_partials(*np.ones((3, 7)))
+        >>> Qqq.shape, bool(np.allclose(Qqq, Qqq.swapaxes(1, 2)))
+        ((7, 7, 7), True)
+        """
+        found = [*second_force_partials.second_partials(m, x.q, x.W, x.base)]
+        if set(DRIVE_TERMS) & set(m.acting):
+            found[2] = found[2] + drive_terms.second_partials(m, x.q, m.acting)
+        return Series.of(found)
+
+    @quantity(
         symbol="dq",
         results=("dq", "dqd", "Minv"),
         rates=3,
@@ -112,9 +166,60 @@ class Partials:
         >>> bool(np.allclose(Minv @ robot.mass_matrix(np.ones(7)), np.eye(7)))
         True
         """
-        found = Forward.forward_dynamics.law(method, m)(m, x)[0][..., None]
-        moving = replace(x, q=Series.of([x.q[0], x.q[1], found[..., -m.n :, :]]))
-        if m.floats and x.base:
-            moving = replace(moving, base=replace(x.base, V=Series.of([x.base.V[0], found[..., :6, :]])))
+        moving = accelerated(m, x, method)
         P = Partials.inverse_dynamics_partials.law(method, m)(m, moving)
         return Series.of(partials.acceleration_partials(P[0]))
+
+    @quantity(
+        symbol="dqdq",
+        results=("dqdq", "dqdqd", "dqddqd", "dqdQ"),
+        rates=3,
+        forces=True,
+        shape=("nv", "nv", "nv"),
+        drive_terms=DRIVE_TERMS,
+        obstacle=no_closed_tensors,
+        unit="that of q2d over that of q, qd, Q, twice",
+        caption="second partial derivatives of the accelerations",
+        meaning="dqdq = d2q2d/dq dq, dqdqd = d2q2d/dq dqd, dqddqd = d2q2d/dqd dqd, dqdQ = d2q2d/dq dQ = dM^-1/dq: the"
+        " second partial derivatives of forward dynamics.",
+        tex=r"\partial^2 \ddot{q} / \partial (q, \dot{q}, Q)^2",
+        wrench_term="-M^-1 d2(J^T W)/dq2, of wrenches W fixed in the bodies",
+        wrench_tex=r"\partial^2 (-M^{-1} J^T W) / \partial q^2",
+        returns="Entry (i, j, k): the derivative of acceleration i by coordinate or velocity j, then by coordinate,"
+        " velocity or force k. All others are zero.",
+    )
+    @staticmethod
+    def forward_dynamics_second_partials(m: Mechanism, x: State) -> Series:
+        """The second partial derivatives of the accelerations q2d by q, qd and Q: four tensors.
+
+        With u and w among q, qd and Q, and a = q2d: ``d2a/du dw = -M^-1 (d2Q/du dw + dM/du da/dw + dM/dw da/du)``,
+        from `inverse_dynamics_second_partials` at the accelerations that Q causes and `forward_dynamics_partials`. What
+        is said there of wrenches and of bases holds here.
+
+        References
+        ----------
+        S. Singh, R. P. Russell, P. M. Wensing, "On Second-Order Derivatives of Rigid-Body Dynamics: Theory &
+        Implementation", arXiv:2302.06001, for the relation of the two.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> robot, q = jounce.load("iiwa14"), np.ones(7)
+        >>> dqdq, dqdqd, dqddqd, dqdQ = robot.forward_dynamics_second_partials(q, q, q)
+        >>> bool(np.allclose(dqddqd, dqddqd.swapaxes(1, 2)))
+        True
+        """
+        moving = accelerated(m, x, "recursion")
+        of_forces = Partials.inverse_dynamics_second_partials.law("recursion", m)(m, moving)
+        P = Partials.inverse_dynamics_partials.law("recursion", m)(m, moving)
+        first = partials.acceleration_partials(P[0])
+        return Series.of(partials.second_acceleration_partials(first, of_forces.upto(3)))
+
+
+def accelerated(m: Mechanism, x: State, method: str) -> State:
+    """The state with the accelerations that its forces cause."""
+    found = Forward.forward_dynamics.law(method, m)(m, x)[0][..., None]
+    moving = replace(x, q=Series.of([x.q[0], x.q[1], found[..., -m.n :, :]]))
+    if m.floats and x.base:
+        moving = replace(moving, base=replace(x.base, V=Series.of([x.base.V[0], found[..., :6, :]])))
+    return moving

@@ -79,6 +79,7 @@ class ScrewWrenches:
     """What the screws S of a joint require of the bodies that it carries, a column each, in its body frame."""
 
     screws: Screws
+    Pi_rate: Series  # of the bodies, in space, (..., 4, 4)
     momentum: Series  # I S
     reaction: Series  # B^T S
     change: Series  # I A + B S' + S x F
@@ -98,7 +99,7 @@ class ScrewWrenches:
             A = A + V_carrier.map(_ad) @ moving
             change = _momenta([(A, on.Pi), (moving, Pi_rate)]) + _cross(moving, on.p) + turned
         screws = Screws(Series.constant(joint.X), joint.screw_rate(V), moving, A)
-        return cls(screws, joint.momentum(on.Pi), joint.momentum(Pi_rate) - joint.cross(on.p), change, turned)
+        return cls(screws, Pi_rate, joint.momentum(on.Pi), joint.momentum(Pi_rate) - joint.cross(on.p), change, turned)
 
 
 @dataclass(frozen=True)
@@ -131,6 +132,14 @@ class ScrewProducts:
 
 def partials(m: Mechanism, q: Series, W: Series | None = None, base: JointMotion | None = None) -> Partials:
     """K, D, M of the generalized forces, (..., nv, nv) each, with wrenches W on the bodies, (..., 6nb, 1)."""
+    tree, _, screws, steps = carry_screws(m, q, W, base)
+    return _project_partials(tree, q, screws, steps)
+
+
+def carry_screws(
+    m: Mechanism, q: Series, W: Series | None, base: JointMotion | None
+) -> tuple[KinematicTree[MovingJoint], list[CarriedBodies], list[ScrewWrenches], list[Series]]:
+    """The joints, what each carries, what its screws require of that, and the steps to all in their order."""
     chain = minimal_mechanism(m)
     tree = kinematic_tree(chain, q, base)
     joints = tree.joints
@@ -142,11 +151,11 @@ def partials(m: Mechanism, q: Series, W: Series | None = None, base: JointMotion
         on_bodies = shift_wrenches(m, chain, W)
         on_ground = [0 * on_bodies[0]] * (len(joints) - len(on_bodies))
         loads = composites(joints, on_ground + on_bodies, MovingJoint.wrenches)
-    screws = []
+    bodies, screws = [CarriedBodies(*x) for x in zip(Pi, p, loads, strict=True)], []
     for i, joint in enumerate(joints):
         carried = joint.twists(V[joint.parent]) if isinstance(joint, FreeJoint) and joint.parent >= 0 else None
-        screws.append(ScrewWrenches.of(joint, V[i], carried, field[i], CarriedBodies(Pi[i], p[i], loads[i])))
-    return _project_partials(tree, q, screws, [*V, *field, *Pi[::-1], *p[::-1]])
+        screws.append(ScrewWrenches.of(joint, V[i], carried, field[i], bodies[i]))
+    return tree, bodies, screws, [*V, *field, *Pi[::-1], *p[::-1]]
 
 
 def _carrier_acceleration(joint: MovingJoint, own: Series, carried: Series | None, field: Series) -> Series:

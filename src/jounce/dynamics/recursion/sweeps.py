@@ -40,7 +40,7 @@ class ScrewColumns:
 
 def collect(tree: Sequence[MovingJoint], own: Sequence[Series]) -> list[ScrewColumns]:
     """Transport the wrenches of each joint inward: for each joint, those of the joints that it carries."""
-    owners = _owners(tree)
+    owners = owners_of_screws(tree)
     at = [(np.flatnonzero(owners == j).tolist(), [own_j]) for j, own_j in enumerate(own)]
     columns: list[ScrewColumns] = []
     for i in reversed(range(len(tree))):
@@ -77,12 +77,12 @@ def spread_columns(columns: Series, numbers: Sequence[int], size: int) -> Series
 
 def mask_above(triangle: Series, tree: Sequence[MovingJoint]) -> Series:
     """The entries above the diagonal, in blocks of joints."""
-    owners = _owners(tree)
+    owners = owners_of_screws(tree)
     kept = (owners[:, None] < owners).astype(np.int8)
     return triangle.map(lambda entries: entries * kept)
 
 
-def _owners(tree: Sequence[MovingJoint]) -> np.ndarray:
+def owners_of_screws(tree: Sequence[MovingJoint]) -> np.ndarray:
     """The joint of each screw."""
     return np.repeat(np.arange(len(tree)), [joint.X.shape[-1] for joint in tree])
 
