@@ -6,6 +6,7 @@ stored, else where each column begins among the stored entries, and the row of e
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -36,6 +37,7 @@ class ExternalFunction:
     found: list[int]
 
 
+@lru_cache(maxsize=32)  # two templates take them
 def external_functions(f: PrintedFunction) -> list[ExternalFunction]:
     """A function and its derivatives by all inputs: the state, then parameters."""
     inputs = sorted(f.signature.inputs, key=lambda x: x.role == "parameter")
@@ -96,8 +98,8 @@ def _external(
     named = (replace(x, name=f"params_{x.name}", role="state") if x.role == "parameter" else x for x in inputs)
     taken = [x for x in named if x.role != "unused"]
     code = replace(f, signature=Signature(tuple(taken), tuple(outputs[k] for k in found)), program=program)
-    patterns = ({x.name: _pattern(x) for x in ports} for ports in (inputs, outputs))
-    return ExternalFunction(before, code, *patterns, given, found)
+    taken_patterns, made_patterns = ({x.name: _pattern(x) for x in ports} for ports in (inputs, outputs))
+    return ExternalFunction(before, code, taken_patterns, made_patterns, given, found)
 
 
 def _pattern(port: Port) -> Pattern:

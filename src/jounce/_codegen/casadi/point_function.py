@@ -44,14 +44,18 @@ class PointFunction(casadi.Callback):
     ) -> None:
         super().__init__()
         self._points, self._law, self._derivatives = points, law, list[PointFunction]()
-        for side, ports in (("in", inputs), ("out", outputs)):  # what CasADi asks for
-            setattr(self, f"get_n_{side}", ports.__len__)
-            setattr(self, f"get_name_{side}", list(ports).__getitem__)
-            setattr(self, f"get_sparsity_{side}", list(ports.values()).__getitem__)
-        self.has_eval_buffer = lambda: True
-        self.has_jacobian = lambda: law.blocks is not None
-        self.has_jac_sparsity = lambda output, by: law.blocks is not None
-        self.has_reverse = lambda count: law.gradient is not None
+        answers: dict[str, Callable[..., Any]] = {  # to what CasADi asks of a function
+            "has_eval_buffer": lambda: True,
+            "has_jacobian": lambda: law.blocks is not None,
+            "has_jac_sparsity": lambda output, by: law.blocks is not None,
+            "has_reverse": lambda count: law.gradient is not None,
+        }
+        for side, ports in (("in", inputs), ("out", outputs)):
+            answers[f"get_n_{side}"] = ports.__len__
+            answers[f"get_name_{side}"] = list(ports).__getitem__
+            answers[f"get_sparsity_{side}"] = list(ports.values()).__getitem__
+        for question, answer in answers.items():
+            setattr(self, question, answer)
         self.construct(name, {"enable_forward": False})  # derivatives along directions are products with the Jacobian
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
@@ -83,7 +87,9 @@ class PointFunction(casadi.Callback):
         block = casadi.DM.ones(rows // self._points, columns // self._points)
         return casadi.kron(casadi.DM.eye(self._points), block).sparsity()
 
-    def get_jacobian(self, name: str, inputs: list[str], outputs: list[str], options: object) -> casadi.Function:
+    def get_jacobian(
+        self, name: str, inputs: Sequence[str], outputs: Sequence[str], options: object
+    ) -> casadi.Function:
         """The function of all partial derivatives."""
         blocks, pairs = self._law.blocks, [(o, i) for o in range(self.n_out()) for i in range(self.n_in())]
         assert blocks is not None  # as `has_jacobian` says
@@ -91,7 +97,7 @@ class PointFunction(casadi.Callback):
         return self._derive(name, law, inputs, [], outputs, [self.get_jac_sparsity(o, i, False) for o, i in pairs])
 
     def get_reverse(
-        self, count: int, name: str, inputs: list[str], outputs: list[str], options: object
+        self, count: int, name: str, inputs: Sequence[str], outputs: Sequence[str], options: object
     ) -> casadi.Function:
         """The function of the gradients of `count` weighted sums."""
         if count > 1:
@@ -101,7 +107,13 @@ class PointFunction(casadi.Callback):
         return self._derive(name, self._law.gradient, inputs, weights, outputs, found)
 
     def _derive(
-        self, name: str, law: PointLaw, inputs: list[str], more: Sparsities, outputs: list[str], found: Sparsities
+        self,
+        name: str,
+        law: PointLaw,
+        inputs: Sequence[str],
+        more: Sparsities,
+        outputs: Sequence[str],
+        found: Sparsities,
     ) -> "PointFunction":
         """A function of the inputs, the outputs, which it does not use, and more."""
         own = map(self.sparsity_in, range(self.n_in()))
