@@ -39,6 +39,7 @@ STRICT = "-std=c99 -O0 -Wall -Wextra -Wpedantic -Wconversion -Wdouble-promotion 
 STRICT_CXX = STRICT.replace("c99", "c++11"), STRICT.replace("c99", "c++17")
 LANGUAGES = {  # the tools that a language takes, and what its Makefile is told
     "c": (["make", "gcc"], ["CC=gcc", f"CFLAGS={STRICT}"]),
+    "casadi": (["make", "gcc"], ["CC=gcc", "CFLAGS=-O0 -Wall -Wextra -Wpedantic -Werror", f"PYTHON={sys.executable}"]),
     "cpp": (["make", "g++"], ["CXX=g++", f"CXXFLAGS={STRICT_CXX[0]}", "EIGEN="]),
     "cuda": (["make", "g++"], ["NVCC=", "CXX=g++", f"CXXFLAGS={STRICT_CXX[1]}"]),
     "javascript": (["make", NODE], [f"NODE={NODE}"]),
@@ -119,7 +120,8 @@ ALL, PARAMETERS = every("body2"), ("gravity", "masses", "lengths", "payload", "p
 PRODUCTS = ("inverse_dynamics.vjp", "inverse_dynamics.jvp", "forward_dynamics.vjp", "base_wrench.jvp")
 OF_MOTORS = tuple(row.name for row in QUANTITIES.values() if row.elastic)
 FLOATING = ("inverse_dynamics", "jacobian:body1:world", "momentum.vjp")
-PROGRAMS = [lang for lang in LANGUAGES if lang != "latex"]
+APART = {"latex", "casadi"}  # no program; with Hessians, which take long to compile: test_codegen_casadi.py
+PROGRAMS = [lang for lang in LANGUAGES if lang not in APART]
 CASES = {  # the robot, what is asked for, how many states, and in which languages: in all what differs between them
     "iiwa14, order 0": ("iiwa14", {"order": 0, "outputs": ("inverse_dynamics", "mass_matrix")}, 20, "cpp python"),
     "iiwa14, order 1": ("iiwa14", {"order": 1, "wrench": True}, 20, "c cuda"),
@@ -170,7 +172,7 @@ CASES = {  # the robot, what is asked for, how many states, and in which languag
     ),
     "moving ground, single": ("planar2r", {"order": 1, "moving_base": True, "float32": True}, 6, "c python rust"),
 }  # fmt: skip
-languages = pytest.mark.parametrize("lang", LANGUAGES)
+languages = pytest.mark.parametrize("lang", [lang for lang in LANGUAGES if lang != "casadi"])
 programs = pytest.mark.parametrize("lang", [pytest.param(x, marks=needs(*LANGUAGES[x][0])) for x in PROGRAMS])
 
 

@@ -132,7 +132,7 @@ CASES: dict[str, Case] = {
     "casadi_function": (
         ROBOT.casadi_function,
         {"quantity": "jacobian", "order": 0, "wrench": False, "body": "body1", "frame": "world"}
-        | {"parameters": (), "moving_base": False},
+        | {"parameters": (), "moving_base": False, "native": False, "points": 2},
     ),
     "inertia_matrix": (
         jounce.inertia_matrix,

@@ -10,7 +10,7 @@ import numpy as np
 from jounce.core.errors import JounceError, check_choice, quote_value
 from jounce.dynamics.computation import Port
 
-LANGUAGE_NAMES = ("c", "cpp", "cuda", "javascript", "julia", "latex", "matlab", "python", "rust")
+LANGUAGE_NAMES = ("c", "casadi", "cpp", "cuda", "javascript", "julia", "latex", "matlab", "python", "rust")
 
 
 def digits(x: float, single: bool) -> str:

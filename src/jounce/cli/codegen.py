@@ -50,7 +50,9 @@ def _split_names(_: click.Context, __: click.Parameter, given: str | None) -> li
 
 @click.command(cls=_Codegen, short_help="Generate source code in another language, with tests.")
 @add_robot_options
-@click.option("--lang", required=True, help="Language: c, cpp, cuda, javascript, julia, latex, matlab, python or rust.")
+@click.option(
+    "--lang", required=True, help="Language: c, casadi, cpp, cuda, javascript, julia, latex, matlab, python or rust."
+)
 @click.option("--order", default=2, help="Highest time derivative, up to 4: 2 gives Q, Qd, Q2d.")
 @click.option("-o", "--output", required=True, type=PATH, help="Output folder, new or empty.")
 @click.option(

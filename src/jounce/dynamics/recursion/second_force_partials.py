@@ -27,10 +27,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate
-from jounce.dynamics.joint_motion import JointMotion
 from jounce.dynamics.recursion.force_partials import CarriedBodies, ScrewWrenches, carry_screws
 from jounce.dynamics.recursion.joints import MovingJoint, batch_zeros
 from jounce.dynamics.recursion.sweeps import owners_of_screws
+from jounce.dynamics.state import JointMotion
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.inertia import from_moment_matrix
 from jounce.spatial.lie import ad

@@ -1,13 +1,13 @@
 """CasADi functions of a robot's quantities, to be differentiated and put into optimal control problems."""
 
-import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jounce._codegen.casadi.matrices import function_name, matrix_shape
 from jounce.arguments import requests
-from jounce.core.errors import JounceError, join_names, optional_import, warn
+from jounce.core.errors import JounceError, check_bool, join_names, optional_import, quote_value, warn
 from jounce.core.scalars import asarray
 from jounce.core.typing import Frame
 from jounce.dynamics.computation import Computation
@@ -19,6 +19,8 @@ from jounce.model.parameters import own_values, parametrise
 if TYPE_CHECKING:
     import casadi
 
+MAX_POINTS = 1_000_000  # of a call: the Jacobian of an arm's forces has 0.2 billion entries then
+
 
 def casadi_function(
     robot: Engine,
@@ -29,6 +31,8 @@ def casadi_function(
     frame: Frame,
     parameters: Sequence[str],
     moving_base: bool,
+    native: bool,
+    points: int,
 ) -> "casadi.Function":
     """A quantity and its rates as a `casadi.Function`, see `Robot.casadi_function`."""
     with optional_import("casadi_function() needs CasADi", "casadi"):
@@ -41,6 +45,16 @@ def casadi_function(
         robot.mechanism, quantity, order, wrench, body, frame, moving_base=moving_base
     )
     _check_axes(computation, robot.mechanism)
+    if isinstance(points, bool) or not isinstance(points, int | np.integer) or not 0 < points <= MAX_POINTS:
+        raise JounceError(
+            f"points is {quote_value(points)}; expected how many states a call takes, from 1 to {MAX_POINTS}"
+        )
+    if check_bool("native", native, "whether native code computes the function"):
+        if parameters:
+            raise JounceError("native=True takes no parameters, which native code holds as numbers; native=False does")
+        from jounce._codegen.casadi.native import native_function
+
+        return native_function(robot.mechanism, computation, int(points))
     shapes = {name: value.shape for name, value in own_values(robot.mechanism, parameters).items()}
     signature = computation.signature(robot.mechanism, shapes)
     ports = sorted(signature.inputs, key=lambda port: port.role == "parameter")  # the state first, as in other calls
@@ -55,21 +69,16 @@ def casadi_function(
     idle = [name for name in shapes if not casadi.depends_on(all_results, inputs[name])]
     if idle:
         warn(f"parameters without effect on {quantity}: {join_names(idle)}")
-    return casadi.Function(_name(computation), list(inputs.values()), results, list(inputs), names)
+    function = casadi.Function(function_name(computation), list(inputs.values()), results, list(inputs), names)
+    return function if points == 1 else function.map(int(points))
 
 
 def _matrix(array: np.ndarray) -> "casadi.SX":
     """The CasADi matrix of an object array: a column of a vector, 1 x 1 of a scalar, several matrices in one column."""
     import casadi
 
-    rows = array.reshape((-1, array.shape[-1]) if array.ndim > 2 else (*array.shape, 1, 1)[:2])
+    rows = array.reshape(matrix_shape(array.shape))
     return casadi.SX(casadi.vertcat(*(casadi.horzcat(*row) for row in rows)))
-
-
-def _name(computation: Computation) -> str:
-    """The quantity with its body and frame as CasADi takes a name: letters and digits, single underscores between."""
-    place = [computation.body or "", computation.frame if computation.quantity.frames else ""]
-    return "_".join(re.findall("[A-Za-z0-9]+", "_".join([computation.name, *place])))
 
 
 def _check_axes(computation: Computation, mechanism: Mechanism) -> None:
