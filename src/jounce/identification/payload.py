@@ -105,16 +105,16 @@ def _pose(
     robot: Engine, log: Motion, terms: tuple[DriveTerm, ...], which: str
 ) -> tuple[IdentificationProblem, list[str]]:
     """The problem of a log without the delay of its forces, and what is said of it."""
-    motion = check_motion(robot.mechanism, log)
-    given = check_measurements(robot.mechanism, motion, None, None, None, None)
+    path = check_motion(robot.mechanism, log)
+    given = check_measurements(robot.mechanism, path, None, None, None, None)
     if not given.forces.any():
         raise JounceError(f"all torques of the log {which} are 0; expected measured ones, N m or N at the joints")
-    log = MeasuredLog("", motion, given, np.ones(len(given.t), dtype=bool))
+    measured = MeasuredLog("", path, given, np.ones(len(given.t), dtype=bool))
 
     def pose(logs: Sequence[MeasuredLog]) -> list[IdentificationProblem]:
         return pose_logs(robot, logs, terms, given_eps=False, known=False, band=None, method="inverse_dynamics")
 
-    [posed], _, [said] = pose_without_delays(pose, [log])
+    [posed], _, [said] = pose_without_delays(pose, [measured])
     return posed, said
 
 
