@@ -71,7 +71,7 @@ def test_a_folder_of_logs_is_one_fit_with_a_page(log, tmp_path):
     assert "2 of 2 logs" in text
     assert picture.exists()
     other = call("identify", "planar2r", folder / "a.csv", "-o", out, "--test", folder / "b.csv").stdout
-    assert ": test" in other
+    assert "b.csv: test" in other
     assert json.loads(call(*words, "--test", folder / "b.csv", "--json").stdout)["parameters"] == said["parameters"]
 
 

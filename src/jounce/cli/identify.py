@@ -153,14 +153,16 @@ def _find_logs(motion: Path, tests: tuple[Path, ...]) -> tuple[dict[str, Path], 
     from jounce.io.motions import bags, list_logs
 
     notes: tuple[str, ...] = ()
-    tested, logs = [], {str(motion) if tests else "": motion}
+    tested, logs = [], {motion.name if tests else "": motion}
     if motion.is_dir() and not bags.is_bag(motion):
         found, notes = list_logs(motion)
         logs = {path.name: path for path in found}
     for path in tests:
-        inside = str(path) in logs or path.resolve() in (log.resolve() for log in logs.values())
-        tested.append(path.name if inside else str(path))
-        logs.setdefault(tested[-1], path)
+        known = {log.resolve(): name for name, log in logs.items()}
+        outside = str(path) if path.name in logs else path.name
+        name = str(path) if str(path) in logs else known.get(path.resolve(), outside)
+        tested.append(name)
+        logs.setdefault(name, path)
     return logs, tested, notes
 
 

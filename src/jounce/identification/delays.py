@@ -76,7 +76,7 @@ def pose_without_delays(
                 continue
             late, deviation, left = found
             if stated is not None:
-                notes[k] = [f"measured forces come {_describe(late, deviation)}, besides delay={stated:g}"]
+                notes[k] = [f"measured forces come {_describe(late, deviation)}, besides delay={float(stated):g}"]
                 continue
             total[k], share[k] = total[k] + late, share[k] * left
             effect = f"{np.sqrt(share[k]):.0%} of what is unexplained remains; delay=0 (--delay 0) leaves it in"
