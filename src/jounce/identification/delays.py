@@ -12,7 +12,7 @@ it, since laws of friction were chosen with it, and the rest of the delay is sou
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -22,10 +22,6 @@ from jounce.identification.averaging import CellAverages, median_step, number_ce
 from jounce.identification.measurements import Measurements
 from jounce.identification.noise_spectra import gradient, gram, half_scatter, leverages, noise_spectra, spectral_gram
 from jounce.motion.motion import Motion
-
-if TYPE_CHECKING:
-    from jounce.identification.least_squares_problem import IdentificationProblem
-    from jounce.identification.stiffness import SpringProblem
 
 MAX_DELAY = 0.2  # s, beyond which forces and positions hardly come from one log
 MAX_DELAY_SHARE = 0.1  # of the time that is used: the ends, which are left out, are twice as much
@@ -37,7 +33,7 @@ MAX_MATCH_SHARE = 0.5  # of mean squares left by the best delay to usual ones: f
 DELAY_RANK_TOLERANCE = 1e-9  # of singular values to the largest: directions with less hold no data
 
 
-P = TypeVar("P", "IdentificationProblem", "SpringProblem")  # with cells, samples, columns that are fitted, a width
+P = TypeVar("P", bound=Any)  # a problem with cells and samples, columns that are fitted, a width
 
 
 def pose_without_delay(
