@@ -81,7 +81,7 @@ def identify_springs(arm: jounce.Robot, case: Case, seed: int) -> tuple[np.ndarr
     (q, qd, _), Q = along.rates, along.forces[0]
     theta = q + (Q + case.hysteresis * np.tanh(qd / 0.005)) / arm.elasticity.stiffness - case.apart * qd
     theta = theta + case.ripple * np.sin(100 * theta + rng.uniform(0, 6, arm.n))
-    links, motors = (jounce.Motion.fit(t, quantize(x, case.bits, rng)) for x in (q, theta))
+    links, motors = (jounce.Motion.fit(t, quantize(x, case.bits, rng), allow_noise=True) for x in (q, theta))
     found = arm.identify_stiffness(replace(links, torques=(t, noisy(Q, t, case.delay, rng))), motors)
     rows, K = found.table[::3], arm.elasticity.stiffness
     return np.array([row.value for row in rows]) / K - 1, np.array([row.deviation for row in rows]) / K, found.delay

@@ -69,8 +69,12 @@ def stiffness(
     arm = robot.load()
     gears, rotors = (values_by_joint(*given, arm.joint_names) for given in (("--gear", gear), ("--rotor", rotor)))
     links = motion.load(arm, 0)
-    options = motion.options | {"columns": pattern} | ({"angles": motion.options["angles"] or "rad"} if gear else {})
-    motors = replace(motion, options=options).load(arm, 0)  # in front of gears they turn farther than any joint
+    options = (
+        motion.options
+        | {"columns": pattern, "allow_noise": True}
+        | ({"angles": motion.options["angles"] or "rad"} if gear else {})
+    )
+    motors = replace(motion, options=options).load(arm, 0)  # no rates of them are taken
     found = collect_notes(lambda: arm.identify_stiffness(links, motors, gear=gears or 1.0, rotor=rotors, delay=delay))
     saving.save(found.robot, output)
     notes = dict.fromkeys(note for note in (*links.notes, *motors.notes) if not note.startswith(IRRELEVANT_NOTES))
