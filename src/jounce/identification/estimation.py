@@ -69,7 +69,7 @@ def identify(
     found = fit_consistent_parameters(model.mechanism, posed.base, information, estimate, terms, weight=weight)
     predicted = posed.predict(found.parameters, found.values[posed.base.count :], solution.x)
     rows, times = force_residuals(posed, predicted, solution.motion_errors), given.t[posed.used]
-    left = [*unmodelled_warnings(posed, solution, method), *unexplained_warnings(posed, rows, estimate[posed.places])]
+    left = unmodelled_warnings(posed, solution, method) + unexplained_warnings(posed, rows, estimate[posed.places])
     for text in left:
         warn(text)
     return Identification(

@@ -83,7 +83,7 @@ class Applications(Exports):
         Warns
         -----
         JounceWarning
-            If the data do not determine some parameters, or forces seem to have the wrong sign or unit.
+            If the data do not determine some parameters, forces seem to have the wrong sign or unit, or others act too.
 
         References
         ----------
@@ -147,7 +147,7 @@ class Applications(Exports):
         Warns
         -----
         JounceWarning
-            If the load changes, the logs differ by more than a load, or they do not determine some parameters.
+            If the load changes, logs differ by more than a load or do not determine it, or a cable, hose or push acts.
 
         Examples
         --------
