@@ -134,10 +134,9 @@ def _unexplained(posed: IdentificationProblem, fit: Regression) -> list[str]:
     parameters[base.columns] += fit.x[: base.count]
     estimate = posed.model_parameters
     estimate[posed.places] += fit.x
-    predicted = posed.predict(parameters, estimate[base.count :], fit.x)
-    rows = force_residuals(posed, predicted, fit.motion_errors)
-    unmodelled = unmodelled_warnings(posed, fit, "inverse_dynamics")
-    return [*unmodelled, *unexplained_warnings(posed, rows, estimate[posed.places])]
+    rows = force_residuals(posed, posed.predict(parameters, estimate[base.count :], fit.x), fit.motion_errors)
+    left = unexplained_warnings(posed, rows, estimate[posed.places])
+    return unmodelled_warnings(posed, fit, "inverse_dynamics") + left
 
 
 def _check_mass(found: LoadFit, known: bool, mass: float | None, notes: list[str]) -> None:

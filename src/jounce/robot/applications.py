@@ -93,7 +93,8 @@ class Applications(Exports):
         Warns
         -----
         JounceWarning
-            If the data do not determine some parameters, or forces are late or seem to have the wrong sign or unit.
+            If the data do not determine some parameters, forces are late, seem to have the wrong sign or unit, or others
+            act too.
 
         References
         ----------
@@ -159,7 +160,7 @@ class Applications(Exports):
         Warns
         -----
         JounceWarning
-            If the load changes, the logs differ by more than a load, or they do not determine some parameters.
+            If the load changes, logs differ by more than a load or do not determine it, or a cable, hose or push acts.
 
         Examples
         --------
