@@ -93,8 +93,8 @@ class Applications(Exports):
         Warns
         -----
         JounceWarning
-            If the data do not determine some parameters, forces are late, seem to have the wrong sign or unit, or others
-            act too.
+            If the data do not determine some parameters, forces are late or seem to have the wrong sign or unit, or
+            others act too.
 
         References
         ----------
