@@ -15,10 +15,7 @@ from jounce.identification.result_tables import IdentifiedLog, IdentifiedParamet
 from jounce.model.coordinates import force_names, force_units
 
 MAX_PAGE_POINTS = 150_000  # of all curves: 2 MB
-PAGE_CURVE_POINTS = (
-    300,
-    4000,
-)  # of one curve, at least and at most, with the extremes of what is left out
+PAGE_CURVE_POINTS = (300, 4000)  # of one curve, at least and at most, all extremes among them
 SPECTRUM_BINS = 200  # of frequencies, evenly spread over their logarithm
 SPECTRUM_PIECES = 8  # of a log whose periodograms are averaged: of fewer a spectrum is noise
 BAR_WIDTH, BAR_MARGIN = 160, 8  # px
