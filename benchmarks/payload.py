@@ -18,7 +18,7 @@ from benchmarks.tables import paragraph, table
 from jounce.io.files import write_whole
 from jounce.spatial import inertia
 
-SEEDS = 10
+SEEDS = 20
 NOISE = 0.02  # of the standard deviation of each torque along the motion
 RATE, BITS = 1000, 17  # Hz
 FRAME = "panda_link8"  # the flange
