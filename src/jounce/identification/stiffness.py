@@ -116,7 +116,10 @@ def identify_stiffness(
 
 def _describe(m: Mechanism, posed: SpringProblem, seen: np.ndarray, rest: np.ndarray) -> list[str]:
     """What is said of torques and springs; those of joints that are seen leave mean squares (n,) of deflections."""
-    missing, cure = np.asarray(posed.samples.weights.sum(axis=0) == 0), "expected torques that vary and explain deflections"
+    missing, cure = (
+        np.asarray(posed.samples.weights.sum(axis=0) == 0),
+        "expected torques that vary and explain deflections",
+    )
     notes = _name(m, missing, "torques of {} are not measured: the model's serve, as wrong as its masses are")
     notes += _name(m, ~seen, f"the log does not determine the stiffness of {{}}; {cure}")
     for k, text in enumerate(SUSPECTS, COLUMNS):
