@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.measure import Case
 from benchmarks.robots import states
 from jounce import load
-from jounce.dynamics.computation import DERIVATIVE_PRODUCTS, Computation
+from jounce.dynamics.computation import FIRST_PRODUCTS, Computation
 from jounce.native import code_forms
 
 ROBOTS = ("iiwa14", "ur5", "panda")
@@ -25,7 +25,7 @@ def operations() -> dict[tuple[str, str], int]:
             load(name).mechanism, replace(asked, product=product or None)
         ).operations
         for name in ROBOTS
-        for product in ("", *DERIVATIVE_PRODUCTS)
+        for product in ("", *FIRST_PRODUCTS)
     }
 
 
@@ -33,7 +33,7 @@ def cases() -> Iterator[Case]:
     """Keyed ("product", robot, product), of the values with the product ""."""
     for name in ROBOTS:
         robot = load(name)
-        for product in ("", *DERIVATIVE_PRODUCTS):
+        for product in ("", *FIRST_PRODUCTS):
             kernel = robot.compile("inverse_dynamics", order=ORDER, product=product or None)
             given, results = ([np.zeros((COUNT, *shape)) for shape in shapes] for shapes in kernel.shapes)
             for array, x in zip(given, 2 * states(robot.n, COUNT, ORDER), strict=False):

@@ -94,7 +94,7 @@ def hessian_times(H, free, directions):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_products_are_the_derivatives_of_gradients_and_blocks_of_the_hessian(name):
+def test_products_are_derivatives_of_gradients(name):
     kernel, free, x, directions, weights = ROBOTS[name]()
     h = kernel.hvp(x, weights, directions)
     ahead, behind = (kernel.vjp(moved(kernel.mechanism, free, x, directions, s), weights) for s in (1e-5, -1e-5))
@@ -141,7 +141,7 @@ def _weighted(kernel, x, weights):
 
 
 @pytest.mark.parametrize(("quantity", "keywords"), ALL, ids=ids(ALL))
-def test_forward_over_forward_and_forward_over_reverse_agree_for_every_quantity(quantity, keywords):
+def test_both_orders_agree_for_every_quantity(quantity, keywords):
     m = BRANCHED.mechanism
     values = code_forms.trace_program(m, Computation(quantity.name, 0, quantity.wrenches, **keywords))
     rng = np.random.default_rng(1)

@@ -318,7 +318,7 @@ def test_second_derivatives_are_products_of_the_kernel():
     assert "cosine" not in text
 
 
-def test_hessians_by_positions_of_several_screws_are_differences_of_gradients():
+def test_hessians_by_quaternions_are_differences():
     robot = amid({"foot": "ball"}, [-1])
     q, qd, q2d = states_of(robot, 3)
     gradient = jax.jit(jax.grad(lambda q: robot.inverse_dynamics(q, qd, q2d).sum()))

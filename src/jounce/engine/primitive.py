@@ -24,15 +24,23 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
 from jounce.core.scalars import Array, broadcast, is_jax, is_numeric
-from jounce.dynamics.computation import Computation, Port, Signature, change, commutator, displacement
+from jounce.dynamics.computation import (
+    SECOND_PRODUCTS,
+    Computation,
+    Port,
+    Signature,
+    change,
+    commutator,
+    displacement,
+)
 from jounce.engine.generic_methods import as_tuple, batch_shape, compute_by_method
 from jounce.model.mechanism import Mechanism
 from jounce.native import memory_layout, xla
 from jounce.native.kernel import Kernel, compile_kernel
 
 TRANSPOSES = {"jvp": "vjp", "vjp": "jvp", "hvp": "jjvp", "jjvp": "hvp"}  # in what follows the state first
-DERIVATIVES = {None: "jvp", "jvp": "jjvp", "vjp": "hvp"}  # along the state, in what comes last
-DERIVED = {derivative: product for product, derivative in DERIVATIVES.items() if product}
+DERIVED = {"jvp": None, "jjvp": "jvp", "hvp": "vjp"}  # each of another product along the state, in what comes last
+DERIVATIVES = {product: derivative for derivative, product in DERIVED.items()}
 
 quantity_p = Primitive("jounce_quantity")
 quantity_p.multiple_results = True
@@ -65,7 +73,8 @@ class Request:
     def split(self, others: Sequence[Any]) -> list[Sequence[Any]]:
         """What follows the state, in the groups in each of which the product is linear."""
         product = self.computation.product
-        first = len(self.product(DERIVED.get(product, product)).signature.inputs) - len(self.state)
+        values = DERIVED[product] if product in SECOND_PRODUCTS else product
+        first = len(self.product(values).signature.inputs) - len(self.state)
         return [group for group in (others[:first], others[first:]) if group]
 
     def kernel(self) -> Kernel | None:
@@ -213,7 +222,7 @@ def _trace(*given: Array, request: Request) -> tuple[Array, ...]:
         return law(*x)
 
     free = [port for port in request.state if port.is_free]
-    if product in DERIVED:
+    if product in SECOND_PRODUCTS:
         first, directions = request.split(more)
         lower, both = request.product(DERIVED[product]), zip(free, x, directions, strict=False)
         changes = [change(request.mechanism, port, a, d) for port, a, d in both]

@@ -184,6 +184,11 @@ class DerivativeProducts(ABC, Generic[Results]):
         tuple of arrays
             hq, hqd, ..., of the shapes that `vjp` returns.
 
+        Raises
+        ------
+        JounceError
+            As in `vjp`.
+
         Examples
         --------
         >>> import jounce, numpy as np
@@ -237,6 +242,11 @@ class DerivativeProducts(ABC, Generic[Results]):
         dict of arrays
             Blocks by the names of two inputs, for all pairs: ``H["q", "qd"]`` is (..., n, n); a wrench has two axes.
             They are views of one matrix, which ``robot.compile(..., product="hessian")`` returns.
+
+        Raises
+        ------
+        JounceError
+            As in `vjp`.
 
         Examples
         --------

@@ -100,12 +100,12 @@ class FreeInputs:
     def gradient(self, tape: Tape, inputs: np.ndarray, by_inputs: Sequence[Node]) -> list[Node]:
         """The derivatives along all directions, of what has derivatives by all inputs: the transpose of `changes`."""
         gradient = [*by_inputs]
-        if x := self.followers:
-            count = x.rates.inputs - len(inputs)
-            rates = evaluate(x.rates, tape, [*inputs, *[0] * count])  # linear in the rates of their leaders
-            for j, more in enumerate(adjoints(rates, gradient[x.start :])[len(inputs) :], x.leader):
+        if led := self.followers:
+            count = led.rates.inputs - len(inputs)
+            rates = evaluate(led.rates, tape, [*inputs, *[0] * count])  # linear in the rates of their leaders
+            for j, more in enumerate(adjoints(rates, gradient[led.start :])[len(inputs) :], led.leader):
                 gradient[j] = gradient[j] + more
-            del gradient[x.start :]
+            del gradient[led.start :]
         for x in sorted(self.displaced, key=lambda x: x.start, reverse=True):
             changes = [x.change_entries(inputs, unit) for unit in np.eye(x.directions, dtype=int)]
             gradient[x.own] = np.array(changes, dtype=object) @ np.array(gradient[x.own], dtype=object)
@@ -236,7 +236,7 @@ def _derive_along(program: Program, count: int, free: FreeInputs, most: float) -
     given = tape.variables(program.inputs)
     inputs, constant = given[:count], [0] * (program.inputs - count)
     evaluation = evaluate(program, tape, [*given])
-    changes = free.changes(tape, inputs, tape.variables(free.directions(count)))
+    changes = free.changes(tape, inputs, [*tape.variables(free.directions(count))])
     return factor(tape.program(tangents(evaluation, [*changes, *constant])))
 
 
