@@ -621,7 +621,7 @@ def test_texts_are_tidy_and_marked(lang):
             ["LaTeX has no single precision", "c, cpp, cuda, julia, matlab, python, rust"],
         ),
         ({"lang": "javascript", "float32": True}, ["JavaScript has no single precision; float32 works with c, cpp, "]),
-        ({"lang": "latex"}, ["2213 operations; LaTeX is generated for up to 1200; larger robots go into c, cpp, "]),
+        ({"lang": "latex"}, ["2213 operations; LaTeX is generated for up to 1200; larger robots go into c, "]),
     ],
     ids=lambda x: str(x) if isinstance(x, dict) else "",
 )
