@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
     from jounce.model.antagonists import AntagonisticSprings
+    from jounce.model.contacts import Contact
     from jounce.model.drives import Drives
     from jounce.model.elasticity import Elasticity
     from jounce.model.limits import Limits
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
     from jounce.spatial.inertia import inertia_matrix
 
 __all__ = [
-    "Along", "AntagonisticSprings", "BaseParameters", "Check", "CheckedLimit", "Closure", "CubicSpring", "Drives",
+    "Along", "AntagonisticSprings", "BaseParameters", "Check", "CheckedLimit", "Closure", "Contact", "CubicSpring", "Drives",
     "ElasticAlong", "Elasticity", "Excitation", "Explanation", "ForceResidual", "Identification",
     "IdentifiedParameter", "JounceError", "JounceWarning", "Kernel", "Limits", "Loop", "Mechanism", "Motion",
     "Motor", "Payload", "PayloadParameter", "Report", "Retiming", "Robot", "RobotState", "Slowdown", "SpringFunction",
@@ -63,6 +64,7 @@ _NAMES = {  # of modules, imported when first asked for one of them, so that wha
     "limits.retime": "Retiming",
     "limits.slowdown": "Slowdown",
     "model.antagonists": "AntagonisticSprings",
+    "model.contacts": "Contact",
     "model.drives": "Drives",
     "model.elasticity": "Elasticity",
     "model.limits": "Limits",

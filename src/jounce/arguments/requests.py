@@ -124,6 +124,10 @@ def missing_reason(mechanism: Mechanism, row: Quantity) -> str | None:
         return ": no loop is closed; robot.closed(loops, actuated) closes some"
     if row.elastic and mechanism.elasticity is None:
         return ": its joints are rigid; robot.elastic(stiffness) makes them elastic"
+    if row.standing and not mechanism.contacts:
+        return ": it has no contacts; robot.contacts([jounce.Contact(frame, kind), ...]) states them"
+    if row.uncontacted and mechanism.contacts:
+        return ": what its contacts do would enter; the robot without contacts has it, replace(..., contacts=())"
     reason = row.obstacle and row.obstacle(mechanism)
     return reason and f" {reason}"
 

@@ -61,6 +61,11 @@ def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
         }
         joints = [(loop.a.body, loop.b.body, loop.joint) for loop in mechanism.loops]
         digest.update(repr((joints, c.independent, c.actuated, c.ratios.places)).encode())
+    if mechanism.contacts and (computation.quantity.balanced or computation.quantity.standing):
+        links = [mechanism.frame(contact.frame) for contact in mechanism.contacts]
+        digest.update(repr([(link.body, x.kind) for link, x in zip(links, mechanism.contacts, strict=True)]).encode())
+        both = zip(links, mechanism.contacts, strict=True)
+        arrays |= {f"contact {k} {i}": a for k, (l, x) in enumerate(both) for i, a in enumerate((l.T, *x.arrays))}
     if computation.body is not None:
         frame = mechanism.frame(computation.body)
         arrays |= {f"frame on {frame.body}": frame.T}

@@ -20,6 +20,7 @@ class Forward:
     """Rows of accelerations."""
 
     @quantity(
+        uncontacted=True,
         symbol="q",
         first_rate=2,
         rates=3,

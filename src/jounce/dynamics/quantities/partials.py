@@ -19,6 +19,7 @@ class Partials:
     """Rows of partial derivatives."""
 
     @quantity(
+        uncontacted=True,
         symbol="P",
         rates=Forces.inverse_dynamics.rates,
         shape=("rates", "nv", "nv"),
@@ -75,6 +76,7 @@ class Partials:
         return partials.extend_to_rates(*found, velocity_drift(m, x.q, x.base))
 
     @quantity(
+        uncontacted=True,
         symbol="dq",
         results=("dq", "dqd", "Minv"),
         rates=3,
