@@ -33,16 +33,20 @@ def with_contacts(mechanism: Mechanism, contacts: object) -> Mechanism:
         check_choice("frame of a contact", contact.frame, mechanism.frame_names)
         if mechanism.frame(contact.frame).body < 0:
             raise JounceError(f"contact {quote_value(contact.frame)} is on the ground; expected a frame that moves with the robot")
-    if not given:
-        raise JounceError("contacts is empty; expected one jounce.Contact(frame, kind) or more")
     standing = replace(mechanism, contacts=tuple(given))
-    if all(is_numeric(x) for x in (mechanism.B, mechanism.X, mechanism.G, mechanism.g)):
+    if given and all(is_numeric(x) for x in (mechanism.B, mechanism.X, mechanism.G, mechanism.g)):
         q = np.random.default_rng(0).uniform(-1, 1, (_SAMPLES, mechanism.n))
         free = [directions for G in balance_maps(standing, q) if (directions := unbalanced_directions(G)).size]
         if len(free) == _SAMPLES:
             frames = join_names(contact.frame for contact in given)
             raise JounceError(f"{name}: contacts at {frames} never balance {describe_directions(free[0])}; state more contacts, or planes")
     return standing
+
+
+def check_uncontacted(mechanism: Mechanism, what: str) -> None:
+    """Raise `JounceError` if a robot that stands on contacts is to have what only others have."""
+    if mechanism.contacts:
+        raise JounceError(f"{quote_value(mechanism.name)} has contacts, and {what}; robot.contacts([]) is the robot without them")
 
 
 def balance_maps(m: Mechanism, q: np.ndarray, base: np.ndarray | None = None) -> np.ndarray:

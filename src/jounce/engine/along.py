@@ -12,6 +12,7 @@ from jounce.core.errors import JounceError, UncertainError, locate_errors, quote
 from jounce.core.typing import ArrayLike
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, Quantity
 from jounce.engine import certain_digits
+from jounce.engine.contact_motion import refuse_sliding
 from jounce.engine.engine import Engine
 from jounce.engine.force_deviations import compute_certain, entry_count, interpolate_deviations
 from jounce.engine.motion_states import MotionStates, Rates, Side
@@ -124,7 +125,10 @@ def check_motion(mechanism: Mechanism, motion: object) -> Motion:
                 f"{mechanism.name!r} floats, and the motion has no base; columns base.x, ..., base.qz of a table state"
                 " one, and motion.with_base(t, C) gives it poses C (N, 4, 4), or one pose with t=None"
             )
-        return match_joints(motion, mechanism)
+        path = match_joints(motion, mechanism)
+    if mechanism.contacts:
+        refuse_sliding(mechanism, path)
+    return path
 
 
 def compute_pieces(

@@ -15,8 +15,9 @@ from jounce.core.errors import JounceError, check_choice, quote_value
 from jounce.core.scalars import Array, array_of_shape, is_finite, is_numeric
 
 HELD: Mapping[str, tuple[int, ...]] = {"point": (3, 4, 5), "line": (1, 2, 3, 4, 5), "plane": (0, 1, 2, 3, 4, 5)}
-COMPONENTS = ("moment about x", "moment about y", "moment about z", "force along x", "force along y", "force along z")
+TWIST_COMPONENTS = ("about x", "about y", "about z", "along x", "along y", "along z")
 DEFAULT_HALF_LENGTH = 0.1  # m, of a sole that states none: that of a human foot, and of humanoids of 0.5 to 2 m
+_STEEP = 0.9  # of a normal along x: beyond that, y is projected on the ground instead
 _UNIT_TOLERANCE = 1e-9  # of a normal's length and a place's rotation: more than rounding is a mistake
 
 
@@ -36,7 +37,8 @@ class Contact:
     place : (3,) or (4, 4), optional
         Where the contact is in the frame: a point, or a pose with the axes; by default the origin.
     normal : (3,), optional
-        Of a point, the unit normal of the ground in inertial axes, out of the ground.
+        Of a point, the unit normal of the ground in inertial axes, out of the ground. Then x of the contact is the
+        inertial x axis projected on the ground; y where the ground is steeper than 64 degrees along x.
     friction : float, optional
         Coefficient mu of a pyramid of friction, ``|fx|, |fy| <= mu fz``; the one inside the cone takes mu / sqrt(2).
     sole : (2,), optional
@@ -117,7 +119,7 @@ class Contact:
             return None
         if self.normal is None or (self.normal == (0, 0, 1)).all():
             return np.eye(3, dtype=int)
-        e = np.eye(3)[np.argmin(np.abs(self.normal))]
+        e = np.eye(3)[int(abs(self.normal[0]) > _STEEP)]
         x = e - (e @ self.normal) * self.normal
         x = x / np.linalg.norm(x)
         return np.stack([x, np.cross(self.normal, x), self.normal], axis=1)

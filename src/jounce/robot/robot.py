@@ -1264,7 +1264,7 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         Parameters
         ----------
         contacts : list of Contact
-            Points, lines and planes on bodies, or on links merged into bodies.
+            Points, lines and planes on bodies, or on links merged into bodies; none leaves all contacts.
 
         Returns
         -------
