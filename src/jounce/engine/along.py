@@ -12,7 +12,9 @@ from jounce.core.errors import JounceError, UncertainError, locate_errors, quote
 from jounce.core.typing import ArrayLike
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, Quantity
 from jounce.engine import certain_digits
+from jounce.engine.contact_limits import UnbalancedError, are_limited
 from jounce.engine.contact_motion import refuse_sliding
+from jounce.engine.contact_switches import find_switches
 from jounce.engine.engine import Engine
 from jounce.engine.force_deviations import compute_certain, entry_count, interpolate_deviations
 from jounce.engine.motion_states import MotionStates, Rates, Side
@@ -35,7 +37,8 @@ class ForceBreak(NamedTuple):
 
     `order` is the order of the rate that jumps (0 is Q), `jump` (nv,) the size of the jump; they are -1 and None if q
     or qd jumps, so that Q itself does not exist. `causes` are the breaks of the motion at this time. `higher` (nv,) are
-    the jumps of the rates after it: a joint whose Q does not jump may have a Qd that does.
+    the jumps of the rates after it: a joint whose Q does not jump may have a Qd that does. Where friction or a sole of a
+    contact begins or ends to limit its wrench, Qd jumps without a break of the motion.
     """
 
     t: float
@@ -111,6 +114,10 @@ def forces_along(
     rates, forces = (_join_rates([getattr(part, name) for part in parts]) for name in ("rates", "forces"))
     deviations = None if parts[0].deviations is None else _join_rates([part.deviations or () for part in parts])
     breaks = find_force_breaks(robot, path, times, highest, method, row)
+    if row.balanced and are_limited(robot.mechanism):
+        switches = find_switches(robot, path, times, row, highest)
+        found = [ForceBreak(t, 1, jumps[1], (), jumps[2:]) for t, jumps in switches if highest]
+        breaks = tuple(sorted((*breaks, *found), key=lambda x: x.t))
     base = None if parts[0].base is None else _join_rates([part.base or () for part in parts])
     return Along(times, rates, forces, deviations, breaks, base)
 
@@ -151,6 +158,8 @@ def compute_pieces(
         t = times[part]
         try:
             forces = states.compute(robot, row.name, method)
+        except UnbalancedError as error:
+            raise JounceError(f"{error.reason}, at t = {t[error.state]:.9g} s") from None
         except UncertainError as error:
             forces = error.results
             uncertain.append([t[where] for where in error.uncertain])

@@ -16,7 +16,7 @@ continuous and its rate jumps. It fails, with `JounceError`, where no f obeys th
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,37 +40,86 @@ def is_always_balanced(m: Mechanism) -> bool:
     return any(contact.kind == "plane" and not len(contact.rows) for contact in m.contacts)
 
 
+def are_limited(m: Mechanism) -> bool:
+    """Whether friction, soles or ground that only pushes limit the wrenches of contacts."""
+    return any(len(contact.rows) for contact in m.contacts)
+
+
+class Balance(NamedTuple):
+    """The states (N, ...) of a call, the map G and the least components f, and which rows of the limits are active."""
+
+    batch: tuple[int, ...]
+    arrays: list[Array]
+    G: np.ndarray  # (N, 6, k)
+    least: np.ndarray  # (N, k), where no row is active
+    active: np.ndarray  # (N, r): 1, or 0
+
+
+class UnbalancedError(JounceError):
+    """Contacts do not balance one of the states of a call, `state` in its flat batch."""
+
+    def __init__(self, reason: str, state: int = 0, batch: tuple[int, ...] = ()) -> None:
+        index = f" in state [{', '.join(map(str, np.unravel_index(state, batch)))}]" if batch else ""
+        super().__init__(reason + index)
+        self.reason, self.state, self.batch = reason, state, batch
+
+    def __reduce__(self) -> tuple[Any, ...]:  # between processes
+        return type(self), (self.reason, self.state, self.batch)
+
+
 def compute_on_contacts(call: Call, run: Callable[[Call], Any]) -> Any:
     """Run a call for forces or wrenches on contacts that may not balance the base."""
     m, asked = call.robot.mechanism, call.computation
-    limited = any(len(contact.rows) for contact in m.contacts)
     if not all(map(is_numeric, call.arrays)):
-        if limited:
+        if are_limited(m):
             raise JounceError(
                 f"{asked.name} of {m.name!r}: friction and soles are decided on numbers, got symbols or arrays of JAX;"
                 " leave friction= and sole= of the contacts out"
             )
         return run(call)
-    ports = asked.signature(m).inputs
-    arrays = broadcast(call.arrays, [len(port.shape) for port in ports], [port.name for port in ports])
-    batch = arrays[0].shape[: arrays[0].ndim - 1]
-    given = {port.name: x.reshape((-1, *port.shape)) for port, x in zip(ports, arrays, strict=True)}
-    G = balance_maps(m, given["q"], given["base_pose"])
-    _check_condition(m, G, batch)
-    if not limited:
-        return run(call)
-    first = replace(asked, name="contact_wrenches", order=0)
-    f = run(call._replace(computation=first, arrays=[given[port.name] for port in first.signature(m).inputs], out=None))
-    held = [6 * k + i for k, contact in enumerate(m.contacts) for i in contact.held]
-    f, C = f.reshape((len(f), -1))[:, held], limit_rows(m.contacts)
-    beyond = ((f @ C.T).max(axis=1) > LIMIT_ROUNDING * np.abs(f).max(axis=1)).nonzero()[0]
+    batch, arrays, _, _, active = find_balance(call, run)
+    beyond = active.any(axis=1).nonzero()[0]
     if not beyond.size:
         return run(call)
-    active = np.stack([_active_rows(m, G[i], f[i], C, np.unravel_index(i, batch)) for i in beyond])
-    results = [x.reshape((len(f), *x.shape[len(batch) :])).copy() for x in as_tuple(run(call._replace(out=None)))]
-    for x, changed in zip(results, _solve_active(call, [x[beyond] for x in given.values()], ports, active), strict=True):
+    results = [x.reshape((len(active), *x.shape[len(batch) :])).copy() for x in as_tuple(run(call._replace(out=None)))]
+    for x, changed in zip(results, solve_active(call, [x[beyond] for x in arrays], active[beyond]), strict=True):
         x[beyond] = changed
     return write_results(tuple(x.reshape((*batch, *x.shape[1:])) for x in results), call.out)
+
+
+def find_balance(call: Call, run: Callable[[Call], Any]) -> Balance:
+    """What balances the states of a call on contacts."""
+    m, asked = call.robot.mechanism, call.computation
+    ports = asked.signature(m).inputs
+    arrays = broadcast(call.arrays, [len(port.shape) for port in ports], [port.name for port in ports])
+    batch = arrays[0].shape[:-1]
+    given = {port.name: x.reshape((-1, *port.shape)) for port, x in zip(ports, arrays, strict=True)}
+    G, C = balance_maps(m, given["q"], given["base_pose"]), limit_rows(m.contacts)
+    _check_condition(m, G, batch)
+    f, active = np.zeros((len(G), G.shape[-1])), np.zeros((len(G), len(C)))
+    if len(C):
+        first = replace(asked, name="contact_wrenches", order=0)
+        taken = [given[port.name] for port in first.signature(m).inputs]
+        f = run(call._replace(computation=first, arrays=taken, out=None, form=None)).reshape((len(G), -1))
+        f = f[:, [6 * k + i for k, contact in enumerate(m.contacts) for i in contact.held]]
+        beyond = (f @ C.T).max(axis=1) > LIMIT_ROUNDING * np.abs(f).max(axis=1)
+        for i in beyond.nonzero()[0]:
+            try:
+                active[i] = _active_rows(m, G[i], f[i], C)
+            except UnbalancedError as error:
+                raise UnbalancedError(error.reason, int(i), batch) from None
+    return Balance(batch, list(given.values()), G, f, active)
+
+
+def solve_components(m: Mechanism, G: np.ndarray, F: np.ndarray, active: np.ndarray) -> np.ndarray:
+    """The least components f (k,) with G f = F where rows are active."""
+    roots = _weight_roots(m)
+    rows = np.concatenate([G, limit_rows(m.contacts)[active > 0]]) / roots
+    return np.linalg.lstsq(rows, np.pad(F, (0, len(rows) - 6)))[0] / roots
+
+
+def _weight_roots(m: Mechanism) -> np.ndarray:
+    return np.sqrt(np.concatenate([contact.weights[list(contact.held)] for contact in m.contacts]))
 
 
 def _check_condition(m: Mechanism, G: np.ndarray, batch: Sequence[int]) -> None:
@@ -79,39 +128,40 @@ def _check_condition(m: Mechanism, G: np.ndarray, batch: Sequence[int]) -> None:
     lost = np.flatnonzero(sizes[:, -1] * MAX_BALANCE_CONDITION < sizes[:, 0])
     if lost.size:
         i = lost[0]
-        index = f"; state [{', '.join(map(str, np.unravel_index(i, batch)))}]" if batch else ""
-        raise JounceError(
+        raise UnbalancedError(
             f"{m.name!r}: contacts at {join_names(contact.frame for contact in m.contacts)} do not balance"
-            f" {describe_directions(U[i, :, -1:].T)}: 1/cond is {sizes[i, -1] / sizes[i, 0]:.1e}{index}"
+            f" {describe_directions(U[i, :, -1:].T)}: 1/cond is {sizes[i, -1] / sizes[i, 0]:.1e}",
+            int(i),
+            tuple(batch),
         )
 
 
-def _active_rows(m: Mechanism, G: np.ndarray, f: np.ndarray, C: np.ndarray, index: Sequence[int]) -> np.ndarray:
+def _active_rows(m: Mechanism, G: np.ndarray, f: np.ndarray, C: np.ndarray) -> np.ndarray:
     """(r,): 1 for the rows that are active in the solution, of the least components f without limits."""
     from scipy.optimize import nnls  # imported here to keep start-up fast
 
-    roots = np.sqrt(np.concatenate([contact.weights[list(contact.held)] for contact in m.contacts]))
+    roots = _weight_roots(m)
     Z = np.linalg.svd(G / roots)[2][6:].T
     size, rows = np.linalg.norm(roots * f), C / roots
     E = np.concatenate([-(rows @ Z).T, (C @ f)[None] / size])
     u, residual = nnls(E, np.append(np.zeros(len(E) - 1), 1.0))
     if residual < MIN_DUAL_RESIDUAL:
-        raise _infeasible(m, C @ f, index)
+        raise _infeasible(m, C @ f)
     return (u > 0) * 1.0
 
 
-def _infeasible(m: Mechanism, beyond: np.ndarray, index: Sequence[int]) -> JounceError:
+def _infeasible(m: Mechanism, beyond: np.ndarray) -> UnbalancedError:
     names = [f"{contact.row_name(k)} of {contact.frame!r}" for contact in m.contacts for k in range(len(contact.rows))]
-    state = f" in state [{', '.join(map(str, index))}]" if len(index) else ""
-    return JounceError(
-        f"{m.name!r}: no contact wrenches within friction and soles balance the motion{state}; the least ones are"
-        f" farthest beyond {names[int(np.argmax(beyond))]}. Slow the motion down, or state other contacts"
+    return UnbalancedError(
+        f"{m.name!r}: no contact wrenches within friction and soles balance the motion; slow it down, or state other"
+        f" contacts: the least wrenches are farthest beyond {names[int(np.argmax(beyond))]}"
     )
 
 
-def _solve_active(call: Call, arrays: list[Array], ports: Sequence[Port], active: np.ndarray) -> tuple[Array, ...]:
-    """The results where rows are active, by the recursion."""
+def solve_active(call: Call, arrays: Sequence[Array], active: np.ndarray) -> tuple[Array, ...]:
+    """The results of a call for arrays (N, ...) where rows (N, r) are active, by the recursion."""
     m, asked = call.robot.mechanism, call.computation
+    ports = asked.signature(m).inputs
     row, method = asked.quantity, default_method(asked.quantity)
 
     def law(x: Sequence[Array]) -> Series:

@@ -160,21 +160,21 @@ def _run(call: Call) -> Any:
     robot, asked = call.robot, call.computation
     if robot.mechanism.contacts and (asked.quantity.balanced or asked.quantity.standing):
         if not is_always_balanced(robot.mechanism):
-            return compute_on_contacts(call, _run_by_backend)
+            return compute_on_contacts(call, run_by_backend)
     if robot.mechanism.closure:
         m, names = with_constraints(robot, asked), asked.quantity.names(asked.order)
         step = closing_step(robot) if call.method in (None, NATIVE) and m is robot.mechanism else None
 
         def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
-            return as_tuple(_run_by_backend(call._replace(arrays=arrays, out=None, form=None)))
+            return as_tuple(run_by_backend(call._replace(arrays=arrays, out=None, form=None)))
 
         results = certain_digits.compute_certain_results(m, asked, names, call.arrays, run, step)
         if results is not None:
             return write_results(results, call.out)
-    return _run_by_backend(call)
+    return run_by_backend(call)
 
 
-def _run_by_backend(call: Call) -> Any:
+def run_by_backend(call: Call) -> Any:
     """Run a call with the first backend that accepts it."""
     reasons = []
     for backend in BACKENDS:
@@ -204,7 +204,7 @@ def _mark_singular(call: Call, found: Any) -> Any:
         if call.computation.quantity.inputs
         else None
     )
-    M = _run_by_backend(Call(plant or call.robot, Computation("mass_matrix", 0), at, None, None, 1, None))
+    M = run_by_backend(Call(plant or call.robot, Computation("mass_matrix", 0), at, None, None, 1, None))
     regular = 1.0 - is_singular(M)
     if not regular.all():
         for array, port in zip(as_tuple(found), call.computation.signature(m).outputs, strict=True):
