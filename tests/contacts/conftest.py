@@ -8,7 +8,11 @@ import jounce
 FEET = ["left_ankle_roll_link", "right_ankle_roll_link"]
 SOLE = {"place": (0.035, 0, -0.037), "sole": (0.09, 0.03)}
 PAWS = [f"{leg}_FOOT" for leg in ("FL", "FR", "HL", "HR")]
-BENT = {"hip_pitch": (-0.2, -0.5), "knee": (0.4, 1.0), "ankle_pitch": (-0.2, -0.5)}  # of a squat: at rest, and by how much
+BENT = {
+    "hip_pitch": (-0.2, -0.5),
+    "knee": (0.4, 1.0),
+    "ankle_pitch": (-0.2, -0.5),
+}  # of a squat: at rest, and by how much
 
 
 @pytest.fixture(scope="session")

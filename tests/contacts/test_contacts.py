@@ -51,12 +51,12 @@ def contact_jacobian(stand, contact, q, base):
 def test_wrenches_are_the_weighted_pseudoinverse_of_frame_jacobians(stands, name):
     stand, (rates, base) = stands[name], state(stands[name], 0)
     contacts = stand.mechanism.contacts
-    A = np.concatenate([contact_jacobian(stand, x, rates[0], base)[list(x.held)] for x in contacts])
-    roots = np.sqrt(np.concatenate([x.weights[list(x.held)] for x in contacts]))
+    A = np.concatenate([contact_jacobian(stand, x, rates[0], base)[x.held] for x in contacts])
+    roots = np.sqrt(np.concatenate([x.weights[x.held] for x in contacts]))
     Q = stand.contacts([]).inverse_dynamics(*rates, base=base, method="recursion")
     f = np.linalg.pinv(A[:, :6].T / roots) @ Q[:6] / roots
     found = stand.contact_wrenches(*rates, base=base, method="recursion")
-    assert relative_error(np.concatenate([w[list(x.held)] for w, x in zip(found, contacts, strict=True)]), f) < 1e-12
+    assert relative_error(np.concatenate([w[x.held] for w, x in zip(found, contacts, strict=True)]), f) < 1e-12
     assert all(w[[i for i in range(6) if i not in x.held]].any() == 0 for w, x in zip(found, contacts, strict=True))
     tau = stand.inverse_dynamics(*rates, base=base, method="recursion")
     assert relative_error(tau[6:], (Q - A.T @ f)[6:]) < 1e-12
@@ -171,7 +171,10 @@ def test_forces_along_a_motion_of_feet_that_stay(humanoid, stands, raised):
 @pytest.mark.parametrize(
     ("moved", "match"),
     [
-        ({"raised": 10 * SLIDING_TOLERANCE}, r"'right_ankle_roll_link' about y by up to 0\.01 rad/s, at t = 0 s, and 0\.009"),
+        (
+            {"raised": 10 * SLIDING_TOLERANCE},
+            r"'right_ankle_roll_link' about y by up to 0\.01 rad/s, at t = 0 s, and 0\.009",
+        ),
         ({"held": True}, r"'.*_ankle_roll_link' along z by up to 0\.\d+ m/s"),
     ],
 )
@@ -182,9 +185,13 @@ def test_feet_that_slide_are_refused(humanoid, stands, moved, match):
 
 def test_quantities_that_contacts_would_enter_are_refused(humanoid, stands):
     still, base = np.zeros(29), (np.eye(4), np.zeros(6))
-    with pytest.raises(jounce.JounceError, match="^forward_dynamics of 'g1': the wrenches of its contacts would enter; "):
+    with pytest.raises(
+        jounce.JounceError, match="^forward_dynamics of 'g1': the wrenches of its contacts would enter; "
+    ):
         stands["two feet"].forward_dynamics(still, still, np.zeros(35), base=base)
-    with pytest.raises(jounce.JounceError, match=r"^generalized_momentum of 'g1': .*; robot\.contacts\(\[\]\) is the robot"):
+    with pytest.raises(
+        jounce.JounceError, match=r"^generalized_momentum of 'g1': .*; robot\.contacts\(\[\]\) is the robot"
+    ):
         stands["two feet"].retime(standing_motion(humanoid))
 
 
@@ -196,7 +203,9 @@ def test_three_points_on_a_line_do_not_balance_the_turn_about_it(dog):
     feet = [dog.poses(still, body=paw, base=np.eye(4))[:3, 3] for paw in PAWS[:2]]
     third = np.linalg.inv(dog.poses(still, body="base_link", base=np.eye(4)))[:3] @ [*(2 * feet[1] - feet[0]), 1]
     on_line = [jounce.Contact(paw, "point") for paw in PAWS[:2]] + [jounce.Contact("base_link", "point", place=third)]
-    with pytest.raises(jounce.JounceError, match=r"do not balance the moment about the axis \(.*\) through .*; state \[1\]"):
+    with pytest.raises(
+        jounce.JounceError, match=r"do not balance the moment about the axis \(.*\) through .* in state \[1\]"
+    ):
         dog.contacts(on_line).contact_wrenches(np.stack([bent, still]), still, still, base=base)
 
 
@@ -205,7 +214,10 @@ def test_three_points_on_a_line_do_not_balance_the_turn_about_it(dog):
     [
         (lambda dog: jounce.load("ur5").contacts([jounce.Contact("wrist_3_link", "plane")]), "does not float"),
         (lambda dog: dog.contacts(["FL_FOOT"]), r"contacts holds 'FL_FOOT'; expected a list of jounce\.Contact"),
-        (lambda dog: dog.contacts([jounce.Contact("FL_PAW", "point")]), "unknown frame of a contact 'FL_PAW'; available: base_link, "),
+        (
+            lambda dog: dog.contacts([jounce.Contact("FL_PAW", "point")]),
+            "unknown frame of a contact 'FL_PAW'; available: base_link, ",
+        ),
         (
             lambda dog: dog.contacts([jounce.Contact(paw, "point") for paw in PAWS[:2]]),
             r"contacts at FL_FOOT, FR_FOOT never balance the moment about the axis \(",
@@ -235,5 +247,7 @@ def test_what_takes_no_contacts_says_so(stands, tmp_path, what):
         "symbolic": lambda: stand.symbolic(),
         "save": lambda: jounce.save(stand, tmp_path / "stand.yaml"),
     }
-    with pytest.raises(jounce.JounceError, match="has contacts, and .*; robot.contacts\\(\\[\\]\\) is the robot without"):
+    with pytest.raises(
+        jounce.JounceError, match="has contacts, and .*; robot.contacts\\(\\[\\]\\) is the robot without"
+    ):
         calls[what]()

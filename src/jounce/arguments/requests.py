@@ -38,7 +38,7 @@ def build_computation(
             f"{quantity} of {mechanism.name!r}: joints with two motors take a stiffness, as native and generated code"
             f" do not; robot.{quantity}(..., stiffness=...) does"
         )
-    limited = [contact.frame for contact in mechanism.contacts if len(contact.rows)]
+    limited = [contact.frame for contact in mechanism.contacts if len(contact.limits)]
     if (row.balanced or row.standing) and limited:
         raise JounceError(
             f"{quantity} of {mechanism.name!r}: friction and soles are decided on numbers, not in native and generated"

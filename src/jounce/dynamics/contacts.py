@@ -63,8 +63,7 @@ class Stance:
             on_body = R.mT @ on_base
         places = Series.constant(position(T)), H.map(position) + R @ position(T)
         own, seen = (_wrench_map(turn, r) for turn, r in zip((on_body, on_base), places, strict=True))
-        held = list(contact.held)
-        return own.map(lambda E: E[..., held]), seen.map(lambda E: E[..., held])
+        return own.map(lambda E: E[..., contact.held]), seen.map(lambda E: E[..., contact.held])
 
     @cached_property
     def G(self) -> Series:
@@ -74,7 +73,7 @@ class Stance:
     def components(self, Q: Series) -> Series:
         """f, (..., k, 1), where the motion without contacts takes forces Q, (..., nv)."""
         unknown, given, missing = self.G.mT, Q.map(lambda Q: Q[..., :6, None]), 0
-        weights = concatenate([contact.weights[list(contact.held)] for contact in self.m.contacts], axis=-1)
+        weights = concatenate([contact.weights[contact.held] for contact in self.m.contacts], axis=-1)
         if (active := self.x.active) is not None:
             C = limit_rows(self.m.contacts)
             unknown = join_series([unknown, Series.constant((active[..., None] * C).mT)], axis=-1)
@@ -95,7 +94,7 @@ class Stance:
         """(..., contacts, 6): the wrenches in contact axes."""
         unit = np.eye(6, dtype=int)
         parts = zip(self.m.contacts, self._split(f), strict=True)
-        return join_series([(unit[:, list(contact.held)] @ part).mT for contact, part in parts], axis=-2)
+        return join_series([(unit[:, contact.held] @ part).mT for contact, part in parts], axis=-2)
 
     def _split(self, f: Series) -> list[Series]:
         ends = np.cumsum([0, *(len(contact.held) for contact in self.m.contacts)]).tolist()
@@ -110,9 +109,6 @@ def _wrench_map(turn: Series, r: Series) -> Series:
 
 def limit_rows(contacts: Sequence[Contact]) -> Array:
     """C, (r, k): limits ``C f <= 0`` of all contacts in the components that they transmit."""
-    blocks = [contact.rows[:, list(contact.held)] for contact in contacts]
-    widths = [block.shape[1] for block in blocks]
-    before = np.cumsum([0, *widths])
-    spread = [np.pad(block, ((0, 0), (first, before[-1] - first - width)))
-              for block, first, width in zip(blocks, before, widths, strict=False)]
-    return np.concatenate(spread)
+    from scipy.linalg import block_diag  # imported here to keep start-up fast
+
+    return block_diag(*(contact.limits[:, contact.held] for contact in contacts))

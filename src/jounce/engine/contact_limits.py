@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jounce.arguments.contacts import balance_maps, describe_directions
+from jounce.arguments.contacts import balance_maps, describe_direction, find_unbalanced
 from jounce.core.errors import JounceError, join_names
 from jounce.core.scalars import Array, broadcast, is_numeric
 from jounce.dynamics.computation import Port
@@ -32,17 +32,16 @@ from jounce.spatial.series import Series
 
 LIMIT_ROUNDING = 1e-9  # of the largest component: rounding, which breaks no limit
 MIN_DUAL_RESIDUAL = 1e-6  # of the dual problem, the weight over that of f: smaller where nothing obeys the limits
-MAX_BALANCE_CONDITION = 1e4  # of G: it enters squared, so that half of the digits are left
 
 
 def is_always_balanced(m: Mechanism) -> bool:
     """Whether the contacts balance the base, whatever the wrench on it and the position: one plane does."""
-    return any(contact.kind == "plane" and not len(contact.rows) for contact in m.contacts)
+    return any(contact.kind == "plane" and not len(contact.limits) for contact in m.contacts)
 
 
 def are_limited(m: Mechanism) -> bool:
     """Whether friction, soles or ground that only pushes limit the wrenches of contacts."""
-    return any(len(contact.rows) for contact in m.contacts)
+    return any(len(contact.limits) for contact in m.contacts)
 
 
 class Balance(NamedTuple):
@@ -119,21 +118,15 @@ def solve_components(m: Mechanism, G: np.ndarray, F: np.ndarray, active: np.ndar
 
 
 def _weight_roots(m: Mechanism) -> np.ndarray:
-    return np.sqrt(np.concatenate([contact.weights[list(contact.held)] for contact in m.contacts]))
+    return np.sqrt(np.concatenate([contact.weights[contact.held] for contact in m.contacts]))
 
 
-def _check_condition(m: Mechanism, G: np.ndarray, batch: Sequence[int]) -> None:
-    """Raise `JounceError` where contacts hardly balance one direction, as three points on a line do."""
-    U, sizes, _ = np.linalg.svd(G, full_matrices=False)
-    lost = np.flatnonzero(sizes[:, -1] * MAX_BALANCE_CONDITION < sizes[:, 0])
+def _check_condition(m: Mechanism, G: np.ndarray, batch: tuple[int, ...]) -> None:
+    """Raise `UnbalancedError` where contacts hardly balance one direction, as three points on a line do."""
+    lost, directions = find_unbalanced(G)
     if lost.size:
-        i = lost[0]
-        raise UnbalancedError(
-            f"{m.name!r}: contacts at {join_names(contact.frame for contact in m.contacts)} do not balance"
-            f" {describe_directions(U[i, :, -1:].T)}: 1/cond is {sizes[i, -1] / sizes[i, 0]:.1e}",
-            int(i),
-            tuple(batch),
-        )
+        frames, what = join_names(contact.frame for contact in m.contacts), describe_direction(directions[0])
+        raise UnbalancedError(f"{m.name!r}: contacts at {frames} do not balance {what}", int(lost[0]), batch)
 
 
 def _active_rows(m: Mechanism, G: np.ndarray, f: np.ndarray, C: np.ndarray) -> np.ndarray:
@@ -151,7 +144,7 @@ def _active_rows(m: Mechanism, G: np.ndarray, f: np.ndarray, C: np.ndarray) -> n
 
 
 def _infeasible(m: Mechanism, beyond: np.ndarray) -> UnbalancedError:
-    names = [f"{contact.row_name(k)} of {contact.frame!r}" for contact in m.contacts for k in range(len(contact.rows))]
+    names = [name for contact in m.contacts for name in contact.limit_names]
     return UnbalancedError(
         f"{m.name!r}: no contact wrenches within friction and soles balance the motion; slow it down, or state other"
         f" contacts: the least wrenches are farthest beyond {names[int(np.argmax(beyond))]}"

@@ -5,13 +5,13 @@ import numpy as np
 from jounce.core.errors import JounceError, quote_value
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
-from jounce.model.contacts import TWIST_COMPONENTS
 from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
 from jounce.spatial.lie import Ad, inverse, rotation
 
 _CONTACT_SAMPLES = 200  # even times of a motion at which its contacts are looked at
 SLIDING_TOLERANCE = 1e-3  # of the fastest body: contact wrenches then have that little power beside that of joints
+_TWIST_COMPONENTS = ("about x", "about y", "about z", "along x", "along y", "along z")
 _STILL = 1e-9  # rad/s and m/s: rounding of a robot at rest
 
 
@@ -22,7 +22,7 @@ def refuse_sliding(m: Mechanism, path: Motion) -> None:
     fastest = np.abs(compute(engine, "twists", rates, base=base, method="recursion")).max()
     worst = []
     for contact in m.contacts:
-        held, options = list(contact.held), {"body": contact.frame, "method": "recursion"}
+        held, options = contact.held, {"body": contact.frame, "method": "recursion"}
         V = compute(engine, "twists", rates, base=base, **options)
         V = Ad(inverse(contact.place)) @ V[..., None]
         if contact.ground_axes is not None:
@@ -32,7 +32,7 @@ def refuse_sliding(m: Mechanism, path: Motion) -> None:
         i, j = np.unravel_index(np.argmax(speeds), speeds.shape)
         far = np.abs(np.trapezoid(V[:, held[j], 0], t))
         unit = "rad" if held[j] < 3 else "m"
-        name = f"{quote_value(contact.frame)} {TWIST_COMPONENTS[held[j]]}"
+        name = f"{quote_value(contact.frame)} {_TWIST_COMPONENTS[held[j]]}"
         text = f"contact {name} by up to {speeds[i, j]:.3g} {unit}/s, at t = {t[i]:.6g} s, and {far:.3g} {unit} in all"
         worst.append((speeds[i, j], text))
     speed, text = max(worst)

@@ -3,8 +3,8 @@
 A wrench (moment; force) of a contact is what the surroundings exert on the body, about the point of contact.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from itertools import product
 from typing import Any
@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 
 from jounce.core.errors import JounceError, check_choice, quote_value
-from jounce.core.scalars import Array, array_of_shape, is_finite, is_numeric
+from jounce.core.scalars import Array, array_of_shape, asarray, is_finite, is_numeric
 
-HELD: Mapping[str, tuple[int, ...]] = {"point": (3, 4, 5), "line": (1, 2, 3, 4, 5), "plane": (0, 1, 2, 3, 4, 5)}
-TWIST_COMPONENTS = ("about x", "about y", "about z", "along x", "along y", "along z")
+HELD: Mapping[str, list[int]] = {"point": [3, 4, 5], "line": [1, 2, 3, 4, 5], "plane": [0, 1, 2, 3, 4, 5]}
 DEFAULT_HALF_LENGTH = 0.1  # m, of a sole that states none: that of a human foot, and of humanoids of 0.5 to 2 m
 _STEEP = 0.9  # of a normal along x: beyond that, y is projected on the ground instead
 _UNIT_TOLERANCE = 1e-9  # of a normal's length and a place's rotation: more than rounding is a mistake
@@ -62,12 +61,13 @@ class Contact:
     --------
     >>> import jounce
     >>> foot = jounce.Contact("left_ankle_roll_link", "plane", place=(0.035, 0, -0.037), sole=(0.09, 0.03))
-    >>> foot.rows.shape
+    >>> foot.limits.shape
     (5, 6)
     """
 
     frame: str
     kind: str
+    _: KW_ONLY
     place: Any = (0, 0, 0)
     normal: Any = None
     friction: float | None = None
@@ -75,106 +75,85 @@ class Contact:
     weights: Any = None
 
     def __post_init__(self) -> None:
-        label = f"contact {quote_value(self.frame)}"
+        label, mu = f"contact {quote_value(self.frame)}", self.friction
         check_choice("kind of contact", self.kind, HELD)
-        _set(self, "place", _as_pose(self.place, f"{label}: place"))
-        if self.normal is not None:
-            _set(self, "normal", _numbers(self.normal, (3,), f"{label}: normal"))
-            if self.kind != "point":
-                raise JounceError(f"{label}: the normal of a {self.kind} is the z axis of place=; leave normal= out")
-            if abs(np.linalg.norm(self.normal) - 1) > _UNIT_TOLERANCE:
-                raise JounceError(f"{label}: normal has length {np.linalg.norm(self.normal):.6g}; expected 1")
-        if self.friction is not None:
-            if not is_finite(self.friction) or self.friction < 0:
-                raise JounceError(f"{label}: friction is {quote_value(self.friction)}; expected a number, 0 or more")
-            if self.kind == "line" or (self.kind == "point" and self.normal is None):
-                cure = "state normal=(0, 0, 1)" if self.kind == "point" else "state two points in place of the line"
-                raise JounceError(f"{label}: friction of a {self.kind} needs the normal of the ground; {cure}")
-        if self.sole is not None:
-            _set(self, "sole", _numbers(self.sole, (2,), f"{label}: sole", positive=True))
-            if self.kind != "plane":
-                raise JounceError(f"{label}: a {self.kind} has no sole; leave sole= out, or use kind 'plane'")
-        given = self._default_weights if self.weights is None else self.weights
-        _set(self, "weights", _numbers(given, (6,), f"{label}: weights", positive=True))
+        if self.normal is not None and self.kind != "point":
+            raise JounceError(f"{label}: the normal of a {self.kind} is the z axis of place=; leave normal= out")
+        if self.sole is not None and self.kind != "plane":
+            raise JounceError(f"{label}: a {self.kind} has no sole; leave sole= out, or use kind 'plane'")
+        if mu is not None and (not is_finite(mu) or mu < 0):
+            raise JounceError(f"{label}: friction is {quote_value(mu)}; expected a number, 0 or more")
+        if mu is not None and self.kind != "plane" and self.normal is None:
+            cure = "state normal=(0, 0, 1)" if self.kind == "point" else "state two points in place of the line"
+            raise JounceError(f"{label}: friction of a {self.kind} needs the normal of the ground; {cure}")
+        checked = {"place": _as_pose(self.place, f"{label}: place")}
+        for name, size in (("normal", 3), ("sole", 2), ("weights", 6)):
+            if (given := getattr(self, name)) is not None:
+                checked[name] = _numbers(given, (size,), f"{label}: {name}", least=-np.inf if name == "normal" else 0)
+        if abs((length := np.linalg.norm(checked.get("normal", 1.0))) - 1) > _UNIT_TOLERANCE:
+            raise JounceError(f"{label}: normal has length {length:.6g}; expected 1")
+        x, y = checked.get("sole", (DEFAULT_HALF_LENGTH,) * 2)
+        for array in checked.values():
+            array.flags.writeable = False
+        vars(self).update({"weights": np.array([1 / y**2, 1 / x**2, 1 / (x**2 + y**2), 1, 1, 1])} | checked)
 
     @property
-    def _default_weights(self) -> list[float]:
-        x, y = (DEFAULT_HALF_LENGTH,) * 2 if self.sole is None else self.sole
-        return [1 / y**2, 1 / x**2, 1 / (x**2 + y**2), 1, 1, 1]
-
-    @property
-    def arrays(self) -> tuple[Array, ...]:
-        """Its numbers that wrenches depend on where no limit is reached."""
-        return self.place, self.weights, np.zeros(0) if self.normal is None else self.normal
-
-    @property
-    def held(self) -> tuple[int, ...]:
+    def held(self) -> list[int]:
         """The components that it transmits, among the six of a wrench."""
         return HELD[self.kind]
 
     @cached_property
     def ground_axes(self) -> Array | None:
         """The axes of a point in inertial ones, (3, 3); None where the axes are those of the body."""
-        if self.kind != "point":
-            return None
-        if self.normal is None or (self.normal == (0, 0, 1)).all():
-            return np.eye(3, dtype=int)
+        if self.kind != "point" or self.normal is None:
+            return None if self.kind != "point" else np.eye(3, dtype=int)
         e = np.eye(3)[int(abs(self.normal[0]) > _STEEP)]
         x = e - (e @ self.normal) * self.normal
         x = x / np.linalg.norm(x)
         return np.stack([x, np.cross(self.normal, x), self.normal], axis=1)
 
     @cached_property
-    def rows(self) -> np.ndarray:
+    def _named_limits(self) -> list[tuple[str, np.ndarray]]:
+        return list(self._list_limits())
+
+    @property
+    def limits(self) -> np.ndarray:
         """C (r, 6): friction, sole and a force that pushes hold where ``C f <= 0``."""
-        mx, my, mz, fx, fy, fz = np.eye(6)
-        mu, sole, signs = self.friction, self.sole, (1, -1)
-        found = [-fz] if mu is not None or sole is not None else []
-        if mu is not None:
-            found += [s * f - mu * fz for f in (fx, fy) for s in signs]
-        if sole is not None:
-            x, y = sole
-            found += [s * m - length * fz for m, length in ((mx, y), (my, x)) for s in signs]
-            if mu is not None:
-                found += [
-                    s * mz - mu * (x + y) * fz + a * (y * fx + s * mu * mx) + b * (x * fy + s * mu * my)
-                    for s, a, b in product(signs, repeat=3)
-                ]
-        return np.array(found).reshape(-1, 6)
+        return np.array([row for _, row in self._named_limits]).reshape(-1, 6)
 
-    def row_name(self, k: int) -> str:
-        """What row k of `rows` limits."""
-        names = ["normal force"] + ["friction along x", "friction along y"] * (self.friction is not None)
-        names += ["centre of pressure along y", "centre of pressure along x"] * (self.sole is not None)
-        return names[(k + 1) // 2] if (k + 1) // 2 < len(names) else "friction about z"
+    @property
+    def limit_names(self) -> list[str]:
+        """What each row of the limits limits."""
+        return [f"{name} of {quote_value(self.frame)}" for name, _ in self._named_limits]
 
-    def convert(self, convert: Callable[[Array], Array]) -> "Contact":
-        """The contact with its numbers as other scalars."""
-        made = replace(self)
-        for name in ("place", "weights", "normal"):
-            if getattr(self, name) is not None:
-                _set(made, name, convert(getattr(self, name)))
-        if self.ground_axes is not None:
-            _set(made, "ground_axes", convert(self.ground_axes))
-        return made
+    def _list_limits(self) -> Iterator[tuple[str, np.ndarray]]:
+        (mx, my, mz, fx, fy, fz), mu, signs = np.eye(6), self.friction, (1, -1)
+        if mu is not None or self.sole is not None:
+            yield "normal force", -fz
+        for s, (name, f) in product(signs, (("x", fx), ("y", fy)) if mu is not None else ()):
+            yield f"friction along {name}", s * f - mu * fz
+        if self.sole is None:
+            return
+        x, y = self.sole
+        for s, (name, m, length) in product(signs, (("y", mx, y), ("x", my, x))):
+            yield f"centre of pressure along {name}", s * m - length * fz
+        for s, a, b in product(signs, repeat=3) if mu is not None else ():
+            sheared = a * (y * fx + s * mu * mx) + b * (x * fy + s * mu * my)
+            yield "friction about z", s * mz - mu * (x + y) * fz + sheared
 
 
-def _set(contact: Contact, name: str, value: Array) -> None:
-    vars(contact)[name] = value
-
-
-def _numbers(given: Any, shape: tuple[int, ...], label: str, positive: bool = False) -> np.ndarray:
+def _numbers(given: Any, shape: tuple[int, ...], label: str, least: float = -np.inf) -> np.ndarray:
     array = array_of_shape(given, shape, label)
-    least = "positive " if positive else ""
-    if array.shape != shape or not is_numeric(array) or not np.isfinite(array).all() or (positive and (array <= 0).any()):
-        raise JounceError(f"{label} is {quote_value(given)}; expected {shape[0]} {least}finite numbers")
+    if array.shape != shape or not is_numeric(array) or not (np.isfinite(array) & (array > least)).all():
+        kind = "finite" if np.isinf(least) else "positive finite"
+        raise JounceError(f"{label} is {quote_value(given)}; expected {shape[0]} {kind} numbers")
     return array.astype(float)
 
 
 def _as_pose(given: Any, label: str) -> np.ndarray:
     """A point as the pose of axes that are not turned, or a pose."""
-    if np.shape(given) != (4, 4):
-        T = np.eye(4)
+    T = np.eye(4)
+    if asarray(given, label).shape != (4, 4):
         T[:3, 3] = _numbers(given, (3,), label)
         return T
     T = _numbers(given, (4, 4), label)

@@ -114,7 +114,6 @@ class Mechanism:
         elastic = self.elasticity.arrays.values() if self.elasticity else ()
         closing = [*self.closure.arrays.values(), self.closure.start] if self.closure else []
         closing += [array for loop in self.loops for array in loop.arrays]
-        closing += [array for contact in self.contacts for array in contact.arrays]
         for array in (*self.arrays.values(), *stated, *elastic, *closing):
             array.flags.writeable = False
 

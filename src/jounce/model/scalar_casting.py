@@ -31,10 +31,7 @@ def _convert(mechanism: Mechanism, convert: Callable[[Array], Array]) -> Mechani
     drives = Drives(**{name: convert(array) for name, array in vars(mechanism.drives).items()})
     elasticity = mechanism.elasticity and mechanism.elasticity.map(convert)
     loops, closure = convert_loops(mechanism.loops, mechanism.closure, convert)
-    contacts = tuple(contact.convert(convert) for contact in mechanism.contacts)
-    return replace(
-        converted, frames=frames, drives=drives, elasticity=elasticity, loops=loops, closure=closure, contacts=contacts
-    )
+    return replace(converted, frames=frames, drives=drives, elasticity=elasticity, loops=loops, closure=closure)
 
 
 def with_arrays(mechanism: Mechanism, convert: Callable[[str, Array], Array]) -> Mechanism:

@@ -1252,14 +1252,13 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
     def contacts(self, contacts: "Sequence[Contact]") -> Self:
         """The robot on contacts, whose wrenches balance what no motor drives: its base.
 
-        ``inverse_dynamics`` of such a robot is ``Q - A^T f`` with the wrenches f of the ground and their Jacobian A: six
-        rows that vanish, to rounding, and the torques of the joints; `contact_wrenches` is f. Of all f that balance the
-        base the one with the least ``f^T W f`` is taken, with the weights W of the contacts, and each further rate you
-        give returns one more time derivative of both. Matrices, momenta, poses and twists are those of this robot;
-        quantities in which contacts would enter otherwise, such as forward dynamics, are refused.
+        Its `inverse_dynamics` is ``Q - A^T f`` with the wrenches f of the ground, `contact_wrenches`, and their
+        Jacobian A: six rows that vanish, to rounding, and the torques of the joints. Of all f that balance the base it
+        takes the one with the least ``f^T W f``, with the weights W of the contacts, within their limits. Matrices,
+        momenta, poses and twists are those of this robot; quantities that contacts would enter otherwise are refused.
 
-        The motion is given: it must leave the contacts where they are. `forces_along` and limits along a motion refuse
-        one whose feet slide; a call for given rates does not look at it.
+        The motion must leave the contacts where they are: `forces_along` refuses one whose feet slide, a call for given
+        rates does not look at it.
 
         Parameters
         ----------
