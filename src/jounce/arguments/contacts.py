@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jounce.core.errors import JounceError, check_choice, join_names, quote_value
+from jounce.core.errors import JounceError, as_list, check_choice, join_names, quote_value
 from jounce.core.scalars import is_numeric
 from jounce.dynamics.contacts import Stance
 from jounce.dynamics.joint_motion import JointMotion
@@ -20,7 +20,7 @@ _SAMPLES = 3  # of positions: what is not balanced at any of them is not balance
 
 def with_contacts(mechanism: Mechanism, contacts: object) -> Mechanism:
     """The robot on contacts; raise `JounceError` unless they can balance what moves its base."""
-    name, given = quote_value(mechanism.name), list(contacts) if isinstance(contacts, list | tuple) else [contacts]
+    name, given = quote_value(mechanism.name), as_list(contacts)
     if not mechanism.floats:
         raise JounceError(f"{name} does not float, as what stands on contacts does; load it with base='floating'")
     if mechanism.closure or mechanism.elasticity:

@@ -77,7 +77,7 @@ def compute_on_contacts(call: Call, run: Callable[[Call], Any]) -> Any:
             )
         return run(call)
     batch, arrays, _, _, active = find_balance(call, run)
-    beyond = active.any(axis=1).nonzero()[0]
+    beyond = np.flatnonzero(active.any(axis=1))
     if not beyond.size:
         return run(call)
     results = [x.reshape((len(active), *x.shape[len(batch) :])).copy() for x in as_tuple(run(call._replace(out=None)))]

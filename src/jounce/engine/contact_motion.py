@@ -19,15 +19,16 @@ def refuse_sliding(m: Mechanism, path: Motion) -> None:
     """Raise `JounceError` if a contact moves in a direction in which it transmits a force or moment."""
     t = np.linspace(path.start, path.stop, _CONTACT_SAMPLES)
     rates, base, engine = path(t, 1), path.base(t, 1), Engine(m)
+    assert base is not None, m.name
     fastest = np.abs(compute(engine, "twists", rates, base=base, method="recursion")).max()
     worst = []
     for contact in m.contacts:
-        held, options = contact.held, {"body": contact.frame, "method": "recursion"}
-        V = compute(engine, "twists", rates, base=base, **options)
+        held = contact.held
+        V = compute(engine, "twists", rates, base=base, body=contact.frame, method="recursion")
         V = Ad(inverse(contact.place)) @ V[..., None]
         if contact.ground_axes is not None:
-            R = rotation(compute(engine, "poses", rates[:1], base=base[:1], **options) @ contact.place)
-            V = np.kron(np.eye(2), contact.ground_axes.T @ R) @ V
+            H = compute(engine, "poses", rates[:1], base=base[:1], body=contact.frame, method="recursion")
+            V = np.kron(np.eye(2), contact.ground_axes.T @ rotation(H @ contact.place)) @ V
         speeds = np.abs(V[:, held, 0])
         i, j = np.unravel_index(np.argmax(speeds), speeds.shape)
         far = np.abs(np.trapezoid(V[:, held[j], 0], t))

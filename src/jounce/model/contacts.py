@@ -127,17 +127,18 @@ class Contact:
         return [f"{name} of {quote_value(self.frame)}" for name, _ in self._named_limits]
 
     def _list_limits(self) -> Iterator[tuple[str, np.ndarray]]:
-        (mx, my, mz, fx, fy, fz), mu, signs = np.eye(6), self.friction, (1, -1)
-        if mu is not None or self.sole is not None:
+        (mx, my, mz, fx, fy, fz), mu, signs = np.eye(6), self.friction or 0.0, (1, -1)
+        rubs = self.friction is not None
+        if rubs or self.sole is not None:
             yield "normal force", -fz
-        for s, (name, f) in product(signs, (("x", fx), ("y", fy)) if mu is not None else ()):
+        for s, (name, f) in product(signs, (("x", fx), ("y", fy)) if rubs else ()):
             yield f"friction along {name}", s * f - mu * fz
         if self.sole is None:
             return
         x, y = self.sole
         for s, (name, m, length) in product(signs, (("y", mx, y), ("x", my, x))):
             yield f"centre of pressure along {name}", s * m - length * fz
-        for s, a, b in product(signs, repeat=3) if mu is not None else ():
+        for s, a, b in product(signs, repeat=3) if rubs else ():
             sheared = a * (y * fx + s * mu * mx) + b * (x * fy + s * mu * my)
             yield "friction about z", s * mz - mu * (x + y) * fz + sheared
 
