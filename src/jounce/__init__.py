@@ -45,8 +45,8 @@ if TYPE_CHECKING:
     from jounce.spatial.inertia import inertia_matrix
 
 __all__ = [
-    "Along", "AntagonisticSprings", "BaseParameters", "Check", "CheckedLimit", "Closure", "Contact", "CubicSpring", "Drives",
-    "ElasticAlong", "Elasticity", "Excitation", "Explanation", "ForceResidual", "Identification",
+    "Along", "AntagonisticSprings", "BaseParameters", "Check", "CheckedLimit", "Closure", "Contact", "CubicSpring",
+    "Drives", "ElasticAlong", "Elasticity", "Excitation", "Explanation", "ForceResidual", "Identification",
     "IdentifiedParameter", "JounceError", "JounceWarning", "Kernel", "Limits", "Loop", "Mechanism", "Motion",
     "Motor", "Payload", "PayloadParameter", "Report", "Retiming", "Robot", "RobotState", "Slowdown", "SpringFunction",
     "SpringTable", "UncertainError", "__version__", "inertia_matrix", "load", "load_motion", "save",

@@ -41,7 +41,7 @@ def stands(dog, humanoid):
 
 
 def standing_base(robot, rates, foot):
-    """C, V, Vd, ... of a base of which a foot stays at the inertial frame, exactly: C = H^-1, V = -V_foot seen from it."""
+    """C, V, Vd, ... of a base of which a foot stays at the inertial frame: C = H^-1, V = -V_foot seen from it."""
     still = (np.eye(4), *[np.zeros(6)] * (len(rates) - 1))
     H = robot.poses(rates[0], body=foot, base=still[0], method="recursion")
     V = robot.twists(*rates, body=foot, frame="spatial", base=still, method="recursion")

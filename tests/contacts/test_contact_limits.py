@@ -1,5 +1,7 @@
 """Friction, soles, and ground that only pushes: the solution is optimal, and its rates are those of its active rows."""
 
+from itertools import pairwise
+
 import jax
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ from scipy.linalg import block_diag
 from scipy.optimize import linprog
 
 import jounce
-from contacts.conftest import FEET, PAWS, SOLE
+from contacts.conftest import FEET, PAWS, SOLE, squat
 from jounce.engine.contact_limits import LIMIT_ROUNDING
 from jounce.spatial.lie import Ad, inverse
 from support.robots import differentiated_at_once, relative_error
@@ -129,14 +131,14 @@ def test_what_friction_and_soles_cannot_do_is_refused(humanoid):
         C, G = problem(stand, rates, base)
         Q = humanoid.inverse_dynamics(*rates[:3], base=base[:3], method="recursion")[:6]
         exists = linprog(np.zeros(12), C, np.zeros(len(C)), G, Q, bounds=(None, None)).status == 0
+        refusal = ""
         try:
             stand.inverse_dynamics(*rates[:3], base=base[:3])
-            outcomes.append((exists, True))
         except jounce.JounceError as error:
-            assert str(error).startswith(
-                "'g1': no contact wrenches within friction and soles balance the motion; slow it"
-            )
-            outcomes.append((exists, False))
+            refusal = str(error)
+        expected = "" if exists else "'g1': no contact wrenches within friction and soles balance the motion; slow it"
+        assert refusal.startswith(expected)
+        outcomes.append((exists, not refusal))
     assert set(outcomes) == {(True, True), (False, False)}
 
 
@@ -162,3 +164,36 @@ def test_a_quadruped_on_a_slope_slips_at_the_angle_of_friction(dog):
         else:
             with pytest.raises(jounce.JounceError, match="no contact wrenches within friction"):
                 stand.contact_wrenches(q, q, q, base=(np.eye(4), none, none))
+
+
+def test_switches_along_a_motion_are_breaks(humanoid):
+    t = np.arange(201) / 100
+    q = squat(humanoid, 1 + 0 * t, 0)[0]
+    q[:, humanoid.joint_names.index("waist_roll_joint")] = 0.3 * np.sin(7 * t)
+    C = np.linalg.inv(humanoid.poses(q, body=FEET[0], base=np.eye(4), method="recursion"))
+    motion = jounce.Motion.through(t, q, joint_names=humanoid.joint_names).with_base(t, C, degree=7)
+    stand, during = limited(humanoid, friction=0.6), np.linspace(0.5, 0.6, 3)
+    found = stand.forces_along(motion, during, order=1).breaks
+    assert found
+    for switch in found:
+        assert switch.order == 1
+        assert not switch.causes
+        sides = switch.t + np.array([-1e-6, 1e-6])
+        Q, Qd = stand.inverse_dynamics(*motion(sides, 3), base=motion.base(sides, 3))
+        assert np.abs(np.diff(Q, axis=0)).max() < 1e-5 * np.abs(Q).max()
+        assert relative_error(Qd[1] - Qd[0], switch.jump) < 1e-2
+    bounds = [during[0], *(switch.t for switch in found), during[-1]]
+    for a, b in pairwise(bounds):  # there is none in between
+        inside = np.linspace(a, b, 22)[1:-1]
+        _, Qd, Q2d = stand.inverse_dynamics(*motion(inside), base=motion.base(inside))
+        steps = np.abs(np.diff(Qd, axis=0)).max(axis=1)
+        assert (steps < 3 * np.abs(Q2d).max() * (inside[1] - inside[0])).all()
+
+
+def test_missing_values_stay_missing(humanoid):
+    rates, base = pushed(humanoid, 2.0)
+    rates = [np.stack([x, x]) for x in rates[:3]]
+    rates[0][1, 3] = np.nan
+    f = limited(humanoid, friction=0.6).contact_wrenches(*rates, base=base[:3])
+    assert np.isfinite(f[0]).all()
+    assert np.isnan(f[1]).any()

@@ -310,7 +310,11 @@ CASES: dict[str, Case] = {
     "dcm": along(WALKER.dcm, base=(np.eye(4), *np.zeros((4, 6))), height=0.1),
     "center_of_pressure": along(WALKER.contacts([FOOT]).center_of_pressure, base=(np.eye(4), *np.zeros((5, 6)))),
     "contact_wrenches": along(WALKER.contacts([FOOT]).contact_wrenches, base=(np.eye(4), *np.zeros((5, 6)))),
-    "Contact": (jounce.Contact, {"frame": "a", "kind": "plane", "place": (0, 0, 0), "sole": (0.1, 0.05), "weights": None, "friction": 0.5, "normal": None}),
+    "Contact": (
+        jounce.Contact,
+        {"frame": "body2", "kind": "plane", "place": (0.5, 0, 0), "normal": None, "friction": 0.5}
+        | {"sole": (0.1, 0.05), "weights": None},
+    ),
     "Contact of a point": (jounce.Contact, {"frame": "body2", "kind": "point", "normal": (0, 0, 1)}),
     **{
         name: along(getattr(FIVEBAR, name), method=None)

@@ -43,7 +43,7 @@ def with_contacts(mechanism: Mechanism, contacts: object) -> Mechanism:
     return standing
 
 
-def check_uncontacted(mechanism: Mechanism, what: str) -> None:
+def refuse_contacts(mechanism: Mechanism, what: str) -> None:
     """Raise `JounceError` if a robot that stands on contacts is to have what only others have."""
     if mechanism.contacts:
         name = quote_value(mechanism.name)
@@ -58,7 +58,7 @@ def balance_maps(m: Mechanism, q: np.ndarray, base: np.ndarray | None = None) ->
 
 
 def find_unbalanced(G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The states in which contacts hardly balance one wrench on the base, and the twists of the base that do work on it."""
+    """The states in which contacts hardly balance a wrench on the base, and the twists on which this does work."""
     missing = ~np.isfinite(G).all(axis=(1, 2), keepdims=True)  # NaN, as what follows from it is
     U, sizes, _ = np.linalg.svd(np.where(missing, np.eye(*G.shape[1:]), G))
     least = sizes[:, 5] if sizes.shape[1] == 6 else 0 * sizes[:, 0]

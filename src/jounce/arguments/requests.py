@@ -132,7 +132,7 @@ def missing_reason(mechanism: Mechanism, row: Quantity) -> str | None:
         return ": its joints are rigid; robot.elastic(stiffness) makes them elastic"
     if row.standing and not mechanism.contacts:
         return ": it has no contacts; robot.contacts([jounce.Contact(frame, kind), ...]) states them"
-    if row.uncontacted and mechanism.contacts:
+    if row.without_contacts and mechanism.contacts:
         return ": the wrenches of its contacts would enter; robot.contacts([]) is the robot without contacts"
     reason = row.obstacle and row.obstacle(mechanism)
     return reason and f" {reason}"

@@ -5,12 +5,13 @@ The six rows of the base of Q = A^T f, what no motor drives, must come from the 
     min f^T W f   subject to   G f = Q_0,      f = W^-1 G^T y,   G W^-1 G^T y = Q_0.
 
 Where rows of friction hold with equality, C_a f = 0 joins the constraints. Rates follow by the series of the solution.
-Joint torques are those of the motion with the contact wrenches on its bodies; what is left of the base rows is rounding.
+Joint torques are those of the motion with the contact wrenches on its bodies; the base rows are left with rounding.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -98,7 +99,7 @@ class Stance:
 
     def _split(self, f: Series) -> list[Series]:
         ends = np.cumsum([0, *(len(contact.held) for contact in self.m.contacts)]).tolist()
-        return [take_rows(f, first, last) for first, last in zip(ends, ends[1:], strict=False)]
+        return [take_rows(f, first, last) for first, last in pairwise(ends)]
 
 
 def _wrench_map(turn: Series, r: Series) -> Series:

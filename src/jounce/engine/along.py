@@ -36,9 +36,9 @@ class ForceBreak(NamedTuple):
     """A time at which the forces are not smooth: a rate of Q jumps, and higher rates do not exist.
 
     `order` is the order of the rate that jumps (0 is Q), `jump` (nv,) the size of the jump; they are -1 and None if q
-    or qd jumps, so that Q itself does not exist. `causes` are the breaks of the motion at this time. `higher` (nv,) are
-    the jumps of the rates after it: a joint whose Q does not jump may have a Qd that does. Where friction or a sole of a
-    contact begins or ends to limit its wrench, Qd jumps without a break of the motion.
+    or qd jumps, so that Q itself does not exist. `causes` are the breaks of the motion at this time; none where a
+    contact's friction or sole begins or ends to limit its wrench. `higher` (nv,) are the jumps of the rates after it:
+    a joint whose Q does not jump may have a Qd that does.
     """
 
     t: float

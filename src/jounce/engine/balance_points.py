@@ -1,9 +1,10 @@
-"""Points in which people plan how robots balance: zero-moment point, centres of pressure, divergent component of motion.
+"""Points in which balance is planned: zero-moment point, centres of pressure, divergent component of motion.
 
 They are quotients of quantities with rates, so that their rates follow by the series of the division.
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ def zmp(robot: Engine, rates: Sequence[Any], base: Any, wrench: Any, height: Any
     weight = g * robot.mechanism.M[:, 3, 3].sum()
     if is_numeric(F[0]) and (low := F[0][..., 5].min(initial=np.inf)) < MIN_PRESSURE * weight:
         raise JounceError(
-            f"{robot.name!r} has no zero-moment point in flight: the ground pulls or carries {low:.3g} N of {weight:.4g} N"
+            f"{robot.name!r} has no zero-moment point in flight, where the ground carries {low:.3g} of {weight:.4g} N"
         )
     moments = [concatenate([z * x[..., 3:4] - x[..., 1:2], x[..., :1] + z * x[..., 4:5]], axis=-1) for x in F]
     return _divide(moments, [x[..., 5:] for x in F])
@@ -48,7 +49,7 @@ def dcm(robot: Engine, rates: Sequence[Any], base: Any, height: Any) -> Any:
         raise JounceError(f"height is {quote_value(height)}; expected that of the centre of mass, above 0 m")
     c = as_tuple(compute(robot, "center_of_mass", rates, base=base))
     time = float(np.sqrt(z / _gravity(robot)))
-    return write_results(tuple(x + time * xd for x, xd in zip(c, c[1:], strict=False)), None)
+    return write_results(tuple(x + time * xd for x, xd in pairwise(c)), None)
 
 
 def _divide(numerators: Sequence[Any], divisors: Sequence[Any]) -> Any:

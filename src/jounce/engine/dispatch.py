@@ -18,8 +18,8 @@ from jounce.dynamics.loop_newton import NewtonStep
 from jounce.dynamics.mobility import is_singular, may_be_singular
 from jounce.dynamics.quantities import find_row
 from jounce.engine import certain_digits, direct_methods
-from jounce.engine.contact_limits import compute_on_contacts, is_always_balanced
 from jounce.engine.backends import BACKENDS, NATIVE, Call, closing_step, default_method, with_constraints
+from jounce.engine.contact_limits import compute_on_contacts, is_always_balanced
 from jounce.engine.engine import Engine, with_mechanism
 from jounce.engine.generic_methods import as_tuple, is_fit, write_results
 from jounce.model.mechanism import Mechanism
@@ -158,9 +158,9 @@ def check_arguments(
 def _run(call: Call) -> Any:
     """Run a call; near singular positions of a closed robot again, to determine which digits are certain."""
     robot, asked = call.robot, call.computation
-    if robot.mechanism.contacts and (asked.quantity.balanced or asked.quantity.standing):
-        if not is_always_balanced(robot.mechanism):
-            return compute_on_contacts(call, run_by_backend)
+    on_contacts = robot.mechanism.contacts and (asked.quantity.balanced or asked.quantity.standing)
+    if on_contacts and not is_always_balanced(robot.mechanism):
+        return compute_on_contacts(call, run_by_backend)
     if robot.mechanism.closure:
         m, names = with_constraints(robot, asked), asked.quantity.names(asked.order)
         step = closing_step(robot) if call.method in (None, NATIVE) and m is robot.mechanism else None

@@ -23,7 +23,7 @@ def validate_limits(robot: Engine, motion: object) -> LimitedMotion:
     kinds = known_kinds(robot, limits)
     if are_limited(robot.mechanism):
         raise JounceError(
-            f"{robot.name!r}: limits along a motion take contacts without friction= and sole=, at which forces have kinks;"
+            f"{robot.name!r}: limits along a motion take contacts without friction= and sole=, where forces have kinks;"
             " forces_along(motion) has the forces, and breaks where limits of contacts begin and end"
         )
     if not kinds:

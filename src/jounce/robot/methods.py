@@ -247,7 +247,7 @@ class Methods(Rows):
         wrench: Rates | None = None,
         base: Rates | None = None,
     ) -> Results:
-        """The zero-moment point, and its rates: where the wrench of the ground on the robot has a vertical moment alone.
+        """The zero-moment point, and its rates: where the wrench of the ground on the robot has a vertical moment.
 
         ``p = ((fx h - ny) / fz, (nx + fy h) / fz)`` of `base_wrench` (n; f), in the inertial plane z = h (Vukobratovic,
         Borovac, Int. J. Humanoid Robotics 1, 2004).
@@ -334,7 +334,7 @@ class Methods(Rows):
         """The divergent component of motion, and its rates: ``c + cd / w`` with the centre of mass c.
 
         On the plane it is the capture point. Where the centre of mass stays at its height, it moves away from the
-        zero-moment point p with the rate ``w (dcm - p)`` (Englsberger, Ott, Albu-Schäffer, IEEE Trans. Robotics 31, 2015).
+        zero-moment point p with the rate ``w (dcm - p)`` (Englsberger et al., IEEE Trans. Robotics 31, 2015).
 
         Parameters
         ----------

@@ -40,7 +40,7 @@ class Methods:
     ) -> Array:
         """The generalized forces Q of a motion and their time derivatives Qd, Q2d, ... (RNEA with rates).
 
-        ``Q = M(q) q2d + C(q, qd) qd + Qgrav(q) + Qext``, with the drive terms that act added. With `contacts`, Q is less
+        ``Q = M(q) q2d + C(q, qd) qd + Qgrav(q) + Qext``, with the drive terms that act added. With `contacts`, less
         what their wrenches do: six rows of the base that vanish, to rounding, and the torques of the joints.
 
         Parameters
@@ -3409,7 +3409,7 @@ class Methods:
         wrench: Rates | None = None,
         base: Rates | None = None,
     ) -> Array:
-        """The zero-moment point, and its rates: where the wrench of the ground on the robot has a vertical moment alone.
+        """The zero-moment point, and its rates: where the wrench of the ground on the robot has a vertical moment.
 
         ``p = ((fx h - ny) / fz, (nx + fy h) / fz)`` of `base_wrench` (n; f), in the inertial plane z = h (Vukobratovic,
         Borovac, Int. J. Humanoid Robotics 1, 2004).
@@ -3551,7 +3551,7 @@ class Methods:
         """The divergent component of motion, and its rates: ``c + cd / w`` with the centre of mass c.
 
         On the plane it is the capture point. Where the centre of mass stays at its height, it moves away from the
-        zero-moment point p with the rate ``w (dcm - p)`` (Englsberger, Ott, Albu-Schäffer, IEEE Trans. Robotics 31, 2015).
+        zero-moment point p with the rate ``w (dcm - p)`` (Englsberger et al., IEEE Trans. Robotics 31, 2015).
 
         Parameters
         ----------

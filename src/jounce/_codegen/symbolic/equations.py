@@ -11,8 +11,8 @@ import numpy as np
 from jounce._codegen.symbolic.expressions import expressions
 from jounce._codegen.symbolic.short_names import abbreviate
 from jounce.arguments import requests
+from jounce.arguments.contacts import refuse_contacts
 from jounce.arguments.rates import check_order
-from jounce.arguments.contacts import check_uncontacted
 from jounce.core.errors import JounceError, check_bool, optional_import, quote_value, unknown_name_error
 from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.engine.engine import Engine
@@ -144,7 +144,7 @@ def symbolic(robot: Engine, moving_base: bool) -> Symbolic:
     with optional_import("symbolic() needs SymPy", "sympy"):
         import sympy  # noqa: F401
     check_bool("moving_base", moving_base, "whether the ground moves")
-    check_uncontacted(robot.mechanism, "their wrenches divide by expressions, which symbolic form does not")
+    refuse_contacts(robot.mechanism, "their wrenches divide by expressions, which symbolic form does not")
     m = robot.mechanism.tree
     found = expressions(m, moving_base or m.floats)
     series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if not requests.missing_reason(m, row)}

@@ -36,7 +36,7 @@ class Forces:
     def inverse_dynamics(m: Mechanism, x: State) -> Series:
         """The generalized forces Q of a motion and their time derivatives Qd, Q2d, ... (RNEA with rates).
 
-        ``Q = M(q) q2d + C(q, qd) qd + Qgrav(q) + Qext``, with the drive terms that act added. With `contacts`, Q is less
+        ``Q = M(q) q2d + C(q, qd) qd + Qgrav(q) + Qext``, with the drive terms that act added. With `contacts`, less
         what their wrenches do: six rows of the base that vanish, to rounding, and the torques of the joints.
 
         References
@@ -66,7 +66,7 @@ class Forces:
         caption="gravity forces",
         meaning="Qgrav = dU/dq: the forces that hold the robot up against gravity.",
         tex=r"Q_{\mathrm{grav}} = \partial U / \partial q",
-        uncontacted=True,
+        without_contacts=True,
         tex_symbol=r"Q_{\mathrm{grav}}",
     )
     @staticmethod

@@ -20,7 +20,7 @@ class Forward:
     """Rows of accelerations."""
 
     @quantity(
-        uncontacted=True,
+        without_contacts=True,
         symbol="q",
         first_rate=2,
         rates=3,

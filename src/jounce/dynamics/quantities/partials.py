@@ -19,7 +19,7 @@ class Partials:
     """Rows of partial derivatives."""
 
     @quantity(
-        uncontacted=True,
+        without_contacts=True,
         symbol="P",
         rates=Forces.inverse_dynamics.rates,
         shape=("rates", "nv", "nv"),
@@ -76,7 +76,7 @@ class Partials:
         return partials.extend_to_rates(*found, velocity_drift(m, x.q, x.base))
 
     @quantity(
-        uncontacted=True,
+        without_contacts=True,
         symbol="dq",
         results=("dq", "dqd", "Minv"),
         rates=3,

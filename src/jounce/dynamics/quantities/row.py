@@ -75,7 +75,7 @@ class Quantity:
     closed: bool = False  # whether it is one of robots with closed loops only
     standing: bool = False  # whether it is one of robots with contacts only
     balanced: bool = False  # whether the wrenches of contacts balance it
-    uncontacted: bool = False  # whether it is one of robots without contacts only: what these do would enter
+    without_contacts: bool = False  # whether it is one of robots without contacts only: what these do would enter
     inductive: bool = False  # whether it takes a rate more if a motor has an inductance
     obstacle: Callable[[Mechanism], str | None] | None = None  # why a robot has none of it, the end of a sentence
     of_motors: str = ""  # the quantity that release 0.1 had under its name for robots with elastic joints
