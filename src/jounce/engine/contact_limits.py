@@ -136,7 +136,8 @@ def _active_rows(m: Mechanism, G: np.ndarray, f: np.ndarray, C: np.ndarray) -> n
     roots = _weight_roots(m)
     Z = np.linalg.svd(G / roots)[2][6:].T
     size, rows = np.linalg.norm(roots * f), C / roots
-    E = np.concatenate([-(rows @ Z).T, (C @ f)[None] / size])
+    E = np.concatenate([(rows @ Z).T, (C @ f)[None] / size])
+    # the sign of Z has no effect on u
     u, residual = nnls(E, np.append(np.zeros(len(E) - 1), 1.0))
     if residual < MIN_DUAL_RESIDUAL:
         raise _infeasible(m, C @ f)
