@@ -19,6 +19,7 @@ PAGES = [
     "tutorials/delta.md",
     "tutorials/identify-a-robot.md",
     "howto/minimum-torque-change.md",
+    "howto/contacts.md",
     "howto/retime.md",
     "derivation/examples.md",
 ]

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
     from jounce.model.antagonists import AntagonisticSprings
+    from jounce.model.contacts import Contact
     from jounce.model.drives import Drives
     from jounce.model.elasticity import Elasticity
     from jounce.model.limits import Limits
@@ -45,8 +46,8 @@ if TYPE_CHECKING:
     from jounce.spatial.inertia import inertia_matrix
 
 __all__ = [
-    "Along", "AntagonisticSprings", "BaseParameters", "Check", "CheckedLimit", "Closure", "CubicSpring", "Drives",
-    "ElasticAlong", "Elasticity", "Excitation", "Explanation", "ForceResidual", "Identification",
+    "Along", "AntagonisticSprings", "BaseParameters", "Check", "CheckedLimit", "Closure", "Contact", "CubicSpring",
+    "Drives", "ElasticAlong", "Elasticity", "Excitation", "Explanation", "ForceResidual", "Identification",
     "IdentifiedLog", "IdentifiedParameter", "JounceError", "JounceWarning", "Kernel", "Limits", "Loop", "Mechanism",
     "Motion", "Motor", "Payload", "PayloadParameter", "Report", "Retiming", "Robot", "RobotState", "Slowdown",
     "SpringFunction", "SpringTable", "UncertainError", "__version__", "inertia_matrix", "load", "load_motion", "save",
@@ -66,6 +67,7 @@ _NAMES = {  # of modules, imported when first asked for one of them, so that wha
     "limits.retime": "Retiming",
     "limits.slowdown": "Slowdown",
     "model.antagonists": "AntagonisticSprings",
+    "model.contacts": "Contact",
     "model.drives": "Drives",
     "model.elasticity": "Elasticity",
     "model.limits": "Limits",

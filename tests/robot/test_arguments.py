@@ -36,6 +36,8 @@ TREE |= {"limits": {"lower": [-1, -1]}, "drives": {"damping": [1, 1]}}
 TREE |= {"G": np.eye(2), "g": [0, 0]}
 CHAIN = {key: value for key, value in TREE.items() if key != "parent"}
 TREE |= {"base": np.eye(6), "base_name": "trunk"}
+WALKER = jounce.Robot.from_screws(B, X, M, base=np.eye(6), base_name="trunk")
+FOOT = jounce.Contact("body2", "plane", place=(0.5, 0, 0))
 SAMPLES = np.linspace(0, 1, 20)
 SAMPLED = jounce.load_motion({"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, ROBOT, 0, degree=7)
 LOGGED = replace(SAMPLED, torques=(SAMPLES, ROBOT.forces_along(SAMPLED, order=0).forces[0]))
@@ -303,8 +305,19 @@ CASES: dict[str, Case] = {
     **{
         name: along(getattr(WINDING if row.elastic else ROBOT, name))
         for name, row in QUANTITIES.items()
-        if not row.closed
+        if not (row.closed or row.standing)
     },
+    "contacts": (WALKER.contacts, {"contacts": [FOOT]}),
+    "zmp": along(WALKER.zmp, base=(np.eye(4), *np.zeros((5, 6))), height=0.1),
+    "dcm": along(WALKER.dcm, base=(np.eye(4), *np.zeros((4, 6))), height=0.1),
+    "center_of_pressure": along(WALKER.contacts([FOOT]).center_of_pressure, base=(np.eye(4), *np.zeros((5, 6)))),
+    "contact_wrenches": along(WALKER.contacts([FOOT]).contact_wrenches, base=(np.eye(4), *np.zeros((5, 6)))),
+    "Contact": (
+        jounce.Contact,
+        {"frame": "body2", "kind": "plane", "place": (0.5, 0, 0), "normal": None, "friction": 0.5}
+        | {"sole": (0.1, 0.05), "weights": None},
+    ),
+    "Contact of a point": (jounce.Contact, {"frame": "body2", "kind": "point", "normal": (0, 0, 1)}),
     **{
         name: along(getattr(FIVEBAR, name), method=None)
         for name, row in QUANTITIES.items()

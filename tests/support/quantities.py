@@ -14,7 +14,9 @@ from support.robots import random_mechanism, random_pose, springs
 
 def requests():
     """(quantity, keywords): what may be asked of every quantity."""
-    own = [row for row in QUANTITIES.values() if row.closed or (row.obstacle and row.inputs)]  # have tests of their own
+    own = [
+        row for row in QUANTITIES.values() if row.closed or row.standing or (row.obstacle and row.inputs)
+    ]  # have tests of their own
     for quantity in (row for row in QUANTITIES.values() if row not in own):
         for body in (None, "body3", "tool", "stand") if quantity.of_bodies else (None,):
             for frame in quantity.frames or (None,):

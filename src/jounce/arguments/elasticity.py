@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from jounce.arguments.contacts import refuse_contacts
 from jounce.arguments.drive_trains import elasticity_from_drives, with_moved_terms
 from jounce.core.errors import JounceError, check_choice, join_names, locate_errors, quote_value
 from jounce.core.scalars import asarray, is_numeric
@@ -37,6 +38,7 @@ UNSTATED = tuple(vars(ElasticParameters()).values())
 
 def with_elasticity(mechanism: Mechanism, stated: ElasticParameters) -> Mechanism:
     """Return the mechanism with springs between motors and links: terms of the drives that act on motors leave Q."""
+    refuse_contacts(mechanism, "joints are elastic without")
     check_single_screws(mechanism, "elastic joints")
     _check_closure(mechanism, stated)
     e = mechanism.elasticity or elasticity_from_drives(mechanism)

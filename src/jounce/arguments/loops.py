@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments import names
+from jounce.arguments.contacts import refuse_contacts
 from jounce.core.errors import JounceError, check_choice, join_names, locate_errors, quote_value
 from jounce.core.scalars import asarray, is_numeric
 from jounce.dynamics import followers, loop_assembly, loop_closure
@@ -30,6 +31,7 @@ def with_loops(
     if mechanism.elasticity is not None:
         first = "robot.closed(loops, actuated) and then elastic(stiffness)"
         raise JounceError(f"{mechanism.name!r} has elastic joints; close its loops first: {first}")
+    refuse_contacts(mechanism, "loops are closed without")
     tree = mechanism.tree
     check_single_screws(tree, "closed loops")
     tree = replace(tree, loops=_loops(tree, loops))

@@ -38,6 +38,12 @@ def build_computation(
             f"{quantity} of {mechanism.name!r}: joints with two motors take a stiffness, as native and generated code"
             f" do not; robot.{quantity}(..., stiffness=...) does"
         )
+    limited = [contact.frame for contact in mechanism.contacts if len(contact.limits)]
+    if (row.balanced or row.standing) and limited:
+        raise JounceError(
+            f"{quantity} of {mechanism.name!r}: friction and soles are decided on numbers, not in native and generated"
+            f" code; leave friction= and sole= of contact {join_names(limited)} out"
+        )
     order = check_order(order)
     check_rates(quantity, order)
     if product is not None:
@@ -124,6 +130,10 @@ def missing_reason(mechanism: Mechanism, row: Quantity) -> str | None:
         return ": no loop is closed; robot.closed(loops, actuated) closes some"
     if row.elastic and mechanism.elasticity is None:
         return ": its joints are rigid; robot.elastic(stiffness) makes them elastic"
+    if row.standing and not mechanism.contacts:
+        return ": it has no contacts; robot.contacts([jounce.Contact(frame, kind), ...]) states them"
+    if row.without_contacts and mechanism.contacts:
+        return ": the wrenches of its contacts would enter; robot.contacts([]) is the robot without contacts"
     reason = row.obstacle and row.obstacle(mechanism)
     return reason and f" {reason}"
 

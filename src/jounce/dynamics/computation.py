@@ -208,6 +208,7 @@ class Computation:
         bodies = m.nb
         sizes = {"n": m.n, "nv": m.nv, "nb": bodies, "bodies": bodies}
         sizes["rates"] = self.quantity.rates + k
+        sizes["contacts"] = len(m.contacts)
         sizes["parameters"] = len(INERTIAL_PARAMETERS) * bodies
         if closure := m.closure:
             sizes |= {"tree": len(closure.coordinates), "loops": len(m.loops), "motors": len(closure.actuated)}

@@ -12,6 +12,9 @@ from jounce.core.errors import JounceError, UncertainError, locate_errors, quote
 from jounce.core.typing import ArrayLike
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, Quantity
 from jounce.engine import certain_digits
+from jounce.engine.contact_limits import UnbalancedError, are_limited
+from jounce.engine.contact_motion import refuse_sliding
+from jounce.engine.contact_switches import find_switches
 from jounce.engine.engine import Engine
 from jounce.engine.force_deviations import compute_certain, entry_count, interpolate_deviations
 from jounce.engine.motion_states import MotionStates, Rates, Side
@@ -33,8 +36,9 @@ class ForceBreak(NamedTuple):
     """A time at which the forces are not smooth: a rate of Q jumps, and higher rates do not exist.
 
     `order` is the order of the rate that jumps (0 is Q), `jump` (nv,) the size of the jump; they are -1 and None if q
-    or qd jumps, so that Q itself does not exist. `causes` are the breaks of the motion at this time. `higher` (nv,) are
-    the jumps of the rates after it: a joint whose Q does not jump may have a Qd that does.
+    or qd jumps, so that Q itself does not exist. `causes` are the breaks of the motion at this time; none where a
+    contact's friction or sole begins or ends to limit its wrench. `higher` (nv,) are the jumps of the rates after it:
+    a joint whose Q does not jump may have a Qd that does.
     """
 
     t: float
@@ -110,6 +114,10 @@ def forces_along(
     rates, forces = (_join_rates([getattr(part, name) for part in parts]) for name in ("rates", "forces"))
     deviations = None if parts[0].deviations is None else _join_rates([part.deviations or () for part in parts])
     breaks = find_force_breaks(robot, path, times, highest, method, row)
+    if row.balanced and are_limited(robot.mechanism):
+        switches = find_switches(robot, path, times, row, highest)
+        found = [ForceBreak(t, 1, jumps[1], (), jumps[2:]) for t, jumps in switches if highest]
+        breaks = tuple(sorted((*breaks, *found), key=lambda x: x.t))
     base = None if parts[0].base is None else _join_rates([part.base or () for part in parts])
     return Along(times, rates, forces, deviations, breaks, base)
 
@@ -124,7 +132,10 @@ def check_motion(mechanism: Mechanism, motion: object) -> Motion:
                 f"{mechanism.name!r} floats, and the motion has no base; columns base.x, ..., base.qz of a table state"
                 " one, and motion.with_base(t, C) gives it poses C (N, 4, 4), or one pose with t=None"
             )
-        return match_joints(motion, mechanism)
+        path = match_joints(motion, mechanism)
+    if mechanism.contacts:
+        refuse_sliding(mechanism, path)
+    return path
 
 
 def compute_pieces(
@@ -147,6 +158,8 @@ def compute_pieces(
         t = times[part]
         try:
             forces = states.compute(robot, row.name, method)
+        except UnbalancedError as error:
+            raise JounceError(f"{error.reason}, at t = {t[error.state]:.9g} s") from None
         except UncertainError as error:
             forces = error.results
             uncertain.append([t[where] for where in error.uncertain])

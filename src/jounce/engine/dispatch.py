@@ -19,6 +19,7 @@ from jounce.dynamics.mobility import is_singular, may_be_singular
 from jounce.dynamics.quantities import find_row
 from jounce.engine import certain_digits, direct_methods
 from jounce.engine.backends import BACKENDS, NATIVE, Call, closing_step, default_method, with_constraints
+from jounce.engine.contact_limits import compute_on_contacts, is_always_balanced
 from jounce.engine.engine import Engine, with_mechanism
 from jounce.engine.generic_methods import as_tuple, is_fit, write_results
 from jounce.model.mechanism import Mechanism
@@ -80,6 +81,7 @@ def compute(
     step = closing_step(robot) if robot.mechanism.closure and natively else None
     asked, given = check_arguments(robot.mechanism, name, given, wrench, base, body, frame, method, step, stiffness)
     lasting = plain and threads == 1 and not _needs_inverse(robot, asked)
+    lasting = lasting and (not robot.mechanism.contacts or is_always_balanced(robot.mechanism))
     lasting = lasting and not of_several_screws(robot.mechanism)  # quaternions of zeros are refused on the long way
     ready = form if lasting and asked.base == bool(moved) else None
     results = _run(Call(robot, asked, given, method, out, threads, ready))
@@ -156,20 +158,23 @@ def check_arguments(
 def _run(call: Call) -> Any:
     """Run a call; near singular positions of a closed robot again, to determine which digits are certain."""
     robot, asked = call.robot, call.computation
+    on_contacts = robot.mechanism.contacts and (asked.quantity.balanced or asked.quantity.standing)
+    if on_contacts and not is_always_balanced(robot.mechanism):
+        return compute_on_contacts(call, run_by_backend)
     if robot.mechanism.closure:
         m, names = with_constraints(robot, asked), asked.quantity.names(asked.order)
         step = closing_step(robot) if call.method in (None, NATIVE) and m is robot.mechanism else None
 
         def run(arrays: Sequence[Array]) -> tuple[Array, ...]:
-            return as_tuple(_run_by_backend(call._replace(arrays=arrays, out=None, form=None)))
+            return as_tuple(run_by_backend(call._replace(arrays=arrays, out=None, form=None)))
 
         results = certain_digits.compute_certain_results(m, asked, names, call.arrays, run, step)
         if results is not None:
             return write_results(results, call.out)
-    return _run_by_backend(call)
+    return run_by_backend(call)
 
 
-def _run_by_backend(call: Call) -> Any:
+def run_by_backend(call: Call) -> Any:
     """Run a call with the first backend that accepts it."""
     reasons = []
     for backend in BACKENDS:
@@ -199,7 +204,7 @@ def _mark_singular(call: Call, found: Any) -> Any:
         if call.computation.quantity.inputs
         else None
     )
-    M = _run_by_backend(Call(plant or call.robot, Computation("mass_matrix", 0), at, None, None, 1, None))
+    M = run_by_backend(Call(plant or call.robot, Computation("mass_matrix", 0), at, None, None, 1, None))
     regular = 1.0 - is_singular(M)
     if not regular.all():
         for array, port in zip(as_tuple(found), call.computation.signature(m).outputs, strict=True):

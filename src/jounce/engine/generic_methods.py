@@ -55,7 +55,7 @@ def compute_by_method(
 ) -> tuple[Array, ...]:
     """Compute a quantity and its rates by a method, from arrays of the scalar type of the mechanism's data."""
     ports = computation.signature(mechanism).inputs
-    width = _working_scalars(computation.quantity, method, mechanism.nb)
+    width = working_scalars(computation.quantity, method, mechanism.nb)
 
     def law(x: Sequence[Array]) -> Series:
         if mechanism.closure and is_jax(x[-1]):
@@ -65,7 +65,7 @@ def compute_by_method(
     return evaluate(law, ports, arrays, computation.count, width)
 
 
-def _working_scalars(row: Quantity, method: str, nb: int) -> int:
+def working_scalars(row: Quantity, method: str, nb: int) -> int:
     """The size of the largest arrays for a state of nb bodies: system matrices, or columns of screws and parameters."""
     if method != "recursion":
         return (6 * nb) ** 2

@@ -7,6 +7,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.engine.along import check_motion
+from jounce.engine.contact_limits import are_limited
 from jounce.engine.engine import Engine
 from jounce.limits.deviations import find_windows
 from jounce.limits.joints import drives_coordinates, joint_limits
@@ -20,6 +21,11 @@ def validate_limits(robot: Engine, motion: object) -> LimitedMotion:
     """A robot along a motion, checked, with the limits of its coordinates; a robot without any is refused."""
     path, limits = check_motion(robot.mechanism, motion), joint_limits(robot.mechanism)
     kinds = known_kinds(robot, limits)
+    if are_limited(robot.mechanism):
+        raise JounceError(
+            f"{robot.name!r}: limits along a motion take contacts without friction= and sole=, where forces have kinks;"
+            " forces_along(motion) has the forces, and breaks where limits of contacts begin and end"
+        )
     if not kinds:
         if limits.kinds:
             came = f"robot {robot.name!r} states no limits of rigid joints, only {join_names(limits.kinds)}"

@@ -14,6 +14,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, check_choice
 from jounce.core.scalars import Array, is_numeric, is_zero, reciprocal
+from jounce.model.contacts import Contact
 from jounce.model.drives import Drives
 from jounce.model.elasticity import Elasticity
 from jounce.model.frame import Frame
@@ -74,6 +75,8 @@ class Mechanism:
     closure : Closure, or None
         Which coordinates move the robot with its loops closed. Then G, g and `coordinates` are those of the independent
         ones, and `tree` is the robot with its loops open.
+    contacts : tuple of Contact
+        What a floating robot stands on: its forces are balanced by the wrenches of these contacts.
 
     Examples
     --------
@@ -104,6 +107,7 @@ class Mechanism:
     default_axes: tuple[str, ...] = field(default=(), compare=False)
     loops: tuple[Loop, ...] = ()
     closure: Closure | None = None
+    contacts: tuple[Contact, ...] = ()
 
     def __post_init__(self) -> None:
         stated = (self.limits.table, *vars(self.drives).values(), *(frame.T for frame in self.frames))

@@ -61,6 +61,12 @@ def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
         }
         joints = [(loop.a.body, loop.b.body, loop.joint) for loop in mechanism.loops]
         digest.update(repr((joints, c.independent, c.actuated, c.ratios.places)).encode())
+    if mechanism.contacts and (computation.quantity.balanced or computation.quantity.standing):
+        links = [mechanism.frame(contact.frame) for contact in mechanism.contacts]
+        digest.update(repr([(link.body, x.kind) for link, x in zip(links, mechanism.contacts, strict=True)]).encode())
+        for k, (link, x) in enumerate(zip(links, mechanism.contacts, strict=True)):
+            arrays |= {f"contact {k} link": link.T, f"contact {k} place": x.place, f"contact {k} weights": x.weights}
+            arrays |= {} if x.normal is None else {f"contact {k} normal": x.normal}
     if computation.body is not None:
         frame = mechanism.frame(computation.body)
         arrays |= {f"frame on {frame.body}": frame.T}

@@ -37,7 +37,8 @@ class LongCompilationError(Exception):
 def is_straight(computation: Computation, mechanism: Mechanism) -> bool:
     """Return whether the code is a straight line; a loop over the bodies is half as fast, but compiles at once."""
     quantity, bodies = computation.quantity, len(mechanism.joints)
-    if quantity.sweep is None or computation.product or mechanism.closure or multiscrew_joints(mechanism):
+    balanced = quantity.balanced and mechanism.contacts
+    if quantity.sweep is None or computation.product or mechanism.closure or multiscrew_joints(mechanism) or balanced:
         return True
     if not quantity.forces:
         return bodies * (computation.order + 1) ** 2 <= MAX_STRAIGHT_SIZE

@@ -15,6 +15,7 @@ from jounce.core.deprecated import deprecate_keywords
 from jounce.core.errors import check_choice
 from jounce.core.typing import ArrayLike, DriveTerms, Frame, LoadFrame, Named, Out, Product, Rates, Results
 from jounce.dynamics.quantities import QUANTITIES, Quantity, Rows
+from jounce.engine import balance_points
 from jounce.engine import drives as _drives
 from jounce.engine.backends import compile_ahead
 from jounce.engine.direct_methods import METHODS
@@ -235,6 +236,134 @@ class Methods(Rows):
         >>> Q, Qd = robot.inverse_dynamics(q, qd, [0] * 7, [0] * 7, wrench=(W, Wd))
         """
         return wrench_of_load(self.mechanism, (q, qd, q2d, *higher), base, body, force, torque, frame, point)
+
+    def zmp(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named | None = None,
+        q4d: Named | None = None,
+        *higher: Named,
+        height: float = 0.0,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+    ) -> Results:
+        """The zero-moment point, and its rates: where the wrench of the ground on the robot has a vertical moment.
+
+        ``p = ((fx h - ny) / fz, (nx + fy h) / fz)`` of `base_wrench` (n; f), in the inertial plane z = h (Vukobratovic,
+        Borovac, Int. J. Humanoid Robotics 1, 2004).
+
+        Parameters
+        ----------
+        q, qd, q2d, *higher : (..., n)
+            Coordinates and their rates, each after q2d for one more time derivative.
+        height : float, optional
+            h, m: the plane on which the robot stands. Feet at different heights have no common one.
+        wrench, base : optional
+            Loads and the motion of the base, as for `base_wrench`.
+
+        Returns
+        -------
+        p : (..., 2), or tuple of (..., 2)
+            x and y, m.
+
+        Raises
+        ------
+        JounceError
+            If the robot is in flight, or gravity is not along -z.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> robot = jounce.load("g1", base="floating")
+        >>> still, base = np.zeros(robot.n), (np.eye(4), np.zeros(6), np.zeros(6))
+        >>> bool(np.allclose(robot.zmp(still, still, still, base=base), robot.center_of_mass(still, base=base[0])[:2]))
+        True
+        """
+        return balance_points.zmp(self, (q, qd, q2d, q3d, q4d, *higher), base, wrench, height)
+
+    def center_of_pressure(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named | None = None,
+        q4d: Named | None = None,
+        *higher: Named,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+    ) -> Results:
+        """The centres of pressure of the contacts, and their rates: ``(-my, mx) / fz`` of `contact_wrenches`.
+
+        Parameters
+        ----------
+        q, qd, q2d, *higher, wrench, base
+            As for `contact_wrenches`.
+
+        Returns
+        -------
+        p : (..., contacts, 2), or tuple of (..., contacts, 2)
+            x and y of each contact in its axes, m; NaN of contacts that do not push.
+
+        Raises
+        ------
+        JounceError
+            If the robot has no contacts, or these do not balance it.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> robot = jounce.load("g1", base="floating")
+        >>> feet = [f"{side}_ankle_roll_link" for side in ("left", "right")]
+        >>> stand = robot.contacts([jounce.Contact(foot, "plane", place=(0.035, 0, -0.037)) for foot in feet])
+        >>> still = np.zeros(robot.n)
+        >>> stand.center_of_pressure(still, still, still, base=(np.eye(4), np.zeros(6), np.zeros(6))).shape
+        (2, 2)
+        """
+        return balance_points.center_of_pressure(self, (q, qd, q2d, q3d, q4d, *higher), base, wrench)
+
+    def dcm(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named | None = None,
+        q3d: Named | None = None,
+        *higher: Named,
+        height: float,
+        base: Rates | None = None,
+    ) -> Results:
+        """The divergent component of motion, and its rates: ``c + cd / w`` with the centre of mass c.
+
+        On the plane it is the capture point. Where the centre of mass stays at its height, it moves away from the
+        zero-moment point p with the rate ``w (dcm - p)`` (Englsberger et al., IEEE Trans. Robotics 31, 2015).
+
+        Parameters
+        ----------
+        q, qd, *higher : (..., n)
+            Coordinates and their rates, each after qd for one more time derivative.
+        height : float
+            Height of the centre of mass above the ground, m: ``w = sqrt(g / height)``.
+        base : optional
+            The motion of the base, see `Robot`.
+
+        Returns
+        -------
+        xi : (..., 3), or tuple of (..., 3)
+
+        Raises
+        ------
+        JounceError
+            If the height is not positive, or gravity is not along -z.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> robot, still = jounce.load("g1", base="floating"), np.zeros(29)
+        >>> robot.dcm(still, still, height=0.7, base=(np.eye(4), np.zeros(6))).shape
+        (3,)
+        """
+        return balance_points.dcm(self, (q, qd, q2d, q3d, *higher), base, height)
 
 
 for _row in QUANTITIES.values():

@@ -40,7 +40,8 @@ class Methods:
     ) -> Array:
         """The generalized forces Q of a motion and their time derivatives Qd, Q2d, ... (RNEA with rates).
 
-        ``Q = M(q) q2d + C(q, qd) qd + Qgrav(q) + Qext``, with the drive terms that act added.
+        ``Q = M(q) q2d + C(q, qd) qd + Qgrav(q) + Qext``, with the drive terms that act added. With `contacts`, less
+        what their wrenches do: six rows of the base that vanish, to rounding, and the torques of the joints.
 
         Parameters
         ----------
@@ -3166,6 +3167,108 @@ class Methods:
         threads: int = 1,
     ) -> tuple[Array, ...]: ...
 
+    # its row: jounce/dynamics/quantities/contacts.py
+    @overload
+    def contact_wrenches(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        *,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Array:
+        """The wrenches f of the ground on a robot at its contacts, and their rates.
+
+        No motor drives the base: ``G f = Q_0``, the wrench that the motion takes on it. Of all f the one with the least
+        weighted sum of squares is taken, see `contacts`.
+
+        Parameters
+        ----------
+        q, qd, q2d : (..., n)
+            Coordinates, velocities and accelerations: rad or m, per s, per s^2.
+        q3d, q4d, *higher : (..., n), optional
+            Further rates, each for one more time derivative of f.
+        wrench : (..., nb, 6) or dict, or a tuple of them, optional
+            What the bodies EXERT ON their environment, Qext = +J^T W, (moment; force) in body-frame components about
+            the origin of the body frame. A *tuple* (W, Wd, ...) is W with as many rates as the result has; anything
+            else, nested lists included, is W alone. Each is an array (..., nb, 6) or a dict {body or merged link: (...,
+            6)}. Wd is the derivative of those components.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        f : (..., contacts, 6), or tuple of (..., contacts, 6)
+            Unit: N m and N; of rates per s, per s^2, and so on. In the order of the contacts, about their points in
+            their axes: those of the place on the body for planes and lines, those of the ground for points.
+
+        Raises
+        ------
+        JounceError
+            If contacts do not balance the motion, an array has a wrong shape, a rate is skipped, `wrench` has fewer
+            rates than it takes, or a name is unknown.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> dog = jounce.load("solo12", base="floating")
+        >>> feet = [jounce.Contact(f"{foot}_FOOT", "point") for foot in ("FL", "FR", "HL", "HR")]
+        >>> stand, still = dog.contacts(feet), np.zeros(12)
+        >>> f = stand.contact_wrenches(still, still, still, base=(np.eye(4), np.zeros(6), np.zeros(6)))
+        >>> bool(abs(f[:, 5].sum() - 9.81 * dog.mechanism.M[:, 3, 3].sum()) < 1e-9)
+        True
+        """
+    @overload
+    def contact_wrenches(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        *,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> tuple[Array, Array]: ...
+    @overload
+    def contact_wrenches(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        *,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def contact_wrenches(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        q5d: Named,
+        /,
+        *higher: Named,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> tuple[Array, ...]: ...
+
     # by hand
     @overload
     def compile(
@@ -3194,9 +3297,11 @@ class Methods:
             Whether wrenches W, Wd, ... (..., nb, 6) follow the coordinates' rates in its calls.
         body, frame : str, optional
             Body or merged link, and frame, of poses, twists and Jacobians; all bodies by default.
-        product : {"vjp", "jvp"}, optional
-            Products of the derivatives by all inputs instead of the values: the kernel that `Kernel.vjp` or
-            `Kernel.jvp` compiles at its first call, which takes the weights or directions after the other arrays.
+        product : {"vjp", "jvp", "hvp", "jjvp", "hessian"}, optional
+            Products of the derivatives by all inputs instead of the values: the kernel that `Kernel.vjp`, `Kernel.jvp`,
+            `Kernel.hvp` or `Kernel.hessian` compiles at its first call, which takes the weights, then the directions,
+            after the other arrays. Those of "hessian" return one matrix (..., N, N) of the N entries of all inputs.
+            "jjvp", the second derivatives along two directions, is that of "jvp" along what follows.
         moving_base : bool, optional
             Whether the motion of the base, C, V, Vd, ..., follows in its calls; it always does if the robot floats.
 
@@ -3412,5 +3517,208 @@ class Methods:
         torque: ArrayLike | None = None,
         frame: LoadFrame = "world",
         point: ArrayLike | None = None,
+        base: Rates | None = None,
+    ) -> tuple[Array, ...]: ...
+
+    # by hand
+    @overload
+    def zmp(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        *,
+        height: float = 0.0,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+    ) -> Array:
+        """The zero-moment point, and its rates: where the wrench of the ground on the robot has a vertical moment.
+
+        ``p = ((fx h - ny) / fz, (nx + fy h) / fz)`` of `base_wrench` (n; f), in the inertial plane z = h (Vukobratovic,
+        Borovac, Int. J. Humanoid Robotics 1, 2004).
+
+        Parameters
+        ----------
+        q, qd, q2d, *higher : (..., n)
+            Coordinates and their rates, each after q2d for one more time derivative.
+        height : float, optional
+            h, m: the plane on which the robot stands. Feet at different heights have no common one.
+        wrench, base : optional
+            Loads and the motion of the base, as for `base_wrench`.
+
+        Returns
+        -------
+        p : (..., 2), or tuple of (..., 2)
+            x and y, m.
+
+        Raises
+        ------
+        JounceError
+            If the robot is in flight, or gravity is not along -z.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> robot = jounce.load("g1", base="floating")
+        >>> still, base = np.zeros(robot.n), (np.eye(4), np.zeros(6), np.zeros(6))
+        >>> bool(np.allclose(robot.zmp(still, still, still, base=base), robot.center_of_mass(still, base=base[0])[:2]))
+        True
+        """
+    @overload
+    def zmp(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        *,
+        height: float = 0.0,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+    ) -> tuple[Array, Array]: ...
+    @overload
+    def zmp(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        *,
+        height: float = 0.0,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def zmp(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        q5d: Named,
+        /,
+        *higher: Named,
+        height: float = 0.0,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+    ) -> tuple[Array, ...]: ...
+
+    # by hand
+    @overload
+    def center_of_pressure(
+        self, q: Named, qd: Named, q2d: Named, *, wrench: Rates | None = None, base: Rates | None = None
+    ) -> Array:
+        """The centres of pressure of the contacts, and their rates: ``(-my, mx) / fz`` of `contact_wrenches`.
+
+        Parameters
+        ----------
+        q, qd, q2d, *higher, wrench, base
+            As for `contact_wrenches`.
+
+        Returns
+        -------
+        p : (..., contacts, 2), or tuple of (..., contacts, 2)
+            x and y of each contact in its axes, m; NaN of contacts that do not push.
+
+        Raises
+        ------
+        JounceError
+            If the robot has no contacts, or these do not balance it.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> robot = jounce.load("g1", base="floating")
+        >>> feet = [f"{side}_ankle_roll_link" for side in ("left", "right")]
+        >>> stand = robot.contacts([jounce.Contact(foot, "plane", place=(0.035, 0, -0.037)) for foot in feet])
+        >>> still = np.zeros(robot.n)
+        >>> stand.center_of_pressure(still, still, still, base=(np.eye(4), np.zeros(6), np.zeros(6))).shape
+        (2, 2)
+        """
+    @overload
+    def center_of_pressure(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, *, wrench: Rates | None = None, base: Rates | None = None
+    ) -> tuple[Array, Array]: ...
+    @overload
+    def center_of_pressure(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        *,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def center_of_pressure(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        q5d: Named,
+        /,
+        *higher: Named,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+    ) -> tuple[Array, ...]: ...
+
+    # by hand
+    @overload
+    def dcm(self, q: Named, qd: Named, *, height: float, base: Rates | None = None) -> Array:
+        """The divergent component of motion, and its rates: ``c + cd / w`` with the centre of mass c.
+
+        On the plane it is the capture point. Where the centre of mass stays at its height, it moves away from the
+        zero-moment point p with the rate ``w (dcm - p)`` (Englsberger et al., IEEE Trans. Robotics 31, 2015).
+
+        Parameters
+        ----------
+        q, qd, *higher : (..., n)
+            Coordinates and their rates, each after qd for one more time derivative.
+        height : float
+            Height of the centre of mass above the ground, m: ``w = sqrt(g / height)``.
+        base : optional
+            The motion of the base, see `Robot`.
+
+        Returns
+        -------
+        xi : (..., 3), or tuple of (..., 3)
+
+        Raises
+        ------
+        JounceError
+            If the height is not positive, or gravity is not along -z.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> robot, still = jounce.load("g1", base="floating"), np.zeros(29)
+        >>> robot.dcm(still, still, height=0.7, base=(np.eye(4), np.zeros(6))).shape
+        (3,)
+        """
+    @overload
+    def dcm(
+        self, q: Named, qd: Named, q2d: Named, *, height: float, base: Rates | None = None
+    ) -> tuple[Array, Array]: ...
+    @overload
+    def dcm(
+        self, q: Named, qd: Named, q2d: Named, q3d: Named, *, height: float, base: Rates | None = None
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def dcm(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        /,
+        *higher: Named,
+        height: float,
         base: Rates | None = None,
     ) -> tuple[Array, ...]: ...

@@ -7,6 +7,7 @@ from os import PathLike
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Self
 
+from jounce.arguments.contacts import with_contacts
 from jounce.arguments.limits import with_limits
 from jounce.arguments.loops import with_locked, with_loops
 from jounce.core.display import HtmlDisplay
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from jounce.limits.explanation import Explanation
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
+    from jounce.model.contacts import Contact
     from jounce.model.elasticity import Elasticity, SpringLaw
     from jounce.model.loops import Loop
     from jounce.model.motors import Motor
@@ -1246,6 +1248,44 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         (2, 4)
         """
         return type(self)(with_loops(self.mechanism, loops, actuated, coordinates, start, weights))
+
+    def contacts(self, contacts: "Sequence[Contact]") -> Self:
+        """The robot on contacts, whose wrenches balance what no motor drives: its base.
+
+        Its `inverse_dynamics` is ``Q - A^T f`` with the wrenches f of the ground, `contact_wrenches`, and their
+        Jacobian A: six rows that vanish, to rounding, and the torques of the joints. Of all f that balance the base it
+        takes the one with the least ``f^T W f``, with the weights W of the contacts, within their limits. Matrices,
+        momenta, poses and twists are those of this robot; quantities that contacts would enter otherwise are refused.
+
+        The motion must leave the contacts where they are: `forces_along` refuses one whose feet slide, a call for given
+        rates does not look at it.
+
+        Parameters
+        ----------
+        contacts : list of Contact
+            Points, lines and planes on bodies, or on links merged into bodies; none leaves all contacts.
+
+        Returns
+        -------
+        Robot
+
+        Raises
+        ------
+        JounceError
+            If the robot does not float, a frame is unknown, or the contacts balance no position.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> robot = jounce.load("g1", base="floating")
+        >>> feet = [f"{side}_ankle_roll_link" for side in ("left", "right")]
+        >>> stand = robot.contacts([jounce.Contact(foot, "plane", place=(0.035, 0, -0.037)) for foot in feet])
+        >>> still = np.zeros(robot.n)
+        >>> Q = stand.inverse_dynamics(still, still, still, base=(np.eye(4), np.zeros(6), np.zeros(6)))
+        >>> bool(abs(Q[:6]).max() < 1e-10)
+        True
+        """
+        return type(self)(with_contacts(self.mechanism, contacts))
 
     def motors_along(
         self,

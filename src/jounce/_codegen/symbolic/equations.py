@@ -11,6 +11,7 @@ import numpy as np
 from jounce._codegen.symbolic.expressions import expressions
 from jounce._codegen.symbolic.short_names import abbreviate
 from jounce.arguments import requests
+from jounce.arguments.contacts import refuse_contacts
 from jounce.arguments.rates import check_order
 from jounce.core.errors import JounceError, check_bool, optional_import, quote_value, unknown_name_error
 from jounce.dynamics.quantities import QUANTITIES, Quantity
@@ -23,7 +24,9 @@ EXTERNAL = "ext"  # ends the symbol of what wrenches add to a quantity: Qext
 RATES_BY_SYMBOL = {"q": 12, "W": 12, "base_twist": 12, "base_pose": 1}
 NO_SYMBOLS: Series = Series.constant(np.empty(0))
 OF_BODIES = {row.name: row for row in QUANTITIES.values() if row.of_bodies}
-OF_ROBOT = {row.symbol: row for row in QUANTITIES.values() if not (row.of_bodies or row.inverts or row.closed)}
+OF_ROBOT = {
+    row.symbol: row for row in QUANTITIES.values() if not (row.of_bodies or row.inverts or row.closed or row.standing)
+}
 OF_WRENCHES = {row.symbol + EXTERNAL: row for row in OF_ROBOT.values() if row.wrenches and row.everywhere}
 
 
@@ -141,6 +144,7 @@ def symbolic(robot: Engine, moving_base: bool) -> Symbolic:
     with optional_import("symbolic() needs SymPy", "sympy"):
         import sympy  # noqa: F401
     check_bool("moving_base", moving_base, "whether the ground moves")
+    refuse_contacts(robot.mechanism, "their wrenches divide by expressions, which symbolic form does not")
     m = robot.mechanism.tree
     found = expressions(m, moving_base or m.floats)
     series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if not requests.missing_reason(m, row)}

@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 from jounce.dynamics.quantities.bodies import Bodies
+from jounce.dynamics.quantities.contacts import Contacts
 from jounce.dynamics.quantities.forces import Forces
 from jounce.dynamics.quantities.forward import Forward
 from jounce.dynamics.quantities.loops import Loops
@@ -23,7 +24,7 @@ from jounce.dynamics.quantities.wrenches import Wrenches
 __all__ = ["DEFAULT_QUANTITY", "QUANTITIES", "Quantity", "Rows", "find_row"]
 
 
-class Rows(Forces, Forward, Partials, Regressors, Matrices, Bodies, Momenta, Wrenches, Motors, Loops):
+class Rows(Forces, Forward, Partials, Regressors, Matrices, Bodies, Momenta, Wrenches, Motors, Loops, Contacts):
     """All rows."""
 
 

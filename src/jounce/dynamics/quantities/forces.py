@@ -18,6 +18,7 @@ class Forces:
         rates=3,
         shape=("nv",),
         of_motors="motor_torques",
+        balanced=True,
         closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).Q),
         paper=lambda m, x: row_vector(equations.inverse_dynamics(m, x)),
         sweep=forces.MOVING_SWEEP,
@@ -34,7 +35,8 @@ class Forces:
     def inverse_dynamics(m: Mechanism, x: State) -> Series:
         """The generalized forces Q of a motion and their time derivatives Qd, Q2d, ... (RNEA with rates).
 
-        ``Q = M(q) q2d + C(q, qd) qd + Qgrav(q) + Qext``, with the drive terms that act added.
+        ``Q = M(q) q2d + C(q, qd) qd + Qgrav(q) + Qext``, with the drive terms that act added. With `contacts`, less
+        what their wrenches do: six rows of the base that vanish, to rounding, and the torques of the joints.
 
         References
         ----------
@@ -61,6 +63,7 @@ class Forces:
         unit="N m or, for coordinates in m, N",
         meaning="Qgrav = dU/dq: the forces that hold the robot up against gravity.",
         tex=r"Q_{\mathrm{grav}} = \partial U / \partial q",
+        without_contacts=True,
         tex_symbol=r"Q_{\mathrm{grav}}",
     )
     @staticmethod

@@ -19,6 +19,7 @@ class Forward:
     """Rows of accelerations."""
 
     @quantity(
+        without_contacts=True,
         symbol="q",
         first_rate=2,
         rates=3,

@@ -123,6 +123,7 @@ class Momenta:
         return row_vector(momenta.center_of_mass(m, x.q, x.base))
 
     @quantity(
+        without_contacts=True,
         symbol="p",
         rates=2,
         shape=("nv",),

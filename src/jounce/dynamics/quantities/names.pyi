@@ -38,4 +38,5 @@ QuantityName: TypeAlias = Literal[
     "coordinates",
     "actuator_forces",
     "loop_wrenches",
+    "contact_wrenches",
 ]

@@ -25,6 +25,7 @@ class Partials:
     """Rows of partial derivatives."""
 
     @quantity(
+        without_contacts=True,
         symbol="P",
         rates=Forces.inverse_dynamics.rates,
         shape=("rates", "nv", "nv"),
@@ -81,6 +82,7 @@ class Partials:
         return partials.extend_to_rates(*found, velocity_drift(m, x.q, x.base))
 
     @quantity(
+        without_contacts=True,
         symbol="Qqq",
         results=("Qqq", "Qqqd", "Qqdqd", "Qqq2d"),
         rates=Forces.inverse_dynamics.rates,
@@ -128,6 +130,7 @@ class Partials:
         return Series.of(found)
 
     @quantity(
+        without_contacts=True,
         symbol="dq",
         results=("dq", "dqd", "Minv"),
         rates=3,
@@ -170,6 +173,7 @@ class Partials:
         return Series.of(partials.acceleration_partials(P[0]))
 
     @quantity(
+        without_contacts=True,
         symbol="dqdq",
         results=("dqdq", "dqdqd", "dqddqd", "dqdQ"),
         rates=3,

@@ -12,6 +12,7 @@ from jounce.spatial.series import Series
 _regressor_quantity = partial(
     quantity,
     options=("drives",),
+    without_contacts=True,
     returns="With drives, k nb columns more for k terms: nb in 10 nb counts a floating base, that in k nb does not.",
 )
 

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 
 from jounce.core.scalars import Array, convert_element
-from jounce.dynamics import drive_terms, loops
+from jounce.dynamics import contacts, drive_terms, loops
 from jounce.dynamics.recursion.forces import Sweep
 from jounce.dynamics.state import Law
 from jounce.model.mechanism import Mechanism
@@ -50,6 +50,9 @@ class Quantity:
     wrench_rates: int = 1  # how many of W, Wd, ... the quantity itself takes, where they enter
     elastic: bool = False  # whether it is one of robots with elastic joints only
     closed: bool = False  # whether it is one of robots with closed loops only
+    standing: bool = False  # whether it is one of robots with contacts only
+    balanced: bool = False  # whether the wrenches of contacts balance it
+    without_contacts: bool = False  # whether it is one of robots without contacts only: what these do would enter
     inductive: bool = False  # whether it takes a rate more if a motor has an inductance
     obstacle: Callable[[Mechanism], str | None] | None = None  # why a robot has none of it, the end of a sentence
     of_motors: str = ""  # the quantity that release 0.1 had under its name for robots with elastic joints
@@ -80,12 +83,12 @@ class Quantity:
     @property
     def everywhere(self) -> bool:
         """Whether all robots have it but for those with an obstacle."""
-        return not (self.elastic or self.closed)
+        return not (self.elastic or self.closed or self.standing)
 
     @property
     def follows_others(self) -> bool:
         """Whether its laws take those of other quantities, with loops closed as they are."""
-        return self.forces or self.elastic or self.closed or "rates" in self.shape
+        return self.forces or self.elastic or self.closed or self.standing or "rates" in self.shape
 
     @property
     def of_bodies(self) -> bool:
@@ -109,7 +112,12 @@ class Quantity:
         return _input_names(self.inputs, self.coordinate_inputs(count), count)
 
     def law(self, method: str, mechanism: Mechanism) -> Law:
-        """Return the law of a method for a mechanism, with the drive terms that act."""
+        """Return the law of a method for a mechanism, with the drive terms that act and the wrenches of contacts."""
+        free = self.free_law(method, mechanism)
+        return contacts.balance_law(free) if mechanism.contacts and self.balanced else free
+
+    def free_law(self, method: str, mechanism: Mechanism) -> Law:
+        """Return the law without the wrenches of contacts."""
         if mechanism.closure and not self.follows_others:
             of_turning = self.turns_with.law(method, mechanism.tree) if self.turns_with else None
             return loops.close_law(self.law(method, mechanism.tree), self.shape, of_turning)

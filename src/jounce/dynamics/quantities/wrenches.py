@@ -59,6 +59,7 @@ class Wrenches:
         caption="wrenches that the joints transmit",
         meaning="Fj: the wrenches (moment; force) of the joints on their bodies, in the body frames.",
         tex=r"F_j = A^T \left(M\,(\dot{V} + U G) - b^T M\,V\right)",
+        without_contacts=True,
         tex_symbol="F_{j}",
         wrench_term="A^T W",
         wrench_tex="A^T W",

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from jounce.arguments.contacts import refuse_contacts
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.scalars import is_symbolic
 from jounce.io.native import BASE_KEY, FILE_UNITS, GROUND_NAME, body_entries, elastic, loops
@@ -50,6 +51,7 @@ def dump_json(data: dict[str, Any]) -> str:
 
 def document(mechanism: Mechanism) -> dict[str, Any]:
     """Return the content of the file of a mechanism of numbers, as plain data."""
+    refuse_contacts(mechanism, "a robot file states none")
     _check_writable(mechanism)
     stated = loops.write_section(mechanism) | elastic.write_section(mechanism)
     mechanism = mechanism.tree

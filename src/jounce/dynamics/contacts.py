@@ -1,0 +1,114 @@
+"""Contact wrenches that balance a floating robot, and their rates.
+
+The six rows of the base of Q = A^T f, what no motor drives, must come from the contacts: with their columns G, (6, k),
+
+    min f^T W f   subject to   G f = Q_0,      f = W^-1 G^T y,   G W^-1 G^T y = Q_0.
+
+Where rows of friction hold with equality, C_a f = 0 joins the constraints. Rates follow by the series of the solution.
+Joint torques are those of the motion with the contact wrenches on its bodies; the base rows are left with rounding.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from jounce.core.scalars import Array, concatenate, reciprocal
+from jounce.dynamics.recursion import bodies
+from jounce.dynamics.recursion.joints import take_rows
+from jounce.dynamics.state import BASE_AT_REST, Law, State
+from jounce.model.contacts import Contact
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.lie import hat, position, rotation
+from jounce.spatial.linear import solve_series
+from jounce.spatial.series import Series, join_series
+
+_NO_WRENCH = Series.constant(np.zeros((6, 1), dtype=int))
+
+
+def balance_law(free: Law) -> Law:
+    """The law of forces with contacts from that of the same motion without."""
+
+    def law(m: Mechanism, x: State) -> Series:
+        stance = Stance(m, x)
+        W = stance.exerted(stance.components(free(m, x)))
+        return free(m, replace(x, W=W if x.W is None else x.W + W))
+
+    return law
+
+
+@dataclass(frozen=True, eq=False)
+class Stance:
+    """The contacts of a robot in a state."""
+
+    m: Mechanism
+    x: State
+
+    @cached_property
+    def _maps(self) -> list[tuple[Series, Series]]:
+        """What the wrench of each contact is on its body, and on the base, in their axes about their origins."""
+        return list(map(self._wrench_maps, self.m.contacts))
+
+    def _wrench_maps(self, contact: Contact) -> tuple[Series, Series]:
+        link = self.m.frame(contact.frame)
+        H = bodies.poses(self.m, self.x.q, BASE_AT_REST, link.body)  # seen from the base
+        R, T = H.map(rotation), link.T @ contact.place
+        if contact.ground_axes is None:
+            on_body = Series.constant(rotation(T))
+            on_base = R @ on_body
+        else:
+            on_base = self.x.motion_of_base.H.map(rotation).mT @ contact.ground_axes
+            on_body = R.mT @ on_base
+        places = Series.constant(position(T)), H.map(position) + R @ position(T)
+        own, seen = (_wrench_map(turn, r) for turn, r in zip((on_body, on_base), places, strict=True))
+        return own.map(lambda E: E[..., contact.held]), seen.map(lambda E: E[..., contact.held])
+
+    @cached_property
+    def G(self) -> Series:
+        """(..., 6, k): the wrench on the base of each component that the contacts transmit."""
+        return join_series([on_base for _, on_base in self._maps], axis=-1)
+
+    def components(self, Q: Series) -> Series:
+        """f, (..., k, 1), where the motion without contacts takes forces Q, (..., nv)."""
+        unknown, given, missing = self.G.mT, Q.map(lambda Q: Q[..., :6, None]), 0
+        weights = concatenate([contact.weights[contact.held] for contact in self.m.contacts], axis=-1)
+        if (active := self.x.active) is not None:
+            C = limit_rows(self.m.contacts)
+            unknown = join_series([unknown, Series.constant((active[..., None] * C).mT)], axis=-1)
+            given = given.map(lambda F: concatenate([F, 0 * F[..., :1, :] + np.zeros((len(C), 1))], axis=-2))
+            left = concatenate([np.zeros(6), 1 - active], axis=-1)
+            missing = left[..., None] * np.eye(6 + len(C))  # y = 0 of rows that are not active
+        along = reciprocal(weights)[:, None] * unknown
+        return along @ solve_series(unknown.mT @ along + missing, given)
+
+    def exerted(self, f: Series) -> Series:
+        """W, (..., 6nb, 1): what the bodies exert on the ground."""
+        total = dict.fromkeys(range(self.m.nb), _NO_WRENCH)
+        for contact, (on_body, _), part in zip(self.m.contacts, self._maps, self._split(f), strict=True):
+            total[self.m.frame(contact.frame).body] -= on_body @ part
+        return join_series(list(total.values()), axis=-2)
+
+    def wrenches(self, f: Series) -> Series:
+        """(..., contacts, 6): the wrenches in contact axes."""
+        unit = np.eye(6, dtype=int)
+        parts = zip(self.m.contacts, self._split(f), strict=True)
+        return join_series([(unit[:, contact.held] @ part).mT for contact, part in parts], axis=-2)
+
+    def _split(self, f: Series) -> list[Series]:
+        ends = np.cumsum([0, *(len(contact.held) for contact in self.m.contacts)]).tolist()
+        return [take_rows(f, first, last) for first, last in pairwise(ends)]
+
+
+def _wrench_map(turn: Series, r: Series) -> Series:
+    """``[[R, r~ R], [0, R]]``, (..., 6, 6), of wrenches in axes R about a point r."""
+    upper = join_series([turn, r.map(lambda r: hat(r[..., 0])) @ turn], axis=-1)
+    return join_series([upper, join_series([0 * turn, turn], axis=-1)], axis=-2)
+
+
+def limit_rows(contacts: Sequence[Contact]) -> Array:
+    """C, (r, k): limits ``C f <= 0`` of all contacts in the components that they transmit."""
+    from scipy.linalg import block_diag  # imported here to keep start-up fast
+
+    return block_diag(*(contact.limits[:, contact.held] for contact in contacts))

@@ -1,0 +1,72 @@
+"""Points in which balance is planned: zero-moment point, centres of pressure, divergent component of motion.
+
+They are quotients of quantities with rates, so that their rates follow by the series of the division.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from jounce.core.errors import JounceError, quote_value
+from jounce.core.scalars import concatenate, is_finite, is_numeric
+from jounce.engine.dispatch import compute
+from jounce.engine.engine import Engine
+from jounce.engine.generic_methods import as_tuple, write_results
+from jounce.spatial.linear import solve_series
+from jounce.spatial.series import Series
+
+MIN_PRESSURE = 1e-6  # of the weight, or of the largest component of a wrench: what carries less is in flight
+
+
+def zmp(robot: Engine, rates: Sequence[Any], base: Any, wrench: Any, height: Any) -> Any:
+    """p of F = (n; f), the wrench of the ground: ``n - p x f`` is vertical."""
+    g, z = _gravity(robot), _number("height", height)
+    F = as_tuple(compute(robot, "base_wrench", rates, base=base, wrench=wrench))
+    weight = g * robot.mechanism.M[:, 3, 3].sum()
+    if is_numeric(F[0]) and (low := F[0][..., 5].min(initial=np.inf)) < MIN_PRESSURE * weight:
+        raise JounceError(
+            f"{robot.name!r} has no zero-moment point in flight, where the ground carries {low:.3g} of {weight:.4g} N"
+        )
+    moments = [concatenate([z * x[..., 3:4] - x[..., 1:2], x[..., :1] + z * x[..., 4:5]], axis=-1) for x in F]
+    return _divide(moments, [x[..., 5:] for x in F])
+
+
+def center_of_pressure(robot: Engine, rates: Sequence[Any], base: Any, wrench: Any) -> Any:
+    """(-my, mx) / fz of each contact, in its axes; NaN where it carries nothing."""
+    F = as_tuple(compute(robot, "contact_wrenches", rates, base=base, wrench=wrench))
+    if is_numeric(F[0]):
+        size = np.abs(F[0]).max(axis=(-1, -2), keepdims=True)
+        F = tuple(np.where(F[0][..., 5:] > MIN_PRESSURE * size, x, np.nan) for x in F)
+    return _divide([concatenate([-x[..., 1:2], x[..., :1]], axis=-1) for x in F], [x[..., 5:] for x in F])
+
+
+def dcm(robot: Engine, rates: Sequence[Any], base: Any, height: Any) -> Any:
+    """``c + cd / w`` with ``w = sqrt(g / height)``."""
+    z = _number("height", height)
+    if z <= 0:
+        raise JounceError(f"height is {quote_value(height)}; expected that of the centre of mass, above 0 m")
+    c = as_tuple(compute(robot, "center_of_mass", rates, base=base))
+    time = float(np.sqrt(z / _gravity(robot)))
+    return write_results(tuple(x + time * xd for x, xd in pairwise(c)), None)
+
+
+def _divide(numerators: Sequence[Any], divisors: Sequence[Any]) -> Any:
+    quotient = solve_series(
+        Series.of([x[..., None] for x in divisors]), Series.of([x[..., None, :] for x in numerators])
+    )
+    return write_results(tuple(x[..., 0, :] for x in quotient.upto(len(divisors) - 1)), None)
+
+
+def _gravity(robot: Engine) -> float:
+    x, y, z = robot.mechanism.gravity
+    if not (is_finite(z) and x == y == 0 and z < 0):
+        raise JounceError(f"gravity of {robot.name!r} is ({x}, {y}, {z}); points of balance take one along -z")
+    return -float(z)
+
+
+def _number(name: str, given: Any) -> float:
+    if not is_finite(given):
+        raise JounceError(f"{name} is {quote_value(given)}; expected a number in m")
+    return float(given)

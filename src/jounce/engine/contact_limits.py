@@ -1,0 +1,165 @@
+"""Forces and contact wrenches within the limits of contacts: friction, soles, and ground that only pushes.
+
+Problem: min f^T W f subject to G f = Q_0 and C f <= 0, and the rates of its solution.
+
+Algorithm: the least f without C f <= 0, by native code, is the solution wherever it obeys them. Elsewhere g = W^1/2 f =
+g_0 + Z y, with g_0 that least f and Z the null space of G W^-1/2, makes it a least-distance problem, min |y| subject to
+-C' Z y >= C' g_0, whose dual is a nonnegative least-squares problem [1], ch. 23: its positive multipliers are those of
+the active rows. Its active rows are linearly independent, as columns of a passive set are. With C_a f = 0 of these rows
+among the equations, f and its rates follow from the series of one solution.
+
+Invariant: rates are those of motions that keep the active rows; where a row begins or ends to be active, f is
+continuous and its rate jumps. It fails, with `JounceError`, where no f obeys the limits.
+
+[1] C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, SIAM (1995).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jounce.arguments.contacts import balance_maps, describe_direction, find_unbalanced
+from jounce.core.errors import JounceError, join_names
+from jounce.core.scalars import Array, broadcast, is_numeric
+from jounce.dynamics.computation import Port
+from jounce.dynamics.contacts import limit_rows
+from jounce.engine.backends import Call, default_method
+from jounce.engine.generic_methods import as_tuple, evaluate, write_results
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.series import Series
+
+LIMIT_ROUNDING = 1e-9  # of the largest component: rounding, which breaks no limit
+MIN_DUAL_RESIDUAL = 1e-6  # of the dual problem, the weight over that of f: smaller where nothing obeys the limits
+
+
+def is_always_balanced(m: Mechanism) -> bool:
+    """Whether the contacts balance the base, whatever the wrench on it and the position: one plane does."""
+    return any(contact.kind == "plane" and not len(contact.limits) for contact in m.contacts)
+
+
+def are_limited(m: Mechanism) -> bool:
+    """Whether friction, soles or ground that only pushes limit the wrenches of contacts."""
+    return any(len(contact.limits) for contact in m.contacts)
+
+
+class Balance(NamedTuple):
+    """The states (N, ...) of a call, the map G and the least components f, and which rows of the limits are active."""
+
+    batch: tuple[int, ...]
+    arrays: list[Array]
+    G: np.ndarray  # (N, 6, k)
+    least: np.ndarray  # (N, k), where no row is active
+    active: np.ndarray  # (N, r): 1, or 0
+
+
+class UnbalancedError(JounceError):
+    """Contacts do not balance one of the states of a call, `state` in its flat batch."""
+
+    def __init__(self, reason: str, state: int = 0, batch: tuple[int, ...] = ()) -> None:
+        index = f" in state [{', '.join(map(str, np.unravel_index(state, batch)))}]" if batch else ""
+        super().__init__(reason + index)
+        self.reason, self.state, self.batch = reason, state, batch
+
+    def __reduce__(self) -> tuple[Any, ...]:  # between processes
+        return type(self), (self.reason, self.state, self.batch)
+
+
+def compute_on_contacts(call: Call, run: Callable[[Call], Any]) -> Any:
+    """Run a call for forces or wrenches on contacts that may not balance the base."""
+    m, asked = call.robot.mechanism, call.computation
+    if not all(map(is_numeric, call.arrays)):
+        if are_limited(m):
+            raise JounceError(
+                f"{asked.name} of {m.name!r}: friction and soles are decided on numbers, got symbols or arrays of JAX;"
+                " leave friction= and sole= of the contacts out"
+            )
+        return run(call)
+    batch, arrays, _, _, active = find_balance(call, run)
+    beyond = np.flatnonzero(active.any(axis=1))
+    if not beyond.size:
+        return run(call)
+    results = [x.reshape((len(active), *x.shape[len(batch) :])).copy() for x in as_tuple(run(call._replace(out=None)))]
+    for x, changed in zip(results, solve_active(call, [x[beyond] for x in arrays], active[beyond]), strict=True):
+        x[beyond] = changed
+    return write_results(tuple(x.reshape((*batch, *x.shape[1:])) for x in results), call.out)
+
+
+def find_balance(call: Call, run: Callable[[Call], Any]) -> Balance:
+    """What balances the states of a call on contacts."""
+    m, asked = call.robot.mechanism, call.computation
+    ports = asked.signature(m).inputs
+    arrays = broadcast(call.arrays, [len(port.shape) for port in ports], [port.name for port in ports])
+    batch = arrays[0].shape[:-1]
+    given = {port.name: x.reshape((-1, *port.shape)) for port, x in zip(ports, arrays, strict=True)}
+    G, C = balance_maps(m, given["q"], given["base_pose"]), limit_rows(m.contacts)
+    _check_condition(m, G, batch)
+    f, active = np.zeros((len(G), G.shape[-1])), np.zeros((len(G), len(C)))
+    if len(C):
+        first = replace(asked, name="contact_wrenches", order=0)
+        taken = [given[port.name] for port in first.signature(m).inputs]
+        f = run(call._replace(computation=first, arrays=taken, out=None, form=None)).reshape((len(G), -1))
+        f = f[:, [6 * k + i for k, contact in enumerate(m.contacts) for i in contact.held]]
+        beyond = (f @ C.T).max(axis=1) > LIMIT_ROUNDING * np.abs(f).max(axis=1)
+        for i in beyond.nonzero()[0]:
+            try:
+                active[i] = _active_rows(m, G[i], f[i], C)
+            except UnbalancedError as error:
+                raise UnbalancedError(error.reason, int(i), batch) from None
+    return Balance(batch, list(given.values()), G, f, active)
+
+
+def solve_components(m: Mechanism, G: np.ndarray, F: np.ndarray, active: np.ndarray) -> np.ndarray:
+    """The least components f (k,) with G f = F where rows are active."""
+    roots = _weight_roots(m)
+    rows = np.concatenate([G, limit_rows(m.contacts)[active > 0]]) / roots
+    return np.linalg.lstsq(rows, np.pad(F, (0, len(rows) - 6)))[0] / roots
+
+
+def _weight_roots(m: Mechanism) -> np.ndarray:
+    return np.sqrt(np.concatenate([contact.weights[contact.held] for contact in m.contacts]))
+
+
+def _check_condition(m: Mechanism, G: np.ndarray, batch: tuple[int, ...]) -> None:
+    """Raise `UnbalancedError` where contacts hardly balance one direction, as three points on a line do."""
+    lost, directions = find_unbalanced(G)
+    if lost.size:
+        frames, what = join_names(contact.frame for contact in m.contacts), describe_direction(directions[0])
+        raise UnbalancedError(f"{m.name!r}: contacts at {frames} do not balance {what}", int(lost[0]), batch)
+
+
+def _active_rows(m: Mechanism, G: np.ndarray, f: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """(r,): 1 for the rows that are active in the solution, of the least components f without limits."""
+    from scipy.optimize import nnls  # imported here to keep start-up fast
+
+    roots = _weight_roots(m)
+    Z = np.linalg.svd(G / roots)[2][6:].T
+    size, rows = np.linalg.norm(roots * f), C / roots
+    E = np.concatenate([(rows @ Z).T, (C @ f)[None] / size])
+    # the sign of Z has no effect on u
+    u, residual = nnls(E, np.append(np.zeros(len(E) - 1), 1.0))
+    if residual < MIN_DUAL_RESIDUAL:
+        raise _infeasible(m, C @ f)
+    return (u > 0) * 1.0
+
+
+def _infeasible(m: Mechanism, beyond: np.ndarray) -> UnbalancedError:
+    names = [name for contact in m.contacts for name in contact.limit_names]
+    return UnbalancedError(
+        f"{m.name!r}: no contact wrenches within friction and soles balance the motion; slow it down, or state other"
+        f" contacts: the least wrenches are farthest beyond {names[int(np.argmax(beyond))]}"
+    )
+
+
+def solve_active(call: Call, arrays: Sequence[Array], active: np.ndarray) -> tuple[Array, ...]:
+    """The results of a call for arrays (N, ...) where rows (N, r) are active, by the recursion."""
+    m, asked = call.robot.mechanism, call.computation
+    ports = asked.signature(m).inputs
+    row, method = asked.quantity, default_method(asked.quantity)
+
+    def law(x: Sequence[Array]) -> Series:
+        return row.law(method, m)(m, replace(asked.state(m, x[:-1]), active=x[-1]))
+
+    of_rows = Port("active", (active.shape[1],), "state")
+    return evaluate(law, [*ports, of_rows], [*arrays, active], asked.count, working_scalars(row, method, m.nb))

@@ -1,0 +1,61 @@
+"""Times along a motion at which rows of the limits of contacts begin or end to be active.
+
+Problem: all t between two samples at which the set of active rows changes.
+
+Algorithm: where the set at a sample does not give the solution at the next one, bisection finds the first time from
+which on it does not, and the rest of the interval is searched in the same way. Rates on both sides are those of both
+sets at this time. Invariant: at the left end its set gives the solution; sets differ where a foot carries nothing,
+and give the same. Failure: a set that is there between two samples only is not seen.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from jounce.dynamics.quantities import QUANTITIES, Quantity
+from jounce.engine.backends import Call
+from jounce.engine.contact_limits import Balance, find_balance, solve_active, solve_components
+from jounce.engine.dispatch import check_arguments, run_by_backend
+from jounce.engine.engine import Engine
+from jounce.engine.motion_states import MotionStates
+from jounce.motion.motion import Motion
+
+SWITCH_RESOLUTION = 1e-10  # of an interval: times are known no better where forces have ten digits
+SAME_SOLUTION_TOLERANCE = 1e-9  # of the largest component, that of limits
+
+
+def find_switches(
+    robot: Engine, motion: Motion, times: np.ndarray, row: Quantity, order: int
+) -> Iterator[tuple[float, tuple[np.ndarray, ...]]]:
+    """The times between given ones at which active rows change, with the jumps of a quantity and its rates."""
+    m = robot.mechanism
+
+    def balance(t: np.ndarray) -> Balance:
+        return find_balance(_call_at(robot, motion, t, QUANTITIES["contact_wrenches"], 0), run_by_backend)
+
+    def solves(active: np.ndarray, at: Balance, i: int = 0) -> bool:
+        """Whether these rows give the solution in a state."""
+        F = at.G[i] @ at.least[i]
+        f, best = (solve_components(m, at.G[i], F, rows) for rows in (active, at.active[i]))
+        return bool(np.abs(f - best).max() <= SAME_SOLUTION_TOLERANCE * np.abs(best).max())
+
+    known = balance(times)
+    for i in (known.active[1:] != known.active[:-1]).any(axis=1).nonzero()[0]:
+        left, low, stop = known.active[i], times[i], times[i + 1]
+        while not solves(left, known, i + 1):
+            high, right = stop, known.active[i + 1]
+            while high - low > SWITCH_RESOLUTION * (stop - times[i]):
+                middle = (low + high) / 2
+                found = balance(np.array([middle]))
+                low, high, right = (middle, high, right) if solves(left, found) else (low, middle, found.active[0])
+            call = _call_at(robot, motion, np.array([high]), row, order)
+            sides = [solve_active(call, call.arrays, active[None]) for active in (left, right)]
+            yield high, tuple(after[0] - before[0] for before, after in zip(*sides, strict=True))
+            left, low = right, high
+
+
+def _call_at(robot: Engine, motion: Motion, t: np.ndarray, row: Quantity, order: int) -> Call:
+    """The call for a quantity at times of a motion."""
+    x = MotionStates.sample(robot, motion, t, [(row, order)])
+    asked, given = check_arguments(robot.mechanism, row.name, x.rates, x.wrench, x.base, None, "body", None)
+    return Call(robot, asked, given, None, None, 1, None)
