@@ -26,7 +26,7 @@ from jounce.core.scalars import Array, broadcast, is_numeric
 from jounce.dynamics.computation import Port
 from jounce.dynamics.contacts import limit_rows
 from jounce.engine.backends import Call, default_method
-from jounce.engine.generic_methods import as_tuple, evaluate, write_results
+from jounce.engine.generic_methods import as_tuple, evaluate, working_scalars, write_results
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
