@@ -67,7 +67,7 @@ def test_springs_and_the_robot_with_them(log, tmp_path):
             "gear ratios (--gear [JOINT=]N, gear=), which are",
         ),
         (("--gear", "joint2=30", "--on-error", "skip"), "(--rotor) states it, in kg m^2"),
-        (("--motors", "motor{number}", "--rotor", "0.1"), "--columns 'motor{number}': no column 'motor1'"),
+        (("--motors", "motor{number}", "--rotor", "0.1"), "--motors 'motor{number}': no column 'motor1'"),
         (("--gear", "two"), "--gear 'two'; expected a number, or JOINT=NUMBER"),
         (("-o", "x.urdf"), "unknown type of robot file"),
     ],

@@ -12,6 +12,7 @@ from jounce.cli.motors import values_by_joint
 from jounce.cli.output import check_distinct
 from jounce.cli.robot_options import PATH, RobotRequest
 from jounce.cli.robot_options import add_robot_options_without_drives as add_robot_options
+from jounce.core.errors import JounceError
 
 IRRELEVANT_NOTES = ("other columns", "derivatives are trustworthy")  # each motion has columns of the other
 
@@ -69,12 +70,13 @@ def stiffness(
     arm = robot.load()
     gears, rotors = (values_by_joint(*given, arm.joint_names) for given in (("--gear", gear), ("--rotor", rotor)))
     links = motion.load(arm, 0)
-    options = (
-        motion.options
-        | {"columns": pattern, "allow_noise": True}
-        | ({"angles": motion.options["angles"] or "rad"} if gear else {})
-    )
-    motors = replace(motion, options=options).load(arm, 0)  # no rates of them are taken
+    options = motion.options | {"columns": pattern, "allow_noise": True}  # no rates of motors are taken
+    if gear:  # motors turn far: their angles are no degrees
+        options["angles"] = options["angles"] or "rad"
+    try:
+        motors = replace(motion, options=options).load(arm, 0)
+    except JounceError as error:
+        raise JounceError(str(error).replace("--columns", "--motors")) from None
     found = collect_notes(lambda: arm.identify_stiffness(links, motors, gear=gears or 1.0, rotor=rotors, delay=delay))
     saving.save(found.robot, output)
     notes = dict.fromkeys(note for note in (*links.notes, *motors.notes) if not note.startswith(IRRELEVANT_NOTES))
