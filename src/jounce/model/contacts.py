@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from itertools import product
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,8 @@ class Contact:
         Of a point, the unit normal of the ground in inertial axes, out of the ground. Then x of the contact is the
         inertial x axis projected on the ground; y where the ground is steeper than 64 degrees along x.
     friction : float, optional
-        Coefficient mu of a pyramid of friction, ``|fx|, |fy| <= mu fz``; the one inside the cone takes mu / sqrt(2).
+        Coulomb's coefficient mu. Forces stay in the pyramid within its cone, ``|fx|, |fy| <= mu fz / sqrt(2)``, so that
+        nothing slips in any direction.
     sole : (2,), optional
         Half the lengths of a plane's rectangle along x and y, m; the centre of pressure stays in it. With friction, mz
         is limited as the rectangle's friction allows.
@@ -127,7 +129,7 @@ class Contact:
         return [f"{name} of {quote_value(self.frame)}" for name, _ in self._named_limits]
 
     def _list_limits(self) -> Iterator[tuple[str, np.ndarray]]:
-        (mx, my, mz, fx, fy, fz), mu, signs = np.eye(6), self.friction or 0.0, (1, -1)
+        (mx, my, mz, fx, fy, fz), mu, signs = np.eye(6), (self.friction or 0.0) / sqrt(2), (1, -1)
         rubs = self.friction is not None
         if rubs or self.sole is not None:
             yield "normal force", -fz
