@@ -3194,9 +3194,11 @@ class Methods:
             Whether wrenches W, Wd, ... (..., nb, 6) follow the coordinates' rates in its calls.
         body, frame : str, optional
             Body or merged link, and frame, of poses, twists and Jacobians; all bodies by default.
-        product : {"vjp", "jvp"}, optional
-            Products of the derivatives by all inputs instead of the values: the kernel that `Kernel.vjp` or
-            `Kernel.jvp` compiles at its first call, which takes the weights or directions after the other arrays.
+        product : {"vjp", "jvp", "hvp", "jjvp", "hessian"}, optional
+            Products of the derivatives by all inputs instead of the values: the kernel that `Kernel.vjp`, `Kernel.jvp`,
+            `Kernel.hvp` or `Kernel.hessian` compiles at its first call, which takes the weights, then the directions,
+            after the other arrays. Those of "hessian" return one matrix (..., N, N) of the N entries of all inputs.
+            "jjvp", the second derivatives along two directions, is that of "jvp" along what follows.
         moving_base : bool, optional
             Whether the motion of the base, C, V, Vd, ..., follows in its calls; it always does if the robot floats.
 
