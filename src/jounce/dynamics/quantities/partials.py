@@ -18,7 +18,7 @@ def no_closed_tensors(m: Mechanism) -> str | None:
     """Why a robot has no tensors of second derivatives: what loops add to them is in products of kernels alone."""
     if m.closure is None:
         return None
-    return "is of robots without closed loops; kernel.hessian and kernel.hvp are of all robots, sums over the forces"
+    return "has closed loops: there are no tensors; kernel.hessian and kernel.hvp give their weighted sums"
 
 
 class Partials:
