@@ -98,6 +98,7 @@ Z = np.zeros((7, 4))
         (lambda: IIWA.casadi_function(points=0), "points is 0; expected how many .* from 1 to 1000000"),
         (lambda: IIWA.casadi_function(points=2.0), "points is 2.0; expected"),
         (lambda: IIWA.casadi_function(points=True), "points is True; expected"),
+        (lambda: IIWA.casadi_function(order=13, native=True), "native code"),
         (lambda: IIWA.casadi_function(native=1), "native is 1; expected True or False"),
         (lambda: IIWA.casadi_function(native=True, parameters=["masses"]), "no parameters, .* native=False does"),
         (lambda: IIWA.casadi_function(native=True, moving_base=True), "takes base_pose.*; native=False serves it"),

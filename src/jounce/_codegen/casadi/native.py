@@ -28,7 +28,8 @@ def native_function(mechanism: Mechanism, computation: Computation, points: int)
             f"native=True takes vectors and wrenches, but {computation.name} of {mechanism.name!r} takes"
             f" {join_names(other)}; native=False serves it"
         )
-    weights = len(inputs) + len(outputs)  # before the weights
+    compile_ahead(robot, computation)  # now, since errors within CasADi are those of CasADi
+    first_weight = len(inputs) + len(outputs)
     pairs = [(o, i) for o in range(len(outputs)) for i in range(len(inputs))]
     dependences = {(o, i) for o, i in pairs if inputs[i].first_order <= outputs[o].rate}
     entries = [to_columns(x, np.arange(x.start, x.end).reshape(x.shape)) for x in inputs]
@@ -42,7 +43,7 @@ def native_function(mechanism: Mechanism, computation: Computation, points: int)
         return map(to_columns, outputs, run(None, columns))
 
     def gradients(columns: Columns) -> Iterator[Array]:
-        return map(to_columns, inputs, run("vjp", columns, columns[weights:]))
+        return map(to_columns, inputs, run("vjp", columns, columns[first_weight:]))
 
     def jacobian(columns: Columns) -> Blocks:  # gradients of single entries
         units = np.eye(outputs[-1].end)[:, None]
@@ -51,12 +52,12 @@ def native_function(mechanism: Mechanism, computation: Computation, points: int)
         return {(o, i): np.moveaxis(rows[i][outputs[o].start : outputs[o].end], 0, -1) for o, i in dependences}
 
     def hessian(columns: Columns) -> Blocks:
-        (H,) = run("hessian", columns, columns[weights:])
+        (H,) = run("hessian", columns, columns[first_weight:])
         own = {(a, b): H[:, y[:, None], x] for a, x in enumerate(entries) for b, y in enumerate(entries)}
-        return own | {(i, weights + o): block.mT for (o, i), block in jacobian(columns).items()}
+        return own | {(i, first_weight + o): block.mT for (o, i), block in jacobian(columns).items()}
 
     every = {(a, b) for a in range(len(inputs)) for b in range(len(inputs))}
-    gradient = PointLaw(gradients, every | {(i, weights + o) for o, i in dependences}, hessian)
+    gradient = PointLaw(gradients, every | {(i, first_weight + o) for o, i in dependences}, hessian)
     law = PointLaw(values, dependences, jacobian, gradient)
     sparsities = ({x.name: dense_columns(x, points) for x in ports} for ports in (inputs, outputs))
     return PointFunction(function_name(computation), points, law, *sparsities)
