@@ -1,7 +1,6 @@
 """`jounce payload`: mass, centre of mass and inertia of a load, from logs with it and without it."""
 
 from dataclasses import asdict, replace
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -73,10 +72,10 @@ def payload(
 
 
 def _summary(found: "Payload", log: Path, without: Path | None, output: Path | None) -> dict[str, Any]:
-    """The result as plain data; JSON has no infinity."""
+    """The result as plain data."""
 
-    def pair(what: str, x: float, spread: float) -> dict[str, float | None]:
-        return {what: float(x), "deviation": float(spread) if isfinite(spread) else None}
+    def pair(what: str, x: float, spread: float) -> dict[str, float]:
+        return {what: float(x), "deviation": float(spread)}
 
     names = found.robot.joint_names
     of_joints = found.factors and zip(names, *(x[-len(names) :] for x in found.factors), strict=True)
@@ -84,7 +83,7 @@ def _summary(found: "Payload", log: Path, without: Path | None, output: Path | N
         "robot": found.robot.name, "motion": str(log), "without": without and str(without),
         "output": output and str(output), "frame": found.frame, "mass": found.mass, "com": found.com.tolist(),
         "inertia": found.inertia.tolist(),
-        "parameters": [asdict(row) | pair("value", row.value, row.deviation) for row in found.table],
+        "parameters": [asdict(row) for row in found.table],
         "unseen": list(found.unseen), "mismatch": found.mismatch,
         "factors": of_joints and {name: pair("value", c, s) for name, c, s in of_joints},
         "halves": [pair("mass", m, s) for m, s in found.halves], "settings": found.settings, "notes": list(found.notes),
