@@ -112,8 +112,9 @@ def every(body):
 
 
 def in_equations(spelled):
-    """Those of some quantities that LaTeX has: not what solves equations."""
-    return tuple(name for name in spelled if not QUANTITIES[name.partition(":")[0]].forces)
+    """Those of some quantities that LaTeX has: not what solves equations, nor tensors."""
+    rows = [QUANTITIES[name.partition(":")[0]] for name in spelled]
+    return tuple(name for name, row in zip(spelled, rows, strict=True) if not (row.forces or row.results))
 
 
 ALL, PARAMETERS = every("body2"), ("gravity", "masses", "lengths", "payload", "payload:body1")

@@ -112,6 +112,7 @@ def test_text_is_escaped():
     [
         ("planar2r", {"outputs": ["gravity_forces.vjp"]}, ["gravity_forces.vjp is not written as equations"]),
         ("planar2r", {"outputs": ["forward_dynamics"]}, ["forward_dynamics has no symbolic form", "solve M q2d"]),
+        ("planar2r", {"outputs": ["inverse_dynamics_second_partials"]}, ["has no symbolic form", "S.Q.diff(...)"]),
         ("iiwa14", {"order": 2}, ["takes 2213 operations; LaTeX is generated for up to 1200", "into c, ", "python"]),
         ("iiwa14", {"order": 0, "outputs": ["mass_matrix"]}, ["M of 'iiwa14': too large for symbolic form"]),
         ("planar2r", {"float32": True}, ["LaTeX has no single precision"]),

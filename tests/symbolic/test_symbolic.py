@@ -55,7 +55,7 @@ CHAINS = {
 def members(S, highest=2, bodies=(), partials=0):
     """(quantity, member with its rates, the same of a robot of numbers, a function of q and W) of all that S holds."""
     there = [row for row in QUANTITIES.values() if row.everywhere or (row.elastic and "theta" in dir(S))]
-    own = [row for row in there if not row.forces]
+    own = [row for row in there if not row.forces and not (row.everywhere and row.results)]
     for quantity in own:
         order = affordable(quantity, highest, partials)
         if not quantity.of_bodies:
@@ -267,7 +267,7 @@ def test_matrices_are_kept_and_frozen():
     assert S.Q2d is S.Q2d
     assert isinstance(S.Q, sympy.ImmutableMatrix)
     assert {"q4d", "Q2d", "Cbar2d", "W2d", "dot"} <= set(dir(S))
-    rigid = [row for row in QUANTITIES.values() if row.everywhere and not row.of_bodies and not row.forces]
+    rigid = [row for row in QUANTITIES.values() if row.everywhere and not (row.of_bodies or row.forces or row.results)]
     members = [row.symbol for row in rigid]
     members += [f"{row.symbol}ext" for row in rigid if row.wrenches]
     of_bodies = [row.name for row in QUANTITIES.values() if row.of_bodies]

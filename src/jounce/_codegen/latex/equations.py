@@ -11,7 +11,7 @@ from jounce._codegen.function import Function
 from jounce._codegen.header import printable
 from jounce._codegen.parametric import ParametricRobot
 from jounce._codegen.symbolic import Symbolic, symbolic
-from jounce._codegen.symbolic.equations import EXTERNAL, quotient
+from jounce._codegen.symbolic.equations import EXTERNAL, missing_form
 from jounce.core.errors import JounceError
 from jounce.dynamics.computation import Computation, Port
 from jounce.engine.engine import Engine
@@ -40,8 +40,8 @@ class Document:
         """The equations of each output of a function: the lines of every entry."""
         asked = function.computation
         row, series = asked.quantity, self.form.series
-        if row.inverts:
-            raise JounceError(quotient(row))
+        if reason := missing_form(row):
+            raise JounceError(reason)
         if row.of_bodies:
             found = self.form.of_bodies(row.name, asked.body, asked.frame)
         else:

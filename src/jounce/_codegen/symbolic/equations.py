@@ -24,8 +24,24 @@ EXTERNAL = "ext"  # ends the symbol of what wrenches add to a quantity: Qext
 RATES_BY_SYMBOL = {"q": 12, "W": 12, "base_twist": 12, "base_pose": 1}
 NO_SYMBOLS: Series = Series.constant(np.empty(0))
 OF_BODIES = {row.name: row for row in QUANTITIES.values() if row.of_bodies}
+
+
+def missing_form(row: Quantity) -> str | None:
+    """Return why a quantity has no symbolic form, and what has one in its place."""
+    if row.inverts:
+        return (
+            f"{row.name} has no symbolic form, as it divides by expressions; mass_matrix and inverse_dynamics have one:"
+            " solve M q2d = Q - (Q where q2d = 0)"
+        )
+    if row.results:
+        return f"{row.name} has no symbolic form; expected derivatives of another quantity by SymPy, as S.Q.diff(...)"
+    return None
+
+
 OF_ROBOT = {
-    row.symbol: row for row in QUANTITIES.values() if not (row.of_bodies or row.inverts or row.closed or row.standing)
+    row.symbol: row
+    for row in QUANTITIES.values()
+    if not (row.of_bodies or row.closed or row.standing or missing_form(row))
 }
 OF_WRENCHES = {row.symbol + EXTERNAL: row for row in OF_ROBOT.values() if row.wrenches and row.everywhere}
 
@@ -67,8 +83,8 @@ class Symbolic:
     def __getattr__(self, name: str) -> Any:
         own = vars(self)  # empty while it is copied or unpickled
         found = re.fullmatch(f"({'|'.join(own['series'])}){RATE_SUFFIX}", name) if "series" in own else None
-        if name in QUANTITIES and QUANTITIES[name].inverts:
-            raise AttributeError(quotient(QUANTITIES[name]))
+        if name in QUANTITIES and (reason := missing_form(QUANTITIES[name])):
+            raise AttributeError(reason)
         if found is None:
             raise AttributeError(
                 str(
@@ -129,14 +145,6 @@ class Symbolic:
                     if symbol in present:
                         total = total + sympy.diff(x, symbol) * rate
         return total
-
-
-def quotient(row: Quantity) -> str:
-    """Return why a quantity that takes forces has no symbolic form, and what has one in its place."""
-    return (
-        f"{row.name} has no symbolic form, as it divides by expressions; mass_matrix and inverse_dynamics have one:"
-        " solve M q2d = Q - (Q where q2d = 0)"
-    )
 
 
 def symbolic(robot: Engine, moving_base: bool) -> Symbolic:
