@@ -11,6 +11,7 @@ from jounce.cli import main
 from jounce.io import tables
 
 STIFFNESS, ROTOR = {"joint1": 300.0, "joint2": 200.0}, 0.3
+ROBOT = jounce.load("planar2r")
 OPTIONS = ("--stiffness", "300", "--stiffness", "joint2=200", "--rotor", "0.3")
 
 
@@ -43,6 +44,25 @@ def test_it_writes_what_the_library_computes(tmp_path, motion, suffix):
             assert summary["peaks"][joint][name] == pytest.approx(abs(column[:, j]).max())
     units = {"theta": "rad", "thetad": "rad/s", "tau": "N m"}
     assert (summary["units"], summary["states"], summary["breaks"]) == ({"joint1": units, "joint2": units}, 41, [])
+
+
+def test_rates_of_links_come_too_whole_and_by_parts(tmp_path, motion):
+    """Whether a whole motion is read, or any rows of a table that states all rates; and motors of it alone."""
+    whole, parts = tmp_path / "whole.csv", tmp_path / "parts.npz"
+    assert call("planar2r", motion, *OPTIONS, "--rates", "-o", whole).exit_code == 0
+    found, rates = tables.read(whole), jounce.load_motion(motion, ROBOT)(np.linspace(0, 2, 41), 4)
+    for k, name in enumerate(("q", "qd", "q2d", "q3d", "q4d")):
+        np.testing.assert_allclose(found[f"joint2.{name}"], rates[k][:, 1], atol=1e-12)
+    (tmp_path / "logs").mkdir()
+    whole.rename(tmp_path / "logs" / "log.csv")
+    assert call("planar2r", tmp_path / "logs", *OPTIONS, "--rates", "-o", parts).exit_code == 0
+    with np.load(parts) as again:
+        for name in found:
+            np.testing.assert_allclose(again[name], found[name], rtol=1e-9, atol=1e-9, err_msg=name)
+    table = {name: found[name] for name in found}
+    motors = jounce.load_motion(table, ROBOT, 0, columns="{joint}.theta")
+    np.testing.assert_allclose(motors(found["t"], 0)[0][:, 0], found["joint1.theta"], atol=1e-6)
+    assert any("other columns, ignored: joint1.q, " in note for note in motors.notes)
 
 
 def test_a_measured_motion_brings_its_deviations(tmp_path):

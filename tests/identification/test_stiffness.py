@@ -172,3 +172,11 @@ def test_gears_stand_between_motors_and_links():
 def test_what_is_suspicious_is_named(given, message):
     found = ARM.identify_stiffness(*log(**given, noise=1e-5))
     assert any(note.startswith(message) for note in found.notes), found.notes
+
+
+@QUIET
+@pytest.mark.parametrize(("inertia", "doubted"), [(1e-3, False), (5e-2, True)])
+def test_a_thousandth_of_a_deflection_is_no_reason_for_doubt(inertia, doubted):
+    """Of exact logs everything is certain: rotors of 1e-3 kg m^2 make 1e-4 of these torques, others 5e-3."""
+    found = ARM.identify_stiffness(*log(tau=Q + inertia * Q2D))
+    assert any("follow accelerations" in note for note in found.notes) == doubted

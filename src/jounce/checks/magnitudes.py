@@ -40,8 +40,10 @@ def magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequence[
     """
     if computation.quantity.inputs:
         return _motor_magnitudes(mechanism, computation, arrays)
-    if computation.quantity.forces:
-        return _OF_FORCES[computation.name](mechanism, computation, arrays)
+    return _RULES.get(computation.name, _law_magnitudes)(mechanism, computation, arrays)
+
+
+def _law_magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]) -> tuple[np.ndarray, ...]:
     by_method = [
         compute_by_method(computation, method, mechanism, [_Sized(np.asarray(x, dtype=float)) for x in arrays])
         for method in _COMPARED_METHODS
@@ -71,6 +73,18 @@ def _forward_partial_magnitudes(
     return tuple(np.sqrt(x) for x in (by[..., 0, :, :], by[..., 1, :, :], (by[..., 2:, :, :] @ squares)[..., 0, :, :]))
 
 
+def _second_partial_magnitudes(
+    mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]
+) -> tuple[np.ndarray, ...]:
+    """Tensors have the recursion alone, whose base parameters may vanish: no less than the first partials.
+
+    A derivative by an angle leaves the sizes of terms.
+    """
+    (P,) = magnitudes(mechanism, replace(computation, name="inverse_dynamics_partials"), arrays)
+    tensors = _law_magnitudes(mechanism, computation, arrays)
+    return tuple(np.maximum(x, P[..., k, :, None, :]) for x, k in zip(tensors, (0, 1, 2, 2), strict=True))
+
+
 def _second_forward_magnitudes(
     mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]
 ) -> tuple[np.ndarray, ...]:
@@ -82,7 +96,8 @@ def _second_forward_magnitudes(
     return tuple(np.sqrt(-x) for x in second_acceleration_partials(*squares))
 
 
-_OF_FORCES = {
+_RULES = {
+    "inverse_dynamics_second_partials": _second_partial_magnitudes,
     "forward_dynamics": _acceleration_magnitudes,
     "forward_dynamics_partials": _forward_partial_magnitudes,
     "forward_dynamics_second_partials": _second_forward_magnitudes,

@@ -60,6 +60,7 @@ Damping and friction that --drives selects act on the motors.
     help="Inertia of the rotors seen from the links in kg m^2 or kg: of all joints, or of one; may be repeated.",
 )
 @OUTPUT
+@click.option("--rates", "with_rates", is_flag=True, help="Write q, qd, ... of the links too.")
 @add_stream_options
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def motors(
@@ -68,6 +69,7 @@ def motors(
     stiffness: Sequence[str],
     rotor: Sequence[str],
     output: Path,
+    with_rates: bool,
     stream: StreamRequest,
     as_json: bool,
 ) -> None:
@@ -80,7 +82,8 @@ def motors(
         values_by_joint("--stiffness", stiffness, links.joint_names),
         values_by_joint("--rotor", rotor, links.joint_names),
     )
-    job = Job("motors", arm, 0, stream.reading(motion), None if stream.reduce else table_suffix(output))
+    form = None if stream.reduce else table_suffix(output)
+    job = Job("motors", arm, 0, stream.reading(motion), form, with_rates=with_rates)
     _, summary = compute_results(job, motion, output, stream, "motors", lambda: motion.load(arm, MOTOR_FORCE_ORDER))
     print_summary(summary, _format_summary, as_json)
 

@@ -17,8 +17,9 @@ from jounce.core.errors import JounceError
 IRRELEVANT_NOTES = ("other columns", "derivatives are trustworthy")  # each motion has columns of the other
 
 EPILOG = """\b
-Example, of a log with columns t, joint1, ..., theta_joint1, ..., tau_joint1:
-  jounce stiffness arm.urdf log.csv --rotor 0.5 -o elastic.yaml
+Example, of motors and links along a motion, as in a log:
+  jounce motors iiwa14 paper --stiffness 9000 --rotor 1e-6 --rates -o log.csv
+  jounce stiffness iiwa14 log.csv --motors {joint}.theta --rotor 1 -o k.yaml
 
 \b
 MOTION is a log of links and motors, at the same times: a table as `jounce

@@ -37,6 +37,7 @@ CELLS_PER_LOG = 16  # at least, four for each unknown of a joint
 MAX_DEFLECTION = 0.05  # rad or m: a larger standard deviation is held against the motion of the link
 MIN_GEAR_CORRELATION = 0.98  # of motors and links, whose ratio is that of a gear then
 MAX_GEAR_ERROR = 0.5  # of this ratio: a spring that gives way as far hardly holds its link up
+MIN_DOUBTED_SHARE = 1e-6  # of the squares of deflections: 0.1 % of them may follow anything
 MAX_REMAINDER_RATIO = 0.8  # of mean squares with another column: what that stands for is suspected
 COLUMNS = 4  # tau, sign(qd), qd, 1
 SUSPECTS = (  # further columns: q, q2d, tau^3
@@ -87,7 +88,7 @@ def identify_stiffness(
     seen = np.abs(c) > MIN_DEVIATIONS * spread
     doubts = compare_forces(m.coordinates, posed.samples.weights, tau, posed.model)
     _check_signs(m, np.where(seen, c, 0.0), doubts)
-    notes = [*said, *doubts, *_describe(m, posed, seen, rest)]
+    notes = [*said, *doubts, *_describe(m, posed, seen, share, rest)]
     for text in notes:
         warn(text)
     own = e.stiffness if m.elasticity is not None else np.full(n, np.inf)
@@ -117,8 +118,8 @@ def identify_stiffness(
     )
 
 
-def _describe(m: Mechanism, posed: SpringProblem, seen: np.ndarray, rest: np.ndarray) -> list[str]:
-    """What is said of torques and springs; those of joints that are seen leave mean squares (n,) of deflections."""
+def _describe(m: Mechanism, posed: SpringProblem, seen: np.ndarray, share: np.ndarray, rest: np.ndarray) -> list[str]:
+    """What is said of torques and springs; those of joints that are seen leave a share of deflections, squares (n,)."""
     missing, cure = (posed.samples.weights == 0).all(axis=0), "expected torques that vary and explain deflections"
     notes = _name(m, missing, "torques of {} are not measured: the model's serve, as wrong as its masses are")
     notes += _name(m, ~seen, f"the log does not determine the stiffness of {{}}; {cure}")
@@ -126,7 +127,7 @@ def _describe(m: Mechanism, posed: SpringProblem, seen: np.ndarray, rest: np.nda
         fit, left = _fit(posed.springs, (*range(COLUMNS), k))
         certain = np.abs(fit.x) > MIN_DEVIATIONS * np.sqrt(np.diag(fit.covariance))
         suspect = seen & certain.reshape(m.n, -1)[:, -1] & (left < MAX_REMAINDER_RATIO * rest)
-        notes += _name(m, suspect, f"deflections of {{}} {text}")
+        notes += _name(m, suspect & (share > MIN_DOUBTED_SHARE), f"deflections of {{}} {text}")
     return notes
 
 

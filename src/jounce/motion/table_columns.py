@@ -112,7 +112,8 @@ def match_columns(header: Sequence[str], mechanism: Mechanism, options: ColumnOp
     of_wrenches = loads.select_wrench_columns(list(sources), mechanism)
     elsewhere = {*of_wrenches, *of_base.values()}
     given = [name for name in sources if name not in elsewhere and sources[name] not in torques.values()]
-    sampled = not any(_is_rate(name, mechanism) for name in given)
+    stated = options.pattern is not None and {*joints} <= {*given}  # which columns are the motion, beside others
+    sampled = stated or not any(_is_rate(name, mechanism) for name in given)
     is_derived = highest == 3 and not of_base and not any(name.endswith(".q3d") for name in given)  # of differences
     wanted = list(joints) if sampled else _rate_columns(given, mechanism, highest - is_derived)
     _check_columns(given, [TIME, *wanted], sampled, mechanism, highest)

@@ -626,7 +626,7 @@ class Methods:
         Examples
         --------
         >>> import jounce, numpy as np
-        >>> robot, q = jounce.load("iiwa14"), np.ones(7)
+        >>> robot, q = jounce.load("planar2r"), np.ones(2)
         >>> dqdq, dqdqd, dqddqd, dqdQ = robot.forward_dynamics_second_partials(q, q, q)
         >>> bool(np.allclose(dqddqd, dqddqd.swapaxes(1, 2)))
         True

@@ -94,7 +94,7 @@ def compute_rows(
     rows = [find_row(name, more) for name in ("motor_positions", "motor_torques")]
     terms = [W and W[: len(given) - row.rates + row.wrench_rates] for row in rows]
     theta, tau = (certain(row, term) for row, term in zip(rows, terms, strict=True))
-    return _motor_outputs(job.robot, theta, tau, None)
+    return [*own, *_motor_outputs(job.robot, theta, tau, None)]
 
 
 def compute_motion(job: Job, motion: Motion, show: Progress | None = None) -> Iterator[OutputBlock]:
@@ -104,6 +104,9 @@ def compute_motion(job: Job, motion: Motion, show: Progress | None = None) -> It
         order = voltage_order(elasticity_of(robot.mechanism), motion.highest)
         whole = motors_along(robot, motion, order=order, method=job.method, progress=show)
         found = _motor_outputs(robot, whole.positions, whole.torques, whole.deviations)
+        if job.with_rates:
+            rates, deviations = motion(whole.t, job.highest), motion.deviations(whole.t, job.highest)
+            found = [Output("q", robot.joint_names, rates, deviations), *found]
         about = _describe_motion(motion, whole.breaks, robot.joint_names, ["tau", "taud"][: order + 1])
         yield OutputBlock(whole.t, found, {}, _further_columns(robot, motion, whole.breaks, whole.t), (), about)
         return
