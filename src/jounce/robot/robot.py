@@ -36,6 +36,7 @@ from jounce.model.positions import check_single_screws, multiscrew_joints, posit
 from jounce.robot.applications import Applications
 from jounce.robot.deprecated_methods import OldMethods
 from jounce.robot.exports import Exports
+from jounce.robot.identifications import Identifications
 from jounce.robot.methods import Methods
 
 if TYPE_CHECKING:
@@ -1401,7 +1402,7 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         return damping_error(self, rates, wrench)
 
 
-for _part in (Applications, Exports, Methods):  # Python's messages on calls name the class that users know
+for _part in (Applications, Identifications, Exports, Methods):  # Python's messages on calls name the class that users know
     for _name, _method in vars(_part).items():
         if isinstance(_method, FunctionType):
             unwrap(_method).__qualname__ = _method.__qualname__ = f"{Robot.__name__}.{_name}"
