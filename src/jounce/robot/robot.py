@@ -1402,7 +1402,7 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         return damping_error(self, rates, wrench)
 
 
-for _part in (Applications, Identifications, Exports, Methods):  # Python's messages on calls name the class that users know
+for _part in (Applications, Identifications, Exports, Methods):  # Python's messages on calls name the class of users
     for _name, _method in vars(_part).items():
         if isinstance(_method, FunctionType):
             unwrap(_method).__qualname__ = _method.__qualname__ = f"{Robot.__name__}.{_name}"
