@@ -24,6 +24,7 @@ LAYERS = (  # from the inside out
     "limits",
     "actuators",
     "identification",
+    "live",
     "io",
     "dask",
     "stream",

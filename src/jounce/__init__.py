@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from jounce.limits.explanation import Explanation
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
+    from jounce.live.estimator import LiveRates
+    from jounce.live.forces import LiveForces
+    from jounce.live.innovations import Trust
     from jounce.model.antagonists import AntagonisticSprings
     from jounce.model.contacts import Contact
     from jounce.model.drives import Drives
@@ -48,9 +51,10 @@ if TYPE_CHECKING:
 __all__ = [
     "Along", "AntagonisticSprings", "BaseParameters", "Check", "CheckedLimit", "Closure", "Contact", "CubicSpring",
     "Drives", "ElasticAlong", "Elasticity", "Excitation", "Explanation", "ForceResidual", "Identification",
-    "IdentifiedLog", "IdentifiedParameter", "JounceError", "JounceWarning", "Kernel", "Limits", "Loop", "Mechanism",
-    "Motion", "Motor", "Payload", "PayloadParameter", "Report", "Retiming", "Robot", "RobotState", "Slowdown",
-    "SpringFunction", "SpringTable", "UncertainError", "__version__", "inertia_matrix", "load", "load_motion", "save",
+    "IdentifiedLog", "IdentifiedParameter", "JounceError", "JounceWarning", "Kernel", "Limits", "LiveForces",
+    "LiveRates", "Loop", "Mechanism", "Motion", "Motor", "Payload", "PayloadParameter", "Report", "Retiming",
+    "Robot", "RobotState", "Slowdown", "SpringFunction", "SpringTable", "Trust", "UncertainError", "__version__",
+    "inertia_matrix", "load", "load_motion", "save",
 ]  # fmt: skip
 _NAMES = {  # of modules, imported when first asked for one of them, so that whatever needs little of it starts at once
     "_report": "Report",
@@ -66,6 +70,9 @@ _NAMES = {  # of modules, imported when first asked for one of them, so that wha
     "limits.explanation": "Explanation",
     "limits.retime": "Retiming",
     "limits.slowdown": "Slowdown",
+    "live.estimator": "LiveRates",
+    "live.forces": "LiveForces",
+    "live.innovations": "Trust",
     "model.antagonists": "AntagonisticSprings",
     "model.contacts": "Contact",
     "model.drives": "Drives",

@@ -330,6 +330,13 @@ CASES: dict[str, Case] = {
     ),
     "inverse_dynamics natively": along(ROBOT.inverse_dynamics, wrench=(np.zeros((2, 6)),) * 4, method=None),
     "inverse_dynamics in closed form": along(ROBOT.inverse_dynamics, method="closed_form"),
+    "live": (
+        ROBOT.live, {"dt": 1e-3, "bandwidth": 10.0, "lag": 0.02, "states": 6, "noise": 1e-5},
+    ),
+    "LiveRates.update": (
+        lambda q, t: ROBOT.live(1e-3).update(q, t), {"q": (0.1, 0.2), "t": 0.0},
+    ),
+    "LiveRates.forces": (ROBOT.live(1e-3).forces, {"keep_uncertain": False}),
     "forces_along": (
         ROBOT.forces_along,
         {
@@ -461,6 +468,8 @@ def test_every_argument_of_every_public_function_is_attacked():
         "IdentifiedParameter",
         "Kernel",
         "Limits",
+        "LiveForces",
+        "LiveRates",
         "Loop",
         "Mechanism",
         "Motion",
@@ -471,6 +480,7 @@ def test_every_argument_of_every_public_function_is_attacked():
         "Retiming",
         "Slowdown",
         "UncertainError",
+        "Trust",
     }  # what calls return, exported for its name
     named = {name for name in jounce.__all__ if not name.startswith("Jounce")} - made
     public = {name: getattr(jounce, name) for name in named} | methods

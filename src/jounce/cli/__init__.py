@@ -18,6 +18,7 @@ from jounce.cli.excite import excite
 from jounce.cli.explain import explain
 from jounce.cli.identify import identify
 from jounce.cli.info import info
+from jounce.cli.live import live
 from jounce.cli.motion import motion
 from jounce.cli.motors import motors
 from jounce.cli.output import style_text
@@ -103,8 +104,8 @@ def main() -> None:
 
 
 VERBS = (
-    run, motion, motors, check, explain, slowdown, retime, excite, identify, payload, stiffness, plot, report, view,
-    info, robots, compare, convert, codegen, demo, cache,
+    run, live, motion, motors, check, explain, slowdown, retime, excite, identify, payload, stiffness, plot, report,
+    view, info, robots, compare, convert, codegen, demo, cache,
 )  # fmt: skip
 for verb in VERBS:
     main.add_command(verb)

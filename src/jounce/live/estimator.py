@@ -1,0 +1,246 @@
+"""`Robot.live`: rates of all joints from samples that come one by one, at a fixed lag, with deviations."""
+
+from typing import Any
+
+import numpy as np
+
+from jounce.arguments.rates import convert_coordinates
+from jounce.core.errors import JounceError, check_bool, quote_value
+from jounce.core.scalars import is_finite, is_numeric
+from jounce.engine.engine import Engine
+from jounce.live.filter import Filters, correct, innovation_variance, predict, process_noise, start_filters, transition
+from jounce.live.forces import SIGNAL_TIME, LiveForces, estimate_forces
+from jounce.live.innovations import CHOICE_TIME, TRUST_TIME, Innovations, Trust
+from jounce.live.sample_noise import NoiseWindows, add_sample
+from jounce.live.settings import RATE_COUNT, check_settings
+from jounce.motion.curves import ROUNDING_OF_Q
+from jounce.motion.units import IN_DEGREES, warn_of_degrees
+
+MAX_GAP_ANGLE = 15.0  # rad of the highest bandwidth without a sample, after which nothing is known of the motion
+SETTLING_ANGLE = 15.0  # rad of a bandwidth, before which a filter is a polynomial through all samples, of any motion
+MAX_REPEAT_TIME = 0.05  # s: rows that repeat the last one for longer are those of a robot that rests
+REPEAT_DEVIATIONS = 3.0  # by which a joint should have moved, if a row repeats the last one by mistake
+MIN_JUMP_TIME = 0.01  # s, in which samples without stamps may be lost, and coarse encoders pass a step
+NO_STEPS = 1e9  # steps per sample that joints pass whose noise is white
+
+
+class LiveRates:
+    """Rates of a robot's joints at a fixed lag behind samples that come one by one. `Robot.live` makes one.
+
+    Attributes
+    ----------
+    t : float
+        The time of the rates, s: that of the last sample less the lag.
+    rates : tuple of (n,)
+        q, qd, q2d, q3d, q4d, as `update` returned them.
+
+    Examples
+    --------
+    >>> import jounce, numpy as np
+    >>> robot = jounce.load("planar2r")
+    >>> live = robot.live(1e-3, bandwidth=10, noise=1e-5)
+    >>> for t in np.arange(0, 1, 1e-3):
+    ...     q, qd, q2d, q3d, q4d = live.update([np.sin(t), np.cos(t)], t)
+    >>> bool(abs(q[0] - np.sin(t - 0.02)) < 5 * live.deviations[0, 0])
+    True
+    """
+
+    def __init__(
+        self, robot: Engine, dt: Any, bandwidth: Any = None, lag: Any = 0.02, states: Any = 6, noise: Any = None
+    ) -> None:
+        self._settings = s = check_settings(robot.mechanism, dt, bandwidth, lag, states, noise)
+        self._robot, self._noise = robot, NoiseWindows(s.sigma, np.zeros(len(s.sigma)))
+        self._now = self._forces_at = np.nan  # times of the last call, and of the last forces
+        self._power = np.zeros(len(s.sigma))  # mean square of Q2d
+        self._forget()
+
+    def _forget(self) -> None:
+        """Begin without samples."""
+        n, count = len(self._settings.sigma), len(self._settings.omega)
+        self._filters: Filters | None = None
+        self._innovations = Innovations.start(count, n)
+        self._times = np.empty(0)  # of the kept states, the newest first
+        self._begin = self._sampled = np.nan  # times of the first sample, and of the last one that was not lost
+        self._y, self._used = np.full(n, np.nan), np.full(n, count - 1)
+        self._forget_rates()
+
+    def _forget_rates(self) -> None:
+        n = len(self._settings.sigma)
+        self.t, self.rates = np.nan, (np.full(n, np.nan),) * RATE_COUNT
+        self._covariance = np.full((n, RATE_COUNT, RATE_COUNT), np.nan)
+
+    @property
+    def deviations(self) -> np.ndarray:
+        """Standard deviations (5, n) of q to q4d; NaN as long as the noise of a joint's samples is not known."""
+        return np.sqrt(np.diagonal(self._covariance, axis1=1, axis2=2).T)
+
+    @property
+    def bandwidths(self) -> np.ndarray:
+        """The bandwidth (n,) that each joint's rates are taken from, Hz."""
+        return np.asarray(self._settings.omega[self._used] / (2 * np.pi))
+
+    @property
+    def trust(self) -> Trust:
+        """Whether the rates of each joint are to be trusted, by the innovations of the last 0.2 s."""
+        found = self._innovations.trust(self._sigma, self._used)
+        return found._replace(good=found.good & self._settled[self._used] & (self._now - self._begin >= 2 * TRUST_TIME))
+
+    @property
+    def _settled(self) -> np.ndarray:
+        return self._settings.omega * (self._now - self._begin) >= SETTLING_ANGLE
+
+    @property
+    def _sigma(self) -> np.ndarray:
+        given = self._settings.sigma
+        return np.where(np.isnan(given), self._noise.sigma, given)
+
+    def update(self, q: Any, t: float | None = None) -> tuple[np.ndarray, ...]:
+        """Take in a sample, and return q, qd, q2d, q3d, q4d at the lag before its time.
+
+        Parameters
+        ----------
+        q : (n,)
+            Positions, rad or m, or by joint name. NaN: the sample is lost, and rates are predicted.
+        t : float, optional
+            Time of the sample, s; by default `dt` after the last one. Stamps that differ from even ones are worth a
+            factor of 20 and more.
+
+        Returns
+        -------
+        q, qd, q2d, q3d, q4d : (n,)
+            NaN at times before the first sample.
+
+        Raises
+        ------
+        JounceError
+            If a shape is wrong, t is not after the last one, or a joint jumps. The sample is left out then, as if this
+            had not been called.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> live = jounce.load("planar2r").live(1e-3, lag=0, bandwidth=10, noise=1e-5)
+        >>> q, qd, q2d, q3d, q4d = live.update([0.1, 0.2])
+        >>> q
+        array([0.1, 0.2])
+        """
+        s, now = self._settings, self._check_time(t)
+        y = convert_coordinates(s.mechanism, q, "q", s.mechanism.n)
+        if not is_numeric(y) or y.ndim != 1 or np.isinf(y).any():
+            raise JounceError(f"q is {quote_value(q)}; expected ({s.mechanism.n},) numbers, NaN of a lost sample")
+        lost = bool(np.isnan(y).any())
+        if self._filters is not None and (now - self._sampled) * s.omega[-1] > MAX_GAP_ANGLE:
+            self._forget()
+        if self._filters is not None:
+            self._step(now, y if lost else self._y + self._check_jump(now, y), lost)
+        elif not lost:
+            warn_of_degrees(y[None], np.zeros((1, len(y))), s.mechanism, "q")
+            self._filters = start_filters(y, len(s.omega), s.kept, s.states)
+            self._times, self._begin, self._sampled, self._y = np.full(s.kept, now), now, now, y.copy()
+        self._now = now
+        self._read()
+        return self.rates
+
+    def _check_time(self, t: object) -> float:
+        if t is None:
+            return 0.0 if np.isnan(self._now) else self._now + self._settings.dt
+        if not is_finite(t):
+            raise JounceError(f"t is {quote_value(t)}; expected the time of the sample in s, or None")
+        time = float(t)  # type: ignore[arg-type]
+        if self._now >= time:
+            raise JounceError(f"t is {time:.9g} s, not after the last sample at {self._now:.9g} s; leave the row out")
+        return time
+
+    def _check_jump(self, now: float, y: np.ndarray) -> np.ndarray:
+        """By how much the joints moved (n,) since the last sample, across the ends of a turn too."""
+        s, apart = self._settings, y - self._y
+        apart = apart - np.where(s.turns, 2 * np.pi * np.round(apart / (2 * np.pi)), 0.0)
+        most = s.fastest * max(now - self._sampled, s.dt, MIN_JUMP_TIME)
+        if (np.abs(apart) > most).any():
+            j = int((np.abs(apart) - most).argmax())
+            came = f"joint {quote_value(s.mechanism.coordinates[j])} jumps from {self._y[j]:.4g} to {y[j]:.4g}"
+            hint = f": {IN_DEGREES}" if np.abs(np.deg2rad(y) - self._y)[s.turns].max(initial=0) < most[j] else ""
+            raise JounceError(f"{came} at t = {now:.9g} s, more than at {s.fastest[j]:.3g}/s{hint}; leave the row out")
+        return apart
+
+    def _step(self, now: float, y: np.ndarray, lost: bool) -> None:
+        """Predict to the present, and correct by a sample that is not lost."""
+        s, step = self._settings, now - self._now
+        assert self._filters is not None
+        scaled, keep = s.omega * step, s.kept > 1 and self._times[0] - self._times[1] > 0.999 * s.spacing
+        W = process_noise(scaled, s.omega * s.dt, s.states)
+        found = predict(self._filters, transition(scaled, s.states), W, keep)
+        self._times = np.append(now, self._times[: s.kept - 1] if keep else self._times[1:])
+        nu, variance, moved = y - found.x[:, 0, 0], innovation_variance(found), np.abs(y - self._y)
+        moved = np.where(moved <= ROUNDING_OF_Q * np.abs(y), 0, moved)  # an unwrapped angle that is the same is rounded
+        if not moved.any() and now - self._sampled < MAX_REPEAT_TIME:
+            lost = bool((np.abs(nu[-1]) > REPEAT_DEVIATIONS * self._sigma * np.sqrt(variance[-1])).any())
+        self._filters = found if lost else correct(found, nu)
+        if lost:
+            return
+        if moved.any():
+            self._noise = add_sample(self._noise, now, y)
+        steps = self._noise.steps
+        passed = np.where(steps > 0, moved / np.where(steps > 0, steps, 1), NO_STEPS)
+        self._innovations = self._innovations.add(step, now - self._begin, s, nu, variance, passed)
+        self._sampled, self._y = now, y
+        if now - self._begin >= CHOICE_TIME:
+            self._used = self._innovations.choose(self._settled)
+
+    def _read(self) -> None:
+        """The rates at the lag, by Taylor's series from the nearest of the kept states, and their covariances."""
+        s, t = self._settings, self._now - self._settings.lag
+        if self._filters is None or not t >= self._begin - 1e-9:
+            self._forget_rates()
+            return
+        i, joints, used = int(np.abs(self._times - t).argmin()), np.arange(len(self._y)), self._used
+        scaled = s.omega[used] * (t - self._times[i])
+        F, scale = transition(scaled, s.states), s.omega[used, None] ** np.arange(RATE_COUNT)
+        x = F @ self._filters.x[used, i, :, joints][..., None]
+        P = F @ self._filters.covariance[used, i] @ F.mT + process_noise(np.abs(scaled), s.omega[used] * s.dt, s.states)
+        P = self._innovations.inflate(P[:, :RATE_COUNT, :RATE_COUNT], self._sigma, used)
+        self.t, self.rates = t, tuple((x[:, :RATE_COUNT, 0] * scale).T)
+        self._covariance = P * (self._sigma[:, None, None] ** 2 * scale[:, :, None] * scale[:, None])
+
+    def forces(self, keep_uncertain: bool = False) -> LiveForces:
+        """Q, Qd, Q2d at the time of the last rates, with standard deviations.
+
+        Native code is compiled at the first call, which may be before the first sample.
+
+        Parameters
+        ----------
+        keep_uncertain : bool, optional
+            Whether to keep a Q2d that is not certain, instead of NaN.
+
+        Returns
+        -------
+        LiveForces
+            Q, Qd, Q2d, deviations, certain; NaN where rates are.
+
+        Raises
+        ------
+        JounceError
+            If `keep_uncertain` is no bool.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> live = jounce.load("planar2r").live(1e-3, lag=0, bandwidth=10, noise=1e-5)
+        >>> _ = live.update([0.1, 0.2])
+        >>> live.forces().Q2d
+        array([nan, nan])
+        """
+        check_bool("keep_uncertain", keep_uncertain, "whether to keep a Q2d that is not certain")
+        known = not np.isnan(self.t)
+        rates = self.rates if known else (np.zeros(len(self._y)),) * RATE_COUNT
+        forces, variances = estimate_forces(self._robot, rates, self._covariance)
+        if not known:
+            forces = np.full_like(forces, np.nan)
+        elif np.isfinite(variances[2]).all():
+            share = 1.0 if np.isnan(self._forces_at) else -np.expm1((self._forces_at - self._now) / SIGNAL_TIME)
+            self._power = self._power + share * (forces[2] ** 2 - self._power)
+            self._forces_at = self._now
+        certain = variances[2] < self._power / 2  # the other half is noise of this variance
+        Q2d = forces[2] if keep_uncertain else np.where(certain, forces[2], np.nan)
+        Q, Qd, Q2d_deviation = np.sqrt(variances)
+        return LiveForces(forces[0], forces[1], Q2d, (Q, Qd, Q2d_deviation), certain)

@@ -1,0 +1,128 @@
+"""What innovations say of filters: whether they follow the motion, which bandwidth suits it, and where a joint rests.
+
+Innovations of a filter that follows are white, of the variance that it states. Where the motion is faster than its
+bandwidth they have slow parts, long before these exceed the noise of single samples: so both are watched, the mean
+square and a low-pass at the bandwidth. Of several bandwidths the likeliest is that of the least
+``log mean(nu^2 / S) + mean(log S)``: twice the negative logarithm of the likelihood per sample, at the likeliest r.
+
+Rounding to an encoder's steps is no white noise where a joint passes fewer steps per second than the bandwidth: no
+filter averages it, and motion within a step is not seen (jounce.motion.noise).
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from jounce.live.settings import Settings
+
+TRUST_TIME = 0.1  # s, of an exponential mean that is as steady as one over a window of 0.2 s
+CHOICE_TIME = 1.0  # s, over which filters are compared: half of it distinguishes a likelihood of 5 % per sample
+MAX_INNOVATION_RMS = 1.1  # over the stated deviation: 2.2 means errors of 5 to 33 deviations
+MAX_SLOW_INNOVATION = 3.0  # deviations of the low-pass, above which the motion is faster than the bandwidth
+USUAL_SLOW_PEAK, USUAL_SLOW_RMS = 2.0, 1.1  # which noise alone seldom exceeds: stated deviations grow with an excess
+MEMORY_ANGLE = 4.0  # rad of the bandwidth, for which a filter remembers what was
+START_FACTOR = 9.0  # times the variances of rates: by simulated starts from rest, whose errors reach 14 r omega^3
+MAX_REST = 0.05  # of a joint that moves
+PACE_FACTOR = 3.0  # times the bandwidth, at which the pace of steps is averaged: a rest is seen at once
+REST_PACE = 1.5  # steps per cycle of the bandwidth, below which rounding is not averaged
+PACE_ORDER = 12  # of the transition between rest and motion, as steep as a filter of six states
+
+
+class Trust(NamedTuple):
+    """Whether the rates of each joint (n,) are to be trusted.
+
+    `rms` is that of the normalised innovations of the last 0.2 s; 1 of a model that holds. Where `good`, nothing in the
+    samples contradicts the deviations: errors of simulated logs were within 5.5 of them. What samples cannot show yet
+    is not covered: a vibration within the noise, and a motion that began later than the lag. Where a joint is not
+    `moving`, but rests on a step or just left it, deviations are bounds rather than standard deviations.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> live = jounce.load("planar2r").live(1e-3, bandwidth=10, noise=1e-5)
+    >>> _ = live.update([0.1, 0.2])
+    >>> live.trust.good
+    array([False, False])
+    """
+
+    rms: np.ndarray
+    good: np.ndarray
+    moving: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Innovations:
+    """Means over the last innovations of B filters and n joints, (B, n); in rad or m where nothing else is stated."""
+
+    power: np.ndarray  # mean of nu^2 / S, squared
+    most_power: np.ndarray  # its last peak
+    long_power: np.ndarray  # the same over a longer time, of joints that move
+    log_variance: np.ndarray  # mean of log S over that time
+    slow: np.ndarray  # low-pass of nu / sqrt(S)
+    slow_power: np.ndarray  # mean of its square over a longer time, over that of white noise
+    peak: np.ndarray  # its last peak, over the deviation that it has for white noise
+    pace: np.ndarray  # steps per s that a joint passes
+    rest: np.ndarray  # 1 where a joint rests or did so within the memory of the filter, else 0
+
+    @staticmethod
+    def start(count: int, n: int) -> "Innovations":
+        """Those before the second sample."""
+        zeros = np.zeros((count, n))
+        return Innovations(*[zeros] * 9)
+
+    def add(
+        self, step: float, age: float, settings: Settings, nu: np.ndarray, variance: np.ndarray, passed: np.ndarray
+    ) -> "Innovations":
+        """With innovations nu (B, n) of filters that are `age` s old, after `step` s, in which joints pass steps."""
+        omega, variance = settings.omega[:, None], variance[:, None]
+        white, share = nu / np.sqrt(variance), -np.expm1(-step * omega)
+        leak = np.exp(-step / (settings.lag + MEMORY_ANGLE / omega))
+        power = self.power - np.expm1(-step / TRUST_TIME) * (white**2 - self.power)
+        of_pace = -np.expm1(-step * PACE_FACTOR * omega)
+        slow = self.slow + share * (white - self.slow)
+        level = np.abs(slow) / np.sqrt(share / (2 - share))
+        pace = self.pace + of_pace * (passed / step - self.pace)
+        rest = 1 / (1 + (2 * np.pi * pace / omega / REST_PACE) ** PACE_ORDER)
+        # samples on the same step do not distinguish filters
+        of_choice = -np.expm1(-step / min(age, CHOICE_TIME)) * (1 - rest[-1]) * np.minimum(passed, 1)
+        return Innovations(
+            power,
+            np.maximum(power, leak * self.most_power),
+            self.long_power + of_choice * (white**2 - self.long_power),
+            self.log_variance + of_choice * (np.log(variance) - self.log_variance),
+            slow,
+            self.slow_power + of_choice * (level**2 - self.slow_power),
+            np.maximum(level, leak * self.peak),
+            pace,
+            np.maximum(rest, leak * self.rest),
+        )
+
+    def choose(self, settled: np.ndarray) -> np.ndarray:
+        """The likeliest filter of each joint (n,) of those `settled` (B,), the widest of one that has not moved."""
+        moved = self.long_power.all(axis=0)
+        score = np.log(self.long_power, where=moved, out=np.zeros_like(self.long_power)) + self.log_variance
+        score = np.where(settled[:, None], score, np.inf)
+        return np.where(moved, score.argmin(axis=0), len(score) - 1)
+
+    def trust(self, sigma: np.ndarray, used: np.ndarray) -> Trust:
+        """What the filters `used` (n,) deserve, by the noise of each joint."""
+        joints = np.arange(len(used))
+        rms, peak = np.sqrt(self.power[used, joints]) / sigma, self.peak[used, joints] / sigma
+        windows = np.maximum(rms, np.sqrt(self.long_power[used, joints]) / sigma)
+        good = (windows < MAX_INNOVATION_RMS) & (peak < MAX_SLOW_INNOVATION)
+        return Trust(rms, good, self.rest[used, joints] < MAX_REST)
+
+    def inflate(self, P: np.ndarray, sigma: np.ndarray, used: np.ndarray) -> np.ndarray:
+        """Scaled covariances (n, k, k) with what slow innovations and rests add.
+
+        Slow innovations of s times their deviation mean errors of the k-th rate of s^(1 + k/2) times theirs: of
+        simulated harmonics 1.3, 1.9, 2.4, 2.8, 3.3, by a bandwidth that is 20 % too low.
+        A joint that rests on a step of its encoder may move by r at the bandwidth, or start, and nothing shows it.
+        """
+        joints, order = np.arange(len(used)), np.arange(P.shape[1])
+        peak, power = self.peak[used, joints] / sigma, self.slow_power[used, joints] / sigma**2
+        slow = np.maximum(1, np.maximum(peak / USUAL_SLOW_PEAK, np.sqrt(power) / USUAL_SLOW_RMS))
+        noise = np.maximum(1, np.sqrt(self.most_power[used, joints]) / sigma)
+        grown, rest = noise[:, None] * slow[:, None] ** (1 + order / 2), self.rest[used, joints, None, None]
+        return grown[:, :, None] * grown[:, None] * P + rest * (START_FACTOR * P + np.eye(len(order)))

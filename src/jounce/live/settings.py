@@ -1,0 +1,82 @@
+"""What a live estimator is asked for, checked, and what follows from it before the first sample."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from jounce.core.errors import JounceError, quote_value
+from jounce.core.scalars import array_of_shape, asarray, is_finite, is_numeric
+from jounce.model.coordinates import coordinate_units, leading_joints
+from jounce.model.mechanism import Mechanism
+from jounce.model.positions import check_single_screws
+from jounce.motion.units import DEFAULT_MAX_SPEED, MAX_SPEED_TO_LIMIT
+
+BANK = 1.5 ** np.arange(9)  # Hz, from 1 to 25.6: a bandwidth within 25 % of the best is nearly as good
+RATE_COUNT = 5  # q to q4d
+STATES = range(RATE_COUNT, 9)
+MAX_LAG = 1.0  # s, which the kept states span
+KEPT_STATES = 20  # within the lag: Taylor's series from the nearest one is exact to far below its deviation
+MAX_CYCLE_SHARE = 0.25  # of a cycle of the bandwidth, per sample
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """The settings of a live estimator; `omega` are its bandwidths, rad/s, `sigma` the noise (n,), NaN if unknown."""
+
+    mechanism: Mechanism
+    dt: float
+    omega: np.ndarray
+    lag: float
+    states: int
+    sigma: np.ndarray
+    turns: np.ndarray = field(init=False)  # which joints are revolute: their encoders may wrap
+    fastest: np.ndarray = field(init=False)  # beyond which samples are errors, rad/s or m/s
+
+    def __post_init__(self) -> None:
+        m = self.mechanism
+        speed = m.limits.velocity[leading_joints(m)] * MAX_SPEED_TO_LIMIT
+        object.__setattr__(self, "turns", np.array([unit == "rad" for unit in coordinate_units(m)]))
+        object.__setattr__(self, "fastest", np.where(np.isfinite(speed) & (speed > 0), speed, DEFAULT_MAX_SPEED))
+
+    @property
+    def kept(self) -> int:
+        """How many states are kept."""
+        return 2 + int(np.ceil(self.lag / self.spacing - 1e-9)) if self.lag else 1
+
+    @property
+    def spacing(self) -> float:
+        """The spacing of kept states, s."""
+        return max(self.dt, self.lag / KEPT_STATES)
+
+
+def check_settings(m: Mechanism, dt: Any, bandwidth: Any, lag: Any, states: Any, noise: Any) -> Settings:
+    """The settings that a caller gives."""
+    if m.floats or m.closure or not m.is_numeric:
+        raise JounceError(f"live() of {m.name!r}; expected a robot on a fixed base without loops and symbols")
+    check_single_screws(m, "live()")
+    if not is_finite(dt) or not dt > 0:
+        raise JounceError(f"dt is {quote_value(dt)}; expected the spacing of samples in s, above 0")
+    if not is_finite(lag) or not 0 <= lag <= MAX_LAG:
+        raise JounceError(f"lag is {quote_value(lag)}; expected 0 to {MAX_LAG:g} s, which is what the buffer holds")
+    if isinstance(states, bool) or not isinstance(states, int | np.integer) or states not in STATES:
+        raise JounceError(f"states is {quote_value(states)}; expected {STATES[0]} to {STATES[-1]}")
+    highest = MAX_CYCLE_SHARE / float(dt)
+    if bandwidth is None:
+        f = BANK[highest >= BANK]
+    elif is_finite(bandwidth):
+        f = np.array([float(bandwidth)])
+    else:
+        raise JounceError(f"bandwidth is {quote_value(bandwidth)}; expected Hz, or None for a bank of bandwidths")
+    if not len(f) or not 0 < f[0] <= highest:
+        came = f"bandwidth {f[0]:g} Hz" if len(f) else f"the bank from {BANK[0]:g} Hz on"
+        raise JounceError(
+            f"{came} does not fit samples every {float(dt):g} s; expected bandwidth= above 0 to {highest:g} Hz"
+        )
+    sigma = np.full(m.n, np.nan)
+    if noise is not None:
+        given = asarray(noise, "noise")
+        sigma = np.array(np.broadcast_to(given, m.n) if given.ndim == 0 else array_of_shape(given, (m.n,), "noise"))
+        if not is_numeric(sigma) or sigma.ndim != 1 or not (np.isfinite(sigma) & (sigma > 0)).all():
+            raise JounceError(f"noise is {quote_value(noise)}; expected standard deviations above 0, rad or m, or None")
+    return Settings(m, float(dt), 2 * np.pi * f, float(lag), int(states), sigma)
