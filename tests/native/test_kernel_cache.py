@@ -314,7 +314,8 @@ if sys.argv[1] == "warm":
 robot = jounce.load("planar2r")
 print(*(x.hex() for Q in robot.inverse_dynamics(*[[0.1, 0.2]] * 5) for x in Q.tolist()))
 writers = {f"jounce.native.{name}" for name in ("code_forms", "straight", "calls", "lane_transfer")}
-assert sys.modules.keys() & writers == (writers if sys.argv[1] == "cold" else set()), "traced in spite of the cache"
+imported = sys.modules.keys() & writers
+print("traced" if imported == writers else f"imported {imported}" if imported else "read")
 """
 
 
@@ -328,6 +329,9 @@ def test_two_processes_at_once_and_a_third_that_compiles_nothing(folder):
     last = process("warm")
     outputs.append(last.communicate(timeout=60)[0])
     assert [p.returncode for p in (*both, last)] == [0, 0, 0]
-    assert len(set(outputs)) == 1
-    assert len(outputs[0].split()) == 6
+    forces, ways = zip(*(text.splitlines() for text in outputs), strict=True)
+    assert len(set(forces)) == 1
+    assert len(forces[0].split()) == 6
+    assert "traced" in ways[:2]  # both, unless one of them is done when the other looks
+    assert ways[2] == "read"
     assert [x.suffix for x in folder.iterdir()] == [cache.KERNEL_SUFFIX]
