@@ -202,14 +202,14 @@ class DerivativeProducts(ABC, Generic[Results]):
         kernel, given = self._product("hvp", arrays, weights=weights, directions=directions)
         products = kernel(*given, out=out, threads=threads)
         products = products if isinstance(products, tuple) else (products,)
-        if not check_bool("symmetric", symmetric, "whether the mean of both orders of derivatives is the result"):
-            return products
         free = [port for port in self.signature.inputs if port.is_free]
-        along = [given[k] for k in range(-len(free), 0)]
-        for port, gradient, h, d in zip(free, self.vjp(arrays, weights, threads=threads), products, along, strict=True):
-            if port.displacement != port.shape:
-                A = commutator(self.mechanism, port, np.asarray(d, float))
-                h -= 0.5 * (A.mT @ gradient[..., None])[..., 0]
+        displaced = [k for k, port in enumerate(free) if port.displacement != port.shape]
+        about = "whether the mean of both orders of derivatives is the result"
+        if check_bool("symmetric", symmetric, about) and displaced:
+            gradients, along = self.vjp(arrays, weights, threads=threads), given[-len(free) :]
+            for k in displaced:
+                A = commutator(self.mechanism, free[k], np.asarray(along[k], float))
+                products[k][...] -= 0.5 * (A.mT @ gradients[k][..., None])[..., 0]
         return products
 
     def hessian(
