@@ -1,6 +1,6 @@
 """The curves of a report as a figure of plotly: one chart per quantity and unit, one curve per joint, one time axis."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -183,9 +183,14 @@ def _uncertain_ends(s: ReportData, quantity: ReportQuantity, axis: str) -> list[
     """Grey areas where a quantity lies in uncertain ends of samples."""
     start, stop = quantity.window or (s.motion.start, s.motion.stop)
     ends = [span for span in ((s.motion.start, start), (stop, s.motion.stop)) if span[0] < span[1]]
-    look = {"type": "rect", "xref": "x", "yref": f"{axis} domain", "y0": 0, "y1": 1, "layer": "below"}
+    return shade_spans(ends, f"{axis} domain")
+
+
+def shade_spans(spans: Iterable[tuple[float, float]], height: str) -> list[dict[str, Any]]:
+    """Grey areas between times, as high as plotly's `height` says."""
+    look = {"type": "rect", "xref": "x", "yref": height, "y0": 0, "y1": 1, "layer": "below"}
     look |= {"fillcolor": "#888888", "opacity": 0.25, "line": {"width": 0}}
-    return [look | {"x0": first, "x1": last} for first, last in ends]
+    return [look | {"x0": first, "x1": last} for first, last in spans]
 
 
 def raise_powers(unit: str) -> str:

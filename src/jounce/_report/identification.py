@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from jounce._report.array_text import pack_array, pack_times
-from jounce._report.curves import raise_powers
+from jounce._report.curves import raise_powers, shade_spans
 from jounce.core.version import __version__
 from jounce.figures.canvas import COLOURS, INK
 from jounce.figures.panels import thin_points
@@ -58,8 +58,6 @@ def _figures(found: Identification[Any], log: IdentifiedLog, j: int, unit: str, 
         for what, values in {"measured": forces["measured"], **left}.items()
         for f, density in [_spectrum(t, values)]
     ]
-    shade = {"type": "rect", "yref": "paper", "y0": 0, "y1": 1, "layer": "below", "fillcolor": "#888888"}
-    shade |= {"opacity": 0.25, "line": {"width": 0}}
     grid = {"gridcolor": "#e6e6e6", "zeroline": False, "linecolor": INK, "ticks": "outside"}
     look = {
         "height": 330, "margin": {"l": 56, "r": 10, "t": 24, "b": 40}, "showlegend": False, "hovermode": "x",
@@ -70,7 +68,7 @@ def _figures(found: Identification[Any], log: IdentifiedLog, j: int, unit: str, 
         "xaxis": grid | {"title": {"text": "t [s]"}, "anchor": "y2", "range": [float(t[0]), float(t[-1])]},
         "yaxis": grid | {"domain": [0.42, 1]}, "yaxis2": grid | {"domain": [0, 0.33]},
         "annotations": [_title(f"force [{unit}]", 1), _title(f"measured less computed [{unit}]", 0.33)],
-        "shapes": [shade | {"x0": start, "x1": stop} for start, stop in unused_spans(log, t)],
+        "shapes": shade_spans(unused_spans(log, t), "paper"),
     }  # fmt: skip
     band = {"type": "line", "yref": "paper", "y0": 0, "y1": 1, "x0": log.band, "x1": log.band}
     frequencies = look | {

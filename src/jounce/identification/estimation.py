@@ -76,9 +76,8 @@ def identify(
     notes = [*twin_notes(logs), *warned, *differ, *_undetermined_notes(table, solution.rank)]
     for text in notes:
         warn(text)
-    estimate, information = joined.model_parameters, np.zeros(2 * joined.model_parameters.shape)
-    estimate[joined.places] += solution.x
-    x = estimate[joined.places]
+    estimate = joined.corrected_parameters(solution.x)
+    information, x = np.zeros(2 * estimate.shape), estimate[joined.places]
     information[np.ix_(joined.places, joined.places)] = solution.information
     weight = float(prior) ** -2
     m = joined.robot.mechanism

@@ -80,6 +80,12 @@ class IdentificationProblem:
         ]
         return np.concatenate([self.base.values, *drives])
 
+    def corrected_parameters(self, x: np.ndarray) -> np.ndarray:
+        """The parameters of the model with corrections x of those that are sought."""
+        parameters = self.model_parameters
+        parameters[self.places] += x
+        return parameters
+
     def predict(self, parameters: np.ndarray, drives: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Forces (2, N, nv): of a robot with other inertial parameters and drive terms, and of corrections x alone."""
         drives = drives - self.model_parameters[self.base.count :]

@@ -132,8 +132,7 @@ def _unexplained(posed: IdentificationProblem, fit: Regression) -> list[str]:
     """What is said of torques of a log that no parameters explain."""
     base, parameters = posed.base, np.array(inertial_parameters(posed.robot.mechanism))
     parameters[base.columns] += fit.x[: base.count]
-    estimate = posed.model_parameters
-    estimate[posed.places] += fit.x
+    estimate = posed.corrected_parameters(fit.x)
     rows = force_residuals(posed, posed.predict(parameters, estimate[base.count :], fit.x), fit.motion_errors)
     left = unexplained_warnings(posed, rows, estimate[posed.places])
     return unmodelled_warnings(posed, fit, "inverse_dynamics") + left

@@ -1,6 +1,7 @@
 """What a live estimator is asked for, checked, and what follows from it before the first sample."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -30,14 +31,17 @@ class Settings:
     lag: float
     states: int
     sigma: np.ndarray
-    turns: np.ndarray = field(init=False)  # which joints are revolute: their encoders may wrap
-    fastest: np.ndarray = field(init=False)  # beyond which samples are errors, rad/s or m/s
 
-    def __post_init__(self) -> None:
-        m = self.mechanism
-        speed = m.limits.velocity[leading_joints(m)] * MAX_SPEED_TO_LIMIT
-        object.__setattr__(self, "turns", np.array([unit == "rad" for unit in coordinate_units(m)]))
-        object.__setattr__(self, "fastest", np.where(np.isfinite(speed) & (speed > 0), speed, DEFAULT_MAX_SPEED))
+    @cached_property
+    def turns(self) -> np.ndarray:
+        """Which joints (n,) are revolute: their encoders may wrap."""
+        return np.array([unit == "rad" for unit in coordinate_units(self.mechanism)])
+
+    @cached_property
+    def fastest(self) -> np.ndarray:
+        """The speed of each joint (n,) beyond which samples are errors, rad/s or m/s."""
+        speed = self.mechanism.limits.velocity[leading_joints(self.mechanism)] * MAX_SPEED_TO_LIMIT
+        return np.where(np.isfinite(speed) & (speed > 0), speed, DEFAULT_MAX_SPEED)
 
     @property
     def kept(self) -> int:

@@ -15,6 +15,7 @@ from jounce.core.typing import Product
 from jounce.dynamics.computation import Computation, Port
 from jounce.engine.backends import compile_ahead
 from jounce.engine.engine import Engine
+from jounce.engine.generic_methods import as_tuple
 from jounce.model.mechanism import Mechanism
 
 
@@ -36,8 +37,7 @@ def native_function(mechanism: Mechanism, computation: Computation, points: int)
 
     def run(product: Product | None, columns: Columns, weights: Columns = ()) -> Sequence[Array]:
         kernel = compile_ahead(robot, replace(computation, product=product))
-        found = kernel(*map(from_columns, inputs, columns), *map(from_columns, outputs, weights))
-        return found if isinstance(found, tuple) else (found,)
+        return as_tuple(kernel(*map(from_columns, inputs, columns), *map(from_columns, outputs, weights)))
 
     def values(columns: Columns) -> Iterator[Array]:
         return map(to_columns, outputs, run(None, columns))
