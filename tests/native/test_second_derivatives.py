@@ -230,3 +230,14 @@ def test_operations_of_the_panda_are_as_measured(product, order, most):
     arm = jounce.load("panda", lock=dict.fromkeys(arm.joint_names[7:], 0.0))
     program = code_forms.trace_program(arm.mechanism, Computation("inverse_dynamics", order, product=product))
     assert code_forms.fuse(program).operations <= most
+
+
+@pytest.mark.parametrize("quantity", ["gravity_forces", "potential_energy", "center_of_mass", "mass_matrix"])
+def test_the_hessian_is_the_second_rate_along_a_straight_motion(quantity):
+    """Jets by the series of the recursion: d2f/dt2 = d . H d of f(q + t d), which depends on q alone."""
+    robot = jounce.load("iiwa14")
+    q, d = np.random.default_rng(1).uniform(-1, 1, (2, 7))
+    second = getattr(robot, quantity)(q, d, 0 * d, method="recursion")[2]
+    w = np.random.default_rng(2).uniform(-1, 1, np.shape(second))
+    H = robot.compile(quantity, order=0).hessian((q,), w)["q", "q"]
+    assert d @ H @ d == pytest.approx((w * second).sum(), rel=1e-13, abs=1e-13 * np.abs(H).max())
