@@ -11,15 +11,20 @@ from jounce.arguments.rates import convert_coordinates, convert_position, conver
 from jounce.core.errors import JounceError, check_choice, join_names, quote_value
 from jounce.core.scalars import array_of_shape, broadcast, common_batch_shape, concatenate, is_numeric
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.io.models.states import mujoco, pinocchio
 from jounce.io.models.states.free_joint import check_unit, force_from, force_to, motion_from, put_motion
-from jounce.io.models.states.layout import JointPlace, ModelLayout, match_joints
+from jounce.io.models.states.layout import (
+    JointPlace,
+    ModelLayout,
+    match_joints,
+    read_mujoco_layout,
+    read_pinocchio_layout,
+)
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import position_count, single_positions
 from jounce.spatial.groups import FREE
 from jounce.spatial.series import rate_name
 
-LAYOUTS = {"pinocchio": pinocchio.read_layout, "mujoco": mujoco.read_layout}  # of a model, by library
+LAYOUTS = {"pinocchio": read_pinocchio_layout, "mujoco": read_mujoco_layout}  # of a model, by library
 FOLLOWER_TOLERANCE = 1e-2  # rad or m: MuJoCo's constraints are soft, so that a joint leaves what it follows
 
 

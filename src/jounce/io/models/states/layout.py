@@ -2,13 +2,20 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from jounce.core.errors import JounceError, join_names, quote_value, unknown_name_error
+from jounce.io.models.mujoco.arrays import read_arrays
+from jounce.io.models.mujoco.joints import FREE_JOINT_TYPE, moves_along_one_screw
+from jounce.io.models.pinocchio import FREE_FLYER, check_model, moved_bodies, split_joint
+from jounce.model import tree
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import list_multiscrew_joints, whole_position_count
-from jounce.spatial.groups import Group
+from jounce.spatial.groups import BALL, FREE, Group
+
+BASE_FRAME_TYPES = ("BODY", "OP_FRAME", "SENSOR", "JOINT")  # frames that may be the base
 
 
 @dataclass(frozen=True)
@@ -112,3 +119,70 @@ def _carrier_of_base(mechanism: Mechanism, layout: ModelLayout) -> FreeJointPlac
     some = join_names(name for joint in layout.free.values() for name in joint.moved) or "none"
     came = f"no floating joint moves {quote_value(base)}, the base of {quote_value(mechanism.name)}"
     raise JounceError(f"{layout.what}: {came}; links on floating joints: {some}")
+
+
+def read_mujoco_layout(model: Any) -> ModelLayout:
+    """Where a MuJoCo model has its joints in qpos and qvel."""
+    m = read_arrays(model, None, "model=")
+    beyond = [{name} for name in m.bodies]
+    for site, body in zip(m.sites, m["site_bodyid"], strict=True):
+        beyond[body] |= {site} - {""}
+    of_body = [m.joints[j : j + k] for j, k in zip(m["body_jntadr"], m["body_jntnum"], strict=True)]
+    for i in reversed(range(1, len(m.bodies))):
+        beyond[m["body_parentid"][i]] |= beyond[i] | {*of_body[i]}
+    places: dict[str, JointPlace] = {}
+    free: dict[str, FreeJointPlace] = {}
+    carries: dict[str, frozenset[str]] = {}
+    for i, names in enumerate(of_body):
+        for j, name in enumerate(names, start=m["body_jntadr"][i]):
+            q, v = int(m["jnt_qposadr"][j]), int(m["jnt_dofadr"][j])
+            carries[name] = frozenset(beyond[i])
+            if moves_along_one_screw(m, j):
+                places[name] = JointPlace(q, v)
+            elif m["jnt_type"][j] == FREE_JOINT_TYPE:
+                at, rates = q + np.array([0, 1, 2, 4, 5, 6, 3]), v + np.array([3, 4, 5, 0, 1, 2])
+                free[name] = FreeJointPlace(name, FREE, at, rates, in_world=True, moved={m.bodies[i]: np.eye(4)})
+            else:
+                free[name] = FreeJointPlace(name, BALL, q + np.array([1, 2, 3, 0]), v + np.arange(3))
+    rest = np.array(m["qpos0"], dtype=float)
+    sizes = len(rest), int(model.nv)
+    return ModelLayout(m.place, ("qpos", "qvel", "qacc", "qfrc"), *sizes, rest, places, free, carries)
+
+
+def read_pinocchio_layout(model: Any) -> ModelLayout:
+    """Where a Pinocchio model has its joints in q and v."""
+    check_model(model, "model=")
+    joints, bodies = list(model.joints), moved_bodies(model)
+    rest = np.zeros(model.nq)
+    places: dict[str, JointPlace] = {}
+    free: dict[str, FreeJointPlace] = {}
+    beyond: list[set[str]] = [set() for _ in joints]
+    own: list[list[str]] = [[] for _ in joints]
+    for i, joint in enumerate(joints[1:], start=1):
+        parts = split_joint(joint, model.names[i])
+        own[i] = [part.name for part in parts] or [model.names[i]]
+        for part in parts:
+            q, v = joint.idx_q + part.q, joint.idx_v + part.v
+            if part.kind is None:
+                places[part.name] = JointPlace(q, v, part.turns)
+                rest[q] = part.turns
+                continue
+            group, moved, ground = tree.FREE_JOINT_GROUPS[part.kind], {}, np.eye(4)
+            rest[q] = group.resting
+            if joint.shortname() == FREE_FLYER:
+                moved = {f.name: f.placement.homogeneous for f in model.frames if f.parentJoint == i and _is_body(f)}
+                moved, ground = moved | {bodies[i]: np.eye(4)}, model.jointPlacements[i].homogeneous
+            free[part.name] = FreeJointPlace(part.name, group, q, v, ground=ground, moved=moved)
+    for frame in model.frames:
+        if _is_body(frame):
+            beyond[frame.parentJoint].add(frame.name)
+    for i in reversed(range(1, len(joints))):
+        beyond[i] |= {bodies[i]}
+        beyond[model.parents[i]] |= beyond[i] | {*own[i]}
+    carries = {name: frozenset(beyond[i]) for i in range(1, len(joints)) for name in own[i] if joints[i].nv}
+    what = f"model {model.name or 'robot'!r}"
+    return ModelLayout(what, ("q", "v", "a", "tau"), model.nq, model.nv, rest, places, free, carries)
+
+
+def _is_body(frame: Any) -> bool:
+    return frame.type.name in BASE_FRAME_TYPES
