@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 
 import jounce
 from jounce.checks.audit import SEVERITIES, Finding, audit
-from jounce.checks.audit.mobility import check_singular
-from jounce.checks.audit.names import check_formulas
+from jounce.checks.audit.inertias import check_singular
+from jounce.checks.audit.limits import check_formulas
 from jounce.checks.description import describe
 from jounce.cli import main
 from jounce.model.mechanism import Mechanism

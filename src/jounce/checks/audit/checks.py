@@ -5,10 +5,15 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from jounce.checks.audit.finding import SEVERITIES, Finding
-from jounce.checks.audit.inertias import check_inertias, check_placeholders, check_point_masses, check_unit_masses
-from jounce.checks.audit.limits import check_axes, check_degrees, check_stated_limits
-from jounce.checks.audit.mobility import check_massless, check_singular
-from jounce.checks.audit.names import check_formulas
+from jounce.checks.audit.inertias import (
+    check_inertias,
+    check_massless,
+    check_placeholders,
+    check_point_masses,
+    check_singular,
+    check_unit_masses,
+)
+from jounce.checks.audit.limits import check_axes, check_degrees, check_formulas, check_stated_limits
 from jounce.checks.audit.units import check_densities, check_gravity, check_masses, check_sizes
 from jounce.core.errors import JounceError
 from jounce.model.mechanism import Mechanism

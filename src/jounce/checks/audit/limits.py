@@ -1,4 +1,4 @@
-"""Limits and axes that a file leaves out, and limits in degrees."""
+"""What a file states of joints: limits and axes that it leaves out, limits in degrees, and names that are formulas."""
 
 from collections.abc import Iterator
 
@@ -10,6 +10,7 @@ from jounce.model.limit_kinds import kind_units
 from jounce.model.mechanism import Mechanism, single_variables
 
 _MAX_DEGREES = 720.0  # two turns: a larger position limit stands for no limit rather than for degrees
+FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")  # of cells that spreadsheets take for formulas
 
 
 def check_stated_limits(mechanism: Mechanism) -> Iterator[Finding]:
@@ -77,3 +78,23 @@ def check_axes(mechanism: Mechanism) -> Iterator[Finding]:
         text="the file states no <axis>: the axis is the format's default, 1 0 0",
         advice='state it: <axis xyz="1 0 0"/>',
     )
+
+
+def check_formulas(mechanism: Mechanism) -> list[Finding]:
+    """Names of joints and links that a spreadsheet computes: they are heads of columns, and cells of tables."""
+    joints = tuple(name for name in mechanism.joints if name.startswith(FORMULA_STARTS))
+    links = tuple(name for name in mechanism.frame_names if name.startswith(FORMULA_STARTS))
+    return [
+        Finding(
+            severity="warning",
+            kind="name",
+            bodies=() if of == "joints" else names,
+            joints=names if of == "joints" else (),
+            number=float(len(names)),
+            unit=of,
+            text=f"the name begins with {names[0][0]!r}: spreadsheets that open a CSV table execute it as a formula",
+            advice="rename it in the file, or import tables as text",
+        )
+        for of, names in (("joints", joints), ("links", links))
+        if names
+    ]
