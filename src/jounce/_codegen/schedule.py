@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from jounce.program.operations import FUNCTION_KINDS, LEAVES
-from jounce.program.program import Program, topological_order
+from jounce.program.program import Program, reuse_places, topological_order
 
 MAX_STATEMENT_OPERATIONS = 5  # so that statements stay short
 MAX_UNDIVIDED_STATEMENTS = 3000  # of one function: compilers take a second
@@ -104,23 +104,13 @@ def _statements(program: Program) -> dict[int, None]:
 def _slots(program: Program, stated: Mapping[int, None], parts: Sequence[tuple[int, ...]]) -> dict[int, int]:
     """Assign scratch memory slots to the values that later parts or outputs use; slots are reused."""
     part_of = {i: k for k, part in enumerate(parts) for i in part}
-    statements = [i for part in parts for i in part]
-    reads = [{j for j in _leaves(i, program, stated) if j in stated} for i in statements]
-    last = {j: place for place, found in enumerate(reads) for j in found}
-    last |= {i: len(statements) for i in program.outputs if i in stated}
-    crossing = {j for i, found in zip(statements, reads, strict=True) for j in found if part_of[j] != part_of[i]}
-    crossing |= {i for i in program.outputs if i in stated}
-    slots: dict[int, int] = {}
-    free: list[int] = []
-    made = 0
-    for place, i in enumerate(statements):  # free the slots that are read here for the last time, then take one
-        free += sorted({slots[j] for j in reads[place] if j in crossing and last[j] == place}, reverse=True)
-        if i in crossing:
-            if not free:
-                free.append(made)
-                made += 1
-            slots[i] = free.pop()
-    return slots
+    place = {i: k for k, i in enumerate(part_of)}
+    reads = [(i, j) for i in part_of for j in _leaves(i, program, stated) if j in stated]
+    outputs = [i for i in program.outputs if i in stated]
+    last = {j: place[i] for i, j in reads} | dict.fromkeys(outputs, len(place))
+    crossing = {j for i, j in reads if part_of[j] != part_of[i]}.union(outputs)
+    spans = {i: (place[i], last[i] - 1) for i in part_of if i in crossing}  # the last reader may take the slot
+    return dict(zip(spans, reuse_places(spans.values()), strict=True))
 
 
 def _leaves(i: int, program: Program, stated: Container[int]) -> set[int]:

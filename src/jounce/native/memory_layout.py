@@ -15,7 +15,8 @@ from jounce.model.equivalent_mechanisms import minimal_mechanism
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import multiscrew_joints
 from jounce.native.column_layout import column_layout
-from jounce.native.vector_layout import VectorLayout, carriers, reuse_places
+from jounce.native.vector_layout import VectorLayout, carriers
+from jounce.program.program import reuse_places
 
 MAX_STRAIGHT_SIZE = 400  # bodies times (order + 1)^2, as operations of forces grow: longer code leaves the caches
 MAX_STRAIGHT_NUMBERS = 1250  # of a robot, times order + 4/3 as operations of accelerations grow: more compile for 3 s

@@ -16,9 +16,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count, pairwise
 
-from jounce.native.vector_layout import reuse_places
 from jounce.program.operations import LEAVES, OPERATIONS, VectorFunction
-from jounce.program.program import Program, topological_order
+from jounce.program.program import Program, reuse_places, topological_order
 
 MAX_WHOLE_STEPS = {16: 300, 32: 8000}  # by registers; with 32, cuts gain nothing but LLVM's time for long functions
 PIECE_STEPS = 150  # 150 to 250 were alike, 60 and 500 slower

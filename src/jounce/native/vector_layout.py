@@ -1,8 +1,6 @@
-"""Where vectors are in scratch memory: parts one behind the other, and places that are used again."""
+"""Where vectors are in scratch memory: parts one behind the other."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
-from heapq import heappop, heappush
 from itertools import accumulate
 
 from jounce.model.mechanism import Mechanism
@@ -37,20 +35,3 @@ class VectorLayout:
 def carriers(mechanism: Mechanism) -> list[int]:
     """The joint on which each joint hangs; -1 is the ground, or the base that moves in its place."""
     return [mechanism.parent[i] - mechanism.floats if mechanism.parent[i] >= 0 else -1 for i in mechanism.owners]
-
-
-def reuse_places(spans: Iterable[tuple[int, int]]) -> list[int]:
-    """Assign places to values that are kept from a first time to a last; they come in the order of the first.
-
-    This is linear-scan register allocation without spilling: the lowest free place, or a new one without any. No other
-    assignment needs fewer places.
-    """
-    places, free, taken, count = list[int](), list[int](), list[tuple[int, int]](), 0
-    for first, last in spans:
-        while taken and taken[0][0] < first:
-            heappush(free, heappop(taken)[1])
-        if not free:
-            free, count = [count], count + 1
-        places.append(heappop(free))
-        heappush(taken, (last, places[-1]))
-    return places

@@ -1,8 +1,9 @@
 """Programs: scalar operations in an order in which they can be done, from inputs to outputs."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from heapq import heappop, heappush
 from typing import Any, NamedTuple
 
 from jounce.program.operations import FREE_KINDS, OPERATIONS
@@ -77,3 +78,20 @@ def topological_order(roots: Sequence[int], operands: Callable[[int], Sequence[i
             stack.append(~i)
             stack.extend(reversed(operands(i)))
     return order
+
+
+def reuse_places(spans: Iterable[tuple[int, int]]) -> list[int]:
+    """Assign places to values that are kept from a first time to a last; they come in the order of the first.
+
+    This is linear-scan register allocation without spilling: the lowest free place, or a new one without any. No other
+    assignment needs fewer places.
+    """
+    places, free, taken, count = list[int](), list[int](), list[tuple[int, int]](), 0
+    for first, last in spans:
+        while taken and taken[0][0] < first:
+            heappush(free, heappop(taken)[1])
+        if not free:
+            free, count = [count], count + 1
+        places.append(heappop(free))
+        heappush(taken, (last, places[-1]))
+    return places
