@@ -55,8 +55,7 @@ def _law_magnitudes(mechanism: Mechanism, computation: Computation, arrays: Sequ
 def _acceleration_magnitudes(
     mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]
 ) -> tuple[np.ndarray, ...]:
-    accelerations = compute_by_method(computation, "recursion", mechanism, arrays)
-    moving = _with_accelerations(mechanism, computation, arrays, accelerations)
+    moving = _with_accelerations(mechanism, computation, arrays)
     forces = magnitudes(mechanism, replace(computation, name=DEFAULT_QUANTITY.name), moving)
     squares = _square_inverse(mechanism, arrays)
     return tuple(np.sqrt((squares @ np.square(Q)[..., None])[..., 0]) for Q in forces)
@@ -65,8 +64,7 @@ def _acceleration_magnitudes(
 def _forward_partial_magnitudes(
     mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]
 ) -> tuple[np.ndarray, ...]:
-    q2d = compute_by_method(replace(computation, name="forward_dynamics"), "recursion", mechanism, arrays)
-    moving = _with_accelerations(mechanism, computation, arrays, q2d)
+    moving = _with_accelerations(mechanism, computation, arrays)
     (P,) = magnitudes(mechanism, replace(computation, name="inverse_dynamics_partials"), moving)
     squares = _square_inverse(mechanism, arrays)[..., None, :, :]
     by = squares @ np.square(P)
@@ -88,8 +86,7 @@ def _second_partial_magnitudes(
 def _second_forward_magnitudes(
     mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]
 ) -> tuple[np.ndarray, ...]:
-    q2d = compute_by_method(replace(computation, name="forward_dynamics"), "recursion", mechanism, arrays)
-    moving = _with_accelerations(mechanism, computation, arrays, q2d)
+    moving = _with_accelerations(mechanism, computation, arrays)
     of_forces = magnitudes(mechanism, replace(computation, name="inverse_dynamics_second_partials"), moving)
     first = _forward_partial_magnitudes(mechanism, replace(computation, name="forward_dynamics_partials"), arrays)
     squares = ([np.square(x) for x in terms] for terms in (first, of_forces))
@@ -124,13 +121,12 @@ def _motor_magnitudes(
     return np.sqrt(squares[..., 0]), np.sqrt(theta2d.square[..., 0])
 
 
-def _with_accelerations(
-    mechanism: Mechanism, computation: Computation, arrays: Sequence[Array], found: Sequence[Array]
-) -> list[Array]:
+def _with_accelerations(mechanism: Mechanism, computation: Computation, arrays: Sequence[Array]) -> list[Array]:
     """The arrays that forces take, from those of forward dynamics: accelerations in the place of forces.
 
     Those of a floating base follow the twist of the base.
     """
+    found = compute_by_method(replace(computation, name="forward_dynamics"), "recursion", mechanism, arrays)
     own, first = computation.quantity.coordinate_inputs(computation.rates), mechanism.nv - mechanism.n
     of_base = [x[..., :first] for x in found] if first else []
     loads, dependent = _split_dependent(mechanism, arrays[computation.rates :])
