@@ -59,7 +59,6 @@ class AnalyticCurve(SmoothCurve):
 
     @property
     def columns(self) -> int:
-        """The number of coordinates."""
         return len(self.terms)
 
     @property
@@ -68,7 +67,6 @@ class AnalyticCurve(SmoothCurve):
 
     @np.errstate(over="ignore", invalid="ignore")  # whoever asks refuses what is not finite
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        """The values and their derivatives up to `order`."""
         return [np.stack([terms.rate(t, k) for terms in self.terms], axis=1) for k in range(order + 1)]
 
 
@@ -83,11 +81,9 @@ class ExponentialCurve(DerivedCurve, SmoothCurve):
 
     @property
     def columns(self) -> int:
-        """The number of coordinates."""
         return self.base.columns + len(self.turns)
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        """The values and their derivatives up to `order`."""
         rates = self.base.rates(t, order, left)
         turned = [_exponentiate([rate[:, place] for rate in rates]) for place in self.turns]
         parts = (with_blocks(rate.T, self.turns, [Q[k].T for Q in turned]) for k, rate in enumerate(rates))

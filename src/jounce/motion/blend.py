@@ -40,7 +40,6 @@ class Blend(DerivedCurve):
     windows: tuple[BlendWindows | None, ...]
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        """The values and their derivatives up to `order`."""
         found = [rate.copy() for rate in self.base.rates(t, order, left)]
         for j, windows in enumerate(self.windows):
             if windows is None:

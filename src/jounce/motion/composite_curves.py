@@ -20,28 +20,23 @@ class RetimedCurve(DerivedCurve):
     place: float
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        """The values and their derivatives up to `order`."""
         found = self.base.rates(self.inner_at_jumps(t, order), order, left)
         return [rate / self.factor**k for k, rate in enumerate(found)]
 
     def jumps(self, order: int) -> list[Jump]:
-        """Where a derivative up to `order` jumps."""
         found = self.base.jumps(order)
         times = self.outer(np.array([jump.t for jump in found])).tolist()
         sizes = (jump.size / self.factor**jump.order for jump in found)
         return [jump._replace(t=t, size=size) for jump, t, size in zip(found, times, sizes, strict=True)]
 
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
-        """The standard deviations of the values and derivatives."""
         found = self.base.deviations(self.inner(t), order)
         return None if found is None else [rate / self.factor**k for k, rate in enumerate(found)]
 
     def outer(self, t: np.ndarray) -> np.ndarray:
-        """The times at which the curve is where `base` is at t."""
         return self.place + (t - self.origin) * self.factor
 
     def inner(self, t: np.ndarray) -> np.ndarray:
-        """The times at which `base` is where the curve is at t."""
         return (self.origin + (t - self.place) / self.factor).clip(self.base.start, self.base.stop)
 
 
@@ -57,11 +52,9 @@ class CurvePart(DerivedCurve):
         return t.clip(self.first, self.last)
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        """The values and their derivatives up to `order`."""
         return self.base.rates(t, order, left)
 
     def jumps(self, order: int) -> list[Jump]:
-        """Where a derivative up to `order` jumps."""
         return [jump for jump in self.base.jumps(order) if self.first < jump.t < self.last]
 
 
@@ -73,17 +66,14 @@ class CurveChain:
 
     @property
     def start(self) -> float:
-        """The start time, s."""
         return self.links[0].start
 
     @property
     def stop(self) -> float:
-        """The end time, s."""
         return self.links[-1].stop
 
     @property
     def columns(self) -> int:
-        """The number of coordinates."""
         return self.links[0].columns
 
     @property
@@ -92,7 +82,6 @@ class CurveChain:
         return min((link.highest for link in self.links if link.highest is not None), default=None)
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        """The values and their derivatives up to `order`."""
         found = np.empty((order + 1, len(t), self.columns))
         for at, link in self._shares(t, left):
             found[:, at] = link.rates(t[at], order, left)

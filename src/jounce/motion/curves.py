@@ -72,26 +72,21 @@ class DerivedCurve:
 
     @property
     def start(self) -> float:
-        """The start time, s."""
         return float(self.outer(np.array([self.base.start]))[0])
 
     @property
     def stop(self) -> float:
-        """The end time, s."""
         return float(self.outer(np.array([self.base.stop]))[0])
 
     @property
     def columns(self) -> int:
-        """The number of coordinates."""
         return self.base.columns
 
     @property
     def highest(self) -> int | None:
-        """The order of the last derivative that is known."""
         return self.base.highest
 
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
-        """The standard deviations of the values and derivatives."""
         return self.base.deviations(t, order)
 
     def inner(self, t: np.ndarray) -> np.ndarray:
@@ -125,22 +120,18 @@ class ArrangedCurve(DerivedCurve):
 
     @property
     def columns(self) -> int:
-        """The number of coordinates."""
         return len(self.order)
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        """The values and their derivatives up to `order`."""
         return [self._arranged(rate) * self.factors for rate in self.base.rates(t, order, left)]
 
     def jumps(self, order: int) -> list[Jump]:
-        """Where a derivative up to `order` jumps."""
         factors = np.broadcast_to(self.factors, len(self.order)).tolist()
         place = {int(j): i for i, j in enumerate(self.order)}
         found = ((jump, place[jump.column]) for jump in self.base.jumps(order) if jump.column in place)
         return sorted(jump._replace(column=i, size=jump.size * factors[i]) for jump, i in found)
 
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
-        """The standard deviations of the values and derivatives."""
         found = self.base.deviations(t, order)
         return None if found is None else [self._arranged(rate) * np.abs(self.factors) for rate in found]
 
@@ -184,21 +175,17 @@ class Polynomials(SmoothCurve):
 
     @property
     def start(self) -> float:
-        """The start time, s."""
         return float(self.x[0])
 
     @property
     def stop(self) -> float:
-        """The end time, s."""
         return float(self.x[-1])
 
     @property
     def columns(self) -> int:
-        """The number of coordinates."""
         return self.c.shape[2]
 
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        """The values (N, columns) and their derivatives up to `order`."""
         piece = (np.searchsorted(self.x, t, side="left" if left else "right") - 1).clip(0, len(self.x) - 2)
         return evaluate_powers(self.c[:, piece], (t - self.x[piece])[:, None], order)
 

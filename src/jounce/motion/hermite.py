@@ -52,17 +52,14 @@ class HermiteCurve(SmoothCurve):
 
     @property
     def start(self) -> float:
-        """The start time, s."""
         return float(self.t[0])
 
     @property
     def stop(self) -> float:
-        """The end time, s."""
         return float(self.t[-1])
 
     @property
     def columns(self) -> int:
-        """The number of coordinates."""
         return self.rows[0].shape[1]
 
     @property

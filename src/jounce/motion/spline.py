@@ -84,7 +84,6 @@ class SplineCurve(SmoothCurve):
 
     @property
     def columns(self) -> int:
-        """The number of coordinates."""
         return self.spline.c.shape[1]
 
     @property
@@ -94,7 +93,6 @@ class SplineCurve(SmoothCurve):
 
     @np.errstate(over="ignore", invalid="ignore")  # whoever asks refuses what is not finite
     def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        """The values and their derivatives up to `order`."""
         return [self.spline(t, nu=k) for k in range(order + 1)]
 
 

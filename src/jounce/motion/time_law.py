@@ -120,12 +120,10 @@ class TimeLawCurve(DerivedCurve):
 
     @property
     def start(self) -> float:
-        """Where it begins, s."""
         return self.law.start
 
     @property
     def stop(self) -> float:
-        """Where it ends, s."""
         return self.law.stop
 
     @property
@@ -166,11 +164,9 @@ class TimeLawCurve(DerivedCurve):
         return np.union1d(self.law.kinks, super().inner_jumps(order))
 
     def inner(self, t: np.ndarray) -> np.ndarray:
-        """The times at which `base` is where the curve is at t."""
         return self.law.sigma(t)
 
     def outer(self, t: np.ndarray) -> np.ndarray:
-        """The times at which the curve is where `base` is at t."""
         return self.law.times(t)
 
     def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
