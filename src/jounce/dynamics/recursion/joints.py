@@ -127,15 +127,12 @@ class FreeJoint(MovingJoint):
 
     @property
     def motion(self) -> Series:
-        """T with its rates."""
         return from_rate(self.T, lambda T: T @ self._generator(self.X_hat))
 
     def screw_rate(self, V: Series) -> Series:
-        """S' = ad(V) S, (..., 6, k)."""
         return V.map(lambda V: -(self.ad_X @ V[..., None, :, :])[..., 0].mT)
 
     def cross(self, W: Series) -> Series:
-        """S x W, (..., 6, k)."""
         return W.map(lambda W: -(self.ad_X.mT @ W[..., None, :, :])[..., 0].mT)
 
     def _generator(self, L: Array) -> Series:

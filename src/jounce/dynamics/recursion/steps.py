@@ -122,16 +122,13 @@ class FreeAlignedJoint:
     v: Series
 
     def to_body(self, x: Series) -> Series:
-        """Body coordinates of vectors given in the parent's."""
         x, hat_w = self.R.T @ x, self.w.map(_hat)
         return from_rates(lambda k: self.turn.mT @ x[k], lambda y: -(hat_w @ y))
 
     def to_parent(self, x: Series) -> Series:
-        """Parent's coordinates of vectors given in the body's."""
         return self.R @ _turn_back(self.turn, self.w, x)
 
     def turned(self, w: Series) -> Series:
-        """The angular velocity of the body from that of the parent, in body coordinates."""
         return w + self.w
 
     def slid(self, a: Series, carried: Series, hat_w: Series, K: Series) -> Series:
@@ -139,7 +136,6 @@ class FreeAlignedJoint:
         return a + self.v.dot + 2 * (carried.map(_hat) @ self.v) + self.w.map(_hat) @ self.v
 
     def slid_velocity(self, v: Series, hat_w: Series) -> Series:
-        """The same of velocities."""
         return v + self.v
 
     def force(self, force: BodyForce) -> Series:
@@ -147,12 +143,10 @@ class FreeAlignedJoint:
         return self.X[:3].T @ force.n + self.X[3:].T @ force.f
 
     def inward(self, force: BodyForce) -> BodyForce:
-        """Transport the force on a body to its parent."""
         f = self.to_parent(force.f)
         return BodyForce(f, self.to_parent(force.n) + self.r.map(_hat) @ f)
 
     def lowered(self, field: Series, work: Series) -> tuple[Series, Series]:
-        """g and g . r of a body from those of its parent."""
         return self.to_body(field), work + self.r.mT @ field
 
 
