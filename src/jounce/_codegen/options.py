@@ -104,7 +104,6 @@ def _computations(
 
 
 def _check_product(asked: Computation, target: Language) -> None:
-    """Raise `JounceError` for products that are not generated."""
     if target.name == "latex":
         raise JounceError(f"{asked.spelling} is not written as equations; expected a quantity, or another language")
     if asked.product not in FIRST_PRODUCTS:

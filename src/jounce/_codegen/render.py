@@ -78,7 +78,6 @@ def _templates(options: CodegenOptions) -> dict[str, tuple[str, str]]:
 
 
 def _context(options: CodegenOptions, functions: Sequence[Function], tests: Sequence[Vectors]) -> dict[str, Any]:
-    """Return the variables of the templates."""
     robot, mechanism, single = options.robot, options.robot.origin, options.single
     known = all(name in robot.own and robot.own[name].dtype != object for name in robot.shapes)  # all have numbers
     used = {"sin", "cos"} | {step.kind for function in functions for step in function.program.steps}

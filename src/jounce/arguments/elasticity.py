@@ -160,7 +160,6 @@ def _with_motors(mechanism: Mechanism, e: Elasticity, rotor: object) -> Elastici
 
 
 def _with_dampers(mechanism: Mechanism, e: Elasticity, stated: ElasticParameters) -> Elasticity:
-    """Springs with the dampers that are parallel to them."""
     if stated.damping is None:
         return e
     terms = stated.damping_terms

@@ -111,7 +111,6 @@ def _run_native(call: Call, kernel: Kernel) -> Any:
 
 
 def _prepare_generic(call: Call) -> tuple[str, str | None]:
-    """Return the method for a call."""
     method = call.method or default_method(call.computation.quantity)
     if method == NATIVE:
         return method, f"method={NATIVE!r} is not available"
@@ -143,7 +142,6 @@ def _prepare_jax(call: Call) -> tuple[Any, str | None]:
 
 
 def _run_jax(call: Call, request: Any) -> Any:
-    """Run the primitive of JAX for a quantity."""
     from jounce.engine import primitive
 
     return write_results(primitive.compute(request, call.arrays), call.out)

@@ -115,7 +115,6 @@ def _align(ports: Sequence[Port], arrays: Sequence[Array]) -> list[Array]:
 
 
 def _batch(ports: Sequence[Port], arrays: Sequence[Array]) -> tuple[int, ...]:
-    """Return the batch axes of aligned arrays."""
     batches = (x.shape[: x.ndim - len(port.shape)] for port, x in zip(ports, arrays, strict=True))
     return max(batches, key=len)
 

@@ -174,7 +174,6 @@ def _arrow_array(arrow: Any, column: np.ndarray) -> Any:
 
 
 def _add_metadata(arrow: Any, schema: Any, about: TableMetadata | None) -> Any:
-    """The schema with the metadata of the table."""
     if about is None:
         return schema
     units = {name: unit for name in schema.names if (unit := about.unit(name))}

@@ -183,7 +183,6 @@ def _find_bracket(
 def _halve_bracket(
     curve: Curve, passed: Condition, near: np.ndarray, far: np.ndarray, times: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A bracket of `_find_bracket`, halved."""
     for _ in range(times):
         middle = (near + far) / 2
         beyond = passed(curve(middle))

@@ -104,7 +104,6 @@ def warn_of_limits(mechanism: Mechanism, still: Iterable[int], theta: np.ndarray
 
 
 def _check_numbers(joint: Position, value: object) -> None:
-    """Raise `JounceError` unless a value is the numbers of a joint of several screws."""
     names, numbers = joint.group.positions, as_list(value)
     if len(numbers) != len(names) or not all(map(is_finite, numbers)) or not any(numbers[len(joint.group.places) :]):
         named = f"{joint.group.name} joint {joint.name!r}"

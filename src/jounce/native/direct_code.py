@@ -155,7 +155,6 @@ def _define_results(ir: CallWriter) -> None:
 
 
 def _store_result(ir: CallWriter, k: str, held: str, numbers: str) -> None:
-    """Store the object of a result, and where its numbers are."""
     ir.do(f"store ptr {held}, ptr {ir.at('%objects', k, 'ptr')}")
     ir.do(f"store ptr {numbers}, ptr {ir.at('%places', k, 'ptr')}")
 

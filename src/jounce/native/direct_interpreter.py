@@ -99,7 +99,6 @@ def fits() -> bool:
 
 
 def _read(address: int, offset: int) -> int:
-    """The word at an address."""
     return ctypes.c_ssize_t.from_address(address + offset).value
 
 

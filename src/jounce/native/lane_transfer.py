@@ -79,7 +79,6 @@ def _transpose(ir: Writer, rows: Sequence[str]) -> list[str]:
 
 
 def _join(ir: Writer, pieces: Sequence[str], size: int) -> str:
-    """One vector of pieces of a size."""
     while len(pieces) > 1:
         pieces = [ir.shuffle(pair, range(2 * size), size) for pair in zip(pieces[::2], pieces[1::2], strict=True)]
         size *= 2

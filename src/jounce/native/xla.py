@@ -170,7 +170,6 @@ def _define_copy(ir: Writer, name: str, source: str, conversion: str, target: st
 
 
 def _pointer(ir: Writer, address: int) -> str:
-    """An address as a pointer."""
     return ir.let(f"inttoptr i64 {address} to ptr")
 
 

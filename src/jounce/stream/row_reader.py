@@ -143,7 +143,6 @@ def _find_late_rows(
 
 
 def _runs(part: InputPart, motions: np.ndarray | None, count: int) -> list[MotionRun]:
-    """The runs of rows of one motion."""
     if motions is None:
         return [MotionRun(part.motion or "", 0, count)] if count else []
     cuts = [0, *(np.flatnonzero(motions[1:] != motions[:-1]) + 1).tolist(), count]

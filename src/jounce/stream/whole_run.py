@@ -163,7 +163,6 @@ def _notes(found: Mapping[str, Aggregate], first: Sequence[str] = ()) -> tuple[s
 
 
 def _write(plan: Plan, summary: Summary, work: Path, reduce: Sequence[str], output: Path) -> None:
-    """Write the output of the parts in the work folder."""
     if plan.task.job.subject == "limits":
         _write_table(output, table_of(summary.aggregates), plan.task.job)
     elif plan.task.job.form is None:

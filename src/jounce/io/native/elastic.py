@@ -95,7 +95,6 @@ def _read_springs(entry: Entry) -> Spring | AntagonisticSprings:
 
 
 def _read_spring(entry: Entry) -> Spring:
-    """A spring by its coefficients or its table."""
     members = entry.keys((), tuple(key for _, keys in SPRING_KEYS for key in keys)).members()
     if "k" in members or "k3" in members:
         numbers = {key: x.number() for key, x in entry.keys(("k",), ("k3",)).members().items()}

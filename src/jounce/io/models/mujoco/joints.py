@@ -88,5 +88,4 @@ def _drive(m: ModelArrays, j: int) -> dict[str, float]:
 
 
 def _find_actuators(m: ModelArrays, j: int) -> np.ndarray:
-    """Which of the actuators act on a joint."""
     return np.isin(m["actuator_trntype"], JOINT_TRANSMISSION_TYPES) & (m["actuator_trnid"][:, 0] == j)
