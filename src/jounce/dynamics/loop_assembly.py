@@ -21,7 +21,6 @@ from jounce.dynamics import loop_newton
 from jounce.dynamics.loop_branches import with_solved_loops
 from jounce.dynamics.loop_newton import CLOSED_GAP, MAX_DIRECT_CORRECTION, Scales, scales
 from jounce.dynamics.loops import closure_of
-from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 
 GAP_ROUNDING = 1e-16  # without unit: half an ulp of the robot's size, which no further step makes smaller
@@ -161,10 +160,6 @@ def sample_positions(m: Mechanism, count: int) -> np.ndarray:
     They differ by about a radian, or the size of the robot, where the loops allow it.
     """
     c, s, rng = closure_of(m), scales(m), np.random.default_rng(0)
-    if not m.loops:  # all others follow by constant ratios
-        own = list(c.independent)
-        u = c.start[own] + rng.uniform(-1, 1, (count, m.n)) * s.coordinates[own] * (np.arange(count) > 0)[:, None]
-        return all_coordinates(c, u, c.ratios.positions(u))
     F = tangent_map(scaled_constraints(m, c.start[None])[0], c.independent, c.dependent)
     found, size = c.start[None], 1.0
     while len(found) < count:

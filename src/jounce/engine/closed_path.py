@@ -29,14 +29,14 @@ _BRANCH_TOLERANCE = 1e-6  # rad or sizes of the robot: positions no further apar
 def continue_positions(
     robot: Engine, motion: Motion, t: np.ndarray, side: Literal["right", "left"] = "right"
 ) -> np.ndarray | None:
-    """All coordinates (K, N) of the tree of a closed robot at times of a motion; None for robots without loops.
+    """All coordinates (K, N) of the tree of a closed robot at times of a motion; None where no loops are closed.
 
     Raises
     ------
     JounceError : where loops cannot be closed along the motion, or the branch jumps, with the time.
     """
     m = robot.mechanism
-    if m.closure is None:
+    if not m.takes_dependent:
         return None
     curve, inner, order = unwrap_curve(motion.curve, t)
     samples = (curve.stop - curve.start) / DEFAULT_TIME_STEP if motion.grid is None else len(motion.grid)

@@ -101,8 +101,6 @@ class ClosedCurve:
 
     def find_agreeing(self, s: States) -> np.ndarray:
         """Which neighbours, (K - 1,), are on one branch, by their rates, or are apart because q itself jumps."""
-        if not self.m.loops:  # there is no other branch
-            return np.ones(len(s.t) - 1, dtype=bool)
         sizes = loop_newton.scales(self.m).coordinates[self.dependent]
         x, h = s.q[:, self.dependent] / sizes, np.diff(s.t)[:, None]
         (v, a), (w, b) = (rates[..., self.dependent] / sizes for rates in (s.after[:, :-1], s.before[:, 1:]))

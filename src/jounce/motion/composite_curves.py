@@ -58,7 +58,7 @@ class LinearCurve(DerivedCurve):
         return [x + self.offset, *others]
 
     def jumps(self, order: int) -> list[Jump]:
-        """Where a derivative up to `order` jumps: the lowest one of columns that jump together, and the sum of these."""
+        """Where a derivative up to `order` jumps: the lowest one of columns that jump together, by their sum."""
         sizes: dict[tuple[float, int], list[float]] = {}
         for jump in self.base.jumps(order):
             for i in np.flatnonzero(self.matrix[:, jump.column]).tolist():

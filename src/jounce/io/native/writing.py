@@ -15,8 +15,8 @@ from jounce.io.native import BASE_KEY, FILE_UNITS, GROUND_NAME, body_entries, el
 from jounce.model.drives import UNDRIVEN
 from jounce.model.limit_kinds import BOUNDED_FORCES
 from jounce.model.mechanism import Mechanism, body_name
-from jounce.model.transmissions import with_followers
 from jounce.model.positions import Position, multiscrew_joints
+from jounce.model.transmissions import with_followers
 from jounce.spatial.inertia import inertia_matrix, moments, symmetric_matrix
 from jounce.spatial.lie import hat, portable_product
 
