@@ -10,7 +10,7 @@ from jounce.arguments import names
 from jounce.arguments.contacts import refuse_contacts
 from jounce.core.errors import JounceError, check_choice, join_names, locate_errors, quote_value
 from jounce.core.scalars import asarray, is_numeric
-from jounce.dynamics import followers, loop_assembly, loop_closure
+from jounce.dynamics import loop_assembly, loop_closure
 from jounce.dynamics.loops import closure_of
 from jounce.model.frame import UNIT_ROUNDING
 from jounce.model.locking import lock_coordinates, warn_of_limits
@@ -35,12 +35,10 @@ def with_loops(
         first = "robot.closed(loops, actuated) and then elastic(stiffness)"
         raise JounceError(f"{mechanism.name!r} has elastic joints; close its loops first: {first}")
     refuse_contacts(mechanism, "loops are closed without")
-    if not mechanism.loops:
-        flat = with_followers(mechanism)
-        if loops is None and (mechanism.closure or (actuated is not None and len(flat.joints) > flat.n)):
-            return _drive_followers(flat, mechanism.closure, actuated, coordinates, weights)
-        mechanism = flat
-    tree = mechanism.tree
+    tree = with_followers(mechanism)
+    followers = len(tree.joints) > tree.n or coordinates is not None
+    if loops is None and not mechanism.loops and (mechanism.closure or (actuated is not None and followers)):
+        return _drive_followers(tree, mechanism.closure, actuated, coordinates, weights)
     check_single_screws(tree, "closed loops")
     tree = replace(tree, loops=_loops(tree, loops))
     _check_numbers(tree)
@@ -110,23 +108,17 @@ def with_locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
     places = [j for j, name in enumerate(mechanism.coordinates) if name not in values]
     if not places:
         raise JounceError(f"all {mechanism.n} joints are locked; expected one that moves")
-    elasticity = mechanism.elasticity and mechanism.elasticity.select(places)
-    if not mechanism.loops:
-        tree = lock_coordinates(with_followers(mechanism), values)
-        left = [k for k, j in enumerate(c.actuated) if c.coordinates[j] in tree.joints]
-        motors = [tree.joints.index(c.coordinates[c.actuated[k]]) for k in left]
-        own = [tree.joints.index(name) for name in tree.coordinates]
-        return replace(drive_joints(tree, motors, own, c.weights[left]), elasticity=elasticity)
-    tree = lock_coordinates(mechanism.tree, values)
+    tree = lock_coordinates(with_followers(mechanism), values)
     u = c.start[list(c.independent)]
     u = np.array([values.get(name, x) for name, x in zip(mechanism.coordinates, u, strict=True)], dtype=float)
     q = dict(zip(c.coordinates, loop_closure.close_loops(mechanism, u[None])[0], strict=True))
-    start = {name: q[name] for name in tree.coordinates}
+    start = {name: q[name] for name in tree.coordinates} if mechanism.loops else None
     weights = dict(zip((c.coordinates[j] for j in c.actuated), c.weights, strict=True))
-    weights = {name: w for name, w in weights.items() if name not in values}
+    left = tree.coordinates if mechanism.loops else tree.joints
+    weights = {name: w for name, w in weights.items() if name in left}
     free = [mechanism.coordinates[j] for j in places]
     closed = with_loops(tree, None, list(weights), free, start, weights)
-    return replace(closed, elasticity=elasticity)
+    return replace(closed, elasticity=mechanism.elasticity and mechanism.elasticity.select(places))
 
 
 def _check_numbers(tree: Mechanism) -> None:

@@ -164,17 +164,15 @@ def _check_followers(m: Mechanism, start: np.ndarray, u: np.ndarray) -> None:
     away = (start[:, following] - c.ratios.positions(u)) / s.coordinates[following]
     far = np.abs(away).max(axis=1)
     off = np.flatnonzero((far > FOLLOWER_PLACE_TOLERANCE) & (start[:, own] == u).all(axis=1))
-    other = off
-    if m.loops:
-        gaps = np.abs(loop_assembly.gaps(m, start[off])[0] * s.rows).max(axis=1)
-        other = off[gaps < MAX_OTHER_BRANCH_GAP * far[off]]
+    gaps = np.abs(loop_assembly.gaps(m, start[off])[0] * s.rows).max(axis=1) if m.loops else 0 * far[off]
+    other = off[gaps < MAX_OTHER_BRANCH_GAP * far[off]]
     if len(other):
         k, j = other[0], np.abs(away[other[0]]).argmax()
         name, given, place = c.coordinates[following[j]], start[k, following[j]], c.ratios.positions(u[k])[j]
         raise JounceError(
             f"{m.name!r}: {name} = {given:.4g}{_sample_label(int(k), len(u))} is on another branch; on that"
-            f" of the start it follows {join_names(m.coordinates)} by constant ratios, to {place:.4g}; expected that,"
-            " or robot.closed(start=...) with a start on the other branch"
+            f" of the start it follows {join_names(m.coordinates)} by constant ratios, to {place:.4g}; expected that"
+            f"{', or robot.closed(start=...) with a start on the other branch' if m.loops else ''}"
         )
 
 

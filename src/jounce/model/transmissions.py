@@ -72,14 +72,3 @@ def with_followers(m: Mechanism) -> Mechanism:
     G, g = c.G[:, list(c.independent)].copy(), c.start
     G[list(c.ratios.places)] = c.ratios.F
     return replace(m.tree, G=G, g=g, coordinates=m.coordinates)
-
-
-def coordinates_from(m: Mechanism, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray] | None:
-    """R and r of the coordinates ``q = R x + r``, of as many joints x that determine those of a robot without loops."""
-    if m.closure is None or m.loops or len(names) != m.n or not set(names) <= {*m.joints}:
-        return None
-    flat, places = with_followers(m), [m.joints.index(name) for name in names]
-    if np.linalg.matrix_rank(flat.G[places]) < m.n:
-        return None
-    R = np.linalg.inv(flat.G[places])
-    return R, -R @ flat.g[places]

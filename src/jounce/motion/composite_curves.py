@@ -46,34 +46,6 @@ class RetimedCurve(DerivedCurve):
 
 
 @dataclass(frozen=True, eq=False)
-class LinearCurve(DerivedCurve):
-    """Combinations of the columns of a curve: ``matrix @ x + offset``."""
-
-    matrix: np.ndarray
-    offset: np.ndarray
-
-    def rates(self, t: np.ndarray, order: int, left: bool = False) -> list[np.ndarray]:
-        """The values and their derivatives up to `order`."""
-        x, *others = (rate @ self.matrix.T for rate in self.base.rates(t, order, left))
-        return [x + self.offset, *others]
-
-    def jumps(self, order: int) -> list[Jump]:
-        """Where a derivative up to `order` jumps: the lowest one of columns that jump together, by their sum."""
-        sizes: dict[tuple[float, int], list[float]] = {}
-        for jump in self.base.jumps(order):
-            for i in np.flatnonzero(self.matrix[:, jump.column]).tolist():
-                own = sizes.setdefault((jump.t, i), [0.0] * (order + 1))
-                own[jump.order] += jump.size * float(self.matrix[i, jump.column])
-        lowest = {at: next(k for k, x in enumerate(own) if x) for at, own in sizes.items() if any(own)}
-        return sorted(Jump(t, i, k, sizes[t, i][k]) for (t, i), k in lowest.items())
-
-    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
-        """The standard deviations of the values and derivatives, of columns whose errors are independent."""
-        found = self.base.deviations(t, order)
-        return None if found is None else [np.sqrt(rate**2 @ self.matrix.T**2) for rate in found]
-
-
-@dataclass(frozen=True, eq=False)
 class CurvePart(DerivedCurve):
     """A curve between two times."""
 

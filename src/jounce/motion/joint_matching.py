@@ -8,9 +8,8 @@ from jounce.arguments import names
 from jounce.core.errors import JounceError, join_names
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import list_multiscrew_joints, position_names
-from jounce.model.transmissions import coordinates_from
 from jounce.motion.base import with_blocks
-from jounce.motion.composite_curves import LinearCurve, RetimedCurve
+from jounce.motion.composite_curves import RetimedCurve
 from jounce.motion.curves import ArrangedCurve, Curve
 from jounce.motion.motion import Motion
 from jounce.motion.time_law import TimeLawCurve
@@ -38,8 +37,6 @@ def match_joints(motion: Motion, mechanism: Mechanism) -> Motion:
         return replace(motion, joint_names=joints, several=several) if several else motion
     if motion.joint_names == joints:
         return motion if motion.several == several else replace(motion, several=several)
-    if (linear := coordinates_from(mechanism, motion.joint_names)) is not None:
-        return _combine_columns(motion, joints, *linear)
     expected = f"{join_names(joints)}, the joints of {mechanism.name!r}"
     names.check_names(motion.joint_names, joints, names.find_followers(mechanism), expected)
     order = np.array([motion.joint_names.index(joint) for joint in joints])
@@ -51,12 +48,3 @@ def match_joints(motion: Motion, mechanism: Mechanism) -> Motion:
     residual = None if motion.residual is None else motion.residual[order]
     arranged = replace(motion, curve=ArrangedCurve(motion.curve, order), joint_names=joints, several=several)
     return replace(arranged, samples=samples, residual=residual, torques=torques)
-
-
-def _combine_columns(motion: Motion, names: tuple[str, ...], R: np.ndarray, r: np.ndarray) -> Motion:
-    """A motion of joints x as that of motors, q = R x + r, or the reverse; torques keep the power."""
-    samples = motion.samples and (motion.samples[0], motion.samples[1] @ R.T + r)
-    torques = motion.torques and (motion.torques[0], motion.torques[1] @ np.linalg.inv(R))
-    residual = None if motion.residual is None else np.sqrt(R**2 @ motion.residual**2)
-    curve = LinearCurve(motion.curve, R, r)
-    return replace(motion, curve=curve, joint_names=names, samples=samples, residual=residual, torques=torques)

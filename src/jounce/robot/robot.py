@@ -1251,19 +1251,15 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         return type(self)(with_loops(self.mechanism, loops, actuated, coordinates, start, weights))
 
     def with_transmission(
-        self,
-        matrix: ArrayLike,
-        motors: "Sequence[str] | Mapping[str, Motor | None]",
-        joints: Sequence[str] | None = None,
-        offset: Named = 0.0,
-    ) -> Self:
+        self, matrix: ArrayLike, motors: "Sequence[str] | Mapping[str, Motor | None]",
+        joints: Sequence[str] | None = None, offset: Named = 0.0,
+    ) -> Self:  # fmt: skip
         """The robot whose motors move joints together, as in wrists with parallel shafts, differentials and cables.
 
-        Positions of the motors are ``phi = A q + phi0``, their torques ``A^-T Q``, with rates: those of `coordinates`
-        and `actuator_forces`. ``robot.closed()`` has the motors as coordinates, for all methods; ``closed(coordinates=
-        [...])`` returns to joints, and its `weights` are for redundant motors. Motions of joints and of motors serve
-        both. Limits and drive terms of motors are stated by their names, as those of joints, which count too; but
-        limits of forces of joints that are moved together bound nothing.
+        Positions of the motors are ``phi = A q + phi0``, their torques ``A^-T Q``: `coordinates` and `actuator_forces`
+        with rates. ``robot.closed()`` has the motors as coordinates, ``closed(coordinates=[...])`` joints again, and
+        `weights` of `closed` are for redundant motors. Motions of joints and of motors serve both. Limits of motors are
+        stated by their names; those of joints count too, but for limits of forces.
 
         Parameters
         ----------
@@ -1271,7 +1267,7 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
             The ratios A, of rank n.
         motors : list of str or mapping
             Names of k motors, or {name: Motor}, whose gear, inertia, damping and friction become drive terms. Each is
-            a massless rotor, whose joint has the name and turns by phi.
+            the joint of a massless rotor, which turns by phi.
         joints : list of str, optional
             Names of n coordinates, by default all.
         offset : number, (k,) or mapping, optional
@@ -1280,7 +1276,7 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         Returns
         -------
         Robot
-            In the coordinates of this robot; `mechanism.tree` has those of the motors too.
+            In the coordinates of this robot; its `mechanism.tree` has those of the motors too.
 
         Raises
         ------
@@ -1292,8 +1288,7 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         --------
         >>> import jounce
         >>> arm = jounce.load("planar2r").with_transmission([[1, 0], [1, 1]], ["shoulder", "elbow"])
-        >>> phi, phid = arm.coordinates([0.1, 0.2], [1, 0])
-        >>> phi[2:].round(3), arm.actuator_forces([0, 0], [0, 0], [0, 0])
+        >>> arm.coordinates([0.1, 0.2])[2:].round(3), arm.actuator_forces([0, 0], [0, 0], [0, 0])
         (array([0.1, 0.3]), array([19.62,  9.81]))
         """
         from jounce.arguments.transmissions import with_transmission  # imported here to keep start-up fast

@@ -27,12 +27,12 @@ LOOPS_SECTION, LOOP_KEYS = "loops", ("actuated", "independent", "weights", "star
 
 def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
     """The mechanism with the loops of a file closed; without actuated joints they are kept, open."""
-    follows, loops = len(mechanism.joints) > mechanism.n, []
-    if LOOPS_SECTION not in robot.value:
-        for key in LOOP_KEYS:
-            if key in robot.value and not (follows and "actuated" in robot.value and key in ("actuated", "weights")):
-                raise robot.get(key).error(f"{LOOPS_SECTION!r} too, a list of cut joints")
-    for entry in robot.get(LOOPS_SECTION).items(least=1) if LOOPS_SECTION in robot.value else []:
+    loops, entries = [], robot.get(LOOPS_SECTION).items(least=1) if LOOPS_SECTION in robot.value else []
+    driven = ("actuated", "weights") if len(mechanism.joints) > mechanism.n else ()  # joints that follow have motors
+    for key in LOOP_KEYS:
+        if key in robot.value and not entries and key not in driven:
+            raise robot.get(key).error(f"{LOOPS_SECTION!r} too, a list of cut joints")
+    for entry in entries:
         given = entry.keys(("frames",), ("joint", "axis"))
         frames = [frame.text() for frame in given.get("frames").items()]
         if len(frames) != 2:
@@ -70,7 +70,7 @@ def write_section(mechanism: Mechanism) -> dict[str, Any]:
         stated["independent"] = names[list(c.independent)].tolist()
     if (c.weights != 1).any():
         stated["weights"] = dict(zip(stated["actuated"], c.weights.tolist(), strict=True))
-    return stated if not loops else stated | {"start": dict(zip(c.coordinates, c.start.tolist(), strict=True))}
+    return stated | ({"start": dict(zip(c.coordinates, c.start.tolist(), strict=True))} if loops else {})
 
 
 def _loop_data(loop: Any) -> dict[str, Any]:
