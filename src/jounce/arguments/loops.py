@@ -10,7 +10,7 @@ from jounce.arguments import names
 from jounce.arguments.contacts import refuse_contacts
 from jounce.core.errors import JounceError, check_choice, join_names, locate_errors, quote_value
 from jounce.core.scalars import asarray, is_numeric
-from jounce.dynamics import loop_assembly, loop_closure
+from jounce.dynamics import followers, loop_assembly, loop_closure
 from jounce.dynamics.loops import closure_of
 from jounce.model.frame import UNIT_ROUNDING
 from jounce.model.locking import lock_coordinates, warn_of_limits
@@ -36,8 +36,8 @@ def with_loops(
         raise JounceError(f"{mechanism.name!r} has elastic joints; close its loops first: {first}")
     refuse_contacts(mechanism, "loops are closed without")
     tree = with_followers(mechanism)
-    followers = len(tree.joints) > tree.n or coordinates is not None
-    if loops is None and not mechanism.loops and (mechanism.closure or (actuated is not None and followers)):
+    driven = actuated is not None and (len(tree.joints) > tree.n or coordinates is not None)
+    if loops is None and not mechanism.loops and (mechanism.closure or driven):
         return _drive_followers(tree, mechanism.closure, actuated, coordinates, weights)
     check_single_screws(tree, "closed loops")
     tree = replace(tree, loops=_loops(tree, loops))
@@ -76,21 +76,21 @@ def _drive_followers(m: Mechanism, c: Closure | None, actuated: Any, coordinates
     every = replace(m, coordinates=m.joints)
     motors = c.actuated if c and actuated is None else coordinate_places(every, "actuated", actuated)
     own = motors if coordinates is None else coordinate_places(every, "coordinates", coordinates)
-    for label, places in (("actuated", motors), ("coordinates", own)):
-        R = m.G[list(places)].astype(float)
-        names, sizes = join_names(m.joints[j] for j in places), np.abs(R).max(axis=0)
-        _, values, ways = np.linalg.svd(R / np.where(sizes, sizes, 1))
+    for label, places in (("motors", motors), ("coordinates", own)):
+        R, names = m.G[list(places)].astype(float), join_names(m.joints[j] for j in places)
+        sizes = np.where(R.any(axis=0), np.abs(R).max(axis=0), 1)
+        _, values, ways = np.linalg.svd(R / sizes)
         if len(R) < m.n or values[-1] <= MIN_RATIO_INVERSE_CONDITION * values[0]:
-            way = ways[-1] / np.where(sizes, sizes, 1) / np.abs(ways[-1]).max()
-            moved = [f"{x:.4g} {name}" for x, name in zip(way, m.coordinates, strict=True) if abs(x) > 1e-6]
+            way = ways[-1] / sizes / (ways[-1] / sizes)[np.abs(ways[-1] / sizes).argmax()]
+            free = [f"{x:.4g} {name}" for x, name in zip(way, m.coordinates, strict=True) if abs(x) > 1e-6]
             raise JounceError(
-                f"{m.name!r}: {names} stay at rest where the others move by {join_names(moved)}; expected {label} that"
-                f" determine the motion, of {m.n} ways"
+                f"{m.name!r}: {label} {names} at rest leave joints free to move by {join_names(free)}; expected"
+                f" {label} that determine the motion, of {m.n} ways"
             )
         if label == "coordinates" and len(own) > m.n:
             raise JounceError(f"{m.name!r} moves in {m.n} ways; name as many of {names} by coordinates=")
-    kept = c.weights if c and actuated is None and weights is None else None
-    return drive_joints(m, motors, own, _motor_weights(every, motors, weights) if kept is None else kept)
+    given = c.weights if c and actuated is None and weights is None else weights
+    return drive_joints(m, motors, own, _motor_weights(every, motors, given))
 
 
 def with_locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:

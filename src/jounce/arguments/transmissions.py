@@ -16,23 +16,24 @@ from jounce.model.transmissions import with_rotors
 def with_transmission(m: Mechanism, matrix: object, motors: object, joints: object, offset: object) -> Mechanism:
     """The robot with motors that move some of its joints together, in its own coordinates."""
     if m.elasticity or m.closure or m.loops:
-        has = "elastic joints: couple its drives first" if m.elasticity else "loops, or motors of a transmission"
-        raise JounceError(f"{m.name!r} has {has}; expected a tree of rigid joints, and one matrix for all motors")
+        came = f"{m.name!r} has loops, a transmission or elastic joints"
+        raise JounceError(f"{came}; expected a tree of rigid joints, and one matrix for all motors")
     refuse_contacts(m, "drives are coupled without")
     stated = _read_motors(m, motors)
     places = range(m.n) if joints is None else coordinate_places(m, "joints", joints)
     moved = [m.coordinates[j] for j in places]
     A, phi0 = asarray(matrix, "matrix"), values_per_joint(offset, [*stated], 0.0, "motor", "offset")
     for label, x, shape in (("matrix", A, (len(stated), len(moved))), ("offset", phi0, (len(stated),))):
-        if x.shape != shape or not is_numeric(x) or not np.isfinite(x).all():
+        if x.shape not in (shape, () if label == "offset" else shape) or not is_numeric(x) or not np.isfinite(x).all():
             of = f"a row for each of {join_names(stated)}, a column for each of {join_names(moved)}"
             raise JounceError(f"{label} is {quote_value(x.tolist())}; expected finite numbers {shape}: {of}")
     G = np.zeros((len(stated), m.n))
     G[:, list(places)] = A
     # motors take the places of joints; those beyond their number come last
     instead = dict(zip(moved, stated, strict=False))
-    actuated = [*(instead.get(name, name) for name in m.coordinates), *[*stated][len(moved) :]]
-    return with_loops(with_rotors(m, stated, G, phi0), actuated=actuated, coordinates=m.coordinates)
+    actuated = [instead.get(name, name) for name in m.coordinates if name in instead or name not in moved]
+    whole = with_rotors(m, stated, G, G[:, 0] * 0 + phi0)
+    return with_loops(whole, actuated=[*actuated, *[*stated][len(moved) :]], coordinates=m.coordinates)
 
 
 def _read_motors(m: Mechanism, given: object) -> dict[str, Motor | None]:
