@@ -29,7 +29,7 @@ _BRANCH_TOLERANCE = 1e-6  # rad or sizes of the robot: positions no further apar
 def continue_positions(
     robot: Engine, motion: Motion, t: np.ndarray, side: Literal["right", "left"] = "right"
 ) -> np.ndarray | None:
-    """All coordinates (K, N) of the tree of a closed robot at times of a motion; None where no loops are closed.
+    """All coordinates (K, N) of the tree of a closed robot at times of a motion; None for robots without loops.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def continue_positions(
     """
     m = robot.mechanism
     if not m.takes_dependent:
-        return None
+        return loop_closure.close_loops(m, motion(t, 0, side)[0]) if m.closure else None
     curve, inner, order = unwrap_curve(motion.curve, t)
     samples = (curve.stop - curve.start) / DEFAULT_TIME_STEP if motion.grid is None else len(motion.grid)
     count = max(_MIN_PATH_INTERVALS, min(_MAX_PATH_INTERVALS, int(samples / _SAMPLES_PER_PATH_INTERVAL)))

@@ -82,7 +82,7 @@ def joint_rates(
     The first term is what position limits bound, such as the swing of a ball in the place of its coordinates.
     """
     m = robot.mechanism
-    if m.closure is None:
+    if position is None:
         found = tuple(rates)
     elif not needed:
         found = tuple(_place_columns(x, closure_of(m).independent, m.tree.n) for x in rates)

@@ -3,12 +3,10 @@
 loops:
   - {frames: [left_tip, right_tip]}                           # spherical: the origins meet
   - {frames: [rod, link], joint: revolute, axis: [0, 0, 1]}   # the axis in the first frame
-actuated: [left_shoulder, right_shoulder]
+actuated: [left_shoulder, right_shoulder]                     # without loops, joints that follow may be among them
 independent: [left_shoulder, right_shoulder]                  # the actuated joints, unless stated
 weights: {left_shoulder: 1}                                   # of the forces of redundant motors, 1 unless stated
 start: {left_shoulder: 2, left_elbow: -1}                     # near a configuration with closed loops, 0 unless stated
-
-Without loops, actuated joints may follow the coordinates, which are the independent ones.
 """
 
 from dataclasses import replace
