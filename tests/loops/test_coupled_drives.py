@@ -306,7 +306,7 @@ def test_identification_at_the_motors_finds_their_friction():
     assert values["b friction"] == pytest.approx(0.8, abs=0.02)
 
 
-def test_efforts_of_joints_that_share_motors_are_said_not_to_be_checked():
+def test_checks_note_efforts_of_joints_that_share_motors():
     arm = jounce.load("planar2r").with_limits(effort=50.0)
     robot = arm.with_transmission([[1, 0], [1, 1]], ["a", "b"]).with_limits(effort={"a": 40.0})
     notes = robot.check(jounce.Motion.polynomial([[0, 1], [0, 1]], 1.0)).notes
