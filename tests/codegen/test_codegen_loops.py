@@ -46,6 +46,17 @@ def test_code_of_a_closed_robot_has_its_motors(fivebar, lang, tmp_path):
     assert passed, output
 
 
+@pytest.mark.parametrize(
+    "lang", [pytest.param("c", marks=needs("make", "gcc")), pytest.param("python", marks=needs("make"))]
+)
+def test_code_of_coupled_drives_takes_joints_alone(lang, tmp_path):
+    arm = jounce.load("planar2r").with_transmission([[1, 0], [-0.5, 1]], ["a", "b"])
+    arm.codegen(lang, 1, tmp_path / lang, outputs=["actuator_forces", "coordinates"])
+    assert not [text for text in texts(tmp_path / lang) if "q_dependent" in text]
+    passed, output = passes(tmp_path / lang, lang)
+    assert passed, output
+
+
 @pytest.mark.parametrize("lang", PROGRAMS)
 def test_every_language_explains_the_dependent_coordinates(fivebar, lang, tmp_path):
     fivebar.codegen(lang, 0, tmp_path / lang)

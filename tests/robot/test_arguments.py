@@ -328,6 +328,10 @@ CASES: dict[str, Case] = {
         {key: ["left_shoulder", "right_shoulder"] for key in ("actuated", "coordinates")}
         | {"loops": [("left_tip", "right_tip", "revolute", (0, 1, 0))], "start": None, "weights": (1, 1)},
     ),
+    "with_transmission": (
+        ROBOT.with_transmission,
+        {"matrix": [[1, 0], [0.5, 1]], "motors": ["a", "b"], "joints": list(ROBOT.joint_names[:2]), "offset": 0.0},
+    ),
     "inverse_dynamics natively": along(ROBOT.inverse_dynamics, wrench=(np.zeros((2, 6)),) * 4, method=None),
     "inverse_dynamics in closed form": along(ROBOT.inverse_dynamics, method="closed_form"),
     "live": (

@@ -46,7 +46,7 @@ def arrays(robot: Mechanism, first: int) -> list[tuple[str, list[str]]]:
             (f"Positions, the {len(numbers)} entries of q:", numbers),
             (f"Coordinates of the velocities, the {robot.n} entries of qd, q2d, ...{of_forces}:", coordinates),
         ]
-    if robot.closure is not None:
+    if robot.closure is not None and robot.takes_dependent:
         names, units = robot.tree.coordinates, coordinate_units(robot.tree)
         others = robot.closure.dependent
         entries = _numbered([names[k] for k in others], [units[k] for k in others], first)
@@ -99,7 +99,7 @@ def several_screws(robot: Mechanism, functions: Sequence[Function]) -> list[str]
 
 def closed_loops(robot: Mechanism, functions: Sequence[Function]) -> list[str]:
     """Return sentences on the loops of the robot and its dependent coordinates."""
-    if robot.closure is None:
+    if robot.closure is None or not robot.loops:
         return []
     loops = ", ".join(f"{printable(loop.a.name)} and {printable(loop.b.name)} ({loop.joint})" for loop in robot.loops)
     motors = ", ".join(printable(robot.closure.coordinates[j]) for j in robot.closure.actuated)

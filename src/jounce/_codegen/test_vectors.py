@@ -80,7 +80,7 @@ def vectors(
         return x.astype(np.float32).astype(float) if single else x
 
     inputs = {port.name: given(random(port)) for port in function.inputs}
-    if robot.origin.closure:
+    if robot.origin.takes_dependent:
         near = states_near_start(robot.origin, inputs["q"] / 2)
         inputs |= {name: given(x) for name, x in zip(("q", DEPENDENT_INPUT), near, strict=True)}
     batch = -(-count // MAX_TEST_STATES) if function.parameters else count  # states that share their parameters

@@ -75,11 +75,12 @@ def curves(s: ReportData) -> ReportPanel:
 
 def sliders(s: ReportData) -> ReportPanel | None:
     """Joints that the reader moves, and an end that is pulled: what holds the robot at rest there."""
-    if s.robot.mechanism.nb > MAX_SLIDER_BODIES or multiscrew_joints(s.robot.mechanism) or s.along.base is not None:
+    m, coupled = s.robot.mechanism, s.robot.mechanism.closure and not s.robot.mechanism.loops
+    if m.nb > MAX_SLIDER_BODIES or multiscrew_joints(m) or s.along.base is not None or coupled:
         return None
     data = sliders_data(s)
     joints = [joint_style(j) | {"name": s.joints[j]} for j in s.own]
-    content = {"joints": joints, "ends": end_names(s.robot.mechanism), "first": data["first"], "force": data["force"],
+    content = {"joints": joints, "ends": end_names(m), "first": data["first"], "force": data["force"],
                "closed": bool(data["loops"])}  # fmt: skip
     return ReportPanel("sliders", "Forces at rest", "wide", content, data, sliders_code(s.robot))
 

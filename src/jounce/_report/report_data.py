@@ -199,7 +199,7 @@ def _quantities(
 
 
 def _loop_wrenches(robot: Engine, motion: Motion, along: Along) -> np.ndarray | None:
-    if robot.mechanism.closure is None:
+    if not robot.mechanism.takes_dependent:
         return None
     base = along.base and along.base[: Q_RATE_ORDER + 1]
     W, near = motion.wrench(along.t, 0), continue_positions(robot, motion, along.t)

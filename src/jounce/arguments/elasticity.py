@@ -72,8 +72,8 @@ def _check_closure(mechanism: Mechanism, stated: ElasticParameters) -> None:
         motors = join_names(c.coordinates[j] for j in c.actuated)
         raise JounceError(
             f"{mechanism.name!r} has motors at {motors}, and its coordinates are {join_names(mechanism.coordinates)};"
-            " expected elastic joints at the coordinates: robot.closed(actuated=[...]) with as many motors as the robot"
-            " moves in ways"
+            " expected elastic joints at the coordinates: robot.closed() has those of the motors, where these are as"
+            " many as the ways in which it moves"
         )
     if stated.coupling != "spong":
         level = f"coupling={quote_value(stated.coupling)}"

@@ -17,6 +17,9 @@ from jounce.model.locking import lock_coordinates, warn_of_limits
 from jounce.model.loops import DEFAULT_LOOP_AXIS, HELD_DIRECTIONS, Closure, Loop
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import check_single_screws
+from jounce.model.transmissions import drive_joints, with_followers
+
+MIN_RATIO_INVERSE_CONDITION = 1e-8  # of ratios that are solved for motors: Q of these keeps half of its digits
 
 
 def with_loops(
@@ -32,13 +35,16 @@ def with_loops(
         first = "robot.closed(loops, actuated) and then elastic(stiffness)"
         raise JounceError(f"{mechanism.name!r} has elastic joints; close its loops first: {first}")
     refuse_contacts(mechanism, "loops are closed without")
-    tree = mechanism.tree
+    tree = with_followers(mechanism)
+    driven = actuated is not None and (len(tree.joints) > tree.n or coordinates is not None)
+    if loops is None and not mechanism.loops and (mechanism.closure or driven):
+        return _drive_followers(tree, mechanism.closure, actuated, coordinates, weights)
     check_single_screws(tree, "closed loops")
     tree = replace(tree, loops=_loops(tree, loops))
     _check_numbers(tree)
     kept = mechanism.closure if actuated is None else None
-    motors = kept.actuated if kept else _coordinate_places(tree, "actuated", actuated)
-    own = motors if coordinates is None else _coordinate_places(tree, "coordinates", coordinates)
+    motors = kept.actuated if kept else coordinate_places(tree, "actuated", actuated)
+    own = motors if coordinates is None else coordinate_places(tree, "coordinates", coordinates)
     if len(own) == tree.n:
         raise JounceError(
             f"{tree.name!r}: all {tree.n} coordinates are named, so that none can follow where loops are closed; name"
@@ -63,6 +69,30 @@ def with_loops(
     return closed
 
 
+def _drive_followers(m: Mechanism, c: Closure | None, actuated: Any, coordinates: Any, weights: Any) -> Mechanism:
+    """A robot without loops, moved by motors at joints that follow others by constant ratios."""
+    check_single_screws(m, "motors at joints that follow others")
+    _check_numbers(m)
+    every = replace(m, coordinates=m.joints)
+    motors = c.actuated if c and actuated is None else coordinate_places(every, "actuated", actuated)
+    own = motors if coordinates is None else coordinate_places(every, "coordinates", coordinates)
+    for label, places in (("motors", motors), ("coordinates", own)):
+        R, names = m.G[list(places)].astype(float), join_names(m.joints[j] for j in places)
+        sizes = np.where(R.any(axis=0), np.abs(R).max(axis=0), 1)
+        _, values, ways = np.linalg.svd(R / sizes)
+        if len(R) < m.n or values[-1] <= MIN_RATIO_INVERSE_CONDITION * values[0]:
+            way = ways[-1] / sizes / (ways[-1] / sizes)[np.abs(ways[-1] / sizes).argmax()]
+            free = [f"{x:.4g} {name}" for x, name in zip(way, m.coordinates, strict=True) if abs(x) > 1e-6]
+            raise JounceError(
+                f"{m.name!r}: {label} {names} at rest leave joints free to move by {join_names(free)}; expected"
+                f" {label} that determine the motion, of {m.n} ways"
+            )
+        if label == "coordinates" and len(own) > m.n:
+            raise JounceError(f"{m.name!r} moves in {m.n} ways; name as many of {names} by coordinates=")
+    given = c.weights if c and actuated is None and weights is None else weights
+    return drive_joints(m, motors, own, _motor_weights(every, motors, given))
+
+
 def with_locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
     """The mechanism with some coordinates locked at values, rad or m, its loops still closed."""
     c = mechanism.closure
@@ -78,13 +108,14 @@ def with_locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
     places = [j for j, name in enumerate(mechanism.coordinates) if name not in values]
     if not places:
         raise JounceError(f"all {mechanism.n} joints are locked; expected one that moves")
-    tree = lock_coordinates(mechanism.tree, values)
+    tree = lock_coordinates(with_followers(mechanism), values)
     u = c.start[list(c.independent)]
     u = np.array([values.get(name, x) for name, x in zip(mechanism.coordinates, u, strict=True)], dtype=float)
     q = dict(zip(c.coordinates, loop_closure.close_loops(mechanism, u[None])[0], strict=True))
-    start = {name: q[name] for name in tree.coordinates}
+    start = {name: q[name] for name in tree.coordinates} if mechanism.loops else None
     weights = dict(zip((c.coordinates[j] for j in c.actuated), c.weights, strict=True))
-    weights = {name: w for name, w in weights.items() if name not in values}
+    left = tree.coordinates if mechanism.loops else tree.joints
+    weights = {name: w for name, w in weights.items() if name in left}
     free = [mechanism.coordinates[j] for j in places]
     closed = with_loops(tree, None, list(weights), free, start, weights)
     return replace(closed, elasticity=mechanism.elasticity and mechanism.elasticity.select(places))
@@ -162,7 +193,7 @@ def build_loop(tree: Mechanism, a: Any, b: Any, joint: Any = "spherical", axis: 
     return Loop(*frames, joint, along if abs(length - 1) < UNIT_ROUNDING else along / length)
 
 
-def _coordinate_places(tree: Mechanism, label: str, given: object) -> tuple[int, ...]:
+def coordinate_places(tree: Mechanism, label: str, given: object) -> tuple[int, ...]:
     """The places of coordinates that a caller names, in this order."""
     if isinstance(given, str) or not isinstance(given, Sequence) or not given:
         raise JounceError(f"{label} is {quote_value(given)}; expected a list of joints: {join_names(tree.coordinates)}")
@@ -177,7 +208,7 @@ def _start_configuration(mechanism: Mechanism, given: object) -> np.ndarray:
     tree = mechanism.tree
     if given is None:
         return mechanism.closure.start if mechanism.closure else np.zeros(tree.n)
-    q = _values_per_joint(given, tree.coordinates, 0.0, "joint", "start")
+    q = values_per_joint(given, tree.coordinates, 0.0, "joint", "start")
     if q.shape != (tree.n,):
         raise JounceError(f"start has shape {q.shape}; expected ({tree.n},): {join_names(tree.coordinates)}")
     if not is_numeric(q) or not np.isfinite(q).all():
@@ -190,14 +221,14 @@ def _motor_weights(tree: Mechanism, motors: Sequence[int], given: object) -> np.
     if given is None:
         return np.ones(len(motors))
     joints = [tree.coordinates[j] for j in motors]
-    weights = _values_per_joint(given, joints, 1.0, "actuated joint", "weights")
+    weights = values_per_joint(given, joints, 1.0, "actuated joint", "weights")
     if weights.shape != (len(motors),) or not is_numeric(weights) or not ((weights > 0) & (weights < np.inf)).all():
         expected = f"positive finite numbers, one for each of {join_names(joints)}"
         raise JounceError(f"weights is {quote_value(given)}; expected {expected}")
     return weights
 
 
-def _values_per_joint(given: object, joints: Sequence[str], default: float, kind: str, label: str) -> np.ndarray:
+def values_per_joint(given: object, joints: Sequence[str], default: float, kind: str, label: str) -> np.ndarray:
     """An array with an entry per joint: one as it is given, or of what is given by name, the others `default`."""
     if names.entry_names(given) is not None:
         entries = names.read_entries(given)

@@ -70,4 +70,5 @@ def dependent_coordinates(mechanism: Mechanism, u: Array, whole: Array | None, s
 
 def dependent_arrays(mechanism: Mechanism, q: Array, whole: Any, step: NewtonStep | None = None) -> list[Array]:
     """The last array of all computations of closed robots: the dependent coordinates."""
-    return [dependent_coordinates(mechanism, q, whole, step)] if mechanism.closure else []
+    found = [dependent_coordinates(mechanism, q, whole, step)] if mechanism.closure else []  # checks those given
+    return found if mechanism.takes_dependent else []

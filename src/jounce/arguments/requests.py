@@ -126,7 +126,7 @@ def check_existence(mechanism: Mechanism, quantity: str, moving: bool, call: str
 
 def missing_reason(mechanism: Mechanism, row: Quantity) -> str | None:
     """Return why a robot has nothing of a quantity, as the end of a sentence that begins with both, or None."""
-    if row.closed and mechanism.closure is None:
+    if row.closed and (mechanism.closure is None or (row.all_constraints and not mechanism.loops)):
         return ": no loop is closed; robot.closed(loops, actuated) closes some"
     if row.elastic and mechanism.elasticity is None:
         return ": its joints are rigid; robot.elastic(stiffness) makes them elastic"

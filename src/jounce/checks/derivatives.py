@@ -32,7 +32,7 @@ def product(
 
     def along(directions: Sequence[np.ndarray]) -> list[np.ndarray]:
         rates = [change(mechanism, port, a, d) for port, a, d in zip(free, x, directions, strict=False)]
-        rates += _follower_rates(mechanism, x[0], rates[0], x[-1]) if mechanism.closure else []
+        rates += _follower_rates(mechanism, x[0], rates[0], x[-1]) if mechanism.takes_dependent else []
         moved = [a + 1j * _COMPLEX_STEP * d for a, d in zip(x, rates, strict=True)]
         return [y.imag / _COMPLEX_STEP for y in compute_by_method(values, method, mechanism, moved)]
 

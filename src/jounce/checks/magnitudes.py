@@ -135,7 +135,7 @@ def _with_accelerations(mechanism: Mechanism, computation: Computation, arrays: 
 
 def _split_dependent(mechanism: Mechanism, arrays: Sequence[Array]) -> tuple[Sequence[Array], Sequence[Array]]:
     """The arrays without the last one of a closed robot, its dependent coordinates, and this one."""
-    return (arrays[:-1], arrays[-1:]) if mechanism.closure else (arrays, [])
+    return (arrays[:-1], arrays[-1:]) if mechanism.takes_dependent else (arrays, [])
 
 
 def _square_inverse(mechanism: Mechanism, arrays: Sequence[Array]) -> np.ndarray:

@@ -237,7 +237,7 @@ def _sample_regressor(m: Mechanism, length: float) -> np.ndarray:
     if multiscrew_joints(m.tree):
         q[0] = rng.uniform(-1, 1, (count, position_count(m)))
     base = JointMotion(np.eye(4), column_series(list(rng.uniform(-2, 2, (2, count, 6))))) if m.floats else None
-    tree = loop_assembly.sample_positions(m, count)[..., None] if m.closure else None
+    tree = loop_assembly.sample_positions(m, count)[..., None] if m.takes_dependent else None
     if m.closure and tree is not None:
         q[0] = tree[:, list(m.closure.independent), 0]
     return np.asarray(

@@ -173,7 +173,7 @@ class Computation:
         for k in range(self.loads if self.takes_stiffness(m) else 0):
             pairs = (len(elasticity_of(m).pairs),)
             inputs.append(Port(rate_name("stiffness", k), pairs, "stiffness", k, max(0, k + 1 - own)))
-        if m.closure:
+        if m.closure and m.takes_dependent:
             inputs.append(Port(DEPENDENT_INPUT, (len(m.closure.dependent),), "dependent"))
         rates = [0] * self.count if self.quantity.results else range(self.count)
         names = self.quantity.names(self.order)
@@ -222,7 +222,7 @@ class Computation:
         coordinates.
         """
         tree = None
-        if m.closure:
+        if m.closure and m.takes_dependent:
             *arrays, dependent = arrays
             tree = all_coordinates(m.closure, arrays[0], dependent)[..., None]
         stiffness = None

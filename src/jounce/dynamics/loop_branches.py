@@ -235,7 +235,7 @@ def with_solved_loops(m: Mechanism) -> Mechanism:
 
     The others are closed wherever followers with constant ratios are in their places.
     """
-    if m.closure is None or not m.closure.ratios.places:
+    if m.closure is None or not m.closure.ratios.places or not m.loops:
         return m
     ends = np.cumsum([len(loop.rows) for loop in m.loops])
     parts = np.split(constraint_pattern(m)[:, list(m.closure.solved)], ends[:-1])

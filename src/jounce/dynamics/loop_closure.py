@@ -25,6 +25,7 @@ from jounce.core.errors import JounceError, join_names
 from jounce.dynamics import loop_assembly, loop_newton
 from jounce.dynamics.loop_newton import CLOSED_GAP, MAX_DIRECT_CORRECTION, NewtonStep, Scales, scales
 from jounce.dynamics.loops import closure_of
+from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 
 MAX_CONDITION_ESTIMATE = 1e4  # of A_d: up to it one step from CLOSED_GAP leaves (1e4 CLOSED_GAP)^2, which is rounding
@@ -61,6 +62,8 @@ def close_loops(
     start = np.broadcast_to(c.start if start is None else start, (len(u), len(c.coordinates)))
     if c.ratios.places:
         _check_followers(m, start, u)
+    if not m.loops:
+        return all_coordinates(c, u, c.ratios.positions(u))
     q, A, estimates = _continue_branch(m, u, start, step or loop_newton.numpy_step(m))
     # estimates of conditions come at no cost; where they are large, singular values decide
     if len(near := np.flatnonzero(estimates > MAX_CONDITION_ESTIMATE**2)):
@@ -161,14 +164,15 @@ def _check_followers(m: Mechanism, start: np.ndarray, u: np.ndarray) -> None:
     away = (start[:, following] - c.ratios.positions(u)) / s.coordinates[following]
     far = np.abs(away).max(axis=1)
     off = np.flatnonzero((far > FOLLOWER_PLACE_TOLERANCE) & (start[:, own] == u).all(axis=1))
-    other = off[np.abs(loop_assembly.gaps(m, start[off])[0] * s.rows).max(axis=1) < MAX_OTHER_BRANCH_GAP * far[off]]
+    gaps = np.abs(loop_assembly.gaps(m, start[off])[0] * s.rows).max(axis=1) if m.loops else 0 * far[off]
+    other = off[gaps < MAX_OTHER_BRANCH_GAP * far[off]]
     if len(other):
         k, j = other[0], np.abs(away[other[0]]).argmax()
         name, given, place = c.coordinates[following[j]], start[k, following[j]], c.ratios.positions(u[k])[j]
         raise JounceError(
             f"{m.name!r}: {name} = {given:.4g}{_sample_label(int(k), len(u))} is on another branch; on that"
-            f" of the start it follows {join_names(m.coordinates)} by constant ratios, to {place:.4g}; expected that,"
-            " or robot.closed(start=...) with a start on the other branch"
+            f" of the start it follows {join_names(m.coordinates)} by constant ratios, to {place:.4g}; expected that"
+            f"{', or robot.closed(start=...) with a start on the other branch' if m.loops else ''}"
         )
 
 

@@ -51,7 +51,7 @@ def scales(m: Mechanism) -> Scales:
     closure = closure_of(m)
     placed = [m.B[:, :3, 3], *(frame.T[None, :3, 3] for loop in m.loops for frame in (loop.a, loop.b))]
     length = float(max(1e-9, *np.linalg.norm(np.concatenate(placed).astype(float), axis=1)))
-    slides = np.concatenate([[*[False] * len(x.held[0]), *[True] * len(x.held[1])] for x in m.loops])
+    slides = np.array([slide for x in m.loops for slide, held in enumerate(x.held) for _ in held], dtype=bool)
     turning = np.abs(closure.G.T).astype(float) @ m.X[:, :3].any(axis=1) > 0
     return Scales(length, np.where(slides, 1 / length, 1.0), np.where(turning, 1.0, length))
 

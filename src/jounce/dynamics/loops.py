@@ -18,7 +18,7 @@ import numpy as np
 from jounce.core.scalars import Array, concatenate, reciprocal, zeros_like
 from jounce.dynamics.loop_branches import LoopEnds, constraint_pattern, with_solved_loops, without_ratios
 from jounce.dynamics.state import Law, State
-from jounce.model.loops import Closure
+from jounce.model.loops import Closure, all_coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import OrthogonalFactors, mirror_triangle, solve_series
 from jounce.spatial.series import Series
@@ -193,8 +193,11 @@ def close_law(tree_law: Law, shape: Sequence[int | str], of_turning: Law | None)
 
 def closed_motion(m: Mechanism, x: State) -> ClosedMotion:
     """The motion of the tree in a state."""
-    assert x.position is not None, m.name
-    return ClosedMotion(m, x.q, x.position)
+    c, position = closure_of(m), x.position
+    if position is None:  # all others follow by constant ratios
+        u = x.q[0][..., 0]
+        position = all_coordinates(c, u, c.ratios.positions(u))[..., None]
+    return ClosedMotion(m, x.q, position)
 
 
 def actuator_forces(m: Mechanism, F: Series, Q: Series) -> Series:

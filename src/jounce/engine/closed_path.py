@@ -36,8 +36,8 @@ def continue_positions(
     JounceError : where loops cannot be closed along the motion, or the branch jumps, with the time.
     """
     m = robot.mechanism
-    if m.closure is None:
-        return None
+    if not m.takes_dependent:
+        return loop_closure.close_loops(m, motion(t, 0, side)[0]) if m.closure else None
     curve, inner, order = unwrap_curve(motion.curve, t)
     samples = (curve.stop - curve.start) / DEFAULT_TIME_STEP if motion.grid is None else len(motion.grid)
     count = max(_MIN_PATH_INTERVALS, min(_MAX_PATH_INTERVALS, int(samples / _SAMPLES_PER_PATH_INTERVAL)))

@@ -35,7 +35,7 @@ def serve(robot: Engine, asked: Computation, form: Form, base_terms: int) -> Non
         return
     forms[form] = True
     name, method, closing = form[0], getattr(type(front), form[0], None), _closing_table(robot, asked)
-    open_loops = robot.mechanism.closure is not None and closing is None
+    open_loops = robot.mechanism.takes_dependent and closing is None
     elastic_links = robot.mechanism.elasticity is not None and asked.quantity.of_motors is not None
     if open_loops or elastic_links or method is not METHODS.get(name) or not kernel.direct.are_possible:
         return
@@ -54,7 +54,7 @@ def serve(robot: Engine, asked: Computation, form: Form, base_terms: int) -> Non
 
 def _closing_table(robot: Engine, asked: Computation) -> ClosingTable | None:
     """What closes the loops of a closed robot, if native code can."""
-    step = closing_step(robot) if robot.mechanism.closure else None
+    step = closing_step(robot) if robot.mechanism.takes_dependent else None
     if step is None or with_constraints(robot, asked) is not robot.mechanism:
         return None
     table = ClosingTable(step, certain_digits.max_condition(asked))

@@ -52,7 +52,7 @@ def compute(
     try:  # the short way, of calls like an earlier one: NumPy itself checks shapes and kinds of numbers
         kernel, count, limit = robot._kernels.ready[form]
         arrays = (*given[:count], *terms, *moved)
-        if robot.mechanism.closure:
+        if robot.mechanism.takes_dependent:
             arrays = _with_dependent(robot, arrays, limit)
         if moved and not are_poses(moved[0]):
             raise LookupError  # NaN, or what `check_pose` refuses
@@ -92,7 +92,7 @@ def compute(
 
 def _plain_types(mechanism: Mechanism) -> set[type]:
     """The types of arguments that native code takes as they are: of lists, those of one state of an open robot."""
-    return {np.ndarray, NoneType} if mechanism.closure else {np.ndarray, NoneType, list}
+    return {np.ndarray, NoneType} if mechanism.takes_dependent else {np.ndarray, NoneType, list}
 
 
 def _with_dependent(robot: Engine, arrays: Sequence[Any], limit: float) -> tuple[Any, ...]:
@@ -196,7 +196,7 @@ def _needs_inverse(robot: Engine, computation: Computation) -> bool:
 def _mark_singular(call: Call, found: Any) -> Any:
     """Results with infinite entries, and NumPy's warning, where pivots of the mass matrix are only rounding."""
     m = call.robot.mechanism
-    at = [call.arrays[0], *(call.arrays[-1:] if m.closure else [])]
+    at = [call.arrays[0], *(call.arrays[-1:] if m.takes_dependent else [])]
     if not all(map(is_numeric, call.arrays)):
         return found
     plant = (

@@ -58,7 +58,7 @@ def compute_by_method(
     width = working_scalars(computation.quantity, method, mechanism.nb)
 
     def law(x: Sequence[Array]) -> Series:
-        if mechanism.closure and is_jax(x[-1]):
+        if mechanism.takes_dependent and is_jax(x[-1]):
             x = [*x[:-1], _follow_dependent(mechanism, x[0], x[-1])]
         return computation.series(method, mechanism, x)
 

@@ -263,7 +263,5 @@ def describe_omissions(b: LimitedMotion, breaks: tuple[ForceBreak, ...]) -> tupl
             f"limits of {join_names(idle)} are not checked: the joints are rigid; see robot.elastic(stiffness)"
         )
     for joint in following_efforts(b.robot.mechanism):
-        notes.append(
-            f"effort limits of joint {quote_value(joint)} are not checked: it follows another, which Q belongs to"
-        )
+        notes.append(f"effort limits of {quote_value(joint)} are not checked: it follows another, or shares motors")
     return tuple(notes)

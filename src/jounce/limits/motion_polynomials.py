@@ -20,6 +20,7 @@ from jounce.limits.friction import acting_friction
 from jounce.limits.limited_motion import HERMITE_DERIVATIVES, LimitedMotion, Series, Span
 from jounce.limits.ratios import SIGNS, ZERO_BOUND_TOLERANCE, Scale
 from jounce.model.limit_kinds import LIMIT_KINDS
+from jounce.model.transmissions import with_followers
 from jounce.motion.hermite import hermite_coefficients
 
 # Of a piece: in its middle a motion from rest to rest agrees with any polynomial, as both are odd about it.
@@ -116,7 +117,8 @@ def collect_knots(b: LimitedMotion, span: Span) -> tuple[np.ndarray, np.ndarray]
         breaks += [jump.t for jump in curve.jumps(order)]
     jumps = np.unique([t for t in breaks if start < t <= stop])
     every = np.unique([start, *motion.times[(motion.times > start) & (motion.times < stop)], stop])
-    if b.forces and (friction := acting_friction(b.robot.mechanism)) and not b.robot.mechanism.closure:
+    m = b.robot.mechanism
+    if b.forces and (friction := acting_friction(with_followers(m))) and not m.takes_dependent:
         every = np.union1d(every, friction.reversals(motion, every))
     if not jumps.size:
         return every, np.zeros(len(every), dtype=bool)

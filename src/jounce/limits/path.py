@@ -21,8 +21,9 @@ from jounce.engine.closed_path import name_errors_by_time
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates
 from jounce.limits import path_velocity
-from jounce.limits.joints import drop_base, joint_rates, scatter_columns
+from jounce.limits.joints import drop_base, effort_quantity, joint_rates, scatter_columns
 from jounce.limits.limited_motion import compute_at_speed, compute_gravity
+from jounce.model.transmissions import with_followers
 
 if TYPE_CHECKING:
     from jounce.motion import Motion
@@ -128,11 +129,10 @@ def sample_path(robot: Engine, motion: "Motion", sigma: np.ndarray, order: int, 
     with name_errors_by_time(sigma):
         m, side = robot.mechanism, SIDES[not left]
         states = MotionStates.sample(robot, motion, sigma, [(DEFAULT_QUANTITY, order)], side)
+        row = DEFAULT_QUANTITY if m.takes_dependent else effort_quantity(m)
 
         def forces(speed: float) -> list[np.ndarray]:
-            found = scatter_columns(
-                m, compute_at_speed(robot, states, DEFAULT_QUANTITY, order, speed), DEFAULT_QUANTITY
-            )
+            found = scatter_columns(m, compute_at_speed(robot, states, row, order, speed), row)
             return [rate / speed**k for k, rate in enumerate(found)]
 
         b, v, g = [], [], []
@@ -143,6 +143,11 @@ def sample_path(robot: Engine, motion: "Motion", sigma: np.ndarray, order: int, 
             g.append(even - b[-1])
         momentum = QUANTITIES["generalized_momentum"]
         p = replace(states.upto(momentum, order), wrench=None).compute(robot, momentum.name)
-        a = scatter_columns(m, drop_base(m, p, momentum), momentum)
+        a = drop_base(m, p, momentum)
+        if row is not DEFAULT_QUANTITY and m.closure:  # of motors, by the weights of redundant ones
+            F = with_followers(m).G[list(m.closure.actuated)]
+            W = F / m.closure.weights[:, None]
+            a = [x @ np.linalg.solve(W.T @ F, W.T) for x in a]
+        a = scatter_columns(m, a, row)
         weight = scatter_columns(m, compute_gravity(robot, states, order), DEFAULT_QUANTITY)
         return Path(joint_rates(robot, states.rates, states.near), a, b, v, g, weight)

@@ -131,7 +131,7 @@ def build_problem(robot: Engine, motion: Motion, share: float) -> RetimeProblem:
     kinds = [kind for kind in known_kinds(robot, limits) if kind != "position"]
     motors = _limited_motors(robot, kinds)
     forces = [kind for kind in kinds if LIMIT_KINDS[kind].force]
-    if forces and not drives_coordinates(robot.mechanism):
+    if forces and robot.mechanism.takes_dependent and not drives_coordinates(robot.mechanism):
         bounds, names = limits.bounds(forces[0]), joint_names(robot.mechanism)
         bounded = [name for j, name in enumerate(names) if np.isfinite(bounds[:, j]).any()]
         raise JounceError(

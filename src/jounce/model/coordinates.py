@@ -152,8 +152,9 @@ def coordinate_limits(mechanism: Mechanism) -> Limits:
 
 
 def following_efforts(mechanism: Mechanism) -> list[str]:
-    """The joints whose effort limits bound no coordinate: they follow others, and Q is the sum of all shares."""
-    limits, leaders = mechanism.limits, leading_joints(mechanism)
+    """The joints whose effort limits bound no motor: they follow others, or motors move them together."""
+    limits, leaders, c = mechanism.limits, leading_joints(mechanism.tree), mechanism.closure
+    leaders = [leaders[j] for j in c.actuated] if c else leaders
     kinds = [kind.name for kind in LIMIT_KINDS.values() if kind.of == "Q"]
     stated = [any(np.isfinite(limits.bounds(kind)[:, i]).any() for kind in kinds) for i in range(len(mechanism.joints))]
     return [joint for i, joint in enumerate(mechanism.joints) if stated[i] and i not in leaders]

@@ -139,6 +139,11 @@ class Mechanism:
         return replace(self, G=c.G, g=c.g, coordinates=c.coordinates, closure=None, elasticity=None)
 
     @property
+    def takes_dependent(self) -> bool:
+        """Whether computations take the dependent coordinates: loops are closed before."""
+        return self.closure is not None and bool(self.loops)
+
+    @property
     def columns(self) -> tuple[tuple[int, ...], ...]:
         """The joint variables that move each body: none of a base that floats, several of a joint of several screws."""
         return _body_columns(self.owners, self.nb)

@@ -67,7 +67,7 @@ def trace_program(mechanism: Mechanism, computation: Computation, tape: Tape | N
         for port in inputs
         if port.displacement != port.shape
     ]
-    followers = _trace_followers(mechanism, inputs, arrays, tape) if mechanism.closure else None
+    followers = _trace_followers(mechanism, inputs, arrays, tape) if mechanism.takes_dependent else None
     free = differentiate.FreeInputs(parameters, displaced, followers)
     return differentiate.PRODUCTS[computation.product](traced, free, tape.most)
 

@@ -1250,6 +1250,51 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         """
         return type(self)(with_loops(self.mechanism, loops, actuated, coordinates, start, weights))
 
+    def with_transmission(
+        self, matrix: ArrayLike, motors: "Sequence[str] | Mapping[str, Motor | None]",
+        joints: Sequence[str] | None = None, offset: Named = 0.0,
+    ) -> Self:  # fmt: skip
+        """The robot whose motors move joints together, as in wrists with parallel shafts, differentials and cables.
+
+        Positions of the motors are ``phi = A q + phi0``, their torques ``A^-T Q``: `coordinates` and `actuator_forces`
+        with rates. ``robot.closed()`` has the motors as coordinates, ``closed(coordinates=[...])`` joints again, and
+        `weights` of `closed` are for redundant motors. Motions of joints and of motors serve both. Limits of motors are
+        stated by their names; those of joints count too, but for limits of forces.
+
+        Parameters
+        ----------
+        matrix : (k, n)
+            The ratios A, of rank n.
+        motors : list of str or mapping
+            Names of k motors, or {name: Motor}, whose gear, inertia, damping and friction become drive terms. Each is
+            the joint of a massless rotor, which turns by phi.
+        joints : list of str, optional
+            Names of n coordinates, by default all.
+        offset : number, (k,) or mapping, optional
+            Positions phi0 of the motors where the joints are at 0; 0 by default.
+
+        Returns
+        -------
+        Robot
+            In the coordinates of this robot; its `mechanism.tree` has those of the motors too.
+
+        Raises
+        ------
+        JounceError
+            If the matrix is singular or not (k, n), a name is unknown or used twice, or the robot has loops, contacts,
+            elastic joints or joints of several screws.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arm = jounce.load("planar2r").with_transmission([[1, 0], [1, 1]], ["shoulder", "elbow"])
+        >>> arm.coordinates([0.1, 0.2])[2:].round(3), arm.actuator_forces([0, 0], [0, 0], [0, 0])
+        (array([0.1, 0.3]), array([19.62,  9.81]))
+        """
+        from jounce.arguments.transmissions import with_transmission  # imported here to keep start-up fast
+
+        return type(self)(with_transmission(self.mechanism, matrix, motors, joints, offset))
+
     def contacts(self, contacts: "Sequence[Contact]") -> Self:
         """The robot on contacts, whose wrenches balance what no motor drives: its base.
 

@@ -141,7 +141,7 @@ def _is_independent(job: Job, found: ColumnMatch) -> bool:
     of_base = poses.select_base_columns(sources, job.robot.mechanism)
     sampled = found.sampled or loads.are_sampled(of_wrenches) or (of_base and poses.are_sampled(list(of_base)))
     m = job.robot.mechanism  # loops are closed from the row before, unless every row states all joints
-    continued = m.closure and len(follower_columns(m, sources, found.sampled)) < len(m.closure.dependent)
+    continued = m.takes_dependent and len(follower_columns(m, sources, found.sampled)) < m.tree.n - m.n
     several = multiscrew_joints(m)  # signs of quaternions follow those of the row before
     highest = rate_name("q", job.highest)  # which may be a difference between rows
     differ = any(f"{joint}.{highest}" not in sources for joint in m.coordinates)

@@ -79,7 +79,7 @@ def _closed_positions(
 ) -> np.ndarray | None:
     """All coordinates of a closed robot, from the rows that state them, checked for jumps within each motion."""
     m = task.job.robot.mechanism
-    if m.closure is None:
+    if m.closure is None or not m.takes_dependent:
         return None
     found = np.stack([si[f"{name}.q"] for name in m.closure.coordinates], axis=1)
     with locate_errors(str(part.path)):

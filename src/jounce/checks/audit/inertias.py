@@ -140,6 +140,7 @@ def check_massless(mechanism: Mechanism) -> Iterator[Finding]:
     empty[: int(mechanism.floats)] = False  # a base has no joint that could move nothing
     loaded = ~empty
     if mechanism.closure:
+        empty[[mechanism.owners[j] for j in mechanism.closure.actuated if not mechanism.loops]] = False  # rotors
         loaded[[frame.body for loop in mechanism.loops for frame in (loop.a, loop.b) if frame.body >= 0]] = True
     carries = loaded.copy()
     for i, p in reversed(list(enumerate(mechanism.parent))):

@@ -3,7 +3,7 @@
 loops:
   - {frames: [left_tip, right_tip]}                           # spherical: the origins meet
   - {frames: [rod, link], joint: revolute, axis: [0, 0, 1]}   # the axis in the first frame
-actuated: [left_shoulder, right_shoulder]
+actuated: [left_shoulder, right_shoulder]                     # without loops, joints that follow may be among them
 independent: [left_shoulder, right_shoulder]                  # the actuated joints, unless stated
 weights: {left_shoulder: 1}                                   # of the forces of redundant motors, 1 unless stated
 start: {left_shoulder: 2, left_elbow: -1}                     # near a configuration with closed loops, 0 unless stated
@@ -25,13 +25,12 @@ LOOPS_SECTION, LOOP_KEYS = "loops", ("actuated", "independent", "weights", "star
 
 def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
     """The mechanism with the loops of a file closed; without actuated joints they are kept, open."""
-    if LOOPS_SECTION not in robot.value:
-        for key in LOOP_KEYS:
-            if key in robot.value:
-                raise robot.get(key).error(f"{LOOPS_SECTION!r} too, a list of cut joints")
-        return mechanism
-    loops = []
-    for entry in robot.get(LOOPS_SECTION).items(least=1):
+    loops, entries = [], robot.get(LOOPS_SECTION).items(least=1) if LOOPS_SECTION in robot.value else []
+    driven = ("actuated", "weights") if len(mechanism.joints) > mechanism.n else ()  # joints that follow have motors
+    for key in LOOP_KEYS:
+        if key in robot.value and not entries and key not in driven:
+            raise robot.get(key).error(f"{LOOPS_SECTION!r} too, a list of cut joints")
+    for entry in entries:
         given = entry.keys(("frames",), ("joint", "axis"))
         frames = [frame.text() for frame in given.get("frames").items()]
         if len(frames) != 2:
@@ -52,25 +51,24 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
             stated[key] = [name.text() for name in given.items(least=1)]
         else:
             stated[key] = {name: value.number() for name, value in given.members().items()}
-    with locate_errors(robot.get(LOOPS_SECTION).place):
-        return with_loops(mechanism, coordinates=stated.pop("independent", None), **stated)
+    own = stated.pop("independent", None if loops else mechanism.coordinates)
+    with locate_errors(robot.get(LOOPS_SECTION if loops else "actuated").place):
+        return with_loops(mechanism, coordinates=own, **stated)
 
 
 def write_section(mechanism: Mechanism) -> dict[str, Any]:
     """What a file states of the loops of a mechanism."""
-    if not mechanism.loops:
-        return {}
-    stated: dict[str, Any] = {LOOPS_SECTION: [_loop_data(loop) for loop in mechanism.loops]}
-    c = mechanism.closure
+    c, loops = mechanism.closure, [_loop_data(loop) for loop in mechanism.loops]
+    stated: dict[str, Any] = {LOOPS_SECTION: loops} if loops else {}
     if c is None:
         return stated
     names = np.array(c.coordinates)
     stated["actuated"] = names[list(c.actuated)].tolist()
-    if c.independent != c.actuated:
+    if loops and c.independent != c.actuated:
         stated["independent"] = names[list(c.independent)].tolist()
     if (c.weights != 1).any():
         stated["weights"] = dict(zip(stated["actuated"], c.weights.tolist(), strict=True))
-    return stated | {"start": dict(zip(c.coordinates, c.start.tolist(), strict=True))}
+    return stated | ({"start": dict(zip(c.coordinates, c.start.tolist(), strict=True))} if loops else {})
 
 
 def _loop_data(loop: Any) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from jounce.model.drives import UNDRIVEN
 from jounce.model.limit_kinds import BOUNDED_FORCES
 from jounce.model.mechanism import Mechanism, body_name
 from jounce.model.positions import Position, multiscrew_joints
+from jounce.model.transmissions import with_followers
 from jounce.spatial.inertia import inertia_matrix, moments, symmetric_matrix
 from jounce.spatial.lie import hat, portable_product
 
@@ -54,7 +55,7 @@ def document(mechanism: Mechanism) -> dict[str, Any]:
     refuse_contacts(mechanism, "a robot file states none")
     _check_writable(mechanism)
     stated = loops.write_section(mechanism) | elastic.write_section(mechanism)
-    mechanism = mechanism.tree
+    mechanism = with_followers(mechanism)
     joints = {i: _joint_data(mechanism, i) for i in range(mechanism.floats, mechanism.nb)}
     free = [mechanism.joints[j] for i, joint in joints.items() if "follows" not in joint for j in mechanism.columns[i]]
     frames = [

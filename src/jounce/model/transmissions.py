@@ -1,0 +1,74 @@
+"""Transmissions: motors that move several joints together, ``phi = A q + phi0`` with constant A and phi0.
+
+Wrists with parallel shafts, differentials, shoulders with cables. A motor is a joint variable of its own, of a rotor
+that turns by phi and follows the joints by ``theta = G q + g``, so that limits, armature and friction are stated of it
+as of any joint. Robots whose motors are not at their coordinates are closed robots: without loops all followers have
+constant ratios, and nothing is solved.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from jounce.model.drives import UNDRIVEN
+from jounce.model.limits import no_limits
+from jounce.model.loops import Closure, FollowerRatios
+from jounce.model.mechanism import Mechanism
+from jounce.model.motors import Motor
+
+
+def with_rotors(m: Mechanism, motors: Mapping[str, Motor | None], G: np.ndarray, g: np.ndarray) -> Mechanism:
+    """A tree with a massless rotor per motor on the ground or base, that turns by ``phi = G q + g``."""
+    k, tables = len(motors), {key: [none] * len(motors) for key, none in UNDRIVEN.items()}
+    for i, motor in enumerate(motors.values()):
+        if motor:
+            tables["armature"][i] = motor.reflected_inertia or 0.0
+            tables["damping"][i] = motor.gear**2 * motor.damping
+            tables["friction"][i] = abs(motor.gear) * motor.friction
+    return replace(
+        m,
+        B=np.concatenate([m.B, np.tile(np.eye(4), (k, 1, 1))]),
+        X=np.concatenate([m.X, np.tile([0, 0, 1, 0, 0, 0], (k, 1))]),
+        M=np.concatenate([m.M, np.zeros((k, 6, 6))]),
+        parent=(*m.parent, *[0 if m.floats else -1] * k),
+        owners=(*m.owners, *range(m.nb, m.nb + k)),
+        G=np.concatenate([m.G, G]),
+        g=np.concatenate([m.g, g]),
+        bodies=(*m.bodies, *(f"{name}_rotor" for name in motors)),
+        joints=(*m.joints, *motors),
+        limits=replace(m.limits, table=np.concatenate([m.limits.table, no_limits(k).table], axis=-1)),
+        drives=replace(m.drives, **{key: np.concatenate([x, tables[key]]) for key, x in vars(m.drives).items()}),
+    )
+
+
+def drive_joints(m: Mechanism, motors: Sequence[int], own: Sequence[int], weights: np.ndarray) -> Mechanism:
+    """A tree whose joints follow by G, moved by motors at some of these joints, in the coordinates of some."""
+    own, coordinates = list(own), tuple(m.joints[j] for j in own)
+    R, r = m.G.astype(float), m.g.astype(float)
+    if coordinates != m.coordinates:
+        R = np.linalg.solve(R[own].T, R.T).T
+        r = r - R @ r[own]
+    following = [j for j in range(len(r)) if j not in own]
+    tree = replace(m, G=np.eye(len(m.joints)), g=np.zeros(len(m.joints)), coordinates=m.joints)
+    closure = Closure(
+        coordinates=m.joints,
+        G=tree.G,
+        g=tree.g,
+        independent=tuple(own),
+        start=np.where(np.isin(range(len(r)), own), 0.0, r),
+        actuated=tuple(motors),
+        weights=weights,
+        ratios=FollowerRatios(tuple(following), R[following], r[following]),
+    )
+    return replace(tree, G=tree.G[:, own], coordinates=coordinates, closure=closure)
+
+
+def with_followers(m: Mechanism) -> Mechanism:
+    """A robot without loops as a tree whose joints follow its coordinates by G; the tree of one with loops."""
+    c = m.closure
+    if c is None or m.loops:
+        return m.tree
+    G, g = c.G[:, list(c.independent)].copy(), c.start
+    G[list(c.ratios.places)] = c.ratios.F
+    return replace(m.tree, G=G, g=g, coordinates=m.coordinates)
