@@ -1,0 +1,81 @@
+"""The loops that a caller states, as pairs of frames by name, or of a frame and the ground that holds it."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from jounce.core.errors import JounceError, check_choice, locate_errors, quote_value
+from jounce.core.scalars import asarray
+from jounce.dynamics.recursion import bodies
+from jounce.dynamics.state import BASE_AT_REST
+from jounce.model.frame import UNIT_ROUNDING, Frame
+from jounce.model.loops import DEFAULT_LOOP_AXIS, HELD_DIRECTIONS, Loop
+from jounce.model.mechanism import Mechanism
+from jounce.spatial.series import column_series
+
+GROUND = "ground"  # in place of a frame: the other one is held where it is at the start
+
+
+def read_loops(tree: Mechanism, given: object) -> Sequence[Any]:
+    """The loops that a caller gives: pairs of frames, with the joint between them and its axis or without."""
+    if given is None:
+        if not tree.loops:
+            raise JounceError(f"{tree.name!r} states no loops; expected loops=[(frame_a, frame_b), ...]")
+        return tree.loops
+    if not isinstance(given, Sequence) or isinstance(given, str) or not given:
+        raise JounceError(f"loops is {quote_value(given)}; expected [(frame_a, frame_b), ...]")
+    for k, x in enumerate(given):
+        if not isinstance(x, Loop) and (not isinstance(x, Sequence) or isinstance(x, str) or not 2 <= len(x) <= 4):
+            expected = "(frame_a, frame_b), with a joint and its axis or without"
+            raise JounceError(f"loops[{k}] is {quote_value(x)}; expected {expected}")
+    return given
+
+
+def meets_ground(tree: Mechanism, loop: Any) -> bool:
+    """Whether a loop, or one that a caller states, has an end on the ground."""
+    if isinstance(loop, Loop):
+        return -1 in (loop.a.body, loop.b.body)
+    return any(name == GROUND or (name in tree.frame_names and tree.frame(name).body < 0) for name in loop[:2])
+
+
+def with_stated_loops(tree: Mechanism, stated: Sequence[Any], start: np.ndarray) -> Mechanism:
+    """The tree with its loops: those with frames in the tree in their order, others between frames by name."""
+    ready, loops = iter(tree.loops), list[Loop]()
+    for k, x in enumerate(stated):
+        if isinstance(x, Loop):
+            loops.append(next(ready))
+            continue
+        with locate_errors(f"loops[{k}]"):
+            if GROUND in x[:2] and GROUND not in tree.frame_names:
+                tree, x = _pin_to_ground(tree, list(x), start)
+            loops.append(build_loop(tree, *x))
+    return replace(tree, loops=tuple(loops))
+
+
+def _pin_to_ground(tree: Mechanism, loop: list[Any], start: np.ndarray) -> tuple[Mechanism, list[Any]]:
+    """The tree with a frame on the ground where the other frame of a loop is at the start, and the loop with it."""
+    end = loop.index(GROUND)
+    frame = tree.frame(loop[1 - end])
+    C = bodies.poses(tree, column_series([start]), BASE_AT_REST, frame.body)[0]
+    pinned = Frame(f"{GROUND}:{frame.name}", -1, C @ frame.T)
+    loop[end] = pinned.name
+    return replace(tree, frames=(*(f for f in tree.frames if f.name != pinned.name), pinned)), loop
+
+
+def build_loop(tree: Mechanism, a: Any, b: Any, joint: Any = "spherical", axis: Any = DEFAULT_LOOP_AXIS) -> Loop:
+    """The loop that is cut at a joint between two frames of a tree, given by name."""
+    frames = tree.frame(a), tree.frame(b)
+    if frames[0].body == frames[1].body:
+        raise JounceError(f"frames {quote_value(a)} and {quote_value(b)} are on one body; expected frames on two")
+    check_choice("joint", joint, HELD_DIRECTIONS)
+    along = np.array(asarray(axis, "axis"), dtype=float)
+    if along.shape != (3,) or not np.isfinite(along).all() or not along.any():
+        raise JounceError(
+            f"axis is {quote_value(axis)}; expected a direction (3,) in the axes of frame {quote_value(a)}"
+        )
+    if joint in ("spherical", "fixed"):  # which have none
+        along = np.array(DEFAULT_LOOP_AXIS, dtype=float)
+    length = np.linalg.norm(along)  # of what a file states, 1 but for rounding: it is read as it was written
+    return Loop(*frames, joint, along if abs(length - 1) < UNIT_ROUNDING else along / length)
