@@ -12,7 +12,7 @@ from jounce.arguments.rates import find_rates
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import Array, array_of_shape, asarray
 from jounce.model.mechanism import Mechanism
-from jounce.model.single_screws import BASE_COORDINATES, states_base
+from jounce.model.single_screws import BASE_COORDINATES
 from jounce.spatial.series import rate_name
 
 
@@ -25,7 +25,7 @@ def split_terms(base: object) -> tuple[Any, ...]:
 def convert_base_motion(mechanism: Mechanism, base: object, count: int, what: str) -> list[Array]:
     """Return the `count` terms C, V, Vd, ... that a quantity takes, the pose (..., 4, 4), the others (..., 6)."""
     terms = split_terms(base)
-    if states_base(mechanism):
+    if mechanism.closure and mechanism.closure.coordinates[: len(BASE_COORDINATES)] == BASE_COORDINATES:
         raise JounceError(
             f"base= of {mechanism.name!r}: {', '.join(BASE_COORDINATES)} are its coordinates, in q; leave base= out"
         )

@@ -45,12 +45,10 @@ def with_loops(
         passive = passive if passive is not None else [mechanism.coordinates[k] for k in c.passive] or None
     motors = _coordinate_places(tree, "actuated", actuated)
     free = () if passive is None else _coordinate_places(tree, "passive", passive)
-    own = (*motors, *free) if coordinates is None else _coordinate_places(tree, "coordinates", coordinates)
-    if missing := [tree.coordinates[j] for j in free if j not in own or j in motors]:
-        raise JounceError(
-            f"passive names {join_names(missing)}; expected independent coordinates without a motor: leave it out of"
-            " actuated=, and name it by coordinates= where these are given"
-        )
+    if both := [tree.coordinates[j] for j in free if j in motors]:
+        raise JounceError(f"passive names {join_names(both)}, which actuated names too; expected it in one of them")
+    own = motors if coordinates is None else _coordinate_places(tree, "coordinates", coordinates)
+    own += tuple(j for j in free if j not in own)
     if len(own) == tree.n:
         raise JounceError(
             f"{tree.name!r}: all {tree.n} coordinates are named, so that none can follow where loops are closed; name"
@@ -75,8 +73,8 @@ def with_loops(
         warn_of_limits(tree, range(len(tree.joints)), theta, "starts, where loops are closed, at")
     if idle := [name for name, mover in movers(closed).items() if mover == "nothing"]:
         warn(
-            f"{closed.name!r}: nothing but inertia moves {join_names(idle)}, passive without a spring that acts;"
-            " robot.with_drives('spring') lets those of the file act, actuated= names motors"
+            f"{closed.name!r}: nothing but inertia moves {join_names(idle)}, passive without a spring; state one in the"
+            " robot's file, or a motor by actuated="
         )
     return closed
 

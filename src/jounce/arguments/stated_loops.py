@@ -41,39 +41,39 @@ def meets_ground(tree: Mechanism, loop: Any) -> bool:
 
 
 def with_stated_loops(tree: Mechanism, stated: Sequence[Any], start: np.ndarray) -> Mechanism:
-    """The tree with its loops: those with frames in the tree in their order, others between frames by name."""
+    """The tree with its loops: those of frames in the tree in their order, others between frames by name."""
     ready, loops = iter(tree.loops), list[Loop]()
     for k, x in enumerate(stated):
-        if isinstance(x, Loop):
-            loops.append(next(ready))
-            continue
         with locate_errors(f"loops[{k}]"):
-            if GROUND in x[:2] and GROUND not in tree.frame_names:
-                tree, x = _pin_to_ground(tree, list(x), start)
-            loops.append(build_loop(tree, *x))
-    return replace(tree, loops=tuple(loops))
+            found = next(ready) if isinstance(x, Loop) else build_loop(tree, *_find_ends(tree, x[:2], start), *x[2:])
+        loops.append(found)
+    ends = [frame for loop in loops for frame in (loop.a, loop.b) if frame.name not in tree.bodies]
+    frames = {frame.name: frame for frame in (*tree.frames, *ends)}
+    if moved := [frame.name for frame in ends if not np.array_equal(frame.T, frames[frame.name].T)]:
+        raise JounceError(f"loops state {quote_value(moved[0])} at two places; leave one of them out")
+    return replace(tree, frames=tuple(frames.values()), loops=tuple(loops))
 
 
-def _pin_to_ground(tree: Mechanism, loop: list[Any], start: np.ndarray) -> tuple[Mechanism, list[Any]]:
-    """The tree with a frame on the ground where the other frame of a loop is at the start, and the loop with it."""
-    end = loop.index(GROUND)
-    frame = tree.frame(loop[1 - end])
-    C = bodies.poses(tree, column_series([start]), BASE_AT_REST, frame.body)[0]
-    pinned = Frame(f"{GROUND}:{frame.name}", -1, C @ frame.T)
-    loop[end] = pinned.name
-    return replace(tree, frames=(*(f for f in tree.frames if f.name != pinned.name), pinned)), loop
+def _find_ends(tree: Mechanism, names: Sequence[Any], start: np.ndarray) -> list[Frame]:
+    """The frames of both ends of a loop; where one is the ground, it is where the other end is at the start."""
+    ends = [None if name == GROUND and name not in tree.frame_names else tree.frame(name) for name in names]
+    for held in filter(None, ends):
+        C = bodies.poses(tree, column_series([start]), BASE_AT_REST, held.body)[0]
+        return [frame or Frame(f"{GROUND}:{held.name}", -1, C @ held.T) for frame in ends]
+    raise JounceError(f"both ends are the ground; available: {', '.join(tree.frame_names)}")
 
 
 def build_loop(tree: Mechanism, a: Any, b: Any, joint: Any = "spherical", axis: Any = DEFAULT_LOOP_AXIS) -> Loop:
     """The loop that is cut at a joint between two frames of a tree, given by name."""
-    frames = tree.frame(a), tree.frame(b)
+    frames = [frame if isinstance(frame, Frame) else tree.frame(frame) for frame in (a, b)]
     if frames[0].body == frames[1].body:
-        raise JounceError(f"frames {quote_value(a)} and {quote_value(b)} are on one body; expected frames on two")
+        names = " and ".join(quote_value(frame.name) for frame in frames)
+        raise JounceError(f"frames {names} are on one body; expected frames on two")
     check_choice("joint", joint, HELD_DIRECTIONS)
     along = np.array(asarray(axis, "axis"), dtype=float)
     if along.shape != (3,) or not np.isfinite(along).all() or not along.any():
         raise JounceError(
-            f"axis is {quote_value(axis)}; expected a direction (3,) in the axes of frame {quote_value(a)}"
+            f"axis is {quote_value(axis)}; expected a direction (3,) in the axes of frame {quote_value(frames[0].name)}"
         )
     if joint in ("spherical", "fixed"):  # which have none
         along = np.array(DEFAULT_LOOP_AXIS, dtype=float)

@@ -221,9 +221,8 @@ def actuator_forces(m: Mechanism, F: Series, Q: Series) -> Series:
 
 def movers(m: Mechanism) -> dict[str, str]:
     """What moves each coordinate of a closed robot: "motors", a "spring", or "nothing" where it is passive."""
-    c, stiff = closure_of(m), m.drives.stiffness * ("spring" in m.acting)
-    passive = {m.coordinates[k]: "spring" if (stiff * m.G[:, k]).any() else "nothing" for k in c.passive}
-    return dict.fromkeys(m.coordinates, "motors") | passive
+    sprung = {k: (m.drives.stiffness * m.G[:, k]).any() for k in closure_of(m).passive}
+    return {x: {None: "motors", True: "spring", False: "nothing"}[sprung.get(k)] for k, x in enumerate(m.coordinates)}
 
 
 def loop_wrenches(m: Mechanism, motion: ClosedMotion, Q: Series) -> Series:

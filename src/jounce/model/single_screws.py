@@ -4,7 +4,7 @@ Loops are closed on positions that are coordinates. A joint of several screws be
 these, slides before turns: ``exp(v_x x) exp(v_y y) exp(v_z z) exp(w_z yaw) exp(w_y pitch) exp(w_x roll)``, with a body
 without inertia behind each but the last. A base is such a joint of the ground.
 
-Invariant: bodies move as before; coordinates stand in the places of the velocities that they replace.
+Invariant: bodies move as before; all other joints keep their coordinates.
 
 Failure: none is noticed here. At a pitch of 90 degrees the axes of yaw and roll coincide, and constraints that are
 solved for them are singular.
@@ -22,34 +22,28 @@ from jounce.model.frame import Frame
 from jounce.model.limits import no_limits
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import multiscrew_joints
-from jounce.spatial.groups import FREE, VELOCITIES
+from jounce.spatial.groups import FREE
 
-COORDINATES = dict(zip(VELOCITIES, ("roll", "pitch", "yaw", "x", "y", "z"), strict=True))  # in place of velocities
+CHAIN = {"vx": "x", "vy": "y", "vz": "z", "wz": "yaw", "wy": "pitch", "wx": "roll"}  # coordinates by velocities
 BASE_JOINT = "base"
-BASE_COORDINATES = tuple(f"{BASE_JOINT}_{name}" for name in COORDINATES.values())
-
-
-def states_base(m: Mechanism) -> bool:
-    """Whether the pose of the base of a robot that floats belongs to its coordinates."""
-    return m.closure is not None and m.closure.coordinates[: len(BASE_COORDINATES)] == BASE_COORDINATES
+BASE_COORDINATES = tuple(f"{BASE_JOINT}_{name}" for name in CHAIN.values())
 
 
 def to_single_screws(m: Mechanism, base: bool) -> Mechanism:
-    """The tree on joints of one screw each; if asked, a base that floats becomes a joint of the ground.
-
-    Warns
-    -----
-    JounceWarning : if limits or drive terms are left out, those of velocities that are no rates of coordinates.
-    """
+    """The tree on joints of one screw each; if asked, a base that floats becomes a joint of the ground."""
     m = _base_on_joint(m) if base and m.floats else m
     if not (joints := multiscrew_joints(m)):
         return m
     m = _without_drives(m, [j for i in joints for j in m.columns[i]])
-    new_names = {f"{x.name}.{v}": f"{x.name}_{COORDINATES[v]}" for x in joints.values() for v in x.group.velocities}
-    joint_names, coordinates = (tuple(new_names.get(x, x) for x in names) for names in (m.joints, m.coordinates))
+    rows, columns = np.arange(len(m.joints)), np.arange(m.n)
+    for i, x in joints.items():
+        order = np.argsort([[*CHAIN].index(velocity) for velocity in x.group.velocities])
+        rows[list(m.columns[i])], columns[x.coordinates] = m.columns[i][0] + order, x.coordinates.start + order
+    new_names = {f"{x.name}.{v}": f"{x.name}_{name}" for x in joints.values() for v, name in CHAIN.items()}
+    joint_names = tuple(new_names.get(m.joints[j], m.joints[j]) for j in rows)
+    coordinates = tuple(new_names.get(m.coordinates[j], m.coordinates[j]) for j in columns)
     if taken := [name for name in coordinates if coordinates.count(name) > 1]:
         raise JounceError(f"{m.name!r} has two coordinates {quote_value(taken[0])}; rename the joint of this name")
-    rows = [j for own in m.columns for j in reversed(own)]  # slides, then turns about z, y and x
     counts = np.array([max(1, len(own)) for own in m.columns])
     last = np.append(np.cumsum(counts) - 1, -1)  # where old bodies are; the ground, -1, stays
     first = last[:-1] + 1 - counts
@@ -57,7 +51,7 @@ def to_single_screws(m: Mechanism, base: bool) -> Mechanism:
     B[first], M[last[:-1]] = m.B, m.M
     parent, owners = np.arange(len(B)) - 1, range(m.floats, len(B))
     parent[first] = last[list(m.parent)]
-    bodies = dict(zip(owners, (joint_names[j] for j in rows), strict=True)) | dict(zip(last, m.bodies, strict=False))
+    bodies = dict(zip(owners, joint_names, strict=True)) | dict(zip(last, m.bodies, strict=False))
 
     def moved(frame: Frame) -> Frame:
         return replace(frame, body=int(last[frame.body]))
@@ -69,12 +63,12 @@ def to_single_screws(m: Mechanism, base: bool) -> Mechanism:
         M=M,
         parent=tuple(parent.tolist()),
         owners=tuple(owners),
-        G=m.G[rows],
+        G=m.G[rows][:, columns],
         g=m.g[rows],
         bodies=tuple(bodies[i] for i in range(len(B))),
-        joints=tuple(joint_names[j] for j in rows),
+        joints=joint_names,
         coordinates=coordinates,
-        limits=m.limits.select(rows),
+        limits=m.limits.select(rows.tolist()),
         drives=Drives(**{key: x[rows] for key, x in vars(m.drives).items()}),
         frames=tuple(map(moved, m.frames)),
         loops=tuple(replace(loop, a=moved(loop.a), b=moved(loop.b)) for loop in m.loops),

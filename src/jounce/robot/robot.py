@@ -1220,14 +1220,14 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         actuated : list of str, optional
             The joints with motors. By default those of a robot whose loops are closed already.
         coordinates : list of str, optional
-            The independent coordinates, by default the actuated joints and the passive ones.
+            The independent coordinates, by default the actuated joints; passive ones are added.
         start : (N,) or mapping, optional
             Positions, rad or m, near closed loops, which decide on the branch; joints that are left out are at 0.
         weights : (k,) or mapping, optional
             Weights of the squares of redundant motors' forces, whose sum is least; 1 by default.
         passive : list of str, optional
-            Independent coordinates that no motor moves, but springs that act, or nothing, of which it warns. Their
-            motion is given, and `actuator_forces` ends with what it lacks, or `passive_accelerations` computes it.
+            Independent coordinates that springs move, or nothing, of which it warns. `actuator_forces` ends with what
+            their motion lacks, and `passive_accelerations` computes it.
 
         Returns
         -------

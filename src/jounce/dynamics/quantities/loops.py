@@ -11,7 +11,14 @@ from jounce.model.drives import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
 
-NO_PASSIVE = "is of passive coordinates, and it has none; robot.closed(passive=[...]) names some"
+
+def passive_obstacle(m: Mechanism) -> str | None:
+    """Why passive coordinates of a closed robot do not move by themselves."""
+    if not (m.closure and m.closure.passive):
+        return "is of passive coordinates, and it has none; robot.closed(passive=[...]) names some"
+    if "spring" in m.acting or "spring" not in loops.movers(m).values():
+        return None
+    return "takes the springs of passive coordinates, which do not act; robot.with_drives(True) lets all drives act"
 
 
 def tree_forces(method: str, m: Mechanism, x: State, motion: loops.ClosedMotion) -> Series:
@@ -91,7 +98,7 @@ class Loops:
         rates=3,
         shape=("passive",),
         closed=True,
-        obstacle=lambda m: None if m.closure and m.closure.passive else NO_PASSIVE,
+        obstacle=passive_obstacle,
         drive_terms=DRIVE_TERMS,
         unit="rad/s^2 or, for coordinates in m, m/s^2",
         caption="accelerations of passive coordinates",
@@ -105,12 +112,8 @@ class Loops:
     def passive_accelerations(m: Mechanism, x: State, method: str = "recursion") -> Series:
         """The accelerations of passive coordinates of a robot with closed loops, where motors move the others.
 
-        Those with which nothing is lacking in `actuator_forces`, of every order: hybrid dynamics. Of q2d, q3d, ... the
-        entries of passive coordinates are not read. Infinite or NaN where passive coordinates move no inertia.
-
-        References
-        ----------
-        R. Featherstone, Rigid Body Dynamics Algorithms, 9.2.
+        Those with which nothing is lacking in `actuator_forces`, of every order: hybrid dynamics (R. Featherstone,
+        Rigid Body Dynamics Algorithms, 9.2). Entries of passive coordinates in q2d, q3d, ... are not read.
 
         Examples
         --------

@@ -121,6 +121,5 @@ def close_ties(m: ModelArrays, mechanism: Mechanism, tied: Sequence[LoopTie]) ->
             raise JounceError("no joint has an actuator")
         return with_loops(mechanism, actuated=motors, start=start)
     except JounceError as error:
-        cure = "robot.closed(actuated=[...], passive=[...]) closes them"
-        warn(f"{m.place}: its loops stay open, {cure}: {error}")
+        warn(f"{m.place}: its loops stay open, robot.closed(actuated=[...]) closes them: {error}")
         return mechanism
