@@ -191,7 +191,7 @@ REFUSED = {
         lambda: tree_of(FLOATING).closed([("body3", "grund")], ["joint1"]), r"loops\[0\]: unknown body 'grund'",
     ),
     "too few coordinates on the ground": (
-        lambda: tree_of(FLOATING).closed([("body3", "ground")], ["joint1"]), "with these held base_roll, .* can move",
+        lambda: tree_of(FLOATING).closed([("body3", "ground")], ["joint1"]), "with these held base_x, .* can move",
     ),
     "a weight without end": (lambda: SHARED.closed(weights=[1, np.inf]), "weights is .*expected positive finite"),
     "some of the joints that follow": (
