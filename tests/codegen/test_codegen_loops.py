@@ -55,7 +55,7 @@ def test_code_of_a_robot_on_the_ground_moves_its_springs(lang, tmp_path):
     arm = jounce.Robot.from_screws(
         B, [turn] * 2, rods, [-1, 0], ["upper", "lower"], drives={"stiffness": [5.0, 5.0]}, base=rods[0]
     ).with_drives("spring")
-    robot = arm.closed([("base", "ground", "fixed")], ["upper"], coordinates=["upper"], passive=["lower"])
+    robot = arm.closed([("base", "ground", "fixed")], ["joint1"], passive=["joint2"])
     robot.codegen(lang, 1, tmp_path / lang, outputs=["passive_accelerations", "actuator_forces", "loop_wrenches"])
     passed, output = passes(tmp_path / lang, lang)
     assert passed, output
