@@ -78,4 +78,4 @@ def build_loop(tree: Mechanism, a: Any, b: Any, joint: Any = "spherical", axis: 
     if joint in ("spherical", "fixed"):  # which have none
         along = np.array(DEFAULT_LOOP_AXIS, dtype=float)
     length = np.linalg.norm(along)  # of what a file states, 1 but for rounding: it is read as it was written
-    return Loop(*frames, joint, along if abs(length - 1) < UNIT_ROUNDING else along / length)
+    return Loop(frames[0], frames[1], joint, along if abs(length - 1) < UNIT_ROUNDING else along / length)
