@@ -57,6 +57,21 @@ def test_code_of_coupled_drives_takes_joints_alone(lang, tmp_path):
     assert passed, output
 
 
+@pytest.mark.parametrize("lang", [pytest.param("c", marks=needs("make", "gcc"))])
+def test_code_of_a_robot_on_the_ground_moves_its_springs(lang, tmp_path):
+    """A floating double pendulum with a pivot on the ground: its base follows, and its second joint is on a spring."""
+    rods = [jounce.inertia_matrix(1.0, (0.1 * k, 0, 0), np.diag([0.01, 0.02, 0.02])) for k in (1, 2)]
+    B, turn = [np.eye(4), np.eye(4)], [0, 0, 1, 0, 0, 0]
+    B[1][0, 3] = 0.3
+    arm = jounce.Robot.from_screws(
+        B, [turn] * 2, rods, [-1, 0], ["upper", "lower"], drives={"stiffness": [5.0, 5.0]}, base=rods[0]
+    ).with_drives("spring")
+    robot = arm.closed([("base", "ground", "fixed")], ["joint1"], passive=["joint2"])
+    robot.codegen(lang, 1, tmp_path / lang, outputs=["passive_accelerations", "actuator_forces", "loop_wrenches"])
+    passed, output = passes(tmp_path / lang, lang)
+    assert passed, output
+
+
 @pytest.mark.parametrize("lang", PROGRAMS)
 def test_every_language_explains_the_dependent_coordinates(fivebar, lang, tmp_path):
     fivebar.codegen(lang, 0, tmp_path / lang)

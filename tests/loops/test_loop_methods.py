@@ -187,8 +187,11 @@ REFUSED = {
     "no joint that follows": (
         lambda: SHARED.closed(coordinates=SHARED.mechanism.closure.coordinates), "all 8 coordinates are named",
     ),
-    "the ground of a floating robot": (
-        lambda: tree_of(FLOATING).closed([("body3", "ground")], ["joint1"]), "unknown body 'ground'",
+    "a loop that names no frame": (
+        lambda: tree_of(FLOATING).closed([("body3", "grund")], ["joint1"]), r"loops\[0\]: unknown body 'grund'",
+    ),
+    "too few coordinates on the ground": (
+        lambda: tree_of(FLOATING).closed([("body3", "ground")], ["joint1"]), "with these held base_x, .* can move",
     ),
     "a weight without end": (lambda: SHARED.closed(weights=[1, np.inf]), "weights is .*expected positive finite"),
     "some of the joints that follow": (

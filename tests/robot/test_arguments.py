@@ -27,6 +27,8 @@ URDF = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="
 MJCF = "<mujoco><worldbody><body name='b'><joint name='j'/><geom size='1'/></body></worldbody></mujoco>"
 ROBOT = jounce.load("planar2r")
 FIVEBAR = jounce.load("fivebar")
+SPRUNG = replace(FIVEBAR.mechanism, drives=replace(FIVEBAR.drives, stiffness=np.ones(4)), acting=("spring",))
+HALF = jounce.Robot(SPRUNG).closed(actuated=["left_shoulder"], passive=["right_shoulder"])
 ARM = ROBOT.elastic([800, 600], rotor=0.1)
 KERNEL = ROBOT.compile("gravity_forces", order=0)
 SYMBOLIC = ROBOT.symbolic()
@@ -319,7 +321,7 @@ CASES: dict[str, Case] = {
     ),
     "Contact of a point": (jounce.Contact, {"frame": "body2", "kind": "point", "normal": (0, 0, 1)}),
     **{
-        name: along(getattr(FIVEBAR, name), method=None)
+        name: along(getattr(HALF if row.obstacle else FIVEBAR, name), method=None)
         for name, row in QUANTITIES.items()
         if row.closed
     },
@@ -331,6 +333,9 @@ CASES: dict[str, Case] = {
     "with_transmission": (
         ROBOT.with_transmission,
         {"matrix": [[1, 0], [0.5, 1]], "motors": ["a", "b"], "joints": list(ROBOT.joint_names[:2]), "offset": 0.0},
+    ),
+    "closed with passive coordinates": (
+        HALF.closed, {"loops": None, "actuated": ["left_shoulder"], "passive": ["right_shoulder"]},
     ),
     "inverse_dynamics natively": along(ROBOT.inverse_dynamics, wrench=(np.zeros((2, 6)),) * 4, method=None),
     "inverse_dynamics in closed form": along(ROBOT.inverse_dynamics, method="closed_form"),

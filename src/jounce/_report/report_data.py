@@ -19,13 +19,13 @@ from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.limits.check import Check, check
 from jounce.limits.joints import (
-    drives_coordinates,
     drop_base,
     effort_quantity,
     joint_limits,
     joint_names,
     joint_rates,
     joint_units,
+    quantity_columns,
 )
 from jounce.limits.limited_motion import known_kinds
 from jounce.limits.samples import limited_values
@@ -225,10 +225,10 @@ def own_joints(m: Mechanism) -> list[int]:
 
 def _spread_drives(m: Mechanism, x: np.ndarray) -> np.ndarray:
     """Columns of all joints from those of the drives: of the coordinates, or of actuated joints where these differ."""
-    return _spread_columns(m, own_joints(m) if drives_coordinates(m) or not m.closure else list(m.closure.actuated), x)
+    return _spread_columns(m, quantity_columns(m, effort_quantity(m)), x)
 
 
-def _spread_columns(m: Mechanism, joints: list[int], x: np.ndarray) -> np.ndarray:
+def _spread_columns(m: Mechanism, joints: Sequence[int], x: np.ndarray) -> np.ndarray:
     whole = np.full((len(x), m.tree.n), np.nan)
     whole[:, joints] = x
     return whole

@@ -12,6 +12,7 @@ from jounce.arguments.rates import find_rates
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import Array, array_of_shape, asarray
 from jounce.model.mechanism import Mechanism
+from jounce.model.single_screws import BASE_COORDINATES
 from jounce.spatial.series import rate_name
 
 
@@ -24,6 +25,10 @@ def split_terms(base: object) -> tuple[Any, ...]:
 def convert_base_motion(mechanism: Mechanism, base: object, count: int, what: str) -> list[Array]:
     """Return the `count` terms C, V, Vd, ... that a quantity takes, the pose (..., 4, 4), the others (..., 6)."""
     terms = split_terms(base)
+    if mechanism.closure and mechanism.closure.coordinates[: len(BASE_COORDINATES)] == BASE_COORDINATES:
+        raise JounceError(
+            f"base= of {mechanism.name!r}: {', '.join(BASE_COORDINATES)} are its coordinates, in q; leave base= out"
+        )
     if len(terms) != count or any(term is None for term in terms):
         raise _term_count_error(mechanism, terms, count, what)
     arrays = [asarray(term, f"{_term_label(k)} of base") for k, term in enumerate(terms)]

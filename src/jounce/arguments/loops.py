@@ -8,15 +8,16 @@ import numpy as np
 
 from jounce.arguments import names
 from jounce.arguments.contacts import refuse_contacts
-from jounce.core.errors import JounceError, check_choice, join_names, locate_errors, quote_value
+from jounce.arguments.stated_loops import meets_ground, read_loops, with_stated_loops
+from jounce.core.errors import JounceError, check_choice, join_names, quote_value, warn
 from jounce.core.scalars import asarray, is_numeric
 from jounce.dynamics import followers, loop_assembly, loop_closure
-from jounce.dynamics.loops import closure_of
-from jounce.model.frame import UNIT_ROUNDING
+from jounce.dynamics.loops import closure_of, movers
 from jounce.model.locking import lock_coordinates, warn_of_limits
-from jounce.model.loops import DEFAULT_LOOP_AXIS, HELD_DIRECTIONS, Closure, Loop
+from jounce.model.loops import Closure, Loop
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import check_single_screws
+from jounce.model.single_screws import to_single_screws
 from jounce.model.transmissions import drive_joints, with_followers
 
 MIN_RATIO_INVERSE_CONDITION = 1e-8  # of ratios that are solved for motors: Q of these keeps half of its digits
@@ -29,22 +30,35 @@ def with_loops(
     coordinates: object = None,
     start: object = None,
     weights: object = None,
+    passive: object = None,
 ) -> Mechanism:
     """The closed robot of a tree; raise `JounceError` unless its coordinates and motors determine the motion."""
     if mechanism.elasticity is not None:
         first = "robot.closed(loops, actuated) and then elastic(stiffness)"
         raise JounceError(f"{mechanism.name!r} has elastic joints; close its loops first: {first}")
     refuse_contacts(mechanism, "loops are closed without")
-    tree = with_followers(mechanism)
-    driven = actuated is not None and (len(tree.joints) > tree.n or coordinates is not None)
+    flat = with_followers(mechanism)
+    driven = actuated is not None and (len(flat.joints) > flat.n or coordinates is not None)
     if loops is None and not mechanism.loops and (mechanism.closure or driven):
-        return _drive_followers(tree, mechanism.closure, actuated, coordinates, weights)
-    check_single_screws(tree, "closed loops")
-    tree = replace(tree, loops=_loops(tree, loops))
+        if passive is not None:
+            raise JounceError(f"{mechanism.name!r} has no loops; passive= is of robots with loops: leave it out")
+        return _drive_followers(flat, mechanism.closure, actuated, coordinates, weights)
+    stated = read_loops(flat, loops)
+    tree = replace(flat, loops=tuple(x for x in stated if isinstance(x, Loop)))
+    tree = to_single_screws(tree, any(meets_ground(tree, x) for x in stated))
+    q = _start_configuration(mechanism, tree, start)
+    tree = with_stated_loops(tree, stated, q)
     _check_numbers(tree)
-    kept = mechanism.closure if actuated is None else None
-    motors = kept.actuated if kept else coordinate_places(tree, "actuated", actuated)
+    if actuated is None and mechanism.closure:
+        c = mechanism.closure
+        actuated = [c.coordinates[j] for j in c.actuated]
+        passive = passive if passive is not None else [mechanism.coordinates[k] for k in c.passive] or None
+    motors = coordinate_places(tree, "actuated", actuated)
+    free = () if passive is None else coordinate_places(tree, "passive", passive)
+    if both := [tree.coordinates[j] for j in free if j in motors]:
+        raise JounceError(f"passive names {join_names(both)}, which actuated names too; expected it in one of them")
     own = motors if coordinates is None else coordinate_places(tree, "coordinates", coordinates)
+    own += tuple(j for j in free if j not in own)
     if len(own) == tree.n:
         raise JounceError(
             f"{tree.name!r}: all {tree.n} coordinates are named, so that none can follow where loops are closed; name"
@@ -55,9 +69,10 @@ def with_loops(
         G=tree.G,
         g=tree.g,
         independent=own,
-        start=_start_configuration(mechanism, start),
+        start=q,
         actuated=motors,
         weights=_motor_weights(tree, motors, weights),
+        passive=tuple(own.index(j) for j in free),
     )
     closed = replace(tree, G=tree.G[:, own], coordinates=tuple(tree.coordinates[j] for j in own), closure=closure)
     closed = replace(closed, closure=replace(closure, start=loop_assembly.assemble(closed, closure.start)))
@@ -66,6 +81,11 @@ def with_loops(
     if start is not None:
         theta = np.asarray(tree.G @ closure_of(closed).start + tree.g, dtype=float)
         warn_of_limits(tree, range(len(tree.joints)), theta, "starts, where loops are closed, at")
+    if idle := [name for name, mover in movers(closed).items() if mover == "nothing"]:
+        warn(
+            f"{closed.name!r}: nothing but inertia moves {join_names(idle)}, passive without a spring; state one in the"
+            " robot's file, or a motor by actuated="
+        )
     return closed
 
 
@@ -117,7 +137,8 @@ def with_locked(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
     left = tree.coordinates if mechanism.loops else tree.joints
     weights = {name: w for name, w in weights.items() if name in left}
     free = [mechanism.coordinates[j] for j in places]
-    closed = with_loops(tree, None, list(weights), free, start, weights)
+    passive = [name for name in (mechanism.coordinates[k] for k in c.passive) if name not in values]
+    closed = with_loops(tree, None, list(weights), free, start, weights, passive or None)
     return replace(closed, elasticity=mechanism.elasticity and mechanism.elasticity.select(places))
 
 
@@ -149,48 +170,13 @@ def _check_mobility(m: Mechanism) -> None:
             f" these held {names_of} can move; name {free} joints by actuated= or coordinates=, or another start="
         )
     F = loop_assembly.tangent_map(A, c.independent, c.dependent)
-    if np.linalg.matrix_rank(F[list(c.actuated)], rtol=loop_assembly.CONSTRAINT_RANK_TOLERANCE) < m.n:
+    moved = F[np.ix_(c.actuated, c.driven)]
+    if np.linalg.matrix_rank(moved, rtol=loop_assembly.CONSTRAINT_RANK_TOLERANCE) < len(c.driven):
         raise JounceError(
             f"{m.name!r}: motors at {join_names(c.coordinates[j] for j in c.actuated)} cannot move all of"
-            f" {join_names(m.coordinates)}; expected {m.n} or more that determine the motion"
+            f" {join_names(m.coordinates[k] for k in c.driven)}; expected {len(c.driven)} or more that determine the"
+            " motion, or passive=[...] with coordinates that springs or nothing moves"
         )
-
-
-def _loops(tree: Mechanism, given: object) -> tuple[Loop, ...]:
-    """The loops that a caller gives: pairs of frames, with the joint between them and its axis or without."""
-    if given is None:
-        if not tree.loops:
-            raise JounceError(f"{tree.name!r} states no loops; expected loops=[(frame_a, frame_b), ...]")
-        return tree.loops
-    if not isinstance(given, Sequence) or isinstance(given, str) or not given:
-        raise JounceError(f"loops is {quote_value(given)}; expected [(frame_a, frame_b), ...]")
-    found = []
-    for k, x in enumerate(given):
-        if not isinstance(x, Loop):
-            if not isinstance(x, Sequence) or isinstance(x, str) or not 2 <= len(x) <= 4:
-                expected = "(frame_a, frame_b), with a joint and its axis or without"
-                raise JounceError(f"loops[{k}] is {quote_value(x)}; expected {expected}")
-            with locate_errors(f"loops[{k}]"):
-                x = build_loop(tree, *x)
-        found.append(x)
-    return tuple(found)
-
-
-def build_loop(tree: Mechanism, a: Any, b: Any, joint: Any = "spherical", axis: Any = DEFAULT_LOOP_AXIS) -> Loop:
-    """The loop that is cut at a joint between two frames of a tree, given by name."""
-    frames = tree.frame(a), tree.frame(b)
-    if frames[0].body == frames[1].body:
-        raise JounceError(f"frames {quote_value(a)} and {quote_value(b)} are on one body; expected frames on two")
-    check_choice("joint", joint, HELD_DIRECTIONS)
-    along = np.array(asarray(axis, "axis"), dtype=float)
-    if along.shape != (3,) or not np.isfinite(along).all() or not along.any():
-        raise JounceError(
-            f"axis is {quote_value(axis)}; expected a direction (3,) in the axes of frame {quote_value(a)}"
-        )
-    if joint in ("spherical", "fixed"):  # which have none
-        along = np.array(DEFAULT_LOOP_AXIS, dtype=float)
-    length = np.linalg.norm(along)  # of what a file states, 1 but for rounding: it is read as it was written
-    return Loop(*frames, joint, along if abs(length - 1) < UNIT_ROUNDING else along / length)
 
 
 def coordinate_places(tree: Mechanism, label: str, given: object) -> tuple[int, ...]:
@@ -203,11 +189,11 @@ def coordinate_places(tree: Mechanism, label: str, given: object) -> tuple[int, 
     return tuple(found)
 
 
-def _start_configuration(mechanism: Mechanism, given: object) -> np.ndarray:
+def _start_configuration(mechanism: Mechanism, tree: Mechanism, given: object) -> np.ndarray:
     """The configuration (N,) of a caller's start: by joint name, 0 where a joint is left out, or all coordinates."""
-    tree = mechanism.tree
     if given is None:
-        return mechanism.closure.start if mechanism.closure else np.zeros(tree.n)
+        c = mechanism.closure if mechanism.loops else None
+        given = dict(zip(c.coordinates, c.start, strict=True)) if c else np.zeros(tree.n)
     q = values_per_joint(given, tree.coordinates, 0.0, "joint", "start")
     if q.shape != (tree.n,):
         raise JounceError(f"start has shape {q.shape}; expected ({tree.n},): {join_names(tree.coordinates)}")

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from jounce.checks.audit import audit
+from jounce.dynamics.loops import movers
 from jounce.model.coordinates import coordinate_units
 from jounce.model.limit_kinds import LIMIT_KEYS, LIMIT_KINDS
 from jounce.model.mechanism import Mechanism, body_name
@@ -35,6 +36,7 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
             for loop in mechanism.loops
         ],
         "following": [name for name in mechanism.tree.coordinates if name not in mechanism.coordinates],
+        "moved_by": movers(mechanism) if mechanism.closure else {},
         "bodies": [_body(mechanism.tree, i) for i in range(mechanism.floats, mechanism.nb)],
         "merged_links": {frame.name: body_name(mechanism, frame.body) for frame in mechanism.frames},
         "findings": [finding.as_data() for finding in audit(mechanism)],

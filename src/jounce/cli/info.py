@@ -75,7 +75,9 @@ def _loops(data: dict[str, Any]) -> list[str]:
     cuts = [f"{' - '.join(map(shorten, loop['frames']))} ({loop['joint']})" for loop in data["loops"]]
     following = [f"following joints: {', '.join(map(shorten, data['following']))}"] if data["following"] else []
     loops = [f"loops, {'closed' if following else 'open'}: {', '.join(cuts)}"] if cuts else []
-    wrapped = [wrap(line, width=INFO_WIDTH, subsequent_indent="  ") for line in loops + following]
+    by = {mover: [shorten(x) for x, own in data["moved_by"].items() if own == mover] for mover in ("spring", "nothing")}
+    passive = [f"passive, moved by {mover}: {', '.join(names)}" for mover, names in by.items() if names]
+    wrapped = [wrap(line, width=INFO_WIDTH, subsequent_indent="  ") for line in loops + following + passive]
     return ["", *(line for lines in wrapped for line in lines)] if wrapped else []
 
 

@@ -211,7 +211,8 @@ class Computation:
         sizes["contacts"] = len(m.contacts)
         sizes["parameters"] = len(INERTIAL_PARAMETERS) * bodies
         if closure := m.closure:
-            sizes |= {"tree": len(closure.coordinates), "loops": len(m.loops), "motors": len(closure.actuated)}
+            sizes |= {"tree": len(closure.coordinates), "loops": len(m.loops), "motors": len(closure.force_places)}
+            sizes["passive"] = len(closure.passive)
         axes = (axis for axis in self.quantity.shape if axis != "nb" or self.body is None)
         return tuple(sizes[axis] if isinstance(axis, str) else axis for axis in axes)
 

@@ -33,17 +33,18 @@ def with_ratios(m: Mechanism) -> Mechanism:
     sizes = s.coordinates[:, None] / s.coordinates[own]
     F = _tangent(m, c.start) * sizes
     constant = np.isin(range(len(F)), c.dependent)
-    found = 0
+    found, reach = 0, RATIO_SAMPLE_REACH / 16  # first near the start, where most robots show that they have none
     for _ in range(3 * RATIO_SAMPLES):
-        u = c.start[own] + rng.uniform(-RATIO_SAMPLE_REACH, RATIO_SAMPLE_REACH, m.n) * s.coordinates[own]
+        u = c.start[own] + rng.uniform(-reach, reach, m.n) * s.coordinates[own]
         try:
             [q] = loop_closure.close_loops(m, u[None])
         except JounceError:  # out of reach
+            reach /= 4
             continue
         A = scaled_constraints(m, q[None])[..., c.dependent]
         if compute_inverse_conditions(A)[0] < np.sqrt(MIN_SAMPLE_INVERSE_CONDITION):
             continue
-        found += 1
+        found, reach = found + 1, RATIO_SAMPLE_REACH
         turned = np.abs((_tangent(m, q) * sizes - F) / sizes).max(axis=1)
         off = np.abs(q - c.start - F @ (u - c.start[own])) / s.coordinates
         constant &= np.maximum(turned, off) <= RATIO_TOLERANCE

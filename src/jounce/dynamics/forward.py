@@ -8,12 +8,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
+import numpy as np
+
 from jounce.core.scalars import Array, zeros_like
-from jounce.dynamics import drive_terms
+from jounce.dynamics import drive_terms, loops
 from jounce.dynamics.closed_form import closed_form
-from jounce.dynamics.state import JointMotion
+from jounce.dynamics.state import JointMotion, Law, State
 from jounce.model.mechanism import Mechanism
-from jounce.spatial.linear import solve_series
+from jounce.spatial.linear import OrthogonalFactors, solve_series
 from jounce.spatial.series import Series
 
 
@@ -66,6 +68,32 @@ def solve_with_inverse_dynamics(
         known.append(found[..., -m.n :, :])
         if twists:
             twists.append(found[..., :6, :])
+        return found
+
+    return Series(term)
+
+
+def passive_accelerations(m: Mechanism, x: State, mass_matrix: Law, inverse: Law) -> Series:
+    """p^(k+2), (..., passive, 1), with which passive coordinates lack nothing: r = Q_p - F_p^T u vanishes.
+
+    It is affine in p^(k+2), ``r^(k) = P p^(k+2) + r^(k) where p^(k+2) = 0``, with the same matrix P at all orders: that
+    of columns of M in place of Q, M_pp where the other coordinates are those of the motors.
+    """
+    S, of_joints = np.eye(m.n, dtype=int)[:, loops.closure_of(m).passive], slice(m.nv - m.n, None)
+
+    def lacking(x: State, Q: Series) -> Series:
+        return loops.actuator_forces(m, loops.closed_motion(m, x).F, Q).map(lambda u: u[..., -S.shape[1] :, :])
+
+    P = lacking(x, Series.of([mass_matrix(m, x)[0][..., of_joints, of_joints] @ S]))[0]
+    factors = OrthogonalFactors.of(P, np.ones((S.shape[1], S.shape[1]), dtype=bool))
+    known = [x.q[0], x.q[1]]
+
+    def term(k: int) -> Array:
+        held = x.q[k + 2] * (1 - S.sum(axis=1, keepdims=True))
+        moving = replace(x, q=Series.of([*known, held]))
+        Q = inverse(m, moving).map(lambda Q: Q[..., of_joints, None])
+        found = -factors.solve(lacking(moving, Q)[k])
+        known.append(held + S @ found)
         return found
 
     return Series(term)

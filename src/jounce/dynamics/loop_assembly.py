@@ -16,7 +16,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jounce.core.errors import JounceError
+from jounce.core.errors import JounceError, join_names
 from jounce.dynamics import loop_newton
 from jounce.dynamics.loop_branches import with_solved_loops
 from jounce.dynamics.loop_newton import CLOSED_GAP, MAX_DIRECT_CORRECTION, Scales, scales
@@ -30,6 +30,7 @@ CONSTRAINT_RANK_TOLERANCE = 1e-8  # of singular values, relative to the largest:
 MIN_INVERSE_CONDITION = 1e-7
 MIN_SAMPLE_INVERSE_CONDITION = 1e-5  # the same of random samples that stand for all positions: well above the limit
 MAX_ASSEMBLY_STEPS = 20  # Gauss-Newton, quadratic near the end: more do not help
+OPEN_SHARE = 0.3  # of the largest gap: least squares share what two loops contradict, by the lengths of their levers
 HALF_TURN_GAP = 1e8  # 2 tan(phi / 2) where axes point in opposite directions, instead of infinity: a large turn is due
 
 
@@ -123,12 +124,14 @@ def assemble(m: Mechanism, start: np.ndarray) -> np.ndarray:
 
 
 def describe_worst_gap(m: Mechanism, s: Scales, q: np.ndarray) -> str:
-    """Which loop is open, and how far, in words."""
+    """Which loop is open, and how far, in words, with those that are open nearly as far: they contradict each other."""
     gap, ends = gaps(m, q[None])[0][0], np.cumsum([len(loop.rows) for loop in m.loops])[:-1]
-    worst = int(np.argmax([np.abs(part).max() for part in np.split(gap * s.rows, ends)]))
+    sizes = np.array([np.abs(part).max() for part in np.split(gap * s.rows, ends)])
+    worst, *others = (k for k in np.argsort(-sizes) if sizes[k] >= OPEN_SHARE * sizes.max())
     loop, own = m.loops[worst], np.split(gap, ends)[worst]
     turns, slides = np.split(own, [len(loop.held[0])])
-    return f"loop {loop.name} is open by {np.linalg.norm(slides):.3g} m and {np.linalg.norm(turns):.3g} rad"
+    more = f", nearly as far as {join_names(m.loops[k].name for k in others)}" if others else ""
+    return f"loop {loop.name} is open by {np.linalg.norm(slides):.3g} m and {np.linalg.norm(turns):.3g} rad{more}"
 
 
 def _least_motion(s: Scales, A: np.ndarray, gap: np.ndarray, free: Sequence[int]) -> np.ndarray:

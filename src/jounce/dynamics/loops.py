@@ -21,7 +21,7 @@ from jounce.dynamics.state import Law, State
 from jounce.model.loops import Closure, all_coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import OrthogonalFactors, mirror_triangle, solve_series
-from jounce.spatial.series import Series
+from jounce.spatial.series import Series, join_series
 
 
 def closure_of(m: Mechanism) -> Closure:
@@ -204,20 +204,37 @@ def actuator_forces(m: Mechanism, F: Series, Q: Series) -> Series:
     """u = W^-1 F_u (F_u^T W^-1 F_u)^-1 Q, (..., motors, 1): the forces with F_u^T u = Q of which u^T W u is least.
 
     F_u are the rows of F, the velocities of all coordinates, that belong to the actuated joints; W are their weights.
+    Columns of F_u and rows of Q are those of coordinates that motors move. Below them stand Q_p - F_p^T u with the
+    columns and rows of passive coordinates: what these lack.
     """
     closure, first = closure_of(m), m.nv - m.n
-    F_u = F.map(lambda F: F[..., [first + j for j in closure.actuated], first:])
+
+    def select(columns: Sequence[int]) -> tuple[Series, Series]:
+        rows, those = [first + j for j in closure.actuated], [first + k for k in columns]
+        return F.map(lambda F: F[..., rows, :][..., those]), Q.map(lambda Q: Q[..., columns, :])
+
+    F_u, driven = select(closure.driven)
     weighted = reciprocal(closure.weights)[:, None] * F_u
-    return weighted @ solve_series(F_u.mT @ weighted, Q)
+    u = weighted @ solve_series(F_u.mT @ weighted, driven)
+    if not closure.passive:
+        return u
+    F_p, Q_p = select(closure.passive)
+    return join_series([u, Q_p - F_p.mT @ u], axis=-2)
+
+
+def movers(m: Mechanism) -> dict[str, str]:
+    """What moves each coordinate of a closed robot: "motors", a "spring", or "nothing" where it is passive."""
+    sprung = {k: (m.drives.stiffness * m.G[:, k]).any() for k in closure_of(m).passive}
+    return {x: {None: "motors", True: "spring", False: "nothing"}[sprung.get(k)] for k, x in enumerate(m.coordinates)}
 
 
 def loop_wrenches(m: Mechanism, motion: ClosedMotion, Q: Series) -> Series:
     """R^T y, (..., loops, 6), of forces Q on the tree: the wrenches of cut joints with rows R of constraints.
 
-    A^T y = Q - S u, where the motors exert u. The y are the shortest of A_d^T y = (Q - S u)_d; where constraints are
-    redundant, others would serve.
+    A^T y = Q - S u, where the motors exert u, and what passive coordinates lack. The y are the shortest of A_d^T y =
+    (Q - S u)_d; where constraints are redundant, others would serve.
     """
-    S = np.eye(m.nv - m.n + m.tree.n, dtype=int)[:, [m.nv - m.n + j for j in closure_of(m).actuated]]
+    S = np.eye(m.nv - m.n + m.tree.n, dtype=int)[:, [m.nv - m.n + j for j in closure_of(m).force_places]]
     Q = Q - S @ actuator_forces(m, motion.F, motion.pull(Q).map(lambda Q: Q[..., m.nv - m.n :, :]))
     ends = np.cumsum([len(loop.rows) for loop in m.loops])[:-1]
 

@@ -128,6 +128,8 @@ class Closure:
         A configuration in which the loops are closed: the branch that positions are continued from.
     actuated : tuple of int
         The coordinates whose joints have motors.
+    passive : tuple of int
+        The places, among the independent coordinates, of those that no motor moves, but springs or nothing.
     weights : (len(actuated),)
         Of their forces, where there are more than independent coordinates: the sum of weight times force squared
         is least.
@@ -150,6 +152,17 @@ class Closure:
     actuated: tuple[int, ...]
     weights: np.ndarray
     ratios: FollowerRatios = NO_RATIOS
+    passive: tuple[int, ...] = ()
+
+    @property
+    def force_places(self) -> tuple[int, ...]:
+        """The coordinates of the tree at which forces act: of motors, then what passive coordinates lack."""
+        return (*self.actuated, *(self.independent[k] for k in self.passive))
+
+    @property
+    def driven(self) -> list[int]:
+        """The places, among the independent coordinates, of those that motors move."""
+        return [k for k in range(len(self.independent)) if k not in self.passive]
 
     @cached_property
     def dependent(self) -> tuple[int, ...]:

@@ -60,7 +60,7 @@ def key(mechanism: Mechanism, computation: Computation, target: Target) -> str:
             f"loop {k} {i}": array for k, loop in enumerate(mechanism.loops) for i, array in enumerate(loop.arrays)
         }
         joints = [(loop.a.body, loop.b.body, loop.joint) for loop in mechanism.loops]
-        digest.update(repr((joints, c.independent, c.actuated, c.ratios.places)).encode())
+        digest.update(repr((joints, c.independent, c.actuated, c.ratios.places, c.passive)).encode())
     if mechanism.contacts and (computation.quantity.balanced or computation.quantity.standing):
         links = [mechanism.frame(contact.frame) for contact in mechanism.contacts]
         digest.update(repr([(link.body, x.kind) for link, x in zip(links, mechanism.contacts, strict=True)]).encode())

@@ -2983,6 +2983,8 @@ class Methods:
 
         ``F_u^T u = Q``, F_u the velocities of the actuated joints from those of the independent coordinates. With more
         motors than coordinates, the weighted sum of u^2 is least. If the coordinates are those of the motors, u = Q.
+        Of passive coordinates ``Q_p - F_p^T u`` follows, what their motion needs beyond motors and the springs and
+        dampers that act: it vanishes along motions that the robot can do.
 
         Parameters
         ----------
@@ -3004,7 +3006,7 @@ class Methods:
         -------
         u : (..., k), or tuple of (..., k)
             Unit: N m or, for coordinates in m, N; of rates per s, per s^2, and so on. Of the motors, in the order of
-            `actuated` in `closed`.
+            `actuated` in `closed`, then of coordinates in that of `passive`.
 
         Raises
         ------
@@ -3050,6 +3052,109 @@ class Methods:
     ) -> tuple[Array, Array, Array]: ...
     @overload
     def actuator_forces(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        q5d: Named,
+        /,
+        *higher: Named,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> tuple[Array, ...]: ...
+
+    # its row: jounce/dynamics/quantities/loops.py
+    @overload
+    def passive_accelerations(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        *,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> Array:
+        """The accelerations of passive coordinates of a robot with closed loops, where motors move the others.
+
+        Those with which nothing is lacking in `actuator_forces`, of every order: hybrid dynamics (R. Featherstone,
+        Rigid Body Dynamics Algorithms, 9.2). Entries of passive coordinates in q2d, q3d, ... are not read.
+
+        Parameters
+        ----------
+        q : (..., n) or (..., N)
+            Independent coordinates: rad or m; or all N of the tree, near the branch.
+        qd, q2d : (..., n)
+            Their rates: per s, per s^2.
+        q3d, q4d, *higher : (..., n), optional
+            Further rates, each for one more time derivative of p2d.
+        wrench : (..., nb, 6) or dict, or a tuple of them, optional
+            What the bodies EXERT ON their environment, Qext = +J^T W, (moment; force) in body-frame components about
+            the origin of the body frame. A *tuple* (W, Wd, ...) is W with as many rates as the result has; anything
+            else, nested lists included, is W alone. Each is an array (..., nb, 6) or a dict {body or merged link: (...,
+            6)}. Wd is the derivative of those components.
+        base, method, out, threads : optional
+            See `Robot`.
+
+        Returns
+        -------
+        p2d : (..., passive), or tuple of (..., passive)
+            Unit: rad/s^2 or, for coordinates in m, m/s^2; of rates per s, per s^2, and so on. Of the passive
+            coordinates, in the order of `passive` in `closed`.
+
+        Raises
+        ------
+        JounceError
+            If the robot has no closed loops, its loops cannot be closed at q, an array has a wrong shape, a rate is
+            skipped, `wrench` has fewer rates than it takes, or a name is unknown.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arms = jounce.load("fivebar").closed(actuated=["left_shoulder"], passive=["right_shoulder"])
+        >>> [p2d] = arms.passive_accelerations([2.2, 0.9], [0, 0], [0, 0])
+        >>> motor, lack = arms.actuator_forces([2.2, 0.9], [0, 0], [0, p2d])
+        >>> abs(lack) < 1e-12
+        True
+        """
+    @overload
+    def passive_accelerations(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        *,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> tuple[Array, Array]: ...
+    @overload
+    def passive_accelerations(
+        self,
+        q: Named,
+        qd: Named,
+        q2d: Named,
+        q3d: Named,
+        q4d: Named,
+        *,
+        wrench: Rates | None = None,
+        base: Rates | None = None,
+        method: Method | None = None,
+        out: Out = None,
+        threads: int = 1,
+    ) -> tuple[Array, Array, Array]: ...
+    @overload
+    def passive_accelerations(
         self,
         q: Named,
         qd: Named,

@@ -1197,6 +1197,7 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         coordinates: Sequence[str] | None = None,
         start: Named | None = None,
         weights: Named | None = None,
+        passive: Sequence[str] | None = None,
     ) -> Self:
         """The robot with its loops closed, moved by its actuated joints.
 
@@ -1213,15 +1214,20 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
             (frame_a, frame_b) of names of bodies, or of links merged into bodies, that a cut joint joins: a spherical
             one, so that the origins of both frames meet. (frame_a, frame_b, joint) and (frame_a, frame_b, joint, axis)
             name another: "spherical", "revolute", "prismatic", "cylindrical", "planar" or "fixed", and its axis in
-            frame_a, [0, 0, 1] by default. By default the loops that the robot's file states.
+            frame_a, [0, 0, 1] by default. By default the loops that the robot's file states. "ground" in place of a
+            frame holds the other one where it is at the start. Loops through the ground make the pose of a base that
+            floats six coordinates of the tree, base_roll, base_pitch, base_yaw, base_x, base_y and base_z.
         actuated : list of str, optional
             The joints with motors. By default those of a robot whose loops are closed already.
         coordinates : list of str, optional
-            The independent coordinates, by default the actuated joints.
+            The independent coordinates, by default the actuated joints; passive ones are added.
         start : (N,) or mapping, optional
             Positions, rad or m, near closed loops, which decide on the branch; joints that are left out are at 0.
         weights : (k,) or mapping, optional
             Weights of the squares of redundant motors' forces, whose sum is least; 1 by default.
+        passive : list of str, optional
+            Independent coordinates that springs move, or nothing, of which it warns. `actuator_forces` ends with what
+            their motion lacks, and `passive_accelerations` computes it.
 
         Returns
         -------
@@ -1248,7 +1254,7 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         >>> robot.n, tree.n
         (2, 4)
         """
-        return type(self)(with_loops(self.mechanism, loops, actuated, coordinates, start, weights))
+        return type(self)(with_loops(self.mechanism, loops, actuated, coordinates, start, weights, passive))
 
     def with_transmission(
         self, matrix: ArrayLike, motors: "Sequence[str] | Mapping[str, Motor | None]",

@@ -2,13 +2,23 @@
 
 from dataclasses import replace
 
-from jounce.dynamics import loops
+from jounce.dynamics import forward, loops
 from jounce.dynamics.quantities.forces import Forces
+from jounce.dynamics.quantities.matrices import Matrices
 from jounce.dynamics.quantities.row import quantity, row_vector
 from jounce.dynamics.state import State
 from jounce.model.drives import DRIVE_TERMS
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
+
+
+def passive_obstacle(m: Mechanism) -> str | None:
+    """Why passive coordinates of a closed robot do not move by themselves."""
+    if not (m.closure and m.closure.passive):
+        return "is of passive coordinates, and it has none; robot.closed(passive=[...]) names some"
+    if "spring" in m.acting or "spring" not in loops.movers(m).values():
+        return None
+    return "takes the springs of passive coordinates, which do not act; robot.with_drives(True) lets all drives act"
 
 
 def tree_forces(method: str, m: Mechanism, x: State, motion: loops.ClosedMotion) -> Series:
@@ -61,7 +71,7 @@ class Loops:
         tex=r"F_u^T u = Q",
         wrench_term="F_u^-T F^T J^T W",
         wrench_tex=r"F_u^{-T} F^T J^T W",
-        returns="Of the motors, in the order of `actuated` in `closed`.",
+        returns="Of the motors, in the order of `actuated` in `closed`, then of coordinates in that of `passive`.",
     )
     @staticmethod
     def actuator_forces(m: Mechanism, x: State, method: str = "recursion") -> Series:
@@ -69,6 +79,8 @@ class Loops:
 
         ``F_u^T u = Q``, F_u the velocities of the actuated joints from those of the independent coordinates. With more
         motors than coordinates, the weighted sum of u^2 is least. If the coordinates are those of the motors, u = Q.
+        Of passive coordinates ``Q_p - F_p^T u`` follows, what their motion needs beyond motors and the springs and
+        dampers that act: it vanishes along motions that the robot can do.
 
         Examples
         --------
@@ -79,6 +91,41 @@ class Loops:
         """
         Q = Forces.inverse_dynamics.law(method, m)(m, x).map(lambda Q: Q[..., -m.n :, None])
         return row_vector(loops.actuator_forces(m, loops.closed_motion(m, x).F, Q))
+
+    @quantity(
+        symbol="p",
+        first_rate=2,
+        rates=3,
+        shape=("passive",),
+        closed=True,
+        obstacle=passive_obstacle,
+        drive_terms=DRIVE_TERMS,
+        unit="rad/s^2 or, for coordinates in m, m/s^2",
+        caption="accelerations of passive coordinates",
+        meaning="p2d: the accelerations of passive coordinates, from the motion of the others.",
+        tex=r"Q_p(q, \dot{q}, \ddot{q}) = F_p^T u",
+        wrench_term="what they add",
+        wrench_tex=r"\ddot{p}(W)",
+        returns="Of the passive coordinates, in the order of `passive` in `closed`.",
+    )
+    @staticmethod
+    def passive_accelerations(m: Mechanism, x: State, method: str = "recursion") -> Series:
+        """The accelerations of passive coordinates of a robot with closed loops, where motors move the others.
+
+        Those with which nothing is lacking in `actuator_forces`, of every order: hybrid dynamics (R. Featherstone,
+        Rigid Body Dynamics Algorithms, 9.2). Entries of passive coordinates in q2d, q3d, ... are not read.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> arms = jounce.load("fivebar").closed(actuated=["left_shoulder"], passive=["right_shoulder"])
+        >>> [p2d] = arms.passive_accelerations([2.2, 0.9], [0, 0], [0, 0])
+        >>> motor, lack = arms.actuator_forces([2.2, 0.9], [0, 0], [0, p2d])
+        >>> abs(lack) < 1e-12
+        True
+        """
+        laws = (row.law(method, m) for row in (Matrices.mass_matrix, Forces.inverse_dynamics))
+        return row_vector(forward.passive_accelerations(m, x, *laws))
 
     @quantity(
         symbol="Wl",

@@ -37,6 +37,7 @@ QuantityName: TypeAlias = Literal[
     "feedback_linearization",
     "coordinates",
     "actuator_forces",
+    "passive_accelerations",
     "loop_wrenches",
     "contact_wrenches",
 ]

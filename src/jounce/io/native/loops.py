@@ -5,6 +5,7 @@ loops:
   - {frames: [rod, link], joint: revolute, axis: [0, 0, 1]}   # the axis in the first frame
 actuated: [left_shoulder, right_shoulder]                     # without loops, joints that follow may be among them
 independent: [left_shoulder, right_shoulder]                  # the actuated joints, unless stated
+passive: [ankle]                                              # independent, and moved by springs or nothing
 weights: {left_shoulder: 1}                                   # of the forces of redundant motors, 1 unless stated
 start: {left_shoulder: 2, left_elbow: -1}                     # near a configuration with closed loops, 0 unless stated
 """
@@ -14,13 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from jounce.arguments.loops import build_loop, with_loops
+from jounce.arguments.loops import with_loops
+from jounce.arguments.stated_loops import build_loop
 from jounce.core.errors import locate_errors
 from jounce.io.entries import Entry
 from jounce.model.loops import DEFAULT_LOOP_AXIS
 from jounce.model.mechanism import Mechanism
 
-LOOPS_SECTION, LOOP_KEYS = "loops", ("actuated", "independent", "weights", "start")
+LOOPS_SECTION, LOOP_KEYS = "loops", ("actuated", "independent", "passive", "weights", "start")
 
 
 def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
@@ -47,7 +49,7 @@ def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
     stated: dict[str, Any] = {}
     for key in [key for key in LOOP_KEYS if key in robot.value]:
         given = robot.get(key)
-        if key in ("actuated", "independent"):
+        if key in ("actuated", "independent", "passive"):
             stated[key] = [name.text() for name in given.items(least=1)]
         else:
             stated[key] = {name: value.number() for name, value in given.members().items()}
@@ -64,6 +66,8 @@ def write_section(mechanism: Mechanism) -> dict[str, Any]:
         return stated
     names = np.array(c.coordinates)
     stated["actuated"] = names[list(c.actuated)].tolist()
+    if c.passive:
+        stated["passive"] = [mechanism.coordinates[k] for k in c.passive]
     if loops and c.independent != c.actuated:
         stated["independent"] = names[list(c.independent)].tolist()
     if (c.weights != 1).any():

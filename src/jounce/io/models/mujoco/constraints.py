@@ -12,12 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jounce.arguments.loops import build_loop, with_loops
+from jounce.arguments.loops import with_loops
+from jounce.arguments.stated_loops import build_loop
 from jounce.core.errors import JounceError, warn
 from jounce.io.models.mujoco.arrays import ModelArrays, make_distinct
 from jounce.io.models.mujoco.joints import JOINT_TRANSMISSION_TYPES, moves_along_one_screw
 from jounce.model.mechanism import Mechanism
-from jounce.model.positions import check_single_screws, multiscrew_joints
+from jounce.model.positions import check_single_screws
 from jounce.model.tree import Mimic
 from jounce.spatial import lie
 
@@ -111,6 +112,8 @@ def close_ties(m: ModelArrays, mechanism: Mechanism, tied: Sequence[LoopTie]) ->
     motors = [name for name in mechanism.coordinates if name in {m.joints[j] for j in driven}]
     try:
         check_single_screws(mechanism, "closed loops")
+        if mechanism.floats and any(-1 in (loop.a.body, loop.b.body) for loop in loops):
+            raise JounceError("some hold the base to the ground, which makes its pose a coordinate")
         start: Mapping[str, float] = {
             name: float(m["qpos0"][m["jnt_qposadr"][m.joints.index(name)]]) for name in mechanism.coordinates
         }
@@ -118,6 +121,5 @@ def close_ties(m: ModelArrays, mechanism: Mechanism, tied: Sequence[LoopTie]) ->
             raise JounceError("no joint has an actuator")
         return with_loops(mechanism, actuated=motors, start=start)
     except JounceError as error:
-        cure = "" if multiscrew_joints(mechanism) else ", robot.closed(actuated=[...]) closes them"
-        warn(f"{m.place}: its loops stay open{cure}: {error}")
+        warn(f"{m.place}: its loops stay open, robot.closed(actuated=[...]) closes them: {error}")
         return mechanism
