@@ -42,7 +42,7 @@ def with_loops(
     check_single_screws(tree, "closed loops")
     tree = replace(tree, loops=_loops(tree, loops))
     _check_numbers(tree)
-    kept = mechanism.closure if actuated is None else None
+    kept = mechanism.closure if actuated is None and mechanism.loops else None
     motors = kept.actuated if kept else coordinate_places(tree, "actuated", actuated)
     own = motors if coordinates is None else coordinate_places(tree, "coordinates", coordinates)
     if len(own) == tree.n:
