@@ -362,6 +362,8 @@ def test_coupled_robots_have_no_loops():
     robot = jounce.load("planar2r").with_transmission([[1, 0], [1, 1]], ["a", "b"])
     with pytest.raises(JounceError, match="loop_wrenches of 'planar2r': no loop is closed"):
         robot.loop_wrenches([0, 0], [0, 0], [0, 0])
+    with pytest.raises(JounceError, match="actuated is None; expected a list of joints"):
+        robot.closed([("body1", "body2")])
     with pytest.raises(JounceError, match="coordinates joint1, a at rest leave joints free to move by 1 joint2"):
         robot.closed(coordinates=["joint1", "a"])
     assert with_followers(robot.mechanism).G.tolist() == [[1, 0], [0, 1], [1, 0], [1, 1]]

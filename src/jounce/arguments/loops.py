@@ -49,7 +49,7 @@ def with_loops(
     q = _start_configuration(mechanism, tree, start)
     tree = with_stated_loops(tree, stated, q)
     _check_numbers(tree)
-    if actuated is None and mechanism.closure:
+    if actuated is None and mechanism.closure and mechanism.loops:
         c = mechanism.closure
         actuated = [c.coordinates[j] for j in c.actuated]
         passive = passive if passive is not None else [mechanism.coordinates[k] for k in c.passive] or None

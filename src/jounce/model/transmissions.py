@@ -46,7 +46,7 @@ def drive_joints(m: Mechanism, motors: Sequence[int], own: Sequence[int], weight
     """A tree whose joints follow by G, moved by motors at some of these joints, in the coordinates of some."""
     own, coordinates = list(own), tuple(m.joints[j] for j in own)
     R, r = m.G.astype(float), m.g.astype(float)
-    if coordinates != m.coordinates:
+    if not np.array_equal(R[own], np.eye(m.n)) or r[own].any():
         R = np.linalg.solve(R[own].T, R.T).T
         r = r - R @ r[own]
     following = [j for j in range(len(r)) if j not in own]

@@ -1264,8 +1264,8 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
 
         Positions of the motors are ``phi = A q + phi0``, their torques ``A^-T Q``: `coordinates` and `actuator_forces`
         with rates. ``robot.closed()`` has the motors as coordinates, ``closed(coordinates=[...])`` joints again, and
-        `weights` of `closed` are for redundant motors. Motions of joints and of motors serve both. Limits of motors are
-        stated by their names; those of joints count too, but for limits of forces.
+        `weights` of `closed` are for redundant motors. Motions are of the coordinates. Limits of motors are stated
+        by their names; those of joints count too, but for limits of forces.
 
         Parameters
         ----------

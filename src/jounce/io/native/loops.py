@@ -28,7 +28,7 @@ LOOPS_SECTION, LOOP_KEYS = "loops", ("actuated", "independent", "passive", "weig
 def read(robot: Entry, mechanism: Mechanism) -> Mechanism:
     """The mechanism with the loops of a file closed; without actuated joints they are kept, open."""
     loops, entries = [], robot.get(LOOPS_SECTION).items(least=1) if LOOPS_SECTION in robot.value else []
-    driven = ("actuated", "weights") if len(mechanism.joints) > mechanism.n else ()  # joints that follow have motors
+    driven = ("actuated", "weights") if "actuated" in robot.value and len(mechanism.joints) > mechanism.n else ()
     for key in LOOP_KEYS:
         if key in robot.value and not entries and key not in driven:
             raise robot.get(key).error(f"{LOOPS_SECTION!r} too, a list of cut joints")
