@@ -8,6 +8,7 @@ from jounce.dynamics.computation import DERIVATIVE_PRODUCTS, Computation
 from jounce.dynamics.elastic import with_rigid_rotors
 from jounce.dynamics.mobility import idle_coordinates
 from jounce.dynamics.quantities import QUANTITIES, Quantity
+from jounce.model.drives import LOAD_FRICTION, OMIT_LOAD_FRICTION
 from jounce.model.mechanism import Mechanism
 
 
@@ -134,6 +135,8 @@ def missing_reason(mechanism: Mechanism, row: Quantity) -> str | None:
         return ": it has no contacts; robot.contacts([jounce.Contact(frame, kind), ...]) states them"
     if row.without_contacts and mechanism.contacts:
         return ": the wrenches of its contacts would enter; robot.contacts([]) is the robot without contacts"
+    if mechanism.has_load_friction and "friction" in row.drive_terms and LOAD_FRICTION not in row.drive_terms:
+        return f" does not hold {LOAD_FRICTION}, as kernel.vjp, jvp and hvp do; {OMIT_LOAD_FRICTION}"
     reason = row.obstacle and row.obstacle(mechanism)
     return reason and f" {reason}"
 

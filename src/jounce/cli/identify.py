@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from jounce.identification import Identification, Payload
 
 T = TypeVar("T", bound="Identification | Payload")
-DEFAULT = "damping,friction,stribeck,offset"
+DEFAULT = "damping,friction,stribeck,offset,load_friction"
 
 EPILOG = """\b
 Example, with the torques of a model as measured ones:

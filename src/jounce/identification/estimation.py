@@ -22,16 +22,17 @@ from jounce.identification.least_squares_problem import (
 )
 from jounce.identification.measured_logs import Logs, MeasuredLog, check_logs, twin_notes
 from jounce.identification.physical_consistency import ConsistentParameters, fit_consistent_parameters
-from jounce.identification.regression import fit_forces
+from jounce.identification.regression import Regression, fit_forces
 from jounce.identification.result import Identification
 from jounce.identification.result_tables import IdentifiedParameter, describe_logs, force_residuals, parameter_table
-from jounce.identification.unmodelled_torques import unmodelled_warnings
-from jounce.model.drives import AMOUNTS, DRIVE_TERMS, select_terms
+from jounce.identification.unmodelled_torques import loaded_joints, unmodelled_warnings
+from jounce.model.drives import ALL_DRIVE_TERMS, AMOUNTS, LOAD_FRICTION, select_terms
 from jounce.model.mechanism import Mechanism
 from jounce.model.parameters import with_inertial_parameters
 from jounce.model.positions import check_single_screws
 
 MAX_SCATTER = 4.0  # chi^2 per degree of freedom: a log beyond it differs from others by two deviations or more
+LOAD_ROUNDS = 3  # of fits with friction by the load: the last loads are off by a share of 1e-4
 MIN_PRIOR = 1e-9  # relative deviation: no model is better, and squares of smaller ones overflow
 
 
@@ -67,9 +68,8 @@ def identify(
         return pose_logs(model, logs, terms, eps is not None, known, band, method)
 
     posed, late, delayed = pose_without_delays(pose, logs, delay, method not in FILTERED_METHODS)
+    posed, joined, solution, parts = fit_with_loads(posed, LOAD_FRICTION in terms and method == "inverse_dynamics", known)
     fitted = [one for one in posed if not one.tests]
-    joined, cells = join_problems(fitted)
-    solution = fit_forces(joined.cells, joined.columns, joined.errors, known, cells)
     table = parameter_table(joined, solution)
     warned = _name_logs(posed, [[*force_warnings(one), *said] for one, said in zip(posed, delayed, strict=True)])
     differ = _difference_notes([one.log for one in fitted], solution.scatter)
@@ -84,7 +84,6 @@ def identify(
     found = fit_consistent_parameters(m, joined.base, information, estimate, joined.terms, weight=weight)
     predicted = [one.predict(found.parameters, found.values[one.base.count :], solution.x) for one in posed]
     rows = [force_residuals(one, Q, solution.motion_errors) for one, Q in zip(posed, predicted, strict=True)]
-    parts = [replace(solution, weights=solution.weights[part]) for part in cells]
     hidden = [unmodelled_warnings(one, part, method) for one, part in zip(fitted, parts, strict=True)]
     unexplained = [unexplained_warnings(one, of_log, x) for one, of_log in zip(posed, rows, strict=True)]
     notes += (left := [*_name_logs(fitted, hidden), *_name_logs(posed, unexplained)])
@@ -115,6 +114,27 @@ def identify(
     )
 
 
+def fit_with_loads(
+    posed: list[IdentificationProblem], sought: bool, known: bool
+) -> tuple[list[IdentificationProblem], IdentificationProblem, Regression, list[Regression]]:
+    """Fit logs, with friction by the load of joints whose residuals show it, if it is sought: it takes the fit's loads.
+
+    Returns the problems with it, all as one, its solution, and the parts of this of logs that are fitted.
+    """
+    loaded = np.zeros(len(posed[0].robot.mechanism.joints), dtype=bool)
+    for last in [*[not sought] * LOAD_ROUNDS, True]:
+        fitted = [one for one in posed if not one.tests]
+        joined, cells = join_problems(fitted)
+        solution = fit_forces(joined.cells, joined.columns, joined.errors, known, cells)
+        parts = [replace(solution, weights=solution.weights[part]) for part in cells]
+        if not last:
+            loaded = np.any([loaded, *map(loaded_joints, fitted, parts)], axis=0)
+        if last or not loaded.any():
+            break
+        posed = [one.with_load_friction(solution.x, loaded) for one in posed]
+    return posed, joined, solution, parts
+
+
 def pose_logs(
     robot: Engine,
     logs: Sequence[MeasuredLog],
@@ -126,6 +146,7 @@ def pose_logs(
 ) -> list[IdentificationProblem]:
     """The problem of each log, of the robot with the friction laws that they show."""
     fitted = [(of.motion, of.samples) for of in logs if not of.tests]
+    terms = tuple(term for term in terms if term != LOAD_FRICTION)
     robot, terms, sought, weighed = with_friction_laws(robot, fitted, terms, given_eps, known)
     total, others, posed = sum(np.count_nonzero(of.weights) for of in weighed), iter(weighed), []
     for of in logs:
@@ -141,7 +162,7 @@ def _with_found(mechanism: Mechanism, terms: Sequence[DriveTerm], found: Consist
     """The mechanism with what was found; its drive terms act."""
     m = with_inertial_parameters(mechanism, found.parameters)
     values = {AMOUNTS[term]: x for term, x in found.drives.items()}
-    acting = tuple(term for term in DRIVE_TERMS if term in {*m.acting, *terms})
+    acting = tuple(term for term in ALL_DRIVE_TERMS if term in {*m.acting, *terms})
     return replace(m, drives=replace(m.drives, **values), acting=acting)
 
 

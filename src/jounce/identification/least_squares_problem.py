@@ -30,10 +30,12 @@ from jounce.identification.averaging import (
     median_step,
     number_cells,
     regressor_pieces,
+    weighted_means,
 )
 from jounce.identification.filtered_balances import FILTERED_METHODS
 from jounce.identification.measurements import Measurements
-from jounce.model.drives import AMOUNTS, DEFAULT_SMOOTHING_VELOCITY, with_eps
+from jounce.model.coordinates import leading_joints, velocity_map
+from jounce.model.drives import AMOUNTS, DEFAULT_SMOOTHING_VELOCITY, LOAD_FRICTION, with_eps
 from jounce.model.parameters import inertial_parameters
 from jounce.motion.motion import Motion
 
@@ -92,8 +94,40 @@ class IdentificationProblem:
         changes = np.zeros((len(parameters) + len(drives), 2))
         changes[:, 0] = np.append(parameters - inertial_parameters(self.robot.mechanism), drives)
         changes[self.columns, 1] = x
-        pieces = regressor_pieces(self.robot, self.motion, self.given.t, self.terms)
+        if LOAD_FRICTION not in self.terms:
+            return self._linear_forces(changes)
+        changes, shares = np.split(changes, [-len(self.robot.mechanism.joints)])
+        Q = self._linear_forces(changes)
+        return Q + self._load_friction(Q) * (velocity_map(self.robot.mechanism)[-len(shares) :].T @ shares).T[:, None]
+
+    def _linear_forces(self, changes: np.ndarray) -> np.ndarray:
+        """Forces (k, N, nv) of changes (P, k) of all parameters but those of friction by the load."""
+        terms = [term for term in self.terms if term != LOAD_FRICTION]
+        pieces = regressor_pieces(self.robot, self.motion, self.given.t, terms)
         return np.moveaxis(np.concatenate([Y @ changes for _, Y in pieces]), -1, 0) + self.model
+
+    def _load_friction(self, Q: np.ndarray) -> np.ndarray:
+        """The friction (..., N, nv) by forces Q of joints with a coordinate of their own, for a share of 1."""
+        m, found = self.robot.mechanism, np.zeros_like(Q)
+        eps, least = (x[leading_joints(m)] for x in (m.drives.eps, m.drives.load_eps))
+        found[..., -m.n :] = np.tanh(self.motion(self.given.t, 1)[1] / eps) * np.hypot(Q[..., -m.n :], least)
+        return found
+
+    def with_load_friction(self, x: np.ndarray, joints: np.ndarray) -> "IdentificationProblem":
+        """The problem with friction of some joints (nc,) by the loads that corrections x give: by turns both settle."""
+        m, terms = self.robot.mechanism, tuple(term for term in self.terms if term != LOAD_FRICTION)
+        sought = self.sought[: len(terms) * len(joints)]
+        columns = _sought_columns(self.base, sought)
+        changes = np.zeros((len(self.base.parameters) + len(sought), 1))
+        changes[columns, 0] = x[: len(columns)]
+        L = self._load_friction(self._linear_forces(changes)[0])[self.used]
+        means = weighted_means(L, self.samples.weights, number_cells(self.samples.t, self.width))[0]
+        added = means[..., None] * velocity_map(m)[-len(joints) :].T
+        Y = np.concatenate([self.cells.Y[..., : len(changes)], added], axis=-1)
+        return replace(
+            self, terms=(*terms, LOAD_FRICTION), sought=np.append(sought, joints), cells=replace(self.cells, Y=Y),
+            errors=self.errors and replace(self.errors, others=np.count_nonzero(joints)),
+        )  # fmt: skip
 
 
 def pose_problem(
@@ -157,13 +191,15 @@ def with_smoothing_velocity(robot: R, terms: Sequence[DriveTerm], eps: float | N
     if robot.mechanism.elasticity is not None and set(terms) - {"spring", "offset"}:
         cure = "drives=False (--drives none) identifies links from the torques of the springs"
         raise JounceError(f"{robot.name} has elastic joints: its drives act on motors, not on links; {cure}")
+    if "friction" not in terms and (eps is not None or LOAD_FRICTION in terms):
+        what = f"eps={quote_value(eps)}" if eps is not None else LOAD_FRICTION
+        raise JounceError(f"{what} is of friction, which drives={quote_value(list(terms))} does not identify")
+    m = robot.mechanism
+    if LOAD_FRICTION in terms:  # sought anew, where residuals show it
+        m = replace(m, drives=replace(m.drives, load_friction=np.zeros(len(m.joints))))
+        robot = with_mechanism(robot, m)
     if eps is None:
         return robot
-    if "friction" not in terms:
-        raise JounceError(
-            f"eps={quote_value(eps)} is of friction, which drives={quote_value(list(terms))} does not identify"
-        )
-    m = robot.mechanism
     return with_mechanism(robot, replace(m, drives=with_eps(m.drives, eps)))
 
 

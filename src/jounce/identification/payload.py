@@ -12,7 +12,7 @@ from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.averaging import CellAverages
 from jounce.identification.delays import pose_without_delays
-from jounce.identification.estimation import pose_logs
+from jounce.identification.estimation import fit_with_loads, pose_logs
 from jounce.identification.force_warnings import force_warnings, unexplained_warnings
 from jounce.identification.least_squares_problem import IdentificationProblem, with_smoothing_velocity
 from jounce.identification.load_parameters import LoadFit, central_covariance, central_parameters, fit_loads
@@ -24,7 +24,7 @@ from jounce.identification.regression import Regression, fit_forces
 from jounce.identification.result_tables import force_residuals
 from jounce.identification.torque_calibration import calibrate_torques
 from jounce.identification.unmodelled_torques import unmodelled_warnings
-from jounce.model.drives import select_terms
+from jounce.model.drives import LOAD_FRICTION, select_terms
 from jounce.model.parameters import find_load_frame, inertial_parameters, with_inertial_parameters
 from jounce.model.positions import check_single_screws
 from jounce.motion.motion import Motion
@@ -60,7 +60,8 @@ def identify_payload(
         raise JounceError(f"mass is {quote_value(mass)}; expected kg > 0 of a known load, and a log without it too")
     logs = [with_load] if without_load is None else [with_load, without_load]
     posed, late = zip(*(_pose(model, log, terms, which) for log, which in zip(logs, LOGS, strict=False)), strict=True)
-    fits = [fit_forces(one.cells, one.columns, one.errors, known=False) for one in posed]
+    fitted = [fit_with_loads([one], LOAD_FRICTION in terms, known=False) for one in posed]
+    posed, fits = [of for _, of, _, _ in fitted], [fit for *_, [fit] in fitted]
     place = 10 * frame.body
     transport = transport_parameters(np.asarray(frame.T, dtype=float))
     K, known = posed[0].base.matrix[:, place : place + 10] @ transport, without_load is None

@@ -37,16 +37,30 @@ def unmodelled_warnings(posed: IdentificationProblem, solution: Regression, meth
     """
     if method in FILTERED_METHODS or posed.robot.mechanism.closure:
         return []
+    shown, rest, least = _search(posed, solution)
+    roots = np.sqrt(solution.weights)
+    cost = "parameters adapt to these, and may be off by more than their deviations"
+    of = ", ".join(shown.values())
+    found = [f"residuals look like torques that no term of the model is: {of}; {cost}"] if shown else []
+    off = np.abs(np.divide(rest, roots, out=np.zeros_like(rest), where=roots > 0))
+    return found + _push_notes(posed, np.maximum(rest**2, least), off)
+
+
+def loaded_joints(posed: IdentificationProblem, solution: Regression) -> np.ndarray:
+    """Return which joints (nc,) the residuals of a fit show friction of that grows with the load."""
+    joints = np.arange(len(posed.robot.mechanism.joints))
+    return np.isin(joints, [*_search(posed, solution)[0]]) & posed.robot.mechanism.lone_joints
+
+
+def _search(posed: IdentificationProblem, solution: Regression) -> tuple[dict[int, str], np.ndarray, np.ndarray]:
+    """The columns of torques that residuals show, with their texts, what is left of these, and their least squares."""
     cells, roots = posed.cells, np.sqrt(solution.weights)
     Y = cells.Y[..., posed.columns]
     rest, Z = (cells.off - Y @ solution.x) * roots, Y * roots[..., None]
     least = MIN_RELATIVE_DEVIATION**2 * (((cells.off + cells.model) * roots) ** 2).mean(axis=0)
     rows, texts = _torque_columns(posed, solution)
     shown, rest = _pursue(rows * roots[..., None], texts, Z @ informed_directions(gram(Z, Z))[0], rest, least)
-    cost = "parameters adapt to these, and may be off by more than their deviations"
-    found = [f"residuals look like torques that no term of the model is: {', '.join(shown)}; {cost}"] if shown else []
-    off = np.abs(np.divide(rest, roots, out=np.zeros_like(rest), where=roots > 0))
-    return found + _push_notes(posed, np.maximum(rest**2, least), off)
+    return shown, rest, least
 
 
 def _torque_columns(posed: IdentificationProblem, solution: Regression) -> tuple[np.ndarray, list[str]]:
@@ -71,9 +85,9 @@ def _torque_columns(posed: IdentificationProblem, solution: Regression) -> tuple
 
 def _pursue(
     rows: np.ndarray, texts: list[str], U: np.ndarray, rest: np.ndarray, least: np.ndarray
-) -> tuple[list[str], np.ndarray]:
+) -> tuple[dict[int, str], np.ndarray]:
     """The texts of the columns that residuals (C, nv) show, beyond orthonormal U (C, nv, r), and what is left then."""
-    shown, sizes = list[str](), (rows**2).sum(axis=(0, 1))
+    shown, sizes = dict[int, str](), (rows**2).sum(axis=(0, 1))
     signed = np.array([text.startswith("a force") for text in texts])  # friction does not fall, springs pull back
     spectra = noise_spectra(leverages(U), rest, least)
     while True:
@@ -92,7 +106,7 @@ def _pursue(
         spread = np.sqrt(spectral_gram(units[..., [k]], spectra)[0, 0])
         if np.abs(amounts[k]) < MAX_DEVIATIONS * spread:
             return shown, rest
-        shown.append(texts[k].format(f"{amounts[k] / norms[k]:.3g} +- {spread / norms[k]:.2g}"))
+        shown[k] = texts[k].format(f"{amounts[k] / norms[k]:.3g} +- {spread / norms[k]:.2g}")
         U, rest = more, left
 
 

@@ -22,10 +22,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jounce.core.errors import join_names
 from jounce.core.scalars import Array
+from jounce.core.typing import DriveTerm
 from jounce.limits import path_velocity
 from jounce.limits.path import Terms
 from jounce.limits.root_finding import find_roots
+from jounce.model.drives import LOAD_FRICTION
 from jounce.model.limit_kinds import LIMIT_KINDS
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
@@ -67,7 +70,7 @@ class Friction:
     onto: np.ndarray
     slope: np.ndarray
     fastest: np.ndarray
-    stribeck: bool  # whether such friction acts too; products and rows do not hold it
+    others: str  # what friction acts too, which products and rows do not hold
 
     def turns(self, motion: Motion, columns: list[int], count: int) -> np.ndarray:
         """Times near which a joint with friction begins to move, stops or turns round, as `count` times show."""
@@ -98,7 +101,7 @@ class Friction:
 
 def coulomb_friction(ratios: np.ndarray, onto: np.ndarray, eps: np.ndarray) -> Friction:
     """Coulomb friction alone, with smoothing velocities (m,)."""
-    return Friction(ratios, onto, 1 / eps[:, None], np.full(len(eps), _TANH_RANGE[1]), stribeck=False)
+    return Friction(ratios, onto, 1 / eps[:, None], np.full(len(eps), _TANH_RANGE[1]), others="")
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,12 +202,14 @@ def _find_zeros(
 
 
 def acting_friction(m: Mechanism) -> Friction | None:
-    """The friction that acts in a robot, Coulomb's or Stribeck's, of joint variables that have some; None without."""
+    """The friction that acts in a robot, by speed or load, of joint variables that have some; None without."""
     d = m.drives
-    coulomb, stribeck = d.friction * ("friction" in m.acting), d.stribeck * ("stribeck" in m.acting)
-    which = np.flatnonzero(coulomb + stribeck)
+    terms: tuple[DriveTerm, ...] = ("friction", "stribeck", LOAD_FRICTION)
+    coulomb, stribeck, by_load = (getattr(d, term) * (term in m.acting) for term in terms)
+    which = np.flatnonzero(coulomb + stribeck + by_load)
     if not which.size:
         return None
     ratios, reach = m.tree.G[which], _STRIBECK_RANGE * (d.stribeck_velocity / d.eps * (stribeck > 0))[which]
     fastest = np.maximum(_TANH_RANGE[1], reach)
-    return Friction(ratios, ratios * coulomb[which, None], 1 / d.eps[which, None], fastest, bool(stribeck.any()))
+    others = join_names(term for term, x in zip(terms[1:], (stribeck, by_load), strict=True) if x.any())
+    return Friction(ratios, ratios * coulomb[which, None], 1 / d.eps[which, None], fastest, others)

@@ -20,7 +20,7 @@ class Identifications(Exports):
         forces: ArrayLike | Sequence[ArrayLike | None] | None = None,
         *,
         t: ArrayLike | Sequence[ArrayLike | None] | None = None,
-        drives: DriveTerms = ("damping", "friction", "stribeck", "offset"),
+        drives: DriveTerms = ("damping", "friction", "stribeck", "offset", "load_friction"),
         eps: float | None = None,
         span: tuple[float, float] | None = None,
         band: float | None = None,
@@ -124,7 +124,7 @@ class Identifications(Exports):
         without_load: "Motion | None" = None,
         *,
         body: str | None = None,
-        drives: DriveTerms = ("damping", "friction", "stribeck", "offset"),
+        drives: DriveTerms = ("damping", "friction", "stribeck", "offset", "load_friction"),
         mass: float | None = None,
     ) -> "Payload[Self]":
         """Identify a load on a body from a log with it and a log without it: mass, centre of mass, inertia.
