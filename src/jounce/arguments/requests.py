@@ -135,8 +135,10 @@ def missing_reason(mechanism: Mechanism, row: Quantity) -> str | None:
         return ": it has no contacts; robot.contacts([jounce.Contact(frame, kind), ...]) states them"
     if row.without_contacts and mechanism.contacts:
         return ": the wrenches of its contacts would enter; robot.contacts([]) is the robot without contacts"
-    if mechanism.has_load_friction and "friction" in row.drive_terms and LOAD_FRICTION not in row.drive_terms:
-        return f" does not hold {LOAD_FRICTION}, as kernel.vjp, jvp and hvp do; {OMIT_LOAD_FRICTION}"
+    m, concerned = mechanism, mechanism.has_load_friction and "friction" in row.drive_terms
+    if concerned and not (row.load_law and m.lone_joints[m.drives.load_friction > 0].all()):
+        why = "inverse and forward dynamics and their kernels do, of rigid joints without followers and loops"
+        return f" does not hold {LOAD_FRICTION}: {why}; {OMIT_LOAD_FRICTION}"
     reason = row.obstacle and row.obstacle(mechanism)
     return reason and f" {reason}"
 

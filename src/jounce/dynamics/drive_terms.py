@@ -1,8 +1,6 @@
 """Forces, inertia and energy of the drive trains in the coordinates, by the laws of `model.drives`."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -12,8 +10,6 @@ from jounce.model import drives
 from jounce.model.coordinates import generalized_forces, generalized_matrix, joint_variables
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series, join_series
-
-LoadLaw = Callable[[drives.Coefficients, Series, Series], Series]
 
 
 def forces(m: Mechanism, q: Series, terms: Sequence[str]) -> Series:
@@ -66,13 +62,7 @@ def second_partials(m: Mechanism, q: Series, terms: Sequence[str]) -> Array:
     return pad_base(m, tensor, (-3, -2, -1))
 
 
-@lru_cache(maxsize=64)
-def without_load_friction(m: Mechanism) -> Mechanism:
-    """Return the mechanism with all terms but that of the load."""
-    return replace(m, acting=tuple(term for term in m.acting if term != drives.LOAD_FRICTION))
-
-
-def at_loads(m: Mechanism, law: LoadLaw, q: Series, Q: Series) -> Series:
+def at_loads(m: Mechanism, law: Callable[..., Series], q: Series, Q: Series) -> Series:
     """Return a law of forces Q (..., nv, 1) at the joints whose friction grows with their load, 0 elsewhere.
 
     Each of them has a coordinate of its own, see `Mechanism`.

@@ -23,9 +23,8 @@ def find_hidden_vibrations(robot: Engine, motion: Motion, order: int, symbol: st
 
         max over t of sum_l abs(dQ_i^(k) / dq_j^(l)) A (2 pi f)^l,  l = 0 ... k + 2,
 
-    and to q_j^(k) A (2 pi f)^k; at twice the frequency at most 2^(k + 2) and 2^k times that. Of robots with loops, a
-    base that floats or friction by the load it is that of q, k two higher. Empty where a motion is exact, or joints
-    have several numbers.
+    and to q_j^(k) A (2 pi f)^k; at twice the frequency at most 2^(k + 2) and 2^k times that. With loops, a base that
+    floats or load_friction it is that of q, k two higher. Empty where a motion is exact or joints have several numbers.
     """
     curve, m = motion.curve, robot.mechanism
     if not isinstance(curve, SmoothedCurve) or curve.fit.hidden is None or multiscrew_joints(m):

@@ -27,7 +27,6 @@ class AccelerationErrors:
     columns: np.ndarray  # (P,) of the regressor, those of the parameters
     q: np.ndarray  # (C, n) in the middle of the cells
     variances: np.ndarray  # (C, n)
-    others: int = 0  # parameters behind them, to whose forces accelerations add nothing
 
     def part(self, cells: slice | np.ndarray) -> "AccelerationErrors":
         """Those in some of the cells."""
@@ -44,8 +43,7 @@ class AccelerationErrors:
     def _regressor(self, a: np.ndarray) -> np.ndarray:
         """The regressor (C, nv, P) of a robot at rest with accelerations (C, n)."""
         states = (self.q, np.zeros_like(self.q), a)
-        Y = np.asarray(regressor(self.robot, "regressor", states, self.terms, base=self._base))[..., self.columns]
-        return np.pad(Y, ((0, 0), (0, 0), (0, self.others)))
+        return np.asarray(regressor(self.robot, "regressor", states, self.terms, base=self._base))[..., self.columns]
 
     @property
     def _base(self) -> tuple[np.ndarray, ...] | None:

@@ -25,7 +25,7 @@ from jounce.identification.physical_consistency import ConsistentParameters, fit
 from jounce.identification.regression import Regression, fit_forces
 from jounce.identification.result import Identification
 from jounce.identification.result_tables import IdentifiedParameter, describe_logs, force_residuals, parameter_table
-from jounce.identification.unmodelled_torques import loaded_joints, unmodelled_warnings
+from jounce.identification.unmodelled_torques import find_torques
 from jounce.model.drives import ALL_DRIVE_TERMS, AMOUNTS, LOAD_FRICTION, select_terms
 from jounce.model.mechanism import Mechanism
 from jounce.model.parameters import with_inertial_parameters
@@ -62,14 +62,16 @@ def identify(
         )
     check_single_screws(model.mechanism, "identify()")
     measured = {"forces": forces, "t": t, "weights": weights, "deviations": deviations}
+    if method in FILTERED_METHODS and robot.mechanism.has_load_friction:
+        raise JounceError(f"method={method!r} does not hold {LOAD_FRICTION}; use method='inverse_dynamics'")
     logs, known = check_logs(model.mechanism, motions, measured, span, test), deviations is not None
 
     def pose(logs: Sequence[MeasuredLog]) -> list[IdentificationProblem]:
         return pose_logs(model, logs, terms, eps is not None, known, band, method)
 
     posed, late, delayed = pose_without_delays(pose, logs, delay, method not in FILTERED_METHODS)
-    posed, joined, solution, parts = fit_with_loads(posed, LOAD_FRICTION in terms and method == "inverse_dynamics", known)
-    fitted = [one for one in posed if not one.tests]
+    posed, solution, hidden = fit_with_loads(posed, method, LOAD_FRICTION in terms, known)
+    joined = join_problems(fitted := [one for one in posed if not one.tests])[0]
     table = parameter_table(joined, solution)
     warned = _name_logs(posed, [[*force_warnings(one), *said] for one, said in zip(posed, delayed, strict=True)])
     differ = _difference_notes([one.log for one in fitted], solution.scatter)
@@ -84,7 +86,6 @@ def identify(
     found = fit_consistent_parameters(m, joined.base, information, estimate, joined.terms, weight=weight)
     predicted = [one.predict(found.parameters, found.values[one.base.count :], solution.x) for one in posed]
     rows = [force_residuals(one, Q, solution.motion_errors) for one, Q in zip(posed, predicted, strict=True)]
-    hidden = [unmodelled_warnings(one, part, method) for one, part in zip(fitted, parts, strict=True)]
     unexplained = [unexplained_warnings(one, of_log, x) for one, of_log in zip(posed, rows, strict=True)]
     notes += (left := [*_name_logs(fitted, hidden), *_name_logs(posed, unexplained)])
     for text in left:
@@ -115,24 +116,24 @@ def identify(
 
 
 def fit_with_loads(
-    posed: list[IdentificationProblem], sought: bool, known: bool
-) -> tuple[list[IdentificationProblem], IdentificationProblem, Regression, list[Regression]]:
-    """Fit logs, with friction by the load of joints whose residuals show it, if it is sought: it takes the fit's loads.
+    posed: list[IdentificationProblem], method: Equations, sought: bool, known: bool
+) -> tuple[list[IdentificationProblem], Regression, list[list[str]]]:
+    """Fit logs with friction by the load where residuals show it, if it is sought; it takes the loads of the last fit.
 
-    Returns the problems with it, all as one, its solution, and the parts of this of logs that are fitted.
+    Returns the problems with it, their solution, and warnings of those that are fitted.
     """
-    loaded = np.zeros(len(posed[0].robot.mechanism.joints), dtype=bool)
-    for last in [*[not sought] * LOAD_ROUNDS, True]:
+    loaded, x = np.zeros(len(posed[0].robot.mechanism.joints), dtype=bool), np.zeros(0)
+    for _ in range(1 + LOAD_ROUNDS):
+        posed = [one.with_load_friction(x, loaded) for one in posed] if loaded.any() else posed
         fitted = [one for one in posed if not one.tests]
         joined, cells = join_problems(fitted)
         solution = fit_forces(joined.cells, joined.columns, joined.errors, known, cells)
         parts = [replace(solution, weights=solution.weights[part]) for part in cells]
-        if not last:
-            loaded = np.any([loaded, *map(loaded_joints, fitted, parts)], axis=0)
-        if last or not loaded.any():
+        shown = [find_torques(one, part, method) for one, part in zip(fitted, parts, strict=True)]
+        loaded, x = np.any([loaded, *(joints for joints, _ in shown)], axis=0) & sought, solution.x
+        if not loaded.any():
             break
-        posed = [one.with_load_friction(solution.x, loaded) for one in posed]
-    return posed, joined, solution, parts
+    return posed, solution, [notes for _, notes in shown]
 
 
 def pose_logs(

@@ -94,17 +94,17 @@ class IdentificationProblem:
         changes = np.zeros((len(parameters) + len(drives), 2))
         changes[:, 0] = np.append(parameters - inertial_parameters(self.robot.mechanism), drives)
         changes[self.columns, 1] = x
-        if LOAD_FRICTION not in self.terms:
-            return self._linear_forces(changes)
-        changes, shares = np.split(changes, [-len(self.robot.mechanism.joints)])
         Q = self._linear_forces(changes)
+        if LOAD_FRICTION not in self.terms:
+            return Q
+        shares = changes[-len(self.robot.mechanism.joints) :]
         return Q + self._load_friction(Q) * (velocity_map(self.robot.mechanism)[-len(shares) :].T @ shares).T[:, None]
 
     def _linear_forces(self, changes: np.ndarray) -> np.ndarray:
-        """Forces (k, N, nv) of changes (P, k) of all parameters but those of friction by the load."""
+        """Forces (k, N, nv) of changes (P, k) of all parameters, without friction by the load."""
         terms = [term for term in self.terms if term != LOAD_FRICTION]
         pieces = regressor_pieces(self.robot, self.motion, self.given.t, terms)
-        return np.moveaxis(np.concatenate([Y @ changes for _, Y in pieces]), -1, 0) + self.model
+        return np.moveaxis(np.concatenate([Y @ changes[: Y.shape[-1]] for _, Y in pieces]), -1, 0) + self.model
 
     def _load_friction(self, Q: np.ndarray) -> np.ndarray:
         """The friction (..., N, nv) by forces Q of joints with a coordinate of their own, for a share of 1."""
@@ -115,19 +115,18 @@ class IdentificationProblem:
 
     def with_load_friction(self, x: np.ndarray, joints: np.ndarray) -> "IdentificationProblem":
         """The problem with friction of some joints (nc,) by the loads that corrections x give: by turns both settle."""
-        m, terms = self.robot.mechanism, tuple(term for term in self.terms if term != LOAD_FRICTION)
-        sought = self.sought[: len(terms) * len(joints)]
-        columns = _sought_columns(self.base, sought)
-        changes = np.zeros((len(self.base.parameters) + len(sought), 1))
-        changes[columns, 0] = x[: len(columns)]
+        changes, terms = np.zeros((self.cells.Y.shape[-1], 1)), tuple(t for t in self.terms if t != LOAD_FRICTION)
+        changes[self.columns, 0] = x
         L = self._load_friction(self._linear_forces(changes)[0])[self.used]
         means = weighted_means(L, self.samples.weights, number_cells(self.samples.t, self.width))[0]
-        added = means[..., None] * velocity_map(m)[-len(joints) :].T
-        Y = np.concatenate([self.cells.Y[..., : len(changes)], added], axis=-1)
-        return replace(
-            self, terms=(*terms, LOAD_FRICTION), sought=np.append(sought, joints), cells=replace(self.cells, Y=Y),
-            errors=self.errors and replace(self.errors, others=np.count_nonzero(joints)),
-        )  # fmt: skip
+        added = means[..., None] * velocity_map(self.robot.mechanism)[-len(joints) :].T
+        linear = len(self.base.parameters) + len(terms) * len(joints)
+        Y = np.concatenate([self.cells.Y[..., :linear], added], axis=-1)
+        sought = np.append(self.sought[: len(terms) * len(joints)], joints)
+        one = replace(self, terms=(*terms, LOAD_FRICTION), sought=sought, cells=replace(self.cells, Y=Y))
+        still = len(joints) * (len(terms) - terms.index("friction"))  # to which accelerations add nothing either
+        columns = one.columns - still * (one.columns >= linear)
+        return replace(one, errors=self.errors and replace(self.errors, columns=columns))
 
 
 def pose_problem(

@@ -23,7 +23,6 @@ from jounce.identification.physical_consistency import fit_consistent_body
 from jounce.identification.regression import Regression, fit_forces
 from jounce.identification.result_tables import force_residuals
 from jounce.identification.torque_calibration import calibrate_torques
-from jounce.identification.unmodelled_torques import unmodelled_warnings
 from jounce.model.drives import LOAD_FRICTION, select_terms
 from jounce.model.parameters import find_load_frame, inertial_parameters, with_inertial_parameters
 from jounce.model.positions import check_single_screws
@@ -60,8 +59,8 @@ def identify_payload(
         raise JounceError(f"mass is {quote_value(mass)}; expected kg > 0 of a known load, and a log without it too")
     logs = [with_load] if without_load is None else [with_load, without_load]
     posed, late = zip(*(_pose(model, log, terms, which) for log, which in zip(logs, LOGS, strict=False)), strict=True)
-    fitted = [fit_with_loads([one], LOAD_FRICTION in terms, known=False) for one in posed]
-    posed, fits = [of for _, of, _, _ in fitted], [fit for *_, [fit] in fitted]
+    fitted = [fit_with_loads([one], "inverse_dynamics", LOAD_FRICTION in terms, known=False) for one in posed]
+    posed, fits, hidden = [one for [one], _, _ in fitted], [fit for _, fit, _ in fitted], [x for *_, [x] in fitted]
     place = 10 * frame.body
     transport = transport_parameters(np.asarray(frame.T, dtype=float))
     K, known = posed[0].base.matrix[:, place : place + 10] @ transport, without_load is None
@@ -69,8 +68,8 @@ def identify_payload(
     halves = fit_loads([*_fit_halves(posed[0]), *fits[1:]], (0, 1, None)[: 1 + len(fits)], K, known)
     notes = [
         f"log {which}: {text}"
-        for one, said, fit, which in zip(posed, late, fits, LOGS, strict=False)
-        for text in [*force_warnings(one), *said, *_unexplained(one, fit)]
+        for one, said, fit, shown, which in zip(posed, late, fits, hidden, LOGS, strict=False)
+        for text in [*force_warnings(one), *said, *shown, *_unexplained(one, fit)]
     ]
     _check_mass(found, known, mass, notes)
     changes = _half_notes(halves)
@@ -135,8 +134,7 @@ def _unexplained(posed: IdentificationProblem, fit: Regression) -> list[str]:
     parameters[base.columns] += fit.x[: base.count]
     estimate = posed.corrected_parameters(fit.x)
     rows = force_residuals(posed, posed.predict(parameters, estimate[base.count :], fit.x), fit.motion_errors)
-    left = unexplained_warnings(posed, rows, estimate[posed.places])
-    return unmodelled_warnings(posed, fit, "inverse_dynamics") + left
+    return unexplained_warnings(posed, rows, estimate[posed.places])
 
 
 def _check_mass(found: LoadFit, known: bool, mass: float | None, notes: list[str]) -> None:

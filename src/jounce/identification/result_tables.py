@@ -11,7 +11,6 @@ from jounce.identification.averaging import CellAverages, number_cells, weighted
 from jounce.identification.least_squares_problem import IdentificationProblem
 from jounce.identification.regression import Regression
 from jounce.model.coordinates import force_names, force_units
-from jounce.model.drives import LOAD_FRICTION
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 
@@ -99,7 +98,7 @@ def _unit(term: DriveTerm, turns: bool) -> str:
     if term == "armature":
         return "kg m^2" if turns else "kg"
     force, path = ("N m", "rad") if turns else ("N", "m")
-    return {"damping": f"{force} s/{path}", "spring": f"{force}/{path}", LOAD_FRICTION: "1"}.get(term, force)
+    return {"damping": f"{force} s/{path}", "spring": f"{force}/{path}", "load_friction": "1"}.get(term, force)
 
 
 @dataclass(frozen=True)

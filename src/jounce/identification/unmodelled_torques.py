@@ -30,37 +30,27 @@ PUSH_SHARE = 0.1  # of the time, within which pushes are looked for
 MIN_PUSH_SQUARES = 2 / 3  # of a force's residuals in that time: they are four times as large there as elsewhere
 
 
-def unmodelled_warnings(posed: IdentificationProblem, solution: Regression, method: Equations) -> list[str]:
-    """Return which torques that no parameter holds the residuals of a fit show, and when forces are off.
+def find_torques(posed: IdentificationProblem, solution: Regression, method: Equations) -> tuple[np.ndarray, list[str]]:
+    """Return joints (nc,) whose friction grows with the load, as residuals of a fit show, and warnings of all torques.
 
-    Residuals of momentum and power are no torques, and those of loops are of several joints.
+    These say which torques that no parameter holds act, and when forces are off. Residuals of momentum and power are no
+    torques, and those of loops are of several joints.
     """
-    if method in FILTERED_METHODS or posed.robot.mechanism.closure:
-        return []
-    shown, rest, least = _search(posed, solution)
-    roots = np.sqrt(solution.weights)
-    cost = "parameters adapt to these, and may be off by more than their deviations"
-    of = ", ".join(shown.values())
-    found = [f"residuals look like torques that no term of the model is: {of}; {cost}"] if shown else []
-    off = np.abs(np.divide(rest, roots, out=np.zeros_like(rest), where=roots > 0))
-    return found + _push_notes(posed, np.maximum(rest**2, least), off)
-
-
-def loaded_joints(posed: IdentificationProblem, solution: Regression) -> np.ndarray:
-    """Return which joints (nc,) the residuals of a fit show friction of that grows with the load."""
-    joints = np.arange(len(posed.robot.mechanism.joints))
-    return np.isin(joints, [*_search(posed, solution)[0]]) & posed.robot.mechanism.lone_joints
-
-
-def _search(posed: IdentificationProblem, solution: Regression) -> tuple[dict[int, str], np.ndarray, np.ndarray]:
-    """The columns of torques that residuals show, with their texts, what is left of these, and their least squares."""
+    m = posed.robot.mechanism
+    if method in FILTERED_METHODS or m.closure:
+        return np.zeros(len(m.joints), dtype=bool), []
     cells, roots = posed.cells, np.sqrt(solution.weights)
     Y = cells.Y[..., posed.columns]
     rest, Z = (cells.off - Y @ solution.x) * roots, Y * roots[..., None]
     least = MIN_RELATIVE_DEVIATION**2 * (((cells.off + cells.model) * roots) ** 2).mean(axis=0)
     rows, texts = _torque_columns(posed, solution)
     shown, rest = _pursue(rows * roots[..., None], texts, Z @ informed_directions(gram(Z, Z))[0], rest, least)
-    return shown, rest, least
+    cost = "parameters adapt to these, and may be off by more than their deviations"
+    names = ", ".join(shown.values())
+    found = [f"residuals look like torques that no term of the model is: {names}; {cost}"] if shown else []
+    off = np.abs(np.divide(rest, roots, out=np.zeros_like(rest), where=roots > 0))
+    loaded = np.isin(np.arange(len(m.joints)), [*shown]) & m.lone_joints & ("friction" in posed.terms)
+    return loaded, found + _push_notes(posed, np.maximum(rest**2, least), off)
 
 
 def _torque_columns(posed: IdentificationProblem, solution: Regression) -> tuple[np.ndarray, list[str]]:

@@ -22,13 +22,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jounce.core.errors import join_names
 from jounce.core.scalars import Array
-from jounce.core.typing import DriveTerm
 from jounce.limits import path_velocity
 from jounce.limits.path import Terms
 from jounce.limits.root_finding import find_roots
-from jounce.model.drives import LOAD_FRICTION
 from jounce.model.limit_kinds import LIMIT_KINDS
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
@@ -70,7 +67,7 @@ class Friction:
     onto: np.ndarray
     slope: np.ndarray
     fastest: np.ndarray
-    others: str  # what friction acts too, which products and rows do not hold
+    others: bool  # whether such friction, or by the load, acts too; products and rows do not hold it
 
     def turns(self, motion: Motion, columns: list[int], count: int) -> np.ndarray:
         """Times near which a joint with friction begins to move, stops or turns round, as `count` times show."""
@@ -101,7 +98,7 @@ class Friction:
 
 def coulomb_friction(ratios: np.ndarray, onto: np.ndarray, eps: np.ndarray) -> Friction:
     """Coulomb friction alone, with smoothing velocities (m,)."""
-    return Friction(ratios, onto, 1 / eps[:, None], np.full(len(eps), _TANH_RANGE[1]), others="")
+    return Friction(ratios, onto, 1 / eps[:, None], np.full(len(eps), _TANH_RANGE[1]), others=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,12 +201,12 @@ def _find_zeros(
 def acting_friction(m: Mechanism) -> Friction | None:
     """The friction that acts in a robot, by speed or load, of joint variables that have some; None without."""
     d = m.drives
-    terms: tuple[DriveTerm, ...] = ("friction", "stribeck", LOAD_FRICTION)
-    coulomb, stribeck, by_load = (getattr(d, term) * (term in m.acting) for term in terms)
+    acts = (getattr(d, term) * (term in m.acting) for term in ("friction", "stribeck", "load_friction"))
+    coulomb, stribeck, by_load = acts
     which = np.flatnonzero(coulomb + stribeck + by_load)
     if not which.size:
         return None
     ratios, reach = m.tree.G[which], _STRIBECK_RANGE * (d.stribeck_velocity / d.eps * (stribeck > 0))[which]
     fastest = np.maximum(_TANH_RANGE[1], reach)
-    others = join_names(term for term, x in zip(terms[1:], (stribeck, by_load), strict=True) if x.any())
+    others = bool((stribeck + by_load).any())
     return Friction(ratios, ratios * coulomb[which, None], 1 / d.eps[which, None], fastest, others)

@@ -263,8 +263,8 @@ def _supported_friction(robot: Engine) -> Friction | None:
     friction = acting_friction(m)
     if friction is not None and friction.others:
         raise JounceError(
-            f"retime does not support {friction.others}; omit it, robot.with_drives(['armature', 'damping', 'friction',"
-            " 'spring', 'offset']) (--drives), and check the result with it"
+            "retime does not support Stribeck friction and load_friction; omit them, robot.with_drives(['armature',"
+            " 'damping', 'friction', 'spring', 'offset']) (--drives), and check the result with them"
         )
     if friction is None or m.closure is None:
         return friction

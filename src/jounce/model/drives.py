@@ -7,16 +7,15 @@
     spring     k (theta - rest)
     offset     o                           constant, as of a torque sensor that is not at zero
 
-Friction that grows with the load, as gears have it, takes the force Q that the joint transmits, all other terms
-included, and adds a share of its size: ``Q + a (Q^2 + d^2)^1/2`` with ``a = c tanh(theta' / eps)``. The small load d
-makes it smooth where Q changes its sign; it adds no more than c d. The inverse is in closed form too, for c < 1.
+Friction that grows with the load takes the force Q that the joint transmits, all other terms included: motors exert
+``Q + a (Q^2 + d^2)^1/2`` with ``a = c tanh(theta' / eps)``, c < 1. The load d makes it smooth where Q changes its sign.
 
 Robot files state the parameters; the terms enter ``Q = G^T Q_theta`` only if a user selects them. The rotors turn with
 their joints only: their effect on momentum and bearings as the links that carry them turn is neglected, as is usual.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import reduce
 from operator import add
 
@@ -25,7 +24,7 @@ import numpy as np
 from jounce.core.errors import JounceError, as_list, check_choice, join_names, quote_value, warn
 from jounce.core.scalars import Array, is_finite
 from jounce.core.typing import DriveTerm, Floats
-from jounce.model.series_functions import exponential, hyperbolic_tangent, inverse, square_root
+from jounce.model.series_functions import SERIES_RULES, exponential, hyperbolic_tangent, inverse
 from jounce.spatial.series import Series
 
 Coefficients = Mapping[str, Array]  # columns, one entry per joint
@@ -33,7 +32,7 @@ DriveLaw = Callable[[Coefficients, Series], Series]
 
 DEFAULT_SMOOTHING_VELOCITY = 0.05  # rad/s or m/s: below it friction turns over
 DEFAULT_STRIBECK_VELOCITY = 0.1  # rad/s or m/s: that of many gears, of 0.03 to 0.25
-DEFAULT_LOAD_EPS = 0.1  # N m or N: of some per cent of it no torque sensor of an arm knows
+DEFAULT_LOAD_EPS = 0.1  # N m or N: c times as much is added at no load, some mN m, which sensors of arms do not show
 SIGNED_PARAMETERS = ("stiffness", "rest", "offset")  # which may be negative
 
 
@@ -88,23 +87,10 @@ class Drives:
     load_eps: Floats
 
 
-UNDRIVEN = {
-    "armature": 0.0,
-    "damping": 0.0,
-    "friction": 0.0,
-    "eps": DEFAULT_SMOOTHING_VELOCITY,
-    "stribeck": 0.0,
-    "stribeck_velocity": DEFAULT_STRIBECK_VELOCITY,
-    "stiffness": 0.0,
-    "rest": 0.0,
-    "offset": 0.0,
-    "load_friction": 0.0,
-    "load_eps": DEFAULT_LOAD_EPS,
-}
-COEFFICIENTS = (  # of the laws; the slopes are 1 / eps and 1 / vs
-    "armature", "damping", "friction", "slope", "stribeck", "stribeck_slope", "stiffness", "rest", "offset",
-    "load_friction", "load_eps",
-)  # fmt: skip
+UNDRIVEN: dict[str, float] = dict.fromkeys((of.name for of in fields(Drives)), 0.0) | {
+    "eps": DEFAULT_SMOOTHING_VELOCITY, "stribeck_velocity": DEFAULT_STRIBECK_VELOCITY, "load_eps": DEFAULT_LOAD_EPS,
+}  # fmt: skip
+COEFFICIENTS = (*UNDRIVEN, "slope", "stribeck_slope")  # of the laws; the slopes are 1 / eps and 1 / vs
 DRIVE_LAWS: dict[DriveTerm, DriveLaw] = {
     "armature": lambda c, theta: c["armature"] * theta.dot.dot,
     "damping": lambda c, theta: c["damping"] * theta.dot,
@@ -125,9 +111,7 @@ DRIVE_TERMS = tuple(DRIVE_LAWS)  # which add to forces whatever these are
 LOAD_FRICTION: DriveTerm = "load_friction"
 ALL_DRIVE_TERMS = (*DRIVE_TERMS, LOAD_FRICTION)
 OMIT_LOAD_FRICTION = f"omit it, robot.with_drives({list(DRIVE_TERMS)}) (--drives)"  # the cure where it is not served
-AMOUNTS: dict[str, str] = {term: term for term in ALL_DRIVE_TERMS} | {
-    "spring": "stiffness"
-}  # zero of terms that are not stated
+AMOUNTS: dict[str, str] = {term: term for term in ALL_DRIVE_TERMS} | {"spring": "stiffness"}  # 0 if not stated
 MOMENTUM_LAWS: dict[DriveTerm, DriveLaw] = {"armature": lambda c, theta: c["armature"] * theta.dot}
 ENERGY_LAWS: dict[DriveTerm, DriveLaw] = {
     "armature": lambda c, theta: c["armature"] * (theta.dot * theta.dot) * 0.5,
@@ -163,18 +147,15 @@ def forces(c: Coefficients, terms: Sequence[str], theta: Series) -> Series:
 
 def load_friction(c: Coefficients, theta: Series, Q: Series) -> Series:
     """Return the friction by the load where joints transmit forces Q, (..., nb, 1)."""
-    return _load_share(c, theta) * square_root(Q * Q + c["load_eps"] ** 2)
+    a = c["load_friction"] * hyperbolic_tangent(c["slope"] * theta.dot)
+    return a * SERIES_RULES["sqrt"](Q * Q + c["load_eps"] ** 2)
 
 
 def load_friction_of_motors(c: Coefficients, theta: Series, tau: Series) -> Series:
     """Return the same where motors exert forces tau, (..., nb, 1): what is left of them is transmitted."""
-    a = _load_share(c, theta)
+    a = c["load_friction"] * hyperbolic_tangent(c["slope"] * theta.dot)
     left = -(a * a) + 1
-    return a * (square_root(tau * tau + left * c["load_eps"] ** 2) - a * tau) * inverse(left)
-
-
-def _load_share(c: Coefficients, theta: Series) -> Series:
-    return c["load_friction"] * hyperbolic_tangent(c["slope"] * theta.dot)
+    return a * (SERIES_RULES["sqrt"](tau * tau + left * c["load_eps"] ** 2) - a * tau) * inverse(left)
 
 
 def unit_contribution(laws: Mapping[DriveTerm, DriveLaw], c: Coefficients, term: DriveTerm, theta: Series) -> Series:

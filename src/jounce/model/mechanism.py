@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, check_choice, join_names
+from jounce.core.errors import JounceError, check_choice
 from jounce.core.scalars import Array, is_numeric, is_zero, reciprocal
 from jounce.model.contacts import Contact
-from jounce.model.drives import LOAD_FRICTION, OMIT_LOAD_FRICTION, Drives
+from jounce.model.drives import LOAD_FRICTION, Drives
 from jounce.model.elasticity import Elasticity
 from jounce.model.frame import Frame
 from jounce.model.limits import Limits
@@ -116,8 +116,6 @@ class Mechanism:
         closing += [array for loop in self.loops for array in loop.arrays]
         for array in (*self.arrays.values(), *stated, *elastic, *closing):
             array.flags.writeable = False
-        if self.has_load_friction:
-            self._check_load_friction()
 
     def __setstate__(self, state: dict[str, Any]) -> None:  # a copy or an unpickled one is as frozen as any
         self.__dict__.update(state)
@@ -130,16 +128,9 @@ class Mechanism:
 
     @property
     def lone_joints(self) -> np.ndarray:
-        """Which joint variables (nc,) have a coordinate that no other follows: its force is that of the joint."""
-        return np.asarray((self.G @ self.G.T == np.eye(len(self.G))).all(axis=0))
-
-    def _check_load_friction(self) -> None:
-        """Raise `JounceError` where a joint with it shares the force of its motor, or a spring or a loop moves it."""
-        loaded = np.flatnonzero(self.drives.load_friction)
-        if self.closure or self.elasticity or not self.lone_joints[loaded].all():
-            names = join_names(self.joints[i] for i in loaded)
-            expected = "rigid joints of robots without loops, each with a coordinate that no other joint follows"
-            raise JounceError(f"{self.name}: {LOAD_FRICTION} acts on {names}; expected {expected}; {OMIT_LOAD_FRICTION}")
+        """Which joint variables (nc,) transmit the force of a coordinate: no spring, loop or follower shares it."""
+        alone = (np.eye(len(self.G)) == self.G @ self.G.T).all(axis=0)
+        return np.asarray(alone & (self.closure is None and self.elasticity is None))
 
     @property
     def arrays(self) -> dict[str, Array]:

@@ -31,11 +31,6 @@ def exponential(x: Series) -> Series:
     return from_rate(exp(x[0]), lambda y: y * x.dot)
 
 
-def square_root(x: Series) -> Series:
-    """The square root of what is positive."""
-    return from_rate(sqrt(x[0]), lambda y: inverse(y) * x.dot * 0.5)
-
-
 SERIES_RULES: Mapping[str, Callable[..., Series]] = {
     "mul": lambda x, y: x * y,
     "add": lambda x, y: x + y,
@@ -46,7 +41,7 @@ SERIES_RULES: Mapping[str, Callable[..., Series]] = {
     "cos": lambda x: sine_cosine(x)[1],
     "tanh": hyperbolic_tangent,
     "exp": exponential,
-    "sqrt": square_root,
+    "sqrt": lambda x: from_rate(sqrt(x[0]), lambda y: inverse(y) * x.dot * 0.5),
 }
 
 

@@ -11,7 +11,7 @@ from jounce.spatial.series import Series
 
 
 def _loaded_forces(law: Law, m: Mechanism, x: State) -> Series:
-    Q = law(drive_terms.without_load_friction(m), x).map(lambda Q: Q[..., None])
+    Q = law(m, x).map(lambda Q: Q[..., None])
     return row_vector(Q + drive_terms.at_loads(m, load_friction, x.q, Q))
 
 

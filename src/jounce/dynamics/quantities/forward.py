@@ -19,7 +19,7 @@ def _loaded_accelerations(law: Law, m: Mechanism, x: State) -> Series:
     """Accelerations from what is left of the forces: its rates take those of q, each of them known by then."""
     moving = Series(lambda k: x.q[k] if k < 2 else found[k - 2][..., -m.n :, None])
     left = x.Q - drive_terms.at_loads(m, load_friction_of_motors, moving, x.Q)
-    found = law(drive_terms.without_load_friction(m), replace(x, Q=left))
+    found = law(m, replace(x, Q=left))
     return found
 
 
@@ -74,7 +74,7 @@ class Forward:
         """
         if method == "closed_form" and not m.closure:
             return row_vector(forward.solve_dense(m, x.q, x.Q, x.W, x.base))
-        inverse = Forces.inverse_dynamics.law(method, m)
+        inverse = Forces.inverse_dynamics.unloaded_law(method, m)
         if articulated.has_deep_branches(m) and not m.closure:
             M: forward.Solver = articulated.ArticulatedBodies.of(m, x.q[0])
         else:

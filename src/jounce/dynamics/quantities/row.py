@@ -119,11 +119,14 @@ class Quantity:
 
     def free_law(self, method: str, mechanism: Mechanism) -> Law:
         """Return the law without the wrenches of contacts."""
+        free = self.unloaded_law(method, mechanism)
+        return partial(self.load_law, free) if self.load_law and mechanism.has_load_friction else free
+
+    def unloaded_law(self, method: str, mechanism: Mechanism) -> Law:
+        """Return the law without these, and without the friction by the load."""
         if mechanism.closure and not self.follows_others:
             of_turning = self.turns_with.law(method, mechanism.tree) if self.turns_with else None
             return loops.close_law(self.law(method, mechanism.tree), self.shape, of_turning)
-        if self.load_law and mechanism.has_load_friction:
-            return partial(self.load_law, self.free_law(method, drive_terms.without_load_friction(mechanism)))
         rigid, added = self.methods[method], self.drive_law
         if added is None or mechanism.closure or not set(self.drive_terms) & set(mechanism.acting):
             return rigid  # where loops are closed, it has those of the tree
