@@ -31,6 +31,9 @@ from jounce.model.mechanism import Mechanism
 from jounce.model.parameters import with_inertial_parameters
 from jounce.model.positions import check_single_screws
 
+# logs with what is sought then, their solution, and warnings of those that are fitted
+FittedLogs = tuple[list[IdentificationProblem], Regression, list[list[str]]]
+
 MAX_SCATTER = 4.0  # chi^2 per degree of freedom: a log beyond it differs from others by two deviations or more
 LOAD_ROUNDS = 3  # of fits with friction by the load: the last loads are off by a share of 1e-4
 MIN_PRIOR = 1e-9  # relative deviation: no model is better, and squares of smaller ones overflow
@@ -66,11 +69,15 @@ def identify(
         raise JounceError(f"method={method!r} does not hold {LOAD_FRICTION}; use method='inverse_dynamics'")
     logs, known = check_logs(model.mechanism, motions, measured, span, test), deviations is not None
 
+    fits = list[FittedLogs]()
+
     def pose(logs: Sequence[MeasuredLog]) -> list[IdentificationProblem]:
-        return pose_logs(model, logs, terms, eps is not None, known, band, method)
+        posed = pose_logs(model, logs, terms, eps is not None, known, band, method)
+        fits.append(fit_with_loads(posed, method, LOAD_FRICTION in terms, known))
+        return fits[-1][0]
 
     posed, late, delayed = pose_without_delays(pose, logs, delay, method not in FILTERED_METHODS)
-    posed, solution, hidden = fit_with_loads(posed, method, LOAD_FRICTION in terms, known)
+    _, solution, hidden = fits[-1]
     joined = join_problems(fitted := [one for one in posed if not one.tests])[0]
     table = parameter_table(joined, solution)
     warned = _name_logs(posed, [[*force_warnings(one), *said] for one, said in zip(posed, delayed, strict=True)])
@@ -117,11 +124,8 @@ def identify(
 
 def fit_with_loads(
     posed: list[IdentificationProblem], method: Equations, sought: bool, known: bool
-) -> tuple[list[IdentificationProblem], Regression, list[list[str]]]:
-    """Fit logs with friction by the load where residuals show it, if it is sought; it takes the loads of the last fit.
-
-    Returns the problems with it, their solution, and warnings of those that are fitted.
-    """
+) -> FittedLogs:
+    """Fit logs with friction by the load where residuals show it, if it is sought; it takes the loads of the last fit."""
     loaded, x = np.zeros(len(posed[0].robot.mechanism.joints), dtype=bool), np.zeros(0)
     for _ in range(1 + LOAD_ROUNDS):
         posed = [one.with_load_friction(x, loaded) for one in posed] if loaded.any() else posed

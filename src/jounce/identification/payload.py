@@ -12,7 +12,7 @@ from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.averaging import CellAverages
 from jounce.identification.delays import pose_without_delays
-from jounce.identification.estimation import fit_with_loads, pose_logs
+from jounce.identification.estimation import FittedLogs, fit_with_loads, pose_logs
 from jounce.identification.force_warnings import force_warnings, unexplained_warnings
 from jounce.identification.least_squares_problem import IdentificationProblem, with_smoothing_velocity
 from jounce.identification.load_parameters import LoadFit, central_covariance, central_parameters, fit_loads
@@ -58,9 +58,8 @@ def identify_payload(
     if mass is not None and (not is_finite(mass) or not mass > 0 or without_load is None):
         raise JounceError(f"mass is {quote_value(mass)}; expected kg > 0 of a known load, and a log without it too")
     logs = [with_load] if without_load is None else [with_load, without_load]
-    posed, late = zip(*(_pose(model, log, terms, which) for log, which in zip(logs, LOGS, strict=False)), strict=True)
-    fitted = [fit_with_loads([one], "inverse_dynamics", LOAD_FRICTION in terms, known=False) for one in posed]
-    posed, fits, hidden = [one for [one], _, _ in fitted], [fit for _, fit, _ in fitted], [x for *_, [x] in fitted]
+    of_logs = (_pose(model, log, terms, which) for log, which in zip(logs, LOGS, strict=False))
+    posed, fits, warned = map(list, zip(*of_logs, strict=True))
     place = 10 * frame.body
     transport = transport_parameters(np.asarray(frame.T, dtype=float))
     K, known = posed[0].base.matrix[:, place : place + 10] @ transport, without_load is None
@@ -68,8 +67,8 @@ def identify_payload(
     halves = fit_loads([*_fit_halves(posed[0]), *fits[1:]], (0, 1, None)[: 1 + len(fits)], K, known)
     notes = [
         f"log {which}: {text}"
-        for one, said, fit, shown, which in zip(posed, late, fits, hidden, LOGS, strict=False)
-        for text in [*force_warnings(one), *said, *shown, *_unexplained(one, fit)]
+        for one, said, fit, which in zip(posed, warned, fits, LOGS, strict=False)
+        for text in [*force_warnings(one), *said, *_unexplained(one, fit)]
     ]
     _check_mass(found, known, mass, notes)
     changes = _half_notes(halves)
@@ -103,19 +102,24 @@ def identify_payload(
 
 def _pose(
     robot: Engine, log: Motion, terms: tuple[DriveTerm, ...], which: str
-) -> tuple[IdentificationProblem, list[str]]:
-    """The problem of a log without the delay of its forces, and what is said of it."""
+) -> tuple[IdentificationProblem, Regression, list[str]]:
+    """The problem of a log without the delay of its forces, its solution, and what is said of it."""
     path = check_motion(robot.mechanism, log)
     given = check_measurements(robot.mechanism, path, None, None, None, None)
     if not given.forces.any():
         raise JounceError(f"all torques of the log {which} are 0; expected measured ones, N m or N at the joints")
     measured = MeasuredLog("", path, given, np.ones(len(given.t), dtype=bool))
 
+    fits = list[FittedLogs]()
+
     def pose(logs: Sequence[MeasuredLog]) -> list[IdentificationProblem]:
-        return pose_logs(robot, logs, terms, given_eps=False, known=False, band=None, method="inverse_dynamics")
+        posed = pose_logs(robot, logs, terms, given_eps=False, known=False, band=None, method="inverse_dynamics")
+        fits.append(fit_with_loads(posed, "inverse_dynamics", LOAD_FRICTION in terms, known=False))
+        return fits[-1][0]
 
     [posed], _, [said] = pose_without_delays(pose, [measured])
-    return posed, said
+    _, fit, [shown] = fits[-1]
+    return posed, fit, said + shown
 
 
 def _fit_halves(posed: IdentificationProblem) -> list[Regression]:
