@@ -100,7 +100,7 @@ def test_a_drive_that_pulls_is_slowed_and_one_that_holds_back_is_helped():
 @pytest.mark.parametrize("kind", ["jax", "sympy", "casadi", "long double"])
 @pytest.mark.parametrize("name", ["inverse_dynamics", "forward_dynamics"])
 def test_every_scalar_type(name, kind):
-    robot, rng = loaded(random_mechanism(np.random.default_rng(6), [-1, 0], ["revolute"] * 2, [1.0, 2.0])), None
+    robot = loaded(random_mechanism(np.random.default_rng(6), [-1, 0], ["revolute"] * 2, [1.0, 2.0]))
     q = np.random.default_rng(7).uniform(-1, 1, (5, 2))
     compute = getattr(robot, name)
     exact, tolerance = compute(*q, method="recursion"), 1e-12
@@ -195,10 +195,10 @@ def test_no_quantity_leaves_it_out_in_silence(name):
         rng = np.random.default_rng(5)
         try:
             results.append(compute(one))
-        except jounce.JounceError as error:
-            assert one is robot, error
-            assert f"does not hold {LOAD_FRICTION}" in str(error)
-            assert "with_drives(['armature', 'damping', 'friction', 'stribeck', 'spring', 'offset'])" in str(error)
+        except jounce.JounceError:
+            assert one is robot
+            cure = "with_drives(['armature', 'damping', 'friction', 'stribeck', 'spring', 'offset'])"
+            refusal(lambda: compute(robot), f"does not hold {LOAD_FRICTION}", cure)
             return
     if same(results[0], results[1]):
         assert same(results[1], results[2]), "no friction enters"

@@ -57,7 +57,9 @@ def with_moved_terms(mechanism: Mechanism) -> Mechanism:
     own, left, moved = np.any(mechanism.G != 0, axis=1), {}, []
     if mechanism.has_load_friction or ("stribeck" in mechanism.acting and mechanism.drives.stribeck.any()):
         cure = "robot.with_drives(['armature', 'damping', 'friction', 'spring', 'offset'])"
-        raise JounceError(f"{mechanism.name}: motors of elastic joints have no Stribeck friction or load_friction; omit them, {cure}")
+        raise JounceError(
+            f"{mechanism.name}: motors of elastic joints have no stribeck and load_friction; omit them, {cure}"
+        )
     for term in [term for term in mechanism.acting if term in ON_MOTORS]:
         amounts = getattr(mechanism.drives, term)
         if amounts[~own].any():  # of joints that follow others in closed loops

@@ -63,10 +63,7 @@ def second_partials(m: Mechanism, q: Series, terms: Sequence[str]) -> Array:
 
 
 def at_loads(m: Mechanism, law: Callable[..., Series], q: Series, Q: Series) -> Series:
-    """Return a law of forces Q (..., nv, 1) at the joints whose friction grows with their load, 0 elsewhere.
-
-    Each of them has a coordinate of its own, see `Mechanism`.
-    """
+    """Return a law of forces Q (..., nv, 1) at the lone joints whose friction grows with their load, 0 elsewhere."""
     loaded = np.flatnonzero(m.drives.load_friction)
     c = {name: x[loaded] for name, x in drives.coefficients(m.drives).items()}
     onto = np.concatenate([np.zeros((m.nv - m.n, len(loaded)), dtype=int), m.G[loaded].T])

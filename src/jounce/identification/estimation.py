@@ -31,9 +31,7 @@ from jounce.model.mechanism import Mechanism
 from jounce.model.parameters import with_inertial_parameters
 from jounce.model.positions import check_single_screws
 
-# logs with what is sought then, their solution, and warnings of those that are fitted
-FittedLogs = tuple[list[IdentificationProblem], Regression, list[list[str]]]
-
+FittedLogs = tuple[list[IdentificationProblem], Regression, list[list[str]]]  # warnings are of those that are fitted
 MAX_SCATTER = 4.0  # chi^2 per degree of freedom: a log beyond it differs from others by two deviations or more
 LOAD_ROUNDS = 3  # of fits with friction by the load: the last loads are off by a share of 1e-4
 MIN_PRIOR = 1e-9  # relative deviation: no model is better, and squares of smaller ones overflow
@@ -122,10 +120,8 @@ def identify(
     )
 
 
-def fit_with_loads(
-    posed: list[IdentificationProblem], method: Equations, sought: bool, known: bool
-) -> FittedLogs:
-    """Fit logs with friction by the load where residuals show it, if it is sought; it takes the loads of the last fit."""
+def fit_with_loads(posed: list[IdentificationProblem], method: Equations, sought: bool, known: bool) -> FittedLogs:
+    """Fit logs with friction by the load where residuals show it, if it is sought: by the loads of the last fit."""
     loaded, x = np.zeros(len(posed[0].robot.mechanism.joints), dtype=bool), np.zeros(0)
     for _ in range(1 + LOAD_ROUNDS):
         posed = [one.with_load_friction(x, loaded) for one in posed] if loaded.any() else posed

@@ -124,9 +124,9 @@ class IdentificationProblem:
         Y = np.concatenate([self.cells.Y[..., :linear], added], axis=-1)
         sought = np.append(self.sought[: len(terms) * len(joints)], joints)
         one = replace(self, terms=(*terms, LOAD_FRICTION), sought=sought, cells=replace(self.cells, Y=Y))
-        still = len(joints) * (len(terms) - terms.index("friction"))  # to which accelerations add nothing either
-        columns = one.columns - still * (one.columns >= linear)
-        return replace(one, errors=self.errors and replace(self.errors, columns=columns))
+        # accelerations alone add to it no more than to Coulomb friction
+        errors = self.errors and replace(self.errors, terms=(*terms, "friction"), columns=one.columns)
+        return replace(one, errors=errors)
 
 
 def pose_problem(
@@ -193,13 +193,10 @@ def with_smoothing_velocity(robot: R, terms: Sequence[DriveTerm], eps: float | N
     if "friction" not in terms and (eps is not None or LOAD_FRICTION in terms):
         what = f"eps={quote_value(eps)}" if eps is not None else LOAD_FRICTION
         raise JounceError(f"{what} is of friction, which drives={quote_value(list(terms))} does not identify")
-    m = robot.mechanism
-    if LOAD_FRICTION in terms:  # sought anew, where residuals show it
-        m = replace(m, drives=replace(m.drives, load_friction=np.zeros(len(m.joints))))
-        robot = with_mechanism(robot, m)
-    if eps is None:
-        return robot
-    return with_mechanism(robot, replace(m, drives=with_eps(m.drives, eps)))
+    m, drives = robot.mechanism, robot.mechanism.drives if eps is None else with_eps(robot.mechanism.drives, eps)
+    if LOAD_FRICTION in terms and drives.load_friction.any():  # sought anew, where residuals show it
+        drives = replace(drives, load_friction=np.zeros(len(m.joints)))
+    return robot if drives is m.drives else with_mechanism(robot, replace(m, drives=drives))
 
 
 def _sought_columns(base: BaseParameters, sought: np.ndarray) -> np.ndarray:

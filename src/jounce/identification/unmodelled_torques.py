@@ -45,9 +45,8 @@ def find_torques(posed: IdentificationProblem, solution: Regression, method: Equ
     least = MIN_RELATIVE_DEVIATION**2 * (((cells.off + cells.model) * roots) ** 2).mean(axis=0)
     rows, texts = _torque_columns(posed, solution)
     shown, rest = _pursue(rows * roots[..., None], texts, Z @ informed_directions(gram(Z, Z))[0], rest, least)
-    cost = "parameters adapt to these, and may be off by more than their deviations"
-    names = ", ".join(shown.values())
-    found = [f"residuals look like torques that no term of the model is: {names}; {cost}"] if shown else []
+    look, cost = ", ".join(shown.values()), "parameters adapt to these, and may be off by more than their deviations"
+    found = [f"residuals look like torques that no term of the model is: {look}; {cost}"] if shown else []
     off = np.abs(np.divide(rest, roots, out=np.zeros_like(rest), where=roots > 0))
     loaded = np.isin(np.arange(len(m.joints)), [*shown]) & m.lone_joints & ("friction" in posed.terms)
     return loaded, found + _push_notes(posed, np.maximum(rest**2, least), off)

@@ -201,8 +201,7 @@ def _find_zeros(
 def acting_friction(m: Mechanism) -> Friction | None:
     """The friction that acts in a robot, by speed or load, of joint variables that have some; None without."""
     d = m.drives
-    acts = (getattr(d, term) * (term in m.acting) for term in ("friction", "stribeck", "load_friction"))
-    coulomb, stribeck, by_load = acts
+    coulomb, stribeck, by_load = (getattr(d, x) * (x in m.acting) for x in ("friction", "stribeck", "load_friction"))
     which = np.flatnonzero(coulomb + stribeck + by_load)
     if not which.size:
         return None

@@ -74,7 +74,7 @@ class Forward:
         """
         if method == "closed_form" and not m.closure:
             return row_vector(forward.solve_dense(m, x.q, x.Q, x.W, x.base))
-        inverse = Forces.inverse_dynamics.unloaded_law(method, m)
+        inverse = Forces.inverse_dynamics.free_law(method, m)
         if articulated.has_deep_branches(m) and not m.closure:
             M: forward.Solver = articulated.ArticulatedBodies.of(m, x.q[0])
         else:

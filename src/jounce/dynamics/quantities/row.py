@@ -114,16 +114,13 @@ class Quantity:
 
     def law(self, method: str, mechanism: Mechanism) -> Law:
         """Return the law of a method for a mechanism, with the drive terms that act and the wrenches of contacts."""
-        free = self.free_law(method, mechanism)
-        return contacts.balance_law(free) if mechanism.contacts and self.balanced else free
+        law = self.free_law(method, mechanism)
+        if mechanism.contacts and self.balanced:
+            law = contacts.balance_law(law)
+        return partial(self.load_law, law) if self.load_law and mechanism.has_load_friction else law
 
     def free_law(self, method: str, mechanism: Mechanism) -> Law:
-        """Return the law without the wrenches of contacts."""
-        free = self.unloaded_law(method, mechanism)
-        return partial(self.load_law, free) if self.load_law and mechanism.has_load_friction else free
-
-    def unloaded_law(self, method: str, mechanism: Mechanism) -> Law:
-        """Return the law without these, and without the friction by the load."""
+        """Return the law without the wrenches of contacts and the friction by the loads that these change."""
         if mechanism.closure and not self.follows_others:
             of_turning = self.turns_with.law(method, mechanism.tree) if self.turns_with else None
             return loops.close_law(self.law(method, mechanism.tree), self.shape, of_turning)
