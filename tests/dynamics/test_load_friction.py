@@ -88,7 +88,7 @@ def test_accelerations_of_a_large_robot_come_back():
         assert relative_error(x, y) < 1e-10
 
 
-def test_a_drive_that_pulls_is_slowed_and_one_that_holds_back_is_helped():
+def test_lifting_takes_more_and_lowering_less():
     """At speed, lifting takes 1 + c of the load, and lowering 1 - c."""
     drives = {"load_friction": [0.2], "load_eps": [1e-6]}
     data = {"B": [np.eye(4)], "X": [[0, 0, 0, 0, 0, 1]], "M": [np.diag([1, 1, 1, 2, 2, 2])], "drives": drives}

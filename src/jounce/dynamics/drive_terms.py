@@ -62,7 +62,7 @@ def second_partials(m: Mechanism, q: Series, terms: Sequence[str]) -> Array:
     return pad_base(m, tensor, (-3, -2, -1))
 
 
-def at_loads(m: Mechanism, law: Callable[..., Series], q: Series, Q: Series) -> Series:
+def load_forces(m: Mechanism, law: Callable[..., Series], q: Series, Q: Series) -> Series:
     """Return a law of forces Q (..., nv, 1) at the lone joints whose friction grows with their load, 0 elsewhere."""
     loaded = np.flatnonzero(m.drives.load_friction)
     c = {name: x[loaded] for name, x in drives.coefficients(m.drives).items()}

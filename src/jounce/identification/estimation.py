@@ -33,7 +33,7 @@ from jounce.model.positions import check_single_screws
 
 FittedLogs = tuple[list[IdentificationProblem], Regression, list[list[str]]]  # warnings are of those that are fitted
 MAX_SCATTER = 4.0  # chi^2 per degree of freedom: a log beyond it differs from others by two deviations or more
-LOAD_ROUNDS = 3  # of fits with friction by the load: the last loads are off by a share of 1e-4
+LOAD_ROUNDS = 3  # of fits with friction by the load, which leave c of 0.05 off by 1e-6, of 0.2 by 3e-4
 MIN_PRIOR = 1e-9  # relative deviation: no model is better, and squares of smaller ones overflow
 
 
@@ -66,7 +66,6 @@ def identify(
     if method in FILTERED_METHODS and robot.mechanism.has_load_friction:
         raise JounceError(f"method={method!r} does not hold {LOAD_FRICTION}; use method='inverse_dynamics'")
     logs, known = check_logs(model.mechanism, motions, measured, span, test), deviations is not None
-
     fits = list[FittedLogs]()
 
     def pose(logs: Sequence[MeasuredLog]) -> list[IdentificationProblem]:

@@ -109,7 +109,6 @@ def _pose(
     if not given.forces.any():
         raise JounceError(f"all torques of the log {which} are 0; expected measured ones, N m or N at the joints")
     measured = MeasuredLog("", path, given, np.ones(len(given.t), dtype=bool))
-
     fits = list[FittedLogs]()
 
     def pose(logs: Sequence[MeasuredLog]) -> list[IdentificationProblem]:

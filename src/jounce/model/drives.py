@@ -107,7 +107,7 @@ PARTIALS: dict[DriveTerm, tuple[int, DriveLaw]] = {  # by which rate of theta, a
     "spring": (0, lambda c, theta: Series.constant(c["stiffness"])),
     "offset": (0, lambda c, theta: theta * 0),
 }
-DRIVE_TERMS = tuple(DRIVE_LAWS)  # which add to forces whatever these are
+DRIVE_TERMS = tuple(DRIVE_LAWS)  # whose forces follow from the motion alone
 LOAD_FRICTION: DriveTerm = "load_friction"
 ALL_DRIVE_TERMS = (*DRIVE_TERMS, LOAD_FRICTION)
 OMIT_LOAD_FRICTION = f"omit it, robot.with_drives({list(DRIVE_TERMS)}) (--drives)"  # the cure where it is not served

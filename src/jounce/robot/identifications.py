@@ -56,7 +56,8 @@ class Identifications(Exports):
         t : (N,), optional
             Times of the forces, s; by default ``motion.times``.
         drives : bool, str or iterable of str, optional
-            Drive terms to identify: "armature", "damping", "friction", "spring", "offset". Others keep their values.
+            Drive terms to identify: those of `with_drives`. Others keep their values; "stribeck" and "load_friction"
+            are of joints whose data ask for them.
         eps : float, optional
             Smoothing velocity of Coulomb friction, rad/s or m/s; by default that of each joint.
         span : (float, float), optional
@@ -140,7 +141,7 @@ class Identifications(Exports):
         body : str, optional
             The body or link that carries the load, which is described in its frame; by default the last body.
         drives : bool, str or iterable of str, optional
-            Drive terms that each log has its own of, as of `identify`: eps and Stribeck terms of each joint too.
+            Drive terms that each log has its own of, as of `identify`, with eps of each joint.
         mass : float, optional
             The known mass of the load, kg: it calibrates the torques, with one factor per joint.
 

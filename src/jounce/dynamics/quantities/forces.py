@@ -12,7 +12,7 @@ from jounce.spatial.series import Series
 
 def _loaded_forces(law: Law, m: Mechanism, x: State) -> Series:
     Q = law(m, x).map(lambda Q: Q[..., None])
-    return row_vector(Q + drive_terms.at_loads(m, load_friction, x.q, Q))
+    return row_vector(Q + drive_terms.load_forces(m, load_friction, x.q, Q))
 
 
 class Forces:

@@ -18,7 +18,7 @@ from jounce.spatial.series import Series
 def _loaded_accelerations(law: Law, m: Mechanism, x: State) -> Series:
     """Accelerations from what is left of the forces: its rates take those of q, each of them known by then."""
     moving = Series(lambda k: x.q[k] if k < 2 else found[k - 2][..., -m.n :, None])
-    left = x.Q - drive_terms.at_loads(m, load_friction_of_motors, moving, x.Q)
+    left = x.Q - drive_terms.load_forces(m, load_friction_of_motors, moving, x.Q)
     found = law(m, replace(x, Q=left))
     return found
 
