@@ -270,7 +270,7 @@ def test_motions_are_checked_with_it():
     there = [x[0] / y for x, y in zip(robot.forces_along(move, [worst.t]).forces, most, strict=True)]
     assert worst.ratio == pytest.approx(np.abs(there).max(), rel=1e-5)
     assert 1 - 1e-5 < worst.ratio < 1 + 1e-4, "of a series that may miss the top of a peak"
-    held = robot.with_limits(effort=0.98 * most[0])
+    held = robot.with_limits(effort_rate=0.98 * most[1])
     slow = held.slowdown(move)
     assert slow.factor < 1
     assert held.check(slow.motion).worst.ratio == pytest.approx(1, abs=1e-6)
