@@ -26,8 +26,7 @@ from jounce.spatial.series import Series
 def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str], out: Any) -> Any:
     """Compute the forces of drive terms for given rates of the coordinates, whether or not the terms act in Q."""
     if LOAD_FRICTION in terms and mechanism.drives.load_friction.any():
-        why = f"{LOAD_FRICTION} takes Q itself; state terms={list(DRIVE_TERMS)}"
-        raise JounceError(f"drive_forces of {mechanism.name!r}: {why}, or subtract inverse_dynamics without it")
+        raise JounceError(f"{LOAD_FRICTION} of {mechanism.name!r} takes Q itself; state terms={list(DRIVE_TERMS)}")
 
     def law(m: Mechanism, q: Series) -> Series:
         forces = drive_terms.pad_base(m, drive_terms.forces(m, q, terms), (-2,))

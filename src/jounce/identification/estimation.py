@@ -56,15 +56,13 @@ def identify(
     """Identify a robot from motions and measured forces, see `Robot.identify`."""
     check_choice("method", method, get_args(Equations))
     terms = select_terms(drives)
-    model = with_smoothing_velocity(robot, terms, eps)
+    model = with_smoothing_velocity(robot, terms, eps, method)
     if not is_finite(prior) or not prior >= MIN_PRIOR:
         raise JounceError(
             f"prior is {quote_value(prior)}; expected a relative standard deviation, {MIN_PRIOR:g} or more"
         )
     check_single_screws(model.mechanism, "identify()")
     measured = {"forces": forces, "t": t, "weights": weights, "deviations": deviations}
-    if method in FILTERED_METHODS and robot.mechanism.has_load_friction:
-        raise JounceError(f"method={method!r} does not hold {LOAD_FRICTION}; use method='inverse_dynamics'")
     logs, known = check_logs(model.mechanism, motions, measured, span, test), deviations is not None
     fits = list[FittedLogs]()
 

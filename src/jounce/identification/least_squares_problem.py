@@ -35,7 +35,7 @@ from jounce.identification.averaging import (
 from jounce.identification.filtered_balances import FILTERED_METHODS
 from jounce.identification.measurements import Measurements
 from jounce.model.coordinates import leading_joints, velocity_map
-from jounce.model.drives import AMOUNTS, DEFAULT_SMOOTHING_VELOCITY, LOAD_FRICTION, with_eps
+from jounce.model.drives import AMOUNTS, DEFAULT_SMOOTHING_VELOCITY, LOAD_FRICTION, OMIT_LOAD_FRICTION, with_eps
 from jounce.model.parameters import inertial_parameters
 from jounce.motion.motion import Motion
 
@@ -185,7 +185,7 @@ def join_problems(posed: Sequence[IdentificationProblem]) -> tuple[Identificatio
     return replace(posed[0], cells=cells, errors=errors), list(map(slice, ends, ends[1:]))
 
 
-def with_smoothing_velocity(robot: R, terms: Sequence[DriveTerm], eps: float | None) -> R:
+def with_smoothing_velocity(robot: R, terms: Sequence[DriveTerm], eps: float | None, method: Equations) -> R:
     """Return a robot with another smoothing velocity of friction; refuse an eps without use, and drives of motors."""
     if robot.mechanism.elasticity is not None and set(terms) - {"spring", "offset"}:
         cure = "drives=False (--drives none) identifies links from the torques of the springs"
@@ -193,9 +193,12 @@ def with_smoothing_velocity(robot: R, terms: Sequence[DriveTerm], eps: float | N
     if "friction" not in terms and (eps is not None or LOAD_FRICTION in terms):
         what = f"eps={quote_value(eps)}" if eps is not None else LOAD_FRICTION
         raise JounceError(f"{what} is of friction, which drives={quote_value(list(terms))} does not identify")
+    if robot.mechanism.has_load_friction and (LOAD_FRICTION not in terms or method in FILTERED_METHODS):
+        cure = f"expected it in drives=, with method='inverse_dynamics', or {OMIT_LOAD_FRICTION}"
+        raise JounceError(f"{robot.name}: {LOAD_FRICTION} acts, and takes the loads that are identified; {cure}")
     m, drives = robot.mechanism, robot.mechanism.drives if eps is None else with_eps(robot.mechanism.drives, eps)
-    if LOAD_FRICTION in terms and drives.load_friction.any():  # sought anew, where residuals show it
-        drives = replace(drives, load_friction=np.zeros(len(m.joints)))
+    if LOAD_FRICTION in terms and method not in FILTERED_METHODS and drives.load_friction.any():  # sought anew
+        drives = replace(drives, load_friction=np.where(m.lone_joints, 0.0, drives.load_friction))
     return robot if drives is m.drives else with_mechanism(robot, replace(m, drives=drives))
 
 

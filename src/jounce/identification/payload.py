@@ -52,7 +52,7 @@ def identify_payload(
 ) -> Payload[R]:
     """Identify a payload, see `Robot.payload`."""
     terms, m = select_terms(drives), robot.mechanism
-    model = with_smoothing_velocity(robot, terms, None)
+    model = with_smoothing_velocity(robot, terms, None, "inverse_dynamics")
     check_single_screws(m, "payload()")
     frame = find_load_frame(m, body)
     if mass is not None and (not is_finite(mass) or not mass > 0 or without_load is None):

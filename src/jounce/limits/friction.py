@@ -207,5 +207,5 @@ def acting_friction(m: Mechanism) -> Friction | None:
         return None
     ratios, reach = m.tree.G[which], _STRIBECK_RANGE * (d.stribeck_velocity / d.eps * (stribeck > 0))[which]
     fastest = np.maximum(_TANH_RANGE[1], reach)
-    others = bool((stribeck + by_load).any())
-    return Friction(ratios, ratios * coulomb[which, None], 1 / d.eps[which, None], fastest, others)
+    onto, others = ratios * coulomb[which, None], bool((stribeck + by_load).any())
+    return Friction(ratios, onto, 1 / d.eps[which, None], fastest, others)
