@@ -195,7 +195,7 @@ def select_terms(terms: object, choices: tuple[DriveTerm, ...] = ALL_DRIVE_TERMS
     """Return the selected drive terms in their order: True selects all, False none, otherwise names."""
     if isinstance(terms, bool):
         return choices * terms
-    names = {check_choice("drive term", name, choices) for name in as_list(terms)}
+    names = {check_choice("linear " * (choices is DRIVE_TERMS) + "drive term", x, choices) for x in as_list(terms)}
     return tuple(term for term in choices if term in names)
 
 
