@@ -20,6 +20,7 @@ from benchmarks import machine
 from benchmarks.identification import Truth, drawn
 from benchmarks.pendulum import double_pendulum
 from benchmarks.tables import paragraph, table
+from jounce.core.typing import DriveTerms
 from jounce.identification import friction_search
 from jounce.io.files import write_whole
 from jounce.model.drives import DEFAULT_SMOOTHING_VELOCITY
@@ -59,6 +60,7 @@ class Acting:
 
     torques: Callable[[jounce.Robot, np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]  # t, q, qd, load
     own: bool = False
+    drives: DriveTerms = ("damping", "friction", "stribeck", "offset")  # that are sought, without friction by the load
 
 
 def hold(axis: int) -> Acting:
@@ -79,6 +81,11 @@ ACTS = {
     "nothing": Acting(lambda robot, t, q, qd, load: 0 * q),
     "friction of 0.05 of the load": Acting(
         lambda robot, t, q, qd, load: 0.05 * np.abs(load) * np.tanh(qd / 0.05), True
+    ),
+    "the same, with its term": Acting(
+        lambda robot, t, q, qd, load: 0.05 * np.abs(load) * np.tanh(qd / 0.05),
+        True,
+        ("damping", "friction", "stribeck", "offset", "load_friction"),
     ),
     "5 N along x": hold(0),
     "5 N along z": hold(2),
@@ -145,7 +152,7 @@ def measure_errors(
 def measure_acting(robot: jounce.Robot, act: Acting, seed: int) -> tuple[float, float, float]:
     """Whether what acts is named, the errors of inertial parameters over their deviations, and that of torques."""
     trial = simulate(robot, LAWS["own tanh"], seed, act)
-    found = robot.identify(trial.motion, trial.Q, t=trial.t)
+    found = robot.identify(trial.motion, trial.Q, t=trial.t, drives=act.drives)
     true = trial.truth.robot.base_parameters().values
     over = [(row.value - x) / row.deviation for row, x in zip(found.table, true, strict=False)]
     said = ("look like torques", "are unexplained", "does not explain")

@@ -194,7 +194,7 @@ def test_elastic_joints_start_from_the_drives_of_a_file():
     close(again.elasticity.stiffness, [90.0, np.inf])
     close(again.elasticity.rotor, [0.3, 0.7])
     close(again.elasticity.viscous, DRIVES["damping"])
-    said = "damping, friction, stribeck would act on the links", "select drive terms before elastic()"
+    said = "damping, friction, load_friction, stribeck would act on the links", "select drive terms before elastic()"
     refusal(acting.with_drives, *said)
     assert acting.with_drives("spring").mechanism.elasticity is acting.elasticity
 

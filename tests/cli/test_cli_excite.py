@@ -62,7 +62,7 @@ def test_terms_that_are_written_are_read_with_the_same_bits(tmp_path, suffix):
         (("-o", "x.csv"), "states no limit of a rate or a force"),
         (("-o", "x.txt"), "x.txt"),
         (("-o", "x.csv", "--period", -1), "period is -1.0; expected a number of s > 0"),
-        (("-o", "x.csv", "--drives", "motor"), "unknown drive term 'motor'"),
+        (("-o", "x.csv", "--drives", "motor"), "unknown linear drive term 'motor'"),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_line(tmp_path, monkeypatch, words, said):

@@ -87,8 +87,8 @@ def test_info_shows_the_order_of_q_and_the_drives(tmp_path):
     path = robot_file(tmp_path, *DRIVEN)
     lines = [line.split() for line in call("info", path).stdout.splitlines()]
     assert ["q:", "turn,", "bend"] in lines
-    assert ["drive", "armature", "damping", "friction", "stribeck", "spring", "offset"] in lines
-    assert ["bend", "-", "0.5", "N", "m", "s/rad", "0.2", "N", "m", "over", "0.05", "rad/s", "-", "-", "-"] in lines
+    assert ["drive", "armature", "damping", "friction", "stribeck", "spring", "offset", "load_friction"] in lines
+    assert ["bend", "-", "0.5", "N", "m", "s/rad", "0.2", "N", "m", "over", "0.05", "rad/s", *["-"] * 4] in lines
     assert ["in", "Q:", "none", "of", "these"] in lines
     acting = call("info", path, "--drives", "friction,damping").stdout.splitlines()
     assert "in Q: damping, friction" in acting

@@ -15,7 +15,7 @@ from jounce.checks.reference.pinocchio import build_model
 from jounce.dynamics.mobility import may_be_singular
 from jounce.dynamics.recursion import matrices
 from jounce.dynamics.recursion.articulated import ArticulatedBodies, has_deep_branches
-from jounce.model.drives import AMOUNTS, DRIVE_TERMS, Drives
+from jounce.model.drives import ALL_DRIVE_TERMS, AMOUNTS, Drives
 from jounce.model.scalar_casting import with_exact_integers
 from jounce.program.passes import factor
 from jounce.program.trace import Tape
@@ -31,12 +31,13 @@ with warnings.catch_warnings():
 
 
 def driven(mechanism, rng):
-    """With drives, all terms of which act."""
-    names = (*AMOUNTS.values(), "rest")
+    """With drives, all terms of which act: friction by the load at joints that none follows."""
+    names = (*AMOUNTS.values(), "rest", "load_eps")
     nc = len(mechanism.joints)
     speeds = dict.fromkeys(("eps", "stribeck_velocity"), np.full(nc, 0.5))
     drives = Drives(**speeds, **{name: rng.uniform(0.1, 1, nc) for name in names})
-    return Interpreted(jounce.Robot(replace(mechanism, drives=drives, acting=DRIVE_TERMS)))
+    drives = replace(drives, load_friction=0.3 * drives.load_friction * mechanism.lone_joints)
+    return Interpreted(jounce.Robot(replace(mechanism, drives=drives, acting=ALL_DRIVE_TERMS)))
 
 
 def chain(n=14):

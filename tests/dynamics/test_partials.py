@@ -32,10 +32,11 @@ HASTY = {"xla_backend_optimization_level": 0}  # as each function runs once
 
 def driven(mechanism, rng):
     """With drives, all terms of which act."""
-    names = (*AMOUNTS.values(), "rest")
+    names = (*(AMOUNTS[term] for term in DRIVE_TERMS), "rest", "load_eps")
     nc = len(mechanism.joints)
     speeds = dict.fromkeys(("eps", "stribeck_velocity"), np.full(nc, 0.5))
-    drives = Drives(**speeds, **{name: rng.uniform(0.1, 1, nc) for name in names})
+    numbers = {name: rng.uniform(0.1, 1, nc) for name in names}
+    drives = Drives(**speeds, **numbers, load_friction=np.zeros(nc))
     return replace(mechanism, drives=drives, acting=DRIVE_TERMS)
 
 

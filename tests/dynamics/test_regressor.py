@@ -156,6 +156,6 @@ def test_bad_input_is_refused_in_one_line():
     p = np.where(np.arange(20) == 14, np.nan, 1.0)
     refusal(lambda: robot.with_inertial_parameters(p), "p: Ixx of 'body2' is nan; expected finite numbers")
     zeros = np.zeros((3, 2))
-    refusal(lambda: robot.regressor(*zeros, drives="offsets"), "unknown drive term 'offsets'")
+    refusal(lambda: robot.regressor(*zeros, drives="offsets"), "unknown linear drive term 'offsets'")
     refusal(lambda: robot.regressor(*zeros[:2], None), "q2d is None")
     refusal(lambda: robot.compile("regressor", wrench=True), "regressor takes no wrenches")

@@ -16,7 +16,7 @@ import jounce
 from jounce.core.errors import JounceError
 from jounce.core.scalars import convert_element
 from jounce.dynamics.quantities import QUANTITIES as TABLE
-from jounce.model.drives import AMOUNTS
+from jounce.model.drives import AMOUNTS, DRIVE_TERMS
 from jounce.model.scalar_casting import with_exact_integers
 from jounce.program.trace import Tape
 from jounce.spatial.series import column_series
@@ -295,7 +295,7 @@ def test_numbers_of_a_robot_leave_no_floats_among_symbols():
 def sprung():
     """The planar 2R with every kind of drive, so that energy and momentum hold them too."""
     m = jounce.load("planar2r").mechanism
-    drives = {name: [0.3, 0.7] for name in (*AMOUNTS.values(), "rest")}
+    drives = {name: [0.3, 0.7] for name in (*(AMOUNTS[term] for term in DRIVE_TERMS), "rest")}
     driven = jounce.Robot.from_screws(m.B, m.X, m.M, gravity=m.gravity, drives=drives).with_drives(eps=0.5).mechanism
     return jounce.Robot(replace(driven, elasticity=springs(driven.n)))
 

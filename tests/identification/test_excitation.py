@@ -161,7 +161,7 @@ def test_it_is_shown_as_a_table(found):
         (LIMITED, {"reach": -1}, "reach is -1; expected a number of rad > 0"),
         (LIMITED, {"starts": 0}, "starts is 0; expected 1 to 1000"),
         (LIMITED, {"seed": -1}, "seed is -1; expected 0 or more"),
-        (LIMITED, {"drives": "motor"}, "unknown drive term 'motor'"),
+        (LIMITED, {"drives": "motor"}, "unknown linear drive term 'motor'"),
         (LIMITED, {"weights": [1, -1]}, "a weight is -1; expected inverse variances"),
         (LIMITED, {"weights": [0, 0]}, "all weights are 0; expected inverse variances"),
         (LIMITED, {"weights": [1]}, "weights have shape (1,); expected numbers (2,)"),

@@ -33,7 +33,7 @@ def moving_robot(seed=3, on_base=False):
     if on_base:
         motion = motion.with_base(None, np.eye(4))
     d = m.drives
-    p = np.concatenate([jounce.Robot(m).inertial_parameters, *(getattr(d, amount) for amount in AMOUNTS.values())])
+    p = np.concatenate([jounce.Robot(m).inertial_parameters, *(getattr(d, AMOUNTS[term]) for term in DRIVE_TERMS)])
     return Interpreted(jounce.Robot(m)), p, motion
 
 

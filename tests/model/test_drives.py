@@ -18,7 +18,7 @@ import casadi
 import jounce
 from jounce.checks.description import describe
 from jounce.cli import main
-from jounce.model.drives import DEFAULT_SMOOTHING_VELOCITY, DRIVE_TERMS
+from jounce.model.drives import ALL_DRIVE_TERMS, DEFAULT_SMOOTHING_VELOCITY, DRIVE_TERMS
 from support.files import LINKS, joint, refusal, robot_file
 from support.robots import mechanisms, random_mechanism, relative_error
 from support.tools import require
@@ -228,7 +228,7 @@ def test_a_urdf_states_damping_and_friction(tmp_path):
     robot = jounce.load(path, drives=True)
     assert jounce.load(path).mechanism.acting == ()
     assert (robot.drives.damping[0], robot.drives.friction[0]) == (2.5, 0.5)
-    assert robot.mechanism.acting == DRIVE_TERMS
+    assert robot.mechanism.acting == ALL_DRIVE_TERMS
 
 
 @pytest.mark.parametrize("suffix", [".yaml", ".json"])
@@ -301,6 +301,8 @@ def test_drives_are_copied_and_frozen():
         ({"damping": [-1]}, ["joint 0", "damping is -1; expected 0 or more"]),
         ({"rest": [np.inf]}, ["rest is inf; expected a finite number"]),
         ({"stribeck_velocity": [0]}, ["stribeck_velocity is 0; expected a speed above 0"]),
+        ({"load_friction": [1]}, ["load_friction is 1; expected a share of the load below 1"]),
+        ({"load_eps": [0]}, ["load_eps is 0; expected a load above 0"]),
         ({"eps": [0]}, ["eps is 0; expected a smoothing velocity of friction above 0"]),
         ([1, 2], ["drives is of type list; expected a mapping of armature"]),
     ],
@@ -314,7 +316,7 @@ def test_refuses_unknown_terms(terms):
     refusal(
         lambda: jounce.load("iiwa14").with_drives(terms),
         "unknown drive term",
-        "armature, damping, friction, stribeck, spring, offset",
+        "armature, damping, friction, stribeck, spring, offset, load_friction",
     )
 
 
@@ -333,7 +335,7 @@ def test_stribeck_friction_is_refused_where_it_is_not_known():
     robot = jounce.Robot.from_screws(**ONE, drives={"stribeck": [1.0]}).with_drives().with_limits(velocity=1, effort=9)
     move = jounce.Motion.polynomial([[0, 0, 0, 1, -0.5]], 1.0)
     refusal(lambda: robot.retime(move), "retime does not support Stribeck friction", "'offset']) (--drives)")
-    refusal(lambda: robot.elastic(100.0, rotor=0.1), "motors of elastic joints have no Stribeck friction")
+    refusal(lambda: robot.elastic(100.0, rotor=0.1), "motors of elastic joints have no stribeck")
 
 
 @given(st.integers(0, 3))

@@ -29,9 +29,11 @@ def mechanism(tree, case):
     rng = np.random.default_rng(len(tree))
     m = random_mechanism(rng, TREES[tree], KINDS, [1.0, 2.0, 0.5, 3.0])
     if case == "driven":
-        terms = {name: rng.uniform(0.1, 1, m.nb) for name in (*AMOUNTS.values(), "rest")}
+        amounts = [AMOUNTS[term] for term in DRIVE_TERMS]
+        terms = {name: rng.uniform(0.1, 1, m.nb) for name in (*amounts, "rest", "load_eps")}
         speeds = dict.fromkeys(("eps", "stribeck_velocity"), np.full(m.nb, 0.5))
-        return replace(m, drives=Drives(**speeds, **terms), acting=DRIVE_TERMS)
+        drives = Drives(**speeds, **terms, load_friction=np.zeros(m.nb))
+        return replace(m, drives=drives, acting=DRIVE_TERMS)
     return floating(m, rng) if case == "afloat" else m
 
 

@@ -10,7 +10,7 @@ import pytest
 import jounce
 from jounce.arguments.poses import POSE_TOLERANCE, pose_error
 from jounce.core.errors import JounceError
-from jounce.model.drives import AMOUNTS
+from jounce.model.drives import AMOUNTS, DRIVE_TERMS
 from jounce.native.memory_layout import is_straight
 from jounce.native.pose_check import are_poses
 from support.quantities import tupled
@@ -23,7 +23,7 @@ def robot(afloat, bodies=24):
     rng = np.random.default_rng(2)
     kinds = (["revolute", "prismatic", "helical", "revolute"] * 6)[:bodies]
     m = random_mechanism(rng, [-1, 0, -1, *range(2, bodies - 1)], kinds, [1.0] * bodies, mimic=True)
-    drives = {name: rng.uniform(0.1, 1, bodies) for name in (*AMOUNTS.values(), "rest")}
+    drives = {name: rng.uniform(0.1, 1, bodies) for name in (*(AMOUNTS[term] for term in DRIVE_TERMS), "rest")}
     driven = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, gravity=m.gravity, G=m.G, g=m.g, drives=drives)
     of_all = driven.with_drives(eps=0.5).mechanism
     return jounce.Robot(floating(of_all, rng) if afloat else of_all)

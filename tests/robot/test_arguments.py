@@ -197,7 +197,7 @@ CASES: dict[str, Case] = {
     "limits": (lambda **limits: screws(limits=limits), dict.fromkeys(LIMIT_KEYS, (1, 1))),
     "drives": (
         lambda **drives: screws(drives=drives),
-        dict.fromkeys(UNDRIVEN, (1, 1)),
+        dict.fromkeys(UNDRIVEN, (1, 1)) | {"load_friction": (0.5, 0.5)},
     ),
     "parents": (lambda a, b: screws(parent=[a, b]), {"a": -1, "b": 0}),
     "names": (lambda a, b: screws(names=[a, b]), {"a": "a", "b": "b"}),

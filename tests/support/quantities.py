@@ -7,7 +7,7 @@ import numpy as np
 
 import jounce
 from jounce.dynamics.quantities import QUANTITIES
-from jounce.model.drives import AMOUNTS
+from jounce.model.drives import AMOUNTS, DRIVE_TERMS
 from jounce.model.frame import Frame
 from support.robots import random_mechanism, random_pose, springs
 
@@ -80,7 +80,7 @@ def branched(parent=(-1, 0, 1, 0, -1)):
     rng, nb = np.random.default_rng(5), len(parent)
     kinds = ["revolute", "helical", "prismatic", "revolute", "revolute"]
     m = random_mechanism(rng, list(parent), kinds[:nb], [1, 2, 3, 1, 0.5][:nb], mimic=True)
-    drives = {name: rng.uniform(0.1, 1, nb) for name in (*AMOUNTS.values(), "rest")}
+    drives = {name: rng.uniform(0.1, 1, nb) for name in (*(AMOUNTS[term] for term in DRIVE_TERMS), "rest")}
     drives["stribeck_velocity"] = np.ones(nb)
     data = {"gravity": m.gravity, "G": m.G, "g": m.g, "drives": drives}
     robot = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, **data)

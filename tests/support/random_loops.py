@@ -9,7 +9,7 @@ import numpy as np
 import jounce
 from jounce.arguments.stated_loops import build_loop
 from jounce.dynamics import loop_assembly
-from jounce.model.drives import AMOUNTS
+from jounce.model.drives import AMOUNTS, DRIVE_TERMS
 from jounce.model.frame import Frame
 from jounce.model.loops import Closure
 from jounce.spatial import lie
@@ -54,7 +54,7 @@ def random_closed(
     nb = len(parent)
     m = random_mechanism(rng, parent, kinds, [*rng.uniform(0.5, 3, nb)], mimic)
     if drives:
-        terms = {name: rng.uniform(0.1, 1, nb) for name in (*AMOUNTS.values(), "rest")}
+        terms = {name: rng.uniform(0.1, 1, nb) for name in (*(AMOUNTS[term] for term in DRIVE_TERMS), "rest")}
         data = {"gravity": m.gravity, "G": m.G, "g": m.g, "drives": terms}
         m = jounce.Robot.from_screws(m.B, m.X, m.M, m.parent, **data).with_drives(eps=0.5).mechanism
     q = rng.uniform(-1, 1, m.n)

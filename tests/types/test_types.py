@@ -20,7 +20,7 @@ from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.quantities.names import QuantityName
 from jounce.engine.backends import NATIVE
 from jounce.model import denavit_hartenberg
-from jounce.model.drives import DRIVE_TERMS
+from jounce.model.drives import ALL_DRIVE_TERMS
 from jounce.motion import units
 from jounce.robot.methods import FORMS
 
@@ -84,7 +84,7 @@ def test_the_right_program_runs():
         (typing.Frame, SCREW_FRAMES),
         (typing.LoadFrame, LOAD_FRAMES),
         (typing.Form, FORMS),
-        (typing.DriveTerm, DRIVE_TERMS),
+        (typing.DriveTerm, ALL_DRIVE_TERMS),
         (typing.Language, LANGUAGE_NAMES),
         (typing.Convention, denavit_hartenberg.CONVENTIONS),
         (typing.JointType, denavit_hartenberg.TYPES),

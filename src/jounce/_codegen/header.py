@@ -236,6 +236,7 @@ OF_DRIVES = {  # theta is the angle of a joint, or its path
     "stribeck": "Stribeck friction (s tanh(thetad / eps) exp(-(thetad / vs)^2))",
     "spring": "spring (k (theta - rest))",
     "offset": "offset",
+    "load_friction": "friction by the load (a (Q^2 + d^2)^1/2, a = c tanh(thetad / eps))",
 }
 MEANINGS = {
     "gravity": "gravitational acceleration in the inertial frame, m/s^2",

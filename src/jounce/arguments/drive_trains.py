@@ -55,9 +55,9 @@ def _friction_eps(mechanism: Mechanism) -> np.ndarray:
 def with_moved_terms(mechanism: Mechanism) -> Mechanism:
     """The mechanism without those terms of drives in Q that act on motors: of joints that coordinates move."""
     own, left, moved = np.any(mechanism.G != 0, axis=1), {}, []
-    if "stribeck" in mechanism.acting and mechanism.drives.stribeck.any():
-        cure = "robot.with_drives(['armature', 'damping', 'friction', 'spring', 'offset'])"
-        raise JounceError(f"{mechanism.name}: motors of elastic joints have no Stribeck friction; omit it, {cure}")
+    if mechanism.has_load_friction or ("stribeck" in mechanism.acting and mechanism.drives.stribeck.any()):
+        cure = "omit it, robot.with_drives(['armature', 'damping', 'friction', 'spring', 'offset'])"
+        raise JounceError(f"{mechanism.name}: motors of elastic joints have no stribeck or load_friction; {cure}")
     for term in [term for term in mechanism.acting if term in ON_MOTORS]:
         amounts = getattr(mechanism.drives, term)
         if amounts[~own].any():  # of joints that follow others in closed loops

@@ -8,6 +8,7 @@ from jounce.dynamics.computation import DERIVATIVE_PRODUCTS, Computation
 from jounce.dynamics.elastic import with_rigid_rotors
 from jounce.dynamics.mobility import idle_coordinates
 from jounce.dynamics.quantities import QUANTITIES, Quantity
+from jounce.model.drives import LOAD_FRICTION, OMIT_LOAD_FRICTION
 from jounce.model.mechanism import Mechanism
 
 
@@ -134,6 +135,10 @@ def missing_reason(mechanism: Mechanism, row: Quantity) -> str | None:
         return ": it has no contacts; robot.contacts([jounce.Contact(frame, kind), ...]) states them"
     if row.without_contacts and mechanism.contacts:
         return ": the wrenches of its contacts would enter; robot.contacts([]) is the robot without contacts"
+    m, concerned = mechanism, mechanism.has_load_friction and "friction" in row.drive_terms
+    if concerned and not (row.load_law and m.lone_joints[m.drives.load_friction > 0].all()):
+        why = "inverse and forward dynamics and their kernels do, of rigid joints without followers and loops"
+        return f" does not hold {LOAD_FRICTION}: {why}; {OMIT_LOAD_FRICTION}"
     reason = row.obstacle and row.obstacle(mechanism)
     return reason and f" {reason}"
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from jounce.identification import Identification, Payload
 
 T = TypeVar("T", bound="Identification | Payload")
-DEFAULT = "damping,friction,stribeck,offset"
+DEFAULT = "damping,friction,stribeck,offset,load_friction"
 
 EPILOG = """\b
 Example, with the torques of a model as measured ones:
@@ -43,7 +43,7 @@ those of the data alone; parameters that they do not determine are listed.
     "terms",
     default=DEFAULT,
     metavar="TERMS",
-    help="Drive terms to identify: all, none, or a list of armature, damping, friction, stribeck, spring, offset.",
+    help="Drive terms to identify: all, none, or a list, as of --drives of `jounce run`.",
 )
 @click.option("--span", type=float, nargs=2, metavar="S S", help="Use samples between these times; others test it.")
 @click.option(

@@ -123,6 +123,7 @@ def _drive(body: dict[str, Any]) -> tuple[str, ...]:
         (d["stribeck"], f"{d['stribeck']:.5g} {force} to {d['stribeck_velocity']:.5g} {unit}/s"),
         (d["stiffness"], f"{d['stiffness']:.5g} {force}/{unit} from {d['rest']:.5g} {unit}"),
         (d["offset"], f"{d['offset']:.5g} {force}"),
+        (d["load_friction"], f"{d['load_friction']:.5g} over {d['load_eps']:.5g} {force}"),
     )
     return (body["joint"], *(text if stated else "-" for stated, text in cells))
 

@@ -102,7 +102,7 @@ Decorator = Callable[[Callable[..., None]], Callable[..., None]]
 
 DRIVES_OPTION = click.option(
     "--drives", metavar="TERMS", callback=_parse_drive_terms,
-    help="Drive terms to include in Q: all, or a list of armature, damping, friction, stribeck, spring, offset.",
+    help="Drive terms in Q: all, or a list of armature, damping, friction, stribeck, spring, offset, load_friction.",
 )  # fmt: skip
 MESHES = click.option(
     "--meshes", metavar="FOLDER", multiple=True, type=click.Path(exists=True, file_okay=False, path_type=Path),

@@ -1,6 +1,6 @@
 """Forces, inertia and energy of the drive trains in the coordinates, by the laws of `model.drives`."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -60,6 +60,14 @@ def second_partials(m: Mechanism, q: Series, terms: Sequence[str]) -> Array:
     by_joint = slopes.dot[0] * m.G  # the rate of a derivative by theta', as if theta'' were 1
     tensor = (m.G.T[:, None, :] * m.G.T) @ by_joint[..., None, :, :]
     return pad_base(m, tensor, (-3, -2, -1))
+
+
+def load_forces(m: Mechanism, law: Callable[..., Series], q: Series, Q: Series) -> Series:
+    """Return a law of forces Q (..., nv, 1) at the lone joints whose friction grows with their load, 0 elsewhere."""
+    loaded = np.flatnonzero(m.drives.load_friction)
+    c = {name: x[loaded] for name, x in drives.coefficients(m.drives).items()}
+    onto = np.concatenate([np.zeros((m.nv - m.n, len(loaded)), dtype=int), m.G[loaded].T])
+    return onto @ law(c, joint_variables(m, q).map(lambda x: x[..., loaded, :]), onto.T @ Q)
 
 
 def armature_matrix(m: Mechanism) -> Array:

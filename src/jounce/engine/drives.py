@@ -5,6 +5,7 @@ from typing import Any
 
 from jounce.arguments import positions
 from jounce.arguments.rates import convert_rates
+from jounce.core.errors import JounceError
 from jounce.core.scalars import Array, broadcast, concatenate
 from jounce.core.typing import DriveTerm
 from jounce.dynamics import drive_terms
@@ -16,6 +17,7 @@ from jounce.engine import certain_digits
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import as_tuple, evaluate, write_results
+from jounce.model.drives import DRIVE_TERMS, LOAD_FRICTION
 from jounce.model.mechanism import Mechanism
 from jounce.model.scalar_casting import cast_model
 from jounce.spatial.series import Series
@@ -23,6 +25,8 @@ from jounce.spatial.series import Series
 
 def drive_forces(mechanism: Mechanism, given: Sequence[Any], terms: Sequence[str], out: Any) -> Any:
     """Compute the forces of drive terms for given rates of the coordinates, whether or not the terms act in Q."""
+    if LOAD_FRICTION in terms and mechanism.drives.load_friction.any():
+        raise JounceError(f"{LOAD_FRICTION} of {mechanism.name!r} takes Q itself; state terms={list(DRIVE_TERMS)}")
 
     def law(m: Mechanism, q: Series) -> Series:
         forces = drive_terms.pad_base(m, drive_terms.forces(m, q, terms), (-2,))

@@ -23,14 +23,14 @@ def find_hidden_vibrations(robot: Engine, motion: Motion, order: int, symbol: st
 
         max over t of sum_l abs(dQ_i^(k) / dq_j^(l)) A (2 pi f)^l,  l = 0 ... k + 2,
 
-    and to q_j^(k) A (2 pi f)^k; at twice the frequency at most 2^(k + 2) and 2^k times that. Of robots with loops or a
-    base that floats it is that of q, k two higher. Empty where a motion is exact, or joints have several numbers.
+    and to q_j^(k) A (2 pi f)^k; at twice the frequency at most 2^(k + 2) and 2^k times that. With loops, a base that
+    floats or load_friction it is that of q, k two higher. Empty where a motion is exact or joints have several numbers.
     """
     curve, m = motion.curve, robot.mechanism
     if not isinstance(curve, SmoothedCurve) or curve.fit.hidden is None or multiscrew_joints(m):
         return []
     w, units = 2 * np.pi * curve.fit.bandwidth, coordinate_units(m)
-    if symbol == "Q" and (m.floats or m.loops):
+    if symbol == "Q" and (m.floats or m.loops or m.has_load_friction):
         order, symbol = order + 2, "q"
     highest = order + 2 if symbol == "Q" else order
     waves = curve.fit.hidden * w ** np.arange(highest + 1)[:, None]  # (l, j)

@@ -22,16 +22,18 @@ from jounce.identification.least_squares_problem import (
 )
 from jounce.identification.measured_logs import Logs, MeasuredLog, check_logs, twin_notes
 from jounce.identification.physical_consistency import ConsistentParameters, fit_consistent_parameters
-from jounce.identification.regression import fit_forces
+from jounce.identification.regression import Regression, fit_forces
 from jounce.identification.result import Identification
 from jounce.identification.result_tables import IdentifiedParameter, describe_logs, force_residuals, parameter_table
-from jounce.identification.unmodelled_torques import unmodelled_warnings
-from jounce.model.drives import AMOUNTS, DRIVE_TERMS, select_terms
+from jounce.identification.unmodelled_torques import find_torques
+from jounce.model.drives import ALL_DRIVE_TERMS, AMOUNTS, LOAD_FRICTION, select_terms
 from jounce.model.mechanism import Mechanism
 from jounce.model.parameters import with_inertial_parameters
 from jounce.model.positions import check_single_screws
 
+FittedLogs = tuple[list[IdentificationProblem], Regression, list[list[str]]]  # warnings are of those that are fitted
 MAX_SCATTER = 4.0  # chi^2 per degree of freedom: a log beyond it differs from others by two deviations or more
+LOAD_ROUNDS = 3  # of fits with friction by the load, which leave c of 0.05 off by 1e-6, of 0.2 by 3e-4
 MIN_PRIOR = 1e-9  # relative deviation: no model is better, and squares of smaller ones overflow
 
 
@@ -54,7 +56,7 @@ def identify(
     """Identify a robot from motions and measured forces, see `Robot.identify`."""
     check_choice("method", method, get_args(Equations))
     terms = select_terms(drives)
-    model = with_smoothing_velocity(robot, terms, eps)
+    model = with_smoothing_velocity(robot, terms, eps, method)
     if not is_finite(prior) or not prior >= MIN_PRIOR:
         raise JounceError(
             f"prior is {quote_value(prior)}; expected a relative standard deviation, {MIN_PRIOR:g} or more"
@@ -62,14 +64,16 @@ def identify(
     check_single_screws(model.mechanism, "identify()")
     measured = {"forces": forces, "t": t, "weights": weights, "deviations": deviations}
     logs, known = check_logs(model.mechanism, motions, measured, span, test), deviations is not None
+    fits = list[FittedLogs]()
 
     def pose(logs: Sequence[MeasuredLog]) -> list[IdentificationProblem]:
-        return pose_logs(model, logs, terms, eps is not None, known, band, method)
+        posed = pose_logs(model, logs, terms, eps is not None, known, band, method)
+        fits.append(fit_with_loads(posed, method, LOAD_FRICTION in terms, known))
+        return fits[-1][0]
 
     posed, late, delayed = pose_without_delays(pose, logs, delay, method not in FILTERED_METHODS)
-    fitted = [one for one in posed if not one.tests]
-    joined, cells = join_problems(fitted)
-    solution = fit_forces(joined.cells, joined.columns, joined.errors, known, cells)
+    _, solution, hidden = fits[-1]
+    joined = join_problems(fitted := [one for one in posed if not one.tests])[0]
     table = parameter_table(joined, solution)
     warned = _name_logs(posed, [[*force_warnings(one), *said] for one, said in zip(posed, delayed, strict=True)])
     differ = _difference_notes([one.log for one in fitted], solution.scatter)
@@ -84,8 +88,6 @@ def identify(
     found = fit_consistent_parameters(m, joined.base, information, estimate, joined.terms, weight=weight)
     predicted = [one.predict(found.parameters, found.values[one.base.count :], solution.x) for one in posed]
     rows = [force_residuals(one, Q, solution.motion_errors) for one, Q in zip(posed, predicted, strict=True)]
-    parts = [replace(solution, weights=solution.weights[part]) for part in cells]
-    hidden = [unmodelled_warnings(one, part, method) for one, part in zip(fitted, parts, strict=True)]
     unexplained = [unexplained_warnings(one, of_log, x) for one, of_log in zip(posed, rows, strict=True)]
     notes += (left := [*_name_logs(fitted, hidden), *_name_logs(posed, unexplained)])
     for text in left:
@@ -115,6 +117,22 @@ def identify(
     )
 
 
+def fit_with_loads(posed: list[IdentificationProblem], method: Equations, sought: bool, known: bool) -> FittedLogs:
+    """Fit logs with friction by the load where residuals show it, if it is sought: by the loads of the last fit."""
+    loaded, x = np.zeros(len(posed[0].robot.mechanism.joints), dtype=bool), np.zeros(0)
+    for _ in range(1 + LOAD_ROUNDS):
+        posed = [one.with_load_friction(x, loaded) for one in posed] if loaded.any() else posed
+        fitted = [one for one in posed if not one.tests]
+        joined, cells = join_problems(fitted)
+        solution = fit_forces(joined.cells, joined.columns, joined.errors, known, cells)
+        parts = [replace(solution, weights=solution.weights[part]) for part in cells]
+        shown = [find_torques(one, part, method) for one, part in zip(fitted, parts, strict=True)]
+        loaded, x = np.any([loaded, *(joints for joints, _ in shown)], axis=0) & sought, solution.x
+        if not loaded.any():
+            break
+    return posed, solution, [notes for _, notes in shown]
+
+
 def pose_logs(
     robot: Engine,
     logs: Sequence[MeasuredLog],
@@ -126,6 +144,7 @@ def pose_logs(
 ) -> list[IdentificationProblem]:
     """The problem of each log, of the robot with the friction laws that they show."""
     fitted = [(of.motion, of.samples) for of in logs if not of.tests]
+    terms = tuple(term for term in terms if term != LOAD_FRICTION)
     robot, terms, sought, weighed = with_friction_laws(robot, fitted, terms, given_eps, known)
     total, others, posed = sum(np.count_nonzero(of.weights) for of in weighed), iter(weighed), []
     for of in logs:
@@ -141,7 +160,7 @@ def _with_found(mechanism: Mechanism, terms: Sequence[DriveTerm], found: Consist
     """The mechanism with what was found; its drive terms act."""
     m = with_inertial_parameters(mechanism, found.parameters)
     values = {AMOUNTS[term]: x for term, x in found.drives.items()}
-    acting = tuple(term for term in DRIVE_TERMS if term in {*m.acting, *terms})
+    acting = tuple(term for term in ALL_DRIVE_TERMS if term in {*m.acting, *terms})
     return replace(m, drives=replace(m.drives, **values), acting=acting)
 
 

@@ -11,7 +11,7 @@ from jounce.identification.excitation_search import ExcitationSearch, Progress
 from jounce.identification.excitation_setup import check_number, check_whole_number, prepare_search
 from jounce.identification.harmonics import MIN_HARMONICS, Harmonics
 from jounce.limits.check import Check, CheckedLimit, check
-from jounce.model.drives import select_terms
+from jounce.model.drives import DRIVE_TERMS, select_terms
 from jounce.model.parameters import find_load_frame
 from jounce.motion import Motion
 
@@ -112,7 +112,7 @@ def excite(
     load = None
     if payload is not False:
         load = find_load_frame(robot.mechanism, None if payload is True else payload).body
-    search, notes = prepare_search(robot, series, select_terms(drives), weights, reach, margin, rng, load)
+    search, notes = prepare_search(robot, series, select_terms(drives, DRIVE_TERMS), weights, reach, margin, rng, load)
     rest = search.find_rest(rng)
     x, motion, found = _shrink_into_limits(search, search.find_best(count, rng, progress), rest)
     rates, information = search.rates(x), search.information

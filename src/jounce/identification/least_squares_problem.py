@@ -30,10 +30,12 @@ from jounce.identification.averaging import (
     median_step,
     number_cells,
     regressor_pieces,
+    weighted_means,
 )
 from jounce.identification.filtered_balances import FILTERED_METHODS
 from jounce.identification.measurements import Measurements
-from jounce.model.drives import AMOUNTS, DEFAULT_SMOOTHING_VELOCITY, with_eps
+from jounce.model.coordinates import leading_joints, velocity_map
+from jounce.model.drives import AMOUNTS, DEFAULT_SMOOTHING_VELOCITY, LOAD_FRICTION, OMIT_LOAD_FRICTION, with_eps
 from jounce.model.parameters import inertial_parameters
 from jounce.motion.motion import Motion
 
@@ -92,8 +94,39 @@ class IdentificationProblem:
         changes = np.zeros((len(parameters) + len(drives), 2))
         changes[:, 0] = np.append(parameters - inertial_parameters(self.robot.mechanism), drives)
         changes[self.columns, 1] = x
-        pieces = regressor_pieces(self.robot, self.motion, self.given.t, self.terms)
-        return np.moveaxis(np.concatenate([Y @ changes for _, Y in pieces]), -1, 0) + self.model
+        Q = self._linear_forces(changes)
+        if LOAD_FRICTION not in self.terms:
+            return Q
+        shares = changes[-len(self.robot.mechanism.joints) :]
+        return Q + self._load_friction(Q) * (velocity_map(self.robot.mechanism)[-len(shares) :].T @ shares).T[:, None]
+
+    def _linear_forces(self, changes: np.ndarray) -> np.ndarray:
+        """Forces (k, N, nv) of changes (P, k) of all parameters, without friction by the load."""
+        terms = [term for term in self.terms if term != LOAD_FRICTION]
+        pieces = regressor_pieces(self.robot, self.motion, self.given.t, terms)
+        return np.moveaxis(np.concatenate([Y @ changes[: Y.shape[-1]] for _, Y in pieces]), -1, 0) + self.model
+
+    def _load_friction(self, Q: np.ndarray) -> np.ndarray:
+        """The friction (..., N, nv) by forces Q of joints with a coordinate of their own, for a share of 1."""
+        m, found = self.robot.mechanism, np.zeros_like(Q)
+        eps, least = (x[leading_joints(m)] for x in (m.drives.eps, m.drives.load_eps))
+        found[..., -m.n :] = np.tanh(self.motion(self.given.t, 1)[1] / eps) * np.hypot(Q[..., -m.n :], least)
+        return found
+
+    def with_load_friction(self, x: np.ndarray, joints: np.ndarray) -> "IdentificationProblem":
+        """The problem with friction of some joints (nc,) by the loads that corrections x give: by turns both settle."""
+        changes, terms = np.zeros((self.cells.Y.shape[-1], 1)), tuple(t for t in self.terms if t != LOAD_FRICTION)
+        changes[self.columns, 0] = x
+        L = self._load_friction(self._linear_forces(changes)[0])[self.used]
+        means = weighted_means(L, self.samples.weights, number_cells(self.samples.t, self.width))[0]
+        added = means[..., None] * velocity_map(self.robot.mechanism)[-len(joints) :].T
+        linear = len(self.base.parameters) + len(terms) * len(joints)
+        Y = np.concatenate([self.cells.Y[..., :linear], added], axis=-1)
+        sought = np.append(self.sought[: len(terms) * len(joints)], joints)
+        one = replace(self, terms=(*terms, LOAD_FRICTION), sought=sought, cells=replace(self.cells, Y=Y))
+        # accelerations alone add to it no more than to Coulomb friction
+        errors = self.errors and replace(self.errors, terms=(*terms, "friction"), columns=one.columns)
+        return replace(one, errors=errors)
 
 
 def pose_problem(
@@ -152,19 +185,21 @@ def join_problems(posed: Sequence[IdentificationProblem]) -> tuple[Identificatio
     return replace(posed[0], cells=cells, errors=errors), list(map(slice, ends, ends[1:]))
 
 
-def with_smoothing_velocity(robot: R, terms: Sequence[DriveTerm], eps: float | None) -> R:
+def with_smoothing_velocity(robot: R, terms: Sequence[DriveTerm], eps: float | None, method: Equations) -> R:
     """Return a robot with another smoothing velocity of friction; refuse an eps without use, and drives of motors."""
     if robot.mechanism.elasticity is not None and set(terms) - {"spring", "offset"}:
         cure = "drives=False (--drives none) identifies links from the torques of the springs"
         raise JounceError(f"{robot.name} has elastic joints: its drives act on motors, not on links; {cure}")
-    if eps is None:
-        return robot
-    if "friction" not in terms:
-        raise JounceError(
-            f"eps={quote_value(eps)} is of friction, which drives={quote_value(list(terms))} does not identify"
-        )
-    m = robot.mechanism
-    return with_mechanism(robot, replace(m, drives=with_eps(m.drives, eps)))
+    if "friction" not in terms and (eps is not None or LOAD_FRICTION in terms):
+        what = f"eps={quote_value(eps)}" if eps is not None else LOAD_FRICTION
+        raise JounceError(f"{what} is of friction, which drives={quote_value(list(terms))} does not identify")
+    if robot.mechanism.has_load_friction and (LOAD_FRICTION not in terms or method in FILTERED_METHODS):
+        cure = f"expected it in drives=, with method='inverse_dynamics', or {OMIT_LOAD_FRICTION}"
+        raise JounceError(f"{robot.name}: {LOAD_FRICTION} acts, and takes the loads that are identified; {cure}")
+    m, drives = robot.mechanism, robot.mechanism.drives if eps is None else with_eps(robot.mechanism.drives, eps)
+    if LOAD_FRICTION in terms and method not in FILTERED_METHODS and drives.load_friction.any():  # sought anew
+        drives = replace(drives, load_friction=np.where(m.lone_joints, 0.0, drives.load_friction))
+    return robot if drives is m.drives else with_mechanism(robot, replace(m, drives=drives))
 
 
 def _sought_columns(base: BaseParameters, sought: np.ndarray) -> np.ndarray:

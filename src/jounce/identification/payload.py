@@ -12,7 +12,7 @@ from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.averaging import CellAverages
 from jounce.identification.delays import pose_without_delays
-from jounce.identification.estimation import pose_logs
+from jounce.identification.estimation import FittedLogs, fit_with_loads, pose_logs
 from jounce.identification.force_warnings import force_warnings, unexplained_warnings
 from jounce.identification.least_squares_problem import IdentificationProblem, with_smoothing_velocity
 from jounce.identification.load_parameters import LoadFit, central_covariance, central_parameters, fit_loads
@@ -23,8 +23,7 @@ from jounce.identification.physical_consistency import fit_consistent_body
 from jounce.identification.regression import Regression, fit_forces
 from jounce.identification.result_tables import force_residuals
 from jounce.identification.torque_calibration import calibrate_torques
-from jounce.identification.unmodelled_torques import unmodelled_warnings
-from jounce.model.drives import select_terms
+from jounce.model.drives import LOAD_FRICTION, select_terms
 from jounce.model.parameters import find_load_frame, inertial_parameters, with_inertial_parameters
 from jounce.model.positions import check_single_screws
 from jounce.motion.motion import Motion
@@ -53,14 +52,14 @@ def identify_payload(
 ) -> Payload[R]:
     """Identify a payload, see `Robot.payload`."""
     terms, m = select_terms(drives), robot.mechanism
-    model = with_smoothing_velocity(robot, terms, None)
+    model = with_smoothing_velocity(robot, terms, None, "inverse_dynamics")
     check_single_screws(m, "payload()")
     frame = find_load_frame(m, body)
     if mass is not None and (not is_finite(mass) or not mass > 0 or without_load is None):
         raise JounceError(f"mass is {quote_value(mass)}; expected kg > 0 of a known load, and a log without it too")
     logs = [with_load] if without_load is None else [with_load, without_load]
-    posed, late = zip(*(_pose(model, log, terms, which) for log, which in zip(logs, LOGS, strict=False)), strict=True)
-    fits = [fit_forces(one.cells, one.columns, one.errors, known=False) for one in posed]
+    of_logs = (_pose(model, log, terms, which) for log, which in zip(logs, LOGS, strict=False))
+    posed, fits, warned = map(list, zip(*of_logs, strict=True))
     place = 10 * frame.body
     transport = transport_parameters(np.asarray(frame.T, dtype=float))
     K, known = posed[0].base.matrix[:, place : place + 10] @ transport, without_load is None
@@ -68,7 +67,7 @@ def identify_payload(
     halves = fit_loads([*_fit_halves(posed[0]), *fits[1:]], (0, 1, None)[: 1 + len(fits)], K, known)
     notes = [
         f"log {which}: {text}"
-        for one, said, fit, which in zip(posed, late, fits, LOGS, strict=False)
+        for one, said, fit, which in zip(posed, warned, fits, LOGS, strict=False)
         for text in [*force_warnings(one), *said, *_unexplained(one, fit)]
     ]
     _check_mass(found, known, mass, notes)
@@ -103,19 +102,23 @@ def identify_payload(
 
 def _pose(
     robot: Engine, log: Motion, terms: tuple[DriveTerm, ...], which: str
-) -> tuple[IdentificationProblem, list[str]]:
-    """The problem of a log without the delay of its forces, and what is said of it."""
+) -> tuple[IdentificationProblem, Regression, list[str]]:
+    """The problem of a log without the delay of its forces, its solution, and what is said of it."""
     path = check_motion(robot.mechanism, log)
     given = check_measurements(robot.mechanism, path, None, None, None, None)
     if not given.forces.any():
         raise JounceError(f"all torques of the log {which} are 0; expected measured ones, N m or N at the joints")
     measured = MeasuredLog("", path, given, np.ones(len(given.t), dtype=bool))
+    fits = list[FittedLogs]()
 
     def pose(logs: Sequence[MeasuredLog]) -> list[IdentificationProblem]:
-        return pose_logs(robot, logs, terms, given_eps=False, known=False, band=None, method="inverse_dynamics")
+        posed = pose_logs(robot, logs, terms, given_eps=False, known=False, band=None, method="inverse_dynamics")
+        fits.append(fit_with_loads(posed, "inverse_dynamics", LOAD_FRICTION in terms, known=False))
+        return fits[-1][0]
 
     [posed], _, [said] = pose_without_delays(pose, [measured])
-    return posed, said
+    _, fit, [shown] = fits[-1]
+    return posed, fit, said + shown
 
 
 def _fit_halves(posed: IdentificationProblem) -> list[Regression]:
@@ -134,8 +137,7 @@ def _unexplained(posed: IdentificationProblem, fit: Regression) -> list[str]:
     parameters[base.columns] += fit.x[: base.count]
     estimate = posed.corrected_parameters(fit.x)
     rows = force_residuals(posed, posed.predict(parameters, estimate[base.count :], fit.x), fit.motion_errors)
-    left = unexplained_warnings(posed, rows, estimate[posed.places])
-    return unmodelled_warnings(posed, fit, "inverse_dynamics") + left
+    return unexplained_warnings(posed, rows, estimate[posed.places])
 
 
 def _check_mass(found: LoadFit, known: bool, mass: float | None, notes: list[str]) -> None:

@@ -98,7 +98,7 @@ def _unit(term: DriveTerm, turns: bool) -> str:
     if term == "armature":
         return "kg m^2" if turns else "kg"
     force, path = ("N m", "rad") if turns else ("N", "m")
-    return {"damping": f"{force} s/{path}", "spring": f"{force}/{path}"}.get(term, force)
+    return {"damping": f"{force} s/{path}", "spring": f"{force}/{path}", "load_friction": "1"}.get(term, force)
 
 
 @dataclass(frozen=True)

@@ -30,23 +30,26 @@ PUSH_SHARE = 0.1  # of the time, within which pushes are looked for
 MIN_PUSH_SQUARES = 2 / 3  # of a force's residuals in that time: they are four times as large there as elsewhere
 
 
-def unmodelled_warnings(posed: IdentificationProblem, solution: Regression, method: Equations) -> list[str]:
-    """Return which torques that no parameter holds the residuals of a fit show, and when forces are off.
+def find_torques(posed: IdentificationProblem, solution: Regression, method: Equations) -> tuple[np.ndarray, list[str]]:
+    """Return joints (nc,) whose friction grows with the load, as residuals of a fit show, and warnings of all torques.
 
-    Residuals of momentum and power are no torques, and those of loops are of several joints.
+    These say which torques that no parameter holds act, and when forces are off. Residuals of momentum and power are no
+    torques, and those of loops are of several joints.
     """
-    if method in FILTERED_METHODS or posed.robot.mechanism.closure:
-        return []
+    m = posed.robot.mechanism
+    if method in FILTERED_METHODS or m.closure:
+        return np.zeros(len(m.joints), dtype=bool), []
     cells, roots = posed.cells, np.sqrt(solution.weights)
     Y = cells.Y[..., posed.columns]
     rest, Z = (cells.off - Y @ solution.x) * roots, Y * roots[..., None]
     least = MIN_RELATIVE_DEVIATION**2 * (((cells.off + cells.model) * roots) ** 2).mean(axis=0)
     rows, texts = _torque_columns(posed, solution)
     shown, rest = _pursue(rows * roots[..., None], texts, Z @ informed_directions(gram(Z, Z))[0], rest, least)
-    cost = "parameters adapt to these, and may be off by more than their deviations"
-    found = [f"residuals look like torques that no term of the model is: {', '.join(shown)}; {cost}"] if shown else []
+    look, cost = ", ".join(shown.values()), "parameters adapt to these, and may be off by more than their deviations"
+    found = [f"residuals look like torques that no term of the model is: {look}; {cost}"] if shown else []
     off = np.abs(np.divide(rest, roots, out=np.zeros_like(rest), where=roots > 0))
-    return found + _push_notes(posed, np.maximum(rest**2, least), off)
+    loaded = np.isin(np.arange(len(m.joints)), [*shown]) & m.lone_joints & ("friction" in posed.terms)
+    return loaded, found + _push_notes(posed, np.maximum(rest**2, least), off)
 
 
 def _torque_columns(posed: IdentificationProblem, solution: Regression) -> tuple[np.ndarray, list[str]]:
@@ -71,9 +74,9 @@ def _torque_columns(posed: IdentificationProblem, solution: Regression) -> tuple
 
 def _pursue(
     rows: np.ndarray, texts: list[str], U: np.ndarray, rest: np.ndarray, least: np.ndarray
-) -> tuple[list[str], np.ndarray]:
+) -> tuple[dict[int, str], np.ndarray]:
     """The texts of the columns that residuals (C, nv) show, beyond orthonormal U (C, nv, r), and what is left then."""
-    shown, sizes = list[str](), (rows**2).sum(axis=(0, 1))
+    shown, sizes = dict[int, str](), (rows**2).sum(axis=(0, 1))
     signed = np.array([text.startswith("a force") for text in texts])  # friction does not fall, springs pull back
     spectra = noise_spectra(leverages(U), rest, least)
     while True:
@@ -92,7 +95,7 @@ def _pursue(
         spread = np.sqrt(spectral_gram(units[..., [k]], spectra)[0, 0])
         if np.abs(amounts[k]) < MAX_DEVIATIONS * spread:
             return shown, rest
-        shown.append(texts[k].format(f"{amounts[k] / norms[k]:.3g} +- {spread / norms[k]:.2g}"))
+        shown[k] = texts[k].format(f"{amounts[k] / norms[k]:.3g} +- {spread / norms[k]:.2g}")
         U, rest = more, left
 
 

@@ -67,7 +67,7 @@ class Friction:
     onto: np.ndarray
     slope: np.ndarray
     fastest: np.ndarray
-    stribeck: bool  # whether such friction acts too; products and rows do not hold it
+    others: bool  # whether such friction, or by the load, acts too; products and rows do not hold it
 
     def turns(self, motion: Motion, columns: list[int], count: int) -> np.ndarray:
         """Times near which a joint with friction begins to move, stops or turns round, as `count` times show."""
@@ -98,7 +98,7 @@ class Friction:
 
 def coulomb_friction(ratios: np.ndarray, onto: np.ndarray, eps: np.ndarray) -> Friction:
     """Coulomb friction alone, with smoothing velocities (m,)."""
-    return Friction(ratios, onto, 1 / eps[:, None], np.full(len(eps), _TANH_RANGE[1]), stribeck=False)
+    return Friction(ratios, onto, 1 / eps[:, None], np.full(len(eps), _TANH_RANGE[1]), others=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,12 +199,13 @@ def _find_zeros(
 
 
 def acting_friction(m: Mechanism) -> Friction | None:
-    """The friction that acts in a robot, Coulomb's or Stribeck's, of joint variables that have some; None without."""
+    """The friction that acts in a robot, by speed or load, of joint variables that have some; None without."""
     d = m.drives
-    coulomb, stribeck = d.friction * ("friction" in m.acting), d.stribeck * ("stribeck" in m.acting)
-    which = np.flatnonzero(coulomb + stribeck)
+    coulomb, stribeck, by_load = (getattr(d, x) * (x in m.acting) for x in ("friction", "stribeck", "load_friction"))
+    which = np.flatnonzero(coulomb + stribeck + by_load)
     if not which.size:
         return None
     ratios, reach = m.tree.G[which], _STRIBECK_RANGE * (d.stribeck_velocity / d.eps * (stribeck > 0))[which]
     fastest = np.maximum(_TANH_RANGE[1], reach)
-    return Friction(ratios, ratios * coulomb[which, None], 1 / d.eps[which, None], fastest, bool(stribeck.any()))
+    onto, others = ratios * coulomb[which, None], bool((stribeck + by_load).any())
+    return Friction(ratios, onto, 1 / d.eps[which, None], fastest, others)

@@ -261,10 +261,10 @@ def _supported_friction(robot: Engine) -> Friction | None:
     """The Coulomb friction that acts in a robot; that of joints that follow others in closed loops is refused."""
     m = robot.mechanism
     friction = acting_friction(m)
-    if friction is not None and friction.stribeck:
+    if friction is not None and friction.others:
         raise JounceError(
-            "retime does not support Stribeck friction; omit it, robot.with_drives(['armature', 'damping', 'friction',"
-            " 'spring', 'offset']) (--drives), and check the result with it"
+            "retime does not support Stribeck friction and load_friction; omit them, robot.with_drives(['armature',"
+            " 'damping', 'friction', 'spring', 'offset']) (--drives), and check the result with them"
         )
     if friction is None or m.closure is None:
         return friction

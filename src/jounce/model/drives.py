@@ -7,12 +7,15 @@
     spring     k (theta - rest)
     offset     o                           constant, as of a torque sensor that is not at zero
 
+Friction that grows with the load takes the force Q that the joint transmits, all other terms included: motors exert
+``Q + a (Q^2 + d^2)^1/2`` with ``a = c tanh(theta' / eps)``, c < 1. The load d makes it smooth where Q changes its sign.
+
 Robot files state the parameters; the terms enter ``Q = G^T Q_theta`` only if a user selects them. The rotors turn with
 their joints only: their effect on momentum and bearings as the links that carry them turn is neglected, as is usual.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import reduce
 from operator import add
 
@@ -21,7 +24,7 @@ import numpy as np
 from jounce.core.errors import JounceError, as_list, check_choice, join_names, quote_value, warn
 from jounce.core.scalars import Array, is_finite
 from jounce.core.typing import DriveTerm, Floats
-from jounce.model.series_functions import exponential, hyperbolic_tangent
+from jounce.model.series_functions import SERIES_RULES, exponential, hyperbolic_tangent, inverse
 from jounce.spatial.series import Series
 
 Coefficients = Mapping[str, Array]  # columns, one entry per joint
@@ -29,6 +32,7 @@ DriveLaw = Callable[[Coefficients, Series], Series]
 
 DEFAULT_SMOOTHING_VELOCITY = 0.05  # rad/s or m/s: below it friction turns over
 DEFAULT_STRIBECK_VELOCITY = 0.1  # rad/s or m/s: that of many gears, of 0.03 to 0.25
+DEFAULT_LOAD_EPS = 0.1  # N m or N: c times as much is added at no load, some mN m, which sensors of arms do not show
 SIGNED_PARAMETERS = ("stiffness", "rest", "offset")  # which may be negative
 
 
@@ -58,6 +62,10 @@ class Drives:
         Where the spring is slack, rad or m.
     offset : (nb,)
         Constant force, N m or N.
+    load_friction : (nb,)
+        Friction over the load that a joint transmits, below 1.
+    load_eps : (nb,)
+        Smoothing load of this friction, N m or N.
 
     Examples
     --------
@@ -75,22 +83,14 @@ class Drives:
     stiffness: Floats
     rest: Floats
     offset: Floats
+    load_friction: Floats
+    load_eps: Floats
 
 
-UNDRIVEN = {
-    "armature": 0.0,
-    "damping": 0.0,
-    "friction": 0.0,
-    "eps": DEFAULT_SMOOTHING_VELOCITY,
-    "stribeck": 0.0,
-    "stribeck_velocity": DEFAULT_STRIBECK_VELOCITY,
-    "stiffness": 0.0,
-    "rest": 0.0,
-    "offset": 0.0,
-}
-COEFFICIENTS = (  # of the laws; the slopes are 1 / eps and 1 / vs
-    "armature", "damping", "friction", "slope", "stribeck", "stribeck_slope", "stiffness", "rest", "offset",
-)  # fmt: skip
+UNDRIVEN: dict[str, float] = dict.fromkeys((of.name for of in fields(Drives)), 0.0) | {
+    "eps": DEFAULT_SMOOTHING_VELOCITY, "stribeck_velocity": DEFAULT_STRIBECK_VELOCITY, "load_eps": DEFAULT_LOAD_EPS,
+}  # fmt: skip
+COEFFICIENTS = (*UNDRIVEN, "slope", "stribeck_slope")  # of the laws; the slopes are 1 / eps and 1 / vs
 DRIVE_LAWS: dict[DriveTerm, DriveLaw] = {
     "armature": lambda c, theta: c["armature"] * theta.dot.dot,
     "damping": lambda c, theta: c["damping"] * theta.dot,
@@ -107,10 +107,11 @@ PARTIALS: dict[DriveTerm, tuple[int, DriveLaw]] = {  # by which rate of theta, a
     "spring": (0, lambda c, theta: Series.constant(c["stiffness"])),
     "offset": (0, lambda c, theta: theta * 0),
 }
-DRIVE_TERMS = tuple(DRIVE_LAWS)
-AMOUNTS: dict[str, str] = {term: term for term in DRIVE_TERMS} | {
-    "spring": "stiffness"
-}  # zero of terms that are not stated
+DRIVE_TERMS = tuple(DRIVE_LAWS)  # whose forces follow from the motion alone
+LOAD_FRICTION: DriveTerm = "load_friction"
+ALL_DRIVE_TERMS = (*DRIVE_TERMS, LOAD_FRICTION)
+OMIT_LOAD_FRICTION = f"omit it, robot.with_drives({list(DRIVE_TERMS)}) (--drives)"  # the cure where it is not served
+AMOUNTS: dict[str, str] = {term: term for term in ALL_DRIVE_TERMS} | {"spring": "stiffness"}  # 0 if not stated
 MOMENTUM_LAWS: dict[DriveTerm, DriveLaw] = {"armature": lambda c, theta: c["armature"] * theta.dot}
 ENERGY_LAWS: dict[DriveTerm, DriveLaw] = {
     "armature": lambda c, theta: c["armature"] * (theta.dot * theta.dot) * 0.5,
@@ -125,9 +126,11 @@ def drive_error(**stated: float) -> str | None:
             return f"{name} is {x:g}; expected a finite number"
         if x < 0 and name not in SIGNED_PARAMETERS:
             return f"{name} is {x:g}; expected 0 or more"
-    for name, what in (("eps", "smoothing velocity of friction"), ("stribeck_velocity", "speed")):
+    for name, what in (("eps", "smoothing velocity of friction"), ("stribeck_velocity", "speed"), ("load_eps", "load")):
         if stated.get(name) == 0:
             return f"{name} is 0; expected a {what} above 0"
+    if (share := stated.get(LOAD_FRICTION, 0)) >= 1:
+        return f"{LOAD_FRICTION} is {share:g}; expected a share of the load below 1: no force moves such a joint"
     return None
 
 
@@ -140,6 +143,19 @@ def coefficients(drives: Drives) -> Coefficients:
 def forces(c: Coefficients, terms: Sequence[str], theta: Series) -> Series:
     """Return the forces of some drive terms on the joint variables, (..., nb, 1)."""
     return reduce(add, [law(c, theta) for term, law in DRIVE_LAWS.items() if term in terms], theta * 0)
+
+
+def load_friction(c: Coefficients, theta: Series, Q: Series) -> Series:
+    """Return the friction by the load where joints transmit forces Q, (..., nb, 1)."""
+    a = c["load_friction"] * hyperbolic_tangent(c["slope"] * theta.dot)
+    return a * SERIES_RULES["sqrt"](Q * Q + c["load_eps"] ** 2)
+
+
+def load_friction_of_motors(c: Coefficients, theta: Series, tau: Series) -> Series:
+    """Return the same where motors exert forces tau, (..., nb, 1): what is left of them is transmitted."""
+    a = c["load_friction"] * hyperbolic_tangent(c["slope"] * theta.dot)
+    left = -(a * a) + 1
+    return a * (SERIES_RULES["sqrt"](tau * tau + left * c["load_eps"] ** 2) - a * tau) * inverse(left)
 
 
 def unit_contribution(laws: Mapping[DriveTerm, DriveLaw], c: Coefficients, term: DriveTerm, theta: Series) -> Series:
@@ -175,17 +191,17 @@ def _stribeck_slope(c: Coefficients, speed: Series) -> Series:
     return (c["slope"] * _square_sech(c["slope"] * speed) - falls) * _fading(c, speed)
 
 
-def select_terms(terms: object) -> tuple[DriveTerm, ...]:
+def select_terms(terms: object, choices: tuple[DriveTerm, ...] = ALL_DRIVE_TERMS) -> tuple[DriveTerm, ...]:
     """Return the selected drive terms in their order: True selects all, False none, otherwise names."""
     if isinstance(terms, bool):
-        return DRIVE_TERMS * terms
-    names = {check_choice("drive term", name, DRIVE_TERMS) for name in as_list(terms)}
-    return tuple(term for term in DRIVE_TERMS if term in names)
+        return choices * terms
+    names = {check_choice("linear " * (choices is DRIVE_TERMS) + "drive term", x, choices) for x in as_list(terms)}
+    return tuple(term for term in choices if term in names)
 
 
 def stated_terms(drives: Drives) -> tuple[DriveTerm, ...]:
     """Return the drive terms that are not zero for all joints."""
-    return tuple(term for term in DRIVE_TERMS if np.any(getattr(drives, AMOUNTS[term])))
+    return tuple(term for term in ALL_DRIVE_TERMS if np.any(getattr(drives, AMOUNTS[term])))
 
 
 def warn_of_idle(drives: Drives, terms: object, eps: float | None, name: str) -> None:
@@ -195,7 +211,7 @@ def warn_of_idle(drives: Drives, terms: object, eps: float | None, name: str) ->
     if asked and not set(asked) & set(stated):
         there = f"; it states {join_names(stated)}" if stated else ""
         warn(f"{name}: drives={quote_value(terms)} has no effect: the robot states no {' or '.join(asked)}{there}")
-    if eps is not None and not {"friction"} & set(asked) & set(stated):
+    if eps is not None and not {"friction", LOAD_FRICTION} & set(asked) & set(stated):
         why = "the robot states no friction" if "friction" in asked else "it is of friction, which is not selected"
         warn(f"{name}: eps={quote_value(eps)} has no effect: {why}")
 

@@ -15,7 +15,7 @@ import numpy as np
 from jounce.core.errors import JounceError, check_choice
 from jounce.core.scalars import Array, is_numeric, is_zero, reciprocal
 from jounce.model.contacts import Contact
-from jounce.model.drives import Drives
+from jounce.model.drives import LOAD_FRICTION, Drives
 from jounce.model.elasticity import Elasticity
 from jounce.model.frame import Frame
 from jounce.model.limits import Limits
@@ -120,6 +120,17 @@ class Mechanism:
     def __setstate__(self, state: dict[str, Any]) -> None:  # a copy or an unpickled one is as frozen as any
         self.__dict__.update(state)
         self.__post_init__()
+
+    @property
+    def has_load_friction(self) -> bool:
+        """Whether friction acts that grows with the load of a joint."""
+        return LOAD_FRICTION in self.acting and bool(np.any(self.drives.load_friction))
+
+    @property
+    def lone_joints(self) -> np.ndarray:
+        """Which joint variables (nc,) transmit the force of a coordinate: no spring, loop or follower shares it."""
+        alone = (np.eye(len(self.G)) == self.G @ self.G.T).all(axis=0)
+        return np.asarray(alone & (self.closure is None and self.elasticity is None))
 
     @property
     def arrays(self) -> dict[str, Array]:

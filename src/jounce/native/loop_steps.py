@@ -159,8 +159,9 @@ class Sweeps:
     def drive(self) -> JointStep:
         """Trace the step that adds the drive terms to the joint force."""
         sheet = self.sheet()
-        added = drives.forces(sheet.constants(DRIVE_SIZES), self.acting, sheet.read("body", "theta"))
-        sheet.write("body", "Q", sheet.read("body", "Q") + added)
+        c, theta = sheet.constants(DRIVE_SIZES), sheet.read("body", "theta")
+        Q = sheet.read("body", "Q") + drives.forces(c, self.acting, theta)
+        sheet.write("body", "Q", Q + drives.load_friction(c, theta, Q) if drives.LOAD_FRICTION in self.acting else Q)
         return sheet.step()
 
 

@@ -43,7 +43,7 @@ def is_straight(computation: Computation, mechanism: Mechanism) -> bool:
         return True
     if not quantity.forces:
         return bodies * (computation.order + 1) ** 2 <= MAX_STRAIGHT_SIZE
-    if not moves_joints_alone(mechanism):
+    if mechanism.has_load_friction or not moves_joints_alone(mechanism):
         return True
     return _count_numbers(mechanism) * (computation.order + 4 / 3) <= MAX_STRAIGHT_NUMBERS
 

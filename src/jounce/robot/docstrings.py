@@ -39,7 +39,7 @@ METHOD_OPTIONS = {
     "drives": MethodOption(
         "DriveTerms", "False", "bool, str or iterable of str, optional",
         'Columns to append: nb, one per joint variable, for each of "armature", "damping", "friction", "stribeck",'
-        ' "spring" and "offset", in this order; True appends all. Their parameters are those of `Robot.drives`, of'
+        ' "spring" and "offset", in this order; True appends these. Their parameters are those of `Robot.drives`, of'
         " the spring its stiffness; speeds of friction and the rest position of the spring are those of the robot.",
     ),
     "form": MethodOption("Form", "'paper'", "str, optional", '"paper" or "skew".'),

@@ -20,7 +20,7 @@ class Identifications(Exports):
         forces: ArrayLike | Sequence[ArrayLike | None] | None = None,
         *,
         t: ArrayLike | Sequence[ArrayLike | None] | None = None,
-        drives: DriveTerms = ("damping", "friction", "stribeck", "offset"),
+        drives: DriveTerms = ("damping", "friction", "stribeck", "offset", "load_friction"),
         eps: float | None = None,
         span: tuple[float, float] | None = None,
         band: float | None = None,
@@ -56,7 +56,8 @@ class Identifications(Exports):
         t : (N,), optional
             Times of the forces, s; by default ``motion.times``.
         drives : bool, str or iterable of str, optional
-            Drive terms to identify: "armature", "damping", "friction", "spring", "offset". Others keep their values.
+            Drive terms to identify: those of `with_drives`. Others keep their values; "stribeck" and "load_friction"
+            are of joints whose data ask for them.
         eps : float, optional
             Smoothing velocity of Coulomb friction, rad/s or m/s; by default that of each joint.
         span : (float, float), optional
@@ -124,7 +125,7 @@ class Identifications(Exports):
         without_load: "Motion | None" = None,
         *,
         body: str | None = None,
-        drives: DriveTerms = ("damping", "friction", "stribeck", "offset"),
+        drives: DriveTerms = ("damping", "friction", "stribeck", "offset", "load_friction"),
         mass: float | None = None,
     ) -> "Payload[Self]":
         """Identify a load on a body from a log with it and a log without it: mass, centre of mass, inertia.
@@ -140,7 +141,7 @@ class Identifications(Exports):
         body : str, optional
             The body or link that carries the load, which is described in its frame; by default the last body.
         drives : bool, str or iterable of str, optional
-            Drive terms that each log has its own of, as of `identify`: eps and Stribeck terms of each joint too.
+            Drive terms that each log has its own of, as of `identify`, with eps of each joint.
         mass : float, optional
             The known mass of the load, kg: it calibrates the torques, with one factor per joint.
 

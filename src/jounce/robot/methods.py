@@ -22,7 +22,7 @@ from jounce.engine.direct_methods import METHODS
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.loads import wrench_of_load
-from jounce.model.drives import select_terms
+from jounce.model.drives import DRIVE_TERMS, select_terms
 from jounce.robot.deprecated_elastic import check_side, compiled_name
 from jounce.robot.docstrings import METHOD_OPTIONS, docstring, list_options
 
@@ -45,7 +45,7 @@ def _check_links_side(robot: Engine, name: str, side: str | None) -> str:
 def _regressor_with_columns(
     robot: Engine, name: str, given: Sequence[Any], *, drives: Any, out: Any, **options: Any
 ) -> Any:
-    return _drives.regressor(robot, name, given, select_terms(drives), out, **options)
+    return _drives.regressor(robot, name, given, select_terms(drives, DRIVE_TERMS), out, **options)
 
 
 def make_method(row: Quantity) -> FunctionType:
@@ -158,7 +158,7 @@ class Methods(Rows):
             Further rates, each for one more time derivative.
         terms : bool, str or iterable of str, optional
             Some of "armature", "damping", "friction", "stribeck", "spring", "offset", see `with_drives`; True selects
-            all.
+            all. "load_friction" is refused: it takes the forces of all others.
         out : optional
             See `Robot`.
 

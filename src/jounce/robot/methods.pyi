@@ -660,8 +660,8 @@ class Methods:
             Further rates, each for one more time derivative of Y.
         drives : bool, str or iterable of str, optional
             Columns to append: nb, one per joint variable, for each of "armature", "damping", "friction", "stribeck",
-            "spring" and "offset", in this order; True appends all. Their parameters are those of `Robot.drives`, of the
-            spring its stiffness; speeds of friction and the rest position of the spring are those of the robot.
+            "spring" and "offset", in this order; True appends these. Their parameters are those of `Robot.drives`, of
+            the spring its stiffness; speeds of friction and the rest position of the spring are those of the robot.
         base, method, out, threads : optional
             See `Robot`.
 
@@ -766,8 +766,8 @@ class Methods:
             Further rates, each for one more time derivative of Yp.
         drives : bool, str or iterable of str, optional
             Columns to append: nb, one per joint variable, for each of "armature", "damping", "friction", "stribeck",
-            "spring" and "offset", in this order; True appends all. Their parameters are those of `Robot.drives`, of the
-            spring its stiffness; speeds of friction and the rest position of the spring are those of the robot.
+            "spring" and "offset", in this order; True appends these. Their parameters are those of `Robot.drives`, of
+            the spring its stiffness; speeds of friction and the rest position of the spring are those of the robot.
         base, method, out, threads : optional
             See `Robot`.
 
@@ -869,8 +869,8 @@ class Methods:
             Further rates, each for one more time derivative of YE.
         drives : bool, str or iterable of str, optional
             Columns to append: nb, one per joint variable, for each of "armature", "damping", "friction", "stribeck",
-            "spring" and "offset", in this order; True appends all. Their parameters are those of `Robot.drives`, of the
-            spring its stiffness; speeds of friction and the rest position of the spring are those of the robot.
+            "spring" and "offset", in this order; True appends these. Their parameters are those of `Robot.drives`, of
+            the spring its stiffness; speeds of friction and the rest position of the spring are those of the robot.
         base, method, out, threads : optional
             See `Robot`.
 
@@ -3483,7 +3483,7 @@ class Methods:
             Further rates, each for one more time derivative.
         terms : bool, str or iterable of str, optional
             Some of "armature", "damping", "friction", "stribeck", "spring", "offset", see `with_drives`; True selects
-            all.
+            all. "load_friction" is refused: it takes the forces of all others.
         out : optional
             See `Robot`.
 

@@ -200,8 +200,8 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         limits : mapping, optional
             `lower`, `upper`, `velocity`, `effort`, ... of theta, (nc,), or (nc, 2) for two sides; infinite if left out.
         drives : mapping, optional
-            Those of `Drives`, of theta, (nc,) each: `armature`, `damping`, `friction`, ...; default 0, eps 0.05 and
-            `stribeck_velocity` 0.1.
+            Those of `Drives`, of theta, (nc,) each: `armature`, `damping`, `friction`, ...; default 0, eps 0.05,
+            `stribeck_velocity` and `load_eps` 0.1.
         base : (6, 6), optional
             Inertia matrix of the base in its own frame, if the robot floats; otherwise the robot stands on the ground.
         base_name : str, optional
@@ -596,12 +596,13 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
 
         ``Q_theta = armature theta'' + damping theta' + (friction + stribeck exp(-(theta' / stribeck_velocity)^2))
         tanh(theta' / eps) + stiffness (theta - rest) + offset`` of the joint variables theta = G q + g; Q gains
-        ``G^T Q_theta`` and M ``G^T diag(armature) G``, with exact rates.
+        ``G^T Q_theta`` and M ``G^T diag(armature) G``, with exact rates. Of this Q, `load_friction` adds a share:
+        ``load_friction tanh(theta' / eps) (Q^2 + load_eps^2)^1/2``.
 
         Parameters
         ----------
         terms : bool, str or iterable of str, optional
-            "armature", "damping", "friction", "stribeck", "spring", "offset"; True selects all, False none.
+            "armature", "damping", "friction", "stribeck", "spring", "offset", "load_friction"; True: all, False: none.
         eps : float, optional
             Smoothing velocity of Coulomb friction, rad/s or m/s; by default that of each joint.
 

@@ -16,6 +16,7 @@ from jounce.arguments.rates import check_order
 from jounce.core.errors import JounceError, check_bool, optional_import, quote_value, unknown_name_error
 from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.engine.engine import Engine
+from jounce.model.drives import LOAD_FRICTION, OMIT_LOAD_FRICTION
 from jounce.model.positions import position_rate_map
 from jounce.spatial.series import RATE_SUFFIX, Series, rate_name
 
@@ -154,6 +155,8 @@ def symbolic(robot: Engine, moving_base: bool) -> Symbolic:
     check_bool("moving_base", moving_base, "whether the ground moves")
     refuse_contacts(robot.mechanism, "their wrenches divide by expressions, which symbolic form does not")
     m = robot.mechanism.tree
+    if m.has_load_friction:
+        raise JounceError(f"symbolic() of {m.name!r} does not hold {LOAD_FRICTION}; {OMIT_LOAD_FRICTION}")
     found = expressions(m, moving_base or m.floats)
     series = {symbol: found.quantity(row) for symbol, row in OF_ROBOT.items() if not requests.missing_reason(m, row)}
     series |= {symbol: found.external(row, symbol) for symbol, row in OF_WRENCHES.items()}

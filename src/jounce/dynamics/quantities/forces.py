@@ -4,10 +4,15 @@ from jounce.dynamics import closed_form, drive_terms
 from jounce.dynamics.paper import equations
 from jounce.dynamics.quantities.row import quantity, row_vector
 from jounce.dynamics.recursion import forces
-from jounce.dynamics.state import State
-from jounce.model.drives import DRIVE_TERMS
+from jounce.dynamics.state import Law, State
+from jounce.model.drives import ALL_DRIVE_TERMS, load_friction
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series
+
+
+def _loaded_forces(law: Law, m: Mechanism, x: State) -> Series:
+    Q = law(m, x).map(lambda Q: Q[..., None])
+    return row_vector(Q + drive_terms.load_forces(m, load_friction, x.q, Q))
 
 
 class Forces:
@@ -22,7 +27,8 @@ class Forces:
         closed_form=lambda m, x: row_vector(closed_form.evaluate_state(m, x).Q),
         paper=lambda m, x: row_vector(equations.inverse_dynamics(m, x)),
         sweep=forces.MOVING_SWEEP,
-        drive_terms=DRIVE_TERMS,
+        drive_terms=ALL_DRIVE_TERMS,
+        load_law=_loaded_forces,
         drive_law=lambda m, x: row_vector(drive_terms.forces(m, x.q, m.acting)),
         unit="N m or, for coordinates in m, N",
         caption="generalized forces",

@@ -2,17 +2,25 @@
 
 from dataclasses import replace
 
-from jounce.dynamics import forward
+from jounce.dynamics import drive_terms, forward
 from jounce.dynamics.quantities.forces import Forces
 from jounce.dynamics.quantities.matrices import Matrices
 from jounce.dynamics.quantities.row import quantity, row_vector
 from jounce.dynamics.recursion import articulated
 from jounce.dynamics.recursion import forces as recursion_forces
-from jounce.dynamics.state import JointMotion, State
-from jounce.model.drives import DRIVE_TERMS
+from jounce.dynamics.state import JointMotion, Law, State
+from jounce.model.drives import ALL_DRIVE_TERMS, load_friction_of_motors
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.linear import Factors
 from jounce.spatial.series import Series
+
+
+def _loaded_accelerations(law: Law, m: Mechanism, x: State) -> Series:
+    """Accelerations from what is left of the forces: its rates take those of q, each of them known by then."""
+    moving = Series(lambda k: x.q[k] if k < 2 else found[k - 2][..., -m.n :, None])
+    left = x.Q - drive_terms.load_forces(m, load_friction_of_motors, moving, x.Q)
+    found = law(m, replace(x, Q=left))
+    return found
 
 
 class Forward:
@@ -27,7 +35,8 @@ class Forward:
         shape=("nv",),
         of_motors="elastic_forward_dynamics",
         sweep=recursion_forces.MOVING_SWEEP,
-        drive_terms=DRIVE_TERMS,
+        drive_terms=ALL_DRIVE_TERMS,
+        load_law=_loaded_accelerations,
         unit="rad/s^2 or, for coordinates in m, m/s^2",
         caption="accelerations of the coordinates",
         meaning="q2d = M^-1 (Q - C qd - Qgrav): the accelerations that generalized forces Q cause.",
@@ -65,7 +74,7 @@ class Forward:
         """
         if method == "closed_form" and not m.closure:
             return row_vector(forward.solve_dense(m, x.q, x.Q, x.W, x.base))
-        inverse = Forces.inverse_dynamics.law(method, m)
+        inverse = Forces.inverse_dynamics.free_law(method, m)
         if articulated.has_deep_branches(m) and not m.closure:
             M: forward.Solver = articulated.ArticulatedBodies.of(m, x.q[0])
         else:

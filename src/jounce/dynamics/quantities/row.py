@@ -11,7 +11,7 @@ import numpy as np
 from jounce.core.scalars import Array, convert_element
 from jounce.dynamics import contacts, drive_terms, loops
 from jounce.dynamics.recursion.forces import Sweep
-from jounce.dynamics.state import Law
+from jounce.dynamics.state import Law, State
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import Series, rate_name
 
@@ -59,6 +59,7 @@ class Quantity:
     all_constraints: bool = False  # whether constraints are solved for followers with constant ratios too
     drive_terms: tuple[str, ...] = ()  # which of those that act enter
     drive_law: Law | None = None  # what they add
+    load_law: Callable[[Law, Mechanism, State], Series] | None = None  # how friction by the load changes a law without
     results: tuple[str, ...] = ()  # of a quantity of several results, which has no rates: the terms of its law
     frames: tuple[str, ...] = ()  # in which its components may be given, the default first
     sweep: Sweep | None = None  # of the recursion, where its steps are those of forces
@@ -113,11 +114,13 @@ class Quantity:
 
     def law(self, method: str, mechanism: Mechanism) -> Law:
         """Return the law of a method for a mechanism, with the drive terms that act and the wrenches of contacts."""
-        free = self.free_law(method, mechanism)
-        return contacts.balance_law(free) if mechanism.contacts and self.balanced else free
+        law = self.free_law(method, mechanism)
+        if mechanism.contacts and self.balanced:
+            law = contacts.balance_law(law)
+        return partial(self.load_law, law) if self.load_law and mechanism.has_load_friction else law
 
     def free_law(self, method: str, mechanism: Mechanism) -> Law:
-        """Return the law without the wrenches of contacts."""
+        """Return the law without the wrenches of contacts and the friction by the loads that these change."""
         if mechanism.closure and not self.follows_others:
             of_turning = self.turns_with.law(method, mechanism.tree) if self.turns_with else None
             return loops.close_law(self.law(method, mechanism.tree), self.shape, of_turning)
