@@ -10,6 +10,7 @@ import numpy as np
 from jounce._codegen import header
 from jounce._codegen.function import Function
 from jounce._codegen.language import digits
+from jounce._codegen.live import spell_code
 from jounce._codegen.options import CodegenOptions
 from jounce._codegen.printer import PrintedFunction
 from jounce._codegen.test_vectors import TEST_TOLERANCES, Vectors
@@ -79,7 +80,7 @@ def _templates(options: CodegenOptions) -> dict[str, tuple[str, str]]:
 
 def _context(options: CodegenOptions, functions: Sequence[Function], tests: Sequence[Vectors]) -> dict[str, Any]:
     """Return the variables of the templates."""
-    robot, mechanism, single = options.robot, options.robot.origin, options.single
+    robot, mechanism, single, s = options.robot, options.robot.origin, options.single, options.live
     known = all(name in robot.own and robot.own[name].dtype != object for name in robot.shapes)  # all have numbers
     used = {"sin", "cos"} | {step.kind for function in functions for step in function.program.steps}
     printed = [PrintedFunction(**vars(f), language=options.language, single=single) for f in functions]
@@ -90,6 +91,7 @@ def _context(options: CodegenOptions, functions: Sequence[Function], tests: Sequ
         "prefix": options.prefix,
         "real": options.language.real[single],
         "single": single,
+        "live": s and (lambda text: spell_code(text, s, options.language, single, options.prefix)),
         "order": options.order,
         "n": mechanism.n,
         "nq": position_count(mechanism),
