@@ -25,7 +25,7 @@ def check_live(robot: Engine, live: object, target: Language) -> Settings:
     if target.name not in ("c", "cpp") or len(live.settings.omega) > 1 or np.isnan(live.settings.sigma).any():
         raise JounceError(
             "code of live() is C or C++, with one filter and known noise; expected lang 'c' or 'cpp',"
-            " and bandwidth= and noise= of live() (--bandwidth, --noise)"
+            " and live(dt, bandwidth=HZ, noise=RAD)"
         )
     return live.settings
 
@@ -39,7 +39,7 @@ def spell_code(text: str, s: Settings, target: Language, single: bool, prefix: s
     constants = vars(innovations) | vars(estimator) | {"START_VARIANCE": START_VARIANCE, "TURN": 2 * np.pi}
     constants |= {"OMEGA": float(s.omega[0]), "DT": s.dt, "LAG": s.lag, "SPACING": s.spacing}
     words = {name: listed([x]) for name, x in constants.items() if name.isupper() and is_finite(x)}
-    words |= {"N": str(s.mechanism.n), "M": str(s.states), "K": str(s.kept), "L": str(s.mechanism.n + 2 * s.states)}
+    words |= {"N": str(s.mechanism.n), "M": str(s.states), "K": str(s.kept)}
     words |= {"NOISE": listed(s.sigma), "FASTEST": listed(s.fastest), "TURNS": listed(2 * np.pi * s.turns)}
     words |= {"LOCAL": "inline", "PUBLIC ": "inline ", "real": target.real[single]}
     if target.name == "c":
