@@ -57,13 +57,13 @@ def check_options(
     order = check_order(order, HIGHEST_CODE_ORDER)
     computations = _computations(robot.mechanism, target, outputs, order, wrench, moving_base)
     check_size(robot.mechanism, order)
-    settings = None if live is None else check_live(robot, live, target)
     found = make_parametric(robot.mechanism, parameters)
     for name in found.shapes:
         target.check_name(name, "parameter", len("params_"))
     names = function_names(computations)
     begins = _prefix(prefix, robot.name, target)
     target.check_prefix(begins, [*(f"_{name}" for name in names), *["_parameters"] * bool(found.shapes)])
+    settings = None if live is None else check_live(robot, live, target)
     return CodegenOptions(found, target, order, dict(zip(names, computations, strict=True)), float32, begins, settings)
 
 

@@ -13,8 +13,6 @@ from jounce.core.errors import JounceError
 if TYPE_CHECKING:
     from jounce.core.typing import Language
 
-LIVE_SETTINGS = ("dt", "bandwidth", "noise", "lag", "states")
-
 EPILOG = """\b
 Example:
   jounce codegen iiwa14 --lang c --order 2 -o iiwa14-c
@@ -92,11 +90,12 @@ def _split_names(_: click.Context, __: click.Parameter, given: str | None) -> li
 def codegen(robot: RobotRequest, lang: "Language", order: int, output: Path, as_json: bool, **options: Any) -> None:
     """Generate source code, with tests, of the equations of ROBOT: a file or the name of a bundled robot."""
     given = {name: value for name, value in options.items() if value is not None}
-    arm, settings = robot.load(), {name: given.pop(name) for name in LIVE_SETTINGS if name in given}
-    came = ["live"] * given.pop("live") + [*settings]
-    if came and not {"live", "dt", "bandwidth", "noise"} <= {*came}:
-        raise JounceError(f"expected --live, --dt, --bandwidth and --noise together; got --{', --'.join(came)}")
-    if came:
+    arm, live = robot.load(), given.pop("live")
+    settings = {name: given.pop(name) for name in ("dt", "bandwidth", "noise", "lag", "states") if name in given}
+    if (live or settings) and not (live and {"dt", "bandwidth", "noise"} <= settings.keys()):
+        came = ", ".join(f"--{name}" for name in ["live"] * live + [*settings])
+        raise JounceError(f"expected --live, --dt, --bandwidth and --noise together; got {came}")
+    if live:
         given["live"] = arm.live(**settings)
     made = arm.codegen(lang, order, output, **given)
     summary = {
