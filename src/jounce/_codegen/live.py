@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from jounce._codegen.language import Language, digits
-from jounce.core.errors import JounceError, quote_value
+from jounce.core.errors import JounceError
 from jounce.core.scalars import is_finite
 from jounce.engine.engine import Engine
 from jounce.live import estimator, innovations
@@ -14,20 +14,16 @@ from jounce.live.estimator import LiveRates
 from jounce.live.filter import START_VARIANCE
 from jounce.live.settings import Settings
 
-PUBLIC_NAMES = ("live_rates", "live_update")
-WITH_SUFFIX = re.compile(r"sqrt|exp|expm1|pow|fabs|fmin|fmax|floor|\d+\.\d+")  # f in single precision
+LIVE_FUNCTIONS = ["sqrt", "exp", "expm1", "pow", "fabs", "fmin", "fmax", "floor"]  # with an f in single precision
 
 
 def check_live(robot: Engine, live: object, target: Language) -> Settings:
-    """The settings of an estimator for which there is code."""
-    if not isinstance(live, LiveRates) or live.settings.mechanism is not robot.mechanism:
-        raise JounceError(f"live is {quote_value(live)}; expected robot.live(dt, bandwidth=..., noise=...) of it")
-    if target.name not in ("c", "cpp") or len(live.settings.omega) > 1 or np.isnan(live.settings.sigma).any():
-        raise JounceError(
-            "code of live() is C or C++, with one filter and known noise; expected lang 'c' or 'cpp',"
-            " and live(dt, bandwidth=HZ, noise=RAD)"
-        )
-    return live.settings
+    """The settings of an estimator for which there is code: of this robot, one filter, known noise."""
+    s = live.settings if isinstance(live, LiveRates) and target.name in ("c", "cpp") else None
+    if s is None or s.mechanism is not robot.mechanism or len(s.omega) > 1 or np.isnan(s.sigma).any():
+        expected = "that of robot.live(dt, bandwidth=HZ, noise=RAD) of this robot, in c or cpp"
+        raise JounceError(f"live in {target.title} is a {type(live).__name__}; expected {expected}")
+    return s
 
 
 def spell_code(text: str, s: Settings, target: Language, single: bool, prefix: str) -> str:
@@ -43,9 +39,10 @@ def spell_code(text: str, s: Settings, target: Language, single: bool, prefix: s
     words |= {"NOISE": listed(s.sigma), "FASTEST": listed(s.fastest), "TURNS": listed(2 * np.pi * s.turns)}
     words |= {"LOCAL": "inline", "PUBLIC ": "inline ", "real": target.real[single]}
     if target.name == "c":
-        words |= {"LOCAL": "static", "PUBLIC ": ""} | {name: f"{prefix}_{name}" for name in PUBLIC_NAMES}
+        words |= {"LOCAL": "static", "PUBLIC ": ""} | {x: f"{prefix}_{x}" for x in ("live_rates", "live_update")}
 
     def replace(found: re.Match[str]) -> str:
-        return words.get(found[0], found[0] + "f" * (single and bool(WITH_SUFFIX.fullmatch(found[0]))))
+        single_form = single and (found[0] in LIVE_FUNCTIONS or found[0][0].isdigit())
+        return words.get(found[0], found[0] + "f" * single_form)
 
     return re.sub(r"PUBLIC |[A-Za-z_]\w*|\d+\.\d+", replace, text)

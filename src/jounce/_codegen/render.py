@@ -10,7 +10,7 @@ import numpy as np
 from jounce._codegen import header
 from jounce._codegen.function import Function
 from jounce._codegen.language import digits
-from jounce._codegen.live import spell_code
+from jounce._codegen.live import LIVE_FUNCTIONS, spell_code
 from jounce._codegen.options import CodegenOptions
 from jounce._codegen.printer import PrintedFunction
 from jounce._codegen.test_vectors import TEST_TOLERANCES, Vectors
@@ -109,7 +109,7 @@ def _context(options: CodegenOptions, functions: Sequence[Function], tests: Sequ
         "drive_trains": header.drive_trains(mechanism, functions),
         "layouts": header.layouts(functions),
         "moving": any(function.computation.base for function in functions),
-        "elementary": [kind for kind in FUNCTION_KINDS if kind in used],
+        "elementary": [kind for kind in FUNCTION_KINDS if kind in used] + LIVE_FUNCTIONS * bool(s),
         "scalars": any(not function.outputs[0].shape for function in functions),
         "number": lambda x: literal(digits(x, single), single),
         "double": lambda x: literal(digits(x, False), False),

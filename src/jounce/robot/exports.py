@@ -72,8 +72,7 @@ class Exports(Engine):
             Whether functions of a fixed robot take the motion of its ground, as those of a floating robot do of its
             base: base_pose (4, 4), body to inertial frame, base_twist (6) in its own axes, and the rates of it.
         live : LiveRates
-            An estimator of rates and forces from encoders, ``robot.live(dt, bandwidth=..., noise=...)``, to generate
-            in C or C++ too: ``PREFIX_live_update(&live, q, t)``.
+            In C and C++: an estimator of rates from encoders to add, ``robot.live(dt, bandwidth=..., noise=...)``.
 
         Returns
         -------
