@@ -105,7 +105,7 @@ def follow(live: Any, t: np.ndarray, q: np.ndarray, skip: float = 0.0, stamps: b
         times.append(perf_counter() - begin)
         if time >= skip - 1e-9:
             trust = live.trust
-            found.append((time - live._settings.lag, rates, live.deviations, trust.good, trust.moving))
+            found.append((time - live.settings.lag, rates, live.deviations, trust.good, trust.moving))
     return Followed(*map(np.array, zip(*found, strict=True)), float(np.median(times)))
 
 

@@ -130,7 +130,7 @@ CASES: dict[str, Case] = {
         {
             "lang": "python", "order": 0, "directory": "code", "outputs": ["gravity_forces"],
             "wrench": False, "parameters": (), "float32": False, "prefix": "r", "overwrite": True,
-            "moving_base": True,
+            "moving_base": True, "live": None,
         },
     ),
     "casadi_function": (

@@ -37,6 +37,7 @@ def codegen(
     prefix: str | None,
     overwrite: bool,
     moving_base: bool,
+    live: object,
 ) -> Generated:
     """Write a robot's equations as source code with tests, see `Robot.codegen`."""
     from jounce._codegen import render  # imported here, as only this needs Jinja
@@ -44,7 +45,7 @@ def codegen(
     if not isinstance(directory, str | os.PathLike | None):
         raise JounceError(f"directory is {quote_value(directory)}; expected the path of a folder")
     check_bool("overwrite", overwrite, "whether to write into a folder that is not empty")
-    options = check_options(robot, lang, order, outputs, wrench, parameters, float32, prefix, moving_base)
+    options = check_options(robot, lang, order, outputs, wrench, parameters, float32, prefix, moving_base, live)
     folder = expand_path(f"{options.prefix}-{lang}" if directory is None else directory)
     names = render.file_names(options)
     folders.check_folder(folder, header.GENERATED_MARK, names, overwrite)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from jounce._codegen.function import function_names
 from jounce._codegen.language import LANGUAGE_NAMES, Language, language
+from jounce._codegen.live import check_live
 from jounce._codegen.parametric import ParametricRobot, make_parametric
 from jounce.arguments.rates import check_order
 from jounce.arguments.requests import parse_computation, takes_base
@@ -13,6 +14,7 @@ from jounce.core.errors import JounceError, as_list, check_bool, join_names, quo
 from jounce.dynamics.computation import FIRST_PRODUCTS, Computation
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.engine import Engine
+from jounce.live.settings import Settings
 from jounce.model.mechanism import Mechanism
 
 HIGHEST_CODE_ORDER = 4  # the highest rate of forces: code grows with its square
@@ -29,6 +31,7 @@ class CodegenOptions:
     outputs: Mapping[str, Computation]  # by the names of their functions
     single: bool
     prefix: str
+    live: Settings | None = None
 
 
 def check_options(
@@ -41,6 +44,7 @@ def check_options(
     float32: bool,
     prefix: str | None,
     moving_base: bool = False,
+    live: object = None,
 ) -> CodegenOptions:
     """Check the arguments of `codegen`; raise `JounceError` if one is invalid."""
     target = language(lang)
@@ -59,7 +63,8 @@ def check_options(
     names = function_names(computations)
     begins = _prefix(prefix, robot.name, target)
     target.check_prefix(begins, [*(f"_{name}" for name in names), *["_parameters"] * bool(found.shapes)])
-    return CodegenOptions(found, target, order, dict(zip(names, computations, strict=True)), float32, begins)
+    settings = None if live is None else check_live(robot, live, target)
+    return CodegenOptions(found, target, order, dict(zip(names, computations, strict=True)), float32, begins, settings)
 
 
 def check_size(mechanism: Mechanism, order: int) -> None:

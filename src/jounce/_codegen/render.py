@@ -10,6 +10,7 @@ import numpy as np
 from jounce._codegen import header
 from jounce._codegen.function import Function
 from jounce._codegen.language import digits
+from jounce._codegen.live import LIVE_FUNCTIONS, spell_code
 from jounce._codegen.options import CodegenOptions
 from jounce._codegen.printer import PrintedFunction
 from jounce._codegen.test_vectors import TEST_TOLERANCES, Vectors
@@ -78,7 +79,7 @@ def _templates(options: CodegenOptions) -> dict[str, tuple[str, str]]:
 
 
 def _context(options: CodegenOptions, functions: Sequence[Function], tests: Sequence[Vectors]) -> dict[str, Any]:
-    robot, mechanism, single = options.robot, options.robot.origin, options.single
+    robot, mechanism, single, s = options.robot, options.robot.origin, options.single, options.live
     known = all(name in robot.own and robot.own[name].dtype != object for name in robot.shapes)  # all have numbers
     used = {"sin", "cos"} | {step.kind for function in functions for step in function.program.steps}
     printed = [PrintedFunction(**vars(f), language=options.language, single=single) for f in functions]
@@ -89,6 +90,7 @@ def _context(options: CodegenOptions, functions: Sequence[Function], tests: Sequ
         "prefix": options.prefix,
         "real": options.language.real[single],
         "single": single,
+        "live": s and (lambda text: spell_code(text, s, options.language, single, options.prefix)),
         "order": options.order,
         "n": mechanism.n,
         "nq": position_count(mechanism),
@@ -106,7 +108,7 @@ def _context(options: CodegenOptions, functions: Sequence[Function], tests: Sequ
         "drive_trains": header.drive_trains(mechanism, functions),
         "layouts": header.layouts(functions),
         "moving": any(function.computation.base for function in functions),
-        "elementary": [kind for kind in FUNCTION_KINDS if kind in used],
+        "elementary": [kind for kind in FUNCTION_KINDS if kind in used] + LIVE_FUNCTIONS * bool(s),
         "scalars": any(not function.outputs[0].shape for function in functions),
         "number": lambda x: literal(digits(x, single), single),
         "double": lambda x: literal(digits(x, False), False),

@@ -8,6 +8,7 @@ import click
 
 from jounce.cli.output import print_summary
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options, deprecate_flag
+from jounce.core.errors import JounceError
 
 if TYPE_CHECKING:
     from jounce.core.typing import Language
@@ -75,6 +76,12 @@ def _split_names(_: click.Context, __: click.Parameter, given: str | None) -> li
     metavar="NAMES",
     help="Comma-separated data of the robot that become run-time parameters.",
 )
+@click.option("--live", is_flag=True, help="Add the estimator of rates from encoders, in C or C++, which these set:")
+@click.option("--dt", type=float, metavar="S", help="Spacing of samples.")
+@click.option("--bandwidth", type=float, metavar="HZ", help="Bandwidth of the motion.")
+@click.option("--noise", type=float, metavar="RAD", help="Standard deviation of samples: 0.29 steps of an encoder.")
+@click.option("--lag", type=float, metavar="S", help="Time by which rates are behind the samples (default: 0.02).")
+@click.option("--states", type=int, metavar="M", help="Order of the filter, 5 to 8 (default: 6).")
 @click.option("--float32", is_flag=True, help="Single precision.")
 @click.option("--prefix", help="Prefix of all names in the code (default: the robot's name).")
 @click.option("--overwrite", is_flag=True, help="Replace what an earlier run generated there; other files stay.")
@@ -83,7 +90,14 @@ def _split_names(_: click.Context, __: click.Parameter, given: str | None) -> li
 def codegen(robot: RobotRequest, lang: "Language", order: int, output: Path, as_json: bool, **options: Any) -> None:
     """Generate source code, with tests, of the equations of ROBOT: a file or the name of a bundled robot."""
     given = {name: value for name, value in options.items() if value is not None}
-    made = robot.load().codegen(lang, order, output, **given)
+    arm, live = robot.load(), given.pop("live")
+    settings = {name: given.pop(name) for name in ("dt", "bandwidth", "noise", "lag", "states") if name in given}
+    if (live or settings) and not (live and {"dt", "bandwidth", "noise"} <= settings.keys()):
+        came = ", ".join(f"--{name}" for name in ["live"] * live + [*settings])
+        raise JounceError(f"expected --live, --dt, --bandwidth and --noise together; got {came}")
+    if live:
+        given["live"] = arm.live(**settings)
+    made = arm.codegen(lang, order, output, **given)
     summary = {
         "robot": str(robot.path), "language": lang, "order": order, "output": str(made.directory),
         "files": list(made.files), "operations": made.operations,

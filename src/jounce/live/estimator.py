@@ -21,6 +21,8 @@ SETTLING_ANGLE = 15.0  # rad of a bandwidth, before which a filter is a polynomi
 MAX_REPEAT_TIME = 0.05  # s: rows that repeat the last one for longer are those of a robot that rests
 REPEAT_DEVIATIONS = 3.0  # by which a joint should have moved, if a row repeats the last one by mistake
 MIN_JUMP_TIME = 0.01  # s, in which samples without stamps may be lost, and coarse encoders pass a step
+KEPT_SHARE = 0.999  # of the spacing of kept states, after which one more is kept: stamps are rounded
+TIME_TOLERANCE = 1e-9  # s, of rounded stamps
 NO_STEPS = 1e9  # steps per sample that joints pass whose noise is white
 
 
@@ -33,6 +35,8 @@ class LiveRates:
         The time of the rates, s: that of the last sample less the lag.
     rates : tuple of (n,)
         q, qd, q2d, q3d, q4d, as `update` returned them.
+    settings : Settings
+        What it was made with, checked: `dt`, `lag`, `states`, ...
 
     Examples
     --------
@@ -48,15 +52,16 @@ class LiveRates:
     def __init__(
         self, robot: Engine, dt: Any, bandwidth: Any = None, lag: Any = 0.02, states: Any = 6, noise: Any = None
     ) -> None:
-        self._settings = s = check_settings(robot.mechanism, dt, bandwidth, lag, states, noise)
-        self._robot, self._noise = robot, NoiseWindows(s.sigma, np.zeros(len(s.sigma)))
+        self.settings = s = check_settings(robot.mechanism, dt, bandwidth, lag, states, noise)
+        steps = np.nan_to_num(s.sigma * np.sqrt(12))  # of encoders whose rounding is the stated noise
+        self._robot, self._noise = robot, NoiseWindows(s.sigma, steps)
         self._now = self._forces_at = np.nan  # times of the last call, and of the last forces
         self._power = np.zeros(len(s.sigma))  # mean square of Q2d
         self._forget()
 
     def _forget(self) -> None:
         """Begin without samples."""
-        n, count = len(self._settings.sigma), len(self._settings.omega)
+        n, count = len(self.settings.sigma), len(self.settings.omega)
         self._filters: Filters | None = None
         self._innovations = Innovations.start(count, n)
         self._times = np.empty(0)  # of the kept states, the newest first
@@ -65,7 +70,7 @@ class LiveRates:
         self._forget_rates()
 
     def _forget_rates(self) -> None:
-        n = len(self._settings.sigma)
+        n = len(self.settings.sigma)
         self.t, self.rates = np.nan, (np.full(n, np.nan),) * RATE_COUNT
         self._covariance = np.full((n, RATE_COUNT, RATE_COUNT), np.nan)
 
@@ -77,22 +82,17 @@ class LiveRates:
     @property
     def bandwidths(self) -> np.ndarray:
         """The bandwidth (n,) that each joint's rates are taken from, Hz."""
-        return np.asarray(self._settings.omega[self._used] / (2 * np.pi))
+        return np.asarray(self.settings.omega[self._used] / (2 * np.pi))
 
     @property
     def trust(self) -> Trust:
         """Whether the rates of each joint are to be trusted, by the innovations of the last 0.2 s."""
-        found = self._innovations.trust(self._sigma, self._used)
+        found = self._innovations.trust(self._noise.sigma, self._used)
         return found._replace(good=found.good & self._settled[self._used] & (self._now - self._begin >= 2 * TRUST_TIME))
 
     @property
     def _settled(self) -> np.ndarray:
-        return self._settings.omega * (self._now - self._begin) >= SETTLING_ANGLE
-
-    @property
-    def _sigma(self) -> np.ndarray:
-        given = self._settings.sigma
-        return np.where(np.isnan(given), self._noise.sigma, given)
+        return self.settings.omega * (self._now - self._begin) >= SETTLING_ANGLE
 
     def update(self, q: Any, t: float | None = None) -> tuple[np.ndarray, ...]:
         """Take in a sample, and return q, qd, q2d, q3d, q4d at the lag before its time.
@@ -124,7 +124,7 @@ class LiveRates:
         >>> q
         array([0.1, 0.2])
         """
-        s, now = self._settings, self._check_time(t)
+        s, now = self.settings, self._check_time(t)
         y = convert_coordinates(s.mechanism, q, "q", s.mechanism.n)
         if not is_numeric(y) or y.ndim != 1 or np.isinf(y).any():
             raise JounceError(f"q is {quote_value(q)}; expected ({s.mechanism.n},) numbers, NaN of a lost sample")
@@ -143,7 +143,7 @@ class LiveRates:
 
     def _check_time(self, t: object) -> float:
         if t is None:
-            return 0.0 if np.isnan(self._now) else self._now + self._settings.dt
+            return 0.0 if np.isnan(self._now) else self._now + self.settings.dt
         if not is_finite(t):
             raise JounceError(f"t is {quote_value(t)}; expected the time of the sample in s, or None")
         time = float(t)  # type: ignore[arg-type]
@@ -153,7 +153,7 @@ class LiveRates:
 
     def _check_jump(self, now: float, y: np.ndarray) -> np.ndarray:
         """By how much the joints moved (n,) since the last sample, across the ends of a turn too."""
-        s, apart = self._settings, y - self._y
+        s, apart = self.settings, y - self._y
         apart = apart - np.where(s.turns, 2 * np.pi * np.round(apart / (2 * np.pi)), 0.0)
         most = s.fastest * max(now - self._sampled, s.dt, MIN_JUMP_TIME)
         if (np.abs(apart) > most).any():
@@ -165,32 +165,32 @@ class LiveRates:
 
     def _step(self, now: float, y: np.ndarray, lost: bool) -> None:
         """Predict to the present, and correct by a sample that is not lost."""
-        s, step = self._settings, now - self._now
+        s, step = self.settings, now - self._now
         assert self._filters is not None
-        scaled, keep = s.omega * step, s.kept > 1 and self._times[0] - self._times[1] > 0.999 * s.spacing
+        scaled, keep = s.omega * step, s.kept > 1 and self._times[0] - self._times[1] > KEPT_SHARE * s.spacing
         W = process_noise(scaled, s.omega * s.dt, s.states)
         found = predict(self._filters, transition(scaled, s.states), W, keep)
         self._times = np.append(now, self._times[: s.kept - 1] if keep else self._times[1:])
         nu, variance, moved = y - found.x[:, 0, 0], innovation_variance(found), np.abs(y - self._y)
         moved = np.where(moved <= ROUNDING_OF_Q * np.abs(y), 0, moved)  # an unwrapped angle that is the same is rounded
         if not moved.any() and now - self._sampled < MAX_REPEAT_TIME:
-            lost = bool((np.abs(nu[-1]) > REPEAT_DEVIATIONS * self._sigma * np.sqrt(variance[-1])).any())
+            lost = bool((np.abs(nu[-1]) > REPEAT_DEVIATIONS * self._noise.sigma * np.sqrt(variance[-1])).any())
         self._filters = found if lost else correct(found, nu)
         if lost:
             return
-        if moved.any():
+        if moved.any() and np.isnan(s.sigma).any():
             self._noise = add_sample(self._noise, now, y)
         steps = self._noise.steps
         passed = np.where(steps > 0, moved / np.where(steps > 0, steps, 1), NO_STEPS)
-        self._innovations = self._innovations.add(step, now - self._begin, s, nu, variance, passed)
+        self._innovations = self._innovations.add(now - self._sampled, now - self._begin, s, nu, variance, passed)
         self._sampled, self._y = now, y
         if now - self._begin >= CHOICE_TIME:
             self._used = self._innovations.choose(self._settled)
 
     def _read(self) -> None:
         """The rates at the lag, by Taylor's series from the nearest of the kept states, and their covariances."""
-        s, t = self._settings, self._now - self._settings.lag
-        if self._filters is None or not t >= self._begin - 1e-9:
+        s, t = self.settings, self._now - self.settings.lag
+        if self._filters is None or not t >= self._begin - TIME_TOLERANCE:
             self._forget_rates()
             return
         i, joints, used = int(np.abs(self._times - t).argmin()), np.arange(len(self._y)), self._used
@@ -198,9 +198,9 @@ class LiveRates:
         F, scale = transition(scaled, s.states), s.omega[used, None] ** np.arange(RATE_COUNT)
         x = F @ self._filters.x[used, i, :, joints][..., None]
         P = F @ self._filters.covariance[used, i] @ F.mT + process_noise(np.abs(scaled), s.omega[used] * s.dt, s.states)
-        P = self._innovations.inflate(P[:, :RATE_COUNT, :RATE_COUNT], self._sigma, used)
+        P = self._innovations.inflate(P[:, :RATE_COUNT, :RATE_COUNT], self._noise.sigma, used)
         self.t, self.rates = t, tuple((x[:, :RATE_COUNT, 0] * scale).T)
-        self._covariance = P * (self._sigma[:, None, None] ** 2 * scale[:, :, None] * scale[:, None])
+        self._covariance = P * (self._noise.sigma[:, None, None] ** 2 * scale[:, :, None] * scale[:, None])
 
     def forces(self, keep_uncertain: bool = False) -> LiveForces:
         """Q, Qd, Q2d at the time of the last rates, with standard deviations.

@@ -20,9 +20,9 @@ TRUST_TIME = 0.1  # s, of an exponential mean that is as steady as one over a wi
 CHOICE_TIME = 1.0  # s, over which filters are compared: half of it distinguishes a likelihood of 5 % per sample
 MAX_INNOVATION_RMS = 1.1  # over the stated deviation: 2.2 means errors of 5 to 33 deviations
 MAX_SLOW_INNOVATION = 3.0  # deviations of the low-pass, above which the motion is faster than the bandwidth
-USUAL_SLOW_PEAK, USUAL_SLOW_RMS = 2.0, 1.1  # which noise alone seldom exceeds: stated deviations grow with an excess
+USUAL_SLOW_RMS = 1.4  # above which deviations grow: errors over them then have an rms of 0.9, and seldom exceed 5
 MEMORY_ANGLE = 4.0  # rad of the bandwidth, for which a filter remembers what was
-START_FACTOR = 9.0  # times the variances of rates: by simulated starts from rest, whose errors reach 14 r omega^3
+START_FACTOR = 60.0  # times the variances of rates: by simulated starts from rest, whose errors reach 14 r omega^3
 MAX_REST = 0.05  # of a joint that moves
 PACE_FACTOR = 3.0  # times the bandwidth, at which the pace of steps is averaged: a rest is seen at once
 REST_PACE = 1.5  # steps per cycle of the bandwidth, below which rounding is not averaged
@@ -56,7 +56,6 @@ class Innovations:
     """Means over the last innovations of B filters and n joints, (B, n); in rad or m where nothing else is stated."""
 
     power: np.ndarray  # mean of nu^2 / S, squared
-    most_power: np.ndarray  # its last peak
     long_power: np.ndarray  # the same over a longer time, of joints that move
     log_variance: np.ndarray  # mean of log S over that time
     slow: np.ndarray  # low-pass of nu / sqrt(S)
@@ -69,7 +68,7 @@ class Innovations:
     def start(count: int, n: int) -> "Innovations":
         """Those before the second sample."""
         zeros = np.zeros((count, n))
-        return Innovations(*[zeros] * 9)
+        return Innovations(*[zeros] * 8)
 
     def add(
         self, step: float, age: float, settings: Settings, nu: np.ndarray, variance: np.ndarray, passed: np.ndarray
@@ -88,7 +87,6 @@ class Innovations:
         of_choice = -np.expm1(-step / min(age, CHOICE_TIME)) * (1 - rest[-1]) * np.minimum(passed, 1)
         return Innovations(
             power,
-            np.maximum(power, leak * self.most_power),
             self.long_power + of_choice * (white**2 - self.long_power),
             self.log_variance + of_choice * (np.log(variance) - self.log_variance),
             slow,
@@ -121,8 +119,6 @@ class Innovations:
         A joint that rests on a step of its encoder may move by r at the bandwidth, or start, and nothing shows it.
         """
         joints, order = np.arange(len(used)), np.arange(P.shape[1])
-        peak, power = self.peak[used, joints] / sigma, self.slow_power[used, joints] / sigma**2
-        slow = np.maximum(1, np.maximum(peak / USUAL_SLOW_PEAK, np.sqrt(power) / USUAL_SLOW_RMS))
-        noise = np.maximum(1, np.sqrt(self.most_power[used, joints]) / sigma)
-        grown, rest = noise[:, None] * slow[:, None] ** (1 + order / 2), self.rest[used, joints, None, None]
-        return grown[:, :, None] * grown[:, None] * P + rest * (START_FACTOR * P + np.eye(len(order)))
+        slow = np.maximum(1, np.sqrt(self.slow_power[used, joints]) / sigma / USUAL_SLOW_RMS)
+        grown, rest = slow[:, None] ** (1 + order / 2), self.rest[used, joints, None, None]
+        return grown[:, :, None] * grown[:, None] * P + rest**2 * (START_FACTOR * P + np.eye(len(order)))

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import casadi
     from jounce._codegen import Generated
     from jounce._codegen.symbolic import Symbolic
+    from jounce.live.estimator import LiveRates
 
 
 class Exports(Engine):
@@ -32,6 +33,7 @@ class Exports(Engine):
         prefix: str | None = None,
         overwrite: bool = False,
         moving_base: bool = False,
+        live: "LiveRates | None" = None,
     ) -> "Generated":
         """Write the robot's equations as source code that does not depend on jounce, with tests for your compiler.
 
@@ -69,6 +71,8 @@ class Exports(Engine):
         moving_base : bool
             Whether functions of a fixed robot take the motion of its ground, as those of a floating robot do of its
             base: base_pose (4, 4), body to inertial frame, base_twist (6) in its own axes, and the rates of it.
+        live : LiveRates
+            In C and C++: an estimator of rates from encoders to add, ``robot.live(dt, bandwidth=..., noise=...)``.
 
         Returns
         -------
@@ -92,7 +96,7 @@ class Exports(Engine):
         """
         from jounce._codegen.generate import codegen
 
-        given = (outputs, wrench, parameters, float32, prefix, overwrite, moving_base)
+        given = (outputs, wrench, parameters, float32, prefix, overwrite, moving_base, live)
         return codegen(self, lang, order, directory, *given)
 
     @deprecate_keywords(base="moving_base")
