@@ -68,6 +68,14 @@ def stiffening(*springs):
     return jounce.load("planar2r").elastic(spring=laws, rotor=0.1)
 
 
+def standing():
+    """A floating robot on a point of a slope and on a plane."""
+    robot = ROBOTS["floating"]()
+    base, *_, tip = robot.body_names
+    point = jounce.Contact(base, "point", place=(0.2, -0.1, 0.3), normal=(0.6, 0, 0.8))
+    return robot.contacts([point, jounce.Contact(tip, "plane", place=(0.1, 0.2, 0))])
+
+
 ROBOTS = {
     "iiwa14": lambda: jounce.load("iiwa14"),
     "panda": lambda: jounce.load(PANDA),
@@ -89,6 +97,7 @@ ROBOTS = {
     "odd symbols": lambda: jounce.load("planar2r", m1=1 + sum(map(sympy.Symbol, ODD_SYMBOLS.split()))),
     "odd names": lambda: oddly_named(),
     "floating": lambda: jounce.Robot(floating(golden("planar2r")[0], np.random.default_rng(1))),
+    "standing": lambda: standing(),
     "talos": lambda: jounce.load(Path(str(TALOS[0].locate()))),
     "mimic": lambda: jounce.Robot(
         random_mechanism(
@@ -120,6 +129,7 @@ def in_equations(spelled):
 ALL, PARAMETERS = every("body2"), ("gravity", "masses", "lengths", "payload", "payload:body1")
 PRODUCTS = ("inverse_dynamics.vjp", "inverse_dynamics.jvp", "forward_dynamics.vjp", "base_wrench.jvp")
 OF_MOTORS = tuple(row.name for row in QUANTITIES.values() if row.elastic)
+STANDING = ("inverse_dynamics", "contact_wrenches", "inverse_dynamics.vjp", "inverse_dynamics.jvp")
 FLOATING = ("inverse_dynamics", "jacobian:body1:world", "momentum.vjp")
 APART = {"latex", "casadi"}  # no program; with Hessians, which take long to compile: test_codegen_casadi.py
 PROGRAMS = [lang for lang in LANGUAGES if lang not in APART]
@@ -162,6 +172,9 @@ CASES = {  # the robot, what is asked for, how many states, and in which languag
     "floating": (
         "floating", {"order": 1, "wrench": True, "outputs": FLOATING, "parameters": ("masses", "payload:base")},
         6, "all",
+    ),
+    "standing": (
+        "standing", {"order": 1, "wrench": True, "outputs": STANDING, "moving_base": True}, 6, "c javascript python",
     ),
     "several screws": ("several screws", {"order": 0, "outputs": ("inverse_dynamics", "mass_matrix")}, 10, "all"),
     "several screws, derivatives": (

@@ -15,6 +15,7 @@ from jounce._report.curves import joint_style
 from jounce._report.meshes import Mesh
 from jounce._report.report_data import ReportData
 from jounce._report.single_screws import to_single_screws
+from jounce.engine.balance_points import FORCE_ENDS, contact_lines
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.figures.drawing import joint_points, skeleton
@@ -27,6 +28,7 @@ from jounce.spatial.inertia import moments
 CIRCLE_CORNERS = 12  # looks round with smooth shading
 LINK, CUT = "#b9bdc4", "#6a6e75"
 LINK_RADIUS, SLIDE_RADIUS, JOINT_RADIUS, JOINT_HEIGHT = 0.032, 0.024, 0.05, 0.06  # of the robot's size
+FORCE_LENGTH = 0.3  # of the robot's size: the longest force of a contact, below it
 MIN_DRAWN_SIZE = 1e-3  # m, of a robot whose points all coincide
 MIN_PLATE_CUTS = 3  # cut joints of a body that is drawn by its edges: three make a plane
 MIN_EXTENT_SHARE = 0.6  # of the widest extent of the drawn space
@@ -48,6 +50,10 @@ def drawing(s: ReportData) -> dict[str, Any]:
     ground = np.eye(4)[None] if base is None or m.floats else base
     moved = [(part, ground if part.body == GROUND_BODY else poses[:, part.body]) for part in parts]
     swept = [(extreme_points(part.vertices) @ C[:, :3, :3].mT + C[:, None, :3, 3]).reshape(-1, 3) for part, C in moved]
+    rates, moved_base = (tuple(x[s.frames] for x in (of or ())[:3]) for of in (s.along.rates, s.along.base))
+    contacts = contact_lines(s.robot, rates, moved_base, s.motion.wrench(s.t[s.frames], 0))
+    longest = FORCE_LENGTH * size
+    swept += [np.nan_to_num(ends) - (0, 0, longest) for ends in contacts[..., FORCE_ENDS.start, :].swapaxes(0, 1)]
     lowest, highest = (f([f(points, axis=0) for points in swept] + [np.zeros(3)], axis=0) for f in (np.min, np.max))
     return {
         "parent": list(m.parent), "owners": list(m.owners),
@@ -55,6 +61,7 @@ def drawing(s: ReportData) -> dict[str, Any]:
         "q": pack_array(steps) if multiscrew_joints(m) else None, "floats": m.floats,
         "base": None if base is None else pack_array(base[:, :3]),
         "solids": [_solid([part for part in parts if part.colour == colour]) for colour in colours],
+        "contacts": {"lines": pack_array(contacts, "f4"), "names": [x.frame for x in m.contacts], "longest": longest},
         "ends": [pack_array(poses[:, body, :3, 3] + poses[:, body, :3, :3] @ point, "f4") for body, point in tips(m)],
         "space": np.stack(_space(lowest - SWEEP_MARGIN * size, highest + SWEEP_MARGIN * size), axis=1).tolist(),
     }  # fmt: skip

@@ -254,7 +254,7 @@ def breaks_in_words(breaks: Sequence[dict[str, Any]]) -> list[str]:
         joints: dict[str, list[str]] = {}
         for joint, cause in found["causes"].items():
             joints.setdefault(cause["rate"], []).append(joint)
-        causes = " and ".join(f"{rate} of {join_names(names)}" for rate, names in joints.items())
+        causes = " and ".join(f"{rate} of {join_names(names)}" for rate, names in joints.items()) or "a contact's limit"
         missing = found["missing"]
         then = [f"{found['jumps']} jumps"] if found["jumps"] else []
         then += [f"{', '.join(missing)} do{'es' * (len(missing) == 1)} not exist"] if missing else []

@@ -114,10 +114,6 @@ def forces_along(
     rates, forces = (_join_rates([getattr(part, name) for part in parts]) for name in ("rates", "forces"))
     deviations = None if parts[0].deviations is None else _join_rates([part.deviations or () for part in parts])
     breaks = find_force_breaks(robot, path, times, highest, method, row)
-    if row.balanced and are_limited(robot.mechanism):
-        switches = find_switches(robot, path, times, row, highest)
-        found = [ForceBreak(t, 1, jumps[1], (), jumps[2:]) for t, jumps in switches if highest]
-        breaks = tuple(sorted((*breaks, *found), key=lambda x: x.t))
     base = None if parts[0].base is None else _join_rates([part.base or () for part in parts])
     return Along(times, rates, forces, deviations, breaks, base)
 
@@ -195,12 +191,15 @@ def find_force_breaks(
         size = np.maximum(np.abs(before), np.abs(after)).max(axis=2, keepdims=True)
         difference = np.subtract(after, before)
         jumps[:, part] = np.where(np.abs(difference) > _FORCE_JUMP_TOLERANCE * size, difference, 0)
-    return tuple(
+    found = [
         ForceBreak(time, k, jumps[k, i], causes, tuple(jumps[k + 1 :, i]))
         if k >= 0
         else ForceBreak(time, -1, None, causes)
         for i, (k, (time, causes)) in enumerate(zip(lowest, known, strict=True))
-    )
+    ]
+    if order and row.balanced and are_limited(robot.mechanism):
+        found += [ForceBreak(t, 1, of[1], (), of[2:]) for t, of in find_switches(robot, motion, times, row, order)]
+    return tuple(sorted(found, key=lambda x: x.t))
 
 
 def _join_rates(parts: list[Rates]) -> Rates:

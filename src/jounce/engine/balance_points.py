@@ -14,9 +14,12 @@ from jounce.core.scalars import concatenate, is_finite, is_numeric
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import as_tuple, write_results
+from jounce.spatial.lie import rotation
 from jounce.spatial.linear import solve_series
 from jounce.spatial.series import Series
 
+SOLE_EDGE, FORCE_ENDS = slice(0, 5), slice(6, 8)  # of the points of a contact in `contact_lines`
+_SQUARE = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1), (1, 1)])
 MIN_PRESSURE = 1e-6  # of the weight, or of the largest component of a wrench: what carries less is in flight
 
 
@@ -50,6 +53,26 @@ def dcm(robot: Engine, rates: Sequence[Any], base: Any, height: Any) -> Any:
     c = as_tuple(compute(robot, "center_of_mass", rates, base=base))
     time = float(np.sqrt(z / _gravity(robot)))
     return write_results(tuple(x + time * xd for x, xd in pairwise(c)), None)
+
+
+def contact_lines(robot: Engine, rates: Sequence[Any], base: Any, wrench: Any = None) -> np.ndarray:
+    """Points (..., contacts, 9, 3): edge of the sole, NaN, force at its centre of pressure, 1 m for 1 N, and NaN."""
+    m = robot.mechanism
+    lines = np.zeros((*rates[0].shape[:-1], len(m.contacts), 9, 3))
+    if not m.contacts:
+        return lines
+    f = compute(robot, "contact_wrenches", rates, base=base, wrench=wrench)[..., 3:]
+    p, poses = center_of_pressure(robot, rates, base, wrench), compute(robot, "poses", rates[:1], base=base[:1])
+    for k, contact in enumerate(m.contacts):
+        own, link = lines[..., k, :, :], m.frame(contact.frame)
+        own[..., SOLE_EDGE, :2] = _SQUARE * (0 if contact.sole is None else contact.sole)
+        own[..., FORCE_ENDS, :2] = p[..., k, None, :]
+        own[..., 7, :] += f[..., k, :]
+        H = poses[..., link.body, :, :] @ link.T @ contact.place
+        R = rotation(H) if contact.ground_axes is None else contact.ground_axes
+        own[...] = own @ R.mT + H[..., None, :3, 3]
+        own[..., [5, 8], :] = np.nan
+    return lines
 
 
 def _divide(numerators: Sequence[Any], divisors: Sequence[Any]) -> Any:

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jounce.arguments.contacts import balance_maps, describe_direction, find_unbalanced
-from jounce.core.errors import JounceError, join_names
+from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.scalars import Array, broadcast, is_numeric
 from jounce.dynamics.computation import Port
 from jounce.dynamics.contacts import limit_rows
@@ -145,7 +145,7 @@ def _active_rows(m: Mechanism, G: np.ndarray, f: np.ndarray, C: np.ndarray) -> n
 
 
 def _infeasible(m: Mechanism, beyond: np.ndarray) -> UnbalancedError:
-    names = [name for contact in m.contacts for name in contact.limit_names]
+    names = [f"{name} of {quote_value(contact.frame)}" for contact in m.contacts for name, _ in contact.named_limits]
     return UnbalancedError(
         f"{m.name!r}: no contact wrenches within friction and soles balance the motion; slow it down, or state other"
         f" contacts: the least wrenches are farthest beyond {names[int(np.argmax(beyond))]}"

@@ -1,15 +1,17 @@
 """Every limit along a motion: the worst values, between samples too, and when limits are broken."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import join_names, quote_value
 from jounce.engine.along import ForceBreak, find_force_breaks
+from jounce.engine.contact_limits import are_limited
 from jounce.engine.engine import Engine
 from jounce.limits.commands import take_differences
+from jounce.limits.contact_ratios import judge_contacts
 from jounce.limits.deviations import compute_deviations
 from jounce.limits.joints import joint_units
 from jounce.limits.limited_motion import LimitedMotion, Span
@@ -32,7 +34,7 @@ class CheckedLimit:
     Attributes
     ----------
     joint, limit : str
-        The coordinate, and the kind of limit: "position", "velocity", ..., "effort", "effort_rate", ..., "power".
+        The coordinate or contact, and the kind or row of its limit: "position", ..., "power", "friction along x", ...
     of : str or None
         Which force an effort limit bounds: "Q" or "Q - Qgrav".
     unit : str
@@ -167,6 +169,11 @@ def check(robot: Engine, motion: object) -> Check:
         table = _build_table(differences.b, worst, {}, _copy_worst(worst))
         notes = (*differences.notes, *describe_omissions(b, ()))
         return Check(table, (), notes, differences.judged)
+    contacts = tuple(CheckedLimit(*row) for row in judge_contacts(b)) if are_limited(b.robot.mechanism) else ()
+    if combine_verdicts([row.verdict for row in contacts]) == "broken":  # there are no forces
+        b = b.select_kinds([kind for kind in b.kinds if LIMIT_KINDS[kind].of == "q"])
+    breaks = find_limited_breaks(b)
+    b = replace(b, switches=tuple(found.t for found in breaks if not found.causes))
     worst = Worst(b)
     for pieces in split_motion(b):
         worst.take(pieces)
@@ -174,10 +181,10 @@ def check(robot: Engine, motion: object) -> Check:
     undecided = count_uncertain(b, worst)
     for of, spans in worst.unresolved.items():
         undecided[of] = undecided.get(of, []) + spans
-    breaks = find_limited_breaks(b)
     worst.take_jumps(breaks)
     notes = (*describe_omissions(b, breaks), *describe_unresolved(worst))
-    return Check(_build_table(b, worst, undecided, certain), breaks, notes, _judged_shares(b, undecided))
+    table = (*_build_table(b, worst, undecided, certain), *contacts)
+    return Check(table, breaks, notes, _judged_shares(b, undecided))
 
 
 def find_limited_breaks(b: LimitedMotion) -> tuple[ForceBreak, ...]:
@@ -252,16 +259,18 @@ def describe_omissions(b: LimitedMotion, breaks: tuple[ForceBreak, ...]) -> tupl
     if missed:
         first = missed[0]
         joints = b.robot.joint_names
-        names = join_names([joints[j] if isinstance(j := cause.joint, int) else j for cause in first.causes])
+        causes = [joints[j] if isinstance(j := cause.joint, int) else j for cause in first.causes]
+        names = join_names(causes or ["a limit of a contact"])
         more = f" (and at {len(missed) - 1} more times)" if len(missed) > 1 else ""
         jumps = rate_name("Q", max(first.order, 0)) if first.order >= 0 else "qd"
         limits = " and ".join(kind.replace("_", " ") for kind, k in b.force_rates.items() if k > max(first.order, 0))
         came = f"break at t = {first.t:.9g} s{more}: {jumps} jumps because of {names}"
-        notes.append(f"{came}; no limit of {limits} can be met there; motion.blended (--blend) replaces breaks")
+        cure = "; motion.blended (--blend) replaces breaks" if causes else ""
+        notes.append(f"{came}; no limit of {limits} can be met there{cure}")
     if idle := [kind.replace("_", " ") for kind in b.limits.kinds if kind not in b.kinds]:
-        notes.append(
-            f"limits of {join_names(idle)} are not checked: the joints are rigid; see robot.elastic(stiffness)"
-        )
+        rigid, broken = "the joints are rigid; see robot.elastic(stiffness)", "limits of contacts are broken"
+        reason = rigid if all(LIMIT_KINDS[kind].takes for kind in b.limits.kinds if kind not in b.kinds) else broken
+        notes.append(f"limits of {join_names(idle)} are not checked: {reason}")
     for joint in following_efforts(b.robot.mechanism):
         notes.append(f"effort limits of {quote_value(joint)} are not checked: it follows another, or shares motors")
     return tuple(notes)

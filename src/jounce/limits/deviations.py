@@ -24,7 +24,7 @@ def compute_deviations(b: LimitedMotion, t: np.ndarray) -> Deviations:
         return {}
     closure = b.robot.mechanism.closure
     own = list(closure.independent) if closure else list(range(len(b.joints)))
-    rates = m.deviations(t, max(1, *(motion_order(b.robot, kind) for kind in b.kinds)))
+    rates = m.deviations(t, max([1, *(motion_order(b.robot, kind) for kind in b.kinds)]))
     spread = np.full((len(rates), len(t), len(b.joints)), np.nan) if rates else np.zeros((2, len(t), len(b.joints)))
     if rates:
         spread[:, :, own] = rates

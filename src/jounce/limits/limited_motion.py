@@ -34,6 +34,7 @@ class LimitedMotion:
     """A robot along a motion, and the kinds of limits that bound any joint, which are `limits`.
 
     `windows` are the times between which each kind is known well; kinds without one are along the whole motion.
+    Rates of forces jump at `switches`, where limits of contacts begin or end to be active.
     """
 
     robot: Engine
@@ -41,6 +42,7 @@ class LimitedMotion:
     limits: Limits
     kinds: tuple[str, ...]
     windows: Mapping[str, Span] = field(default_factory=dict)
+    switches: tuple[float, ...] = ()
 
     @property
     def whole(self) -> Span:

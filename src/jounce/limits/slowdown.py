@@ -24,6 +24,7 @@ import numpy as np
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.engine.along import ForceBreak
+from jounce.engine.contact_limits import are_limited
 from jounce.engine.engine import Engine
 from jounce.limits.check import describe_omissions, describe_unresolved, find_limited_breaks
 from jounce.limits.factor_search import Place, bracket_factor, compute_worst, is_polynomial
@@ -91,6 +92,8 @@ class Slowdown(HtmlDisplay):
 
 def slowdown(robot: Engine, motion: object) -> Slowdown:
     """The largest factor of speed such that every smaller one keeps all limits too."""
+    if are_limited(robot.mechanism):
+        raise JounceError(f"{robot.name!r}: slowdown takes contacts without friction= and sole=; check judges them")
     b = validate_limits(robot, motion)
     breaks = find_limited_breaks(b)
     notes = (*describe_omissions(b, breaks), *_window_notes(b))

@@ -21,12 +21,7 @@ def validate_limits(robot: Engine, motion: object) -> LimitedMotion:
     """A robot along a motion, checked, with the limits of its coordinates; a robot without any is refused."""
     path, limits = check_motion(robot.mechanism, motion), joint_limits(robot.mechanism)
     kinds = known_kinds(robot, limits)
-    if are_limited(robot.mechanism):
-        raise JounceError(
-            f"{robot.name!r}: limits along a motion take contacts without friction= and sole=, where forces have kinks;"
-            " forces_along(motion) has the forces, and breaks where limits of contacts begin and end"
-        )
-    if not kinds:
+    if not kinds and not are_limited(robot.mechanism):
         if limits.kinds:
             came = f"robot {robot.name!r} states no limits of rigid joints, only {join_names(limits.kinds)}"
             raise JounceError(f"{came}; robot.elastic(stiffness) makes its joints elastic")

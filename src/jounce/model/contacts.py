@@ -115,18 +115,14 @@ class Contact:
         return np.stack([x, np.cross(self.normal, x), self.normal], axis=1)
 
     @cached_property
-    def _named_limits(self) -> list[tuple[str, np.ndarray]]:
+    def named_limits(self) -> list[tuple[str, np.ndarray]]:
+        """The rows (6,) of the limits, and what each of them limits."""
         return list(self._list_limits())
 
     @property
     def limits(self) -> np.ndarray:
         """C (r, 6): friction, sole and a force that pushes hold where ``C f <= 0``."""
-        return np.array([row for _, row in self._named_limits]).reshape(-1, 6)
-
-    @property
-    def limit_names(self) -> list[str]:
-        """What each row of the limits limits."""
-        return [f"{name} of {quote_value(self.frame)}" for name, _ in self._named_limits]
+        return np.array([row for _, row in self.named_limits]).reshape(-1, 6)
 
     def _list_limits(self) -> Iterator[tuple[str, np.ndarray]]:
         (mx, my, mz, fx, fy, fz), mu, signs = np.eye(6), (self.friction or 0.0) / sqrt(2), (1, -1)

@@ -915,6 +915,7 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
 
         Between samples quintic polynomials through q, qd, ... and Q, Qd, Q2d find the peaks, which are then evaluated
         exactly. At a break of the motion both sides are checked; where a lower rate jumps, the value is infinite.
+        Limits of contacts are kept if any wrenches keep them: judged are those whose largest ratio to a limit is least.
 
         Of measured motions, each kind of limit counts as it is where its standard deviation is at most ten times its
         median; elsewhere, which is towards the ends, where a value lies two deviations or more from its limit.

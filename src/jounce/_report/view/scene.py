@@ -12,6 +12,7 @@ from jounce._report.meshes import place_visuals
 from jounce._report.single_screws import to_single_screws
 from jounce._report.view.track import Track, start_of
 from jounce.core.errors import join_names, optional_import
+from jounce.engine.balance_points import FORCE_ENDS, SOLE_EDGE
 from jounce.engine.engine import Engine
 from jounce.figures.drawing import poses_on
 from jounce.io.visuals import robot_visuals
@@ -60,10 +61,13 @@ def draw_scene(
             server.scene.add_mesh_simple(f"{_node(m, part.body)}/part{k}", part.vertices, part.triangles, color=colour)
     shape: Any = {"shaft_radius": 0.01 * size, "head_radius": 0.025 * size, "head_length": 0.05 * size}
     colours = {"base force": FORCE_COLOUR, "base moment": MOMENT_COLOUR}
+    colours |= {f"contact {k}": FORCE_COLOUR for k in range(len(m.contacts))}
     colours |= {f"load {k}": FORCE_COLOUR for k in range(len(along.wrenches) if along is not None else 0)}
-    arrows = {
+    arrows: dict[str, Any] = {
         name: server.scene.add_arrows(f"/{name}", UNSEEN_ARROW, colour, **shape) for name, colour in colours.items()
     }
+    if m.contacts:
+        arrows["soles"] = server.scene.add_line_segments("/soles", UNSEEN_ARROW, FORCE_COLOUR)
     return Scene(robot, size, ground, bodies, frames, arrows, _largest(robot, along, size), notes)
 
 
@@ -78,9 +82,14 @@ def show(scene: Scene, now: Track) -> None:
         frame = m.frame(name)
         C = (poses[frame.body] if frame.body != GROUND_BODY else now.C) @ np.asarray(frame.T, dtype=float)
         vectors[f"load {k}"] = C[:3, 3], -C[:3, :3] @ W[3:]  # on the body
+    for k, (start, end) in enumerate(np.nan_to_num(now.contacts[:, FORCE_ENDS])):  # nothing where nothing presses
+        vectors[f"contact {k}"] = start, end - start
+    if (edges := now.contacts[:, SOLE_EDGE]).size:
+        scene.arrows["soles"].points = np.stack([edges[:, :-1], edges[:, 1:]], axis=2).reshape(-1, 2, 3)
     for name, (start, vector) in vectors.items():
         scale = ARROW_LENGTH * scene.size / scene.largest["moment" if name == "base moment" else "force"]
-        scene.arrows[name].points = np.array([[start, start + scale * vector]])
+        first = start - scale * vector * name.startswith("contact")  # from below: the leg would hide it
+        scene.arrows[name].points = np.array([[first, first + scale * vector]])
 
 
 def _largest(robot: Engine, along: Track | None, size: float) -> dict[str, float]:

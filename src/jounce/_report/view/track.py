@@ -9,6 +9,7 @@ import numpy as np
 from jounce.dynamics.loop_closure import close_loops
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
 from jounce.engine.along import forces_along
+from jounce.engine.balance_points import contact_lines
 from jounce.engine.closed_path import continue_positions
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
@@ -34,12 +35,13 @@ class Track:
     wrenches: Mapping[str, np.ndarray]
     C: np.ndarray  # (N, 4, 4)
     positions: np.ndarray
+    contacts: np.ndarray  # (N, contacts, 9, 3), see `contact_lines`
 
     def at(self, t: float) -> "Track":
         """The state at a time, every array without its first axis: the nearest of those that are kept."""
         k = int(np.abs(self.t - t).argmin())
-        wrenches = {name: W[k] for name, W in self.wrenches.items()}
-        return Track(self.t[k], self.q[k], self.Q[k], self.F[k], wrenches, self.C[k], self.positions[k])
+        arrays = {name: x[k] for name, x in vars(self).items() if name != "wrenches"}
+        return Track(**arrays, wrenches={name: W[k] for name, W in self.wrenches.items()})
 
 
 def record_track(robot: Engine, motion: "Motion") -> Track:
@@ -55,7 +57,8 @@ def record_track(robot: Engine, motion: "Motion") -> Track:
     whole = q if near is None else near
     F = compute(robot, "base_wrench", (whole, *rates), wrench=loads or None, base=along.base)
     C = np.tile(np.eye(4), (len(t), 1, 1)) if along.base is None else along.base[0]
-    return Track(t, along.rates[0], along.forces[0][:, -robot.n :], np.asarray(F), loads, C, whole)
+    contacts = contact_lines(robot, along.rates[:3], along.base and along.base[:3], W)
+    return Track(t, along.rates[0], along.forces[0][:, -robot.n :], np.asarray(F), loads, C, whole, contacts)
 
 
 def start_of(robot: Engine) -> np.ndarray:
@@ -69,4 +72,4 @@ def rest_state(robot: Engine, q: np.ndarray, C: np.ndarray, near: np.ndarray | N
     whole = close_loops(robot.mechanism, q[None], near)[0] if robot.mechanism.closure else q
     rest, base = np.zeros(robot.n), (C, np.zeros(6), np.zeros(6))
     Q, F = (compute(robot, name, (whole, rest, rest), base=base) for name in (DEFAULT_QUANTITY.name, "base_wrench"))
-    return Track(np.zeros(()), q, Q[-robot.n :], F, {}, C, whole)
+    return Track(np.zeros(()), q, Q[-robot.n :], F, {}, C, whole, contact_lines(robot, (q, rest, rest), base))

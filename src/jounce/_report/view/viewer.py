@@ -60,10 +60,9 @@ class Viewer:
                 q = from_single_screws(self.scene.robot.mechanism, np.array([slider.value for slider in self.joints]))
                 try:
                     self._show(rest_state(self.scene.robot, q, self.base, self.positions))
-                except JounceError as error:  # where loops cannot be closed
-                    closure = self.scene.robot.mechanism.closure
-                    assert closure is not None
-                    self._set(self.positions[list(closure.independent)])
+                except JounceError as error:  # where loops cannot be closed, or contacts do not balance the robot
+                    if closure := self.scene.robot.mechanism.closure:
+                        self._set(self.positions[list(closure.independent)])
                     self.table.content = escape_html(str(error))
 
     def move(self) -> None:

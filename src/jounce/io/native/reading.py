@@ -7,7 +7,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, locate_errors, quote_value, unknown_name_error
 from jounce.io.entries import Entry
-from jounce.io.native import BASE_KEY, GROUND_NAME, body_entries, elastic, loops
+from jounce.io.native import BASE_KEY, GROUND_NAME, body_entries, contacts, elastic, loops
 from jounce.model.drives import UNDRIVEN
 from jounce.model.frame import Frame
 from jounce.model.mechanism import GRAVITY, Mechanism
@@ -21,7 +21,7 @@ Variable = tuple[str, np.ndarray, Entry]  # of a joint: its name, its screw, and
 def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mechanism:
     """The mechanism of a file's content, under its own gravity unless another is given; ``base="fixed"`` welds it."""
     optional = ("name", "gravity", BASE_KEY, "coordinates", "frames", "limits_of", elastic.ELASTIC_SECTION)
-    robot.keys(("units", "bodies"), (*optional, loops.LOOPS_SECTION, *loops.LOOP_KEYS))
+    robot.keys(("units", "bodies"), (*optional, loops.LOOPS_SECTION, *loops.LOOP_KEYS, contacts.CONTACTS_SECTION))
     body_entries.check_units(robot)
     own = robot.get("gravity", list(GRAVITY)).numbers((3,))
     listed = robot.get("bodies").items(least=1)
@@ -48,7 +48,7 @@ def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mecha
     if stated and not floats:
         placed = [Frame(next(iter(places)), -1, np.eye(4)), *placed]
     tree = replace(built, joints=tuple(name for own in variables for name, *_ in own), frames=tuple(placed))
-    return elastic.read(robot, loops.read(robot, tree))
+    return contacts.read(robot, elastic.read(robot, loops.read(robot, tree)))
 
 
 def _read_base(robot: Entry, base: str | None) -> list[Entry]:

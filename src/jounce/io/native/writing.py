@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from jounce.arguments.contacts import refuse_contacts
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.scalars import is_symbolic
-from jounce.io.native import BASE_KEY, FILE_UNITS, GROUND_NAME, body_entries, elastic, loops
+from jounce.io.native import BASE_KEY, FILE_UNITS, GROUND_NAME, body_entries, contacts, elastic, loops
 from jounce.model.drives import UNDRIVEN
 from jounce.model.limit_kinds import BOUNDED_FORCES
 from jounce.model.mechanism import Mechanism, body_name
@@ -52,9 +51,8 @@ def dump_json(data: dict[str, Any]) -> str:
 
 def document(mechanism: Mechanism) -> dict[str, Any]:
     """Return the content of the file of a mechanism of numbers, as plain data."""
-    refuse_contacts(mechanism, "a robot file states none")
     _check_writable(mechanism)
-    stated = loops.write_section(mechanism) | elastic.write_section(mechanism)
+    stated = loops.write_section(mechanism) | elastic.write_section(mechanism) | contacts.write_section(mechanism)
     mechanism = with_followers(mechanism)
     joints = {i: _joint_data(mechanism, i) for i in range(mechanism.floats, mechanism.nb)}
     free = [mechanism.joints[j] for i, joint in joints.items() if "follows" not in joint for j in mechanism.columns[i]]
