@@ -81,6 +81,11 @@ class Stance:
             left = concatenate([np.zeros(6), 1 - active], axis=-1)
             missing = left[..., None] * np.eye(6 + len(C))  # y = 0 of rows that are not active
         along = reciprocal(weights)[:, None] * unknown
+        if (presence := self.x.presence) is not None:
+            sizes = [len(contact.held) for contact in self.m.contacts]
+            along = presence.map(lambda p: np.repeat(p, sizes, axis=-1)[..., None]) * along
+            flies = (presence[0].max(axis=-1) <= 0)[..., None, None]
+            missing = missing + flies * np.eye(unknown[0].shape[-1])  # any y: f is 0
         return along @ solve_series(unknown.mT @ along + missing, given)
 
     def exerted(self, f: Series) -> Series:

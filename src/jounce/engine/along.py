@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from jounce.core.typing import ArrayLike
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, Quantity
 from jounce.engine import certain_digits
 from jounce.engine.contact_limits import UnbalancedError, are_limited
-from jounce.engine.contact_motion import refuse_sliding
+from jounce.engine.contact_motion import find_stance_ends, refuse_sliding
 from jounce.engine.contact_switches import find_switches
 from jounce.engine.engine import Engine
 from jounce.engine.force_deviations import compute_certain, entry_count, interpolate_deviations
@@ -68,6 +68,8 @@ class Along:
         Times at which Q or one of its rates jumps or does not exist, with order, jump and causes.
     base : tuple of arrays, or None
         C (N, 4, 4), V, Vd, ... (N, 6) of the motion at these times; None if it has no base.
+    wrenches : tuple of (N, contacts, 6), or None
+        Of motions with stances, what `Robot.contact_wrenches` is, with rates; 0 of contacts that are not there.
 
     Examples
     --------
@@ -85,6 +87,7 @@ class Along:
     deviations: Rates | None = None
     breaks: tuple[ForceBreak, ...] = ()
     base: Rates | None = None
+    wrenches: Rates | None = None
 
 
 def forces_along(
@@ -114,12 +117,19 @@ def forces_along(
     rates, forces = (_join_rates([getattr(part, name) for part in parts]) for name in ("rates", "forces"))
     deviations = None if parts[0].deviations is None else _join_rates([part.deviations or () for part in parts])
     breaks = find_force_breaks(robot, path, times, highest, method, row)
-    if row.balanced and are_limited(robot.mechanism):
-        switches = find_switches(robot, path, times, row, highest)
-        found = [ForceBreak(t, 1, jumps[1], (), jumps[2:]) for t, jumps in switches if highest]
-        breaks = tuple(sorted((*breaks, *found), key=lambda x: x.t))
+    if row.balanced and are_limited(robot.mechanism) and highest:
+        for start, stop in pairwise(np.unique(find_stance_ends(path).clip(times.min(), times.max()))):
+            inside = times[(start < times) & (times < stop)]
+            part = np.unique([start, *inside, np.nextafter(stop, start)])
+            switches = find_switches(robot, path, part, row, highest)
+            found = [ForceBreak(t, 1, jumps[1], (), jumps[2:]) for t, jumps in switches]
+            breaks = tuple(sorted((*breaks, *found), key=lambda x: x.t))
     base = None if parts[0].base is None else _join_rates([part.base or () for part in parts])
-    return Along(times, rates, forces, deviations, breaks, base)
+    wrenches = None
+    if path.presence and robot.mechanism.contacts and row.balanced:
+        pieces = MotionStates.pieces(robot, path, times, [(row, highest)])
+        wrenches = _join_rates([states.compute(robot, "contact_wrenches") for _, states in pieces])
+    return Along(times, rates, forces, deviations, breaks, base, wrenches)
 
 
 def check_motion(mechanism: Mechanism, motion: object) -> Motion:
@@ -185,7 +195,8 @@ def find_force_breaks(
         for t, causes in groupby(motion.breaks_to(order + row.rates - 1), key=lambda found: found.t)
         if times.min() <= t <= times.max()
     ]
-    taken = {"q": row.rates, "base": row.rates, "W": row.wrench_rates}  # how many rates the quantity itself takes
+    # how many rates the quantity itself takes
+    taken = {"q": row.rates, "base": row.rates, "W": row.wrench_rates, "contact": 1}
     lowest = [min(cause.order - taken[cause.symbol] + 1 for cause in causes) for _, causes in known]
     t = np.array([t for t, _ in known])
     jumps = np.zeros((order + 1, len(t), entry_count(robot, row)))

@@ -1,10 +1,13 @@
 """Motions of a robot on contacts: whether what touches stays where it is."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from jounce.core.errors import JounceError, quote_value
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
+from jounce.engine.motion_states import sample_presence
 from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
 from jounce.spatial.lie import Ad, inverse, rotation
@@ -15,20 +18,27 @@ _TWIST_COMPONENTS = ("about x", "about y", "about z", "along x", "along y", "alo
 _STILL = 1e-9  # rad/s and m/s: rounding of a robot at rest
 
 
+def find_stance_ends(path: Motion) -> np.ndarray:
+    """The times of a motion at which contacts come or leave at once, with its ends."""
+    return np.unique([path.start, *(x.t for x in path.breaks_to(2) if x.symbol == "contact"), path.stop])
+
+
 def refuse_sliding(m: Mechanism, path: Motion) -> None:
     """Raise `JounceError` if a contact moves in a direction in which it transmits a force or moment."""
-    t = np.linspace(path.start, path.stop, _CONTACT_SAMPLES)
+    t = np.concatenate([np.linspace(*ends, _CONTACT_SAMPLES) for ends in pairwise(find_stance_ends(path))])
+    presence = sample_presence(m, path, t, 0) or (np.ones((len(t), len(m.contacts))),)
     rates, base, engine = path(t, 1), path.base(t, 1), Engine(m)
     assert base is not None, m.name
     fastest = np.abs(compute(engine, "twists", rates, base=base, method="recursion")).max()
     worst = []
-    for contact in m.contacts:
+    for contact, present in zip(m.contacts, presence[0].T, strict=True):
         held = contact.held
         V = compute(engine, "twists", rates, base=base, body=contact.frame, method="recursion")
         V = Ad(inverse(contact.place)) @ V[..., None]
         if contact.ground_axes is not None:
             H = compute(engine, "poses", rates[:1], base=base[:1], body=contact.frame, method="recursion")
             V = np.kron(np.eye(2), contact.ground_axes.T @ rotation(H @ contact.place)) @ V
+        V = V * (present > 0)[:, None, None]
         speeds = np.abs(V[:, held, 0])
         i, j = np.unravel_index(np.argmax(speeds), speeds.shape)
         far = np.abs(np.trapezoid(V[:, held[j], 0], t))

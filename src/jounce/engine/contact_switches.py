@@ -15,7 +15,7 @@ import numpy as np
 from jounce.dynamics.quantities import QUANTITIES, Quantity
 from jounce.engine.backends import Call
 from jounce.engine.contact_limits import Balance, find_balance, solve_active, solve_components
-from jounce.engine.dispatch import check_arguments, run_by_backend
+from jounce.engine.dispatch import run_by_backend
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates
 from jounce.motion.motion import Motion
@@ -35,8 +35,7 @@ def find_switches(
 
     def solves(active: np.ndarray, at: Balance, i: int = 0) -> bool:
         """Whether these rows give the solution in a state."""
-        F = at.G[i] @ at.least[i]
-        f, best = (solve_components(m, at.G[i], F, rows) for rows in (active, at.active[i]))
+        f, best = (solve_components(m, at, i, rows) for rows in (active, at.active[i]))
         return bool(np.abs(f - best).max() <= SAME_SOLUTION_TOLERANCE * np.abs(best).max())
 
     known = balance(times)
@@ -56,6 +55,4 @@ def find_switches(
 
 def _call_at(robot: Engine, motion: Motion, t: np.ndarray, row: Quantity, order: int) -> Call:
     """The call for a quantity at times of a motion."""
-    x = MotionStates.sample(robot, motion, t, [(row, order)])
-    asked, given = check_arguments(robot.mechanism, row.name, x.rates, x.wrench, x.base, None, "body", None)
-    return Call(robot, asked, given, None, None, 1, None)
+    return MotionStates.sample(robot, motion, t, [(row, order)]).call(robot, row.name)

@@ -23,20 +23,24 @@ MAX_MOTION_STATES = 100_000_000  # 800 MB per column: more is a typing error
 
 
 def read(entry: Entry, mechanism: Mechanism) -> Motion:
-    """The motion of a file for a mechanism; a JointTrajectory may be alone or in a plan."""
+    """The motion of a file for a mechanism, on its stances; a JointTrajectory may be alone or in a plan."""
     if next(find_trajectories(entry.value), None) is not None:
         with locate_errors(entry.place):
-            return match_joints(Motion.from_joint_trajectory(entry.value), mechanism)
-    description = read_terms(entry)
-    with locate_errors(entry.path):
-        return build_motion(description, mechanism)
+            motion = match_joints(Motion.from_joint_trajectory(entry.value), mechanism)
+    else:
+        description = read_terms(entry)
+        with locate_errors(entry.path):
+            motion = build_motion(description, mechanism)
+    stance = entry.get("stance", [])
+    with locate_errors(stance.place):
+        return motion.with_stances(stance.value, entry.get("blend", 0).value)
 
 
 def read_terms(entry: Entry) -> MotionDescription:
     """``time: {start, stop, count}``, ``joints: {NAME: {offset, cosines, polynomial}}`` and, where bodies or merged
     links exert wrenches, ``wrenches: {NAME: {mx: {offset, cosines, polynomial}, ..., fz: {...}}}``; where the base
-    moves ``base: {x: {offset, ...}, ..., qz: {...}}``."""
-    motion = entry.keys(("time", "joints"), ("name", "wrenches", "base"))
+    moves ``base: {x: {offset, ...}, ..., qz: {...}}``; ``stance: [[TIME, [FRAME, ...]], ...]`` and ``blend: SECONDS``."""
+    motion = entry.keys(("time", "joints"), ("name", "wrenches", "base", "stance", "blend"))
     joints = motion.get("joints").named("joints").members()
     bodies = motion.get("wrenches", {}).named("wrenches").members()
     wrenches = {body: terms.named(f"the wrench of {quote_value(body)}") for body, terms in bodies.items()}
