@@ -13,7 +13,7 @@ from jounce.core.typing import ArrayLike
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, Quantity
 from jounce.engine import certain_digits
 from jounce.engine.contact_limits import UnbalancedError, are_limited
-from jounce.engine.contact_motion import find_stance_ends, refuse_sliding
+from jounce.engine.contact_motion import refuse_sliding
 from jounce.engine.contact_switches import find_switches
 from jounce.engine.engine import Engine
 from jounce.engine.force_deviations import compute_certain, entry_count, interpolate_deviations
@@ -118,9 +118,8 @@ def forces_along(
     deviations = None if parts[0].deviations is None else _join_rates([part.deviations or () for part in parts])
     breaks = find_force_breaks(robot, path, times, highest, method, row)
     if row.balanced and are_limited(robot.mechanism) and highest:
-        for start, stop in pairwise(np.unique(find_stance_ends(path).clip(times.min(), times.max()))):
-            inside = times[(start < times) & (times < stop)]
-            part = np.unique([start, *inside, np.nextafter(stop, start)])
+        for start, stop in pairwise(np.unique(path.stance_ends.clip(times.min(), times.max()))):
+            part = np.unique([start, *times[(start < times) & (times < stop)], np.nextafter(stop, start)])
             switches = find_switches(robot, path, part, row, highest)
             found = [ForceBreak(t, 1, jumps[1], (), jumps[2:]) for t, jumps in switches]
             breaks = tuple(sorted((*breaks, *found), key=lambda x: x.t))
@@ -145,6 +144,10 @@ def check_motion(mechanism: Mechanism, motion: object) -> Motion:
         path = match_joints(motion, mechanism)
     if mechanism.contacts:
         refuse_sliding(mechanism, path)
+    elif mechanism.floats and path.presence:
+        raise JounceError(
+            f"the motion has stances, and {mechanism.name!r} no contacts; state them: robot.contacts([...])"
+        )
     return path
 
 
@@ -195,8 +198,7 @@ def find_force_breaks(
         for t, causes in groupby(motion.breaks_to(order + row.rates - 1), key=lambda found: found.t)
         if times.min() <= t <= times.max()
     ]
-    # how many rates the quantity itself takes
-    taken = {"q": row.rates, "base": row.rates, "W": row.wrench_rates, "contact": 1}
+    taken = {"q": row.rates, "base": row.rates, "W": row.wrench_rates, "contact": 1}  # rates that it takes itself
     lowest = [min(cause.order - taken[cause.symbol] + 1 for cause in causes) for _, causes in known]
     t = np.array([t for t, _ in known])
     jumps = np.zeros((order + 1, len(t), entry_count(robot, row)))

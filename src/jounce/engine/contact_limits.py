@@ -25,6 +25,7 @@ from jounce.core.errors import JounceError, join_names
 from jounce.core.scalars import Array, broadcast, is_numeric
 from jounce.dynamics.computation import Port
 from jounce.dynamics.contacts import limit_rows
+from jounce.dynamics.state import Law
 from jounce.engine.backends import Call, default_method
 from jounce.engine.generic_methods import as_tuple, evaluate, working_scalars, write_results
 from jounce.model.mechanism import Mechanism
@@ -154,8 +155,8 @@ def _infeasible(m: Mechanism, beyond: np.ndarray) -> UnbalancedError:
     )
 
 
-def solve_active(call: Call, arrays: Sequence[Array], active: np.ndarray) -> tuple[Array, ...]:
-    """The results of a call for arrays (N, ...) where rows (N, r) are active, by the recursion, with its presence."""
+def solve_active(call: Call, arrays: Sequence[Array], active: np.ndarray, of: Law | None = None) -> tuple[Array, ...]:
+    """The results of a call, or of another law, for arrays (N, ...) where rows (N, r) are active, by the recursion."""
     m, asked = call.robot.mechanism, call.computation
     ports = asked.signature(m).inputs
     row, method = asked.quantity, default_method(asked.quantity)
@@ -163,7 +164,7 @@ def solve_active(call: Call, arrays: Sequence[Array], active: np.ndarray) -> tup
     def law(x: Sequence[Array]) -> Series:
         given, rows, *rates = x[: len(ports)], *x[len(ports) :]
         presence = Series.of(rates) if rates else None
-        return row.law(method, m)(m, replace(asked.state(m, given), active=rows, presence=presence))
+        return (of or row.law(method, m))(m, replace(asked.state(m, given), active=rows, presence=presence))
 
     more = [active, *call.presence[: asked.count]]
     of_contacts = [Port("of contacts", x.shape[1:], "state") for x in more]

@@ -18,14 +18,9 @@ _TWIST_COMPONENTS = ("about x", "about y", "about z", "along x", "along y", "alo
 _STILL = 1e-9  # rad/s and m/s: rounding of a robot at rest
 
 
-def find_stance_ends(path: Motion) -> np.ndarray:
-    """The times of a motion at which contacts come or leave at once, with its ends."""
-    return np.unique([path.start, *(x.t for x in path.breaks_to(2) if x.symbol == "contact"), path.stop])
-
-
 def refuse_sliding(m: Mechanism, path: Motion) -> None:
     """Raise `JounceError` if a contact moves in a direction in which it transmits a force or moment."""
-    t = np.concatenate([np.linspace(*ends, _CONTACT_SAMPLES) for ends in pairwise(find_stance_ends(path))])
+    t = np.concatenate([np.linspace(*ends, _CONTACT_SAMPLES) for ends in pairwise(path.stance_ends)])
     presence = sample_presence(m, path, t, 0) or (np.ones((len(t), len(m.contacts))),)
     rates, base, engine = path(t, 1), path.base(t, 1), Engine(m)
     assert base is not None, m.name

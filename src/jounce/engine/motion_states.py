@@ -82,7 +82,7 @@ class MotionStates:
     def compute(self, robot: Engine, name: str, method: str | None = None) -> tuple[Any, ...]:
         """A quantity with its rates."""
         row = QUANTITIES[name]
-        if self.presence and (row.balanced or row.standing):
+        if self.presence and (self.presence[0] < 1).any() and (row.balanced or row.standing):
             return as_tuple(compute_on_contacts(self.call(robot, name), run_by_backend))
         rates = with_tree_positions(self.rates, self.near)
         return as_tuple(compute(robot, name, rates, wrench=self.wrench, base=self.base, method=method))

@@ -17,7 +17,7 @@ from jounce.model.positions import Position
 from jounce.motion import base as bases
 from jounce.motion.composite_curves import CurveChain, RetimedCurve
 from jounce.motion.curves import COMPONENTS, DEFAULT_ORDER, ArrangedCurve, Curve, Jump, Polynomials
-from jounce.motion.stances import make_presence
+from jounce.motion.stances import BLEND_DEGREE, make_presence
 from jounce.spatial.series import rate_name
 
 DEFAULT_TIME_STEP = 1e-3  # s, for motions without times of their own: the usual cycle of controllers
@@ -484,6 +484,12 @@ class Motion(HtmlDisplay):
     def times(self) -> np.ndarray:
         """Default times (N,) of evaluation: those of its samples or its file, or a grid of about a millisecond."""
         return self._grid(DEFAULT_TIME_STEP) if self.grid is None else self.grid
+
+    @cached_property
+    def stance_ends(self) -> np.ndarray:
+        """The times at which contacts begin or end to come or leave, and the start and end of the motion."""
+        jumps = self.presence.jumps(BLEND_DEGREE) if self.presence else ()
+        return np.unique([self.start, *(jump.t for jump in jumps), self.stop])
 
     @cached_property
     def breaks(self) -> tuple[Break, ...]:

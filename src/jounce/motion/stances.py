@@ -14,6 +14,7 @@ from jounce.core.errors import JounceError, as_list, join_names, quote_value
 from jounce.core.scalars import is_finite
 from jounce.motion.curves import Polynomials
 
+BLEND_DEGREE = 9
 MAX_BLEND_SHARE = 0.49  # of a stance, at both of whose ends contacts may be blended
 _STEP = np.array([70.0, -315, 540, -420, 126, 0, 0, 0, 0, 0])  # highest power first; four derivatives vanish at 0 and 1
 
@@ -51,10 +52,7 @@ def _join_stances(ends: np.ndarray, there: np.ndarray, blend: float) -> Polynomi
     for i, (first, last) in enumerate(pairwise(ends)):
         before, here, after = stances[i : i + 3]
         comes, leaves = (here & ~other & other.any() for other in (before, after))
-        c += (
-            [one * here - (one - rise) * comes] * (blend > 0)
-            + [one * here]
-            + [one * here - rise * leaves] * (blend > 0)
-        )
-        x += [*[first + blend, last - blend] * (blend > 0), last]
+        pieces = [one * here - (one - rise) * comes, one * here, one * here - rise * leaves]
+        c += pieces if blend else pieces[1:2]
+        x += [first + blend, last - blend, last] if blend else [last]
     return Polynomials(np.array(x), np.stack(c, axis=1))

@@ -1288,6 +1288,45 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         """
         return type(self)(with_contacts(self.mechanism, contacts))
 
+    def next_switch(self, *rates: Named, base: Rates | None = None, wrench: Rates | None = None) -> tuple[float, str]:
+        """How soon a limit of the contacts begins or ends to be active, and which: friction, sole, or a normal force.
+
+        The first zero of the series ``sum_k x^(k) t^k / k!`` of what is left of each limit, ``x = -C f``, or of the
+        multiplier of an active one, both from the rates that are given.
+
+        Parameters
+        ----------
+        *rates : (n,)
+            q, qd, q2d, q3d and higher rates of one state; the prediction is of the order of those after q2d.
+        base, wrench : optional
+            As for `contact_wrenches`.
+
+        Returns
+        -------
+        tuple of float and str
+            In what time, s, and the limit; (inf, "") where none is predicted.
+
+        Raises
+        ------
+        JounceError
+            If no contact has limits, they do not balance the state, or rates are missing.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> dog = jounce.load("solo12", base="floating")
+        >>> feet = [f"{leg}_FOOT" for leg in ("FL", "FR", "HL", "HR")]
+        >>> stand = dog.contacts([jounce.Contact(foot, "point", normal=(0, 0, 1), friction=0.5) for foot in feet])
+        >>> still, none, jerk = np.tile([0, 0.8, -1.6], 4), np.zeros(6), np.eye(6)[3]
+        >>> rates, base = (still, *np.zeros((3, 12))), (np.eye(4), none, none, 2 * jerk)
+        >>> when, which = stand.next_switch(*rates, base=base)
+        >>> round(when, 4), which
+        (1.1697, "friction along x of 'FL_FOOT'")
+        """
+        from jounce.engine.contact_switches import predict_switch  # imported here to keep start-up fast
+
+        return predict_switch(self, rates, base, wrench)
+
     def motors_along(
         self,
         motion: "Motion",

@@ -23,7 +23,10 @@ MAX_MOTION_STATES = 100_000_000  # 800 MB per column: more is a typing error
 
 
 def read(entry: Entry, mechanism: Mechanism) -> Motion:
-    """The motion of a file for a mechanism, on its stances; a JointTrajectory may be alone or in a plan."""
+    """The motion of a file for a mechanism; a JointTrajectory may be alone or in a plan.
+
+    ``stance: [[TIME, [FRAME, ...]], ...]`` and ``blend: SECONDS`` are those of `Motion.with_stances`.
+    """
     if next(find_trajectories(entry.value), None) is not None:
         with locate_errors(entry.place):
             motion = match_joints(Motion.from_joint_trajectory(entry.value), mechanism)
@@ -39,7 +42,7 @@ def read(entry: Entry, mechanism: Mechanism) -> Motion:
 def read_terms(entry: Entry) -> MotionDescription:
     """``time: {start, stop, count}``, ``joints: {NAME: {offset, cosines, polynomial}}`` and, where bodies or merged
     links exert wrenches, ``wrenches: {NAME: {mx: {offset, cosines, polynomial}, ..., fz: {...}}}``; where the base
-    moves ``base: {x: {offset, ...}, ..., qz: {...}}``; ``stance: [[TIME, [FRAME, ...]], ...]`` and ``blend: SECONDS``."""
+    moves ``base: {x: {offset, ...}, ..., qz: {...}}``. Contacts that come and leave are no terms: see `read`."""
     motion = entry.keys(("time", "joints"), ("name", "wrenches", "base", "stance", "blend"))
     joints = motion.get("joints").named("joints").members()
     bodies = motion.get("wrenches", {}).named("wrenches").members()
