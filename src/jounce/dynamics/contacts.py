@@ -78,7 +78,7 @@ class Stance:
     def margins(self, Q: Series) -> Series:
         """(..., r, 1): -C f of limits that are not active, multipliers of those that are; one is 0 at a switch."""
         along, y = self._solution(Q)
-        active = self.x.active[..., None]
+        active = np.asarray(self.x.active)[..., None]
         return (active - 1) * (limit_rows(self.m.contacts) @ (along @ y)) - active * y.map(lambda y: y[..., 6:, :])
 
     def _solution(self, Q: Series) -> tuple[Series, Series]:

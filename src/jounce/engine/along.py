@@ -124,11 +124,10 @@ def forces_along(
             found = [ForceBreak(t, 1, jumps[1], (), jumps[2:]) for t, jumps in switches]
             breaks = tuple(sorted((*breaks, *found), key=lambda x: x.t))
     base = None if parts[0].base is None else _join_rates([part.base or () for part in parts])
-    wrenches = None
-    if path.presence and robot.mechanism.contacts and row.balanced:
-        pieces = MotionStates.pieces(robot, path, times, [(row, highest)])
-        wrenches = _join_rates([states.compute(robot, "contact_wrenches") for _, states in pieces])
-    return Along(times, rates, forces, deviations, breaks, base, wrenches)
+    stands = path.presence is not None and robot.mechanism.contacts and row.balanced
+    pieces = MotionStates.pieces(robot, path, times, [(row, highest)]) if stands else ()
+    wrenches = [states.compute(robot, "contact_wrenches") for _, states in pieces]
+    return Along(times, rates, forces, deviations, breaks, base, _join_rates(wrenches) if stands else None)
 
 
 def check_motion(mechanism: Mechanism, motion: object) -> Motion:

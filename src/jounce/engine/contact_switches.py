@@ -67,9 +67,7 @@ def predict_switch(robot: Engine, rates: Sequence[Any], base: Any, wrench: Any) 
     """How soon, after one state, the series of the margins of limits say that the active ones change, and where."""
     m, free = robot.mechanism, DEFAULT_QUANTITY.free_law("recursion", robot.mechanism)
     if not are_limited(m):
-        raise JounceError(
-            f"{m.name!r} has no contacts with limits that begin and end; state friction= or sole= of some"
-        )
+        raise JounceError(f"{m.name!r} has no contacts with limits that begin and end; state friction= or sole=")
     asked, given = check_arguments(m, "contact_wrenches", rates, wrench, base, None, "body", None)
     if not asked.order or given[0].ndim > 1:
         raise JounceError(f"q is {given[0].shape}, with {asked.rates - 1} rates; expected one state, with q3d at least")

@@ -29,8 +29,8 @@ def make_presence(given: Any, blend: Any, start: float, stop: float) -> tuple[tu
         return (), None
     starts = [float(t) for t, _ in stances]
     if starts[0] > start or starts[-1] >= stop or (np.diff(starts) <= 0).any():
-        came, ends = join_names(f"{t:.6g}" for t in starts), f"{start:.6g} s on to before {stop:.6g} s"
-        raise JounceError(f"stances begin at {came} s; expected times that increase, of all the motion, from {ends}")
+        came = f"stances begin at {join_names(f'{t:.6g}' for t in starts)} s"
+        raise JounceError(f"{came}; expected times that increase, from {start:.6g} s on, to before {stop:.6g} s")
     ends = np.array([start, *starts[1:], stop])
     longest = MAX_BLEND_SHARE * float(np.diff(ends).min())
     if not is_finite(blend) or not 0 <= blend <= longest:
