@@ -1,4 +1,4 @@
-"""Times along a motion at which rows of the limits of contacts begin or end to be active.
+"""Times at which rows of the limits of contacts begin or end to be active: along a motion, and predicted from a state.
 
 Problem: all t between two samples at which the set of active rows changes.
 

@@ -222,7 +222,6 @@ def _follow_law(problem: RetimeProblem, x: "BSpline") -> tuple[Motion, TimeLaw]:
         curve=TimeLawCurve(given.curve, law),
         loads={body: TimeLawCurve(curve, law) for body, curve in given.loads.items()},
         base_curve=given.base_curve and TimeLawCurve(given.base_curve, law),
-        presence=given.presence and TimeLawCurve(given.presence, law),
         source=f"{given.source}, retimed",
         samples=None,
         grid=None,

@@ -716,8 +716,8 @@ class Motion(HtmlDisplay):
         Parameters
         ----------
         stances : list of (float, list of str)
-            From when on, s, which contacts are there, by their frames: the first from the start of the motion. None are
-            in flight, where the rows of the base are what is missing, 0 where it falls. [] leaves all stances.
+            From when on, s, which contacts are there, by their frames: the first from the start of the motion. (t, [])
+            is flight, where the rows of the base are what is missing, 0 where it falls. [] leaves all stances.
         blend : float, optional
             How long contacts take to come and to leave, s; others must balance the robot meanwhile.
 
