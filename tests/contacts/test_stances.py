@@ -202,7 +202,11 @@ def test_predictions_want_limits_rates_and_one_state(dog):
         ([(0, [3])], 0, "stances hold 3; expected names of frames of contacts"),
         (LIFTS, 0.2, rf"blend is 0\.2; expected 0 to 0\.1225 s, {MAX_BLEND_SHARE} of the shortest stance"),
         (LIFTS, -1, "blend is -1; expected 0 to"),
-        ([(0, PAWS), (0.5, PAWS[:2])], 0, r"do not balance the moment about the axis \(.*, at t = 0\.5 s"),
+        (
+            [(0, PAWS), (0.5, PAWS[:2])],
+            0,
+            r"at FL_FOOT, FR_FOOT do not balance the moment about the axis \(.*, at t = 0\.5 s",
+        ),
         ([(0, LEFT_UP), (1.2, RIGHT_UP)], 0.1, r"contacts at .* do not balance the moment about .*, at t = 1\.2 s"),
     ],
 )

@@ -129,7 +129,8 @@ def _check_condition(m: Mechanism, G: np.ndarray, batch: tuple[int, ...]) -> Non
     """Raise `UnbalancedError` where contacts hardly balance one direction, as three points on a line do."""
     lost, directions = find_unbalanced(np.where(G.any(axis=(1, 2), keepdims=True), G, np.nan))  # in flight nothing is
     if lost.size:
-        frames, what = join_names(contact.frame for contact in m.contacts), describe_direction(directions[0])
+        columns, what = [x.frame for x in m.contacts for _ in x.held], describe_direction(directions[0])
+        frames = join_names(dict.fromkeys(x for x, g in zip(columns, G[lost[0]].T, strict=True) if g.any()))
         raise UnbalancedError(f"{m.name!r}: contacts at {frames} do not balance {what}", int(lost[0]), batch)
 
 
