@@ -111,6 +111,15 @@ def test_blends_leave_torques_and_two_rates_continuous(dog, lifting, friction):
         assert relative_error(rate, exact[k + 1]) < 1e-7
 
 
+def test_a_blended_contact_has_its_weights_over_its_presence(dog, lifting):
+    motion, t = lifting.with_stances(LIFTS, 0.1), 0.46
+    u = 0.4  # of the blend is left
+    p = 126 * u**5 - 420 * u**6 + 540 * u**7 - 315 * u**8 + 70 * u**9
+    weighted = [jounce.Contact(paw, "point", weights=[1 / p if paw == PAWS[0] else 1] * 6) for paw in PAWS]
+    f = dog.contacts(weighted).contact_wrenches(*motion(t, 2), base=motion.base(t, 2))
+    assert relative_error(on_points(dog).forces_along(motion, [t], order=0).wrenches[0][0], f) < 1e-12
+
+
 def test_stances_stay_with_a_motion_at_another_pace(dog, lifting):
     stand = on_points(dog)
     slow = lifting.with_stances(LIFTS, 0.1).scaled(2).shifted(1)
