@@ -311,6 +311,7 @@ CASES: dict[str, Case] = {
     "contacts": (WALKER.contacts, {"contacts": [FOOT]}),
     "zmp": along(WALKER.zmp, base=(np.eye(4), *np.zeros((5, 6))), height=0.1),
     "dcm": along(WALKER.dcm, base=(np.eye(4), *np.zeros((4, 6))), height=0.1),
+    "project": (WALKER.contacts([FOOT]).project, {"motion": SAMPLED, "base": np.eye(4)}),
     "next_switch": (
         lambda rates, base, wrench: GRIPPING.next_switch(rates, *np.zeros((3, 2)), base=base, wrench=wrench),
         {"rates": (0.1, 0.2), "base": (np.eye(4), *np.zeros((3, 6))), "wrench": None},

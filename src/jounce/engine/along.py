@@ -138,7 +138,8 @@ def check_motion(mechanism: Mechanism, motion: object) -> Motion:
         if mechanism.floats and motion.base_curve is None:
             raise JounceError(
                 f"{mechanism.name!r} floats, and the motion has no base; columns base.x, ..., base.qz of a table state"
-                " one, and motion.with_base(t, C) gives it poses C (N, 4, 4), or one pose with t=None"
+                " one, motion.with_base(t, C) gives it poses C (N, 4, 4), or one pose with t=None, and"
+                " robot.contacts([...]).project(motion) that of feet that stay"
             )
         path = match_joints(motion, mechanism)
     if mechanism.contacts:
