@@ -10,7 +10,7 @@ import jounce
 from contacts.test_contact_ratios import cart, sliding
 from jounce._report.view import scene, viewer
 from jounce._report.view.track import record_track
-from jounce.engine.balance_points import FORCE_ENDS, SOLE_EDGE, contact_lines
+from jounce.engine.balance_points import FORCE_ENDS, SOLE_EDGE, contact_lines_along
 from support.pages import decoded, parsed
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -32,7 +32,7 @@ def report(stand, motion):
 
 
 def lines_at(stand, motion, t):
-    return contact_lines(stand, motion(t, 2), motion.base(t, 2))[:, 0]
+    return contact_lines_along(stand, motion, t)[:, 0]
 
 
 def test_the_data_of_the_page_are_lines_at_the_times_of_the_cursor(report, stand, motion):

@@ -12,7 +12,7 @@ import jounce
 from contacts.conftest import FEET, PAWS, squat
 from contacts.test_contact_limits import limited, problem
 from jounce.cli import main
-from jounce.engine.balance_points import FORCE_ENDS, SOLE_EDGE, contact_lines
+from jounce.engine.balance_points import FORCE_ENDS, SOLE_EDGE, contact_lines_along
 from jounce.limits import contact_ratios
 from jounce.limits.check import find_limited_breaks
 from jounce.limits.contact_ratios import _find_ratios
@@ -273,8 +273,8 @@ def test_commands_take_contacts_of_files(tmp_path):
 def test_lines_of_contacts_are_soles_and_forces():
     robot, motion = cart(friction=3.0), sliding(0.05)
     t = np.array([0.1, 0.3])
-    rates, base = motion(t, 2), motion.base(t, 2)
-    lines = contact_lines(robot, rates, base)[:, 0]
+    rates = motion(t, 2)
+    lines = contact_lines_along(robot, motion, t)[:, 0]
     np.testing.assert_allclose(lines[:, SOLE_EDGE][:, :4].mean(axis=1), 0, atol=1e-12)
     np.testing.assert_allclose(np.abs(lines[:, SOLE_EDGE]), np.broadcast_to([X, Y, 0], (2, 5, 3)))
     start, stop = lines[:, FORCE_ENDS].swapaxes(0, 1)
@@ -282,4 +282,4 @@ def test_lines_of_contacts_are_soles_and_forces():
     p = (G * rates[0][:, 0] - HEIGHT * rates[2][:, 0]) / (3 * G)
     np.testing.assert_allclose(start, np.stack([p, 0 * t, 0 * t], axis=1), atol=1e-12)
     assert np.isnan(lines[:, [5, 8]]).all()
-    assert contact_lines(robot.contacts([]), rates, base).shape == (2, 0, 9, 3)
+    assert contact_lines_along(robot.contacts([]), motion, t).shape == (2, 0, 9, 3)

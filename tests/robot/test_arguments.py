@@ -40,6 +40,7 @@ CHAIN = {key: value for key, value in TREE.items() if key != "parent"}
 TREE |= {"base": np.eye(6), "base_name": "trunk"}
 WALKER = jounce.Robot.from_screws(B, X, M, base=np.eye(6), base_name="trunk")
 FOOT = jounce.Contact("body2", "plane", place=(0.5, 0, 0))
+GRIPPING = WALKER.contacts([jounce.Contact("body2", "plane", place=(0.5, 0, 0), friction=0.5)])
 SAMPLES = np.linspace(0, 1, 20)
 SAMPLED = jounce.load_motion({"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, ROBOT, 0, degree=7)
 LOGGED = replace(SAMPLED, torques=(SAMPLES, ROBOT.forces_along(SAMPLED, order=0).forces[0]))
@@ -312,6 +313,12 @@ CASES: dict[str, Case] = {
     "contacts": (WALKER.contacts, {"contacts": [FOOT]}),
     "zmp": along(WALKER.zmp, base=(np.eye(4), *np.zeros((5, 6))), height=0.1),
     "dcm": along(WALKER.dcm, base=(np.eye(4), *np.zeros((4, 6))), height=0.1),
+    "project": (WALKER.contacts([FOOT]).project, {"motion": SAMPLED, "base": np.eye(4)}),
+    "next_switch": (
+        lambda rates, base, wrench: GRIPPING.next_switch(rates, *np.zeros((3, 2)), base=base, wrench=wrench),
+        {"rates": (0.1, 0.2), "base": (np.eye(4), *np.zeros((3, 6))), "wrench": None},
+    ),
+    "Motion.with_stances": (SAMPLED.with_stances, {"stances": [(0, ["foot"]), (0.5, [])], "blend": 0.1}),
     "center_of_pressure": along(WALKER.contacts([FOOT]).center_of_pressure, base=(np.eye(4), *np.zeros((5, 6)))),
     "contact_wrenches": along(WALKER.contacts([FOOT]).contact_wrenches, base=(np.eye(4), *np.zeros((5, 6)))),
     "Contact": (

@@ -15,7 +15,7 @@ from jounce._report.curves import joint_style
 from jounce._report.meshes import Mesh
 from jounce._report.report_data import ReportData
 from jounce._report.single_screws import to_single_screws
-from jounce.engine.balance_points import FORCE_ENDS, contact_lines
+from jounce.engine.balance_points import FORCE_ENDS, contact_lines_along
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.figures.drawing import joint_points, skeleton
@@ -50,9 +50,7 @@ def drawing(s: ReportData) -> dict[str, Any]:
     ground = np.eye(4)[None] if base is None or m.floats else base
     moved = [(part, ground if part.body == GROUND_BODY else poses[:, part.body]) for part in parts]
     swept = [(extreme_points(part.vertices) @ C[:, :3, :3].mT + C[:, None, :3, 3]).reshape(-1, 3) for part, C in moved]
-    rates, moved_base = (tuple(x[s.frames] for x in (of or ())[:3]) for of in (s.along.rates, s.along.base))
-    contacts = contact_lines(s.robot, rates, moved_base, s.motion.wrench(s.t[s.frames], 0))
-    longest = FORCE_LENGTH * size
+    contacts, longest = contact_lines_along(s.robot, s.motion, s.t[s.frames]), FORCE_LENGTH * size
     swept += [np.nan_to_num(ends) - (0, 0, longest) for ends in contacts[..., FORCE_ENDS.start, :].swapaxes(0, 1)]
     lowest, highest = (f([f(points, axis=0) for points in swept] + [np.zeros(3)], axis=0) for f in (np.min, np.max))
     return {

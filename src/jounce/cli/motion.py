@@ -64,7 +64,7 @@ def motion(
         "robot": arm.name, "motion": str(motion.path), "source": path.source,
         "residual": None if path.residual is None else float(path.residual.max()),
         "notes": list(path.notes),
-        "breaks": [found._asdict() for found in path.breaks_to(order)],
+        "breaks": [found._asdict() for found in path.breaks_to(order) if found.symbol != "contact"],
         "hidden_vibrations": find_hidden_vibrations(arm, path, order, "q"),
         "largest": find_largest(values), "certain": find_largest(values, certain=True), "units": units,
         "output": str(output), "save_read": None if save_read is None else str(save_read),

@@ -72,6 +72,17 @@ class Stance:
 
     def components(self, Q: Series) -> Series:
         """f, (..., k, 1), where the motion without contacts takes forces Q, (..., nv)."""
+        along, y = self._solution(Q)
+        return along @ y
+
+    def margins(self, Q: Series) -> Series:
+        """(..., r, 1): -C f of limits that are not active, multipliers of those that are; one is 0 at a switch."""
+        along, y = self._solution(Q)
+        active = np.asarray(self.x.active)[..., None]
+        return (active - 1) * (limit_rows(self.m.contacts) @ (along @ y)) - active * y.map(lambda y: y[..., 6:, :])
+
+    def _solution(self, Q: Series) -> tuple[Series, Series]:
+        """W^-1 E^T and y of f = W^-1 E^T y, with the rows of G and of the active limits in E."""
         unknown, given, missing = self.G.mT, Q.map(lambda Q: Q[..., :6, None]), 0
         weights = concatenate([contact.weights[contact.held] for contact in self.m.contacts], axis=-1)
         if (active := self.x.active) is not None:
@@ -81,7 +92,12 @@ class Stance:
             left = concatenate([np.zeros(6), 1 - active], axis=-1)
             missing = left[..., None] * np.eye(6 + len(C))  # y = 0 of rows that are not active
         along = reciprocal(weights)[:, None] * unknown
-        return along @ solve_series(unknown.mT @ along + missing, given)
+        if (presence := self.x.presence) is not None:
+            sizes = [len(contact.held) for contact in self.m.contacts]
+            along = presence.map(lambda p: np.repeat(p, sizes, axis=-1)[..., None]) * along
+            flies = (presence[0].max(axis=-1) <= 0)[..., None, None]
+            missing = missing + flies * np.eye(unknown[0].shape[-1])  # any y: f is 0
+        return along, solve_series(unknown.mT @ along + missing, given)
 
     def exerted(self, f: Series) -> Series:
         """W, (..., 6nb, 1): what the bodies exert on the ground."""

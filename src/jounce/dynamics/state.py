@@ -98,6 +98,7 @@ class State:
     frame: str = "body"  # of twists: "body", "world" or "spatial"
     stiffness: Series | None = None  # of joints with two motors, (..., k, 1)
     active: Array | None = None  # of contacts, (..., r): 1 where a row of their limits holds with equality, else 0
+    presence: Series | None = None  # of contacts, (..., contacts): multiplies the inverses of their weights
     position: Array | None = None  # of a closed robot, all coordinates (..., N, 1) of its tree, with loops closed
 
     @property

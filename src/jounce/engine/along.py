@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -68,6 +68,8 @@ class Along:
         Times at which Q or one of its rates jumps or does not exist, with order, jump and causes.
     base : tuple of arrays, or None
         C (N, 4, 4), V, Vd, ... (N, 6) of the motion at these times; None if it has no base.
+    wrenches : tuple of (N, contacts, 6), or None
+        Of motions with stances, what `Robot.contact_wrenches` is, with rates; 0 of contacts that are not there.
 
     Examples
     --------
@@ -85,6 +87,7 @@ class Along:
     deviations: Rates | None = None
     breaks: tuple[ForceBreak, ...] = ()
     base: Rates | None = None
+    wrenches: Rates | None = None
 
 
 def forces_along(
@@ -115,7 +118,10 @@ def forces_along(
     deviations = None if parts[0].deviations is None else _join_rates([part.deviations or () for part in parts])
     breaks = find_force_breaks(robot, path, times, highest, method, row)
     base = None if parts[0].base is None else _join_rates([part.base or () for part in parts])
-    return Along(times, rates, forces, deviations, breaks, base)
+    stands = path.presence is not None and robot.mechanism.contacts and row.balanced
+    pieces = MotionStates.pieces(robot, path, times, [(row, highest)]) if stands else ()
+    wrenches = [states.compute(robot, "contact_wrenches") for _, states in pieces]
+    return Along(times, rates, forces, deviations, breaks, base, _join_rates(wrenches) if stands else None)
 
 
 def check_motion(mechanism: Mechanism, motion: object) -> Motion:
@@ -126,11 +132,16 @@ def check_motion(mechanism: Mechanism, motion: object) -> Motion:
         if mechanism.floats and motion.base_curve is None:
             raise JounceError(
                 f"{mechanism.name!r} floats, and the motion has no base; columns base.x, ..., base.qz of a table state"
-                " one, and motion.with_base(t, C) gives it poses C (N, 4, 4), or one pose with t=None"
+                " one, motion.with_base(t, C) gives it poses C (N, 4, 4), or one pose with t=None, and"
+                " robot.contacts([...]).project(motion) that of feet that stay"
             )
         path = match_joints(motion, mechanism)
     if mechanism.contacts:
         refuse_sliding(mechanism, path)
+    elif mechanism.floats and path.presence:
+        raise JounceError(
+            f"the motion has stances, and {mechanism.name!r} no contacts; state them: robot.contacts([...])"
+        )
     return path
 
 
@@ -181,7 +192,7 @@ def find_force_breaks(
         for t, causes in groupby(motion.breaks_to(order + row.rates - 1), key=lambda found: found.t)
         if times.min() <= t <= times.max()
     ]
-    taken = {"q": row.rates, "base": row.rates, "W": row.wrench_rates}  # how many rates the quantity itself takes
+    taken = {"q": row.rates, "base": row.rates, "W": row.wrench_rates, "contact": 1}  # rates that it takes itself
     lowest = [min(cause.order - taken[cause.symbol] + 1 for cause in causes) for _, causes in known]
     t = np.array([t for t, _ in known])
     jumps = np.zeros((order + 1, len(t), entry_count(robot, row)))
@@ -198,7 +209,9 @@ def find_force_breaks(
         for i, (k, (time, causes)) in enumerate(zip(lowest, known, strict=True))
     ]
     if order and row.balanced and are_limited(robot.mechanism):
-        found += [ForceBreak(t, 1, of[1], (), of[2:]) for t, of in find_switches(robot, motion, times, row, order)]
+        for start, stop in pairwise(np.unique(motion.stance_ends.clip(times.min(), times.max()))):
+            part = np.unique([start, *times[(start < times) & (times < stop)], np.nextafter(stop, start)])
+            found += [ForceBreak(t, 1, of[1], (), of[2:]) for t, of in find_switches(robot, motion, part, row, order)]
     return tuple(sorted(found, key=lambda x: x.t))
 
 

@@ -38,6 +38,7 @@ class Call(NamedTuple):
     out: Any
     threads: int
     form: Form | None  # of a plain call: on NumPy's own arrays, on one thread
+    presence: Sequence[Array] = ()  # of contacts that come and leave, (N, contacts) with rates
 
 
 class Backend(NamedTuple):

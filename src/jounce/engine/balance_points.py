@@ -11,9 +11,12 @@ import numpy as np
 
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import concatenate, is_finite, is_numeric
+from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import as_tuple, write_results
+from jounce.engine.motion_states import MotionStates
+from jounce.motion.motion import Motion
 from jounce.spatial.lie import rotation
 from jounce.spatial.linear import solve_series
 from jounce.spatial.series import Series
@@ -38,7 +41,10 @@ def zmp(robot: Engine, rates: Sequence[Any], base: Any, wrench: Any, height: Any
 
 def center_of_pressure(robot: Engine, rates: Sequence[Any], base: Any, wrench: Any) -> Any:
     """(-my, mx) / fz of each contact, in its axes; NaN where it carries nothing."""
-    F = as_tuple(compute(robot, "contact_wrenches", rates, base=base, wrench=wrench))
+    return _pressures(as_tuple(compute(robot, "contact_wrenches", rates, base=base, wrench=wrench)))
+
+
+def _pressures(F: tuple[Any, ...]) -> Any:
     if is_numeric(F[0]):
         size = np.abs(F[0]).max(axis=(-1, -2), keepdims=True)
         F = tuple(np.where(F[0][..., 5:] > MIN_PRESSURE * size, x, np.nan) for x in F)
@@ -55,14 +61,14 @@ def dcm(robot: Engine, rates: Sequence[Any], base: Any, height: Any) -> Any:
     return write_results(tuple(x + time * xd for x, xd in pairwise(c)), None)
 
 
-def contact_lines(robot: Engine, rates: Sequence[Any], base: Any, wrench: Any = None) -> np.ndarray:
+def contact_lines(robot: Engine, states: MotionStates) -> np.ndarray:
     """Points (..., contacts, 9, 3): edge of the sole, NaN, force at its centre of pressure, 1 m for 1 N, and NaN."""
     m = robot.mechanism
-    lines = np.zeros((*rates[0].shape[:-1], len(m.contacts), 9, 3))
+    lines = np.zeros((*states.rates[0].shape[:-1], len(m.contacts), 9, 3))
     if not m.contacts:
         return lines
-    f = compute(robot, "contact_wrenches", rates, base=base, wrench=wrench)[..., 3:]
-    p, poses = center_of_pressure(robot, rates, base, wrench), compute(robot, "poses", rates[:1], base=base[:1])
+    F, base = states.compute(robot, "contact_wrenches"), states.base and states.base[:1]
+    f, p, poses = F[0][..., 3:], _pressures(F[:1]), compute(robot, "poses", states.rates[:1], base=base)
     for k, contact in enumerate(m.contacts):
         own, link = lines[..., k, :, :], m.frame(contact.frame)
         own[..., SOLE_EDGE, :2] = _SQUARE * (0 if contact.sole is None else contact.sole)
@@ -73,6 +79,13 @@ def contact_lines(robot: Engine, rates: Sequence[Any], base: Any, wrench: Any = 
         own[...] = own @ R.mT + H[..., None, :3, 3]
         own[..., [5, 8], :] = np.nan
     return lines
+
+
+def contact_lines_along(robot: Engine, motion: Motion, t: np.ndarray) -> np.ndarray:
+    """The same at times (N,) of a motion, whose contacts may come and leave."""
+    if not robot.mechanism.contacts:
+        return np.zeros((len(t), 0, 9, 3))
+    return contact_lines(robot, MotionStates.sample(robot, motion, t, [(QUANTITIES["contact_wrenches"], 0)]))
 
 
 def _divide(numerators: Sequence[Any], divisors: Sequence[Any]) -> Any:

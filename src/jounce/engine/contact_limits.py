@@ -25,6 +25,7 @@ from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.core.scalars import Array, broadcast, is_numeric
 from jounce.dynamics.computation import Port
 from jounce.dynamics.contacts import limit_rows
+from jounce.dynamics.state import Law
 from jounce.engine.backends import Call, default_method
 from jounce.engine.generic_methods import as_tuple, evaluate, working_scalars, write_results
 from jounce.model.mechanism import Mechanism
@@ -36,12 +37,12 @@ MIN_DUAL_RESIDUAL = 1e-6  # of the dual problem, the weight over that of f: smal
 
 def is_always_balanced(m: Mechanism) -> bool:
     """Whether the contacts balance the base, whatever the wrench on it and the position: one plane does."""
-    return any(contact.kind == "plane" and not len(contact.limits) for contact in m.contacts)
+    return any(contact.kind == "plane" and not contact.named_limits for contact in m.contacts)
 
 
 def are_limited(m: Mechanism) -> bool:
     """Whether friction, soles or ground that only pushes limit the wrenches of contacts."""
-    return any(len(contact.limits) for contact in m.contacts)
+    return any(contact.named_limits for contact in m.contacts)
 
 
 class Balance(NamedTuple):
@@ -50,6 +51,7 @@ class Balance(NamedTuple):
     batch: tuple[int, ...]
     arrays: list[Array]
     G: np.ndarray  # (N, 6, k)
+    scales: np.ndarray  # (N, k): W^-1/2
     least: np.ndarray  # (N, k), where no row is active
     active: np.ndarray  # (N, r): 1, or 0
 
@@ -76,7 +78,9 @@ def compute_on_contacts(call: Call, run: Callable[[Call], Any]) -> Any:
                 " leave friction= and sole= of the contacts out"
             )
         return run(call)
-    batch, arrays, _, _, active = find_balance(call, run)
+    batch, arrays, _, _, _, active = find_balance(call, run)
+    if call.presence:
+        return solve_active(call, arrays, active)
     beyond = np.flatnonzero(active.any(axis=1))
     if not beyond.size:
         return run(call)
@@ -94,48 +98,48 @@ def find_balance(call: Call, run: Callable[[Call], Any]) -> Balance:
     batch = arrays[0].shape[:-1]
     given = {port.name: x.reshape((-1, *port.shape)) for port, x in zip(ports, arrays, strict=True)}
     G, C = balance_maps(m, given["q"], given["base_pose"]), limit_rows(m.contacts)
-    _check_condition(m, G, batch)
+    weights, sizes = np.concatenate([x.weights[x.held] for x in m.contacts]), [len(x.held) for x in m.contacts]
+    presence = np.repeat(call.presence[0].clip(0), sizes, axis=1) if call.presence else np.ones_like(G[:, 0])
+    check_condition(m, G * np.sqrt(presence)[:, None], batch)
+    scales = np.sqrt(presence / weights)
     f, active = np.zeros((len(G), G.shape[-1])), np.zeros((len(G), len(C)))
     if len(C):
         first = replace(asked, name="contact_wrenches", order=0)
         taken = [given[port.name] for port in first.signature(m).inputs]
-        f = run(call._replace(computation=first, arrays=taken, out=None, form=None)).reshape((len(G), -1))
+        least = call._replace(computation=first, arrays=taken, out=None, form=None)
+        f = (solve_active(least, taken, active)[0] if call.presence else run(least)).reshape((len(G), -1))
         f = f[:, [6 * k + i for k, contact in enumerate(m.contacts) for i in contact.held]]
         beyond = (f @ C.T).max(axis=1) > LIMIT_ROUNDING * np.abs(f).max(axis=1)
         for i in beyond.nonzero()[0]:
             try:
-                active[i] = _active_rows(m, G[i], f[i], C)
+                active[i] = _active_rows(m, G[i] * scales[i], f[i], C, scales[i])
             except UnbalancedError as error:
                 raise UnbalancedError(error.reason, int(i), batch) from None
-    return Balance(batch, list(given.values()), G, f, active)
+    return Balance(batch, list(given.values()), G, scales, f, active)
 
 
-def solve_components(m: Mechanism, G: np.ndarray, F: np.ndarray, active: np.ndarray) -> np.ndarray:
-    """The least components f (k,) with G f = F where rows are active."""
-    roots = _weight_roots(m)
-    rows = np.concatenate([G, limit_rows(m.contacts)[active > 0]]) / roots
-    return np.linalg.lstsq(rows, np.pad(F, (0, len(rows) - 6)))[0] / roots
+def solve_components(m: Mechanism, at: Balance, i: int, active: np.ndarray) -> np.ndarray:
+    """The least components f (k,) that balance state i where rows are active."""
+    rows = np.concatenate([at.G[i], limit_rows(m.contacts)[active > 0]]) * at.scales[i]
+    F = at.G[i] @ at.least[i]
+    return np.asarray(np.linalg.lstsq(rows, np.pad(F, (0, len(rows) - 6)))[0] * at.scales[i])
 
 
-def _weight_roots(m: Mechanism) -> np.ndarray:
-    return np.sqrt(np.concatenate([contact.weights[contact.held] for contact in m.contacts]))
-
-
-def _check_condition(m: Mechanism, G: np.ndarray, batch: tuple[int, ...]) -> None:
+def check_condition(m: Mechanism, G: np.ndarray, batch: tuple[int, ...]) -> None:
     """Raise `UnbalancedError` where contacts hardly balance one direction, as three points on a line do."""
-    lost, directions = find_unbalanced(G)
+    lost, directions = find_unbalanced(np.where(G.any(axis=(1, 2), keepdims=True), G, np.nan))  # in flight nothing is
     if lost.size:
-        frames, what = join_names(contact.frame for contact in m.contacts), describe_direction(directions[0])
+        columns, what = [x.frame for x in m.contacts for _ in x.held], describe_direction(directions[0])
+        frames = join_names(dict.fromkeys(x for x, g in zip(columns, G[lost[0]].T, strict=True) if g.any()))
         raise UnbalancedError(f"{m.name!r}: contacts at {frames} do not balance {what}", int(lost[0]), batch)
 
 
-def _active_rows(m: Mechanism, G: np.ndarray, f: np.ndarray, C: np.ndarray) -> np.ndarray:
-    """(r,): 1 for the rows that are active in the solution, of the least components f without limits."""
+def _active_rows(m: Mechanism, G: np.ndarray, f: np.ndarray, C: np.ndarray, scales: np.ndarray) -> np.ndarray:
+    """(r,): 1 for the rows that are active in the solution, from G W^-1/2 and the least components f without limits."""
     from scipy.optimize import nnls  # imported here to keep start-up fast
 
-    roots = _weight_roots(m)
-    Z = np.linalg.svd(G / roots)[2][6:].T
-    size, rows = np.linalg.norm(roots * f), C / roots
+    Z, there = np.linalg.svd(G)[2][6:].T, scales > 0
+    size, rows = np.linalg.norm(f[there] / scales[there]), C * scales
     E = np.concatenate([(rows @ Z).T, (C @ f)[None] / size])
     # the sign of Z has no effect on u
     u, residual = nnls(E, np.append(np.zeros(len(E) - 1), 1.0))
@@ -152,14 +156,18 @@ def _infeasible(m: Mechanism, beyond: np.ndarray) -> UnbalancedError:
     )
 
 
-def solve_active(call: Call, arrays: Sequence[Array], active: np.ndarray) -> tuple[Array, ...]:
-    """The results of a call for arrays (N, ...) where rows (N, r) are active, by the recursion."""
+def solve_active(call: Call, arrays: Sequence[Array], active: np.ndarray, of: Law | None = None) -> tuple[Array, ...]:
+    """The results of a call, or of another law, for arrays (N, ...) where rows (N, r) are active, by the recursion."""
     m, asked = call.robot.mechanism, call.computation
     ports = asked.signature(m).inputs
     row, method = asked.quantity, default_method(asked.quantity)
 
     def law(x: Sequence[Array]) -> Series:
-        return row.law(method, m)(m, replace(asked.state(m, x[:-1]), active=x[-1]))
+        given, rows, *rates = x[: len(ports)], *x[len(ports) :]
+        presence = Series.of(rates) if rates else None
+        return (of or row.law(method, m))(m, replace(asked.state(m, given), active=rows, presence=presence))
 
-    of_rows = Port("active", (active.shape[1],), "state")
-    return evaluate(law, [*ports, of_rows], [*arrays, active], asked.count, working_scalars(row, method, m.nb))
+    more = [active, *call.presence[: asked.count]]
+    of_contacts = [Port("of contacts", x.shape[1:], "state") for x in more]
+    width = working_scalars(row, method, m.nb)
+    return evaluate(law, [*ports, *of_contacts], [*arrays, *more], asked.count, width)

@@ -1,4 +1,4 @@
-"""Times along a motion at which rows of the limits of contacts begin or end to be active.
+"""Times at which rows of the limits of contacts begin or end to be active: along a motion, and predicted from a state.
 
 Problem: all t between two samples at which the set of active rows changes.
 
@@ -8,19 +8,24 @@ sets at this time. Invariant: at the left end its set gives the solution; sets d
 and give the same. Failure: a set that is there between two samples only is not seen.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from math import factorial
+from typing import Any
 
 import numpy as np
 
-from jounce.dynamics.quantities import QUANTITIES, Quantity
+from jounce.core.errors import JounceError, quote_value
+from jounce.dynamics.contacts import Stance
+from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES, Quantity
 from jounce.engine.backends import Call
-from jounce.engine.contact_limits import Balance, find_balance, solve_active, solve_components
+from jounce.engine.contact_limits import Balance, are_limited, find_balance, solve_active, solve_components
 from jounce.engine.dispatch import check_arguments, run_by_backend
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates
 from jounce.motion.motion import Motion
 
 SWITCH_RESOLUTION = 1e-10  # of an interval: times are known no better where forces have ten digits
+ROOT_ROUNDING = 1e-6  # of a root: what rounding makes of the imaginary part of one that touches 0
 SAME_SOLUTION_TOLERANCE = 1e-9  # of the largest component, that of limits
 
 
@@ -35,8 +40,7 @@ def find_switches(
 
     def solves(active: np.ndarray, at: Balance, i: int = 0) -> bool:
         """Whether these rows give the solution in a state."""
-        F = at.G[i] @ at.least[i]
-        f, best = (solve_components(m, at.G[i], F, rows) for rows in (active, at.active[i]))
+        f, best = (solve_components(m, at, i, rows) for rows in (active, at.active[i]))
         return bool(np.abs(f - best).max() <= SAME_SOLUTION_TOLERANCE * np.abs(best).max())
 
     known = balance(times)
@@ -56,6 +60,23 @@ def find_switches(
 
 def _call_at(robot: Engine, motion: Motion, t: np.ndarray, row: Quantity, order: int) -> Call:
     """The call for a quantity at times of a motion."""
-    x = MotionStates.sample(robot, motion, t, [(row, order)])
-    asked, given = check_arguments(robot.mechanism, row.name, x.rates, x.wrench, x.base, None, "body", None)
-    return Call(robot, asked, given, None, None, 1, None)
+    return MotionStates.sample(robot, motion, t, [(row, order)]).call(robot, row.name)
+
+
+def predict_switch(robot: Engine, rates: Sequence[Any], base: Any, wrench: Any) -> tuple[float, str]:
+    """How soon, after one state, the series of the margins of limits say that the active ones change, and where."""
+    m, free = robot.mechanism, DEFAULT_QUANTITY.free_law("recursion", robot.mechanism)
+    if not are_limited(m):
+        raise JounceError(f"{m.name!r} has no contacts with limits that begin and end; state friction= or sole=")
+    asked, given = check_arguments(m, "contact_wrenches", rates, wrench, base, None, "body", None)
+    if not asked.order or given[0].ndim > 1:
+        raise JounceError(f"q is {given[0].shape}, with {asked.rates - 1} rates; expected one state, with q3d at least")
+    call = Call(robot, asked, given, None, None, 1, None)
+    at, soonest = find_balance(call, run_by_backend), (np.inf, "")
+    margins = solve_active(call, at.arrays, at.active, lambda m, x: Stance(m, x).margins(free(m, x)))
+    names = [f"{name} of {quote_value(contact.frame)}" for contact in m.contacts for name, _ in contact.named_limits]
+    for name, row in zip(names, np.array(margins)[:, 0, :, 0].T, strict=True):
+        roots = np.polynomial.Polynomial([x / factorial(k) for k, x in enumerate(row)]).roots()
+        later = roots.real[(np.abs(roots.imag) <= ROOT_ROUNDING * np.abs(roots)) & (roots.real > 0)]
+        soonest = min(soonest, (float(later.min(initial=np.inf)), name))
+    return soonest

@@ -6,11 +6,16 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
-from jounce.dynamics.quantities import Quantity
+from jounce.core.errors import check_choice
+from jounce.dynamics.quantities import QUANTITIES, Quantity
+from jounce.engine.backends import Call
 from jounce.engine.closed_path import continue_positions, with_tree_positions
-from jounce.engine.dispatch import compute
+from jounce.engine.contact_limits import compute_on_contacts
+from jounce.engine.dispatch import check_arguments, compute, run_by_backend
 from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import as_tuple
+from jounce.model.mechanism import Mechanism
+from jounce.motion.curves import ArrangedCurve
 from jounce.motion.motion import Motion
 
 _STATES_PER_PIECE = 1000  # computed together: bounds working memory, and each piece reports progress
@@ -24,13 +29,15 @@ Wrenches = tuple[Mapping[str, np.ndarray], ...]
 class MotionStates:
     """States at N times: q, qd, ... (N, n), W, Wd, ... by body, C, V, ... of a base, and coordinates of the tree.
 
-    `near` are all coordinates (N, tree) of a closed robot, on the branch of the motion; None for trees.
+    `near` are all coordinates (N, tree) of a closed robot, on the branch of the motion; None for trees. `presence` has
+    that of the robot's contacts, (N, contacts) with rates; it is empty for motions without stances.
     """
 
     rates: Rates
     wrench: Wrenches | None
     base: Rates | None
     near: np.ndarray | None
+    presence: Rates = ()
 
     @classmethod
     def sample(
@@ -46,7 +53,8 @@ class MotionStates:
         known = [(order + row.rates - 1, order + row.wrench_rates - 1) for row, order in rows]
         highest, of_wrench = (max((pair[k] for pair in known), default=0) for k in (0, 1))
         W, base = (motion.wrench(t, of_wrench, side), motion.base(t, highest, side)) if known else (None, None)
-        return cls(motion(t, max(rates, highest), side), W, base, continue_positions(robot, motion, t, side))
+        presence = sample_presence(robot.mechanism, motion, t, highest, side)
+        return cls(motion(t, max(rates, highest), side), W, base, continue_positions(robot, motion, t, side), presence)
 
     @classmethod
     def pieces(
@@ -66,10 +74,37 @@ class MotionStates:
     def scaled(self, c: float) -> Self:
         """The states at c times the speed: wrenches over time and the base go with the path."""
         W = self.wrench and tuple({body: w * c**k for body, w in of.items()} for k, of in enumerate(self.wrench))
-        rates, base = (tuple(term * c**k for k, term in enumerate(terms)) for terms in (self.rates, self.base or ()))
-        return replace(self, rates=rates, wrench=W, base=base or None)
+        rates, base, presence = (
+            tuple(term * c**k for k, term in enumerate(terms)) for terms in (self.rates, self.base or (), self.presence)
+        )
+        return replace(self, rates=rates, wrench=W, base=base or None, presence=presence)
 
     def compute(self, robot: Engine, name: str, method: str | None = None) -> tuple[Any, ...]:
         """A quantity with its rates."""
+        row = QUANTITIES[name]
+        if self.presence and (self.presence[0] < 1).any() and (row.balanced or row.standing):
+            return as_tuple(compute_on_contacts(self.call(robot, name), run_by_backend))
         rates = with_tree_positions(self.rates, self.near)
         return as_tuple(compute(robot, name, rates, wrench=self.wrench, base=self.base, method=method))
+
+    def call(self, robot: Engine, name: str) -> Call:
+        """The call for a quantity of a robot on contacts."""
+        asked, given = check_arguments(robot.mechanism, name, self.rates, self.wrench, self.base, None, "body", None)
+        return Call(robot, asked, given, None, None, 1, None, self.presence)
+
+
+def sample_presence(m: Mechanism, motion: Motion, t: np.ndarray, order: int, side: Side = "right") -> Rates:
+    """The presence (N, contacts) of the robot's contacts at times of a motion, with rates; empty without stances."""
+    if motion.presence is None or not m.contacts:
+        return ()
+    frames, named = [contact.frame for contact in m.contacts], motion.stance_frames
+    for frame in named:
+        check_choice("contact of a stance", frame, frames)
+    places = np.array([named.index(frame) if frame in named else -1 for frame in frames])
+    return tuple(ArrangedCurve(motion.presence, places).rates(t, order, side == "left"))
+
+
+def are_present(m: Mechanism, motion: Motion, t: np.ndarray) -> np.ndarray:
+    """Which of the robot's contacts are there at times of a motion, (N, contacts): all, without stances."""
+    presence = sample_presence(m, motion, t, 0)
+    return presence[0] > 0 if presence else np.ones((len(t), len(m.contacts)), dtype=bool)

@@ -9,6 +9,7 @@ from jounce.core.display import HtmlDisplay
 from jounce.core.errors import join_names, quote_value
 from jounce.engine.along import ForceBreak, find_force_breaks
 from jounce.engine.contact_limits import are_limited
+from jounce.engine.contact_motion import find_flights
 from jounce.engine.engine import Engine
 from jounce.limits.commands import take_differences
 from jounce.limits.contact_ratios import judge_contacts
@@ -271,6 +272,11 @@ def describe_omissions(b: LimitedMotion, breaks: tuple[ForceBreak, ...]) -> tupl
         rigid, broken = "the joints are rigid; see robot.elastic(stiffness)", "limits of contacts are broken"
         reason = rigid if all(LIMIT_KINDS[kind].takes for kind in b.limits.kinds if kind not in b.kinds) else broken
         notes.append(f"limits of {join_names(idle)} are not checked: {reason}")
+    for start, stop in find_flights(b.robot.mechanism, b.motion):
+        notes.append(
+            f"no contact is there from t = {start:.6g} to {stop:.6g} s: whether the base falls freely then, as it must,"
+            " is not judged; forces_along has what is missing as the first six rows of Q"
+        )
     for joint in following_efforts(b.robot.mechanism):
         notes.append(f"effort limits of {quote_value(joint)} are not checked: it follows another, or shares motors")
     return tuple(notes)

@@ -21,12 +21,15 @@ from jounce.arguments.contacts import balance_maps
 from jounce.core.errors import JounceError
 from jounce.dynamics.contacts import limit_rows
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
+from jounce.engine.contact_limits import UnbalancedError, check_condition
 from jounce.engine.engine import with_mechanism
-from jounce.engine.motion_states import MotionStates
+from jounce.engine.motion_states import MotionStates, are_present
 from jounce.limits.limited_motion import LimitedMotion
 from jounce.limits.ratios import LIMIT_TOLERANCE
 from jounce.limits.root_finding import find_maxima, find_roots
 from jounce.limits.worst_values import find_runs
+from jounce.model.mechanism import Mechanism
+from jounce.motion.motion import Motion
 from jounce.motion.reliability import find_window
 
 _EVEN_TIMES = 201  # in addition to those of the motion
@@ -76,6 +79,13 @@ def _ratios(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.where(a > _TOLERANCE * np.abs(b).max(axis=1, keepdims=True), a / b, 0.0)
 
 
+def _present(m: Mechanism, motion: Motion, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which components (N, k) and limits (N, r) are those of contacts that are there at times of a motion."""
+    there = are_present(m, motion, t)
+    components, limits = [len(x.held) for x in m.contacts], [len(x.limits) for x in m.contacts]
+    return np.repeat(there, components, axis=1), np.repeat(there, limits, axis=1)
+
+
 def _find_ratios(b: LimitedMotion, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """rho (N,), and a f and b fz (N, r) of the wrenches that take it, at times (N,)."""
     from scipy.optimize import linprog  # imported here to keep start-up fast
@@ -89,16 +99,23 @@ def _find_ratios(b: LimitedMotion, t: np.ndarray) -> tuple[np.ndarray, np.ndarra
     for part in (slice(i, i + _TIMES_PER_PROGRAM) for i in range(0, len(t), _TIMES_PER_PROGRAM)):
         x = MotionStates.sample(free, b.motion, t[part], [(DEFAULT_QUANTITY, 0)])
         assert x.base is not None  # `check_motion` refuses others
-        G, F = balance_maps(m, x.rates[0], x.base[0]), x.compute(free, DEFAULT_QUANTITY.name)[0][:, :6]
+        there, limited = _present(m, b.motion, t[part])
+        G, F = balance_maps(m, x.rates[0], x.base[0]) * there[:, None], x.compute(free, DEFAULT_QUANTITY.name)[0][:, :6]
         size, rho, d = np.abs(F).max(axis=1, keepdims=True), ratios[part], np.tile(B.sum(axis=1), (len(F), 1))
-        cost, bounds = np.append(np.zeros(count), -1.0), [*[(None, None)] * count, (None, _MAX_RATIO)]
-        left = np.arange(len(F))
+        try:
+            check_condition(m, G, t[part].shape)
+        except UnbalancedError as error:
+            raise JounceError(f"{error.reason}, at t = {t[part][error.state]:.9g} s") from None
+        cost, free_or_zero = np.append(np.zeros(count), -1.0), np.where(there[..., None], (-np.inf, np.inf), 0.0)
+        bounds = np.concatenate([free_or_zero, np.tile((-np.inf, _MAX_RATIO), (len(F), 1, 1))], axis=1)
+        left, rho[~there.any(axis=1)] = np.flatnonzero(there.any(axis=1)), 0.0
         while left.size:
-            rows = np.concatenate([A - rho[left, None, None] * B, d[left, :, None].clip(_MIN_BOUND)], axis=2)
+            room_for = d[left].clip(_MIN_BOUND) * limited[left]
+            rows = np.concatenate([A - rho[left, None, None] * B, room_for[..., None]], axis=2)
             equal = block_diag([*np.pad(G[left], ((0, 0), (0, 0), (0, 1)))], format="csc")
             found: Any = linprog(
                 np.tile(cost, len(left)), block_diag([*rows], format="csc"), np.zeros(d[left].size), equal,
-                (F / size)[left].ravel(), bounds * len(left), options=exact,
+                (F / size)[left].ravel(), bounds[left].reshape(-1, 2), options=exact,
             )  # fmt: skip
             if found.status:
                 raise JounceError(f"limits of the contacts of {m.name!r} are not decided: {found.message}")

@@ -17,6 +17,7 @@ from jounce.model.positions import Position
 from jounce.motion import base as bases
 from jounce.motion.composite_curves import CurveChain, RetimedCurve
 from jounce.motion.curves import COMPONENTS, DEFAULT_ORDER, ArrangedCurve, Curve, Jump, Polynomials
+from jounce.motion.stances import BLEND_DEGREE, make_presence
 from jounce.spatial.series import rate_name
 
 DEFAULT_TIME_STEP = 1e-3  # s, for motions without times of their own: the usual cycle of controllers
@@ -30,7 +31,8 @@ class Break(NamedTuple):
     """Where a derivative of a coordinate jumps: when, of which joint, its order (0 is q, 3 is q3d), by how much.
 
     Where a wrench jumps, `symbol` is "W", the order is that of its derivative, and the joint is its component, as in
-    "link7.fz". Where the motion of the base jumps, `symbol` is "base", and the joint is its entry, as in "base.z".
+    "link7.fz". Where the motion of the base jumps, `symbol` is "base", and the joint is its entry, as in "base.z". Of a
+    contact that comes or leaves, `symbol` is "contact", the joint is its frame, and the jump 1 or -1.
     """
 
     t: float
@@ -76,6 +78,10 @@ class Motion(HtmlDisplay):
     several : tuple of Position
         Where the numbers of balls, planar and free joints stand among the columns. Rates that a call returns have the
         twists of these joints, and fewer columns than q.
+    stance_frames : tuple of str
+        The frames of the contacts that its stances name: see `with_stances`.
+    presence : Curve, or None
+        One column per such frame: 1 while its contacts are there, 0 while they are not.
 
     Examples
     --------
@@ -98,6 +104,8 @@ class Motion(HtmlDisplay):
     base_curve: Curve | None = None
     branch: Mapping[str, float] = field(default_factory=dict)
     several: tuple[Position, ...] = ()
+    stance_frames: tuple[str, ...] = ()
+    presence: Curve | None = None
 
     @staticmethod
     def through(t: ArrayLike, q: ArrayLike, degree: int = 7, *, joint_names: Sequence[str] | None = None) -> "Motion":
@@ -478,6 +486,12 @@ class Motion(HtmlDisplay):
         return self._grid(DEFAULT_TIME_STEP) if self.grid is None else self.grid
 
     @cached_property
+    def stance_ends(self) -> np.ndarray:
+        """The times at which contacts begin or end to come or leave, and the start and end of the motion."""
+        jumps = self.presence.jumps(BLEND_DEGREE) if self.presence else ()
+        return np.unique([self.start, *(jump.t for jump in jumps), self.stop])
+
+    @cached_property
     def breaks(self) -> tuple[Break, ...]:
         """Where a derivative up to q4d or W2d jumps, in the order of time; of each joint the lowest one that does."""
         return self.breaks_to(DEFAULT_ORDER)
@@ -514,6 +528,8 @@ class Motion(HtmlDisplay):
             for jump in _find_jumps(curve, order - 2):
                 name = f"{body}.{COMPONENTS[jump.column]}"
                 found.append(Break(jump.t, name, jump.order, jump.size, "W"))
+        for jump in _find_jumps(self.presence, order - 2) if self.presence else ():
+            found.append(Break(jump.t, self.stance_frames[jump.column], jump.order, jump.size, "contact"))
         for jump in _find_jumps(self.base_curve, order) if self.base_curve else ():
             found.append(Break(jump.t, bases.BASE_COLUMNS[jump.column], jump.order, jump.size, "base"))
         return tuple(sorted(found, key=lambda jump: jump.t))
@@ -690,6 +706,40 @@ class Motion(HtmlDisplay):
         way = select_smoothing(degree, intervals, bandwidth, allow_noise)
         curve, notes = poses.curve_from_poses(t, C, way, self.start, self.stop)
         return replace(self, base_curve=curve, notes=(*self.notes, *notes))
+
+    def with_stances(self, stances: Sequence[tuple[float, Sequence[str]]], blend: float = 0.0) -> "Motion":
+        """The same motion of a robot on contacts that come and leave: `Robot.contacts` states what they transmit.
+
+        Torques jump where contacts change, unless with a `blend` the inverses of their weights grow from 0 after they
+        come, and fall to 0 before they leave, by polynomials of degree 9 with four continuous derivatives.
+
+        Parameters
+        ----------
+        stances : list of (float, list of str)
+            From when on, s, which contacts are there, by their frames: the first from the start of the motion. (t, [])
+            is flight, where the rows of the base are what is missing, 0 where it falls. [] leaves all stances.
+        blend : float, optional
+            How long contacts take to come and to leave, s; others must balance the robot meanwhile.
+
+        Returns
+        -------
+        Motion
+
+        Raises
+        ------
+        JounceError
+            If times do not increase from the start of the motion to before its end, or the blend is too long.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> feet = ["left_ankle_roll_link", "right_ankle_roll_link"]
+        >>> motion = jounce.Motion.polynomial([[0, 1]], 2.0).with_stances([(0, feet), (1.5, feet[:1])])
+        >>> [(found.t, found.joint, found.jump) for found in motion.breaks]
+        [(1.5, 'right_ankle_roll_link', -1.0)]
+        """
+        frames, presence = make_presence(stances, blend, self.start, self.stop)
+        return replace(self, stance_frames=frames, presence=presence)
 
     def wrench_deviations(self, t: ArrayLike, order: int = 2) -> tuple[dict[str, np.ndarray], ...]:
         """Standard deviations of the wrenches and their rates, of those that are smoothed.
@@ -946,6 +996,8 @@ class Motion(HtmlDisplay):
             return NotImplemented
         if self.joint_names != other.joint_names or self.curve.columns != other.curve.columns:
             raise JounceError(f"motions of other joints: {self._names()} and {other._names()}; expected the same")
+        if self.presence or other.presence:
+            raise JounceError("motions with stances are not joined; join them first, then state stances of the whole")
         later = other.shifted(self.stop - other.start)
         [end], [begin] = self(self.stop, 0, "left"), later(later.start, 0)
         factors = np.ones(len(end))
@@ -1020,6 +1072,7 @@ class Motion(HtmlDisplay):
             samples=self.samples and (curve.outer(self.samples[0]), self.samples[1]),
             grid=None if self.grid is None else curve.outer(self.grid),
             torques=self.torques and (curve.outer(self.torques[0]), self.torques[1]),
+            presence=self.presence and retimed(self.presence),
         )
 
     def _check_known(self, curve: Curve, order: int, symbol: str, source: str) -> None:

@@ -1341,6 +1341,84 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         """
         return type(self)(with_contacts(self.mechanism, contacts))
 
+    def project(self, motion: "Motion", base: ArrayLike | None = None) -> "Motion":
+        """The motion nearest to a given one that leaves the robot's contacts where they are at its start.
+
+        ``q + A^T mu`` with the rows A of the contacts in the given joints is to first order the least sum of squares of
+        their changes, in rad and m; the base follows from the contacts. These stay to 1e-12 at all times, and all rates
+        are exact derivatives. `Motion.notes` and `Motion.residual` have the largest changes.
+
+        Parameters
+        ----------
+        motion : Motion
+            Of the joints, with or without a base.
+        base : (4, 4), optional
+            Pose of the base at the start. By default that of the motion or, if it has none, the one that puts the first
+            contact, a line or plane, at the inertial frame.
+
+        Returns
+        -------
+        Motion
+            With a base. Standard deviations are still those of the given joints.
+
+        Raises
+        ------
+        JounceError
+            If the contacts cannot stay, or hardly depend on the joints, as those of straight legs do.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("g1", base="floating")
+        >>> stand = robot.contacts([jounce.Contact("left_ankle_roll_link", "plane", place=(0.035, 0, -0.037))])
+        >>> motion = stand.project(jounce.Motion.polynomial([[0.1, 0.2]] * robot.n, 1.0))
+        >>> Q = stand.forces_along(motion, order=0).forces[0]
+        >>> bool(abs(Q[:, :6]).max() < 1e-10)
+        True
+        """
+        from jounce.engine.contact_projection import project  # imported here to keep start-up fast
+
+        return project(self, motion, base)
+
+    def next_switch(self, *rates: Named, base: Rates | None = None, wrench: Rates | None = None) -> tuple[float, str]:
+        """How soon a limit of the contacts begins or ends to be active, and which: friction, sole, or a normal force.
+
+        The first zero of the series ``sum_k x^(k) t^k / k!`` of what is left of each limit, ``x = -C f``, or of the
+        multiplier of an active one, both from the rates that are given.
+
+        Parameters
+        ----------
+        *rates : (n,)
+            q, qd, q2d, q3d and higher rates of one state; the prediction is of the order of those after q2d.
+        base, wrench : optional
+            As for `contact_wrenches`.
+
+        Returns
+        -------
+        tuple of float and str
+            In what time, s, and the limit; (inf, "") where none is predicted.
+
+        Raises
+        ------
+        JounceError
+            If no contact has limits, they do not balance the state, or rates are missing.
+
+        Examples
+        --------
+        >>> import jounce, numpy as np
+        >>> dog = jounce.load("solo12", base="floating")
+        >>> feet = [f"{leg}_FOOT" for leg in ("FL", "FR", "HL", "HR")]
+        >>> stand = dog.contacts([jounce.Contact(foot, "point", normal=(0, 0, 1), friction=0.5) for foot in feet])
+        >>> still, none, jerk = np.tile([0, 0.8, -1.6], 4), np.zeros(6), np.eye(6)[3]
+        >>> rates, base = (still, *np.zeros((3, 12))), (np.eye(4), none, none, 2 * jerk)
+        >>> when, which = stand.next_switch(*rates, base=base)
+        >>> round(when, 4), which
+        (1.1697, "friction along x of 'FL_FOOT'")
+        """
+        from jounce.engine.contact_switches import predict_switch  # imported here to keep start-up fast
+
+        return predict_switch(self, rates, base, wrench)
+
     def motors_along(
         self,
         motion: "Motion",

@@ -9,10 +9,11 @@ import numpy as np
 from jounce.dynamics.loop_closure import close_loops
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
 from jounce.engine.along import forces_along
-from jounce.engine.balance_points import contact_lines
+from jounce.engine.balance_points import contact_lines, contact_lines_along
 from jounce.engine.closed_path import continue_positions
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
+from jounce.engine.motion_states import MotionStates
 from jounce.model.positions import resting_position
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def record_track(robot: Engine, motion: "Motion") -> Track:
     whole = q if near is None else near
     F = compute(robot, "base_wrench", (whole, *rates), wrench=loads or None, base=along.base)
     C = np.tile(np.eye(4), (len(t), 1, 1)) if along.base is None else along.base[0]
-    contacts = contact_lines(robot, along.rates[:3], along.base and along.base[:3], W)
+    contacts = contact_lines_along(robot, motion, t)
     return Track(t, along.rates[0], along.forces[0][:, -robot.n :], np.asarray(F), loads, C, whole, contacts)
 
 
@@ -72,4 +73,5 @@ def rest_state(robot: Engine, q: np.ndarray, C: np.ndarray, near: np.ndarray | N
     whole = close_loops(robot.mechanism, q[None], near)[0] if robot.mechanism.closure else q
     rest, base = np.zeros(robot.n), (C, np.zeros(6), np.zeros(6))
     Q, F = (compute(robot, name, (whole, rest, rest), base=base) for name in (DEFAULT_QUANTITY.name, "base_wrench"))
-    return Track(np.zeros(()), q, Q[-robot.n :], F, {}, C, whole, contact_lines(robot, (q, rest, rest), base))
+    contacts = contact_lines(robot, MotionStates((q, rest, rest), None, base, None))
+    return Track(np.zeros(()), q, Q[-robot.n :], F, {}, C, whole, contacts)

@@ -1,7 +1,7 @@
 """Motions in YAML and JSON: analytic terms per joint, every key and number checked, or a trajectory of ROS."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,20 +23,27 @@ MAX_MOTION_STATES = 100_000_000  # 800 MB per column: more is a typing error
 
 
 def read(entry: Entry, mechanism: Mechanism) -> Motion:
-    """The motion of a file for a mechanism; a JointTrajectory may be alone or in a plan."""
+    """The motion of a file for a mechanism, with ``stance: [[TIME, [FRAME, ...]], ...]`` and ``blend: SECONDS`` as
+    `Motion.with_stances` takes them; a JointTrajectory may be alone or in a plan."""
     if next(find_trajectories(entry.value), None) is not None:
         with locate_errors(entry.place):
-            return match_joints(Motion.from_joint_trajectory(entry.value), mechanism)
-    description = read_terms(entry)
-    with locate_errors(entry.path):
-        return build_motion(description, mechanism)
+            motion = match_joints(Motion.from_joint_trajectory(entry.value), mechanism)
+    else:
+        description = read_terms(entry)
+        with locate_errors(entry.path):
+            motion = build_motion(description, mechanism)
+    if not isinstance(entry.value, Mapping):  # a list of messages
+        return motion
+    stance = entry.get("stance", [])
+    with locate_errors(stance.place):
+        return motion.with_stances(stance.value, entry.get("blend", 0).value)
 
 
 def read_terms(entry: Entry) -> MotionDescription:
     """``time: {start, stop, count}``, ``joints: {NAME: {offset, cosines, polynomial}}`` and, where bodies or merged
     links exert wrenches, ``wrenches: {NAME: {mx: {offset, cosines, polynomial}, ..., fz: {...}}}``; where the base
-    moves ``base: {x: {offset, ...}, ..., qz: {...}}``."""
-    motion = entry.keys(("time", "joints"), ("name", "wrenches", "base"))
+    moves ``base: {x: {offset, ...}, ..., qz: {...}}``. Contacts that come and leave are no terms: see `read`."""
+    motion = entry.keys(("time", "joints"), ("name", "wrenches", "base", "stance", "blend"))
     joints = motion.get("joints").named("joints").members()
     bodies = motion.get("wrenches", {}).named("wrenches").members()
     wrenches = {body: terms.named(f"the wrench of {quote_value(body)}") for body, terms in bodies.items()}

@@ -24,7 +24,7 @@ BREAK_COLUMN = "break"  # the column of breaks: the order of the derivative that
 
 def motion_pieces(motion: Motion, joints: Sequence[str], order: int) -> Iterator[Columns]:
     """A motion at its times as ``NAME.q, NAME.qd, ...``, piece by piece, a table that is read as a motion again."""
-    breaks = [(found.t, found.order) for found in motion.breaks_to(order) if found.symbol != "W"]
+    breaks = [(found.t, found.order) for found in motion.breaks_to(order) if found.symbol in ("q", "base")]
     for start in range(0, len(motion.times), ROWS_PER_MOTION_PIECE):
         part = slice(start, start + ROWS_PER_MOTION_PIECE)
         t = motion.times[part]
