@@ -1,0 +1,158 @@
+"""A guard that follows a path as fast as limits allow, tick by tick, and can stop within them at any time.
+
+Along the path, the speed v = s' obeys v'' = -2k v' - k^2 (v - r), with one of several k, and with r constant over a
+tick; r = 0 is a stop. Each tick tries the set point for r, then less, quick laws first, and takes the first whose tick
+and whole stop after it keep every limit and end on the path; if there is none, the stop that was verified goes on.
+Invariants: every tick was verified before, and what goes on is possible if standing still is. With c = v' + k v, which
+obeys c' = -k c + k^2 r, c and v stay 0 or more: the path is never followed backwards.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jounce.core.errors import JounceError, quote_value
+from jounce.core.scalars import is_finite
+from jounce.engine.engine import Engine
+from jounce.limits.slowdown import Binding
+from jounce.live.guard_tables import LAW_RATES, build_tables
+from jounce.motion import Motion
+
+TRIES = ((1.0, 0.0), (0.3, 0.7), (0.1, 0.9), (0.0, 1.0), (0.0, 0.8), (0.01, 0.0), (0.001, 0.0))  # r by set point and v
+MAX_WORK = 250_000  # multiply-adds of a tick, after which the verified stop goes on
+STUCK_SPEED, STUCK_TIME = 1e-3, 1.0  # of the set point, and s: slower for longer, it cannot go on
+END_SHARE = 1e-6  # of the path: where a stop at its end, which takes infinitely long, counts as done
+OVERSHOOT = 1e-9  # of v beyond the set point, which rounding may make
+MAX_TICK = 0.02  # s, a third of 1 / k of the middle law
+
+Rates = tuple[Any, Any, Any]  # s, v, a: numbers, or arrays of many times
+Place = tuple[int, float]  # a row of the tables, and s
+
+
+class GuardState(NamedTuple):
+    """A tick of a `Guard`.
+
+    Attributes
+    ----------
+    s, v, a, j : float
+        The place on the path, in s of the motion, and its rates: v = 1 is the speed of the motion; j begins here.
+    q, qd, q2d, q3d : (n,)
+        The rates of the joints.
+    status : str
+        "follow" if the set point is followed, "limited" if a limit or the end of the path keeps the speed below,
+        "stuck" if it is below 1/1000 of the set point for a second, "end" at the end of the path.
+    limit : Binding or None
+        The joint, the limit and the place t on the path that keep the set point from being followed.
+    work : int
+        Multiply-adds of the tick.
+    """
+
+    s: float
+    v: float
+    a: float
+    j: float
+    q: np.ndarray
+    qd: np.ndarray
+    q2d: np.ndarray
+    q3d: np.ndarray
+    status: str
+    limit: Binding | None
+    work: int
+
+
+def advance(x: Rates, r: float, k: float, dt: Any) -> Rates:
+    """s, v, a after dt by a law, in closed form: v - r = (u + c t) exp(-k t)."""
+    s, v, a = x
+    u, c, e = v - r, a + k * (v - r), np.exp(-k * dt)
+    s = s + (r * dt + u * ((1 - e) / k) + c * ((1 - e * (1 + k * dt)) / k**2))
+    return s, r + (u + c * dt) * e, (a - k * c * dt) * e
+
+
+class Guard:
+    """A motion that is followed tick by tick within limits. `Robot.guard` makes one.
+
+    `tables` are what limits bound along the path, and `state` is that of the last tick.
+    """
+
+    def __init__(self, robot: Engine, motion: Motion, dt: float) -> None:
+        if not is_finite(dt) or not 0 < dt <= MAX_TICK:
+            raise JounceError(f"dt is {quote_value(dt)}; expected the spacing of ticks, above 0 to {MAX_TICK:g} s")
+        self.dt, self.tables = float(dt), build_tables(robot, motion)
+        self.checks = MAX_WORK // self.tables.work
+        times = self.dt * np.arange(self.checks + 1)
+        # Of stops from v + a / k <= 1 to the lowest speed at which they are done, and at most as many as are checked.
+        self._stop_times = [
+            times[: 1 + np.count_nonzero((1 + k * times) * np.exp(-k * times) > speed.min())]
+            for k, speed in zip(LAW_RATES, self.tables.stop_speed, strict=True)
+        ]
+        self.state: GuardState | None = None
+        self._law, self._slow, self._next = 0, 0, (motion.start, 0.0, 0.0)
+
+    def step(self, setpoint: float = 1.0) -> GuardState:
+        """The state at the next tick; the first is at rest at the start of the path.
+
+        `setpoint` is the speed to follow, from 0 to 1 times that of the motion.
+        """
+        if not is_finite(setpoint) or not 0 <= setpoint <= 1:
+            raise JounceError(f"setpoint is {quote_value(setpoint)}; expected 0 to 1, times the speed of the motion")
+        tables, x = self.tables, self._next
+        start, end = tables.s[[0, -1]].tolist()
+        if x[0] >= end:
+            x = (end, 0.0, 0.0)
+        arrived = end - x[0] <= END_SHARE * (end - start)
+        top = 0.0 if arrived else float(setpoint)
+        r, self._law, place, checks = self._choose(x, top)
+        (s, v, a), k = x, LAW_RATES[self._law]
+        j = -k * (2 * a + k * (v - r))
+        self._slow = self._slow + 1 if v < STUCK_SPEED * top else 0
+        stuck = self._slow * self.dt > STUCK_TIME
+        status = "end" if arrived else "stuck" if stuck else "limited" if place else "follow"
+        q, way, bend, twist = tables.problem.motion(s, 3)
+        rates = q, way * v, way * a + bend * v**2, way * j + 3 * bend * v * a + twist * v**3
+        limit = tables.describe(*place) if place and place[0] >= 0 else None
+        self.state = GuardState(s, v, a, j, *rates, status, limit, checks * tables.work)
+        self._next = advance(x, r, k, self.dt)
+        return self.state
+
+    def c_source(self, prefix: str = "guard") -> str:
+        """A header file of C99 with this guard, its motion, and names that begin with a prefix."""
+        from jounce.live.guard_code import c_source
+
+        return c_source(self, prefix)
+
+    def _choose(self, x: Rates, top: float) -> tuple[float, int, Place | None, int]:
+        """r and the law of a tick, what the set point breaks, and how many states were checked."""
+        left, first = self.checks, None
+        for of_setpoint, of_speed in TRIES if top else ():
+            r = min(of_setpoint * top + of_speed * x[1], top)
+            for law in range(len(LAW_RATES)):
+                count, place = self._verify(x, r, law, max(top, x[1]), left)
+                left, first = left - count, first or place
+                if place is None:
+                    return r, law, first, self.checks - left
+                if left < 0:
+                    return 0.0, self._law, first, self.checks
+        return 0.0, self._law, first, self.checks - left
+
+    def _verify(self, x: Rates, r: float, law: int, top: float, left: int) -> tuple[int, Place | None]:
+        """How many states of a tick and its stop are checked, and which row breaks where, if any does.
+
+        Row -1 is the end of the path, speeds beyond `top`, and stops of more states than are left.
+        """
+        tables, k = self.tables, LAW_RATES[law]
+        y, end = advance(x, r, k, self.dt), tables.s[-1]
+        beyond = y[0] + (2 * y[1] + y[2] / k) / k > end and not tables.rests
+        if beyond or y[2] + k * (y[1] - top) > OVERSHOOT or y[2] + k * y[1] < 0:
+            return 0, (-1, y[0])
+        s, v, a = advance(y, 0.0, k, self._stop_times[law])
+        done = ((v <= tables.stop_speed[law, tables.cells(s)]) & (a <= 0)) | (s >= end)
+        count = int(done.argmax()) if done.any() else len(s)
+        begin = 1 + (y[0] < end)  # the tick is checked at both of its ends
+        s, v, a = (np.append(pair[:begin], z[:count]) for *pair, z in zip(x, y, (s, v, a), strict=True))
+        j = -k * (2 * a + k * (v - np.where(np.arange(len(s)) < begin, r, 0.0)))
+        rows = tables.values(s[:left], v[:left], a[:left], j[:left])
+        broken = ~((rows <= tables.upper) & (rows >= tables.lower))
+        if broken.any():
+            state = int(broken.any(axis=1).argmax())
+            return state + 1, (int(broken[state].argmax()), float(s[state]))
+        return (len(s), None) if len(s) <= left else (left + 1, (-1, y[0]))
