@@ -93,7 +93,8 @@ static inline void guard_step(const guard_path *path, guard_state *g, double set
     g->status = guard_FOLLOW;
     g->limit = -1;
     for (int i = 0; top > 0 && !accepted && left >= 0 && i < guard_TRIES * guard_LAWS; ++i) {
-        r = guard_tries[i / guard_LAWS][0] * top + guard_tries[i / guard_LAWS][1] * x[1];
+        const double *try = guard_tries[(i / guard_LAWS + g->slow) % guard_TRIES]; /* all in turn where none is taken */
+        r = try[0] * top + try[1] * x[1];
         if (r > top) r = top;
         accepted = guard_verify(path, g, &left, i % guard_LAWS, r, top > x[1] ? top : x[1], x);
         if (accepted) g->law = i % guard_LAWS;
@@ -104,6 +105,7 @@ static inline void guard_step(const guard_path *path, guard_state *g, double set
         memcpy(g->next, x, sizeof x);
         guard_advance(guard_laws[g->law], g->next, 0);
     }
+    g->status = r < top ? guard_LIMITED : guard_FOLLOW;
     g->slow = x[1] < guard_stuck_speed * top ? g->slow + 1 : 0;
     if (g->slow * guard_dt > guard_stuck_time) g->status = guard_STUCK;
     if (arrived) g->status = guard_END;

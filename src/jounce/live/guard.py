@@ -106,7 +106,7 @@ class Guard:
         j = -k * (2 * a + k * (v - r))
         self._slow = self._slow + 1 if v < STUCK_SPEED * top else 0
         stuck = self._slow * self.dt > STUCK_TIME
-        status = "end" if arrived else "stuck" if stuck else "limited" if place else "follow"
+        status = "end" if arrived else "stuck" if stuck else "limited" if r < top else "follow"
         q, way, bend, twist = tables.problem.motion(s, 3)
         rates = q, way * v, way * a + bend * v**2, way * j + 3 * bend * v * a + twist * v**3
         limit = tables.describe(*place) if place and place[0] >= 0 else None
@@ -123,7 +123,8 @@ class Guard:
     def _choose(self, x: Rates, top: float) -> tuple[float, int, Place | None, int]:
         """r and the law of a tick, what the set point breaks, and how many states were checked."""
         left, first = self.checks, None
-        for of_setpoint, of_speed in TRIES if top else ():
+        for i in range(len(TRIES)) if top else ():
+            of_setpoint, of_speed = TRIES[(i + self._slow) % len(TRIES)]  # all in turn where none is taken
             r = min(of_setpoint * top + of_speed * x[1], top)
             for law in range(len(LAW_RATES)):
                 count, place = self._verify(x, r, law, max(top, x[1]), left)
