@@ -12,7 +12,8 @@ typedef struct { /* s, v, a at this tick, v = 1 being the speed of the motion; j
     double s, v, a, j, at;      /* where on the path the set point would break a limit */
     int status, limit, checks;  /* guard_FOLLOW, ...; which row of the limits, or -1; how many states were checked */
     double next[3];
-    int cell, law, slow;
+    double slow;
+    int cell, law;
 } guard_state;
 
 enum { guard_FOLLOW, guard_LIMITED, guard_STUCK, guard_END };
@@ -88,12 +89,13 @@ static inline void guard_step(const guard_path *path, guard_state *g, double set
     if (x[0] >= end) x[0] = end, x[1] = x[2] = 0;
     const int arrived = end - x[0] <= guard_end_share * (end - path->s[0]);
     const double top = arrived || !(setpoint > 0) ? 0 : setpoint < 1 ? setpoint : 1;
+    const int begin = (int)(g->slow / guard_stuck_time * 10); /* each try is first in turn where it goes on too slowly */
     int left = guard_CHECKS, accepted = 0;
     guard_seek(path, &g->cell, x[0]);
     g->status = guard_FOLLOW;
     g->limit = -1;
     for (int i = 0; top > 0 && !accepted && left >= 0 && i < guard_TRIES * guard_LAWS; ++i) {
-        const double *try = guard_tries[(i / guard_LAWS + g->slow) % guard_TRIES]; /* all in turn where none is taken */
+        const double *try = guard_tries[(i / guard_LAWS + begin) % guard_TRIES];
         r = try[0] * top + try[1] * x[1];
         if (r > top) r = top;
         accepted = guard_verify(path, g, &left, i % guard_LAWS, r, top > x[1] ? top : x[1], x);
@@ -106,8 +108,8 @@ static inline void guard_step(const guard_path *path, guard_state *g, double set
         guard_advance(guard_laws[g->law], g->next, 0);
     }
     g->status = r < top ? guard_LIMITED : guard_FOLLOW;
-    g->slow = x[1] < guard_stuck_speed * top ? g->slow + 1 : 0;
-    if (g->slow * guard_dt > guard_stuck_time) g->status = guard_STUCK;
+    g->slow = x[1] < guard_stuck_speed * top ? g->slow + guard_dt : 0;
+    if (g->slow > guard_stuck_time) g->status = guard_STUCK;
     if (arrived) g->status = guard_END;
     g->s = x[0], g->v = x[1], g->a = x[2], g->j = guard_jerk(guard_laws[g->law], x, r);
     g->checks = guard_CHECKS - (left > 0 ? left : 0);

@@ -23,7 +23,6 @@ MAX_WORK = 250_000  # multiply-adds of a tick, after which the verified stop goe
 STUCK_SPEED, STUCK_TIME = 1e-3, 1.0  # of the set point, and s: slower for longer, it cannot go on
 END_SHARE = 1e-6  # of the path: where a stop at its end, which takes infinitely long, counts as done
 OVERSHOOT = 1e-9  # of v beyond the set point, which rounding may make
-MAX_TICK = 0.02  # s, a third of 1 / k of the middle law
 
 Rates = tuple[Any, Any, Any]  # s, v, a: numbers, or arrays of many times
 Place = tuple[int, float]  # a row of the tables, and s
@@ -36,28 +35,28 @@ class GuardState(NamedTuple):
     ----------
     s, v, a, j : float
         The place on the path, in s of the motion, and its rates: v = 1 is the speed of the motion; j begins here.
-    q, qd, q2d, q3d : (n,)
-        The rates of the joints.
     status : str
         "follow" if the set point is followed, "limited" if a limit or the end of the path keeps the speed below,
         "stuck" if it is below 1/1000 of the set point for a second, "end" at the end of the path.
     limit : Binding or None
         The joint, the limit and the place t on the path that keep the set point from being followed.
-    work : int
-        Multiply-adds of the tick.
+    motion : Motion
+        The planned one.
     """
 
     s: float
     v: float
     a: float
     j: float
-    q: np.ndarray
-    qd: np.ndarray
-    q2d: np.ndarray
-    q3d: np.ndarray
     status: str
     limit: Binding | None
-    work: int
+    motion: Motion
+
+    @property
+    def rates(self) -> tuple[np.ndarray, ...]:
+        """q, qd, q2d, q3d of the joints."""
+        (q, way, bend, twist), (v, a, j) = self.motion(self.s, 3), self[1:4]
+        return q, way * v, way * a + bend * v**2, way * j + 3 * bend * v * a + twist * v**3
 
 
 def advance(x: Rates, r: float, k: float, dt: Any) -> Rates:
@@ -75,18 +74,15 @@ class Guard:
     """
 
     def __init__(self, robot: Engine, motion: Motion, dt: float) -> None:
-        if not is_finite(dt) or not 0 < dt <= MAX_TICK:
-            raise JounceError(f"dt is {quote_value(dt)}; expected the spacing of ticks, above 0 to {MAX_TICK:g} s")
+        if not is_finite(dt) or not dt > 0:
+            raise JounceError(f"dt is {quote_value(dt)}; expected the spacing of ticks in s, above 0")
         self.dt, self.tables = float(dt), build_tables(robot, motion)
         self.checks = MAX_WORK // self.tables.work
-        times = self.dt * np.arange(self.checks + 1)
-        # Of stops from v + a / k <= 1 to the lowest speed at which they are done, and at most as many as are checked.
-        self._stop_times = [
-            times[: 1 + np.count_nonzero((1 + k * times) * np.exp(-k * times) > speed.min())]
-            for k, speed in zip(LAW_RATES, self.tables.stop_speed, strict=True)
-        ]
+        times, lowest = self.dt * np.arange(self.checks + 1), self.tables.stop_speed.min()
+        # As v + a / k <= 1, a stop has v <= (1 + k t) exp(-k t), and is done at the last of these times, or too long.
+        self._stop_times = [times[: 2 + np.sum((1 + k * times) * np.exp(-k * times) > lowest)] for k in LAW_RATES]
         self.state: GuardState | None = None
-        self._law, self._slow, self._next = 0, 0, (motion.start, 0.0, 0.0)
+        self._law, self._slow, self._next = 0, 0.0, (float(self.tables.s[0]), 0.0, 0.0)
 
     def step(self, setpoint: float = 1.0) -> GuardState:
         """The state at the next tick; the first is at rest at the start of the path.
@@ -101,17 +97,13 @@ class Guard:
             x = (end, 0.0, 0.0)
         arrived = end - x[0] <= END_SHARE * (end - start)
         top = 0.0 if arrived else float(setpoint)
-        r, self._law, place, checks = self._choose(x, top)
+        r, self._law, place = self._choose(x, top)
         (s, v, a), k = x, LAW_RATES[self._law]
         j = -k * (2 * a + k * (v - r))
-        self._slow = self._slow + 1 if v < STUCK_SPEED * top else 0
-        stuck = self._slow * self.dt > STUCK_TIME
-        status = "end" if arrived else "stuck" if stuck else "limited" if r < top else "follow"
-        q, way, bend, twist = tables.problem.motion(s, 3)
-        rates = q, way * v, way * a + bend * v**2, way * j + 3 * bend * v * a + twist * v**3
+        self._slow = self._slow + self.dt if v < STUCK_SPEED * top else 0.0
+        status = "end" if arrived else "stuck" if self._slow > STUCK_TIME else "limited" if r < top else "follow"
         limit = tables.describe(*place) if place and place[0] >= 0 else None
-        self.state = GuardState(s, v, a, j, *rates, status, limit, checks * tables.work)
-        self._next = advance(x, r, k, self.dt)
+        self.state, self._next = GuardState(s, v, a, j, status, limit, tables.problem.motion), advance(x, r, k, self.dt)
         return self.state
 
     def c_source(self, prefix: str = "guard") -> str:
@@ -120,20 +112,22 @@ class Guard:
 
         return c_source(self, prefix)
 
-    def _choose(self, x: Rates, top: float) -> tuple[float, int, Place | None, int]:
-        """r and the law of a tick, what the set point breaks, and how many states were checked."""
-        left, first = self.checks, None
-        for i in range(len(TRIES)) if top else ():
-            of_setpoint, of_speed = TRIES[(i + self._slow) % len(TRIES)]  # all in turn where none is taken
+    def _choose(self, x: Rates, top: float) -> tuple[float, int, Place | None]:
+        """r and the law of a tick, and what the first try breaks."""
+        left, first, begin = self.checks, None, int(self._slow / STUCK_TIME * 10)
+        for i in range(len(TRIES) * len(LAW_RATES) if top else 0):
+            turn, law = divmod(i, len(LAW_RATES))
+            of_setpoint, of_speed = TRIES[
+                (turn + begin) % len(TRIES)
+            ]  # each is first in turn where it goes on too slowly
             r = min(of_setpoint * top + of_speed * x[1], top)
-            for law in range(len(LAW_RATES)):
-                count, place = self._verify(x, r, law, max(top, x[1]), left)
-                left, first = left - count, first or place
-                if place is None:
-                    return r, law, first, self.checks - left
-                if left < 0:
-                    return 0.0, self._law, first, self.checks
-        return 0.0, self._law, first, self.checks - left
+            count, place = self._verify(x, r, law, max(top, x[1]), left)
+            left, first = left - count, first or place
+            if place is None:
+                return r, law, first
+            if left < 0:
+                break
+        return 0.0, self._law, first  # the stop that was verified goes on
 
     def _verify(self, x: Rates, r: float, law: int, top: float, left: int) -> tuple[int, Place | None]:
         """How many states of a tick and its stop are checked, and which row breaks where, if any does.
@@ -145,15 +139,21 @@ class Guard:
         beyond = y[0] + (2 * y[1] + y[2] / k) / k > end and not tables.rests
         if beyond or y[2] + k * (y[1] - top) > OVERSHOOT or y[2] + k * y[1] < 0:
             return 0, (-1, y[0])
-        s, v, a = advance(y, 0.0, k, self._stop_times[law])
-        done = ((v <= tables.stop_speed[law, tables.cells(s)]) & (a <= 0)) | (s >= end)
-        count = int(done.argmax()) if done.any() else len(s)
-        begin = 1 + (y[0] < end)  # the tick is checked at both of its ends
-        s, v, a = (np.append(pair[:begin], z[:count]) for *pair, z in zip(x, y, (s, v, a), strict=True))
-        j = -k * (2 * a + k * (v - np.where(np.arange(len(s)) < begin, r, 0.0)))
-        rows = tables.values(s[:left], v[:left], a[:left], j[:left])
-        broken = ~((rows <= tables.upper) & (rows >= tables.lower))
+        ends = np.transpose([x, y])[:, : 1 + (y[0] < end)]  # of the tick
+        count, place = self._find_broken(*ends, -k * (2 * ends[2] + k * (ends[1] - r)), left)
+        if place is None:
+            s, v, a = advance(y, 0.0, k, self._stop_times[law])
+            done = ((v <= tables.stop_speed[law, tables.cells(s)]) & (a <= 0)) | (s >= end)
+            s, v, a = (z[: np.append(done, True).argmax()] for z in (s, v, a))
+            more, place = self._find_broken(s, v, a, -k * (2 * a + k * v), left - count)
+            count += more
+        return count, place
+
+    def _find_broken(self, s: Any, v: Any, a: Any, j: Any, left: int) -> tuple[int, Place | None]:
+        """How many of some states are checked, and the first row that breaks, if any does."""
+        rows = self.tables.values(*(z[:left] for z in (s, v, a, j)))
+        broken = ~((rows <= self.tables.upper) & (rows >= self.tables.lower))
         if broken.any():
             state = int(broken.any(axis=1).argmax())
             return state + 1, (int(broken[state].argmax()), float(s[state]))
-        return (len(s), None) if len(s) <= left else (left + 1, (-1, y[0]))
+        return (len(s), None) if len(s) <= left else (left + 1, (-1, float(s[0])))

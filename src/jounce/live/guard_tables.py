@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jounce.core.errors import JounceError, join_names, warn
+from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
 from jounce.limits import path_velocity
 from jounce.limits.joints import joint_names
@@ -23,7 +24,7 @@ from jounce.motion import Motion
 
 TABLE_ERROR = 2e-4  # of a limit: interpolation stays below the 5e-4 by which a guarded motion may exceed it
 REST_SHARE = 1e-3  # of a limit, which standing still must leave for moving
-LAW_RATES = (60.0, 20.0, 10.0)  # k of the laws, 1/s: quick where limits allow it; slow ones make better use of limits
+LAW_RATES = (30.0, 10.0)  # k of the laws, 1/s: quick where limits allow it; the slow one makes better use of limits
 _PRODUCTS = path_velocity.S3 + 1  # how many take v, a, j
 _STOP_SPEEDS = 0.5 * 0.8 ** np.arange(60)  # down to 1e-6; a stop from the first takes 1 / k of the path
 _FIRST_NODES, _MAX_NODES = 101, 200_000  # the last take 80 MB for seven joints
@@ -80,7 +81,7 @@ def build_tables(robot: Engine, motion: Motion) -> GuardTables:
     problem = _build_problem(robot, motion)
     s, F, joints, rows = _refine(problem)
     holding = replace(problem, share=problem.share - REST_SHARE)
-    check_path(holding, s, sample_path(problem.robot, motion, s, problem.order))
+    check_path(holding, s, sample_path(problem.robot, problem.motion, s, problem.order))
     row, product = np.nonzero(F.any(axis=0))
     kept = np.unique(row)
     slack = np.minimum(rows.upper - F[:, :, 0], F[:, :, 0] - rows.lower)
@@ -95,7 +96,7 @@ def build_tables(robot: Engine, motion: Motion) -> GuardTables:
         kinds=tuple(rows.kinds[i] for i in kept),
         joints=joints[:, kept],
         stop_speed=np.stack([_find_stop_speeds(k, s, np.abs(F), slack) for k in LAW_RATES]),
-        rests=all(np.abs(x[-1]).max() <= _REST_RATE * np.abs(x).max() for x in motion(s, 2, "left")[1:]),
+        rests=all(np.abs(x[-1]).max() <= _REST_RATE * np.abs(x).max() for x in problem.motion(s, 2, "left")[1:]),
     )
 
 
@@ -105,7 +106,7 @@ def _build_problem(robot: Engine, motion: Motion) -> RetimeProblem:
     if m.floats or m.closure or not m.is_numeric:
         raise JounceError(f"guard() of {m.name!r}; expected a robot on a fixed base without loops and symbols")
     check_single_screws(m, "guard()")
-    problem = build_problem(robot, motion, 1 - TABLE_ERROR)
+    problem = build_problem(robot, check_motion(m, motion), 1 - TABLE_ERROR)
     limits, friction = problem.limits, problem.friction
     odd = [kind for kind in limits.kinds if kind in ("snap", "second_effort_rate") or LIMIT_KINDS[kind].takes]
     if odd or (friction and "power" in limits.kinds):
