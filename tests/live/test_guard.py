@@ -24,8 +24,8 @@ from jounce.live.guard import MAX_WORK
 from jounce.live.guard_tables import REST_SHARE, TABLE_ERROR
 
 ALLOWED = 1.0005  # of a limit, at ticks
-PLANAR = jounce.load("planar2r").with_limits(effort=[70, 30], effort_rate=[600, 200], velocity=4)
-SWING = jounce.Motion.fourier([0.3, 0.2], [[0.9, 0.5], [0.2, -0.4]], [[0.1, -0.3], [0.3, 0.2]], 3.0, 0.8)
+PLANAR = jounce.load("planar2r").with_limits(effort=[50, 20], effort_rate=[600, 200], velocity=4)
+SWING = jounce.Motion.fourier([0.3, 0.2], [[0.9, 0.5], [0.2, -0.4]], [[0.1, -0.3], [0.3, 0.2]], 2.0, 0.5)
 BLEND = [0, 0, 0, 0, 35, -84, 70, -20]  # from rest to rest
 MOVE = jounce.Motion.polynomial(np.outer([1.0, -0.8], BLEND) / 0.5 ** np.arange(8), 0.5)
 needs_gcc = pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
@@ -42,7 +42,7 @@ CASES = {
     "moves at its ends": (PLANAR, SWING),
     "from rest to rest": (PLANAR, MOVE),
     "jerk that jumps": (PLANAR, jounce.Motion.trapezoidal([[0, 0], [1, -1]], 4.0, 30.0).blended(0.05, 2)),
-    "viscous friction": (rubbing(PLANAR, 2.0, 0.0), SWING),
+    "viscous friction": (rubbing(PLANAR, 2.0, 0.0), MOVE),
     "seven joints": (load("panda"), random_motion(np.array(HOMES["panda"]), np.random.default_rng(11))),
 }
 
@@ -65,7 +65,7 @@ def ratios(robot, states):
     return [np.abs(x / y).max() for x, y in ((qd, limits.velocity), (Q, limits.effort), (Qd, limits.effort_rate))]
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", list(CASES)[:-1])
 def test_no_limit_is_broken_at_a_tick(name):
     robot, motion = CASES[name]
     assert not robot.check(motion).ok
@@ -125,8 +125,8 @@ def test_tables_are_exact_between_nodes(name):
 def test_friction_of_either_sign_is_left_of_efforts():
     with pytest.warns(JounceWarning, match="rate of Coulomb friction"):
         rough = rubbing(PLANAR, 0.0, 3.0).guard(MOVE)
-    smooth = PLANAR.with_limits(effort=[67, 27]).guard(MOVE)
-    np.testing.assert_allclose(*(g.tables.values(*np.ones((4, 1)) * 0.3) * [1, 67, 27, 1, 1] for g in (rough, smooth)))
+    smooth = PLANAR.with_limits(effort=[47, 17]).guard(MOVE)
+    np.testing.assert_allclose(*(g.tables.values(*np.ones((4, 1)) * 0.3) * [1, 47, 17, 1, 1] for g in (rough, smooth)))
 
 
 @pytest.mark.parametrize(("share", "holds"), [(0.9 * REST_SHARE, False), (1.5 * REST_SHARE, True)])
@@ -186,13 +186,15 @@ def test_c_does_the_same_without_warnings_at_bounded_work(name, tmp_path):
 
 
 @needs_gcc
-def test_between_ticks_efforts_stay_within_the_margin(tmp_path):
+def test_c_keeps_limits_at_ticks_and_the_margin_between(tmp_path):
     robot, motion = CASES["seven joints"]
     guard = robot.guard(motion)
     run = run_compiled(compile_guard(guard, tmp_path), guard.tables, np.ones(20_000))
-    Q, Qd = robot.inverse_dynamics(*joint_rates(motion, within_ticks(run, (0.3, 0.7))))
-    assert (np.abs(Q) < robot.limits.effort + robot.limits.effort_rate * guard.dt / 2).all()
-    assert (np.abs(Qd) < 1.001 * robot.limits.effort_rate).all()
+    for shares, margin, allowed in (((0.0, 1.0), 0.0, ALLOWED), ((0.3, 0.7), guard.dt / 2, 1.001)):
+        Q, Qd = robot.inverse_dynamics(*joint_rates(motion, within_ticks(run, shares)))
+        limits = robot.limits
+        assert (np.abs(Q) < ALLOWED * limits.effort + limits.effort_rate * margin).all()
+        assert (np.abs(Qd) < allowed * limits.effort_rate).all()
 
 
 @needs_gcc
