@@ -20,8 +20,7 @@ from benchmarks.guard import (
 import jounce
 from jounce import JounceError, JounceWarning
 from jounce.limits.path import sample_path
-from jounce.live.guard import MAX_WORK
-from jounce.live.guard_tables import REST_SHARE, TABLE_ERROR
+from jounce.live.guard_tables import MAX_WORK, REST_SHARE, TABLE_ERROR
 
 ALLOWED = 1.0005  # of a limit, at ticks
 PLANAR = jounce.load("planar2r").with_limits(effort=[50, 20], effort_rate=[600, 200], velocity=4)

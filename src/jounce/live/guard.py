@@ -2,7 +2,7 @@
 
 Along the path, the speed v = s' obeys v'' = -2k v' - k^2 (v - r), with one of several k, and with r constant over a
 tick; r = 0 is a stop. Each tick tries the set point for r, then less, quick laws first, and takes the first whose tick
-and whole stop after it keep every limit and end on the path; if there is none, the stop that was verified goes on.
+and whole stop after it keep every limit and end on the path; if no try does, the stop that was verified goes on.
 Invariants: every tick was verified before, and what goes on is possible if standing still is. With c = v' + k v, which
 obeys c' = -k c + k^2 r, c and v stay 0 or more: the path is never followed backwards.
 """
@@ -15,14 +15,18 @@ from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import is_finite
 from jounce.engine.engine import Engine
 from jounce.limits.slowdown import Binding
-from jounce.live.guard_tables import LAW_RATES, build_tables
+from jounce.live.guard_code import c_source
+from jounce.live.guard_tables import (
+    END_SHARE,
+    LAW_RATES,
+    MAX_WORK,
+    OVERSHOOT,
+    STUCK_SPEED,
+    STUCK_TIME,
+    TRIES,
+    build_tables,
+)
 from jounce.motion import Motion
-
-TRIES = ((1.0, 0.0), (0.3, 0.7), (0.1, 0.9), (0.0, 1.0), (0.0, 0.8), (0.01, 0.0), (0.001, 0.0))  # r by set point and v
-MAX_WORK = 250_000  # multiply-adds of a tick, after which the verified stop goes on
-STUCK_SPEED, STUCK_TIME = 1e-3, 1.0  # of the set point, and s: slower for longer, it cannot go on
-END_SHARE = 1e-6  # of the path: where a stop at its end, which takes infinitely long, counts as done
-OVERSHOOT = 1e-9  # of v beyond the set point, which rounding may make
 
 Rates = tuple[Any, Any, Any]  # s, v, a: numbers, or arrays of many times
 Place = tuple[int, float]  # a row of the tables, and s
@@ -108,9 +112,7 @@ class Guard:
 
     def c_source(self, prefix: str = "guard") -> str:
         """A header file of C99 with this guard, its motion, and names that begin with a prefix."""
-        from jounce.live.guard_code import c_source
-
-        return c_source(self, prefix)
+        return c_source(self.tables, self.dt, self.checks, prefix)
 
     def _choose(self, x: Rates, top: float) -> tuple[float, int, Place | None]:
         """r and the law of a tick, and what the first try breaks."""

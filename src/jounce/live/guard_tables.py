@@ -25,6 +25,11 @@ from jounce.motion import Motion
 TABLE_ERROR = 2e-4  # of a limit: interpolation stays below the 5e-4 by which a guarded motion may exceed it
 REST_SHARE = 1e-3  # of a limit, which standing still must leave for moving
 LAW_RATES = (30.0, 10.0)  # k of the laws, 1/s: quick where limits allow it; the slow one makes better use of limits
+TRIES = ((1.0, 0.0), (0.3, 0.7), (0.1, 0.9), (0.0, 1.0), (0.0, 0.8), (0.01, 0.0), (0.001, 0.0))  # r by set point and v
+MAX_WORK = 250_000  # multiply-adds of a tick, after which the verified stop goes on
+STUCK_SPEED, STUCK_TIME = 1e-3, 1.0  # of the set point, and s: slower for longer, it cannot go on
+END_SHARE = 1e-6  # of the path: where a stop at its end, which takes infinitely long, counts as done
+OVERSHOOT = 1e-9  # of v beyond the set point, which rounding may make
 _PRODUCTS = path_velocity.S3 + 1  # how many take v, a, j
 _STOP_SPEEDS = 0.5 * 0.8 ** np.arange(60)  # down to 1e-6; a stop from the first takes 1 / k of the path
 _FIRST_NODES, _MAX_NODES = 101, 200_000  # the last take 80 MB for seven joints
