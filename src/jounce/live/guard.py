@@ -46,6 +46,15 @@ class GuardState(NamedTuple):
         The joint, the limit and the place t on the path that keep the set point from being followed.
     motion : Motion
         The planned one.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> robot = jounce.load("planar2r").with_limits(velocity=3)
+    >>> guard = robot.guard(jounce.Motion.polynomial([[0, 1], [0, 1]], 1.0))
+    >>> states = [guard.step(0.5) for _ in range(500)]
+    >>> states[-1].status, states[-1].rates[1].round(3)
+    ('follow', array([0.5, 0.5]))
     """
 
     s: float
@@ -75,6 +84,15 @@ class Guard:
     """A motion that is followed tick by tick within limits. `Robot.guard` makes one.
 
     `tables` are what limits bound along the path, and `state` is that of the last tick.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> robot = jounce.load("planar2r").with_limits(velocity=[0.5, 2])
+    >>> guard = robot.guard(jounce.Motion.polynomial([[0, 1], [0, 1]], 1.0))
+    >>> state = [guard.step() for _ in range(500)][-1]
+    >>> state.status, state.limit.joint, state.limit.limit, round(state.v, 2)
+    ('limited', 'joint1', 'velocity', 0.5)
     """
 
     def __init__(self, robot: Engine, motion: Motion, dt: float) -> None:
@@ -91,7 +109,27 @@ class Guard:
     def step(self, setpoint: float = 1.0) -> GuardState:
         """The state at the next tick; the first is at rest at the start of the path.
 
-        `setpoint` is the speed to follow, from 0 to 1 times that of the motion.
+        Parameters
+        ----------
+        setpoint : float, optional
+            The speed to follow, from 0 to 1 times that of the motion.
+
+        Returns
+        -------
+        GuardState
+
+        Raises
+        ------
+        JounceError
+            If the set point is not such a number; the guard stays as it was.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("planar2r").with_limits(velocity=3)
+        >>> guard = robot.guard(jounce.Motion.polynomial([[0, 1], [0, 1]], 1.0))
+        >>> guard.step().v, round(guard.step().v, 6)
+        (0.0, 0.000441)
         """
         if not is_finite(setpoint) or not 0 <= setpoint <= 1:
             raise JounceError(f"setpoint is {quote_value(setpoint)}; expected 0 to 1, times the speed of the motion")
@@ -102,7 +140,7 @@ class Guard:
         arrived = end - x[0] <= END_SHARE * (end - start)
         top = 0.0 if arrived else float(setpoint)
         r, self._law, place = self._choose(x, top)
-        (s, v, a), k = x, LAW_RATES[self._law]
+        s, v, a, k = *map(float, x), LAW_RATES[self._law]
         j = -k * (2 * a + k * (v - r))
         self._slow = self._slow + self.dt if v < STUCK_SPEED * top else 0.0
         status = "end" if arrived else "stuck" if self._slow > STUCK_TIME else "limited" if r < top else "follow"
@@ -111,7 +149,30 @@ class Guard:
         return self.state
 
     def c_source(self, prefix: str = "guard") -> str:
-        """A header file of C99 with this guard, its motion, and names that begin with a prefix."""
+        """A header file of C99 with this guard and its motion, see the page on guards.
+
+        Parameters
+        ----------
+        prefix : str, optional
+            What its names begin with.
+
+        Returns
+        -------
+        str
+
+        Raises
+        ------
+        JounceError
+            If the prefix is not the beginning of a name.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("planar2r").with_limits(velocity=3)
+        >>> text = robot.guard(jounce.Motion.polynomial([[0, 1], [0, 1]], 1.0)).c_source("arm")
+        >>> "void arm_step(const arm_path *path, arm_state *g, double setpoint)" in text
+        True
+        """
         return c_source(self.tables, self.dt, self.checks, prefix)
 
     def _choose(self, x: Rates, top: float) -> tuple[float, int, Place | None]:
@@ -141,8 +202,8 @@ class Guard:
         beyond = y[0] + (2 * y[1] + y[2] / k) / k > end and not tables.rests
         if beyond or y[2] + k * (y[1] - top) > OVERSHOOT or y[2] + k * y[1] < 0:
             return 0, (-1, y[0])
-        ends = np.transpose([x, y])[:, : 1 + (y[0] < end)]  # of the tick
-        count, place = self._find_broken(*ends, -k * (2 * ends[2] + k * (ends[1] - r)), left)
+        s, v, a = np.transpose([x, y])[:, : 1 + (y[0] < end)]  # the ends of the tick
+        count, place = self._find_broken(s, v, a, -k * (2 * a + k * (v - r)), left)
         if place is None:
             s, v, a = advance(y, 0.0, k, self._stop_times[law])
             done = ((v <= tables.stop_speed[law, tables.cells(s)]) & (a <= 0)) | (s >= end)

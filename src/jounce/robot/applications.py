@@ -1,11 +1,13 @@
 """What starts from one robot and lies above its quantities: each method imports what does it."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from math import pi
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 from jounce.core.typing import ArrayLike, DriveTerms
+from jounce.engine.engine import with_mechanism
 from jounce.robot.identifications import Identifications
 
 if TYPE_CHECKING:
@@ -165,7 +167,7 @@ class Applications(Identifications):
         motion : Motion
             A motion of its joints, of which the guard keeps the path.
         limits : optional
-            As of `with_limits`: the name of an arm, a file, a mapping; by default the limits of the robot.
+            The name of an arm, a file, a robot or `Limits`, as for `with_limits`; by default those of the robot.
         dt : float, optional
             The spacing of ticks, s.
 
@@ -188,9 +190,12 @@ class Applications(Identifications):
         >>> while (state := guard.step()).status != "end":
         ...     pass
         """
+        from jounce.io.limits.reading import limits_from
         from jounce.live.guard import Guard
 
-        return Guard(self if limits is None else self.with_limits(limits), motion, dt)
+        m = self.mechanism
+        robot = self if limits is None else with_mechanism(self, replace(m, limits=limits_from(m, limits)))
+        return Guard(robot, motion, dt)
 
     def report(
         self,
