@@ -43,6 +43,7 @@ FOOT = jounce.Contact("body2", "plane", place=(0.5, 0, 0))
 GRIPPING = WALKER.contacts([jounce.Contact("body2", "plane", place=(0.5, 0, 0), friction=0.5)])
 SAMPLES = np.linspace(0, 1, 20)
 SAMPLED = jounce.load_motion({"t": SAMPLES, "joint1": SAMPLES**2, "joint2": SAMPLES**3}, ROBOT, 0, degree=7)
+GUARD = ROBOT.with_limits(velocity=99).guard(SAMPLED)
 LOGGED = replace(SAMPLED, torques=(SAMPLES, ROBOT.forces_along(SAMPLED, order=0).forces[0]))
 OTHER = replace(LOGGED, torques=(SAMPLES, 2 * LOGGED.torques[1]))
 TURNED = replace(SAMPLED, samples=(SAMPLES, SAMPLED(SAMPLES, 0)[0] + LOGGED.torques[1] / [800, 600]))
@@ -353,6 +354,9 @@ CASES: dict[str, Case] = {
         lambda q, t: ROBOT.live(1e-3).update(q, t), {"q": (0.1, 0.2), "t": 0.0},
     ),
     "LiveRates.forces": (ROBOT.live(1e-3).forces, {"keep_uncertain": False}),
+    "guard": (ROBOT.with_limits(velocity=99).guard, {"motion": SAMPLED, "limits": None, "dt": 1e-3}),
+    "Guard.step": (lambda setpoint: GUARD.step(setpoint), {"setpoint": 0.5}),
+    "Guard.c_source": (GUARD.c_source, {"prefix": "arm"}),
     "forces_along": (
         ROBOT.forces_along,
         {
@@ -496,6 +500,8 @@ def test_every_argument_of_every_public_function_is_attacked():
         "Retiming",
         "Slowdown",
         "UncertainError",
+        "Guard",
+        "GuardState",
         "Trust",
     }  # what calls return, exported for its name
     named = {name for name in jounce.__all__ if not name.startswith("Jounce")} - made

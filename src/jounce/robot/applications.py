@@ -1,17 +1,20 @@
 """What starts from one robot and lies above its quantities: each method imports what does it."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from math import pi
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 from jounce.core.typing import ArrayLike, DriveTerms
+from jounce.engine.engine import with_mechanism
 from jounce.robot.identifications import Identifications
 
 if TYPE_CHECKING:
     from jounce._report import Report
     from jounce.identification import Excitation, Identification
     from jounce.live.estimator import LiveRates
+    from jounce.live.guard import Guard
     from jounce.motion import Motion
 
 
@@ -151,6 +154,48 @@ class Applications(Identifications):
         from jounce.live.estimator import LiveRates
 
         return LiveRates(self, dt, bandwidth, lag, states, noise)
+
+    def guard(self, motion: "Motion", limits: object = None, dt: float = 1e-3) -> "Guard":
+        """Follow a planned motion within all limits while the robot moves, slower in time where they need it.
+
+        Each tick goes on only if the robot can stop within the limits after it, else the stop that was verified before
+        goes on. At ticks limits are kept to interpolation of tables, below 5e-4; between ticks Q may exceed its
+        limit by that of Qd times dt / 2. Coulomb friction is taken with either sign, without its rates.
+
+        Parameters
+        ----------
+        motion : Motion
+            A motion of its joints, of which the guard keeps the path.
+        limits : optional
+            The name of an arm, a file, a robot or `Limits`, as for `with_limits`; by default those of the robot.
+        dt : float, optional
+            The spacing of ticks, s.
+
+        Returns
+        -------
+        Guard
+            ``guard.step(setpoint)`` is a tick; ``guard.c_source()`` the guard in C.
+
+        Raises
+        ------
+        JounceError
+            If standing still breaks a limit on the path, none is stated, a rate that limits bound jumps, or the robot
+            floats, has loops, joints of several screws or symbols.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> robot = jounce.load("planar2r").with_limits(effort=[60, 15], effort_rate=300)
+        >>> guard = robot.guard(jounce.Motion.fourier([0, 0], [[1, 1]], [[0, 0]], 1.0, 1.0))
+        >>> while (state := guard.step()).status != "end":
+        ...     pass
+        """
+        from jounce.io.limits.reading import limits_from
+        from jounce.live.guard import Guard
+
+        m = self.mechanism
+        robot = self if limits is None else with_mechanism(self, replace(m, limits=limits_from(m, limits)))
+        return Guard(robot, motion, dt)
 
     def report(
         self,
