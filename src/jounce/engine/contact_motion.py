@@ -51,5 +51,5 @@ def refuse_sliding(m: Mechanism, path: Motion) -> None:
 def find_flights(m: Mechanism, motion: Motion) -> list[tuple[float, float]]:
     """The spans in which no contact is there, of a robot that has some."""
     ends = motion.stance_ends
-    there = are_present(m, motion, (ends[1:] + ends[:-1]) / 2).any(axis=1)
-    return [span for span, stands in zip(pairwise(ends.tolist()), there, strict=True) if m.contacts and not stands]
+    stands = are_present(m, motion, (ends[1:] + ends[:-1]) / 2)
+    return [span for span, there in zip(pairwise(ends.tolist()), stands, strict=True) if m.contacts and not there.any()]

@@ -107,7 +107,7 @@ def _find_ratios(b: LimitedMotion, t: np.ndarray) -> tuple[np.ndarray, np.ndarra
         except UnbalancedError as error:
             raise JounceError(f"{error.reason}, at t = {t[part][error.state]:.9g} s") from None
         cost, free_or_zero = np.append(np.zeros(count), -1.0), np.where(there[..., None], (-np.inf, np.inf), 0.0)
-        bounds = np.concatenate([free_or_zero, np.tile((-np.inf, _MAX_RATIO), (len(F), 1, 1))], axis=1)
+        bounds: Any = np.concatenate([free_or_zero, np.tile((-np.inf, _MAX_RATIO), (len(F), 1, 1))], axis=1)
         left, rho[~there.any(axis=1)] = np.flatnonzero(there.any(axis=1)), 0.0
         while left.size:
             room_for = d[left].clip(_MIN_BOUND) * limited[left]
