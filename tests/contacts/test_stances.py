@@ -7,6 +7,7 @@ import pytest
 
 import jounce
 from contacts.conftest import FEET, PAWS, SOLE, squat
+from jounce.cli.motion_options import write_motion
 from jounce.motion.stances import MAX_BLEND_SHARE
 from support.robots import differentiated_at_once, relative_error
 
@@ -258,6 +259,9 @@ def test_files_state_stances(dog, tmp_path, kind):
     motion = jounce.load_motion(path, dog)
     assert motion.stance_frames == tuple(PAWS)
     np.testing.assert_allclose(motion.presence.rates(np.array([0.5, 0.9, 1.5]), 0)[0][:, 0], [1, 0.5, 0], atol=1e-14)
+    path.write_text(json.dumps(data | {"blend": 0.2}))
+    with pytest.raises(jounce.JounceError, match=r"blend of .* is 0\.2; expected 'stance' too"):
+        jounce.load_motion(path, dog)
     path.write_text(json.dumps(data | {"stance": [[1, PAWS]]}))
     with pytest.raises(jounce.JounceError, match=r"stand\.json: stances begin at 1 s"):
         jounce.load_motion(path, dog)
@@ -283,3 +287,9 @@ def test_check_says_that_flight_is_not_judged(dog, lifting):
     assert "no contact is there from t = 0.5 to 1 s" in " ".join(found.notes)
     with pytest.raises(jounce.JounceError, match=r"contacts at .* do not balance .*, at t = 0\.5"):
         dog.contacts(grip).check(lifting.with_stances([(0, PAWS), (0.5, PAWS[1:3]), (1, PAWS), *LIFTS[3:]]))
+
+
+def test_tables_say_that_they_state_no_stances(dog, lifting, tmp_path):
+    with pytest.warns(jounce.JounceWarning, match="a table has no columns for stances"):
+        write_motion(tmp_path / "steps.csv", lifting.with_stances(LIFTS), dog.joint_names)
+    write_motion(tmp_path / "stand.csv", lifting, dog.joint_names)

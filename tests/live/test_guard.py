@@ -1,6 +1,7 @@
 """A guard keeps every limit at every tick, judged by inverse dynamics, goes on to the end, and does the same in C."""
 
 import shutil
+import subprocess
 from dataclasses import replace
 
 import numpy as np
@@ -194,6 +195,17 @@ def test_c_keeps_limits_at_ticks_and_the_margin_between(tmp_path):
         limits = robot.limits
         assert (np.abs(Q) < ALLOWED * limits.effort + limits.effort_rate * margin).all()
         assert (np.abs(Qd) < allowed * limits.effort_rate).all()
+
+
+@pytest.mark.skipif(not shutil.which("g++"), reason="needs g++")
+def test_the_header_is_cpp_too(tmp_path):
+    (tmp_path / "guard.h").write_text(PLANAR.guard(MOVE).c_source())
+    flags = ["-std=c++11", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"]
+    (tmp_path / "main.cpp").write_text(
+        '#include "guard.h"\n'
+        "void f(guard_state *g) { guard_start(&guard_motion, g); guard_step(&guard_motion, g, 1.0); }\n"
+    )
+    subprocess.run(["g++", *flags, "main.cpp"], cwd=tmp_path, check=True)
 
 
 @needs_gcc

@@ -35,6 +35,7 @@ def describe(mechanism: Mechanism) -> dict[str, Any]:
             {"frames": [loop.a.name, loop.b.name], "joint": loop.joint, "axis": np.asarray(loop.axis).tolist()}
             for loop in mechanism.loops
         ],
+        "contacts": [{"frame": contact.frame, "kind": contact.kind} for contact in mechanism.contacts],
         "following": [name for name in mechanism.tree.coordinates if name not in mechanism.coordinates],
         "moved_by": movers(mechanism) if mechanism.closure else {},
         "bodies": [_body(mechanism.tree, i) for i in range(mechanism.floats, mechanism.nb)],

@@ -64,6 +64,8 @@ def _format_summary(data: dict[str, Any]) -> str:
     if follows:
         lines += ["", *follows]
     lines += _loops(data)
+    if standing := [f"{shorten(contact['frame'])} ({contact['kind']})" for contact in data["contacts"]]:
+        lines += ["", *wrap(f"contacts: {', '.join(standing)}", width=INFO_WIDTH, subsequent_indent="  ")]
     merged = [f"{shorten(link)} ({shorten(body)})" for link, body in data["merged_links"].items()]
     if merged:
         lines += ["", *wrap(f"merged links: {', '.join(merged)}", width=INFO_WIDTH, subsequent_indent="  ")]

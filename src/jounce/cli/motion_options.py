@@ -12,7 +12,7 @@ import click
 
 from jounce.cli.output import progress
 from jounce.cli.robot_options import MOTION_NAME, PATH, Decorator, deprecate_flag
-from jounce.core.errors import JounceError, join_names, locate_errors
+from jounce.core.errors import JounceError, join_names, locate_errors, warn
 
 if TYPE_CHECKING:
     from jounce.io.entries import Entry
@@ -130,6 +130,8 @@ def write_motion(output: Path, motion: "Motion", joints: Sequence[str], order: i
     from jounce.io import tables
     from jounce.io.motions.writing import MEASURED, motion_pieces
 
+    if motion.presence is not None:
+        warn(f"{output}: a table has no columns for stances; motion.with_stances([...]) states them when it is read")
     known = 4 if motion.highest is None else motion.highest
     with progress("rates") as show:
 

@@ -95,8 +95,8 @@ static inline void guard_step(const guard_path *path, guard_state *g, double set
     g->status = guard_FOLLOW;
     g->limit = -1;
     for (int i = 0; top > 0 && !accepted && left >= 0 && i < guard_TRIES * guard_LAWS; ++i) {
-        const double *try = guard_tries[(i / guard_LAWS + begin) % guard_TRIES];
-        r = try[0] * top + try[1] * x[1];
+        const double *mix = guard_tries[(i / guard_LAWS + begin) % guard_TRIES];
+        r = mix[0] * top + mix[1] * x[1];
         if (r > top) r = top;
         accepted = guard_verify(path, g, &left, i % guard_LAWS, r, top > x[1] ? top : x[1], x);
         if (accepted) g->law = i % guard_LAWS;

@@ -182,7 +182,7 @@ class Guard:
             turn, law = divmod(i, len(LAW_RATES))
             of_setpoint, of_speed = TRIES[
                 (turn + begin) % len(TRIES)
-            ]  # each is first in turn where it goes on too slowly
+            ]  # where it goes too slowly, each is first in turn
             r = min(of_setpoint * top + of_speed * x[1], top)
             count, place = self._verify(x, r, law, max(top, x[1]), left)
             left, first = left - count, first or place

@@ -34,6 +34,8 @@ def read(entry: Entry, mechanism: Mechanism) -> Motion:
             motion = build_motion(description, mechanism)
     if not isinstance(entry.value, Mapping):  # a list of messages
         return motion
+    if "blend" in entry.value and "stance" not in entry.value:
+        raise entry.get("blend").error("'stance' too: which contacts are there, from when on")
     stance = entry.get("stance", [])
     with locate_errors(stance.place):
         return motion.with_stances(stance.value, entry.get("blend", 0).value)
