@@ -6,10 +6,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from jounce.core.display import HtmlDisplay
-from jounce.core.errors import join_names, quote_value
 from jounce.engine.along import ForceBreak, find_force_breaks
 from jounce.engine.contact_limits import are_limited
-from jounce.engine.contact_motion import find_flights
 from jounce.engine.engine import Engine
 from jounce.limits.commands import take_differences
 from jounce.limits.contact_ratios import judge_contacts
@@ -17,15 +15,14 @@ from jounce.limits.deviations import compute_deviations
 from jounce.limits.joints import joint_units
 from jounce.limits.limited_motion import LimitedMotion, Span
 from jounce.limits.motion_polynomials import split_motion
+from jounce.limits.omissions import describe_omissions, describe_unresolved
 from jounce.limits.ratios import SIGNS
 from jounce.limits.uncertain_spans import count_uncertain
 from jounce.limits.validation import validate_limits
 from jounce.limits.verdicts import Verdict, combine_verdicts, decide_verdict, describe_verdict, join_spans
 from jounce.limits.worst_values import Spans, Worst
-from jounce.model.coordinates import following_efforts
 from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, describe_kind
 from jounce.motion.reliability import MAX_CERTAIN_SHARE
-from jounce.spatial.series import rate_name
 
 
 @dataclass(frozen=True)
@@ -193,15 +190,6 @@ def find_limited_breaks(b: LimitedMotion) -> tuple[ForceBreak, ...]:
     return find_force_breaks(b.robot, b.motion, b.motion.times, b.force_order, row=b.efforts) if b.forces else ()
 
 
-def describe_unresolved(worst: Worst) -> tuple[str, ...]:
-    """Which values change too fast between samples for a verdict, and where that begins."""
-    return tuple(
-        f"the {kind.replace('_', ' ')} of joint {quote_value(worst.b.name(kind, j))} may be beyond its limit between"
-        f" samples from t = {min(spans)[0]:.9g} s on: it changes too fast there to be followed"
-        for (kind, j), spans in worst.unresolved.items()
-    )
-
-
 def _copy_worst(worst: Worst) -> dict[tuple[str, int], tuple[np.ndarray, np.ndarray]]:
     """The worst values and their times by kind and sign, as they are now."""
     return {side: (value.copy(), worst.t[side].copy()) for side, value in worst.value.items()}
@@ -251,32 +239,3 @@ def _judged_shares(b: LimitedMotion, undecided: Spans) -> dict[str, float]:
         spans = join_spans([span for (of, _), found in undecided.items() if of == kind for span in found])
         shares[kind] = 1 - sum(stop - start for start, stop in spans) / (b.motion.duration or 1)
     return shares
-
-
-def describe_omissions(b: LimitedMotion, breaks: tuple[ForceBreak, ...]) -> tuple[str, ...]:
-    """What the motion cannot meet because it is not smooth, and which limits nothing is checked against."""
-    notes = []
-    missed = [found for found in breaks if found.order < max(b.force_rates.values(), default=0)]
-    if missed:
-        first = missed[0]
-        joints = b.robot.joint_names
-        causes = [joints[j] if isinstance(j := cause.joint, int) else j for cause in first.causes]
-        names = join_names(causes or ["a limit of a contact"])
-        more = f" (and at {len(missed) - 1} more times)" if len(missed) > 1 else ""
-        jumps = rate_name("Q", max(first.order, 0)) if first.order >= 0 else "qd"
-        limits = " and ".join(kind.replace("_", " ") for kind, k in b.force_rates.items() if k > max(first.order, 0))
-        came = f"break at t = {first.t:.9g} s{more}: {jumps} jumps because of {names}"
-        cure = "; motion.blended (--blend) replaces breaks" if causes else ""
-        notes.append(f"{came}; no limit of {limits} can be met there{cure}")
-    if idle := [kind.replace("_", " ") for kind in b.limits.kinds if kind not in b.kinds]:
-        rigid, broken = "the joints are rigid; see robot.elastic(stiffness)", "limits of contacts are broken"
-        reason = rigid if all(LIMIT_KINDS[kind].takes for kind in b.limits.kinds if kind not in b.kinds) else broken
-        notes.append(f"limits of {join_names(idle)} are not checked: {reason}")
-    for start, stop in find_flights(b.robot.mechanism, b.motion):
-        notes.append(
-            f"no contact is there from t = {start:.6g} to {stop:.6g} s: whether the base falls freely then, as it must,"
-            " is not judged; forces_along has what is missing as the first six rows of Q"
-        )
-    for joint in following_efforts(b.robot.mechanism):
-        notes.append(f"effort limits of {quote_value(joint)} are not checked: it follows another, or shares motors")
-    return tuple(notes)

@@ -26,10 +26,11 @@ from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.engine.along import ForceBreak
 from jounce.engine.contact_limits import are_limited
 from jounce.engine.engine import Engine
-from jounce.limits.check import describe_omissions, describe_unresolved, find_limited_breaks
+from jounce.limits.check import find_limited_breaks
 from jounce.limits.factor_search import Place, bracket_factor, compute_worst, is_polynomial
 from jounce.limits.feasible_factors import Feasible
 from jounce.limits.limited_motion import LimitedMotion
+from jounce.limits.omissions import describe_omissions, describe_unresolved
 from jounce.limits.uncertain_spans import count_uncertain
 from jounce.limits.validation import validate_limits
 from jounce.limits.worst_values import Worst

@@ -1,0 +1,48 @@
+"""What a verdict on limits leaves out: breaks, flight, limits of what a robot does not have, values that vary fast."""
+
+from jounce.core.errors import join_names, quote_value
+from jounce.engine.along import ForceBreak
+from jounce.engine.contact_motion import find_flights
+from jounce.limits.limited_motion import LimitedMotion
+from jounce.limits.worst_values import Worst
+from jounce.model.coordinates import following_efforts
+from jounce.model.limit_kinds import LIMIT_KINDS
+from jounce.spatial.series import rate_name
+
+
+def describe_omissions(b: LimitedMotion, breaks: tuple[ForceBreak, ...]) -> tuple[str, ...]:
+    """What the motion cannot meet because it is not smooth, and which limits nothing is checked against."""
+    notes = []
+    missed = [found for found in breaks if found.order < max(b.force_rates.values(), default=0)]
+    if missed:
+        first = missed[0]
+        joints = b.robot.joint_names
+        causes = [joints[j] if isinstance(j := cause.joint, int) else j for cause in first.causes]
+        names = join_names(causes or ["a limit of a contact"])
+        more = f" (and at {len(missed) - 1} more times)" if len(missed) > 1 else ""
+        jumps = rate_name("Q", max(first.order, 0)) if first.order >= 0 else "qd"
+        limits = " and ".join(kind.replace("_", " ") for kind, k in b.force_rates.items() if k > max(first.order, 0))
+        came = f"break at t = {first.t:.9g} s{more}: {jumps} jumps because of {names}"
+        cure = "; motion.blended (--blend) replaces breaks" if causes else ""
+        notes.append(f"{came}; no limit of {limits} can be met there{cure}")
+    if idle := [kind.replace("_", " ") for kind in b.limits.kinds if kind not in b.kinds]:
+        rigid, broken = "the joints are rigid; see robot.elastic(stiffness)", "limits of contacts are broken"
+        reason = rigid if all(LIMIT_KINDS[kind].takes for kind in b.limits.kinds if kind not in b.kinds) else broken
+        notes.append(f"limits of {join_names(idle)} are not checked: {reason}")
+    for start, stop in find_flights(b.robot.mechanism, b.motion):
+        notes.append(
+            f"no contact is there from t = {start:.6g} to {stop:.6g} s: whether the base falls freely then, as it must,"
+            " is not judged; forces_along has what is missing as the first six rows of Q"
+        )
+    for joint in following_efforts(b.robot.mechanism):
+        notes.append(f"effort limits of {quote_value(joint)} are not checked: it follows another, or shares motors")
+    return tuple(notes)
+
+
+def describe_unresolved(worst: Worst) -> tuple[str, ...]:
+    """Which values change too fast between samples for a verdict, and where that begins."""
+    return tuple(
+        f"the {kind.replace('_', ' ')} of joint {quote_value(worst.b.name(kind, j))} may be beyond its limit between"
+        f" samples from t = {min(spans)[0]:.9g} s on: it changes too fast there to be followed"
+        for (kind, j), spans in worst.unresolved.items()
+    )
