@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 import jounce
 from jounce.cli import main
-from jounce.model.drives import DRIVE_TERMS, UNDRIVEN
+from jounce.model.drives import ALL_DRIVE_TERMS, UNDRIVEN
 from jounce.model.positions import multiscrew_joints
 from support.files import GOOD, refusal, robot_file
 from support.robots import differentiated, harmonic, random_pose, relative_error
@@ -389,7 +389,7 @@ def test_a_file_is_read_as_its_model_is(name):
     for what in ("B", "X", "M", "gravity"):
         assert np.array_equal(getattr(loaded, what), getattr(model, what))
     assert loaded.joints == model.joints
-    assert loaded.acting == DRIVE_TERMS
+    assert loaded.acting == ALL_DRIVE_TERMS
 
 
 def test_a_urdf_may_end_in_xml(tmp_path):
