@@ -23,7 +23,6 @@ def sprung():
 @pytest.mark.parametrize(
     ("call", "what"),
     [
-        (lambda: ROBOT.closed([("body3", "body5")], actuated=["hip", "toe"]), "closed loops"),
         (lambda: ROBOT.elastic({"hip": 100.0}, rotor=0.1), "elastic joints"),
         (lambda: ROBOT.excite(), "excite()"),
         (lambda: sprung().with_drives("spring"), "springs of drives"),

@@ -8,6 +8,9 @@ import pytest
 import jounce
 from contacts.conftest import FEET, PAWS, SOLE, squat
 from jounce.cli.motion_options import write_motion
+from jounce.engine.contact_motion import FREE_FALL_TOLERANCE
+from jounce.limits.contact_ratios import _find_ratios
+from jounce.limits.limited_motion import LimitedMotion
 from jounce.motion.stances import MAX_BLEND_SHARE
 from support.robots import differentiated_at_once, relative_error
 
@@ -272,21 +275,35 @@ def test_check_judges_the_contacts_that_are_there(humanoid, stepping):
     left, right = (jounce.Contact(foot, "plane", **SOLE, friction=2.0) for foot in FEET)
     both, alone = humanoid.contacts([left, right]), humanoid.contacts([left])
     rows = {row.joint: row for row in both.check(stepping).table}
-    [one] = [
-        row for row in alone.check(stepping.with_stances([(0, []), (0.9, FEET[:1])])).table if row.joint == FEET[0]
-    ]
-    assert rows[FEET[0]].ratio == pytest.approx(one.ratio, rel=1e-6)
-    assert one.t >= 0.9
-    assert 0 < rows[FEET[1]].ratio < one.ratio
+    t = np.linspace(0.9, stepping.stop, 91)
+    needs = _find_ratios(LimitedMotion(alone, stepping.with_stances([]), alone.limits, ()), t)[0]
+    assert rows[FEET[0]].ratio == pytest.approx(needs.max(), rel=1e-3)
+    assert rows[FEET[0]].t >= 0.9
+    assert 0 < rows[FEET[1]].ratio < needs.max()
     assert rows[FEET[1]].t < 0.9
+    with pytest.raises(jounce.JounceError, match=r"contacts at .* do not balance|no contact is there at t = 0"):
+        alone.check(stepping.with_stances([(0, []), (0.9, FEET[:1])]))
 
 
-def test_check_says_that_flight_is_not_judged(dog, lifting):
-    grip = [jounce.Contact(foot, "point", normal=(0, 0, 1), friction=0.8) for foot in PAWS]
-    found = dog.contacts(grip).check(lifting.with_stances([(0, PAWS), (0.5, []), (1, PAWS), *LIFTS[3:]]))
-    assert "no contact is there from t = 0.5 to 1 s" in " ".join(found.notes)
+@pytest.mark.parametrize(("share", "falls"), [(0.5, True), (2.0, False)])
+def test_in_flight_the_base_must_fall(dog, share, falls):
+    """With an acceleration that is a share of the tolerance too small."""
+    t = np.linspace(0, 0.3, 31)
+    C = np.tile(np.eye(4), (31, 1, 1))
+    C[:, 2, 3] = 0.5 * (1 - share * FREE_FALL_TOLERANCE) * dog.gravity[2] * t**2
+    drop = jounce.Motion.through(t, np.tile(BENT, (31, 1))).with_base(t, C, degree=7).with_stances([(0, [])])
+    stand = dog.contacts([jounce.Contact(paw, "point", normal=(0, 0, 1), friction=0.8) for paw in PAWS])
+    if falls:
+        assert [row.ratio for row in stand.check(drop).table if row.joint in PAWS] == [0.0] * 4
+    else:
+        with pytest.raises(jounce.JounceError, match=r"no contact is there at t = .*, and the base takes 0\.\d+ N"):
+            stand.check(drop)
+
+
+def test_stances_that_do_not_balance_say_when(dog, lifting):
+    grip = dog.contacts([jounce.Contact(foot, "point", normal=(0, 0, 1), friction=0.8) for foot in PAWS])
     with pytest.raises(jounce.JounceError, match=r"contacts at .* do not balance .*, at t = 0\.5"):
-        dog.contacts(grip).check(lifting.with_stances([(0, PAWS), (0.5, PAWS[1:3]), (1, PAWS), *LIFTS[3:]]))
+        grip.check(lifting.with_stances([(0, PAWS), (0.5, PAWS[1:3]), (1, PAWS), *LIFTS[3:]]))
 
 
 def test_tables_say_that_they_state_no_stances(dog, lifting, tmp_path):

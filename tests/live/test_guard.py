@@ -229,3 +229,22 @@ def test_greedy_scaling_breaks_limits():
 def test_prefixes_are_names(prefix):
     with pytest.raises(JounceError, match="prefix is"):
         PLANAR.guard(MOVE).c_source(prefix)
+
+
+def test_short_moves_amid_long_rests_are_seen():
+    """Half a second of a minute and a half: tables of a hundred even nodes had missed it."""
+    move = jounce.Motion.polynomial(np.outer([1, 1], [0] * 5 + [126, -420, 540, -315, 70]) / 0.5 ** np.arange(10), 0.5)
+    rest = [jounce.Motion.polynomial([[x, 0], [x, 0]], 45.0) for x in (0.0, 1.0)]
+    long = rest[0] + move + rest[1]
+    tables = PLANAR.with_limits(velocity=1).guard(long).tables
+    fastest = np.abs(long(np.linspace(45, 45.5, 501), 1)[1]).max()
+    assert np.sqrt(np.abs(tables.factors).max()) >= 0.99 * fastest
+
+
+def test_moving_ground_is_refused():
+    t = np.linspace(0, 1, 21)
+    C = np.tile(np.eye(4), (21, 1, 1))
+    C[:, 1, 3] = 0.1 * t**2
+    with pytest.raises(JounceError, match="the ground moves, and goes on where the guard slows down"):
+        PLANAR.guard(MOVE.with_base(t, C, degree=5))
+    assert PLANAR.guard(MOVE.with_base(None, C[0])).step().s == 0

@@ -1,5 +1,7 @@
 """Motors that move several joints together: every quantity in coordinates of joints and of motors, against A^-T."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,8 @@ import jounce
 from jounce import JounceError
 from jounce.arguments.loops import MIN_RATIO_INVERSE_CONDITION
 from jounce.model.transmissions import with_followers
+from jounce.motion.table import MAX_FOLLOWER_OFFSET
+from jounce.stream.aggregates import reported_limits
 
 ALPHA = 40 / 65  # of iCub's shoulders: robotology/robots-configuration, iCubGenova04, left_arm-eb1-j0_3-mec.xml
 MATRICES = {
@@ -310,7 +314,7 @@ def test_checks_note_efforts_of_joints_that_share_motors():
     arm = jounce.load("planar2r").with_limits(effort=50.0)
     robot = arm.with_transmission([[1, 0], [1, 1]], ["a", "b"]).with_limits(effort={"a": 40.0})
     notes = robot.check(jounce.Motion.polynomial([[0, 1], [0, 1]], 1.0)).notes
-    assert [note for note in notes if "'joint1'" in note and "shares motors" in note]
+    assert [note for note in notes if "'joint1'" in note and "no motor is at it alone" in note]
     assert not [note for note in notes if "'a'" in note]
 
 
@@ -367,3 +371,27 @@ def test_coupled_robots_have_no_loops():
     with pytest.raises(JounceError, match="coordinates joint1, a at rest leave joints free to move by 1 joint2"):
         robot.closed(coordinates=["joint1", "a"])
     assert with_followers(robot.mechanism).G.tolist() == [[1, 0], [0, 1], [1, 0], [1, 1]]
+
+
+def test_runs_report_no_limits_of_motors_that_are_elsewhere():
+    arm = jounce.load("planar2r").with_limits(velocity=5).with_transmission([[1, 0], [1, 1]], ["a", "b"])
+    arm = arm.with_limits(effort={"a": 0.01})
+    with pytest.warns(jounce.JounceWarning, match="limits of effort are of motors, which Q is not of; jounce check"):
+        limits = reported_limits(SimpleNamespace(subject="forces", robot=arm))
+    assert limits.kinds == ("velocity",)
+
+
+@pytest.mark.parametrize("field", ["resistance", "constant", "inductance", "body"])
+def test_motors_of_transmissions_state_drive_terms_alone(field):
+    motor = jounce.Motor(inertia=1e-4, **{field: "upper_arm" if field == "body" else 1.0})
+    with pytest.raises(jounce.JounceError, match=f"motor 'a' states {field}, of motors on elastic joints"):
+        jounce.load("planar2r").with_transmission(np.eye(2), {"a": motor, "b": None})
+
+
+@pytest.mark.parametrize(("off", "noted"), [(0.9, False), (1.1, True)])
+def test_columns_of_motors_that_contradict_are_noted(off, noted):
+    arm = jounce.load("planar2r").with_transmission([[1, 0], [1, 1]], ["a", "b"])
+    t = np.linspace(0, 1, 50)
+    columns = {"t": t, "joint1": np.sin(t), "joint2": t**2, "b": np.sin(t) + t**2 + off * MAX_FOLLOWER_OFFSET}
+    notes = jounce.load_motion(columns, arm).notes
+    assert any("b is up to 0.022 off where the coordinates take it" in note for note in notes) == noted

@@ -232,3 +232,16 @@ REFUSED = {
 def test_what_the_ground_cannot_hold_is_refused_in_one_line(dog, case):
     call, words = REFUSED[case]
     refusal(lambda: call(dog), *words)
+
+
+@pytest.mark.parametrize("ends", [("ground", "FL_FOOT"), ("FL_FOOT", "ground")])
+def test_axes_in_the_ground_are_inertial(dog, ends):
+    """A foot on a plane stays at its height where the normal is stated in the ground; in the foot it is another."""
+    with pytest.warns(jounce.JounceWarning, match="nothing but inertia"):
+        robot = dog.closed(
+            [(*ends, "planar", (0, 0, 1))], JOINTS, passive=["base_x", "base_y", "base_yaw"], start=START
+        )
+    c = robot.mechanism.closure
+    q = c.start[list(c.independent)]
+    V = robot.twists(q, 1.0 * (np.array(robot.joint_names) == "base_x"), body="FL_FOOT", frame="world", **RECURSION)
+    assert (abs(V[5]) < 1e-12) == (ends[0] == "ground")

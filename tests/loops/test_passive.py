@@ -210,3 +210,16 @@ REFUSED = {
 def test_passive_coordinates_are_refused_in_one_line(case):
     call, words = REFUSED[case]
     refusal(lambda: call(jounce.load("fivebar")), *words)
+
+
+@pytest.mark.filterwarnings("ignore:.*nothing but inertia moves")
+def test_checks_say_what_passive_coordinates_lack():
+    """A motion that the passive arm does not do by itself; one at rest without gravity lacks nothing."""
+    arms = jounce.load("fivebar", gravity=(0, 0, 0)).with_limits(velocity=9)
+    robot = arms.closed(actuated=["left_shoulder"], passive=["right_shoulder"])
+    u = robot.mechanism.closure.start[list(robot.mechanism.closure.independent)]
+    for moves in (0.1, 0.0):
+        motion = jounce.Motion.polynomial([[u[0], 0, moves], [u[1], 0, 0]], 1.0, joint_names=robot.joint_names)
+        for notes in (robot.check(motion).notes, robot.slowdown(motion).notes if moves else ()):
+            assert any("at passive 'right_shoulder', at t = " in note for note in notes) == bool(moves and notes)
+        assert any("lacks" in note for note in robot.check(motion).notes) == bool(moves)

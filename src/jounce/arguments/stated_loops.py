@@ -13,8 +13,10 @@ from jounce.dynamics.state import BASE_AT_REST
 from jounce.model.frame import UNIT_ROUNDING, Frame
 from jounce.model.loops import DEFAULT_LOOP_AXIS, HELD_DIRECTIONS, Loop
 from jounce.model.mechanism import Mechanism
+from jounce.spatial.lie import rotation
 from jounce.spatial.series import column_series
 
+AXIAL_FREE = ("spherical", "fixed")  # joints without an axis
 GROUND = "ground"  # in place of a frame: the other one is held where it is at the start
 
 
@@ -45,13 +47,21 @@ def with_stated_loops(tree: Mechanism, stated: Sequence[Any], start: np.ndarray)
     ready, loops = iter(tree.loops), list[Loop]()
     for k, x in enumerate(stated):
         with locate_errors(f"loops[{k}]"):
-            found = next(ready) if isinstance(x, Loop) else build_loop(tree, *_find_ends(tree, x[:2], start), *x[2:])
+            found = next(ready) if isinstance(x, Loop) else _build_held(tree, x, start)
         loops.append(found)
     ends = [frame for loop in loops for frame in (loop.a, loop.b) if frame.name not in tree.bodies]
     frames = {frame.name: frame for frame in (*tree.frames, *ends)}
     if moved := [frame.name for frame in ends if not np.array_equal(frame.T, frames[frame.name].T)]:
         raise JounceError(f"loops state {quote_value(moved[0])} at two places; leave one of them out")
     return replace(tree, frames=tuple(frames.values()), loops=tuple(loops))
+
+
+def _build_held(tree: Mechanism, stated: Sequence[Any], start: np.ndarray) -> Loop:
+    """The loop between frames by name; the axis is in the first one, in inertial axes where that is the ground."""
+    a, b = _find_ends(tree, stated[:2], start)
+    loop = build_loop(tree, a, b, *stated[2:])
+    of_ground = stated[0] == GROUND and a.name != GROUND and loop.joint not in AXIAL_FREE
+    return replace(loop, axis=rotation(a.T).T @ loop.axis) if of_ground else loop
 
 
 def _find_ends(tree: Mechanism, names: Sequence[Any], start: np.ndarray) -> list[Frame]:
@@ -75,7 +85,7 @@ def build_loop(tree: Mechanism, a: Any, b: Any, joint: Any = "spherical", axis: 
         raise JounceError(
             f"axis is {quote_value(axis)}; expected a direction (3,) in the axes of frame {quote_value(frames[0].name)}"
         )
-    if joint in ("spherical", "fixed"):  # which have none
+    if joint in AXIAL_FREE:
         along = np.array(DEFAULT_LOOP_AXIS, dtype=float)
     length = np.linalg.norm(along)  # of what a file states, 1 but for rounding: it is read as it was written
     return Loop(frames[0], frames[1], joint, along if abs(length - 1) < UNIT_ROUNDING else along / length)

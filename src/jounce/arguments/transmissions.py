@@ -12,6 +12,8 @@ from jounce.model.mechanism import Mechanism
 from jounce.model.motors import Motor
 from jounce.model.transmissions import with_rotors
 
+ELECTRIC = ("body", "resistance", "inductance", "constant")  # what a motor states that no drive term is
+
 
 def with_transmission(m: Mechanism, matrix: object, motors: object, joints: object, offset: object) -> Mechanism:
     """The robot with motors that move some of its joints together, in its own coordinates."""
@@ -47,4 +49,9 @@ def _read_motors(m: Mechanism, given: object) -> dict[str, Motor | None]:
             raise JounceError(f"motor {quote_value(name)} or its rotor has the name of a joint or body; rename it")
         if not isinstance(motor, Motor | None):
             raise JounceError(f"motor {quote_value(name)} is {quote_value(motor)}; expected a jounce.Motor, or None")
+        if motor and (stated := [x for x in ELECTRIC if getattr(motor, x)]):
+            came = f"motor {quote_value(name)} states {join_names(stated)}, of motors on elastic joints"
+            raise JounceError(
+                f"{came}; expected gear, inertia, damping, friction: robot.closed().elastic() takes the others"
+            )
     return found

@@ -12,7 +12,7 @@ from jounce.core.errors import JounceError, UncertainError, locate_errors, quote
 from jounce.core.typing import ArrayLike
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, Quantity
 from jounce.engine import certain_digits
-from jounce.engine.contact_limits import UnbalancedError, are_limited
+from jounce.engine.contact_limits import are_limited, unbalanced_at
 from jounce.engine.contact_motion import refuse_sliding
 from jounce.engine.contact_switches import find_switches
 from jounce.engine.engine import Engine
@@ -164,9 +164,8 @@ def compute_pieces(
     for part, states in MotionStates.pieces(robot, motion, times, [(row, order)]):
         t = times[part]
         try:
-            forces = states.compute(robot, row.name, method)
-        except UnbalancedError as error:
-            raise JounceError(f"{error.reason}, at t = {t[error.state]:.9g} s") from None
+            with unbalanced_at(t):
+                forces = states.compute(robot, row.name, method)
         except UncertainError as error:
             forces = error.results
             uncertain.append([t[where] for where in error.uncertain])
@@ -198,7 +197,8 @@ def find_force_breaks(
     jumps = np.zeros((order + 1, len(t), entry_count(robot, row)))
     of_sides = (MotionStates.pieces(robot, motion, t, [(row, order)], side) for side in SIDES)
     for (part, left), (_, right) in zip(*of_sides, strict=True):
-        before, after = (compute_certain(robot, states, method, row) for states in (left, right))
+        with unbalanced_at(t[part]):
+            before, after = (compute_certain(robot, states, method, row) for states in (left, right))
         size = np.maximum(np.abs(before), np.abs(after)).max(axis=2, keepdims=True)
         difference = np.subtract(after, before)
         jumps[:, part] = np.where(np.abs(difference) > _FORCE_JUMP_TOLERANCE * size, difference, 0)

@@ -14,7 +14,8 @@ continuous and its rate jumps. It fails, with `JounceError`, where no f obeys th
 [1] C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, SIAM (1995).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -66,6 +67,15 @@ class UnbalancedError(JounceError):
 
     def __reduce__(self) -> tuple[Any, ...]:  # between processes
         return type(self), (self.reason, self.state, self.batch)
+
+
+@contextmanager
+def unbalanced_at(t: np.ndarray) -> Iterator[None]:
+    """Say at which of the times (N,) of a motion contacts do not balance it."""
+    try:
+        yield
+    except UnbalancedError as error:
+        raise JounceError(f"{error.reason}, at t = {t[error.state]:.9g} s") from None
 
 
 def compute_on_contacts(call: Call, run: Callable[[Call], Any]) -> Any:

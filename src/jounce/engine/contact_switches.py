@@ -18,7 +18,14 @@ from jounce.core.errors import JounceError, quote_value
 from jounce.dynamics.contacts import Stance
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES, Quantity
 from jounce.engine.backends import Call
-from jounce.engine.contact_limits import Balance, are_limited, find_balance, solve_active, solve_components
+from jounce.engine.contact_limits import (
+    Balance,
+    are_limited,
+    find_balance,
+    solve_active,
+    solve_components,
+    unbalanced_at,
+)
 from jounce.engine.dispatch import check_arguments, run_by_backend
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates
@@ -36,7 +43,8 @@ def find_switches(
     m = robot.mechanism
 
     def balance(t: np.ndarray) -> Balance:
-        return find_balance(_call_at(robot, motion, t, QUANTITIES["contact_wrenches"], 0), run_by_backend)
+        with unbalanced_at(t):
+            return find_balance(_call_at(robot, motion, t, QUANTITIES["contact_wrenches"], 0), run_by_backend)
 
     def solves(active: np.ndarray, at: Balance, i: int = 0) -> bool:
         """Whether these rows give the solution in a state."""

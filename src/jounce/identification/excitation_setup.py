@@ -38,7 +38,8 @@ def prepare_search(
     if not 0 <= left < 1:
         raise JounceError(f"margin is {quote_value(margin)}; expected a share of the limits, 0 <= margin < 1")
     if robot.mechanism.closure:
-        raise JounceError(f"the loops of {quote_value(robot.name)} are closed; expected a robot without loops")
+        has = "loops that are closed" if robot.mechanism.loops else "motors that move joints together"
+        raise JounceError(f"{quote_value(robot.name)} has {has}; expected a robot without: excite() is of its joints")
     check_single_screws(robot.mechanism, "excite()")
     limits, notes = _bounded_positions(robot, check_number("reach", reach, "rad"))
     kinds = [kind for kind in limits.kinds if not LIMIT_KINDS[kind].takes]

@@ -8,6 +8,7 @@ import numpy as np
 from jounce.core.display import HtmlDisplay
 from jounce.engine.along import ForceBreak, find_force_breaks
 from jounce.engine.contact_limits import are_limited
+from jounce.engine.contact_motion import refuse_hovering
 from jounce.engine.engine import Engine
 from jounce.limits.commands import take_differences
 from jounce.limits.contact_ratios import judge_contacts
@@ -15,7 +16,7 @@ from jounce.limits.deviations import compute_deviations
 from jounce.limits.joints import joint_units
 from jounce.limits.limited_motion import LimitedMotion, Span
 from jounce.limits.motion_polynomials import split_motion
-from jounce.limits.omissions import describe_omissions, describe_unresolved
+from jounce.limits.omissions import describe_lacks, describe_omissions, describe_unresolved
 from jounce.limits.ratios import SIGNS
 from jounce.limits.uncertain_spans import count_uncertain
 from jounce.limits.validation import validate_limits
@@ -167,6 +168,7 @@ def check(robot: Engine, motion: object) -> Check:
         table = _build_table(differences.b, worst, {}, _copy_worst(worst))
         notes = (*differences.notes, *describe_omissions(b, ()))
         return Check(table, (), notes, differences.judged)
+    refuse_hovering(b.robot, b.motion)
     contacts = tuple(CheckedLimit(*row) for row in judge_contacts(b)) if are_limited(b.robot.mechanism) else ()
     if combine_verdicts([row.verdict for row in contacts]) == "broken":  # there are no forces
         b = b.select_kinds([kind for kind in b.kinds if LIMIT_KINDS[kind].of == "q"])
@@ -180,7 +182,7 @@ def check(robot: Engine, motion: object) -> Check:
     for of, spans in worst.unresolved.items():
         undecided[of] = undecided.get(of, []) + spans
     worst.take_jumps(breaks)
-    notes = (*describe_omissions(b, breaks), *describe_unresolved(worst))
+    notes = (*describe_omissions(b, breaks), *describe_unresolved(worst), *describe_lacks(b, b.motion))
     table = (*_build_table(b, worst, undecided, certain), *contacts)
     return Check(table, breaks, notes, _judged_shares(b, undecided))
 

@@ -5,8 +5,11 @@ contacts as a_i f <= b_i fz. Some wrenches keep them where rho <= 1.
 
 Algorithm: that of Dinkelbach for several ratios [1]. At a rho that suffices, the linear program max s subject to
 a_i f - rho b_i fz <= -s d_i has s >= 0, and the largest ratio of its f is the next, smaller rho; with the b_i fz of the
-last f as d_i it converges superlinearly. Programs of many times are one, with blocks. It ends where rho falls no more.
-Where the first, large rho does not suffice, it is infinite: the ground would have to pull.
+last f as d_i it converges superlinearly. Programs of many times are one, with blocks. The first rho is that of the
+least-squares wrenches, or a large one: where that does not suffice, rho is infinite, as the ground would have to pull.
+
+Invariant: some wrenches take rho. It ends where none takes 1e-6 of it less, as a last program shows: rounding of forces
+near 0 may end the descent before.
 
 [1] J.-P. Crouzeix, J. A. Ferland, S. Schaible, An algorithm for generalized fractional programs, JOTA 47 (1985).
 """
@@ -19,9 +22,10 @@ import numpy as np
 
 from jounce.arguments.contacts import balance_maps
 from jounce.core.errors import JounceError
+from jounce.core.scalars import Array
 from jounce.dynamics.contacts import limit_rows
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
-from jounce.engine.contact_limits import UnbalancedError, check_condition
+from jounce.engine.contact_limits import check_condition, unbalanced_at
 from jounce.engine.engine import with_mechanism
 from jounce.engine.motion_states import MotionStates, are_present
 from jounce.limits.limited_motion import LimitedMotion
@@ -32,13 +36,15 @@ from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
 from jounce.motion.reliability import find_window
 
-_EVEN_TIMES = 201  # in addition to those of the motion
+_EVEN_TIMES, _SPACING = 201, 0.01  # at least, and s at most, in addition to the times of the motion: 25 Hz shows
 _BREAK_SIDE_SHARE = 1e-9  # of the duration: how long before a break its left side is judged
 _PEAKS, _FLATNESS = 2, 1e-6  # the highest peaks are placed between times; flatter ones, relative, rise no higher
 _TIMES_PER_PROGRAM = 200  # linear programs in one: the time for each is least from a hundred on
-_TOLERANCE = 1e-10  # of programs, where the largest component of Q_0 is 1: the least that HiGHS takes
+_TOLERANCE = 1e-9  # of programs, where the largest component of Q_0 is 1: at 1e-10 the simplex method may fail
 _MIN_BOUND = 1e-8  # of d: where friction is 0, nothing but rounding is left
-_MAX_RATIO = 1e3  # of rho, which falls from it; motions take eight to fifteen programs
+_MAX_RATIO = 1e3  # of rho: beyond, the ground would have to pull
+RATIO_ACCURACY = 1e-6  # of rho, which is that much too large at most
+MAX_POSSIBLE_RATIO = 1 + 2 * RATIO_ACCURACY
 
 
 def judge_contacts(b: LimitedMotion) -> Iterator[tuple[Any, ...]]:
@@ -48,10 +54,13 @@ def judge_contacts(b: LimitedMotion) -> Iterator[tuple[Any, ...]]:
     """
     motion, spread = b.motion, b.motion.deviations(b.motion.times, 2)
     start, stop = find_window(motion.times, spread[2]) if spread else b.whole
-    # Evaluate at the times of the motion and more, both sides of breaks, then where rho peaks between them.
+    # Evaluate at some times, then at all of the motion and both sides of breaks at which more might be taken.
     breaks = np.array([x.t - side * motion.duration for x in motion.breaks for side in (0, _BREAK_SIDE_SHARE)])
-    t = np.unique(np.clip([*motion.times, *breaks, *np.linspace(start, stop, _EVEN_TIMES)], start, stop))
-    known = (rho, *_) = _find_ratios(b, t)
+    count = max(_EVEN_TIMES, int((stop - start) / _SPACING) + 1)
+    t = np.unique(np.clip([*motion.times, *breaks, *np.linspace(start, stop, count)], start, stop))
+    coarse = _find_ratios(b, t[:: max(1, len(t) // _EVEN_TIMES)])[0]
+    known = (rho, *_) = _find_ratios(b, t, float(coarse[np.isfinite(coarse)].max(initial=0.0)))
+    # Place the highest peaks between them.
     before, here, after = (rho[i : len(t) - 2 + i].clip(max=_MAX_RATIO) for i in range(3))
     peaks = np.flatnonzero((here >= before) & (here >= after) & (2 * here - before - after > _FLATNESS * here)) + 1
     peaks = peaks[np.argsort(rho[peaks])[-_PEAKS:]]
@@ -59,7 +68,7 @@ def judge_contacts(b: LimitedMotion) -> Iterator[tuple[Any, ...]]:
     order = np.argsort([*t, *at], kind="stable")
     t, rho, a, bound = (np.concatenate(x)[order] for x in zip((t, *known), (at, *_find_ratios(b, at)), strict=True))
     # Place the ends of the spans in which no wrenches keep the limits.
-    runs = np.array(find_runs(rho > 1 + LIMIT_TOLERANCE), dtype=int).reshape(-1, 2)
+    runs = np.array(find_runs(rho > MAX_POSSIBLE_RATIO), dtype=int).reshape(-1, 2)
     sides = np.sort([t[runs], t[np.add(runs, (-1, 1)).clip(0, len(t) - 1)]], axis=0).reshape(2, -1)
     spans = tuple(map(tuple, find_roots(lambda t, _: _find_ratios(b, t)[0] - 1, *sides).reshape(-1, 2).tolist()))
     unknown = tuple(span for span in ((motion.start, start), (stop, motion.stop)) if span[0] < span[1])
@@ -68,7 +77,8 @@ def judge_contacts(b: LimitedMotion) -> Iterator[tuple[Any, ...]]:
         (names, rows), count = zip(*contact.named_limits, strict=True), len(contact.limits)
         i, k = divmod(int(ratio[:, first : first + count].argmax()), count)
         value, most, worst = (float(x[i, first + k]) for x in (a, bound, ratio))
-        unit, broken = "N m" if rows[k][:3].any() else "N", spans if worst > 1 + LIMIT_TOLERANCE else ()
+        worst = min(worst, 1.0) if worst <= MAX_POSSIBLE_RATIO else worst
+        unit, broken = "N m" if rows[k][:3].any() else "N", spans if worst > 1 else ()
         yield contact.frame, names[k], None, unit, value, most, worst, most - value, float(t[i]), None, broken, unknown
         first += count
 
@@ -86,42 +96,77 @@ def _present(m: Mechanism, motion: Motion, t: np.ndarray) -> tuple[np.ndarray, n
     return np.repeat(there, components, axis=1), np.repeat(there, limits, axis=1)
 
 
-def _find_ratios(b: LimitedMotion, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """rho (N,), and a f and b fz (N, r) of the wrenches that take it, at times (N,)."""
-    from scipy.optimize import linprog  # imported here to keep start-up fast
-    from scipy.sparse import block_diag
+def _find_ratios(b: LimitedMotion, t: np.ndarray, least: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """rho (N,), and a f and b fz (N, r) of the wrenches that take it, at times (N,).
 
+    Where least-squares wrenches take at most `least`, their ratio is returned, and no forces.
+    """
     m, C = b.robot.mechanism, limit_rows(b.robot.mechanism.contacts)
     free, normal = with_mechanism(b.robot, replace(m, contacts=())), [i == 5 for x in m.contacts for i in x.held]
-    A, B, count = np.where(normal, 0, C), np.where(normal, -C, 0), len(normal)
-    exact: Any = {"primal_feasibility_tolerance": _TOLERANCE, "dual_feasibility_tolerance": _TOLERANCE}
-    ratios, f = np.full(len(t), _MAX_RATIO), np.zeros((len(t), count))
+    A, B = np.where(normal, 0, C), np.where(normal, -C, 0)
+    weights = np.sqrt(np.concatenate([x.weights[x.held] for x in m.contacts]))
+    ratios, f = np.full(len(t), _MAX_RATIO), np.zeros((len(t), len(normal)))
     for part in (slice(i, i + _TIMES_PER_PROGRAM) for i in range(0, len(t), _TIMES_PER_PROGRAM)):
         x = MotionStates.sample(free, b.motion, t[part], [(DEFAULT_QUANTITY, 0)])
         assert x.base is not None  # `check_motion` refuses others
         there, limited = _present(m, b.motion, t[part])
         G, F = balance_maps(m, x.rates[0], x.base[0]) * there[:, None], x.compute(free, DEFAULT_QUANTITY.name)[0][:, :6]
-        size, rho, d = np.abs(F).max(axis=1, keepdims=True), ratios[part], np.tile(B.sum(axis=1), (len(F), 1))
-        try:
+        with unbalanced_at(t[part]):
             check_condition(m, G, t[part].shape)
-        except UnbalancedError as error:
-            raise JounceError(f"{error.reason}, at t = {t[part][error.state]:.9g} s") from None
-        cost, free_or_zero = np.append(np.zeros(count), -1.0), np.where(there[..., None], (-np.inf, np.inf), 0.0)
-        bounds: Any = np.concatenate([free_or_zero, np.tile((-np.inf, _MAX_RATIO), (len(F), 1, 1))], axis=1)
-        left, rho[~there.any(axis=1)] = np.flatnonzero(there.any(axis=1)), 0.0
-        while left.size:
-            room_for = d[left].clip(_MIN_BOUND) * limited[left]
-            rows = np.concatenate([A - rho[left, None, None] * B, room_for[..., None]], axis=2)
-            equal = block_diag([*np.pad(G[left], ((0, 0), (0, 0), (0, 1)))], format="csc")
-            found: Any = linprog(
-                np.tile(cost, len(left)), block_diag([*rows], format="csc"), np.zeros(d[left].size), equal,
-                (F / size)[left].ravel(), bounds[left].reshape(-1, 2), options=exact,
-            )  # fmt: skip
-            if found.status:
-                raise JounceError(f"limits of the contacts of {m.name!r} are not decided: {found.message}")
-            y, s = np.split(found.x.reshape(len(left), -1), [count], axis=1)
-            room, ratio = s[:, 0] >= -_TOLERANCE, _ratios(y @ A.T, y @ B.T).max(axis=1)
-            better = room & (ratio < (1 - LIMIT_TOLERANCE) * rho[left])
-            left, y = left[better], y[better]
-            rho[left], f[part][left], d[left] = ratio[better], size[left] * y, y @ B.T
+        y = (np.linalg.pinv(G / weights) @ F[..., None])[..., 0] / weights
+        pushes = ((y @ B.T > 0) | ~limited | ~B.any(axis=1)).all(axis=1)
+        ratios[part] = np.where(pushes, _ratios(y @ A.T, y @ B.T).max(axis=1).clip(max=_MAX_RATIO), _MAX_RATIO)
+        ratios[part][~there.any(axis=1)] = 0.0
+        left = np.flatnonzero(ratios[part] > least)
+        if left.size:
+            f[part][left] = np.where(pushes[left, None], y[left], 0)
+            _descend(m, A, B, G[left], F[left], there[left], limited[left], left, ratios[part], f[part])
     return np.where(ratios < _MAX_RATIO, ratios, np.inf), f @ A.T, f @ B.T
+
+
+def _descend(
+    m: Mechanism,
+    A: Array,
+    B: Array,
+    G: Array,
+    F: Array,
+    there: Array,
+    limited: Array,
+    places: Array,
+    rho: Array,
+    f: Array,
+) -> None:
+    """Let rho and f fall at some places, where G f = F (N, 6), of contacts and limits that are there."""
+    from scipy.optimize import linprog  # imported here to keep start-up fast
+    from scipy.sparse import block_diag
+
+    count, coefficients = A.shape[1], np.where(B.any(axis=1), B.sum(axis=1), 1.0)[:, None]
+    A, B, size = A / coefficients, B / coefficients, np.abs(F).max(axis=1, keepdims=True)
+    cost, free_or_zero = np.append(np.zeros(count), -1.0), np.where(there[..., None], (-np.inf, np.inf), 0.0)
+    bounds: Any = np.concatenate([free_or_zero, np.tile((-np.inf, _MAX_RATIO), (len(F), 1, 1))], axis=1)
+    exact: Any = {"primal_feasibility_tolerance": _TOLERANCE, "dual_feasibility_tolerance": _TOLERANCE}
+    d, share = (f[places] / size @ B.T), np.ones(len(F))
+    d[~d.any(axis=1)] = B.sum(axis=1)
+    left = np.arange(len(F))
+    while left.size:
+        # Solve the programs of all times that are left at their rho, or a little below where it fell no more.
+        at, room_for = (rho[places] * share)[left], d[left].clip(_MIN_BOUND) * limited[left]
+        rows = np.concatenate([A - at[:, None, None] * B, room_for[..., None]], axis=2)
+        equal = block_diag([*np.pad(G[left], ((0, 0), (0, 0), (0, 1)))], format="csc")
+        given = np.tile(cost, len(left)), block_diag([*rows], format="csc"), np.zeros(d[left].size), equal
+        for method in ("highs-ds", "highs-ipm"):  # where the simplex method fails, as on degenerate vertices
+            found: Any = linprog(*given, (F / size)[left].ravel(), bounds[left].reshape(-1, 2), method, options=exact)
+            if not found.status:
+                break
+        else:
+            raise JounceError(f"limits of the contacts of {m.name!r} are not decided: {found.message}")
+        y, s = np.split(found.x.reshape(len(left), -1), [count], axis=1)
+        # Take what is better; where nothing is, end after a program below rho without room.
+        room, ratio = s[:, 0] >= -_TOLERANCE, np.minimum(_ratios(y @ A.T, y @ B.T).max(axis=1), rho[places][left])
+        below = share[left] < 1
+        taken = np.where(below & room, np.minimum(at, ratio), ratio)
+        better = room & (taken < (1 - LIMIT_TOLERANCE) * rho[places][left])
+        now = left[better]
+        rho[places[now]], f[places[now]], d[now] = taken[better], size[now] * y[better], y[better] @ B.T
+        share[left] = np.where(better, 1.0, 1 - RATIO_ACCURACY)
+        left = left[(better | ~below) & (rho[places][left] > RATIO_ACCURACY)]

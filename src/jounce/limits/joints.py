@@ -38,10 +38,21 @@ def joint_limits(m: Mechanism) -> Limits:
     limits = coordinate_limits(m.tree)
     if m.closure is None:
         return limits
-    table = limits.table.copy()
-    passive = [j for j in range(m.tree.n) if j not in m.closure.actuated]
-    forces = [k for k, kind in enumerate(LIMIT_KINDS) if kind not in MOTION_KINDS]
-    table[np.ix_(forces, [0], passive)], table[np.ix_(forces, [1], passive)] = -np.inf, np.inf
+    return _without_forces(limits, [j for j in range(m.tree.n) if j not in m.closure.actuated])
+
+
+def limits_of_coordinates(m: Mechanism) -> Limits:
+    """The limits of the coordinates: forces are limited where motors are at all of them, as Q is of motors then."""
+    if m.closure is None:
+        return joint_limits(m)
+    limits = joint_limits(m).select(list(m.closure.independent))
+    return limits if drives_coordinates(m) else _without_forces(limits, range(m.n))
+
+
+def _without_forces(limits: Limits, columns: Sequence[int]) -> Limits:
+    """The limits without those of forces and motors of some columns."""
+    table, forces = limits.table.copy(), [k for k, kind in enumerate(LIMIT_KINDS) if kind not in MOTION_KINDS]
+    table[np.ix_(forces, [0], columns)], table[np.ix_(forces, [1], columns)] = -np.inf, np.inf
     return replace(limits, table=table)
 
 

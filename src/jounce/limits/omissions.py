@@ -1,13 +1,19 @@
-"""What a verdict on limits leaves out: breaks, flight, limits of what a robot does not have, values that vary fast."""
+"""What a verdict on limits leaves out: breaks, limits of what a robot does not have, values that vary fast."""
+
+import numpy as np
 
 from jounce.core.errors import join_names, quote_value
+from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.along import ForceBreak
-from jounce.engine.contact_motion import find_flights
+from jounce.engine.motion_states import MotionStates
 from jounce.limits.limited_motion import LimitedMotion
 from jounce.limits.worst_values import Worst
 from jounce.model.coordinates import following_efforts
 from jounce.model.limit_kinds import LIMIT_KINDS
+from jounce.motion.motion import Motion
 from jounce.spatial.series import rate_name
+
+LACK_TOLERANCE = 1e-5  # of the largest force: what integrated motions of springs lack by their steps is less
 
 
 def describe_omissions(b: LimitedMotion, breaks: tuple[ForceBreak, ...]) -> tuple[str, ...]:
@@ -29,13 +35,8 @@ def describe_omissions(b: LimitedMotion, breaks: tuple[ForceBreak, ...]) -> tupl
         rigid, broken = "the joints are rigid; see robot.elastic(stiffness)", "limits of contacts are broken"
         reason = rigid if all(LIMIT_KINDS[kind].takes for kind in b.limits.kinds if kind not in b.kinds) else broken
         notes.append(f"limits of {join_names(idle)} are not checked: {reason}")
-    for start, stop in find_flights(b.robot.mechanism, b.motion):
-        notes.append(
-            f"no contact is there from t = {start:.6g} to {stop:.6g} s: whether the base falls freely then, as it must,"
-            " is not judged; forces_along has what is missing as the first six rows of Q"
-        )
     for joint in following_efforts(b.robot.mechanism):
-        notes.append(f"effort limits of {quote_value(joint)} are not checked: it follows another, or shares motors")
+        notes.append(f"effort limits of {quote_value(joint)} are not checked: no motor is at it alone")
     return tuple(notes)
 
 
@@ -45,4 +46,23 @@ def describe_unresolved(worst: Worst) -> tuple[str, ...]:
         f"the {kind.replace('_', ' ')} of joint {quote_value(worst.b.name(kind, j))} may be beyond its limit between"
         f" samples from t = {min(spans)[0]:.9g} s on: it changes too fast there to be followed"
         for (kind, j), spans in worst.unresolved.items()
+    )
+
+
+def describe_lacks(b: LimitedMotion, motion: Motion) -> tuple[str, ...]:
+    """What a motion lacks at passive coordinates, which no motor supplies: the robot moves otherwise."""
+    m = b.robot.mechanism
+    if m.closure is None or not m.closure.passive:
+        return ()
+    names, found = [m.coordinates[k] for k in m.closure.passive], list[np.ndarray]()
+    for _, states in MotionStates.pieces(b.robot, motion, motion.times, [(QUANTITIES["actuator_forces"], 0)]):
+        found.append(states.compute(b.robot, "actuator_forces")[0])
+    forces = np.abs(np.concatenate(found))
+    lacks = forces[:, -len(names) :]
+    if not lacks.max() > LACK_TOLERANCE * forces.max():
+        return ()
+    i, j = np.unravel_index(lacks.argmax(), lacks.shape)
+    return (
+        f"the motion lacks {lacks[i, j]:.3g} at passive {quote_value(names[j])}, at t = {motion.times[i]:.6g} s, which"
+        " no motor supplies: the robot moves otherwise, see robot.passive_accelerations",
     )

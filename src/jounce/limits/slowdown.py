@@ -30,7 +30,7 @@ from jounce.limits.check import find_limited_breaks
 from jounce.limits.factor_search import Place, bracket_factor, compute_worst, is_polynomial
 from jounce.limits.feasible_factors import Feasible
 from jounce.limits.limited_motion import LimitedMotion
-from jounce.limits.omissions import describe_omissions, describe_unresolved
+from jounce.limits.omissions import describe_lacks, describe_omissions, describe_unresolved
 from jounce.limits.uncertain_spans import count_uncertain
 from jounce.limits.validation import validate_limits
 from jounce.limits.worst_values import Worst
@@ -110,8 +110,9 @@ def slowdown(robot: Engine, motion: object) -> Slowdown:
     if found := _slow_for_uncertain(b, factor):
         (factor, place), largest = found, None
     kind, joint, t = place
-    notes += describe_unresolved(compute_worst(b, factor))
-    return Slowdown(factor, Binding(b.name(kind, joint), kind, t), b.motion.scaled(1 / factor), largest, notes)
+    slow = b.motion.scaled(1 / factor)
+    notes += (*describe_unresolved(compute_worst(b, factor)), *describe_lacks(b, slow))
+    return Slowdown(factor, Binding(b.name(kind, joint), kind, t), slow, largest, notes)
 
 
 def _slow_for_uncertain(b: LimitedMotion, factor: float) -> tuple[float, Place] | None:

@@ -32,7 +32,8 @@ END_SHARE = 1e-6  # of the path: where a stop at its end, which takes infinitely
 OVERSHOOT = 1e-9  # of v beyond the set point, which rounding may make
 _PRODUCTS = path_velocity.S3 + 1  # how many take v, a, j
 _STOP_SPEEDS = 0.5 * 0.8 ** np.arange(60)  # down to 1e-6; a stop from the first takes 1 / k of the path
-_FIRST_NODES, _MAX_NODES = 101, 200_000  # the last take 80 MB for seven joints
+_FIRST_NODES, FIRST_SPACING = 101, 0.005  # at least, and s of the motion at most: what is shorter may stay unseen
+_MAX_NODES = 200_000  # these take 80 MB for seven joints
 _REST_RATE = 1e-9  # of the largest q', q'' along the path: less is rest
 _SPEED_CAP = 10.0  # of the row of velocities where no joint moves: v is 1 at most
 
@@ -111,7 +112,10 @@ def _build_problem(robot: Engine, motion: Motion) -> RetimeProblem:
     if m.floats or m.closure or not m.is_numeric:
         raise JounceError(f"guard() of {m.name!r}; expected a robot on a fixed base without loops and symbols")
     check_single_screws(m, "guard()")
-    problem = build_problem(robot, check_motion(m, motion), 1 - TABLE_ERROR)
+    path = check_motion(m, motion)
+    if path.base_curve and any(np.abs(V).max() > 0 for V in (path.base(path.times, 2) or ())[1:]):
+        raise JounceError("guard(): the ground moves, and goes on where the guard slows down; leave the base out")
+    problem = build_problem(robot, path, 1 - TABLE_ERROR)
     limits, friction = problem.limits, problem.friction
     odd = [kind for kind in limits.kinds if kind in ("snap", "second_effort_rate") or LIMIT_KINDS[kind].takes]
     if odd or (friction and "power" in limits.kinds):
@@ -131,7 +135,13 @@ def _build_problem(robot: Engine, motion: Motion) -> RetimeProblem:
 
 def _refine(problem: RetimeProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray, LimitRows]:
     """Nodes s (N,), factors (N, R, 7) of all products, joints (N, R), and rows that are the same everywhere."""
-    sigma, count = problem.points(_FIRST_NODES)
+    first = max(_FIRST_NODES, int(problem.motion.duration / FIRST_SPACING) + 1)
+    if first > _MAX_NODES:
+        most = _MAX_NODES * FIRST_SPACING
+        raise JounceError(
+            f"guard(): the motion takes {problem.motion.duration:.6g} s; expected up to {most:g} s, divide it"
+        )
+    sigma, count = problem.points(first)
     rows = problem.rows(problem.path(sigma, count), _SPEED_CAP)
     order = np.argsort(np.roll(sigma, -count), kind="stable")  # before and after breaks, then even points
     s, F, joints = (np.roll(x, -count, axis=0)[order] for x in (sigma, _all_factors(rows), rows.joints))

@@ -39,7 +39,7 @@ def make_presence(given: Any, blend: Any, start: float, stop: float) -> tuple[tu
     frames = tuple(dict.fromkeys(frame for _, names in stances for frame in as_list(names)))
     if odd := [frame for frame in frames if not isinstance(frame, str)]:
         raise JounceError(f"stances hold {quote_value(odd[0])}; expected names of frames of contacts")
-    there = np.array([[frame in as_list(names) for frame in frames] for _, names in stances])
+    there = np.array([[frame in as_list(names) for frame in frames] for _, names in stances], dtype=bool)
     return frames, _join_stances(ends, there, float(blend))
 
 

@@ -27,6 +27,7 @@ from jounce.motion.units import check_units
 from jounce.spatial.series import rate_name
 
 DEFAULT_SMOOTHING, DEFAULT_COLUMN_OPTIONS = Smoothing(), ColumnOptions()
+MAX_FOLLOWER_OFFSET = 0.02  # rad or m: more than transmissions deflect, and less than another ratio shows
 JERK_ORDER = 3  # of q3d
 ALL_RATES_SOURCE = "all rates from the table"  # the source of motions without samples
 
@@ -71,6 +72,7 @@ def motion_from_columns(
         refuse_smoothing(way, place, "all rates are in the table")
     samples = fit_curve(SampledColumns(t, q, highest, place, joints, rounding=rounding), way) if found.sampled else None
     branch = {name: float(si[column][0]) for name, column in follower_columns(mechanism, si, found.sampled).items()}
+    of_followers = _compare_followers(mechanism, si, q if found.sampled else rows[0], found.sampled)
     base, of_poses = poses.curve_from_columns(t, of_base, way, highest, place)
     W, of_loads = loads.build_wrenches(t, of_wrenches, mechanism, max(highest - 2, 0), way, place)
     measured = _measured_torques(columns, found, mechanism.coordinates)
@@ -81,7 +83,7 @@ def motion_from_columns(
         spreads = collect_rates(si, known, DEVIATION)[: len(rows)]
         curve = HermiteCurve(t, rows, spreads if len(spreads) == len(rows) else None, rounding, place, tuple(known))
         samples = SampleCurve(curve, ALL_RATES_SOURCE)
-    notes = (*of_times, *found.notes, *of_rates, *of_turns, *samples.notes, *of_poses, *of_loads)
+    notes = (*of_times, *found.notes, *of_rates, *of_turns, *samples.notes, *of_followers, *of_poses, *of_loads)
     made, through = (samples.curve, joints, samples.source, W), (t, q) if found.sampled else None
     return Motion(*made, through, samples.residual, t, torques, notes, base, branch, several)
 
@@ -97,6 +99,20 @@ def _add_jerk(
     largest = f"{most.max():.2g} of {joints[int(most.argmax())]}"
     note = f"q3d is the difference of q2d to the next row, and changes by up to {largest} from row to row"
     return (*rows, np.concatenate([between, between[-1:]])), (note,)
+
+
+def _compare_followers(
+    m: Mechanism, columns: Mapping[str, np.ndarray], q: np.ndarray, sampled: bool
+) -> tuple[str, ...]:
+    """A note where columns of joints that follow by constant ratios state other positions."""
+    if m.closure is None:
+        return ()
+    ratios, stated, worst = m.closure.ratios, follower_columns(m, columns, sampled), (MAX_FOLLOWER_OFFSET, "")
+    for j, x in zip(ratios.places, ratios.positions(q).T, strict=True):
+        if column := stated.get(name := m.tree.coordinates[j]):
+            worst = max(worst, (float(np.abs(columns[column] - x).max()), name))
+    off, name = worst
+    return (f"{name} is up to {off:.3g} off where the coordinates take it, and is not read",) if name else ()
 
 
 def _rates_by_velocity(columns: Mapping[str, np.ndarray], joint: Position) -> dict[str, np.ndarray]:

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, quote_value
+from jounce.core.errors import JounceError, join_names, quote_value, warn
 from jounce.io.columns import Columns
 from jounce.io.tables import describe_place
+from jounce.limits.joints import joint_limits, limits_of_coordinates
 from jounce.limits.samples import find_worst_broken
-from jounce.model.coordinates import coordinate_limits
+from jounce.model.limit_kinds import MOTION_KINDS
 from jounce.model.limits import Limits
 from jounce.motion.motion import Motion
 from jounce.motion.reliability import BAND_DEVIATIONS, MAX_CERTAIN_SHARE, find_surest_rows
@@ -65,8 +66,18 @@ def tally_motion(motion: Motion, joints: Sequence[str], order: int) -> dict[str,
 
 
 def reported_limits(job: Job) -> Limits | None:
-    """The limits that a run reports if they are broken: those of coordinates, of runs that compute forces."""
-    return coordinate_limits(job.robot.mechanism) if job.subject == "forces" else None
+    """The limits that a run reports if they are broken: those of coordinates, of runs that compute forces.
+
+    Limits of forces are of motors: where these are elsewhere, Q says nothing of them, and a warning does.
+    """
+    if job.subject != "forces":
+        return None
+    m, limits = job.robot.mechanism, limits_of_coordinates(job.robot.mechanism)
+    if of_motors := [kind for kind in joint_limits(m).kinds if kind not in (*limits.kinds, *MOTION_KINDS)]:
+        warn(
+            f"{m.name!r}: limits of {join_names(of_motors)} are of motors, which Q is not of; jounce check judges them"
+        )
+    return limits
 
 
 def _find_largest(t: np.ndarray, x: np.ndarray, deviations: np.ndarray | None) -> tuple[np.ndarray, ...]:
