@@ -58,8 +58,11 @@ def judge_contacts(b: LimitedMotion) -> Iterator[tuple[Any, ...]]:
     breaks = np.array([x.t - side * motion.duration for x in motion.breaks for side in (0, _BREAK_SIDE_SHARE)])
     count = max(_EVEN_TIMES, int((stop - start) / _SPACING) + 1)
     t = np.unique(np.clip([*motion.times, *breaks, *np.linspace(start, stop, count)], start, stop))
-    coarse = _find_ratios(b, t[:: max(1, len(t) // _EVEN_TIMES)])[0]
-    known = (rho, *_) = _find_ratios(b, t, float(coarse[np.isfinite(coarse)].max(initial=0.0)))
+    some = np.arange(len(t)) % max(1, len(t) // _EVEN_TIMES) == 0
+    rho, *_ = first_found = _find_ratios(b, t[some])
+    found = first_found, _find_ratios(b, t[~some], float(rho[np.isfinite(rho)].max(initial=0.0)))
+    order = np.argsort([*t[some], *t[~some]])
+    known = (rho, *_) = [np.concatenate(x)[order] for x in zip(*found, strict=True)]
     # Place the highest peaks between them.
     before, here, after = (rho[i : len(t) - 2 + i].clip(max=_MAX_RATIO) for i in range(3))
     peaks = np.flatnonzero((here >= before) & (here >= after) & (2 * here - before - after > _FLATNESS * here)) + 1
