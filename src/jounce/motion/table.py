@@ -105,7 +105,7 @@ def _compare_followers(
     m: Mechanism, columns: Mapping[str, np.ndarray], q: np.ndarray, sampled: bool
 ) -> tuple[str, ...]:
     """A note where columns of joints that follow by constant ratios state other positions."""
-    if m.closure is None:
+    if m.closure is None or not m.closure.ratios.places:
         return ()
     ratios, stated, worst = m.closure.ratios, follower_columns(m, columns, sampled), (MAX_FOLLOWER_OFFSET, "")
     for j, x in zip(ratios.places, ratios.positions(q).T, strict=True):
