@@ -135,7 +135,7 @@ def test_the_view_draws_soles_and_forces(stand, motion):
         np.testing.assert_allclose(soles, np.stack([edge[:-1], edge[1:]], axis=1), atol=1e-6)
 
 
-def test_at_rest_it_lies_below_the_centre_of_mass(stand):
+def test_at_rest_the_point_is_below_the_centre_of_mass(stand):
     C = np.eye(4)
     C[:3, 3] = 0.3, 0.2, 0.1
     c = stand.center_of_mass([0.05], base=C)
