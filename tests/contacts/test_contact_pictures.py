@@ -1,16 +1,19 @@
 """Soles and forces of contacts in pages: the report and the live view show what the library computes."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import jounce
+from contacts.conftest import FEET, PAWS, SOLE, squat
 from contacts.test_contact_ratios import cart, sliding
 from jounce._report.view import scene, viewer
-from jounce._report.view.track import record_track
-from jounce.engine.balance_points import FORCE_ENDS, SOLE_EDGE, contact_lines_along
+from jounce._report.view.track import record_track, rest_state
+from jounce.engine.balance_points import FORCE_ENDS, SOLE_EDGE, contact_lines_along, zmp_along, zmp_points
+from jounce.engine.motion_states import MotionStates
 from support.pages import decoded, parsed
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -43,6 +46,39 @@ def test_the_data_of_the_page_are_lines_at_the_times_of_the_cursor(report, stand
     low = data["robot"]["space"][2][0]
     assert low < -contacts["longest"] + 1e-6  # the longest arrow, below the sole, is seen
     assert contacts["names"] == ["box"]
+    points = decoded(data["robot"]["zmp"]).reshape(-1, 3)
+    np.testing.assert_allclose(points, zmp_along(stand, motion, t), atol=1e-6)
+    np.testing.assert_allclose(points, found[:, FORCE_ENDS.start], atol=1e-6)  # of one contact
+
+
+def test_zero_moment_points_lie_at_the_mean_height(humanoid):
+    t = np.linspace(0, 0.6, 19)
+    q = squat(humanoid, t, 0)[0]
+    q[:, humanoid.joint_names.index("waist_roll_joint")] = 0.3 * np.sin(5 * t)
+    C = np.linalg.inv(humanoid.poses(q, body=FEET[0], base=np.eye(4), method="recursion"))
+    path = jounce.Motion.through(t, q, joint_names=humanoid.joint_names).with_base(t, C, degree=7)
+    feet = [jounce.Contact(foot, "plane", place=(0, 0, SOLE["place"][2] - k)) for k, foot in enumerate(FEET)]
+    height = SOLE["place"][2]  # the feet are level; the second contact is 1 m lower
+    for stances, lower in [([(0, FEET)], 0.5), ([(0, FEET[:1])], 0), ([(0, FEET[1:])], 1)]:
+        found = zmp_along(humanoid.contacts(feet), path.with_stances(stances), t[3:9])
+        expected = humanoid.zmp(*path(t[3:9], 2), base=path.base(t[3:9], 2), height=height - lower)
+        np.testing.assert_allclose(found[:, :2], expected, atol=1e-10)
+        np.testing.assert_allclose(found[:, 2], height - lower, atol=1e-6)
+
+
+def test_no_zero_moment_point_in_flight_and_with_tilted_gravity(dog):
+    t = np.arange(12) / 12
+    still = np.tile([0.0, 0.7, -1.4], (12, 4))
+    stand = dog.contacts([jounce.Contact(paw, "point") for paw in PAWS])
+    path = jounce.Motion.through(t, still, joint_names=dog.joint_names).with_base(None, np.eye(4))
+    lifted = path.with_stances([(0, PAWS), (0.5, [])])
+    np.testing.assert_array_equal(np.isnan(zmp_along(stand, lifted, t)), np.tile(t[:, None] >= 0.5, 3))
+    tilted = jounce.Robot(replace(stand.mechanism, gravity=np.array([1, 0, -9.8])))
+    assert all(np.isnan(zmp_along(robot, path, t)).all() for robot in (dog, tilted))
+    for share, none in [(0.5e-6, True), (2e-6, False)]:  # of the weight that the ground carries
+        fall = (np.eye(4), np.zeros(6), np.array([0, 0, 0, 0, 0, (1 - share) * dog.gravity[2]]))
+        states = MotionStates((still[0], 0 * still[0], 0 * still[0]), None, fall, None)
+        assert np.isnan(zmp_points(stand, states)).all() == none
 
 
 def test_pages_of_robots_without_contacts_have_none(stand, motion):
@@ -64,11 +100,13 @@ def test_the_page_draws_soles_and_forces(report, stand, motion, tmp_path):
         page.evaluate("moveTo(20)")
         shown = page.evaluate("(({x, y, z}) => [[...x], [...y], [...z]])(drawing.data.at(-1))")
         curve = page.evaluate("[...document.getElementById('contact-forces').data[0].y]")
+        ball = page.evaluate("(({x, y, z}) => [x[0], y[0], z[0]])(drawing.data.at(-2))")
         t, longest = page.evaluate("[times[20], robot.contacts.longest]")
         browser.close()
     assert wrong == []
     [expected] = lines_at(stand, motion, np.array([t]))
     start, stop = expected[FORCE_ENDS]
+    np.testing.assert_allclose(ball, start, atol=1e-6)
     points = np.array(shown, dtype=float).T
     np.testing.assert_allclose(points[SOLE_EDGE], expected[SOLE_EDGE], atol=1e-6)
     np.testing.assert_allclose(points[FORCE_ENDS][0], start, atol=1e-6)
@@ -87,9 +125,21 @@ def test_the_view_draws_soles_and_forces(stand, motion):
         np.testing.assert_allclose(
             served.scene.arrows["contact 0"].points, [[start - scale * (stop - start), start]], atol=1e-5
         )
+        ball = served.scene.arrows["zmp"]
+        np.testing.assert_allclose(ball.position, start, atol=1e-6)
+        assert ball.radius > 0
+        scene.show(served.scene, replace(served.along.at(0.4), zmp=np.full(3, np.nan)))
+        assert ball.radius == 0
         edge = expected[SOLE_EDGE]
         soles = served.scene.arrows["soles"].points
         np.testing.assert_allclose(soles, np.stack([edge[:-1], edge[1:]], axis=1), atol=1e-6)
+
+
+def test_at_rest_the_point_is_below_the_centre_of_mass(stand):
+    C = np.eye(4)
+    C[:3, 3] = 0.3, 0.2, 0.1
+    c = stand.center_of_mass([0.05], base=C)
+    np.testing.assert_allclose(rest_state(stand, np.array([0.05]), C).zmp, [*c[:2], 0.1], atol=1e-12)
 
 
 def test_what_contacts_cannot_hold_at_rest_is_said_in_the_view(stand):

@@ -15,7 +15,7 @@ from jounce._report.curves import joint_style
 from jounce._report.meshes import Mesh
 from jounce._report.report_data import ReportData
 from jounce._report.single_screws import to_single_screws
-from jounce.engine.balance_points import FORCE_ENDS, contact_lines_along
+from jounce.engine.balance_points import FORCE_ENDS, contact_lines_along, zmp_along
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.figures.drawing import joint_points, skeleton
@@ -60,6 +60,7 @@ def drawing(s: ReportData) -> dict[str, Any]:
         "base": None if base is None else pack_array(base[:, :3]),
         "solids": [_solid([part for part in parts if part.colour == colour]) for colour in colours],
         "contacts": {"lines": pack_array(contacts, "f4"), "names": [x.frame for x in m.contacts], "longest": longest},
+        "zmp": pack_array(zmp_along(s.robot, s.motion, s.t[s.frames]), "f4") if m.contacts else None,
         "ends": [pack_array(poses[:, body, :3, 3] + poses[:, body, :3, :3] @ point, "f4") for body, point in tips(m)],
         "space": np.stack(_space(lowest - SWEEP_MARGIN * size, highest + SWEEP_MARGIN * size), axis=1).tolist(),
     }  # fmt: skip

@@ -35,8 +35,11 @@ def zmp(robot: Engine, rates: Sequence[Any], base: Any, wrench: Any, height: Any
         raise JounceError(
             f"{robot.name!r} has no zero-moment point in flight, where the ground carries {low:.3g} of {weight:.4g} N"
         )
-    moments = [concatenate([z * x[..., 3:4] - x[..., 1:2], x[..., :1] + z * x[..., 4:5]], axis=-1) for x in F]
-    return _divide(moments, [x[..., 5:] for x in F])
+    return _divide([_moments(x, z) for x in F], [x[..., 5:] for x in F])
+
+
+def _moments(F: Any, z: Any) -> Any:
+    return concatenate([z * F[..., 3:4] - F[..., 1:2], F[..., :1] + z * F[..., 4:5]], axis=-1)
 
 
 def center_of_pressure(robot: Engine, rates: Sequence[Any], base: Any, wrench: Any) -> Any:
@@ -67,14 +70,13 @@ def contact_lines(robot: Engine, states: MotionStates) -> np.ndarray:
     lines = np.zeros((*states.rates[0].shape[:-1], len(m.contacts), 9, 3))
     if not m.contacts:
         return lines
-    F, base = states.compute(robot, "contact_wrenches"), states.base and states.base[:1]
-    f, p, poses = F[0][..., 3:], _pressures(F[:1]), compute(robot, "poses", states.rates[:1], base=base)
+    F, places = states.compute(robot, "contact_wrenches"), _contact_poses(robot, states)
+    f, p = F[0][..., 3:], _pressures(F[:1])
     for k, contact in enumerate(m.contacts):
-        own, link = lines[..., k, :, :], m.frame(contact.frame)
+        own, H = lines[..., k, :, :], places[..., k, :, :]
         own[..., SOLE_EDGE, :2] = _SQUARE * (0 if contact.sole is None else contact.sole)
         own[..., FORCE_ENDS, :2] = p[..., k, None, :]
         own[..., 7, :] += f[..., k, :]
-        H = poses[..., link.body, :, :] @ link.T @ contact.place
         R = rotation(H) if contact.ground_axes is None else contact.ground_axes
         own[...] = own @ R.mT + H[..., None, :3, 3]
         own[..., [5, 8], :] = np.nan
@@ -86,6 +88,30 @@ def contact_lines_along(robot: Engine, motion: Motion, t: np.ndarray) -> np.ndar
     if not robot.mechanism.contacts:
         return np.zeros((len(t), 0, 9, 3))
     return contact_lines(robot, MotionStates.sample(robot, motion, t, [(QUANTITIES["contact_wrenches"], 0)]))
+
+
+def zmp_points(robot: Engine, states: MotionStates) -> np.ndarray:
+    """Zero-moment points (..., 3) at the mean height of the contacts that are there, NaN without one."""
+    m, points = robot.mechanism, np.full((*states.rates[0].shape[:-1], 3), np.nan)
+    x, y, g = m.gravity
+    if m.contacts and is_finite(g) and x == y == 0 and g < 0:
+        F, heights = states.compute(robot, "base_wrench")[0], _contact_poses(robot, states)[..., 2, 3]
+        there = states.presence[0] > 0 if states.presence else np.ones(heights.shape, dtype=bool)
+        held = there.any(axis=-1) & (F[..., 5] > MIN_PRESSURE * -g * m.M[:, 3, 3].sum())
+        z = np.mean(heights[held], axis=-1, where=there[held], keepdims=True)
+        points[held] = np.concatenate([_moments(F[held], z) / F[held][..., 5:], z], axis=-1)
+    return points
+
+
+def zmp_along(robot: Engine, motion: Motion, t: np.ndarray) -> np.ndarray:
+    """The same (N, 3) at times (N,) of a motion, m in inertial axes."""
+    return zmp_points(robot, MotionStates.sample(robot, motion, t, [(QUANTITIES["base_wrench"], 0)]))
+
+
+def _contact_poses(robot: Engine, states: MotionStates) -> np.ndarray:
+    m, poses = robot.mechanism, compute(robot, "poses", states.rates[:1], base=states.base and states.base[:1])
+    links = [(m.frame(contact.frame), contact.place) for contact in m.contacts]
+    return np.stack([poses[..., link.body, :, :] @ link.T @ place for link, place in links], axis=-3)
 
 
 def _divide(numerators: Sequence[Any], divisors: Sequence[Any]) -> Any:

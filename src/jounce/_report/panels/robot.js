@@ -19,10 +19,15 @@
   if (names.length) {
     const [x, y, z] = contactPoints(cursor), ends = names.flatMap(() => [...Array(POINTS).keys()].map(k => 8 * (k === START)));
     const look = {line: {color: "#d55e00", width: 7}, marker: {color: "#d55e00", size: ends, opacity: 1, line: {width: 0}}};
-    Plotly.addTraces(drawing, {type: "scatter3d", mode: "lines+markers", x, y, z, ...look, hoverinfo: "skip"});
+    const zmp = array(robot.zmp), zmpPoint = frame => [0, 1, 2].map(side => [zmp[3 * frame + side]]); // NaN in flight
+    const [zmpX, zmpY, zmpZ] = zmpPoint(cursor), zmpLook = {color: "#0000e0", size: 8, opacity: 1, line: {width: 0}};
+    Plotly.addTraces(drawing, [
+      {type: "scatter3d", mode: "markers", x: zmpX, y: zmpY, z: zmpZ, marker: zmpLook, hoverinfo: "skip"},
+      {type: "scatter3d", mode: "lines+markers", x, y, z, ...look, hoverinfo: "skip"},
+    ]);
     document.addEventListener("cursor", ({detail: frame}) => {
-      const [x, y, z] = contactPoints(frame);
-      Plotly.restyle(drawing, {x: [x], y: [y], z: [z]}, [drawing.data.length - 1]);
+      const [x, y, z] = zmpPoint(frame).map((points, side) => [points, contactPoints(frame)[side]]), last = drawing.data.length - 1;
+      Plotly.restyle(drawing, {x, y, z}, [last - 1, last]);
     });
     const axis = {gridcolor: "#e6e6e6", zeroline: false, linecolor: "#222222", ticks: "outside"};
     Plotly.newPlot("contact-forces", names.map((name, k) => ({x: times, y: sizes[k], name, mode: "lines"})), {

@@ -74,7 +74,8 @@ def table_of(robot: Engine, now: Track) -> str:
 def legend_of(scene: Scene) -> str:
     """What the arrows are, and what is not drawn."""
     words = "Orange: the force of the ground on the robot, and the loads on its bodies. Blue: the moment of the ground."
-    return "<br>".join(map(escape_html, [words, *scene.notes]))
+    zmp = ["Blue ball: the zero-moment point, at the mean height of the contacts."] if "zmp" in scene.arrows else []
+    return "<br>".join(map(escape_html, [words, *zmp, *scene.notes]))
 
 
 def escape_html(given: str) -> str:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import viser
 
 FORCE_COLOUR, MOMENT_COLOUR = (213, 94, 0), (0, 114, 178)
+ZMP_COLOUR, ZMP_RADIUS = (0, 0, 224), 0.02  # of the robot's size
 ARROW_LENGTH = 0.35  # of the robot's size: the longest arrow
 UNSEEN_ARROW = np.zeros((1, 2, 3))  # an arrow that is not seen
 
@@ -68,6 +69,7 @@ def draw_scene(
     }
     if m.contacts:
         arrows["soles"] = server.scene.add_line_segments("/soles", UNSEEN_ARROW, FORCE_COLOUR)
+        arrows["zmp"] = server.scene.add_icosphere("/zmp", 0.0, ZMP_COLOUR)
     return Scene(robot, size, ground, bodies, frames, arrows, _largest(robot, along, size), notes)
 
 
@@ -86,6 +88,8 @@ def show(scene: Scene, now: Track) -> None:
         vectors[f"contact {k}"] = start, end - start
     if (edges := now.contacts[:, SOLE_EDGE]).size:
         scene.arrows["soles"].points = np.stack([edges[:, :-1], edges[:, 1:]], axis=2).reshape(-1, 2, 3)
+        ball, seen = scene.arrows["zmp"], np.isfinite(now.zmp).all()
+        ball.position, ball.radius = np.nan_to_num(now.zmp), ZMP_RADIUS * scene.size * float(seen)
     for name, (start, vector) in vectors.items():
         scale = ARROW_LENGTH * scene.size / scene.largest["moment" if name == "base moment" else "force"]
         first = start - scale * vector * name.startswith("contact")  # from below: the leg would hide it

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jounce.dynamics.loop_closure import close_loops
-from jounce.dynamics.quantities import DEFAULT_QUANTITY
-from jounce.engine.along import forces_along
-from jounce.engine.balance_points import contact_lines, contact_lines_along
-from jounce.engine.closed_path import continue_positions
+from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES
+from jounce.engine.along import check_motion, forces_along
+from jounce.engine.balance_points import contact_lines, zmp_points
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates
@@ -37,6 +36,7 @@ class Track:
     C: np.ndarray  # (N, 4, 4)
     positions: np.ndarray
     contacts: np.ndarray  # (N, contacts, 9, 3), see `contact_lines`
+    zmp: np.ndarray  # (N, 3), see `zmp_points`
 
     def at(self, t: float) -> "Track":
         """The state at a time, every array without its first axis: the nearest of those that are kept."""
@@ -51,15 +51,13 @@ def record_track(robot: Engine, motion: "Motion") -> Track:
     if len(t) > MAX_TRACK_STATES:
         t = np.linspace(motion.start, motion.stop, MAX_TRACK_STATES)
     along = forces_along(robot, motion, t, 0)
-    W = motion.wrench(t, 0)
-    loads = {} if W is None else W[0]
-    q, *rates = along.rates[:3]
-    near = continue_positions(robot, motion, t)
-    whole = q if near is None else near
-    F = compute(robot, "base_wrench", (whole, *rates), wrench=loads or None, base=along.base)
+    path = check_motion(robot.mechanism, motion)  # in the order of the robot's joints
+    states = MotionStates.sample(robot, path, t, [(QUANTITIES["base_wrench"], 0)])
+    whole = states.rates[0] if states.near is None else states.near
+    loads, [F] = states.wrench[0] if states.wrench else {}, states.compute(robot, "base_wrench")
     C = np.tile(np.eye(4), (len(t), 1, 1)) if along.base is None else along.base[0]
-    contacts = contact_lines_along(robot, motion, t)
-    return Track(t, along.rates[0], along.forces[0][:, -robot.n :], np.asarray(F), loads, C, whole, contacts)
+    drawn = contact_lines(robot, states), zmp_points(robot, states)
+    return Track(t, along.rates[0], along.forces[0][:, -robot.n :], F, loads, C, whole, *drawn)
 
 
 def start_of(robot: Engine) -> np.ndarray:
@@ -73,5 +71,6 @@ def rest_state(robot: Engine, q: np.ndarray, C: np.ndarray, near: np.ndarray | N
     whole = close_loops(robot.mechanism, q[None], near)[0] if robot.mechanism.closure else q
     rest, base = np.zeros(robot.n), (C, np.zeros(6), np.zeros(6))
     Q, F = (compute(robot, name, (whole, rest, rest), base=base) for name in (DEFAULT_QUANTITY.name, "base_wrench"))
-    contacts = contact_lines(robot, MotionStates((q, rest, rest), None, base, None))
-    return Track(np.zeros(()), q, Q[-robot.n :], F, {}, C, whole, contacts)
+    states = MotionStates((q, rest, rest), None, base, None)
+    drawn = contact_lines(robot, states), zmp_points(robot, states)
+    return Track(np.zeros(()), q, Q[-robot.n :], F, {}, C, whole, *drawn)
