@@ -52,18 +52,20 @@ def test_links_differ_by_what_error_and_deviations_say(robot, rounded):
     assert gains[0] > 10
 
 
-@pytest.mark.parametrize("t", [0.1, 0.35, 0.8])
 @pytest.mark.parametrize("robot", [ROBOT, PLANAR], ids=lambda x: x.name)
-def test_error_falls_as_the_square_of_the_stiffness(robot, t):
-    exact, found, stated = sine(t, 1.0, robot.n)[:3], [], []
+def test_error_falls_as_the_square_of_the_stiffness(robot):
+    times, found, stated, of_motors = [0.1, 0.25, 0.35, 0.6, 0.8, 0.95], [], [], []
     for K in (1e5, 1e6):
-        _, links = links_at(robot.elastic(K, rotor=0.5), t, 1.0)
-        found.append(np.linalg.norm(links[:3] - exact, axis=1))
-        stated.append(np.linalg.norm(links.error, axis=1))
-    assert found[0][:2] / found[1][:2] == pytest.approx(100, rel=0.1)
-    assert stated[0] / stated[1] == pytest.approx(100, rel=0.1)
-    assert (found[0][:2] < 1.05 * stated[0][:2]).all()
-    assert (stated[0] < 5 * found[0]).all()
+        arm = robot.elastic(K, rotor=0.5)
+        all_links, exact = [links_at(arm, t, 1.0) for t in times], [sine(t, 1.0, arm.n)[:3] for t in times]
+        found.append(np.linalg.norm(np.array([links[:3] for _, links in all_links]) - exact, axis=(0, 2)))
+        of_motors.append(np.linalg.norm(np.array([live.rates[:3] for live, _ in all_links]) - exact, axis=(0, 2)))
+        stated.append(np.linalg.norm([links.error for _, links in all_links], axis=(0, 2)))
+    assert (of_motors[0][0] / found[0][0], of_motors[1][0] / found[1][0]) > (100, 1000)
+    assert found[0] / found[1] == pytest.approx(100, rel=0.05)
+    assert stated[0] / stated[1] == pytest.approx(100, rel=0.05)
+    assert (found[0] < 1.2 * stated[0]).all()
+    assert (stated[0] < 2 * found[0]).all()
 
 
 def test_error_says_that_joints_are_too_soft():

@@ -6,7 +6,7 @@ import numpy as np
 
 from jounce.arguments.rates import convert_coordinates
 from jounce.core.errors import JounceError, check_bool, quote_value
-from jounce.core.scalars import is_finite, is_numeric
+from jounce.core.scalars import is_numeric
 from jounce.engine.engine import Engine
 from jounce.live.filter import Filters, correct, innovation_variance, predict, process_noise, start_filters, transition
 from jounce.live.forces import SIGNAL_TIME, LiveForces, LiveLinks, estimate_links, linear_variances, linearize_forces
