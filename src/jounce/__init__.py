@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from jounce.limits.retime import Retiming
     from jounce.limits.slowdown import Slowdown
     from jounce.live.estimator import LiveRates
-    from jounce.live.forces import LiveForces
+    from jounce.live.forces import LiveForces, LiveLinks
     from jounce.live.guard import Guard, GuardState
     from jounce.live.innovations import Trust
     from jounce.model.antagonists import AntagonisticSprings
@@ -53,8 +53,8 @@ __all__ = [
     "Along", "AntagonisticSprings", "BaseParameters", "Check", "CheckedLimit", "Closure", "Contact", "CubicSpring",
     "Drives", "ElasticAlong", "Elasticity", "Excitation", "Explanation", "ForceResidual", "Guard", "GuardState",
     "Identification", "IdentifiedLog", "IdentifiedParameter", "JounceError", "JounceWarning", "Kernel", "Limits",
-    "LiveForces", "LiveRates", "Loop", "Mechanism", "Motion", "Motor", "Payload", "PayloadParameter", "Report",
-    "Retiming", "Robot", "RobotState", "Slowdown", "SpringFunction", "SpringTable", "Trust", "UncertainError",
+    "LiveForces", "LiveLinks", "LiveRates", "Loop", "Mechanism", "Motion", "Motor", "Payload", "PayloadParameter",
+    "Report", "Retiming", "Robot", "RobotState", "Slowdown", "SpringFunction", "SpringTable", "Trust", "UncertainError",
     "__version__", "inertia_matrix", "load", "load_motion", "save",
 ]  # fmt: skip
 _NAMES = {  # of modules, imported when first asked for one of them, so that whatever needs little of it starts at once
@@ -72,7 +72,7 @@ _NAMES = {  # of modules, imported when first asked for one of them, so that wha
     "limits.retime": "Retiming",
     "limits.slowdown": "Slowdown",
     "live.estimator": "LiveRates",
-    "live.forces": "LiveForces",
+    "live.forces": "LiveForces LiveLinks",
     "live.guard": "Guard GuardState",
     "live.innovations": "Trust",
     "model.antagonists": "AntagonisticSprings",

@@ -489,6 +489,7 @@ def test_every_argument_of_every_public_function_is_attacked():
         "Kernel",
         "Limits",
         "LiveForces",
+        "LiveLinks",
         "LiveRates",
         "Loop",
         "Mechanism",

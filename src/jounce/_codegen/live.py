@@ -9,7 +9,7 @@ from jounce._codegen.language import Language, digits
 from jounce.core.errors import JounceError
 from jounce.core.scalars import is_finite
 from jounce.engine.engine import Engine
-from jounce.live import estimator, innovations
+from jounce.live import estimator, innovations, settings
 from jounce.live.estimator import LiveRates
 from jounce.live.filter import START_VARIANCE
 from jounce.live.settings import Settings
@@ -32,7 +32,9 @@ def spell_code(text: str, s: Settings, target: Language, single: bool, prefix: s
     def listed(numbers: Iterable[float]) -> str:
         return ", ".join(target.literal(digits(float(x), single), single) for x in numbers)
 
-    constants = vars(innovations) | vars(estimator) | {"START_VARIANCE": START_VARIANCE, "TURN": 2 * np.pi}
+    constants = (
+        vars(innovations) | vars(settings) | vars(estimator) | {"START_VARIANCE": START_VARIANCE, "TURN": 2 * np.pi}
+    )
     constants |= {"OMEGA": float(s.omega[0]), "DT": s.dt, "LAG": s.lag, "SPACING": s.spacing}
     words = {name: listed([x]) for name, x in constants.items() if name.isupper() and is_finite(x)}
     words |= {"N": str(s.mechanism.n), "M": str(s.states), "K": str(s.kept)}

@@ -6,21 +6,20 @@ import numpy as np
 
 from jounce.arguments.rates import convert_coordinates
 from jounce.core.errors import JounceError, check_bool, quote_value
-from jounce.core.scalars import is_finite, is_numeric
+from jounce.core.scalars import is_numeric
 from jounce.engine.engine import Engine
 from jounce.live.filter import Filters, correct, innovation_variance, predict, process_noise, start_filters, transition
-from jounce.live.forces import SIGNAL_TIME, LiveForces, estimate_forces
+from jounce.live.forces import SIGNAL_TIME, LiveForces, LiveLinks, estimate_links, linear_variances, linearize_forces
 from jounce.live.innovations import CHOICE_TIME, TRUST_TIME, Innovations, Trust
 from jounce.live.sample_noise import NoiseWindows, add_sample
 from jounce.live.settings import RATE_COUNT, check_settings
 from jounce.motion.curves import ROUNDING_OF_Q
-from jounce.motion.units import IN_DEGREES, warn_of_degrees
+from jounce.motion.units import warn_of_degrees
 
 MAX_GAP_ANGLE = 15.0  # rad of the highest bandwidth without a sample, after which nothing is known of the motion
 SETTLING_ANGLE = 15.0  # rad of a bandwidth, before which a filter is a polynomial through all samples, of any motion
 MAX_REPEAT_TIME = 0.05  # s: rows that repeat the last one for longer are those of a robot that rests
 REPEAT_DEVIATIONS = 3.0  # by which a joint should have moved, if a row repeats the last one by mistake
-MIN_JUMP_TIME = 0.01  # s, in which samples without stamps may be lost, and coarse encoders pass a step
 KEPT_SHARE = 0.999  # of the spacing of kept states, after which one more is kept: stamps are rounded
 TIME_TOLERANCE = 1e-9  # s, of rounded stamps
 NO_STEPS = 1e9  # steps per sample that joints pass whose noise is white
@@ -124,7 +123,7 @@ class LiveRates:
         >>> q
         array([0.1, 0.2])
         """
-        s, now = self.settings, self._check_time(t)
+        s, now = self.settings, self.settings.check_time(t, self._now)
         y = convert_coordinates(s.mechanism, q, "q", s.mechanism.n)
         if not is_numeric(y) or y.ndim != 1 or np.isinf(y).any():
             raise JounceError(f"q is {quote_value(q)}; expected ({s.mechanism.n},) numbers, NaN of a lost sample")
@@ -132,7 +131,7 @@ class LiveRates:
         if self._filters is not None and (now - self._sampled) * s.omega[-1] > MAX_GAP_ANGLE:
             self._forget()
         if self._filters is not None:
-            self._step(now, y if lost else self._y + self._check_jump(now, y), lost)
+            self._step(now, y if lost else self._y + s.check_jump(y, now, self._y, self._sampled), lost)
         elif not lost:
             warn_of_degrees(y[None], np.zeros((1, len(y))), s.mechanism, "q")
             self._filters = start_filters(y, len(s.omega), s.kept, s.states)
@@ -140,28 +139,6 @@ class LiveRates:
         self._now = now
         self._read()
         return self.rates
-
-    def _check_time(self, t: object) -> float:
-        if t is None:
-            return 0.0 if np.isnan(self._now) else self._now + self.settings.dt
-        if not is_finite(t):
-            raise JounceError(f"t is {quote_value(t)}; expected the time of the sample in s, or None")
-        time = float(t)  # type: ignore[arg-type]
-        if self._now >= time:
-            raise JounceError(f"t is {time:.9g} s, not after the last sample at {self._now:.9g} s; leave the row out")
-        return time
-
-    def _check_jump(self, now: float, y: np.ndarray) -> np.ndarray:
-        """By how much the joints moved (n,) since the last sample, across the ends of a turn too."""
-        s, apart = self.settings, y - self._y
-        apart = apart - np.where(s.turns, 2 * np.pi * np.round(apart / (2 * np.pi)), 0.0)
-        most = s.fastest * max(now - self._sampled, s.dt, MIN_JUMP_TIME)
-        if (np.abs(apart) > most).any():
-            j = int((np.abs(apart) - most).argmax())
-            came = f"joint {quote_value(s.mechanism.coordinates[j])} jumps from {self._y[j]:.4g} to {y[j]:.4g}"
-            hint = f": {IN_DEGREES}" if np.abs(np.deg2rad(y) - self._y)[s.turns].max(initial=0) < most[j] else ""
-            raise JounceError(f"{came} at t = {now:.9g} s, more than at {s.fastest[j]:.3g}/s{hint}; leave the row out")
-        return apart
 
     def _step(self, now: float, y: np.ndarray, lost: bool) -> None:
         """Predict to the present, and correct by a sample that is not lost."""
@@ -231,12 +208,9 @@ class LiveRates:
         array([nan, nan])
         """
         check_bool("keep_uncertain", keep_uncertain, "whether to keep a Q2d that is not certain")
-        known = not np.isnan(self.t)
-        rates = self.rates if known else (np.zeros(len(self._y)),) * RATE_COUNT
-        forces, variances = estimate_forces(self._robot, rates, self._covariance)
-        if not known:
-            forces = np.full_like(forces, np.nan)
-        elif np.isfinite(variances[2]).all():
+        forces, partials = linearize_forces(self._robot, self.rates)
+        variances = linear_variances(partials, self._covariance)
+        if np.isfinite(variances[2]).all():
             share = 1.0 if np.isnan(self._forces_at) else -np.expm1((self._forces_at - self._now) / SIGNAL_TIME)
             self._power = self._power + share * (forces[2] ** 2 - self._power)
             self._forces_at = self._now
@@ -244,3 +218,29 @@ class LiveRates:
         Q2d = forces[2] if keep_uncertain else np.where(certain, forces[2], np.nan)
         Q, Qd, Q2d_deviation = np.sqrt(variances)
         return LiveForces(forces[0], forces[1], Q2d, (Q, Qd, Q2d_deviation), certain)
+
+    def links(self) -> LiveLinks:
+        """The motion of the links on elastic joints at `t`, from samples of their motors, to first order in 1/K.
+
+        ``q = theta - Q / K``, and so qd and q2d, with Q, Qd, Q2d at the rates of theta: valid for motions well below
+        the first resonance. A swing of the links at it with motors held still is in neither deviations nor error.
+
+        Returns
+        -------
+        LiveLinks
+            q, qd, q2d, deviations, error; NaN where rates are.
+
+        Raises
+        ------
+        JounceError
+            If joints are rigid, a spring is not linear or has a damper or two motors, or rotors are coupled.
+
+        Examples
+        --------
+        >>> import jounce
+        >>> live = jounce.load("planar2r").elastic(900, rotor=0.1).live(1e-3, lag=0, bandwidth=10, noise=1e-5)
+        >>> _ = live.update([0.1, 0.2])
+        >>> live.links().q.round(4)
+        array([0.0678, 0.1895])
+        """
+        return estimate_links(self._robot, self.rates, self._covariance, float(self.settings.omega[self._used].max()))

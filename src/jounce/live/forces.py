@@ -1,9 +1,15 @@
-"""Forces of estimated rates, with the deviations that follow from those of the rates."""
+"""Forces of estimated rates, with the deviations that follow from those of the rates, and links behind springs.
 
+Links on elastic joints are one step of ``q = theta - Q(q, qd, q2d) / K`` from the rates of their motors.
+"""
+
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from jounce.core.errors import JounceError
+from jounce.core.scalars import reciprocal
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 
@@ -34,12 +40,60 @@ class LiveForces(NamedTuple):
     certain: np.ndarray
 
 
-def estimate_forces(robot: Engine, rates: tuple[np.ndarray, ...], covariance: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Q, Qd, Q2d and their variances (2, 3, n) from rates q to q4d (n,) with covariances (n, 5, 5) of each joint.
+class LiveLinks(NamedTuple):
+    """The links q, qd, q2d (n,) of `LiveRates.links`, rad or m, per s, per s^2, and what they are worth, (3, n).
+
+    `deviations` are standard deviations, by those of theta. `error` estimates the second order in 1/K, which is left
+    out: to a few times, as it takes further rates for those of a motion of one frequency, the bandwidth at most.
+
+    Examples
+    --------
+    >>> import jounce
+    >>> jounce.load("planar2r").elastic(900, rotor=0.1).live(1e-3).links().error.shape
+    (3, 2)
+    """
+
+    q: np.ndarray
+    qd: np.ndarray
+    q2d: np.ndarray
+    deviations: np.ndarray
+    error: np.ndarray
+
+
+def linearize_forces(robot: Engine, rates: tuple[np.ndarray, ...]) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+    """Q, Qd, Q2d (3, n) at rates q to q4d (n,), NaN where these are, and their partial derivatives by each rate."""
+    known = bool(np.isfinite(rates[0]).all())
+    at = rates if known else (np.zeros(robot.n),) * len(rates)
+    forces = np.array(compute(robot, "inverse_dynamics", at))
+    return forces if known else np.full_like(forces, np.nan), compute(robot, "inverse_dynamics_partials", at)
+
+
+def linear_variances(partials: Sequence[np.ndarray], covariance: np.ndarray) -> np.ndarray:
+    """Variances (k, n) of functions of the rates, from their partial derivatives P[j] (n, n) by each rate.
 
     To first order: ``dQ = sum_j P[j] dq^(j)``, and the errors of different joints are independent.
     """
-    forces = np.array(compute(robot, "inverse_dynamics", rates))
-    partials = compute(robot, "inverse_dynamics_partials", rates)
-    variances = [np.einsum("aij,jab,bij->i", P, covariance[:, : len(P), : len(P)], P) for P in partials]
-    return forces, np.array(variances)
+    return np.array([np.einsum("aij,jab,bij->i", P, covariance[:, : len(P), : len(P)], P) for P in partials])
+
+
+def estimate_links(robot: Engine, rates: tuple[np.ndarray, ...], covariance: np.ndarray, omega: float) -> LiveLinks:
+    """The links from rates theta to theta4d (n,), their covariances (n, 5, 5) and the bandwidth omega, rad/s."""
+    e = robot.mechanism.elasticity
+    if e is None or any(e.springs) or e.level is not None:
+        expected = "elastic joints with linear springs, no dampers and coupling='spong'"
+        raise JounceError(f"links() of {robot.name!r}; expected {expected}: robot.elastic(stiffness, rotor)")
+    compliance = reciprocal(e.stiffness)
+    forces, partials = linearize_forces(robot, rates)
+    delta, D = compliance * forces, [compliance[:, None] * P for P in partials]  # theta - q, and its partials
+    # The second order of q^(k) is sum_j D[k][j] delta^(j): sizes, as terms may cancel at an instant.
+    first, second, third, fourth = np.abs(rates[1:])
+    slow, fast = (
+        (second**2 + first * third).sum(),
+        (third**2 + second * fourth).sum(),
+    )  # of A sin(w t): A^2 w^4, A^2 w^6
+    omega = min(omega, np.sqrt(fast / slow)) if slow else omega
+    fastest = np.hypot(delta[2], omega * delta[1])
+    size = np.array([*np.abs(delta), omega * fastest, omega**2 * fastest])
+    error = np.array([np.einsum("aij,aj->i", np.abs(P), size[: len(P)]) for P in D])
+    shares = [np.eye(robot.n) * (np.arange(len(P)) == k)[:, None, None] - P for k, P in enumerate(D)]
+    return LiveLinks(*(rates[:3] - delta), np.sqrt(linear_variances(shares, covariance)), error)

@@ -11,13 +11,14 @@ from jounce.core.scalars import array_of_shape, asarray, is_finite, is_numeric
 from jounce.model.coordinates import coordinate_units, leading_joints
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import check_single_screws
-from jounce.motion.units import DEFAULT_MAX_SPEED, MAX_SPEED_TO_LIMIT
+from jounce.motion.units import DEFAULT_MAX_SPEED, IN_DEGREES, MAX_SPEED_TO_LIMIT
 
 BANK = 1.5 ** np.arange(9)  # Hz, from 1 to 25.6: a bandwidth within 25 % of the best is nearly as good
 RATE_COUNT = 5  # q to q4d
 STATES = range(RATE_COUNT, 9)
 MAX_LAG = 1.0  # s, which the kept states span
 KEPT_STATES = 20  # within the lag: Taylor's series from the nearest one is exact to far below its deviation
+MIN_JUMP_TIME = 0.01  # s, in which samples without stamps may be lost, and coarse encoders pass a step
 MAX_CYCLE_SHARE = 0.25  # of a cycle of the bandwidth, per sample
 
 
@@ -52,6 +53,31 @@ class Settings:
     def spacing(self) -> float:
         """The spacing of kept states, s."""
         return max(self.dt, self.lag / KEPT_STATES)
+
+    def check_time(self, t: object, last: float) -> float:
+        """The time of a sample, by default dt after the last one."""
+        if t is None:
+            return 0.0 if np.isnan(last) else last + self.dt
+        if not is_finite(t):
+            raise JounceError(f"t is {quote_value(t)}; expected the time of the sample in s, or None")
+        time = float(t)  # type: ignore[arg-type]
+        if last >= time:
+            raise JounceError(f"t is {time:.9g} s, not after the last sample at {last:.9g} s; leave the row out")
+        return time
+
+    def check_jump(self, y: np.ndarray, now: float, last: np.ndarray, sampled: float) -> np.ndarray:
+        """By how much the joints moved (n,) since the last sample, across the ends of a turn too."""
+        apart = y - last
+        apart = apart - np.where(self.turns, 2 * np.pi * np.round(apart / (2 * np.pi)), 0.0)
+        most = self.fastest * max(now - sampled, self.dt, MIN_JUMP_TIME)
+        if (np.abs(apart) > most).any():
+            j = int((np.abs(apart) - most).argmax())
+            came = f"joint {quote_value(self.mechanism.coordinates[j])} jumps from {last[j]:.4g} to {y[j]:.4g}"
+            hint = f": {IN_DEGREES}" if np.abs(np.deg2rad(y) - last)[self.turns].max(initial=0) < most[j] else ""
+            raise JounceError(
+                f"{came} at t = {now:.9g} s, more than at {self.fastest[j]:.3g}/s{hint}; leave the row out"
+            )
+        return apart
 
 
 def check_settings(m: Mechanism, dt: Any, bandwidth: Any, lag: Any, states: Any, noise: Any) -> Settings:

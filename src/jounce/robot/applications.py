@@ -109,8 +109,8 @@ class Applications(Identifications):
 
         A Kalman filter, with q^(m) as white noise, is a Butterworth filter of order m; it takes uneven time stamps and
         lost samples. With a lag it is a smoother, which is up to 14 times better: **without lag Q2d serves no
-        feedback**, and of encoders of 12 bits only Q does. The rates are those of the joints that are sampled; of
-        elastic joints give positions of the links.
+        feedback**, and of encoders of 12 bits only Q does. The rates are those of the joints that are sampled: of
+        links, or of motors of elastic joints, of which `live.links()` gives those of the links.
 
         Parameters
         ----------
