@@ -87,10 +87,8 @@ def estimate_links(robot: Engine, rates: tuple[np.ndarray, ...], covariance: np.
     delta, D = compliance * forces, [compliance[:, None] * P for P in partials]  # theta - q, and its partials
     # The second order of q^(k) is sum_j D[k][j] delta^(j): sizes, as terms may cancel at an instant.
     first, second, third, fourth = np.abs(rates[1:])
-    slow, fast = (
-        (second**2 + first * third).sum(),
-        (third**2 + second * fourth).sum(),
-    )  # of A sin(w t): A^2 w^4, A^2 w^6
+    # Of A sin(w t) these are A^2 w^4 and A^2 w^6.
+    slow, fast = (second**2 + first * third).sum(), (third**2 + second * fourth).sum()
     omega = min(omega, np.sqrt(fast / slow)) if slow else omega
     fastest = np.hypot(delta[2], omega * delta[1])
     size = np.array([*np.abs(delta), omega * fastest, omega**2 * fastest])
