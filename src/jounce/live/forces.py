@@ -94,4 +94,5 @@ def estimate_links(robot: Engine, rates: tuple[np.ndarray, ...], covariance: np.
     size = np.array([*np.abs(delta), omega * fastest, omega**2 * fastest])
     error = np.array([np.einsum("aij,aj->i", np.abs(P), size[: len(P)]) for P in D])
     shares = [np.eye(robot.n) * (np.arange(len(P)) == k)[:, None, None] - P for k, P in enumerate(D)]
-    return LiveLinks(*(rates[:3] - delta), np.sqrt(linear_variances(shares, covariance)), error)
+    q, qd, q2d = rates[:3] - delta
+    return LiveLinks(q, qd, q2d, np.sqrt(linear_variances(shares, covariance)), error)
