@@ -36,7 +36,9 @@ def describe_omissions(b: LimitedMotion, breaks: tuple[ForceBreak, ...]) -> tupl
         reason = rigid if all(LIMIT_KINDS[kind].takes for kind in b.limits.kinds if kind not in b.kinds) else broken
         notes.append(f"limits of {join_names(idle)} are not checked: {reason}")
     for joint in following_efforts(b.robot.mechanism):
-        notes.append(f"effort limits of {quote_value(joint)} are not checked: no motor is at it alone")
+        notes.append(
+            f"effort limits of {quote_value(joint)} are not checked: it follows another, shares motors or has none"
+        )
     return tuple(notes)
 
 

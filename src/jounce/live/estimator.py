@@ -241,6 +241,6 @@ class LiveRates:
         >>> live = jounce.load("planar2r").elastic(900, rotor=0.1).live(1e-3, lag=0, bandwidth=10, noise=1e-5)
         >>> _ = live.update([0.1, 0.2])
         >>> live.links().q.round(4)
-        array([0.0678, 0.1895])
+        array([0.0679, 0.1896])
         """
         return estimate_links(self._robot, self.rates, self._covariance, float(self.settings.omega[self._used].max()))

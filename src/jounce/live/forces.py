@@ -85,7 +85,7 @@ def estimate_links(robot: Engine, rates: tuple[np.ndarray, ...], covariance: np.
     compliance = reciprocal(e.stiffness)
     forces, partials = linearize_forces(robot, rates)
     delta, D = compliance * forces, [compliance[:, None] * P for P in partials]  # theta - q, and its partials
-    # The second order of q^(k) is sum_j D[k][j] delta^(j): sizes, as terms may cancel at an instant.
+    # The second order of the kth rate of q is the sum of D[k][j] times that of delta: sizes, as terms may cancel.
     first, second, third, fourth = np.abs(rates[1:])
     # Of A sin(w t) these are A^2 w^4 and A^2 w^6.
     slow, fast = (second**2 + first * third).sum(), (third**2 + second * fourth).sum()

@@ -122,7 +122,7 @@ class Loops:
         ...     arms = jounce.load("fivebar").closed(actuated=["left_shoulder"], passive=["right_shoulder"])
         >>> [p2d] = arms.passive_accelerations([2.2, 0.9], [0, 0], [0, 0])
         >>> motor, lack = arms.actuator_forces([2.2, 0.9], [0, 0], [0, p2d])
-        >>> abs(lack) < 1e-12
+        >>> bool(abs(lack) < 1e-12)
         True
         """
         laws = (row.law(method, m) for row in (Matrices.mass_matrix, Forces.inverse_dynamics))
