@@ -53,17 +53,7 @@ def with_loops(
         c = mechanism.closure
         actuated = [c.coordinates[j] for j in c.actuated]
         passive = passive if passive is not None else [mechanism.coordinates[k] for k in c.passive] or None
-    motors = coordinate_places(tree, "actuated", actuated)
-    free = () if passive is None else coordinate_places(tree, "passive", passive)
-    if both := [tree.coordinates[j] for j in free if j in motors]:
-        raise JounceError(f"passive names {join_names(both)}, which actuated names too; expected it in one of them")
-    own = motors if coordinates is None else coordinate_places(tree, "coordinates", coordinates)
-    own += tuple(j for j in free if j not in own)
-    if len(own) == tree.n:
-        raise JounceError(
-            f"{tree.name!r}: all {tree.n} coordinates are named, so that none can follow where loops are closed; name"
-            " fewer by coordinates=, or leave out loops that hold nothing"
-        )
+    motors, own, free = _stated_places(tree, actuated, coordinates, passive)
     closure = Closure(
         coordinates=tree.coordinates,
         G=tree.G,
@@ -87,6 +77,24 @@ def with_loops(
             " robot's file, or a motor by actuated="
         )
     return closed
+
+
+def _stated_places(
+    tree: Mechanism, actuated: object, coordinates: object, passive: object
+) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
+    """The places of motors, of independent coordinates, passive ones among them, and of these."""
+    motors = coordinate_places(tree, "actuated", actuated)
+    free = () if passive is None else coordinate_places(tree, "passive", passive)
+    if both := [tree.coordinates[j] for j in free if j in motors]:
+        raise JounceError(f"passive names {join_names(both)}, which actuated names too; expected it in one of them")
+    own = motors if coordinates is None else coordinate_places(tree, "coordinates", coordinates)
+    own += tuple(j for j in free if j not in own)
+    if len(own) == tree.n:
+        raise JounceError(
+            f"{tree.name!r}: all {tree.n} coordinates are named, so that none can follow where loops are closed; name"
+            " fewer by coordinates=, or leave out loops that hold nothing"
+        )
+    return motors, own, free
 
 
 def _drive_followers(m: Mechanism, c: Closure | None, actuated: Any, coordinates: Any, weights: Any) -> Mechanism:

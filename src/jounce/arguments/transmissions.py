@@ -34,7 +34,7 @@ def with_transmission(m: Mechanism, matrix: object, motors: object, joints: obje
     # motors take the places of joints; those beyond their number come last
     instead = dict(zip(moved, stated, strict=False))
     actuated = [instead.get(name, name) for name in m.coordinates if name in instead or name not in moved]
-    whole = with_rotors(m, stated, G, G[:, 0] * 0 + phi0)
+    whole = with_rotors(m, stated, G, np.zeros(len(stated)) + phi0)
     return with_loops(whole, actuated=[*actuated, *[*stated][len(moved) :]], coordinates=m.coordinates)
 
 

@@ -122,38 +122,39 @@ def _find_ratios(b: LimitedMotion, t: np.ndarray, least: float = 0.0) -> tuple[n
         ratios[part][~there.any(axis=1)] = 0.0
         left = np.flatnonzero(ratios[part] > least)
         if left.size:
-            f[part][left] = np.where(pushes[left, None], y[left], 0)
-            _descend(m, A, B, G[left], F[left], there[left], limited[left], left, ratios[part], f[part])
+            first = ratios[part][left], np.where(pushes[left, None], y[left], 0)
+            ratios[part][left], f[part][left] = _descend(
+                m, (A, B), (G[left], F[left]), (there[left], limited[left]), first
+            )
     return np.where(ratios < _MAX_RATIO, ratios, np.inf), f @ A.T, f @ B.T
 
 
 def _descend(
     m: Mechanism,
-    A: Array,
-    B: Array,
-    G: Array,
-    F: Array,
-    there: Array,
-    limited: Array,
-    places: Array,
-    rho: Array,
-    f: Array,
-) -> None:
-    """Let rho and f fall at some places, where G f = F (N, 6), of contacts and limits that are there."""
+    limits: tuple[Array, Array],
+    balance: tuple[Array, Array],
+    present: tuple[Array, Array],
+    first: tuple[Array, Array],
+) -> tuple[Array, Array]:
+    """The least rho (N,) and its f (N, k), from the first ones, for limits A, B (r, k) and a balance G f = F (N, 6).
+
+    `present` are the components and limits of contacts that are there.
+    """
     from scipy.optimize import linprog  # imported here to keep start-up fast
     from scipy.sparse import block_diag
 
+    (A, B), (G, F), (there, limited), (rho, f) = limits, balance, present, map(np.copy, first)
     count, coefficients = A.shape[1], np.where(B.any(axis=1), B.sum(axis=1), 1.0)[:, None]
     A, B, size = A / coefficients, B / coefficients, np.abs(F).max(axis=1, keepdims=True)
     cost, free_or_zero = np.append(np.zeros(count), -1.0), np.where(there[..., None], (-np.inf, np.inf), 0.0)
     bounds: Any = np.concatenate([free_or_zero, np.tile((-np.inf, _MAX_RATIO), (len(F), 1, 1))], axis=1)
     exact: Any = {"primal_feasibility_tolerance": _TOLERANCE, "dual_feasibility_tolerance": _TOLERANCE}
-    d, share = (f[places] / size @ B.T), np.ones(len(F))
+    d, share = f / size @ B.T, np.ones(len(F))
     d[~d.any(axis=1)] = B.sum(axis=1)
     left = np.arange(len(F))
     while left.size:
         # Solve the programs of all times that are left at their rho, or a little below where it fell no more.
-        at, room_for = (rho[places] * share)[left], d[left].clip(_MIN_BOUND) * limited[left]
+        at, room_for = (rho * share)[left], d[left].clip(_MIN_BOUND) * limited[left]
         rows = np.concatenate([A - at[:, None, None] * B, room_for[..., None]], axis=2)
         equal = block_diag([*np.pad(G[left], ((0, 0), (0, 0), (0, 1)))], format="csc")
         given = np.tile(cost, len(left)), block_diag([*rows], format="csc"), np.zeros(d[left].size), equal
@@ -165,11 +166,12 @@ def _descend(
             raise JounceError(f"limits of the contacts of {m.name!r} are not decided: {found.message}")
         y, s = np.split(found.x.reshape(len(left), -1), [count], axis=1)
         # Take what is better; where nothing is, end after a program below rho without room.
-        room, ratio = s[:, 0] >= -_TOLERANCE, np.minimum(_ratios(y @ A.T, y @ B.T).max(axis=1), rho[places][left])
+        room, ratio = s[:, 0] >= -_TOLERANCE, np.minimum(_ratios(y @ A.T, y @ B.T).max(axis=1), rho[left])
         below = share[left] < 1
         taken = np.where(below & room, np.minimum(at, ratio), ratio)
-        better = room & (taken < (1 - LIMIT_TOLERANCE) * rho[places][left])
+        better = room & (taken < (1 - LIMIT_TOLERANCE) * rho[left])
         now = left[better]
-        rho[places[now]], f[places[now]], d[now] = taken[better], size[now] * y[better], y[better] @ B.T
+        rho[now], f[now], d[now] = taken[better], size[now] * y[better], y[better] @ B.T
         share[left] = np.where(better, 1.0, 1 - RATIO_ACCURACY)
-        left = left[(better | ~below) & (rho[places][left] > RATIO_ACCURACY)]
+        left = left[(better | ~below) & (rho[left] > RATIO_ACCURACY)]
+    return rho, f
