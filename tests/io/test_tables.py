@@ -200,7 +200,7 @@ BAD_NPZ = {
     "no columns": (npz(), ["no columns or no rows"]),
     "no rows": (npz(t=np.zeros(0)), ["no columns or no rows"]),
     "objects": (npz(t=ZEROS, a=np.array([1, None, "x"])), ["'a'", "object"]),
-    "2-D": (npz(t=ZEROS, a=np.zeros((3, 2))), ["'a'", "(3, 2)", "(3,)"]),
+    "3-D": (npz(t=ZEROS, a=np.zeros((3, 2, 2))), ["'a'", "(3, 2, 2)", "(3,)"]),
     "0-D": (npz(t=1.0), ["'t'", "()", "(N,)"]),
     "ragged": (npz(t=ZEROS, a=np.zeros(2)), ["'a'", "(2,)", "(3,)"]),
     "text column": (npz(t=ZEROS, a=np.array(["x"] * 3)), ["'a'", "<U1"]),

@@ -19,7 +19,7 @@ from click.testing import CliRunner
 
 import jounce
 from jounce.cli import main
-from jounce.io import tables
+from jounce.io import npz, tables
 from jounce.spatial.series import rate_name
 from jounce.stream import input_parts, parts, publish
 from jounce.stream.input_parts import make_plan
@@ -427,8 +427,16 @@ def test_input_that_cannot_be_read_is_refused_in_one_line(tmp_path, small_parts)
     limits = ("--limits", tmp_path / "limits.yaml", "--on-error", "skip")
     assert summary("check", "planar2r", folder, *limits)["skipped"]["rows"] == 1
     shutil.rmtree(out)
-    np.savez_compressed(tmp_path / "a.npz", **table(30))
-    assert "is compressed" in refusal("run", "planar2r", tmp_path / "a.npz", "-o", out)
+
+
+def test_compressed_archives_are_read_by_parts_within_a_bound(tmp_path, small_parts, monkeypatch):
+    columns = joined(table(40), table(50, 1), names=["a", "b"])
+    path, out = tmp_path / "states.npz", tmp_path / "out.npz"
+    np.savez_compressed(path, **columns)
+    assert summary("run", "planar2r", path, "-o", out)["parts"] > 1
+    assert_same(out, forces(columns))
+    monkeypatch.setattr(npz, "MAX_INFLATED_BYTES", 1000)
+    assert "bytes; expected at most 1000" in refusal("run", "planar2r", path, "-o", tmp_path / "other.npz")
 
 
 def test_a_part_that_cannot_be_read_is_named_and_can_be_left_out(tmp_path, small_parts):

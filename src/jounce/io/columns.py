@@ -26,7 +26,7 @@ def flatten(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Arrays (N, k) as k columns NAME[0], NAME[1], ..., and vectors (N, 1), (1, N), as MATLAB has them, as columns."""
     found: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
-        if array.ndim == 2 and 1 in array.shape and array.size > 1:
+        if array.ndim == 2 and 1 in array.shape and array.size:
             found[name] = array.ravel()
         elif array.ndim == 2:
             found |= {f"{name}[{j}]": column for j, column in enumerate(array.T)}
