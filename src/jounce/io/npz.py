@@ -26,14 +26,12 @@ from jounce.core.errors import JounceError, one_line, quote_value, shorten
 from jounce.io.columns import CellError, Select, TableMetadata, check_distinct
 from jounce.io.files import open_file
 from jounce.io.remainders import split_names, with_remainders
-from jounce.io.table_format import CELLS_PER_CHUNK, Chunk, Pieces, Span, TableFormat, number_rows
+from jounce.io.table_format import CELLS_PER_CHUNK, MAX_INFLATED_BYTES, Chunk, Pieces, Span, TableFormat, number_rows
 
 # of the fixed part of a ZIP member's header, which ends in two lengths: of its name, and of what follows that
 LOCAL_HEADER_BYTES = 30
 MAX_ARRAY_HEADER_BYTES = 1 << 14  # of an array; NumPy itself refuses headers of more than 10,000 characters
 MAX_COLUMNS = 1 << 16  # of a table, since a shape states any number of them in a few bytes
-# that the compressed members which are read together state: a small file states any size, and they are held as a whole
-MAX_INFLATED_BYTES = 1 << 30
 PIECE_BYTES = 1 << 18  # read at a time from a member that is read as a whole, as NumPy does
 CHUNK_BYTES = 8 * CELLS_PER_CHUNK  # of rows that are read at a time
 MAX_CODE_POINT = 0x10FFFF  # of characters

@@ -2,49 +2,26 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import TypeVar
 
 import numpy as np
 
-from jounce.core.errors import JounceError, one_line, warn
-from jounce.io import files, jsonlines
-from jounce.io.columns import Columns, Select, TableMetadata, check_columns, check_finite, flatten, select_columns
+from jounce.core.errors import JounceError, warn
+from jounce.io import files, jsonlines, mat
+from jounce.io.columns import Columns, Select, TableMetadata, check_finite
 from jounce.io.csv import Csv
 from jounce.io.npz import Npz
 from jounce.io.parquet import Parquet, import_pyarrow
-from jounce.io.table_format import Chunk, Pieces, TableFormat, leave_out_rows, number_rows
+from jounce.io.table_format import Chunk, Pieces, TableFormat, leave_out_rows
 
 Known = TypeVar("Known")
-
-
-def _read_mat(path: Path, select: Select | None = None) -> Chunk:
-    """The variables of a MATLAB file: matrices are columns NAME[0], NAME[1], ..., fields STRUCT.FIELD."""
-    from scipy.io import loadmat  # half a second to import, and only for such files
-
-    with files.open_file(path) as file:
-        try:
-            content = loadmat(cast(Any, file), simplify_cells=True)
-        except NotImplementedError:
-            raise JounceError(f"{path}: MAT file of version 7.3; save it in MATLAB with -v7") from None
-        except Exception as error:  # damaged files make their reader raise errors of any type
-            raise JounceError(f"{path}: not a MAT file: {one_line(error) or type(error).__name__}") from None
-    arrays = flatten(dict(_mat_arrays({k: v for k, v in content.items() if not k.startswith("__")}, "")))
-    return number_rows(check_columns(path, select_columns(arrays, select)))
-
-
-def _mat_arrays(content: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, np.ndarray]]:
-    for name, value in content.items():
-        if isinstance(value, Mapping):
-            yield from _mat_arrays(value, f"{prefix}{name}.")
-        elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
-            yield f"{prefix}{name}", value
 
 
 CSV, NPZ, PARQUET = Csv(), Npz(), Parquet()
 ROW_FORMATS: Mapping[str, TableFormat] = {".parquet": PARQUET, ".csv": CSV, ".npz": NPZ, ".tsv": CSV, ".txt": CSV}
 TABLE_READERS: Mapping[str, Callable[[Path, Select | None], Chunk]] = {
     **{suffix: form.whole for suffix, form in ROW_FORMATS.items()},
-    **{".mat": _read_mat, ".jsonl": jsonlines.read_rows, ".ndjson": jsonlines.read_rows},
+    **{".mat": mat.read_rows, ".jsonl": jsonlines.read_rows, ".ndjson": jsonlines.read_rows},
 }
 TABLE_WRITERS: dict[str, TableFormat] = {".csv": CSV, ".npz": NPZ, ".parquet": PARQUET}
 

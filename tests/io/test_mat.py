@@ -1,0 +1,133 @@
+"""MAT tables: what a file states of its sizes is judged before it is read."""
+
+import struct
+import zlib
+from io import BytesIO
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+import jounce
+from jounce.io import mat, tables
+from support.files import refusal
+
+DOUBLE, STRUCTURE, TEXT, CELLS = 6, 2, 4, 1  # classes
+T = np.arange(5.0)
+
+
+def element(order, kind, content, size=None):
+    size = len(content) if size is None else size
+    return struct.pack(f"{order}2I", kind, size) + content + bytes(-len(content) % 8)
+
+
+def array(order, kind, shape, name, content):
+    """An array of a class and a shape."""
+    head = element(order, 6, struct.pack(f"{order}2I", kind, 0)), element(order, 5, struct.pack(f"{order}2i", *shape))
+    return element(order, 14, b"".join(head) + element(order, 1, name) + content)
+
+
+def packed(order, content, stated=None):
+    if stated is not None:
+        content = struct.pack(f"{order}2I", 14, stated) + content[8:]
+    packed = zlib.compress(content)
+    return struct.pack(f"{order}2I", 15, len(packed)) + packed
+
+
+def numbers(order, x, size=None):
+    return element(order, 9, np.asarray(x).astype(f"{order}f8").tobytes(), size)
+
+
+def structure(order, inner):
+    fields = element(order, 5, struct.pack(f"{order}i", 8)) + element(order, 1, b"field".ljust(8, b"\0"))
+    return array(order, STRUCTURE, (1, 1), b"s", fields + inner)
+
+
+@pytest.fixture(params=["<", ">"])
+def order(request):
+    return request.param
+
+
+@pytest.fixture
+def write(tmp_path, order):
+    def write(*arrays):
+        path = tmp_path / "table.mat"
+        head = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack(f"{order}H", 0x100) + (b"IM" if order == "<" else b"MI")
+        good = array(order, DOUBLE, (5, 1), b"t", numbers(order, T))
+        path.write_bytes(head + b"".join([good, *arrays]))
+        return path
+
+    return write
+
+
+def test_what_is_written_here_is_a_mat_file(write, order):
+    field = array(order, DOUBLE, (5, 1), b"", numbers(order, 2 * T))
+    path = write(packed(order, array(order, DOUBLE, (5, 1), b"x", numbers(order, 3 * T))), structure(order, field))
+    found = tables.read(path)
+    assert {name: x.tolist() for name, x in found.items()} == {
+        "t": T.tolist(), "x": (3 * T).tolist(), "s.field": (2 * T).tolist(),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+@pytest.mark.parametrize("inner", [False, True])
+@pytest.mark.parametrize(
+    ("kind", "shape", "size", "word"),
+    [
+        (DOUBLE, (2**31 - 1, 1), None, "cells in an array"),
+        (DOUBLE, (5, 1), 0xFFFFFFF0, "within an array"),
+        (CELLS, (2**31 - 1, 1), None, "cells in an array"),
+        (TEXT, (2**31 - 1, 1), 0, "cells in an array"),
+        (STRUCTURE, (2**20, 2**10), None, "cells in an array"),
+    ],
+)
+def test_arrays_that_lie_of_their_size_are_refused(write, order, kind, shape, size, word, inner, compressed):
+    lie = array(order, kind, shape, b"" if inner else b"x", numbers(order, T, size))
+    lie = structure(order, lie) if inner else lie
+    path = write(packed(order, lie) if compressed else lie)
+    refusal(lambda: tables.read(path, lambda _: ["t"]), f"{path}: not a MAT file:", word)
+
+
+def test_compressed_variables_are_inflated_within_a_bound(write, order, monkeypatch):
+    path = write(packed(order, array(order, DOUBLE, (100, 1), b"x", numbers(order, np.zeros(100)))))
+    stated = len(array(order, DOUBLE, (100, 1), b"x", numbers(order, np.zeros(100)))) - 8
+    monkeypatch.setattr(mat, "MAX_INFLATED_BYTES", stated)
+    assert "t" in tables.read(path, lambda _: ["t"])
+    monkeypatch.setattr(mat, "MAX_INFLATED_BYTES", stated - 1)
+    refusal(lambda: tables.read(path), f"{path}: compressed variables of {stated} bytes", str(stated - 1), "-v6")
+
+
+def test_a_variable_with_more_bytes_than_it_states_is_refused(write, order):
+    path = write(packed(order, array(order, DOUBLE, (100, 1), b"x", numbers(order, np.zeros(100))), stated=100))
+    refusal(lambda: tables.read(path), f"{path}: not a MAT file", "within an array of 100")
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_motion_of_one_row_is_read(tmp_path, compressed):
+    path = tmp_path / "one.mat"
+    savemat(path, {"t": 0.5, "q": np.array([[2.0]]), "s": {"a": 3}, "word": "text"}, do_compression=compressed)
+    assert {name: x.tolist() for name, x in tables.read(path).items()} == {"t": [0.5], "q": [2], "s.a": [3]}
+    savemat(path, {"t": T, "rate": 1000.0}, do_compression=compressed)
+    assert list(tables.read(path)) == ["t"]
+
+
+def test_variables_of_one_name_are_refused(write, order):
+    path = write(array(order, DOUBLE, (5, 1), b"t", numbers(order, -T)))
+    refusal(lambda: tables.read(path), "'t' occurs 2 times")
+
+
+def test_files_that_are_cut_off_are_refused(tmp_path):
+    file, path = BytesIO(), tmp_path / "table.mat"
+    savemat(file, {"t": T, "s": {"a": T}}, do_compression=True)
+    content = file.getvalue()
+
+    def answer(end):
+        path.write_bytes(content[:end])
+        try:
+            return sorted(tables.read(path))
+        except jounce.JounceError as error:
+            return str(error)
+
+    answers = [answer(end) for end in range(0, len(content), 5)]
+    assert all(isinstance(found, list) or found.isprintable() for found in answers)
+    assert [found for found in answers if isinstance(found, list) and not set(found) <= {"t", "s.a"}] == []
