@@ -221,4 +221,4 @@ def _shape(row: Quantity) -> str:
 
 for _row in OF_BODIES.values():
     setattr(Symbolic, _row.name, _method(_row))
-Symbolic.__doc__ = f"{Symbolic.__doc__}\n{_table()}\n"  # help() lists what the table of quantities holds
+Symbolic.__doc__ = f"{Symbolic.__doc__ or ''}\n{_table()}\n"  # help() lists what the table of quantities holds

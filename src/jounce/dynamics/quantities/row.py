@@ -148,7 +148,7 @@ def quantity(*, closed_form: Law | None = None, paper: Law | None = None, **fiel
             methods["paper"] = paper
         name = recursion.__name__
         fields.setdefault("caption", name.replace("_", " "))
-        return Quantity(name=name, text=cleandoc(recursion.__doc__), methods=methods, **fields)
+        return Quantity(name=name, text=cleandoc(recursion.__doc__ or ""), methods=methods, **fields)
 
     return row
 
