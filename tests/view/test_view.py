@@ -17,7 +17,7 @@ from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
 import jounce
-from jounce._report.view import controls, scene, viewer
+from jounce._report.view import controls, scene, server, viewer
 from jounce._report.view.track import MAX_TRACK_STATES, record_track, rest_state
 from jounce.cli import main
 from jounce.io.mesh_files import NO_FILE, OUTSIDE, find_mesh
@@ -107,6 +107,28 @@ def test_websockets_are_for_the_page_of_this_server(served, origin, host, status
     connection.request("GET", "/", headers=headers | ({"Origin": origin} if origin else {}))
     assert connection.getresponse().status == status
     connection.close()
+
+
+@pytest.mark.parametrize(
+    ("origin", "host"),
+    [
+        ("http://127.0.0.1:80", "127.0.0.1:8080"),
+        ("http://127.0.0.1:80801", "127.0.0.1:8080"),
+        ("http://127.0.0.1:8080.site.example", "127.0.0.1:8080"),
+        ("http://127.0.0.1:8080@site.example", "127.0.0.1:8080"),
+        ("http://site.example/http://127.0.0.1:8080", "127.0.0.1:8080"),
+        ("http", "127.0.0.1:8080"),
+        ("", "127.0.0.1:8080"),
+        ("http://localhost.site.example:8080", "localhost.site.example:8080"),
+        (None, "notlocalhost:8080"),
+        (None, "127.0.0.1.site.example"),
+        (None, "local"),
+        (None, ""),
+    ],
+)
+def test_origins_and_hosts_are_compared_as_a_whole(origin, host):
+    """One that begins or ends as this server's is that of another page."""
+    assert server.refusal({"Host": host} | ({} if origin is None else {"Origin": origin})) is not None
 
 
 def test_start_and_stop_print_nothing_and_leave_stdout_alone(along, capfd):
