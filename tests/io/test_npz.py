@@ -1,6 +1,5 @@
 """NPZ tables: what an archive states is judged before it is used, and no archive ends the process."""
 
-import os
 import tracemalloc
 from pathlib import Path
 
@@ -206,15 +205,6 @@ def test_cells_are_those_of_the_array_in_any_layout(write, monkeypatch, rows, me
         for name, cells in expected.items():
             assert found[name].dtype == float
             assert np.array_equal(found[name], cells.astype(float)), name
-
-
-def test_a_file_that_is_cut_off_while_it_is_read_is_refused(write, monkeypatch):
-    monkeypatch.setattr(npz, "CHUNK_BYTES", 1 << 17)
-    path = write(column("t", np.arange(1e5)), column("a", np.arange(1e5)))
-    chunks = tables.NPZ.chunks(path, ["t", "a"], None, Span(0, 100_000))
-    next(chunks)
-    os.truncate(path, path.stat().st_size // 2)
-    refusal(lambda: list(chunks), f"{path}:", "column 'a'", "the file ends before its last cell")
 
 
 def test_a_file_that_grows_while_it_is_read_keeps_its_rows(write, monkeypatch):

@@ -1,6 +1,7 @@
 """Tables: every digit kept, every bad cell named, never half a file."""
 
 import gc
+import os
 import tracemalloc
 import warnings
 from io import BytesIO, StringIO
@@ -10,7 +11,8 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.io import csv, tables
+from jounce.io import csv, npz as archives, parquet, tables
+from jounce.io.table_format import Span
 from support.files import refusal
 
 COLUMNS = {"t": np.arange(9.0), "a": np.arange(9.0) ** 2}
@@ -312,3 +314,35 @@ def test_writing_that_fails_half_way_leaves_nothing(tmp_path, suffix, existing, 
             tables.write(path, {"t": np.arange(1e5), "a": Interrupted()})
     assert list(tmp_path.iterdir()) == [path] * existing
     assert not existing or path.read_text() == "old"
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz", ".parquet"])
+def test_a_file_that_is_cut_off_while_it_is_read_is_refused(tmp_path, monkeypatch, suffix):
+    """No row is lost in silence, whenever the file is cut off."""
+    monkeypatch.setattr(csv, "BLOCK_BYTES", 1000)
+    monkeypatch.setattr(parquet, "ROWS_PER_GROUP", 10_000)
+    monkeypatch.setattr(archives, "CHUNK_BYTES", 1 << 16)
+    path, t = tmp_path / f"table{suffix}", np.arange(1e5) + 0.5
+    form = tables.TABLE_WRITERS[suffix]
+    form.write(path, [{"t": part} for part in np.split(t, 10)], None)
+    content = path.read_bytes()
+    for share in (0.1, 0.6, 0.99):
+        path.write_bytes(content)
+        span = Span(form.spans(path, 10**9)[0].start, form.spans(path, 10**9)[-1].stop)
+        chunks = form.chunks(path, ["t"], None, span)
+        next(chunks)
+        os.truncate(path, int(share * len(content)))
+        refusal(lambda chunks=chunks: list(chunks), f"{path}:")
+
+
+def test_a_parquet_table_that_states_far_more_than_it_has_is_read_by_parts_only(tmp_path, monkeypatch):
+    path = tmp_path / "table.parquet"
+    tables.write(path, COLUMNS)
+    stated, size = 2 * 9 * 8, path.stat().st_size
+    monkeypatch.setattr(parquet, "MAX_INFLATED_BYTES", stated - size)
+    assert len(tables.read(path)["a"]) == 9
+    monkeypatch.setattr(parquet, "MAX_INFLATED_BYTES", stated - size - 1)
+    refusal(lambda: tables.read(path), f"{path}: 2 columns of {stated} bytes in memory; expected at most {stated - 1}")
+    assert len(tables.read(path, lambda _: ["a"])["a"]) == 9
+    [span] = tables.PARQUET.spans(path, 1000)
+    assert len(next(tables.PARQUET.chunks(path, ["t", "a"], None, span)).columns["a"]) == 9

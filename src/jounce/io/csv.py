@@ -68,6 +68,8 @@ class Csv(TableFormat):
                 if (chunk := self._chunk(path, form, block, place, names, texts)) is not None:
                     yield chunk
                 place += len(block)
+        if place < span.stop:
+            raise JounceError(f"{path}: the file lost {span.stop - place} bytes while it was read")
 
     def row_before(self, path: Path, place: int) -> Span | None:
         first = read_layout(path).start

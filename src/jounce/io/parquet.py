@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jounce.core.errors import JounceError, one_line, optional_import
-from jounce.io.columns import TableMetadata, check_distinct
+from jounce.io.columns import Select, TableMetadata, check_distinct
 from jounce.io.files import check_readable
 from jounce.io.remainders import split_names, with_remainders
-from jounce.io.table_format import Chunk, Pieces, Span, TableFormat, rows_per_chunk
+from jounce.io.table_format import MAX_INFLATED_BYTES, Chunk, Pieces, Span, TableFormat, rows_per_chunk
 
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile
@@ -62,6 +62,18 @@ class Parquet(TableFormat):
                 motions = None if texts is None else _text_cells(path, batch.column(texts))
                 yield Chunk(columns, motions, np.arange(first, first + batch.num_rows + 1))
 
+    def whole(self, path: Path, select: Select | None = None) -> Chunk:
+        """All rows, unless they take far more memory than the file has bytes: equal cells are stored once."""
+        header = self.names(path)
+        wanted, _ = split_names(header if select is None else select(header))
+        with _open_table(path) as file:
+            stated = int(file.metadata.num_rows) * len(wanted) * 8
+        most = path.stat().st_size + MAX_INFLATED_BYTES
+        if stated > most:
+            came = f"{len(wanted)} columns of {stated} bytes in memory; expected at most {most}"
+            raise JounceError(f"{path}: {came}: divide the table, or state all rates, so that it is read by parts")
+        return super().whole(path, select)
+
     def write(self, path: Path, pieces: Pieces, about: TableMetadata | None = None) -> None:
         """Write a table piece by piece; texts are a dictionary of few values."""
         arrow, schema = import_pyarrow(path), None
@@ -102,7 +114,7 @@ def _open_table(path: Path) -> "Iterator[ParquetFile]":
     try:
         with arrow.OSFile(fsencode(path)) as content, arrow.parquet.ParquetFile(content, pre_buffer=True) as file:
             yield file
-    except (arrow.ArrowException, OSError, UnicodeDecodeError) as error:
+    except (arrow.ArrowException, OSError, UnicodeDecodeError, MemoryError) as error:
         raise JounceError(f"{path}: not a Parquet table, or a damaged one: {one_line(error)}") from None
 
 

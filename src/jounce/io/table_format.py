@@ -19,7 +19,7 @@ from jounce.io.remainders import split_names
 
 ROW_CURE = "repair or remove the row, or leave bad rows out by --on-error skip (on_error='skip')"
 CELLS_PER_CHUNK = 1 << 19  # 4 MB of numbers, which stay in the cache while they are computed
-# that compressed columns which are read together state: a small file states any size, and they are inflated as a whole
+# that columns which are inflated as a whole take beyond the bytes of their file: a small file states any size
 MAX_INFLATED_BYTES = 1 << 30
 Pieces = Iterable[Mapping[str, np.ndarray]]
 
