@@ -1,7 +1,5 @@
 """MAT tables: what a file states of its sizes is judged before it is read."""
 
-import struct
-import zlib
 from io import BytesIO
 
 import numpy as np
@@ -11,36 +9,9 @@ from scipy.io import savemat
 import jounce
 from jounce.io import mat, tables
 from support.files import refusal
+from support.mat_files import CELLS, DOUBLE, STRUCTURE, TEXT, array, mat_file, numbers, packed, structure
 
-DOUBLE, STRUCTURE, TEXT, CELLS = 6, 2, 4, 1  # classes
 T = np.arange(5.0)
-
-
-def element(order, kind, content, size=None):
-    size = len(content) if size is None else size
-    return struct.pack(f"{order}2I", kind, size) + content + bytes(-len(content) % 8)
-
-
-def array(order, kind, shape, name, content):
-    """An array of a class and a shape."""
-    head = element(order, 6, struct.pack(f"{order}2I", kind, 0)), element(order, 5, struct.pack(f"{order}2i", *shape))
-    return element(order, 14, b"".join(head) + element(order, 1, name) + content)
-
-
-def packed(order, content, stated=None):
-    if stated is not None:
-        content = struct.pack(f"{order}2I", 14, stated) + content[8:]
-    packed = zlib.compress(content)
-    return struct.pack(f"{order}2I", 15, len(packed)) + packed
-
-
-def numbers(order, x, size=None):
-    return element(order, 9, np.asarray(x).astype(f"{order}f8").tobytes(), size)
-
-
-def structure(order, inner):
-    fields = element(order, 5, struct.pack(f"{order}i", 8)) + element(order, 1, b"field".ljust(8, b"\0"))
-    return array(order, STRUCTURE, (1, 1), b"s", fields + inner)
 
 
 @pytest.fixture(params=["<", ">"])
@@ -52,9 +23,8 @@ def order(request):
 def write(tmp_path, order):
     def write(*arrays):
         path = tmp_path / "table.mat"
-        head = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack(f"{order}H", 0x100) + (b"IM" if order == "<" else b"MI")
         good = array(order, DOUBLE, (5, 1), b"t", numbers(order, T))
-        path.write_bytes(head + b"".join([good, *arrays]))
+        path.write_bytes(mat_file(order, good, *arrays))
         return path
 
     return write

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import jounce
-from jounce.io import csv, npz as archives, parquet, tables
+from jounce.io import csv, parquet, tables
+from jounce.io import npz as archives
 from jounce.io.table_format import Span
 from support.files import refusal
 

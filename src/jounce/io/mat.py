@@ -6,19 +6,21 @@ not read, since no column is made of them.
 """
 
 import math
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from io import BytesIO
 from itertools import count
 from pathlib import Path
-from struct import iter_unpack, unpack, unpack_from
-from typing import Any, BinaryIO, cast
+from struct import iter_unpack, unpack_from
+from typing import Any
 from zlib import decompressobj
 
 import numpy as np
 
 from jounce.core.errors import JounceError, one_line
 from jounce.io.columns import Select, check_columns, check_distinct, flatten, select_columns
-from jounce.io.files import open_file
+from jounce.io.files import read_bytes
 from jounce.io.table_format import MAX_INFLATED_BYTES, Chunk, number_rows
 
 FILE_HEADER_BYTES = 128  # of version 5, at whose end the byte order stands
@@ -35,18 +37,17 @@ def read_rows(path: Path, select: Select | None = None) -> Chunk:
     """All rows of the selected columns."""
     from scipy.io import loadmat, matlab, whosmat  # half a second to import, and only for such files
 
-    with open_file(path) as opened:
-        file = cast(Any, opened)
-        with _reader_errors(path):
-            version, _ = matlab.matfile_version(file)
-            if version == 1:
-                _check_elements(path, opened)
-            file.seek(0)
-            variables = whosmat(file)
-            check_distinct(path, [name for name, *_ in variables])
-            wanted = [name for name, _, kind in variables if kind in READ_CLASSES]
-            file.seek(0)
-            content = loadmat(file, simplify_cells=True, variable_names=wanted)
+    file: Any = BytesIO(read_bytes(path))  # which is read no further than it goes, and does not change meanwhile
+    with _reader_errors(path):
+        version, _ = matlab.matfile_version(file)
+        if version == 1:
+            _check_elements(path, file.getbuffer())
+        file.seek(0)
+        variables = whosmat(file)
+        check_distinct(path, [name for name, *_ in variables])
+        wanted = [name for name, _, kind in variables if kind in READ_CLASSES]
+        file.seek(0)
+        content = loadmat(file, simplify_cells=True, variable_names=wanted)
     arrays = dict(_arrays({name: content[name] for name in wanted if name in content}, ""))
     if any(array.ndim for array in arrays.values()):  # among columns of several rows a number is none
         arrays = {name: array for name, array in arrays.items() if array.ndim}
@@ -58,7 +59,9 @@ def read_rows(path: Path, select: Select | None = None) -> Chunk:
 def _reader_errors(path: Path) -> Iterator[None]:
     """Within this context, errors become `JounceError`: damaged files make their reader raise errors of any type."""
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", module=r"scipy\.io")  # of variables that are read wrong, or not at all
+            yield
     except JounceError:
         raise
     except NotImplementedError:
@@ -67,42 +70,32 @@ def _reader_errors(path: Path) -> Iterator[None]:
         raise JounceError(f"{path}: not a MAT file: {one_line(error) or type(error).__name__}") from None
 
 
-def _check_elements(path: Path, file: BinaryIO) -> None:
-    """Check the sizes that the variables of a file of version 5 state, and the cells of structures."""
-    file.seek(0)
-    order = "<" if file.read(FILE_HEADER_BYTES)[-2:] == b"IM" else ">"
-    inflated, size = 0, path.stat().st_size
-    while len(tag := file.read(TAG_BYTES)) == TAG_BYTES:
-        kind, length = unpack(f"{order}2I", tag)
-        following = file.tell() + length
-        if following > size:
-            raise ValueError(f"it has {size} bytes; expected {following}")
-        content: Any = file
+def _check_elements(path: Path, content: memoryview) -> None:
+    """Check the sizes that the variables of a file of version 5 state, and the arrays of structures."""
+    order = "<" if bytes(content[FILE_HEADER_BYTES - 2 : FILE_HEADER_BYTES]) == b"IM" else ">"
+    place, inflated = FILE_HEADER_BYTES, 0
+    while place + TAG_BYTES <= len(content):
+        kind, size = unpack_from(f"{order}2I", content, place)
+        place += TAG_BYTES
+        if place + size > len(content):
+            raise ValueError(f"it has {len(content)} bytes; expected {place + size}")
+        array = content[place : place + size]
+        place += size
         if kind == COMPRESSED:
-            content = _Inflated(file, length)
-            _, length = unpack(f"{order}2I", content.read(TAG_BYTES))
-            inflated += length
-        if inflated > MAX_INFLATED_BYTES:
-            came = f"compressed variables of {inflated} bytes; expected at most {MAX_INFLATED_BYTES}"
-            raise JounceError(f"{path}: {came}, or variables that are not compressed, as save -v6 writes them")
-        head = content.read(min(length, MAX_ARRAY_HEADER_BYTES))
-        if len(head) > ARRAY_CLASS and STRUCTURE in (head[ARRAY_CLASS], head[ARRAY_CLASS - 3]):
-            head += content.read(length - len(head))  # the arrays within it are checked too
-        _check_array(memoryview(head), length, order)
-        file.seek(following)
+            packed, array = array, memoryview(decompressobj().decompress(array, TAG_BYTES + MAX_ARRAY_HEADER_BYTES))
+            _, size = unpack_from(f"{order}2I", array)
+            inflated += size
+            if inflated > MAX_INFLATED_BYTES:
+                came = f"compressed variables of {inflated} bytes; expected at most {MAX_INFLATED_BYTES}"
+                raise JounceError(f"{path}: {came}, or variables that are not compressed, as save -v6 writes them")
+            if _is_structure(array[TAG_BYTES:]):  # the arrays within it are checked too
+                array = memoryview(decompressobj().decompress(packed, TAG_BYTES + size))
+            array = array[TAG_BYTES:]
+        _check_array(array, size, order)
 
 
-class _Inflated:
-    """The inflated bytes of a compressed variable, as many as are read."""
-
-    def __init__(self, file: BinaryIO, length: int) -> None:
-        self._content, self._decoder = file.read(length), decompressobj()
-
-    def read(self, count: int) -> bytes:
-        """The next bytes."""
-        found = self._decoder.decompress(self._content, count) if count else b""
-        self._content = self._decoder.unconsumed_tail
-        return found
+def _is_structure(array: memoryview) -> bool:
+    return len(array) > ARRAY_CLASS and STRUCTURE in (array[ARRAY_CLASS], array[ARRAY_CLASS - 3])
 
 
 def _check_array(array: memoryview, size: int, order: str) -> None:
