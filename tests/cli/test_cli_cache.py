@@ -146,3 +146,10 @@ def test_a_file_or_link_in_the_place_of_the_folder_is_named(tmp_path, monkeypatc
         monkeypatch.setenv("JOUNCE_CACHE_DIR", str(place))
         assert call().stdout.endswith(f"not used: {words}\n")
         assert f"{place}: {words}" in call("--clear").output
+
+
+def test_a_copy_without_a_digest_of_its_code_says_that_it_keeps_none(filled, monkeypatch):
+    monkeypatch.setattr(cache, "code_digest", lambda *layers: None)
+    assert (summary()["private"], summary()["obstacle"]) == (True, cache.UNKNOWN_CODE)
+    assert call().stdout.endswith(f"not used: {cache.UNKNOWN_CODE}\n")
+    assert summary("--clear")["kernels"] == 2

@@ -277,23 +277,22 @@ def test_the_key_tells_apart_whatever_the_code_depends_on():
 
 def test_the_key_changes_with_the_program_itself(monkeypatch):
     before = cache.key(ROBOT.mechanism, QUANTITY, host())
-    monkeypatch.setattr(cache, "source_digest", lambda *layers: "another version")
+    monkeypatch.setattr(cache, "code_digest", lambda *layers: "another version")
     assert cache.key(ROBOT.mechanism, QUANTITY, host()) != before
 
 
-@pytest.mark.parametrize("layer", cache.CODE_LAYERS)
-def test_the_key_changes_with_a_source_of_each_layer_that_makes_code(layer, monkeypatch, tmp_path):
-    root = tmp_path / "jounce"
-    for name in (*cache.CODE_LAYERS, "io"):
-        (root / name / "inner").mkdir(parents=True)
-        (root / name / "inner" / "module.py").write_text(f"{name} = 0.5\n")
-    monkeypatch.setattr(cache, "__file__", str(root / "native" / "cache.py"))
-    digest = cache.source_digest.__wrapped__
-    before = digest(*cache.CODE_LAYERS)
-    (root / "io" / "inner" / "module.py").write_text("io = 0.6\n")
-    assert digest(*cache.CODE_LAYERS) == before
-    (root / layer / "inner" / "module.py").write_text(f"{layer} = 0.6\n")
-    assert digest(*cache.CODE_LAYERS) != before
+def test_code_that_is_not_known_neither_reads_nor_writes(folder, compilations, monkeypatch):
+    works()
+    before = entry(folder).stat()
+    unknown = {cache.key(ROBOT.mechanism, QUANTITY, host())}
+    with monkeypatch.context() as patch:
+        patch.setattr(cache, "code_digest", lambda *layers: None)
+        for _ in range(2):
+            works()
+        assert cache.obstacle() == cache.UNKNOWN_CODE
+    assert len(compilations) == 3
+    assert (entry(folder).stat().st_mtime_ns, entry(folder).stem) == (before.st_mtime_ns, *unknown)
+    assert cache.obstacle() is None
 
 
 def test_the_users_cache_folder_is_the_default(monkeypatch, tmp_path):

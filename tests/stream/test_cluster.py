@@ -24,6 +24,7 @@ from test_stream import ROBOT, bytes_of, call, joined, refusal, summary, table, 
 
 import jounce
 import jounce.dask
+from jounce.core.code_digest import UNKNOWN_CODE
 from jounce.core.errors import collect_warnings, warn
 from jounce.dask.pickled import pickle_object
 from jounce.dynamics.computation import Computation
@@ -147,8 +148,11 @@ def test_clusters_that_do_not_fit_are_refused_in_one_line(tmp_path, address, sta
     with monkeypatch.context() as patch:
         patch.setattr(cluster, "__version__", "0.0.0")
         message = refusal(*run, address)
-    assert f"has jounce {jounce.__version__} (sources " in message
-    assert "this process 0.0.0 (sources " in message
+    assert f"has jounce {jounce.__version__} (code " in message
+    assert "this process 0.0.0 (code " in message
+    with monkeypatch.context() as patch:
+        patch.setattr(cluster, "code_digest", lambda: None)
+        assert refusal(*run, address).endswith(UNKNOWN_CODE)
     with monkeypatch.context() as patch:
         patch.setattr(cluster, "_identity", lambda path: (1, 2))
         message = refusal(*run, address)

@@ -23,7 +23,7 @@ from jounce.io import npz, tables
 from jounce.spatial.series import rate_name
 from jounce.stream import input_parts, parts, publish
 from jounce.stream.input_parts import make_plan
-from jounce.stream.job import RECORD_VERSION, Job, Reading
+from jounce.stream.job import Job, Reading
 from jounce.stream.lock import LOCK_FILE, hold_lock
 from jounce.stream.records import line_of
 
@@ -606,7 +606,8 @@ def test_a_lock_whose_file_another_run_removes_is_taken_again(tmp_path, monkeypa
             pass
 
 
-def test_records_of_another_form_are_computed_again(tmp_path, small_parts, monkeypatch):
+@pytest.mark.parametrize("code", ["of another release", None], ids=["other code", "unknown code"])
+def test_records_of_another_form_are_computed_again(tmp_path, small_parts, monkeypatch, code):
     """A run that is continued after an upgrade: records of limits had no verdict and no share that is judged."""
     path, out = write(tmp_path / "states.csv", table(90)), tmp_path / "out.csv"
     (tmp_path / "limits.yaml").write_text("units: SI\njoints: {joint1: {velocity: 1.9}, joint2: {velocity: 2.0}}")
@@ -630,7 +631,7 @@ def test_records_of_another_form_are_computed_again(tmp_path, small_parts, monke
         return line_of(record)
 
     with monkeypatch.context() as patch:
-        patch.setattr("jounce.stream.job.RECORD_VERSION", RECORD_VERSION - 1)
+        patch.setattr("jounce.stream.job.code_digest", lambda: code)
         patch.setattr("jounce.stream.records.line_of", old)
         patch.setattr("jounce.stream.runner.compute", compute)
         assert call(*words).exit_code == 130
@@ -638,6 +639,13 @@ def test_records_of_another_form_are_computed_again(tmp_path, small_parts, monke
     result = call(*words)
     assert json.loads(result.stdout) == whole
     assert out.read_bytes() == table_of_whole
+
+
+def test_code_that_is_not_known_continues_no_run(tmp_path, monkeypatch):
+    keys = {Job("forces", ROBOT, 2, Reading(), ".csv").key for _ in range(2)}
+    assert len(keys) == 1
+    monkeypatch.setattr("jounce.stream.job.code_digest", lambda: None)
+    assert len(keys | {Job("forces", ROBOT, 2, Reading(), ".csv").key for _ in range(2)}) == 3
 
 
 def test_limits_are_checked_wherever_parts_end(tmp_path, monkeypatch):

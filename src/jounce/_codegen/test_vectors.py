@@ -30,6 +30,11 @@ TEST_TOLERANCES = {
     False: 1e-13,
     True: 2e-4,
 }  # relative, by "single": hundreds of rounding errors
+# Terms that cancel leave their rounding errors, so errors are compared with terms: of up to so many times the values,
+# that a wrong ninth digit of the values is noticed. Magnitudes of terms are estimates, some of which, as of gradients
+# and of products with inverses, are a million times the values.
+MAX_TERMS_OVER_VALUES = 100.0
+ZERO_OVER_TERMS = 1e-11  # smaller values are 0 in exact arithmetic: rounding leaves 1e-16 of the terms, or less
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +52,14 @@ class Vectors:
         return len(self.inputs["q"])
 
     def scale(self, name: str) -> float:
-        """Return the scale of relative errors of an output over all states, to three digits: machine-independent."""
-        return float(f"{scale(self.outputs[name], self.magnitudes[name]):.3g}")
+        """Return what errors of an output are divided by, over all states, to three digits: machine-independent.
+
+        It is the largest value, or terms that are larger and cancel, as far as 9 digits of the values still count.
+        """
+        terms, value = scale(self.outputs[name], self.magnitudes[name]), float(np.abs(self.outputs[name]).max())
+        if value > ZERO_OVER_TERMS * terms:
+            terms = min(terms, MAX_TERMS_OVER_VALUES * value)
+        return float(f"{terms:.3g}")
 
     def parameter_sets(self) -> Iterator[dict[str, np.ndarray]]:
         """The parameters of one state after the other."""

@@ -27,6 +27,7 @@ from jounce.model.mechanism import Mechanism
 from jounce.model.series_functions import inverse
 from jounce.model.springs import Spring, force_along
 from jounce.spatial.groups import rotation_from_angle, rotation_from_quaternion
+from jounce.spatial.linear import factor
 from jounce.spatial.series import Series
 
 _COMPARED_METHODS = ("closed_form", "recursion")  # in the body frames as given, and in those on the joint axes
@@ -218,6 +219,21 @@ class _Sized:
         return _Sized(other / self.value, self.square * (other / self.value**2) ** 2)
 
     __radd__, __rmul__ = __add__, __mul__
+
+
+class _SizedSolver:
+    """A X = b is off by A^-1 of what b and A X are off by, whatever the steps of the elimination add up."""
+
+    def __init__(self, A: _Sized) -> None:
+        self.A, self.inverse = A, np.linalg.inv(A.value)
+
+    def solve(self, b: Any) -> _Sized:
+        given = _make_sized(b)
+        X = self.inverse @ given.value
+        return _Sized(X, np.square(self.inverse) @ (given.square + self.A.square @ np.square(X)))
+
+
+factor.register(_Sized, _SizedSolver)
 
 
 @solve_deflection.register

@@ -25,7 +25,7 @@ def cache(clear: bool, as_json: bool) -> None:
 
     sizes = kernels.clear() if clear else [path.stat().st_size for path in kernels.kernel_paths()]
     summary = {
-        "folder": str(kernels.folder()), "private": (obstacle := kernels.obstacle()) is None, "obstacle": obstacle,
+        "folder": str(kernels.folder()), "private": kernels.folder_obstacle() is None, "obstacle": kernels.obstacle(),
         "cleared": clear, "kernels": len(sizes), "bytes": sum(sizes), "limit": kernels.size_limit(),
     }  # fmt: skip
     print_summary(summary, _format_summary, as_json)
@@ -34,5 +34,5 @@ def cache(clear: bool, as_json: bool) -> None:
 def _format_summary(summary: dict[str, object]) -> str:
     found = f"kernels {'removed' if summary['cleared'] else 'kept'}: {summary['kernels']}, {summary['bytes']} bytes"
     found += "" if summary["cleared"] else f" of at most {summary['limit']}"
-    unused = "" if summary["private"] else f"\nnot used: {summary['obstacle']}"
+    unused = f"\nnot used: {summary['obstacle']}" if summary["obstacle"] else ""
     return f"{summary['folder']}\n{found}{unused}"

@@ -2,7 +2,8 @@
 
 Object code is executed, so only its owner may write to the folder, and an entry is verified before it is loaded: its
 owner, its key and the hash of its content. An entry that fails is treated as missing and rewritten. The folder grows up
-to a limit: the least recently used kernels are removed first.
+to a limit: the least recently used kernels are removed first. Keys hold a digest of the code that compiles; a copy of
+jounce that has none neither reads nor writes, as it could run what another release has compiled.
 """
 
 import hashlib
@@ -10,9 +11,9 @@ import os
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from functools import cache
 from pathlib import Path
 
+from jounce.core.code_digest import UNKNOWN_CODE, code_digest
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.foreign import parse_finite
 from jounce.core.temporary_files import remove_abandoned, temporary_path
@@ -80,23 +81,14 @@ def code_key(what: str, target: Target) -> str:
     """The name of code that depends on no robot."""
     import llvmlite
 
-    text = f"{what} {target} llvmlite {llvmlite.__version__} {source_digest(*CODE_LAYERS)}"
+    text = f"{what} {target} llvmlite {llvmlite.__version__} {code_digest(*CODE_LAYERS)}"
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-@cache
-def source_digest(*layers: str) -> str:
-    """A hash of the sources of some layers of jounce, or of all of it."""
-    digest, root = hashlib.sha256(), Path(__file__).parents[1]
-    for layer in layers or ("",):
-        for place, _, names in sorted(os.walk(root / layer)):
-            for name in sorted(name for name in names if name.endswith(".py")):
-                digest.update(Path(place, name).read_bytes())
-    return digest.hexdigest()
 
 
 def read(name: str) -> bytes | None:
     """Return the code under a key, or None if there is no trusted entry."""
+    if code_digest(*CODE_LAYERS) is None:
+        return None
     try:
         path = folder() / (name + KERNEL_SUFFIX)
         content = path.read_bytes() if _is_private(folder()) and _is_private(path) else b""
@@ -124,6 +116,8 @@ def write(name: str, code: bytes) -> None:
 
     What was not used for longest makes room for it; code larger than the limit is not kept.
     """
+    if code_digest(*CODE_LAYERS) is None:
+        return
     content, most = _hash(name, code) + code, size_limit()
     part = temporary_path(folder())
     try:
@@ -170,7 +164,12 @@ def _list_kernels() -> list[os.DirEntry[str]]:
 
 
 def obstacle() -> str | None:
-    """Return why kernels are neither read nor written; None if the folder is its owner's alone, or still to be made."""
+    """Return why kernels are neither read nor written; None if they are."""
+    return UNKNOWN_CODE if code_digest(*CODE_LAYERS) is None else folder_obstacle()
+
+
+def folder_obstacle() -> str | None:
+    """Return why the folder is not used; None if it is its owner's alone, or still to be made."""
     try:
         found = os.lstat(folder())
     except FileNotFoundError:
@@ -192,7 +191,7 @@ def clear() -> list[int]:
 
     Raises `JounceError` where the folder is not its owner's alone, or a kernel cannot be removed.
     """
-    if found := obstacle():
+    if found := folder_obstacle():
         raise JounceError(f"{folder()}: {found}")
     remove_abandoned(folder())
     sizes = []

@@ -7,7 +7,9 @@ columns of Q that are orthogonal (modified Gram-Schmidt); rows may be redundant.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import singledispatch
 from math import comb
+from typing import Protocol
 
 import numpy as np
 
@@ -130,13 +132,26 @@ def elimination_order(pattern: np.ndarray) -> list[tuple[int, int | None]]:
     return steps
 
 
+class Factored(Protocol):
+    """A matrix A that is factored, with which equations A X = b are solved."""
+
+    def solve(self, b: Array) -> Array:
+        """X of A X = b, both (..., n, m)."""
+
+
+@singledispatch
+def factor(A: Array) -> Factored:
+    """The factors of a symmetric positive definite matrix: other kinds of arrays may register a rule of their own."""
+    return Factors.of(A)
+
+
 def solve_series(A: Series, B: Series) -> Series:
     """X of A X = B with its rates: A X[k] = B[k] - sum of binom(k, j) A[j] X[k - j], with A factored once."""
-    factors: list[Factors] = []
+    factors: list[Factored] = []
 
     def term(k: int) -> Array:
         if not factors:
-            factors.append(Factors.of(A[0]))
+            factors.append(factor(A[0]))
         rest = B[k]
         for j in range(1, k + 1):
             rest = rest - comb(k, j) * (A[j] @ X[k - j])

@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jounce.core.code_digest import UNKNOWN_CODE, code_digest
 from jounce.core.errors import JounceError, one_line, optional_import, quote_value
 from jounce.core.version import __version__
 from jounce.dask.pickled import Pickled, pickle_object
 from jounce.io.tables import describe_place
-from jounce.native.cache import source_digest
 from jounce.stream.job import InputPart, Task
 from jounce.stream.parts import compute
 from jounce.stream.records import CONTINUATION, Record, find_record, rows_folder, rows_path
@@ -63,8 +63,11 @@ def cluster_runner(address: str) -> Runner:
 
 
 def version() -> str:
-    """The version of jounce in this process, and a digest of its sources, on which results depend."""
-    return f"{__version__} (sources {source_digest()[:12]})"
+    """The version of jounce in this process, and a digest of its code, on which results depend."""
+    found = code_digest()
+    if found is None:
+        raise JounceError(f"a cluster needs one and the same jounce on all machines, and {UNKNOWN_CODE}")
+    return f"{__version__} (code {found[:12]})"
 
 
 def compute_order(order: Order) -> Record:
@@ -161,11 +164,12 @@ def _check_workers(address: str, client: "Client") -> None:
     """Raise `JounceError` if a worker has another jounce, or none; later ones are asked with their first part."""
     if address == LOCAL_CLUSTER:
         client.run(_ignore_interrupts)
+    ours = version()
     for worker, found in client.run(version, on_error="return").items():
         if isinstance(found, Exception):
             cure = f"install jounce {__version__} there"
             raise JounceError(f"worker {worker} cannot import this jounce: {one_line(found)}; {cure}")
-        _check_version(worker, found, version())
+        _check_version(worker, found, ours)
 
 
 def _ignore_interrupts() -> None:

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
+from secrets import token_hex
 from typing import Any, Literal
 
-from jounce.core.version import __version__
+from jounce.core.code_digest import code_digest
 from jounce.dynamics.joint_springs import elasticity_of
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
 from jounce.engine.engine import Engine
@@ -20,7 +21,6 @@ from jounce.motion.time_origin import TimeOrigin
 
 Subject = Literal["forces", "motors", "limits"]
 MOTION_COLUMN = "motion"  # the column that names the motion of each row
-RECORD_VERSION = 4  # of the data in records of parts; with another one, parts are computed again
 
 
 @dataclass(frozen=True)
@@ -69,10 +69,13 @@ class Job:
 
     @cached_property
     def key(self) -> str:
-        """A digest of all that results depend on, but for the input and the treatment of bad rows."""
+        """A digest of all that results depend on, but for the input and the treatment of bad rows.
+
+        It is another one in each run of code that has no digest: nobody knows whether the parts there are its own.
+        """
         mechanism = self.robot.mechanism
         text = [
-            __version__, str(RECORD_VERSION), writing.json_text(mechanism), str(sorted(mechanism.acting)), self.subject,
+            code_digest() or token_hex(), writing.json_text(mechanism), str(sorted(mechanism.acting)), self.subject,
             str(self.order), str(self.form), str(self.method), str(self.with_rates), str(self.reading.options),
             str(self.reading.way), str(self.reading.blend), str(self.reading.step),
         ]  # fmt: skip

@@ -1,0 +1,73 @@
+"""Which code runs: a digest that changes with it, and None where that cannot be known.
+
+Machine code on disk outlives the release that compiled it, and parts of a run go to workers with installations of their
+own. Both compare digests: a wheel brings that of its code, which `hatch_build.py` computes by this very module, so it
+imports nothing of jounce. Sources are hashed in a checkout alone, to which editable installations lead, and where an
+installed module was edited.
+"""
+
+import hashlib
+import os
+import re
+from collections.abc import Iterator
+from functools import cache
+from importlib.machinery import all_suffixes
+from pathlib import Path
+from pkgutil import get_data
+
+DIGEST_FILE = "code.sha256"  # in the package of a wheel
+BUILD_FILE = "hatch_build.py"  # of a checkout, whose package lies in src
+PACKAGE_FILE = globals().get("__file__")  # a program that holds its modules in memory states none
+UNKNOWN_CODE = "this copy of jounce has no digest of its code; install jounce from a wheel, or as an editable checkout"
+
+
+@cache
+def code_digest(*layers: str) -> str | None:
+    """Return a digest of the code of some layers, or of all of them, or of more; None where it is not known."""
+    built = _built_digest()
+    if PACKAGE_FILE is None or not (package := Path(PACKAGE_FILE).parents[1]).is_dir():  # an archive, or memory
+        return built
+    if built is not None and not _is_edited(package, layers):
+        return built
+    if built is not None or _is_checkout(package):
+        return hash_modules(package, *layers)
+    return None
+
+
+def hash_modules(package: Path, *layers: str) -> str:
+    """Return a hash of the names and contents of all modules of some layers of a package, or of all of it."""
+    digest = hashlib.sha256()
+    for layer in layers or ("",):
+        for path in sorted(_modules(package / layer)):
+            content = path.read_bytes()
+            digest.update(f"{path.relative_to(package).as_posix()} {len(content)} ".encode())
+            digest.update(content)
+    return digest.hexdigest()
+
+
+def _modules(folder: Path) -> Iterator[Path]:
+    """The files of a folder that Python imports: sources, and bytecode or machine code in their place."""
+    suffixes = tuple(all_suffixes())
+    for place, folders, names in os.walk(folder):
+        folders[:] = [name for name in folders if name != "__pycache__"]  # which Python compares with the sources
+        yield from (Path(place, name) for name in names if name.endswith(suffixes))
+
+
+def _built_digest() -> str | None:
+    """The digest that a wheel brought, from a folder or an archive; None where it is missing or not whole."""
+    try:
+        content = get_data("jounce", DIGEST_FILE)
+    except OSError:
+        return None
+    found = re.fullmatch(rb"[0-9a-f]{64}\n", content or b"")
+    return found[0].decode().strip() if found else None
+
+
+def _is_edited(package: Path, layers: tuple[str, ...]) -> bool:
+    """Whether a module is newer than the digest, which is the last file of the package that installers write."""
+    written = (package / DIGEST_FILE).stat().st_mtime_ns
+    return any(path.stat().st_mtime_ns > written for layer in layers or ("",) for path in _modules(package / layer))
+
+
+def _is_checkout(package: Path) -> bool:
+    return package.parent.name == "src" and (package.parents[1] / BUILD_FILE).is_file()
