@@ -223,6 +223,22 @@ def single_variables(mechanism: Mechanism) -> dict[int, int]:
 
 
 @lru_cache(maxsize=64)
+def robot_size(mechanism: Mechanism) -> float:
+    """The largest length of a robot's description, m: from joint to joint, or from a frame to an axis or to a COM.
+
+    1 m of a robot without lengths, whose results depend on none.
+    """
+    first, mass = np.abs(mechanism.M[:, :3, 3:]).max(axis=(1, 2)), np.abs(mechanism.M[:, 3, 3])
+    turning = mechanism.X[:, :3].any(axis=1)
+    lengths = [
+        *np.linalg.norm(mechanism.B[:, :3, 3].astype(float), axis=1),
+        *np.linalg.norm(mechanism.X[turning, 3:].astype(float), axis=1),
+        *np.divide(first, mass, out=np.zeros(len(mass)), where=mass > 0),
+    ]
+    return float(max(lengths)) or 1.0
+
+
+@lru_cache(maxsize=64)
 def reciprocal_mass(mechanism: Mechanism) -> Array:
     """1 / m of the mass m of all bodies that move, a floating base included, (1,); raise `JounceError` if it is 0."""
     mass = mechanism.M[:, 3:4, 3].sum(axis=0)
