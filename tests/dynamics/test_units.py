@@ -12,11 +12,15 @@ import numpy as np
 import pytest
 
 import jounce
+from jounce.dynamics.base_parameters import base_parameters
 from jounce.dynamics.mobility import MASS_RANK_TOLERANCE, idle_coordinates, is_singular, may_be_singular
+from jounce.dynamics.quantities import QUANTITIES
+from jounce.spatial.inertia import form_error
 from support.files import refusal
 from support.quantities import IDS, REQUESTS, affordable, branched, rigid, served
+from support.random_loops import LOOPED, looped, random_closed
 from support.robots import floating, on_its_axis, random_mechanism, relative_error
-from support.units import UNIT_IDS, UNITS, coordinate_factors, in_si, in_units, velocity_factors
+from support.units import UNIT_IDS, UNITS, Units, coordinate_factors, in_si, in_units, velocity_factors
 
 I4, NOTHING = np.eye(4), np.zeros((6, 6))
 X, Y, Z = ([*np.eye(3)[k], 0, 0, 0] for k in range(3))
@@ -95,7 +99,7 @@ def test_light_bodies_on_heavy_ones_have_their_accelerations(robot, method, recw
 
 @pytest.mark.parametrize("name", ["forward_dynamics_partials", "forward_dynamics_second_partials"])
 @pytest.mark.parametrize("robot", UNEVEN)
-def test_partial_derivatives_of_light_bodies_on_heavy_ones_are_finite(robot, name, recwarn):
+def test_partials_of_light_bodies_on_heavy_ones_are_finite(robot, name, recwarn):
     robot = UNEVEN[robot]()
     q, qd, Q, base = state_of(robot)
     found = getattr(robot, name)(q, qd, Q, base=base, method="recursion")
@@ -109,7 +113,7 @@ def test_partial_derivatives_of_light_bodies_on_heavy_ones_are_finite(robot, nam
 
 
 @pytest.mark.parametrize("robot", ["gantry", "small arm"])
-def test_elastic_joints_of_light_bodies_on_heavy_ones_have_their_accelerations(robot, recwarn):
+def test_light_bodies_behind_springs_have_their_accelerations(robot, recwarn):
     """q2d = M^-1 (K (theta - q) - bias), where theta rests and rotors weigh what springs leave open."""
     rigid_robot = UNEVEN[robot]()
     q, qd, Q, _ = state_of(rigid_robot)
@@ -134,7 +138,7 @@ def reachable_singularity(mass, u):
 
 @pytest.mark.parametrize("u", UNITS, ids=UNIT_IDS)
 @pytest.mark.parametrize(("distance", "singular"), [(0.0, True), (1e-7, True), (1e-5, False), (1.0, False)])
-def test_what_a_hinge_moves_is_compared_with_what_it_could_move(u, distance, singular):
+def test_a_hinge_is_compared_with_what_it_could_move(u, distance, singular):
     """A millionth of the largest lever moves 1e-12 of the largest inertia: on both sides of `MASS_RANK_TOLERANCE`."""
     robot = reachable_singularity(3.0, u)
     q = np.array([0.3, (distance - 1.0) * u.length])
@@ -188,7 +192,7 @@ def test_a_regular_mass_matrix_is_regular_in_all_units(u, floats):
     assert not may_be_singular(m)
 
 
-def test_a_point_mass_that_turns_about_itself_is_singular_in_all_units():
+def test_a_body_without_inertia_is_looked_at_in_all_units():
     for u in UNITS:
         m = on_its_axis().mechanism
         assert may_be_singular(in_units(replace(m, M=0 * m.M), u))
@@ -202,44 +206,110 @@ def test_very_long_chains_are_regular():
     assert idle_coordinates(chain.mechanism) == (n, ())
 
 
-def state_in(m, u, quantity, order, rng):
-    """The inputs of a quantity in SI units, and in others."""
-    count = quantity.rates + order
-    own, nv = coordinate_factors(m, u), velocity_factors(m, u)
-    given = [rng.uniform(-1, 1, m.n) for _ in range(count)]
-    factors = [own] * count
+def inputs_in(m, u, quantity, order, floats):
+    """Random inputs of a quantity in SI units, and the same in others, each with the motion of the base."""
+    rng, count = np.random.default_rng(0), quantity.rates + order
+    own, force = coordinate_factors(m, u), u.of(2, 1) / velocity_factors(m, u)
+    given, factors = [rng.uniform(-1, 1, m.n) for _ in range(count)], [own] * count
     if quantity.forces:
         given[2:] = [rng.uniform(-1, 1, m.nv) for _ in given[2:]]
-        factors[2:] = [u.of(2, 1) / nv] * len(given[2:])
-    if quantity.inputs and quantity.inputs[-1] == "tau":
-        factors[-1] = u.of(2, 1) / own
-    return given, [x * factor for x, factor in zip(given, factors, strict=True)]
+        factors[2:] = [force] * (count - 2)
+    if quantity.inputs[-1:] == ("tau",):
+        factors[-1] = force
+    other = [x * factor for x, factor in zip(given, factors, strict=True)]
+    if not floats:
+        return (given, None), (other, None)
+    C, *twists = np.eye(4), *rng.uniform(-1, 1, (1 if quantity.forces else count - 1, 6))
+    return (given, (C, *twists)), (other, (u.pose(C), *(x * u.twist for x in twists)))
+
+
+def agree(m, u, name, given, other, **options):
+    """Results in other units are those in SI units, all but rounding."""
+    results = []
+    for mechanism, (arrays, base) in ((m, given), (in_units(m, u), other)):
+        moved = {} if base is None else {"base": base}
+        results.append(getattr(jounce.Robot(mechanism), name)(*arrays, **moved, **options))
+    expected = results[0] if isinstance(results[0], tuple) else (results[0],)
+    for x, y in zip(in_si(name, m, u, results[1]), expected, strict=True):
+        assert relative_error(x, y) < 1e-9
 
 
 @pytest.mark.parametrize("u", UNITS, ids=UNIT_IDS)
 @pytest.mark.parametrize(("quantity", "keywords"), REQUESTS, ids=IDS)
 @pytest.mark.parametrize("floats", [False, True], ids=["fixed", "floats"])
 def test_results_in_other_units_are_the_same(quantity, keywords, u, floats):
-    """Of every quantity, by every method that reads the robot's numbers; native code of some below."""
-    rng = np.random.default_rng(0)
+    """Of every quantity, with rates, by every method of the recursion and of matrices."""
     robot = branched()
     if not quantity.elastic:
         robot = rigid(robot)
-    if floats and quantity.elastic:
-        pytest.skip("elastic joints of a base that floats are those of one that moves")
-    robot = served(robot, quantity)
-    m = floating(robot.mechanism, rng) if floats else robot.mechanism
-    order = affordable(quantity, 1)
-    given, other = state_in(m, u, quantity, order, rng)
-    base = (np.eye(4), *rng.uniform(-1, 1, (quantity.rates + order - 1, 6))) if floats else ()
-    moved = {}
-    for name, scaled in (("si", 1.0), ("other", u)):
-        terms = base if scaled == 1.0 or not base else (u.pose(base[0]), *(x * u.twist for x in base[1:]))
-        moved[name] = terms[: 2 if quantity.forces else None] or None
+    robot, floats = served(robot, quantity), floats and not quantity.elastic
+    m = floating(robot.mechanism, np.random.default_rng(0)) if floats else robot.mechanism
+    given, other = inputs_in(m, u, quantity, affordable(quantity, 1), floats)
     for method in quantity.methods:
-        options = keywords | {"method": method}
-        expected = jounce.Robot(m).__getattribute__(quantity.name)(*given, base=moved["si"], **options)
-        found = jounce.Robot(in_units(m, u)).__getattribute__(quantity.name)(*other, base=moved["other"], **options)
-        terms = expected if isinstance(expected, tuple) else (expected,)
-        for x, y in zip(in_si(quantity.name, m, u, found), terms, strict=True):
-            assert relative_error(x, y) < 1e-9
+        agree(m, u, quantity.name, given, other, method=method, **keywords)
+
+
+@pytest.mark.parametrize("u", UNITS[3:], ids=UNIT_IDS[3:])
+@pytest.mark.parametrize("name", ["inverse_dynamics", "forward_dynamics", "mass_matrix", "forward_dynamics_partials"])
+def test_native_code_in_other_units_gives_the_same(name, u):
+    m, quantity = rigid(branched()).mechanism, QUANTITIES[name]
+    given, other = inputs_in(m, u, quantity, affordable(quantity, 1), floats=False)
+    agree(m, u, name, given, other, method="kernel")
+
+
+@pytest.mark.parametrize("u", UNITS, ids=UNIT_IDS)
+@pytest.mark.parametrize("floats", [False, True])
+def test_base_parameters_are_the_same_combinations(u, floats):
+    rng = np.random.default_rng(1)
+    m = random_mechanism(rng, [-1, 0, 1, 0], ["revolute", "prismatic", "helical", "revolute"], [1, 2, 3, 1], mimic=True)
+    m = floating(m, rng) if floats else m
+    expected, found = base_parameters(m), base_parameters(in_units(m, u))
+    assert found.columns.tolist() == expected.columns.tolist()
+    factors = np.tile(u.inertial, m.nb)
+    np.testing.assert_allclose(found.matrix / factors[found.columns, None] * factors, expected.matrix, atol=1e-7)
+
+
+@pytest.mark.parametrize("u", UNITS, ids=UNIT_IDS)
+@pytest.mark.parametrize("name", LOOPED)
+def test_closed_robots_are_the_same_in_all_units(name, u):
+    """Loops close, and forces and accelerations are the same, with all the digits."""
+    expected, found = looped(name), random_closed(np.random.default_rng(1), **LOOPED[name], units=u)
+    m, rng = expected.mechanism, np.random.default_rng(2)
+    tree = coordinate_factors(m.tree, u)
+    own, force = tree[list(m.closure.independent)], u.of(2, 1) / velocity_factors(m, u)
+    np.testing.assert_allclose(found.mechanism.closure.start / tree, m.closure.start, rtol=1e-9, atol=1e-12)
+    q = m.closure.start[list(m.closure.independent)]
+    rates = [q, *rng.uniform(-1, 1, (2, m.n))]
+    base = (np.eye(4), *np.zeros((2, 6))) if m.floats else None
+    Q = expected.inverse_dynamics(*rates, base=base, method="recursion")
+    other = found.inverse_dynamics(*(x * own for x in rates), base=base, method="recursion")
+    assert relative_error(other / force, Q) < 1e-8
+    base = base and base[:2]
+    q2d = expected.forward_dynamics(*rates[:2], Q, base=base, method="recursion")
+    other = found.forward_dynamics(rates[0] * own, rates[1] * own, Q * force, base=base, method="recursion")
+    assert relative_error(other / velocity_factors(m, u), q2d) < 1e-8
+
+
+@pytest.mark.parametrize("u", [*UNITS, Units(1e-6, 1e-9)], ids=[*UNIT_IDS, "1e-06m-1e-09kg"])
+def test_peaks_between_rows_are_found_in_all_units(u):
+    """Forces of small robots are far below 1e-7 N m; a check needs their digits nevertheless."""
+    m = random_mechanism(np.random.default_rng(4), [-1, 0, 1], ["revolute"] * 3, [3.0, 2.0, 1.0])
+    waves = np.zeros((2, 40, 3))
+    waves[0, 0], waves[0, -1], waves[1, -2, 0] = 0.3, 1e-3, 2e-3
+    motion = replace(jounce.Motion.fourier([0, 0, 0], *waves, 2.0, 4.0), grid=np.linspace(0, 4, 41))
+    expected, found = (
+        jounce.Robot(mechanism).with_limits(effort=[effort] * 3).check(motion).table
+        for mechanism, effort in ((m, 40.0), (in_units(m, u), 40.0 * u.of(2, 1)))
+    )
+    assert [x.joint for x in found] == [x.joint for x in expected]
+    np.testing.assert_allclose([x.ratio for x in found], [x.ratio for x in expected], rtol=1e-9)
+
+
+@pytest.mark.parametrize("u", UNITS, ids=UNIT_IDS)
+@pytest.mark.parametrize(("share", "fits"), [(1e-10, True), (1e-8, False)])
+@pytest.mark.parametrize("at", [(0, 1), (0, 5), (1, 5), (3, 4), (4, 4)])
+def test_the_form_of_inertias_is_checked_block_by_block(at, share, fits, u):
+    """An asymmetric tensor of 1e-12 kg m^2 is as wrong as one of 1 kg m^2, however heavy the body is."""
+    M = box(2.0, 0.5, (0.1, -0.2, 0.3))
+    M[at] += share * np.sqrt(M[at[0], at[0]] * M[at[1], at[1]])
+    assert (form_error(M * (u.wrench[:, None] / u.twist)) is None) == fits

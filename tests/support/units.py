@@ -49,6 +49,7 @@ class Units:
         return moved
 
 
+SI = Units(1.0, 1.0)
 UNITS = [Units(*factors) for factors in ((1e-6, 1.0), (1e4, 1.0), (1.0, 1e-9), (1e-6, 1e9), (1e4, 1e-9))]
 UNIT_IDS = [f"{u.length:g}m-{u.mass:g}kg" for u in UNITS]
 
@@ -194,4 +195,3 @@ def in_si(name: str, m: Mechanism, u: Units, found: Any) -> list[np.ndarray]:
     terms, factors = found if isinstance(found, tuple) else (found,), FACTORS[name](m, u)
     factors = factors if len(factors) > 1 else list(factors) * len(terms)
     return [np.asarray(x) / factor for x, factor in zip(terms, factors, strict=True)]
-

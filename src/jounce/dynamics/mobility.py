@@ -120,7 +120,7 @@ def _most_of_turning_joints(tree: Mechanism) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def _lengths(tree: Mechanism) -> tuple[np.ndarray, np.ndarray]:
-    """How far bodies may be from their parents, (nb,), and what each joint variable adds to it per rad or m, (nc, nb)."""
+    """How far bodies may be from their parents, (nb,), and what joint variables add to it per rad or m, (nc, nb)."""
     far, slides = np.linalg.norm(tree.B[:, :3, 3].astype(float), axis=1), np.zeros((len(tree.X), tree.nb))
     for i, j in single_variables(tree).items():
         e, v = np.split(tree.X[j].astype(float), 2)

@@ -224,16 +224,15 @@ def single_variables(mechanism: Mechanism) -> dict[int, int]:
 
 @lru_cache(maxsize=64)
 def robot_size(mechanism: Mechanism) -> float:
-    """The largest length of a robot's description, m: from joint to joint, or from a frame to an axis or to a COM.
+    """The largest length of a robot, m: from joint to joint or cut joint, or from a frame to its axis.
 
-    1 m of a robot without lengths, whose results depend on none.
+    Lengths are compared with it, never with a number of metres. 1 m of a robot without any.
     """
-    first, mass = np.abs(mechanism.M[:, :3, 3:]).max(axis=(1, 2)), np.abs(mechanism.M[:, 3, 3])
     turning = mechanism.X[:, :3].any(axis=1)
+    cuts = [frame.T[:3, 3] for loop in mechanism.loops for frame in (loop.a, loop.b)]
     lengths = [
-        *np.linalg.norm(mechanism.B[:, :3, 3].astype(float), axis=1),
+        *np.linalg.norm(np.stack([*mechanism.B[:, :3, 3], *cuts]).astype(float), axis=1),
         *np.linalg.norm(mechanism.X[turning, 3:].astype(float), axis=1),
-        *np.divide(first, mass, out=np.zeros(len(mass)), where=mass > 0),
     ]
     return float(max(lengths)) or 1.0
 
