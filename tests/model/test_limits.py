@@ -158,7 +158,8 @@ def test_what_passed_the_door_passes_it_unchanged():
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = random_rotation(rng) * (1 + rng.uniform(-4e-10, 4e-10)), rng.normal(size=3)
         X = random_screw(rng, ["revolute", "prismatic", "helical"][rng.integers(3)]) * (1 + rng.uniform(-9e-10, 9e-10))
-        M = random_inertia(rng, 10.0 ** rng.uniform(-3, 3)) + rng.uniform(-1e-13, 1e-13, (6, 6))
+        M = random_inertia(rng, 10.0 ** rng.uniform(-3, 3))
+        M = M + rng.uniform(-1e-10, 1e-10, (6, 6)) * np.sqrt(np.multiply.outer(np.diag(M), np.diag(M)))
         for exact, rough in ((exact_pose, T), (exact_screw, X), (exact_inertia, M)):
             once = exact(rough, "x")
             assert exact(once, "x").tobytes() == once.tobytes()

@@ -7,7 +7,7 @@ import jounce
 from jounce.core.errors import JounceError
 from jounce.dynamics import loop_newton
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.loop_branches import constraint_pattern
+from jounce.dynamics.loop_branches import constraint_pattern, scales
 from jounce.native.code_forms import trace_program
 from jounce.native.loop_closure import NativeStep
 from jounce.spatial.linear import OrthogonalFactors, elimination_order
@@ -23,7 +23,7 @@ def closed():
 
 def positions(robot, count, size=0.1):
     """Independent coordinates about the start."""
-    own, s = list(robot.mechanism.closure.independent), loop_newton.scales(robot.mechanism)
+    own, s = list(robot.mechanism.closure.independent), scales(robot.mechanism)
     way = np.random.default_rng(0).uniform(-size, size, (count, robot.n))
     return robot.mechanism.closure.start[own] + way * s.coordinates[own]
 

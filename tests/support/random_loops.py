@@ -14,6 +14,7 @@ from jounce.model.frame import Frame
 from jounce.model.loops import Closure
 from jounce.spatial import lie
 from support.robots import floating, random_mechanism, random_pose, random_rotation
+from support.units import SI, Units, coordinate_factors, in_units
 
 R, P, H = "revolute", "prismatic", "helical"
 LOOPED: dict[str, dict[str, Any]] = {  # the arguments of `random_closed`
@@ -49,6 +50,7 @@ def random_closed(
     mimic: bool = False,
     drives: bool = False,
     floats: bool = False,
+    units: Units = SI,
 ) -> jounce.Robot:
     """The closed robot of a random tree, with loops (body, body, joint) that are closed at a random configuration."""
     nb = len(parent)
@@ -66,7 +68,8 @@ def random_closed(
         stated.append((f"a{k}", f"b{k}", joint, random_rotation(rng)[0]))
     m = replace(m, frames=tuple(frames))
     m = floating(m, rng) if floats else m
-    return jounce.Robot(m).closed(stated, _independent(m, stated, q), start=q)
+    independent = _independent(m, stated, q)
+    return jounce.Robot(in_units(m, units)).closed(stated, independent, start=q * coordinate_factors(m, units))
 
 
 def _independent(m: Any, loops: list[tuple[str, str, str, np.ndarray]], q: np.ndarray) -> list[str]:

@@ -11,8 +11,8 @@ from jounce.checks.derivatives import product, product_magnitudes
 from jounce.checks.magnitudes import magnitudes, scale
 from jounce.core.errors import JounceError
 from jounce.dynamics.computation import DEPENDENT_INPUT, Port
+from jounce.dynamics.loop_branches import scales
 from jounce.dynamics.loop_closure import close_loops
-from jounce.dynamics.loop_newton import scales
 from jounce.dynamics.loops import closure_of
 from jounce.engine.generic_methods import compute_by_method
 from jounce.model.mechanism import Mechanism

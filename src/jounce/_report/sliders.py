@@ -9,7 +9,7 @@ import numpy as np
 from jounce._codegen import generate
 from jounce._report.drawing import GROUND_BODY, tips
 from jounce._report.report_data import ReportData
-from jounce.dynamics.loop_newton import scales
+from jounce.dynamics.loop_branches import scales
 from jounce.engine.engine import Engine
 from jounce.model.coordinates import coordinate_limits, coordinate_units
 from jounce.model.limit_kinds import derivative_unit

@@ -27,6 +27,8 @@ from jounce.dynamics.joint_springs import elasticity_of
 from jounce.dynamics.quantities import QUANTITIES, find_row
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates
+from jounce.model.coordinates import coordinate_units
+from jounce.model.mechanism import robot_size
 from jounce.motion.bsplines import BASIS_WIDTH, FIT_DEGREE, basis, pad_knots
 from jounce.motion.curves import Curve
 from jounce.motion.motion import Motion
@@ -126,6 +128,7 @@ def _collocate(robot: Engine, theta: Motion, breaks: np.ndarray, compliance: np.
     rows, shape = np.arange(len(t) * n).reshape(-1, n)[:, :, None, None], (len(t), n, BASIS_WIDTH, n)
     at = [np.broadcast_to(index, shape).ravel() for index in (rows, columns[:, None])]
     c = goal = theta(t, 0)[0]
+    sizes = np.where(np.array(coordinate_units(robot.mechanism)) == "m", robot_size(robot.mechanism), 1.0)
     for _ in range(_MAX_LINK_STEPS):
         motion = _with_spline(theta, BSpline(knots, c, FIT_DEGREE))
         states = MotionStates.sample(robot, motion, t, [(_PARTIALS, 0)])
@@ -135,7 +138,7 @@ def _collocate(robot: Engine, theta: Motion, breaks: np.ndarray, compliance: np.
         matrix = csc_matrix((entries.ravel(), at), shape=(rows.size, rows.size))
         step = spsolve(matrix, (goal - _motor_positions(robot, motion, t)).ravel()).reshape(-1, n)
         c = c + step
-        if not np.abs(step).max() > _LINK_TOLERANCE * max(1.0, np.abs(c).max()):
+        if not (np.abs(step) > _LINK_TOLERANCE * np.maximum(sizes, np.abs(c).max(axis=0))).any():
             return BSpline(knots, c, FIT_DEGREE)
     raise JounceError(
         "measured='motors': no motion of the links was found by Newton's method; expected motors that move slower than"

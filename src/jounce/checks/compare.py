@@ -18,7 +18,7 @@ from jounce.checks.magnitudes import magnitudes, scale
 from jounce.checks.reference import Absence, peers
 from jounce.checks.reference.peer import joint_rates
 from jounce.dynamics.computation import Computation
-from jounce.dynamics.loop_newton import scales
+from jounce.dynamics.loop_branches import scales
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine, with_mechanism

@@ -12,6 +12,8 @@ from jounce.model.mechanism import Mechanism, body_name
 from jounce.model.positions import multiscrew_joints, position_names, whole_position_count
 from jounce.spatial import inertia
 
+_PITCH_ROUNDING = 1e-12  # of the distance to the axis, m/rad: a pitch of less is that of a hinge
+
 
 def describe(mechanism: Mechanism) -> dict[str, Any]:
     """Names, tree, joints, inertias and findings of a mechanism of numbers, ready for JSON."""
@@ -99,7 +101,9 @@ def joint_kind(mechanism: Mechanism, j: int) -> str:
     joint, X = multiscrew_joints(mechanism).get(mechanism.owners[j]), mechanism.X[j]
     if joint is not None:
         return joint.group.name
-    return "prismatic" if not X[:3].any() else "helical" if abs(X[:3] @ X[3:]) > 1e-12 else "revolute"
+    if not X[:3].any():
+        return "prismatic"
+    return "helical" if abs(X[:3] @ X[3:]) > _PITCH_ROUNDING * np.abs(X[3:]).max() else "revolute"
 
 
 def _inertia(M: np.ndarray) -> dict[str, Any]:

@@ -27,8 +27,8 @@ from jounce.core.errors import JounceError
 from jounce.dynamics import loop_assembly
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.dynamics.state import JointMotion, State
-from jounce.model.coordinates import body_screws, leading_joints
-from jounce.model.mechanism import Mechanism, ancestors, reference_poses
+from jounce.model.coordinates import body_screws, leading_joints, position_units
+from jounce.model.mechanism import Mechanism, ancestors, reference_poses, robot_size
 from jounce.model.positions import multiscrew_joints, position_count
 from jounce.spatial import inertia
 from jounce.spatial.inertia import INERTIAL_PARAMETERS
@@ -104,7 +104,7 @@ def base_parameters(m: Mechanism) -> BaseParameters:
     """
     if not m.is_numeric:
         raise JounceError(f"robot {m.name!r} contains symbols; base parameters need numbers")
-    length = length_scale(m)  # as unit, so that all moments are of one size
+    length = robot_size(m)  # as unit, so that all moments are of one size
     scale = np.tile(length**LENGTH_POWERS, m.nb)
     places, rows = _regroup_tree(_scale_lengths(m, length))
     if m.n < len(m.joints):  # joints that follow others, as do those of closed loops
@@ -133,11 +133,6 @@ class _Spaces:
     velocities: np.ndarray  # (k, 6), and what gravity is equivalent to
 
 
-def length_scale(m: Mechanism) -> float:
-    """The largest distance from joint to joint, m."""
-    return float(max([1e-3, *np.linalg.norm(m.B[:, :3, 3], axis=1)]))
-
-
 def _scale_lengths(m: Mechanism, length: float) -> Mechanism:
     """The mechanism in another unit of length."""
     B, X = np.array(m.B, dtype=float), np.array(m.X, dtype=float)
@@ -150,8 +145,9 @@ def _regroup_tree(m: Mechanism) -> tuple[np.ndarray, np.ndarray]:
     """The places of the named parameters and the combinations, of joints that are all independent."""
     poses, carries, size = reference_poses(m), ancestors(m), len(INERTIAL_PARAMETERS)
     # outward: the spaces of each body from those of its parent; the ground only falls
-    nothing = np.zeros((0, size))
-    spaces = {-1: _Spaces(nothing, nothing, _span(np.array([[0, 0, 0, *m.gravity]], dtype=float)))}
+    nothing, gravity = np.zeros((0, size)), np.array([[0, 0, 0, *m.gravity]], dtype=float)
+    fall = gravity / (np.linalg.norm(gravity) or 1.0)
+    spaces = {-1: _Spaces(nothing, nothing, _span(fall))}
     for i in range(m.nb):
         spaces[i] = _spaces(spaces[m.parent[i]], m.B[i], body_screws(m, i).T)
     # inward: functions of composite inertias in the parameters of all bodies, solved for some of the first body's
@@ -235,8 +231,10 @@ def _sample_regressor(m: Mechanism, length: float) -> np.ndarray:
     size = np.where(m.X[leading_joints(m), :3].any(axis=1), np.pi, length)
     q = list(rng.uniform(-1, 1, (3, count, m.n)) * size)
     if multiscrew_joints(m.tree):
-        q[0] = rng.uniform(-1, 1, (count, position_count(m)))
-    base = JointMotion(np.eye(4), column_series(list(rng.uniform(-2, 2, (2, count, 6))))) if m.floats else None
+        reach = np.where(np.array(position_units(m)) == "m", length, 1.0)
+        q[0] = rng.uniform(-1, 1, (count, position_count(m))) * reach
+    twist = np.repeat([1.0, length], 3)
+    base = JointMotion(np.eye(4), column_series(list(rng.uniform(-2, 2, (2, count, 6)) * twist))) if m.floats else None
     tree = loop_assembly.sample_positions(m, count)[..., None] if m.takes_dependent else None
     if m.closure and tree is not None:
         q[0] = tree[:, list(m.closure.independent), 0]

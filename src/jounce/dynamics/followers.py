@@ -16,7 +16,7 @@ from jounce.dynamics.loop_assembly import (
     scaled_constraints,
     tangent_map,
 )
-from jounce.dynamics.loop_newton import scales
+from jounce.dynamics.loop_branches import scales
 from jounce.dynamics.loops import closure_of
 from jounce.model.loops import FollowerRatios
 from jounce.model.mechanism import Mechanism
@@ -53,9 +53,9 @@ def with_ratios(m: Mechanism) -> Mechanism:
     if found < RATIO_SAMPLES or not constant.any():
         return m
     places = np.flatnonzero(constant)
-    F = F[places]
-    whole = np.rint(F)
-    F = np.where(np.abs(F - whole) <= RATIO_TOLERANCE, whole + 0.0, F)
+    F, sizes = F[places], sizes[places]
+    whole = np.rint(F / sizes)
+    F = np.where(np.abs(F / sizes - whole) <= RATIO_TOLERANCE, whole * sizes + 0.0, F)
     ratios = FollowerRatios(tuple(places.tolist()), F, c.start[places] - F @ c.start[own])
     return replace(m, closure=replace(c, ratios=ratios))
 

@@ -18,8 +18,8 @@ import numpy as np
 
 from jounce.core.errors import JounceError, join_names
 from jounce.dynamics import loop_newton
-from jounce.dynamics.loop_branches import with_solved_loops
-from jounce.dynamics.loop_newton import CLOSED_GAP, MAX_DIRECT_CORRECTION, Scales, scales
+from jounce.dynamics.loop_branches import Scales, scales, with_solved_loops
+from jounce.dynamics.loop_newton import CLOSED_GAP, MAX_DIRECT_CORRECTION
 from jounce.dynamics.loops import closure_of
 from jounce.model.mechanism import Mechanism
 

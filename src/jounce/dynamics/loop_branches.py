@@ -25,9 +25,9 @@ from jounce.dynamics.recursion.joints import MovingJoint, joints, take_rows, tra
 from jounce.model.equivalent_mechanisms import align_to_axes, frame_shifts
 from jounce.model.frame import Frame
 from jounce.model.loops import NO_RATIOS, convert_loops
-from jounce.model.mechanism import Mechanism, path_to
+from jounce.model.mechanism import Mechanism, path_to, robot_size
 from jounce.spatial.lie import Ad, ad, inverse, pose, position, rotation
-from jounce.spatial.series import Series, from_rate, from_rates, join_series
+from jounce.spatial.series import Series, column_series, from_rate, from_rates, join_series
 
 CONSTRAINT_ENTRY_ROUNDING = 1e-13  # relative to the largest entry: what sums along branches leave of zeros
 _ORIGIN = np.zeros((3, 1), dtype=int)
@@ -214,6 +214,25 @@ def _turn(V: Series, S: Series) -> Series:
     return V.map(lambda V: ad(V[..., 0])) @ S
 
 
+@dataclass(frozen=True)
+class Scales:
+    """Lengths that make gaps and constraints numbers without units."""
+
+    length: float
+    rows: np.ndarray  # (c,)
+    coordinates: np.ndarray  # (N,)
+
+
+@lru_cache(maxsize=64)
+def scales(m: Mechanism) -> Scales:
+    """The scales of a mechanism with loops."""
+    assert m.closure is not None, m.name
+    length = robot_size(m)
+    slides = np.array([slide for x in m.loops for slide, held in enumerate(x.held) for _ in held], dtype=bool)
+    turning = np.abs(m.closure.G.T).astype(float) @ m.X[:, :3].any(axis=1) > 0
+    return Scales(length, np.where(slides, 1 / length, 1.0), np.where(turning, 1.0, length))
+
+
 @lru_cache(maxsize=64)
 def constraint_pattern(m: Mechanism) -> np.ndarray:
     """Which entries of A, (c, N), are not zero wherever the coordinates are; of a robot of symbols all of them.
@@ -224,8 +243,9 @@ def constraint_pattern(m: Mechanism) -> np.ndarray:
         kinematic = _keep_kinematics(m)
     except (TypeError, ValueError, RuntimeError):  # as symbols of SymPy, of a tape, of CasADi say
         return np.ones((sum(len(loop.rows) for loop in m.loops), m.tree.n), dtype=bool)
-    q = np.random.default_rng(0).uniform(-2, 2, (3, m.tree.n, 1))
-    A = np.abs(LoopEnds(kinematic, Series.of([q])).A[0])
+    s = scales(kinematic)
+    q = np.random.default_rng(0).uniform(-2, 2, (3, m.tree.n)) * s.coordinates
+    A = np.abs(s.rows[:, None] * LoopEnds(kinematic, column_series([q])).A[0] * s.coordinates)
     return np.asarray((CONSTRAINT_ENTRY_ROUNDING * A.max() < A).any(axis=0))
 
 

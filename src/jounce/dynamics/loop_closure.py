@@ -23,7 +23,8 @@ import numpy as np
 
 from jounce.core.errors import JounceError, join_names
 from jounce.dynamics import loop_assembly, loop_newton
-from jounce.dynamics.loop_newton import CLOSED_GAP, MAX_DIRECT_CORRECTION, NewtonStep, Scales, scales
+from jounce.dynamics.loop_branches import Scales, scales
+from jounce.dynamics.loop_newton import CLOSED_GAP, MAX_DIRECT_CORRECTION, NewtonStep
 from jounce.dynamics.loops import closure_of
 from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism

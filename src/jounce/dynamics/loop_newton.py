@@ -15,14 +15,12 @@ are lost.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
 
 from jounce.core.scalars import Array, concatenate
-from jounce.dynamics.loop_branches import LoopEnds, constraint_pattern, with_solved_loops
+from jounce.dynamics.loop_branches import LoopEnds, constraint_pattern, scales, with_solved_loops
 from jounce.dynamics.loops import closure_of
 from jounce.model.loops import Loop
 from jounce.model.mechanism import Mechanism
@@ -34,26 +32,6 @@ STEP_MEASURES = 2  # of a step: squares of the gap before it, and of an estimate
 CLOSED_GAP = 1e-13  # without unit, see `Scales`: where loops are closed, rounding leaves less than 500 eps
 MAX_DIRECT_CORRECTION = 0.5  # rad or sizes of the robot: up to it Newton's method needs no continuation
 NewtonStep: TypeAlias = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
-
-
-@dataclass(frozen=True)
-class Scales:
-    """Lengths that make gaps and constraints numbers without units."""
-
-    length: float
-    rows: np.ndarray  # (c,)
-    coordinates: np.ndarray  # (N,)
-
-
-@lru_cache(maxsize=64)
-def scales(m: Mechanism) -> Scales:
-    """The scales of a mechanism with loops."""
-    closure = closure_of(m)
-    placed = [m.B[:, :3, 3], *(frame.T[None, :3, 3] for loop in m.loops for frame in (loop.a, loop.b))]
-    length = float(max(1e-9, *np.linalg.norm(np.concatenate(placed).astype(float), axis=1)))
-    slides = np.array([slide for x in m.loops for slide, held in enumerate(x.held) for _ in held], dtype=bool)
-    turning = np.abs(closure.G.T).astype(float) @ m.X[:, :3].any(axis=1) > 0
-    return Scales(length, np.where(slides, 1 / length, 1.0), np.where(turning, 1.0, length))
 
 
 def gaps(m: Mechanism, q: Array) -> tuple[Array, Array]:

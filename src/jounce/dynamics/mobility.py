@@ -1,13 +1,15 @@
 """Coordinates that move no inertia: those in which the mass matrix is singular.
 
-Problem: the rank of the mass matrix at almost all positions, and which coordinates take part in its null space.
+Problem: the rank of the mass matrix at almost all positions, and which coordinates take part in its null space; at one
+position, whether results of its inverse are rounding.
 
 Algorithm: at an arbitrary position, the pivots of the mass matrix by articulated bodies (Featherstone, Rigid Body
-Dynamics Algorithms, 7.3); where one vanishes, or joints follow others, the eigenvalues of J^T M J scaled to a diagonal
-of ones. Closed robots are looked at where their loops are known to close.
+Dynamics Algorithms, 7.3); where one vanishes, or joints follow others, and at a position of a caller, the eigenvalues
+of the mass matrix scaled to a diagonal of ones. Closed robots are looked at where their loops are known to close.
 
 Invariant: entries are analytic functions of the coordinates, so that the rank at almost all positions is the largest
-that is found at any. Pivots are compared with what the inertia could make of them, in no units.
+that is found at any. What a joint moves is compared with what it alone could move, of what it carries: never kg with
+kg m^2, nor a finger with the station that carries it. So nothing depends on units of length and mass.
 
 Failure: where numbers overflow, the matrix counts as regular.
 """
@@ -16,16 +18,17 @@ from functools import lru_cache
 
 import numpy as np
 
-from jounce.dynamics import loops
+from jounce.dynamics import loop_assembly, loops
 from jounce.dynamics.recursion import bodies
 from jounce.dynamics.recursion.joints import joints
 from jounce.dynamics.state import BASE_AT_REST
-from jounce.model.coordinates import joint_columns
-from jounce.model.mechanism import Mechanism
-from jounce.model.positions import position_count
+from jounce.model.coordinates import body_screws, joint_variables, position_units, velocity_map, velocity_rows
+from jounce.model.mechanism import Mechanism, robot_size, single_variables
+from jounce.model.positions import multiscrew_joints
+from jounce.spatial.lie import position
 from jounce.spatial.series import Series, column_series
 
-MASS_RANK_TOLERANCE = 1e-12  # relative to what a pivot could be: rounding leaves less
+MASS_RANK_TOLERANCE = 1e-12  # of what a joint could move: rounding leaves less
 MOBILITY_SAMPLES = 3  # configurations of a tree: if the mass matrix is regular in one, it is in almost all
 
 
@@ -37,7 +40,7 @@ def idle_coordinates(m: Mechanism) -> tuple[int, tuple[str, ...]]:
     """
     rank, idle = -1, np.zeros(0)
     for k in range(1 if m.closure else MOBILITY_SAMPLES):
-        q = np.cos(1.0 + k + 1.7 * np.arange(position_count(m)))
+        q = _sample_position(m, k)
         if _is_regular(m, q):
             return m.nv, ()
         trial = _find_idle(m, q)
@@ -56,36 +59,120 @@ def may_be_singular(m: Mechanism) -> bool:
     Of the joints that move, those nearest to the base then take energy, whatever the others do.
     """
     tree = m.tree
-    largest, rotors = np.abs(tree.M).max(axis=(1, 2)), _rotors(m)
-    own = np.full(tree.nb, np.inf)
-    for i, screws in ((i, [*screws]) for i, screws in enumerate(tree.columns) if screws):
-        X = tree.X[screws]
-        own[i] = np.linalg.eigvalsh(X @ tree.M[i] @ X.T + np.diag(rotors[screws]))[0]
-    of_base = np.linalg.eigvalsh(tree.M[0])
-    base_is_regular = not m.floats or of_base[0] > MASS_RANK_TOLERANCE * of_base[-1]
-    return not (base_is_regular and (own > MASS_RANK_TOLERANCE * largest).all())
+    q = m.closure.start if m.closure else _sample_position(m, 0)
+    most = _most_of_joints(tree, q)
+    armature = _velocity_armature(tree)
+    for i in range(tree.nb):
+        own, X = velocity_rows(tree, i), body_screws(tree, i)
+        inertia = X.T @ tree.M[i] @ X + np.diag(armature[own])
+        scale = np.sqrt(most[own])
+        if not scale.all():
+            return True
+        if own and not np.linalg.eigvalsh(inertia / scale / scale[:, None])[0] > MASS_RANK_TOLERANCE:
+            return True
+    return False
 
 
-def is_singular(M: np.ndarray) -> np.ndarray:
-    """Which of some mass matrices (..., nv, nv) are singular to rounding, (...)."""
-    own = np.einsum("...jj->...j", M)
-    scaled = _with_unit_diagonal(M, own, own.max(axis=-1, keepdims=True))
-    known = np.asarray(np.isfinite(scaled).all(axis=(-2, -1)))
+def is_singular(m: Mechanism, q: np.ndarray, M: np.ndarray) -> np.ndarray:
+    """Which of the mass matrices (..., nv, nv) of a robot at positions (..., N) are singular to rounding, (...).
+
+    Those of closed robots are compared with what they are at other positions.
+    """
+    most = _most_of_closed(m) if m.closure else _most_of_coordinates(_most_of_joints(m, q), velocity_map(m))
+    scaled = _with_unit_diagonal(M, np.einsum("...jj->...j", M), most)
+    known = np.asarray(np.isfinite(scaled).all(axis=(-2, -1)) & np.isfinite(most).all(axis=-1))
     least = np.linalg.eigvalsh(np.where(known[..., None, None], scaled, np.eye(M.shape[-1])))[..., 0]
     return np.asarray(known & (least <= MASS_RANK_TOLERANCE * M.shape[-1]))
 
 
-def _rotors(m: Mechanism) -> np.ndarray:
-    """The armature that acts at each joint."""
-    return m.drives.armature * ("armature" in m.acting)
+def _sample_position(m: Mechanism, k: int) -> np.ndarray:
+    """An arbitrary position; joints slide by no more than the size of the robot."""
+    reach = np.where(np.array(position_units(m)) == "m", robot_size(m), 1.0)
+    return reach * np.cos(1.0 + k + 1.7 * np.arange(len(reach)))
 
 
-def _with_unit_diagonal(M: np.ndarray, own: np.ndarray, largest: np.ndarray) -> np.ndarray:
-    """Mass matrices scaled by their diagonals `own`; zeros where these are rounding of the largest that they could be.
+def _velocity_armature(tree: Mechanism) -> np.ndarray:
+    """The armature that acts on each velocity of the joints of a tree, those of a floating base first."""
+    own = tree.drives.armature * ("armature" in tree.acting)
+    return np.concatenate([np.zeros(6 * tree.floats), own])
+
+
+def _most_of_joints(tree: Mechanism, q: np.ndarray) -> np.ndarray:
+    """What the joints of a tree could move if lengths and masses added up and nothing cancelled, (..., velocities).
+
+    It bounds the diagonal of the mass matrix of its joints at positions (..., N), and the terms that it is a sum of.
+    """
+    fixed, slides = _lengths(tree)
+    if not slides.any() and not multiscrew_joints(tree):
+        return _most_of_turning_joints(tree)
+    theta = joint_variables(tree, Series.of([q[..., None]]))[0][..., 0]
+    far = fixed + np.abs(theta) @ slides
+    for i, joint in multiscrew_joints(tree).items():
+        far[..., i] += np.linalg.norm(position(joint.motion(q[..., None]))[..., 0], axis=-1)
+    return _add_up(tree, far)
+
+
+@lru_cache(maxsize=64)
+def _most_of_turning_joints(tree: Mechanism) -> np.ndarray:
+    """The same where no joint slides, so that positions change no distance."""
+    return _add_up(tree, _lengths(tree)[0])
+
+
+@lru_cache(maxsize=64)
+def _lengths(tree: Mechanism) -> tuple[np.ndarray, np.ndarray]:
+    """How far bodies may be from their parents, (nb,), and what joint variables add to it per rad or m, (nc, nb)."""
+    far, slides = np.linalg.norm(tree.B[:, :3, 3].astype(float), axis=1), np.zeros((len(tree.X), tree.nb))
+    for i, j in single_variables(tree).items():
+        e, v = np.split(tree.X[j].astype(float), 2)
+        along = (e @ v) * e if e.any() else v
+        slides[j, i] = np.linalg.norm(along)
+        far[i] += 2 * np.linalg.norm(v - along)  # half a turn about an axis away from the frame
+    return far, slides
+
+
+def _add_up(tree: Mechanism, far: np.ndarray) -> np.ndarray:
+    """What the joints could move, (..., velocities), where bodies are as far from their parents, (..., nb)."""
+    M = np.abs(tree.M.astype(float))
+    # of each body with all that it carries, about its frame: second moments, first moments and mass
+    second, first, mass = [*M[:, :3, :3].sum(axis=-1).max(axis=-1)], [*M[:, :3, 3:].max(axis=(1, 2))], [*M[:, 3, 3]]
+    most = np.empty((*far.shape[:-1], len(velocity_map(tree))))
+    for i, p in reversed(list(enumerate(tree.parent))):
+        for row, X in zip(velocity_rows(tree, i), body_screws(tree, i).T.astype(float), strict=True):
+            turn, slide = np.linalg.norm(X[:3]), np.linalg.norm(X[3:])
+            most[..., row] = second[i] * turn**2 + 2 * first[i] * turn * slide + mass[i] * slide**2
+        if p >= 0:
+            d = far[..., i]
+            second[p] = second[p] + second[i] + 2 * d * first[i] + d**2 * mass[i]
+            first[p] = first[p] + first[i] + d * mass[i]
+            mass[p] = mass[p] + mass[i]
+    return most + _velocity_armature(tree)
+
+
+def _most_of_coordinates(most: np.ndarray, F: np.ndarray) -> np.ndarray:
+    """What coordinates could move that give joints the velocities F, (..., velocities, nv), if nothing cancelled."""
+    return np.asarray((np.sqrt(most)[..., None, :] @ np.abs(F.astype(float)))[..., 0, :] ** 2)
+
+
+@lru_cache(maxsize=64)
+def _most_of_closed(m: Mechanism) -> np.ndarray:
+    """What the coordinates of a closed robot could move, (nv,): the largest at some positions with loops closed."""
+    q = loop_assembly.sample_positions(m, MOBILITY_SAMPLES) if m.loops else m.closure.start[None]
+    return np.asarray(_most_of_coordinates(_most_of_joints(m.tree, q), _joint_velocities(m, q)).max(axis=0))
+
+
+def _joint_velocities(m: Mechanism, q: np.ndarray) -> np.ndarray:
+    """The velocities of all joints of a closed robot from its own, (..., velocities, nv), at positions of its tree."""
+    own = q[..., list(loops.closure_of(m).independent)]
+    F = loops.ClosedMotion(m, column_series([own]), q[..., None]).F[0]
+    return np.asarray(velocity_map(m.tree) @ F)
+
+
+def _with_unit_diagonal(M: np.ndarray, own: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """Mass matrices scaled by their diagonals `own`; zeros where these are rounding of the `most` that they could be.
 
     The scale makes entries of m and rad, of heavy and light bodies comparable.
     """
-    moves = own > MASS_RANK_TOLERANCE * largest
+    moves = own > MASS_RANK_TOLERANCE * most
     scale = np.sqrt(np.where(moves, own, 1.0))
     return np.where(moves[..., None, :] & moves[..., None], M / (scale[..., None, :] * scale[..., None]), 0.0)
 
@@ -97,45 +184,39 @@ def _is_regular(m: Mechanism, q: np.ndarray) -> bool:
     """
     if not np.array_equal(m.G, np.eye(len(m.joints))):
         return False
-    rotors = _rotors(m)
+    armature = _velocity_armature(m)
     articulated = list(m.M)  # of a body with all beyond it, whose joints are free
+    rounded = [np.zeros((6, 6))] * m.nb  # the inertia that sums behind a body have been rounded as
     for i, joint in reversed(list(enumerate(joints(m, Series.of([q[:, None]]))))):
-        left, largest = articulated[i], np.abs(articulated[i]).max()
-        own = rotors[list(m.columns[i])] if m.columns[i] else np.zeros(6)
-        for X, rotor in zip(joint.X.T, own, strict=True):
-            freed = _free_joint(left, X, rotor, largest)
-            if freed is None:
+        inertia, size = articulated[i], rounded[i]
+        for X, rotor in zip(joint.X.T, armature[velocity_rows(m, i)], strict=True):
+            terms = np.diag(np.abs(np.diag(inertia)))
+            momentum = inertia @ X
+            pivot, most = X @ momentum + rotor, X @ (size + terms) @ X + rotor
+            if not pivot > MASS_RANK_TOLERANCE * most or not np.isfinite(pivot):
                 return False
-            left = freed
+            # free the joint: errors of the inertia are left in the directions that it does not move
+            kept = np.eye(6) - np.outer(X, momentum / pivot)
+            inertia, size = inertia - np.outer(momentum, momentum / pivot), kept.T @ size @ kept + terms
         if joint.parent >= 0:
-            articulated[joint.parent] = articulated[joint.parent] + joint.inertias(Series.of([left]))[0]
+            carried = (joint.inertias(Series.of([x]))[0] for x in (inertia, size))
+            into = (articulated, rounded)
+            for sums, x in zip(into, carried, strict=True):
+                sums[joint.parent] = sums[joint.parent] + x
     return True
-
-
-def _free_joint(inertia: np.ndarray, X: np.ndarray, rotor: float, largest: float) -> np.ndarray | None:
-    """What is left of an inertia where its body moves freely along a screw; None if nothing resists there."""
-    momentum = inertia @ X
-    pivot = X @ momentum + rotor
-    if not pivot > MASS_RANK_TOLERANCE * largest or not np.isfinite(pivot):
-        return None
-    return inertia - np.outer(momentum, momentum / pivot)
 
 
 def _find_idle(m: Mechanism, q: np.ndarray) -> tuple[int, np.ndarray]:
     """The rank of the mass matrix at q, and which coordinates take part in motions without kinetic energy."""
-    if closure := m.closure:  # where the loops are known to close, instead of at q
-        tree, position = m.tree, closure.start[:, None]
-        F = loops.ClosedMotion(m, column_series([closure.start[list(closure.independent)]]), position).F[0]
-        q = closure.start
-    else:
-        tree, F = m, np.eye(m.nv)
+    tree, nv, F = m.tree, m.nv, np.eye(m.nv)
+    if m.closure:  # where the loops are known to close, instead of at q
+        q = m.closure.start
+        F = loops.ClosedMotion(m, column_series([q[list(m.closure.independent)]]), q[:, None]).F[0]
     J = bodies.jacobians(tree, column_series([q]), BASE_AT_REST, None)[0] @ F
-    M, nv = m.M, m.nv
-    rotors = _rotors(m)
-    G = tree.G @ joint_columns(tree) @ F
-    momenta = (M @ J).reshape(-1, nv)
-    gM = J.reshape(momenta.shape).T @ momenta + G.T * rotors @ G  # (MC)
-    most = np.einsum("iaj,iaj,i->j", J, J, np.abs(M).max(axis=(1, 2))) + rotors @ G**2
+    momenta = (m.M @ J).reshape(-1, nv)
+    velocities = velocity_map(tree) @ F
+    gM = J.reshape(momenta.shape).T @ momenta + velocities.T * _velocity_armature(tree) @ velocities  # (MC)
+    most = _most_of_coordinates(_most_of_joints(tree, q), velocities)
     scaled = _with_unit_diagonal(gM, np.abs(np.diag(gM)), most)
     # regular, as most are, which costs a fraction of eigenvectors; overflown ones count as such
     if not np.isfinite(scaled).all() or (np.abs(np.linalg.eigvalsh(scaled)) > MASS_RANK_TOLERANCE * nv).all():

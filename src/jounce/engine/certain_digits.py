@@ -16,6 +16,7 @@ from jounce.core.errors import UncertainError, join_names
 from jounce.core.scalars import Array, is_numeric
 from jounce.dynamics import loop_newton
 from jounce.dynamics.computation import Computation
+from jounce.dynamics.loop_branches import scales
 from jounce.dynamics.loop_newton import NewtonStep
 from jounce.dynamics.loops import closure_of
 from jounce.model.loops import all_coordinates
@@ -44,7 +45,7 @@ def displace_dependent(
     difference that one displacement makes may vanish by chance. None where the limit is exceeded nowhere, and for
     symbols.
     """
-    c, s = closure_of(m), loop_newton.scales(m)
+    c, s = closure_of(m), scales(m)
     if not (is_numeric(u) and is_numeric(dependent) and c.solved):
         return None
     q = all_coordinates(c, np.asarray(u, dtype=float), np.asarray(dependent, dtype=float)).reshape(

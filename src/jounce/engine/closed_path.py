@@ -9,6 +9,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, UncertainError, locate_errors
 from jounce.dynamics import loop_closure, loop_newton
+from jounce.dynamics.loop_branches import scales
 from jounce.dynamics.loops import closure_of
 from jounce.engine.backends import closing_step
 from jounce.engine.continuation import ClosedCurve, States, constraint_error
@@ -87,7 +88,7 @@ def continue_rows(robot: Engine, t: np.ndarray, rates: Sequence[np.ndarray], q: 
     closed = ClosedCurve(m, HermiteCurve(t, tuple(rates)), step)
     both = closed.rates_of(q, rates)
     for i in np.flatnonzero(~closed.find_agreeing(States(t, q, both, both))):
-        off = np.abs((closed.path(t[i : i + 2], q[i]).q[-1] - q[i + 1]) / loop_newton.scales(m).coordinates)
+        off = np.abs((closed.path(t[i : i + 2], q[i]).q[-1] - q[i + 1]) / scales(m).coordinates)
         if off.max() > _BRANCH_TOLERANCE:
             joint = closure_of(m).coordinates[int(off.argmax())]
             raise JounceError(

@@ -9,7 +9,7 @@ from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.motion_states import MotionStates, are_present
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism, robot_size
 from jounce.motion.motion import Motion
 from jounce.spatial.lie import Ad, inverse, rotation
 
@@ -17,7 +17,7 @@ _CONTACT_SAMPLES, _SPACING = 200, 0.01  # even times at least, and s between the
 SLIDING_TOLERANCE = 1e-3  # of the fastest turn or slide of a body: contact wrenches have that little of the power
 FREE_FALL_TOLERANCE = 1e-3  # of the weight, or of the largest force without any: what a base in flight may lack
 _TWIST_COMPONENTS = ("about x", "about y", "about z", "along x", "along y", "along z")
-_STILL = 1e-9  # rad/s and m/s: rounding of a robot at rest
+_STILL = 1e-9  # rad/s, and sizes of the robot per s: rounding of a robot at rest
 
 
 def _even_times(start: float, stop: float) -> np.ndarray:
@@ -31,7 +31,7 @@ def refuse_sliding(m: Mechanism, path: Motion) -> None:
     assert base is not None, m.name
     moving = np.abs(compute(engine, "twists", rates, base=base, method="recursion"))
     fastest = np.repeat([moving[..., :3].max(), moving[..., 3:].max()], 3)
-    worst = []
+    sizes, worst = np.repeat([1.0, robot_size(m)], 3), []
     for contact, present in zip(m.contacts, are_present(m, path, t).T, strict=True):
         held = contact.held
         V = compute(engine, "twists", rates, base=base, body=contact.frame, method="recursion")
@@ -41,7 +41,7 @@ def refuse_sliding(m: Mechanism, path: Motion) -> None:
             V = np.kron(np.eye(2), contact.ground_axes.T @ rotation(H @ contact.place)) @ V
         V = V * present[:, None, None]
         speeds = np.abs(V[:, held, 0])
-        excess = speeds - SLIDING_TOLERANCE * fastest[held] - _STILL
+        excess = speeds - SLIDING_TOLERANCE * fastest[held] - _STILL * sizes[held]
         i, j = np.unravel_index(np.argmax(excess), excess.shape)
         far = np.abs(np.trapezoid(V[:, held[j], 0], t))
         unit = "rad" if held[j] < 3 else "m"

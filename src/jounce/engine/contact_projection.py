@@ -24,7 +24,7 @@ from jounce.engine.dispatch import compute
 from jounce.engine.engine import Engine
 from jounce.engine.generic_methods import as_tuple
 from jounce.model.contacts import Contact
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism, robot_size
 from jounce.motion.base import FREE_JOINT_PLACES, compute_twists
 from jounce.motion.curves import ArrangedCurve, DerivedCurve, Jump, find_jumps, sample_rates
 from jounce.motion.motion import Motion
@@ -33,7 +33,7 @@ from jounce.spatial.lie import Ad, axial, inverse, position, rotation
 from jounce.spatial.series import Series, column_series
 
 MAX_PROJECTION_STEPS = 30  # of Newton's method, which takes four where feet are some cm off
-PLACE_TOLERANCE = 1e-12  # m and rad: how far contacts may be from their places
+PLACE_TOLERANCE = 1e-12  # rad or sizes of the robot: how far contacts may be from their places
 MAX_REDUNDANT = 1e-13  # of the largest singular value: rounding, left of what contacts state twice
 MIN_REGULAR = 1e-8  # of the same: less loses more than half of the digits
 _CHANGE_SAMPLES = 500  # even times at which the change of a motion is measured
@@ -72,13 +72,15 @@ class ProjectedCurve(DerivedCurve):
     def _close(self, t: np.ndarray, z: np.ndarray, B: np.ndarray, E: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """y with which all contacts are in their places, and the inverse of the matrix there."""
         y = np.zeros((len(t), B.shape[2], 1))
+        sizes = np.repeat([1.0, robot_size(self.m)], 3)
+        sizes = np.concatenate([sizes[contact.held] for contact in self.m.contacts])
         for _ in range(MAX_PROJECTION_STEPS):
             x = z + B @ y
             off = self._errors(x)
             of_base = np.linalg.pinv(FREE.moves(x[:, :7, 0])) @ B[:, :7]
             rows = self._rows("jacobian", [x])[0] @ np.concatenate([of_base, B[:, 7:]], axis=1)
             inverse_there, lost = _invert(np.concatenate([E, rows], axis=1))
-            if np.abs(off).max() < PLACE_TOLERANCE:
+            if (np.abs(off[..., 0]) < PLACE_TOLERANCE * sizes).all():
                 break
             y = y - inverse_there @ np.concatenate([E @ y, off], axis=1)
         else:

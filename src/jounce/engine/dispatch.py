@@ -205,7 +205,7 @@ def _mark_singular(call: Call, found: Any) -> Any:
         else None
     )
     M = run_by_backend(Call(plant or call.robot, Computation("mass_matrix", 0), at, None, None, 1, None))
-    regular = 1.0 - is_singular(M)
+    regular = 1.0 - is_singular(requests.inverted_mechanism(m, call.computation.name), np.asarray(call.arrays[0]), M)
     if not regular.all():
         for array, port in zip(as_tuple(found), call.computation.signature(m).outputs, strict=True):
             np.divide(array, regular.reshape(regular.shape + (1,) * len(port.shape)), out=array)

@@ -24,7 +24,7 @@ MAX_REGRESSOR_SAMPLES = 2000  # whose regressors are held at once: 8 MB of an ar
 BAND_POWER_SHARE = 0.99  # of the power of the model's forces: the band of a motion ends where it holds this much
 MAX_SPECTRUM_SAMPLES = 1 << 16  # from which the band is found; a power of 2, of which FFTs are fast
 CELLS_PER_PERIOD = 2.0  # of the highest frequency of the band: the Nyquist rate
-MIN_RELATIVE_VARIATION = 1e-9  # of standard deviations to the largest: a column with less is constant but for rounding
+MIN_RELATIVE_VARIATION = 1e-9  # of a standard deviation to the values: a column with less is constant but for rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +112,7 @@ def force_band(t: np.ndarray, forces: np.ndarray, velocities: np.ndarray, eps: n
     columns = np.stack([np.interp(even, t, column) for column in given.T], axis=1)
     columns = columns - columns.mean(axis=0)
     sizes = columns.std(axis=0)
-    varying = sizes > MIN_RELATIVE_VARIATION * max(1.0, sizes.max())
+    varying = sizes > MIN_RELATIVE_VARIATION * np.abs(given).max(axis=0)
     power = np.cumsum((np.abs(np.fft.rfft(columns[:, varying] / sizes[varying], axis=0)) ** 2).sum(axis=1))
     return float(np.searchsorted(power, BAND_POWER_SHARE * power[-1]) / (len(even) * step))
 

@@ -32,10 +32,10 @@ import numpy as np
 from jounce.core.errors import JounceError, shorten
 from jounce.core.scalars import Array
 from jounce.core.typing import DriveTerm, Floats
-from jounce.dynamics.base_parameters import BaseParameters, length_scale
+from jounce.dynamics.base_parameters import BaseParameters
 from jounce.identification.semidefinite_step import SemidefiniteProblem, minimise
 from jounce.model.drives import AMOUNTS, SIGNED_PARAMETERS
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism, robot_size
 from jounce.spatial import inertia
 
 DEFAULT_DIVERGENCE_WEIGHT = 1e-2  # in units of half the squared residual over the variance: a prior of 10
@@ -74,7 +74,7 @@ def fit_consistent_parameters(
     """
     Pi = inertia.moment_matrix(mechanism.M)
     massive = _massive_bodies(mechanism, Pi)
-    start = _raise_moments(Pi[massive], length_scale(mechanism))
+    start = _raise_moments(Pi[massive], robot_size(mechanism))
     thickened = massive[(start != Pi[massive]).any(axis=(1, 2))]
     T = np.asarray(np.linalg.cholesky(start))
     d, R = _drive_values(mechanism, terms), _information_root(information)

@@ -218,7 +218,7 @@ def _measure_errors(pieces: Pieces, t: np.ndarray, values: Values) -> dict[str, 
 def _negligible_values(scale: Scale) -> np.ndarray:
     """The values (n,) too small to need digits; infinite where nothing is bounded."""
     reach = np.minimum(*(np.abs(scale.reach(sign)) for sign in SIGNS))
-    return np.maximum(MIN_SHARE_OF_LIMIT * reach, ZERO_BOUND_TOLERANCE / _HERMITE_TOLERANCE)
+    return np.where(reach > 0, MIN_SHARE_OF_LIMIT * reach, ZERO_BOUND_TOLERANCE / _HERMITE_TOLERANCE)
 
 
 def _estimate_rounding(b: LimitedMotion, t: np.ndarray, width: np.ndarray) -> dict[str, np.ndarray]:

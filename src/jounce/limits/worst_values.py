@@ -112,7 +112,8 @@ class Worst:
         jump = after - before
         if several is not None:  # one of its numbers jumps: its velocities show which of them do
             columns = range(len(b.joints))[several.coordinates]
-            return {j: float(jump[j]) for j in columns if abs(jump[j]) > LIMIT_TOLERANCE}
+            least = LIMIT_TOLERANCE * np.abs(jump[several.coordinates]).max()
+            return {j: float(jump[j]) for j in columns if abs(jump[j]) > least}
         follow = [j for j, name in enumerate(b.joints) if name not in names]
         least = LIMIT_TOLERANCE * np.abs(jump).max()
         return {b.joints.index(own): found.jump} | {j: float(jump[j]) for j in follow if abs(jump[j]) > least}

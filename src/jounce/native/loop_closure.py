@@ -15,9 +15,9 @@ import hashlib
 import numpy as np
 
 from jounce.dynamics.computation import DEPENDENT_INPUT, Computation, Port, Signature, number_scalars
-from jounce.dynamics.loop_branches import with_solved_loops
+from jounce.dynamics.loop_branches import scales, with_solved_loops
 from jounce.dynamics.loop_closure import FOLLOWER_PLACE_TOLERANCE, MAX_CONDITION_ESTIMATE, max_gap
-from jounce.dynamics.loop_newton import MAX_DIRECT_CORRECTION, STEP_MEASURES, newton_step, scales
+from jounce.dynamics.loop_newton import MAX_DIRECT_CORRECTION, STEP_MEASURES, newton_step
 from jounce.dynamics.loops import closure_of
 from jounce.model.mechanism import Mechanism
 from jounce.model.scalar_casting import with_exact_integers

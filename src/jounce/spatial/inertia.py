@@ -177,14 +177,20 @@ def shift_inertia(M: Array, C: Array) -> Array:
 
 
 def form_error(M: np.ndarray, tolerance: float = 1e-9) -> str | None:
-    """Return why a 6x6 matrix does not have the form ``[[Theta, h~], [-h~, m I]]``, or None if it has."""
-    scale = np.abs(M).max(initial=0.0) * tolerance
-    h_hat, mass = M[:3, 3:], M[3, 3]
-    if np.abs(M - M.T).max() > scale:
+    """Return why a 6x6 matrix does not have the form ``[[Theta, h~], [-h~, m I]]``, or None if it has.
+
+    Errors are compared with the size of their block: kg m^2, kg m and kg have none in common.
+    """
+    theta, h_hat, mass = M[:3, :3], M[:3, 3:], M[3:, 3:]
+    sizes = [float(np.abs(block).max()) for block in (theta, h_hat, mass)]
+    of_theta, of_mass = sizes[0], sizes[2]
+    of_h = max(sizes[1], np.sqrt(of_theta * of_mass))  # which m c of any body is below
+
+    if np.abs(theta - theta.T).max() > tolerance * of_theta or np.abs(h_hat - M[3:, :3].T).max() > tolerance * of_h:
         return "is not symmetric"
-    if np.abs(M[3:, 3:] - mass * _I).max() > scale:
+    if np.abs(mass - M[3, 3] * _I).max() > tolerance * of_mass:
         return "has no m I in its lower right block"
-    if np.abs(h_hat + h_hat.T).max() > scale:
+    if np.abs(h_hat + h_hat.T).max() > tolerance * of_h:
         return "has no skew matrix m c~ in its upper right block"
     return None
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from jounce.checks.audit.finding import Finding
 from jounce.checks.audit.inertias import is_point
-from jounce.model.mechanism import Mechanism, reference_poses
+from jounce.model.mechanism import Mechanism, reference_poses, robot_size
 from jounce.model.positions import anchors
 from jounce.spatial import inertia
 
@@ -20,6 +20,7 @@ _OSMIUM_DENSITY = 22600.0  # kg/m^3, the densest metal: no link is denser
 _WATER_DENSITY = 1000.0  # kg/m^3, to compare with: most links are near it
 _AIR_DENSITY = 1.2  # kg/m^3: no link is lighter
 _MIN_ROBOT_SIZE, _MAX_ROBOT_SIZE = 0.005, 50.0  # m between the joints: a factor of 1000 in units leaves this range
+_MEETING_AXES = 1e-9  # of the size of the robot: axes that are as close meet but for rounding
 _MAX_COM_DISTANCE = 3.0  # sizes of the robot, from a joint to the COM that it moves
 _MAX_MASS_RATIO = 1000.0  # to the median mass: grams for kilograms
 _EARTH_GRAVITY, _PLANET_GRAVITY = (9.7, 9.9), (1.0, 30.0)  # m/s^2: anywhere on Earth; from the Moon to Jupiter
@@ -136,7 +137,7 @@ def _size(mechanism: Mechanism, points: np.ndarray) -> float:
     of_root = np.array(roots)[owners]
     trees = [places[of_root == root] for root in set(of_root.tolist())]
     size = max(float(np.linalg.norm(tree - x, axis=-1).max()) for tree in trees for x in tree)
-    return size if size > 1e-9 else 0.0  # axes that meet but for rounding
+    return size if size > _MEETING_AXES * robot_size(mechanism) else 0.0
 
 
 def _reach(mechanism: Mechanism, points: np.ndarray) -> list[float]:
