@@ -20,8 +20,8 @@ from jounce.dynamics.loop_assembly import MIN_INVERSE_CONDITION, inverse_conditi
 from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.certain_digits import max_condition
 from jounce.io import tables
-from support.linkages import elbows, fivebar, fourbar, rods, unit
 from support import near_singular, precise
+from support.linkages import elbows, fivebar, fourbar, rods, unit
 
 COUNT = 25  # positions
 ZEROS = (0.9, 1.3, -0.7)  # rad, coordinates of the four-bar where it lies: angles near 0 would be rounded less
@@ -97,9 +97,7 @@ def test_results_are_right_or_refused(name):
 
 @pytest.mark.parametrize(("name", "quantity"), near_singular.CASES, ids=map("-".join, near_singular.CASES))
 def test_all_quantities_are_right_or_refused(name, quantity):
-    """Nothing that is returned is off by more than is promised, and few results are refused that have two digits more.
-
-    """
+    """Nothing that is returned is off by more than is promised, and few refused results have two digits more."""
     mechanism, rng, found = near_singular.ROBOTS[name](), np.random.default_rng(3), near_singular.Digits()
     robot, row = mechanism.serving(quantity), QUANTITIES[quantity]
     for order in range(row.highest(1) + 1):

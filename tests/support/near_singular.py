@@ -28,7 +28,7 @@ MOTOR = jounce.Motor(gear=100, inertia=1e-5, constant=0.05, resistance=0.5, indu
 
 @dataclass(frozen=True)
 class NearSingular:
-    """A closed robot, with `position(rng, s)` at a distance s, rad, from a singular one, and one with a passive joint."""
+    """A closed robot, `position(rng, s)` at a distance s, rad, from a singular one, and it with a passive joint."""
 
     robot: jounce.Robot
     position: Callable[[np.random.Generator, float], np.ndarray]
@@ -83,7 +83,7 @@ def slider_crank() -> NearSingular:
     """A slider-crank near its dead centre, moved by its slide: rad and m, a fold."""
     crank, rod = 0.5, 0.9
     bodies = ((1.0, 0.25, crank), (0.7, 0.45, rod), (1.5, 0.0, 0.1))  # mass, place of the centre, length
-    M = [jounce.inertia_matrix(m, [x, 0.02, 0], np.diag([1e-3, m * l * l / 12, m * l * l / 12])) for m, x, l in bodies]
+    M = [jounce.inertia_matrix(m, [x, 0.02, 0], np.diag([1e-3, *[m * a * a / 12] * 2])) for m, x, a in bodies]
     screws, parent = [Z, Z, [0, 0, 0, 1, 0, 0]], [-1, 0, -1]
     open_ = jounce.Robot.from_screws([np.eye(4), shift(crank), np.eye(4)], screws, M, parent, gravity=[0.3, -9.81, 0])
     frames = Frame("end", 1, shift(rod)), Frame("slide", 2, np.eye(4))
@@ -136,7 +136,9 @@ def unchecked() -> Iterator[None]:
         certain_digits._MAX_ERROR = kept
 
 
-ROBOTS: dict[str, Callable[[], NearSingular]] = {f.__name__: cache(f) for f in (crossed_fourbar, folded_fivebar, slider_crank)}
+ROBOTS: dict[str, Callable[[], NearSingular]] = {
+    f.__name__: cache(f) for f in (crossed_fourbar, folded_fivebar, slider_crank)
+}
 ABSENT = ("second_partials", "joint_wrenches", "contact_wrenches")  # which no robot with closed loops has
 CASES = [
     (robot, quantity)

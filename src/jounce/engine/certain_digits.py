@@ -25,13 +25,13 @@ from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 
 _DOUBLE_EPS = float(np.finfo(float).eps)
-_LOOP_GAP_EPS = 4  # eps, of closed loops: with 2 three of 5,000 results passed that were off by 1.1e-6 to 1.5e-6
+_LOOP_GAP_EPS = 4  # eps, of closed loops: with 2 three of 18,000 results passed that were off by more than 1e-6, now 7e-7 at most
 _MAX_ERROR = 1e-6  # of a result, relative to its size: a control loop's other errors are larger
 # The growth of errors, 1/s, whose power for each rate and one more for accelerations leaves a thousandth of the bound:
 # accelerations are differences of larger terms, of gravity and of forces that balance it.
 _CANCELLATION = 1e3
 _INPUT_EPS = 4  # eps, of inputs of accelerations: their rounding, and that of sums of terms as large
-# How inputs q, qd, Q, Qd, ... or q, qd, theta, thetad, tau move: never so that terms that balance each other move alike.
+# How q, qd, Q, Qd, ... or q, qd, theta, thetad, tau move: terms that balance each other must not move alike.
 _INPUT_WAYS = (-1.0, -0.5, 1.0, 0.5)
 _QUIET = 0.1  # rad/s^k: what accelerations and their rates are compared with at least, as all vanish at rest
 _SLOWEST = 0.01  # 1/s: rates below this part of lower ones count as that, as those of steady motions vanish
@@ -39,7 +39,7 @@ _SLOWEST = 0.01  # 1/s: rates below this part of lower ones count as that, as th
 
 @dataclass(frozen=True)
 class Doubt:
-    """Why digits may be lost: inputs at which results are the same if rounding does no harm, and what a message says."""
+    """Why digits may be lost: inputs at which results are the same if rounding does no harm, and words for it."""
 
     inputs: Sequence[Sequence[Array]]
     cause: str
@@ -181,19 +181,19 @@ def compute_certain_results(
     own = run(numbers) if numbers is not None and any(map(is_jax, arrays)) else results
     least = _least_sizes(m, asked, numbers, own) if numbers is not None else [0.0] * len(own)
     others = [(doubt, [run(x) for x in doubt.inputs]) for doubt in doubts]
-    check_digits(m, names, len(asked.shape(m)), own, least, others)
+    check_digits(m, asked, names, own, least, others)
     return results
 
 
 def check_digits(
     m: Mechanism,
+    asked: Computation,
     names: Sequence[str],
-    axes: int,
     results: Results,
     least: Sequence[Array],
     others: Sequence[tuple[Doubt, Sequence[Results]]],
 ) -> None:
-    """Compare results, with a number of axes of their own, with those at displaced inputs.
+    """Compare results with those at displaced inputs.
 
     `least` are the sizes that results have at least, as arrays that broadcast with them.
 
@@ -201,6 +201,7 @@ def check_digits(
     ------
     UncertainError : where they differ by more than `_MAX_ERROR` of their size.
     """
+    axes = len(asked.shape(m))
     errors, uncertain, kept, causes, own = [0.0], [], [], [], tuple(range(-axes, 0))
     for k, x in enumerate(results):
         size = np.maximum(np.abs(x).max(axis=own, keepdims=True), least[k])
@@ -216,13 +217,13 @@ def check_digits(
         uncertain.append(bad.reshape(bad.shape[: bad.ndim - axes]))
     if not causes:
         return
-    bad = [name for name, where in zip(names, uncertain, strict=True) if where.any()]
-    good = [name for name in names if name not in bad]
+    lacking = [name for name, where in zip(names, uncertain, strict=True) if where.any()]
+    good = [name for name in names if name not in lacking and not asked.quantity.results]
     states = np.logical_or.reduce([x.ravel() for x in uncertain])
     which = f" of {states.sum()} of {states.size} samples, first {states.argmax()}," if states.size > 1 else ""
     cure = f"; {join_names(good)} {'is' if len(good) == 1 else 'are'} certain there: give fewer rates" if good else ""
     raise UncertainError(
-        f"{m.name!r}: {join_names(bad)} at q{which} would be off by up to {max(errors):.2g} of the size, since"
+        f"{m.name!r}: {join_names(lacking)} at q{which} would be off by up to {max(errors):.2g} of the size, since"
         f" {' and '.join(dict.fromkeys(doubt.cause for doubt in causes))}; expected an error below {_MAX_ERROR:g}"
         f"{cure or f'; {causes[0].cure}'}",
         tuple(kept),
