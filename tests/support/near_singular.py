@@ -47,15 +47,17 @@ class NearSingular:
         return self.elastic if row.elastic else self.robot
 
 
-def crossed_fourbar() -> NearSingular:
+def crossed_fourbar(ground: float = 1.0, crank: float = 0.5) -> NearSingular:
     """A crossed parallelogram, which meets the other branch where its crank lies on the ground: a change point."""
 
-    def position(rng: np.random.Generator, s: float) -> np.ndarray:
-        q = s * rng.choice([-1, 1])
-        d = -2 * np.arctan(3 * np.tan(q / 2))  # of the rocker, by half angles: (1 + 0.5) / (1 - 0.5)
-        return np.array([q, d, d]) + ZEROS
+    def closed(q: float) -> np.ndarray:
+        d = -2 * np.arctan((ground + crank) / (ground - crank) * np.tan(q / 2))  # of the rocker, by half angles
+        return np.array([q, d, d])
 
-    return NearSingular(fourbar(1.0, 0.5, 1.0, 0.5, [0.7, -1.9, -1.0], zeros=ZEROS), position)
+    def position(rng: np.random.Generator, s: float) -> np.ndarray:
+        return closed(s * rng.choice([-1, 1])) + ZEROS
+
+    return NearSingular(fourbar(ground, crank, ground, crank, closed(0.7), zeros=ZEROS), position)
 
 
 def folded_fivebar() -> NearSingular:
@@ -79,9 +81,8 @@ def folded_fivebar() -> NearSingular:
     return NearSingular(robot, position, passive)
 
 
-def slider_crank() -> NearSingular:
+def slider_crank(crank: float = 0.5, rod: float = 0.9) -> NearSingular:
     """A slider-crank near its dead centre, moved by its slide: rad and m, a fold."""
-    crank, rod = 0.5, 0.9
     bodies = ((1.0, 0.25, crank), (0.7, 0.45, rod), (1.5, 0.0, 0.1))  # mass, place of the centre, length
     M = [jounce.inertia_matrix(m, [x, 0.02, 0], np.diag([1e-3, *[m * a * a / 12] * 2])) for m, x, a in bodies]
     screws, parent = [Z, Z, [0, 0, 0, 1, 0, 0]], [-1, 0, -1]

@@ -25,7 +25,9 @@ from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 
 _DOUBLE_EPS = float(np.finfo(float).eps)
-_LOOP_GAP_EPS = 4  # eps, of closed loops: with 2 three of 18,000 results passed that were off by more than 1e-6, now 7e-7 at most
+_LOOP_GAP_EPS = (
+    4  # eps, of closed loops: with 2 three of 18,000 results passed that were off by more than 1e-6, now 7e-7 at most
+)
 _MAX_ERROR = 1e-6  # of a result, relative to its size: a control loop's other errors are larger
 # The growth of errors, 1/s, whose power for each rate and one more for accelerations leaves a thousandth of the bound:
 # accelerations are differences of larger terms, of gravity and of forces that balance it.
