@@ -17,10 +17,11 @@ from jounce import JounceError, JounceWarning, UncertainError
 from jounce.cli import main
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_assembly import MIN_INVERSE_CONDITION, inverse_conditions
+from jounce.dynamics.quantities import QUANTITIES
 from jounce.engine.certain_digits import max_condition
 from jounce.io import tables
+from support import near_singular, precise
 from support.linkages import elbows, fivebar, fourbar, rods, unit
-from support.precise import Precise
 
 COUNT = 25  # positions
 ZEROS = (0.9, 1.3, -0.7)  # rad, coordinates of the four-bar where it lies: angles near 0 would be rounded less
@@ -72,7 +73,7 @@ CASES = {
 def test_results_are_right_or_refused(name):
     rng = np.random.default_rng(4)
     robot, positions = CASES[name](rng)
-    precise, kernel, returned, refused, missed = Precise(robot), robot.compile("inverse_dynamics"), 0, 0, 0
+    asked, kernel, returned, refused, missed = Computation("inverse_dynamics", 2), robot.compile(), 0, 0, 0
     own, others = (list(places) for places in (robot.mechanism.closure.independent, robot.mechanism.closure.dependent))
     for q in positions:
         rates = rng.normal(size=(4, robot.n))
@@ -85,13 +86,59 @@ def test_results_are_right_or_refused(name):
             continue
         closed = robot.coordinates(q) if not any(uncertain) else q
         unchecked = kernel(closed[own], *rates, closed[others])
-        for x, y, z, lost in zip(found, precise.forces(q, rates), unchecked, uncertain, strict=True):
+        for x, y, z, lost in zip(found, precise.results(robot, asked, [q, *rates]), unchecked, uncertain, strict=True):
             size = np.abs(y).max()
             assert np.isnan(x).all() if lost else np.abs(x - y).max() <= 2e-6 * size
             returned, refused = returned + (not lost), refused + lost
             missed += lost and bool(np.abs(z - y).max() < RIGHT * size)
     assert min(returned, refused) > COUNT / 4
     assert missed <= 0.02 * returned
+
+
+@pytest.mark.parametrize(("name", "quantity"), near_singular.CASES, ids=map("-".join, near_singular.CASES))
+def test_all_quantities_are_right_or_refused(name, quantity):
+    """Nothing that is returned is off by more than is promised, and few refused results have two digits more."""
+    mechanism, rng, found = near_singular.ROBOTS[name](), np.random.default_rng(3), near_singular.Digits()
+    robot, row = mechanism.serving(quantity), QUANTITIES[quantity]
+    for order in range(row.highest(1) + 1):
+        for exponent in np.linspace(-5, 0, COUNT // 2):
+            found.judge(robot, quantity, order, mechanism.position(rng, 10**exponent), rng)
+    assert max(found.returned) <= near_singular.PROMISED
+    assert sum(error < RIGHT for error in found.refused) <= 0.02 * len(found.returned)
+
+
+def test_the_coriolis_matrix_near_a_change_point():
+    """It holds F' as forces do: values for |q| below 0.004 were off by up to 4e-5."""
+    robot = fourbar(1.0, 0.5, 1.0, 0.5, [0.7, -1.9, -1.0])
+    for q in (0.0014, 0.0017, 0.0025):
+        with pytest.raises(UncertainError, match="C at q would be off"):
+            robot.coriolis_matrix([q], [1.0])
+    asked, at = Computation("coriolis_matrix", 0), near_singular.crossed_fourbar().position
+    whole = at(np.random.default_rng(0), 0.01) - ZEROS
+    [exact] = precise.results(robot, asked, [whole, [1.0]])
+    np.testing.assert_allclose(robot.coriolis_matrix(whole, [1.0]), exact, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "held"),
+    [
+        ("poses", 0),
+        ("mass_matrix", 1),
+        ("jacobian", 1),
+        ("gravity_forces", 1),
+        ("twists", 1),
+        ("inverse_dynamics", 2),
+        ("coriolis_matrix", 2),
+        ("forward_dynamics", 2),
+        ("inverse_dynamics_partials", 3),
+        ("forward_dynamics_partials", 3),
+        ("motor_torques", 4),
+    ],
+)
+def test_derivatives_of_f_that_quantities_hold(quantity, held):
+    """Those of positions, F, F', F'', ...: C takes as few rates as twists, and holds what forces do."""
+    assert QUANTITIES[quantity].held_rates == held
+    assert max_condition(Computation(quantity, 1)) == pytest.approx((1e-6 / 2.2e-16) ** (1 / (held + 3)), rel=1e-2)
 
 
 def test_the_limit_of_the_condition_number_has_a_reason():

@@ -1,8 +1,11 @@
-"""Forces of closed robots in 50 digits: traced programs, and Newton's steps, evaluated with mpmath."""
+"""Quantities of robots in 50 digits: traced programs, and Newton's steps of closed loops, evaluated with mpmath."""
 
+from functools import cache
+from math import prod
 from typing import Any
 
 import mpmath
+import numpy as np
 from mpmath import mpf
 
 from jounce.dynamics import loop_newton
@@ -19,6 +22,9 @@ RULES: dict[str, Any] = {
     "inv": lambda a: 1 / a,
     "sin": mpmath.sin,
     "cos": mpmath.cos,
+    "tanh": mpmath.tanh,
+    "exp": mpmath.exp,
+    "sqrt": mpmath.sqrt,
 }
 DIGITS, STEPS = 50, 60
 
@@ -36,29 +42,48 @@ def run(traced: Any, given: list[Any]) -> list[Any]:
     return [values[i] for i in traced.outputs]
 
 
-class Precise:
-    """Generalized forces of a closed robot with their rates."""
+@cache
+def _traced(m: Any, asked: Computation) -> Any:
+    return trace_program(m, asked)
 
-    def __init__(self, robot: Any, order: int = 2) -> None:
-        self.m, self.order, tape = robot.mechanism, order, Tape()
-        q, change = tape.variables(self.m.tree.n), tape.variables(self.m.n)
-        found, measures, _ = loop_newton.newton_step(with_exact_integers(self.m), q, change)
-        self.step = tape.program([*found, *measures])
-        self.law = trace_program(self.m, Computation("inverse_dynamics", order))
 
-    def forces(self, q: Any, rates: Any) -> list[list[float]]:
-        """Q, Qd, ... where all coordinates q are nearly closed."""
-        c = self.m.closure
-        with mpmath.workdps(DIGITS):
-            x = [mpf(float(value)) for value in q]
-            for _ in range(STEPS):
-                found = run(self.step, x + [mpf(0)] * self.m.n)
-                for j, value in zip(c.dependent, found[:-2], strict=True):
-                    x[j] = value
-                if found[-2] < mpf(10) ** (4 - 2 * DIGITS):
-                    break
-            else:
-                raise AssertionError("the loops are not closed")
-            given = [x[j] for j in c.independent] + [mpf(float(value)) for rate in rates for value in rate]
-            Q = run(self.law, given + [x[j] for j in c.dependent])
-            return [[float(value) for value in Q[k * self.m.n : (k + 1) * self.m.n]] for k in range(self.order + 1)]
+@cache
+def _closing_step(m: Any) -> Any:
+    """A step of Newton's method for the dependent coordinates, and how far from closed the loops were."""
+    tape = Tape()
+    q, change = tape.variables(m.tree.n), tape.variables(m.n)
+    found, measures, _ = loop_newton.newton_step(with_exact_integers(m), q, change)
+    return tape.program([*found, measures[0]])
+
+
+def close_loops(m: Any, q: Any) -> list[Any]:
+    """All coordinates, with loops closed from coordinates q where they nearly are."""
+    x, c = [mpf(float(value)) for value in q], m.closure
+    for _ in range(STEPS):
+        *found, gap = run(_closing_step(m), x + [mpf(0)] * m.n)
+        for j, value in zip(c.dependent, found, strict=True):
+            x[j] = value
+        if gap < mpf(10) ** (4 - 2 * DIGITS):
+            return x
+    raise AssertionError("the loops are not closed")
+
+
+def results(robot: Any, asked: Computation, arrays: Any) -> list[np.ndarray]:
+    """The results of a computation for one state, rounded to doubles.
+
+    `arrays` are q, qd, ... and what else it takes; q of a closed robot are all coordinates, from which its loops are
+    closed.
+    """
+    m = robot.mechanism
+    with mpmath.workdps(DIGITS):
+        q, *others = arrays
+        given, closing = [mpf(float(x)) for array in others for x in np.ravel(array)], []
+        if m.closure:
+            whole = close_loops(m, q)
+            own, closing = ([whole[j] for j in places] for places in (m.closure.independent, m.closure.dependent))
+        else:
+            own = [mpf(float(x)) for x in q]
+        found = [float(x) for x in run(_traced(m, asked), own + given + closing)]
+    shapes = [port.shape for port in asked.signature(m).outputs]
+    ends = np.cumsum([prod(shape) for shape in shapes])[:-1]
+    return [part.reshape(shape) for part, shape in zip(np.split(np.array(found), ends), shapes, strict=True)]

@@ -25,7 +25,10 @@ class JounceError(Exception):
 
 
 class UncertainError(JounceError):
-    """Results for a closed robot near a singular position have errors above 1e-6 of their size.
+    """Results have errors above 1e-6 of their size.
+
+    Those of a closed robot near a singular position, and accelerations and their rates where damping, friction or
+    springs are steep for the inertia that they move.
 
     Attributes
     ----------

@@ -1,20 +1,23 @@
-"""Which results for closed robots have digits near singular positions: an estimate of their errors, order by order.
+"""Which results have digits where small errors grow: an estimate of their errors, by results at displaced inputs.
 
-Rounding leaves a gap of some eps where loops are closed, so that positions are off by eps / sigma along the directions
-that the constraints hold least, sigma the singular values of A_d. At a fold, where two branches end, relative errors
-are eps cond^2 at every order; at a change point, where branches cross, those of the k-th rate of Q are eps cond^(k +
-3). One threshold of the condition number serves neither. The estimate is the difference to the results at the position
-moved by 2 eps / sigma along each: of 20,000 states of three robots no result that it lets pass was off by more than
-twice `_MAX_LOOP_ERROR`.
+Near singular positions of closed robots, rounding leaves a gap of some eps where loops are closed, so that positions
+are off by eps / sigma along the directions that the constraints hold least, sigma the singular values of A_d. At a
+fold, where two branches end, relative errors are eps cond^2 at every order; at a change point, where branches cross,
+those of the k-th rate of Q are eps cond^(k + 3). One threshold of the condition number serves neither. The estimate is
+the difference to the results at the position moved by some eps / sigma along each.
+
+Rates of accelerations lose digits where drives are steep for the inertia that they move: errors grow with each of them
+(`dynamics.steepness`). The estimate is the difference to the results of inputs that are moved by some eps.
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from jounce.core.errors import UncertainError, join_names
-from jounce.core.scalars import Array, is_numeric
-from jounce.dynamics import loop_newton
+from jounce.core.scalars import Array, is_jax, is_numeric, is_traced
+from jounce.dynamics import loop_newton, steepness
 from jounce.dynamics.computation import Computation
 from jounce.dynamics.loop_branches import scales
 from jounce.dynamics.loop_newton import NewtonStep
@@ -23,17 +26,37 @@ from jounce.model.loops import all_coordinates
 from jounce.model.mechanism import Mechanism
 
 _DOUBLE_EPS = float(np.finfo(float).eps)
-_LOOP_GAP_EPS = 2  # eps, of closed loops: with 1 one of 5,000 results of a platform passed that was off by 9e-6
-_MAX_LOOP_ERROR = 1e-6  # of a result, relative to its size: a control loop's other errors are larger
+_LOOP_GAP_EPS = (
+    4  # eps, of closed loops: with 2 three of 18,000 results passed that were off by more than 1e-6, now 7e-7 at most
+)
+_MAX_ERROR = 1e-6  # of a result, relative to its size: a control loop's other errors are larger
+# The growth of errors, 1/s, whose power for each rate and one more for accelerations leaves a thousandth of the bound:
+# accelerations are differences of larger terms, of gravity and of forces that balance it.
+_CANCELLATION = 1e3
+_INPUT_EPS = 4  # eps, of inputs of accelerations: their rounding, and that of sums of terms as large
+# How q, qd, Q, Qd, ... or q, qd, theta, thetad, tau move: terms that balance each other must not move alike.
+_INPUT_WAYS = (-1.0, -0.5, 1.0, 0.5)
+_QUIET = 0.1  # rad/s^k: what accelerations and their rates are compared with at least, as all vanish at rest
+_SLOWEST = 0.01  # 1/s: rates below this part of lower ones count as that, as those of steady motions vanish
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Why digits may be lost: inputs at which results are the same if rounding does no harm, and words for it."""
+
+    inputs: Sequence[Sequence[Array]]
+    cause: str
+    cure: str
 
 
 def max_condition(computation: Computation) -> float:
-    """The condition number up to which no result can have an error above `_MAX_LOOP_ERROR`: at a change point.
+    """The condition number up to which no result can have an error above `_MAX_ERROR`: at a change point.
 
-    An error eps cond of positions grows by cond with every rate of the dependent coordinates. A quantity takes as many
-    of these as of q, and F, which counts as a velocity.
+    An error eps cond of positions grows by cond with every rate of the dependent coordinates that the results hold, and
+    results may vanish there as 1 / cond.
     """
-    return float((_MAX_LOOP_ERROR / _DOUBLE_EPS) ** (1 / (computation.rates + 1)))
+    powers = computation.quantity.held_rates + computation.order + 2
+    return float((_MAX_ERROR / _DOUBLE_EPS) ** (1 / powers))
 
 
 def displace_dependent(
@@ -78,12 +101,55 @@ def describe_uncertain(m: Mechanism, names: Sequence[str], times: Iterable[np.nd
         if len(t)
     ]
     return (
-        f"{m.name!r}: the loops are so nearly singular that results have errors above {_MAX_LOOP_ERROR:g} of their"
+        f"{m.name!r}: the loops are so nearly singular that results have errors above {_MAX_ERROR:g} of their"
         f" size, and are NaN: {'; '.join(parts)}"
     )
 
 
 Results = tuple[np.ndarray, ...]
+
+
+def is_steep(m: Mechanism, asked: Computation) -> bool:
+    """Whether drives may make errors of accelerations, or of their rates, exceed `_MAX_ERROR` of their size."""
+    row = asked.quantity
+    if not (row.inverts or row.are_accelerations) or not m.is_numeric:
+        return False
+    growth = steepness.plant_growth(m) if row.inputs else steepness.drive_growth(m) ** (asked.order + 1)
+    return growth > _MAX_ERROR / (_CANCELLATION * _DOUBLE_EPS)
+
+
+def displace_inputs(m: Mechanism, asked: Computation, arrays: Sequence[Array]) -> list[Array]:
+    """Arrays of a computation with the state, and the forces or the motors, moved by what rounding leaves open."""
+    moved = list(arrays)
+    for k, x in enumerate(arrays[: asked.rates]):
+        size = np.abs(x)
+        if k == 0 and "spring" in m.acting and m.closure is None and x.shape[-1] == m.n:
+            size = size + np.abs(m.drives.rest) @ np.abs(m.G)  # springs are as exact as what they are deflected from
+        moved[k] = x + _INPUT_WAYS[k % len(_INPUT_WAYS)] * _INPUT_EPS * np.finfo(x.dtype).eps * size
+    return moved
+
+
+def _numbers(arrays: Sequence[Array]) -> list[np.ndarray] | None:
+    """Arrays of NumPy, of those of JAX in double precision; None if there are symbols among them."""
+    if any(is_traced(x) or not (is_jax(x) or is_numeric(x)) for x in arrays):
+        return None
+    return [np.asarray(x, dtype=float) if is_jax(x) else x for x in arrays]
+
+
+def _least_sizes(m: Mechanism, asked: Computation, arrays: Sequence[Array], results: Results) -> list[Array]:
+    """What each result is compared with at least: accelerations and their rates vanish at rest, and along with others.
+
+    Coordinates in m count by the length of the robot.
+    """
+    if not asked.quantity.are_accelerations:
+        return [0.0] * len(results)
+    placed = np.linalg.norm(m.B[:, :3, 3], axis=-1)
+    unit = 1.0 if m.X[:, :3].any() else float(placed.max())
+    rate, found = np.abs(arrays[1]).max(axis=-1, keepdims=True, initial=0.0), []
+    for x in results:
+        found.append(np.maximum(_QUIET * unit, _SLOWEST * rate))
+        rate = np.fmax(rate, np.abs(x).max(axis=-1, keepdims=True, initial=0.0))
+    return found
 
 
 def compute_certain_results(
@@ -94,48 +160,75 @@ def compute_certain_results(
     run: Callable[[Sequence[Array]], Results],
     step: NewtonStep | None = None,
 ) -> Results | None:
-    """Results from the arrays of a computation, checked; None of trees, and where all positions are regular.
+    """Results from the arrays of a computation, checked; None where no digits can be lost.
+
+    Those are trees without steep drives, and closed robots at regular positions.
 
     Raises
     ------
-    UncertainError : where results at displaced positions differ by more than `_MAX_LOOP_ERROR` of their size.
+    UncertainError : where results at displaced inputs differ by more than `_MAX_ERROR` of their size.
     """
+    doubts = []
     moved = displace_dependent(m, arrays[0], arrays[-1], max_condition(asked), step) if m.closure else None
-    if moved is None:
+    if moved is not None:
+        cause = "the loops are nearly singular there"
+        doubts.append(Doubt([[*arrays[:-1], x] for x in moved], cause, "expected q farther away"))
+    numbers = _numbers(arrays) if is_steep(m, asked) else None
+    if numbers is not None:
+        cause = "damping, friction or springs are steep for the inertia that they move"
+        cure = "let fewer drive terms act, robot.with_drives([...]), or state a larger armature or rotor"
+        doubts.append(Doubt([displace_inputs(m, asked, numbers)], cause, cure))
+    if not doubts:
         return None
     results = run(arrays)
-    check_digits(m, names, len(asked.shape(m)), results, [run([*arrays[:-1], x]) for x in moved])
+    own = run(numbers) if numbers is not None and any(map(is_jax, arrays)) else results
+    least = _least_sizes(m, asked, numbers, own) if numbers is not None else [0.0] * len(own)
+    others = [(doubt, [run(x) for x in doubt.inputs]) for doubt in doubts]
+    check_digits(m, asked, names, own, least, others)
     return results
 
 
-def check_digits(m: Mechanism, names: Sequence[str], axes: int, results: Results, others: Sequence[Results]) -> None:
-    """Compare results, with a number of axes of their own, with those at displaced positions.
+def check_digits(
+    m: Mechanism,
+    asked: Computation,
+    names: Sequence[str],
+    results: Results,
+    least: Sequence[Array],
+    others: Sequence[tuple[Doubt, Sequence[Results]]],
+) -> None:
+    """Compare results with those at displaced inputs.
+
+    `least` are the sizes that results have at least, as arrays that broadcast with them.
 
     Raises
     ------
-    UncertainError : where they differ by more than `_MAX_LOOP_ERROR` of their size.
+    UncertainError : where they differ by more than `_MAX_ERROR` of their size.
     """
-    errors, uncertain, kept, own = [0.0], [], [], tuple(range(-axes, 0))
-    for x, *moved in zip(results, *others, strict=True):
-        size = np.abs(x).max(axis=own, keepdims=True)
-        off = np.max([np.abs(y - x).max(axis=own, keepdims=True) for y in moved], axis=0)
-        known = ~np.isnan(size)  # those of missing numbers are missing
-        bad = known & ~(off <= _MAX_LOOP_ERROR * size)
-        with np.errstate(all="ignore"):
-            errors.append(float(np.max(off / size, where=bad, initial=0.0)))
+    axes = len(asked.shape(m))
+    errors, uncertain, kept, causes, own = [0.0], [], [], [], tuple(range(-axes, 0))
+    for k, x in enumerate(results):
+        size = np.maximum(np.abs(x).max(axis=own, keepdims=True), least[k])
+        known, bad = np.isfinite(size), np.zeros(size.shape, dtype=bool)  # those of missing numbers are missing
+        for doubt, moved in others:
+            with np.errstate(all="ignore"):
+                off = np.max([np.abs(y[k] - x).max(axis=own, keepdims=True) for y in moved], axis=0)
+                lost = known & ~(off <= _MAX_ERROR * size)
+                errors.append(float(np.max(off / size, where=lost, initial=0.0)))
+            causes += [doubt] if lost.any() else []
+            bad |= lost
         kept.append(np.where(bad, np.nan, x))
         uncertain.append(bad.reshape(bad.shape[: bad.ndim - axes]))
-    if not any(bad.any() for bad in uncertain):
+    if not causes:
         return
-    bad = [name for name, where in zip(names, uncertain, strict=True) if where.any()]
-    good = [name for name in names if name not in bad]
+    lacking = [name for name, where in zip(names, uncertain, strict=True) if where.any()]
+    good = [name for name in names if name not in lacking and not asked.quantity.results]
     states = np.logical_or.reduce([x.ravel() for x in uncertain])
     which = f" of {states.sum()} of {states.size} samples, first {states.argmax()}," if states.size > 1 else ""
     cure = f"; {join_names(good)} {'is' if len(good) == 1 else 'are'} certain there: give fewer rates" if good else ""
     raise UncertainError(
-        f"{m.name!r}: {join_names(bad)} at q{which} would be off by up to {max(errors):.2g} of the size, since the"
-        f" loops are nearly singular there; expected an error below {_MAX_LOOP_ERROR:g}"
-        f"{cure or '; expected q farther away'}",
+        f"{m.name!r}: {join_names(lacking)} at q{which} would be off by up to {max(errors):.2g} of the size, since"
+        f" {' and '.join(dict.fromkeys(doubt.cause for doubt in causes))}; expected an error below {_MAX_ERROR:g}"
+        f"{cure or f'; {causes[0].cure}'}",
         tuple(kept),
         names,
         uncertain,

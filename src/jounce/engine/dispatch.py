@@ -81,6 +81,7 @@ def compute(
     step = closing_step(robot) if robot.mechanism.closure and natively else None
     asked, given = check_arguments(robot.mechanism, name, given, wrench, base, body, frame, method, step, stiffness)
     lasting = plain and threads == 1 and not _needs_inverse(robot, asked)
+    lasting = lasting and not certain_digits.is_steep(robot.mechanism, asked)
     lasting = lasting and (not robot.mechanism.contacts or is_always_balanced(robot.mechanism))
     lasting = lasting and not of_several_screws(robot.mechanism)  # quaternions of zeros are refused on the long way
     ready = form if lasting and asked.base == bool(moved) else None
@@ -156,12 +157,12 @@ def check_arguments(
 
 
 def _run(call: Call) -> Any:
-    """Run a call; near singular positions of a closed robot again, to determine which digits are certain."""
+    """Run a call; near singular positions, and where drives are steep, again, to determine which digits are certain."""
     robot, asked = call.robot, call.computation
     on_contacts = robot.mechanism.contacts and (asked.quantity.balanced or asked.quantity.standing)
     if on_contacts and not is_always_balanced(robot.mechanism):
         return compute_on_contacts(call, run_by_backend)
-    if robot.mechanism.closure:
+    if robot.mechanism.closure or certain_digits.is_steep(robot.mechanism, asked):
         m, names = with_constraints(robot, asked), asked.quantity.names(asked.order)
         step = closing_step(robot) if call.method in (None, NATIVE) and m is robot.mechanism else None
 

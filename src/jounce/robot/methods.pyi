@@ -234,6 +234,10 @@ class Methods:
         act are subtracted from Q; armature that acts is in M. Of a robot that floats, base is (C, V), and the
         acceleration of the base is found too: ``(Vd; q2d)``.
 
+        Errors grow with each rate by damping over inertia, by the slope of friction over inertia, by stiffness over
+        inertia with each second one. Rates that are off by more than 1e-6 of their size are refused: an
+        `UncertainError` names them. Compiled kernels and traced arrays of JAX check nothing.
+
         Where the mass matrix is singular at one position, results are infinite or NaN, with NumPy's warning. Compiled
         kernels, generated code and arrays of JAX do not look at it: they may give large numbers that are rounding.
 

@@ -77,9 +77,24 @@ class Quantity:
         return self.forces or bool(self.inputs)
 
     @property
+    def are_accelerations(self) -> bool:
+        """Whether it is accelerations, which forces or motors cause."""
+        return self.unit.startswith("rad/s^2")
+
+    @property
     def takes_stiffness(self) -> bool:
         """Whether the stiffness of joints with two motors enters, as often as wrenches."""
         return self.elastic and not self.inputs
+
+    @property
+    def held_rates(self) -> int:
+        """The highest rate of coordinates that follow which it holds, where loops are closed.
+
+        The map F of the independent velocities to all others counts as the first rate, its derivative as the second.
+        Columns of velocities hold one more of F than values along a motion do, rows at least F itself.
+        """
+        along_a_motion = max(self.rates - 1, int("nv" in self.shape))
+        return self.rates if "nv" in self.shape[1:] and self.shape[-1] == "nv" else along_a_motion
 
     @property
     def everywhere(self) -> bool:
