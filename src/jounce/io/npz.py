@@ -8,8 +8,8 @@ from zipfile import ZIP_STORED, ZipFile, ZipInfo
 
 import numpy as np
 
-from jounce.arguments.names import read_entries
 from jounce.core.errors import JounceError, one_line, quote_value
+from jounce.core.named_entries import read_entries
 from jounce.io.columns import Select, TableMetadata, check_columns, check_distinct, flatten, select_columns
 from jounce.io.files import open_file
 from jounce.io.remainders import split_names, with_remainders
