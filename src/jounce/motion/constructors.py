@@ -27,6 +27,7 @@ class MotionParts(NamedTuple):
     residual: np.ndarray | None = None
     grid: np.ndarray | None = None
     notes: tuple[str, ...] = ()
+    angles: str | None = "rad"
 
 
 def from_samples(t: Any, q: Any, way: Smoothing | Spline, joint_names: Any) -> MotionParts:
