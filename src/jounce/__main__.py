@@ -5,6 +5,7 @@ import signal
 import sys
 
 INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+FAILED = 2  # as of every error; Python's own 1 would be the verdict that a limit is broken
 
 
 def main() -> None:
@@ -18,7 +19,11 @@ def main() -> None:
         sys.exit(INTERRUPTED)
 
     signal.signal(signal.SIGINT, _stop_at_once)
-    from jounce.cli import main as command
+    try:
+        from jounce.cli import main as command
+    except Exception:  # an installation that is not whole
+        sys.excepthook(*sys.exc_info())
+        sys.exit(FAILED)
 
     signal.signal(signal.SIGINT, stop)
     try:

@@ -31,7 +31,7 @@ SLIPS = [
     (ORIGIN, "base gives C alone; "),
     ([ORIGIN, STILL, STILL], r"base gives C alone, as a list is one array; .* takes base=\(C, V, Vd\)"),
     ({"pose": ORIGIN}, r"base is {'pose': .*; inverse_dynamics of order 0 takes base=\(C, V, Vd\)"),
-    ((ORIGIN, pandas.Series(STILL, list("xyzabc")), STILL), "base: V names its entries; expected an array"),
+    ((ORIGIN, pandas.Series(STILL, list("xyzabc")), STILL), "V of base has entries with names, 'x', 'y', 'z'"),
     ((ORIGIN, pinocchio.Motion.Zero(), STILL), r"V of base is of type Motion, whose array is \(linear; angular\); exp"),
     ("floating", "base is 'floating'; inverse_dynamics of order 0 "),
     ((ORIGIN, STILL), "base gives 2 terms, up to V; "),

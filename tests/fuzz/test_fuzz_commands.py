@@ -20,7 +20,7 @@ import jounce
 from fuzz.contract import PATIENCE, is_a_line, kept, workshop
 from fuzz.mutations import hostile, mutated
 from fuzz.originals import MOTIONS, ROBOTS
-from jounce.cli import main
+from jounce.cli import Defect, main
 
 pytestmark = pytest.mark.filterwarnings("always::UserWarning")  # as a terminal sees them
 RANDOM = st.randoms(note_method_calls=False, use_true_random=False)
@@ -138,6 +138,9 @@ def check_command(folder, words, before, code, stdout, stderr):
 
 def run_here(words):
     result = CliRunner().invoke(main, words)
+    if isinstance(result.exception, SystemExit) and isinstance(defect := result.exception.__context__, Defect):
+        assert defect.__cause__ is not None
+        raise defect.__cause__
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return result.exit_code, result.stdout, result.stderr

@@ -113,6 +113,58 @@ def test_a_motion_in_degrees_is_warned_of(way):
     robot.forces_along(motions[way](np.pi / 180), [0.5], order=0)
 
 
+def log_of(amplitude):
+    """A log of both joints that swing, by amplitude in rad or degrees."""
+    t = np.linspace(0, 6, 301)
+    q = amplitude * np.stack([np.sin(t), np.cos(1.3 * t)], axis=1)
+    return t, q + amplitude * 1e-5 * np.random.default_rng(0).normal(size=q.shape)
+
+
+BOUNDED = jounce.load("planar2r").with_limits(lower=-3, upper=3, velocity=5, acceleration=50, effort=1e4)
+SPRUNG = BOUNDED.elastic([8e4, 6e4], rotor=0.1)
+METHODS_OF_LOGS = {
+    "forces_along": lambda motion: BOUNDED.forces_along(motion, order=0),
+    "check": BOUNDED.check,
+    "check at a rate": lambda motion: BOUNDED.check(motion, rate=100),
+    "explain": lambda motion: BOUNDED.explain(motion, rate=100),
+    "slowdown": BOUNDED.slowdown,
+    "retime": BOUNDED.retime,
+    "report": lambda motion: BOUNDED.report(motion, order=0),
+    "guard": BOUNDED.guard,
+    "motors_along": lambda motion: SPRUNG.motors_along(motion, order=0),
+    "identify": lambda motion: BOUNDED.identify(motion, np.ones((301, 2)), drives=False),
+    "payload": lambda motion: BOUNDED.payload(motion),
+    "identify_stiffness": lambda motion: SPRUNG.identify_stiffness(motion, motion),
+    "faster": lambda motion: BOUNDED.forces_along(motion.scaled(0.5), order=0),
+    "joined": lambda motion: BOUNDED.check(motion + jounce.Motion.polynomial(motion(motion.stop, 0)[0][:, None], 1.0)),
+}
+
+
+@pytest.mark.parametrize("method", METHODS_OF_LOGS)
+def test_a_log_in_degrees_is_refused_as_load_motion_does(method):
+    """One rule for measured samples, whether they come with a robot or meet it later."""
+    (t, q), said = log_of(100.0), "joint 'joint1' goes from -100 to "
+    columns = {"t": t, "joint1": q[:, 0], "joint2": q[:, 1]}
+    refusal(lambda: jounce.load_motion(columns, BOUNDED), f"the motion: {said}", "they were degrees; state the unit by")
+    motion = jounce.Motion.fit(t, q)
+    refusal(lambda: METHODS_OF_LOGS[method](motion), f"the motion: {said}", "degrees; numpy.deg2rad", "angles='rad'")
+
+
+def test_a_log_whose_unit_is_stated_is_taken_as_it_is():
+    t, q = log_of(100.0)
+    stated = jounce.Motion.fit(t, q, angles="rad")
+    assert np.abs(BOUNDED.inverse_dynamics(*stated(3.0, 2))).max() > 1e3
+    assert not BOUNDED.check(stated).ok
+    BOUNDED.check(jounce.Motion.fit(t, np.deg2rad(q)))
+    refusal(lambda: jounce.Motion.fit(t, q, angles="deg"), "unknown unit of angles 'deg'", "rad")
+
+
+def test_a_plan_that_breaks_limits_is_no_log_in_degrees():
+    """`through` and formulas state plans, whose limits `check` judges."""
+    t = np.linspace(0, 6, 41)
+    assert not BOUNDED.check(jounce.Motion.through(t, 4 * np.stack([np.sin(t), np.cos(t)], axis=1))).ok
+
+
 def test_turns_without_limits_that_fit_no_degrees_are_accepted():
     motion = jounce.Motion.polynomial([[0, 1e4], [0, 0]], 100.0)  # rad/s, or deg/s: none moves so
     jounce.load("planar2r").forces_along(motion, [0.5], order=0)

@@ -6,7 +6,6 @@ The twist is (angular; linear), in the axes of the base and about its origin; it
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from jounce.arguments import names
 from jounce.arguments.poses import check_pose
 from jounce.arguments.rates import find_rates
 from jounce.core.errors import JounceError, quote_value
@@ -32,11 +31,7 @@ def convert_base_motion(mechanism: Mechanism, base: object, count: int, what: st
     if len(terms) != count or any(term is None for term in terms):
         raise _term_count_error(mechanism, terms, count, what)
     arrays = [asarray(term, f"{_term_label(k)} of base") for k, term in enumerate(terms)]
-    for k, (term, array) in enumerate(zip(terms, arrays, strict=True)):
-        if any(isinstance(name, str) for name in names.entry_names(term) or ()):
-            raise JounceError(
-                f"base: {_term_label(k)} names its entries; expected an array in the order (angular; linear)"
-            )
+    for k, array in enumerate(arrays):
         shape, parts = ((6,), ", (angular; linear)") if k else ((4, 4), ", a pose, body to inertial frame")
         array_of_shape(array, shape, f"base: {_term_label(k)}", parts)
     check_pose(arrays[0])

@@ -8,6 +8,7 @@ import numpy as np
 
 from jounce.arguments.contacts import refuse_contacts
 from jounce.arguments.drive_trains import elasticity_from_drives, with_moved_terms
+from jounce.arguments.names import values_by_name
 from jounce.core.errors import JounceError, check_choice, join_names, locate_errors, quote_value
 from jounce.core.scalars import asarray, is_numeric
 from jounce.dynamics.coupling import GROUND_CARRIER
@@ -39,6 +40,7 @@ UNSTATED = tuple(vars(ElasticParameters()).values())
 def with_elasticity(mechanism: Mechanism, stated: ElasticParameters) -> Mechanism:
     """Return the mechanism with springs between motors and links: terms of the drives that act on motors leave Q."""
     refuse_contacts(mechanism, "joints are elastic without")
+    stated = ElasticParameters(**{label: values_by_name(given) for label, given in vars(stated).items()})
     check_single_screws(mechanism, "elastic joints")
     _check_closure(mechanism, stated)
     e = mechanism.elasticity or elasticity_from_drives(mechanism)
@@ -207,6 +209,7 @@ def _check_carriers(mechanism: Mechanism, e: Elasticity) -> None:
 
 def number_per_coordinate(mechanism: Mechanism, what: str, given: object, others: np.ndarray) -> np.ndarray:
     """One number for all coordinates, (n,), or {joint: number} with `others` for those left out: (n,)."""
+    given = values_by_name(given)
     if isinstance(given, Mapping):
         numbers = others.copy()
         for name, value in _expand_by_joint(mechanism, given).items():

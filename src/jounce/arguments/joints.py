@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from jounce.arguments import names
 from jounce.arguments.poses import POSE_TOLERANCE, check_pose
+from jounce.core import named_entries
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array, asarray, is_numeric
 from jounce.dynamics.quantities import Quantity
@@ -44,7 +44,7 @@ def _split_joints(
     if not joints:
         return given
     found: dict[Any, Any] = {}
-    for name, value in names.read_entries(given).items():
+    for name, value in named_entries.read_entries(given).items():
         if (joint := joints.get(name)) is None:
             found[name] = value
         else:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jounce.arguments.names import values_by_name
 from jounce.core.errors import JounceError, check_choice, join_names, quote_value
 from jounce.core.scalars import asarray, is_numeric
 from jounce.model.coordinates import leading_joints, limit_place
@@ -18,7 +19,7 @@ def with_limits(mechanism: Mechanism, given: Mapping[str, object], of: object = 
     stated = {check_choice("limit", key, LIMIT_KEYS): value for key, value in given.items() if value is not None}
     changes: dict[int, dict[str, StatedLimit]] = {}
     for key, value in stated.items():
-        for i, number in _limits_by_joint(mechanism, key, value).items():
+        for i, number in _limits_by_joint(mechanism, key, values_by_name(value)).items():
             changes.setdefault(i, {})[key] = number
     return replace(mechanism, limits=change_limits(mechanism, changes, _bounded_forces(stated, of)))
 

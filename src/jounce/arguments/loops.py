@@ -224,9 +224,9 @@ def _motor_weights(tree: Mechanism, motors: Sequence[int], given: object) -> np.
 
 def values_per_joint(given: object, joints: Sequence[str], default: float, kind: str, label: str) -> np.ndarray:
     """An array with an entry per joint: one as it is given, or of what is given by name, the others `default`."""
-    if names.entry_names(given) is not None:
-        entries = names.read_entries(given)
-        for name in entries:
+    given = names.values_by_name(given)
+    if isinstance(given, Mapping):
+        for name in given:
             check_choice(kind, name, joints, label)
-        given = [entries.get(name, default) for name in joints]
+        given = [given.get(name, default) for name in joints]
     return np.asarray(asarray(given, label))

@@ -1,52 +1,44 @@
-"""Match the entries of a state or load by name, and report all naming errors together."""
+"""Match the entries of a state or load by name, and report all naming errors together.
+
+Every argument that holds something of each joint goes through here, unless it has no names.
+"""
 
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from jounce.core.errors import JounceError, join_names, one_line, quote_value
-from jounce.core.scalars import is_zero
+from jounce.core import scalars
+from jounce.core.errors import JounceError, join_names, locate_errors, quote_value
+from jounce.core.named_entries import entry_names, read_entries
+from jounce.core.scalars import Array, asarray, is_symbolic, is_zero
 from jounce.model.mechanism import Mechanism
 
 LOCK_CURE = "lock= of jounce.load, or Robot.locked, holds joints without a value"
 
 
-def entry_names(given: Any) -> list[Any] | None:
-    """Return the names of the entries of a caller's data, or None if they have no names.
-
-    Named are the entries of mappings and whatever else `dict` accepts by keys (data frames and series of pandas), of
-    data frames that list their columns (polars, pyarrow), and of structured arrays.
-    """
-    kind = type(given)
-    if kind in (list, tuple):
-        return None  # as most are that are no arrays
-    try:
-        if hasattr(kind, "keys") and hasattr(kind, "__getitem__"):
-            return list(given.keys())
-        columns = getattr(given, "column_names", getattr(given, "columns", None))  # of pyarrow, of polars
-        fields = getattr(getattr(given, "dtype", None), "names", None)
-    except Exception as error:
-        raise _unreadable_error(given, error) from error
-    if isinstance(columns, list):
-        return columns
-    return list(fields) if isinstance(fields, tuple) else None
+def values_by_name(given: Any) -> Any:
+    """A dict of what is given by name; anything else as it is given."""
+    return given if entry_names(given) is None else read_entries(given)
 
 
-def _unreadable_error(given: Any, error: Exception) -> JounceError:  # of a foreign type: a lazy frame, a closed file
-    return JounceError(f"nothing can be read from {type(given).__name__}: {one_line(error)}")
+def array_by_name(given: Any, joints: Sequence[str], label: str) -> Array:
+    """An array (..., n) of what is given of each joint by name, in their order; anything else as an array."""
+    if entry_names(given) is None:
+        return asarray(given, label)
+    with locate_errors(label):
+        return stack_entries(given, joints, {})
 
 
-def read_entries(given: Any) -> dict[Any, Any]:
-    """Map the names that `entry_names` finds to their entries."""
-    names = entry_names(given) or []
-    repeated = [quote_value(name) for name in dict.fromkeys(names) if names.count(name) > 1]
-    if repeated:
-        raise JounceError(f"repeated name {join_names(repeated)}; expected every name once")
-    try:
-        return {name: given[name] for name in names}
-    except Exception as error:
-        raise _unreadable_error(given, error) from error
+def stack_entries(given: Any, joints: Sequence[str], unfit: Mapping[Any, str], asked: str = "") -> Array:
+    """Return an array (..., n) of entries (...) with the names of joints, broadcast; see `check_names`."""
+    named = read_entries(given)
+    check_names(named, joints, unfit, asked)
+    parts = [scalars.convert_element(named[joint], repr(joint)) for joint in joints]
+    if any(map(is_symbolic, parts)):
+        parts = [part if is_symbolic(part) else scalars.restore_integers(part) for part in parts]
+    parts = scalars.broadcast(parts, [0] * len(parts), [repr(joint) for joint in joints])
+    return scalars.namespace(*parts).stack(parts, axis=-1)
 
 
 def check_names(given: Collection[Any], expected: Sequence[str], unfit: Mapping[Any, str], asked: str = "") -> None:

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from jounce.arguments import names
 from jounce.arguments.rates import convert_coordinates
+from jounce.core import named_entries
 from jounce.core.errors import JounceError, join_names
 from jounce.core.scalars import Array, asarray, is_numeric
 from jounce.dynamics import loop_closure, loop_newton
@@ -22,7 +22,7 @@ def split_positions(mechanism: Mechanism, q: Any) -> tuple[Any, Any]:
 
     A q of N entries, or one that names all coordinates of the tree, has the dependent ones too.
     """
-    closure, named = closure_of(mechanism), names.entry_names(q)
+    closure, named = closure_of(mechanism), named_entries.entry_names(q)
     if named is None:
         whole = asarray(q, "q")
         if whole.shape[-1:] != (len(closure.coordinates),) or not closure.dependent:

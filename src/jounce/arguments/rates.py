@@ -9,9 +9,9 @@ import numpy as np
 
 from jounce.arguments import names
 from jounce.arguments.joints import check_positions, numbers_by_name, velocities_by_name
-from jounce.core import scalars
+from jounce.core import named_entries, scalars
 from jounce.core.errors import JounceError, join_names, locate_errors, quote_value
-from jounce.core.scalars import FLOAT, Array, array_of_shape, asarray, is_symbolic
+from jounce.core.scalars import FLOAT, Array, array_of_shape, asarray
 from jounce.dynamics.quantities import Quantity
 from jounce.model.elasticity import motor_names
 from jounce.model.mechanism import Mechanism
@@ -73,7 +73,7 @@ def convert_position(mechanism: Mechanism, term: Any) -> Array:
     if not multiscrew_joints(mechanism):
         return convert_coordinates(mechanism, term, "q", mechanism.n)
     joints = position_names(mechanism)
-    if names.entry_names(term) is not None:
+    if named_entries.entry_names(term) is not None:
         with locate_errors("q"):
             numbers = _stack_by_name(numbers_by_name(mechanism, term), mechanism, joints)
         return check_positions(mechanism, numbers)
@@ -87,7 +87,7 @@ def convert_coordinates(mechanism: Mechanism, term: Any, label: str, size: int) 
     if type(term) is np.ndarray and term.dtype is FLOAT and term.shape[-1:] == (size,):
         return term  # as most are, and some a thousand times a second
     of_base, joints = size > mechanism.n, mechanism.coordinates
-    if names.entry_names(term) is not None and not of_base:
+    if named_entries.entry_names(term) is not None and not of_base:
         with locate_errors(label):
             return _stack_by_name(velocities_by_name(mechanism, term), mechanism, joints)
     array = asarray(term, label)
@@ -115,11 +115,6 @@ def _shape_cure(shape: tuple[int, ...], label: str, mechanism: Mechanism) -> str
 
 def _stack_by_name(term: Any, mechanism: Mechanism, joints: Sequence[str]) -> Array:
     """Return an array (..., n) of coordinates (...) given by joint name, broadcast."""
-    named = names.read_entries(term)
-    cure = f"{join_names(joints)}; {names.LOCK_CURE}" if len(named) < len(joints) else ""
-    names.check_names(named, joints, names.find_followers(mechanism), cure)
-    parts = [scalars.convert_element(named[joint], repr(joint)) for joint in joints]
-    if any(map(is_symbolic, parts)):
-        parts = [part if is_symbolic(part) else scalars.restore_integers(part) for part in parts]
-    parts = scalars.broadcast(parts, [0] * len(parts), [repr(joint) for joint in joints])
-    return scalars.namespace(*parts).stack(parts, axis=-1)
+    lacking = len(named_entries.entry_names(term) or ()) < len(joints)
+    cure = f"{join_names(joints)}; {names.LOCK_CURE}" if lacking else ""
+    return names.stack_entries(term, joints, names.find_followers(mechanism), cure)

@@ -1,13 +1,14 @@
 """The stiffness of joints with two motors as a caller gives it, with rates, as arrays."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from jounce.arguments.base import split_terms
-from jounce.core.errors import JounceError, check_choice, join_names
-from jounce.core.scalars import Array, array_of_shape, asarray
+from jounce.arguments.names import array_by_name
+from jounce.core.errors import JounceError, join_names
+from jounce.core.scalars import Array, array_of_shape
 from jounce.dynamics.joint_springs import elasticity_of
 from jounce.model.mechanism import Mechanism
 from jounce.spatial.series import rate_name
@@ -33,13 +34,6 @@ def convert_stiffness(m: Mechanism, given: Any, count: int) -> list[Array]:
 
 
 def _stack_by_joint(given: Any, names: Sequence[str], label: str) -> Array:
-    if isinstance(given, Mapping):
-        for name in given:
-            check_choice("joint with two motors", name, names)
-        if lacking := [name for name in names if name not in given]:
-            raise JounceError(f"{label} has no joint {join_names(lacking)}; expected {join_names(names)}")
-        parts = np.broadcast_arrays(*(asarray(given[name], label) for name in names))
-        return np.stack(parts, axis=-1)
-    array = np.asarray(asarray(given, label))
+    array = np.asarray(array_by_name(given, names, label))
     array = np.broadcast_to(array, (len(names),)) if array.ndim == 0 else array
     return array_of_shape(array, (len(names),), label, f", for {join_names(names)}")

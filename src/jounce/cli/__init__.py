@@ -1,7 +1,11 @@
-"""The command `jounce`, one subcommand per module; an error of jounce becomes one line and exit code 2."""
+"""The command `jounce`, one subcommand per module; an error of jounce becomes one line and exit code 2.
+
+So does a defect, below its traceback: exit codes 1 and 3, of verdicts, are those of `SystemExit` alone.
+"""
 
 import errno
 import sys
+import traceback
 import warnings
 from io import TextIOWrapper
 from typing import IO, Any
@@ -53,6 +57,20 @@ class _Refusal(click.ClickException):
         click.echo(f"{style_text('Error', fg='red', bold=True)}: {self.format_message()}", file=file, err=True)
 
 
+class Defect(_Refusal):
+    """An exception that no code of jounce foresees, with its traceback."""
+
+    def __init__(self, error: Exception) -> None:
+        super().__init__(f"{type(error).__name__}: {one_line(error)}: a defect of jounce; report it with these lines")
+        self.trace = "".join(traceback.format_exception(error)).splitlines()
+
+    def show(self, file: IO[Any] | None = None) -> None:
+        """Print the traceback, and the line of an error below it."""
+        for line in self.trace:
+            click.echo(escape_text(line), file=file, err=True)
+        super().show(file)
+
+
 class _Interruption(click.ClickException):
     """Ctrl-C where Python itself sees to it: the command is called from another program."""
 
@@ -67,6 +85,13 @@ class _Interruption(click.ClickException):
 
 def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
     click.echo(f"{style_text('Warning', fg='yellow', bold=True)}: {escape_text(str(message))}", err=True)
+
+
+def _is_stop(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind an error: NumPy's loops over objects end in a SystemError."""
+    while error is not None and not isinstance(error, KeyboardInterrupt | SystemExit):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 class _Commands(click.Group):
@@ -93,6 +118,12 @@ class _Commands(click.Group):
                 if error.errno == errno.EPIPE:
                     raise
                 raise _Refusal(error.strerror or str(error)) from error
+            except (click.ClickException, click.exceptions.Exit, click.Abort):
+                raise
+            except Exception as error:
+                if _is_stop(error):
+                    raise
+                raise Defect(error) from error
 
 
 @click.group(

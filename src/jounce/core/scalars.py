@@ -17,6 +17,7 @@ import numpy as np
 
 from jounce.core import foreign
 from jounce.core.errors import JounceError, one_line, quote_value
+from jounce.core.named_entries import refuse_names
 
 FLOAT = np.dtype(float)
 Array: TypeAlias = Any  # a NumPy array of floats or objects, a JAX array or tracer
@@ -26,7 +27,7 @@ NOT_REAL = (complex, Decimal, date, timedelta, np.generic)  # what adds up, but 
 def asarray(x: Any, what: str = "an array") -> Array:
     """Convert `x` to an array to calculate with: integers and short floats become float64, symbols stay as they are.
 
-    Missing numbers, masked by NumPy or NA of pandas, become NaN.
+    Missing numbers, masked by NumPy or NA of pandas, become NaN. Entries with names are refused: an array has none.
     """
     if type(x) is np.ndarray and x.dtype is FLOAT:
         return x  # as most are, and some a thousand times a second
@@ -35,6 +36,7 @@ def asarray(x: Any, what: str = "an array") -> Array:
     if isinstance(x, Mapping | str):
         raise JounceError(f"{what} is of type {type(x).__name__}; expected an array of numbers")
     foreign.refuse_spatial(x, what)
+    refuse_names(x, what)
     if type(x).__module__.startswith("casadi"):
         x = foreign.from_casadi(x, what)
     try:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments import names, requests
+from jounce.core import named_entries
 from jounce.core.errors import JounceError, check_choice, locate_errors, one_line, optional_import
 from jounce.core.typing import Frame, Method
 from jounce.dask.pickled import Pickled, pickle_object
@@ -150,8 +151,8 @@ class _Arrays:
         """The pattern of an argument; its arrays have some axes that are not batch axes, those in a dict one less."""
         if given is None:
             return None
-        if not hasattr(given, "dask") and names.entry_names(given) is not None:
-            return {name: self.number(x, axes - 1) for name, x in names.read_entries(given).items()}
+        if not hasattr(given, "dask") and named_entries.entry_names(given) is not None:
+            return {name: self.number(x, axes - 1) for name, x in named_entries.read_entries(given).items()}
         return self.number(given, axes)
 
     def number(self, given: Any, axes: int) -> int:

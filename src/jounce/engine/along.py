@@ -1,7 +1,7 @@
 """Forces along a motion, computed piece by piece: working memory is bounded, and a callback reports the progress."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
 from typing import NamedTuple
 
@@ -21,7 +21,7 @@ from jounce.engine.motion_states import MotionStates, Rates, Side
 from jounce.model.mechanism import Mechanism
 from jounce.motion.joint_matching import match_joints
 from jounce.motion.motion import Break, Motion
-from jounce.motion.units import warn_of_degrees
+from jounce.motion.units import ANGLES_ARGUMENT_CURE, check_angles, warn_of_degrees
 
 _UNIT_SAMPLES = 200  # even times of a motion by which its unit, rad or degrees, is judged
 _FORCE_JUMP_TOLERANCE = 1e-12  # of the largest rate of all joints: smaller differences at a break are rounding
@@ -104,8 +104,9 @@ def forces_along(
     `row` may be another quantity (n,) that takes as many rates of q or more, such as motor torques.
     """
     path, highest = check_motion(robot.mechanism, motion), check_order(order)
-    q, qd = path(np.linspace(path.start, path.stop, _UNIT_SAMPLES), 1)
-    warn_of_degrees(q, qd, robot.mechanism, "the motion")
+    if isinstance(motion, Motion) and motion.angles is not None:  # else they are judged already
+        q, qd = path(np.linspace(path.start, path.stop, _UNIT_SAMPLES), 1)
+        warn_of_degrees(q, qd, robot.mechanism, "the motion")
     times = path.times if t is None else path.checked(t)
     if times.ndim != 1 or not times.size:
         raise JounceError(
@@ -125,7 +126,7 @@ def forces_along(
 
 
 def check_motion(mechanism: Mechanism, motion: object) -> Motion:
-    """Check that a motion is one of the robot's joints, and put it in their order."""
+    """Check that a motion is one of the robot's joints, in rad where it is measured, and put it in their order."""
     if not isinstance(motion, Motion):
         raise JounceError(f"motion is {quote_value(motion)}; expected a jounce.Motion, as jounce.load_motion makes one")
     with locate_errors("the motion"):
@@ -136,6 +137,10 @@ def check_motion(mechanism: Mechanism, motion: object) -> Motion:
                 " robot.contacts([...]).project(motion) that of feet that stay"
             )
         path = match_joints(motion, mechanism)
+    if path.angles is None:  # of a log, whose robot is known from here on
+        t, q = path.samples or (path.times, path(path.times, 0)[0])
+        check_angles(t, q, None, mechanism, "the motion", ANGLES_ARGUMENT_CURE)
+        path = replace(path, angles="rad")
     if mechanism.contacts:
         refuse_sliding(mechanism, path)
     elif mechanism.floats and path.presence:

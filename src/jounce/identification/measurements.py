@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jounce.arguments.names import array_by_name
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import asarray
 from jounce.core.typing import ArrayLike
@@ -52,7 +53,7 @@ def check_measurements(
             raise JounceError("t is for forces that are given too; leave it out, or give forces=")
         times, values = _motion_forces(mechanism, motion)
     else:
-        values = _check_numbers(forces, "forces")
+        values = _check_numbers(array_by_name(forces, names, "forces"), "forces")
         times = motion.times if t is None else motion.checked(_check_numbers(t, "t"))
     if times.ndim != 1 or values.shape != (len(times), len(names)):
         whose = "times of the motion" if t is None else "times t"
@@ -61,9 +62,9 @@ def check_measurements(
         raise JounceError(f"forces hold {values[np.isinf(values)][0]:g}; expected numbers, NaN for those not measured")
     if not np.isfinite(times).all() or (np.diff(times) <= 0).any():
         raise JounceError("t does not increase from sample to sample; expected increasing times in s")
-    factors = np.broadcast_to(_factors("weights", weights, values.shape), values.shape)
+    factors = np.broadcast_to(_factors("weights", weights, times.size, names), values.shape)
     if deviations is not None:
-        factors = factors / _factors("deviations", deviations, values.shape) ** 2
+        factors = factors / _factors("deviations", deviations, times.size, names) ** 2
     there = np.isfinite(values) & (factors > 0)
     inside = (times >= motion.start) & (times <= motion.stop) & there.any(axis=1)
     if not inside.any():
@@ -82,13 +83,13 @@ def _motion_forces(mechanism: Mechanism, motion: Motion) -> tuple[np.ndarray, np
     return times, np.concatenate([base, torques], axis=1)
 
 
-def _factors(label: str, given: ArrayLike | None, shape: Sequence[int]) -> np.ndarray:
+def _factors(label: str, given: ArrayLike | None, count: int, names: Sequence[str]) -> np.ndarray:
     """Weights, which may be 0, or standard deviations, of all forces alike, per force, or per sample and force."""
     if given is None:
         return np.ones(())
-    found = _check_numbers(given, label)
-    if found.shape not in ((), (shape[1],), tuple(shape)):
-        expected = f"a number, ({shape[1]},), one per force, or {tuple(shape)}"
+    found, shape = _check_numbers(array_by_name(given, names, label), label), (count, len(names))
+    if found.shape not in ((), shape[1:], shape):
+        expected = f"a number, {shape[1:]}, one per force, or {shape}"
         raise JounceError(f"{label} have shape {found.shape}; expected {expected}")
     least, meaning = FACTOR_BOUNDS[label]
     if (wrong := ~(np.isfinite(found) & (found >= least))).any():

@@ -6,9 +6,9 @@ from itertools import product
 
 import numpy as np
 
+from jounce.arguments.names import array_by_name
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, join_names, quote_value, unknown_name_error
-from jounce.core.scalars import asarray
 from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
 from jounce.limits.check import check
@@ -141,7 +141,7 @@ def explain(
 ) -> Explanation:
     """Why a controller with the limits of a robot stops a motion; it begins at rest at `start` (n,), or where it is."""
     b = validate_limits(robot, check_motion(robot.mechanism, motion).sampled(rate, differences))
-    begin = None if start is None else np.asarray(asarray(start, "start"), dtype=float)
+    begin = None if start is None else np.asarray(array_by_name(start, robot.joint_names, "start"), dtype=float)
     if begin is not None and (begin.shape != (robot.n,) or not np.isfinite(begin).all()):
         expected = f"{robot.n} positions: {join_names(robot.joint_names)}"
         raise JounceError(f"start is {quote_value(start)}; expected {expected}")

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from jounce.arguments.names import array_by_name
 from jounce.core.errors import JounceError, quote_value
-from jounce.core.scalars import array_of_shape, asarray, is_finite, is_numeric
+from jounce.core.scalars import array_of_shape, is_finite, is_numeric
 from jounce.model.coordinates import coordinate_units, leading_joints
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import check_single_screws
@@ -105,7 +106,7 @@ def check_settings(m: Mechanism, dt: Any, bandwidth: Any, lag: Any, states: Any,
         )
     sigma = np.full(m.n, np.nan)
     if noise is not None:
-        given = asarray(noise, "noise")
+        given = array_by_name(noise, m.coordinates, "noise")
         sigma = np.array(np.broadcast_to(given, m.n) if given.ndim == 0 else array_of_shape(given, (m.n,), "noise"))
         if not is_numeric(sigma) or sigma.ndim != 1 or not (np.isfinite(sigma) & (sigma > 0)).all():
             raise JounceError(f"noise is {quote_value(noise)}; expected standard deviations above 0, rad or m, or None")

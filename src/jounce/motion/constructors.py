@@ -4,7 +4,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jounce.core.errors import JounceError, quote_value
+from jounce.arguments.names import array_by_name
+from jounce.core.errors import JounceError, join_names, quote_value
+from jounce.core.named_entries import entry_names
 from jounce.core.scalars import asarray
 from jounce.motion.analytic import AnalyticCurve, Cosine, Terms
 from jounce.motion.curves import DEFAULT_ORDER, Curve, Polynomials
@@ -25,10 +27,12 @@ class MotionParts(NamedTuple):
     residual: np.ndarray | None = None
     grid: np.ndarray | None = None
     notes: tuple[str, ...] = ()
+    angles: str | None = "rad"
 
 
 def from_samples(t: Any, q: Any, way: Smoothing | Spline, joint_names: Any) -> MotionParts:
     """A curve of samples: through all of them, fitted by least squares, or smoothed."""
+    (q,), joint_names = arrange_joints(joint_names, q=q)
     times, samples = as_finite_array(t, "t", 1), as_finite_array(q, "q", 2)
     if len(times) != len(samples):
         raise JounceError(f"t has {len(times)} times and q {len(samples)} rows; expected as many")
@@ -41,6 +45,9 @@ def from_samples(t: Any, q: Any, way: Smoothing | Spline, joint_names: Any) -> M
 
 def from_polynomials(coefficients: Any, duration: Any, start: Any, joint_names: Any) -> MotionParts:
     """Polynomials in t - start, coefficients (n, degree + 1) with the lowest power first."""
+    if entry_names(coefficients) is not None:
+        (by_joint,), joint_names = arrange_joints(joint_names, coefficients=coefficients)
+        coefficients = np.asarray(by_joint).T  # of (degree + 1, n)
     c, first = as_finite_array(coefficients, "coefficients", 2), float(as_finite_array(start, "start", 0))
     ends = np.array([first, first + _positive_number(duration, "duration")])
     check_increasing(ends, "start and end")
@@ -52,6 +59,8 @@ def from_fourier_series(
     offset: Any, cosines: Any, sines: Any, frequency: Any, duration: Any, start: Any, joint_names: Any
 ) -> MotionParts:
     """offset + sum_k cosines[k] cos((k + 1) frequency t) + sines[k] sin((k + 1) frequency t)."""
+    parts, joint_names = arrange_joints(joint_names, offset=offset, cosines=cosines, sines=sines)
+    offset, cosines, sines = parts
     mean, a, b = (
         as_finite_array(offset, "offset", 1),
         as_finite_array(cosines, "cosines", 2),
@@ -72,6 +81,7 @@ def from_fourier_series(
 
 def from_pieces(breaks: Any, coefficients: Any, joint_names: Any) -> MotionParts:
     """Piecewise polynomials as scipy's PPoly has them."""
+    (coefficients,), joint_names = arrange_joints(joint_names, coefficients=coefficients)
     x, c = as_finite_array(breaks, "breaks", 1), as_finite_array(coefficients, "coefficients", 3)
     check_increasing(x, "breaks")
     if c.shape[1] != len(x) - 1 or not c.shape[0]:
@@ -81,6 +91,28 @@ def from_pieces(breaks: Any, coefficients: Any, joint_names: Any) -> MotionParts
     return MotionParts(
         Polynomials(x, c), check_joint_names(joint_names, c.shape[2]), "piecewise polynomials, all rates exact"
     )
+
+
+def arrange_joints(joint_names: Any, **given: Any) -> tuple[list[Any], Any]:
+    """What is given of each joint, with joints last in one order, and their names in this order.
+
+    The order is that of `joint_names`, which arrays without names have too, or that of the first argument with names.
+    """
+    named = {label: entry_names(x) for label, x in given.items()}
+    orders = {label: names for label, names in named.items() if names is not None}
+    if not orders:
+        return [*given.values()], joint_names
+    for label, names in orders.items():
+        if odd := [name for name in names if not isinstance(name, str)]:
+            came = f"{label}: column {quote_value(odd[0])} is not named by a string"
+            raise JounceError(f"{came}; expected names of joints")
+    first, order = next(iter(orders.items()))
+    if joint_names is not None:
+        order = [*(check_joint_names(joint_names, len(order)) or ())]
+    elif arrays := [label for label, x in given.items() if label not in orders and np.ndim(asarray(x, label))]:
+        came = f"{first} names its joints, {join_names(order)}, and {arrays[0]} is an array without names"
+        raise JounceError(f"{came}; name both, or state the order of the array by joint_names=")
+    return [array_by_name(x, order, label) if label in orders else x for label, x in given.items()], order
 
 
 def check_joint_names(given: Any, count: int) -> tuple[str, ...] | None:

@@ -12,7 +12,7 @@ from jounce.core.deprecated import deprecate_keywords
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, check_choice, join_names, quote_value, warn
 from jounce.core.scalars import asarray, is_finite
-from jounce.core.typing import ArrayLike
+from jounce.core.typing import ArrayLike, Named
 from jounce.model.positions import Position
 from jounce.motion import base as bases
 from jounce.motion.composite_curves import CurveChain, RetimedCurve
@@ -82,6 +82,8 @@ class Motion(HtmlDisplay):
         The frames of the contacts that its stances name: see `with_stances`.
     presence : Curve, or None
         One column per such frame: 1 while its contacts are there, 0 while they are not.
+    angles : "rad", or None
+        The unit of angles; None for a log of which it is not stated: methods of robots compare it with their limits.
 
     Examples
     --------
@@ -106,17 +108,18 @@ class Motion(HtmlDisplay):
     several: tuple[Position, ...] = ()
     stance_frames: tuple[str, ...] = ()
     presence: Curve | None = None
+    angles: str | None = "rad"
 
     @staticmethod
-    def through(t: ArrayLike, q: ArrayLike, degree: int = 7, *, joint_names: Sequence[str] | None = None) -> "Motion":
+    def through(t: ArrayLike, q: Named, degree: int = 7, *, joint_names: Sequence[str] | None = None) -> "Motion":
         """The spline through samples without noise.
 
         Parameters
         ----------
         t : (N,)
             Increasing times, s.
-        q : (N, n)
-            Coordinates at these times, rad or m.
+        q : (N, n), or columns by joint name
+            Coordinates at these times, rad or m: an array, or a dict, data frame or structured array of columns.
         degree : int, optional
             7 (C^6) or 5 (C^4).
         joint_names : sequence of str, optional
@@ -149,13 +152,14 @@ class Motion(HtmlDisplay):
     @deprecate_keywords(force="allow_noise")
     def fit(
         t: ArrayLike,
-        q: ArrayLike,
+        q: Named,
         *,
         bandwidth: float | None = None,
         allow_noise: bool = False,
         degree: int | None = None,
         intervals: int | None = None,
         joint_names: Sequence[str] | None = None,
+        angles: Literal["rad"] | None = None,
     ) -> "Motion":
         """Measured samples, smoothed according to their noise, with standard deviations of all rates.
 
@@ -163,8 +167,8 @@ class Motion(HtmlDisplay):
         ----------
         t : (N,)
             Increasing times, s.
-        q : (N, n)
-            Measured coordinates, rad or m.
+        q : (N, n), or columns by joint name
+            Measured coordinates, rad or m: an array, or a dict, data frame or structured array of columns.
         bandwidth : float, optional
             Frequency in Hz up to which samples are followed; by default as far as the motion stands out of the noise.
         allow_noise : bool, optional
@@ -172,7 +176,10 @@ class Motion(HtmlDisplay):
         degree, intervals : int, optional
             In place of smoothing, a least-squares spline of degree 7 or 5 with intervals of as many samples each.
         joint_names : sequence of str, optional
-            Names of the n coordinates, by which robots match them; by default the order of the robot.
+            Names of the n coordinates, by which robots match them; by default those of q, or the order of the robot.
+        angles : {"rad"}, optional
+            States that angles are in rad. By default methods of robots compare them with their limits, and refuse what
+            looks like degrees, as `jounce.load_motion` does.
 
         Returns
         -------
@@ -197,17 +204,18 @@ class Motion(HtmlDisplay):
         from jounce.motion.spline import select_smoothing
 
         way = select_smoothing(degree, intervals, bandwidth, allow_noise)
-        return Motion(**constructors.from_samples(t, q, way, joint_names)._asdict())
+        unit = None if angles is None else check_choice("unit of angles", angles, ("rad",))
+        return Motion(**constructors.from_samples(t, q, way, joint_names)._replace(angles=unit)._asdict())
 
     @staticmethod
     def polynomial(
-        coefficients: ArrayLike, duration: float, *, start: float = 0.0, joint_names: Sequence[str] | None = None
+        coefficients: Named, duration: float, *, start: float = 0.0, joint_names: Sequence[str] | None = None
     ) -> "Motion":
         """Polynomials of time.
 
         Parameters
         ----------
-        coefficients : (n, degree + 1)
+        coefficients : (n, degree + 1), or a mapping of joints to (degree + 1,)
             Of the powers of t - start, the lowest first; rad or m.
         duration, start : float
             How long it lasts and when it begins, s.
@@ -235,9 +243,9 @@ class Motion(HtmlDisplay):
 
     @staticmethod
     def fourier(
-        offset: ArrayLike,
-        cosines: ArrayLike,
-        sines: ArrayLike,
+        offset: Named,
+        cosines: Named,
+        sines: Named,
         frequency: float,
         duration: float,
         *,
@@ -248,9 +256,9 @@ class Motion(HtmlDisplay):
 
         Parameters
         ----------
-        offset : (n,)
+        offset : (n,), or by joint name
             Mean of the coordinates, rad or m.
-        cosines, sines : (harmonics, n)
+        cosines, sines : (harmonics, n), or by joint name
             Amplitudes, rad or m.
         frequency : float
             Angular frequency w of the first harmonic, rad/s.
@@ -283,14 +291,14 @@ class Motion(HtmlDisplay):
         )
 
     @staticmethod
-    def piecewise(breaks: ArrayLike, coefficients: ArrayLike, *, joint_names: Sequence[str] | None = None) -> "Motion":
+    def piecewise(breaks: ArrayLike, coefficients: Named, *, joint_names: Sequence[str] | None = None) -> "Motion":
         """Piecewise polynomials, as `scipy.interpolate.PPoly`.
 
         Parameters
         ----------
         breaks : (m + 1,)
             Increasing times between which the pieces lie, s.
-        coefficients : (degree + 1, m, n)
+        coefficients : (degree + 1, m, n), or a mapping of joints to (degree + 1, m)
             Of the powers of t - breaks[i], the highest first; rad or m.
         joint_names : sequence of str, optional
             Names of the n coordinates, by which robots match them; by default the order of the robot.
@@ -317,15 +325,15 @@ class Motion(HtmlDisplay):
 
     @staticmethod
     def trapezoidal(
-        positions: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike, *, joint_names: Sequence[str] | None = None
+        positions: Named, velocity: Named, acceleration: Named, *, joint_names: Sequence[str] | None = None
     ) -> "Motion":
         """From rest to rest between positions with trapezoidal velocities, all joints in step.
 
         Parameters
         ----------
-        positions : (m, n)
+        positions : (m, n), or columns by joint name
             Coordinates to pass through at rest, rad or m.
-        velocity, acceleration : float or (n,)
+        velocity, acceleration : float or (n,), or by joint name
             Limits; the slowest joint decides. In rad/s or m/s, and per s^2.
         joint_names : sequence of str, optional
             Names of the n coordinates, by which robots match them; by default the order of the robot.
@@ -1019,7 +1027,8 @@ class Motion(HtmlDisplay):
         source = self.source if self.source == other.source else f"{self.source}; then {other.source}"
         curve = CurveChain((self.curve, _scale_columns(later.curve, factors) if self.several else later.curve))
         found = Motion(curve, self.joint_names, source, loads, grid=grid, base_curve=_join_bases(self, later))
-        return replace(found, branch=self.branch, several=self.several)
+        unit = None if self.angles is None or other.angles is None else self.angles
+        return replace(found, branch=self.branch, several=self.several, angles=unit)
 
     def checked(self, t: ArrayLike) -> np.ndarray:
         """Times that a caller gives, within the motion.

@@ -12,7 +12,7 @@ import numpy as np
 
 from jounce.core.errors import JounceError, one_line
 from jounce.core.scalars import asarray
-from jounce.motion.constructors import MotionParts, as_finite_array, check_increasing, check_joint_names
+from jounce.motion.constructors import MotionParts, arrange_joints, as_finite_array, check_increasing, check_joint_names
 from jounce.motion.curves import Polynomials
 from jounce.motion.hermite import hermite_coefficients
 
@@ -149,6 +149,8 @@ def _compose_polynomials(c: np.ndarray, pace: Sequence[np.ndarray]) -> np.ndarra
 
 def from_trapezoidal_profiles(positions: Any, velocity: Any, acceleration: Any, joint_names: Any) -> MotionParts:
     """From rest to rest between positions (m, n), all joints in step, as fast as their limits allow."""
+    parts, joint_names = arrange_joints(joint_names, positions=positions, velocity=velocity, acceleration=acceleration)
+    positions, velocity, acceleration = parts
     q = as_finite_array(positions, "positions", 2)
     if len(q) < 2 or not np.abs(np.diff(q, axis=0)).max(axis=1).all():
         raise JounceError(f"positions has {len(q)} rows; expected two at least, each unlike the one before")

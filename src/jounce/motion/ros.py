@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from jounce.core.errors import JounceError, join_names, quote_value
+from jounce.core.named_entries import refuse_names
 from jounce.core.scalars import is_finite
 from jounce.motion.constructors import MotionParts
 from jounce.motion.planners import from_trajectory_points
@@ -94,6 +95,7 @@ def _read_rates(point: Any, names: list[str], what: str) -> list[np.ndarray]:
     """Positions, velocities, accelerations: those that a point has, none skipped."""
     found: list[np.ndarray] = []
     for k, name in enumerate(POINT_FIELDS):
+        refuse_names(_get_field(point, name), f"{what}: {name}")
         given = _get_list(point, name)
         if not given and k:
             break

@@ -31,6 +31,8 @@ MIN_MOTION = 1e-4  # rad or m: a joint that goes less far rests
 MIN_UNIT_JUMP = 0.1  # rad from row to row, by which a change of unit shows: smaller ones do no harm
 MAX_UNIT_MISMATCH = 0.05  # of the angles in the other unit: what joints move meanwhile
 MAX_RATE_MISMATCH = 1.5  # times by which changes of q and qd may differ: units differ by more
+ANGLES_OPTION_CURE = "state the unit by --angles deg or --angles rad (angles=)"
+ANGLES_ARGUMENT_CURE = "numpy.deg2rad makes rad of them, and Motion.fit(..., angles='rad') states that they are rad"
 IN_DEGREES = "the values would be within limits if they were degrees"
 
 
@@ -75,6 +77,16 @@ def check_units(
         cure = f"state the unit by --time-unit {unit} or --time-unit s (time_unit=)"
         raise JounceError(f"{place}: {_describe_pace(t, q)}: t looks like {unit}; {cure}")
     _check_rates(t, q, qd, place)
+    check_angles(t, q, qd, mechanism, place, None if stated[0] else ANGLES_OPTION_CURE)
+
+
+def check_angles(
+    t: np.ndarray, q: np.ndarray, qd: np.ndarray | None, mechanism: Mechanism, place: str, cure: str | None
+) -> None:
+    """Raise `JounceError` where samples q (N, nq) at times t look like degrees; `cure` states the unit.
+
+    Without a cure the unit is stated. Limits that are broken all the same are a warning.
+    """
     q, qd = single_joint_positions(mechanism, q), None if qd is None else single_joint_positions(mechanism, qd)
     refuse_unit_changes(t, q, mechanism, place)
     speeds = _usual_speeds(t, q) if qd is None or len(t) < MIN_JUDGED_SAMPLES else _high_quantile(np.abs(qd))
@@ -82,8 +94,7 @@ def check_units(
     if not here.any():
         return
     came, allowed = _describe_motion(q, speeds, mechanism, int(here.argmax()))
-    if not stated[0] and _look_like_degrees(q, speeds, mechanism):
-        cure = "state the unit by --angles deg or --angles rad (angles=)"
+    if cure and _look_like_degrees(q, speeds, mechanism):
         if not _only_turn_over(q, speeds, mechanism):
             raise JounceError(f"{place}: {came}: {allowed}; {IN_DEGREES}; {cure}")
         warn(f"{place}: {came}: {allowed}, which is right if it turns over, and in degrees if it does not; {cure}")

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.arguments import names
+from jounce.core import named_entries
 from jounce.core.errors import JounceError
 from jounce.core.foreign import has_mask
 from jounce.core.scalars import is_traced
@@ -20,7 +20,7 @@ def refuse_names_and_masks(kernel: str, arrays: Sequence[Any], out: Sequence[Any
             f"{kernel} takes arrays of numbers, not those that JAX traces; the methods of a Robot take both, under"
             " jax.jit, jax.vmap and jax.grad"
         )
-    if any(names.entry_names(x) is not None for x in (*arrays, *out)):
+    if any(named_entries.entry_names(x) is not None or named_entries.names_along_axes(x) for x in (*arrays, *out)):
         raise JounceError(
             f"{kernel} takes arrays without names, in the order of its joints; a Robot's methods match names"
         )

@@ -4,8 +4,8 @@ import os
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from jounce.arguments import names
 from jounce.arguments.rates import check_order
+from jounce.core import named_entries
 from jounce.core.deprecated import deprecate_keywords
 from jounce.core.errors import JounceError, check_choice, locate_errors, quote_value
 from jounce.core.typing import Angles, ArrayLike, OnError, RowKind, Shaped, TimeUnit
@@ -127,7 +127,7 @@ def load_motion(
         raise JounceError(f"topic is {quote_value(topic)}; expected a text")
     if measured is not None:
         check_choice("measured", measured, ("links", "motors"))
-    if names.entry_names(source) is not None:
+    if named_entries.entry_names(source) is not None:
         from jounce.io.motions import tabular
 
         if topic is not None:
@@ -148,7 +148,7 @@ def load_motion(
 
 def _arrays(source: Any) -> dict[str, Any]:
     with locate_errors(PLACE):
-        columns = names.read_entries(source)
+        columns = named_entries.read_entries(source)
         odd = [name for name in columns if not isinstance(name, str)]
         if odd:
             raise JounceError(f"column {quote_value(odd[0])} is not named by a string; expected t and names of joints")
