@@ -46,7 +46,8 @@ def test_positions_beyond_limits_at_both_ends_of_a_log_are_found(measured):
     first, last = truth(T[[0, -1]])[:, 0]
     upper, lower = first - 0.02, truth(DENSE)[:, 1].min() + 0.01
     found = ROBOT.with_limits(upper=[upper, 9], lower=[-9, lower]).check(measured)
-    assert (found.verdict, found.ok, found.judged) == ("broken", False, {"position": 1.0})
+    assert (found.verdict, found.ok) == ("broken", False)
+    assert 0.99 < found.judged["position"] < 1  # less the time in which it passes its limit
     for row, beyond in zip(found.table, [truth(DENSE)[:, 0] > upper, truth(DENSE)[:, 1] < lower], strict=True):
         np.testing.assert_allclose(row.violations, spans_of(beyond), atol=0.01)
     ends = ROBOT.with_limits(upper=[last - 0.01, 9], lower=[-9, -9]).check(measured)

@@ -8,9 +8,16 @@ from jounce.limits.joints import drop_base, scatter_columns
 from jounce.limits.limited_motion import LimitedMotion, Span, motion_order, required_quantities
 from jounce.model.limit_kinds import LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS
 from jounce.model.positions import multiscrew_joints as joints_of_several
+from jounce.motion.motion import Motion
 from jounce.motion.reliability import MAX_WINDOW_TIMES, find_window
 
 Deviations = dict[str, np.ndarray]  # by kind, (N, joints); NaN where they are not known
+
+
+def is_measured(motion: Motion) -> bool:
+    """Whether positions, loads or a base along a motion have deviations."""
+    curves = (motion.curve, *motion.loads.values(), *([motion.base_curve] if motion.base_curve else []))
+    return any(curve.deviations(motion.times[:1], 0) is not None for curve in curves)
 
 
 def compute_deviations(b: LimitedMotion, t: np.ndarray) -> Deviations:
@@ -19,8 +26,7 @@ def compute_deviations(b: LimitedMotion, t: np.ndarray) -> Deviations:
     Of joints that follow others in closed loops only the deviations of forces are known.
     """
     m = b.motion
-    curves = (m.curve, *m.loads.values(), *([m.base_curve] if m.base_curve else []))
-    if all(curve.deviations(t[:1], 0) is None for curve in curves):
+    if not is_measured(m):
         return {}
     closure = b.robot.mechanism.closure
     own = list(closure.independent) if closure else list(range(len(b.joints)))
@@ -46,7 +52,8 @@ def _force_deviations(b: LimitedMotion, t: np.ndarray, off: np.ndarray) -> Devia
         return {}
     found = {kind: spread[LIMIT_KINDS[kind].rate] for kind in kinds}
     if "power" in b.kinds:
-        found["power"] = np.hypot(b.rates(t, 1)[1] * spread[0], Q[0] * off)
+        parts = b.rates(t, 1)[1] * spread[0], Q[0] * off, spread[0] * off  # the last where both are off
+        found["power"] = np.sqrt(np.sum(np.square(parts), axis=0))
     if "stall_effort" in b.kinds:
         found["stall_effort"] = np.hypot(spread[0], b.limits.effort_slope * off)
     return found
