@@ -151,7 +151,7 @@ def check_measured(seed):
     with in_time():
         motion = jounce.Motion.fit(t, q, allow_noise=True)
         at = np.linspace(motion.start, motion.stop, 20001)
-        values, off, of_rows = motion(at, 4), motion.deviations(at, 4), motion.deviations(motion.times, 4)
+        values, off = motion(at, 4), motion.deviations(at, 4)
         bounds = [np.quantile(np.abs(x), rng.choice([0.9, 0.99, 1.0]), axis=0) * rng.choice(FACTORS, 2) for x in values]
         keys = {kind: bound for kind, bound in zip(kinds, bounds, strict=False) if kind != "position"}
         limited = robot.with_limits(lower=-bounds[0], upper=bounds[0], **keys)

@@ -1,4 +1,4 @@
-"""Verdicts where a file or a log leaves something open: massless bodies, inertias of no body, vibrations of any band."""
+"""Verdicts where a file or a log leaves something open: massless bodies, inertias of no body, vibrations."""
 
 import warnings
 from dataclasses import replace

@@ -1,7 +1,7 @@
 """The robots that come with jounce: files that hold what URDFs held, licence and source beside; `jounce robots`."""
 
-import warnings
 import json
+import warnings
 from dataclasses import fields, is_dataclass, replace
 from importlib import metadata
 from pathlib import Path

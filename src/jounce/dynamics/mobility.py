@@ -95,7 +95,7 @@ def find_massless(m: Mechanism) -> tuple[np.ndarray, np.ndarray]:
 
 
 def find_massless_coordinates(m: Mechanism) -> np.ndarray:
-    """Which coordinates (n,) of the tree move massless tips alone: the file states no inertia that needs their force."""
+    """Which coordinates (n,) of the tree move massless tips alone: no inertia is stated that needs their force."""
     tree = m.tree
     tips = find_massless(m)[1][list(tree.owners)]
     moved = tree.G != 0

@@ -12,7 +12,7 @@ from jounce.engine.along import ForceBreak, find_force_breaks
 from jounce.engine.contact_limits import are_limited
 from jounce.engine.contact_motion import refuse_hovering
 from jounce.engine.engine import Engine
-from jounce.limits.commands import take_differences
+from jounce.limits.commands import CommandDifferences, take_differences
 from jounce.limits.contact_ratios import judge_contacts
 from jounce.limits.deviations import compute_deviations, is_measured
 from jounce.limits.doubts import describe_wrong_inertias, find_doubts, with_consistent_inertias
@@ -21,7 +21,7 @@ from jounce.limits.limited_motion import LimitedMotion, Span
 from jounce.limits.motion_polynomials import split_motion
 from jounce.limits.omissions import describe_lacks, describe_omissions, describe_unresolved
 from jounce.limits.ratios import SIGNS
-from jounce.limits.uncertain_spans import judge_samples
+from jounce.limits.uncertain_spans import judge_samples, judge_values
 from jounce.limits.validation import validate_limits
 from jounce.limits.verdicts import Verdict, combine_verdicts, decide_verdict, describe_verdict, join_spans
 from jounce.limits.worst_values import Spans, Worst
@@ -189,10 +189,7 @@ def check(robot: Engine, motion: object) -> Check:
 def _check_limits(b: LimitedMotion) -> Check:
     """Every limit along a motion with the inertias of a robot, but for limits of 0 and joints that move no mass."""
     if differences := take_differences(b):
-        worst = differences.worst()
-        table = _build_table(differences.b, worst, {}, _copy_worst(worst))
-        notes = (*differences.notes, *describe_omissions(b, ()))
-        return _doubt_rows(b, Check(table, (), notes, differences.judged), _place_doubts(differences.b))
+        return _check_differences(b, differences)
     refuse_hovering(b.robot, b.motion)
     contacts = tuple(CheckedLimit(*row) for row in judge_contacts(b)) if are_limited(b.robot.mechanism) else ()
     if combine_verdicts([row.verdict for row in contacts]) == "broken":  # there are no forces
@@ -213,6 +210,19 @@ def _check_limits(b: LimitedMotion) -> Check:
     notes = (*describe_omissions(b, breaks), *describe_unresolved(worst), *describe_lacks(b, b.motion))
     table = (*_build_table(b, worst, undecided, known, causes), *contacts)
     return _doubt_rows(b, Check(table, breaks, notes, _judged_shares(b, undecided)), _place_doubts(b))
+
+
+def _check_differences(b: LimitedMotion, differences: CommandDifferences) -> Check:
+    """Every limit that differences of commands are compared with; those of measured motions have deviations."""
+    worst, undecided, of = differences.worst(), Spans(), differences.b
+    if is_measured(b.motion):
+        worst = Worst(of)
+        judge_values(of, worst, differences.t, differences.values, undecided)
+    table = _build_table(of, worst, undecided, _copy_worst(worst), dict.fromkeys(undecided, SAMPLES_CAUSE))
+    notes = (*differences.notes, *describe_omissions(b, ()))
+    judged = differences.judged | _judged_shares(of, undecided)
+    judged = {kind: share * differences.judged[kind] for kind, share in judged.items()}
+    return _doubt_rows(b, Check(table, (), notes, judged), _place_doubts(of))
 
 
 def _place_doubts(b: LimitedMotion) -> dict[int, str]:

@@ -1,8 +1,9 @@
 """What a robot's data leave open of its limits, along every motion: inertias that are missing or wrong, limits of 0.
 
-Files of robots state no inertia where nobody measured one, and a limit of 0 where nobody knows it. Then a force of 0, or
-a ratio of 0, is no evidence: such rows are undecided. An inertia that no body can have is off by at least its distance
-to one that a body can have: where that decides, the row is undecided as well. What is `Mechanism.meant` is no doubt.
+Files of robots state no inertia where nobody measured one, and a limit of 0 where nobody knows it. Then a force of 0
+or a ratio of 0 proves nothing: such rows are undecided. An inertia that no body can have is off by at least its
+distance to one that a body can have: where that decides, the row is undecided as well. What is `Mechanism.meant` is no
+doubt.
 """
 
 from collections.abc import Mapping
@@ -44,7 +45,7 @@ def find_doubts(b: LimitedMotion) -> Mapping[tuple[str, int], str]:
 
 
 def with_consistent_inertias(robot: Engine) -> tuple[Engine, tuple[str, ...]]:
-    """The robot with the nearest inertias that bodies can have, and the bodies that have others, unless these are meant."""
+    """The robot with the nearest inertias that bodies can have, and the bodies that have others, unless meant."""
     m = robot.mechanism
     if INERTIAS in m.meant or not is_numeric(m.M):
         return robot, ()

@@ -18,7 +18,7 @@ from jounce.limits.peaks import find_peaks
 from jounce.limits.ratios import LIMIT_TOLERANCE, SIGNS
 from jounce.limits.worst_values import Spans, Worst, find_runs
 
-_DECISIVE_DEVIATIONS = 2.0  # between a value and its limit: 95 % of normal errors are smaller
+DECISIVE_DEVIATIONS = 2.0  # between a value and its limit: 95 % of normal errors are smaller
 _UNCERTAIN_TIMES_AT_ONCE = 20_000  # times judged together, which bounds working memory
 _VALUES_AT_ONCE = 2000  # times evaluated together
 
@@ -40,17 +40,18 @@ def count_uncertain(b: LimitedMotion, worst: Worst) -> Spans:
 
 
 def _judge_times(b: LimitedMotion, worst: Worst, t: np.ndarray, undecided: Spans) -> None:
-    """Judge the values of some kinds at times (N,), and add the spans in which nothing is known."""
+    """Judge the values of some kinds at times (N,), and on both sides of breaks."""
     jumps = np.intersect1d(t, [found.t for found in b.motion.breaks_to(b.rate_order)])
     if jumps.size:
-        _judge_values(b, worst, jumps, b.values(jumps, "left"), undecided)
-    _judge_values(b, worst, t, _values(b, t), undecided)
+        judge_values(b, worst, jumps, b.values(jumps, "left"), undecided)
+    judge_values(b, worst, t, _values(b, t), undecided)
 
 
-def _judge_values(
+def judge_values(
     b: LimitedMotion, worst: Worst, t: np.ndarray, values: Mapping[str, np.ndarray], undecided: Spans
 ) -> None:
-    off = compute_deviations(b, t)
+    """Judge given values (N, joints) by kind at times (N,), and add the spans in which nothing is known."""
+    off = compute_deviations(b, t.clip(*b.whole))
     for kind in b.kinds:
         unclear = _judge_kind(worst, kind, t, values[kind], off.get(kind, np.zeros_like(values[kind])))
         for j in np.flatnonzero(unclear.any(axis=0)).tolist():
@@ -66,7 +67,7 @@ def _judge_kind(worst: Worst, kind: str, t: np.ndarray, values: np.ndarray, off:
     unclear, broken = (np.zeros(values.shape, dtype=bool) for _ in range(2))
     for sign in SIGNS:
         excess = sign * values - worst.b.scales[kind].tolerant(sign)
-        beyond, within = excess > _DECISIVE_DEVIATIONS * off, excess <= -_DECISIVE_DEVIATIONS * off
+        beyond, within = excess > DECISIVE_DEVIATIONS * off, excess <= -DECISIVE_DEVIATIONS * off
         shown = np.where(inside | beyond | within, sign * values, -np.inf)
         worst.take_values(kind, sign, t, shown, beyond)
         unclear |= ~(beyond | within) & np.isfinite(worst.b.scales[kind].bound(sign))
@@ -100,7 +101,7 @@ def _collect_times(b: LimitedMotion, ends: Sequence[float]) -> np.ndarray:
 
 
 def _any_peak(b: LimitedMotion, pieces: Pieces, kind: str, sign: int) -> np.ndarray:
-    """What peaks must reach where a value is bounded on this side: more than the ends of their piece, beyond rounding."""
+    """What peaks must reach where a value is bounded on this side: more than the ends of their piece."""
     scale = b.scales[kind]
     ends = np.maximum(sign * pieces.left[kind], sign * pieces.right[kind])
     with np.errstate(invalid="ignore"):  # of infinite bounds

@@ -96,7 +96,8 @@ class Fit:
         for vibration in self.vibrations:
             if not self._moving[vibration.joint]:
                 squares = vibration.line.mean_squares(times.ravel(), order).reshape(*times.shape, order + 1)
-                out[..., vibration.joint, *np.diag_indices(order + 1)] += squares
+                for k in range(order + 1):
+                    out[..., vibration.joint, k, k] += squares[..., k]
         return out
 
     @property
@@ -196,9 +197,9 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     ]
     if smoothed:
         hidden[movers] = smoothed.hidden_amplitudes()
-    for line in smoothed.lines if smoothed else ():
-        number, is_followed = int(movers[line.joint]), line not in smoothed.spread.left_out
-        vibrations.append(Vibration(line, joints[number], number, float(found.peaks[4, number]), is_followed))
+        for line in smoothed.lines:
+            number, is_followed = int(movers[line.joint]), line not in smoothed.spread.left_out
+            vibrations.append(Vibration(line, joints[number], number, float(found.peaks[4, number]), is_followed))
     notes = [*found.notes, *describe_vibrations(vibrations)]
     return replace(found, vibrations=tuple(vibrations), notes=tuple(notes), hidden=hidden)
 
