@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 import jounce
 from support.files import refusal
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*bodies without mass")  # files of kinematics alone
+
 GOOD = """\
 name: lifted
 units: SI

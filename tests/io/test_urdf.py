@@ -72,6 +72,7 @@ def test_origins_and_axes_follow_the_conventions_of_urdf(load, kind, seed):
         assert_inertia(M, *by_hand((body, np.eye(3), np.zeros(3))))
 
 
+@pytest.mark.filterwarnings("ignore:.*bodies without mass")
 def test_fixed_joints_merge(load):
     """arm carries tool by a fixed joint, tool carries tip by another; wrist turns on the tip."""
     rng = np.random.default_rng(4)
@@ -124,7 +125,8 @@ def test_forest_of_two_roots(load):
 
 
 def test_link_without_inertial_is_massless(load):
-    robot = load(*GOOD, link("flag"), joint("wave", "arm", "flag", axis="0 1 0"))
+    with pytest.warns(jounce.JounceWarning, match="bodies without mass that carry none.*: flag; .*massless_tips=True"):
+        robot = load(*GOOD, link("flag"), joint("wave", "arm", "flag", axis="0 1 0"))
     assert not robot.mechanism.M[1].any()
     Q = robot.inverse_dynamics([0.1, 0.2], [1, 2], [3, 4])
     assert Q[1] == 0

@@ -123,6 +123,7 @@ ROBOT_OPTIONS: tuple[Decorator, ...] = (
         callback=lambda _, __, given: _split_pairs("--xacro-arg", given),
         help="Argument of a .xacro file; may be repeated.",
     ),
+    click.option("--massless-tips", is_flag=True, help="Joints that move no mass are meant: their limits are judged."),
 )  # fmt: skip
 
 
@@ -138,10 +139,10 @@ def add_robot_options_without_drives(verb: Callable[..., None]) -> Callable[...,
 
 def _add_options(verb: Callable[..., None], options: Sequence[Decorator]) -> Callable[..., None]:
     def asked(robot: Path, **others: Any) -> None:
-        names = ("base", "root", "lock", "drives", "gravity", "xacro_args")
+        names = ("base", "root", "lock", "drives", "gravity", "xacro_args", "massless_tips")
         given = {name: others.pop(name) for name in names if name in others}
         verb(
-            robot=RobotRequest(robot, {name: value for name, value in given.items() if value not in (None, {})}),
+            robot=RobotRequest(robot, {name: value for name, value in given.items() if value not in (None, {}, False)}),
             **others,
         )
 

@@ -85,6 +85,33 @@ def is_singular(m: Mechanism, q: np.ndarray, M: np.ndarray) -> np.ndarray:
     return np.asarray(known & (least <= MASS_RANK_TOLERANCE * M.shape[-1]))
 
 
+def find_massless(m: Mechanism) -> tuple[np.ndarray, np.ndarray]:
+    """Which bodies (nb,) have no mass, yet carry some, and which have none and carry none: massless tips.
+
+    Bodies that a closed loop joins carry the mass of each other. A floating base has no joint that could move nothing,
+    and neither have the rotors of a robot whose drives are coupled.
+    """
+    empty = ~m.M.any(axis=(1, 2))
+    empty[: int(m.floats)] = False
+    loaded = ~empty
+    if m.closure:
+        empty[[m.owners[j] for j in m.closure.actuated if not m.loops]] = False
+        loaded[[frame.body for loop in m.loops for frame in (loop.a, loop.b) if frame.body >= 0]] = True
+    carries = loaded.copy()
+    for i, p in reversed(list(enumerate(m.parent))):
+        if p >= 0:
+            carries[p] |= carries[i]
+    return empty & carries, empty & ~carries
+
+
+def find_massless_coordinates(m: Mechanism) -> np.ndarray:
+    """Which coordinates (n,) of the tree move massless tips alone: no inertia is stated that needs their force."""
+    tree = m.tree
+    tips = find_massless(m)[1][list(tree.owners)]
+    moved = tree.G != 0
+    return np.asarray(moved[tips].any(axis=0) & ~moved[~tips].any(axis=0))
+
+
 def _sample_position(m: Mechanism, k: int) -> np.ndarray:
     """An arbitrary position; joints slide by no more than the size of the robot."""
     reach = np.where(np.array(position_units(m)) == "m", robot_size(m), 1.0)

@@ -1,38 +1,60 @@
 """Standard deviations of limited values along a measured motion, and the windows in which each is known well."""
 
+from collections.abc import Sequence
+from functools import partial
+
 import numpy as np
 
+from jounce.dynamics import loop_closure
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, Quantity
 from jounce.engine.along import compute_pieces
-from jounce.limits.joints import drop_base, scatter_columns
+from jounce.engine.backends import closing_step
+from jounce.engine.closed_path import continue_positions
+from jounce.limits.joints import drop_base, joint_rates, scatter_columns
 from jounce.limits.limited_motion import LimitedMotion, Span, motion_order, required_quantities
 from jounce.model.limit_kinds import LIMIT_KINDS, MOTION_KINDS, MOTOR_KINDS
 from jounce.model.positions import multiscrew_joints as joints_of_several
+from jounce.motion.base import compute_states, perturb_rates
+from jounce.motion.motion import Motion
 from jounce.motion.reliability import MAX_WINDOW_TIMES, find_window
 
 Deviations = dict[str, np.ndarray]  # by kind, (N, joints); NaN where they are not known
 
 
-def compute_deviations(b: LimitedMotion, t: np.ndarray) -> Deviations:
-    """Standard deviations at times (N,), without the kinds that are exact.
+def is_measured(motion: Motion) -> bool:
+    """Whether positions, loads or a base along a motion have deviations."""
+    curves = (motion.curve, *motion.loads.values(), *([motion.base_curve] if motion.base_curve else []))
+    return any(curve.deviations(motion.times[:1], 0) is not None for curve in curves)
 
-    Of joints that follow others in closed loops only the deviations of forces are known.
-    """
-    m = b.motion
-    curves = (m.curve, *m.loads.values(), *([m.base_curve] if m.base_curve else []))
-    if all(curve.deviations(t[:1], 0) is None for curve in curves):
+
+def compute_deviations(b: LimitedMotion, t: np.ndarray) -> Deviations:
+    """Standard deviations at times (N,), without the kinds that are exact."""
+    if not is_measured(b.motion):
         return {}
-    closure = b.robot.mechanism.closure
-    own = list(closure.independent) if closure else list(range(len(b.joints)))
-    rates = m.deviations(t, max([1, *(motion_order(b.robot, kind) for kind in b.kinds)]))
-    spread = np.full((len(rates), len(t), len(b.joints)), np.nan) if rates else np.zeros((2, len(t), len(b.joints)))
-    if rates:
-        spread[:, :, own] = rates
-    for joint in joints_of_several(b.robot.mechanism.tree).values() if rates else ():
-        spread[0, :, joint.coordinates] = np.nan  # those of swings, ... are not known
-    found = dict(zip(MOTION_KINDS, spread, strict=False)) if rates else {}
-    found |= _force_deviations(b, t, spread[1]) | _motor_deviations(b, t)
+    rates = _rate_deviations(b, t, max([1, *(motion_order(b.robot, kind) for kind in b.kinds)]))
+    off = rates[1] if rates else np.zeros((len(t), len(b.joints)))
+    found = dict(zip(MOTION_KINDS, rates, strict=False)) | _force_deviations(b, t, off) | _motor_deviations(b, t)
     return {kind: found[kind] for kind in b.kinds if kind in found}
+
+
+def _rate_deviations(b: LimitedMotion, t: np.ndarray, order: int) -> Sequence[np.ndarray]:
+    """The deviations of what limits of positions, velocities, ... bound, (N, joints) each; none if q is exact.
+
+    Of joints that follow others in closed loops, and of swings, they are what each rate of q makes of its own.
+    """
+    m, motion = b.robot.mechanism, b.motion
+    rates = motion.deviations(t, order)
+    if rates is None or (not m.closure and not joints_of_several(m.tree)):
+        return rates or ()
+    highest = max([1, *(LIMIT_KINDS[kind].rate for kind in b.kinds if LIMIT_KINDS[kind].of == "q")])
+    meaning = partial(compute_states, motion.several)
+    true, total = b.rates(t, highest), np.zeros((highest + 1, len(t), len(b.joints)))
+    near = continue_positions(b.robot, motion, t)
+    for moved in perturb_rates(motion.curve, t, highest, meaning):
+        close = near if near is None else loop_closure.close_loops(m, moved[0], near, closing_step(b.robot))
+        found = joint_rates(b.robot, moved, close, b.follow)
+        total += np.square([x - y for x, y in zip(found, true, strict=True)])
+    return tuple(np.sqrt(total))
 
 
 def _force_deviations(b: LimitedMotion, t: np.ndarray, off: np.ndarray) -> Deviations:
@@ -46,7 +68,8 @@ def _force_deviations(b: LimitedMotion, t: np.ndarray, off: np.ndarray) -> Devia
         return {}
     found = {kind: spread[LIMIT_KINDS[kind].rate] for kind in kinds}
     if "power" in b.kinds:
-        found["power"] = np.hypot(b.rates(t, 1)[1] * spread[0], Q[0] * off)
+        parts = b.rates(t, 1)[1] * spread[0], Q[0] * off, spread[0] * off  # the last where both are off
+        found["power"] = np.sqrt(np.sum(np.square(parts), axis=0))
     if "stall_effort" in b.kinds:
         found["stall_effort"] = np.hypot(spread[0], b.limits.effort_slope * off)
     return found

@@ -28,8 +28,9 @@ class Scale:
 
     def tolerant(self, sign: int) -> np.ndarray:
         """The bounds of signed values, with room for rounding."""
-        bound = self.bound(sign)
-        return np.where(np.isfinite(bound), bound + LIMIT_TOLERANCE * np.abs(self.reach(sign)), np.inf)
+        bound, reach = self.bound(sign), np.abs(self.reach(sign))
+        room = np.where(reach == 0, ZERO_BOUND_TOLERANCE, LIMIT_TOLERANCE * reach)
+        return np.where(np.isfinite(bound), bound + room, np.inf)
 
     @np.errstate(all="ignore")
     def ratio(self, value: np.ndarray, sign: int, joint: np.ndarray | slice = slice(None)) -> np.ndarray:

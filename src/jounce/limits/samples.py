@@ -22,13 +22,18 @@ class Sample(NamedTuple):
 def find_worst_broken(
     limits: Limits, t: np.ndarray, rates: tuple[np.ndarray, ...], forces: tuple[np.ndarray, ...]
 ) -> Sample | None:
-    """The limit of a coordinate that rates q, qd, ... (N, n) and forces Q, Qd, ... (N, nv) break most."""
+    """The limit of a coordinate that rates q, qd, ... (N, n) and forces Q, Qd, ... (N, nv) break most.
+
+    Limits that are 0 on both sides are not known: files state them so.
+    """
     forces = tuple(force[:, -rates[0].shape[1] :] for force in forces)  # without those of a base
     found = []
     for kind, value in limited_values(limits, rates, forces).items():
-        if not np.isfinite(limits.bounds(kind)).any():
+        bounds = limits.bounds(kind)
+        bounds = np.where((bounds == 0).all(axis=0), [[-np.inf], [np.inf]], bounds)
+        if not np.isfinite(bounds).any():
             continue
-        scale = build_scale(limits.bounds(kind), kind)
+        scale = build_scale(bounds, kind)
         x = np.asfortranarray(value)  # whose columns are reduced several times as fast
         ends = np.maximum(scale.ratio(x.max(axis=0), 1), scale.ratio(x.min(axis=0), -1))
         if not (ends <= 1).all():  # or some are not known

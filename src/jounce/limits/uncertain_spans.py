@@ -1,6 +1,12 @@
-"""Limits outside of their windows: a value counts there where two deviations lie between it and its limit."""
+"""Limits along measured motions: a value counts where two standard deviations lie between it and its limit.
 
-from collections.abc import Iterator, Sequence
+One rule, whatever the deviations come from (noise, vibrations that a fit leaves out, the ends of a fit) and wherever it
+is: a value that is beyond its bound by more than two deviations is broken, one that is within it by as much is kept,
+and all else is undecided. Peaks between samples count. The value that is shown is the worst one in its window, where
+deviations are near their median, or one outside that is decided.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -9,26 +15,70 @@ from jounce.limits.deviations import compute_deviations
 from jounce.limits.limited_motion import LimitedMotion
 from jounce.limits.motion_polynomials import Pieces, split_part
 from jounce.limits.peaks import find_peaks
-from jounce.limits.ratios import SIGNS
+from jounce.limits.ratios import LIMIT_TOLERANCE, SIGNS
 from jounce.limits.worst_values import Spans, Worst, find_runs
 
-_DECISIVE_DEVIATIONS = 2.0  # between a value and its limit: 95 % of normal errors are smaller
-_UNCERTAIN_TIMES_AT_ONCE = 2000  # times evaluated together, which bounds working memory
+DECISIVE_DEVIATIONS = 2.0  # between a value and its limit: 95 % of normal errors are smaller
+_UNCERTAIN_TIMES_AT_ONCE = 20_000  # times judged together, which bounds working memory
+_VALUES_AT_ONCE = 2000  # times evaluated together
+
+
+def judge_samples(b: LimitedMotion, worst: Worst) -> Spans:
+    """Judge a measured motion along all its time: its worst values, and where it is broken; returns where undecided."""
+    undecided: Spans = {}
+    for t in _overlapping_parts(_collect_times(b, b.whole)):
+        _judge_times(b, worst, t, undecided)
+    return undecided
 
 
 def count_uncertain(b: LimitedMotion, worst: Worst) -> Spans:
-    """Count values outside of windows, peaks between rows too; returns the spans in which nothing is known."""
+    """Judge values outside of windows alone; returns where they are undecided."""
     undecided: Spans = {}
     for part, t in _split_outside(b):
-        values, off = _values(part, t), compute_deviations(part, t)
-        for kind in part.kinds:
-            start, stop = b.window(kind)
-            mine = (t <= start) if t[0] < start else (t >= stop)
-            unclear = _count_known(worst, kind, t[mine], values[kind][mine], off[kind][mine])
-            for j in np.flatnonzero(unclear.any(axis=0)).tolist():
-                spans = [(float(t[mine][i]), float(t[mine][k + 1])) for i, k in find_runs(unclear[:, j])]
-                undecided[kind, j] = undecided.get((kind, j), []) + spans
+        _judge_times(part, worst, t, undecided)
     return undecided
+
+
+def _judge_times(b: LimitedMotion, worst: Worst, t: np.ndarray, undecided: Spans) -> None:
+    """Judge the values of some kinds at times (N,), and on both sides of breaks."""
+    jumps = np.intersect1d(t, [found.t for found in b.motion.breaks_to(b.rate_order)])
+    if jumps.size:
+        judge_values(b, worst, jumps, b.values(jumps, "left"), undecided)
+    judge_values(b, worst, t, _values(b, t), undecided)
+
+
+def judge_values(
+    b: LimitedMotion, worst: Worst, t: np.ndarray, values: Mapping[str, np.ndarray], undecided: Spans
+) -> None:
+    """Judge given values (N, joints) by kind at times (N,), and add the spans in which nothing is known."""
+    off = compute_deviations(b, t.clip(*b.whole))
+    for kind in b.kinds:
+        unclear = _judge_kind(worst, kind, t, values[kind], off.get(kind, np.zeros_like(values[kind])))
+        for j in np.flatnonzero(unclear.any(axis=0)).tolist():
+            # from the last time before at which it is known to the first one after
+            spans = [(float(t[max(i - 1, 0)]), float(t[min(k + 1, len(t) - 1)])) for i, k in find_runs(unclear[:, j])]
+            undecided[kind, j] = undecided.get((kind, j), []) + spans
+
+
+def _judge_kind(worst: Worst, kind: str, t: np.ndarray, values: np.ndarray, off: np.ndarray) -> np.ndarray:
+    """Count values (N, joints) of a kind; returns which are neither kept nor broken on any side."""
+    start, stop = worst.b.window(kind)
+    inside = ((t >= start) & (t <= stop))[:, None]
+    unclear, broken = (np.zeros(values.shape, dtype=bool) for _ in range(2))
+    for sign in SIGNS:
+        excess = sign * values - worst.b.scales[kind].tolerant(sign)
+        beyond, within = excess > DECISIVE_DEVIATIONS * off, excess <= -DECISIVE_DEVIATIONS * off
+        shown = np.where(inside | beyond | within, sign * values, -np.inf)
+        worst.take_values(kind, sign, t, shown, beyond)
+        unclear |= ~(beyond | within) & np.isfinite(worst.b.scales[kind].bound(sign))
+        broken |= beyond
+    return unclear & ~broken
+
+
+def _overlapping_parts(t: np.ndarray) -> Iterator[np.ndarray]:
+    """Parts of times, of which each begins with the last time of the one before."""
+    for start in range(0, max(1, len(t) - 1), _UNCERTAIN_TIMES_AT_ONCE - 1):
+        yield t[start : start + _UNCERTAIN_TIMES_AT_ONCE]
 
 
 def _split_outside(b: LimitedMotion) -> Iterator[tuple[LimitedMotion, np.ndarray]]:
@@ -51,24 +101,13 @@ def _collect_times(b: LimitedMotion, ends: Sequence[float]) -> np.ndarray:
 
 
 def _any_peak(b: LimitedMotion, pieces: Pieces, kind: str, sign: int) -> np.ndarray:
-    """What peaks must reach: anything where a value is bounded on this side."""
-    bound = b.scales[kind].bound(sign)
-    return np.where(np.isfinite(bound), -np.inf, np.inf) + np.zeros((len(pieces.start), 1))
+    """What peaks must reach where a value is bounded on this side: more than the ends of their piece."""
+    scale = b.scales[kind]
+    ends = np.maximum(sign * pieces.left[kind], sign * pieces.right[kind])
+    with np.errstate(invalid="ignore"):  # of infinite bounds
+        return np.where(np.isfinite(scale.bound(sign)), ends + LIMIT_TOLERANCE * np.abs(scale.reach(sign)), np.inf)
 
 
 def _values(b: LimitedMotion, t: np.ndarray) -> dict[str, np.ndarray]:
-    blocks = [b.values(t[i : i + _UNCERTAIN_TIMES_AT_ONCE]) for i in range(0, len(t), _UNCERTAIN_TIMES_AT_ONCE)]
+    blocks = [b.values(t[i : i + _VALUES_AT_ONCE]) for i in range(0, len(t), _VALUES_AT_ONCE)]
     return {kind: np.concatenate([block[kind] for block in blocks]) for kind in b.kinds}
-
-
-def _count_known(worst: Worst, kind: str, t: np.ndarray, values: np.ndarray, off: np.ndarray) -> np.ndarray:
-    """Count the values (N, joints) of a kind that are known; returns the intervals (N - 1, joints) with others."""
-    unclear, broken = (np.zeros(values.shape, dtype=bool) for _ in range(2))
-    for sign in SIGNS:
-        excess = sign * values - worst.b.scales[kind].tolerant(sign)
-        beyond, within = excess > _DECISIVE_DEVIATIONS * off, excess <= -_DECISIVE_DEVIATIONS * off
-        worst.take_values(kind, sign, t, np.where(beyond | within, sign * values, -np.inf), beyond)
-        unclear |= ~(beyond | within) & np.isfinite(excess)
-        broken |= beyond
-    unclear &= ~broken
-    return unclear[:-1] | unclear[1:]

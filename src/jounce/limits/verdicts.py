@@ -6,14 +6,15 @@ from typing import Literal
 
 from jounce.core.errors import join_names
 from jounce.limits.limited_motion import Span
-from jounce.limits.ratios import LIMIT_TOLERANCE
 
 Verdict = Literal["kept", "broken", "undecided"]
 
 
-def decide_verdict(ratio: float, undecided: Sequence[object]) -> Verdict:
-    """The verdict on a limit by its worst ratio where it is decided, and the spans where it is not."""
-    return "broken" if ratio > 1 + LIMIT_TOLERANCE else "undecided" if undecided else "kept"
+def decide_verdict(broken: Sequence[object], undecided: Sequence[object]) -> Verdict:
+    """The verdict on a limit by the spans in which it is surely broken, and those in which nothing is sure."""
+    if broken:
+        return "broken"
+    return "undecided" if undecided else "kept"
 
 
 def combine_verdicts(verdicts: Collection[Verdict]) -> Verdict:

@@ -21,6 +21,7 @@ from jounce.model.frame import Frame
 from jounce.model.limits import Limits
 from jounce.model.loops import Closure, Loop
 
+MASSLESS_TIPS, INERTIAS = "massless tips", "inertias"  # what may be meant although it looks like a mistake
 GRAVITY = (0, 0, -9.81)  # m/s^2, unless a caller or a file states another
 
 
@@ -68,6 +69,9 @@ class Mechanism:
         pose in the frame of the body.
     name : str
         The robot's name.
+    meant : tuple of str
+        What is meant although it looks like a mistake: "massless tips", "inertias" that no body can have. Verdicts on
+        limits rely on it; robots are equal all the same.
     default_axes : tuple of str
         Joints whose axis the file leaves out, so that it is the format's default; robots are equal all the same.
     loops : tuple of Loop
@@ -104,6 +108,7 @@ class Mechanism:
     floats: bool = False
     frames: tuple[Frame, ...] = ()
     name: str = "robot"
+    meant: tuple[str, ...] = field(default=(), compare=False)
     default_axes: tuple[str, ...] = field(default=(), compare=False)
     loops: tuple[Loop, ...] = ()
     closure: Closure | None = None

@@ -13,7 +13,7 @@ import numpy as np
 from jounce.core.errors import JounceError, join_names, quote_value, unknown_name_error
 from jounce.core.scalars import Array, asarray, is_numeric, is_zero, restore_integers
 from jounce.model.frame import Frame
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import INERTIAS, Mechanism
 from jounce.model.scalar_casting import with_exact_integers
 from jounce.spatial import inertia
 from jounce.spatial.lie import pose, rotation
@@ -142,4 +142,4 @@ def with_inertial_parameters(mechanism: Mechanism, given: object) -> Mechanism:
             f"p: {inertia.INERTIAL_PARAMETERS[k]} of {names[body]!r} is {p[place]}; expected finite numbers"
         )
     M = inertia.from_parameters(p.reshape((len(names), len(inertia.INERTIAL_PARAMETERS))))
-    return replace(mechanism, M=M)
+    return replace(mechanism, M=M, meant=tuple(x for x in mechanism.meant if x != INERTIAS))

@@ -7,7 +7,7 @@ period before the first command, and from one after the last, which are its ends
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,12 +35,20 @@ MIN_LAST_PERIOD = 0.9  # of the last row: one that is nearer to the row before i
 
 @dataclass(frozen=True, eq=False)
 class CommandCurve(SplineCurve):
-    """Commands q (N, n) at times t (N,), and their curve; `differences` is the order up to which a check takes them."""
+    """Commands q (N, n) at times t (N,), and their curve; `differences` is the order up to which a check takes them.
+
+    `smoothed` is the curve of measured samples that they are of, whose deviations they have.
+    """
 
     t: np.ndarray
     q: np.ndarray
     rate: float
     differences: int = JERK_DIFFERENCE
+    smoothed: Curve | None = None
+
+    def deviations(self, t: np.ndarray, order: int) -> list[np.ndarray] | None:
+        """Standard deviations of the rates of a measured motion, whose differences are means of these."""
+        return None if self.smoothed is None else self.smoothed.deviations(t, order)
 
 
 def build_commands(t: np.ndarray, q: np.ndarray, rate: float, differences: int = JERK_DIFFERENCE) -> CommandCurve:
@@ -119,7 +127,8 @@ def sample_curve(curve: Curve, rate: float, differences: int) -> tuple[CommandCu
     if behind[-1] and t[-1] - curve.stop > TICK_TOLERANCE_PERIODS / rate and not rest:
         came = f"{rate:g} Hz does not divide {duration:.9g} s"
         notes = (f"{came}: the last command, of t = {t[-1]:.9g} s, is the end of the motion", *notes)
-    return build_commands(t, q, rate, differences), notes
+    measured = curve.deviations(t[:1], 0) is not None
+    return replace(build_commands(t, q, rate, differences), smoothed=curve if measured else None), notes
 
 
 def find_rest(rates: Sequence[np.ndarray], moves: np.ndarray, period: float) -> float:

@@ -79,9 +79,7 @@ class SplineCovariances:
             for k in range(order + 1):
                 total[:, :, k, k] += self.unfollowed[place] * rate ** (2 * k)
         for line in self.left_out:
-            during = (t >= line.reach[0]) & (t <= line.reach[1])
-            for k in range(order + 1):  # the mean square of a wave is half of its amplitude's
-                total[during, line.joint, k, k] += (line.amplitude * (2 * np.pi * line.frequency) ** k) ** 2 / 2
+            total[:, line.joint, *np.diag_indices(order + 1)] += line.mean_squares(t, order)
         if self.unsure is not None and self.unsure.any():
             rates = np.stack([spline(t, nu=k + 1) for k in range(order + 1)], axis=-1)
             shifted = rates * self.unsure[:, None] / np.sqrt(3)  # the root mean square of a shift from 0 to `unsure`

@@ -17,7 +17,7 @@ from jounce.motion.samples import Samples, check_samples, find_spikes
 from jounce.motion.sensors import SensorClocks, find_sensors
 from jounce.motion.smoothing import SmoothedSamples, find_moving_joints, fit_even_breaks, interpolate, is_exact, smooth
 from jounce.motion.spline import check_bandwidth
-from jounce.motion.vibrations import Vibration, describe_encoder_error, describe_vibrations
+from jounce.motion.vibrations import Vibration, describe_encoder_error, describe_vibrations, find_lines
 from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
@@ -93,6 +93,11 @@ class Fit:
             found = self._spread.covariances(times.ravel(), order)
             out[..., self._moving, :, :] = found.reshape(*times.shape, *found.shape[1:])
         out[..., ~self._moving, 0, 0] = np.array([noise.sigma**2 for noise in self.noise])[~self._moving]
+        for vibration in self.vibrations:
+            if not self._moving[vibration.joint]:
+                squares = vibration.line.mean_squares(times.ravel(), order).reshape(*times.shape, order + 1)
+                for k in range(order + 1):
+                    out[..., vibration.joint, k, k] += squares[..., k]
         return out
 
     @property
@@ -184,13 +189,17 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     followed = np.flatnonzero(~wild)[~holds.held]
     found = _assemble_fit(times, samples, moving, smoothed, joints, tuple(noise), tuple(notes), rows[followed])
     hidden = np.sqrt(2) * np.array([column.std() for column in samples.T])  # of joints at rest
-    if not smoothed:
-        return replace(found, hidden=hidden)
-    hidden[movers] = smoothed.hidden_amplitudes()
-    vibrations = []
-    for line in smoothed.lines:
-        number, is_followed = int(movers[line.joint]), line not in smoothed.spread.left_out
-        vibrations.append(Vibration(line, joints[number], number, float(found.peaks[4, number]), is_followed))
+    resting = Samples(times, samples, np.ones(len(times)), span, steps).joints(~moving)
+    vibrations = [
+        Vibration(line, joints[number], number, float(found.peaks[4, number]), False)
+        for line in find_lines(resting, resting.q - resting.q.mean(axis=0))
+        for number in np.flatnonzero(~moving)[[line.joint]].tolist()
+    ]
+    if smoothed:
+        hidden[movers] = smoothed.hidden_amplitudes()
+        for line in smoothed.lines:
+            number, is_followed = int(movers[line.joint]), line not in smoothed.spread.left_out
+            vibrations.append(Vibration(line, joints[number], number, float(found.peaks[4, number]), is_followed))
     notes = [*found.notes, *describe_vibrations(vibrations)]
     return replace(found, vibrations=tuple(vibrations), notes=tuple(notes), hidden=hidden)
 

@@ -20,8 +20,10 @@ BAND_TO_LINE = 1.3  # times a line's frequency, up to which a fit follows it
 LINE_LOSS = (
     1.3  # of amplitude, that hides a line: 1.18 between two bins of Hann's window, 1.1 by two deviations of noise
 )
+MIN_DOMINANT_SHARE = 0.05  # of the power of a residual, from which on a line may be all of it: deviations hold that
 MAX_MEDIAN_BINS = 4096  # of a spectrum, that determine a median
-MIN_SPECTRUM_ROWS = 256  # that distinguish a line from noise
+MIN_SPECTRUM_ROWS = 32  # that distinguish a line from noise: 14 bins have a median, and noise none of 24 dB above it
+MAX_ROUNDING_AMPLITUDE = 0.7  # of a step, of a line that rounding makes: 2 / pi of a square wave, and a tenth
 LINE_BINS = 2  # of the spectrum, on either side of a line, that belong to it
 MIN_ROUNDING_BINS = 100  # of the spectrum, over which a joint that is not steady spreads its rounding
 MASS_MATRIX_TIMES = 50  # of a vibration, at which mass matrices are taken
@@ -36,6 +38,7 @@ class Line:
     amplitude: float  # rad or m
     span: tuple[float, float]  # s, from when to when it is seen
     lasts: bool = False  # whether that is all the time
+    most: float | None = None  # what the amplitude may be, where rows that are uneven or moved hide a part of it
 
     @property
     def reach(self) -> tuple[float, float]:
@@ -43,9 +46,16 @@ class Line:
         start, end = self.span
         return self.span if self.lasts else (2 * start - end, 2 * end - start)
 
+    def mean_squares(self, t: np.ndarray, order: int) -> np.ndarray:
+        """The mean squares of its part in q, qd, ... at times (T,), (T, order + 1): half of its amplitudes' squares."""
+        largest = self.amplitude if self.most is None else self.most
+        rates = largest * (2 * np.pi * self.frequency) ** np.arange(order + 1)
+        during = (t >= self.reach[0]) & (t <= self.reach[1])
+        return np.asarray(during[:, None] * rates**2 / 2)
 
-def find_lines(samples: Samples, residual: np.ndarray, spline: "BSpline") -> list[Line]:
-    """The largest line of what a spline leaves of each joint, (N, n), where it stands out and is not of rounding."""
+
+def find_lines(samples: Samples, residual: np.ndarray, spline: "BSpline | None" = None) -> list[Line]:
+    """The largest line of what a spline, or rest, leaves of each joint, (N, n), if it stands out and is no rounding."""
     count = len(samples.t)
     if count < MIN_SPECTRUM_ROWS:
         return []
@@ -60,9 +70,15 @@ def find_lines(samples: Samples, residual: np.ndarray, spline: "BSpline") -> lis
             continue
         around = power[max(0, at - LINE_BINS) : at + LINE_BINS + 1].sum()
         amplitude = float(2 * np.sqrt(around / ((window**2).sum() * count)))
-        step = samples.steps[joint] or np.sqrt(12) * column.std()
-        if not is_steady_motion(spline(samples.t, nu=1)[:, joint], step, count * row):
-            found.append(Line(joint, at / (count * row), amplitude, (float(t[0]), float(t[-1])), True))
+        step = samples.steps[joint]
+        is_rounding = amplitude <= MAX_ROUNDING_AMPLITUDE * step
+        if is_rounding and spline is not None:
+            is_rounding = is_steady_motion(spline(samples.t, nu=1)[:, joint], step, count * row)
+        if not is_rounding:
+            rms = float(np.sqrt((column**2).mean()))
+            share = amplitude**2 / 2 / rms**2
+            most = np.sqrt(2) * rms if share > MIN_DOMINANT_SHARE else LINE_LOSS * amplitude
+            found.append(Line(joint, at / (count * row), amplitude, (float(t[0]), float(t[-1])), True, float(most)))
     return found
 
 

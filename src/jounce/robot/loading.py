@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -10,13 +11,14 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from jounce.core.errors import JounceError, locate_errors, unknown_name_error, warn
+from jounce.core.errors import JounceError, join_names, locate_errors, quote_value, unknown_name_error, warn
 from jounce.core.scalars import is_numeric
 from jounce.core.typing import ArrayLike, Base, DriveTerms, Planar2R
+from jounce.dynamics.mobility import find_massless
 from jounce.io.bundled import BUNDLED, check_floating_base
 from jounce.io.files import expand_path
 from jounce.model.drives import select_terms
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import INERTIAS, MASSLESS_TIPS, Mechanism
 from jounce.robot import Robot
 
 
@@ -30,6 +32,7 @@ def load(
     lock: Mapping[str, Any] | None = None,
     drives: DriveTerms | None = False,
     xacro_args: Mapping[str, object] | None = None,
+    massless_tips: bool = False,
     **parameters: Unpack[Planar2R],
 ) -> Robot:
     """Load a robot from a URDF, MJCF, YAML or JSON file, or a bundled robot by its name.
@@ -61,6 +64,9 @@ def load(
         Drive terms of the file to include in Q, see `Robot.with_drives`; by default none.
     xacro_args : dict, optional
         Arguments of a .xacro file.
+    massless_tips : bool, optional
+        Whether it is meant that joints move no mass at all. By default their forces, which are 0 for lack of inertia,
+        leave limits undecided in `Robot.check`, and a warning names the bodies.
     **parameters : keywords
         Parameters of planar2r: L1, L2, m1, m2, g; numbers or symbols.
 
@@ -76,8 +82,8 @@ def load(
     Warns
     -----
     JounceWarning
-        If bodies of a file have a physically inconsistent inertia (see `Robot.audit`), joints are welded by `base`, or
-        `drives` selects terms that the file does not have.
+        If bodies of a file have no mass or a physically inconsistent inertia (see `Robot.audit`), joints are welded by
+        `base`, or `drives` selects terms that the file does not have.
 
     Examples
     --------
@@ -96,27 +102,31 @@ def load(
 
         with locate_errors(name):
             check_base(base)
+    if not isinstance(massless_tips, bool):
+        raise JounceError(f"massless_tips is {quote_value(massless_tips)}; expected True or False")
     stated = {"gravity": gravity, "base": base, "root": root, "xacro_args": xacro_args}
     given = {key: value for key, value in stated.items() if value is not None} | parameters
-    robot = Robot(_mechanism(name, path, given))
+    robot = Robot(_mechanism(name, path, given, (MASSLESS_TIPS,) * massless_tips))
     if lock is not None:
         with locate_errors(name):
             robot = robot.locked(lock)
+    if name not in BUNDLED:
+        _warn_of_massless(robot.mechanism, path)
     return robot if drives is None else robot.with_drives(drives)
 
 
-def _mechanism(name: str, path: Path, parameters: dict[str, object]) -> Mechanism:
+def _mechanism(name: str, path: Path, parameters: dict[str, object], meant: tuple[str, ...]) -> Mechanism:
     if name in BUNDLED:
         if parameters.get("base") == "floating":
             check_floating_base(name)
-        return _call(BUNDLED[name].build, parameters, name)
+        return replace(_call(BUNDLED[name].build, parameters, name), meant=(MASSLESS_TIPS, INERTIAS))
     if path.suffix.lower() not in ROBOT_READERS:
         known = ", ".join(ROBOT_READERS)
         if not path.suffix:
             raise JounceError(f"{unknown_name_error('robot', name, BUNDLED)}, or a file of type {known}")
         raise JounceError(f"{path}: unknown type of robot file {path.suffix!r}; available: {known}")
     with np.errstate(all="ignore"):  # what overflows is refused as not finite, or judged by the audit
-        mechanism = _call(partial(_reader(path.suffix.lower()), path), parameters, str(path))
+        mechanism = replace(_call(partial(_reader(path.suffix.lower()), path), parameters, str(path)), meant=meant)
         _warn_of_inertias(mechanism, path)
     return mechanism
 
@@ -157,6 +167,21 @@ def _call(build: Callable[..., Mechanism], parameters: dict[str, object], what: 
         if name not in known:
             raise unknown_name_error("parameter", name, [*known, *ALWAYS], what)
     return build(**parameters)
+
+
+def _warn_of_massless(mechanism: Mechanism, path: Path) -> None:
+    """Warn of bodies without mass: tips unless they are meant, and those that carry mass."""
+    if not is_numeric(mechanism.M):
+        return
+    between, tips = (
+        join_names((mechanism.bodies[i] for i in np.flatnonzero(which)), most=8) for which in find_massless(mechanism)
+    )
+    found = [f"bodies without mass that carry mass: {between}"] if between else []
+    if tips and MASSLESS_TIPS not in mechanism.meant:
+        cure = "state their inertias, or massless_tips=True (--massless-tips) if that is meant"
+        found.append(f"bodies without mass that carry none, so that their joints need no force: {tips}; {cure}")
+    if found:
+        warn(f"{path}: {'; '.join(found)}")
 
 
 def _warn_of_inertias(mechanism: Mechanism, path: Path) -> None:

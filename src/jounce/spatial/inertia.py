@@ -26,6 +26,7 @@ from jounce.core.typing import ArrayLike
 from jounce.spatial.lie import Ad, axial, hat, inverse, portable_product
 
 _I = np.eye(3, dtype=int)
+CONSISTENCY_TOLERANCE = 1e-9  # of the largest entry of a tensor: less is rounding of poses and Steiner's theorem
 INERTIAL_PARAMETERS = (
     "m",
     "mcx",
@@ -214,6 +215,23 @@ def principal_moments(M: np.ndarray) -> np.ndarray:
     c = hat(h[:, 0] / m[0, 0])
     theta = M[:3, :3] + m * (c @ c)  # Steiner, back to the COM
     return np.linalg.eigvalsh(theta) if np.isfinite(theta).all() else np.full(3, np.nan)
+
+
+def nearest_consistent(M: np.ndarray) -> np.ndarray:
+    """The inertia matrix of a body that can exist, with second moments nearest to those of a matrix (6, 6).
+
+    Mass and centre of mass stay, and second moments about it lose their negative principal parts: the nearest positive
+    semidefinite matrix, by Frobenius' norm. A body without positive mass has none, nor a first moment. N. J. Higham,
+    Computing a nearest symmetric positive semidefinite matrix, Linear Algebra and its Applications 103, 1988.
+    """
+    m, h, P = moments(M)
+    if not m[0, 0] > 0:
+        m, h = 0 * m, 0 * h
+    c = h / m if m[0, 0] else h
+    size, axes = np.linalg.eigh(P - c @ h.T)
+    if size[0] >= -CONSISTENCY_TOLERANCE * np.abs(M[:3, :3]).max() and m[0, 0] == M[3, 3]:
+        return M  # consistent, but for rounding
+    return np.asarray(from_moments(m, h, axes * size.clip(0) @ axes.T + c @ h.T))
 
 
 def triangle_slack(principal: np.ndarray) -> float:

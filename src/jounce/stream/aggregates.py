@@ -15,6 +15,7 @@ from jounce.io.columns import Columns
 from jounce.io.tables import describe_place
 from jounce.limits.joints import joint_limits, limits_of_coordinates
 from jounce.limits.samples import find_worst_broken
+from jounce.limits.uncertain_spans import DECISIVE_DEVIATIONS
 from jounce.model.limit_kinds import MOTION_KINDS
 from jounce.model.limits import Limits
 from jounce.motion.motion import Motion
@@ -50,6 +51,9 @@ def tally(block: OutputBlock, rows: slice, limits: Limits | None) -> Aggregate:
             for name, of in zip(output.names, found, strict=True):
                 values.setdefault(name, {})[rate_name(output.symbol, k)] = of
     forces = tuple(rate[rows] for rate in outputs[0].rates)
+    if outputs[0].deviations is not None:  # what is surely there
+        bands = [DECISIVE_DEVIATIONS * spread[rows] for spread in outputs[0].deviations]
+        forces = tuple(np.sign(x) * np.maximum(np.abs(x) - s, 0) for x, s in zip(forces, bands, strict=True))
     worst = limits and find_worst_broken(limits, t, tuple(rate[rows] for rate in block.states), forces)
     known = {"rows": len(t), "t": [float(t[0]), float(t[-1])], "values": values, "broken": list(worst or ())}
     return {**block.about, **known}

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from jounce.checks.audit.finding import Finding
-from jounce.dynamics.mobility import idle_coordinates
+from jounce.dynamics.mobility import find_massless, idle_coordinates
 from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia
 
@@ -132,21 +132,8 @@ def _body_names(mechanism: Mechanism, bodies: Iterable[int]) -> tuple[str, ...]:
 
 
 def check_massless(mechanism: Mechanism) -> Iterator[Finding]:
-    """Find massless bodies: those that carry mass, which have no effect, and those that carry none.
-
-    Bodies that a closed loop joins carry the mass of each other.
-    """
-    empty = ~mechanism.M.any(axis=(1, 2))
-    empty[: int(mechanism.floats)] = False  # a base has no joint that could move nothing
-    loaded = ~empty
-    if mechanism.closure:
-        empty[[mechanism.owners[j] for j in mechanism.closure.actuated if not mechanism.loops]] = False  # rotors
-        loaded[[frame.body for loop in mechanism.loops for frame in (loop.a, loop.b) if frame.body >= 0]] = True
-    carries = loaded.copy()
-    for i, p in reversed(list(enumerate(mechanism.parent))):
-        if p >= 0:
-            carries[p] |= carries[i]
-    between, tips = np.flatnonzero(empty & carries), np.flatnonzero(empty & ~carries)
+    """Find massless bodies: those that carry mass, which have no effect, and those that carry none."""
+    between, tips = map(np.flatnonzero, find_massless(mechanism))
     if between.size:
         yield Finding(
             severity="note",

@@ -1,0 +1,120 @@
+"""Limits that a robot's data leave undecided: joints without mass, limits of 0, inertias that no body can have."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import jounce
+from jounce.cli import main
+from jounce.spatial import inertia
+
+NO_MASSES = Path(__file__).parent / "no_masses.urdf"  # a carries b, of 2 kg; c none; the effort limit of jb is 0
+MOTION = jounce.Motion.polynomial([[0, 0.3], [0.2, 0.2], [0, -0.1]], 1.0).with_step(0.01)
+COLUMNS = [f"{joint}.{rate}" for joint in ("ja", "jb", "jc") for rate in ("q", "qd", "q2d")]
+VERBS = ("check", "run", "retime", "slowdown", "report")
+
+
+def load(**options):
+    with pytest.warns(jounce.JounceWarning, match="bodies without mass") as warned:
+        robot = jounce.load(NO_MASSES, **options)
+    assert len(warned) == 1
+    return robot
+
+
+def efforts(found):
+    return {row.joint: row for row in found.table if row.limit == "effort"}
+
+
+@pytest.mark.parametrize(("meant", "jc"), [(False, "undecided"), (True, "kept")])
+def test_a_file_without_masses_keeps_no_limit_of_force_by_lack_of_inertia(meant, jc):
+    rows = efforts(found := load(massless_tips=meant).check(MOTION))
+    assert {joint: row.verdict for joint, row in rows.items()} == {"ja": "kept", "jb": "undecided", "jc": jc}
+    assert (found.verdict, found.ok) == ("undecided", False)
+    assert "0 on both sides" in rows["jb"].cause
+    assert ("moves no mass" in (rows["jc"].cause or "")) == (not meant)
+    assert all(row.verdict == "kept" for row in found.table if row.limit != "effort")
+    assert sum("undecided: effort of" in note for note in found.notes) == 2 - meant
+    assert found.judged["effort"] == 1  # of ja
+
+
+@pytest.mark.filterwarnings("always:.*bodies without mass")
+@pytest.mark.parametrize(("words", "code"), [([], 3), (["--massless-tips"], 3)])
+def test_the_command_says_the_same_as_its_json_and_its_exit_status(tmp_path, words, code):
+    table = tmp_path / "m.yaml"
+    joints = {name: {"polynomial": x} for name, x in {"ja": [0, 0.3], "jb": [0.2, 0.2], "jc": [0, -0.1]}.items()}
+    table.write_text(json.dumps({"time": {"start": 0, "stop": 1, "count": 101}, "joints": joints}))
+    done = CliRunner().invoke(main, ["check", str(NO_MASSES), str(table), "--json", *words])
+    said = json.loads(done.stdout)
+    assert (done.exit_code, said["verdict"], said["ok"]) == (code, "undecided", False)
+    causes = {row["joint"]: row["cause"] for row in said["limits"] if row["cause"]}
+    assert sorted(causes) == (["jb"] if words else ["jb", "jc"])
+    for verb in VERBS:
+        out = [] if verb == "check" else ["-o", str(tmp_path / ("o.html" if verb == "report" else "o.csv"))]
+        done = CliRunner().invoke(main, [verb, str(NO_MASSES), str(table), *out, *words])
+        assert done.output.count("without mass that carry mass: a") == 1, done.output
+        assert done.output.count("carry none") == (not words), done.output
+
+
+@pytest.mark.parametrize("kind", ["effort", "velocity", "acceleration"])
+@pytest.mark.parametrize("zero", [0.0, -0.0])
+@pytest.mark.parametrize("rates", [[0, 0, 0], [0, 1, 1]])
+def test_a_limit_of_zero_is_neither_kept_nor_broken(kind, zero, rates):
+    robot = jounce.load("planar2r").with_limits(**{kind: [zero, 1e9]})
+    found = robot.check(jounce.Motion.polynomial([rates, [0, 1, 1]], 1.0))
+    assert [row.verdict for row in found.table if row.limit == kind] == ["undecided", "kept"]
+
+
+def test_a_motion_of_one_row_has_the_verdicts_of_longer_ones(tmp_path):
+    (tmp_path / "one.csv").write_text(",".join(["t", *COLUMNS]) + "\n" + ",".join("0.1" for _ in ["t", *COLUMNS]))
+    robot = load()
+    rows = efforts(robot.check(jounce.load_motion(tmp_path / "one.csv", robot, order=0)))
+    assert [row.verdict for row in rows.values()] == ["kept", "undecided", "undecided"]
+
+
+def pendulum(spread, bound):
+    """A pendulum of 1 kg at 1 m whose second moments about the COM are `spread`, with an effort limit."""
+    h = np.array([[1.0], [0], [0]])
+    M = inertia.from_moments(np.eye(1), h, np.diag(spread) + h @ h.T)
+    turn = jounce.Robot.from_screws([np.eye(4)], [[0, 0, 1, 0, 0, 0]], [M], gravity=(0, 0, 0))
+    return turn.with_limits(effort=bound)
+
+
+@pytest.mark.parametrize(
+    ("spread", "bound", "verdict"),
+    [
+        ([0.1, 0.1, 0.1], 1.21, "kept"),  # 1 + 0.1 + 0.1, of a body that can be
+        ([0.1, -0.1, 0.1], 1.05, "undecided"),  # 1.0 as stated, 1.1 with the nearest one
+        ([0.1, -0.1, 0.1], 1.11, "kept"),
+        ([0.1, -0.1, 0.1], 0.99, "broken"),
+    ],
+)
+def test_an_inertia_of_no_body_decides_where_the_nearest_one_decides_alike(spread, bound, verdict):
+    found = pendulum(spread, bound).check(jounce.Motion.polynomial([[0, 0, 0.5]], 1.0))
+    assert found.verdict == verdict
+    assert ("no body can have the inertias of" in (found.worst.cause or "")) == (verdict == "undecided")
+
+
+@pytest.mark.parametrize(("negative", "consistent"), [(-1e-11, True), (-1e-8, False)])
+def test_rounding_makes_no_inertia_of_no_body(negative, consistent):
+    M = pendulum([0.1, negative, 0.1], 1).mechanism.M[0]
+    assert np.array_equal(inertia.nearest_consistent(M), M) == consistent
+
+
+@pytest.mark.parametrize(("m", "P"), [(-1.0, [0.1, 0.2, 0.3]), (0.0, [0.1, -0.2, 0.3])])
+def test_the_nearest_body_of_no_positive_mass_has_none(m, P):
+    M = inertia.nearest_consistent(inertia.from_moments(np.full((1, 1), m), np.ones((3, 1)) * m, np.diag(P)))
+    mass, first, second = inertia.moments(M)
+    assert not mass.any()
+    assert not first.any()
+    assert (np.linalg.eigvalsh(second) >= -1e-15).all()
+
+
+@pytest.mark.parametrize("name", ["iiwa14", "delta"])
+def test_bundled_robots_are_decided(name):
+    robot = jounce.load(name).with_limits(effort=1e6)
+    assert "inertias" in robot.mechanism.meant
+    changed = robot.with_inertial_parameters(robot.inertial_parameters)
+    assert "inertias" not in changed.mechanism.meant
