@@ -198,6 +198,24 @@ def test_motions_that_begin_or_end_in_motion_are_named():
     assert (found.trips[-1].cause, found.trips[-1].t) == ("end", 5.001)
 
 
+@pytest.mark.parametrize("rate", [100, 250, 500, 1000])
+@pytest.mark.parametrize("limit", [0.5, 1.0, 4.0])
+@pytest.mark.parametrize("duration", [0.2, 0.3, 1.0])
+def test_every_moment_that_is_named_breaks_a_limit(duration, limit, rate):
+    """A moment that ends with the last commands need not go on while the last one is held, nor stop before."""
+    arm = jounce.load("planar2r").with_limits(acceleration=limit)
+    way = np.array([0, 0, 0, 6, -9, 3.6]) / duration ** np.arange(6)
+    motion = jounce.Motion.polynomial([way, 0 * way], duration)
+    t, q = motion.sampled(rate).samples
+    held = np.concatenate([q[:1], q[:1], q, np.repeat(q[-1:], 3, axis=0)])
+    beyond = np.abs(np.diff(held, 2, axis=0)[:, 0]) * rate**2 > limit * (1 + 1e-9)
+    times = np.append(t, t[-1] + np.arange(1, 4) / rate)[beyond]
+    found = arm.explain(motion, rate=rate).trips
+    named = np.concatenate([times[(times > of.t - 1e-9) & (times < of.stop + 1e-9)] for of in found] or [[]])
+    np.testing.assert_allclose(np.unique(named), times)
+    assert all(np.abs(times - end).min() < 1e-9 for of in found for end in (of.t, of.stop))
+
+
 def test_a_position_out_of_range_is_cured_by_no_time_law():
     found, trip = first(quintic(pi * np.eye(7)[0], 3.0))
     assert (trip.joint, trip.limit, trip.cause, found.cures) == ("panda_joint1", "position", "position", ())

@@ -100,7 +100,12 @@ def take_differences(b: LimitedMotion, start: np.ndarray | None = None) -> Comma
         notes.append(f"torque rates are differences of the table's torques, taken as {b.limits.of('effort_rate')}")
     judged = b.select_kinds([kind for kind in b.kinds if kind in values and motion_order(b.robot, kind) <= order])
     if left := [kind.replace("_", " ") for kind in b.kinds if kind not in judged.kinds]:
-        notes.append(f"limits of {join_names(left)} are not judged by differences up to order {order}")
+        words = f"limits of {join_names(left)} are not judged by differences up to order {order}"
+        if not judged.kinds:
+            needed = [motion_order(b.robot, kind) for kind in b.kinds if kind in values or kind in MOTION_KINDS]
+            cure = f"raise differences (--differences) to {min(needed)}" if needed else "leave out rate (--rate)"
+            raise JounceError(f"{m.name!r}: {words}, and it has no others; {cure}")
+        notes.append(words)
     values = {kind: values[kind][1:] for kind in judged.kinds}
     return CommandDifferences(judged, commands, t, joints, values, tuple(notes))
 

@@ -166,7 +166,7 @@ def _find_moments(d: CommandDifferences) -> list[tuple[int, int]]:
     ever = np.any([d.beyond(kind, sign).any(axis=1) for kind in d.b.kinds for sign in SIGNS], axis=0)
     reach, end = d.commands.differences, len(d.commands.t)
     found = find_runs(np.convolve(ever, np.ones(reach + 1))[: len(ever)] > 0)
-    if found and found[-1][0] < end - 2 * reach and found[-1][1] >= end:  # the end has a cause of its own
+    if ever[end:].any() and found[-1][0] < end - 2 * reach:  # what is broken while the last is held has its own cause
         first, last = found.pop()
         found += [(first, end - 1), (end, last)]
     return found
