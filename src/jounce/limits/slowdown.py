@@ -45,6 +45,7 @@ from jounce.motion.motion import Motion
 _BINDING_RATIO_TOLERANCE = 2e-10  # of a ratio above 1: factors are as exact
 _MAX_SLOWDOWN_ROUNDS = 40  # of states added between samples; motions take three or four
 _MIN_SPEED_FACTOR = 1e-9  # only a limit of 0 makes the factor smaller: no useful motion lasts 1e9 times as long
+_NO_RESERVE = 5e-6  # of a factor above 1: what six digits show as 1
 _FACTOR_BISECTIONS = 24  # of the factor where samples are uncertain: 2^-24 = 6e-8, finer than their deviations
 
 
@@ -130,7 +131,9 @@ def describe_reserve(largest: float | None) -> str:
         return "how much faster the motion could be is not known"
     if np.isinf(largest):
         return "no limit bounds the speed of the motion"
-    return f"the motion could be up to {max(largest, 1.0):.6g} times as fast"
+    if largest <= 1 + _NO_RESERVE:
+        return "one is just met, so that the motion could not be faster"
+    return f"the motion could be up to {largest:.6g} times as fast"
 
 
 def slowdown(
