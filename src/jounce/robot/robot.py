@@ -1479,7 +1479,7 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         -------
         ElasticAlong
             Frozen: the times `t`, the `rates` q, qd, ..., the `positions` theta, thetad, theta2d, ... and the `torques`
-            tau, ..., tuples of (N, m); `currents`, `voltages`; `deviations` and `breaks` of the torques.
+            tau, ..., tuples of (N, m); `currents`, `voltages`; `deviations` and `breaks` of the torques; `notes`.
 
         Raises
         ------
