@@ -230,7 +230,7 @@ def compare(
 ) -> tuple[float, float, float]:
     """How long a path takes: by the guard, by `slowdown` to at most the planned speed, and `retime`."""
     guarded = len(run_compiled(library, tables, np.ones(MOST_TICKS)).rates) * DT
-    slow = max(robot.slowdown(motion).motion.duration, motion.duration)
+    slow = robot.slowdown(motion).motion.duration
     try:
         return guarded, slow, robot.retime(motion).duration
     except jounce.JounceError:  # it moves at an end

@@ -111,7 +111,7 @@ def check_slowdown(kind, name, seed):
         if not robot.limits.kinds:
             return
         try:
-            slow = robot.slowdown(plan.motion)
+            slow = robot.slowdown(plan.motion, up_to_limits=True)
         except jounce.JounceError as error:
             check_refusal(str(error), robot, plan, given, is_infinite(given, infinite))
             return

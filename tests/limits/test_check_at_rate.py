@@ -126,6 +126,17 @@ def test_a_verdict_by_differences_says_which_limits_it_does_not_cover():
     assert "not judged" not in arm.check(commands, rate=1000).words
 
 
+def test_differences_that_judge_no_limit_decide_nothing():
+    """No verdict, and so none that a limit is kept: those of motors are judged by no differences at all."""
+    motion = jounce.Motion.polynomial([[0, 0, 9], [0, 0, 0]], duration=1.0)
+    arm = jounce.load("planar2r").with_limits(acceleration=4)
+    soft = jounce.load("planar2r").elastic(800, rotor=0.1).with_limits(motor_velocity=1e-3)
+    for judge in (arm.check, arm.explain):
+        words = ("limits of acceleration are not judged", "up to order 1", "differences (--differences) to 2")
+        refusal(lambda judge=judge: judge(motion, rate=1000, differences=1), *words)
+    refusal(lambda: soft.check(motion, rate=1000), "limits of motor velocity are not judged", "leave out rate (--rate)")
+
+
 def test_torques_of_a_table_of_commands_are_judged_as_they_are():
     """Joints without a column have the torques of the model; the first torque follows the rest before it."""
     t = np.arange(100) / 1000

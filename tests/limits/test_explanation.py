@@ -1,6 +1,7 @@
 """Why a controller stops a motion: cases after public threads on Franka arms, and what is not predicted."""
 
 import json
+import shlex
 from math import pi
 
 import numpy as np
@@ -81,7 +82,8 @@ def test_trapezoids_trip_by_torque_rates_alone_at_high_jerk_limits():
         ("torque rate", "effort rate of Q - Qgrav", 0.001), ("torque rate", "effort rate of Q - Qgrav", 0.251)
     ]  # fmt: skip
     assert "limits of velocity, acceleration, jerk are kept there" in trip.words
-    assert all("of motion.sampled(1000)" in cure.words for cure in found.cures if cure.works)
+    assert cured(found) == {"slowdown": True, "retime": False}
+    assert "motion.blended(time" in found.cures[1].words
 
 
 def test_an_acceleration_that_jumps_breaks_a_lower_jerk_limit():
@@ -198,6 +200,24 @@ def test_motions_that_begin_or_end_in_motion_are_named():
     assert (found.trips[-1].cause, found.trips[-1].t) == ("end", 5.001)
 
 
+@pytest.mark.parametrize("rate", [100, 250, 500, 1000])
+@pytest.mark.parametrize("limit", [0.5, 1.0, 4.0])
+@pytest.mark.parametrize("duration", [0.2, 0.3, 1.0])
+def test_every_moment_that_is_named_breaks_a_limit(duration, limit, rate):
+    """A moment that ends with the last commands need not go on while the last one is held, nor stop before."""
+    arm = jounce.load("planar2r").with_limits(acceleration=limit)
+    way = np.array([0, 0, 0, 6, -9, 3.6]) / duration ** np.arange(6)
+    motion = jounce.Motion.polynomial([way, 0 * way], duration)
+    t, q = motion.sampled(rate).samples
+    held = np.concatenate([q[:1], q[:1], q, np.repeat(q[-1:], 3, axis=0)])
+    beyond = np.abs(np.diff(held, 2, axis=0)[:, 0]) * rate**2 > limit * (1 + 1e-9)
+    times = np.append(t, t[-1] + np.arange(1, 4) / rate)[beyond]
+    found = arm.explain(motion, rate=rate).trips
+    named = np.concatenate([times[(times > of.t - 1e-9) & (times < of.stop + 1e-9)] for of in found] or [[]])
+    np.testing.assert_allclose(np.unique(named), times)
+    assert all(np.abs(times - end).min() < 1e-9 for of in found for end in (of.t, of.stop))
+
+
 def test_a_position_out_of_range_is_cured_by_no_time_law():
     found, trip = first(quintic(pi * np.eye(7)[0], 3.0))
     assert (trip.joint, trip.limit, trip.cause, found.cures) == ("panda_joint1", "position", "position", ())
@@ -255,6 +275,76 @@ def test_the_command_explains(tmp_path):
     assert "leave out --limits" in run(*arguments, "--limits", "panda").stderr
     kept = run("explain", "iiwa14", "paper", "--rate", 1000, "--limits", "ur5e")
     assert kept.exit_code == 2
+
+
+def follow(found, robot, motion):
+    """The motions of the calls that an explanation names."""
+    return [eval(cure.call, {"robot": robot, "motion": motion}).motion for cure in found.cures if cure.works]
+
+
+@pytest.mark.parametrize("rate", [250, 500])
+@pytest.mark.parametrize("differences", [2, 3])
+def test_the_calls_that_are_named_cure(rate, differences):
+    arm = jounce.load("planar2r").with_limits(velocity=2, acceleration=8, effort=100)
+    motion = quintic(np.array([0.5, -0.6]), 0.4, np.zeros(2))
+    found = arm.explain(motion, rate=rate, differences=differences)
+    assert ("differences" in found.cures[0].call) == (differences != 3)
+    cures = follow(found, arm, motion)
+    assert len(cures) == 2
+    for cure in cures:
+        assert not arm.explain(cure, rate=rate, differences=differences).trips
+        assert arm.check(cure, rate, differences).ok
+
+
+def test_the_calls_that_are_named_for_a_controller_cure():
+    found, _ = first(quintic(WAY, 0.35))
+    assert found.cures[0].call == "robot.with_limits('panda').slowdown(motion, rate=1000)"
+    for cure in follow(found, PANDA, quintic(WAY, 0.35)):
+        assert not PANDA.explain(cure, "franka").trips
+
+
+def table_of(motion, path, *names):
+    t, q = motion.sampled(500).samples
+    np.savetxt(path, np.column_stack([t, q]), "%.17g", ",", header=",".join(["t", *names]), comments="")
+
+
+@pytest.mark.filterwarnings("ignore:.*jumps at . knot")
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--limits", "arm limits.yaml", "--rate", "500", "--as", "commands"),
+        ("--limits=arm limits.yaml", "--rate=500", "--degree", "7", "--differences", "2"),
+        ("--limits", "arm limits.yaml", "--rate", "250", "--degree", "7", "--lock", "joint2=-0.5", "--json"),
+    ],
+)
+def test_the_command_lines_that_are_named_cure(tmp_path, monkeypatch, options):
+    monkeypatch.chdir(tmp_path)
+    tmp_path.joinpath("arm limits.yaml").write_text(
+        "units: SI\njoints:\n  joint1: {velocity: 2, acceleration: 8, effort_rate: 900}\n"
+    )
+    powers = np.array([0, 0, 0, 0, 35, -84, 70, -20]) / 0.5 ** np.arange(8)
+    motion = jounce.Motion.polynomial(np.outer([0.5, -0.6], powers), 0.5)
+    table_of(motion, "moves.csv", "joint1", "joint2")
+    if "--lock" in options:
+        table_of(jounce.Motion.polynomial(np.outer([0.5], powers), 0.5), "moves.csv", "joint1")
+    result = run("explain", "planar2r", "moves.csv", *options)
+    assert result.exit_code == 1, result.output
+    if "--json" in options:
+        lines = [cure["command"] for cure in json.loads(result.stdout)["cures"] if cure["works"]]
+    else:
+        lines = [line.strip() for line in result.stdout.splitlines() if line.startswith("  jounce")]
+    assert len(lines) == 2
+    for line in lines:
+        _, verb, *words = shlex.split(line)
+        done = run(verb, *words)
+        assert done.exit_code == 0, done.output
+        rate = words[words.index("--rate") + 1]
+        judge = ["--limits", "arm limits.yaml", "--rate", rate]
+        for option in ("--differences", "--lock"):
+            judge += words[words.index(option) : words.index(option) + 2] if option in words else []
+        checked = run("check", "planar2r", words[-1], *judge)
+        assert checked.exit_code == 0, checked.output
+        assert "every limit is kept" in checked.stdout
 
 
 def test_json_has_null_for_the_ratio_to_a_limit_of_zero(tmp_path):

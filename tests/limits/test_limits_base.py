@@ -26,7 +26,7 @@ def test_values_are_those_of_the_joints_along_the_base():
 
 
 def test_the_base_goes_at_the_pace_that_limits_allow():
-    slow = FLOATING.slowdown(MOTION)
+    slow = FLOATING.slowdown(MOTION, up_to_limits=True)
     np.testing.assert_allclose(FLOATING.check(slow.motion).worst.ratio, 1, atol=1e-8)
     fast = FLOATING.retime(MOTION, margin=0.02)
     assert fast.duration < slow.motion.duration * 1.001

@@ -196,7 +196,7 @@ def test_no_limit_is_broken_and_one_decides_nearly_everywhere(robot, limits):
     found = robot.retime(motion)
     shares = largest(robot, found.motion, 15_001)
     assert 0.985 < max(shares.values()) < 0.9902, shares
-    assert found.duration == found.motion.duration <= robot.slowdown(motion).motion.duration / 0.98
+    assert found.duration == found.motion.duration <= robot.slowdown(motion, up_to_limits=True).motion.duration / 0.98
     assert found.motion.breaks == ()
     decided = sum(stretch.stop - stretch.start for stretch in found.binding)
     assert decided > 0.8 * found.duration
@@ -212,7 +212,7 @@ def test_it_is_never_slower_than_the_slowdown(robot):
     robot = robot.with_limits(effort_rate=1000.0)
     for seed in range(3):
         motion = move(robot, seed)
-        slow = robot.slowdown(motion)
+        slow = robot.slowdown(motion, up_to_limits=True)
         found = robot.retime(motion, margin=0)
         assert found.duration <= slow.motion.duration
         assert robot.check(found.motion).worst.ratio < 1.001
@@ -288,7 +288,7 @@ def test_with_velocity_and_torque_alone_it_is_as_fast_as_toppra():
 def test_end_velocities_remain():
     robot = UR5.with_limits(effort_rate=500.0)
     whole = move(robot, 1, 1.5)
-    slow = robot.slowdown(whole).motion.scaled(1.2)
+    slow = robot.slowdown(whole, up_to_limits=True).motion.scaled(1.2)
     half = slow.start + slow.duration / 2
     times = np.linspace(slow.start, half, 41)
     part = Motion.through(times, slow(times, 0)[0])

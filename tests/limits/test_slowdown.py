@@ -17,7 +17,7 @@ def pendulum(**limits):
 
 def driven(**drives):
     m = jounce.load("planar2r").mechanism
-    return jounce.Robot.from_screws(m.B, m.X, m.M, gravity=m.gravity, drives=drives).with_drives()
+    return jounce.Robot.from_screws(m.B, m.X, m.M, gravity=m.gravity, drives=drives).with_drives(bool(drives))
 
 
 def swing(seed):
@@ -67,7 +67,7 @@ def test_holes_in_the_feasible_set(seed):
     peak = rates[np.argmax(rates[1:] < rates[:-1])]  # where gravity's part is largest, before inertia's takes over
     kinds = {"effort_rate": peak * np.random.default_rng(seed).uniform(0.6, 0.999)}
     robot = pendulum(**kinds)
-    slow = robot.slowdown(motion)
+    slow = robot.slowdown(motion, up_to_limits=True)
     factor, largest = brute_force(robot, motion, kinds)
     assert slow.largest > 1.01 * slow.factor
     assert (slow.factor, slow.largest) == pytest.approx((factor, largest), rel=1e-6)
@@ -84,7 +84,7 @@ def test_slowdown_is_that_of_brute_force(seed):
     drawn = [kind for kind in some if kind == "effort" or rng.random() < 0.5]
     kinds = {kind: some[kind] * rng.uniform(0.7, 2) for kind in drawn}
     robot = robot.with_limits(**some | dict.fromkeys(some, np.inf) | kinds, lower=-9, upper=9)
-    slow = robot.slowdown(motion)
+    slow = robot.slowdown(motion, up_to_limits=True)
     factor, largest = brute_force(robot, motion, kinds)
     assert (slow.factor, slow.largest) == pytest.approx((factor, largest), rel=1e-6)
     found = robot.check(slow.motion)
@@ -129,18 +129,61 @@ def test_friction_is_bracketed(drives):
     motion = fourier(3, 2, size=0.1).with_step(0.05)
     slow = robot.slowdown(motion)
     assert slow.largest is None
+    assert slow.factor < 1
     assert robot.check(slow.motion).worst.ratio == pytest.approx(1, abs=1e-9)
     for factor in np.linspace(0.1, 0.999, 7):
         assert robot.check(motion.scaled(1 / (factor * slow.factor))).ok
     assert not robot.check(motion.scaled(1 / (1.001 * slow.factor))).ok
 
 
-def test_a_motion_may_be_sped_up():
-    robot = jounce.load("panda", lock={"panda_finger_joint1": 0.0}).with_limits("panda")
-    motion = jounce.Motion.polynomial(np.array([HOME, *[0.1 * HOME**0] * 2]).T, 1.0)
-    slow = robot.slowdown(motion)
-    assert slow.factor > 1
-    assert slow.motion.duration == pytest.approx(motion.duration / slow.factor)
+@pytest.mark.parametrize(
+    ("limits", "drives"),
+    [({"velocity": 2.0}, {}), ({"effort": 300.0}, {}), ({"effort": 300.0}, {"friction": [8, 3]})],
+)
+@pytest.mark.parametrize("speed", [0.2, 0.999, 1.0, 1.001, 3.0])
+def test_a_motion_that_is_kept_is_the_result_itself(limits, drives, speed):
+    """`speed` times that at which a limit is met: up to it the same object, beyond it one that meets the limit."""
+    robot = driven(**drives).with_limits(**limits)
+    most = robot.slowdown(fourier(3, 2, size=0.1).with_step(0.05), up_to_limits=True).motion
+    motion = most.scaled(1 / speed)
+    slow, fast = robot.slowdown(motion), robot.slowdown(motion, up_to_limits=True)
+    assert fast.factor == pytest.approx(1 / speed, rel=1e-9)
+    assert fast.binding is not None
+    if speed <= 1:
+        assert slow.motion is motion
+        assert (slow.factor, slow.binding, slow.verdict) == (1.0, None, "kept")
+        assert slow.largest == pytest.approx(1 / speed, rel=1e-9)
+        reserve = f"could be up to {slow.largest:.6g} times as fast" if speed < 1 else "could not be faster"
+        assert reserve in repr(slow)
+    else:
+        assert (slow.factor, slow.binding, slow.verdict) == (fast.factor, fast.binding, "broken")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_motion_that_is_kept_between_speeds_that_are_not_is_the_result_itself(seed):
+    """Gravity and inertia cancel at its speed; slower ones break the limit, which a note says."""
+    motion = swing(seed)
+    c = np.linspace(0, 3, 600)[1:]
+    rates = dense_ratio(
+        pendulum(effort_rate=1.0), motion, {"effort_rate": 1.0}, c, np.linspace(motion.start, motion.stop, 2001)
+    )
+    peak = rates[np.argmax(rates[1:] < rates[:-1])]
+    robot = pendulum(effort_rate=0.8 * peak)
+    both = robot.slowdown(motion, up_to_limits=True)
+    at = both.largest * 0.999
+    given = motion.scaled(1 / at)
+    slow = robot.slowdown(given)
+    assert robot.check(given).ok
+    assert slow.motion is given
+    assert slow.largest == pytest.approx(1 / 0.999, rel=1e-9)
+    assert slow.notes[-1] == f"some factors of speed between {both.factor / at:.6g} and {1 / 0.999:.6g} break a limit"
+
+
+def test_a_motion_that_nothing_bounds_is_the_result_itself():
+    robot = jounce.load("planar2r").with_limits(effort=100)
+    slow = robot.slowdown(STILL)
+    assert (slow.motion, slow.largest) == (STILL, np.inf)
+    assert repr(slow) == "<Slowdown: every limit is kept; no limit bounds the speed of the motion>"
 
 
 STILL = jounce.Motion.polynomial([[0.0], [0.5]], 1.0)
@@ -168,4 +211,4 @@ MOVING = jounce.Motion.polynomial([[0.0, 0.3], [0.5, 0.2]], 1.0)
     ],
 )  # fmt: skip
 def test_what_slowing_down_does_not_help_is_refused(limits, motion, words):
-    refusal(lambda: jounce.load("planar2r").with_limits(**limits).slowdown(motion), *words)
+    refusal(lambda: jounce.load("planar2r").with_limits(**limits).slowdown(motion, up_to_limits=True), *words)

@@ -61,7 +61,7 @@ def test_the_line_bounds_what_drives_and_not_what_brakes():
 def test_a_slow_down_meets_the_line(robot):
     robot = robot.with_limits(stall_effort=[60, 20], no_load_velocity=3.0)
     motion = move(robot, 1, 1.0)
-    slow = robot.slowdown(motion)
+    slow = robot.slowdown(motion, up_to_limits=True)
     assert slow.binding.limit == "stall_effort"
 
     def peak(factor):

@@ -256,7 +256,7 @@ def test_limits_of_motors_are_judged_as_brute_force_does(limited):
 def test_motions_become_as_fast_in_both_coordinates(limited):
     durations, factors = [], []
     for robot, motion in limited[2]:
-        faster, slow = robot.retime(motion), robot.slowdown(motion)
+        faster, slow = robot.retime(motion), robot.slowdown(motion, up_to_limits=True)
         assert robot.check(faster.motion).worst.ratio == pytest.approx(0.99, abs=1e-4)
         assert robot.check(slow.motion).worst.ratio == pytest.approx(1, abs=1e-6)
         assert {x.joint for x in faster.binding} & {"motor5", "motor6"}

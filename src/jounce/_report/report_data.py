@@ -153,7 +153,8 @@ def _slowdown(robot: Engine, motion: Motion, worst: np.ndarray) -> Slowdown | st
     if len(motion.times) > MAX_SLOWDOWN_STATES:
         states = replace(motion, grid=np.union1d(np.linspace(motion.start, motion.stop, MAX_SLOWDOWN_STATES), worst))
     try:
-        return slowdown(robot, states)
+        found = slowdown(robot, states)
+        return found if found.binding else replace(found, motion=motion)
     except JounceError as error:
         return str(error)
 

@@ -20,13 +20,15 @@ from jounce.dynamics.joint_springs import elasticity_of, with_stiffness
 from jounce.dynamics.quantities import QUANTITIES, find_row
 from jounce.engine.along import Along, ForceBreak, Progress, forces_along
 from jounce.engine.engine import Engine
-from jounce.model.elasticity import Elasticity
+from jounce.model.coordinates import coordinate_units
+from jounce.model.elasticity import Elasticity, motor_names
 from jounce.model.mechanism import Mechanism
 from jounce.model.spring_deflection import UnreachableError
 from jounce.motion.motion import Motion
 from jounce.spatial.series import column_series
 
 Rates = tuple[np.ndarray, ...]
+REST_SHARE = 1e-6  # of the largest velocity of links, or of motors: what is slower rests, to the rounding of its rates
 _POSITION_ROW, _TORQUE_ROW = QUANTITIES["motor_positions"], QUANTITIES["motor_torques"]
 
 
@@ -51,6 +53,8 @@ class ElasticAlong:
         Standard deviations of the torques that follow from those of q, qd, ...; None where these are exact.
     breaks : tuple of ForceBreak
         Times at which tau or one of its rates jumps or does not exist, with order, jump and causes.
+    notes : tuple of str
+        Which motor would have to start or stop at a speed where the links rest, in words.
 
     Examples
     --------
@@ -70,6 +74,7 @@ class ElasticAlong:
     voltages: Rates | None = None
     deviations: tuple[np.ndarray, ...] | None = None
     breaks: tuple[ForceBreak, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def motors_along(
@@ -89,7 +94,8 @@ def motors_along(
         convert_stiffness(robot.mechanism, stiffness, 1)  # none, or an error
     if (e.dampers and e.level is None) or e.pairs:
         links, theta, tau = _integrate_motors(robot, motion, t, check_order(order), stiffness, *options)
-        return ElasticAlong(links.t, links.rates, theta, tau, *electrical.outputs(e, theta, tau), breaks=links.breaks)
+        outputs, notes = electrical.outputs(e, theta, tau), _describe_ends(robot, motion, links, theta[1])
+        return ElasticAlong(links.t, links.rates, theta, tau, *outputs, breaks=links.breaks, notes=notes)
     try:
         rows = [find_row(row.name, e.more_rates) for row in (_POSITION_ROW, _TORQUE_ROW)]
         found = forces_along(robot, motion, t, order, *options, rows[1])
@@ -99,8 +105,28 @@ def motors_along(
         _integrate_motors(robot, motion, t, check_order(order), None, *options)  # which reports the time
         raise
     _check_stiffness_between(robot.mechanism, found.t, theta[0] - found.rates[0])
-    outputs = electrical.outputs(e, theta, found.forces)
-    return ElasticAlong(found.t, found.rates, theta, found.forces, *outputs, found.deviations, found.breaks)
+    outputs, notes = electrical.outputs(e, theta, found.forces), _describe_ends(robot, motion, found, theta[1])
+    return ElasticAlong(found.t, found.rates, theta, found.forces, *outputs, found.deviations, found.breaks, notes)
+
+
+def _describe_ends(robot: Engine, motion: Motion, links: Along, thetad: np.ndarray) -> tuple[str, ...]:
+    """The motor that moves fastest at an end of a motion where all links rest: its velocity jumps there."""
+    m, qd, found = robot.mechanism, np.abs(links.rates[1]), list[tuple[float, int, float, str]]()
+    for t, verb in ((motion.start, "start"), (motion.stop, "stop")):
+        for i in np.flatnonzero(links.t == t).tolist():
+            speed = np.abs(thetad[i])
+            if qd[i].max() <= REST_SHARE * qd.max() and speed.max() > REST_SHARE * np.abs(thetad).max():
+                found.append((float(speed.max()), int(speed.argmax()), t, verb))
+    if not found:
+        return ()
+    speed, j, t, verb = max(found)
+    joint = motor_names(elasticity_of(m), m.coordinates)[j]
+    unit = f"{coordinate_units(m)[m.coordinates.index(joint)]}/s" if joint in m.coordinates else "rad/s or m/s"
+    return (
+        f"the motor of {joint} would have to {verb} at {speed:.2g} {unit} at t = {t:.6g} s, where the links rest and"
+        " their jerk is not zero; plan a motion whose q3d is 0 at both ends, as polynomials of degree 7 have it:"
+        " motion.blended(time) (--blend) replaces breaks between the ends alone",
+    )
 
 
 def _check_stiffness_between(m: Mechanism, t: np.ndarray, deflections: np.ndarray) -> None:

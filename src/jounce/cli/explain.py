@@ -1,17 +1,21 @@
 """`jounce explain`: why a controller stops a motion."""
 
+import shlex
 from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from jounce.cli.limits import DIFFERENCES, LIMITS, RATE, load_with_motion
-from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
+from jounce.cli.motion_options import TYPED_WORDS, MotionCommand, MotionRequest, add_motion_options
 from jounce.cli.output import align_columns, print_summary
 from jounce.cli.robot_options import RobotRequest, add_robot_options
 from jounce.core.errors import JounceError, shorten
+
+if TYPE_CHECKING:
+    from jounce.robot import Robot
 
 MAX_TRIPS_SHOWN = 12  # the first stops the robot; --json has all
 
@@ -49,8 +53,37 @@ def explain(
         raise JounceError(f"--start is {start!r}; expected numbers with commas between them") from None
     found = arm.explain(path, controller, rate=rate, differences=differences, start=begin)
     summary = {"robot": arm.name, "motion": str(motion.path), "controller": controller, "ok": not found.trips}
-    print_summary(summary | asdict(found), _format_summary, as_json)
+    summary |= asdict(found)
+    for cure in summary["cures"]:  # the call of Python becomes the command line
+        del cure["call"]
+        cure["command"] = _repeat_command(cure["method"], arm, motion.path)
+    print_summary(summary, _format_summary, as_json)
     raise SystemExit(1 if found.trips else 0)
+
+
+def _repeat_command(verb: str, arm: "Robot", motion: Path) -> str:
+    """The command line of another verb on the same robot, motion and limits, at the same rate."""
+    from jounce.limits.explanation import select_controller
+
+    context = click.get_current_context()
+    typed = context.command.make_parser(context).parse_args(list(context.meta[TYPED_WORDS]))[0]
+    words, left_out = ["jounce", verb], {"controller", "start", "as_json"}
+    if name := typed.get("controller"):
+        known, limits = select_controller(name, arm.joint_names)
+        left_out |= {"differences"}
+        typed |= {"limits": limits, "rate": f"{known.rate:g}"}
+    for parameter in context.command.params:
+        value, key = typed.get(str(parameter.name)), parameter.opts[0]
+        if value is None or parameter.name in left_out:
+            continue
+        if isinstance(parameter, click.Argument):
+            words.append(value)
+        elif parameter.is_flag:  # type: ignore[attr-defined] # an option
+            words.append(key)
+        else:
+            for given in value if parameter.multiple else [value]:
+                words += [key, *([given] if isinstance(given, str) else given)]
+    return shlex.join([*words, "-o", f"{motion.stem}-{verb}.csv"])
 
 
 def _format_summary(summary: dict[str, Any]) -> str:
@@ -70,7 +103,11 @@ def _format_summary(summary: dict[str, Any]) -> str:
         more = len(trips) - MAX_TRIPS_SHOWN
         first = ["", *align_columns(rows), *([f"and {more} more moments; --json lists them"] if more > 0 else []), ""]
     effects = {True: "cures it", False: "does not cure it"}
-    cures = [f"{of['method']} {effects[of['works']]}: {of['words']}" for of in summary["cures"]]
+    cures = []
+    for of in summary["cures"]:
+        cures.append(f"{of['method']} {effects[of['works']]}: {of['words']}")
+        if of["works"]:
+            cures.append(f"  {of['command']}")
     return "\n".join([
         f"{shorten(summary['robot'])} along {summary['motion']}: {head}",
         *summary["notes"], *first, *cures, *(f"not predicted: {what}" for what in summary["unpredicted"]),

@@ -1,5 +1,6 @@
 """What commands on limits share: the option --limits, the motion with the rates that limits need, limits in words."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,6 +30,10 @@ LIMITS = click.option(
 )
 
 RATE = click.option("--rate", type=float, metavar="HZ", help="Judge commands at the rate of a controller.")
+KEPT_RATE = click.option(
+    "--rate", type=float, metavar="HZ",
+    help="Keep limits as check --rate judges them, by differences of commands; OUT has a row per command.",
+)  # fmt: skip
 DIFFERENCES = click.option(
     "--differences", type=click.IntRange(1, 4), default=3, metavar="N",
     help="Order of the last difference with --rate: 1 velocity, 2 acceleration, 3 jerk (libfranka), 4 snap.",
@@ -43,6 +48,16 @@ def load_with_motion(
 
     arm = load_robot(robot, limits)
     return arm, motion.load(arm, max(order, required_order(arm)))
+
+
+def select_rows(motion: "Motion", rate: float | None, step: float | None) -> "Motion":
+    """The motion with the rows of a table: one per command at a rate, else in even steps, or its own."""
+    import numpy as np
+
+    if rate is not None:
+        t = motion.sampled(rate).times
+        return replace(motion, grid=np.unique(t.clip(max=motion.stop)))
+    return motion if step is None else motion.with_step(step)
 
 
 def load_robot(robot: RobotRequest, limits: Path | None) -> "Robot":

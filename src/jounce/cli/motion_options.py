@@ -20,12 +20,20 @@ if TYPE_CHECKING:
     from jounce.robot import Robot
 
 
+TYPED_WORDS = "jounce.typed_words"  # the words of a command line after the command, by this key of a context's `meta`
+
+
 class _TableReadingOption(click.Option):
     """An option of how a table is read."""
 
 
 class MotionCommand(click.Command):
     """A command on a motion, whose help has the options of how a table is read in a group of their own."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Keep the words of the command line too, for another command that takes the same ones."""
+        ctx.meta[TYPED_WORDS] = list(args)
+        return super().parse_args(ctx, args)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options of the command alone, then the group."""

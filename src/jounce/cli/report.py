@@ -59,15 +59,16 @@ def report(
         "output": str(output), "bytes": output.stat().st_size,
         "ok": page.check and page.check.ok, "verdict": page.check and page.check.verdict,
         "judged": page.check and page.check.judged, "worst": worst and str(worst),
-        "factor": page.slowdown and page.slowdown.factor, "notes": list(path.notes),
+        "factor": page.slowdown and page.slowdown.factor, "largest": page.slowdown and page.slowdown.largest, "notes": list(path.notes),
     }  # fmt: skip
     verdict = page.check.words if page.check else "states no limits"
-    print_summary(summary, lambda of: _format_summary(of, verdict), as_json)
+    reserve = page.slowdown.words if page.slowdown and page.slowdown.binding is None else ""
+    print_summary(summary, lambda of: _format_summary(of, verdict, reserve), as_json)
 
 
-def _format_summary(summary: dict[str, Any], verdict: str) -> str:
+def _format_summary(summary: dict[str, Any], verdict: str, reserve: str) -> str:
     head = f"{shorten(summary['robot'])} along {summary['motion']}, {summary['states']} states"
     worst = [f"worst: {summary['worst']}"] if summary["worst"] else []
-    factor = [f"slow-down factor: {summary['factor']:.6g}"] if summary["factor"] else []
+    factor = [f"slow-down factor: {summary['factor']:.6g}{reserve and ', ' + reserve}"] if summary["factor"] else []
     written = f"page of {summary['bytes'] / 1e6:.1f} MB written to {summary['output']}"
     return "\n".join([f"{head}: {verdict}", *worst, *factor, *summary["notes"], written])

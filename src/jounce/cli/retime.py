@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from jounce.cli.limits import LIMITS, load_with_motion
+from jounce.cli.limits import DIFFERENCES, KEPT_RATE, LIMITS, load_with_motion, select_rows
 from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options, write_motion
 from jounce.cli.output import align_columns, check_distinct, print_summary
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options
@@ -18,6 +18,7 @@ Example:
 
 \b
 OUT holds t and NAME.q, NAME.qd, ... NAME.q4d, as `jounce motion` writes them.
+With --rate `jounce check --rate` finds every limit of OUT kept.
 """
 
 
@@ -25,6 +26,8 @@ OUT holds t and NAME.q, NAME.qd, ... NAME.q4d, as `jounce motion` writes them.
 @add_robot_options
 @add_motion_options
 @LIMITS
+@KEPT_RATE
+@DIFFERENCES
 @click.option("-o", "--output", required=True, type=PATH, help="Table to write: .csv or .npz.")
 @click.option("--margin", default=0.01, help="Share of each limit that is left.")
 @click.option(
@@ -36,15 +39,9 @@ OUT holds t and NAME.q, NAME.qd, ... NAME.q4d, as `jounce motion` writes them.
 @click.option("--picture", type=PATH, help="Speed along the path with its limits: .png, .svg or .pdf.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def retime(
-    robot: RobotRequest,
-    motion: MotionRequest,
-    limits: Path | None,
-    output: Path,
-    margin: float,
-    smooth: bool,
-    picture: Path | None,
-    as_json: bool,
-) -> None:
+    robot: RobotRequest, motion: MotionRequest, limits: Path | None, rate: float | None, differences: int, output: Path,
+    margin: float, smooth: bool, picture: Path | None, as_json: bool,
+) -> None:  # fmt: skip
     """Write the fastest motion of ROBOT along the path of MOTION, from rest to rest, within all limits."""
     from jounce.figures import canvas
     from jounce.io import tables
@@ -53,16 +50,16 @@ def retime(
     check_distinct(output, motion.path)
     if picture is not None:
         canvas.check_writable(picture)
-    arm, given = load_with_motion(robot, motion, limits)
-    found = arm.retime(given, margin, smooth)
-    fast = found.motion if motion.step is None else found.motion.with_step(motion.step)
+    arm, given = load_with_motion(robot, motion, limits, 0 if rate is None else 1)
+    found = arm.retime(given, margin, smooth, rate=rate, differences=differences)
+    fast = select_rows(found.motion, rate, motion.step)
     write_motion(output, fast, arm.joint_names)
     if picture is not None:
         from jounce.figures.path_speed import draw_path_speed
 
         canvas.save(draw_path_speed(arm, given, found), picture)
     summary = {
-        "robot": arm.name, "motion": str(motion.path), "source": given.source, "margin": margin,
+        "robot": arm.name, "motion": str(motion.path), "source": given.source, "margin": margin, "rate": rate,
         "given": given.duration, "duration": found.duration, "binding": [part._asdict() for part in found.binding],
         "jumps": found.jumps, "notes": list(given.notes),
         "output": str(output), "picture": None if picture is None else str(picture), "states": len(fast.times),

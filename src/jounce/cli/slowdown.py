@@ -1,11 +1,11 @@
-"""`jounce slowdown`: the fastest uniform pace at which a motion keeps every limit."""
+"""`jounce slowdown`: the fastest uniform pace, not above its own, at which a motion keeps every limit."""
 
 from pathlib import Path
 from typing import Any
 
 import click
 
-from jounce.cli.limits import LIMITS, load_with_motion
+from jounce.cli.limits import DIFFERENCES, KEPT_RATE, LIMITS, load_with_motion, select_rows
 from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options, write_motion
 from jounce.cli.output import check_distinct, print_summary
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options
@@ -17,7 +17,11 @@ Example:
   jounce check iiwa14 slower.csv --limits iiwa14
 
 \b
-OUT holds t and NAME.q, NAME.qd, ... NAME.q4d of the motion at this pace.
+OUT holds t and NAME.q, NAME.qd, ... NAME.q4d of the motion at this pace. A
+motion that keeps its limits stays as it is, and how much faster it could be
+is printed; --up-to-limits makes it as fast. With --rate, and for --as
+commands at the rate of the table, `jounce check --rate` finds every limit of
+OUT kept.
 """
 
 
@@ -25,45 +29,51 @@ OUT holds t and NAME.q, NAME.qd, ... NAME.q4d of the motion at this pace.
 @add_robot_options
 @add_motion_options
 @LIMITS
+@KEPT_RATE
+@DIFFERENCES
+@click.option("--up-to-limits", is_flag=True, help="Make a motion faster too, as fast as its limits allow.")
 @click.option("-o", "--output", type=PATH, help="Table of the slower motion: .csv or .npz.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def slowdown(
-    robot: RobotRequest, motion: MotionRequest, limits: Path | None, output: Path | None, as_json: bool
-) -> None:
-    """Find the largest factor of speed at which MOTION of ROBOT keeps all limits, and every smaller one does too."""
+    robot: RobotRequest, motion: MotionRequest, limits: Path | None, rate: float | None, differences: int,
+    up_to_limits: bool, output: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Find the largest factor of speed, at most 1, at which MOTION of ROBOT keeps all limits.
+
+    Every smaller factor keeps them too; with --rate the factors that were tried do.
+    """
     from jounce.io import tables
+    from jounce.motion.commands import find_commands
 
     if output is not None:
         tables.check_writable(output)
         check_distinct(output, motion.path)
-    arm, path = load_with_motion(robot, motion, limits)
-    slow = arm.slowdown(path)
+    arm, path = load_with_motion(robot, motion, limits, 0 if rate is None else 1)
+    if (commands := find_commands(path.curve)) and rate is None:
+        rate = commands.rate
+    slow = arm.slowdown(path, rate, differences, up_to_limits=up_to_limits)
     if output is not None:
-        write_motion(output, slow.motion, arm.joint_names)
+        write_motion(output, select_rows(slow.motion, rate, None), arm.joint_names)
     summary = {
-        "robot": arm.name, "motion": str(motion.path), "factor": slow.factor, "largest": slow.largest,
-        "binding": slow.binding._asdict(), "duration": [path.duration, slow.motion.duration],
-        "notes": [*path.notes, *slow.notes], "output": None if output is None else str(output),
+        "robot": arm.name, "motion": str(motion.path), "verdict": slow.verdict, "factor": slow.factor,
+        "largest": slow.largest, "binding": slow.binding and slow.binding._asdict(),
+        "duration": [path.duration, slow.motion.duration], "notes": [*path.notes, *slow.notes], "rate": rate,
+        "output": None if output is None else str(output),
     }  # fmt: skip
-    print_summary(summary, _format_summary, as_json)
+    print_summary(summary, lambda of: _format_summary(of, slow.words), as_json)
 
 
-def _format_summary(summary: dict[str, Any]) -> str:
+def _format_summary(summary: dict[str, Any], words: str) -> str:
     factor, binding = summary["factor"], summary["binding"]
-    before, after = summary["duration"]
-    kept = "it may be faster" if factor > 1 else "it must be slower" if factor < 1 else "it just keeps its limits"
-    head = f"{shorten(summary['robot'])} along {summary['motion']}: {kept}, {factor:.6g} times the speed"
-    largest = summary["largest"]
-    gap = (
-        [f"limits are kept again up to {largest:.6g} times the speed, but not by all factors between"]
-        if largest is not None and largest > factor * (1 + 1e-9)
-        else []
-    )
+    head, before, after = f"{shorten(summary['robot'])} along {summary['motion']}", *summary["duration"]
+    written = [f"q to q4d written to {summary['output']}"] if summary["output"] else []
+    if binding is None:
+        return "\n".join([f"{head}: {words}", *summary["notes"], *written])
+    change = "it must be slower" if factor < 1 else "it becomes faster"
     limit = binding["limit"].replace("_", " ")
     return "\n".join([
-        head,
+        f"{head}: {change}, {factor:.6g} times the speed",
         f"{before:.6g} s become {after:.6g} s; bound by the {limit} of {binding['joint']} at t = {binding['t']:.6g} s",
-        *gap,
         *summary["notes"],
-        *([f"q to q4d written to {summary['output']}"] if summary["output"] else []),
+        *written,
     ])  # fmt: skip

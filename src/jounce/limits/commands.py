@@ -11,7 +11,7 @@ may keep it as commands.
 [1] libfranka, src/rate_limiting.cpp (commit 16d7d166, 2023) and include/franka/rate_limiting.h.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,10 +83,7 @@ def take_differences(b: LimitedMotion, start: np.ndarray | None = None) -> Comma
     near, forces, gravity = continue_positions(b.robot, b.motion, within), [], []
     if any(LIMIT_KINDS[kind].force for kind in b.kinds):
         states = MotionStates(tuple(rates[:3]), b.motion.wrench(within, 0), None, near)
-        Q, G = compute_at_speed(b.robot, states, b.efforts, 0), compute_gravity(b.robot, states, 0)
-        forces, gravity = (
-            _take_rates(scatter_columns(m, x, b.efforts)[0], period, len(EFFORT_KINDS) - 1) for x in (Q, G)
-        )
+        forces, gravity = (_take_rates(x, period, len(EFFORT_KINDS) - 1) for x in _take_forces(b, states))
     notes = [f"differences of commands at {commands.rate:.6g} Hz: {join_names(DIFFERENCE_NAMES[1 : order + 1])}"]
     joints = joint_rates(b.robot, rates, near, b.follow)
     values = limited_values(b.limits, joints[: order + 1], forces, gravity)
@@ -100,9 +97,34 @@ def take_differences(b: LimitedMotion, start: np.ndarray | None = None) -> Comma
         notes.append(f"torque rates are differences of the table's torques, taken as {b.limits.of('effort_rate')}")
     judged = b.select_kinds([kind for kind in b.kinds if kind in values and motion_order(b.robot, kind) <= order])
     if left := [kind.replace("_", " ") for kind in b.kinds if kind not in judged.kinds]:
-        notes.append(f"limits of {join_names(left)} are not judged by differences up to order {order}")
+        words = f"limits of {join_names(left)} are not judged by differences up to order {order}"
+        if not judged.kinds:
+            needed = [motion_order(b.robot, kind) for kind in b.kinds if kind in values or kind in MOTION_KINDS]
+            cure = f"raise differences (--differences) to {min(needed)}" if needed else "leave out rate (--rate)"
+            raise JounceError(f"{m.name!r}: {words}, and it has no others; {cure}")
+        notes.append(words)
     values = {kind: values[kind][1:] for kind in judged.kinds}
     return CommandDifferences(judged, commands, t, joints, values, tuple(notes))
+
+
+def take_rest(d: CommandDifferences) -> dict[str, np.ndarray]:
+    """What limits bound, by kind, (N, joints), where the robot rests at each of its commands."""
+    b, within = d.b, d.t.clip(d.b.motion.start, d.b.motion.stop)
+    q = np.concatenate([d.commands.q, np.repeat(d.commands.q[-1:], len(d.t) - len(d.commands.q), axis=0)])
+    near, rates = continue_positions(b.robot, b.motion, within), (q, *[0 * q] * (len(d.rates) - 1))
+    forces: Sequence[np.ndarray] = ()
+    gravity: Sequence[np.ndarray] = ()
+    if any(LIMIT_KINDS[kind].force for kind in b.kinds):
+        both = _take_forces(b, MotionStates(rates[:3], b.motion.wrench(within, 0), None, near))
+        forces, gravity = ([x, *[0 * x] * (len(EFFORT_KINDS) - 1)] for x in both)
+    values = limited_values(b.limits, joint_rates(b.robot, rates, near, b.follow), forces, gravity)
+    return {kind: values[kind] for kind in b.kinds}
+
+
+def _take_forces(b: LimitedMotion, states: MotionStates) -> tuple[np.ndarray, np.ndarray]:
+    """Q and Qgrav (N, joints) at some states."""
+    Q, G = compute_at_speed(b.robot, states, b.efforts, 0), compute_gravity(b.robot, states, 0)
+    return scatter_columns(b.robot.mechanism, Q, b.efforts)[0], scatter_columns(b.robot.mechanism, G, b.efforts)[0]
 
 
 def _take_rates(values: np.ndarray, period: float, count: int) -> list[np.ndarray]:

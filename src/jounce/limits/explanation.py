@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -11,18 +12,17 @@ from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, join_names, quote_value, unknown_name_error
 from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
-from jounce.limits.check import check
 from jounce.limits.commands import DIFFERENCE_NAMES, CommandDifferences, take_differences
 from jounce.limits.joints import joint_units
 from jounce.limits.limited_motion import LimitedMotion, motion_order
 from jounce.limits.ratios import SIGNS
 from jounce.limits.retime import retime
-from jounce.limits.slowdown import slowdown
+from jounce.limits.slowdown import Slowdown, slowdown
 from jounce.limits.validation import validate_limits
 from jounce.limits.verdicts import describe_verdict
 from jounce.limits.worst_values import find_runs
 from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, describe_kind
-from jounce.motion.commands import LATE_PERIODS
+from jounce.motion.commands import JERK_DIFFERENCE, LATE_PERIODS
 from jounce.motion.curves import ROUNDING_OF_Q
 from jounce.motion.motion import Motion
 from jounce.motion.smoothness import rounding_error
@@ -31,7 +31,6 @@ MAX_DRIFT = 1.5  # times what the derivative on either side of a moment makes of
 MIN_STEPS_TO_SEE = 8  # times the rounding of positions: of smaller steps none is seen to be missing
 MAX_ROUNDING_SHARE_OF_DIFFERENCES = 0.1  # of the largest one: more of it enters torque rates
 MAX_SKIP_MISMATCH = 0.2  # of a velocity that is the sum of those next to it, where a command is missing
-SPEED_MARGINS = (1.0, 0.99, 0.97, 0.9)  # differences lag behind what `slowdown` keeps exactly within its limits
 PLAN_CAUSES = ("jump", "torque rate", "too fast")  # those that another time law can cure
 
 
@@ -91,11 +90,15 @@ class Trip:
 
 @dataclass(frozen=True)
 class Cure:
-    """Whether `slowdown` or `retime` of the commands keeps every limit, with factor and duration, or why not."""
+    """Whether `slowdown` or `retime` at the controller's rate keeps every limit, with factor and duration, or why not.
+
+    `call` is the call of Python, of `robot` and `motion`, whose result is so.
+    """
 
     method: str
     works: bool
     words: str
+    call: str
 
 
 @dataclass(frozen=True, repr=False)
@@ -140,7 +143,8 @@ def explain(
     robot: Engine, motion: Motion, rate: float, differences: int, start: object, known: Controller | None = None
 ) -> Explanation:
     """Why a controller with the limits of a robot stops a motion; it begins at rest at `start` (n,), or where it is."""
-    b = validate_limits(robot, check_motion(robot.mechanism, motion).sampled(rate, differences))
+    given = check_motion(robot.mechanism, motion)
+    b = validate_limits(robot, given.sampled(rate, differences))
     begin = None if start is None else np.asarray(array_by_name(start, robot.joint_names, "start"), dtype=float)
     if begin is not None and (begin.shape != (robot.n,) or not np.isfinite(begin).all()):
         expected = f"{robot.n} positions: {join_names(robot.joint_names)}"
@@ -157,7 +161,10 @@ def explain(
         unpredicted.append("whether the robot rests where the first command is: --start (start=) states its position")
     if b.motion.torques is None:
         unpredicted.append("torques of feedback: --torques (torques=) reads those that a table of commands states")
-    cures = [_try_cure(b, method, rate, differences) for method in ("slowdown", "retime") if trips and not others]
+    cures = [] if others or not trips else _try_cures(robot, given, {"rate": rate, "differences": differences}, begin)
+    if known:
+        arm = f"robot.with_limits({known.arms[0]!r})"
+        cures = [replace(cure, call=cure.call.replace("robot", arm, 1)) for cure in cures]
     return Explanation(trips, tuple(cures), tuple(notes), tuple(unpredicted), d.judged)
 
 
@@ -166,7 +173,7 @@ def _find_moments(d: CommandDifferences) -> list[tuple[int, int]]:
     ever = np.any([d.beyond(kind, sign).any(axis=1) for kind in d.b.kinds for sign in SIGNS], axis=0)
     reach, end = d.commands.differences, len(d.commands.t)
     found = find_runs(np.convolve(ever, np.ones(reach + 1))[: len(ever)] > 0)
-    if found and found[-1][0] < end - 2 * reach and found[-1][1] >= end:  # the end has a cause of its own
+    if ever[end:].any() and found[-1][0] < end - 2 * reach:  # what is broken while the last is held has its own cause
         first, last = found.pop()
         found += [(first, end - 1), (end, last)]
     return found
@@ -258,19 +265,24 @@ def _find_jump(d: CommandDifferences, row: int, j: int, order: int) -> tuple[str
     return None
 
 
-def _try_cure(b: LimitedMotion, method: str, rate: float, differences: int) -> Cure:
-    """Whether another time law of the commands keeps every limit, as commands too."""
-    try:
-        if method == "retime":
-            ways = [(retime(b.robot, b.motion).motion, "")]
-        else:
-            factors = slowdown(b.robot, b.motion).factor * np.array(SPEED_MARGINS)
-            ways = [(b.motion.scaled(1 / factor), f"{factor:.4g} times the speed, ") for factor in factors]
-    except JounceError as error:
-        return Cure(method, False, str(error))
-    for found, words in ways:
-        checked = check(b.robot, found.sampled(rate, differences))
-        words += f"{found.duration:.4g} s instead of {b.motion.duration:.4g} s"
-        if checked.ok:
-            return Cure(method, True, f"{words}, of motion.sampled({rate:g})")
-    return Cure(method, False, f"{words} still break a limit: {checked.worst}")
+def _try_cures(
+    robot: Engine, motion: Motion, controller: Mapping[str, Any], begin: np.ndarray | None
+) -> list[Cure]:
+    """Whether other time laws of the motion keep every limit as commands too, from where the robot begins."""
+    usual = {"differences": JERK_DIFFERENCE}
+    stated = ", ".join(f"{name}={value:.10g}" for name, value in controller.items() if value != usual.get(name))
+    cures = []
+    for law in (slowdown, retime):
+        method, call = law.__name__, f"robot.{law.__name__}(motion, {stated})"
+        try:
+            found = law(robot, motion, **controller)
+        except JounceError as error:
+            cures.append(Cure(method, False, str(error), call))
+            continue
+        words = f"{found.motion.duration:.4g} s instead of {motion.duration:.4g} s"
+        if isinstance(found, Slowdown):
+            words = f"{found.factor:.4g} times the speed, {words}"
+        d = take_differences(validate_limits(robot, found.motion.sampled(**controller)), begin)
+        works = d is not None and not _find_moments(d)
+        cures.append(Cure(method, works, words if works else f"{words} still break a limit", call))
+    return cures

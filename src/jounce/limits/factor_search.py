@@ -3,7 +3,7 @@
 The function is the largest ratio to a limit of the whole motion at a factor c, peaks between samples included. Factors
 rise in steps until one breaks a limit; Brent's method (`scipy.optimize.brentq`) then finds where it is 1, between
 this factor and the last one that kept all limits. Limits that are broken only between two factors of the steps are not
-noticed. `JounceError` where no factor up to a thousand breaks a limit, and where none down to 3e-11 keeps them.
+noticed. `JounceError` where no factor down to 3e-11 keeps them.
 """
 
 import numpy as np
@@ -42,8 +42,8 @@ def is_nonlinear(law: ElasticLaw | None) -> bool:
     return spring is not None and not (isinstance(spring, CubicSpring) and spring.k3 == 0)
 
 
-def bracket_factor(b: LimitedMotion) -> tuple[float, Place]:
-    """The factor at which a limit is met, and which limit that is."""
+def bracket_factor(b: LimitedMotion) -> tuple[float, Place | None]:
+    """The factor at which a limit is met, and which limit that is; infinite where none is met up to a thousand."""
     from scipy.optimize import brentq
 
     sample_states(b)  # raises where a limit is broken at every speed
@@ -52,7 +52,7 @@ def bracket_factor(b: LimitedMotion) -> tuple[float, Place]:
     while find_worst_limit(b, high)[0] <= 1:
         low, high = high, high + _SPEED_FACTOR_STEP if high < 1 else high * _SPEED_FACTOR_GROWTH
         if high > _MAX_SPEED_FACTOR:
-            raise JounceError(f"no limit bounds the speed of this motion up to {_MAX_SPEED_FACTOR:g} times its own")
+            return np.inf, None
     # Where already the first factor breaks one, fall until none is broken.
     for _ in range(_MAX_SPEED_FACTOR_HALVINGS):
         if low:

@@ -91,6 +91,8 @@ class Profile:
         """A cap of x that makes the duration longer by a share, but for where x is at the highest cap already."""
         x, _ = self.at(length / 2)
         x, length = (part[x < highest / 2] for part in (x, length))
+        if not x.size:  # it is at the highest cap all along
+            return highest
         caps = np.geomspace(x.max(), np.median(x), _CAPS_TRIED)
         with np.errstate(divide="ignore"):
             longer = (length * (caps[:, None] ** -0.5 - x**-0.5).clip(0)).sum(axis=1)

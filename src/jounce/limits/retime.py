@@ -30,6 +30,7 @@ from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
 from jounce.limits.barrier import UNEVEN
 from jounce.limits.check import check
+from jounce.limits.command_speeds import CommandSpeeds
 from jounce.limits.fastest_law import FastestLaw, find_fastest_law, find_obstacle
 from jounce.limits.joints import joint_names
 from jounce.limits.limit_rows import LimitRows
@@ -37,6 +38,7 @@ from jounce.limits.retime_problem import RetimeProblem, build_problem
 from jounce.limits.transcription import GRID_POINTS_PER_INTERVAL, WARM_START_GAP, Grid
 from jounce.model.positions import number_rates
 from jounce.motion import Motion
+from jounce.motion.commands import JERK_DIFFERENCE
 from jounce.motion.time_law import TimeLaw, TimeLawCurve
 
 if TYPE_CHECKING:
@@ -105,16 +107,55 @@ class Retiming(HtmlDisplay):
         return f"<Retiming to {self.duration:.6g} s, {len(self.binding)} stretches{jumps}>"
 
 
-def retime(robot: Engine, motion: object, margin: object = 0.01, smooth: bool = True) -> Retiming:
-    """The fastest motion along the path of a motion, whose limits are taken to a share 1 - margin of themselves."""
+def retime(
+    robot: Engine,
+    motion: object,
+    margin: object = 0.01,
+    smooth: bool = True,
+    rate: float | None = None,
+    differences: int = JERK_DIFFERENCE,
+) -> Retiming:
+    """The fastest motion along the path of a motion, whose limits are taken to a share 1 - margin of themselves.
+
+    At a rate its differences keep the limits too.
+    """
     given = check_motion(robot.mechanism, motion)
     if not is_finite(margin) or not 0 <= margin < 1:  # type: ignore[operator]
         raise JounceError(
             f"margin is {quote_value(margin)}; expected a number from 0 to below 1, 0.01 for 99 % of a limit"
         )
     problem = build_problem(robot, given, 1 - float(margin))  # type: ignore[arg-type]
-    if not check_bool("smooth", smooth, "whether accelerations of the result are continuous"):
-        return _retime_with_jumps(problem)
+    if rate is not None:
+        given.sampled(rate, differences)  # raises where these are out of range, before any work is done
+    may_jump = not check_bool("smooth", smooth, "whether accelerations of the result are continuous")
+    found = _retime_with_jumps(problem) if may_jump else _retime_smoothly(robot, problem)
+    return found if rate is None else _keep_as_commands(robot, problem, found, rate, differences)
+
+
+def _keep_as_commands(
+    robot: Engine, problem: RetimeProblem, found: Retiming, rate: float, differences: int
+) -> Retiming:
+    """The result, slowed down as a whole where its differences at a rate break a limit that its derivatives keep."""
+    speeds = CommandSpeeds(robot, found.motion, rate, differences)
+    if speeds.check().ok:
+        return found
+    factor, _ = speeds.fall()
+    x = found.law.x
+    motion, law = _follow_law(problem, type(x)(x.t, factor**2 * x.c, x.k))
+    verified = CommandSpeeds(robot, motion, rate, differences).check()
+    if not verified.ok:
+        raise JounceError(f"retiming fails at {rate:g} Hz: {verified.worst}; expected a higher rate, or a larger margin")
+    start = law.start
+    binding = tuple(
+        part._replace(start=start + (part.start - start) / factor, stop=start + (part.stop - start) / factor)
+        for part in found.binding
+    )
+    return Retiming(motion, motion.duration, binding, law)
+
+
+def _retime_smoothly(robot: Engine, problem: RetimeProblem) -> Retiming:
+    """The fastest motion whose accelerations are continuous."""
+    given = problem.motion
     intervals = _count_intervals(robot, given)
     fastest = _find_start(problem)
     if fastest:

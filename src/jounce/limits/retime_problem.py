@@ -17,6 +17,7 @@ from jounce.limits.limit_rows import LimitRows, build_rows, limit_terms
 from jounce.limits.limited_motion import known_kinds, motion_order
 from jounce.limits.motor_terms import MotorTerms, find_motor_obstacle
 from jounce.limits.path import Path, sample_path
+from jounce.limits.ratios import SIGNS, build_scale
 from jounce.limits.validation import check_motor_data
 from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS
 from jounce.model.limits import Limits
@@ -209,15 +210,22 @@ def _check_static(problem: RetimeProblem, kind: str, sigma: np.ndarray, path: Pa
 
 
 def _check_zero(robot: Engine, motion: Motion, limits: Limits, kinds: Sequence[str]) -> None:
-    """Raise `JounceError` where a joint that moves has a limit of 0."""
+    """Raise `JounceError` where a joint that moves has a limit of 0, or one of velocity in the way that it moves."""
+    t = np.linspace(motion.start, motion.stop, 101)
+    velocity = joint_rates(robot, motion(t, 1), continue_positions(robot, motion, t))[1]
+    least, names = _REST_VELOCITY_SHARE * np.abs(velocity).max(), joint_names(robot.mechanism)
+    moves = np.stack([(sign * velocity > least).any(axis=0) for sign in SIGNS])
     for kind in kinds:
-        zero = np.flatnonzero((limits.bounds(kind) == 0).all(axis=0)).tolist()
-        for j in zero:
-            t = np.linspace(motion.start, motion.stop, 101)
-            speed = np.abs(joint_rates(robot, motion(t, 1), continue_positions(robot, motion, t))[1]).max(axis=0)
-            if speed[j] > _REST_VELOCITY_SHARE * speed.max():
-                joint = quote_value(joint_names(robot.mechanism)[j])
-                raise JounceError(f"the {kind} limit of joint {joint} is 0, and the joint moves")
+        scale = build_scale(limits.bounds(kind), kind)
+        zero = np.stack([scale.bound(sign) <= 0 for sign in SIGNS])
+        stopped = (moves & zero).any(axis=0)
+        if kind == "acceleration":  # from rest to rest a joint takes those of both signs
+            stopped = moves.any(axis=0) & (zero.all(axis=0) if any(_find_moving_ends(motion)) else zero.any(axis=0))
+        if kind not in ("velocity", "acceleration"):
+            stopped = moves.any(axis=0) & zero.all(axis=0)
+        for j in np.flatnonzero(stopped).tolist():
+            way = "" if zero[:, j].all() else " on one side"
+            raise JounceError(f"the {kind} limit of joint {quote_value(names[j])} is 0{way}, and the joint moves")
 
 
 def _find_moving_ends(motion: Motion) -> tuple[bool, bool]:

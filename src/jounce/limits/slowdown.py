@@ -1,4 +1,4 @@
-"""The largest factor of speed at which a motion keeps every limit.
+"""The largest factor of speed, at most 1 by default, at which a motion keeps every limit.
 
 Problem: the largest c such that the motion at every speed up to c times its own keeps all limits at all times, a
 semi-infinite program in one variable.
@@ -9,8 +9,11 @@ yields the states at which it is farthest beyond a limit, and these are added un
 method of semi-infinite programming [1]. Factors at which samples come near a limit and recede again are checked as
 well. With Coulomb friction or bent springs there are no polynomials, and c is bracketed by direct evaluation.
 
+A motion that `check` finds kept is the result itself, at c = 1. At a controller's rate limits bound differences of
+commands, and `command_speeds` tries factors.
+
 Invariant: c only falls as states are added. It fails, with `JounceError`, where a limit is broken at every speed, where
-none bounds the speed, and where a limit of a joint that moves is 0.
+none bounds a speed that is raised up to them, and where a limit of a joint that moves is 0.
 
 [1] R. Hettich, K. O. Kortanek, Semi-infinite programming: theory, methods, and applications, SIAM Review 35 (1993).
 """
@@ -22,23 +25,27 @@ from typing import NamedTuple
 import numpy as np
 
 from jounce.core.display import HtmlDisplay
-from jounce.core.errors import JounceError, join_names, quote_value
-from jounce.engine.along import ForceBreak
+from jounce.core.errors import JounceError, check_bool, join_names, quote_value
+from jounce.engine.along import ForceBreak, check_motion
 from jounce.engine.contact_limits import are_limited
 from jounce.engine.engine import Engine
-from jounce.limits.check import find_limited_breaks
+from jounce.limits.check import check, find_limited_breaks
+from jounce.limits.command_speeds import CommandSpeeds, find_command_speeds
 from jounce.limits.factor_search import Place, bracket_factor, compute_worst, is_polynomial
 from jounce.limits.feasible_factors import Feasible
 from jounce.limits.limited_motion import LimitedMotion
 from jounce.limits.omissions import describe_lacks, describe_omissions, describe_unresolved
 from jounce.limits.uncertain_spans import count_uncertain
 from jounce.limits.validation import validate_limits
+from jounce.limits.verdicts import Verdict
 from jounce.limits.worst_values import Worst
+from jounce.motion.commands import JERK_DIFFERENCE
 from jounce.motion.motion import Motion
 
 _BINDING_RATIO_TOLERANCE = 2e-10  # of a ratio above 1: factors are as exact
 _MAX_SLOWDOWN_ROUNDS = 40  # of states added between samples; motions take three or four
 _MIN_SPEED_FACTOR = 1e-9  # only a limit of 0 makes the factor smaller: no useful motion lasts 1e9 times as long
+_NO_RESERVE = 5e-6  # of a factor above 1: what six digits show as 1
 _FACTOR_BISECTIONS = 24  # of the factor where samples are uncertain: 2^-24 = 6e-8, finer than their deviations
 
 
@@ -60,16 +67,23 @@ class Slowdown(HtmlDisplay):
     Attributes
     ----------
     factor : float
-        Largest factor of speed such that every smaller one keeps all limits too; above 1 the motion may be faster.
-    binding : Binding
-        The limit that is met exactly at this factor: (joint, limit, t), t in the given motion.
+        Largest factor of speed, at most 1, such that every smaller one keeps all limits too; 1 of a motion that is
+        kept. With `up_to_limits=True` it is above 1 where the motion may be faster. At a controller's rate, the largest
+        of those tried.
+    binding : Binding or None
+        The limit that is met exactly at this factor: (joint, limit, t), t in the given motion; None where the motion is
+        returned as it is.
     motion : Motion
-        The motion at this factor: ``motion.scaled(1 / factor)``.
+        The motion at this factor: ``motion.scaled(1 / factor)``, or the given one itself.
     largest : float or None
-        Largest factor at which all limits are kept, larger than `factor` where some between them are not: a torque rate
-        does not grow with speed alone. None where it is not sought: friction acts, or uncertain samples decide.
+        Largest factor at which all limits are kept. Above 1 it says how much faster a motion that is kept could be,
+        infinite where no limit bounds its speed. None where it is not sought: of a motion that breaks a limit with
+        friction or at a controller's rate, and where uncertain samples decide.
     notes : tuple of str
-        Which limits nothing is checked against, and which values change too fast to be followed, in words.
+        Which limits nothing is checked against, which values change too fast to be followed, and between which factors
+        some break a limit, in words.
+    verdict : str
+        That of `Robot.check` on the given motion: "kept", "broken" or "undecided".
 
     Examples
     --------
@@ -79,40 +93,113 @@ class Slowdown(HtmlDisplay):
     >>> slow = robot.slowdown(motion)
     >>> slow.binding.joint, round(slow.factor, 4), round(robot.check(slow.motion).worst.ratio, 9)
     ('joint2', 0.4159, 1.0)
+    >>> robot.slowdown(motion.scaled(3))
+    <Slowdown: every limit is kept; the motion could be up to 1.2478 times as fast>
     """
 
     factor: float
-    binding: Binding
+    binding: Binding | None
     motion: Motion
     largest: float | None
     notes: tuple[str, ...] = ()
+    verdict: Verdict = "broken"
 
     def __repr__(self) -> str:
-        return f"<Slowdown by a factor of speed {self.factor:.6g}: {self.binding!s}>"
+        return f"<Slowdown: {self.words}>" if self.binding is None else f"<Slowdown {self.words}>"
+
+    @property
+    def words(self) -> str:
+        """By which factor and for which limit the motion is slowed down, or how much faster it could be."""
+        if self.binding is not None:
+            return f"by a factor of speed {self.factor:.6g}: {self.binding!s}"
+        if self.verdict == "undecided":
+            return "no limit is known to be broken, and some are undecided; the motion is returned as it is"
+        return f"every limit is kept; {describe_reserve(self.largest)}"
 
 
-def slowdown(robot: Engine, motion: object) -> Slowdown:
-    """The largest factor of speed such that every smaller one keeps all limits too."""
+class SpeedLimit(NamedTuple):
+    """The first factor of speed at which a limit is met, infinite if none is, that limit, and the largest factor."""
+
+    factor: float
+    place: Place | None
+    largest: float | None
+
+
+def describe_reserve(largest: float | None) -> str:
+    """How much faster a motion could be that keeps every limit."""
+    if largest is None:
+        return "how much faster the motion could be is not known"
+    if np.isinf(largest):
+        return "no limit bounds the speed of the motion"
+    if largest <= 1 + _NO_RESERVE:
+        return "one is just met, so that the motion could not be faster"
+    return f"the motion could be up to {largest:.6g} times as fast"
+
+
+def slowdown(
+    robot: Engine,
+    motion: Motion,
+    rate: float | None = None,
+    differences: int = JERK_DIFFERENCE,
+    up_to_limits: bool = False,
+) -> Slowdown:
+    """The largest factor of speed such that every smaller one keeps all limits too, at most 1 unless `up_to_limits`."""
     if are_limited(robot.mechanism):
         raise JounceError(f"{robot.name!r}: slowdown takes contacts without friction= and sole=; check judges them")
-    b = validate_limits(robot, motion)
-    breaks = find_limited_breaks(b)
-    notes = (*describe_omissions(b, breaks), *_window_notes(b))
-    _refuse_jumps(b, breaks)
+    check_bool("up_to_limits", up_to_limits, "whether the motion may become faster")
+    given = check_motion(robot.mechanism, motion)
+    speeds = find_command_speeds(robot, given, rate, differences)
+    found = check(robot, speeds.sampled() if speeds else given)
+    if found.verdict == "undecided" and not up_to_limits:
+        return Slowdown(1.0, None, motion, None, found.notes, found.verdict)
+    b = validate_limits(robot, given)
+    limit = _limit_commands(speeds, found.verdict) if speeds else _limit_derivatives(b)
+    notes = found.notes if speeds else (*found.notes, *_window_notes(b), *_describe_gap(limit))
+    if found.verdict == "kept" and not up_to_limits:
+        return Slowdown(1.0, None, motion, limit.largest, notes, found.verdict)
+    if limit.place is None:
+        raise JounceError("no limit bounds the speed of this motion: it does not move, or with_limits must state more")
+    kind, joint, t = limit.place
+    slow = speeds.at_speed(limit.factor) if speeds else given.scaled(1 / limit.factor)
+    if not speeds:
+        unresolved = describe_unresolved(compute_worst(b, limit.factor))
+        omissions = describe_omissions(b, find_limited_breaks(b))
+        notes = (*omissions, *_window_notes(b), *_describe_gap(limit), *unresolved, *describe_lacks(b, slow))
+    return Slowdown(limit.factor, Binding(b.name(kind, joint), kind, t), slow, limit.largest, notes, found.verdict)
+
+
+def _limit_commands(speeds: CommandSpeeds, verdict: Verdict) -> SpeedLimit:
+    """The limit of the speed of commands: below that of the plan where it breaks a limit, else above."""
+    if verdict == "broken":
+        return SpeedLimit(*speeds.fall(), None)
+    factor, place = speeds.rise()
+    return SpeedLimit(factor, place, factor)
+
+
+def _limit_derivatives(b: LimitedMotion) -> SpeedLimit:
+    """The limit of the speed of a motion whose derivatives are bounded."""
+    _refuse_jumps(b, find_limited_breaks(b))
     if is_polynomial(b):
         states = Feasible(b)
         factor = _refine_first(b, states)
+        if np.isinf(factor):
+            return SpeedLimit(factor, None, factor)
         i = states.first
-        place = str(states.kind[i]), int(states.joint[i]), float(states.t[i])
+        place: Place | None = (str(states.kind[i]), int(states.joint[i]), float(states.t[i]))
         largest: float | None = max(factor, _refine_largest(b, states))
     else:
-        (factor, place), largest = bracket_factor(b), None
-    if found := _slow_for_uncertain(b, factor):
+        factor, place = bracket_factor(b)
+        largest = factor if factor >= 1 else None
+    if place is not None and (found := _slow_for_uncertain(b, factor)):
         (factor, place), largest = found, None
-    kind, joint, t = place
-    slow = b.motion.scaled(1 / factor)
-    notes += (*describe_unresolved(compute_worst(b, factor)), *describe_lacks(b, slow))
-    return Slowdown(factor, Binding(b.name(kind, joint), kind, t), slow, largest, notes)
+    return SpeedLimit(factor, place, largest)
+
+
+def _describe_gap(limit: SpeedLimit) -> tuple[str, ...]:
+    """Between which factors some break a limit, though the larger one keeps all: gravity and inertia cancel."""
+    if limit.largest is None or limit.largest <= limit.factor * (1 + _BINDING_RATIO_TOLERANCE):
+        return ()
+    return (f"some factors of speed between {limit.factor:.6g} and {limit.largest:.6g} break a limit",)
 
 
 def _slow_for_uncertain(b: LimitedMotion, factor: float) -> tuple[float, Place] | None:
@@ -164,6 +251,8 @@ def _refine_first(b: LimitedMotion, states: Feasible) -> float:
         states.add(find_times_beyond(b, 1.0))  # raises where a limit between the states is broken at every speed
     for _ in range(_MAX_SLOWDOWN_ROUNDS):
         factor = _check_factor(states)
+        if np.isinf(factor):
+            return factor
         # Exchange: states farthest beyond a limit at this factor, or where smaller ones come near, bound the next.
         near = states.near_misses(factor)
         beyond = np.unique(np.concatenate([find_times_beyond(b, at) for at in (*near, factor)]))
@@ -185,8 +274,6 @@ def _refine_largest(b: LimitedMotion, states: Feasible) -> float:
 
 def _check_factor(states: Feasible) -> float:
     factor = states.factor
-    if np.isinf(factor):
-        raise JounceError("no limit bounds the speed of this motion: it does not move, or with_limits must state more")
     if factor < _MIN_SPEED_FACTOR:
         i = states.first
         joint, kind = states.b.joints[states.joint[i]], str(states.kind[i]).replace("_", " ")

@@ -1019,17 +1019,32 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
             raise JounceError("explain() takes either controller='franka' (--controller) or rate=1000 (--rate)")
         return explain(self, motion, rate, differences, start)
 
-    def slowdown(self, motion: "Motion") -> "Slowdown":
-        """The largest factor of speed at which a motion keeps every limit, and so does every slower one.
+    def slowdown(
+        self, motion: "Motion", rate: float | None = None, differences: int = 3, *, up_to_limits: bool = False
+    ) -> "Slowdown":
+        """The largest factor of speed, at most 1, at which a motion keeps every limit, and so does every slower one.
+
+        A motion that `check` finds kept is returned as it is: the same object, with `factor` 1, `binding` None, and how
+        much faster it could be as `largest`. So is one whose `verdict` is "undecided". `up_to_limits=True` makes
+        motions faster too.
 
         ``q_c(t) = q(c t)`` takes ``Q_c = S + c V + c^2 D``: static, viscous and inertial forces. Every limit is a
         polynomial inequality in c at each time; between samples the factor is refined by exact evaluation. Wrenches
         given over time go with the path. Coulomb friction is no polynomial; with it, factors are tried one by one.
 
+        At a `rate` limits bound the differences of the commands, as in `check` with this rate, which finds every limit
+        of the result kept. Factors are tried from 1 down in steps of a twentieth until one keeps them, and the last
+        step is bisected; slower ones are not tried. Motions that consist of commands are judged at their own rate, and
+        the result consists of commands too.
+
         Parameters
         ----------
         motion : Motion
             As for `forces_along`.
+        rate, differences : float, int, optional
+            Rate of the controller that takes the motion, Hz, and order of the last difference: see `check`.
+        up_to_limits : bool, optional
+            Whether a motion that keeps its limits becomes as fast as they allow.
 
         Returns
         -------
@@ -1040,7 +1055,7 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         ------
         JounceError
             If no factor helps: a position beyond its limit, a static torque above its limit, a break where a lower
-            rate of a limited quantity jumps; if nothing limits the speed; and as `check` does.
+            rate of a limited quantity jumps; with `up_to_limits`, if nothing limits the speed; and as `check` does.
 
         Examples
         --------
@@ -1049,12 +1064,22 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         >>> slow = robot.slowdown(jounce.Motion.trapezoidal([[0, 0], [1, 1]], 2.0, 10.0))
         >>> round(slow.factor, 4), slow.binding.joint, slow.binding.limit
         (0.4159, 'joint2', 'effort')
+        >>> robot.slowdown(slow.motion).motion is slow.motion
+        True
         """
         from jounce.limits.slowdown import slowdown  # imported here to keep start-up fast
 
-        return slowdown(self, motion)
+        return slowdown(self, motion, rate, differences, up_to_limits)
 
-    def retime(self, motion: "Motion", margin: float = 0.01, smooth: bool = True) -> "Retiming":
+    def retime(
+        self,
+        motion: "Motion",
+        margin: float = 0.01,
+        smooth: bool = True,
+        *,
+        rate: float | None = None,
+        differences: int = 3,
+    ) -> "Retiming":
         """The fastest motion along the path of a motion, within all limits of the robot.
 
         Every finite limit counts: velocity, acceleration, jerk and snap, Q, Qd and Q2d (or Q - Qgrav with its rates),
@@ -1067,6 +1092,11 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         With `smooth=False` accelerations and forces may jump: reachability analysis finds the shortest duration of all
         under limits of velocity, acceleration and effort, in a fraction of the time. The jumps are `motion.breaks`.
 
+        The time law keeps the limits of derivatives. Differences that a controller takes at a `rate` are means of those
+        of q, and stay within the same limits where the motion begins and ends at rest; those of Q need not. The result
+        is checked with the rate, and where a limit is broken the whole is slowed down until all are kept, at the
+        expense of the margin and of the duration.
+
         Parameters
         ----------
         motion : Motion
@@ -1077,6 +1107,9 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         smooth : bool, optional
             Whether accelerations and forces are continuous; False needs limits without jerk, snap, Qd, Q2d and power,
             and forces without friction and damping.
+        rate, differences : float, int, optional
+            Rate of the controller that takes the motion, Hz, and order of the last difference: `check` with them finds
+            every limit of the result kept.
 
         Returns
         -------
@@ -1113,7 +1146,7 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         """
         from jounce.limits.retime import retime  # imported here to keep start-up fast
 
-        return retime(self, motion, margin, smooth)
+        return retime(self, motion, margin, smooth, rate, differences)
 
     def elastic(
         self, stiffness: Named | None = None, rotor: Named | None = None, damping: Named | None = None,
@@ -1446,7 +1479,7 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         -------
         ElasticAlong
             Frozen: the times `t`, the `rates` q, qd, ..., the `positions` theta, thetad, theta2d, ... and the `torques`
-            tau, ..., tuples of (N, m); `currents`, `voltages`; `deviations` and `breaks` of the torques.
+            tau, ..., tuples of (N, m); `currents`, `voltages`; `deviations` and `breaks` of the torques; `notes`.
 
         Raises
         ------

@@ -108,6 +108,7 @@ def compute_motion(job: Job, motion: Motion, show: Progress | None = None) -> It
             rates, deviations = motion(whole.t, job.highest), motion.deviations(whole.t, job.highest)
             found = [Output("q", robot.joint_names, rates, deviations), *found]
         about = _describe_motion(motion, whole.breaks, robot.joint_names, ["tau", "taud"][: order + 1])
+        about["notes"] += whole.notes
         yield OutputBlock(whole.t, found, {}, _further_columns(robot, motion, whole.breaks, whole.t), (), about)
         return
     forces, breaks = force_names(robot.mechanism), find_force_breaks(robot, motion, motion.times, order, job.method)
