@@ -124,9 +124,17 @@ def test_a_stiffness_that_the_log_does_not_determine_is_no_number(what):
     ("given", "options", "message"),
     [
         ({"deflection": -DELTA}, {}, "joint1, joint2 is negative; expected motors in the columns of motors"),
-        ({"tau": -Q}, {}, "is negative; forces of all joints seem to have the wrong sign"),
+        (
+            {"tau": -Q},
+            {},
+            "is negative; torques seem to have the wrong sign: they are those of the model times -1 at joint1",
+        ),
         ({"tau": 0 * Q}, {}, "all torques of the log are 0; expected measured ones"),
-        ({"tau": np.ones_like(Q)}, {}, "the log determines the stiffness of no joint; expected torques that vary"),
+        (
+            {"tau": np.ones_like(Q)},
+            {},
+            "the log determines the stiffness of no joint; torques of joint1, joint2 are constant",
+        ),
         ({"deflection": np.full_like(Q, 0.1)}, {}, "the log determines the stiffness of no joint"),
         (
             {"gear": 100.0},
@@ -163,10 +171,10 @@ def test_gears_stand_between_motors_and_links():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"tau": Q / 100}, "forces of all joints seem to have the wrong unit: they are 0.01 times those of the model"),
+        ({"tau": Q / 100}, "torques seem to have the wrong unit: they are those of the model times 0.01 at joint1"),
         ({"gear": 1.01}, "deflections of joint1, joint2 move with their links; expected exact gear ratios"),
         ({"tau": Q + 0.6 * Q2D}, "deflections of joint1, joint2 follow accelerations; expected torques of the springs"),
-        ({"deflection": DELTA + 20 * DELTA**3}, "deflections of joint1, joint2 follow the cube of torques"),
+        ({"deflection": DELTA + 20 * DELTA**3}, "deflections of joint1, joint2 follow powers of torques"),
     ],
 )
 def test_what_is_suspicious_is_named(given, message):
