@@ -25,9 +25,7 @@ MAX_DEFLECTION = 0.05  # rad or m: a larger standard deviation is held against t
 MIN_GEAR_CORRELATION = 0.98  # of motors and links, whose ratio is that of a gear then
 MAX_GEAR_ERROR = 0.5  # of this ratio: a spring that gives way as far hardly holds its link up
 DEGREES_PER_RAD = 180 / np.pi
-MAX_DEGREES_ERROR = (
-    0.05  # of the logarithm of a ratio that is one of degrees and rad: springs and correlations change it by less
-)
+MAX_DEGREES_ERROR = 0.2  # of the logarithm of a ratio of degrees to rad: soft springs change it by less
 MAX_NEARER_SHARE = 0.2  # of a motor's distance to its link: it follows the link that is as near
 MAX_GAIN_ERROR = 0.05  # of torques to those of the model: sensors and masses are hardly better
 MAX_UNEXPLAINED_SHARE = 0.5  # of torques: what the model leaves beyond it is more than friction or wrong masses
@@ -35,7 +33,7 @@ MAX_SIZE_RATIO = 10.0  # of torques to those of the model, beyond which the unit
 MIN_OTHER_SHARE = 0.5  # of the squares of torques that the model's of another joint explain: columns are swapped
 MAX_OTHER_REMAINDER = 0.1  # of what is left then to what the model's of the joint itself leave
 MAX_CLIPPED_SHARE = 0.02  # of samples at one end of the range: more than peaks of smooth torques have there
-MIN_CLIPPED_RANGE = 0.1  # of the model's torques in that time to all of them: it is no rest of the robot
+MIN_CLIPPED_RANGE = 0.02  # of the model's torques in that time to all of them: it is no rest of the robot
 MIN_CLIPPED_RATIO = 10.0  # of their number to that one step inside: a coarse sensor has 2.4 times as many at peaks
 MAX_STILL_RATIO = 0.1  # of the motion of motors to that of links: no motor, as it is not a spring that moves it
 MAX_ENCODER_DELAY = 0.01  # s: beyond it q is no longer linear in time, and deflections of 1e-4 rad are wrong
@@ -144,10 +142,11 @@ def torque_doubts(names: Sequence[str], given: Measurements, model: np.ndarray, 
     gain, others = fit.x[:, 0], np.arange(n)
     told = measured & ~constant & ~clipped
     unlike = told & (fit.rest > MAX_UNEXPLAINED_SHARE**2 * none.rest)
-    if unlike.any():
+    off = np.abs(gain - 1)
+    if (unlike | (told & (off > MAX_GAIN_ERROR))).any():
         others = _joints_of_torques(cells, np.minimum(fit.rest, (1 - MIN_OTHER_SHARE) * none.rest))
     swapped = told & (others != np.arange(n))
-    certain = told & ~unlike & ~swapped & (np.abs(gain - 1) > MIN_CERTAIN_DEVIATIONS * fit.deviations[:, 0])
+    certain = told & ~unlike & ~swapped & (off > MIN_CERTAIN_DEVIATIONS * fit.deviations[:, 0])
     notes = name_joints(names, constant, "torques of {} are constant; expected measured ones that vary")
     notes += name_joints(names, clipped, "torques of {} stay at an end of their range; expected no saturated sensors")
     if swapped.any():
@@ -157,8 +156,7 @@ def torque_doubts(names: Sequence[str], given: Measurements, model: np.ndarray, 
     cure = "expected those of these joints, positions in rad or m, times in s, and the load of the log in the model"
     notes += name_joints(names, unlike & ~swapped, f"torques of {{}} do not follow the model's; {cure}")
     notes += _gain_notes(names, np.where(certain, gain, 1.0))
-    off = np.where(certain, np.abs(1 / np.where(certain, gain, 1.0) - 1), 0.0)
-    return Doubts(notes, off, constant | clipped | unlike | swapped)
+    return Doubts(notes, np.abs(1 / np.where(certain, gain, 1.0) - 1), constant | clipped | unlike | swapped)
 
 
 def _gain_notes(names: Sequence[str], gain: np.ndarray) -> list[str]:
@@ -169,7 +167,7 @@ def _gain_notes(names: Sequence[str], gain: np.ndarray) -> list[str]:
     kinds = (
         (opposed, "the wrong sign", "expected Q = M q2d + C qd + Qgrav, which the drives exert on the robot"),
         (odd, "the wrong unit", "expected N m or N at the joints, behind the gears"),
-        (scale, "the wrong scale, or the model lacks a load", "expected calibrated ones: K is off as they are"),
+        (scale, "the wrong scale, or the model lacks a load", "expected calibrated ones of these joints: K is off as they are"),
     )
     notes = []
     for which, what, cure in kinds:
