@@ -124,9 +124,17 @@ def test_a_stiffness_that_the_log_does_not_determine_is_no_number(what):
     ("given", "options", "message"),
     [
         ({"deflection": -DELTA}, {}, "joint1, joint2 is negative; expected motors in the columns of motors"),
-        ({"tau": -Q}, {}, "is negative; forces of all joints seem to have the wrong sign"),
+        (
+            {"tau": -Q},
+            {},
+            "is negative; torques seem to have the wrong sign: they are those of the model times -1 at joint1",
+        ),
         ({"tau": 0 * Q}, {}, "all torques of the log are 0; expected measured ones"),
-        ({"tau": np.ones_like(Q)}, {}, "the log determines the stiffness of no joint; expected torques that vary"),
+        (
+            {"tau": np.ones_like(Q)},
+            {},
+            "the log determines the stiffness of no joint; torques of joint1, joint2 are constant",
+        ),
         ({"deflection": np.full_like(Q, 0.1)}, {}, "the log determines the stiffness of no joint"),
         (
             {"gear": 100.0},
@@ -163,15 +171,122 @@ def test_gears_stand_between_motors_and_links():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"tau": Q / 100}, "forces of all joints seem to have the wrong unit: they are 0.01 times those of the model"),
+        ({"tau": Q / 100}, "torques seem to have the wrong unit: they are those of the model times 0.01 at joint1"),
         ({"gear": 1.01}, "deflections of joint1, joint2 move with their links; expected exact gear ratios"),
         ({"tau": Q + 0.6 * Q2D}, "deflections of joint1, joint2 follow accelerations; expected torques of the springs"),
-        ({"deflection": DELTA + 20 * DELTA**3}, "deflections of joint1, joint2 follow the cube of torques"),
+        ({"deflection": DELTA + 20 * DELTA**3}, "deflections of joint1, joint2 follow powers of torques"),
     ],
 )
 def test_what_is_suspicious_is_named(given, message):
     found = ARM.identify_stiffness(*log(**given, noise=1e-5))
     assert any(note.startswith(message) for note in found.notes), found.notes
+
+
+def of(joint, change):
+    """A change of the column of one joint."""
+    return lambda x: np.where(np.arange(x.shape[1]) == joint, change(x), x)
+
+
+def swap(x):
+    return x[:, ::-1]
+
+
+def clip(share):
+    """Torques that saturate at both ends, where a share of the samples is beyond."""
+    return lambda x: x.clip(*np.quantile(x, [share / 2, 1 - share / 2], axis=0))
+
+
+THETA = Q_LINK + DELTA
+# q, theta and tau as they come by mistake, and what is said of them
+WRONG = {
+    "motor columns": ({"theta": swap}, "motors follow the links of other joints: that of joint1 follows"),
+    "link columns": ({"q": swap}, "motors follow the links of other joints: that of joint"),
+    "torque columns": ({"tau": swap}, "torques follow the model's of other joints: those of joint1 are like joint2's"),
+    "all columns": ({"q": swap, "theta": swap, "tau": swap}, "those of the model times 0.41"),
+    "copies": ({"theta": lambda x: Q_LINK}, "positions of motors are those of links, of joint1, joint2; expected"),
+    "deflections": ({"theta": lambda x: x - Q_LINK}, "motors of joint1, joint2 do not move with their links; expected"),
+    "motors in degrees": ({"theta": np.rad2deg}, "of joint2; or all positions in rad, as 57.3 is 180 / pi"),
+    "links in degrees": ({"q": np.rad2deg}, "of joint2; or all positions in rad, as 57.3 is 180 / pi"),
+    "sign of motors": ({"theta": of(1, np.negative)}, "gear=), which are about -0.9"),
+    "a gear of 101": ({"theta": lambda x: 1.01 * x}, "gear= (--gear), which are about 1.01 of joint1, 1.01 of joint2"),
+    "a gear of 98": ({"theta": lambda x: 0.98 * x}, "gear= (--gear), which are about 0.98 of joint1, 0.98 of joint2"),
+    "a scale": ({"tau": of(1, lambda x: 1.3 * x)}, "the wrong scale, or the model lacks a load: they are those of the"
+                " model times 1.3 at joint2; expected calibrated ones of these joints"),
+    "a sign": ({"tau": of(1, np.negative)}, "the wrong sign: they are those of the model times -1 at joint2;"),
+    "a unit": ({"tau": of(1, lambda x: x / 50)}, "the wrong unit: they are those of the model times 0.02 at joint2;"),
+    "no torque": ({"tau": of(1, lambda x: 0 * x + 5)}, "torques of joint2 are constant; expected measured ones"),
+    "saturated": ({"tau": clip(0.3)}, "torques of joint1, joint2 stay at an end of their range; expected no saturated"),
+    "another run": ({"tau": lambda x: np.roll(x, 900, axis=0)}, "torques of joint1, joint2 do not follow the model's;"),
+    "late motors": ({"theta": lambda x: late(x, 0.1)}, "motors seem to come after their links, by "),
+}  # fmt: skip
+
+
+@QUIET
+@pytest.mark.parametrize("kind", WRONG)
+@pytest.mark.parametrize("stiffer", [1.0, 15.0])
+def test_wrong_columns_are_named(kind, stiffer):
+    """Refused, or said of a result: K is never wrong without a word."""
+    changes, message = WRONG[kind]
+    given = {"q": Q_LINK, "theta": Q_LINK + DELTA / stiffer, "tau": Q}
+    given = {name: np.nan_to_num(changes.get(name, np.array)(x)) for name, x in given.items()}
+    links, motors = log(given["theta"] - given["q"], given["tau"], given["q"], noise=1e-5)
+    if kind == "copies":
+        motors = replace(motors, samples=links.samples)
+    if kind == "all columns":  # rates follow from the samples
+        links = replace(jounce.Motion.fit(T, links.samples[1]), torques=links.torques)
+    try:
+        said = ARM.identify_stiffness(links, motors).notes
+    except jounce.JounceError as error:
+        said = (str(error),)
+    assert any(message in text for text in said), said
+
+
+@QUIET
+@pytest.mark.parametrize("gain", [0.5, 0.9, 0.97, 1.02, 1.04, 1.06, 1.3, 2.0])
+def test_deviations_hold_the_scale_of_torques(gain):
+    """Small ones are not named, and all are in the deviation."""
+    found = ARM.identify_stiffness(*log(tau=gain * Q, noise=1e-5))
+    for row, k in zip(found.table[::3], K, strict=True):
+        assert row.value == pytest.approx(gain * k, rel=2e-3)
+        assert abs(row.value - k) < 1.1 * row.deviation < 1.3 * abs(row.value - k)
+    assert any("wrong scale" in note for note in found.notes) == (abs(gain - 1) > 0.05)
+
+
+@QUIET
+@pytest.mark.parametrize("error", [1e-5, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3])
+@pytest.mark.parametrize("seed", range(3))
+def test_deviations_hold_errors_of_gear_ratios(error, seed):
+    """Whether they are named or not."""
+    found = ARM.identify_stiffness(*log(gear=1 + error, noise=3e-5, seed=seed))
+    for row, k in zip(found.table[::3], K, strict=True):
+        assert not row.seen or abs(row.value - k) < 5 * row.deviation
+
+
+@QUIET
+@pytest.mark.parametrize(
+    ("given", "named"),
+    [
+        ({"tau": clip(0.01)(Q)}, False),
+        ({"tau": clip(0.1)(Q)}, True),
+        ({"tau": np.round(Q)}, False),  # a coarse sensor
+        ({"deflection": late(THETA, 0.007) - Q_LINK}, False),
+        ({"deflection": late(THETA, 0.015) - Q_LINK}, True),
+    ],
+)
+def test_what_is_nearly_right_is_not_named(given, named):
+    given = {name: np.where(np.isnan(x), DELTA if name == "deflection" else Q, x) for name, x in given.items()}
+    notes = ARM.identify_stiffness(*log(**given, noise=1e-5)).notes
+    assert any("end of their range" in note or "after their links" in note for note in notes) == named, notes
+
+
+@QUIET
+def test_a_robot_at_rest_has_no_saturated_sensors():
+    """Torques stay at an end of their range, as those of the model do."""
+    q = MOTION(T[np.arange(len(T)).clip(500, 1500)], 0)[0]
+    still = RIGID.inverse_dynamics(q, 0 * q, 0 * q)
+    links = replace(jounce.Motion.through(T, q), samples=(T, q), torques=(T, still))
+    notes = ARM.identify_stiffness(links, replace(links, samples=(T, q + still / K), torques=None)).notes
+    assert not any("end of their range" in note for note in notes), notes
 
 
 @QUIET

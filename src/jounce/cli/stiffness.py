@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -13,6 +14,10 @@ from jounce.cli.output import check_distinct
 from jounce.cli.robot_options import PATH, RobotRequest
 from jounce.cli.robot_options import add_robot_options_without_drives as add_robot_options
 from jounce.core.errors import JounceError
+
+if TYPE_CHECKING:
+    from jounce.motion import Motion
+    from jounce.robot import Robot
 
 IRRELEVANT_NOTES = ("other columns", "derivatives are trustworthy")  # each motion has columns of the other
 
@@ -71,14 +76,26 @@ def stiffness(
     arm = robot.load()
     gears, rotors = (values_by_joint(*given, arm.joint_names) for given in (("--gear", gear), ("--rotor", rotor)))
     links = motion.load(arm, 0)
-    options = motion.options | {"columns": pattern, "allow_noise": True}  # no rates of motors are taken
-    if gear:  # motors turn far: their angles are no degrees
-        options["angles"] = options["angles"] or "rad"
-    try:
-        motors = replace(motion, options=options).load(arm, 0)
-    except JounceError as error:
-        raise JounceError(str(error).replace("--columns", "--motors")) from None
+    motors = _load_motors(motion, arm, pattern)
     found = collect_notes(lambda: arm.identify_stiffness(links, motors, gear=gears or 1.0, rotor=rotors, delay=delay))
     saving.save(found.robot, output)
     notes = dict.fromkeys(note for note in (*links.notes, *motors.notes) if not note.startswith(IRRELEVANT_NOTES))
     print_identification(found, motion.path, tuple(notes), output, as_json)
+
+
+def _load_motors(motion: MotionRequest, arm: "Robot", pattern: str) -> "Motion":
+    """The motion of the motors, of which no rates are taken.
+
+    Motors in front of gears turn far without being in degrees: angles without a unit are in rad, and are compared with
+    those of the links later.
+    """
+    options = motion.options | {"columns": pattern, "allow_noise": True}
+    if options["angles"] is None:
+        try:
+            return replace(motion, options=options | {"angles": "rad"}).load(arm, 0)
+        except JounceError:
+            pass  # columns may state their unit, and what else is wrong is said below
+    try:
+        return replace(motion, options=options).load(arm, 0)
+    except JounceError as error:
+        raise JounceError(str(error).replace("--columns", "--motors")) from None

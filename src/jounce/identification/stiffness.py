@@ -15,17 +15,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jounce.arguments.elasticity import ElasticParameters, number_per_coordinate, with_elasticity
-from jounce.core.errors import JounceError, join_names, warn
+from jounce.core.errors import JounceError, warn
 from jounce.engine.along import check_motion, forces_along
 from jounce.engine.engine import Engine, R, with_mechanism
 from jounce.identification.averaging import CELLS_PER_PERIOD, CellAverages, force_band, number_cells, weighted_means
 from jounce.identification.delays import pose_without_delays
-from jounce.identification.force_warnings import compare_forces
 from jounce.identification.measured_logs import MeasuredLog
 from jounce.identification.measurements import Measurements, check_measurements
-from jounce.identification.regression import Regression, fit_forces
 from jounce.identification.result import Identification
 from jounce.identification.result_tables import IdentifiedParameter
+from jounce.identification.spring_checks import (
+    COLUMNS,
+    check_positions,
+    deflection_doubts,
+    fit_columns,
+    name_joints,
+    torque_doubts,
+)
 from jounce.model.coordinates import coordinate_units
 from jounce.model.elasticity import Elasticity
 from jounce.model.mechanism import Mechanism
@@ -34,17 +40,6 @@ from jounce.motion.motion import Motion
 
 MIN_DEVIATIONS = 4.0  # of 1 / K: with fewer, K has no upper bound worth a number
 CELLS_PER_LOG = 16  # at least, four for each unknown of a joint
-MAX_DEFLECTION = 0.05  # rad or m: a larger standard deviation is held against the motion of the link
-MIN_GEAR_CORRELATION = 0.98  # of motors and links, whose ratio is that of a gear then
-MAX_GEAR_ERROR = 0.5  # of this ratio: a spring that gives way as far hardly holds its link up
-MIN_DOUBTED_SHARE = 1e-6  # of the squares of deflections: 0.1 % of them may follow anything
-MAX_REMAINDER_RATIO = 0.8  # of mean squares with another column: what that stands for is suspected
-COLUMNS = 4  # tau, sign(qd), qd, 1
-SUSPECTS = (  # further columns: q, q2d, tau^3
-    "move with their links; expected exact gear ratios, gear= (--gear)",
-    "follow accelerations; expected torques of the springs, behind the gears, without the inertia of rotors",
-    "follow the cube of torques: springs are not linear, and K is a mean",
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +52,8 @@ class SpringProblem:
     springs: CellAverages  # deflections by the columns of each joint
     band: float  # of the torques of the model, Hz
     deflection: np.ndarray  # (N, n)
-    rows: np.ndarray  # (N, n, 7) columns of each joint
+    rows: np.ndarray  # (N, n, 8) columns of each joint
+    torques: CellAverages  # measured torques by those of the model
     model: np.ndarray  # (N, n) torques of the model
 
     @property
@@ -73,36 +69,43 @@ def identify_stiffness(
     m, n = robot.mechanism, robot.n
     check_single_screws(m, "identify_stiffness()")
     soft, e = _soften(m, rotor)
-    path, deflection = _read_deflection(m, links, motors, number_per_coordinate(m, "gear", gear, np.ones(n)))
+    gears = number_per_coordinate(m, "gear", gear, np.ones(n))
+    path, deflection = _read_deflection(m, links, motors, gears)
     engine = with_mechanism(robot, soft)
     log = _read_torques(m, path, deflection[0])
     [posed], [late], [said] = pose_without_delays(
         lambda logs: [_pose(engine, e, path, deflection, logs[0].given)], [log], delay
     )
     springs = posed.springs
-    fit, rest = _fit(springs, range(COLUMNS))
-    x, C = fit.x.reshape(n, COLUMNS), np.diag(fit.covariance).reshape(n, COLUMNS)
-    c, tau = x[:, 0], posed.rows[..., 0]
-    share = rest / np.maximum((c * tau.std(axis=0)) ** 2, np.finfo(float).tiny)
-    spread = np.hypot(np.sqrt(C[:, 0]), c * share)  # of 1 / K, with the noise of torques
+    fit = fit_columns(springs, range(COLUMNS))
+    x, c = fit.x, fit.x[:, 0]
+    forces = torque_doubts(m.coordinates, posed.samples, posed.model, posed.torques)
+    others = deflection_doubts(m.coordinates, springs, fit, forces.joints, gears)
+    # deviations of 1 / K: with the noise of torques and what deflections follow besides, then with errors of torques
+    spread = np.hypot(np.hypot(fit.deviations[:, 0], c * fit.share), others.spread)
     seen = np.abs(c) > MIN_DEVIATIONS * spread
-    doubts = compare_forces(m.coordinates, posed.samples.weights, tau, posed.model)
-    _check_signs(m, np.where(seen, c, 0.0), doubts)
-    notes = [*said, *doubts, *_describe(m, posed, seen, share, rest)]
+    spread = np.hypot(spread, c * forces.spread)
+    suspected = [*forces.notes, *others.notes]
+    _check_signs(m, np.where(seen, c, 0.0), suspected)
+    missing = (posed.samples.weights == 0).all(axis=0)
+    text = "torques of {} are not measured: the model's serve, as wrong as its masses are"
+    notes = [*said, *suspected, *name_joints(m.coordinates, missing, text)]
+    text = "the log does not determine the stiffness of {}; expected torques that vary and explain deflections"
+    notes += name_joints(m.coordinates, ~seen, text)
     for text in notes:
         warn(text)
     own = e.stiffness if m.elasticity is not None else np.full(n, np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):
         values = np.where(seen, [1 / c, x[:, 1] / c, -x[:, 2]], np.nan)
-        spreads = np.where(seen, [spread / c**2, np.sqrt(C[:, 1]) / c, np.sqrt(C[:, 2])], np.inf)
+        spreads = np.where(seen, [spread / c**2, fit.deviations[:, 1] / c, fit.deviations[:, 2]], np.inf)
     table = _table(m, values.T, spreads.T, own)
     return Identification(
         robot=with_mechanism(robot, replace(soft, elasticity=replace(e, stiffness=np.where(seen, values[0], own)))),
         table=table,
         covariance=np.diag([row.deviation**2 for row in table]),
-        rank=fit.rank - n,  # without c
-        condition=fit.condition,
-        deviations=fit.deviations,
+        rank=fit.whole.rank - n,  # without c
+        condition=fit.whole.condition,
+        deviations=fit.whole.deviations,
         residuals=(),
         span=(float(posed.samples.t[0]), float(posed.samples.t[-1])),
         band=posed.band,
@@ -116,19 +119,6 @@ def identify_stiffness(
         predicted=np.einsum("tjk,jk->tj", posed.rows[..., :COLUMNS], x),
         notes=tuple(notes),
     )
-
-
-def _describe(m: Mechanism, posed: SpringProblem, seen: np.ndarray, share: np.ndarray, rest: np.ndarray) -> list[str]:
-    """What is said of torques and springs; those of joints that are seen leave a share of deflections, squares (n,)."""
-    missing, cure = (posed.samples.weights == 0).all(axis=0), "expected torques that vary and explain deflections"
-    notes = _name(m, missing, "torques of {} are not measured: the model's serve, as wrong as its masses are")
-    notes += _name(m, ~seen, f"the log does not determine the stiffness of {{}}; {cure}")
-    for k, text in enumerate(SUSPECTS, COLUMNS):
-        fit, left = _fit(posed.springs, (*range(COLUMNS), k))
-        certain = np.abs(fit.x) > MIN_DEVIATIONS * np.sqrt(np.diag(fit.covariance))
-        suspect = seen & certain.reshape(m.n, -1)[:, -1] & (left < MAX_REMAINDER_RATIO * rest)
-        notes += _name(m, suspect & (share > MIN_DOUBTED_SHARE), f"deflections of {{}} {text}")
-    return notes
 
 
 def _soften(m: Mechanism, rotor: object) -> tuple[Mechanism, Elasticity]:
@@ -154,16 +144,8 @@ def _read_deflection(
         raise JounceError(f"motors and links share {len(t)} times; expected {CELLS_PER_LOG} or more, of one log")
     if not (np.isfinite(gears) & (gears != 0)).all():
         raise JounceError(f"gear is {gears.tolist()}; expected speeds of motors over those of joints, which are not 0")
-    theta, cures = np.stack([np.interp(t, times, x) for x in theta.T], axis=1) / gears, []
-    for name, link, motor, gear in zip(m.coordinates, q.T, theta.T, gears, strict=True):
-        C = np.cov(link, motor)
-        ratio = C[0, 1] / (C[0, 0] or 1.0)
-        is_rigid = C[0, 1] ** 2 > MIN_GEAR_CORRELATION**2 * C[0, 0] * C[1, 1]
-        if is_rigid and abs(ratio - 1) > MAX_GEAR_ERROR and np.std(motor - link) > MAX_DEFLECTION:
-            cures.append(f"{gear * ratio:.3g} of {name}")
-    if cures:
-        missing = f"gear ratios (--gear [JOINT=]N, gear=), which are about {join_names(cures)}"
-        raise JounceError(f"motors do not move as their links do; expected {missing}")
+    theta = np.stack([np.interp(t, times, x) for x in theta.T], axis=1) / gears
+    check_positions(m.coordinates, q, theta, gears)
     return path, (t, theta - q)
 
 
@@ -192,13 +174,17 @@ def _pose(
     deflection = np.stack([np.interp(t, log[0], x) for x in log[1].T], axis=1)
     noise = np.maximum((path.deviations(t, 1) or (0.0, 0.0))[1], np.finfo(float).tiny)
     known = qd / np.hypot(qd, noise), qd, np.ones_like(qd)  # no direction where noise decides on it
-    rows = np.stack([tau, *known, q, q2d, (tau - tau.mean(axis=0)) ** 3], axis=-1)
+    off = tau - tau.mean(axis=0)
+    rows = np.stack([tau, *known, q, q2d, off**2, off**3], axis=-1)
     band = force_band(t, model, qd, e.eps)
     width = min(1 / (CELLS_PER_PERIOD * band) if band else np.inf, (t[-1] - t[0]) / CELLS_PER_LOG)
     place = number_cells(t, width)
     reverse = _average(np.stack([deflection, *known], axis=-1), tau, given.weights, place)
     springs, seen = _average(rows, deflection, weights, place), np.where(weights > 0, deflection, np.nan)
-    return SpringProblem(given, width, reverse, springs, band, seen, rows, model)
+    others = np.broadcast_to(model[:, None], (*model.shape, soft.n))
+    compared = np.concatenate([np.stack([model, *known], axis=-1), others], axis=-1)
+    torques = _average(compared, given.forces, given.weights, place)
+    return SpringProblem(given, width, reverse, springs, band, seen, rows, torques, model)
 
 
 def _average(rows: np.ndarray, right: np.ndarray, weights: np.ndarray, place: np.ndarray) -> CellAverages:
@@ -209,28 +195,15 @@ def _average(rows: np.ndarray, right: np.ndarray, weights: np.ndarray, place: np
     return CellAverages(blocks, off, np.zeros_like(off), counts, np.zeros_like(off))
 
 
-def _fit(springs: CellAverages, kinds: Sequence[int]) -> tuple[Regression, np.ndarray]:
-    """The regression on some kinds of columns of each joint, and the mean squares (n,) that it leaves."""
-    n = springs.off.shape[1]
-    columns = (springs.Y.shape[-1] // n * np.arange(n)[:, None] + kinds).ravel()
-    fit = fit_forces(springs, columns, None, known=False)
-    left = springs.counts * (springs.off - springs.Y[..., columns] @ fit.x) ** 2
-    return fit, left.sum(axis=0) / springs.counts.sum(axis=0).clip(1)
-
-
 def _check_signs(m: Mechanism, c: np.ndarray, doubts: Sequence[str]) -> None:
     """Raise `JounceError` unless all of what is known of 1 / K (n,) is positive, and something is known."""
     swapped = "expected motors in the columns of motors, and links in those of links: they seem to be swapped"
-    if negative := _name(m, c < 0, f"the stiffness of {{}} is negative; {'; '.join(doubts) or swapped}"):
-        raise JounceError(negative[0])
+    negative = f"the stiffness of {{}} is negative; {'; '.join(doubts) or swapped}"
+    if (c < 0).any():
+        raise JounceError(*name_joints(m.coordinates, c < 0, negative))
     if not c.any():
-        cure = "expected torques that vary, and deflections above the noise of encoders that follow them"
+        cure = "; ".join(doubts) or "expected torques that vary, and deflections above the noise that follow them"
         raise JounceError(f"the log determines the stiffness of no joint; {cure}")
-
-
-def _name(m: Mechanism, which: np.ndarray, text: str) -> list[str]:
-    """A text with the names of some coordinates; none of none."""
-    return [text.format(join_names(np.array(m.coordinates)[which]))] if which.any() else []
 
 
 def _table(m: Mechanism, values: np.ndarray, spreads: np.ndarray, own: np.ndarray) -> tuple[IdentifiedParameter, ...]:

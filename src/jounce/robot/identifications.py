@@ -192,7 +192,8 @@ class Identifications(Exports):
 
         Deflections ``theta / gear - q = tau / K + c + h sign(qd) + e qd`` are regressed on torques of the springs,
         with a hysteresis h K, and encoders that are not at zero and apart by a time e. A delay of the torques is found
-        and taken out. Deviations follow from the spectrum of the residuals; they do not hold errors of the torques.
+        and taken out. Deviations follow from the spectrum of the residuals. They hold by which factor torques differ
+        from those of the model, where that is certain, and by how much other columns, as of a wrong gear ratio, move K.
 
         Parameters
         ----------
@@ -215,13 +216,15 @@ class Identifications(Exports):
         Raises
         ------
         JounceError
-            If stiffnesses are negative or none is determined, gear ratios seem to be missing, all torques are 0, joints
-            have no rotor inertia, or springs that are not linear.
+            If stiffnesses are negative or none is determined, motors follow the links of other joints or are copies of
+            them, gear ratios seem to be missing, all torques are 0, or joints have no rotor inertia, or springs that
+            are not linear.
 
         Warns
         -----
         JounceWarning
-            If a stiffness is not determined, torques or encoders are late, or deflections follow more than torques.
+            If a stiffness is not determined, torques or encoders are late, torques differ from those of the model by
+            more than 5 % or do not follow them, or deflections follow more than torques.
 
         Examples
         --------
