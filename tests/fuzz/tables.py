@@ -26,7 +26,7 @@ from support.archives import DEFLATED, Member, archive, npy_header
 
 PLANAR = jounce.load("planar2r")
 MEMORY = 1 << 33  # bytes that the process of the readers has, most of it for what libraries reserve
-MOST_INFLATED = 1 << 20  # bytes that compressed columns may take here
+MOST_INFLATED = 1 << 19  # bytes that compressed columns may take here
 PEAK = 1 << 24  # bytes that a reader takes of a small file: little more than chunks and what is inflated
 NAMES = ("t", "joint1", "joint2", "joint1.q", "joint2.qd", "motion", "t.npy", "a", "t")
 KINDS = (
@@ -47,21 +47,25 @@ LENGTHS = (0, 1, 24, 2**16, 2**31 - 1, 2**32 - 1)  # that are stated in place of
 
 
 def lying_archive(rng):
-    """An NPZ file of one to five members, each with up to two lies."""
-    content = archive(*(_member(rng, number) for number in range(rng.randint(1, 5))))
+    """An NPZ file of one to four members, each with up to two lies."""
+    content = archive(*(_member(rng, number) for number in range(rng.choice((1, 1, 1, 2, 3, 4)))))
     return raw(rng, content) if rng.random() < 0.1 else content
 
 
 def _member(rng, number):
     kind, shape = rng.choice(KINDS), rng.choice(SHAPES)
     if rng.random() < 0.5:
-        kind, shape = "'<f8'", "(3,)"
+        kind, shape = "'<f8'", rng.choice((*["(3,)"] * 9, "(99999,)"))
     fortran = rng.choice((*["False"] * 9, *["True"] * 9, "1", "'no'"))
     text = f"{{'descr': {kind}, 'fortran_order': {fortran}, 'shape': {shape}}}"
     if rng.random() < 0.1:
         i = rng.randrange(len(text))
-        text = text[:i] + rng.choice((hostile(rng), "-" * 9000, "(" * 9000, " " * 20_000, "")) + text[i + 1 :]
-    head = npy_header(f"{text}\n", rng.choice(((1, 0), (1, 0), (2, 0), (3, 0)))) if len(text) < 15_000 else b""
+        text = (
+            text[:i]
+            + rng.choice((hostile(rng), "-" * 9000, "(" * 9000, " " * 11_000, " " * 20_000, ""))
+            + text[i + 1 :]
+        )
+    head = npy_header(f"{text}\n", rng.choice(((1, 0), (1, 0), (2, 0), (3, 0))))
     about = {
         "method": rng.choice((0, 0, DEFLATED)),
         **dict(rng.sample([
@@ -76,7 +80,7 @@ def _member(rng, number):
 
 def _body(rng, kind, shape):
     """As many bytes as the header states, most often, if these are few."""
-    size, lengths = 24, shape.strip("(),").split(",")
+    size, lengths = 24, [length for length in shape.strip("(),").split(",") if length]
     if rng.random() < 0.9 and kind in SIZES and len(shape) < 10 and all(map(str.isdigit, lengths)):
         size = SIZES[kind] * math.prod(map(int, lengths))
     if size > MOST_INFLATED and rng.random() < 0.5:
@@ -160,7 +164,8 @@ def check_lying(path):
     finally:
         tracemalloc.stop()
     assert peak < PEAK + 4 * path.stat().st_size, f"{peak / 1e6:.3g} MB of a file of {path.stat().st_size} bytes"
-    if path.suffix == ".npz" and whole is not None:
+    is_archive = path.suffix == ".npz" and path.read_bytes().startswith(b"PK")  # by which NumPy knows one
+    if is_archive and whole is not None:
         check_as_numpy(path, whole.columns)
 
 

@@ -2,6 +2,7 @@
 
 import re
 from contextlib import chdir
+from random import Random
 
 import pytest
 import test_fuzz_commands as commands
@@ -9,7 +10,9 @@ import test_fuzz_readers as readers
 
 import jounce
 from fuzz import contract
+from fuzz import tables as lies
 from fuzz.attack import Budget
+from jounce.io import npz, tables
 
 PLANTED = {  # in the reader of URDFs, by the text that it falls over
     "a number that is none": "nan",
@@ -92,3 +95,23 @@ def test_the_contract_of_commands(tmp_path, code, stdout, stderr, left):
             (folder / name).write_text(content)
         with pytest.raises((AssertionError, jounce.JounceError)):
             commands.check_command(folder, words, before, code, stdout, stderr)
+
+
+def test_archives_reach_every_refusal(tmp_path, monkeypatch):
+    """And every kind of column that is read."""
+    monkeypatch.setattr(npz, "MAX_INFLATED_BYTES", lies.MOST_INFLATED)
+    monkeypatch.setattr(npz, "MAX_COLUMNS", 1000)
+    rng, path, messages, read = Random(0), tmp_path / "table.npz", [], 0
+    for _ in range(1500):
+        path.write_bytes(lies.lying_archive(rng))
+        try:
+            read += len(tables.read_rows(path).columns) > 1
+        except jounce.JounceError as error:
+            messages.append(str(error))
+    words = (
+        "Python objects", "|V8", "datetime64", "bool", "<U3", "ends too early", "more follows",
+        "negative", "compression 14", "CRC", "encrypted", "larger than the file", "compressed columns of",
+        "more than 1000 columns", "occurs 2 times", "array header", "no columns or no rows", "of shape ()",
+    )  # fmt: skip
+    assert [word for word in words if not any(word in message for message in messages)] == []
+    assert read > 20

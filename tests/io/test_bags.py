@@ -81,6 +81,11 @@ def test_a_trajectory_and_a_choice_of_topics(bag):
     refusal(lambda: jounce.load_motion(path, PLANAR, topic="/pln"), "unknown topic '/pln'; did you mean '/plan'?")
 
 
+def test_refuses_messages_that_name_a_joint_twice(bag):
+    path = bag(joint_states=states(["joint1", "joint1"]))
+    refusal(lambda: jounce.load_motion(path, PLANAR), "'joint1' occurs 2 times")
+
+
 def test_refuses_joints_of_others_and_damaged_bags(bag, tmp_path):
     path = bag(joint_states=states(["joint2", "jont1"]))
     refusal(lambda: jounce.load_motion(path, PLANAR), "missing 'joint1'; unknown 'jont1'")

@@ -132,6 +132,8 @@ LIES = {
     "a shape beyond the member": (column("a", npy_header(HEADER.format("(10**9,)".replace("10**9", "1" + 30 * "0")))),
                                   "ends too early"),
     "a negative shape": (column("a", npy_header(HEADER.format("(-3,)")) + bytes(24)), "negative"),
+    "cells that are arrays": (column("a", npy_header("{'descr': ('<f8', (2,)), 'fortran_order': False, 'shape': (2,)}")
+                                     + bytes(32)), "no arrays"),
     "a product of negative lengths": (column("a", npy_header(HEADER.format("(-3, -1)")) + bytes(24)), "negative"),
     "a shape below the member": (column("a", npy_header(HEADER.format("(2,)")) + bytes(24)), "more follows"),
     "a longer header": (column("a", b"\x93NUMPY\2\0\xff\xff\xff\x7f" + bytes(99_999), method=DEFLATED), "array header"),

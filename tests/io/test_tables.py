@@ -1,6 +1,7 @@
 """Tables: every digit kept, every bad cell named, never half a file."""
 
 import gc
+import json
 import os
 import tracemalloc
 import warnings
@@ -9,6 +10,7 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 import jounce
 from jounce.io import csv, parquet, tables
@@ -336,7 +338,7 @@ def test_a_file_that_is_cut_off_while_it_is_read_is_refused(tmp_path, monkeypatc
         refusal(lambda chunks=chunks: list(chunks), f"{path}:")
 
 
-def test_a_parquet_table_that_states_far_more_than_it_has_is_read_by_parts_only(tmp_path, monkeypatch):
+def test_parquet_tables_far_larger_than_their_file_are_read_by_parts(tmp_path, monkeypatch):
     path = tmp_path / "table.parquet"
     tables.write(path, COLUMNS)
     stated, size = 2 * 9 * 8, path.stat().st_size
@@ -347,3 +349,29 @@ def test_a_parquet_table_that_states_far_more_than_it_has_is_read_by_parts_only(
     assert len(tables.read(path, lambda _: ["a"])["a"]) == 9
     [span] = tables.PARQUET.spans(path, 1000)
     assert len(next(tables.PARQUET.chunks(path, ["t", "a"], None, span)).columns["a"]) == 9
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz", ".parquet", ".mat", ".jsonl"])
+def test_a_motion_of_one_row_is_one_state_or_refused(tmp_path, suffix):
+    """Its rates are those of the row; a single sample has none."""
+    robot, path = jounce.load("planar2r"), tmp_path / f"one{suffix}"
+    rates = {f"joint{j}.{name}": j + 0.1 * k
+             for j in (1, 2) for k, name in enumerate(("q", "qd", "q2d"))}  # fmt: skip
+    samples = {"t": 0.5, "joint1": 1.0, "joint2": 2.0}
+
+    def write(row):
+        if suffix == ".mat":
+            savemat(path, row)
+        elif suffix == ".jsonl":
+            path.write_text(json.dumps(row))
+        else:
+            tables.write(path, {name: np.array([x]) for name, x in row.items()})
+
+    write(samples)
+    refusal(lambda: jounce.load_motion(path, robot), f"{path}: 1 samples")
+    if suffix == ".mat":  # whose names have no points
+        return
+    write({"t": 0.5} | rates)
+    motion = jounce.load_motion(path, robot, order=0)
+    assert motion.times.tolist() == [0.5]
+    assert [x.tolist() for x in motion(motion.times, 2)] == [[[1, 2]], [[1.1, 2.1]], [[1.2, 2.2]]]

@@ -13,7 +13,7 @@ from io import BytesIO
 from itertools import count
 from pathlib import Path
 from struct import iter_unpack, unpack_from
-from typing import Any
+from typing import Any, cast
 from zlib import decompressobj
 
 import numpy as np
@@ -25,10 +25,8 @@ from jounce.io.table_format import MAX_INFLATED_BYTES, Chunk, number_rows
 
 FILE_HEADER_BYTES = 128  # of version 5, at whose end the byte order stands
 TAG_BYTES = 8  # of an element: its type and its size
-ARRAY, COMPRESSED = 14, 15  # types of elements
-ARRAY_CLASS = 11  # the byte of an array with its class if numbers are big-endian, three before it if they are not
-MAX_ARRAY_HEADER_BYTES = 1 << 12  # of the class, dimensions and name of an array; MATLAB's names have 63 characters
-STRUCTURE = 2  # the class of structures
+INT32, UINT32, ARRAY, COMPRESSED = 5, 6, 14, 15  # types of elements
+SPARSE = 5  # the class of arrays that have fewer bytes than cells
 INTEGERS = tuple(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))
 READ_CLASSES = ("double", "single", "logical", *INTEGERS, "struct")
 
@@ -37,18 +35,16 @@ def read_rows(path: Path, select: Select | None = None) -> Chunk:
     """All rows of the selected columns."""
     from scipy.io import loadmat, matlab, whosmat  # half a second to import, and only for such files
 
-    file: Any = BytesIO(read_bytes(path))  # which is read no further than it goes, and does not change meanwhile
+    content = read_bytes(path)  # the file may change meanwhile
     with _reader_errors(path):
-        version, _ = matlab.matfile_version(file)
-        if version == 1:
-            _check_elements(path, file.getbuffer())
-        file.seek(0)
+        version, _ = matlab.matfile_version(cast(Any, BytesIO(content)))
+        file: Any = BytesIO(_inflate(path, content) if version == 1 else content)
         variables = whosmat(file)
         check_distinct(path, [name for name, *_ in variables])
         wanted = [name for name, _, kind in variables if kind in READ_CLASSES]
         file.seek(0)
-        content = loadmat(file, simplify_cells=True, variable_names=wanted)
-    arrays = dict(_arrays({name: content[name] for name in wanted if name in content}, ""))
+        found = loadmat(file, simplify_cells=True, variable_names=wanted)
+    arrays = dict(_arrays({name: found[name] for name in wanted if name in found}, ""))
     if any(array.ndim for array in arrays.values()):  # among columns of several rows a number is none
         arrays = {name: array for name, array in arrays.items() if array.ndim}
     columns = flatten({name: np.atleast_1d(array) for name, array in arrays.items()})
@@ -70,40 +66,35 @@ def _reader_errors(path: Path) -> Iterator[None]:
         raise JounceError(f"{path}: not a MAT file: {one_line(error) or type(error).__name__}") from None
 
 
-def _check_elements(path: Path, content: memoryview) -> None:
-    """Check the sizes that the variables of a file of version 5 state, and the arrays of structures."""
-    order = "<" if bytes(content[FILE_HEADER_BYTES - 2 : FILE_HEADER_BYTES]) == b"IM" else ">"
-    place, inflated = FILE_HEADER_BYTES, 0
+def _inflate(path: Path, content: bytes) -> bytes:
+    """Inflate the variables of a file of version 5 to as many bytes as they state, and check what they state."""
+    order = "<" if content[FILE_HEADER_BYTES - 2 : FILE_HEADER_BYTES] == b"IM" else ">"
+    place, inflated, parts = FILE_HEADER_BYTES, 0, [content[:FILE_HEADER_BYTES]]
     while place + TAG_BYTES <= len(content):
         kind, size = unpack_from(f"{order}2I", content, place)
-        place += TAG_BYTES
-        if place + size > len(content):
-            raise ValueError(f"it has {len(content)} bytes; expected {place + size}")
-        array = content[place : place + size]
-        place += size
+        begin, place = place, place + TAG_BYTES + size
+        if place > len(content):
+            raise ValueError(f"it has {len(content)} bytes; expected {place}")
+        part = content[begin:place]
         if kind == COMPRESSED:
-            packed, array = array, memoryview(decompressobj().decompress(array, TAG_BYTES + MAX_ARRAY_HEADER_BYTES))
-            _, size = unpack_from(f"{order}2I", array)
+            decoder = decompressobj()
+            tag = decoder.decompress(part[TAG_BYTES:], TAG_BYTES)
+            _, size = unpack_from(f"{order}2I", tag)
             inflated += size
             if inflated > MAX_INFLATED_BYTES:
                 came = f"compressed variables of {inflated} bytes; expected at most {MAX_INFLATED_BYTES}"
                 raise JounceError(f"{path}: {came}, or variables that are not compressed, as save -v6 writes them")
-            if _is_structure(array[TAG_BYTES:]):  # the arrays within it are checked too
-                array = memoryview(decompressobj().decompress(packed, TAG_BYTES + size))
-            array = array[TAG_BYTES:]
-        _check_array(array, size, order)
+            part = tag + decoder.decompress(decoder.unconsumed_tail, size + 1)
+            if len(part) != TAG_BYTES + size:
+                raise ValueError(f"a compressed variable has not the {size} bytes that it states")
+        _check_array(memoryview(part)[TAG_BYTES:], order)
+        parts.append(part)
+    return b"".join(parts)
 
 
-def _is_structure(array: memoryview) -> bool:
-    return len(array) > ARRAY_CLASS and STRUCTURE in (array[ARRAY_CLASS], array[ARRAY_CLASS - 3])
-
-
-def _check_array(array: memoryview, size: int, order: str) -> None:
-    """Check that an array, and those within it, state no more bytes or cells than they have.
-
-    `array` are its bytes, of which it states that there are `size`, or the first ones with its dimensions and name.
-    """
-    place = 0
+def _check_array(array: memoryview, order: str) -> None:
+    """Check that an array, and those within it, state no more bytes or cells than they have."""
+    place, is_sparse = 0, False
     for number in count():
         if place + TAG_BYTES > len(array):
             return
@@ -112,14 +103,16 @@ def _check_array(array: memoryview, size: int, order: str) -> None:
         if kind >> 16:  # a small element: its size and content stand in its tag
             begin, following, kind, length = place + 4, place + TAG_BYTES, kind & 0xFFFF, kind >> 16
         content = array[begin : begin + length]
-        if begin + length > size or (number in (1, 2) and length > MAX_ARRAY_HEADER_BYTES // 4):
-            raise ValueError(f"{length} bytes within an array of {size}")
-        if number == 1:  # its dimensions
-            cells = math.prod(abs(x) for (x,) in iter_unpack(f"{order}i", content[: len(content) // 4 * 4]))
-            if cells > size:
-                raise ValueError(f"{cells} cells in an array of {size} bytes")
+        if len(content) < length:
+            raise ValueError(f"{length} bytes within an array of {len(array)}")
+        if kind in (INT32, UINT32) and number < 2:  # its class, or its dimensions
+            numbers = [x for (x,) in iter_unpack(f"{order}i", content[: length // 4 * 4])]
+            if number == 0:
+                is_sparse = bool(numbers) and numbers[0] & 0xFF == SPARSE
+            if number == 1 and not is_sparse and math.prod(map(abs, numbers)) > len(array):
+                raise ValueError(f"{math.prod(map(abs, numbers))} cells in an array of {len(array)} bytes")
         if kind == ARRAY:
-            _check_array(content, length, order)
+            _check_array(content, order)
         place = following
 
 

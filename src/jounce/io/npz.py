@@ -280,6 +280,8 @@ def _read_header(path: Path, archive: ZipFile, entry: ZipInfo) -> Member:
         shape, fortran, kind = read(head)
         if version == (3, 0) and kind.names is not None:  # which are UTF-8, and were read as Latin-1
             kind.names = tuple(name.encode("latin-1").decode() for name in kind.names)
+        if kind.subdtype is not None:
+            raise ValueError(f"cells of type {shorten(str(kind))}; expected cells that are no arrays")
         if min(shape, default=0) < 0:
             raise ValueError(f"shape {shape}; expected no negative lengths")
         if len(shape) == 2 and 1 in shape and all(shape):

@@ -16,6 +16,7 @@ from jounce.core.errors import (
     quote_value,
     unknown_name_error,
 )
+from jounce.io.columns import check_distinct
 from jounce.io.files import check_readable
 from jounce.io.motions import tabular
 from jounce.model.mechanism import Mechanism
@@ -71,6 +72,7 @@ def _message_columns(messages: list[Any], place: str) -> dict[str, np.ndarray]:
     if not messages:
         raise JounceError(f"{place} has no messages")
     names = list(messages[0].name)
+    check_distinct(place, names)
     for number, message in enumerate(messages):
         if list(message.name) != names or len(message.position) != len(names):
             came = f"message {number} is of {join_names(message.name)}, with {len(message.position)} positions"
