@@ -19,6 +19,7 @@ from support.bases import random_base
 from support.files import refusal
 from support.robots import floating, mechanisms, random_mechanism, random_pose, relative_error
 from support.several_named import KINDS, PARENTS, amid, states
+from support.units import SI
 
 AXES = [s * e for e in np.eye(3) for s in (1, -1)]
 
@@ -54,7 +55,7 @@ def check(m):
 @st.composite
 def special(draw, floats=True):
     """Trees whose axes are parallel or at right angles, many of them intersecting, gravity along one."""
-    m, rng = draw(mechanisms(largest=4))
+    m, rng = draw(mechanisms(largest=4, units=st.just(SI)))
     turns = [draw(st.permutations(range(3))) for _ in range(m.nb)]
     B, X = np.array(m.B), np.zeros((m.nb, 6))
     for i, turn in enumerate(turns):
@@ -72,7 +73,7 @@ def test_they_are_as_many_as_independent_columns(m):
 
 
 @settings(max_examples=12)
-@given(mechanisms())
+@given(mechanisms(units=st.just(SI)))
 def test_they_are_as_many_for_axes_in_general_position(drawn):
     check(drawn[0])
 

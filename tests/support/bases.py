@@ -8,12 +8,15 @@ from jounce.model.mechanism import Mechanism
 from jounce.spatial.lie import Ad, ad, exp
 from jounce.spatial.series import Series, column_series, from_rate
 from support.robots import floating, harmonic, mechanisms, random_pose, random_screw
+from support.units import SI
 
 
 @st.composite
 def moved_mechanisms(draw: st.DrawFn, largest: int = 4) -> tuple[Mechanism, np.random.Generator]:
     """Trees and forests on a floating base or on ground that moves; with a generator for states."""
-    mechanism, rng = draw(mechanisms(largest=largest))
+    mechanism, rng = draw(
+        mechanisms(largest=largest, units=st.just(SI))
+    )  # bases and their twists are some kg and some m/s
     return floating(mechanism, rng) if draw(st.booleans()) else mechanism, rng
 
 

@@ -17,6 +17,7 @@ from jounce.model.mechanism import Mechanism
 from jounce.model.screws import exact_inertia, from_screws
 from jounce.spatial import lie
 from jounce.spatial.series import Series
+from support.units import ANY_UNITS, Units, in_units
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 GOLDEN_NAMES = ("planar2r", "mixed5", "tree7", "iiwa")
@@ -151,15 +152,21 @@ class Interpreted:
 
 
 @st.composite
-def mechanisms(draw: st.DrawFn, largest: int = 5, spread: bool = False) -> tuple[Mechanism, np.random.Generator]:
-    """Trees and forests of any joints, sometimes with a mimic joint; with a generator for states."""
+def mechanisms(
+    draw: st.DrawFn, largest: int = 5, spread: bool = False, units: st.SearchStrategy[Units] = ANY_UNITS
+) -> tuple[Mechanism, np.random.Generator]:
+    """Trees and forests of any joints, sometimes with a mimic joint, in any units; with a generator for states."""
     nb = draw(st.integers(1, largest))
     parent = [draw(st.integers(-1, i - 1)) for i in range(nb)]
     kinds = [draw(st.sampled_from(["revolute", "prismatic", "helical"])) for _ in range(nb)]
     exponents = [draw(st.floats(-6, 4)) if spread else draw(st.floats(-0.5, 1)) for _ in range(nb)]
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     mimic = draw(st.booleans())
-    return random_mechanism(rng, parent, kinds, [10.0**e for e in exponents], mimic), rng
+    m = random_mechanism(rng, parent, kinds, [10.0**e for e in exponents], mimic)
+    chosen = draw(units)
+    if "prismatic" in kinds:  # states of tests are some rad and some m, however small the robot is
+        chosen = replace(chosen, length=1.0)
+    return in_units(m, chosen), rng
 
 
 def with_tool(drawn: tuple[Mechanism, np.random.Generator]) -> tuple[Interpreted, np.random.Generator, np.ndarray]:

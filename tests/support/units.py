@@ -51,12 +51,8 @@ class Units:
 
 SI = Units(1.0, 1.0)
 UNITS = [Units(*factors) for factors in ((1e-6, 1.0), (1e4, 1.0), (1.0, 1e-9), (1e-6, 1e9), (1e4, 1e-9))]
+ANY_UNITS = st.builds(Units, st.sampled_from((1.0, 1e-6, 1e4)), st.sampled_from((1.0, 1e-9, 1e9)))  # SI is simplest
 UNIT_IDS = [f"{u.length:g}m-{u.mass:g}kg" for u in UNITS]
-
-
-def any_units() -> st.SearchStrategy[Units]:
-    """Those of micromanipulators and of cranes; SI comes first, as the simplest."""
-    return st.builds(Units, st.sampled_from((1.0, 1e-6, 1e4)), st.sampled_from((1.0, 1e-9, 1e9)))
 
 
 def in_units(m: Mechanism, u: Units) -> Mechanism:

@@ -183,7 +183,7 @@ def _most_of_coordinates(most: np.ndarray, F: np.ndarray) -> np.ndarray:
 @lru_cache(maxsize=64)
 def _most_of_closed(m: Mechanism) -> np.ndarray:
     """What the coordinates of a closed robot could move, (nv,): the largest at some positions with loops closed."""
-    q = loop_assembly.sample_positions(m, MOBILITY_SAMPLES) if m.loops else m.closure.start[None]
+    q = loop_assembly.sample_positions(m, MOBILITY_SAMPLES) if m.loops else loops.closure_of(m).start[None]
     return np.asarray(_most_of_coordinates(_most_of_joints(m.tree, q), _joint_velocities(m, q)).max(axis=0))
 
 

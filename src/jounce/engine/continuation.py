@@ -29,6 +29,7 @@ from jounce.dynamics.loop_assembly import (
     inverse_conditions,
     solved_constraints,
 )
+from jounce.dynamics.loop_branches import scales
 from jounce.dynamics.loops import closure_of
 from jounce.engine.generic_methods import compute_by_method
 from jounce.model.mechanism import Mechanism
@@ -101,7 +102,7 @@ class ClosedCurve:
 
     def find_agreeing(self, s: States) -> np.ndarray:
         """Which neighbours, (K - 1,), are on one branch, by their rates, or are apart because q itself jumps."""
-        sizes = loop_newton.scales(self.m).coordinates[self.dependent]
+        sizes = scales(self.m).coordinates[self.dependent]
         x, h = s.q[:, self.dependent] / sizes, np.diff(s.t)[:, None]
         (v, a), (w, b) = (rates[..., self.dependent] / sizes for rates in (s.after[:, :-1], s.before[:, 1:]))
         in_way = np.abs(np.diff(x, axis=0) - h / 2 * (v + w) + h**2 / 12 * (b - a))
@@ -123,7 +124,7 @@ class ClosedCurve:
     def path(self, t: np.ndarray, start: np.ndarray) -> States:
         """States on one branch at times (K,), and between them where neighbours do not agree at once."""
         reach, longest = (
-            loop_closure.FIRST_CONTINUATION_STEP * loop_newton.scales(self.m).coordinates[self.own],
+            loop_closure.FIRST_CONTINUATION_STEP * scales(self.m).coordinates[self.own],
             np.diff(t).max(),
         )
         done, todo, size = [self.states(t[:1], start)], t[1:], _MAX_STATES_AT_ONCE
