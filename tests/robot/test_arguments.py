@@ -166,7 +166,8 @@ CASES: dict[str, Case] = {
     "Motion.through": (jounce.Motion.through, {"t": SAMPLES, "q": TWO, "degree": 7, **NAMED}),
     "Motion.fit": (
         jounce.Motion.fit,
-        {"t": SAMPLES, "q": TWO, "degree": 7, "intervals": 1, "bandwidth": None, "allow_noise": False, **NAMED},
+        {"t": SAMPLES, "q": TWO, "degree": 7, "intervals": 1, "bandwidth": None, "allow_noise": False, **NAMED}
+        | {"angles": "rad"},
     ),
     "Motion.polynomial": (
         jounce.Motion.polynomial, {"coefficients": np.ones((2, 3)), "duration": 1.0, "start": 0.0, **NAMED}

@@ -9,7 +9,7 @@ import numpy as np
 from jounce.arguments import names
 from jounce.arguments.contacts import refuse_contacts
 from jounce.arguments.stated_loops import meets_ground, read_loops, with_stated_loops
-from jounce.core.errors import JounceError, check_choice, join_names, quote_value, warn
+from jounce.core.errors import JounceError, as_list, check_choice, join_names, quote_value, warn
 from jounce.core.scalars import asarray, is_numeric
 from jounce.dynamics import followers, loop_assembly, loop_closure
 from jounce.dynamics.loops import closure_of, movers
@@ -18,7 +18,7 @@ from jounce.model.loops import Closure, Loop
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import check_single_screws
 from jounce.model.single_screws import to_single_screws
-from jounce.model.transmissions import drive_joints, with_followers
+from jounce.model.transmissions import drive_joints, with_followers, with_named_leaders
 
 MIN_RATIO_INVERSE_CONDITION = 1e-8  # of ratios that are solved for motors: Q of these keeps half of its digits
 
@@ -101,6 +101,9 @@ def _drive_followers(m: Mechanism, c: Closure | None, actuated: Any, coordinates
     """A robot without loops, moved by motors at joints that follow others by constant ratios."""
     check_single_screws(m, "motors at joints that follow others")
     _check_numbers(m)
+    named = [name for given in (actuated, coordinates) for name in as_list(given) if isinstance(name, str)]
+    if any(name in m.coordinates and name not in m.joints for name in named):
+        m = with_named_leaders(m)
     every = replace(m, coordinates=m.joints)
     motors = c.actuated if c and actuated is None else coordinate_places(every, "actuated", actuated)
     own = motors if coordinates is None else coordinate_places(every, "coordinates", coordinates)

@@ -10,7 +10,7 @@ from jounce.core.errors import JounceError, as_list, join_names, quote_value
 from jounce.core.scalars import asarray, is_numeric
 from jounce.model.mechanism import Mechanism
 from jounce.model.motors import Motor
-from jounce.model.transmissions import with_rotors
+from jounce.model.transmissions import with_named_leaders, with_rotors
 
 ELECTRIC = ("body", "resistance", "inductance", "constant")  # what a motor states that no drive term is
 
@@ -21,6 +21,7 @@ def with_transmission(m: Mechanism, matrix: object, motors: object, joints: obje
         came = f"{m.name!r} has loops, a transmission or elastic joints"
         raise JounceError(f"{came}; expected a tree of rigid joints, and one matrix for all motors")
     refuse_contacts(m, "drives are coupled without")
+    m = with_named_leaders(m)
     stated = _read_motors(m, motors)
     places = range(m.n) if joints is None else coordinate_places(m, "joints", joints)
     moved = [m.coordinates[j] for j in places]

@@ -5,7 +5,6 @@ refuses whatever has names, and doors that match names read them first.
 """
 
 from collections.abc import Mapping
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -50,20 +49,26 @@ def read_entries(given: Any) -> dict[Any, Any]:
 
 def refuse_names(given: Any, what: str) -> None:
     """Raise `JounceError` if entries along an axis of the data have names, or those of what a list holds."""
-    with suppress(RecursionError):  # a list may hold itself, which NumPy refuses
-        if names := names_along_axes(given):
-            few = ", ".join(map(quote_value, names[:MAX_QUOTED_NAMES])) + ", ..." * (len(names) > MAX_QUOTED_NAMES)
-            came = f"{what} has entries with names, {few}, which are not matched here"
-            raise JounceError(f"{came}; expected an array without names, in the order of its entries")
+    if names := names_along_axes(given):
+        few = ", ".join(map(quote_value, names[:MAX_QUOTED_NAMES])) + ", ..." * (len(names) > MAX_QUOTED_NAMES)
+        came = f"{what} has entries with names, {few}, which are not matched here"
+        raise JounceError(f"{came}; expected an array without names, in the order of its entries")
 
 
 def names_along_axes(given: Any) -> list[Any]:
     """The labels of the first axis that has texts among them; numbers and times label samples."""
+    try:
+        return _find_names(given)
+    except RecursionError:  # a list may hold itself, which NumPy refuses
+        return []
+
+
+def _find_names(given: Any) -> list[Any]:
     if isinstance(given, np.ndarray) and given.dtype.names is None:
         return []
     if type(given) in (list, tuple):
         numbers = all(issubclass(kind, int | float | np.generic) for kind in set(map(type, given)))
-        parts = () if numbers else map(names_along_axes, given)
+        parts = () if numbers else map(_find_names, given)
         return next((names for names in parts if names), [])
     try:
         axes = _labels_along_axes(given)

@@ -11,11 +11,31 @@ from dataclasses import replace
 
 import numpy as np
 
+from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.model.drives import UNDRIVEN
 from jounce.model.limits import no_limits
 from jounce.model.loops import Closure, FollowerRatios
 from jounce.model.mechanism import Mechanism
 from jounce.model.motors import Motor
+
+
+def with_named_leaders(m: Mechanism) -> Mechanism:
+    """The robot whose coordinates are named as the joints that they move alone, by theta = q: these get their names.
+
+    Robots with loops or transmissions know coordinates by the names of joints; a robot with G may have other names.
+    """
+    joints, unit = list(m.joints), np.eye(m.n)
+    for name, row in zip(m.coordinates, unit, strict=True):
+        alone = [i for i, own in enumerate(m.G) if np.array_equal(own, row) and m.g[i] == 0]
+        if not alone:
+            came = f"{m.name!r} has no joint that moves as its coordinate {quote_value(name)} does, theta = q"
+            raise JounceError(f"{came}; expected coordinates that are joints, among {join_names(m.joints)}")
+        named = [i for i in alone if m.joints[i] == name]
+        joints[(named or alone)[0]] = name
+    if repeated := [name for name in m.coordinates if joints.count(name) > 1]:
+        came = f"{m.name!r}: joint {quote_value(repeated[0])} does not move as the coordinate of this name does"
+        raise JounceError(f"{came}; rename one of them")
+    return m if tuple(joints) == m.joints else replace(m, joints=tuple(joints))
 
 
 def with_rotors(m: Mechanism, motors: Mapping[str, Motor | None], G: np.ndarray, g: np.ndarray) -> Mechanism:

@@ -77,7 +77,7 @@ class Series:
 
     def __add__(self, other: Any) -> "Series":
         if isinstance(other, Series):
-            return Series(lambda k: self[k] + other[k])
+            return _Sum(self, other)
         return Series(lambda k: self[k] if k else self[0] + other)
 
     def __sub__(self, other: Any) -> "Series":
@@ -98,6 +98,25 @@ class Series:
 
     def __rmul__(self, other: Any) -> "Series":
         return self.map(lambda S: other * S)
+
+
+class _Sum(Series):
+    """The sum of two series. Of sums of sums, as over bodies, the first are evaluated first, so that no call nests."""
+
+    __slots__ = ("_first",)
+
+    def __init__(self, first: Series, second: Series):
+        super().__init__(lambda k: first[k] + second[k])
+        self._first = first
+
+    def __getitem__(self, k: int) -> Array:
+        waiting, first = list[Series](), self._first
+        while isinstance(first, _Sum) and len(first._terms) <= k:
+            waiting.append(first)
+            first = first._first
+        for part in reversed(waiting):
+            Series.__getitem__(part, k)
+        return super().__getitem__(k)
 
 
 class _Unkept(Series):

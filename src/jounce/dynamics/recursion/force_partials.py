@@ -155,7 +155,8 @@ def carry_screws(
     for i, joint in enumerate(joints):
         carried = joint.twists(V[joint.parent]) if isinstance(joint, FreeJoint) and joint.parent >= 0 else None
         screws.append(ScrewWrenches.of(joint, V[i], carried, field[i], bodies[i]))
-    return tree, bodies, screws, [*V, *field, *Pi[::-1], *p[::-1]]
+    rates = [x.dot for x in (*V, *Pi[::-1], *p[::-1])]  # which the accelerations of screws and the forces take
+    return tree, bodies, screws, [*V, *field, *Pi[::-1], *p[::-1], *rates]
 
 
 def _carrier_acceleration(joint: MovingJoint, own: Series, carried: Series | None, field: Series) -> Series:
@@ -195,11 +196,12 @@ def _project_partials(
             D = D - mask_above(M @ E @ alpha @ E.T, joints)
             K = K - E @ (joint.X.T @ x.turned) @ E.T
     steps = [*before, *(column.values for sweep in (momenta, reactions, changes) for column in reversed(sweep))]
+    to_rates = [*steps, *(column.values.dot for column in reversed(momenta))]  # of D, which has the rate of M
 
-    def of_coordinates(matrix: Series) -> Series:
+    def of_coordinates(matrix: Series, steps: Sequence[Series]) -> Series:
         return evaluate_in_order(tree.generalized_matrix(matrix + batch_zeros(q)), steps)
 
-    return of_coordinates(K), of_coordinates(D), of_coordinates(M + mask_above(M, joints).mT)
+    return of_coordinates(K, steps), of_coordinates(D, to_rates), of_coordinates(M + mask_above(M, joints).mT, steps)
 
 
 def _places(tree: Sequence[MovingJoint]) -> list[Array]:
