@@ -36,7 +36,9 @@ def test_the_motor_that_would_have_to_start_at_a_speed_is_named(name, duration):
     [note] = notes
     at, joint = np.unravel_index(np.argmax(speeds), (2, 2))
     verb = ("start", "stop")[at]
-    assert note.startswith(f"the motor of joint{joint + 1} would have to {verb} at {speeds[at][joint]:.2g} rad/s at t = ")
+    assert note.startswith(
+        f"the motor of joint{joint + 1} would have to {verb} at {speeds[at][joint]:.2g} rad/s at t = "
+    )
 
 
 @pytest.mark.parametrize(("share", "noted"), [(0.3e-6, 0), (3e-6, 1)])

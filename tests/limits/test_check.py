@@ -284,7 +284,10 @@ def test_the_uncertain_ends_of_a_measured_motion_break_no_limit():
     assert found.verdict == "undecided"
     assert found.judged["jerk"] > 0.98
     assert abs(found.worst.ratio - exact.worst.ratio) < 3 * found.worst.deviation
-    slow = [robot.slowdown(motion, up_to_limits=True).factor for motion in (jounce.Motion.through(t, q), jounce.Motion.fit(t, noisy))]
+    slow = [
+        robot.slowdown(motion, up_to_limits=True).factor
+        for motion in (jounce.Motion.through(t, q), jounce.Motion.fit(t, noisy))
+    ]
     assert slow[1] == pytest.approx(slow[0], rel=0.03)  # an end at more than two deviations decides
 
 

@@ -165,7 +165,9 @@ def test_jumps_are_breaks_of_the_motion_and_said():
         np.testing.assert_allclose(rise, ends[1][k] - ends[0][k], atol=1e-7 * np.abs(inside[k]).max())
     with pytest.raises(JounceError, match=r"^q2d of joint .* jumps at t = .* s, where Qd of every"):
         UR5.with_limits(effort_rate=1000.0).retime(found.motion)
-    assert robot.slowdown(found.motion, up_to_limits=True).factor == pytest.approx(0.99**-0.5, rel=1e-3)  # of accelerations
+    assert robot.slowdown(found.motion, up_to_limits=True).factor == pytest.approx(
+        0.99**-0.5, rel=1e-3
+    )  # of accelerations
 
 
 def test_wrenches_and_breaks_go_with_the_path():

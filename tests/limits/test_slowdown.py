@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_check import HOME, fourier
+from test_check import fourier
 
 import jounce
 from jounce.limits.speed_polynomials import polynomials, positive_roots
@@ -160,7 +160,7 @@ def test_a_motion_that_is_kept_is_the_result_itself(limits, drives, speed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_motion_that_is_kept_between_speeds_that_are_not_is_the_result_itself(seed):
+def test_a_motion_kept_between_broken_speeds_is_the_result_itself(seed):
     """Gravity and inertia cancel at its speed; slower ones break the limit, which a note says."""
     motion = swing(seed)
     c = np.linspace(0, 3, 600)[1:]

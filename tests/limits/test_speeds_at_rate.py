@@ -1,4 +1,4 @@
-"""`slowdown` and `retime` at a controller's rate: differences of the result keep every limit, by an oracle of its own."""
+"""`slowdown` and `retime` at a controller's rate: differences of the result keep every limit, by an oracle."""
 
 import numpy as np
 import pytest
@@ -79,8 +79,8 @@ def test_differences_of_a_retimed_plan_keep_every_limit(name, seed):
     assert robot.check(fast.motion, rate).ok
 
 
-def test_a_retimed_plan_whose_differences_break_a_limit_is_slowed_down():
-    """At a low rate a difference is late, and torques are those of a state that never was: without a margin they exceed."""
+def test_retimed_differences_that_break_a_limit_are_slowed_down():
+    """At a low rate a difference is late, and torques are of a state that never was: without a margin they exceed."""
     robot, motion = ARMS["planar2r"], plan("planar2r", 5, (0, 0, 0, 0, 35, -84, 70, -20))
     free = robot.retime(motion, 1e-4)
     assert worst_share(robot, free.motion, 50) > 1
@@ -88,7 +88,9 @@ def test_a_retimed_plan_whose_differences_break_a_limit_is_slowed_down():
     assert fast.duration > free.duration
     assert worst_share(robot, fast.motion, 50) <= 1
     for t in np.linspace(fast.motion.start, fast.motion.stop, 9):
-        np.testing.assert_allclose(fast.motion(t, 0)[0], motion(float(fast.law.sigma(np.array([t]))[0]), 0)[0], atol=1e-12)
+        np.testing.assert_allclose(
+            fast.motion(t, 0)[0], motion(float(fast.law.sigma(np.array([t]))[0]), 0)[0], atol=1e-12
+        )
     assert fast.binding[-1].stop <= fast.motion.stop * (1 + 1e-9)
 
 

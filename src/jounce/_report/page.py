@@ -43,7 +43,7 @@ class Report:
     check : Check or None
         Every limit along the motion; None where the robot states none, and of an identification.
     slowdown : Slowdown or None
-        The largest factor of speed, at most 1, that keeps every limit; None where no factor does, and the page says why.
+        The largest factor of speed, at most 1, that keeps every limit; None where none does, and the page says why.
 
     Examples
     --------

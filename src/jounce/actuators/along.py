@@ -28,7 +28,9 @@ from jounce.motion.motion import Motion
 from jounce.spatial.series import column_series
 
 Rates = tuple[np.ndarray, ...]
-REST_SHARE = 1e-6  # of the largest velocity of links, or of motors: what is slower rests, to the rounding of its rates
+REST_SPEED_SHARE = (
+    1e-6  # of the largest velocity of links, or of motors: what is slower rests, to the rounding of its rates
+)
 _POSITION_ROW, _TORQUE_ROW = QUANTITIES["motor_positions"], QUANTITIES["motor_torques"]
 
 
@@ -115,7 +117,7 @@ def _describe_ends(robot: Engine, motion: Motion, links: Along, thetad: np.ndarr
     for t, verb in ((motion.start, "start"), (motion.stop, "stop")):
         for i in np.flatnonzero(links.t == t).tolist():
             speed = np.abs(thetad[i])
-            if qd[i].max() <= REST_SHARE * qd.max() and speed.max() > REST_SHARE * np.abs(thetad).max():
+            if qd[i].max() <= REST_SPEED_SHARE * qd.max() and speed.max() > REST_SPEED_SHARE * np.abs(thetad).max():
                 found.append((float(speed.max()), int(speed.argmax()), t, verb))
     if not found:
         return ()

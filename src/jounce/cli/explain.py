@@ -52,8 +52,8 @@ def explain(
     except ValueError:
         raise JounceError(f"--start is {start!r}; expected numbers with commas between them") from None
     found = arm.explain(path, controller, rate=rate, differences=differences, start=begin)
-    summary = {"robot": arm.name, "motion": str(motion.path), "controller": controller, "ok": not found.trips}
-    summary |= asdict(found)
+    summary: dict[str, Any] = {"robot": arm.name, "motion": str(motion.path), "controller": controller}
+    summary |= {"ok": not found.trips} | asdict(found)
     for cure in summary["cures"]:  # the call of Python becomes the command line
         del cure["call"]
         cure["command"] = _repeat_command(cure["method"], arm, motion.path)

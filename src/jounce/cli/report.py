@@ -59,7 +59,8 @@ def report(
         "output": str(output), "bytes": output.stat().st_size,
         "ok": page.check and page.check.ok, "verdict": page.check and page.check.verdict,
         "judged": page.check and page.check.judged, "worst": worst and str(worst),
-        "factor": page.slowdown and page.slowdown.factor, "largest": page.slowdown and page.slowdown.largest, "notes": list(path.notes),
+        "factor": page.slowdown and page.slowdown.factor,
+        "largest": page.slowdown and page.slowdown.largest, "notes": list(path.notes),
     }  # fmt: skip
     verdict = page.check.words if page.check else "states no limits"
     reserve = page.slowdown.words if page.slowdown and page.slowdown.binding is None else ""

@@ -65,7 +65,7 @@ def slowdown(
 
 def _format_summary(summary: dict[str, Any], words: str) -> str:
     factor, binding = summary["factor"], summary["binding"]
-    head, before, after = f"{shorten(summary['robot'])} along {summary['motion']}", *summary["duration"]
+    head, (before, after) = f"{shorten(summary['robot'])} along {summary['motion']}", summary["duration"]
     written = [f"q to q4d written to {summary['output']}"] if summary["output"] else []
     if binding is None:
         return "\n".join([f"{head}: {words}", *summary["notes"], *written])

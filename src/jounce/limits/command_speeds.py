@@ -22,7 +22,7 @@ from jounce.limits.validation import validate_limits
 from jounce.motion.commands import MAX_DIFFERENCES, MIN_COMMANDS, find_commands
 from jounce.motion.motion import Motion
 
-KEPT_RATIO = 1 - 1e-6  # to every limit: a table's times and positions are rounded, which moves third differences by less
+KEPT_RATIO = 1 - 1e-6  # to every limit: rounded times and positions of a table move third differences by less
 _FACTOR_STEP = 1.05  # from one factor that is tried to the next
 _MIN_FACTOR, _MAX_FACTOR = 1e-3, 1000.0  # times the given speed: no motion is meant to be slower or faster
 _MAX_SLOWED_COMMANDS = 2e6  # of a motion that is slowed down, which bounds time and memory
@@ -76,7 +76,7 @@ class CommandSpeeds:
             high, place = low, where
 
     def rise(self) -> tuple[float, Place | None]:
-        """The largest factor from 1 on up to which those tried keep every limit, and the limit that the next one breaks.
+        """The largest factor up to which those tried from 1 on keep every limit, and the limit that the next breaks.
 
         Infinite where none breaks a limit, as long as there are commands enough for a controller.
         """
@@ -120,8 +120,9 @@ class CommandSpeeds:
         kind, j, t = place
         name = quote_value(validate_limits(self.robot, self.motion).name(kind, j))
         return JounceError(
-            f"at {self.rate:g} Hz the {kind.replace('_', ' ')} of joint {name} is beyond its limit at t = {t:.6g} s even"
-            f" at {factor:.2g} times the speed; change the motion, as motion.blended(time) (--blend) does, or with_limits"
+            f"at {self.rate:g} Hz the {kind.replace('_', ' ')} of joint {name} is beyond its limit at t = {t:.6g} s"
+            f" even at {factor:.2g} times the speed; change the motion, as motion.blended(time) (--blend) does, or"
+            " with_limits"
         )
 
 

@@ -14,7 +14,7 @@ from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
 from jounce.limits.commands import DIFFERENCE_NAMES, CommandDifferences, take_differences
 from jounce.limits.joints import joint_units
-from jounce.limits.limited_motion import LimitedMotion, motion_order
+from jounce.limits.limited_motion import motion_order
 from jounce.limits.ratios import SIGNS
 from jounce.limits.retime import retime
 from jounce.limits.slowdown import Slowdown, slowdown
@@ -265,9 +265,7 @@ def _find_jump(d: CommandDifferences, row: int, j: int, order: int) -> tuple[str
     return None
 
 
-def _try_cures(
-    robot: Engine, motion: Motion, controller: Mapping[str, Any], begin: np.ndarray | None
-) -> list[Cure]:
+def _try_cures(robot: Engine, motion: Motion, controller: Mapping[str, Any], begin: np.ndarray | None) -> list[Cure]:
     """Whether other time laws of the motion keep every limit as commands too, from where the robot begins."""
     usual = {"differences": JERK_DIFFERENCE}
     stated = ", ".join(f"{name}={value:.10g}" for name, value in controller.items() if value != usual.get(name))

@@ -144,7 +144,9 @@ def _keep_as_commands(
     motion, law = _follow_law(problem, type(x)(x.t, factor**2 * x.c, x.k))
     verified = CommandSpeeds(robot, motion, rate, differences).check()
     if not verified.ok:
-        raise JounceError(f"retiming fails at {rate:g} Hz: {verified.worst}; expected a higher rate, or a larger margin")
+        raise JounceError(
+            f"retiming fails at {rate:g} Hz: {verified.worst}; expected a higher rate, or a larger margin"
+        )
     start = law.start
     binding = tuple(
         part._replace(start=start + (part.start - start) / factor, stop=start + (part.stop - start) / factor)
