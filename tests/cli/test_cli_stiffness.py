@@ -63,8 +63,8 @@ def test_springs_and_the_robot_with_them(log, tmp_path):
     [
         (("--gear", "joint2=30", "--rotor", "0.1"), "column 'theta_joint1' holds 'nan'"),
         (
-            ("--rotor", "0.1", "--angles", "rad", "--on-error", "skip"),
-            "gear ratios (--gear [JOINT=]N, gear=), which are",
+            ("--rotor", "0.1", "--on-error", "skip"),
+            "gear ratios (--gear [JOINT=]N, gear=), which are about 27.4 of joint2",
         ),
         (("--gear", "joint2=30", "--on-error", "skip"), "(--rotor) states it, in kg m^2"),
         (("--motors", "motor{number}", "--rotor", "0.1"), "--motors 'motor{number}': no column 'motor1'"),
@@ -77,3 +77,32 @@ def test_refuses(log, tmp_path, monkeypatch, words, message):
     said = call("stiffness", "planar2r", log, "-o", "x.yaml", *words, code=2).stderr
     assert message in said
     assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("unit", "words"), [("", ("--angles", "rad")), ("", ()), (" [deg]", ()), (" [rad]", ("--angles", "rad"))]
+)
+def test_units_of_motors(log, tmp_path, unit, words):
+    """Angles of motors are in rad, in which they may turn far, unless their columns or an option state another unit."""
+    lines = log.read_text().splitlines()
+    names = lines[0].split(",")
+    rows = np.genfromtxt(lines[1:], delimiter=",")
+    motors = [names.index(f"theta_{name}") for name in NAMES]
+    rows[:, motors] *= np.array([100.0, 100 / 30]) * (np.rad2deg(1.0) if unit == " [deg]" else 1.0)
+    header = ",".join(name + unit * (k in motors) for k, name in enumerate(names))
+    path = tmp_path / "log.csv"
+    np.savetxt(path, rows, delimiter=",", header=header, comments="")
+    given = ("--gear", 100, "--rotor", 0.2, "--on-error", "skip", *words)
+    said = json.loads(call("stiffness", "planar2r", path, *given, "-o", tmp_path / "k.yaml", "--json").stdout)
+    assert [row["value"] for row in said["parameters"][::3]] == pytest.approx([800, 600], rel=1e-3)
+
+
+def test_angles_of_another_unit_are_named(log, tmp_path):
+    """Nothing says whether motors are in degrees or in front of gears: both are said."""
+    lines = log.read_text().splitlines()
+    rows = np.genfromtxt(lines[1:], delimiter=",")
+    rows[:, 3:5] = np.rad2deg(rows[:, 3:5] / [1, 30])
+    path = tmp_path / "log.csv"
+    np.savetxt(path, rows, delimiter=",", header=lines[0], comments="")
+    words = ("stiffness", "planar2r", path, "--rotor", 0.2, "--on-error", "skip", "-o", tmp_path / "k.yaml")
+    assert "; or all positions in rad, as 57.3 is 180 / pi" in call(*words, code=2).stderr

@@ -210,8 +210,8 @@ WRONG = {
     "sign of motors": ({"theta": of(1, np.negative)}, "gear=), which are about -0.9"),
     "a gear of 101": ({"theta": lambda x: 1.01 * x}, "gear= (--gear), which are about 1.01 of joint1, 1.01 of joint2"),
     "a gear of 98": ({"theta": lambda x: 0.98 * x}, "gear= (--gear), which are about 0.98 of joint1, 0.98 of joint2"),
-    "a scale": ({"tau": of(1, lambda x: 1.3 * x)}, "the wrong scale, or the model lacks a load: they are those of the"
-                " model times 1.3 at joint2; expected calibrated ones of these joints"),
+    "a scale": ({"tau": of(1, lambda x: 1.3 * x)}, "the wrong scale, or the model another load: they are those of the"
+                " model times 1.3 at joint2; expected those of these joints"),
     "a sign": ({"tau": of(1, np.negative)}, "the wrong sign: they are those of the model times -1 at joint2;"),
     "a unit": ({"tau": of(1, lambda x: x / 50)}, "the wrong unit: they are those of the model times 0.02 at joint2;"),
     "no torque": ({"tau": of(1, lambda x: 0 * x + 5)}, "torques of joint2 are constant; expected measured ones"),

@@ -167,7 +167,11 @@ def _gain_notes(names: Sequence[str], gain: np.ndarray) -> list[str]:
     kinds = (
         (opposed, "the wrong sign", "expected Q = M q2d + C qd + Qgrav, which the drives exert on the robot"),
         (odd, "the wrong unit", "expected N m or N at the joints, behind the gears"),
-        (scale, "the wrong scale, or the model lacks a load", "expected calibrated ones of these joints: K is off as they are"),
+        (
+            scale,
+            "the wrong scale, or the model another load",
+            "expected those of these joints, as K is off as they are",
+        ),
     )
     notes = []
     for which, what, cure in kinds:
