@@ -145,7 +145,7 @@ def prepare():
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     for module in (npz, mat, parquet):
         module.MAX_INFLATED_BYTES = MOST_INFLATED
-    npz.CHUNK_BYTES = 16
+    npz.CHUNK_BYTES, npz.MAX_COLUMNS = 16, 1000
     csv.BLOCK_BYTES = 1000
 
 

@@ -304,7 +304,7 @@ def _divide(member: Member) -> Iterator[tuple[str, NpzColumn]]:
     for field, of, cell in fields:
         kind = np.dtype(object) if member.kind.hasobject else cell.base
         shape = member.shape + cell.shape
-        if len(shape) == 2 and all(shape):
+        if len(shape) == 2 and all(shape) and not kind.hasobject:  # the size of objects is not known
             for j in range(shape[1]):
                 yield f"{of}[{j}]", NpzColumn(member, kind, shape[:1], field, j)
         else:
