@@ -7,6 +7,7 @@ from math import pi
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.special import erf
 
 import jounce
 from jounce.cli import main
@@ -84,6 +85,31 @@ def test_trapezoids_trip_by_torque_rates_alone_at_high_jerk_limits():
     assert "limits of velocity, acceleration, jerk are kept there" in trip.words
     assert cured(found) == {"slowdown": True, "retime": False}
     assert "motion.blended(time" in found.cures[1].words
+
+
+def commands_of_two_joints(q, limit):
+    """Commands of the first joint of a small arm with a limit of acceleration, and the cause for which it is broken."""
+    arm = jounce.load("planar2r").with_limits(acceleration=limit)
+    return first(table(np.transpose([q, 0 * q]), robot=arm), arm, rate=1000)[1]
+
+
+@pytest.mark.parametrize(("width", "cause"), [(0.002, "jump"), (0.0025, "too fast"), (0.004, "too fast")])
+def test_an_acceleration_that_swells_within_some_periods_is_no_jump(width, cause):
+    """A bell of acceleration, whose velocity changes by more than its slopes before and after make of it.
+
+    A bell of two periods cannot be told from a jump: its velocity changes by 1.6 times what the slopes make.
+    """
+    x = (np.arange(400) / 1000 - 0.2) / width
+    q = 10 * width**2 * np.sqrt(pi) / 2 * (x * (1 + erf(x)) + np.exp(-(x**2)) / np.sqrt(pi))
+    assert commands_of_two_joints(q, 0.95 * np.diff(q, 2).max() * 1e6).cause == cause
+
+
+@pytest.mark.parametrize(("share", "cause"), [(0.3, "too fast"), (0.6, "jump"), (0.8, "jump")])
+def test_a_velocity_that_jumps_amid_an_acceleration_is_a_jump(share, cause):
+    """By a share of the change that the acceleration makes in the four periods around it; half of it is the bound."""
+    t = np.arange(400) / 1000
+    trip = commands_of_two_joints(4 * t**2 / 2 + share * 4 * 0.004 * (t - 0.2).clip(0), 5.0)
+    assert (trip.t, trip.cause) == (0.201, cause)
 
 
 def test_an_acceleration_that_jumps_breaks_a_lower_jerk_limit():

@@ -93,6 +93,26 @@ def test_set_points_are_followed_where_nothing_limits():
     assert states[-1].status == "follow"
 
 
+FREE = jounce.Motion.polynomial(np.outer([0.3, -0.2], BLEND) / 10.0 ** np.arange(8), 10.0)  # no limit is near
+
+
+@pytest.mark.parametrize("setpoint", [0.3, 0.7, 1.0])
+def test_a_set_point_that_is_reached_is_followed_to_the_last_bit(setpoint):
+    """Rounding lets the speed reach the set point from above, which is no overshoot."""
+    assert {state.status for state in follow(PLANAR.guard(FREE), [setpoint] * 3000)} == {"follow"}
+
+
+@pytest.mark.parametrize("drop", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8])
+def test_set_points_that_fall_are_not_overshot(drop):
+    """The set point falls below what the speed is about to reach, as it is still accelerated."""
+    guard, lowered = PLANAR.guard(FREE), 1 - drop
+    while guard.step(1.0).v < 1 - 2 * drop:
+        pass
+    assert guard.state.v < lowered
+    speeds = [guard.step(lowered).v for _ in range(500)]
+    assert lowered - drop < max(speeds) <= lowered + 1e-10
+
+
 def test_a_path_that_moves_at_its_end_is_stopped_there():
     states = follow(PLANAR.guard(SWING), np.ones(4000))
     assert states[-1].status == "end"

@@ -275,6 +275,20 @@ def test_the_key_tells_apart_whatever_the_code_depends_on():
     assert cache.key(jounce.load("planar2r").mechanism, what, host()) == keys[0]
 
 
+@pytest.mark.filterwarnings("ignore:.*nothing but inertia moves:jounce.JounceWarning")
+def test_which_coordinates_are_passive_is_in_the_key(folder):
+    """One motor, and the same coordinates: either of them may be the one that the motor does not move."""
+    q = jounce.load("fivebar").mechanism.closure.start[[0, 2]]
+    keys = set()
+    for passive in ("left_shoulder", "right_shoulder"):
+        own = {"coordinates": ["left_shoulder", "right_shoulder"], "actuated": ["left_elbow"], "passive": [passive]}
+        robot = jounce.load("fivebar").closed(**own)
+        found, expected = (robot.actuator_forces(q, 0.3 + q, -q, method=method) for method in ("kernel", "recursion"))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+        keys.add(cache.key(robot.mechanism, Computation("actuator_forces", 0), host()))
+    assert len(keys) == 2
+
+
 def test_the_key_changes_with_the_program_itself(monkeypatch):
     before = cache.key(ROBOT.mechanism, QUANTITY, host())
     monkeypatch.setattr(cache, "code_digest", lambda *layers: "another version")

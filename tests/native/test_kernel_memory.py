@@ -112,6 +112,18 @@ def test_many_bodies_work_with_small_stacks_threads_and_forks():
     assert (done.returncode, done.stdout.split()) == (0, ["0", "60", "True"]), done.stderr
 
 
+def test_a_call_takes_at_most_32_kib_of_the_stack(monkeypatch):
+    """Whatever the robot, and however wide the vectors of the processor: what needs more is from the heap."""
+    found = set()
+    for bodies in (5, 10, 30):
+        heap = Heap(monkeypatch)
+        kernel = Kernel(chain(bodies).mechanism, Computation("gravity_forces", 6))
+        size = ctypes.c_int64.from_address(kernel._code.address("scratch")).value
+        assert heap.used == (size > 32 * 1024)
+        found.add(heap.used)
+    assert found == {0, 1}
+
+
 def test_buffers_are_kept_for_the_next_call_and_freed_with_the_kernel(robot, monkeypatch):
     heap = Heap(monkeypatch)
     kernel = Kernel(robot.mechanism, FORCES)
