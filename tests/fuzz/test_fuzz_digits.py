@@ -63,7 +63,7 @@ def motion_of(robot, rng, order):
     """q, qd, ..., C, V, ...: fast, slow, or nearly at rest."""
     rates = rng.normal(size=(order + 3, robot.n)) * 10 ** rng.uniform(-2, 1)
     rates[rng.integers(1, 3) :] *= rng.choice([1.0, 0.1, 0.01])
-    base = [np.eye(4), *rng.normal(size=(order + 2, 6))] if robot.mechanism.floats else None
+    base = (np.eye(4), *rng.normal(size=(order + 2, 6))) if robot.mechanism.floats else None
     return rates, base
 
 
