@@ -97,14 +97,14 @@ def test_results_are_right_or_refused(name):
 
 @pytest.mark.parametrize(("name", "quantity"), near_singular.CASES, ids=map("-".join, near_singular.CASES))
 def test_all_quantities_are_right_or_refused(name, quantity):
-    """Nothing that is returned is off by more than is promised, and few refused results have two digits more."""
+    """Nothing that is returned is off by more than is promised, and few refused results have 2.3 digits more."""
     mechanism, rng, found = near_singular.ROBOTS[name](), np.random.default_rng(3), near_singular.Digits()
     robot, row = mechanism.serving(quantity), QUANTITIES[quantity]
     for order in range(row.highest(1) + 1):
         for exponent in np.linspace(-5, 0, COUNT // 2):
             found.judge(robot, quantity, order, mechanism.position(rng, 10**exponent), rng)
     assert max(found.returned) <= near_singular.PROMISED
-    assert sum(error < RIGHT for error in found.refused) <= 0.02 * len(found.returned)
+    assert sum(error < RIGHT / 4 for error in found.refused) <= max(1, 0.02 * len(found.returned))
 
 
 def test_the_coriolis_matrix_near_a_change_point():

@@ -111,8 +111,10 @@ Results = tuple[np.ndarray, ...]
 
 def is_steep(m: Mechanism, asked: Computation) -> bool:
     """Whether drives may make errors of accelerations, or of their rates, exceed `_MAX_ERROR` of their size."""
-    row = asked.quantity
+    row, e = asked.quantity, m.elasticity
     if not (row.inverts or row.are_accelerations) or not m.is_numeric:
+        return False
+    if row.inputs and e and not all(map(is_numeric, e.arrays.values())):
         return False
     growth = steepness.plant_growth(m) if row.inputs else steepness.drive_growth(m) ** (asked.order + 1)
     return growth > _MAX_ERROR / (_CANCELLATION * _DOUBLE_EPS)
