@@ -129,6 +129,11 @@ def check_motion(mechanism: Mechanism, motion: object) -> Motion:
     """Check that a motion is one of the robot's joints, in rad where it is measured, and put it in their order."""
     if not isinstance(motion, Motion):
         raise JounceError(f"motion is {quote_value(motion)}; expected a jounce.Motion, as jounce.load_motion makes one")
+    if not mechanism.is_numeric:
+        raise JounceError(
+            f"{mechanism.name!r} has symbols in its data; expected numbers, which motions and their limits take: methods"
+            " of one state, such as inverse_dynamics, take symbols"
+        )
     with locate_errors("the motion"):
         if mechanism.floats and motion.base_curve is None:
             raise JounceError(
