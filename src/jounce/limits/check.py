@@ -196,7 +196,7 @@ def _check_limits(b: LimitedMotion) -> Check:
         b = b.select_kinds([kind for kind in b.kinds if LIMIT_KINDS[kind].of == "q"])
     breaks = find_limited_breaks(b)
     b = replace(b, switches=tuple(found.t for found in breaks if not found.causes))
-    worst, measured = Worst(b), is_measured(b.motion)
+    worst, measured = Worst(b), bool(b.kinds) and is_measured(b.motion)
     take = worst.take_worst if measured else worst.take
     for pieces in split_motion(b):
         take(pieces)

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from jounce.motion.knot_selection import DensePart
-from jounce.motion.knots import MIN_MEAN_SAMPLES, fit_breaks, median_length
+from jounce.motion.knots import fit_breaks, median_length
 from jounce.motion.samples import Samples
 from jounce.motion.vibrations import BAND_TO_LINE, Line
 
@@ -53,14 +53,13 @@ def _find_joint_bursts(samples: Samples, residual: np.ndarray, joint: int, lowes
     count, step = len(samples.t), float(samples.steps[joint])
     t = np.linspace(samples.t[0], samples.t[-1], count)
     row = t[1] - t[0]
-    highest = 1 / (2 * BAND_TO_LINE * MIN_MEAN_SAMPLES * row)  # that intervals of the samples can follow
     even = np.interp(t, samples.t, residual[:, joint])
     marked, frequency, amplitude = np.zeros(count, bool), np.zeros(count), np.zeros(count)
     for length in (length for length in BURST_PART_ROWS if count >= MIN_PARTS_OF_LOG * length):
         shorter = marked.copy()  # these have better times
         for start, at, size in _find_part_lines(even, np.arange(0, count - length + 1, length // 2), length, step):
             part = slice(start, start + length)
-            if lowest < at / (length * row) < highest and size > MIN_BURST_STEPS * step and not shorter[part].any():
+            if lowest < at / (length * row) and size > MIN_BURST_STEPS * step and not shorter[part].any():
                 marked[part] = True
                 frequency[part] = np.maximum(frequency[part], (at + 1) / (length * row))
                 amplitude[part] = np.maximum(amplitude[part], size)

@@ -8,16 +8,25 @@ import numpy as np
 
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.motion.bsplines import FIT_DEGREE, pad_knots
+from jounce.motion.bursts import find_bursts
 from jounce.motion.deviations import MAX_DEVIATION_ORDER, SplineCovariances
 from jounce.motion.holds import SampleHolds, find_holds
 from jounce.motion.knots import median_length
+from jounce.motion.least_squares import MIN_CELLS
 from jounce.motion.noise import Noise, classify_noise, find_step
 from jounce.motion.reliability import peaks_and_shares, refuse_holes
 from jounce.motion.samples import Samples, check_samples, find_spikes
 from jounce.motion.sensors import SensorClocks, find_sensors
 from jounce.motion.smoothing import SmoothedSamples, find_moving_joints, fit_even_breaks, interpolate, is_exact, smooth
 from jounce.motion.spline import check_bandwidth
-from jounce.motion.vibrations import Vibration, describe_encoder_error, describe_vibrations, find_lines
+from jounce.motion.vibrations import (
+    MIN_SPECTRUM_ROWS,
+    Line,
+    Vibration,
+    describe_encoder_error,
+    describe_vibrations,
+    find_lines,
+)
 from jounce.spatial.series import rate_name
 
 if TYPE_CHECKING:
@@ -189,12 +198,10 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     followed = np.flatnonzero(~wild)[~holds.held]
     found = _assemble_fit(times, samples, moving, smoothed, joints, tuple(noise), tuple(notes), rows[followed])
     hidden = np.sqrt(2) * np.array([column.std() for column in samples.T])  # of joints at rest
-    resting = Samples(times, samples, np.ones(len(times)), span, steps).joints(~moving)
-    vibrations = [
-        Vibration(line, joints[number], number, float(found.peaks[4, number]), False)
-        for line in find_lines(resting, resting.q - resting.q.mean(axis=0))
-        for number in np.flatnonzero(~moving)[[line.joint]].tolist()
-    ]
+    vibrations = []
+    for line in _find_lines_at_rest(Samples(times, samples, np.ones(len(times)), span, steps).joints(~moving)):
+        number = int(np.flatnonzero(~moving)[line.joint])
+        vibrations.append(Vibration(line, joints[number], number, float(found.peaks[4, number]), False))
     if smoothed:
         hidden[movers] = smoothed.hidden_amplitudes()
         for line in smoothed.lines:
@@ -202,6 +209,17 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
             vibrations.append(Vibration(line, joints[number], number, float(found.peaks[4, number]), is_followed))
     notes = [*found.notes, *describe_vibrations(vibrations)]
     return replace(found, vibrations=tuple(vibrations), notes=tuple(notes), hidden=hidden)
+
+
+def _find_lines_at_rest(samples: Samples) -> list[Line]:
+    """The vibrations of joints that do not move otherwise, all the time or for a part of the log."""
+    moving = np.ptp(samples.q, axis=0) > 0
+    if not moving.any() or len(samples.t) < MIN_SPECTRUM_ROWS:
+        return []
+    samples = samples.joints(moving)
+    lines = find_lines(samples, samples.q - samples.q.mean(axis=0))
+    lines += find_bursts(samples, np.array(samples.span), MIN_CELLS)
+    return [replace(line, joint=int(np.flatnonzero(moving)[line.joint])) for line in lines]
 
 
 def _smooth_samples(
