@@ -130,6 +130,8 @@ def _check_copies(names: Sequence[str], link: np.ndarray, motor: np.ndarray) -> 
 def torque_doubts(names: Sequence[str], given: Measurements, model: np.ndarray, cells: CellAverages) -> Doubts:
     """What is said of torques by those of the model (N, n), and the shares by which stiffnesses may be off with them.
 
+    These are infinite where torques are known to be wrong: saturated, or of another joint.
+
     Cells hold averages of torques, with the columns of the model, sign(qd), qd, 1, and the models of all joints.
     """
     n, measured = len(names), (given.weights > 0).any(axis=0)
@@ -148,7 +150,9 @@ def torque_doubts(names: Sequence[str], given: Measurements, model: np.ndarray, 
     swapped = told & (others != np.arange(n))
     certain = told & ~unlike & ~swapped & (off > MIN_CERTAIN_DEVIATIONS * fit.deviations[:, 0])
     notes = name_joints(names, constant, "torques of {} are constant; expected measured ones that vary")
-    notes += name_joints(names, clipped, "torques of {} stay at an end of their range; expected no saturated sensors")
+    notes += name_joints(
+        names, clipped, "torques of {} stay at an end of their range; expected no saturated sensors, or NaN there"
+    )
     if swapped.any():
         follow = join_names(f"those of {names[j]} are like {names[others[j]]}'s" for j in _true_places(swapped))
         cure = "expected columns in the order of the joints"
@@ -156,7 +160,8 @@ def torque_doubts(names: Sequence[str], given: Measurements, model: np.ndarray, 
     cure = "expected those of these joints, positions in rad or m, times in s, and the load of the log in the model"
     notes += name_joints(names, unlike & ~swapped, f"torques of {{}} do not follow the model's; {cure}")
     notes += _gain_notes(names, np.where(certain, gain, 1.0))
-    return Doubts(notes, np.abs(1 / np.where(certain, gain, 1.0) - 1), constant | clipped | unlike | swapped)
+    spread = np.where(clipped | swapped, np.inf, np.abs(1 / np.where(certain, gain, 1.0) - 1))
+    return Doubts(notes, spread, constant | clipped | unlike | swapped)
 
 
 def _gain_notes(names: Sequence[str], gain: np.ndarray) -> list[str]:

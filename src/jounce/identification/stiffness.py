@@ -83,8 +83,8 @@ def identify_stiffness(
     others = deflection_doubts(m.coordinates, springs, fit, forces.joints, gears)
     # deviations of 1 / K: with the noise of torques and what deflections follow besides, then with errors of torques
     spread = np.hypot(np.hypot(fit.deviations[:, 0], c * fit.share), others.spread)
-    seen = np.abs(c) > MIN_DEVIATIONS * spread
-    spread = np.hypot(spread, c * forces.spread)
+    seen = (np.abs(c) > MIN_DEVIATIONS * spread) & np.isfinite(forces.spread)
+    spread = np.hypot(spread, c * np.where(seen, forces.spread, 0.0))
     suspected = [*forces.notes, *others.notes]
     _check_signs(m, np.where(seen, c, 0.0), suspected)
     missing = (posed.samples.weights == 0).all(axis=0)
