@@ -26,6 +26,7 @@ from jounce.model.mechanism import Mechanism
 from jounce.spatial import inertia, lie
 from support.files import BODY, ODD, joint, link, refusal, robot_file
 from support.robots import mechanisms, random_mechanism
+from support.units import SI
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
 LIMITS = {"effort": [50.0, 40.0, 30.0], "velocity": [2.0, 2.0, 3.0]}
@@ -228,13 +229,13 @@ def test_a_mistake_of_units_is_found(robot, factors, kinds):
         assert 2 * len(findings[kind].bodies) > robot.mechanism.nb
 
 
-@given(mechanisms(), st.sampled_from([{"mass": 1e3}, {"moments": 1e6}, {"moments": 1e-6}]))
+@given(mechanisms(units=st.just(SI)), st.sampled_from([{"mass": 1e3}, {"moments": 1e6}, {"moments": 1e-6}]))
 def test_the_density_names_every_body_of_random_ones(drawn, factors):
     [finding] = [f for f in audit(scaled(drawn[0], **factors)) if f.kind == "density"]
     assert finding.bodies == drawn[0].bodies
 
 
-@given(mechanisms())
+@given(mechanisms(units=st.just(SI)))
 def test_a_body_within_a_ball_is_as_dense_as_the_ball_or_denser(drawn):
     """The bound that the check of densities rests on: with all the moments of osmium balls, no finding; less, one."""
     mechanism = drawn[0]
@@ -247,7 +248,7 @@ def test_a_body_within_a_ball_is_as_dense_as_the_ball_or_denser(drawn):
         assert sum(len(f.bodies) for f in dense) == kinds
 
 
-@given(mechanisms(spread=True))
+@given(mechanisms(spread=True, units=st.just(SI)))
 def test_any_robot_is_audited_and_its_findings_are_of_its_own_names(drawn):
     mechanism, _ = drawn
     for finding in audit(mechanism):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import jounce
 from jounce.checks.compare import compare
@@ -18,6 +19,7 @@ from jounce.spatial.lie import pose
 from support.files import BODY, GOOD, OTHER, joint, link, origin, robot_file
 from support.robots import floating, mechanisms, on_its_axis, random_mechanism
 from support.several_named import amid
+from support.units import SI
 
 FLIES = joint("fly", "w", "base", "floating", inner=origin((0.3, 0, 0), (0, 0.4, 0)))
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
@@ -28,7 +30,7 @@ def of(checks, library):
 
 
 @settings(max_examples=8)
-@given(mechanisms(4))
+@given(mechanisms(4, units=st.just(SI)))
 def test_libraries_and_paths_agree_on_random_mechanisms(drawn):
     mechanism, _ = drawn
     checks = compare(jounce.Robot(mechanism), states=3, order=1)

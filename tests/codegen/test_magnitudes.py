@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import jounce
 from jounce.checks.magnitudes import _Sized, magnitudes, scale
@@ -16,6 +17,7 @@ from jounce.model.drives import UNDRIVEN, Drives
 from jounce.spatial.series import Series
 from support.quantities import REQUESTS, branched, served
 from support.robots import mechanisms, on_its_axis, springs
+from support.units import SI
 
 OF_TREES = [row for row in QUANTITIES.values() if not (row.closed or row.standing)]
 every = pytest.mark.parametrize("quantity", OF_TREES, ids=lambda row: row.name)
@@ -30,7 +32,7 @@ def elastic(m):
 
 
 @every
-@given(mechanisms(6))
+@given(mechanisms(6, units=st.just(SI)))
 def test_magnitudes_are_about_as_large_as_results(quantity, drawn):
     """Hence errors relative to them are no more forgiving than those relative to the largest entry."""
     m, rng = served(jounce.Robot(elastic(drawn[0])), quantity).mechanism, drawn[1]
@@ -60,7 +62,7 @@ def test_every_quantity_has_magnitudes_of_its_shapes(quantity, keywords):
 
 
 @pytest.mark.parametrize("quantity", [row for row in QUANTITIES.values() if row.everywhere], ids=lambda row: row.name)
-@given(drawn=mechanisms(4))
+@given(drawn=mechanisms(4, units=st.just(SI)))
 @settings(max_examples=5)
 def test_magnitudes_are_linear_in_the_masses_or_do_not_depend_on_them(quantity, drawn):
     m, rng = drawn

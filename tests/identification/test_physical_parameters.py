@@ -19,6 +19,7 @@ from jounce.spatial import inertia
 from support.bases import random_base
 from support.files import refusal
 from support.robots import floating, mechanisms, random_inertia, random_mechanism, random_pose
+from support.units import SI
 
 TERMS = ("armature", "damping", "friction", "offset")
 UNIT_MOMENTS = inertia.moment_matrix(inertia.from_parameters(np.eye(10)))
@@ -76,7 +77,7 @@ def slopes(found, m, base, A, estimate, weight):
 
 
 @settings(max_examples=8)
-@given(mechanisms(largest=3), st.booleans(), st.sampled_from([0.3, 3.0]))
+@given(mechanisms(largest=3, units=st.just(SI)), st.booleans(), st.sampled_from([0.3, 3.0]))
 def test_it_is_the_minimum_of_a_convex_function(drawn, floats, deviation):
     """At any estimate, most of them of impossible bodies."""
     m, rng = drawn
@@ -147,7 +148,7 @@ def test_exact_data_of_bodies_that_can_exist_are_met(far, floats):
 
 
 @settings(max_examples=6)
-@given(mechanisms(largest=3), st.integers(0, 10))
+@given(mechanisms(largest=3, units=st.just(SI)), st.integers(0, 10))
 def test_what_the_data_do_not_see_stays(drawn, rank):
     """Data of few directions, whose estimate is that of the robot, or nothing."""
     m, rng = drawn

@@ -22,6 +22,7 @@ from jounce.model.drives import ALL_DRIVE_TERMS, DEFAULT_SMOOTHING_VELOCITY, DRI
 from support.files import LINKS, joint, refusal, robot_file
 from support.robots import mechanisms, random_mechanism, relative_error
 from support.tools import require
+from support.units import SI
 
 PANDA = Path(__file__).parents[2] / "examples" / "panda.urdf"
 ONE = {"B": [np.eye(4)], "X": [[0, 0, 1, 0, 0, 0]], "M": [np.eye(6)]}
@@ -118,7 +119,7 @@ def test_drives_are_off_until_they_are_asked_for():
 
 
 @settings(max_examples=6)
-@given(mechanisms(4))
+@given(mechanisms(4, units=st.just(SI)))  # as drives are in
 def test_the_armature_adds_to_the_mass_matrix_and_to_forces(drawn):
     robot, rng = drawn_robot(drawn, "armature")
     q, qd, a, b = rng.uniform(-1, 1, (4, robot.n))

@@ -1378,8 +1378,9 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         """The motion nearest to a given one that leaves the robot's contacts where they are at its start.
 
         ``q + A^T mu`` with the rows A of the contacts in the given joints is to first order the least sum of squares of
-        their changes, in rad and m; the base follows from the contacts. These stay to 1e-12 at all times, and all rates
-        are exact derivatives. `Motion.notes` and `Motion.residual` have the largest changes.
+        their changes, in rad and m; the base follows from the contacts. These stay at all times, to 1e-12 rad or sizes
+        of the robot, and all rates are exact derivatives. `Motion.notes` and `Motion.residual` have the largest
+        changes.
 
         Parameters
         ----------
