@@ -388,7 +388,10 @@ def test_what_two_motors_cannot_do_is_refused(variable):
     refusal(lambda: variable.motor_torques(*q), "stiffness is None; expected the stiffness of the joints", "joint1")
     refusal(lambda: variable.motor_torques(*q, stiffness=S[0]), "stiffness has 1 terms; expected a tuple (S, Sd, S2d)")
     refusal(lambda: variable.motor_positions(*q[:3], stiffness=[1, 2]), "stiffness has shape (2,); expected (..., 1)")
-    refusal(lambda: variable.motor_positions(*q[:3], stiffness={"joint2": 5}), "unknown joint with two motors 'joint2'")
+    refusal(
+        lambda: variable.motor_positions(*q[:3], stiffness={"joint2": 5}),
+        "stiffness: missing 'joint1'; unknown 'joint2'",
+    )
     symbols = [np.array(sympy.symbols("x y"))] * 5
     refusal(lambda: variable.motor_torques(*symbols, stiffness=S), "joint 'joint1': two springs of one joint need")
     low = "joint 'joint1': no setting has stiffness 200 at force", "it is above 3"

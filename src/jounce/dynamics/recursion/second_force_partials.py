@@ -44,9 +44,8 @@ def second_partials(
 ) -> tuple[Array, ...]:
     """The derivatives of Q by (q, q), (q, qd), (qd, qd) and (q, q2d), (..., nv, nv, nv) each."""
     tree, bodies, screws, steps = carry_screws(m, q, W, base)
-    for k in range(2):
-        for step in steps:
-            step[k]
+    for step in steps:
+        step[0]
     owners, columns, found = owners_of_screws(tree.joints), list[Columns](), []
     paths = list[list[int]]()
     for i, (joint, x, on) in enumerate(zip(tree.joints, screws, bodies, strict=True)):
