@@ -20,7 +20,8 @@ BAND_TO_LINE = 1.3  # times a line's frequency, up to which a fit follows it
 LINE_LOSS = (
     1.3  # of amplitude, that hides a line: 1.18 between two bins of Hann's window, 1.1 by two deviations of noise
 )
-MIN_DOMINANT_SHARE = 0.05  # of the power of a residual, from which on a line may be all of it: deviations hold that
+MAX_ROUNDING_SHARE = 0.65  # of a residual's power in the line of a sawtooth: 6 / pi^2, and a little more
+MIN_DOMINANT_SHARE = 0.25  # of the power of a residual, from which on a line may be all of it: deviations hold that
 MAX_MEDIAN_BINS = 4096  # of a spectrum, that determine a median
 MIN_SPECTRUM_ROWS = 32  # that distinguish a line from noise: 14 bins have a median, and noise none of 24 dB above it
 MAX_ROUNDING_AMPLITUDE = 0.7  # of a step, of a line that rounding makes: 2 / pi of a square wave, and a tenth
@@ -70,13 +71,15 @@ def find_lines(samples: Samples, residual: np.ndarray, spline: "BSpline | None" 
             continue
         around = power[max(0, at - LINE_BINS) : at + LINE_BINS + 1].sum()
         amplitude = float(2 * np.sqrt(around / ((window**2).sum() * count)))
-        step = samples.steps[joint]
-        is_rounding = amplitude <= MAX_ROUNDING_AMPLITUDE * step
-        if is_rounding and spline is not None:
-            is_rounding = is_steady_motion(spline(samples.t, nu=1)[:, joint], step, count * row)
+        rms, known = float(np.sqrt((column**2).mean())), samples.steps[joint]
+        share = amplitude**2 / 2 / rms**2
+        step = known or np.sqrt(12) * rms  # if all that is left were rounding
+        is_rounding = amplitude <= MAX_ROUNDING_AMPLITUDE * step if known else share <= MAX_ROUNDING_SHARE
+        if spline is not None:
+            is_rounding &= is_steady_motion(spline(samples.t, nu=1)[:, joint], step, count * row)
+        elif not known:
+            is_rounding = False  # a constant is rounded to a constant
         if not is_rounding:
-            rms = float(np.sqrt((column**2).mean()))
-            share = amplitude**2 / 2 / rms**2
             most = np.sqrt(2) * rms if share > MIN_DOMINANT_SHARE else LINE_LOSS * amplitude
             found.append(Line(joint, at / (count * row), amplitude, (float(t[0]), float(t[-1])), True, float(most)))
     return found
