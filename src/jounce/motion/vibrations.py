@@ -20,7 +20,7 @@ BAND_TO_LINE = 1.3  # times a line's frequency, up to which a fit follows it
 LINE_LOSS = (
     1.3  # of amplitude, that hides a line: 1.18 between two bins of Hann's window, 1.1 by two deviations of noise
 )
-MAX_ROUNDING_SHARE = 0.65  # of a residual's power in the line of a sawtooth: 6 / pi^2, and a little more
+MAX_ROUNDING_LINE_SHARE = 0.65  # of a residual's power in the line of a sawtooth: 6 / pi^2, and a little more
 MIN_DOMINANT_SHARE = 0.25  # of the power of a residual, from which on a line may be all of it: deviations hold that
 MAX_MEDIAN_BINS = 4096  # of a spectrum, that determine a median
 MIN_SPECTRUM_ROWS = 32  # that distinguish a line from noise: 14 bins have a median, and noise none of 24 dB above it
@@ -74,7 +74,7 @@ def find_lines(samples: Samples, residual: np.ndarray, spline: "BSpline | None" 
         rms, known = float(np.sqrt((column**2).mean())), samples.steps[joint]
         share = amplitude**2 / 2 / rms**2
         step = known or np.sqrt(12) * rms  # if all that is left were rounding
-        is_rounding = amplitude <= MAX_ROUNDING_AMPLITUDE * step if known else share <= MAX_ROUNDING_SHARE
+        is_rounding = amplitude <= MAX_ROUNDING_AMPLITUDE * step if known else share <= MAX_ROUNDING_LINE_SHARE
         if spline is not None:
             is_rounding &= is_steady_motion(spline(samples.t, nu=1)[:, joint], step, count * row)
         elif not known:
