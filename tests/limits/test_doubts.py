@@ -34,7 +34,7 @@ def test_missing_masses_keep_no_limit(meant, jc):
     assert {joint: row.verdict for joint, row in rows.items()} == {"ja": "kept", "jb": "undecided", "jc": jc}
     assert (found.verdict, found.ok) == ("undecided", False)
     assert "0 on both sides" in rows["jb"].cause
-    assert ("moves no mass" in (rows["jc"].cause or "")) == (not meant)
+    assert ("moves no inertia" in (rows["jc"].cause or "")) == (not meant)
     assert all(row.verdict == "kept" for row in found.table if row.limit != "effort")
     assert sum("undecided: effort of" in note for note in found.notes) == 2 - meant
     assert found.judged["effort"] == 1  # of ja

@@ -104,12 +104,24 @@ def find_massless(m: Mechanism) -> tuple[np.ndarray, np.ndarray]:
     return empty & carries, empty & ~carries
 
 
-def find_massless_coordinates(m: Mechanism) -> np.ndarray:
-    """Which coordinates (n,) of the tree move massless tips alone: no inertia is stated that needs their force."""
+def find_idle_coordinates(m: Mechanism) -> np.ndarray:
+    """Which coordinates (n,) of the tree move no inertia alone: massless tips, or points of mass on their axes.
+
+    Of closed robots, those that move massless tips: what a loop moves is not seen from one coordinate.
+    """
     tree = m.tree
-    tips = find_massless(m)[1][list(tree.owners)]
-    moved = tree.G != 0
-    return np.asarray(moved[tips].any(axis=0) & ~moved[~tips].any(axis=0))
+    if m.closure:
+        tips = find_massless(m)[1][list(tree.owners)]
+        moved = tree.G != 0
+        return np.asarray(moved[tips].any(axis=0) & ~moved[~tips].any(axis=0))
+    idle = np.ones(m.n, dtype=bool)
+    for k in range(MOBILITY_SAMPLES):
+        q = np.cos(1.0 + k + 1.7 * np.arange(position_count(m)))
+        J = bodies.jacobians(m, column_series([q]), BASE_AT_REST, None)[0].reshape(m.nb, 6, m.nv)
+        own = np.einsum("iaj,iab,ibj->j", J, m.M, J)
+        most = np.einsum("iaj,iaj,i->j", J, J, np.abs(m.M).max(axis=(1, 2)))
+        idle &= (np.abs(own) <= MASS_RANK_TOLERANCE * most)[-m.n :]
+    return idle
 
 
 def _sample_position(m: Mechanism, k: int) -> np.ndarray:

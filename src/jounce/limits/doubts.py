@@ -13,7 +13,7 @@ import numpy as np
 
 from jounce.core.errors import join_names
 from jounce.core.scalars import is_numeric
-from jounce.dynamics.mobility import find_massless_coordinates
+from jounce.dynamics.mobility import find_idle_coordinates
 from jounce.engine.engine import Engine, with_mechanism
 from jounce.limits.limited_motion import LimitedMotion
 from jounce.model.limit_kinds import LIMIT_KINDS
@@ -21,7 +21,7 @@ from jounce.model.mechanism import INERTIAS, MASSLESS_TIPS
 from jounce.spatial.inertia import nearest_consistent
 
 MASSLESS_CAUSE = (
-    "moves no mass at all, so that its forces are 0 for lack of inertia; state the inertias of its bodies, or load the"
+    "moves no inertia at all, so that its forces are 0 for lack of it; state the inertias of its bodies, or load the"
     " robot with massless_tips=True (--massless-tips) if that is meant"
 )
 ZERO_LIMIT_CAUSE = (
@@ -33,7 +33,7 @@ ZERO_LIMIT_CAUSE = (
 def find_doubts(b: LimitedMotion) -> Mapping[tuple[str, int], str]:
     """By kind and joint why a limit is undecided, whatever the motion: it is 0, or its joint moves no mass."""
     mechanism, found = b.robot.mechanism, {}
-    massless = find_massless_coordinates(mechanism) & (MASSLESS_TIPS not in mechanism.meant)
+    massless = find_idle_coordinates(mechanism) & (MASSLESS_TIPS not in mechanism.meant)
     for kind in b.kinds:
         bounds = b.limits.bounds(kind)
         limited = np.isfinite(bounds).any(axis=0)

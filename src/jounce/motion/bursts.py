@@ -13,7 +13,7 @@ import numpy as np
 from jounce.motion.knot_selection import DensePart
 from jounce.motion.knots import fit_breaks, median_length
 from jounce.motion.samples import Samples
-from jounce.motion.vibrations import BAND_TO_LINE, Line
+from jounce.motion.vibrations import BAND_TO_LINE, Line, space_evenly
 
 BURST_PART_ROWS = 64, 256, 1024  # of the parts, which overlap by half: short bursts, and lines close to the noise
 MIN_PARTS_OF_LOG = 4  # a line over most of a log is not that of a burst
@@ -50,8 +50,8 @@ def is_followed(burst: Line, breaks: np.ndarray) -> bool:
 
 
 def _find_joint_bursts(samples: Samples, residual: np.ndarray, joint: int, lowest: float) -> Iterator[Line]:
-    count, step = len(samples.t), float(samples.steps[joint])
-    t = np.linspace(samples.t[0], samples.t[-1], count)
+    t, step = space_evenly(samples.t), float(samples.steps[joint])
+    count = len(t)
     row = t[1] - t[0]
     even = np.interp(t, samples.t, residual[:, joint])
     marked, frequency, amplitude = np.zeros(count, bool), np.zeros(count), np.zeros(count)

@@ -180,7 +180,10 @@ def _smooth_once(
     sigma = np.sqrt((residual**2).mean(axis=0))
     notes += notes_of_residual(samples, residual, solution.breaks, excess)
     lines = find_lines(samples, residual, solution.spline)
-    if not found:  # corrected stamps leave errors that come and go with the velocity
+    if found:  # a vibration of all joints looks like scatter of stamps, which corrected ones take
+        stated = find_lines(stamped, stamped.q - solution.spline(stamped.t), solution.spline)
+        lines = list({line.joint: line for line in sorted([*lines, *stated], key=lambda line: line.amplitude)}.values())
+    else:  # corrected stamps leave errors that come and go with the velocity
         lines += find_bursts(samples, solution.breaks, cells)
     left_out = replace(spread, left_out=tuple(lines))
     return SmoothedSamples(samples, solution.spline, left_out, sigma, notes, scatter=times if found else None)

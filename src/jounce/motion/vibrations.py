@@ -20,7 +20,8 @@ BAND_TO_LINE = 1.3  # times a line's frequency, up to which a fit follows it
 LINE_LOSS = (
     1.3  # of amplitude, that hides a line: 1.18 between two bins of Hann's window, 1.1 by two deviations of noise
 )
-MIN_DOMINANT_SHARE = 0.05  # of the power of a residual, from which on a line may be all of it: deviations hold that
+MAX_ROUNDING_LINE_SHARE = 0.65  # of a residual's power in the line of a sawtooth: 6 / pi^2, and a little more
+MIN_DOMINANT_SHARE = 0.25  # of the power of a residual, from which on a line may be all of it: deviations hold that
 MAX_MEDIAN_BINS = 4096  # of a spectrum, that determine a median
 MIN_SPECTRUM_ROWS = 32  # that distinguish a line from noise: 14 bins have a median, and noise none of 24 dB above it
 MAX_ROUNDING_AMPLITUDE = 0.7  # of a step, of a line that rounding makes: 2 / pi of a square wave, and a tenth
@@ -56,11 +57,10 @@ class Line:
 
 def find_lines(samples: Samples, residual: np.ndarray, spline: "BSpline | None" = None) -> list[Line]:
     """The largest line of what a spline, or rest, leaves of each joint, (N, n), if it stands out and is no rounding."""
-    count = len(samples.t)
-    if count < MIN_SPECTRUM_ROWS:
+    if len(samples.t) < MIN_SPECTRUM_ROWS:
         return []
-    t = np.linspace(samples.t[0], samples.t[-1], count)
-    row, window = t[1] - t[0], np.hanning(count)
+    t = space_evenly(samples.t)
+    count, row, window = len(t), t[1] - t[0], np.hanning(len(t))
     found = []
     for joint, column in enumerate(residual.T):
         power = compute_spectrum(samples.t, column, t)
@@ -70,16 +70,26 @@ def find_lines(samples: Samples, residual: np.ndarray, spline: "BSpline | None" 
             continue
         around = power[max(0, at - LINE_BINS) : at + LINE_BINS + 1].sum()
         amplitude = float(2 * np.sqrt(around / ((window**2).sum() * count)))
-        step = samples.steps[joint]
-        is_rounding = amplitude <= MAX_ROUNDING_AMPLITUDE * step
-        if is_rounding and spline is not None:
-            is_rounding = is_steady_motion(spline(samples.t, nu=1)[:, joint], step, count * row)
+        rms, known = float(np.sqrt((column**2).mean())), samples.steps[joint]
+        share = amplitude**2 / 2 / rms**2
+        step = known or np.sqrt(12) * rms  # if all that is left were rounding
+        is_rounding = amplitude <= MAX_ROUNDING_AMPLITUDE * step if known else share <= MAX_ROUNDING_LINE_SHARE
+        if spline is not None:
+            is_rounding &= is_steady_motion(spline(samples.t, nu=1)[:, joint], step, count * row)
+        elif not known:
+            is_rounding = False  # a constant is rounded to a constant
         if not is_rounding:
-            rms = float(np.sqrt((column**2).mean()))
-            share = amplitude**2 / 2 / rms**2
             most = np.sqrt(2) * rms if share > MIN_DOMINANT_SHARE else LINE_LOSS * amplitude
             found.append(Line(joint, at / (count * row), amplitude, (float(t[0]), float(t[-1])), True, float(most)))
     return found
+
+
+def space_evenly(t: np.ndarray) -> np.ndarray:
+    """Even times at the usual distance of times (N,), which are those where some are missing.
+
+    Times between samples halve what is fast: a line between two rows at a third of their rate.
+    """
+    return np.linspace(t[0], t[-1], round(np.ptp(t) / float(np.median(np.diff(t)))) + 1)
 
 
 def compute_spectrum(at: np.ndarray, column: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -103,8 +113,8 @@ def find_hidden_amplitudes(
     stamps do not take. No wave is larger than all residuals, A = sqrt(2) sigma / kept; so it is of few samples and of
     joints at steady speed, in which no lines are looked for.
     """
-    count, duration = len(samples.t), float(np.ptp(samples.t))
-    t = np.linspace(samples.t[0], samples.t[-1], count)
+    t = space_evenly(samples.t)
+    count, duration = len(t), float(np.ptp(samples.t))
     largest = np.sqrt(2 * (residual**2).mean(axis=0))
     for joint, column in enumerate(residual.T if count >= MIN_SPECTRUM_ROWS else ()):
         if is_steady_motion(velocity[:, joint], samples.steps[joint] or np.sqrt(12) * column.std(), duration):
