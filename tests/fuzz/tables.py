@@ -145,7 +145,7 @@ def prepare():
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     for module in (npz, mat, parquet):
         module.MAX_INFLATED_BYTES = MOST_INFLATED
-    npz.CHUNK_BYTES, npz.MAX_COLUMNS = 16, 1000
+    npz.MAX_COLUMNS = 1000
     csv.BLOCK_BYTES = 1000
 
 
@@ -171,9 +171,14 @@ def check_lying(path):
 
 def _read_by_rows(path, names):
     form = tables.ROW_FORMATS[path.suffix]
+    npz.CHUNK_BYTES = max(16, path.stat().st_size // 100)  # some rows of a small file, and not too many chunks
     types = form.columns(path)
     names = [name for name in types if not types[name]] if names is None else names
-    found = [chunk for span in form.spans(path, 10) for chunk in form.chunks(path, names, None, span)]
+    found = [
+        chunk
+        for span in form.spans(path, path.stat().st_size // 100 + 10)
+        for chunk in form.chunks(path, names, None, span)
+    ]
     for text in types:  # also where they are numbers, or nothing that is read
         refusal_or(lambda text=text: [list(form.chunks(path, [], text, span)) for span in form.spans(path, 10**6)])
     return {name: np.concatenate([chunk.columns[name] for chunk in found]) for name in names}
@@ -199,6 +204,7 @@ def check_changing(path, changed, share):
     After a part of the rows, the file becomes that with the bytes `changed`, which begin as the file does.
     """
     form = tables.ROW_FORMATS[path.suffix]
+    npz.CHUNK_BYTES = 1000
     spans = form.spans(path, 10**9)
     expected = np.concatenate([chunk.columns["t"] for span in spans for chunk in form.chunks(path, ["t"], None, span)])
     chunks = form.chunks(path, ["t"], None, Span(spans[0].start, spans[-1].stop))

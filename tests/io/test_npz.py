@@ -171,6 +171,19 @@ def test_an_array_of_more_columns_than_a_table_has_is_refused(write, monkeypatch
         refusal(lambda path=path: tables.read(path), "column 'a'", shape)
 
 
+@pytest.mark.parametrize("kind", ["|O", "T", "<U0", "|V0", "<f8"])
+def test_rows_are_counted_in_columns_whose_sizes_are_judged(write, kind):
+    """A list of the spans of all rows that a header states would fill the memory."""
+    head = npy_header(f"{{'descr': '{kind}', 'fortran_order': False, 'shape': ({2**28},)}}")
+    lie = column("a", head, size=len(head) + 2**31, method=DEFLATED) if kind == "<f8" else column("a", head)
+    path = write(lie)
+    word = f"compressed columns of {2**31} bytes" if kind == "<f8" else "no columns of numbers"
+    refusal(lambda: tables.NPZ.spans(path, 1), f"{path}: {word}")
+    if kind != "<f8":
+        path = write(lie, column("t", ZEROS))
+        assert tables.NPZ.spans(path, 10) == [Span(0, 3)]
+
+
 def test_nothing_is_inflated_before_names_and_sizes_are_judged(write, monkeypatch):
     path = write(column("t", np.arange(4e6), method=DEFLATED), column("other", np.zeros(4_000_000), method=DEFLATED))
     tracemalloc.start()

@@ -80,6 +80,11 @@ class NpzColumn:
         return self.kind.kind in NUMBERS
 
     @property
+    def is_readable(self) -> bool:
+        """Whether the cells are numbers or texts, as many as their bytes."""
+        return self.kind.kind in NUMBERS + TEXTS and self.kind.itemsize > 0
+
+    @property
     def holds(self) -> str:
         """What the cells are, in words."""
         return "Python objects" if self.kind.hasobject else shorten(str(self.kind))
@@ -97,11 +102,17 @@ class Npz(TableFormat):
         return {name: "" if column.is_number else column.holds for name, column in _vectors(path).items()}
 
     def size(self, path: Path) -> int:
-        return sum(column.shape[0] * column.kind.itemsize for column in _vectors(path).values())
+        columns = _vectors(path).values()
+        return sum(column.shape[0] * column.kind.itemsize for column in columns if column.is_readable)
 
     def spans(self, path: Path, cells: int) -> list[Span]:
-        columns = _vectors(path)
-        first, *others = columns
+        """The spans of the rows, as many as columns have whose sizes are judged."""
+        with _open_table(path) as table:
+            columns = {name: column for name, column in table.vectors().items() if column.is_readable}
+            if not columns:
+                raise JounceError(f"{path}: no columns of numbers; expected named columns of numbers")
+            first, *others = columns
+            table.check_inflated_size([columns[first].member])
         (rows,), step = columns[first].shape, max(1, cells // len(columns))
         for name in others:
             if columns[name].shape != (rows,):
@@ -172,6 +183,13 @@ class NpzTable:
     archive: ZipFile
     columns: dict[str, NpzColumn]
 
+    def vectors(self) -> dict[str, NpzColumn]:
+        """The columns without arrays that are no columns; at least one."""
+        found = {name: x for name, x in self.columns.items() if len(x.shape) == 1 and x.shape[0]}
+        if not found:
+            raise JounceError(f"{self.path}: no columns or no rows; expected named columns of numbers")
+        return found
+
     def members(self, names: Iterable[str]) -> list[Member]:
         """The members that hold columns, each once."""
         return list(dict.fromkeys(self.columns[name].member for name in names))
@@ -183,8 +201,7 @@ class NpzTable:
             raise JounceError(f"{self.path}: no columns or no rows; expected named columns of numbers")
         rows = next(iter(wanted.values())).shape[:1]
         for name, column in wanted.items():
-            readable = NUMBERS + TEXTS if name == texts else NUMBERS
-            is_readable = column.kind.kind in readable and column.kind.itemsize > 0
+            is_readable = column.is_readable if name == texts else column.is_number
             if len(column.shape) != 1 or column.shape != rows or not is_readable:
                 came = f"{column.holds} of shape {column.shape}"
                 expected = f"{'texts, column.astype(str),' if name == texts else 'numbers'} of shape {rows or '(N,)'}"
@@ -243,12 +260,8 @@ class NpzTable:
 
 
 def _vectors(path: Path) -> dict[str, NpzColumn]:
-    """The columns of a table, without arrays that are no columns; at least one."""
     with _open_table(path) as table:
-        found = {name: x for name, x in table.columns.items() if len(x.shape) == 1 and x.shape[0]}
-    if not found:
-        raise JounceError(f"{path}: no columns or no rows; expected named columns of numbers")
-    return found
+        return table.vectors()
 
 
 @contextmanager
