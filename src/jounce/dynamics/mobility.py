@@ -116,7 +116,7 @@ def find_idle_coordinates(m: Mechanism) -> np.ndarray:
         return np.asarray(moved[tips].any(axis=0) & ~moved[~tips].any(axis=0))
     idle = np.ones(m.n, dtype=bool)
     for k in range(MOBILITY_SAMPLES):
-        q = np.cos(1.0 + k + 1.7 * np.arange(position_count(m)))
+        q = _sample_position(m, k)
         J = bodies.jacobians(m, column_series([q]), BASE_AT_REST, None)[0].reshape(m.nb, 6, m.nv)
         own = np.einsum("iaj,iab,ibj->j", J, m.M, J)
         most = np.einsum("iaj,iaj,i->j", J, J, np.abs(m.M).max(axis=(1, 2)))
