@@ -21,6 +21,7 @@ FALSE_ALARMS_PER_LOG = 1e-3  # of white noise, for each length of parts
 MIN_POWER_TO_LOWER = 4.0  # times the largest power at half the frequency and below: a reach has more power there
 MIN_BURST_BIN = 6  # this number of waves passes in a part: fewer may be the motion itself
 MIN_FREQUENCY_TO_BAND = 2.0  # times the end of the band of the even fit, which rings there
+REAL_BINS = 2  # the last of a spectrum: at half the rate powers are squares of real numbers, which Hann's window spreads
 MIN_BURST_STEPS = 0.6  # of an encoder: a joint that stays between two steps has a line of half a step
 
 
@@ -71,15 +72,18 @@ def _find_joint_bursts(samples: Samples, residual: np.ndarray, joint: int, lowes
 def _find_part_lines(even: np.ndarray, starts: np.ndarray, length: int, step: float) -> list[tuple[int, int, float]]:
     """Starts, bins and amplitudes of the largest lines of parts of evenly spaced residuals, where they stand out.
 
-    Powers of white noise are exponentially distributed: one in N is more than ln N / ln 2 medians.
+    Powers of white noise are exponentially distributed: one in N is more than ln N / ln 2 medians. Squares of real
+    normal numbers, as at half the rate of the rows, exceed at most twice that as rarely.
     """
     window = np.hanning(length)
     power = np.abs(np.fft.rfft(np.lib.stride_tricks.sliding_window_view(even, length)[starts] * window, axis=1)) ** 2
     rounding = step**2 / 12 * (window**2).sum() * np.log(2)
     usual = np.maximum(np.median(power, axis=0), max(rounding, np.finfo(float).tiny))
-    at = MIN_BURST_BIN + (power / usual)[:, MIN_BURST_BIN:].argmax(axis=1)
+    rarity = np.ones(len(usual))
+    rarity[-REAL_BINS:] = 2
+    at = MIN_BURST_BIN + (power / usual / rarity)[:, MIN_BURST_BIN:].argmax(axis=1)
     size = power[np.arange(len(at)), at]
     below = np.maximum.accumulate(power[:, 1:], axis=1)[np.arange(len(at)), at // 2 - 1]
     enough = np.log(power.size / FALSE_ALARMS_PER_LOG) / np.log(2)
-    out = size > np.maximum(enough * np.maximum(usual[at], np.median(power, axis=1)), MIN_POWER_TO_LOWER * below)
+    out = size > np.maximum(enough * rarity[at] * np.maximum(usual[at], np.median(power, axis=1)), MIN_POWER_TO_LOWER * below)
     return [(int(starts[k]), int(at[k]), float(2 * np.sqrt(size[k]) / window.sum())) for k in np.flatnonzero(out)]
