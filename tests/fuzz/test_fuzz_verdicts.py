@@ -116,7 +116,7 @@ def check_vibrations(seed):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", jounce.JounceWarning)
         try:
-            motion = jounce.Motion.fit(t, q, allow_noise=bool(rng.random() < 0.7), **options)
+            motion = jounce.Motion.fit(t, q, allow_noise=bool(rng.random() < 0.7), angles="rad", **options)
         except jounce.JounceError:
             return
         kinds = ("velocity", "acceleration", "effort")

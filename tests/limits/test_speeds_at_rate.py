@@ -120,12 +120,18 @@ def test_commands_are_judged_at_their_own_rate():
     [
         ({"effort": [20, 50]}, [[0.0, 0.3], [0.5, 0.2]], ["cannot hold itself up", "slowing down does not help"]),
         ({"upper": [0.1, 1]}, [[0.0, 0.3], [0.5, 0.2]], ["is at", "beyond its limit of 0.1 rad"]),
-        ({"velocity": [0, 1]}, [[0.0, 0.3], [0.5, 0.2]], ["velocity of joint 'joint1'", "at 500 Hz"]),
     ],
 )
 def test_what_slowing_down_does_not_help_is_refused_at_a_rate(limits, motion, words):
     robot = jounce.load("planar2r").with_limits(**limits)
     refusal(lambda: robot.slowdown(jounce.Motion.polynomial(motion, 1.0), 500), *words)
+
+
+def test_a_limit_of_0_decides_no_speed_at_a_rate():
+    robot = jounce.load("planar2r").with_limits(velocity=[0, 1])
+    motion = jounce.Motion.polynomial([[0.0, 0.3], [0.5, 0.2]], 1.0)
+    slow = robot.slowdown(motion, 500)
+    assert (slow.verdict, slow.motion) == (robot.check(motion, rate=500).verdict, motion)
 
 
 def test_ends_in_motion_are_cured_by_speeds_that_are_as_low_as_that():

@@ -146,6 +146,7 @@ def test_native_code_and_motions_follow(standing):
     assert relative_error(along.forces[1][10], robot.inverse_dynamics(*motion(along.t[10], 4))[1]) < 1e-9
 
 
+@pytest.mark.filterwarnings("ignore:.*bodies without mass that carry mass:jounce.JounceWarning")
 def test_a_saved_robot_stands_as_before(standing, tmp_path):
     robot, rates = standing["both"]
     jounce.save(robot, tmp_path / "dog.yaml")

@@ -146,6 +146,7 @@ def test_drives_of_all_joints_take_their_power(driven, states, method):
 ELSEWHERE = {"fivebar": fivebar_cut_at_elbow, "gough_stewart": platform_on_leg_four}
 
 
+@pytest.mark.filterwarnings("ignore:.*bodies without mass that carry mass:jounce.JounceWarning")
 @pytest.mark.parametrize("name", ELSEWHERE)
 def test_forces_do_not_depend_on_the_cut(closed, states, name, tmp_path):
     robot, other = closed[name], loaded(ELSEWHERE[name](), tmp_path)
@@ -229,6 +230,7 @@ def test_a_locked_robot_is_the_whole_one_with_a_joint_at_rest(closed, states, na
     refusal(lambda: robot.locked(dict(zip(robot.joint_names, own, strict=True))), "joints are locked; expected one")
 
 
+@pytest.mark.filterwarnings("ignore:.*bodies without mass that carry mass:jounce.JounceWarning")
 def test_the_mass_matrix_is_regular_with_mass_beyond_the_cut(closed, states, tmp_path):
     """The massless link moves the forearm that the tree carries elsewhere."""
     said = fivebar_cut_at_elbow()

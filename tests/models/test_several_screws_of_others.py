@@ -184,6 +184,7 @@ STILL = MJCF.replace("<freejoint name='fly'/>", "").replace("<freejoint name='dr
 
 
 @pytest.mark.filterwarnings("ignore:.*physically inconsistent inertia:jounce.JounceWarning")
+@pytest.mark.filterwarnings("ignore:.*bodies without mass that carry mass:jounce.JounceWarning")
 @pytest.mark.parametrize("suffix", [".yaml", ".json"])
 def test_files_hold_such_joints_to_the_last_bit(odd, tmp_path, suffix):
     trees = [odd[0], *(jounce.Robot.from_pinocchio(pinocchio_tree(name)) for name in TREES)]

@@ -142,6 +142,14 @@ def test_noise_and_the_steps_of_steady_joints_are_no_vibrations(seed):
 
 
 @pytest.mark.parametrize(("count", "amplitude"), [(32, 2e-5), (64, 5e-5), (128, 1e-4), (512, 1e-5)])
+def test_noise_at_half_the_rate_of_the_rows_is_no_burst():
+    """Powers there are squares of one normal number: large ones are more frequent than those of two."""
+    for seed in range(4):
+        rng, t = np.random.default_rng(seed), np.arange(0, 4, 0.002)
+        q = np.sin(np.outer(t, 1 + 0.2 * np.arange(7))) + 1e-5 * rng.normal(size=(len(t), 7))
+        assert not any("vibrates" in note for note in fit(t, q).notes)
+
+
 def test_an_encoders_interpolation_error_has_its_count_per_turn(count, amplitude):
     rng = np.random.default_rng(0)
     truth, t = harmonics(rng, base=0.05, amplitude=0.5), np.arange(0, 10, 1e-3)

@@ -36,10 +36,10 @@ Example:
   jounce check iiwa14 slower.csv --limits iiwa14 -o ratio.svg
 
 \b
-Values between samples count. The exit code is 1 if a limit is broken, and 3 if
-none is but one is undecided: by measured samples whose limit lies within two
-standard deviations, by joints that move no mass (--massless-tips states that
-they are meant), by limits of 0, or by inertias that no body can have.
+Values between samples count. The exit code is 1 if a limit is broken, and 3
+if none is but one is undecided: a limit within two standard deviations of
+measured samples, joints that move no mass (--massless-tips states that they
+are meant), limits of 0, or inertias that no body can have.
 MOTION may be a folder of tables, or a table of many motions.
 """
 
