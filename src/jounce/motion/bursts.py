@@ -71,10 +71,12 @@ def _find_joint_bursts(samples: Samples, residual: np.ndarray, joint: int, lowes
 def _find_part_lines(even: np.ndarray, starts: np.ndarray, length: int, step: float) -> list[tuple[int, int, float]]:
     """Starts, bins and amplitudes of the largest lines of parts of evenly spaced residuals, where they stand out.
 
-    Powers of white noise are exponentially distributed: one in N is more than ln N / ln 2 medians.
+    Powers of white noise are exponentially distributed: one in N is more than ln N / ln 2 medians. That at half the
+    rate is the square of one real number, is larger more often, and is left out.
     """
     window = np.hanning(length)
-    power = np.abs(np.fft.rfft(np.lib.stride_tricks.sliding_window_view(even, length)[starts] * window, axis=1)) ** 2
+    spectra = np.fft.rfft(np.lib.stride_tricks.sliding_window_view(even, length)[starts] * window, axis=1)
+    power = np.abs(spectra[:, :-1]) ** 2
     rounding = step**2 / 12 * (window**2).sum() * np.log(2)
     usual = np.maximum(np.median(power, axis=0), max(rounding, np.finfo(float).tiny))
     at = MIN_BURST_BIN + (power / usual)[:, MIN_BURST_BIN:].argmax(axis=1)
