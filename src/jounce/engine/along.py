@@ -131,8 +131,8 @@ def check_motion(mechanism: Mechanism, motion: object) -> Motion:
         raise JounceError(f"motion is {quote_value(motion)}; expected a jounce.Motion, as jounce.load_motion makes one")
     if not mechanism.is_numeric:
         raise JounceError(
-            f"{mechanism.name!r} has symbols in its data; expected numbers, which motions and their limits take: methods"
-            " of one state, such as inverse_dynamics, take symbols"
+            f"{mechanism.name!r} has symbols in its data; expected numbers, which motions and their limits take:"
+            " methods of one state, such as inverse_dynamics, take symbols"
         )
     with locate_errors("the motion"):
         if mechanism.floats and motion.base_curve is None:

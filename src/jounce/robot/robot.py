@@ -1032,6 +1032,9 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         polynomial inequality in c at each time; between samples the factor is refined by exact evaluation. Wrenches
         given over time go with the path. Coulomb friction is no polynomial; with it, factors are tried one by one.
 
+        Of a measured motion the factor is the largest of those tried at which `check` finds every limit kept, by two
+        standard deviations. Limits that its samples decide at no speed stay undecided, and the notes name them.
+
         At a `rate` limits bound the differences of the commands, as in `check` with this rate, which finds every limit
         of the result kept. Factors are tried from 1 down in steps of a twentieth until one keeps them, and the last
         step is bisected; slower ones are not tried. Motions that consist of commands are judged at their own rate, and
@@ -1049,7 +1052,8 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         Returns
         -------
         Slowdown
-            The `factor`, the `binding` (joint, limit, time), the `motion` at it, and the `largest` feasible factor.
+            The `factor`, the `binding` (joint, limit, time), the `motion` at it, the `largest` feasible factor, and
+            `notes`.
 
         Raises
         ------
@@ -1114,7 +1118,8 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         Returns
         -------
         Retiming
-            Frozen: the `motion`, its `duration` in s, and `binding`: which limit of which joint decides, and when.
+            Frozen: the `motion`, its `duration` in s, and `binding`: which limit of which joint decides, and when. Of
+            measured motions `notes` name the limits that the result does not surely keep: deviations are left out.
 
         Raises
         ------
