@@ -83,8 +83,8 @@ def judge_contacts(b: LimitedMotion) -> Iterator[tuple[Any, ...]]:
         value, most, worst = (float(x[i, first + k]) for x in (a, bound, ratio))
         worst = min(worst, 1.0) if worst <= MAX_POSSIBLE_RATIO else worst
         unit, broken = "N m" if rows[k][:3].any() else "N", spans if worst > 1 else ()
-        found = contact.frame, names[k], None, unit, value, most, worst, most - value, float(t[i]), None, broken
-        yield *found, unknown, None, cause
+        fields = contact.frame, names[k], None, unit, value, most, worst, most - value, float(t[i]), None, broken
+        yield *fields, unknown, None, cause
         first += count
 
 
