@@ -4,10 +4,10 @@ Problem: the largest c at which `uncertain_spans` finds every value within its b
 and their deviations fall with powers of c, forces at rest do not.
 
 Algorithm: values at some times bracket c, by factors of two, and bisection follows. A judgement along all the motion at
-this c yields the times at which limits are not surely kept, and these are added until there are none: an exchange
+this c yields the times at which limits are not surely kept, and these are added until no more appear: an exchange
 method, as in `slowdown`, whose costly step is taken two or three times.
 
-A limit that is not surely kept even at a thousandth of the speed, such as that of a position beside its bound, is
+A limit that is not surely kept even at a thousandth of the speed, such as that of a position at its bound, is
 undecided at every speed: it may not be surely broken, and all others are surely kept. `JounceError` where one is surely
 broken at every speed.
 """
@@ -27,11 +27,11 @@ from jounce.limits.limited_motion import LimitedMotion
 from jounce.limits.ratios import SIGNS
 from jounce.limits.uncertain_spans import DECISIVE_DEVIATIONS, sample_values, take_sides
 
-_FIRST_TIMES = 200  # that bracket the factor first: those of the peaks follow
+_FIRST_SURE_TIMES = 200  # that bracket the factor first: those of the peaks follow
 _MIN_FACTOR, _MAX_FACTOR = 1e-3, 1000.0  # times the given speed: no motion is meant to be slower or faster
-_BISECTIONS = 20  # of a factor between its half and itself: to 1e-6 of it
+_SURE_BISECTIONS = 20  # of a factor between its half and itself: to 1e-6 of it
 _FACTOR_MARGIN = 1e-6  # of a factor, far below its deviation: peaks lie elsewhere at every speed
-_MAX_ROUNDS = 20  # of times that are added: logs take two or three
+_MAX_SURE_ROUNDS = 20  # of times that are added: logs take two or three
 
 Limit = tuple[str, int]  # kind and joint
 
@@ -54,12 +54,12 @@ class _Excess:
 def find_sure_factor(b: LimitedMotion) -> SureFactor:
     """The largest factor of those tried at which every limit that a speed decides is surely kept."""
     times = b.motion.times
-    t = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), _FIRST_TIMES)).astype(int))]
+    t = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), _FIRST_SURE_TIMES)).astype(int))]
     high = 1.0
-    for _ in range(_MAX_ROUNDS):
+    for _ in range(_MAX_SURE_ROUNDS):
         still = find_open_limits(b, t)
         factor, place = _bracket(b, t, still, high)
-        beyond = _beyond(find_excess(b, factor, still=still))
+        beyond = _select_beyond(find_excess(b, factor, still=still))
         if not beyond:
             return SureFactor(np.inf if factor >= _MAX_FACTOR else factor, place)
         t, high = np.union1d(t, [found.t for found in beyond.values()]), factor
@@ -73,8 +73,8 @@ def find_open_limits(b: LimitedMotion, t: np.ndarray) -> frozenset[Limit]:
 
     Raises where one is surely broken at every speed.
     """
-    open_limits = frozenset(_beyond(find_excess(b, _MIN_FACTOR, t)))
-    if broken := _beyond(find_excess(b, _MIN_FACTOR, t, open_limits)):
+    open_limits = frozenset(_select_beyond(find_excess(b, _MIN_FACTOR, t)))
+    if broken := _select_beyond(find_excess(b, _MIN_FACTOR, t, open_limits)):
         (kind, j), found = next(iter(broken.items()))
         what = f"the {kind.replace('_', ' ')} of joint {quote_value(b.name(kind, j))}"
         raise JounceError(
@@ -124,7 +124,7 @@ def _shares_beyond(
     return np.asarray(np.where(np.isnan(excess), unknown, excess) / np.where(reach > 0, reach, 1.0))
 
 
-def _beyond(excess: Mapping[Limit, _Excess]) -> dict[Limit, _Excess]:
+def _select_beyond(excess: Mapping[Limit, _Excess]) -> dict[Limit, _Excess]:
     """Those above 0, the largest one first."""
     found = sorted(excess.items(), key=lambda item: -item[1].share)
     return {limit: of for limit, of in found if of.share > 0}
@@ -132,20 +132,20 @@ def _beyond(excess: Mapping[Limit, _Excess]) -> dict[Limit, _Excess]:
 
 def _bracket(b: LimitedMotion, t: np.ndarray, still: frozenset[Limit], high: float) -> tuple[float, Place | None]:
     """The largest factor at which values at times (N,) surely keep limits, and the limit that a larger one leaves."""
-    beyond = _beyond(find_excess(b, high, t, still))
+    beyond = _select_beyond(find_excess(b, high, t, still))
     # Rise until a limit is not surely kept, or fall until all are.
     low = high
     while not beyond and high < _MAX_FACTOR:
         low, high = high, min(2 * high, _MAX_FACTOR)
-        beyond = _beyond(find_excess(b, high, t, still))
+        beyond = _select_beyond(find_excess(b, high, t, still))
     if not beyond:
         return high, None
-    while low == high or _beyond(find_excess(b, low, t, still)):
+    while low == high or _select_beyond(find_excess(b, low, t, still)):
         high, low = low, low / 2
-    beyond = _beyond(find_excess(b, high, t, still)) or beyond
-    for _ in range(_BISECTIONS):
+    beyond = _select_beyond(find_excess(b, high, t, still)) or beyond
+    for _ in range(_SURE_BISECTIONS):
         middle = (low + high) / 2
-        found = _beyond(find_excess(b, middle, t, still))
+        found = _select_beyond(find_excess(b, middle, t, still))
         low, high, beyond = (low, middle, found) if found else (middle, high, beyond)
     (kind, j), worst = next(iter(beyond.items()))
     return low * (1 - _FACTOR_MARGIN), (kind, j, worst.t)
