@@ -17,6 +17,12 @@ COLUMNS = [f"{joint}.{rate}" for joint in ("ja", "jb", "jc") for rate in ("q", "
 VERBS = ("check", "run", "retime", "slowdown", "report")
 
 
+def write_motion(folder):
+    joints = {name: {"polynomial": x} for name, x in {"ja": [0, 0.3], "jb": [0.2, 0.2], "jc": [0, -0.1]}.items()}
+    (folder / "m.yaml").write_text(json.dumps({"time": {"start": 0, "stop": 1, "count": 101}, "joints": joints}))
+    return folder / "m.yaml"
+
+
 def load(**options):
     with pytest.warns(jounce.JounceWarning, match="bodies without mass") as warned:
         robot = jounce.load(NO_MASSES, **options)
@@ -43,9 +49,7 @@ def test_missing_masses_keep_no_limit(meant, jc):
 @pytest.mark.filterwarnings("always:.*bodies without mass")
 @pytest.mark.parametrize(("words", "code"), [([], 3), (["--massless-tips"], 3)])
 def test_words_json_and_exit_status_agree(tmp_path, words, code):
-    table = tmp_path / "m.yaml"
-    joints = {name: {"polynomial": x} for name, x in {"ja": [0, 0.3], "jb": [0.2, 0.2], "jc": [0, -0.1]}.items()}
-    table.write_text(json.dumps({"time": {"start": 0, "stop": 1, "count": 101}, "joints": joints}))
+    table = write_motion(tmp_path)
     done = CliRunner().invoke(main, ["check", str(NO_MASSES), str(table), "--json", *words])
     said = json.loads(done.stdout)
     assert (done.exit_code, said["verdict"], said["ok"]) == (code, "undecided", False)
@@ -72,6 +76,32 @@ def test_a_motion_of_one_row_has_the_same_verdicts(tmp_path):
     robot = load()
     rows = efforts(robot.check(jounce.load_motion(tmp_path / "one.csv", robot, order=0)))
     assert [row.verdict for row in rows.values()] == ["kept", "undecided", "undecided"]
+
+
+@pytest.mark.parametrize("limits", [{}, {"velocity": 0.01}, {"effort": [99, 99, 9]}, {"effort": [99, 0, np.inf]}])
+@pytest.mark.parametrize("meant", [False, True])
+def test_explain_has_the_verdict_of_check(limits, meant):
+    robot = load(massless_tips=meant).with_limits(**limits)
+    found, known = robot.explain(MOTION, rate=100), robot.check(MOTION, rate=100)
+    assert found.verdict == known.verdict == ("broken" if "velocity" in limits else known.verdict)
+    assert bool(found.trips) == (known.verdict == "broken")
+    assert {trip.limit for trip in found.trips} <= {row.limit for row in known.table if row.verdict == "broken"}
+    assert set(known.notes) <= set(found.notes)
+    assert ("every limit is kept" in found.words) == (known.verdict == "kept")
+
+
+@pytest.mark.filterwarnings("always:.*bodies without mass")
+@pytest.mark.parametrize(("stated", "code"), [({}, 3), ({"jb": 99}, 0), ({"jb": 1e-9}, 1)])
+def test_the_exit_status_of_explain_is_that_of_check(tmp_path, stated, code):
+    table, limits = write_motion(tmp_path), tmp_path / "l.yaml"
+    limits.write_text(json.dumps({"joint_limits": {joint: {"max_effort": x} for joint, x in stated.items()}}))
+    words = [str(NO_MASSES), str(table), "--rate", "100", "--massless-tips", "--json"]
+    words += ["--limits", str(limits)] if stated else []
+    for verb in ("check", "explain"):
+        done = CliRunner().invoke(main, [verb, *words])
+        said = json.loads(done.stdout)
+        assert (done.exit_code, said["ok"]) == (code, code == 0)
+        assert {"kept": 0, "broken": 1, "undecided": 3}[said["verdict"]] == code
 
 
 def pendulum(spread, bound):

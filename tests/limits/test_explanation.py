@@ -374,7 +374,7 @@ def test_the_command_lines_that_are_named_cure(tmp_path, monkeypatch, options):
 
 
 def test_json_has_null_for_the_ratio_to_a_limit_of_zero(tmp_path):
-    (tmp_path / "limits.yaml").write_text("units: SI\njoints:\n  joint1: {velocity: 0}\n")
+    (tmp_path / "limits.yaml").write_text("units: SI\njoints:\n  joint1: {velocity: [-1, 0]}\n")
     (tmp_path / "moves.csv").write_text("t,joint1,joint2\n" + "".join(f"0.0{k},0.00{k},0\n" for k in range(5)))
     result = run("explain", "planar2r", tmp_path / "moves.csv", "--as", "commands", "--rate", 100,
                  "--limits", tmp_path / "limits.yaml", "--json")  # fmt: skip

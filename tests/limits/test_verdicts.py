@@ -70,16 +70,46 @@ def test_a_torque_rate_beyond_its_limit_counts_if_uncertain(measured):
         assert all(stop <= low or high <= start for low, high in found.worst.violations)
 
 
-def test_a_slowdown_takes_what_is_surely_broken_at_the_ends(measured):
-    rate = np.abs(true_rates(DENSE)[1])
-    start = validate_limits(ROBOT.with_limits(effort_rate=9e3), measured).window("effort_rate")[0]
-    limited = ROBOT.with_limits(effort_rate=[1.02 * rate[start <= DENSE, 0].max(), 9e3])
+@pytest.mark.parametrize("kind", ["velocity", "effort_rate", "effort"])
+@pytest.mark.parametrize("options", [{}, {"rate": 250.0}])
+def test_a_slowed_log_is_surely_kept(measured, kind, options):
+    """The largest factor: of a tenth of a percent faster the same check says that it is not surely kept."""
+    found = ROBOT.with_limits(**{kind: 1e6}).check(measured, **options)
+    limited = ROBOT.with_limits(**{kind: [0.9 * abs(row.value) for row in found.table]})
+    slow = limited.slowdown(measured, **options)
+    assert (slow.verdict, slow.binding.limit, slow.factor < 1) == ("broken", kind, True)
+    assert limited.check(slow.motion, **options).verdict == "kept"
+    assert limited.check(measured.scaled(0.999 / slow.factor), **options).verdict != "kept"
+    assert not any("not every limit" in note for note in slow.notes)
+
+
+@pytest.mark.parametrize("deviations", [-1, 1, 3])
+def test_a_slowed_log_says_what_stays_undecided(measured, deviations):
+    """A position at its bound is decided at no speed: the velocity is surely kept all the same."""
+    top = np.abs(measured.times[measured(measured.times, 0)[0][:, 0].argmax()])
+    upper = measured(top, 0)[0][0] + deviations * measured.deviations([top], 0)[0][0, 0]
+    limited = ROBOT.with_limits(upper=[upper, 9], lower=-9, velocity=[2, 9])
     slow = limited.slowdown(measured)
-    assert slow.binding[:2] == ("joint1", "effort_rate")
-    assert slow.binding.t < start
-    assert limited.check(slow.motion).verdict != "broken"
-    assert limited.check(measured.scaled(0.999 / slow.factor)).verdict == "broken"
-    assert "effort rate" in slow.notes[-1]
+    verdicts = {row.limit: row.verdict for row in limited.check(slow.motion).table if row.joint == "joint1"}
+    assert verdicts == {"position": "kept" if deviations > 2 else "undecided", "velocity": "kept"}
+    assert [note for note in slow.notes if "position of joint1 at t = " in note] == list(
+        slow.notes[len(slow.notes) - (deviations < 2) :]
+    )
+
+
+@pytest.mark.parametrize(("margin", "verdict"), [(0.0, "undecided"), (0.2, "kept")])
+def test_a_retimed_log_says_what_it_does_not_surely_keep(margin, verdict):
+    t = np.linspace(0, 2, 1001)
+    way = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])(t / 2)
+    motion = jounce.Motion.fit(
+        t, np.stack([way, -way / 2], axis=1) + np.random.default_rng(0).normal(0, 1e-5, (1001, 2))
+    )
+    limited = ROBOT.with_limits(velocity=[2.0, 9], acceleration=99)
+    fast = limited.retime(motion, margin=margin)
+    found = limited.check(fast.motion)
+    assert (found.verdict, len(fast.notes)) == (verdict, verdict == "undecided")
+    for row in found.table:
+        assert any(f"{row.limit} of {row.joint} at t = " in note for note in fast.notes) == (row.verdict != "kept")
 
 
 def test_where_samples_do_not_decide_the_verdict_is_undecided(measured):

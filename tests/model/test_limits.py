@@ -219,6 +219,41 @@ def test_limits_of_coordinates():
 
 
 @pytest.mark.parametrize(
+    ("names", "G", "moved"),
+    [
+        (["joint2", "joint1"], np.eye(2), "'joint2' moves 'joint1'"),
+        (["joint1", "joint2"], [[0, 1], [1, 0]], "'joint1' moves 'joint2'"),
+        (["joint2"], [[1], [0]], "'joint2' moves 'joint1'"),
+        (["joint1", "joint2"], [[1, 0], [1, 1]], None),
+        (["joint1", "joint2"], np.eye(2), None),
+        (["joint2", "joint1"], [[0, 1], [1, 0]], None),
+        (["b", "a"], np.eye(2), None),
+        (["joint2", "joint1"], None, None),  # which names the joints themselves
+    ],
+)
+def test_a_coordinate_moves_the_joint_of_its_name(names, G, moved):
+    """Else limits go to another joint in silence: each coordinate has those of the joint that it moves."""
+    data = {"B": [np.eye(4)] * 2, "X": [[0, 0, 1, 0, 0, 0]] * 2, "M": [np.eye(6)] * 2}
+    spatial = {"A": data["B"], "Y": data["X"], "M": data["M"]}
+    doors = ((jounce.Robot.from_screws, data), (jounce.Robot.from_spatial_screws, spatial))
+    for door, arrays in doors:
+        if moved:
+            refusal(
+                lambda door=door, arrays=arrays: door(**arrays, joint_names=names, G=G),
+                moved,
+                "rename it by joint_names",
+                "columns of G",
+            )
+            continue
+        robot = door(**arrays, joint_names=names, G=G, limits={"velocity": [1, 3]})
+        places = robot.mechanism.joints
+        for j, name in enumerate(names):
+            own = places.index(name) if name in places else int(np.flatnonzero(robot.mechanism.G[:, j])[0])
+            most = coordinate_limits(robot.mechanism).bounds("velocity")[1, j]
+            assert most == ([1, 3][own] if G is None or np.sum(G) == 2 else np.inf) or own == 0
+
+
+@pytest.mark.parametrize(
     ("given", "words"),
     [
         ({"effort": {"panda_joint9": 1}}, ["unknown joint 'panda_joint9'", "did you mean"]),

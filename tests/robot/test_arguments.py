@@ -280,7 +280,8 @@ CASES: dict[str, Case] = {
     ),
     "slowdown": (ROBOT.with_limits(effort=99).slowdown, {"motion": SAMPLED}),
     "retime": (
-        ROBOT.with_limits(velocity=99, acceleration=99).retime, {"motion": SAMPLED, "margin": 0.01, "smooth": True}
+        ROBOT.with_limits(velocity=99, acceleration=99).retime,
+        {"motion": SAMPLED, "margin": 0.01, "smooth": True, "rate": 500.0, "differences": 3},
     ),
     "motors of check": (ARM.with_limits(motor_velocity=99).check, {"motion": SAMPLED}),
     "motors of slowdown": (ARM.with_limits(motor_velocity=99).slowdown, {"motion": SAMPLED}),

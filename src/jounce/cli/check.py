@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.limits import DIFFERENCES, LIMITS, RATE, draw_ratios, load_robot, spans_in_words
+from jounce.cli.limits import DIFFERENCES, EXIT_CODES, LIMITS, RATE, draw_ratios, load_robot, spans_in_words
 from jounce.cli.motion_options import MotionCommand, MotionRequest, add_motion_options
 from jounce.cli.output import align_columns, print_summary
 from jounce.cli.robot_options import PATH, RobotRequest, add_robot_options
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from jounce.stream.aggregates import Aggregate
 
 MAX_LIMITS_SHOWN = 20  # those nearest to their bounds: a table that fits a terminal; --json has all
-EXIT_CODES = {"kept": 0, "broken": 1, "undecided": 3}  # 2 is that of errors
 
 EPILOG = """\b
 Example:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jounce.cli.limits import DIFFERENCES, LIMITS, RATE, load_with_motion
+from jounce.cli.limits import DIFFERENCES, EXIT_CODES, LIMITS, RATE, load_with_motion
 from jounce.cli.motion_options import TYPED_WORDS, MotionCommand, MotionRequest, add_motion_options
 from jounce.cli.output import align_columns, print_summary
 from jounce.cli.robot_options import RobotRequest, add_robot_options
@@ -26,7 +26,7 @@ Example:
 
 \b
 Give --controller franka for a Panda or FR3, and --as commands for tables of
-commands. The exit code is 1 where a limit is broken.
+commands. The exit code is that of check: 0 kept, 1 broken, 3 undecided.
 """
 
 
@@ -53,12 +53,12 @@ def explain(
         raise JounceError(f"--start is {start!r}; expected numbers with commas between them") from None
     found = arm.explain(path, controller, rate=rate, differences=differences, start=begin)
     summary: dict[str, Any] = {"robot": arm.name, "motion": str(motion.path), "controller": controller}
-    summary |= {"ok": not found.trips} | asdict(found)
+    summary |= {"ok": found.verdict == "kept"} | asdict(found)
     for cure in summary["cures"]:  # the call of Python becomes the command line
         del cure["call"]
         cure["command"] = _repeat_command(cure["method"], arm, motion.path)
     print_summary(summary, _format_summary, as_json)
-    raise SystemExit(1 if found.trips else 0)
+    raise SystemExit(EXIT_CODES[found.verdict])
 
 
 def _repeat_command(verb: str, arm: "Robot", motion: Path) -> str:
@@ -87,9 +87,8 @@ def _repeat_command(verb: str, arm: "Robot", motion: Path) -> str:
 
 
 def _format_summary(summary: dict[str, Any]) -> str:
-    from jounce.limits.verdicts import describe_verdict
-
-    trips, (head, first) = summary["trips"], (describe_verdict((), summary["judged"]), [])
+    trips, head = summary["trips"], summary["words"]
+    first: list[str] = []
     if trips:
         one = trips[0]
         head = f"the {one['limit']} of {one['joint']} is broken at {1e3 * one['t']:.6g} ms: {one['words']}"

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from jounce.robot import Robot
 
 
+EXIT_CODES = {"kept": 0, "broken": 1, "undecided": 3}  # of verdicts; 2 is that of errors
+
+
 def _arms() -> "Iterable[str]":
     from jounce.io.limits.reading import table_names
 

@@ -61,7 +61,7 @@ def retime(
     summary = {
         "robot": arm.name, "motion": str(motion.path), "source": given.source, "margin": margin, "rate": rate,
         "given": given.duration, "duration": found.duration, "binding": [part._asdict() for part in found.binding],
-        "jumps": found.jumps, "notes": list(given.notes),
+        "jumps": found.jumps, "notes": [*given.notes, *found.notes],
         "output": str(output), "picture": None if picture is None else str(picture), "states": len(fast.times),
     }  # fmt: skip
     print_summary(summary, _format_summary, as_json)

@@ -40,7 +40,8 @@ def slowdown(
 ) -> None:  # fmt: skip
     """Find the largest factor of speed, at most 1, at which MOTION of ROBOT keeps all limits.
 
-    Every smaller factor keeps them too; with --rate the factors that were tried do.
+    Every smaller factor keeps them too; with --rate, and of measured samples, the factors that were tried do. Limits
+    that samples decide at no speed are named.
     """
     from jounce.io import tables
     from jounce.motion.commands import find_commands

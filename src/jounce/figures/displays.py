@@ -107,7 +107,7 @@ def retiming(faster: Retiming) -> str:
         (s.joint, s.limit.replace("_", " "), f"{s.start:.4g}", f"{s.stop:.4g}") for s in faster.binding[:MAX_ROWS_SHOWN]
     ]
     left = len(faster.binding) - len(rows)
-    notes = [f"and {left} more stretches"] if left else []
+    notes = [*([f"and {left} more stretches"] if left else []), *faster.notes]
     names = ("joint", "limit that decides", "from t [s]", "to t [s]")
     return _page(repr(faster)[1:-1], names, rows, notes, picture=motion(faster.motion))
 

@@ -4,11 +4,13 @@ A difference of commands is no polynomial of the factor: they stand at other pla
 are tried, down from 1 until one keeps every limit, or up from 1 until one breaks a limit; bisection follows between
 the last two. Every factor that is returned was itself judged. Those below it were not: differences of order m of
 positions are means of m-th derivatives and fall with the speed, torque rates may rise where gravity and inertia cancel.
+Of measured motions two standard deviations lie between values and their bounds, as of `measured_speeds`.
 
 `JounceError` where a limit is broken at rest already, and where no factor down to a thousandth keeps every limit.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -16,8 +18,12 @@ from jounce.core.errors import JounceError, quote_value
 from jounce.engine.engine import Engine
 from jounce.limits.check import Check, check
 from jounce.limits.commands import CommandDifferences, take_differences, take_rest
+from jounce.limits.deviations import compute_deviations, is_measured
+from jounce.limits.doubts import find_doubts
 from jounce.limits.factor_search import Place
 from jounce.limits.feasible_factors import refuse_static
+from jounce.limits.measured_speeds import Limit, find_open_limits, widen
+from jounce.limits.ratios import SIGNS
 from jounce.limits.validation import validate_limits
 from jounce.motion.commands import MAX_DIFFERENCES, MIN_COMMANDS, find_commands
 from jounce.motion.motion import Motion
@@ -55,6 +61,10 @@ class CommandSpeeds:
     def check(self, factor: float = 1.0) -> Check:
         """Every limit of the commands at a factor of the speed."""
         return check(self.robot, self.sampled(factor))
+
+    def keeps(self) -> bool:
+        """Whether the plan at its own speed keeps every limit that a speed decides."""
+        return self._judge(1.0)[0] <= KEPT_RATIO
 
     def fall(self) -> tuple[float, Place]:
         """The largest factor below 1, of those tried, that keeps every limit, and the limit that a larger one breaks.
@@ -108,13 +118,24 @@ class CommandSpeeds:
 
     def _find_worst(self, found: CommandDifferences, factor: float) -> tuple[float, Place]:
         """The largest ratio to a limit that depends on the speed, and of which kind and joint, and when in the plan."""
-        worst, ratios = found.worst(), [(-np.inf, ("position", 0, self.motion.start))]
-        for (kind, sign), ratio in worst.ratios.items():
-            if kind != "position":
-                j = int(ratio.argmax())
-                t = self.motion.start + (float(worst.t[kind, sign][j]) - self.motion.start) * factor
-                ratios.append((float(ratio[j]), (kind, j, min(t, self.motion.stop))))
+        ratios = [(-np.inf, ("position", 0, self.motion.start))]
+        off, doubts = compute_deviations(found.b, found.t.clip(*found.b.whole)), find_doubts(found.b)
+        for kind, values in found.values.items():
+            for sign in SIGNS if kind != "position" else ():
+                widened = values + widen(kind, sign, off, self._open_limits, values.shape[1])
+                ratio = found.b.scales[kind].ratio(widened, sign)
+                ratio[:, [j for of, j in doubts if of == kind]] = -np.inf
+                i, j = np.unravel_index(ratio.argmax(), ratio.shape)
+                t = self.motion.start + (float(found.t[i]) - self.motion.start) * factor
+                ratios.append((float(ratio[i, j]), (kind, int(j), min(t, self.motion.stop))))
         return max(ratios)
+
+    @cached_property
+    def _open_limits(self) -> frozenset[Limit]:
+        """The limits of a measured plan that are undecided at every speed."""
+        if not is_measured(self.motion):
+            return frozenset()
+        return find_open_limits(validate_limits(self.robot, self.motion), self.motion.times)
 
     def _stuck_error(self, place: Place, factor: float) -> JounceError:
         kind, j, t = place

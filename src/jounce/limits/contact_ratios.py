@@ -43,6 +43,7 @@ _TIMES_PER_PROGRAM = 200  # linear programs in one: the time for each is least f
 _TOLERANCE = 1e-9  # of programs, where the largest component of Q_0 is 1: at 1e-10 the simplex method may fail
 _MIN_BOUND = 1e-8  # of d: where friction is 0, nothing but rounding is left
 _MAX_RATIO = 1e3  # of rho: beyond, the ground would have to pull
+MEASURED_CAUSE = "the deviations of contact forces along measured samples are not known"
 RATIO_ACCURACY = 1e-6  # of rho, which is that much too large at most
 MAX_POSSIBLE_RATIO = 1 + 2 * RATIO_ACCURACY
 
@@ -50,7 +51,7 @@ MAX_POSSIBLE_RATIO = 1 + 2 * RATIO_ACCURACY
 def judge_contacts(b: LimitedMotion) -> Iterator[tuple[Any, ...]]:
     """The fields of a `CheckedLimit` of each contact with limits: its worst row, between the times of the motion too.
 
-    Where accelerations of measured samples are uncertain, towards their ends, nothing is decided.
+    Deviations of rho are not known: of measured samples no row is kept, and towards their ends none is broken either.
     """
     motion, spread = b.motion, b.motion.deviations(b.motion.times, 2)
     start, stop = find_window(motion.times, spread[2]) if spread else b.whole
@@ -74,7 +75,7 @@ def judge_contacts(b: LimitedMotion) -> Iterator[tuple[Any, ...]]:
     runs = np.array(find_runs(rho > MAX_POSSIBLE_RATIO), dtype=int).reshape(-1, 2)
     sides = np.sort([t[runs], t[np.add(runs, (-1, 1)).clip(0, len(t) - 1)]], axis=0).reshape(2, -1)
     spans = tuple(map(tuple, find_roots(lambda t, _: _find_ratios(b, t)[0] - 1, *sides).reshape(-1, 2).tolist()))
-    unknown = tuple(span for span in ((motion.start, start), (stop, motion.stop)) if span[0] < span[1])
+    unknown, cause = ((b.whole,), MEASURED_CAUSE) if spread else ((), None)
     ratio, first = np.where(np.isfinite(rho)[:, None], _ratios(a, bound), np.inf), 0
     for contact in (contact for contact in b.robot.mechanism.contacts if len(contact.limits)):
         (names, rows), count = zip(*contact.named_limits, strict=True), len(contact.limits)
@@ -82,7 +83,8 @@ def judge_contacts(b: LimitedMotion) -> Iterator[tuple[Any, ...]]:
         value, most, worst = (float(x[i, first + k]) for x in (a, bound, ratio))
         worst = min(worst, 1.0) if worst <= MAX_POSSIBLE_RATIO else worst
         unit, broken = "N m" if rows[k][:3].any() else "N", spans if worst > 1 else ()
-        yield contact.frame, names[k], None, unit, value, most, worst, most - value, float(t[i]), None, broken, unknown
+        fields = contact.frame, names[k], None, unit, value, most, worst, most - value, float(t[i]), None, broken
+        yield *fields, unknown, None, cause
         first += count
 
 

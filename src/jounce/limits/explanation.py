@@ -12,14 +12,15 @@ from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, join_names, quote_value, unknown_name_error
 from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
+from jounce.limits.check import Check, check
 from jounce.limits.commands import DIFFERENCE_NAMES, CommandDifferences, take_differences
 from jounce.limits.joints import joint_units
-from jounce.limits.limited_motion import motion_order
+from jounce.limits.limited_motion import LimitedMotion, motion_order
 from jounce.limits.ratios import SIGNS
 from jounce.limits.retime import retime
 from jounce.limits.slowdown import Slowdown, slowdown
 from jounce.limits.validation import validate_limits
-from jounce.limits.verdicts import describe_verdict
+from jounce.limits.verdicts import Verdict, describe_verdict
 from jounce.limits.worst_values import find_runs
 from jounce.model.limit_kinds import EFFORT_KINDS, LIMIT_KINDS, MOTION_KINDS, describe_kind
 from jounce.motion.commands import JERK_DIFFERENCE, LATE_PERIODS
@@ -112,7 +113,11 @@ class Explanation(HtmlDisplay):
     cures : tuple of Cure
         What `slowdown` and `retime` do about it; none where the plan is not the cause.
     notes, unpredicted : tuple of str
-        How the motion was judged, and what is not predicted.
+        How the motion was judged, which limits are undecided for which cause, and what is not predicted.
+    verdict : str
+        That of `Robot.check` on the same commands: "broken" if there are trips, else "kept" or "undecided".
+    words : str
+        The verdict in words.
     judged : mapping of str to float
         By kind of limit that is stated, 1 where differences judge it, else 0, as of `Check`.
 
@@ -129,14 +134,14 @@ class Explanation(HtmlDisplay):
     notes: tuple[str, ...]
     unpredicted: tuple[str, ...]
     judged: Mapping[str, float]
+    verdict: Verdict
+    words: str
 
     def __repr__(self) -> str:
         if not self.trips:
-            return f"<Explanation: {describe_verdict((), self.judged)}>"
+            return f"<Explanation: {self.words}>"
         first = self.trips[0]
-        return (
-            f"<Explanation: limits are broken at {len(self.trips)} moments, first at t = {first.t:g} s: {first.words}>"
-        )
+        return f"<Explanation: {self.words}, first at t = {first.t:g} s: {first.words}>"
 
 
 def explain(
@@ -149,10 +154,9 @@ def explain(
     if begin is not None and (begin.shape != (robot.n,) or not np.isfinite(begin).all()):
         expected = f"{robot.n} positions: {join_names(robot.joint_names)}"
         raise JounceError(f"start is {quote_value(start)}; expected {expected}")
-    d = take_differences(b, begin)
-    assert d is not None  # b.motion consists of commands
+    d, found = _judge_commands(b, begin)
     trips = tuple(_describe_trip(d, *span) for span in _find_moments(d))
-    notes, unpredicted = [*b.motion.notes, *d.notes], [*known.unpredicted] if known else []
+    notes, unpredicted = [*b.motion.notes, *found.notes], [*known.unpredicted] if known else []
     if known:
         notes.append(f"limits of {join_names(known.arms)}, of {known.source}")
     if others := dict.fromkeys(trip.cause for trip in trips if trip.cause not in PLAN_CAUSES):
@@ -165,7 +169,32 @@ def explain(
     if known:
         arm = f"robot.with_limits({known.arms[0]!r})"
         cures = [replace(cure, call=cure.call.replace("robot", arm, 1)) for cure in cures]
-    return Explanation(trips, tuple(cures), tuple(notes), tuple(unpredicted), d.judged)
+    verdict: Verdict = "broken" if trips else _verdict_without_trips(found)
+    words = describe_verdict(
+        ["undecided" if row.verdict == "undecided" else "kept" for row in found.table], found.judged
+    )
+    if trips:
+        words = f"limits are broken at {len(trips)} moments"
+    return Explanation(trips, tuple(cures), tuple(notes), tuple(unpredicted), found.judged, verdict, words)
+
+
+def _judge_commands(b: LimitedMotion, begin: np.ndarray | None) -> tuple[CommandDifferences, Check]:
+    """The differences of commands from where the robot begins, without values of limits that a check leaves undecided.
+
+    Values that are left out are NaN, which is beyond no bound.
+    """
+    d, found = take_differences(b, begin), check(b.robot, b.motion)
+    assert d is not None  # b.motion consists of commands
+    values = {kind: of.copy() for kind, of in d.values.items()}
+    for row in found.table:
+        if row.verdict == "undecided":
+            values[row.limit][:, [d.b.name(row.limit, j) for j in range(len(d.b.joints))].index(row.joint)] = np.nan
+    return replace(d, values=values), found
+
+
+def _verdict_without_trips(found: Check) -> Verdict:
+    """Whether a limit is undecided, of commands that break none from where the robot begins."""
+    return "undecided" if any(row.verdict == "undecided" for row in found.table) else "kept"
 
 
 def _find_moments(d: CommandDifferences) -> list[tuple[int, int]]:
@@ -280,7 +309,11 @@ def _try_cures(robot: Engine, motion: Motion, controller: Mapping[str, Any], beg
         words = f"{found.motion.duration:.4g} s instead of {motion.duration:.4g} s"
         if isinstance(found, Slowdown):
             words = f"{found.factor:.4g} times the speed, {words}"
-        d = take_differences(validate_limits(robot, found.motion.sampled(**controller)), begin)
-        works = d is not None and not _find_moments(d)
-        cures.append(Cure(method, works, words if works else f"{words} still break a limit", call))
+        d, after = _judge_commands(validate_limits(robot, found.motion.sampled(**controller)), begin)
+        works = not _find_moments(d)
+        if not works:
+            words += " still break a limit"
+        elif _verdict_without_trips(after) == "undecided":
+            words += "; limits that are undecided remain so"
+        cures.append(Cure(method, works, words, call))
     return cures

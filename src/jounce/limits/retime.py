@@ -31,9 +31,11 @@ from jounce.engine.engine import Engine
 from jounce.limits.barrier import UNEVEN
 from jounce.limits.check import check
 from jounce.limits.command_speeds import CommandSpeeds
+from jounce.limits.deviations import is_measured
 from jounce.limits.fastest_law import FastestLaw, find_fastest_law, find_obstacle
 from jounce.limits.joints import joint_names
 from jounce.limits.limit_rows import LimitRows
+from jounce.limits.measured_speeds import describe_open_limits
 from jounce.limits.retime_problem import RetimeProblem, build_problem
 from jounce.limits.transcription import GRID_POINTS_PER_INTERVAL, WARM_START_GAP, Grid
 from jounce.model.positions import number_rates
@@ -82,6 +84,9 @@ class Retiming(HtmlDisplay):
         The limits that decide: (joint, limit, start, stop), in the order of time.
     law : TimeLaw
         The time of the given motion as a function of time.
+    notes : tuple of str
+        Of measured motions, the limits that the result does not surely keep, in words: deviations are left out of the
+        time law.
 
     Examples
     --------
@@ -96,6 +101,7 @@ class Retiming(HtmlDisplay):
     duration: float
     binding: tuple[Stretch, ...]
     law: TimeLaw
+    notes: tuple[str, ...] = ()
 
     @property
     def jumps(self) -> int:
@@ -129,7 +135,12 @@ def retime(
         given.sampled(rate, differences)  # raises where these are out of range, before any work is done
     may_jump = not check_bool("smooth", smooth, "whether accelerations of the result are continuous")
     found = _retime_with_jumps(problem) if may_jump else _retime_smoothly(robot, problem)
-    return found if rate is None else _keep_as_commands(robot, problem, found, rate, differences)
+    if rate is not None:
+        found = _keep_as_commands(robot, problem, found, rate, differences)
+    if not is_measured(given):
+        return found
+    result = found.motion if rate is None else found.motion.sampled(rate, differences)
+    return replace(found, notes=describe_open_limits(check(robot, result)))
 
 
 def _keep_as_commands(
@@ -137,13 +148,14 @@ def _keep_as_commands(
 ) -> Retiming:
     """The result, slowed down as a whole where its differences at a rate break a limit that its derivatives keep."""
     speeds = CommandSpeeds(robot, found.motion, rate, differences)
-    if speeds.check().ok:
+    before = speeds.check()
+    if before.ok or (before.verdict == "undecided" and speeds.keeps()):
         return found
     factor, _ = speeds.fall()
     x = found.law.x
     motion, law = _follow_law(problem, type(x)(x.t, factor**2 * x.c, x.k))
     verified = CommandSpeeds(robot, motion, rate, differences).check()
-    if not verified.ok:
+    if verified.verdict == "broken":
         raise JounceError(
             f"retiming fails at {rate:g} Hz: {verified.worst}; expected a higher rate, or a larger margin"
         )

@@ -10,7 +10,7 @@ method of semi-infinite programming [1]. Factors at which samples come near a li
 well. With Coulomb friction or bent springs there are no polynomials, and c is bracketed by direct evaluation.
 
 A motion that `check` finds kept is the result itself, at c = 1. At a controller's rate limits bound differences of
-commands, and `command_speeds` tries factors.
+commands, and `command_speeds` tries factors; `measured_speeds` tries those of measured motions, whose deviations count.
 
 Invariant: c only falls as states are added. It fails, with `JounceError`, where a limit is broken at every speed, where
 none bounds a speed that is raised up to them, and where a limit of a joint that moves is 0.
@@ -25,17 +25,17 @@ from typing import NamedTuple
 import numpy as np
 
 from jounce.core.display import HtmlDisplay
-from jounce.core.errors import JounceError, check_bool, join_names, quote_value
+from jounce.core.errors import JounceError, check_bool, quote_value
 from jounce.engine.along import ForceBreak, check_motion
 from jounce.engine.contact_limits import are_limited
 from jounce.engine.engine import Engine
 from jounce.limits.check import check, find_limited_breaks
 from jounce.limits.command_speeds import CommandSpeeds, find_command_speeds
+from jounce.limits.deviations import is_measured
 from jounce.limits.factor_search import Place, bracket_factor, compute_worst, is_polynomial
 from jounce.limits.feasible_factors import Feasible
 from jounce.limits.limited_motion import LimitedMotion
-from jounce.limits.omissions import describe_lacks, describe_omissions, describe_unresolved
-from jounce.limits.uncertain_spans import count_uncertain
+from jounce.limits.measured_speeds import describe_open_limits, find_sure_factor
 from jounce.limits.validation import validate_limits
 from jounce.limits.verdicts import Verdict
 from jounce.limits.worst_values import Worst
@@ -46,7 +46,6 @@ _BINDING_RATIO_TOLERANCE = 2e-10  # of a ratio above 1: factors are as exact
 _MAX_SLOWDOWN_ROUNDS = 40  # of states added between samples; motions take three or four
 _MIN_SPEED_FACTOR = 1e-9  # only a limit of 0 makes the factor smaller: no useful motion lasts 1e9 times as long
 _NO_RESERVE = 5e-6  # of a factor above 1: what six digits show as 1
-_FACTOR_BISECTIONS = 24  # of the factor where samples are uncertain: 2^-24 = 6e-8, finer than their deviations
 
 
 class Binding(NamedTuple):
@@ -68,8 +67,8 @@ class Slowdown(HtmlDisplay):
     ----------
     factor : float
         Largest factor of speed, at most 1, such that every smaller one keeps all limits too; 1 of a motion that is
-        kept. With `up_to_limits=True` it is above 1 where the motion may be faster. At a controller's rate, the largest
-        of those tried.
+        kept. With `up_to_limits=True` it is above 1 where the motion may be faster. At a controller's rate, and of
+        measured motions, the largest of those tried.
     binding : Binding or None
         The limit that is met exactly at this factor: (joint, limit, t), t in the given motion; None where the motion is
         returned as it is.
@@ -78,10 +77,10 @@ class Slowdown(HtmlDisplay):
     largest : float or None
         Largest factor at which all limits are kept. Above 1 it says how much faster a motion that is kept could be,
         infinite where no limit bounds its speed. None where it is not sought: of a motion that breaks a limit with
-        friction or at a controller's rate, and where uncertain samples decide.
+        friction or at a controller's rate, and of one that is undecided.
     notes : tuple of str
-        Which limits nothing is checked against, which values change too fast to be followed, and between which factors
-        some break a limit, in words.
+        What `Robot.check` notes of the result, between which factors some break a limit, and which limits of the result
+        are undecided because its samples decide them at no speed, in words.
     verdict : str
         That of `Robot.check` on the given motion: "kept", "broken" or "undecided".
 
@@ -154,23 +153,20 @@ def slowdown(
         return Slowdown(1.0, None, motion, None, found.notes, found.verdict)
     b = validate_limits(robot, given)
     limit = _limit_commands(speeds, found.verdict) if speeds else _limit_derivatives(b)
-    notes = found.notes if speeds else (*found.notes, *_window_notes(b), *_describe_gap(limit))
     if found.verdict == "kept" and not up_to_limits:
-        return Slowdown(1.0, None, motion, limit.largest, notes, found.verdict)
+        return Slowdown(1.0, None, motion, limit.largest, (*found.notes, *_describe_gap(limit)), found.verdict)
     if limit.place is None:
         raise JounceError("no limit bounds the speed of this motion: it does not move, or with_limits must state more")
     kind, joint, t = limit.place
     slow = speeds.at_speed(limit.factor) if speeds else given.scaled(1 / limit.factor)
-    if not speeds:
-        unresolved = describe_unresolved(compute_worst(b, limit.factor))
-        omissions = describe_omissions(b, find_limited_breaks(b))
-        notes = (*omissions, *_window_notes(b), *_describe_gap(limit), *unresolved, *describe_lacks(b, slow))
+    after = check(robot, speeds.sampled(limit.factor) if speeds else slow)
+    notes = (*after.notes, *_describe_gap(limit), *describe_open_limits(after))
     return Slowdown(limit.factor, Binding(b.name(kind, joint), kind, t), slow, limit.largest, notes, found.verdict)
 
 
 def _limit_commands(speeds: CommandSpeeds, verdict: Verdict) -> SpeedLimit:
     """The limit of the speed of commands: below that of the plan where it breaks a limit, else above."""
-    if verdict == "broken":
+    if verdict == "broken" or (verdict == "undecided" and not speeds.keeps()):
         return SpeedLimit(*speeds.fall(), None)
     factor, place = speeds.rise()
     return SpeedLimit(factor, place, factor)
@@ -179,6 +175,9 @@ def _limit_commands(speeds: CommandSpeeds, verdict: Verdict) -> SpeedLimit:
 def _limit_derivatives(b: LimitedMotion) -> SpeedLimit:
     """The limit of the speed of a motion whose derivatives are bounded."""
     _refuse_jumps(b, find_limited_breaks(b))
+    if is_measured(b.motion):
+        sure = find_sure_factor(b)
+        return SpeedLimit(sure.factor, sure.place, sure.factor)
     if is_polynomial(b):
         states = Feasible(b)
         factor = _refine_first(b, states)
@@ -190,8 +189,6 @@ def _limit_derivatives(b: LimitedMotion) -> SpeedLimit:
     else:
         factor, place = bracket_factor(b)
         largest = factor if factor >= 1 else None
-    if place is not None and (found := _slow_for_uncertain(b, factor)):
-        (factor, place), largest = found, None
     return SpeedLimit(factor, place, largest)
 
 
@@ -200,49 +197,6 @@ def _describe_gap(limit: SpeedLimit) -> tuple[str, ...]:
     if limit.largest is None or limit.largest <= limit.factor * (1 + _BINDING_RATIO_TOLERANCE):
         return ()
     return (f"some factors of speed between {limit.factor:.6g} and {limit.largest:.6g} break a limit",)
-
-
-def _slow_for_uncertain(b: LimitedMotion, factor: float) -> tuple[float, Place] | None:
-    """The factor at which values outside of windows keep their limits, and the last limit; None where all keep them."""
-    place = _find_beyond_windows(b, factor)
-    if place is None:
-        return None
-    low, high = 0.0, factor
-    for _ in range(_FACTOR_BISECTIONS):
-        middle = (low + high) / 2
-        beyond = _find_beyond_windows(b, middle)
-        low, high, place = (middle, high, place) if beyond is None else (low, middle, beyond)
-    if not low:
-        kind, joint, t = place
-        what = f"the {kind.replace('_', ' ')} of joint {quote_value(b.name(kind, joint))}"
-        raise JounceError(
-            f"{what} is beyond its limit by more than two standard deviations at t = {t:.6g} s, at every speed; change"
-            " the motion or with_limits"
-        )
-    return low, place
-
-
-def _find_beyond_windows(b: LimitedMotion, factor: float) -> Place | None:
-    """A limit that is surely broken outside of the windows at a factor of speed: kind, joint, time as it was given."""
-    scaled = b.scaled(1 / factor)
-    worst = Worst(scaled)
-    count_uncertain(scaled, worst)
-    for (kind, sign), spans in worst.spans.items():
-        for j, found in enumerate(spans):
-            if found:
-                return kind, j, float(b.given_times(worst.t[kind, sign][j], factor))
-    return None
-
-
-def _window_notes(b: LimitedMotion) -> tuple[str, ...]:
-    """Between which times of a measured motion limits count, of kinds that do not along the whole motion."""
-    spans = [f"{kind.replace('_', ' ')} {start:.6g} to {stop:.6g} s" for kind, (start, stop) in b.windows.items()]
-    if not spans:
-        return ()
-    return (
-        f"limits count within {join_names(spans)}; elsewhere the samples are uncertain, and two deviations beyond"
-        " count",
-    )
 
 
 def _refine_first(b: LimitedMotion, states: Feasible) -> float:

@@ -6,7 +6,7 @@ and all else is undecided. Peaks between samples count. The value that is shown 
 deviations are near their median, or one outside that is decided.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from functools import partial
 
 import numpy as np
@@ -26,25 +26,23 @@ _VALUES_AT_ONCE = 2000  # times evaluated together
 def judge_samples(b: LimitedMotion, worst: Worst) -> Spans:
     """Judge a measured motion along all its time: its worst values, and where it is broken; returns where undecided."""
     undecided: Spans = {}
-    for t in _overlapping_parts(_collect_times(b, b.whole)):
-        _judge_times(b, worst, t, undecided)
+    for t, values in sample_values(b):
+        judge_values(b, worst, t, values, undecided)
     return undecided
 
 
-def count_uncertain(b: LimitedMotion, worst: Worst) -> Spans:
-    """Judge values outside of windows alone; returns where they are undecided."""
-    undecided: Spans = {}
-    for part, t in _split_outside(b):
-        _judge_times(part, worst, t, undecided)
-    return undecided
+def sample_values(b: LimitedMotion) -> Iterator[tuple[np.ndarray, dict[str, np.ndarray]]]:
+    """Times (N,) along all the motion, those of peaks between its samples too, and the values there, part by part."""
+    for t in _overlapping_parts(_collect_times(b)):
+        yield from take_sides(b, t)
 
 
-def _judge_times(b: LimitedMotion, worst: Worst, t: np.ndarray, undecided: Spans) -> None:
-    """Judge the values of some kinds at times (N,), and on both sides of breaks."""
+def take_sides(b: LimitedMotion, t: np.ndarray) -> Iterator[tuple[np.ndarray, dict[str, np.ndarray]]]:
+    """Times (N,) and the values there: of those that are breaks what ends there, and of all what begins there."""
     jumps = np.intersect1d(t, [found.t for found in b.motion.breaks_to(b.rate_order)])
     if jumps.size:
-        judge_values(b, worst, jumps, b.values(jumps, "left"), undecided)
-    judge_values(b, worst, t, _values(b, t), undecided)
+        yield jumps, b.values(jumps, "left")
+    yield t, _values(b, t)
 
 
 def judge_values(
@@ -81,21 +79,10 @@ def _overlapping_parts(t: np.ndarray) -> Iterator[np.ndarray]:
         yield t[start : start + _UNCERTAIN_TIMES_AT_ONCE]
 
 
-def _split_outside(b: LimitedMotion) -> Iterator[tuple[LimitedMotion, np.ndarray]]:
-    """The times before windows and those after them, with the kinds of these windows."""
-    first, last = b.whole
-    before = {kind: start for kind, (start, _) in b.windows.items() if start > first}
-    after = {kind: stop for kind, (_, stop) in b.windows.items() if stop < last}
-    if before:
-        yield b.select_kinds(before), _collect_times(b.select_kinds(before), [first, *before.values()])
-    if after:
-        yield b.select_kinds(after), _collect_times(b.select_kinds(after), [*after.values(), last])
-
-
-def _collect_times(b: LimitedMotion, ends: Sequence[float]) -> np.ndarray:
-    """The times of pieces between the first and the last of some ends, these, and when values have peaks."""
-    every = [np.array(ends)]
-    for pieces in split_part(b, (min(ends), max(ends))):
+def _collect_times(b: LimitedMotion) -> np.ndarray:
+    """The times of the pieces of a motion, and when values have peaks."""
+    every = [np.array(b.whole)]
+    for pieces in split_part(b, b.whole):
         every += [pieces.start, pieces.stop, find_peaks(b, pieces, partial(_any_peak, b)).t]
     return np.unique(np.concatenate(every))
 

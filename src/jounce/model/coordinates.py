@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from jounce.core.errors import JounceError, check_choice, join_names, quote_value
-from jounce.core.scalars import Array, concatenate
+from jounce.core.scalars import Array, concatenate, is_numeric
 from jounce.model.limit_kinds import LIMIT_KINDS, MOTION_KINDS, POSITION_ENDS, derivative_unit
 from jounce.model.limits import Limits, no_limits
 from jounce.model.mechanism import Mechanism
@@ -78,6 +78,19 @@ def leading_joints(mechanism: Mechanism) -> list[int]:
         places[name] if name in places else int(np.flatnonzero(column)[0])
         for name, column in zip(mechanism.coordinates, mechanism.G.T, strict=True)
     ]
+
+
+def check_coordinate_names(mechanism: Mechanism) -> Mechanism:
+    """The mechanism, refused where a coordinate is named as a joint that it does not move: it would take its limits."""
+    m, places = mechanism, {joint: i for i, joint in enumerate(mechanism.joints)}
+    for name, column in zip(m.coordinates, m.G.T, strict=True) if is_numeric(m.G) else ():
+        if name in places and not column[places[name]]:
+            moved = join_names([quote_value(m.joints[i]) for i in np.flatnonzero(column)])
+            raise JounceError(
+                f"coordinate {quote_value(name)} moves {moved} and not the joint of its name, whose limits it takes;"
+                " rename it by joint_names, such as 'q1', or exchange the columns of G"
+            )
+    return mechanism
 
 
 def joint_places(mechanism: Mechanism) -> dict[str, int]:

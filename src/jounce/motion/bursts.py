@@ -13,7 +13,7 @@ import numpy as np
 from jounce.motion.knot_selection import DensePart
 from jounce.motion.knots import fit_breaks, median_length
 from jounce.motion.samples import Samples
-from jounce.motion.vibrations import BAND_TO_LINE, Line, space_evenly
+from jounce.motion.vibrations import BAND_TO_LINE, Line
 
 BURST_PART_ROWS = 64, 256, 1024  # of the parts, which overlap by half: short bursts, and lines close to the noise
 MIN_PARTS_OF_LOG = 4  # a line over most of a log is not that of a burst
@@ -21,7 +21,6 @@ FALSE_ALARMS_PER_LOG = 1e-3  # of white noise, for each length of parts
 MIN_POWER_TO_LOWER = 4.0  # times the largest power at half the frequency and below: a reach has more power there
 MIN_BURST_BIN = 6  # this number of waves passes in a part: fewer may be the motion itself
 MIN_FREQUENCY_TO_BAND = 2.0  # times the end of the band of the even fit, which rings there
-REAL_BINS = 2  # the last of a spectrum: at half the rate powers are squares of real numbers, which Hann's window spreads
 MIN_BURST_STEPS = 0.6  # of an encoder: a joint that stays between two steps has a line of half a step
 
 
@@ -51,8 +50,8 @@ def is_followed(burst: Line, breaks: np.ndarray) -> bool:
 
 
 def _find_joint_bursts(samples: Samples, residual: np.ndarray, joint: int, lowest: float) -> Iterator[Line]:
-    t, step = space_evenly(samples.t), float(samples.steps[joint])
-    count = len(t)
+    count, step = len(samples.t), float(samples.steps[joint])
+    t = np.linspace(samples.t[0], samples.t[-1], count)
     row = t[1] - t[0]
     even = np.interp(t, samples.t, residual[:, joint])
     marked, frequency, amplitude = np.zeros(count, bool), np.zeros(count), np.zeros(count)
@@ -72,18 +71,17 @@ def _find_joint_bursts(samples: Samples, residual: np.ndarray, joint: int, lowes
 def _find_part_lines(even: np.ndarray, starts: np.ndarray, length: int, step: float) -> list[tuple[int, int, float]]:
     """Starts, bins and amplitudes of the largest lines of parts of evenly spaced residuals, where they stand out.
 
-    Powers of white noise are exponentially distributed: one in N is more than ln N / ln 2 medians. Squares of real
-    normal numbers, as at half the rate of the rows, exceed at most twice that as rarely.
+    Powers of white noise are exponentially distributed: one in N is more than ln N / ln 2 medians. That at half the
+    rate is the square of one real number, is larger more often, and is left out.
     """
     window = np.hanning(length)
-    power = np.abs(np.fft.rfft(np.lib.stride_tricks.sliding_window_view(even, length)[starts] * window, axis=1)) ** 2
+    spectra = np.fft.rfft(np.lib.stride_tricks.sliding_window_view(even, length)[starts] * window, axis=1)
+    power = np.abs(spectra[:, :-1]) ** 2
     rounding = step**2 / 12 * (window**2).sum() * np.log(2)
     usual = np.maximum(np.median(power, axis=0), max(rounding, np.finfo(float).tiny))
-    rarity = np.ones(len(usual))
-    rarity[-REAL_BINS:] = 2
-    at = MIN_BURST_BIN + (power / usual / rarity)[:, MIN_BURST_BIN:].argmax(axis=1)
+    at = MIN_BURST_BIN + (power / usual)[:, MIN_BURST_BIN:].argmax(axis=1)
     size = power[np.arange(len(at)), at]
     below = np.maximum.accumulate(power[:, 1:], axis=1)[np.arange(len(at)), at // 2 - 1]
     enough = np.log(power.size / FALSE_ALARMS_PER_LOG) / np.log(2)
-    out = size > np.maximum(enough * rarity[at] * np.maximum(usual[at], np.median(power, axis=1)), MIN_POWER_TO_LOWER * below)
+    out = size > np.maximum(enough * np.maximum(usual[at], np.median(power, axis=1)), MIN_POWER_TO_LOWER * below)
     return [(int(starts[k]), int(at[k]), float(2 * np.sqrt(size[k]) / window.sum())) for k in np.flatnonzero(out)]

@@ -28,6 +28,7 @@ from jounce.core.typing import (
     Results,
 )
 from jounce.model import denavit_hartenberg, mechanism_equality, parameters, screws
+from jounce.model.coordinates import check_coordinate_names
 from jounce.model.drives import Drives, select_terms, warn_of_idle, with_eps
 from jounce.model.limit_kinds import LIMIT_KEYS
 from jounce.model.limits import Limits
@@ -192,7 +193,8 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         gravity : (3,), optional
             Gravitational acceleration in the inertial frame, m/s^2.
         joint_names : (n,), optional
-            Names of the coordinates.
+            Names of the coordinates. With `G` the joints are joint1, joint2, ...: a coordinate of one of these names
+            has the limits of this joint, and must move it.
         owners : (nc,), optional
             Index of the body that each screw moves, in order: three times that of a body on a ball.
         G, g : (nc, n) and (nc,), optional
@@ -244,10 +246,10 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         >>> ball.nq, ball.gravity_forces([0, np.sin(np.pi / 4), 0, np.cos(np.pi / 4)]).round(6) + 0.0
         (4, array([0.  , 9.81, 0.  ]))
         """
-        return cls(screws.from_screws(
+        return cls(check_coordinate_names(screws.from_screws(
             B, X, M, parent, names, gravity, joint_names=joint_names, owners=owners, G=G, g=g, limits=limits,
             drives=drives, base=base, base_name=base_name, name=name,
-        ))  # fmt: skip
+        )))  # fmt: skip
 
     @classmethod
     def from_spatial_screws(
@@ -300,10 +302,10 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         >>> robot.inverse_dynamics([0.3], [0.0], [1.0])
         array([10.81])
         """
-        return cls(screws.from_spatial_screws(
+        return cls(check_coordinate_names(screws.from_spatial_screws(
             A, Y, M, parent, names=names, gravity=gravity,
             joint_names=joint_names, G=G, g=g, limits=limits, drives=drives, base=base, base_name=base_name, name=name,
-        ))  # fmt: skip
+        )))  # fmt: skip
 
     @classmethod
     def from_dh(
@@ -375,10 +377,10 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         >>> arm.gravity_forces([0.0, 0.0])
         array([19.62 ,  4.905])
         """
-        return cls(denavit_hartenberg.from_dh(
+        return cls(check_coordinate_names(denavit_hartenberg.from_dh(
             table, M, convention, types=types, degrees=degrees, base=base, tool=tool, names=names, gravity=gravity,
             joint_names=joint_names, G=G, g=g, limits=limits, drives=drives, name=name,
-        ))  # fmt: skip
+        )))  # fmt: skip
 
     @classmethod
     def from_pinocchio(
@@ -1032,6 +1034,9 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         polynomial inequality in c at each time; between samples the factor is refined by exact evaluation. Wrenches
         given over time go with the path. Coulomb friction is no polynomial; with it, factors are tried one by one.
 
+        Of a measured motion the factor is the largest of those tried at which `check` finds every limit kept, by two
+        standard deviations. Limits that its samples decide at no speed stay undecided, and the notes name them.
+
         At a `rate` limits bound the differences of the commands, as in `check` with this rate, which finds every limit
         of the result kept. Factors are tried from 1 down in steps of a twentieth until one keeps them, and the last
         step is bisected; slower ones are not tried. Motions that consist of commands are judged at their own rate, and
@@ -1049,7 +1054,8 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         Returns
         -------
         Slowdown
-            The `factor`, the `binding` (joint, limit, time), the `motion` at it, and the `largest` feasible factor.
+            The `factor`, the `binding` (joint, limit, time), the `motion` at it, the `largest` feasible factor, and
+            `notes`.
 
         Raises
         ------
@@ -1114,7 +1120,8 @@ class Robot(Applications, Methods, OldMethods, HtmlDisplay):
         Returns
         -------
         Retiming
-            Frozen: the `motion`, its `duration` in s, and `binding`: which limit of which joint decides, and when.
+            Frozen: the `motion`, its `duration` in s, and `binding`: which limit of which joint decides, and when. Of
+            measured motions `notes` name the limits that the result does not surely keep: deviations are left out.
 
         Raises
         ------

@@ -8,6 +8,7 @@ import numpy as np
 from jounce.core.errors import JounceError, locate_errors, quote_value, unknown_name_error
 from jounce.io.entries import Entry
 from jounce.io.native import BASE_KEY, GROUND_NAME, body_entries, contacts, elastic, loops
+from jounce.model.coordinates import check_coordinate_names
 from jounce.model.drives import UNDRIVEN
 from jounce.model.frame import Frame
 from jounce.model.mechanism import GRAVITY, Mechanism
@@ -48,7 +49,7 @@ def read(robot: Entry, gravity: object = None, base: str | None = None) -> Mecha
     if stated and not floats:
         placed = [Frame(next(iter(places)), -1, np.eye(4)), *placed]
     tree = replace(built, joints=tuple(name for own in variables for name, *_ in own), frames=tuple(placed))
-    return contacts.read(robot, elastic.read(robot, loops.read(robot, tree)))
+    return contacts.read(robot, elastic.read(robot, loops.read(robot, check_coordinate_names(tree))))
 
 
 def _read_base(robot: Entry, base: str | None) -> list[Entry]:
