@@ -141,7 +141,6 @@ def test_noise_and_the_steps_of_steady_joints_are_no_vibrations(seed):
     assert max(errors(smooth, truth)) < 1.5
 
 
-@pytest.mark.parametrize(("count", "amplitude"), [(32, 2e-5), (64, 5e-5), (128, 1e-4), (512, 1e-5)])
 def test_noise_at_half_the_rate_of_the_rows_is_no_burst():
     """Powers there are squares of one normal number: large ones are more frequent than those of two."""
     for seed in range(4):
@@ -150,6 +149,7 @@ def test_noise_at_half_the_rate_of_the_rows_is_no_burst():
         assert not any("vibrates" in note for note in fit(t, q).notes)
 
 
+@pytest.mark.parametrize(("count", "amplitude"), [(32, 2e-5), (64, 5e-5), (128, 1e-4), (512, 1e-5)])
 def test_an_encoders_interpolation_error_has_its_count_per_turn(count, amplitude):
     rng = np.random.default_rng(0)
     truth, t = harmonics(rng, base=0.05, amplitude=0.5), np.arange(0, 10, 1e-3)
