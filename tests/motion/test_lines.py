@@ -60,6 +60,19 @@ def test_a_bandwidth_makes_a_ripple_noise_which_is_said():
     assert min(off[2:]) > 0.7
 
 
+@pytest.mark.parametrize("amplitude", [1e-4, 1e-3])
+def test_a_vibration_above_a_bandwidth_is_no_noise(amplitude):
+    """The deviations of a bandwidth are those without the vibration, and the mean square of its rates."""
+    rng, t = np.random.default_rng(0), np.arange(0, 6, 0.002)
+    q = np.stack([0.5 * np.sin(t), 0.4 * np.cos(1.3 * t)], axis=1) + 1e-5 * rng.normal(size=(t.size, 2))
+    w, middle = 2 * np.pi * 150.0, np.array([3.0])
+    quiet, loud = (fit(t, q + a * np.sin(w * t)[:, None] * [1, 0], bandwidth=6) for a in (0.0, amplitude))
+    assert (loud.shortfall(2), quiet.shortfall(2)) == (None, None)
+    for k in range(5):
+        held = np.hypot(quiet.deviations(middle, 4)[k], np.array([amplitude * w**k / np.sqrt(2), 0]))
+        np.testing.assert_allclose(loud.deviations(middle, 4)[k], held, rtol=0.3)
+
+
 def burst(seed, frequency=25.0, width=0.06, amplitude=2e-4, joints=1):
     """A slow motion with a wave under a Gaussian bell of a standard deviation in s, and its truth."""
     rng = np.random.default_rng(seed)

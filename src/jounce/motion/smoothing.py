@@ -50,6 +50,7 @@ MIN_NEEDED_INTERVALS = 0.7  # share of those that samples bear: a need of more l
 OUTLIER_DEVIATIONS = 6  # standard deviations, beyond which a row counts less
 MAX_OUTLIER_SHARE = 0.05  # of the samples; more of them are no outliers
 MIN_LONG_LOG = 20 * MIN_CELLS  # samples, from which on parts of them determine how many intervals they need
+MIN_LINE_TO_BAND = 2.0  # times the end of the band, from which on a spline takes no part of a vibration
 NEXT_LINE_TO_BAND = 1.5  # times the end of the band, from which on a line is another vibration
 MAX_VIBRATION_ROUNDS = 3  # in which vibrations are looked for once more, after those found are followed
 PROBES_OF_LOG = 6  # parts of a long log, evenly spread
@@ -170,23 +171,34 @@ def _smooth_once(
         left = timestamp_covariances(rows, raw, alike * times.sigma, times.own)
         chosen = refit_choice(samples.rows(cells), beats, chosen)
         notes += (f"time stamps scatter by {times.sigma:.2g} s; one shift per row, from all joints, corrects them",)
-    # what the spline leaves
+    # what the spline leaves: vibrations
     solution = chosen.solution
     residual = samples.q - solution.spline(samples.t)
-    excess = residual_excess(samples, residual, solution.breaks, chosen.variance)
-    variance = chosen.variance * beats.inflation(solution.breaks, rests=True)
-    beyond = chosen.variance * (excess - 1)
-    spread = SplineCovariances(solution, variance, chosen.coarser.spline, chosen.ratio, left, beyond, samples.unsure)
-    sigma = np.sqrt((residual**2).mean(axis=0))
-    notes += notes_of_residual(samples, residual, solution.breaks, excess)
     lines = find_lines(samples, residual, solution.spline)
     if found:  # a vibration of all joints looks like scatter of stamps, which corrected ones take
         stated = find_lines(stamped, stamped.q - solution.spline(stamped.t), solution.spline)
         lines = list({line.joint: line for line in sorted([*lines, *stated], key=lambda line: line.amplitude)}.values())
     else:  # corrected stamps leave errors that come and go with the velocity
         lines += find_bursts(samples, solution.breaks, cells)
+    # noise, which has no part of a vibration that is left out: its own deviation holds that
+    shares = _noise_shares(lines, residual.shape[1], 0.5 / median_length(solution.breaks))
+    excess = residual_excess(samples, residual, solution.breaks, chosen.variance)
+    variance = shares * chosen.variance * beats.inflation(solution.breaks, rests=True)
+    beyond = chosen.variance * (excess - 1)
+    spread = SplineCovariances(solution, variance, chosen.coarser.spline, chosen.ratio, left, beyond, samples.unsure)
+    sigma = np.sqrt(shares * (residual**2).mean(axis=0))
+    notes += notes_of_residual(samples, residual, solution.breaks, excess)
     left_out = replace(spread, left_out=tuple(lines))
     return SmoothedSamples(samples, solution.spline, left_out, sigma, notes, scatter=times if found else None)
+
+
+def _noise_shares(lines: Sequence[Line], count: int, band: float) -> np.ndarray:
+    """The shares (n,) of residuals' powers that are noise, without those of lasting vibrations well above the band."""
+    shares = np.ones(count)
+    for line in lines:
+        if line.lasts and line.frequency > MIN_LINE_TO_BAND * band:
+            shares[line.joint] = min(shares[line.joint], 1 - line.share)
+    return shares
 
 
 def interpolate(samples: Samples) -> SmoothedSamples:

@@ -40,6 +40,7 @@ class Line:
     span: tuple[float, float]  # s, from when to when it is seen
     lasts: bool = False  # whether that is all the time
     most: float | None = None  # what the amplitude may be, where rows that are uneven or moved hide a part of it
+    share: float = 0.0  # of the power of what the fit leaves
 
     @property
     def reach(self) -> tuple[float, float]:
@@ -80,7 +81,8 @@ def find_lines(samples: Samples, residual: np.ndarray, spline: "BSpline | None" 
             is_rounding = False  # a constant is rounded to a constant
         if not is_rounding:
             most = np.sqrt(2) * rms if share > MIN_DOMINANT_SHARE else LINE_LOSS * amplitude
-            found.append(Line(joint, at / (count * row), amplitude, (float(t[0]), float(t[-1])), True, float(most)))
+            span, line_share = (float(t[0]), float(t[-1])), float(around / power.sum())
+            found.append(Line(joint, at / (count * row), amplitude, span, True, float(most), line_share))
     return found
 
 
