@@ -278,7 +278,10 @@ CASES: dict[str, Case] = {
         ROBOT.with_limits(velocity=99).explain,
         {"motion": SAMPLED, "controller": None, "rate": 100.0, "differences": 3, "start": None},
     ),
-    "slowdown": (ROBOT.with_limits(effort=99).slowdown, {"motion": SAMPLED}),
+    "slowdown": (
+        ROBOT.with_limits(effort=99).slowdown,
+        {"motion": SAMPLED, "rate": 500.0, "differences": 3, "up_to_limits": False},
+    ),
     "retime": (
         ROBOT.with_limits(velocity=99, acceleration=99).retime,
         {"motion": SAMPLED, "margin": 0.01, "smooth": True, "rate": 500.0, "differences": 3},
