@@ -46,7 +46,7 @@ def check_near_singular(case, order, seed):
 def steep_robot(rng):
     """A tree of up to three bodies of 1 g to 10 kg with damping, friction and springs of six orders of magnitude.
 
-    Friction turns over at these speeds: where it is saturated, 1 - tanh^2 has few digits itself.
+    Friction turns over at these speeds, or is saturated.
     """
     nb = int(rng.integers(1, 4))
     parent = [int(rng.integers(-1, i)) if i else -1 for i in range(nb)]
@@ -56,7 +56,7 @@ def steep_robot(rng):
         return scale * 10 ** rng.uniform(-2, 4, nb) * (rng.random(nb) < 0.5)
 
     table = {name: np.full(nb, value) for name, value in UNDRIVEN.items()}
-    table |= {"damping": amounts(1.0), "friction": amounts(0.1), "eps": 10 ** rng.uniform(0.5, 1.5, nb)}
+    table |= {"damping": amounts(1.0), "friction": amounts(0.1), "eps": 10 ** rng.uniform(-3, 1.5, nb)}
     table |= {"stiffness": amounts(10.0), "rest": rng.normal(size=nb)}
     m = replace(m, drives=Drives(**table), acting=("damping", "friction", "spring"))
     return jounce.Robot(floating(m, rng) if rng.random() < 0.3 else m)

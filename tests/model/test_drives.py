@@ -47,7 +47,7 @@ def drawn_robot(drawn, terms=DRIVE_TERMS):
     return driven(mechanism, stated(rng, mechanism.nb), terms), rng
 
 
-def exact(term, drives, i, rates, order):
+def exact(term, drives, i, rates, order, digits=60):
     """The derivatives of a term of joint i, of the polynomial with the given rates, by mpmath's Taylor series."""
     d = {name: mpmath.mpf(float(array[i])) for name, array in drives.items()}
 
@@ -66,7 +66,7 @@ def exact(term, drives, i, rates, order):
         "spring": lambda t: d["stiffness"] * (theta(t, 0) - d["rest"]),
         "offset": lambda t: d["offset"],
     }
-    with mpmath.workdps(60):
+    with mpmath.workdps(digits):
         return [float(mpmath.diff(laws[term], 0, k)) for k in range(order + 1)]
 
 
@@ -81,6 +81,18 @@ def test_rates_of_every_term_are_exact(term):
     expected = np.stack([exact(term, drives, i, q[:, i], 4) for i in range(3)], axis=1)
     for k in range(5):
         assert relative_error(found[k], expected[k]) < 1e-13, k
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.1, 5.0, -10.0, 19.0, 25.0, 300.0], ids=lambda x: f"{x:g} eps")
+@pytest.mark.parametrize("term", ["friction", "stribeck"])
+def test_rates_of_saturated_friction_have_digits_of_their_own_size(term, speed):
+    """However much smaller than friction they are: 1 - tanh^2 has 8 digits at 9 eps, and none from 19 eps on."""
+    drives = {name: np.array([x]) for name, x in (("eps", 0.5), (term, 3.0), ("stribeck_velocity", 1e9))}
+    robot = jounce.Robot.from_screws(**ONE, drives=drives).with_drives([term])
+    q = np.random.default_rng(4).uniform(0.3, 1, (7, 1))
+    q[1] = speed * 0.5
+    found = np.ravel(robot.drive_forces(*q))
+    np.testing.assert_allclose(found, exact(term, drives, 0, q[:, 0], 4, digits=600), rtol=1e-11, atol=0)
 
 
 @settings(max_examples=6)

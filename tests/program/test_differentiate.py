@@ -98,3 +98,23 @@ def test_products_of_the_iiwa_take_no_more_operations_than_measured(order, most)
     evaluation = evaluate(program, tape, tape.variables(program.inputs))
     rows = [adjoints(evaluation, [float(i == k) for i in range(7)]) for k in range(7 if order == 0 else 0)]
     assert factor(tape.program(np.ravel(rows))).operations <= 4276
+
+
+@pytest.mark.parametrize("x", [0.0, 1e-9, 0.7, -5.0, 19.0, -25.0, 150.0, 1e4])
+def test_derivatives_of_tanh_have_the_digits_of_its_slope(x):
+    """However small the slope is, and where exp overflows."""
+    found, program = [], one_function("tanh")
+    for _ in range(3):
+        tape = Tape()
+        program = tape.program(tangents(evaluate(program, tape, tape.variables(1)), [1]))
+        found += program.run([x])
+    with mpmath.workdps(400):
+        y = mpmath.tanh(x)
+        s = 1 / mpmath.cosh(x) ** 2
+        expected = [float(z) for z in (s, -2 * y * s, s * (6 * y * y - 2))]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * float(s))
+
+
+def one_function(kind):
+    tape = Tape()
+    return tape.program([tape.function(kind, *tape.variables(1))])

@@ -29,6 +29,7 @@ from jounce.limits.root_finding import find_roots
 from jounce.model.limit_kinds import LIMIT_KINDS
 from jounce.model.mechanism import Mechanism
 from jounce.motion import Motion
+from jounce.program.operations import square_sech
 
 _TURN_OFFSETS = 0.5 ** np.arange(8, 20, 0.25)  # of the duration: how far from a turn points are added, 4e-3 to 1e-6
 _TURN_SHARES = 0.5 ** np.arange(1, 44)  # of the time from a turn to the next row, down to the rounding of times
@@ -159,7 +160,7 @@ class FrictionAlong:
         """tanh(w v) of velocities v (m, N), and its first four derivatives by them."""
         w = self.friction.slope
         y = np.tanh(w * velocity)
-        slope = 1 - y * y
+        slope = square_sech(w * velocity, y, np.exp)
         bent = [y, slope, -2 * y * slope, slope * (6 * y * y - 2), slope * y * (16 - 24 * y * y)]
         return [w**k * x for k, x in enumerate(bent)]
 

@@ -24,7 +24,7 @@ import numpy as np
 from jounce.core.errors import JounceError, as_list, check_choice, join_names, quote_value, warn
 from jounce.core.scalars import Array, is_finite
 from jounce.core.typing import DriveTerm, Floats
-from jounce.model.series_functions import SERIES_RULES, exponential, hyperbolic_tangent, inverse
+from jounce.model.series_functions import SERIES_RULES, exponential, hyperbolic_slope, hyperbolic_tangent, inverse
 from jounce.spatial.series import Series
 
 Coefficients = Mapping[str, Array]  # columns, one entry per joint
@@ -102,7 +102,7 @@ DRIVE_LAWS: dict[DriveTerm, DriveLaw] = {
 PARTIALS: dict[DriveTerm, tuple[int, DriveLaw]] = {  # by which rate of theta, and it
     "armature": (2, lambda c, theta: Series.constant(c["armature"])),
     "damping": (1, lambda c, theta: Series.constant(c["damping"])),
-    "friction": (1, lambda c, theta: c["friction"] * (c["slope"] * _square_sech(c["slope"] * theta.dot))),
+    "friction": (1, lambda c, theta: c["friction"] * (c["slope"] * hyperbolic_slope(c["slope"] * theta.dot))),
     "stribeck": (1, lambda c, theta: c["stribeck"] * _stribeck_slope(c, theta.dot)),
     "spring": (0, lambda c, theta: Series.constant(c["stiffness"])),
     "offset": (0, lambda c, theta: theta * 0),
@@ -173,12 +173,6 @@ def partials(c: Coefficients, terms: Sequence[str], theta: Series) -> tuple[Seri
     return found[0], found[1], found[2]
 
 
-def _square_sech(x: Series) -> Series:
-    """1 / cosh(x)^2, the derivative of tanh."""
-    y = hyperbolic_tangent(x)
-    return -(y * y) + 1
-
-
 def _fading(c: Coefficients, speed: Series) -> Series:
     """exp(-(theta' / vs)^2), the share of Stribeck friction that is left at a speed."""
     slow = c["stribeck_slope"] * speed
@@ -188,7 +182,7 @@ def _fading(c: Coefficients, speed: Series) -> Series:
 def _stribeck_slope(c: Coefficients, speed: Series) -> Series:
     """The derivative of tanh(theta' / eps) exp(-(theta' / vs)^2) by theta'."""
     falls = hyperbolic_tangent(c["slope"] * speed) * (c["stribeck_slope"] * c["stribeck_slope"] * speed) * 2
-    return (c["slope"] * _square_sech(c["slope"] * speed) - falls) * _fading(c, speed)
+    return (c["slope"] * hyperbolic_slope(c["slope"] * speed) - falls) * _fading(c, speed)
 
 
 def select_terms(terms: object, choices: tuple[DriveTerm, ...] = ALL_DRIVE_TERMS) -> tuple[DriveTerm, ...]:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from jounce.core.scalars import cos, exp, reciprocal, sin, sqrt, tanh
+from jounce.program.operations import square_sech
 from jounce.program.program import Program
 from jounce.spatial.series import Series, from_rate
 
@@ -23,7 +24,17 @@ def inverse(x: Series) -> Series:
 
 def hyperbolic_tangent(x: Series) -> Series:
     """The hyperbolic tangent."""
-    return from_rate(tanh(x[0]), lambda y: (-(y * y) + 1) * x.dot)
+    return from_rate(tanh(x[0]), lambda y: _square_sech(x, y) * x.dot)
+
+
+def hyperbolic_slope(x: Series) -> Series:
+    """1 / cosh(x)^2, the derivative of the hyperbolic tangent."""
+    return _square_sech(x, hyperbolic_tangent(x))
+
+
+def _square_sech(x: Series, y: Series) -> Series:
+    """1 / cosh(x)^2 of y = tanh x: 1 - y^2, whose rates are of the same size, and without them loses its digits."""
+    return from_rate(square_sech(x[0], y[0], exp), lambda _: -(y * y).dot)
 
 
 def exponential(x: Series) -> Series:
