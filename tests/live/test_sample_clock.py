@@ -5,11 +5,11 @@ import warnings
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from live.test_live_code import Compiled
 
 import jounce
 from jounce import JounceError, JounceWarning
 from jounce.cli import main
+from live.test_live_code import Compiled
 from support.tools import needs
 
 ROBOT = jounce.load("planar2r")
@@ -125,14 +125,15 @@ def test_new_clock_begins_without_the_samples_before():
         if k >= 2:
             fresh.update([np.sin(time), 0.0], time)
             fresh.forces()
+    for time in t[:2]:
+        with pytest.raises(JounceError, match="not after the last sample"):
+            old.update([np.sin(time), 0.0], time)
     with pytest.warns(JounceWarning, match="t = 0.002 s is taken for that of a new clock"):
-        for k, time in enumerate(t):
-            try:
-                old.update([np.sin(time), 0.0], time)
-            except JounceError:
-                assert k < 2
-            else:
-                old.forces()
+        old.update([np.sin(t[2]), 0.0], t[2])
+    old.forces()
+    for time in t[3:]:
+        old.update([np.sin(time), 0.0], time)
+        old.forces()
     np.testing.assert_array_equal(old.rates, fresh.rates)
     np.testing.assert_array_equal(old.deviations, fresh.deviations)
     np.testing.assert_array_equal(old.forces().certain, fresh.forces().certain)
@@ -141,10 +142,9 @@ def test_new_clock_begins_without_the_samples_before():
 @pytest.mark.filterwarnings("ignore::jounce.JounceWarning")
 def test_window_of_the_noise_does_not_join_two_clocks():
     live, random = ROBOT.live(1e-3), np.random.default_rng(0)
-    for k, time in enumerate([*1e-3 * np.arange(2000), *1e-3 * np.arange(2000)]):
-        q = [np.sin(k / 1000), np.cos(k / 1000)] + random.normal(0, 1e-4, 2)
+    for k, q in enumerate(np.sin(1e-3 * np.arange(4000)[:, None] + [0, 1]) + random.normal(0, 1e-4, (4000, 2))):
         try:
-            live.update(q, time)
+            live.update(q, 1e-3 * (k % 2000))
         except JounceError:
             assert k in (2000, 2001)
     assert live._noise.sigma == pytest.approx(1e-4, rel=0.2)

@@ -36,7 +36,8 @@ def spell_code(text: str, s: Settings, target: Language, single: bool, prefix: s
     constants = (
         vars(innovations) | vars(settings) | vars(estimator) | {"START_VARIANCE": START_VARIANCE, "TURN": 2 * np.pi}
     )
-    constants |= {"OMEGA": float(s.omega[0]), "DT": s.dt, "LAG": s.lag, "SPACING": s.spacing, "LONGEST_GAP": s.longest_gap}
+    constants |= {"OMEGA": float(s.omega[0]), "DT": s.dt, "LAG": s.lag, "SPACING": s.spacing}
+    constants |= {"LONGEST_GAP": s.longest_gap}
     words = {name: listed([x]) for name, x in constants.items() if name.isupper() and is_finite(x)}
     words |= {"NEW_CLOCK_STAMPS": str(NEW_CLOCK_STAMPS), "N": str(s.mechanism.n), "M": str(s.states), "K": str(s.kept)}
     words |= {"NOISE": listed(s.sigma), "FASTEST": listed(s.fastest), "TURNS": listed(2 * np.pi * s.turns)}

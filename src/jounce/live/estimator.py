@@ -238,7 +238,7 @@ class LiveRates:
             share = 1.0 if np.isnan(self._forces_at) else -np.expm1((self._forces_at - self._now) / SIGNAL_TIME)
             self._power = self._power + share * (forces[2] ** 2 - self._power)
             self._forces_at = self._now
-        # By its rms too, of which noise of this variance is a part: noise alone exceeds its deviation one time in three.
+        # By its rms too, of which such noise is a part: noise alone exceeds its deviation one time in three.
         certain = variances[2] < np.minimum(forces[2] ** 2, self._power / 2)
         Q2d = forces[2] if keep_uncertain else np.where(certain, forces[2], np.nan)
         Q, Qd, Q2d_deviation = np.sqrt(variances)
