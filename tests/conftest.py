@@ -69,8 +69,9 @@ def _own_cache(tmp_path_factory):
     """Native code of the tests is compiled by them, once for all workers, and leaves nothing in the user's cache."""
     own = tmp_path_factory.getbasetemp()
     shared = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+    kept = os.environ.get("JOUNCE_TEST_KERNELS")  # by whoever runs some tests many times
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("JOUNCE_CACHE_DIR", str(shared / "kernels"))
+        patch.setenv("JOUNCE_CACHE_DIR", kept or str(shared / "kernels"))
         yield
 
 
