@@ -169,7 +169,7 @@ def test_a_joint_that_seldom_changes_is_smoothed_with_the_others():
     rng = np.random.default_rng(0)
     t = np.arange(3000) / 1000
     q = np.stack([0.4 * np.sin(3 * t) + 1e-4 * rng.normal(size=len(t)), np.zeros(len(t))], axis=1)
-    for k in range(5):
+    for _ in range(5):
         q[rng.integers(200, 2800) :, 1] += rng.normal()
     smooth = fit(t, q)
     assert np.abs(smooth.spline(t)[:, 0] - 0.4 * np.sin(3 * t))[300:-300].max() < 1e-3

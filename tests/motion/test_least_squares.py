@@ -116,7 +116,7 @@ def test_tens_of_rows_are_summed_alike():
 
 @pytest.mark.parametrize("start", [0, 4])
 @pytest.mark.parametrize("alone", [0, 1, 2, 3])
-def test_breaks_that_rows_at_the_rim_of_a_hole_do_not_bear_are_dropped(start, alone):
+def test_breaks_that_a_hole_does_not_bear_are_dropped(start, alone):
     """They left equations singular, where a hole of seconds holds one row or two."""
     t = np.arange(8000) / 1000
     inside = (t > start) & (t < start + 3)

@@ -125,7 +125,7 @@ def fit_breaks(rows: SplineRows, breaks: np.ndarray) -> SplineSolution:
 def determine_breaks(rows: SplineRows, breaks: np.ndarray) -> tuple[np.ndarray, SplineEquations]:
     """Those of the breaks that the samples bear, and the equations of their splines.
 
-    Two samples in each interval may lie at its rim alone, beside a hole, and hardly determine a coefficient: intervals
+    Two samples in each interval may lie at its rim alone, at a hole, and hardly determine a coefficient: intervals
     need twice as many samples, again and again, as long as the equations are singular. `LinAlgError` if those of a
     single interval are.
     """

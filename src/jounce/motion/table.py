@@ -85,7 +85,17 @@ def motion_from_columns(
         spreads = collect_rates(si, known, DEVIATION)[: len(rows)]
         curve = HermiteCurve(t, rows, spreads if len(spreads) == len(rows) else None, rounding, place, tuple(known))
         samples = SampleCurve(curve, ALL_RATES_SOURCE)
-    notes = (*of_times, *found.notes, *of_rates, *of_turns, *of_wraps, *samples.notes, *of_followers, *of_poses, *of_loads)
+    notes = (
+        *of_times,
+        *found.notes,
+        *of_rates,
+        *of_turns,
+        *of_wraps,
+        *samples.notes,
+        *of_followers,
+        *of_poses,
+        *of_loads,
+    )
     made, through = (samples.curve, joints, samples.source, W), (t, q) if found.sampled else None
     return Motion(*made, through, samples.residual, t, torques, notes, base, branch, several)
 
