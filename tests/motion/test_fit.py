@@ -342,6 +342,24 @@ def test_what_cannot_be_smoothed_is_refused_in_one_line(t, q, options, message):
     assert "\n" not in str(refusal.value)
 
 
+@pytest.mark.parametrize("count", [MIN_FIT_SAMPLES, 30, 33])
+def test_a_few_noisy_samples_are_smoothed(count):
+    """Below 33 they were divided by zero intervals."""
+    t = np.arange(count) / 10
+    smooth = fit(t, np.sin(t) + 0.01 * np.random.default_rng(0).normal(size=count))
+    assert np.abs(smooth.spline(t)[:, 0] - np.sin(t)).max() < 0.03
+
+
+@pytest.mark.parametrize("noise", [0, 1e-3])
+def test_times_that_determine_no_spline_are_the_cause_that_is_named(noise):
+    t = np.geomspace(1e-12, 1, 26)
+    q = np.sin(6 * t) + noise * np.random.default_rng(0).normal(size=26)
+    with pytest.raises(JounceError) as refusal:
+        fit(t, q)
+    assert "samples that are 2.02e-12 to 0.669 s apart, the latter from t = 0.331" in str(refusal.value)
+    assert "more of them" not in str(refusal.value)
+
+
 def test_a_hole_that_the_motion_cannot_be_continued_over_is_refused():
     measured = log("noise 1e-4")
     kept = (measured.t < 3) | (measured.t > 5)

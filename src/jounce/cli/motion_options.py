@@ -80,6 +80,10 @@ TABLE_OPTIONS: tuple[Decorator, ...] = (
         help="Names of the columns of measured torques, such as 'tau{number}'; default: tau_JOINT, JOINT.tau, ..."
     ),
     _option("--angles", type=click.Choice(["rad", "deg"]), help="Unit of angles and their rates in the table."),
+    _option(
+        "--unwrap", is_flag=True,
+        help="Take off the whole turns of angles that wrap, 0 to 360 degrees or -pi to pi, and follow them on."
+    ),
     _option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of times in the table."),
     _option(
         "--rename", metavar="OLD=NEW",

@@ -14,7 +14,7 @@ from jounce.motion.holds import SampleHolds, find_holds
 from jounce.motion.knots import median_length
 from jounce.motion.least_squares import MIN_CELLS
 from jounce.motion.noise import Noise, classify_noise, find_step
-from jounce.motion.reliability import peaks_and_shares, refuse_holes
+from jounce.motion.reliability import describe_undetermined, peaks_and_shares, refuse_holes
 from jounce.motion.samples import Samples, check_samples, find_spikes
 from jounce.motion.sensors import SensorClocks, find_sensors
 from jounce.motion.smoothing import SmoothedSamples, find_moving_joints, fit_even_breaks, interpolate, is_exact, smooth
@@ -181,8 +181,7 @@ def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence
     try:
         moving, holds, smoothed = _smooth_samples(Samples(times, samples, np.ones(len(times)), span, steps), bandwidth)
     except np.linalg.LinAlgError:
-        text = "no spline of degree 9 follows from these samples: give more of them, at distinct times"
-        raise JounceError(text) from None
+        raise JounceError(describe_undetermined(times)) from None
     movers = np.flatnonzero(moving)
     noise = [Noise(float(column.std()), "rest") for column in samples.T]
     notes = [f"{wild.sum()} rows lie far from their neighbours; they are ignored"] if wild.any() else []

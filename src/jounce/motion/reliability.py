@@ -14,6 +14,7 @@ from jounce.motion.deviations import MAX_DEVIATION_ORDER
 from jounce.motion.noise import varies_slowly
 from jounce.motion.samples import Samples
 from jounce.motion.smoothness import MIN_HOLE_TO_SPACING
+from jounce.motion.spline import INTERPOLATION_OPTION
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -45,6 +46,17 @@ def refuse_holes(t: np.ndarray, breaks: np.ndarray) -> None:
                 f"no samples from t = {t[k]:.6g} to {t[k + 1]:.6g} s: {apart[k]:.3g} s, where the motion can be"
                 f" continued over {np.median(around):.3g} s; split the log there, or set a lower bandwidth"
             )
+
+
+def describe_undetermined(t: np.ndarray) -> str:
+    """Why no spline of degree 9 follows from samples at times t (N,), which leave the coefficients undetermined."""
+    apart = np.diff(t)
+    k = int(apart.argmax())
+    return (
+        f"no spline of degree 9 follows from samples that are {apart.min():.3g} to {apart[k]:.3g} s apart, the latter"
+        f" from t = {t[k]:.9g} to {t[k + 1]:.9g} s; split the log there, or interpolate it by"
+        f" {INTERPOLATION_OPTION}"
+    )
 
 
 def residual_excess(samples: Samples, residual: np.ndarray, breaks: np.ndarray, variance: np.ndarray) -> np.ndarray:

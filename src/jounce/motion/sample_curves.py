@@ -15,10 +15,16 @@ from jounce.motion.fit import Fit, fit
 from jounce.motion.noise import estimate_local_noise
 from jounce.motion.samples import MIN_FIT_SAMPLES
 from jounce.motion.smoothness import MAX_NOISE_DEVIATIONS, describe_sample_jumps
-from jounce.motion.spline import CommandRows, SampledColumns, Smoothing, Spline, SplineCurve, fit_spline
+from jounce.motion.spline import (
+    INTERPOLATION_OPTION,
+    CommandRows,
+    SampledColumns,
+    Smoothing,
+    Spline,
+    SplineCurve,
+    fit_spline,
+)
 from jounce.spatial.series import rate_name
-
-INTERPOLATION_OPTION = "--degree 7 (degree=7)"
 
 
 @dataclass(frozen=True, eq=False)

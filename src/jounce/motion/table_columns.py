@@ -6,7 +6,15 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 from jounce.arguments import names
-from jounce.core.errors import JounceError, join_names, one_line, option_name, quote_value, unknown_name_error
+from jounce.core.errors import (
+    JounceError,
+    check_bool,
+    join_names,
+    one_line,
+    option_name,
+    quote_value,
+    unknown_name_error,
+)
 from jounce.model.coordinates import coordinate_units, position_units
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import Position, list_multiscrew_joints, position_names
@@ -44,9 +52,11 @@ class ColumnOptions:
     time_unit: str | None = None
     torques: str | None = None
     rename: str | None = None
+    unwrap: bool = False  # whether angles wrap, and turns are to be taken off
     skip: bool = field(default=False, repr=False)  # bad rows, whose treatment changes no result
 
     def __post_init__(self) -> None:
+        check_bool("unwrap", self.unwrap, "whether angles wrap at whole turns, which are to be taken off")
         for what, given, known in (("angles", self.angles, ANGLE_UNITS), ("time_unit", self.time_unit, TIME_UNITS)):
             if given is not None and (not isinstance(given, str) or given not in known):
                 raise unknown_name_error(f"unit of {what}", given, known)
@@ -63,6 +73,7 @@ class ColumnOptions:
         """Raise `JounceError` if options for columns are given although the motion has no columns."""
         names = {"time": self.time, "columns": self.pattern, "angles": self.angles, "time_unit": self.time_unit}
         given = [name for name, value in {**names, "rename": self.rename}.items() if value is not None]
+        given += ["unwrap"] * self.unwrap
         if given:
             raise JounceError(f"{place}: {reason}; {option_name(given[0])} is for the columns of a table: leave it out")
 
@@ -78,6 +89,7 @@ class ColumnMatch:
     others: tuple[str, ...] = ()
     angles_stated: bool = False
     time_stated: bool = False
+    unwrap: bool = False
 
     @property
     def names(self) -> list[str]:
@@ -132,7 +144,7 @@ def match_columns(header: Sequence[str], mechanism: Mechanism, options: ColumnOp
     angles_stated = options.angles is not None or any(units[sources[name]] for name in wanted)
     time_stated = options.time_unit is not None or units[sources[TIME]] is not None
     others = tuple(sources[name] for name in ignored)
-    return ColumnMatch(sampled, used, factors, torques, others, angles_stated, time_stated)
+    return ColumnMatch(sampled, used, factors, torques, others, angles_stated, time_stated, options.unwrap)
 
 
 @lru_cache(maxsize=64)
