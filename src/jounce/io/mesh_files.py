@@ -8,8 +8,9 @@ import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from jounce.io.ros_packages import MANIFESTS
+
 PACKAGES = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH")  # environment variables
-MANIFESTS = ("package.xml", "manifest.xml")  # one of them makes a folder a package of ROS
 NO_FILE = "no such file"
 OUTSIDE = "not in the folders of the robot; --meshes FOLDER allows it"
 
