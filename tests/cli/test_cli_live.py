@@ -135,3 +135,21 @@ def test_rows_go_as_samples_come():
             process.stdin.write(f"{k / 1000},0.1,0.2\n")
         process.stdin.close()
         assert "Traceback" not in process.stderr.read()
+
+
+@pytest.mark.parametrize(
+    ("stamps", "words"),
+    [
+        ([0, 0], "the stamps of the first 2 rows do not increase: 0.0 and 0.0 s; state the spacing of samples by --dt"),
+        ([3, 2, 1], "the stamps of the first 3 rows do not increase: 3.0 and 2.0 s; state the spacing"),
+        ([1], "fewer than two rows of samples; state the spacing"),
+        ([0, 0, 0.01], None),  # one spacing counts
+    ],
+)
+def test_first_stamps_that_do_not_increase_are_named(tmp_path, stamps, words):
+    path = tmp_path / "samples.csv"
+    path.write_text("t,joint1,joint2\n" + "".join(f"{t},0,0\n" for t in stamps))
+    result = CliRunner().invoke(main, ["live", "planar2r", str(path)])
+    assert (result.exit_code != 0) == (words is not None), result.stderr
+    assert (words or "") in result.stderr
+    assert "dt is" not in result.stderr

@@ -1,4 +1,4 @@
-"""Packages that a xacro file names: found around its own package, as workspaces lay them out, by the name they state."""
+"""Packages that a xacro file names: found around its own, as workspaces lay them out, by the names they state."""
 
 import numpy as np
 import pytest
@@ -68,9 +68,8 @@ def test_the_nearest_package_counts_and_two_as_near_are_named(tmp_path):
     (tmp_path / "src/link").symlink_to(tmp_path / "src/one")  # the same package
     assert masses(path) == [7, 7]
     package(tmp_path / "src/two", "arm_macros", link=MACROS)
-    refusal(
-        lambda: jounce.load(path), str(path), "2 packages are named 'arm_macros'", "src/one", "src/two", "ROS_PACKAGE_PATH"
-    )  # fmt: skip
+    words = ["2 packages are named 'arm_macros'", "src/one", "src/two", "ROS_PACKAGE_PATH"]
+    refusal(lambda: jounce.load(path), str(path), *words)
     (tmp_path / "src/one/COLCON_IGNORE").touch()
     assert masses(path) == [3.25, 1.5]
     package(tmp_path / "src/arm/three", "arm_macros", link=MACROS.replace("${mass}", "8"))

@@ -92,7 +92,7 @@ def test_options_of_smoothing_and_of_splines_exclude_each_other(smooth, by_hand)
 
 def test_few_samples_name_the_option_that_takes_them():
     few = {name: column[:23] for name, column in LOG.items()}
-    refusal(lambda: jounce.load_motion(few, PLANAR), "23 samples; smoothing needs at least 24; --degree 7 (degree=7)")
+    refusal(lambda: jounce.load_motion(few, PLANAR), "23 samples; smoothing needs at least 24; degree=7 takes")
 
 
 def test_round_numbers_by_chance_are_no_step():

@@ -126,11 +126,6 @@ def check_choice(kind: str, given: object, existing: Iterable[str], owner: str =
     return given
 
 
-def option_name(keyword: str) -> str:
-    """An option of a command, and the keyword of the library: messages name both, for either reader."""
-    return f"--{keyword.rstrip('_').replace('_', '-')} ({keyword}=)"
-
-
 def as_list(given: object) -> list[Any]:
     """Return a list of what a caller gives: the items of an iterable, or the single item."""
     if isinstance(given, str) or not isinstance(given, Iterable):

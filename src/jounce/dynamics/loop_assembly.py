@@ -16,6 +16,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names
 from jounce.dynamics import loop_newton
 from jounce.dynamics.loop_branches import Scales, scales, with_solved_loops
@@ -117,8 +118,9 @@ def assemble(m: Mechanism, start: np.ndarray) -> np.ndarray:
     q, off = minimize_gaps(m, s, q, everything)
     if off[0] > CLOSED_GAP:
         raise JounceError(
-            f"{m.name!r}: {describe_worst_gap(m, s, q[0])}; the loops cannot be closed from this start; give start=,"
-            " joint positions near a configuration in which they are closed"
+            f"{m.name!r}: {describe_worst_gap(m, s, q[0])}; the loops cannot be closed from this start;"
+            f" give {Remedy('start=', 'a start in its file')}, joint positions near a configuration in which they are"
+            " closed"
         )
     return np.asarray(q[0])
 

@@ -1,7 +1,7 @@
 """Packages of ROS by the names in their manifests: above a file, in the environment, and around the file's package.
 
-Workspaces keep packages next to each other, in ``src``, or one folder deeper, in repositories of several packages. Their
-file may include one of another package before anything is built or installed.
+Workspaces keep packages next to each other, in ``src``, or one folder deeper, in repositories of several packages. A
+file of one may include a file of another before anything is built or installed.
 """
 
 from collections.abc import Callable, Iterator
@@ -67,10 +67,14 @@ def find_around(name: str, file: Path) -> Path:
             if read_package_name(folder) == name:
                 named.append(folder)
         if len(named) > 1:
-            raise JounceError(f"{len(named)} packages are named {quote_value(name)}: {join_names(map(str, named))}; {cure}")
+            raise JounceError(
+                f"{len(named)} packages are named {quote_value(name)}: {join_names(map(str, named))}; {cure}"
+            )
         if named:
             return named[0]
-    places = f"in the folders above the file, in ROS_PACKAGE_PATH, or up to two folders below {join_names(map(str, levels))}"
+    places = (
+        f"in the folders above the file, in ROS_PACKAGE_PATH, or up to two folders below {join_names(map(str, levels))}"
+    )
     raise JounceError(f"no package {quote_value(name)} {places}; {cure}")
 
 

@@ -1,7 +1,7 @@
 """YAML text: the documents of a file, with tags of angles and without anything that fills the memory.
 
-``!degrees 90`` and ``!radians 1.57`` are what xacro and the limits of MoveIt know. A value with such a tag is no number,
-so that only readers of angles take it.
+``!degrees 90`` and ``!radians 1.57`` are what xacro and the limits of MoveIt know. A value with such a tag is not a
+number, so that only readers of angles take it.
 """
 
 from collections.abc import Iterator

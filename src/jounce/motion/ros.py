@@ -74,11 +74,15 @@ def read_joint_states(messages: Sequence[Any], place_of: Callable[[int], str]) -
         raise JounceError(f"{place_of(0)}: name is {quote_value(names)}; expected names of joints")
     for name, count in Counter(names).items():
         if count > 1:
-            raise JounceError(f"{place_of(0)}: joint {quote_value(name)} occurs {count} times; expected every joint once")
+            raise JounceError(
+                f"{place_of(0)}: joint {quote_value(name)} occurs {count} times; expected every joint once"
+            )
     stamps, positions, efforts = [], [], []
     for number, message in enumerate(messages):
         if not is_joint_state(message):
-            raise JounceError(f"{place_of(number)} is {quote_value(message)}; expected a JointState, as those before it")
+            raise JounceError(
+                f"{place_of(number)} is {quote_value(message)}; expected a JointState, as those before it"
+            )
         came, position, effort = (_get_list(message, field) for field in ("name", "position", "effort"))
         if came != names or len(position) != len(names):
             came_of = f"is of {join_names(map(str, came))}, with {len(position)} positions"
@@ -101,7 +105,9 @@ def read_joint_states(messages: Sequence[Any], place_of: Callable[[int], str]) -
 def _read_nanoseconds(message: Any, place: str) -> int:
     """The stamp in the header of a message: integers of seconds and nanoseconds."""
     stamp = _get_field(_get_field(message, "header"), "stamp")
-    parts = [next((_get_field(stamp, name) for name in names if _has_field(stamp, name)), None) for names in TIME_FIELDS]
+    parts = [
+        next((_get_field(stamp, name) for name in names if _has_field(stamp, name)), None) for names in TIME_FIELDS
+    ]
     if not all(isinstance(part, int | np.integer) and not isinstance(part, bool) for part in parts):
         raise JounceError(f"{place}: stamp is {quote_value(stamp)}; expected integers {{sec: ..., nanosec: ...}}")
     seconds, nanoseconds = (int(part) for part in parts if part is not None)

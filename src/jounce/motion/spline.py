@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.core.errors import JounceError, check_bool, check_choice, one_line, option_name, quote_value, warn
+from jounce.core.cures import option_name
+from jounce.core.errors import JounceError, check_bool, check_choice, one_line, quote_value, warn
 from jounce.motion.curves import SmoothCurve
 from jounce.motion.smoothness import MAX_ROUNDING_SHARE, rate_sizes, rounding_error
 from jounce.spatial.series import rate_name

@@ -3,7 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jounce.core.errors import JounceError, join_names, locate_errors, option_name, unknown_name_error
+from jounce.core.cures import option_name
+from jounce.core.errors import JounceError, join_names, locate_errors, unknown_name_error
 from jounce.io.entries import DOCUMENT_SUFFIXES
 from jounce.model.mechanism import Mechanism
 

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import (
     JounceError,
     join_names,
@@ -46,10 +47,10 @@ def read(
     with _open_bag(source) as bag:
         topics = {c.topic: c.msgtype for c in bag.connections if c.msgtype in (JOINT_STATE, *TRAJECTORIES)}
         if topic is not None and topic not in topics:
-            raise JounceError(f"{source}: --topic: {unknown_name_error('topic', topic, topics)}")
+            raise JounceError(f"{source}: {unknown_name_error('topic', topic, topics)}")
         if topic is None and len(topics) != 1:
             kinds = f"JointTrajectory or JointState in it: {join_names(topics) or 'none'}"
-            raise JounceError(f"{source}: topics of type {kinds}; select one with --topic NAME")
+            raise JounceError(f"{source}: topics of type {kinds}; select one with {Remedy('topic=', '--topic NAME')}")
         chosen = topic if topic is not None else next(iter(topics))
         connections = [c for c in bag.connections if c.topic == chosen]
         messages = [bag.deserialize(raw, c.msgtype) for c, _, raw in bag.messages(connections)]
