@@ -176,3 +176,8 @@ def test_commands_keep_through_shifts_and_other_orders_of_joints():
     found = commands.find_commands(swapped.curve)
     np.testing.assert_allclose(found.t[:-1], t + 3)
     assert commands.find_commands(table(t, q).scaled(2).curve) is None
+
+
+def test_sampled_is_a_method_and_no_constructor():
+    said = "Motion.sampled() is a method of a motion, got ndarray; Motion.fit(t, q) makes a motion of samples"
+    refusal(lambda: jounce.Motion.sampled(np.arange(3.0), np.zeros((3, 2))), said)

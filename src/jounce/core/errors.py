@@ -188,6 +188,12 @@ def _cut_text(text: str, most: int) -> str:
 class _ShortRepr(Repr):
     """Short reprs of values in messages: a few lines of YAML with aliases can make trees of any size."""
 
+    def repr1(self, x: Any, level: int) -> str:
+        """Return the repr of a value; that of a number of NumPy is the one of Python's, without its type."""
+        if type(x).__module__ == "numpy" and getattr(x, "shape", None) == () and not hasattr(x, "__array_function__"):
+            return repr(x.item()) if isinstance(x, str | bytes) else str(x)
+        return super().repr1(x, level)
+
     def repr_int(self, x: int, level: int) -> str:
         try:
             return super().repr_int(x, level)
