@@ -25,12 +25,11 @@ def flat_loop(out_of_plane, turned=0.0):
     return arm, jounce.Loop(tip, pivot, "revolute", np.array([0.0, 0.0, 1.0]))
 
 
+ROUNDED, OPEN = "closes to", "is open by"
 START = {"joint1": 1.2, "joint2": -1.2, "joint3": -1.9}
 
 
-@pytest.mark.parametrize(
-    ("off", "words"), [(9e-8, "closes to"), (4e-6, "closes to"), (2e-5, "is open by"), (0.01, "is open by")]
-)
+@pytest.mark.parametrize(("off", "words"), [(9e-8, ROUNDED), (4e-6, ROUNDED), (2e-5, OPEN), (0.01, OPEN)])
 def test_gaps_below_the_digits_of_files_are_not_called_open(off, words):
     arm, loop = flat_loop(off)
     said = refusal(lambda: arm.closed([loop], ["joint1"], start=START), words)

@@ -102,9 +102,8 @@ def select_by_bic(rows: SplineRows, floor: np.ndarray, guess: int | None = None)
 def select_knots(rows: SplineRows, beats: Beats, intervals: int, floor: np.ndarray) -> KnotChoice:
     """The spline of least estimated error, from a first number of intervals; `floor` (n,) is a variance of rounding."""
     evenly = even_breaks(rows)
-    variance = np.maximum(
-        floor, estimate_noise_variance(rows, beats, evenly(min(2 * intervals, max_intervals(rows) // 2)))
-    )
+    fine = max(1, min(2 * intervals, max_intervals(rows) // 2))  # few samples bear one interval
+    variance = np.maximum(floor, estimate_noise_variance(rows, beats, evenly(fine)))
     best, _ = _minimize_cp(rows, beats, evenly, intervals, variance)
     family = evenly
     if best.intervals > 16 and _is_uneven(rows, beats, best, variance):
