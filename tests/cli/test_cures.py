@@ -44,23 +44,52 @@ def folder(tmp_path_factory):
     return found
 
 
-WRONG = [
-    *("check iiwa14 paper", "retime iiwa14 paper -o o.csv", "slowdown iiwa14 paper -o o.csv", "explain iiwa14 paper --rate 500"),
-    *("explain panda plan.yaml --controller ur", "explain planar2r samples.csv", "motors iiwa14 paper -o o.csv"),
-    *("motors planar2r samples.csv --stiffness 100 -o o.csv", "excite planar2r -o o.csv", "excite g1 --base floating -o o.csv"),
-    *("identify planar2r samples.csv -o k.yaml", "payload planar2r samples.csv", "stiffness planar2r samples.csv --motors m{number} -o k.yaml"),
-    *(f"run planar2r {name} -o o.csv" for name in ("few.csv", "others.csv", "millis.csv", "back.csv", "noisy.csv")),
-    *(f"run planar2r {name} -o o.csv" for name in ("degrees.csv", "cells.csv", "absent.csv")),
-    *("run g1 samples.csv --base floating -o o.csv", "run planar2r paper --degree 7 -o o.csv"),
-    *("run planar2r plan.yaml --rename a=b -o o.csv", "run planar2r samples.csv --measured motors -o o.csv"),
-    *("run planar2r samples.csv --base floating -o o.csv", "run planar2r plan.yaml --topic /a -o o.csv"),
-    *("retime planar2r plan.yaml --limits limits.yaml -o o.csv", "slowdown planar2r plan.yaml --limits limits.yaml -o o.csv"),
-    *("retime planar2r samples.csv --limits limits.yaml -o o.csv", "check planar2r plan.yaml --limits limits.yaml --rate 100"),
-    *(f"live planar2r {name}" for name in ("few.csv", "others.csv", "degrees.csv", "back.csv")),
-    *("live planar2r samples.csv --bandwidth 1e6", "live planar2r samples.csv --columns q", "report planar2r others.csv -o o.html"),
-    *("codegen planar2r --lang c --output motor_torques -o out", "view planar2r others.csv", "motion planar2r others.csv -o o.csv"),
-    *("compare planar2r", "convert planar2r -o o.yaml --base floating", "info planar2r --base floating --lock joint1=0"),
-]  # fmt: skip
+WRONG = """\
+check iiwa14 paper
+retime iiwa14 paper -o o.csv
+slowdown iiwa14 paper -o o.csv
+explain iiwa14 paper --rate 500
+explain panda plan.yaml --controller ur
+explain planar2r samples.csv
+motors iiwa14 paper -o o.csv
+motors planar2r samples.csv --stiffness 100 -o o.csv
+excite planar2r -o o.csv
+excite g1 --base floating -o o.csv
+identify planar2r samples.csv -o k.yaml
+payload planar2r samples.csv
+stiffness planar2r samples.csv --motors m{number} -o k.yaml
+run planar2r few.csv -o o.csv
+run planar2r others.csv -o o.csv
+run planar2r millis.csv -o o.csv
+run planar2r back.csv -o o.csv
+run planar2r noisy.csv -o o.csv
+run planar2r degrees.csv -o o.csv
+run planar2r cells.csv -o o.csv
+run planar2r absent.csv -o o.csv
+run g1 samples.csv --base floating -o o.csv
+run planar2r paper --degree 7 -o o.csv
+run planar2r plan.yaml --rename a=b -o o.csv
+run planar2r samples.csv --measured motors -o o.csv
+run planar2r samples.csv --base floating -o o.csv
+run planar2r plan.yaml --topic /a -o o.csv
+retime planar2r plan.yaml --limits limits.yaml -o o.csv
+slowdown planar2r plan.yaml --limits limits.yaml -o o.csv
+retime planar2r samples.csv --limits limits.yaml -o o.csv
+check planar2r plan.yaml --limits limits.yaml --rate 100
+live planar2r few.csv
+live planar2r others.csv
+live planar2r degrees.csv
+live planar2r back.csv
+live planar2r samples.csv --bandwidth 1e6
+live planar2r samples.csv --columns q
+report planar2r others.csv -o o.html
+codegen planar2r --lang c --output motor_torques -o out
+view planar2r others.csv
+motion planar2r others.csv -o o.csv
+compare planar2r
+convert planar2r -o o.yaml --base floating
+info planar2r --base floating --lock joint1=0
+""".splitlines()
 
 
 @pytest.mark.parametrize("line", WRONG)

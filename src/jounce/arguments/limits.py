@@ -14,7 +14,6 @@ from jounce.model.limit_kinds import BOUNDED_FORCES, EFFORT_KINDS, LIMIT_KEYS, M
 from jounce.model.mechanism import Mechanism
 from jounce.model.stated_limits import StatedLimit, change_limits
 
-
 ACTUATED = Remedy(", or robot.closed(actuated=[...]) with it")
 
 
