@@ -53,7 +53,7 @@ def option_name(keyword: str) -> str:
 
 
 def join_cures(cures: Iterable[Remedy | str]) -> str:
-    """Those cures that a reader has, "a, b, or c"; "" where there is none."""
+    """Those cures that a reader has, "a, b, or c"; "" without any."""
     known = [text for text in map(str, cures) if text]
     return ", or ".join([", ".join(known[:-1])] * (len(known) > 1) + known[-1:])
 
