@@ -122,7 +122,7 @@ BAD = {
     "empty": ("", ["the motion is None", "expected keys and values"]),
     "not YAML": ("time: [1, 2", ["m.yaml:1: not YAML"]),
     "repeated key": (BOTH + "  joint1: {offset: 3}\n", ["m.yaml:5: not YAML", "joint1"]),
-    "code": ("time: !!python/object:os.system x", ["not YAML"]),
+    "code": ("time: !!python/object:os.system x", ["unknown tag"]),
     "no joints": (TIME, ["the motion has no 'joints'"]),
     "unknown key": (BOTH.replace("time", "tiem"), ["m.yaml:1: the motion has no key 'tiem'; did you mean 'time'?"]),
     "unknown joint": (BOTH + "  joint3: {}\n", ["unknown 'joint3'; expected terms for each of joint1, joint2"]),

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jounce.core.cures import FLOATING_BASE, Remedy
 from jounce.core.errors import JounceError, as_list, check_choice, join_names, quote_value
 from jounce.core.scalars import is_numeric
 from jounce.dynamics.contacts import Stance
@@ -21,7 +22,7 @@ def with_contacts(mechanism: Mechanism, contacts: object) -> Mechanism:
     """The robot on contacts; raise `JounceError` unless they can balance what moves its base."""
     name, given = quote_value(mechanism.name), as_list(contacts)
     if not mechanism.floats:
-        raise JounceError(f"{name} does not float, as what stands on contacts does; load it with base='floating'")
+        raise JounceError(f"{name} does not float, as what stands on contacts does; load it with {FLOATING_BASE}")
     if mechanism.closure or mechanism.elasticity:
         has = "closed loops" if mechanism.closure else "elastic joints"
         raise JounceError(f"{name} has {has}; contacts take a tree of rigid joints")
@@ -46,7 +47,7 @@ def refuse_contacts(mechanism: Mechanism, what: str) -> None:
     """Raise `JounceError` if a robot that stands on contacts is to have what only others have."""
     if mechanism.contacts:
         name = quote_value(mechanism.name)
-        raise JounceError(f"{name} has contacts, and {what}; robot.contacts([]) is the robot without them")
+        raise JounceError(f"{name} has contacts, and {what}{Remedy('; robot.contacts([]) is the robot without them')}")
 
 
 def balance_maps(m: Mechanism, q: np.ndarray, base: np.ndarray | None = None) -> np.ndarray:

@@ -35,6 +35,7 @@ from jounce.cli.run import run
 from jounce.cli.slowdown import slowdown
 from jounce.cli.stiffness import stiffness
 from jounce.cli.view import view
+from jounce.core.cures import running_command
 from jounce.core.errors import JounceError, escape_text, one_line
 from jounce.core.version import __version__
 
@@ -95,6 +96,13 @@ def _is_stop(error: BaseException | None) -> bool:
 
 
 class _Commands(click.Group):
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """Find the command; from here on, messages name its options."""
+        found = super().resolve_command(ctx, args)
+        options = found[1].params if found[1] is not None else []
+        ctx.with_resource(running_command(name for option in options for name in option.opts))
+        return found
+
     def main(self, *args: Any, **options: Any) -> Any:
         """Run the command; what the output cannot encode is escaped."""
         for stream in (sys.stdout, sys.stderr):

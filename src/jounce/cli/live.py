@@ -69,9 +69,13 @@ def live(
         rows = read_samples(read_lines(source, follow and str(samples) != "-"), arm.mechanism, columns)
         first = list(islice(rows, FIRST_ROWS if dt is None else 0))
         if dt is None:
-            spacings = sorted(later - before for (before, _), (later, _) in pairwise(first))
+            stamps = [t for t, _ in first]
+            spacings = sorted(later - before for before, later in pairwise(stamps) if later > before)
             if not spacings:
-                raise JounceError("there are fewer than two rows of samples; state their spacing by --dt")
+                came = "there are fewer than two rows of samples"
+                if len(stamps) > 1:
+                    came = f"the stamps of the first {len(stamps)} rows do not increase: {stamps[0]} and {stamps[1]} s"
+                raise JounceError(f"{came}; state the spacing of samples by --dt")
             dt = spacings[len(spacings) // 2]
         _write(arm, LiveRates(arm, dt, bandwidth, lag), chain(first, rows), as_json)
 

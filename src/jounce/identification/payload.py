@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, quote_value, shorten, warn
 from jounce.core.scalars import is_finite
 from jounce.core.typing import DriveTerm, DriveTerms
@@ -80,7 +81,7 @@ def identify_payload(
     if mass is None and not changes and abs(x[0]) < NULL_DEVIATIONS * table[0].deviation:
         notes.append(f"no load is seen: its mass is {x[0]:.3g} +- {table[0].deviation:.2g} kg")
     if unseen := [row.name for row in table if not row.seen]:
-        cure = "expected the motion of robot.excite(payload=True) (jounce excite --payload)"
+        cure = f"expected the motion of {Remedy('robot.excite(payload=True)', '`jounce excite --payload`')}"
         notes.append(f"the logs do not determine {join_names(unseen)}: deviations exceed sizes; {cure}")
     for text in notes:
         warn(text)

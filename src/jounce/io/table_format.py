@@ -13,11 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value
 from jounce.io.columns import CellError, Columns, Select, TableMetadata
 from jounce.io.remainders import split_names
 
-ROW_CURE = "repair or remove the row, or leave bad rows out by --on-error skip (on_error='skip')"
+ROW_CURE = Remedy(
+    "repair or remove the row, or leave bad rows out by on_error='skip'",
+    "repair or remove the row, or leave bad rows out by --on-error skip",
+)
 CELLS_PER_CHUNK = 1 << 19  # 4 MB of numbers, which stay in the cache while they are computed
 # that columns which are inflated as a whole take beyond the bytes of their file: a small file states any size
 MAX_INFLATED_BYTES = 1 << 30

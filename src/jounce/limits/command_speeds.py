@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value
 from jounce.engine.engine import Engine
 from jounce.limits.check import Check, check
@@ -142,8 +143,9 @@ class CommandSpeeds:
         name = quote_value(validate_limits(self.robot, self.motion).name(kind, j))
         return JounceError(
             f"at {self.rate:g} Hz the {kind.replace('_', ' ')} of joint {name} is beyond its limit at t = {t:.6g} s"
-            f" even at {factor:.2g} times the speed; change the motion, as motion.blended(time) (--blend) does, or"
-            " with_limits"
+            f" even at {factor:.2g} times the speed; change the motion, as"
+            f" {Remedy('motion.blended(time)', '--blend')} does, or"
+            f" {Remedy('with_limits', '--limits')}"
         )
 
 

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, check_bool, quote_value
 from jounce.core.scalars import is_finite
@@ -210,7 +211,7 @@ def _verify_friction(robot: Engine, found: Retiming, problem: RetimeProblem) -> 
             raise JounceError(
                 f"retiming fails: {worst}, where at most {problem.share:g} is expected:"
                 f" the Coulomb friction turns over within {1 / problem.friction.slope.max():g} rad/s or m/s, which is"
-                " too steep: expected a larger one, robot.with_drives(..., eps=...)"
+                f" too steep: expected a larger one{Remedy(', robot.with_drives(..., eps=...)')}"
             )
     return found
 

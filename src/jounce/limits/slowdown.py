@@ -24,6 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, check_bool, quote_value
 from jounce.engine.along import ForceBreak, check_motion
@@ -144,7 +145,7 @@ def slowdown(
 ) -> Slowdown:
     """The largest factor of speed such that every smaller one keeps all limits too, at most 1 unless `up_to_limits`."""
     if are_limited(robot.mechanism):
-        raise JounceError(f"{robot.name!r}: slowdown takes contacts without friction= and sole=; check judges them")
+        raise JounceError(f"{robot.name!r}: slowdown takes contacts without friction and sole; check judges them")
     check_bool("up_to_limits", up_to_limits, "whether the motion may become faster")
     given = check_motion(robot.mechanism, motion)
     speeds = find_command_speeds(robot, given, rate, differences)
@@ -252,5 +253,5 @@ def _refuse_jumps(b: LimitedMotion, breaks: Sequence[ForceBreak]) -> None:
             limit = kind.replace("_", " ")
             raise JounceError(
                 f"break at t = {t:.9g} s: the {limit} of joint {joint} is infinite there at every speed, and it has a"
-                " limit; motion.blended(time) (--blend) replaces breaks"
+                f" limit; {Remedy('motion.blended(time)', '--blend S')} replaces breaks"
             )

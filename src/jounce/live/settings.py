@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments.names import array_by_name
+from jounce.core.cures import option_name
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import array_of_shape, is_finite, is_numeric
 from jounce.model.coordinates import coordinate_units, leading_joints
@@ -102,7 +103,8 @@ def check_settings(m: Mechanism, dt: Any, bandwidth: Any, lag: Any, states: Any,
     if not len(f) or not 0 < f[0] <= highest:
         came = f"bandwidth {f[0]:g} Hz" if len(f) else f"the bank from {BANK[0]:g} Hz on"
         raise JounceError(
-            f"{came} does not fit samples every {float(dt):g} s; expected bandwidth= above 0 to {highest:g} Hz"
+            f"{came} does not fit samples every {float(dt):g} s;"
+            f" expected {option_name('bandwidth')} above 0 to {highest:g} Hz"
         )
     sigma = np.full(m.n, np.nan)
     if noise is not None:

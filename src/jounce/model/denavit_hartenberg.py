@@ -148,7 +148,7 @@ def _warn_of_degrees(rows: Sequence[Row]) -> None:
         for name in ("alpha", "theta"):
             angle = row[DH_PARAMETERS.index(name)]
             if isinstance(angle, float) and abs(angle) > MIN_DEGREES_ANGLE:
-                cure = "degrees=True (angles: deg in a file) takes degrees"
+                cure = "{Cure('degrees=True', 'angles: deg')} takes degrees"
                 warn(f"table[{i}]: {name} is {angle:g} rad, more than a turn; {cure}")
                 return
 

@@ -21,6 +21,7 @@ from operator import add
 
 import numpy as np
 
+from jounce.core.cures import Remedy, option_name
 from jounce.core.errors import JounceError, as_list, check_choice, join_names, quote_value, warn
 from jounce.core.scalars import Array, is_finite
 from jounce.core.typing import DriveTerm, Floats
@@ -110,7 +111,9 @@ PARTIALS: dict[DriveTerm, tuple[int, DriveLaw]] = {  # by which rate of theta, a
 DRIVE_TERMS = tuple(DRIVE_LAWS)  # whose forces follow from the motion alone
 LOAD_FRICTION: DriveTerm = "load_friction"
 ALL_DRIVE_TERMS = (*DRIVE_TERMS, LOAD_FRICTION)
-OMIT_LOAD_FRICTION = f"omit it, robot.with_drives({list(DRIVE_TERMS)}) (--drives)"  # the cure where it is not served
+OMIT_LOAD_FRICTION = Remedy(  # where it is not served
+    f"omit it, robot.with_drives({list(DRIVE_TERMS)})", f"omit it, --drives {','.join(DRIVE_TERMS)}"
+)
 AMOUNTS: dict[str, str] = {term: term for term in ALL_DRIVE_TERMS} | {"spring": "stiffness"}  # 0 if not stated
 MOMENTUM_LAWS: dict[DriveTerm, DriveLaw] = {"armature": lambda c, theta: c["armature"] * theta.dot}
 ENERGY_LAWS: dict[DriveTerm, DriveLaw] = {
@@ -204,7 +207,10 @@ def warn_of_idle(drives: Drives, terms: object, eps: float | None, name: str) ->
     stated = stated_terms(drives)
     if asked and not set(asked) & set(stated):
         there = f"; it states {join_names(stated)}" if stated else ""
-        warn(f"{name}: drives={quote_value(terms)} has no effect: the robot states no {' or '.join(asked)}{there}")
+        warn(
+            f"{name}: {option_name('drives')} {quote_value(terms)} has no effect:"
+            f" the robot states no {' or '.join(asked)}{there}"
+        )
     if eps is not None and not {"friction", LOAD_FRICTION} & set(asked) & set(stated):
         why = "the robot states no friction" if "friction" in asked else "it is of friction, which is not selected"
         warn(f"{name}: eps={quote_value(eps)} has no effect: {why}")

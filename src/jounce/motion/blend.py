@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError
 from jounce.motion.curves import INNER_SHARES, Curve, DerivedCurve, Jump, find_jumps
 from jounce.motion.hermite import interpolate_hermite
@@ -96,7 +97,7 @@ def _check_gaps(base: Curve, t: np.ndarray, time: float, name: str) -> None:
         )  # fmt: skip
         raise JounceError(
             f"a blend of {time:g} s does not fit between {where}, of {name};"
-            f" expected --blend (blended(time=...)) of at most {np.floor(gaps[i] * 1e6) / 1e6:g} s"
+            f" expected {Remedy('blended(time=...)', '--blend')} of at most {np.floor(gaps[i] * 1e6) / 1e6:g} s"
         )
 
 
