@@ -74,9 +74,10 @@ def test_limits_that_are_broken_are_named(tmp_path):
     ],
 )
 def test_row_that_cannot_be_used_is_left_out_with_a_warning(spoil, says):
-    result = call(*SETTINGS, given=samples(spoil))
+    result = call(*SETTINGS, given=samples(spoil), code=3)
     assert says in result.stderr
-    assert result.stderr.count("Warning") == 1
+    assert result.stderr.count("Warning") == 2
+    assert "1 rows are left out" in result.stderr
     assert len(read(result.stdout)) == len(TIMES) - 21
 
 
@@ -93,7 +94,8 @@ def test_cell_that_is_no_number_is_a_lost_sample():
         ("1,2,3\n4,5,6\n", "expected a row of names"),
         ("t,joint1\n0,1\n", "joint2"),
         ("t,joint1,joint2\n0,1,2\n", "fewer than two rows"),
-        ("t,joint1,joint2\n1,1,2\n0.5,1,2\n", "do not increase: 1.0 and 0.5 s"),
+        ("t,joint1,joint2\n1,1,2\n0.5,1,2\n", "two rows of samples at increasing t"),
+        ("t,joint1,joint2\n1,1,2\n1,1,2\n", "state their spacing by --dt"),
     ],
 )
 def test_wrong_samples_are_one_line(given, says):

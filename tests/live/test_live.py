@@ -273,9 +273,24 @@ def test_uncertain_second_rate_is_nan_unless_kept():
         live.update(sample, time)
         forces, kept = live.forces(), live.forces(keep_uncertain=True)
         np.testing.assert_array_equal(np.isnan(forces.Q2d), ~forces.certain | np.isnan(kept.Q2d))
+        assert not (np.abs(forces.Q2d) <= forces.deviations[2]).any()
         shares.append(forces.certain.mean())
     assert np.isfinite(kept.Q2d).all()
     assert np.mean(shares) < 0.5
+
+
+def test_second_rate_that_passes_zero_is_nan_while_it_is_smaller_than_its_deviation():
+    """Of a joint whose Q2d is a sine far above its noise: both signs are kept, what lies between them is not."""
+    live, found, t = PLANAR.live(1e-3, **QUIET | {"noise": 1e-6}, lag=0.05), [], 1e-3 * np.arange(3000)
+    random = np.random.default_rng(0)
+    for time in t:
+        live.update(sine(3 * time) / 3 + random.normal(0, 1e-6, 2), time)
+        forces = live.forces()
+        found.append([forces.Q2d, live.forces(keep_uncertain=True).Q2d, forces.deviations[2]])
+    Q2d, kept, deviation = np.array(found)[1500:].swapaxes(0, 1)
+    np.testing.assert_array_equal(np.isnan(Q2d), np.abs(kept) <= deviation)
+    assert (np.isnan(Q2d).mean(axis=0) > 0).all()
+    assert (np.isnan(Q2d).mean(axis=0) < 0.5).all()
 
 
 def test_benchmark_of_given_bandwidths_is_that_of_the_estimator():

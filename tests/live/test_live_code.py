@@ -39,7 +39,7 @@ class Compiled:
         n, m, kept = s.mechanism.n, s.states, s.kept
         fields = [
             ("t", float), ("rates", real, (5, n)), ("deviations", real, (5, n)), ("innovation_rms", real, n),
-            ("good", np.int32, n), ("moving", np.int32, n), ("flags", np.int32, 3), ("times", float, 3 + kept),
+            ("good", np.int32, n), ("moving", np.int32, n), ("flags", np.int32, 4), ("times", float, 4 + kept),
             ("y", real, n), ("z", real, (kept, m, n + m)), ("memory", real, m * kept * m + 7 * n),
         ]  # fmt: skip
         self.state = np.zeros((), np.dtype(fields, align=True))
@@ -174,7 +174,8 @@ def test_bad_sample_is_left_out(q, t, compiled):
     compiled.update(q, t)
     assert compiled.code == -1
     np.testing.assert_array_equal(compiled.state["z"], before["z"])
-    np.testing.assert_array_equal(compiled.state["times"], before["times"])
+    now_and_kept = np.arange(26) != 1  # without the stamp that was refused
+    np.testing.assert_array_equal(compiled.state["times"][now_and_kept], before["times"][now_and_kept])
     compiled.update([0.9, np.nan, *[0.1] * 5])
     assert compiled.code == 1
 

@@ -12,6 +12,7 @@ from jounce.engine.engine import Engine
 from jounce.live import estimator, innovations, settings
 from jounce.live.estimator import LiveRates
 from jounce.live.filter import START_VARIANCE
+from jounce.live.sample_clock import NEW_CLOCK_STAMPS
 from jounce.live.settings import Settings
 
 LIVE_FUNCTIONS = ["sqrt", "exp", "expm1", "pow", "fabs", "fmin", "fmax", "floor"]  # with an f in single precision
@@ -36,8 +37,9 @@ def spell_code(text: str, s: Settings, target: Language, single: bool, prefix: s
         vars(innovations) | vars(settings) | vars(estimator) | {"START_VARIANCE": START_VARIANCE, "TURN": 2 * np.pi}
     )
     constants |= {"OMEGA": float(s.omega[0]), "DT": s.dt, "LAG": s.lag, "SPACING": s.spacing}
+    constants |= {"LONGEST_GAP": s.longest_gap}
     words = {name: listed([x]) for name, x in constants.items() if name.isupper() and is_finite(x)}
-    words |= {"N": str(s.mechanism.n), "M": str(s.states), "K": str(s.kept)}
+    words |= {"NEW_CLOCK_STAMPS": str(NEW_CLOCK_STAMPS), "N": str(s.mechanism.n), "M": str(s.states), "K": str(s.kept)}
     words |= {"NOISE": listed(s.sigma), "FASTEST": listed(s.fastest), "TURNS": listed(2 * np.pi * s.turns)}
     words |= {"LOCAL": "inline", "PUBLIC ": "inline ", "real": target.real[single]}
     if target.name == "c":

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from jounce.robot import Robot
 
 FIRST_ROWS = 20  # whose median spacing is dt, unless it is given
+EXIT_ROWS_LEFT_OUT = 3  # what is written is not all that was asked for, as an undecided check is
 COLUMNS = ("q", "qd", "q2d", "q3d", "q4d", "Q", "Qd", "Q2d", "Q_sd", "Qd_sd", "Q2d_sd")
 
 EPILOG = """\b
@@ -35,7 +36,8 @@ NAME.q .. NAME.q4d, NAME.Q, NAME.Qd, NAME.Q2d, their deviations NAME.Q_sd ...,
 whether all joints are trusted, and the limits that are broken by more than
 two deviations. Without a lag Q2d serves no feedback; a Q2d that is smaller
 than its deviation is left empty. Rows that cannot be used are left out with a
-warning.
+warning, and the exit code is 3 then. Three rows in a row whose times are not
+after the last one, but increase, start a new clock.
 """
 
 
@@ -69,18 +71,23 @@ def live(
         rows = read_samples(read_lines(source, follow and str(samples) != "-"), arm.mechanism, columns)
         first = list(islice(rows, FIRST_ROWS if dt is None else 0))
         if dt is None:
-            stamps = [t for t, _ in first]
-            spacings = sorted(later - before for before, later in pairwise(stamps) if later > before)
-            if not spacings:
-                came = "there are fewer than two rows of samples"
-                if len(stamps) > 1:
-                    came = f"the stamps of the first {len(stamps)} rows do not increase: {stamps[0]} and {stamps[1]} s"
-                raise JounceError(f"{came}; state the spacing of samples by --dt")
-            dt = spacings[len(spacings) // 2]
-        _write(arm, LiveRates(arm, dt, bandwidth, lag), chain(first, rows), as_json)
+            dt = _usual_spacing([t for t, _ in first])
+        left_out = _write(arm, LiveRates(arm, dt, bandwidth, lag), chain(first, rows), as_json)
+    if left_out:
+        warn(f"{left_out} rows are left out")
+        raise SystemExit(EXIT_ROWS_LEFT_OUT)
 
 
-def _write(arm: "Robot", live: "LiveRates", rows: "Iterable[tuple[float, np.ndarray]]", as_json: bool) -> None:
+def _usual_spacing(times: list[float]) -> float:
+    """The median spacing of the first rows, without those whose time does not increase, which are left out."""
+    spacings = sorted(later - before for before, later in pairwise(times) if later > before)
+    if not spacings:
+        raise JounceError("there are fewer than two rows of samples at increasing t; state their spacing by --dt")
+    return spacings[len(spacings) // 2]
+
+
+def _write(arm: "Robot", live: "LiveRates", rows: "Iterable[tuple[float, np.ndarray]]", as_json: bool) -> int:
+    """Write a row per sample; return how many are left out."""
     from jounce.live.broken_limits import find_broken, judged_limits
 
     judged = judged_limits(arm)
@@ -91,11 +98,16 @@ def _write(arm: "Robot", live: "LiveRates", rows: "Iterable[tuple[float, np.ndar
     if not as_json:
         table.writerow(["t", *names, "trusted", "broken"])
     live.forces()  # compiles its code before samples come
+    left_out = 0
     for t, q in rows:
+        if not isfinite(t):
+            left_out += 1
+            continue
         try:
             rates = live.update(q, t)
         except JounceError as error:
             warn(str(error))
+            left_out += 1
             continue
         if not isfinite(live.t):  # before the first sample
             continue
@@ -111,3 +123,4 @@ def _write(arm: "Robot", live: "LiveRates", rows: "Iterable[tuple[float, np.ndar
             said = "; ".join(f"{found.limit.replace('_', ' ')} of {found.joint}" for found in broken)
             table.writerow([live.t, *numbers, int(trusted), said])
         sys.stdout.flush()
+    return left_out

@@ -5,18 +5,18 @@ from typing import Any
 import numpy as np
 
 from jounce.arguments.rates import convert_coordinates
-from jounce.core.errors import JounceError, check_bool, quote_value
+from jounce.core.errors import JounceError, check_bool, quote_value, warn
 from jounce.core.scalars import is_numeric
 from jounce.engine.engine import Engine
 from jounce.live.filter import Filters, correct, innovation_variance, predict, process_noise, start_filters, transition
 from jounce.live.forces import SIGNAL_TIME, LiveForces, LiveLinks, estimate_links, linear_variances, linearize_forces
 from jounce.live.innovations import CHOICE_TIME, TRUST_TIME, Innovations, Trust
-from jounce.live.sample_noise import NoiseWindows, add_sample
+from jounce.live.sample_clock import NEW_CLOCK_STAMPS, SampleClock
+from jounce.live.sample_noise import NoiseWindows, add_sample, forget_window
 from jounce.live.settings import RATE_COUNT, check_settings
 from jounce.motion.curves import ROUNDING_OF_Q
 from jounce.motion.units import warn_of_degrees
 
-MAX_GAP_ANGLE = 15.0  # rad of the highest bandwidth without a sample, after which nothing is known of the motion
 SETTLING_ANGLE = 15.0  # rad of a bandwidth, before which a filter is a polynomial through all samples, of any motion
 MAX_REPEAT_TIME = 0.05  # s: rows that repeat the last one for longer are those of a robot that rests
 REPEAT_DEVIATIONS = 3.0  # by which a joint should have moved, if a row repeats the last one by mistake
@@ -54,9 +54,13 @@ class LiveRates:
         self.settings = s = check_settings(robot.mechanism, dt, bandwidth, lag, states, noise)
         steps = np.nan_to_num(s.sigma * np.sqrt(12))  # of encoders whose rounding is the stated noise
         self._robot, self._noise = robot, NoiseWindows(s.sigma, steps)
-        self._now = self._forces_at = np.nan  # times of the last call, and of the last forces
-        self._power = np.zeros(len(s.sigma))  # mean square of Q2d
+        self._clock = SampleClock()
+        self._power, self._forces_at = np.zeros(len(s.sigma)), np.nan  # mean square of Q2d, and its last time
         self._forget()
+
+    @property
+    def _now(self) -> float:
+        return self._clock.now
 
     def _forget(self) -> None:
         """Begin without samples."""
@@ -102,7 +106,8 @@ class LiveRates:
             Positions, rad or m, or by joint name. NaN: the sample is lost, and rates are predicted.
         t : float, optional
             Time of the sample, s; by default `dt` after the last one. Stamps that differ from even ones are worth a
-            factor of 20 and more.
+            factor of 20 and more. Three in a row that are not after the last one, but increase, are those of a new
+            clock: a `JounceWarning` says so, and rates begin with the third sample.
 
         Returns
         -------
@@ -112,8 +117,7 @@ class LiveRates:
         Raises
         ------
         JounceError
-            If a shape is wrong, t is not after the last one, or a joint jumps. The sample is left out then, as if this
-            had not been called.
+            If a shape is wrong, t is not after the last one, or a joint jumps. The sample is left out then.
 
         Examples
         --------
@@ -123,26 +127,45 @@ class LiveRates:
         >>> q
         array([0.1, 0.2])
         """
-        s, now = self.settings, self.settings.check_time(t, self._now)
+        s = self.settings
         y = convert_coordinates(s.mechanism, q, "q", s.mechanism.n)
         if not is_numeric(y) or y.ndim != 1 or np.isinf(y).any():
             raise JounceError(f"q is {quote_value(q)}; expected ({s.mechanism.n},) numbers, NaN of a lost sample")
-        lost = bool(np.isnan(y).any())
-        if self._filters is not None and (now - self._sampled) * s.omega[-1] > MAX_GAP_ANGLE:
+        lost, clock = bool(np.isnan(y).any()), self._read_clock(t)
+        now, step = clock.now, clock.now - self._now
+        if self._filters is not None and now - self._sampled > s.longest_gap:
             self._forget()
         if self._filters is not None:
-            self._step(now, y if lost else self._y + s.check_jump(y, now, self._y, self._sampled), lost)
+            moved = np.full(len(y), np.nan) if lost else s.check_jump(y, now, self._y, self._sampled)
+            self._step(now, step, self._y + moved, lost)
         elif not lost:
             warn_of_degrees(y[None], np.zeros((1, len(y))), s.mechanism, "q")
             self._filters = start_filters(y, len(s.omega), s.kept, s.states)
             self._times, self._begin, self._sampled, self._y = np.full(s.kept, now), now, now, y.copy()
-        self._now = now
+        self._clock = clock
         self._read()
         return self.rates
 
-    def _step(self, now: float, y: np.ndarray, lost: bool) -> None:
+    def _read_clock(self, t: object) -> SampleClock:
+        """The clock with the stamp of a sample; a new one begins without samples, as nobody knows the time between."""
+        found = self._clock.read(t, self.settings.dt, self.settings.longest_gap)
+        if found.refused:
+            self._clock = found
+            last = f"not after the last sample at {found.now:.9g} s"
+            cure = f"leave the row out; {NEW_CLOCK_STAMPS} such rows in a row whose t increases start a new clock"
+            raise JounceError(f"t is {found.stamp:.9g} s, {last}; {cure}")
+        if found.is_new:
+            warn(
+                f"t = {found.now:.9g} s is taken for that of a new clock: {NEW_CLOCK_STAMPS} samples in a row are not "
+                f"after {self._now:.9g} s and increase; rates begin with this sample, and the ones before are forgotten"
+            )
+            self._forget()
+            self._noise, self._forces_at = forget_window(self._noise), np.nan
+        return found
+
+    def _step(self, now: float, step: float, y: np.ndarray, lost: bool) -> None:
         """Predict to the present, and correct by a sample that is not lost."""
-        s, step = self.settings, now - self._now
+        s = self.settings
         assert self._filters is not None
         scaled, keep = s.omega * step, s.kept > 1 and self._times[0] - self._times[1] > KEPT_SHARE * s.spacing
         W = process_noise(scaled, s.omega * s.dt, s.states)
@@ -187,7 +210,8 @@ class LiveRates:
         Parameters
         ----------
         keep_uncertain : bool, optional
-            Whether to keep a Q2d that is not certain, instead of NaN.
+            Whether to keep a Q2d that is not certain, instead of NaN: one that is smaller than its deviation, or
+            whose rms over the last second, without noise, is.
 
         Returns
         -------
@@ -214,7 +238,8 @@ class LiveRates:
             share = 1.0 if np.isnan(self._forces_at) else -np.expm1((self._forces_at - self._now) / SIGNAL_TIME)
             self._power = self._power + share * (forces[2] ** 2 - self._power)
             self._forces_at = self._now
-        certain = variances[2] < self._power / 2  # the other half is noise of this variance
+        # By its rms too, of which such noise is a part: noise alone exceeds its deviation one time in three.
+        certain = variances[2] < np.minimum(forces[2] ** 2, self._power / 2)
         Q2d = forces[2] if keep_uncertain else np.where(certain, forces[2], np.nan)
         Q, Qd, Q2d_deviation = np.sqrt(variances)
         return LiveForces(forces[0], forces[1], Q2d, (Q, Qd, Q2d_deviation), certain)

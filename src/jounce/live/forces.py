@@ -20,7 +20,7 @@ class LiveForces(NamedTuple):
     """Forces and their rates (n,) of `LiveRates.forces`, N m or N, per s, per s^2.
 
     `deviations` are the standard deviations of the three. `certain` says whose Q2d has a smaller deviation than its
-    rms over the last second without noise.
+    size, and than its rms over the last second without noise.
 
     Examples
     --------

@@ -44,6 +44,11 @@ def add_sample(known: NoiseWindows, t: float, q: np.ndarray) -> NoiseWindows:
     return replace(known, rows=rows, sigma=sigma, steps=steps, joints=known.joints[1:])
 
 
+def forget_window(known: NoiseWindows) -> NoiseWindows:
+    """The same noise, without the samples of a window that fills: later ones have another clock."""
+    return replace(known, rows=(), joints=())
+
+
 def estimate_noise(t: np.ndarray, q: np.ndarray) -> tuple[float, float]:
     """Standard deviation and step of one joint's samples (N,); (0, 0) where it rests on a step of its encoder.
 

@@ -31,7 +31,7 @@ def read_lines(source: IO[str], follow: bool) -> Iterator[str]:
 
 
 def read_samples(lines: Iterator[str], mechanism: Mechanism, pattern: str | None) -> Iterator[tuple[float, np.ndarray]]:
-    """Times, s, and positions (n,) of rows, rad or m; what is no number is NaN. Rows without a time are left out."""
+    """Times, s, and positions (n,) of rows, rad or m; what is no finite number is NaN, and a time with a warning."""
     first = next(lines, "")
     lines = chain([first], lines)
     mark = next((mark for mark in ",;\t" if mark in first), ",")
@@ -46,13 +46,13 @@ def read_samples(lines: Iterator[str], mechanism: Mechanism, pattern: str | None
         t, *q = (_number(row.get(match.sources[name])) * match.factors[name] for name in names)
         if np.isnan(t):
             warn(f"row {quote_value(row)} has no time; it is left out")
-        else:
-            yield t, np.array(q)
+        yield t, np.array(q)
 
 
 def _number(cell: Any) -> float:
-    found = parse_finite(cell.strip()) if isinstance(cell, str) else cell
-    return float(found) if isinstance(found, int | float) and not isinstance(found, bool) else np.nan
+    text = cell.strip() if isinstance(cell, str) else repr(cell)  # JSON has numbers of any size
+    found = parse_finite(text)
+    return np.nan if found is None else found
 
 
 def _parse_object(line: str) -> dict[str, Any]:

@@ -22,6 +22,7 @@ STATES = range(RATE_COUNT, 9)
 MAX_LAG = 1.0  # s, which the kept states span
 KEPT_STATES = 20  # within the lag: Taylor's series from the nearest one is exact to far below its deviation
 MIN_JUMP_TIME = 0.01  # s, in which samples without stamps may be lost, and coarse encoders pass a step
+MAX_GAP_ANGLE = 15.0  # rad of the highest bandwidth without a sample, after which nothing is known of the motion
 MAX_CYCLE_SHARE = 0.25  # of a cycle of the bandwidth, per sample
 
 
@@ -53,20 +54,14 @@ class Settings:
         return 2 + int(np.ceil(self.lag / self.spacing - 1e-9)) if self.lag else 1
 
     @property
+    def longest_gap(self) -> float:
+        """The time without a sample, s, after which nothing is known of the motion."""
+        return MAX_GAP_ANGLE / float(self.omega[-1])
+
+    @property
     def spacing(self) -> float:
         """The spacing of kept states, s."""
         return max(self.dt, self.lag / KEPT_STATES)
-
-    def check_time(self, t: object, last: float) -> float:
-        """The time of a sample, by default dt after the last one."""
-        if t is None:
-            return 0.0 if np.isnan(last) else last + self.dt
-        if not is_finite(t):
-            raise JounceError(f"t is {quote_value(t)}; expected the time of the sample in s, or None")
-        time = float(t)  # type: ignore[arg-type]
-        if last >= time:
-            raise JounceError(f"t is {time:.9g} s, not after the last sample at {last:.9g} s; leave the row out")
-        return time
 
     def check_jump(self, y: np.ndarray, now: float, last: np.ndarray, sampled: float) -> np.ndarray:
         """By how much the joints moved (n,) since the last sample, across the ends of a turn too."""
