@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.stats import chi2
@@ -19,7 +19,7 @@ from jounce.spatial import inertia
 from support.bases import random_base
 from support.files import refusal
 from support.robots import floating, mechanisms, random_inertia, random_mechanism, random_pose
-from support.units import SI
+from support.units import ANY_UNITS, SI, Units, coordinate_factors, in_units, joint_factors, velocity_factors
 
 TERMS = ("armature", "damping", "friction", "offset")
 UNIT_MOMENTS = inertia.moment_matrix(inertia.from_parameters(np.eye(10)))
@@ -45,16 +45,26 @@ def other_bodies(m, rng, far):
     return log_cholesky(far * rng.normal(size=(m.nb, 10)), np.linalg.cholesky(moments(inertial_parameters(m))))
 
 
-def data(m, rng, p, d=(), terms=(), deviation=0.1, count=60):
-    """The information, the least-squares estimate and the true values, of forces at random states."""
-    base, q = base_parameters(m), rng.uniform(-2, 2, (3, count, m.n))
-    moved = (random_base(rng, 3)[0], *rng.uniform(-2, 2, (2, count, 6))) if m.floats else None
+def data(m, rng, p, d=(), terms=(), deviation=0.1, count=60, u=SI):
+    """The information, the least-squares estimate and the true values, of forces at random states in units u."""
+    base, q = base_parameters(m), rng.uniform(-2, 2, (3, count, m.n)) * coordinate_factors(m, u)
+    moved = None
+    if m.floats:
+        moved = (u.pose(random_base(rng, 3)[0]), *rng.uniform(-2, 2, (2, count, 6)) * u.twist)
     Y = jounce.Robot(m).regressor(*q, base=moved, drives=terms, method="recursion")
     Y = np.concatenate([Y[..., base.columns], Y[..., len(p) :]], axis=-1)
-    Y = Y.reshape(-1, Y.shape[-1]) / deviation
+    Y = (Y * (velocity_factors(m, u) / u.of(2, 1) / deviation)[:, None]).reshape(-1, Y.shape[-1])
     true = np.append(base.matrix @ p, d)
     noise = rng.normal(size=len(Y)) if deviation > 1e-4 else 0.0
-    return base, Y.T @ Y, np.linalg.lstsq(Y, Y @ true + noise, rcond=None)[0], true
+    size = np.where(Y.any(axis=0), np.linalg.norm(Y, axis=0), 1.0)  # where columns depend, the least relative values
+    return base, Y.T @ Y, np.linalg.lstsq(Y / size, Y @ true + noise, rcond=None)[0] / size, true
+
+
+def sizes(m, u, base, terms):
+    """How many new units an old one is: of inertial parameters, and of what is fitted."""
+    of_bodies, v = np.tile(u.inertial, m.nb), joint_factors(m, u)
+    of_drives = [u.of(2, 1) / (v * v if term in ("armature", "damping") else v) for term in terms]
+    return of_bodies, np.concatenate([of_bodies[base.columns], *of_drives])
 
 
 def divergence(Pi, Pi0):
@@ -66,27 +76,46 @@ def can_exist(m, found):
     return not check_inertias(with_inertial_parameters(m, found.parameters))
 
 
-def slopes(found, m, base, A, estimate, weight):
+def slopes(found, m, base, A, estimate, weight, unit):
     """The derivative of what is minimised, by relative changes of the pseudo-inertias, and by drive parameters."""
     of_values = A @ (found.values - estimate)
-    of_parameters = (base.matrix.T @ of_values[: base.count]).reshape(-1, 10)
+    of_parameters = (base.matrix.T @ of_values[: base.count] * unit).reshape(-1, 10)
     G = (np.linalg.pinv(UNIT_MOMENTS.reshape(10, 16)) @ of_parameters.T).T.reshape(-1, 4, 4)
-    Pi, Pi0 = moments(found.parameters), moments(inertial_parameters(m))
+    Pi, Pi0 = moments(found.parameters / unit), moments(inertial_parameters(m) / unit)  # inverses take equal sizes
     V = np.linalg.cholesky(Pi)
     return V.mT @ (G + weight * (np.linalg.inv(Pi0) - np.linalg.inv(Pi))) @ V, of_values[base.count :]
 
 
 @settings(max_examples=8)
-@given(mechanisms(largest=3, units=st.just(SI)), st.booleans(), st.sampled_from([0.3, 3.0]))
-def test_it_is_the_minimum_of_a_convex_function(drawn, floats, deviation):
+@given(mechanisms(largest=3, units=st.just(SI)), ANY_UNITS, st.booleans(), st.sampled_from([0.3, 3.0]))
+@example(
+    (
+        random_mechanism(np.random.default_rng(0), [-1, 0], ["revolute", "prismatic"], [2.0, 1.0]),
+        np.random.default_rng(1),
+    ),
+    Units(1e-6, 1e9),
+    True,
+    0.3,
+)
+@example(
+    (
+        random_mechanism(np.random.default_rng(2), [-1, 0], ["helical", "revolute"], [2.0, 1.0]),
+        np.random.default_rng(3),
+    ),
+    Units(1e4, 1e-9),
+    False,
+    0.3,
+)
+def test_it_is_the_minimum_of_a_convex_function(drawn, u, floats, deviation):
     """At any estimate, most of them of impossible bodies."""
     m, rng = drawn
-    m = floating(m, rng) if floats else m
-    base, A, estimate, _ = data(m, rng, inertial_parameters(m), np.zeros(4 * len(m.joints)), TERMS, deviation)
-    estimate += rng.normal(size=len(estimate))
+    m = in_units(floating(m, rng) if floats else m, u)
+    base, A, estimate, _ = data(m, rng, inertial_parameters(m), np.zeros(4 * len(m.joints)), TERMS, deviation, u=u)
+    unit, of_values = sizes(m, u, base, TERMS)
+    estimate += rng.normal(size=len(estimate)) * of_values
     found = fit_consistent_parameters(m, base, A, estimate, TERMS)
-    assert np.linalg.eigvalsh(moments(found.parameters)).min() > 0
-    of_bodies, of_drives = slopes(found, m, base, A, estimate, DEFAULT_DIVERGENCE_WEIGHT)
+    assert np.linalg.eigvalsh(moments(found.parameters / unit)).min() > 0
+    of_bodies, of_drives = slopes(found, m, base, A, estimate, DEFAULT_DIVERGENCE_WEIGHT, unit)
     assert np.abs(of_bodies).max() < 1e-4 * DEFAULT_DIVERGENCE_WEIGHT
     d = np.concatenate(list(found.drives.values()))
     deviations = np.diag(A)[base.count :] ** -0.5
@@ -148,20 +177,23 @@ def test_exact_data_of_bodies_that_can_exist_are_met(far, floats):
 
 
 @settings(max_examples=6)
-@given(mechanisms(largest=3, units=st.just(SI)), st.integers(0, 10))
-def test_what_the_data_do_not_see_stays(drawn, rank):
+@given(mechanisms(largest=3, units=st.just(SI)), ANY_UNITS, st.integers(0, 10))
+def test_what_the_data_do_not_see_stays(drawn, u, rank):
     """Data of few directions, whose estimate is that of the robot, or nothing."""
     m, rng = drawn
-    m = replace(m, drives=replace(m.drives, friction=rng.uniform(0, 2, m.nb)))
-    base, own, terms = base_parameters(m), inertial_parameters(m), ("friction", "offset")
-    Y = rng.normal(size=(rank, base.count + 2 * m.nb)) * 1e3
+    m = in_units(replace(m, drives=replace(m.drives, friction=rng.uniform(0, 2, m.nb))), u)
+    base, terms = base_parameters(m), ("friction", "offset")
+    unit, of_values = sizes(m, u, base, terms)
+    own = inertial_parameters(m) / unit
+    Y = rng.normal(size=(rank, base.count + 2 * m.nb)) * 1e3 / of_values
     d = np.append(m.drives.friction, np.zeros(m.nb))
     found = fit_consistent_parameters(m, base, Y.T @ Y, np.append(base.values, d), terms)
     scale = np.abs(own).max()
-    np.testing.assert_allclose(found.parameters, own, rtol=1e-6, atol=1e-7 * scale)
-    np.testing.assert_allclose(found.values[base.count :], d, atol=1e-6)
-    nothing = fit_consistent_parameters(m, base, 0 * Y.T @ Y, rng.normal(size=base.count + 2 * m.nb), terms)
-    np.testing.assert_allclose(nothing.parameters, own, rtol=1e-12, atol=1e-12 * scale)
+    np.testing.assert_allclose(found.parameters / unit, own, rtol=1e-6, atol=1e-7 * scale)
+    np.testing.assert_allclose((found.values[base.count :] - d) / of_values[base.count :], 0, atol=1e-6)
+    estimate = rng.normal(size=base.count + 2 * m.nb) * of_values
+    nothing = fit_consistent_parameters(m, base, 0 * Y.T @ Y, estimate, terms)
+    np.testing.assert_allclose(nothing.parameters / unit, own, rtol=1e-12, atol=1e-12 * scale)
     np.testing.assert_array_equal(nothing.values[base.count :], d)
 
 
