@@ -191,7 +191,8 @@ class _ShortRepr(Repr):
     def repr1(self, x: Any, level: int) -> str:
         """Return the repr of a value; that of a number of NumPy is the one of Python's, without its type."""
         if type(x).__module__ == "numpy" and getattr(x, "shape", None) == () and not hasattr(x, "__array_function__"):
-            return repr(x.item()) if isinstance(x, str | bytes) else str(x)
+            is_text = isinstance(x, str | bytes)
+            return repr(x[:]) if is_text else str(x)
         return super().repr1(x, level)
 
     def repr_int(self, x: int, level: int) -> str:

@@ -938,8 +938,9 @@ class Motion(HtmlDisplay):
         """
         from jounce.motion.commands import find_commands, sample_curve
 
-        if not isinstance(self, Motion):  # Motion.sampled(t, q)
-            came = f"Motion.sampled() is a method of a motion, got {type(self).__name__}"
+        given: object = self
+        if not isinstance(given, Motion):  # Motion.sampled(t, q)
+            came = f"Motion.sampled() is a method of a motion, got {type(given).__name__}"
             raise JounceError(f"{came}; Motion.fit(t, q) makes a motion of samples")
         curve, notes = sample_curve(self.curve, rate, differences)
         found = replace(self, curve=curve, samples=(curve.t, curve.q), grid=curve.t, notes=(*self.notes, *notes))

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.core.errors import JounceError, join_names, option_name, quote_value
+from jounce.core.cures import Remedy
+from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.model.coordinates import coordinate_units, leading_joints
 from jounce.model.mechanism import Mechanism
 from jounce.model.positions import position_names, single_positions
@@ -26,7 +27,7 @@ MIN_MOVING_STEPS = 3  # where as many of them change its angle: an encoder at re
 MIN_NET_SHARE = 0.8  # and all of them together lead as far: noise leads back and forth
 MIN_UNKNOWN_SPEED = 20.0  # rad/s: without a stated limit no joint jumps faster of itself
 RADIANS_CURE = "numpy.deg2rad makes rad of them"
-UNWRAP_CURE = f"{option_name('unwrap')} takes the turns off"
+UNWRAP_CURE = Remedy("unwrap=True takes the turns off", "--unwrap takes the turns off")
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,7 @@ class Turning:
     fastest: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
-    cure_of_degrees: str
+    cure_of_degrees: Remedy | str
 
     @staticmethod
     def of_robot(mechanism: Mechanism) -> "Turning":

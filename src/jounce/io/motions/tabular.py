@@ -102,5 +102,9 @@ def _cell_cure() -> Iterator[None]:
     try:
         yield
     except CellError as error:
-        ways = [option_name("time"), option_name("columns"), Remedy("lock= of jounce.load", "--lock JOINT=VALUE")]
+        ways: list[Remedy | str] = [
+            option_name("time"),
+            option_name("columns"),
+            Remedy("lock= of jounce.load", "--lock JOINT=VALUE"),
+        ]
         raise JounceError(f"{error}; or select columns with {join_cures(ways)}") from None
