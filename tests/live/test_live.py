@@ -279,7 +279,7 @@ def test_uncertain_second_rate_is_nan_unless_kept():
     assert np.mean(shares) < 0.5
 
 
-def test_second_rate_that_passes_zero_is_nan_while_it_is_smaller_than_its_deviation():
+def test_second_rate_smaller_than_its_deviation_is_nan():
     """Of a joint whose Q2d is a sine far above its noise: both signs are kept, what lies between them is not."""
     live, found, t = PLANAR.live(1e-3, **QUIET | {"noise": 1e-6}, lag=0.05), [], 1e-3 * np.arange(3000)
     random = np.random.default_rng(0)

@@ -69,7 +69,7 @@ def test_a_thread_moves_its_slide_by_a_share_of_the_robot(times, counts, u):
 
 @BOTH_SIDES
 @pytest.mark.parametrize("unit", [1e-12, 1e8])
-def test_a_joint_of_several_screws_jumps_where_a_share_of_its_velocities_does(times, counts, unit):
+def test_joints_of_several_screws_jump_by_shares(times, counts, unit):
     """Only the second velocity jumps, or the third too, but for rounding."""
     robot = robot_of("planar")
     [joint] = multiscrew_joints(robot.mechanism.tree).values()
