@@ -10,7 +10,8 @@ from click.testing import CliRunner
 
 import jounce
 from jounce.cli import VERBS, main
-from jounce.core.cures import OPTION, Remedy, find_options, join_cures, option_name, running_command
+from jounce.core.cures import OPTION, Remedy, find_options, join_cures, option_name, option_value, running_command
+from jounce.stream.row_reader import read_ahead
 
 SOURCE = Path(jounce.__file__).parent
 CALL = re.compile(r"\b(robot|motion|Motion|Robot)\.[a-z_]+\(|\b[a-z_]+=(?=\W|$|'|\d)(?!=)")  # robot.f(...), argument=
@@ -39,6 +40,9 @@ def folder(tmp_path_factory):
         np.savetxt(found / name, rows, delimiter=",", header=header, comments="")
     (found / "degrees.csv").write_text(DEGREES)
     (found / "cells.csv").write_text(DEGREES.replace("0.1,", "none,", 1))
+    rates = ",".join(f"joint{j}.{rate}" for j in (1, 2) for rate in ("q", "qd", "q2d", "q3d", "q4d"))
+    rows = "".join(f"{i}{',0' * 10}\n" for i in range(60))
+    (found / "rates.csv").write_text(f"t,{rates}\n{rows}60,x{',0' * 9}\n")
     (found / "plan.yaml").write_text(PLAN)
     (found / "limits.yaml").write_text("units: SI\njoints: {joint1: {velocity: 1, acceleration: 2, effort: 1}}\n")
     return found
@@ -65,6 +69,7 @@ run planar2r back.csv -o o.csv
 run planar2r noisy.csv -o o.csv
 run planar2r degrees.csv -o o.csv
 run planar2r cells.csv -o o.csv
+run planar2r rates.csv -o o.csv
 run planar2r absent.csv -o o.csv
 run g1 samples.csv --base floating -o o.csv
 run planar2r paper --degree 7 -o o.csv
@@ -127,7 +132,17 @@ def test_names_of_options_and_of_arguments():
     assert option_name("time_unit") == "time_unit"
     with running_command(["--time-unit"]):
         assert (option_name("time_unit"), option_name("topic")) == ("--time-unit", "")
+    assert option_value("eps", 0.1) == "eps=0.1"
+    assert option_value("test", "log 2") == "test='log 2'"
+    with running_command(["--eps"]):
+        assert (option_value("eps", 0.1), option_value("test", "log 2")) == ("--eps 0.1", "")
     assert find_options("--a b, `jounce run --rates`, a--b; --c-d.") == {"--a", "--c-d"}
+
+
+def test_rows_that_are_read_ahead_in_a_thread_have_the_same_reader():
+    texts = (str(Remedy("a=1", "--a 1")) for _ in range(3))
+    with running_command(["--a"]):
+        assert [*read_ahead(texts)] == ["--a 1"] * 3
 
 
 LIBRARY = sorted(

@@ -247,8 +247,8 @@ def test_a_prefix_is_mapped_wherever_it_stands():
 
 
 WRONG_NAMES = {
-    "no mark": ("fer_", ["rename 'fer_'; expected OLD=NEW, as in 'fer_=panda_'"]),
-    "no such column": ("fer_=joint", ["'fer_=joint': no column of fer_1, fer_2", "there are: t, joint1, joint2"]),
+    "no mark": ("fer_", ["rename='fer_'; expected OLD=NEW, as in 'fer_=panda_'"]),
+    "no such column": ("fer_=joint", ["='fer_=joint': no column of fer_1, fer_2", "there are: t, joint1, joint2"]),
     "no such joint": ("joint=axis", ["no joint or body begins with 'axis'; there are: joint1, joint2"]),
     "no text": (3, ["rename is 3; expected a text"]),
 }  # fmt: skip

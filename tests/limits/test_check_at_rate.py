@@ -132,7 +132,7 @@ def test_differences_that_judge_no_limit_decide_nothing():
     arm = jounce.load("planar2r").with_limits(acceleration=4)
     soft = jounce.load("planar2r").elastic(800, rotor=0.1).with_limits(motor_velocity=1e-3)
     for judge in (arm.check, arm.explain):
-        words = ("limits of acceleration are not judged", "up to order 1", "differences (--differences) to 2")
+        words = ("limits of acceleration are not judged", "up to order 1", "raise differences to 2")
         refusal(lambda judge=judge: judge(motion, rate=1000, differences=1), *words)
     refusal(lambda: soft.check(motion, rate=1000), "limits of motor velocity are not judged", "leave out rate")
 

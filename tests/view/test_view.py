@@ -320,7 +320,8 @@ def test_commands_name_folders_of_meshes(shapes, tmp_path):
     for folders in ([], [shapes.parent.parent]):
         with viewer.serve_robot(jounce.load(shapes), shapes, None, 0, folders) as served:
             notes.append(" ".join(served.scene.notes))
-    assert ["--meshes FOLDER" in note for note in notes] == [True, False] * 2
+    assert ["--meshes FOLDER allows it" in note for note in notes] == [True, False, False, False]
+    assert ["mesh_folders=[...] allows it" in note for note in notes] == [False, False, True, False]
 
 
 def test_shapes_of_a_floating_base_are_drawn(shapes):

@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 
+from jounce.core.errors import quote_value, shorten
+
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 OTHER_COMMAND = re.compile(r"\bjounce [a-z]+[^;,`']*")  # with options of its own
 
@@ -18,11 +20,23 @@ _options: ContextVar[frozenset[str] | None] = ContextVar("_options", default=Non
 @contextmanager
 def running_command(options: Iterable[str]) -> Iterator[None]:
     """Within this context, messages are read at the shell, of a command with these options."""
-    token = _options.set(frozenset(options))
+    with reader_of(frozenset(options)):
+        yield
+
+
+@contextmanager
+def reader_of(options: frozenset[str] | None) -> Iterator[None]:
+    """Within this context, messages are for the reader whose `get_reader` gave these options, in another process."""
+    token = _options.set(options)
     try:
         yield
     finally:
         _options.reset(token)
+
+
+def get_reader() -> frozenset[str] | None:
+    """The options of the running command, whose reader is at the shell; None for a reader in Python."""
+    return _options.get()
 
 
 @dataclass(frozen=True)
@@ -36,7 +50,7 @@ class Remedy:
     shell: str = ""
 
     def __str__(self) -> str:
-        options = _options.get()
+        options = get_reader()
         if options is None:
             return self.python
         return self.shell if find_options(self.shell) <= options else ""
@@ -50,6 +64,12 @@ def find_options(text: str) -> set[str]:
 def option_name(keyword: str) -> str:
     """The keyword of a call, or the option of the running command that has its name."""
     return str(Remedy(keyword, f"--{keyword.rstrip('_').replace('_', '-')}"))
+
+
+def option_value(keyword: str, value: object) -> str:
+    """The keyword of a call with its value, ``drives='friction'``, or the option, ``--drives friction``."""
+    option = f"--{keyword.rstrip('_').replace('_', '-')}"
+    return str(Remedy(f"{keyword}={quote_value(value)}", f"{option} {shorten(str(value))}"))
 
 
 def join_cures(cures: Iterable[Remedy | str]) -> str:

@@ -102,7 +102,7 @@ def linearization_obstacle(m: Mechanism) -> str | None:
     """Why tau does not decide q4d alone, by static feedback, as the end of a sentence, or None."""
     e = elasticity_of(m)
     if e.level is not None or e.dampers or e.pairs:
-        reason = "dampers, or joints with two motors" if e.level is None else f"coupling {e.level}"
+        reason = "dampers, or joints with two motors" if e.level is None else f"coupling={e.level}"
         return f"is not available with {reason}; use {SPONG_COUPLING} and springs without dampers"
     if not e.is_rigid.any():
         return None

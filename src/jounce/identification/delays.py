@@ -16,7 +16,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from jounce.core.cures import Remedy, option_name
+from jounce.core.cures import Remedy, option_value
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import is_finite
 from jounce.identification.averaging import CellAverages, median_step, number_cells, weighted_means
@@ -77,7 +77,7 @@ def pose_without_delays(
                 continue
             late, deviation, left = found
             if stated is not None:
-                besides = f"{option_name('delay')} {float(stated):g}"
+                besides = option_value("delay", float(stated))
                 notes[k] = [f"measured forces come {_describe(late, deviation)}, besides {besides}"]
                 continue
             total[k], share[k] = total[k] + late, share[k] * left

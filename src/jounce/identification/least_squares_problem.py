@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jounce.core.cures import Remedy, option_name
+from jounce.core.cures import Remedy, option_name, option_value
 from jounce.core.errors import JounceError, quote_value
 from jounce.core.scalars import is_finite
 from jounce.core.typing import DriveTerm, Equations
@@ -36,7 +36,14 @@ from jounce.identification.averaging import (
 from jounce.identification.filtered_balances import FILTERED_METHODS
 from jounce.identification.measurements import Measurements
 from jounce.model.coordinates import leading_joints, velocity_map
-from jounce.model.drives import AMOUNTS, DEFAULT_SMOOTHING_VELOCITY, LOAD_FRICTION, OMIT_LOAD_FRICTION, with_eps
+from jounce.model.drives import (
+    AMOUNTS,
+    DEFAULT_SMOOTHING_VELOCITY,
+    LOAD_FRICTION,
+    OMIT_LOAD_FRICTION,
+    describe_terms,
+    with_eps,
+)
 from jounce.model.parameters import inertial_parameters
 from jounce.motion.motion import Motion
 
@@ -192,10 +199,8 @@ def with_smoothing_velocity(robot: R, terms: Sequence[DriveTerm], eps: float | N
         cure = f"{Remedy('drives=False', '--drives none')} identifies links from the torques of the springs"
         raise JounceError(f"{robot.name} has elastic joints: its drives act on motors, not on links; {cure}")
     if "friction" not in terms and (eps is not None or LOAD_FRICTION in terms):
-        what = f"{option_name('eps')} {quote_value(eps)}" if eps is not None else LOAD_FRICTION
-        raise JounceError(
-            f"{what} is of friction, which {option_name('drives')} {quote_value(list(terms))} does not identify"
-        )
+        what = option_value("eps", eps) if eps is not None else LOAD_FRICTION
+        raise JounceError(f"{what} is of friction, which {describe_terms(list(terms))} does not identify")
     if robot.mechanism.has_load_friction and (LOAD_FRICTION not in terms or method in FILTERED_METHODS):
         way = Remedy("method='inverse_dynamics'", "--method inverse_dynamics")
         cure = f"expected it in {option_name('drives')}, with {way}, or {OMIT_LOAD_FRICTION}"

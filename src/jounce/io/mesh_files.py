@@ -13,7 +13,10 @@ from jounce.io.ros_packages import MANIFESTS
 
 PACKAGES = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH")  # environment variables
 NO_FILE = "no such file"
-OUTSIDE = Remedy("not in the folders of the robot", "not in the folders of the robot; --meshes FOLDER allows it")
+OUTSIDE = Remedy(
+    "not in the folders of the robot; mesh_folders=[...] allows it",
+    "not in the folders of the robot; --meshes FOLDER allows it",
+)
 
 
 def find_mesh(uri: str, robot_file: Path, folders: Sequence[Path] = ()) -> Path | str:

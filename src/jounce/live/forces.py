@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jounce.core.cures import SPONG_COUPLING
 from jounce.core.errors import JounceError
 from jounce.core.scalars import reciprocal
 from jounce.engine.dispatch import compute
@@ -80,7 +81,7 @@ def estimate_links(robot: Engine, rates: tuple[np.ndarray, ...], covariance: np.
     """The links from rates theta to theta4d (n,), their covariances (n, 5, 5) and the bandwidth omega, rad/s."""
     e = robot.mechanism.elasticity
     if e is None or any(e.springs) or e.level is not None:
-        expected = "elastic joints with linear springs, no dampers and coupling='spong'"
+        expected = f"elastic joints with linear springs, no dampers and {SPONG_COUPLING}"
         raise JounceError(f"links() of {robot.name!r}; expected {expected}: robot.elastic(stiffness, rotor)")
     compliance = reciprocal(e.stiffness)
     forces, partials = linearize_forces(robot, rates)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jounce.core.cures import option_name
+from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, quote_value
 from jounce.motion.bsplines import FIT_DEGREE, pad_knots
 from jounce.motion.bursts import find_bursts
@@ -134,11 +134,12 @@ class Fit:
         worst = max((n for n in self.noise if n.kind != "rest"), key=lambda n: n.sigma)
         factor = float(self.relative[k]) / MAX_RELATIVE_DEVIATION
         band = self.bandwidth * min(0.9, factor ** (-2 / (2 * k + 1)))
+        longer = Remedy(f" (bandwidth={band:.2g})", f" (--bandwidth {band:.2g})")
         return (
             f"the samples do not carry {purpose}: the standard deviation of {rate_name(symbol, k)} is"
             f" {self.relative[k]:.0%} of its peak, with noise of {worst.sigma:.2g} ({worst.kind}) at"
             f" {1 / self.spacing:.4g} Hz up to {self.bandwidth:.3g} Hz; {np.log2(factor) + 1:.0f} bits more, a rate of"
-            f" {factor**2 / self.spacing:.2g} Hz, or a longer window ({option_name('bandwidth')} {band:.2g}) would do"
+            f" {factor**2 / self.spacing:.2g} Hz, or a longer window{longer} would do"
         )
 
 

@@ -23,7 +23,7 @@ from jounce.motion.table_columns import (
     joints_with_velocities,
 )
 from jounce.motion.time_origin import TimeOrigin, rounding_notes
-from jounce.motion.units import check_units
+from jounce.motion.units import check_units, refuse_unit_changes
 from jounce.spatial.series import rate_name
 
 DEFAULT_SMOOTHING, DEFAULT_COLUMN_OPTIONS = Smoothing(), ColumnOptions()
@@ -107,6 +107,7 @@ def _follow_turns(
     joints = wraps.Turning.of_robot(mechanism)
     if found.unwrap:
         return wraps.unwrap(t, q, joints, place)
+    refuse_unit_changes(t, q, mechanism, place)  # before wraps: angles jump there too, for another reason
     wraps.refuse_wraps(t, q, joints, place)
     return q, ()
 

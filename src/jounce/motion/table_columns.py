@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 from jounce.arguments import names
-from jounce.core.cures import Remedy, join_cures, option_name
+from jounce.core.cures import Remedy, join_cures, option_name, option_value
 from jounce.core.errors import JounceError, check_bool, join_names, one_line, quote_value, unknown_name_error
 from jounce.model.coordinates import coordinate_units, position_units
 from jounce.model.mechanism import Mechanism
@@ -59,9 +59,7 @@ class ColumnOptions:
             if given is not None and not isinstance(given, str):
                 raise JounceError(f"{what} is {quote_value(given)}; expected a text")
         if self.rename is not None and self.rename.count("=") != 1:
-            raise JounceError(
-                f"{option_name('rename')} {quote_value(self.rename)}; expected OLD=NEW, as in 'fer_=panda_'"
-            )
+            raise JounceError(f"{option_value('rename', self.rename)}; expected OLD=NEW, as in 'fer_=panda_'")
 
     def refuse(self, place: str, reason: str) -> None:
         """Raise `JounceError` if options for columns are given although the motion has no columns."""
@@ -224,7 +222,7 @@ def _with_prefix(names: Mapping[str, str], rename: str, mechanism: Mechanism) ->
     if not theirs or found == names:
         came = f"no column of {join_names(theirs, 3)}" if theirs else f"no joint or body begins with {quote_value(new)}"
         exist = names if theirs else mechanism.coordinates
-        raise JounceError(f"{option_name('rename')} {quote_value(rename)}: {came}; there are: {join_names(exist)}")
+        raise JounceError(f"{option_value('rename', rename)}: {came}; there are: {join_names(exist)}")
     return found
 
 
