@@ -94,8 +94,8 @@ def test_cell_that_is_no_number_is_a_lost_sample():
         ("1,2,3\n4,5,6\n", "expected a row of names"),
         ("t,joint1\n0,1\n", "joint2"),
         ("t,joint1,joint2\n0,1,2\n", "fewer than two rows"),
-        ("t,joint1,joint2\n1,1,2\n0.5,1,2\n", "two rows of samples at increasing t"),
-        ("t,joint1,joint2\n1,1,2\n1,1,2\n", "state their spacing by --dt"),
+        ("t,joint1,joint2\n1,1,2\n0.5,1,2\n", "the stamps of the first 2 rows do not increase: 1.0 and 0.5 s"),
+        ("t,joint1,joint2\n1,1,2\n1,1,2\n", "state the spacing of samples by --dt"),
     ],
 )
 def test_wrong_samples_are_one_line(given, says):

@@ -110,8 +110,8 @@ def test_other_commands_read_them_too(paths, folder, monkeypatch, tmp_path, name
     if LOGS[name].refused:
         result = CliRunner().invoke(main, words)
         assert result.exit_code == 2
-        words = [*LOGS[name].refused, *named_options(LOGS[name].cure)]
-        assert [word for word in words if word not in result.stderr] == [], result.stderr
+        said = [*LOGS[name].refused, *named_options(LOGS[name].cure)]
+        assert [word for word in said if word not in result.stderr] == [], result.stderr
     result = CliRunner().invoke(main, [*words, *words_of(LOGS[name].cure)])
     assert result.exit_code == 0, result.output
     noted = [] if command == "motors" and "skip" in LOGS[name].cure.values() else LOGS[name].noted

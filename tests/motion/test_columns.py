@@ -106,7 +106,10 @@ def test_only_the_columns_of_the_motion_have_to_be_numbers(tmp_path):
     path.write_text(text)
     same(jounce.load_motion(path, PLANAR))
     path.write_text(text.replace("at rest,0.0,", "at rest,none,", 1))
-    words = "m.csv:2: column 'joint1' holds 'none'; expected a finite number; repair or remove the row", "--lock"
+    words = (
+        "m.csv:2: column 'joint1' holds 'none'; expected a finite number; repair or remove the row",
+        "or lock= of jounce.load",
+    )
     refusal(lambda: jounce.load_motion(path, PLANAR), *words)
     path.write_text(text.replace("at rest,0.0,", "at rest,nan,", 1))
     refusal(lambda: jounce.load_motion(path, PLANAR), "holds 'nan'", "lock= of jounce.load")

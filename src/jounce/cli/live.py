@@ -82,7 +82,10 @@ def _usual_spacing(times: list[float]) -> float:
     """The median spacing of the first rows, without those whose time does not increase, which are left out."""
     spacings = sorted(later - before for before, later in pairwise(times) if later > before)
     if not spacings:
-        raise JounceError("there are fewer than two rows of samples at increasing t; state their spacing by --dt")
+        came = "fewer than two rows of samples"
+        if len(times) > 1:
+            came = f"the stamps of the first {len(times)} rows do not increase: {times[0]} and {times[1]} s"
+        raise JounceError(f"{came}; state the spacing of samples by --dt")
     return spacings[len(spacings) // 2]
 
 

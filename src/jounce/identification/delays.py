@@ -77,7 +77,7 @@ def pose_without_delays(
                 continue
             late, deviation, left = found
             if stated is not None:
-                besides = option_value("delay", float(stated))
+                besides = option_value("delay", stated)
                 notes[k] = [f"measured forces come {_describe(late, deviation)}, besides {besides}"]
                 continue
             total[k], share[k] = total[k] + late, share[k] * left

@@ -73,11 +73,15 @@ def _chunks(task: Task, part: InputPart, names: list[str], texts: str | None, sp
 
 def read_ahead(chunks: Iterator[Chunk]) -> Iterator[Chunk]:
     """Chunks, each of which is read while the one before is computed and written."""
-    context = copy_context()  # its messages have the reader of this one
+    context = copy_context()  # errors of the thread are in the words of the command that runs
+
+    def read_next() -> Chunk | None:
+        return context.run(lambda: next(chunks, None))
+
     with ThreadPoolExecutor(1) as reader:
-        following = reader.submit(context.run, next, chunks, None)
+        following = reader.submit(read_next)
         while (chunk := following.result()) is not None:
-            following = reader.submit(context.run, next, chunks, None)
+            following = reader.submit(read_next)
             yield chunk
 
 
