@@ -68,14 +68,18 @@ def option_name(keyword: str) -> str:
 
 def option_value(keyword: str, value: object) -> str:
     """The keyword of a call with its value, ``drives='friction'``, or the option, ``--drives friction``."""
-    option = f"--{keyword.rstrip('_').replace('_', '-')}"
-    return str(Remedy(f"{keyword}={quote_value(value)}", f"{option} {shorten(str(value))}"))
+    if get_reader() is None:
+        return f"{keyword}={quote_value(value)}"
+    option = option_name(keyword)
+    return f"{option} {shorten(str(value))}" if option else ""
 
 
 def join_cures(cures: Iterable[Remedy | str]) -> str:
     """Those cures that a reader has, "a, b, or c"; "" without any."""
     known = [text for text in map(str, cures) if text]
-    return ", or ".join([", ".join(known[:-1])] * (len(known) > 1) + known[-1:])
+    if len(known) < 2:
+        return "".join(known)
+    return f"{', '.join(known[:-1])}, or {known[-1]}"
 
 
 FLOATING_BASE = Remedy("base='floating'", "--base floating")
