@@ -107,7 +107,7 @@ def test_the_search_is_bounded(tmp_path, monkeypatch, most, is_found):
     if is_found:
         assert masses(path) == [3.25, 1.5]
     else:
-        refusal(lambda: jounce.load(path), "no package 'arm_macros' in the first 2 folders around", "ROS_PACKAGE_PATH")
+        refusal(lambda: jounce.load(path), "more than 2 folders to search for package 'arm_macros'", "ROS_PACKAGE_PATH")
 
 
 def test_packages_that_include_each_other_are_refused_in_a_line(tmp_path):

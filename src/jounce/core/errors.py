@@ -190,10 +190,10 @@ class _ShortRepr(Repr):
 
     def repr1(self, x: Any, level: int) -> str:
         """Return the repr of a value; that of a number of NumPy is the one of Python's, without its type."""
-        if type(x).__module__ == "numpy" and getattr(x, "shape", None) == () and not hasattr(x, "__array_function__"):
-            is_text = isinstance(x, str | bytes)
-            return repr(x[:]) if is_text else str(x)
-        return super().repr1(x, level)
+        is_scalar = getattr(x, "shape", None) == () and not hasattr(x, "__array_function__")  # which arrays have
+        if type(x).__module__ != "numpy" or not is_scalar:
+            return super().repr1(x, level)
+        return repr(x[:]) if isinstance(x, str | bytes) else str(x)  # slices of texts are Python's own
 
     def repr_int(self, x: int, level: int) -> str:
         try:

@@ -6,6 +6,7 @@ file of one may include a file of another before anything is built or installed.
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 
 from jounce.core.errors import JounceError, join_names, quote_value
@@ -14,6 +15,7 @@ MANIFESTS = ("package.xml", "manifest.xml")  # one of them makes a folder a pack
 IGNORE_MARKS = ("COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE")  # files by which ROS passes a folder over
 MAX_LEVELS_ABOVE_PACKAGE = 2  # its repository and src; above the workspace are the folders of a user, with anything
 MAX_SEARCHED_FOLDERS = 4000  # around a package, about 0.1 s: workspaces have hundreds
+PATH_CURE = "name its folder in the environment variable ROS_PACKAGE_PATH"
 MAX_MANIFEST_BYTES = 1_000_000  # manifests have a few kB; anything may lie around a file
 
 
@@ -54,28 +56,22 @@ def find_around(name: str, file: Path) -> Path:
     # a package's neighbours; a file without a package has its own folder in their place
     levels = list(own.parents if _has_manifest(own) else [own, *own.parents])[:MAX_LEVELS_ABOVE_PACKAGE]
     searched: set[Path] = set()
-    cure = "name its folder in the environment variable ROS_PACKAGE_PATH"
     for level in levels:
-        named = []
-        for folder in _list_candidates(level):
-            if folder in searched:
-                continue
-            searched.add(folder)
-            if len(searched) > MAX_SEARCHED_FOLDERS:
-                came = f"no package {quote_value(name)} in the first {MAX_SEARCHED_FOLDERS} folders around {own}"
-                raise JounceError(f"{came}; {cure}")
-            if read_package_name(folder) == name:
-                named.append(folder)
+        listed = dict.fromkeys(islice(_list_candidates(level), MAX_SEARCHED_FOLDERS + 1))
+        candidates = [folder for folder in listed if folder not in searched]
+        searched.update(candidates)
+        if len(searched) > MAX_SEARCHED_FOLDERS:
+            came = f"more than {MAX_SEARCHED_FOLDERS} folders to search for package {quote_value(name)} around {own}"
+            raise JounceError(f"{came}; {PATH_CURE}")
+        named = [folder for folder in candidates if read_package_name(folder) == name]
         if len(named) > 1:
-            raise JounceError(
-                f"{len(named)} packages are named {quote_value(name)}: {join_names(map(str, named))}; {cure}"
-            )
+            came = f"{len(named)} packages are named {quote_value(name)}: {join_names(map(str, named))}"
+            raise JounceError(f"{came}; {PATH_CURE}")
         if named:
             return named[0]
-    places = (
-        f"in the folders above the file, in ROS_PACKAGE_PATH, or up to two folders below {join_names(map(str, levels))}"
-    )
-    raise JounceError(f"no package {quote_value(name)} {places}; {cure}")
+    below = f"up to two folders below {join_names(map(str, levels))}"
+    places = f"in the folders above the file, in ROS_PACKAGE_PATH, or {below}"
+    raise JounceError(f"no package {quote_value(name)} {places}; {PATH_CURE}")
 
 
 def read_package_name(folder: Path) -> str | None:

@@ -21,8 +21,6 @@ LIMITS_CURE = Remedy(
     "robot.with_limits(effort=..., velocity=...) states some, robot.with_limits(NAME) published ones of an arm",
     "--limits FILE states some, --limits ARM published ones of an arm",
 )
-
-
 MOTOR_CURE = Remedy("; robot.elastic(motors={joint: jounce.Motor(...)}) states it", "; state it in its file")
 
 

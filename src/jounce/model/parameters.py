@@ -21,6 +21,7 @@ from jounce.spatial.lie import pose, rotation
 
 MODEL_PARAMETERS = ("gravity", "masses", "lengths", "payload")
 ELASTIC_PARAMETERS = ("stiffness", "rotor")  # of robots with elastic joints, by the names of `Elasticity`
+BODY_OPTION = Remedy("body=", "--body")
 PAYLOAD_SIZES = {"mass": 1, "com": 3, "inertia": 6}  # what a payload consists of
 _UNIT_POINT_MASS = np.diag([0, 0, 0, 1, 1, 1])  # the inertia matrix of 1 kg at the frame's origin
 
@@ -104,9 +105,6 @@ def _elastic_values(mechanism: Mechanism, name: str) -> np.ndarray:
         joint = quote_value(mechanism.coordinates[int(rigid.argmax())])
         raise JounceError(f"parameter 'stiffness': joint {joint} has no linear spring; expected one at each joint")
     return np.asarray(e.arrays[name])
-
-
-BODY_OPTION = Remedy("body=", "--body")
 
 
 def find_load_frame(mechanism: Mechanism, body: str | None, option: str | Remedy = BODY_OPTION) -> Frame:

@@ -77,29 +77,28 @@ def read_joint_states(messages: Sequence[Any], place_of: Callable[[int], str]) -
             raise JounceError(
                 f"{place_of(0)}: joint {quote_value(name)} occurs {count} times; expected every joint once"
             )
-    stamps, positions, efforts = [], [], []
-    for number, message in enumerate(messages):
-        if not is_joint_state(message):
-            raise JounceError(
-                f"{place_of(number)} is {quote_value(message)}; expected a JointState, as those before it"
-            )
-        came, position, effort = (_get_list(message, field) for field in ("name", "position", "effort"))
-        if came != names or len(position) != len(names):
-            came_of = f"is of {join_names(map(str, came))}, with {len(position)} positions"
-            expected = f"expected all messages of the joints {join_names(names)}"
-            raise JounceError(f"{place_of(number)} {came_of}; {expected}")
-        for field, values in (("position", position), ("effort", effort)):
-            if not all(isinstance(x, float) or is_finite(x) for x in values):
-                raise JounceError(f"{place_of(number)}: {field} is {quote_value(values)}; expected numbers")
-        stamps.append(_read_nanoseconds(message, place_of(number)))
-        positions.append(position)
-        efforts.append(effort)
+    rows = [_read_joint_state(message, names, place_of(number)) for number, message in enumerate(messages)]
+    stamps, positions, efforts = zip(*rows, strict=True)
     columns = {"t": np.array([(stamp - stamps[0]) / 10**9 for stamp in stamps])}
     columns |= dict(zip(names, np.array(positions, dtype=float).T, strict=True))
     if all(len(effort) == len(names) for effort in efforts):
         of_joints = zip(names, np.array(efforts, dtype=float).T, strict=True)
         columns |= {f"{name}.effort": values for name, values in of_joints}
     return columns
+
+
+def _read_joint_state(message: Any, names: list[Any], place: str) -> tuple[int, list[Any], list[Any]]:
+    """The stamp of a message in ns, the positions of joints of these names, and their efforts, if there are any."""
+    if not is_joint_state(message):
+        raise JounceError(f"{place} is {quote_value(message)}; expected a JointState, as those before it")
+    found, position, effort = (_get_list(message, field) for field in ("name", "position", "effort"))
+    if found != names or len(position) != len(names):
+        came = f"is of {join_names(map(str, found))}, with {len(position)} positions"
+        raise JounceError(f"{place} {came}; expected all messages of the joints {join_names(names)}")
+    for field, values in (("position", position), ("effort", effort)):
+        if not all(isinstance(x, float) or is_finite(x) for x in values):
+            raise JounceError(f"{place}: {field} is {quote_value(values)}; expected numbers")
+    return _read_nanoseconds(message, place), position, effort
 
 
 def _read_nanoseconds(message: Any, place: str) -> int:

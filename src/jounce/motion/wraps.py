@@ -73,14 +73,13 @@ def refuse_wraps(t: np.ndarray, q: np.ndarray, joints: Turning, place: str) -> N
     steps = _large_steps(q, joints)
     if steps is None or len(t) < MIN_JUDGED_SAMPLES:
         return
-    fast = np.abs(steps) > joints.fastest * np.diff(t)[:, None]
+    fast = _are_fast(t, steps, joints)
     wraps = _find_wraps(t, steps, joints.turns) & fast
     if wraps.any():
         i, j = map(int, np.argwhere(wraps)[0])
-        come = (
-            f"joint {quote_value(joints.names[j])} wraps {_describe_step(t, q, i, j)}, whole turns but for its motion"
-        )
-        raise JounceError(f"{place}: {come}; {_count_wraps(wraps, joints.names)}; {UNWRAP_CURE}")
+        came = f"joint {quote_value(joints.names[j])} wraps {_describe_step(t, q, i, j)}"
+        counts = _count_wraps(wraps, joints.names)
+        raise JounceError(f"{place}: {came}, whole turns but for its motion; {counts}; {UNWRAP_CURE}")
     _refuse_other_periods(t, q, steps, fast, joints, place)
 
 
@@ -93,9 +92,7 @@ def unwrap(t: np.ndarray, q: np.ndarray, joints: Turning, place: str) -> tuple[n
     steps = _large_steps(q, joints)
     if steps is not None:
         wraps = _find_wraps(t, steps, joints.turns)
-        _refuse_other_periods(
-            t, q, steps, ~wraps & (np.abs(steps) > joints.fastest * np.diff(t)[:, None]), joints, place
-        )
+        _refuse_other_periods(t, q, steps, _are_fast(t, steps, joints) & ~wraps, joints, place)
         turned = np.cumsum(np.round(steps / TURN) * wraps, axis=0)
         q = np.concatenate([q[:1], q[1:] - TURN * turned])
         if wraps.any():
@@ -117,19 +114,18 @@ def _large_steps(q: np.ndarray, joints: Turning) -> np.ndarray | None:
     return np.where(joints.turns, steps, 0.0) if large else None
 
 
+def _are_fast(t: np.ndarray, steps: np.ndarray, joints: Turning) -> np.ndarray:
+    """Which steps (N - 1, k) are faster than their joints may move."""
+    return np.asarray(np.abs(steps) > joints.fastest * np.diff(t)[:, None])
+
+
 def _find_wraps(t: np.ndarray, steps: np.ndarray, turns: np.ndarray) -> np.ndarray:
     """Which steps (N - 1, k) are whole turns but for what the joint moves next to them."""
     rest = without_turns(steps, turns)
     whole = np.round((steps - rest) / TURN)
     if not whole.any():
         return np.zeros(steps.shape, bool)
-    # the steps that the speeds next to each would make; what jumps there back and forth is noise at the end of a turn
-    apart, least, most = np.diff(t)[:, None], np.full(steps.shape, np.inf), np.full(steps.shape, -np.inf)
-    for k in (*range(-NEIGHBOURS, 0), *range(1, NEIGHBOURS + 1)):
-        speed, turned = _shifted(rest / apart, k, np.nan), np.abs(_shifted(whole, k, np.nan))
-        known = (turned == 0) | (turned == np.abs(whole))
-        least = np.minimum(least, np.where(known, speed * apart, np.inf))
-        most = np.maximum(most, np.where(known, speed * apart, -np.inf))
+    least, most = _bound_steps(np.diff(t)[:, None], rest, whole)
     scatter = np.median(np.abs(np.diff(rest, axis=0)), axis=0)
     margin = np.minimum(MAX_OFF_TURNS + (most - least) + NOISE_TO_SCATTER * scatter, MAX_DOUBT)
 
@@ -139,6 +135,21 @@ def _find_wraps(t: np.ndarray, steps: np.ndarray, turns: np.ndarray) -> np.ndarr
     # turns in the same direction one after the other are a joint that is sampled too seldom
     goes_on = (whole * _shifted(whole, -1, 0.0) > 0) | (whole * _shifted(whole, 1, 0.0) > 0)
     return np.asarray((whole != 0) & ~goes_on & is_expected(rest) & ~is_expected(steps))
+
+
+def _bound_steps(apart: np.ndarray, rest: np.ndarray, whole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The least and the largest step (N - 1, k) that the speeds next to each would make in the times apart (N - 1, 1).
+
+    Steps less their turns are `rest`. Those next to a step count that have no turn, or as many as it: these jump back
+    and forth by noise at the end of a turn.
+    """
+    least, most = np.full(rest.shape, np.inf), np.full(rest.shape, -np.inf)
+    for k in (*range(-NEIGHBOURS, 0), *range(1, NEIGHBOURS + 1)):
+        speed, turned = _shifted(rest / apart, k, np.nan), np.abs(_shifted(whole, k, np.nan))
+        counts = (turned == 0) | (turned == np.abs(whole))
+        least = np.minimum(least, np.where(counts, speed * apart, np.inf))
+        most = np.maximum(most, np.where(counts, speed * apart, -np.inf))
+    return least, most
 
 
 def _shifted(x: np.ndarray, k: int, fill: float) -> np.ndarray:
@@ -160,23 +171,21 @@ def _refuse_other_periods(
     """
     for j in np.flatnonzero(fast.any(axis=0)).tolist():
         jumps = fast[:, j] & (np.abs(steps[:, j]) >= MIN_PERIOD_SHARE * np.ptp(q[:, j]))
-        alone = [
-            i for i in np.flatnonzero(jumps).tolist() if jumps[max(0, i - MOVING_ROWS) : i + 1 + MOVING_ROWS].sum() == 1
-        ]
-        against = [i for i in alone if _moves_against(steps[:, j], i)]
-        if against:
-            i, period = against[0], float(np.median(np.abs(steps[jumps, j])))
-            came = f"joint {quote_value(joints.names[j])} jumps against its motion {_describe_step(t, q, i, j)}"
-            in_degrees = abs(period * ANGLE_UNITS["deg"] - TURN) < MAX_OFF_TURNS
-            cure = (
-                joints.cure_of_degrees
-                if in_degrees
-                else "unwrap it at the period of its encoder before, or split the log"
-            )
-            what = (
-                "a turn in degrees" if in_degrees else f"as at the end of a range, which is not 2 pi but {period:.4g}"
-            )
-            raise JounceError(f"{place}: {came}, {what}; {cure}")
+        places = np.flatnonzero(jumps).tolist()
+        against = [i for i in places if _is_alone(jumps, i) and _moves_against(steps[:, j], i)]
+        if not against:
+            continue
+        i, period = against[0], float(np.median(np.abs(steps[jumps, j])))
+        came = f"joint {quote_value(joints.names[j])} jumps against its motion {_describe_step(t, q, i, j)}"
+        if abs(period * ANGLE_UNITS["deg"] - TURN) < MAX_OFF_TURNS:
+            raise JounceError(f"{place}: {came}, a turn in degrees; {joints.cure_of_degrees}")
+        what = f"as at the end of a range, which is not 2 pi but {period:.4g}"
+        raise JounceError(f"{place}: {came}, {what}; unwrap it at the period of its encoder before, or split the log")
+
+
+def _is_alone(jumps: np.ndarray, i: int) -> bool:
+    """Whether the i-th step (N,) is the only jump among those next to it: others show how the joint moves there."""
+    return int(jumps[max(0, i - MOVING_ROWS) : i + 1 + MOVING_ROWS].sum()) == 1
 
 
 def _moves_against(steps: np.ndarray, i: int) -> bool:
