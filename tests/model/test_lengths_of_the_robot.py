@@ -29,7 +29,6 @@ from support.units import Units, coordinate_factors, in_units
 
 I4 = np.eye(4)
 BOTH_UNITS = pytest.mark.parametrize("u", [Units(1e-6, 1.0), Units(1e4, 1.0)], ids=["um", "10km"])
-SMALL = pytest.mark.parametrize("u", [Units(1.0, 1.0), Units(1e-6, 1.0)], ids=["m", "um"])
 BOTH_SIDES = pytest.mark.parametrize(("times", "counts"), [(0.3, False), (3.0, True)], ids=["below", "above"])
 X, Y, Z = (np.eye(6)[k] for k in range(3))
 ALONG_X = np.eye(6)[3]
@@ -136,7 +135,7 @@ def test_columns_of_forces_vary_by_a_share_of_their_values(times, counts, unit):
     assert (band > 30) == counts
 
 
-@SMALL
+@BOTH_UNITS
 @BOTH_SIDES
 @pytest.mark.filterwarnings("ignore:.*rounding of the samples")  # the drift is as small as that
 def test_contacts_that_drift_by_a_share_of_the_robot_slide(times, counts, u):
@@ -154,7 +153,7 @@ def test_contacts_that_drift_by_a_share_of_the_robot_slide(times, counts, u):
         refuse_sliding(stand.mechanism, motion)
 
 
-@SMALL
+@BOTH_UNITS
 def test_projected_contacts_stay_to_a_share_of_the_robot(u):
     """Where a few steps are too few, and where rounding is more than 1e-12 m."""
     m = in_units(leg(), u)
