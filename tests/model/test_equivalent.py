@@ -16,7 +16,6 @@ from jounce.spatial.inertia import from_moments, moments
 from jounce.spatial.series import column_series
 from support.recursion import inverse_dynamics
 from support.robots import GOLDEN_NAMES, Interpreted, floating, golden, loads, mechanisms, random_pose, random_state
-from support.units import SI
 
 PASSES = {
     "aligned": equivalent_mechanisms.align_frames,
