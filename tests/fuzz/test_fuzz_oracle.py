@@ -7,7 +7,7 @@ import pytest
 from hypothesis import strategies as st
 
 from fuzz import jets
-from fuzz.trees import laid_out, random_tree, robot_of
+from fuzz.trees import in_units, laid_out, random_tree, random_units, robot_of
 from jounce.dynamics.quantities import QUANTITIES
 
 TOLERANCE = 1e-13  # of the size of what is added up, whatever the order
@@ -26,7 +26,7 @@ def methods(robot, quantity, order, wrench=False):
     return [method for method, suited in chosen.items() if suited]
 
 
-def drawn(rng, batch, tail, count):
+def drawn(rng, batch, tail, count, units=1.0):
     """A quantity with rates as a caller gives it, in any layouts, and flat, as the oracle takes it.
 
     Rates may lack axes of the batch, or have one entry along them: they are broadcast.
@@ -34,7 +34,7 @@ def drawn(rng, batch, tail, count):
     given, flat = [], []
     for k in range(count):
         axes = batch if k == 0 or rng.random() < 0.7 else (1,) * int(rng.integers(len(batch) + 1))
-        x = rng.uniform(-2, 2, (*axes, *tail))
+        x = rng.uniform(-2, 2, (*axes, *tail)) * units
         given.append(laid_out(rng, x))
         flat.append(np.broadcast_to(x, (*batch, *tail)).reshape(int(np.prod(batch)), *tail))
     return given, flat
@@ -60,10 +60,11 @@ def compare(found, expected, size, batch):
 
 def check_forces(nb, order, seed):
     rng = np.random.default_rng(seed)
-    tree, batch = random_tree(rng, nb), BATCHES[rng.integers(len(BATCHES))]
+    tree, batch, u = random_tree(rng, nb), BATCHES[rng.integers(len(BATCHES))], random_units(rng)
+    tree = in_units(tree, u)
     robot, loaded = robot_of(tree), bool(rng.random() < 0.5)
     q, flat = drawn(rng, batch, (robot.n,), order + 3)
-    W, flat_W = drawn(rng, batch, (nb, 6), order + 1) if loaded else ([], [])
+    W, flat_W = drawn(rng, batch, (nb, 6), order + 1, u.wrench) if loaded else ([], [])
     expected, size = jets.forces(tree, flat, flat_W)
     if rng.random() < 0.3:
         W = [{name: w[..., i, :] for i, name in enumerate(robot.body_names)} for w in W]
@@ -77,7 +78,7 @@ def check_forces(nb, order, seed):
 
 def check_gravity(nb, order, seed):
     rng = np.random.default_rng(seed)
-    tree = random_tree(rng, nb)
+    tree = in_units(random_tree(rng, nb), random_units(rng))
     robot, weightless = robot_of(tree), replace(tree, gravity=np.zeros(3))
     q, flat = drawn(rng, (3,), (robot.n,), order + 3)
     (whole, size), (moved, _) = jets.forces(tree, flat), jets.forces(weightless, flat)
@@ -88,7 +89,7 @@ def check_gravity(nb, order, seed):
 def check_mass_matrix(nb, seed):
     """M = Q at unit accelerations less Q at none."""
     rng = np.random.default_rng(seed)
-    tree = random_tree(rng, nb)
+    tree = in_units(random_tree(rng, nb), random_units(rng))
     robot = robot_of(tree)
     q = rng.uniform(-2, 2, robot.n)
     state = [np.tile(q, (robot.n + 1, 1)), np.zeros((robot.n + 1, robot.n)), np.eye(robot.n + 1, robot.n)]

@@ -72,14 +72,15 @@ class ProjectedCurve(DerivedCurve):
     def _close(self, t: np.ndarray, z: np.ndarray, B: np.ndarray, E: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """y with which all contacts are in their places, and the inverse of the matrix there."""
         y = np.zeros((len(t), B.shape[2], 1))
-        sizes = np.repeat([1.0, robot_size(self.m)], 3)
-        sizes = np.concatenate([sizes[contact.held] for contact in self.m.contacts])
+        of_base_motion = np.repeat([1.0, robot_size(self.m)], 3)  # of turns and slides
+        sizes = np.concatenate([of_base_motion[contact.held] for contact in self.m.contacts])
+        scales = np.concatenate([of_base_motion, 1 / sizes])  # of the rows and columns of the matrix
         for _ in range(MAX_PROJECTION_STEPS):
             x = z + B @ y
             off = self._errors(x)
             of_base = np.linalg.pinv(FREE.moves(x[:, :7, 0])) @ B[:, :7]
             rows = self._rows("jacobian", [x])[0] @ np.concatenate([of_base, B[:, 7:]], axis=1)
-            inverse_there, lost = _invert(np.concatenate([E, rows], axis=1))
+            inverse_there, lost = _invert(np.concatenate([E, rows], axis=1), scales)
             if (np.abs(off[..., 0]) < PLACE_TOLERANCE * sizes).all():
                 break
             y = y - inverse_there @ np.concatenate([E @ y, off], axis=1)
@@ -127,12 +128,16 @@ class ProjectedCurve(DerivedCurve):
         return found and [np.pad(x, ((0, 0), (7, 0))) for x in found]
 
 
-def _invert(K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pseudoinverses of matrices (N, m, m), without what contacts state twice, and which of them lose digits."""
-    U, s, Vh = np.linalg.svd(K)
+def _invert(K: np.ndarray, scales: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pseudoinverses of matrices (N, m, m), without what contacts state twice, and which of them lose digits.
+
+    The scales (m,) of rows and columns make entries of rad and m comparable.
+    """
+    U, s, Vh = np.linalg.svd(scales[:, None] * K * scales)
     share = s / s[:, :1]
     lost = ((share > MAX_REDUNDANT) & (share < MIN_REGULAR)).any(axis=1)
-    return (Vh.mT * np.where(share > MAX_REDUNDANT, 1 / s, 0)[:, None]) @ U.mT, lost
+    inverse_of_scaled = (Vh.mT * np.where(share > MAX_REDUNDANT, 1 / s, 0)[:, None]) @ U.mT
+    return scales[:, None] * inverse_of_scaled * scales, lost
 
 
 def _contact_poses(m: Mechanism, contact: Contact, q: np.ndarray, C: np.ndarray) -> np.ndarray:

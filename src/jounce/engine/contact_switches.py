@@ -33,7 +33,7 @@ from jounce.motion.motion import Motion
 
 SWITCH_RESOLUTION = 1e-10  # of an interval: times are known no better where forces have ten digits
 ROOT_ROUNDING = 1e-6  # of a root: what rounding makes of the imaginary part of one that touches 0
-SAME_SOLUTION_TOLERANCE = 1e-9  # of the largest component, that of limits
+SAME_SOLUTION_TOLERANCE = 1e-9  # of the largest component, weighted, as that of limits
 
 
 def find_switches(
@@ -48,7 +48,8 @@ def find_switches(
 
     def solves(active: np.ndarray, at: Balance, i: int = 0) -> bool:
         """Whether these rows give the solution in a state."""
-        f, best = (solve_components(m, at, i, rows) for rows in (active, at.active[i]))
+        sizes = np.where(at.scales[i] > 0, at.scales[i], 1.0)  # of components, N and N m
+        f, best = (solve_components(m, at, i, rows) / sizes for rows in (active, at.active[i]))
         return bool(np.abs(f - best).max() <= SAME_SOLUTION_TOLERANCE * np.abs(best).max())
 
     known = balance(times)

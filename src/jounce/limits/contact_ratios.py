@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from jounce.arguments.contacts import balance_maps
+from jounce.arguments.contacts import balance_maps, moment_sizes
 from jounce.core.errors import JounceError
 from jounce.core.scalars import Array
 from jounce.dynamics.contacts import limit_rows
@@ -32,7 +32,7 @@ from jounce.limits.limited_motion import LimitedMotion
 from jounce.limits.ratios import LIMIT_TOLERANCE
 from jounce.limits.root_finding import find_maxima, find_roots
 from jounce.limits.worst_values import find_runs
-from jounce.model.mechanism import Mechanism
+from jounce.model.mechanism import Mechanism, robot_size
 from jounce.motion.motion import Motion
 from jounce.motion.reliability import find_window
 
@@ -76,7 +76,8 @@ def judge_contacts(b: LimitedMotion) -> Iterator[tuple[Any, ...]]:
     sides = np.sort([t[runs], t[np.add(runs, (-1, 1)).clip(0, len(t) - 1)]], axis=0).reshape(2, -1)
     spans = tuple(map(tuple, find_roots(lambda t, _: _find_ratios(b, t)[0] - 1, *sides).reshape(-1, 2).tolist()))
     unknown, cause = ((b.whole,), MEASURED_CAUSE) if spread else ((), None)
-    ratio, first = np.where(np.isfinite(rho)[:, None], _ratios(a, bound), np.inf), 0
+    sizes, first = _scaled_limits(b.robot.mechanism)[2], 0
+    ratio = np.where(np.isfinite(rho)[:, None], _ratios(a / sizes, bound / sizes), np.inf)
     for contact in (contact for contact in b.robot.mechanism.contacts if len(contact.limits)):
         (names, rows), count = zip(*contact.named_limits, strict=True), len(contact.limits)
         i, k = divmod(int(ratio[:, first : first + count].argmax()), count)
@@ -90,7 +91,7 @@ def judge_contacts(b: LimitedMotion) -> Iterator[tuple[Any, ...]]:
 
 @np.errstate(all="ignore")
 def _ratios(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(N, r): a / b, 0 where a is rounding or negative."""
+    """(N, r): a / b of limits that are forces, 0 where a is rounding or negative."""
     return np.where(a > _TOLERANCE * np.abs(b).max(axis=1, keepdims=True), a / b, 0.0)
 
 
@@ -106,11 +107,11 @@ def _find_ratios(b: LimitedMotion, t: np.ndarray, least: float = 0.0) -> tuple[n
 
     Where least-squares wrenches take at most `least`, their ratio is returned, and no forces.
     """
-    m, C = b.robot.mechanism, limit_rows(b.robot.mechanism.contacts)
-    free, normal = with_mechanism(b.robot, replace(m, contacts=())), [i == 5 for x in m.contacts for i in x.held]
-    A, B = np.where(normal, 0, C), np.where(normal, -C, 0)
-    weights = np.sqrt(np.concatenate([x.weights[x.held] for x in m.contacts]))
-    ratios, f = np.full(len(t), _MAX_RATIO), np.zeros((len(t), len(normal)))
+    m = b.robot.mechanism
+    free, (A, B, sizes) = with_mechanism(b.robot, replace(m, contacts=())), _scaled_limits(m)
+    levers, on_base = moment_sizes(m), np.repeat([robot_size(m), 1.0], 3)
+    weights = np.sqrt(np.concatenate([x.weights[x.held] for x in m.contacts])) * levers
+    ratios, f = np.full(len(t), _MAX_RATIO), np.zeros((len(t), A.shape[1]))
     for part in (slice(i, i + _TIMES_PER_PROGRAM) for i in range(0, len(t), _TIMES_PER_PROGRAM)):
         x = MotionStates.sample(free, b.motion, t[part], [(DEFAULT_QUANTITY, 0)])
         assert x.base is not None  # `check_motion` refuses others
@@ -118,6 +119,7 @@ def _find_ratios(b: LimitedMotion, t: np.ndarray, least: float = 0.0) -> tuple[n
         G, F = balance_maps(m, x.rates[0], x.base[0]) * there[:, None], x.compute(free, DEFAULT_QUANTITY.name)[0][:, :6]
         with unbalanced_at(t[part]):
             check_condition(m, G, t[part].shape)
+        G, F = G * levers / on_base[:, None], F / on_base
         y = (np.linalg.pinv(G / weights) @ F[..., None])[..., 0] / weights
         pushes = ((y @ B.T > 0) | ~limited | ~B.any(axis=1)).all(axis=1)
         ratios[part] = np.where(pushes, _ratios(y @ A.T, y @ B.T).max(axis=1).clip(max=_MAX_RATIO), _MAX_RATIO)
@@ -128,7 +130,19 @@ def _find_ratios(b: LimitedMotion, t: np.ndarray, least: float = 0.0) -> tuple[n
             ratios[part][left], f[part][left] = _descend(
                 m, (A, B), (G[left], F[left]), (there[left], limited[left]), first
             )
-    return np.where(ratios < _MAX_RATIO, ratios, np.inf), f @ A.T, f @ B.T
+    return np.where(ratios < _MAX_RATIO, ratios, np.inf), f @ A.T * sizes, f @ B.T * sizes
+
+
+def _scaled_limits(m: Mechanism) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A, B (r, k) of the limits A f <= rho B f, and the sizes (r,) by which they are divided.
+
+    Components and limits that are moments are divided by lengths, so that N are not compared with N m.
+    """
+    C, normal = limit_rows(m.contacts) * moment_sizes(m), [i == 5 for x in m.contacts for i in x.held]
+    A, B = np.where(normal, 0, C), np.where(normal, -C, 0)
+    sizes = np.where(B.any(axis=1), B.sum(axis=1), np.abs(A).max(axis=1))
+    sizes = np.where(sizes > 0, sizes, 1.0)[:, None]
+    return A / sizes, B / sizes, sizes[:, 0]
 
 
 def _descend(
@@ -146,8 +160,7 @@ def _descend(
     from scipy.sparse import block_diag
 
     (A, B), (G, F), (there, limited), (rho, f) = limits, balance, present, map(np.copy, first)
-    count, coefficients = A.shape[1], np.where(B.any(axis=1), B.sum(axis=1), 1.0)[:, None]
-    A, B, size = A / coefficients, B / coefficients, np.abs(F).max(axis=1, keepdims=True)
+    count, size = A.shape[1], np.abs(F).max(axis=1, keepdims=True)
     cost, free_or_zero = np.append(np.zeros(count), -1.0), np.where(there[..., None], (-np.inf, np.inf), 0.0)
     bounds: Any = np.concatenate([free_or_zero, np.tile((-np.inf, _MAX_RATIO), (len(F), 1, 1))], axis=1)
     exact: Any = {"primal_feasibility_tolerance": _TOLERANCE, "dual_feasibility_tolerance": _TOLERANCE}

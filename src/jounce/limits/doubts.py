@@ -44,6 +44,18 @@ def find_doubts(b: LimitedMotion) -> Mapping[tuple[str, int], str]:
     return found
 
 
+def without_doubts(b: LimitedMotion) -> LimitedMotion:
+    """The motion with the limits alone that can be decided: at no speed is there a verdict on the others."""
+    doubts = find_doubts(b)
+    if not doubts:
+        return b
+    table, kinds = b.limits.table.copy(), list(LIMIT_KINDS)
+    for kind, j in doubts:
+        table[kinds.index(kind), :, j] = -np.inf, np.inf
+    decided = replace(b.limits, table=table)
+    return replace(b, limits=decided, kinds=tuple(kind for kind in b.kinds if kind in decided.kinds))
+
+
 def with_consistent_inertias(robot: Engine) -> tuple[Engine, tuple[str, ...]]:
     """The robot with the nearest inertias that bodies can have, and the bodies that have others, unless meant."""
     m = robot.mechanism
