@@ -14,9 +14,7 @@ from jounce.model.mechanism import Mechanism, robot_size
 from jounce.model.positions import check_single_screws
 from jounce.spatial.series import Series
 
-MAX_BALANCE_CONDITION = (
-    1e4  # of G, with moments in sizes of the robot: it enters squared, so that half of the digits are left
-)
+MAX_BALANCE_CONDITION = 1e4  # of G, moments in sizes of the robot: it enters squared, half of the digits are left
 _SAMPLES = 3  # of positions: what is not balanced at any of them is not balanced
 
 

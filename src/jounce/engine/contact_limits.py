@@ -139,9 +139,8 @@ def solve_components(m: Mechanism, at: Balance, i: int, active: np.ndarray) -> n
 
 def check_condition(m: Mechanism, G: np.ndarray, batch: tuple[int, ...]) -> None:
     """Raise `UnbalancedError` where contacts hardly balance one direction, as three points on a line do."""
-    lost, directions = find_unbalanced(
-        m, np.where(G.any(axis=(1, 2), keepdims=True), G, np.nan)
-    )  # in flight nothing is
+    balanced = np.where(G.any(axis=(1, 2), keepdims=True), G, np.nan)  # in flight nothing is
+    lost, directions = find_unbalanced(m, balanced)
     if lost.size:
         columns, what = [x.frame for x in m.contacts for _ in x.held], describe_direction(m, directions[0])
         frames = join_names(dict.fromkeys(x for x, g in zip(columns, G[lost[0]].T, strict=True) if g.any()))
