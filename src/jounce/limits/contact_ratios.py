@@ -41,6 +41,9 @@ _BREAK_SIDE_SHARE = 1e-9  # of the duration: how long before a break its left si
 _PEAKS, _FLATNESS = 2, 1e-6  # the highest peaks are placed between times; flatter ones, relative, rise no higher
 _TIMES_PER_PROGRAM = 200  # linear programs in one: the time for each is least from a hundred on
 _TOLERANCE = 1e-9  # of programs, where the largest component of Q_0 is 1: at 1e-10 the simplex method may fail
+# Methods of HiGHS, with its presolve and without: the simplex method may fail on degenerate vertices, presolve where
+# contacts have no friction.
+_ATTEMPTS = ("highs-ds", True), ("highs-ds", False), ("highs-ipm", True), ("highs-ipm", False)
 _MIN_BOUND = 1e-8  # of d: where friction is 0, nothing but rounding is left
 _MAX_RATIO = 1e3  # of rho: beyond, the ground would have to pull
 MEASURED_CAUSE = "the deviations of contact forces along measured samples are not known"
@@ -173,8 +176,9 @@ def _descend(
         rows = np.concatenate([A - at[:, None, None] * B, room_for[..., None]], axis=2)
         equal = block_diag([*np.pad(G[left], ((0, 0), (0, 0), (0, 1)))], format="csc")
         given = np.tile(cost, len(left)), block_diag([*rows], format="csc"), np.zeros(d[left].size), equal
-        for method in ("highs-ds", "highs-ipm"):  # where the simplex method fails, as on degenerate vertices
-            found: Any = linprog(*given, (F / size)[left].ravel(), bounds[left].reshape(-1, 2), method, options=exact)
+        balanced = (F / size)[left].ravel(), bounds[left].reshape(-1, 2)
+        for method, presolve in _ATTEMPTS:
+            found: Any = linprog(*given, *balanced, method, options={**exact, "presolve": presolve})
             if not found.status:
                 break
         else:
