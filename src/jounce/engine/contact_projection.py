@@ -26,7 +26,7 @@ from jounce.engine.generic_methods import as_tuple
 from jounce.model.contacts import Contact
 from jounce.model.mechanism import Mechanism, robot_size
 from jounce.motion.base import FREE_JOINT_PLACES, compute_twists
-from jounce.motion.curves import ArrangedCurve, DerivedCurve, Jump, find_jumps, sample_rates
+from jounce.motion.curves import ArrangedCurve, DerivedCurve, Jump, find_jumps, keep_by_order, sample_rates
 from jounce.motion.motion import Motion
 from jounce.spatial.groups import FREE
 from jounce.spatial.lie import Ad, axial, inverse, position, rotation
@@ -114,6 +114,7 @@ class ProjectedCurve(DerivedCurve):
             found.append(np.concatenate([turned, R.mT @ position(H)], axis=1)[:, contact.held])
         return np.concatenate(found, axis=1)
 
+    @keep_by_order
     def jumps(self, order: int) -> list[Jump]:
         """Where a derivative up to `order` of the given joints jumps."""
         if not (t := self.inner_jumps(order)).size:

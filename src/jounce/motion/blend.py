@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jounce.core.errors import JounceError
-from jounce.motion.curves import INNER_SHARES, Curve, DerivedCurve, Jump, find_jumps
+from jounce.motion.curves import INNER_SHARES, Curve, DerivedCurve, Jump, find_jumps, keep_by_order
 from jounce.motion.hermite import interpolate_hermite
 
 BLEND_POINTS = 257  # at which its distance from the curve is measured; odd: the break is one of them
@@ -51,6 +51,7 @@ class Blend(DerivedCurve):
                 whole[at, j] = rate[:, 0]
         return found
 
+    @keep_by_order
     def jumps(self, order: int) -> list[Jump]:
         """Where a derivative up to `order` jumps: of the curve outside of all windows, and at their ends."""
         found = [jump for jump in self.base.jumps(order) if not self._replaces(jump)]
