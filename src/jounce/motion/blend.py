@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from jounce.core.errors import JounceError
 from jounce.motion.curves import INNER_SHARES, Curve, DerivedCurve, Jump, find_jumps, keep_by_order
-from jounce.motion.hermite import interpolate_hermite
+from jounce.motion.hermite import evaluate_nearer, hermite_coefficients, reversed_rates
 
 BLEND_POINTS = 257  # at which its distance from the curve is measured; odd: the break is one of them
 
@@ -28,9 +29,19 @@ class BlendWindows:
         at = np.flatnonzero((i >= 0) & ((t <= stop) if left else (t < stop)))
         return at, i[at]
 
-    def ends(self, i: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """The rates at both ends of some windows, (N, 1) each."""
-        return [rate[i, None] for rate in self.left], [rate[i, None] for rate in self.right]
+    @cached_property
+    def coefficients(self) -> np.ndarray:
+        """Those of the polynomials (2 k, 2, m): expanded at the start, and backwards at the stop."""
+        h = self.stop - self.start
+        ahead = hermite_coefficients(self.left, self.right, h)
+        return np.stack([ahead, hermite_coefficients(reversed_rates(self.right), reversed_rates(self.left), h)], axis=1)
+
+    def rates(self, t: np.ndarray, i: np.ndarray, order: int) -> list[np.ndarray]:
+        """The column at times (N,) in windows i (N,), with derivatives up to `order`."""
+        h = self.stop[i] - self.start[i]
+        u = (t - self.start[i]) / h
+        c = self.coefficients[:, (u > 0.5).astype(int), i, None]
+        return [rate[:, 0] for rate in evaluate_nearer(c, h[:, None], u[:, None], order)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +56,9 @@ class Blend(DerivedCurve):
             if windows is None:
                 continue
             at, i = windows.which(t, left)
-            h = (windows.stop[i] - windows.start[i])[:, None]
-            u = (t[at] - windows.start[i])[:, None] / h
-            for whole, rate in zip(found, interpolate_hermite(*windows.ends(i), h, u, order), strict=True):
-                whole[at, j] = rate[:, 0]
+            if at.size:
+                for whole, rate in zip(found, windows.rates(t[at], i, order), strict=True):
+                    whole[at, j] = rate
         return found
 
     @keep_by_order
