@@ -29,6 +29,11 @@ class BlendWindows:
         at = np.flatnonzero((i >= 0) & ((t <= stop) if left else (t < stop)))
         return at, i[at]
 
+    def outside(self, jumps: Sequence[Jump]) -> list[Jump]:
+        """The jumps of the column that lie in no window."""
+        replaced, _ = self.which(np.array([jump.t for jump in jumps]), False)
+        return [jumps[i] for i in np.setdiff1d(np.arange(len(jumps)), replaced)]
+
     @cached_property
     def coefficients(self) -> np.ndarray:
         """Those of the polynomials (2 k, 2, m): expanded at the start, and backwards at the stop."""
@@ -64,20 +69,19 @@ class Blend(DerivedCurve):
     @keep_by_order
     def jumps(self, order: int) -> list[Jump]:
         """Where a derivative up to `order` jumps: of the curve outside of all windows, and at their ends."""
-        found = [jump for jump in self.base.jumps(order) if not self._replaces(jump)]
+        found: list[Jump] = []
         for j, windows in enumerate(self.windows):
-            if windows is not None:
-                t = np.concatenate([windows.start, windows.stop])
-                before, after = ([rate[:, [j]] for rate in self.rates(t, order, left)] for left in (True, False))
-                spans = windows.stop - windows.start
-                inside = np.concatenate([windows.start + share * spans for share in INNER_SHARES])
-                within = [rate[:, [j]] for rate in self.rates(inside, order)]
-                found += [jump._replace(column=j) for jump in find_jumps(t, before, after, np.tile(spans, 2), within)]
+            given = [jump for jump in self.base.jumps(order) if jump.column == j]
+            found += given if windows is None else windows.outside(given) + self._jumps_at_ends(j, windows, order)
         return sorted(found)
 
-    def _replaces(self, jump: Jump) -> bool:
-        windows = self.windows[jump.column]
-        return windows is not None and windows.which(np.array([jump.t]), False)[0].size > 0
+    def _jumps_at_ends(self, j: int, windows: BlendWindows, order: int) -> list[Jump]:
+        t = np.concatenate([windows.start, windows.stop])
+        before, after = ([rate[:, [j]] for rate in self.rates(t, order, left)] for left in (True, False))
+        spans = windows.stop - windows.start
+        inside = np.concatenate([windows.start + share * spans for share in INNER_SHARES])
+        within = [rate[:, [j]] for rate in self.rates(inside, order)]
+        return [jump._replace(column=j) for jump in find_jumps(t, before, after, np.tile(spans, 2), within)]
 
 
 def blend_curve(base: Curve, time: float, continuity: int, names: Sequence[str]) -> tuple[Blend, np.ndarray]:
