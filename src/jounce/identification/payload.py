@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jounce.core.errors import JounceError, join_names, quote_value, shorten, warn
+from jounce.core.progress import stage
 from jounce.core.scalars import is_finite
 from jounce.core.typing import DriveTerm, DriveTerms
 from jounce.dynamics.base_parameters import LENGTH_POWERS, transport_parameters
@@ -42,6 +43,7 @@ TABLE = (
 LOGS = ("with the load", "without the load")
 
 
+@stage("identification of the payload")
 def identify_payload(
     robot: R,
     with_load: Motion,

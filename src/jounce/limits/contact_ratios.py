@@ -5,9 +5,9 @@ contacts as a_i f <= b_i fz. Some wrenches keep them where rho <= 1.
 
 Algorithm: that of Dinkelbach for several ratios [1]. At a rho that suffices, the linear program max s subject to
 a_i f - rho b_i fz <= -s d_i has s >= 0, and the largest ratio of its f is the next, smaller rho; with the b_i fz of the
-last f as d_i it converges superlinearly, unless the best f is not unique: then rho creeps, and is bisected. Programs of
-many times are one, with blocks. The first rho is that of the least-squares wrenches, or a large one: where that does not
-suffice, rho is infinite, as the ground would have to pull.
+last f as d_i it converges superlinearly. Where the best f is not unique rho may creep, and is bisected. Programs of
+many times are one, with blocks. The first rho is that of the least-squares wrenches, or a large one: where that does
+not suffice, rho is infinite, as the ground would have to pull.
 
 Invariant: some wrenches take rho. It ends where none takes 1e-6 of it less, as a last program shows: rounding of forces
 near 0 may end the descent before.
@@ -24,6 +24,7 @@ import numpy as np
 
 from jounce.arguments.contacts import balance_maps
 from jounce.core.errors import JounceError
+from jounce.core.progress import stage
 from jounce.core.scalars import Array
 from jounce.dynamics.contacts import limit_rows
 from jounce.dynamics.quantities import DEFAULT_QUANTITY
@@ -104,6 +105,7 @@ def _present(m: Mechanism, motion: Motion, t: np.ndarray) -> tuple[np.ndarray, n
     return np.repeat(there, components, axis=1), np.repeat(there, limits, axis=1)
 
 
+@stage("limits of contacts")
 def _find_ratios(b: LimitedMotion, t: np.ndarray, least: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """rho (N,), and a f and b fz (N, r) of the wrenches that take it, at times (N,).
 
@@ -177,8 +179,7 @@ def _descend(
         # Take what is better, and note where there is no room.
         room, ratio = s[:, 0] >= -_TOLERANCE, np.minimum(_ratios(y @ A.T, y @ B.T).max(axis=1), rho[left])
         taken = np.where(room, np.minimum(at, ratio), rho[left])
-        gain = 1 - taken / rho[left]
-        better = gain > LIMIT_TOLERANCE
+        better = taken < (1 - LIMIT_TOLERANCE) * rho[left]
         ended = ~room & (step <= RATIO_ACCURACY * rho[left])
         now = left[better]
         rho[now], f[now], d[now] = taken[better], size[now] * y[better], y[better] @ B.T

@@ -10,6 +10,7 @@ import numpy as np
 from jounce.arguments.names import array_by_name
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, join_names, quote_value, unknown_name_error
+from jounce.core.progress import stage
 from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
 from jounce.limits.check import Check, check
@@ -144,6 +145,7 @@ class Explanation(HtmlDisplay):
         return f"<Explanation: {self.words}, first at t = {first.t:g} s: {first.words}>"
 
 
+@stage("explanation")
 def explain(
     robot: Engine, motion: Motion, rate: float, differences: int, start: object, known: Controller | None = None
 ) -> Explanation:

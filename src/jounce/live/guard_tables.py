@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jounce.core.errors import JounceError, join_names, warn
+from jounce.core.progress import count_through, stage
 from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
 from jounce.limits import path_velocity
@@ -83,6 +84,7 @@ class GuardTables:
         return Binding(joint, self.kinds[row], s)
 
 
+@stage("tables of the guard")
 def build_tables(robot: Engine, motion: Motion) -> GuardTables:
     """The tables of a motion; a robot, limits or a path that are not served are refused."""
     problem = _build_problem(robot, motion)
@@ -144,7 +146,9 @@ def _refine(problem: RetimeProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray,
         )
     sigma, count = problem.points(first)
     sides = (problem.breaks, True), (problem.breaks, False), (sigma[:count], False)
-    blocks = [_sample_rows(problem, block, left) for points, left in sides for block in _split(points)]
+    parts = [(block, left) for points, left in sides for block in _split(points)]
+    label = "nodes of the guard"
+    blocks = [_sample_rows(problem, *part) for part in count_through(label, parts, len(parts))]
     t, *tables = (np.concatenate(column) for column in zip(*blocks, strict=True))
     order = np.argsort(t, kind="stable")  # before and after breaks, then even points
     s, F, joints = (x[order] for x in (t, *tables))
@@ -152,7 +156,8 @@ def _refine(problem: RetimeProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray,
     while cells.size:
         if len(s) > _MAX_NODES:
             raise JounceError(f"guard(): limits along the path change too fast for tables of {_MAX_NODES} nodes")
-        rough = [_find_rough(problem, s, F, block) for block in _split(cells)]
+        halves = _split(cells)
+        rough = [_find_rough(problem, s, F, block) for block in count_through(label, halves, len(halves))]
         at, *middles = (np.concatenate(column) for column in zip(*rough, strict=True))
         s, F, joints = (np.insert(x, at, y, axis=0) for x, y in zip((s, F, joints), middles, strict=True))
         cells = np.union1d(at + np.arange(len(at)) - 1, at + np.arange(len(at)))

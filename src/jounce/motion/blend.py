@@ -37,9 +37,9 @@ class BlendWindows:
     @cached_property
     def coefficients(self) -> np.ndarray:
         """Those of the polynomials (2 k, 2, m): expanded at the start, and backwards at the stop."""
-        h = self.stop - self.start
-        ahead = hermite_coefficients(self.left, self.right, h)
-        return np.stack([ahead, hermite_coefficients(reversed_rates(self.right), reversed_rates(self.left), h)], axis=1)
+        left, right, h = [*self.left], [*self.right], self.stop - self.start
+        ahead = hermite_coefficients(left, right, h)
+        return np.stack([ahead, hermite_coefficients(reversed_rates(right), reversed_rates(left), h)], axis=1)
 
     def rates(self, t: np.ndarray, i: np.ndarray, order: int) -> list[np.ndarray]:
         """The column at times (N,) in windows i (N,), with derivatives up to `order`."""

@@ -141,7 +141,8 @@ def interpolate_hermite(
     """
     back = u > 0.5
     ends, turned = (left, right), (reversed_rates(right), reversed_rates(left))
-    near, far = ([np.where(back, b, a) for a, b in zip(*sides, strict=True)] for sides in zip(ends, turned, strict=True))
+    sides = zip(ends, turned, strict=True)
+    near, far = ([np.where(back, b, a) for a, b in zip(*pair, strict=True)] for pair in sides)
     return evaluate_nearer(hermite_coefficients(near, far, h), h, u, order)
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jounce.core.errors import JounceError, join_names, locate_errors, option_name, unknown_name_error
+from jounce.core.progress import stage
 from jounce.io.entries import DOCUMENT_SUFFIXES
 from jounce.model.mechanism import Mechanism
 
@@ -25,6 +26,18 @@ def read(
     topic: str | None = None,
 ) -> "Motion":
     """The motion of a file, or of a bundled name, for a mechanism: rates up to the one of order `highest`."""
+    with stage(f"reading {source.name}"):
+        return _read(source, mechanism, highest, way, options, topic)
+
+
+def _read(
+    source: Path,
+    mechanism: Mechanism,
+    highest: int,
+    way: "Smoothing | Spline | None",
+    options: "ColumnOptions | None",
+    topic: str | None,
+) -> "Motion":
     from jounce.io import entries, tables
     from jounce.io.motions import bags, tabular, terms
     from jounce.motion.description import build_motion
