@@ -1,7 +1,7 @@
-"""``python -m benchmarks.waits``: how long checks, guards and slower motions take, and one time of every kind of motion.
+"""``python -m benchmarks.waits``: how long checks, guards and slower motions take, and one time of every kind of these.
 
-Seconds of the processor, the least of some rounds after a first one. The path of a Panda takes 458 s. A solo12 stands on
-four points with friction for 0.3 s, with 31 samples, and sways up and down: at the lower friction its feet slip.
+Seconds of the processor, the least of some rounds after a first one. The path of a Panda takes 458 s. A solo12 stands
+on four points with friction for 0.3 s, with 31 samples, and sways up and down: at the lower friction its feet slip.
 """
 
 from collections.abc import Callable
