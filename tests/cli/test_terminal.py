@@ -95,7 +95,7 @@ def test_the_innermost_stage_that_reports_is_shown(clock):
 
 
 @pytest.mark.parametrize(("stream", "shown"), [(Screen(), True), (io.StringIO(), False)], ids=["terminal", "file"])
-def test_long_work_of_a_command_has_a_line_on_a_terminal_alone(monkeypatch, stream, shown):
+def test_commands_have_a_line_on_terminals_alone(monkeypatch, stream, shown):
     monkeypatch.setattr("sys.stderr", stream)
     monkeypatch.setattr(progress_line, "PATIENCE", 0.0)
     with show_progress() as line, stage("working"):
@@ -105,7 +105,7 @@ def test_long_work_of_a_command_has_a_line_on_a_terminal_alone(monkeypatch, stre
     assert ("working" in stream.getvalue()) == shown
 
 
-def test_stages_without_a_listener_cost_nothing_and_yield_what_they_count():
+def test_stages_without_a_listener_do_nothing():
     assert list(count_through("working", "abc", 3)) == ["a", "b", "c"]
 
 

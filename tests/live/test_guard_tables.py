@@ -9,7 +9,7 @@ from jounce.live.guard_tables import _STOP_SPEEDS, LAW_RATES, _find_stop_speeds,
 
 
 @pytest.mark.parametrize("k", LAW_RATES)
-def test_speeds_of_stops_are_the_largest_that_keep_every_limit_on_the_way(k):
+def test_speeds_of_stops_are_the_largest_possible(k):
     """Against a search speed by speed and node by node."""
     rng = np.random.default_rng(0)
     s = np.sort(np.concatenate([rng.uniform(0, 1, 50), [0.3, 0.3]]))

@@ -57,7 +57,7 @@ def test_values_at_both_sides_of_breaks_are_those_of_one_call(kind):
         np.testing.assert_array_equal(motion(t, order, side), fresh)
 
 
-def test_breaks_of_a_blend_are_those_outside_of_its_windows_and_at_their_ends():
+def test_breaks_of_a_blend_lie_outside_of_its_windows():
     """Column 0 is blended at t = 1, column 1 is not; q2d jumps by 2 at t = 2 in both."""
     x, c = np.arange(4.0), np.zeros((3, 3, 2))
     c[1, 0], c[0, 2] = 1.0, 1.0  # q = t, 1 and 1 + (t - 2)^2

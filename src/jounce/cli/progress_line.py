@@ -42,16 +42,16 @@ class _Stage:
     def describe(self, now: float) -> str:
         """The stage in words: how long it takes so far, or the share that is done and the time that is left."""
         if not self.reports or not self.total:
-            return f"{self.label}: {_in_words(now - self.start)}"
+            return f"{self.label}: {_format_duration(now - self.start)}"
         (first, before, states_before), (last, done, states) = self.reports[0], self.reports[-1]
         said = f"{self.label}: {min(done / self.total, 1):.0%}"
         span = last - first
         if span < _FIRST_SPAN or done <= before:
-            return f"{said}, {_in_words(now - self.start)}"
+            return f"{said}, {_format_duration(now - self.start)}"
         if states is not None and states_before is not None:
             said += f", {(states - states_before) / span:.3g} states/s"
         left = (self.total - done) * span / (done - before) - (now - last)
-        return f"{said}, {_in_words(max(left, 0.0))} left"
+        return f"{said}, {_format_duration(max(left, 0.0))} left"
 
 
 class ProgressLine:
@@ -119,7 +119,7 @@ class ProgressLine:
 
 @contextmanager
 def show_progress() -> Iterator[ProgressLine | None]:
-    """Within this context, long work has a line on the terminal; None where standard error is none."""
+    """Within this context, long work has a line on the terminal; yields None where standard error leads elsewhere."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -134,7 +134,7 @@ def show_progress() -> Iterator[ProgressLine | None]:
         drawing.join()
 
 
-def _in_words(seconds: float) -> str:
+def _format_duration(seconds: float) -> str:
     if seconds < 100:
         return f"{seconds:.0f} s"
     minutes = seconds / 60
