@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from jounce.core.errors import JounceError, quote_value
+from jounce.core.progress import count_through
 from jounce.dynamics.contacts import Stance
 from jounce.dynamics.quantities import DEFAULT_QUANTITY, QUANTITIES, Quantity
 from jounce.engine.backends import Call
@@ -53,7 +54,8 @@ def find_switches(
         return bool(np.abs(f - best).max() <= SAME_SOLUTION_TOLERANCE * np.abs(best).max())
 
     known = balance(times)
-    for i in (known.active[1:] != known.active[:-1]).any(axis=1).nonzero()[0]:
+    changes = (known.active[1:] != known.active[:-1]).any(axis=1).nonzero()[0]
+    for i in count_through("switches of contacts", changes, len(changes)):
         left, low, stop = known.active[i], times[i], times[i + 1]
         while not solves(left, known, i + 1):
             high, right = stop, known.active[i + 1]

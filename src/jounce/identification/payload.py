@@ -6,6 +6,7 @@ import numpy as np
 
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, quote_value, shorten, warn
+from jounce.core.progress import stage
 from jounce.core.scalars import is_finite
 from jounce.core.typing import DriveTerm, DriveTerms
 from jounce.dynamics.base_parameters import LENGTH_POWERS, transport_parameters
@@ -43,6 +44,7 @@ TABLE = (
 LOGS = ("with the load", "without the load")
 
 
+@stage("identification of the payload")
 def identify_payload(
     robot: R,
     with_load: Motion,

@@ -7,6 +7,7 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from math import isfinite
 from pathlib import Path
 from typing import NamedTuple
@@ -15,6 +16,7 @@ import numpy as np
 
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, quote_value
+from jounce.core.progress import stage
 from jounce.io.columns import CellError, Columns, Select, TableMetadata
 from jounce.io.remainders import split_names
 
@@ -151,7 +153,11 @@ class TableFormat(ABC):
         header = self.names(path)
         wanted = header if select is None else list(select(header))
         self.check_numbers(path, split_names(wanted)[0])
-        found = [chunk for span in self.spans(path, sys.maxsize) for chunk in self.chunks(path, wanted, None, span)]
+        found, spans = list[Chunk](), list(self.spans(path, sys.maxsize))
+        with stage(f"reading {path.name}") as advance:
+            for chunk in chain.from_iterable(self.chunks(path, wanted, None, span) for span in spans):
+                found.append(chunk)
+                advance(int(chunk.places[-1]), spans[-1].stop)
         if not found:
             raise JounceError(f"{path}: no rows of numbers under the column names")
         return join_chunks(found)

@@ -11,6 +11,7 @@ from jounce.arguments.names import array_by_name
 from jounce.core.cures import Remedy, option_name
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, join_names, quote_value, unknown_name_error
+from jounce.core.progress import stage
 from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
 from jounce.limits.check import Check, check
@@ -146,6 +147,7 @@ class Explanation(HtmlDisplay):
         return f"<Explanation: {self.words}, first at t = {first.t:g} s: {first.words}>"
 
 
+@stage("explanation")
 def explain(
     robot: Engine, motion: Motion, rate: float, differences: int, start: object, known: Controller | None = None
 ) -> Explanation:

@@ -26,6 +26,7 @@ import numpy as np
 from jounce.core.cures import Remedy
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, check_bool, quote_value
+from jounce.core.progress import stage
 from jounce.core.scalars import is_finite
 from jounce.engine.along import check_motion
 from jounce.engine.engine import Engine
@@ -114,6 +115,7 @@ class Retiming(HtmlDisplay):
         return f"<Retiming to {self.duration:.6g} s, {len(self.binding)} stretches{jumps}>"
 
 
+@stage("time law along the path")
 def retime(
     robot: Engine,
     motion: object,

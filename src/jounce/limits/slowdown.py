@@ -28,6 +28,7 @@ import numpy as np
 from jounce.core.cures import Remedy
 from jounce.core.display import HtmlDisplay
 from jounce.core.errors import JounceError, check_bool, quote_value
+from jounce.core.progress import stage
 from jounce.engine.along import ForceBreak, check_motion
 from jounce.engine.contact_limits import are_limited
 from jounce.engine.engine import Engine
@@ -141,6 +142,7 @@ def describe_reserve(largest: float | None) -> str:
     return f"the motion could be up to {largest:.6g} times as fast"
 
 
+@stage("largest factor of speed")
 def slowdown(
     robot: Engine,
     motion: Motion,

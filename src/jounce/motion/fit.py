@@ -8,6 +8,7 @@ import numpy as np
 
 from jounce.core.cures import Remedy
 from jounce.core.errors import JounceError, join_names, quote_value
+from jounce.core.progress import stage
 from jounce.motion.bsplines import FIT_DEGREE, pad_knots
 from jounce.motion.bursts import find_bursts
 from jounce.motion.deviations import MAX_DEVIATION_ORDER, SplineCovariances
@@ -143,6 +144,7 @@ class Fit:
         )
 
 
+@stage("smoothing of the samples")
 def fit(t: object, q: object, *, bandwidth: float | None = None, names: Sequence[str] | None = None) -> Fit:
     """Smooth measured samples: least squares with a spline of degree 9, whose breaks are found from the samples.
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from jounce.core.cures import option_name
 from jounce.core.errors import JounceError, join_names, locate_errors, unknown_name_error
+from jounce.core.progress import stage
 from jounce.io.entries import DOCUMENT_SUFFIXES
 from jounce.model.mechanism import Mechanism
 
@@ -26,6 +27,18 @@ def read(
     topic: str | None = None,
 ) -> "Motion":
     """The motion of a file, or of a bundled name, for a mechanism: rates up to the one of order `highest`."""
+    with stage(f"reading {source.name}"):
+        return _read(source, mechanism, highest, way, options, topic)
+
+
+def _read(
+    source: Path,
+    mechanism: Mechanism,
+    highest: int,
+    way: "Smoothing | Spline | None",
+    options: "ColumnOptions | None",
+    topic: str | None,
+) -> "Motion":
     from jounce.io import entries, tables
     from jounce.io.motions import bags, tabular, terms
     from jounce.motion.description import build_motion
