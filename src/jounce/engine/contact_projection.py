@@ -60,7 +60,7 @@ class ProjectedCurve(DerivedCurve):
         if left != from_left or len(known) <= order or not np.array_equal(t, times):
             known = self._compute_rates(t, order, left)
             vars(self)["_last"] = t.copy(), left, known
-        return known[: order + 1]
+        return [rate.copy() for rate in known[: order + 1]]  # whoever asks may write into them
 
     def _compute_rates(self, t: np.ndarray, order: int, left: bool) -> list[np.ndarray]:
         to_z = np.eye(self.columns)
