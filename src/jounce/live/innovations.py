@@ -70,7 +70,8 @@ class Innovations:
     @staticmethod
     def start(count: int, n: int) -> "Innovations":
         """Those before the second sample."""
-        return Innovations(*np.zeros((5, count, n)), np.zeros((1 + CHOICE_BLOCKS, 4, count, n)))
+        power, slow, peak, pace, rest = np.zeros((5, count, n))
+        return Innovations(power, slow, peak, pace, rest, np.zeros((1 + CHOICE_BLOCKS, 4, count, n)))
 
     @property
     def means(self) -> np.ndarray:
