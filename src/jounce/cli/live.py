@@ -94,7 +94,7 @@ def _write(arm: "Robot", live: "LiveRates", rows: "Iterable[tuple[float, np.ndar
     from jounce.live.broken_limits import find_broken, judged_limits
 
     judged = judged_limits(arm)
-    if left := [kind.replace("_", " ") for kind in judged.limits.kinds if kind not in judged.scales]:
+    if left := [kind.replace("_", " ") for kind in judged.limits.kinds if kind not in judged.kinds]:
         warn(f"limits of {join_names(left)} are not judged live; jounce check judges them")
     names = [f"{joint}.{name}" for name in COLUMNS for joint in arm.joint_names]
     table = csv.writer(sys.stdout, lineterminator="\n")

@@ -67,7 +67,7 @@ class LiveRates:
         n, count = len(self.settings.sigma), len(self.settings.omega)
         self._filters: Filters | None = None
         self._innovations = Innovations.start(count, n)
-        self._times = np.empty(0)  # of the kept states, the newest first
+        self._times = np.empty(0)  # of the kept states
         self._begin = self._sampled = np.nan  # times of the first sample, and of the last one that was not lost
         self._y, self._used = np.full(n, np.nan), np.full(n, count - 1)
         self._forget_rates()
@@ -167,22 +167,23 @@ class LiveRates:
         """Predict to the present, and correct by a sample that is not lost."""
         s = self.settings
         assert self._filters is not None
-        scaled, keep = s.omega * step, s.kept > 1 and self._times[0] - self._times[1] > KEPT_SHARE * s.spacing
+        last, earlier = self._times[[self._filters.head, self._filters.place(1)]]
+        scaled, keep = s.omega * step, s.kept > 1 and last - earlier > KEPT_SHARE * s.spacing
         W = process_noise(scaled, s.omega * s.dt, s.states)
-        found = predict(self._filters, transition(scaled, s.states), W, keep)
-        self._times = np.append(now, self._times[: s.kept - 1] if keep else self._times[1:])
-        nu, variance, moved = y - found.x[:, 0, 0], innovation_variance(found), np.abs(y - self._y)
+        predict(self._filters, transition(scaled, s.states), W, keep)
+        self._times[self._filters.head] = now
+        nu, variance, moved = y - self._filters.present, innovation_variance(self._filters), np.abs(y - self._y)
         moved = np.where(moved <= ROUNDING_OF_Q * np.abs(y), 0, moved)  # an unwrapped angle that is the same is rounded
         if not moved.any() and now - self._sampled < MAX_REPEAT_TIME:
             lost = bool((np.abs(nu[-1]) > REPEAT_DEVIATIONS * self._noise.sigma * np.sqrt(variance[-1])).any())
-        self._filters = found if lost else correct(found, nu)
         if lost:
             return
         if moved.any() and np.isnan(s.sigma).any():
             self._noise = add_sample(self._noise, now, y)
+        correct(self._filters, nu)
         steps = self._noise.steps
         passed = np.where(steps > 0, moved / np.where(steps > 0, steps, 1), NO_STEPS)
-        self._innovations = self._innovations.add(now - self._sampled, now - self._begin, s, nu, variance, passed)
+        self._innovations.add(now - self._sampled, s, nu, variance, passed)
         self._sampled, self._y = now, y
         if now - self._begin >= CHOICE_TIME:
             self._used = self._innovations.choose(self._settled)
@@ -196,8 +197,10 @@ class LiveRates:
         i, joints, used = int(np.abs(self._times - t).argmin()), np.arange(len(self._y)), self._used
         scaled = s.omega[used] * (t - self._times[i])
         F, scale = transition(scaled, s.states), s.omega[used, None] ** np.arange(RATE_COUNT)
-        x = F @ self._filters.x[used, i, :, joints][..., None]
-        P = F @ self._filters.covariance[used, i] @ F.mT + process_noise(np.abs(scaled), s.omega[used] * s.dt, s.states)
+        x = F @ self._filters.x[used, joints, :, i][..., None]
+        P = F @ self._filters.covariance[used, ..., i] @ F.mT + process_noise(
+            np.abs(scaled), s.omega[used] * s.dt, s.states
+        )
         P = self._innovations.inflate(P[:, :RATE_COUNT, :RATE_COUNT], self._noise.sigma, used)
         self.t, self.rates = t, tuple((x[:, :RATE_COUNT, 0] * scale).T)
         self._covariance = P * (self._noise.sigma[:, None, None] ** 2 * scale[:, :, None] * scale[:, None])

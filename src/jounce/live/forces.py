@@ -74,7 +74,12 @@ def linear_variances(partials: Sequence[np.ndarray], covariance: np.ndarray) -> 
 
     To first order: ``dQ = sum_j P[j] dq^(j)``, and the errors of different joints are independent.
     """
-    return np.array([np.einsum("aij,jab,bij->i", P, covariance[:, : len(P), : len(P)], P) for P in partials])
+    n, count = covariance.shape[:2]
+    by_joint = np.zeros((n, len(partials), n, count))  # of each joint, all functions by its rates
+    for k, P in enumerate(partials):
+        by_joint[:, k, :, : len(P)] = P.transpose(2, 1, 0)
+    rows = by_joint.reshape(n, -1, count)
+    return np.asarray(((rows @ covariance) * rows).sum(axis=(0, 2)).reshape(len(partials), -1))
 
 
 def estimate_links(robot: Engine, rates: tuple[np.ndarray, ...], covariance: np.ndarray, omega: float) -> LiveLinks:
