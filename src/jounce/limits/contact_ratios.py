@@ -195,15 +195,15 @@ def _descend(
 
 
 def _solve_programs(
-    m: Mechanism, rooms: tuple[Array, Array], balance: tuple[Array, Array], there: Array
+    m: Mechanism, limits: tuple[Array, Array], balance: tuple[Array, Array], there: Array
 ) -> tuple[Array, Array]:
-    """The f (N, k) with the largest s (N,), where C f + s d <= 0 and G f = F, for `rooms` C, d and a `balance` G, F.
+    """The f (N, k) with the largest s (N,), where C f + s d <= 0 and G f = F, for `limits` C, d and a `balance` G, F.
 
     Components of contacts that are not `there` (N, k) are 0.
     """
     from scipy.optimize import linprog  # imported here to keep start-up fast
 
-    (C, d), (G, F), (times, count) = rooms, balance, there.shape
+    (C, d), (G, F), (times, count) = limits, balance, there.shape
     free_or_zero = np.where(there[..., None], (-np.inf, np.inf), 0.0)
     bounds: Any = np.concatenate([free_or_zero, np.tile((-np.inf, _MAX_RATIO), (times, 1, 1))], axis=1)
     rows, equal = np.concatenate([C, d[..., None]], axis=2), np.pad(G, ((0, 0), (0, 0), (0, 1)))
