@@ -92,7 +92,8 @@ class LiveRates:
     def trust(self) -> Trust:
         """Whether the rates of each joint are to be trusted, by the innovations of the last 0.2 s."""
         found = self._innovations.trust(self._used_noises, self._used)
-        return found._replace(good=found.good & self._settled[self._used] & (self._now - self._begin >= 2 * TRUST_TIME))
+        good = found.good & self._settled[self._used] & (self._now - self._begin >= 2 * TRUST_TIME)
+        return found._replace(good=good & ~(self._jitter.vibrating & ~self._noise.is_rounding))
 
     @property
     def _noises(self) -> np.ndarray:

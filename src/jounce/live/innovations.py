@@ -73,7 +73,8 @@ class Innovations:
     def start(count: int, n: int) -> "Innovations":
         """Those before the second sample."""
         power, slow, level, peak, pace, rest = np.zeros((6, count, n))
-        return Innovations(power, slow, np.zeros((count, 1)), level, peak, pace, rest, np.zeros((1 + CHOICE_BLOCKS, 4, count, n)))
+        spread, sums = np.zeros((count, 1)), np.zeros((1 + CHOICE_BLOCKS, 4, count, n))
+        return Innovations(power, slow, spread, level, peak, pace, rest, sums)
 
     @property
     def means(self) -> np.ndarray:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jounce.live.innovations import CHOICE_BLOCKS, CHOICE_TIME, TRUST_TIME
+from jounce.live.innovations import CHOICE_BLOCKS, CHOICE_TIME, MAX_INNOVATION_RMS, TRUST_TIME
 
 MIN_DOMINANCE = 4.0  # of errors of stamps over all else, whose variance is 6 % of theirs then: vibrations have 1 to 1.3
 MIN_SLOW_DOMINANCE = 20.0  # over what of all else is no white noise: a vibration, or a motion that is too fast
@@ -27,7 +27,11 @@ MAX_CORRELATION = 0.5  # of the errors of two stamps in a row: a vibration below
 MAX_COLOUR = 2.0  # of the density of slow errors of stamps, over that of white ones: a motion that is missed has 4
 MAX_VIBRATION = 80.0  # Hz, of arms, which samples resolve by six a cycle at least: else it looks white
 MAX_JITTER_TO_SPACING = 0.5  # beyond which stamps would change their order
+MAX_SLOW_SHARE = 1 - MAX_INNOVATION_RMS**-2  # of a joint's rest: the bound of trust, on what stamps do not move
+MAX_HIDDEN_SHARE = 0.05  # of the noise of stamps, that a slow rest may be: 0.02 to 0.03 along a log of a Panda
+MAX_HIDDEN_ANGLE = 1e-5  # rad or m, that it may be: 4e-6 along that log, at 30 Hz
 MEANS = 7  # of a row, before those of filters and of joints
+JOINT_MEANS = 4  # of each joint, at the end of a row
 
 
 @dataclass(eq=False)
@@ -47,7 +51,7 @@ class StampJitter:
     @staticmethod
     def start(count: int, n: int) -> "StampJitter":
         """That before the second sample."""
-        size = MEANS + count + n
+        size = MEANS + count + JOINT_MEANS * n
         return StampJitter(np.zeros(size), np.zeros((1 + CHOICE_BLOCKS, size)), (0.0, np.zeros(n)))
 
     def add(self, step: float, nu: np.ndarray, qd: np.ndarray, sigma: np.ndarray, level: np.ndarray) -> None:
@@ -62,7 +66,9 @@ class StampJitter:
         rest = x - along * u
         independent = float((1 - u * u) @ (x * x))
         row = np.array([1, along**2, rest @ rest, independent, along * self.last[0], rest @ self.last[1], speed**2])
-        row = np.concatenate([row, (level @ (u * weight)) ** 2, qd**2])
+        own, before = rest * sigma, self.last[1] * sigma
+        of_joints = np.stack([own * before, own**2, (1 - u * u) * nu**2, qd**2])
+        row = np.concatenate([row, (level @ (u * weight)) ** 2, np.where(weight, of_joints, 0).ravel()])
         self.last = along, rest
         self.now -= np.expm1(-step / TRUST_TIME) * (row - self.now)
         self.sums[0] += step * row
@@ -76,7 +82,8 @@ class StampJitter:
         They are those of white noise whose density at the bandwidth of a filter is as large.
         """
         n, long = len(self.last[1]), self.sums.sum(axis=0)
-        none = np.zeros((2, len(long) - MEANS - n, n))
+        filters = slice(MEANS, len(long) - JOINT_MEANS * n)
+        none = np.zeros((2, filters.stop - MEANS, n))
         watched, along, _, independent, product, slow_rest, speed = long[:MEANS]
         if 6 * dt * MAX_VIBRATION > 1 or not watched > CHOICE_TIME:
             return none
@@ -84,12 +91,19 @@ class StampJitter:
             return none
         if product > MAX_CORRELATION * along or MIN_SLOW_DOMINANCE**2 * slow_rest > independent:
             return none
-        variance, colour = along / speed, np.maximum(1, long[MEANS:-n] / along)
+        variance, colour = along / speed, np.maximum(1, long[filters] / along)
         if variance > (MAX_JITTER_TO_SPACING * dt) ** 2:
             return none
         squares = np.stack([self.now[-n:] / self.now[0], long[-n:] / watched])
         density = variance * np.minimum(colour, MAX_COLOUR)
         return np.asarray(np.sqrt(density[:, None] * squares[:, None]))
+
+    @property
+    def vibrating(self) -> np.ndarray:
+        """Joints (n,) whose innovations across the velocities have had a slow part in the last second."""
+        slow, rest, independent, _ = self.sums.sum(axis=0)[-JOINT_MEANS * len(self.last[1]) :].reshape(JOINT_MEANS, -1)
+        least = np.minimum(MAX_HIDDEN_SHARE**2 * independent, MAX_HIDDEN_ANGLE**2 * self.sums[:, 0].sum())
+        return np.asarray((slow > MAX_SLOW_SHARE * rest) & (slow > least))
 
 
 def _is_of_stamps(means: np.ndarray) -> bool:
