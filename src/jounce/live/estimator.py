@@ -201,7 +201,7 @@ class LiveRates:
             self._jitter.add(elapsed, white, qd, self._noise.sigma, self._innovations.level)
         self._sampled, self._y = now, y
         if now - self._begin >= CHOICE_TIME:
-            self._used = self._innovations.choose(self._settled, self._jitter.noise(s.dt)[1])
+            self._used = self._innovations.choose(self._settled)
 
     def _read(self) -> None:
         """The rates at the lag, by Taylor's series from the nearest of the kept states, and their covariances."""

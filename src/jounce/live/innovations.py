@@ -109,18 +109,12 @@ class Innovations:
             self.sums[1:, :, :, full] = self.sums[:-1, :, :, full]
             self.sums[0, :, :, full] = 0
 
-    def choose(self, settled: np.ndarray, stamps: np.ndarray) -> np.ndarray:
-        """The likeliest filter of each joint (n,) of those `settled` (B,), the widest of one that has not moved.
-
-        Where stamps add a noise (B, n), filters whose innovations are slower than that give way to wider ones that are
-        less so: a motion that a filter misses is a small part of such innovations, and a large one of errors of rates.
-        """
-        power, log_variance, slow = self.means
+    def choose(self, settled: np.ndarray) -> np.ndarray:
+        """The likeliest filter of each joint (n,) of those `settled` (B,), the widest of one that has not moved."""
+        power, log_variance, _ = self.means
         moved = power.all(axis=0)
         score = np.log(power, where=moved, out=np.zeros_like(power)) + log_variance
-        least = np.minimum.accumulate(slow[::-1])[::-1]  # of it and wider ones
-        follows = (stamps == 0) | ~(slow > USUAL_SLOW_RMS**2 * np.maximum(stamps**2, least))
-        score = np.where(settled[:, None] & follows, score, np.inf)
+        score = np.where(settled[:, None], score, np.inf)
         return np.where(moved, score.argmin(axis=0), len(score) - 1)
 
     def trust(self, sigmas: np.ndarray, used: np.ndarray) -> Trust:

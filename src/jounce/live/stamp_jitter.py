@@ -24,7 +24,7 @@ MIN_DOMINANCE = 4.0  # of errors of stamps over all else, whose variance is 6 % 
 MIN_SLOW_DOMINANCE = 20.0  # over what of all else is no white noise: a vibration, or a motion that is too fast
 MIN_SHARED = 0.1  # of the innovations, that more than one joint has: two joints of equal parts have 0.5
 MAX_CORRELATION = 0.5  # of the errors of two stamps in a row: a vibration below a sixth of the sampling rate has more
-MAX_COLOUR = 2.0  # of the density of slow errors of stamps, over that of white ones: a motion that is missed has 4
+MAX_COLOUR = 3.0  # of the density of slow errors of stamps, over that of white ones: a motion that is missed has 4
 MAX_VIBRATION = 80.0  # Hz, of arms, which samples resolve by six a cycle at least: else it looks white
 MAX_JITTER_TO_SPACING = 0.5  # beyond which stamps would change their order
 MAX_SLOW_SHARE = 1 - MAX_INNOVATION_RMS**-2  # of a joint's rest: the bound of trust, on what stamps do not move
@@ -67,7 +67,7 @@ class StampJitter:
         independent = float((1 - u * u) @ (x * x))
         row = np.array([1, along**2, rest @ rest, independent, along * self.last[0], rest @ self.last[1], speed**2])
         own, before = rest * sigma, self.last[1] * sigma
-        of_joints = np.stack([own * before, own**2, (1 - u * u) * nu**2, qd**2])
+        of_joints = np.stack([own * before, own**2, (1 - u * u) * nu**2, (along * u * sigma) ** 2])
         row = np.concatenate([row, (level @ (u * weight)) ** 2, np.where(weight, of_joints, 0).ravel()])
         self.last = along, rest
         self.now -= np.expm1(-step / TRUST_TIME) * (row - self.now)
@@ -95,8 +95,7 @@ class StampJitter:
         if variance > (MAX_JITTER_TO_SPACING * dt) ** 2:
             return none
         squares = np.stack([self.now[-n:] / self.now[0], long[-n:] / watched])
-        density = variance * np.minimum(colour, MAX_COLOUR)
-        return np.asarray(np.sqrt(density[:, None] * squares[:, None]))
+        return np.asarray(np.sqrt(np.minimum(colour, MAX_COLOUR)[:, None] * squares[:, None]))
 
     @property
     def vibrating(self) -> np.ndarray:
