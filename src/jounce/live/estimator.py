@@ -14,6 +14,7 @@ from jounce.live.innovations import CHOICE_TIME, TRUST_TIME, Innovations, Trust
 from jounce.live.sample_clock import NEW_CLOCK_STAMPS, SampleClock
 from jounce.live.sample_noise import NoiseWindows, add_sample, forget_window
 from jounce.live.settings import RATE_COUNT, check_settings
+from jounce.live.stamp_jitter import StampJitter
 from jounce.motion.curves import ROUNDING_OF_Q
 from jounce.motion.units import warn_of_degrees
 
@@ -66,7 +67,7 @@ class LiveRates:
         """Begin without samples."""
         n, count = len(self.settings.sigma), len(self.settings.omega)
         self._filters: Filters | None = None
-        self._innovations = Innovations.start(count, n)
+        self._innovations, self._jitter = Innovations.start(count, n), StampJitter.start(count, n)
         self._times = np.empty(0)  # of the kept states
         self._begin = self._sampled = np.nan  # times of the first sample, and of the last one that was not lost
         self._y, self._used = np.full(n, np.nan), np.full(n, count - 1)
@@ -90,8 +91,18 @@ class LiveRates:
     @property
     def trust(self) -> Trust:
         """Whether the rates of each joint are to be trusted, by the innovations of the last 0.2 s."""
-        found = self._innovations.trust(self._noise.sigma, self._used)
-        return found._replace(good=found.good & self._settled[self._used] & (self._now - self._begin >= 2 * TRUST_TIME))
+        found = self._innovations.trust(self._used_noises, self._used)
+        good = found.good & self._settled[self._used] & (self._now - self._begin >= 2 * TRUST_TIME)
+        return found._replace(good=good & ~(self._jitter.vibrating & ~self._noise.is_rounding))
+
+    @property
+    def _noises(self) -> np.ndarray:
+        """The deviations (2, B, n) of samples, for each filter, now and in the last second, with errors of stamps."""
+        return np.maximum(self._noise.sigma, self._jitter.noise(self.settings.dt))
+
+    @property
+    def _used_noises(self) -> np.ndarray:
+        return np.asarray(self._noises[:, self._used, np.arange(len(self._used))])
 
     @property
     def _settled(self) -> np.ndarray:
@@ -180,10 +191,14 @@ class LiveRates:
             return
         if moved.any() and np.isnan(s.sigma).any():
             self._noise = add_sample(self._noise, now, y)
+        elapsed, qd = now - self._sampled, self._filters.x[-1, :, 1, self._filters.head] * s.omega[-1]
         correct(self._filters, nu)
         steps = self._noise.steps
         passed = np.where(steps > 0, moved / np.where(steps > 0, steps, 1), NO_STEPS)
-        self._innovations.add(now - self._sampled, s, nu, variance, passed)
+        self._innovations.add(elapsed, s, nu, variance, passed)
+        if np.isnan(s.sigma).any() and self._settled[-1]:  # a noise that is stated is that of stamps, too
+            white = nu[-1] / np.sqrt(variance[-1])
+            self._jitter.add(elapsed, white, qd, self._noise.sigma, self._innovations.level)
         self._sampled, self._y = now, y
         if now - self._begin >= CHOICE_TIME:
             self._used = self._innovations.choose(self._settled)
@@ -201,9 +216,10 @@ class LiveRates:
         P = F @ self._filters.covariance[used, ..., i] @ F.mT + process_noise(
             np.abs(scaled), s.omega[used] * s.dt, s.states
         )
-        P = self._innovations.inflate(P[:, :RATE_COUNT, :RATE_COUNT], self._noise.sigma, used)
+        sigma = self._used_noises.max(axis=0)
+        P = self._innovations.inflate(P[:, :RATE_COUNT, :RATE_COUNT], sigma, used)
         self.t, self.rates = t, tuple((x[:, :RATE_COUNT, 0] * scale).T)
-        self._covariance = P * (self._noise.sigma[:, None, None] ** 2 * scale[:, :, None] * scale[:, None])
+        self._covariance = P * (sigma[:, None, None] ** 2 * scale[:, :, None] * scale[:, None])
 
     def forces(self, keep_uncertain: bool = False) -> LiveForces:
         """Q, Qd, Q2d at the time of the last rates, with standard deviations.

@@ -62,7 +62,9 @@ class Innovations:
 
     power: np.ndarray  # mean of nu^2 / S, squared
     slow: np.ndarray  # low-pass of nu / sqrt(S)
-    peak: np.ndarray  # its last peak, over the deviation that it has for white noise
+    spread: np.ndarray  # (B, 1), the variance of that of white noise of 1, at the spacings of the samples
+    level: np.ndarray  # the same over the deviation that it has for white noise of 1
+    peak: np.ndarray  # last peak of the level
     pace: np.ndarray  # steps per s that a joint passes
     rest: np.ndarray  # 1 where a joint rests or did so within the memory of the filter, else 0
     sums: np.ndarray  # (blocks, 4, B, n), over time while joints move: 1, nu^2 / S, log S, the squared level of `slow`
@@ -70,8 +72,9 @@ class Innovations:
     @staticmethod
     def start(count: int, n: int) -> "Innovations":
         """Those before the second sample."""
-        power, slow, peak, pace, rest = np.zeros((5, count, n))
-        return Innovations(power, slow, peak, pace, rest, np.zeros((1 + CHOICE_BLOCKS, 4, count, n)))
+        power, slow, level, peak, pace, rest = np.zeros((6, count, n))
+        spread, sums = np.zeros((count, 1)), np.zeros((1 + CHOICE_BLOCKS, 4, count, n))
+        return Innovations(power, slow, spread, level, peak, pace, rest, sums)
 
     @property
     def means(self) -> np.ndarray:
@@ -88,17 +91,19 @@ class Innovations:
         square = white**2
         self.power -= np.expm1(-step / TRUST_TIME) * (square - self.power)
         self.slow += share * (white - self.slow)
-        level = np.abs(self.slow) / np.sqrt(share / (2 - share))
+        # of the first sample as if all before were as far apart
+        self.spread = np.where(self.spread > 0, (1 - share) ** 2 * self.spread + share**2, share / (2 - share))
+        self.level = self.slow / np.sqrt(self.spread)
         self.pace += of_pace * (passed / step - self.pace)
         rest = 1 / (1 + (2 * np.pi / REST_PACE * self.pace / omega) ** PACE_ORDER)
-        np.maximum(level, leak * self.peak, out=self.peak)
+        np.maximum(np.abs(self.level), leak * self.peak, out=self.peak)
         np.maximum(rest, leak * self.rest, out=self.rest)
         # samples on the same step do not distinguish filters
         time, block = step * (1 - rest[-1]) * np.minimum(self.pace[-1] * step, 1), self.sums[0]
         block[0] += time
         block[1] += time * square
         block[2] += time * np.log(variance)[:, None]
-        block[3] += time * level**2
+        block[3] += time * self.level**2
         full = block[0, 0] > CHOICE_TIME / CHOICE_BLOCKS
         if full.any():
             self.sums[1:, :, :, full] = self.sums[:-1, :, :, full]
@@ -112,11 +117,11 @@ class Innovations:
         score = np.where(settled[:, None], score, np.inf)
         return np.where(moved, score.argmin(axis=0), len(score) - 1)
 
-    def trust(self, sigma: np.ndarray, used: np.ndarray) -> Trust:
-        """What the filters `used` (n,) deserve, by the noise of each joint."""
-        joints = np.arange(len(used))
-        rms, peak = np.sqrt(self.power[used, joints]) / sigma, self.peak[used, joints] / sigma
-        windows = np.maximum(rms, np.sqrt(self.means[0, used, joints]) / sigma)
+    def trust(self, sigmas: np.ndarray, used: np.ndarray) -> Trust:
+        """What the filters `used` (n,) deserve, by the noise (2, n) of each joint now, and over the last second."""
+        joints, (now, long) = np.arange(len(used)), sigmas
+        rms, peak = np.sqrt(self.power[used, joints]) / now, self.peak[used, joints] / sigmas.max(axis=0)
+        windows = np.maximum(rms, np.sqrt(self.means[0, used, joints]) / long)
         good = (windows < MAX_INNOVATION_RMS) & (peak < MAX_SLOW_INNOVATION)
         return Trust(rms, good, self.rest[used, joints] < MAX_REST)
 
