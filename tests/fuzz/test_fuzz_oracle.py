@@ -11,6 +11,8 @@ from fuzz.trees import in_units, laid_out, random_tree, random_units, robot_of
 from jounce.dynamics.quantities import QUANTITIES
 
 TOLERANCE = 1e-13  # of the size of what is added up, whatever the order
+DENSE_TOLERANCE = 5e-13  # the same of dense methods, which add up terms that a recursion never forms; 1.04e-13 was seen
+DENSE = ("closed_form", "paper")
 BATCHES = [(), (1,), (5,), (2, 3), (0,), (33,)]
 SMALL, ANY = 12, 60  # bodies
 SEEDS = st.integers(0, 2**32 - 1)
@@ -49,13 +51,18 @@ def written_into(rng, batch, n, count):
     return tuple(arrays) if count > 1 else arrays[0]
 
 
-def compare(found, expected, size, batch):
+def tolerance_of(method):
+    return DENSE_TOLERANCE if method in DENSE else TOLERANCE
+
+
+def compare(method, found, expected, size, batch):
     found = found if isinstance(found, tuple) else (found,)
     assert len(found) == len(expected)
     for k, Q in enumerate(found):
         assert Q.shape == (*batch, expected.shape[-1])
         error = abs(Q.reshape(expected[k].shape) - expected[k])
-        assert (error <= TOLERANCE * size[k]).all(), f"rate {k}: {(error / size[k]).max():.1e} of what is added up"
+        worst = f"{method}, rate {k}: {(error / size[k]).max():.1e} of what is added up"
+        assert (error <= tolerance_of(method) * size[k]).all(), worst
 
 
 def check_forces(nb, order, seed):
@@ -73,7 +80,7 @@ def check_forces(nb, order, seed):
         out, threads = written_into(rng, batch, robot.n, order + 1), int(rng.integers(1, 4))
         options = {"threads": threads} if method == "kernel" and batch else {}
         found = robot.inverse_dynamics(*q, wrench=given, method=method, out=out, **options)
-        compare(found if out is None else out, expected, size, batch)
+        compare(method, found if out is None else out, expected, size, batch)
 
 
 def check_gravity(nb, order, seed):
@@ -83,7 +90,7 @@ def check_gravity(nb, order, seed):
     q, flat = drawn(rng, (3,), (robot.n,), order + 3)
     (whole, size), (moved, _) = jets.forces(tree, flat), jets.forces(weightless, flat)
     for method in methods(robot, "gravity_forces", order):
-        compare(robot.gravity_forces(*q[: order + 1], method=method), whole - moved, size, (3,))
+        compare(method, robot.gravity_forces(*q[: order + 1], method=method), whole - moved, size, (3,))
 
 
 def check_mass_matrix(nb, seed):
@@ -96,7 +103,7 @@ def check_mass_matrix(nb, seed):
     [Q], [size] = jets.forces(tree, state)
     for method in methods(robot, "mass_matrix", 0):
         error = abs(robot.mass_matrix(q, method=method) - (Q[:-1] - Q[-1]))
-        assert (error <= TOLERANCE * (size[:-1] + size[-1])).all(), method
+        assert (error <= tolerance_of(method) * (size[:-1] + size[-1])).all(), method
 
 
 @pytest.mark.parametrize(("orders", "examples"), [((0, 2), 8), ((3, 6), 5)])

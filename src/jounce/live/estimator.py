@@ -58,6 +58,7 @@ class LiveRates:
         self._clock = SampleClock()
         self._power, self._forces_at = np.zeros(len(s.sigma)), np.nan  # mean square of Q2d, and its last time
         self._forget()
+        self._sigmas = self._measure_noises()
 
     @property
     def _now(self) -> float:
@@ -91,18 +92,9 @@ class LiveRates:
     @property
     def trust(self) -> Trust:
         """Whether the rates of each joint are to be trusted, by the innovations of the last 0.2 s."""
-        found = self._innovations.trust(self._used_noises, self._used)
+        found = self._innovations.trust(self._sigmas, self._used)
         good = found.good & self._settled[self._used] & (self._now - self._begin >= 2 * TRUST_TIME)
         return found._replace(good=good & ~(self._jitter.vibrating & ~self._noise.is_rounding))
-
-    @property
-    def _noises(self) -> np.ndarray:
-        """The deviations (2, B, n) of samples, for each filter, now and in the last second, with errors of stamps."""
-        return np.maximum(self._noise.sigma, self._jitter.noise(self.settings.dt))
-
-    @property
-    def _used_noises(self) -> np.ndarray:
-        return np.asarray(self._noises[:, self._used, np.arange(len(self._used))])
 
     @property
     def _settled(self) -> np.ndarray:
@@ -153,9 +145,14 @@ class LiveRates:
             warn_of_degrees(y[None], np.zeros((1, len(y))), s.mechanism, "q")
             self._filters = start_filters(y, len(s.omega), s.kept, s.states)
             self._times, self._begin, self._sampled, self._y = np.full(s.kept, now), now, now, y.copy()
-        self._clock = clock
+        self._clock, self._sigmas = clock, self._measure_noises()
         self._read()
         return self.rates
+
+    def _measure_noises(self) -> np.ndarray:
+        """The deviations (2, n) of samples, with errors of stamps, now and in the last second."""
+        noises = np.maximum(self._noise.sigma, self._jitter.noise(self.settings.dt))
+        return np.asarray(noises[:, self._used, np.arange(len(self._used))])
 
     def _read_clock(self, t: object) -> SampleClock:
         """The clock with the stamp of a sample; a new one begins without samples, as nobody knows the time between."""
@@ -216,7 +213,7 @@ class LiveRates:
         P = F @ self._filters.covariance[used, ..., i] @ F.mT + process_noise(
             np.abs(scaled), s.omega[used] * s.dt, s.states
         )
-        sigma = self._used_noises.max(axis=0)
+        sigma = self._sigmas.max(axis=0)
         P = self._innovations.inflate(P[:, :RATE_COUNT, :RATE_COUNT], sigma, used)
         self.t, self.rates = t, tuple((x[:, :RATE_COUNT, 0] * scale).T)
         self._covariance = P * (sigma[:, None, None] ** 2 * scale[:, :, None] * scale[:, None])

@@ -76,10 +76,13 @@ class StampJitter:
         rest = x - along * u
         across = 1 - u * u
         independent = float(across @ (x * x))
-        row = np.array([1, along**2, rest @ rest, independent, along * self.last[0], rest @ self.last[1], speed**2])
-        own, before = rest * sigma, self.last[1] * sigma
-        of_joints = np.stack([across, own * before, own**2, across * nu**2, (along * u * sigma) ** 2])
-        row = np.concatenate([row, (level @ (u * weight)) ** 2, np.where(weight, of_joints, 0).ravel()])
+        row, of_all = np.zeros(len(self.now)), len(self.now) - JOINT_MEANS * len(nu)
+        row[:MEANS] = 1, along**2, rest @ rest, independent, along * self.last[0], rest @ self.last[1], speed**2
+        row[MEANS:of_all] = (level @ (u * weight)) ** 2
+        own, before, moved = rest * sigma, self.last[1] * sigma, along * u * sigma
+        of_joints = row[of_all:].reshape(JOINT_MEANS, -1)
+        of_joints[:] = across, own * before, own**2, across * nu**2, moved**2
+        of_joints[:, weight == 0] = 0
         self.last = along, rest
         self.now -= np.expm1(-step / TRUST_TIME) * (row - self.now)
         self.sums[0] += step * row
