@@ -309,6 +309,11 @@ HARMONIC = np.sin(np.arange(1000)[:, None] / 50)
 SECONDS = np.arange(1000) / 100
 
 
+def test_positions_that_no_joint_has_are_smoothed_without_overflow():
+    found = fit(SECONDS, 0.9e30 * HARMONIC / np.abs(HARMONIC).max())
+    assert np.isfinite(found.spline(SECONDS, nu=4)).all()
+
+
 def changed(array, index, value):
     array = array.copy()
     array[index] = value
@@ -319,6 +324,12 @@ def changed(array, index, value):
     ("t", "q", "options", "message"),
     [
         (SECONDS, changed(HARMONIC, (7, 0), np.nan), {"names": ["elbow"]}, "elbow is nan at t = 0.07 s"),
+        (
+            SECONDS,
+            changed(HARMONIC, (7, 0), 1.1e30),
+            {"names": ["elbow"]},
+            "elbow is 1.1e+30 at t = 0.07 s; expected numbers up to 1e+30",
+        ),
         (changed(SECONDS, 7, np.nan), HARMONIC, {}, "the time of sample 7 is not a number"),
         (changed(SECONDS, 7, 0.01), HARMONIC, {}, "time goes from 0.06 to 0.01 s at sample 7"),
         (changed(SECONDS, 7, 0.06), HARMONIC, {}, "write the time with more digits"),
