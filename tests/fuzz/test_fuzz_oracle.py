@@ -61,8 +61,8 @@ def compare(method, found, expected, size, batch):
     for k, Q in enumerate(found):
         assert Q.shape == (*batch, expected.shape[-1])
         error = abs(Q.reshape(expected[k].shape) - expected[k])
-        worst = f"{method}, rate {k}: {(error / size[k]).max():.1e} of what is added up"
-        assert (error <= tolerance_of(method) * size[k]).all(), worst
+        right = (error <= tolerance_of(method) * size[k]).all()
+        assert right, f"{method}, rate {k}: {(error / size[k]).max():.1e} of what is added up"
 
 
 def check_forces(nb, order, seed):
