@@ -97,6 +97,7 @@ def test_joint_states_as_topics_are_echoed(file, stamp):
     [
         (f"sec: {START + 1}", "sec: now", ["message 63: stamp is", "expected integers {sec: ..., nanosec: ...}"]),
         (f"sec: {START + 1}", f"sec: {START + 1}.5", ["message 63: stamp is", "expected integers"]),
+        (f"sec: {START + 1}", f"sec: {10**400}", ["message 63: stamp is", "expected integers"]),
         ("- elbow_joint", "- wrist_1_joint", ["message 0: joint 'wrist_1_joint' occurs 2 times"]),
         ("velocity: []\n", "velocity: []\nvelocity: []\n", ["not YAML", "velocity"]),
         (f"- {POSITIONS[1][3]}\n", "", ["given.yaml:29: message 1 is of elbow_joint", "with 5 positions"]),

@@ -314,6 +314,19 @@ def test_positions_that_no_joint_has_are_smoothed_without_overflow():
     assert np.isfinite(found.spline(SECONDS, nu=4)).all()
 
 
+@pytest.mark.parametrize("hole", [0.5, 0.8, 1.5, 1e9])
+def test_hole_in_the_only_interval_is_as_long_as_all_else_at_most(hole):
+    """Of few samples and a slow motion; 1e9 s are a wrong stamp, and even times in them would fill the memory."""
+    t = 0.02 * np.arange(51.0)
+    t[25:] += hole
+    q = 0.1 * t[:, None] / t[-1] + 1e-3 * np.random.default_rng(0).normal(size=(51, 1))
+    if hole < 1:
+        assert np.isfinite(fit(t, q).spline(t, nu=1)).all()
+        return
+    with pytest.raises(JounceError, match=r"from t = 0\.48 to .* s.* split the log there"):
+        fit(t, q)
+
+
 def changed(array, index, value):
     array = array.copy()
     array[index] = value

@@ -14,6 +14,7 @@ from jounce.motion.planners import from_trajectory_points
 
 POINT_FIELDS = ("positions", "velocities", "accelerations")
 IGNORED_FIELDS = ("multi_dof_joint_trajectory",)  # poses of bodies, which jounce does not read
+MAX_STAMP = 2**63  # s or ns: messages have 32 bits for either
 MAX_MESSAGE_DEPTH = 8  # of messages within messages: a plan of MoveIt has its trajectory two or three deep
 TIME_FIELDS = (("sec", "secs"), ("nanosec", "nsecs"))  # of ROS 2 and ROS 1
 
@@ -107,9 +108,10 @@ def _read_nanoseconds(message: Any, place: str) -> int:
     parts = [
         next((_get_field(stamp, name) for name in names if _has_field(stamp, name)), None) for names in TIME_FIELDS
     ]
-    if not all(isinstance(part, int | np.integer) and not isinstance(part, bool) for part in parts):
+    whole = [int(part) for part in parts if isinstance(part, int | np.integer) and not isinstance(part, bool)]
+    if len(whole) < len(parts) or max(map(abs, whole)) > MAX_STAMP:
         raise JounceError(f"{place}: stamp is {quote_value(stamp)}; expected integers {{sec: ..., nanosec: ...}}")
-    seconds, nanoseconds = (int(part) for part in parts if part is not None)
+    seconds, nanoseconds = whole
     return seconds * 10**9 + nanoseconds
 
 
