@@ -57,10 +57,14 @@ def balance_maps(m: Mechanism, q: np.ndarray, base: np.ndarray | None = None) ->
     return np.broadcast_to(G, (len(q), *G.shape[-2:]))
 
 
+def wrench_sizes(m: Mechanism) -> np.ndarray:
+    """What each component (6,) of a wrench is divided by to be a force: the size of the robot, or 1."""
+    return np.repeat([robot_size(m), 1.0], 3)
+
+
 def moment_sizes(m: Mechanism) -> np.ndarray:
-    """What each component (k,) that contacts transmit is divided by to be a force: the size of the robot, or 1."""
-    sizes = np.repeat([robot_size(m), 1.0], 3)
-    return np.concatenate([sizes[contact.held] for contact in m.contacts])
+    """The same of each component (k,) that contacts transmit."""
+    return np.concatenate([wrench_sizes(m)[contact.held] for contact in m.contacts])
 
 
 def find_unbalanced(m: Mechanism, G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -68,7 +72,7 @@ def find_unbalanced(m: Mechanism, G: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
     Moments are in sizes of the robot, so that N are not compared with N m; twists turn by rad, or slide by sizes.
     """
-    G = G * moment_sizes(m) / np.repeat([robot_size(m), 1.0], 3)[:, None]
+    G = G * moment_sizes(m) / wrench_sizes(m)[:, None]
     missing = ~np.isfinite(G).all(axis=(1, 2), keepdims=True)  # NaN, as what follows from it is
     U, sizes, _ = np.linalg.svd(np.where(missing, np.eye(*G.shape[1:]), G))
     least = sizes[:, 5] if sizes.shape[1] == 6 else 0 * sizes[:, 0]

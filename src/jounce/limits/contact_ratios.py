@@ -22,7 +22,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from jounce.arguments.contacts import balance_maps, moment_sizes
+from jounce.arguments.contacts import balance_maps, moment_sizes, wrench_sizes
 from jounce.core.errors import JounceError
 from jounce.core.progress import stage
 from jounce.core.scalars import Array
@@ -35,7 +35,7 @@ from jounce.limits.limited_motion import LimitedMotion
 from jounce.limits.ratios import LIMIT_TOLERANCE
 from jounce.limits.root_finding import find_maxima, find_roots
 from jounce.limits.worst_values import find_runs
-from jounce.model.mechanism import Mechanism, robot_size
+from jounce.model.mechanism import Mechanism
 from jounce.motion.motion import Motion
 from jounce.motion.reliability import find_window
 
@@ -119,7 +119,7 @@ def _find_ratios(b: LimitedMotion, t: np.ndarray, least: float = 0.0) -> tuple[n
     """
     m = b.robot.mechanism
     free, (A, B, sizes) = with_mechanism(b.robot, replace(m, contacts=())), _scaled_limits(m)
-    levers, on_base = moment_sizes(m), np.repeat([robot_size(m), 1.0], 3)
+    levers, on_base = moment_sizes(m), wrench_sizes(m)
     weights = np.sqrt(np.concatenate([x.weights[x.held] for x in m.contacts])) * levers
     ratios, f = np.full(len(t), _MAX_RATIO), np.zeros((len(t), A.shape[1]))
     for part in (slice(i, i + _TIMES_PER_PROGRAM) for i in range(0, len(t), _TIMES_PER_PROGRAM)):
